@@ -6,14 +6,17 @@ import tempfile
 import uuid
 from importlib.metadata import version as installed
 from pathlib import Path
+from typing import Any
 
 import jupyter_client
+import myst_nb.core.render
 import sphinx.application
 from jupyter_client.provisioning import local_provisioner
 
 sys.path.insert(0, str(Path(__file__).parent))
 import kernels
 
+os.environ["COLUMNS"] = "90"  # a page is as wide: tables of commands are cut to it
 os.environ["PATH"] = f"{Path(sys.executable).parent}{os.pathsep}{os.environ.get('PATH', '')}"  # pages run `trimtab`
 ROOT = str(Path(__file__).parents[1])  # and import the studies beside the package
 os.environ["PYTHONPATH"] = os.pathsep.join(filter(None, (ROOT, os.environ.get("PYTHONPATH"))))
@@ -23,7 +26,7 @@ version = release = installed("trimtab")
 author = "trimtab maintainers"
 copyright = "trimtab maintainers, MIT licence"
 
-extensions = ["myst_nb"]
+extensions = ["myst_nb", "reference_pages"]
 exclude_patterns = ["_build"]
 suppress_warnings = ["toc.empty_glob"]
 nitpicky = True
@@ -31,6 +34,7 @@ nitpicky = True
 myst_enable_extensions = ["deflist", "dollarmath"]
 myst_heading_anchors = 3
 nb_execution_mode = "auto"
+nb_merge_streams = True
 nb_execution_raise_on_error = True
 nb_execution_timeout = 120
 if os.environ.get("TRIMTAB_PAGES") == "quick":
@@ -52,8 +56,22 @@ class OverFiles(jupyter_client.AsyncKernelManager):
 
 jupyter_client.AsyncKernelManager = OverFiles
 
-LONGEST = ("studies/",)
-"""Pages of a minute and more, begun first: what is begun last keeps one core waiting."""
+
+def join_streams(outputs: list[Any]) -> list[Any]:
+    """A cell's text in one piece, before its pictures: a command's arrives in pieces that end within a line."""
+    texts: dict[str, Any] = {}
+    for output in (o for o in outputs if o["output_type"] == "stream"):
+        if output["name"] in texts:
+            texts[output["name"]]["text"] += output["text"]
+        else:
+            texts[output["name"]] = output
+    return [*texts.values(), *(o for o in outputs if o["output_type"] != "stream")]
+
+
+myst_nb.core.render.coalesce_streams = join_streams
+
+LONGEST = ("studies/", "design/any-vehicle", "laws/rotor-loss", "tutorial/", "plots/runs", "estimators/flexible-modes")
+"""Pages that take longest, begun first: what is begun last keeps one core waiting."""
 
 
 def before_reading(app: sphinx.application.Sphinx, env: object, pages: list[str]) -> None:

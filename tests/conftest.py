@@ -8,11 +8,14 @@ import os
 import sys
 from pathlib import Path
 
+import answers
+import emitters
 import pytest
 import slow_parts
 from hypothesis import settings
 
-os.environ.setdefault("XLA_FLAGS", "--xla_cpu_use_fusion_emitters=false")
+if emitters.HAS_OLDER:  # an unknown flag ends the process
+    os.environ.setdefault("XLA_FLAGS", f"--{emitters.OPTION}=false")
 os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(Path(__file__).parents[1] / ".pytest_cache" / "jax"))
 os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0")
 os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_ENTRY_SIZE_BYTES", "-1")
@@ -30,6 +33,16 @@ def _compiled_programs_are_dropped():
     yield
     if "jax" in sys.modules:
         sys.modules["jax"].clear_caches()
+
+
+@pytest.fixture(autouse=True, scope="session")
+def _answers_are_as_published():
+    """Every answer that a command prints in a test's own process is held to the schema of answers."""
+    from trimtab.commands import output
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(output, "compose_answer", answers.compose_checked)
+        yield
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
@@ -72,3 +85,9 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
     due = [item for item in items if is_due(item)]
     config.hook.pytest_deselected(items=[item for item in items if item not in due])
     items[:] = due
+
+
+@pytest.fixture
+def wide_screen(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Tables with all their columns: pytest's workers say that a screen is 80 wide."""
+    monkeypatch.setenv("COLUMNS", "160")

@@ -1,4 +1,4 @@
-"""Slow tests in eight parts: which tests are in which, whose turn it is, and when each last ran.
+"""Slow tests in sixteen parts: which tests are in which, whose turn it is, and when each last ran.
 
     python tests/slow_parts.py choose                     part and slice of this commit, as `.ci/run` takes them
     python tests/slow_parts.py record PART COMMIT RESULT  that a part ran: into slow_parts.json and docs/slow-tests.md
@@ -9,8 +9,8 @@ it doesn't matter what else is collected. Tests of ever more random inputs are m
 slices: each commit runs the one that its hash says.
 
 The part whose last run is the oldest is due. One that ran is recorded with the change that comes next; until then each
-commit moves on by one, so that eight commits in a row run all parts whether anybody records them or not. A part chosen
-by the hash alone would be left out for long: of eight random parts five are different, on average.
+commit moves on by one, so that sixteen commits in a row run all parts whether anybody records them or not. A part that
+the hash alone chose would be left out for long: of sixteen random parts ten are different, on average.
 """
 
 import json
@@ -24,7 +24,7 @@ from zlib import crc32
 
 ROOT = Path(__file__).parents[1]
 TABLE, PAGE = Path(__file__).with_suffix(".json"), ROOT / "docs" / "slow-tests.md"
-PARTS, SLICES = 8, 50
+PARTS, SLICES = 16, 50
 WIDE = 90.0
 """A file that takes longer (s) is dealt test by test."""
 
@@ -92,7 +92,7 @@ def page_rows(table: dict[str, Any]) -> list[str]:
         minutes = f"{(wide + sum(own.values())) / 60:.0f}"
         rows.append(f"| {k} | {minutes} | {date} | {commit} | {result} | {names} |")
     names = " ".join(f"`{file.removeprefix('tests/')}`" for file, (part, _) in table["files"].items() if not part)
-    return [*rows, f"| each | | | | | an eighth of each of {names} |"]
+    return [*rows, f"| each | | | | | a sixteenth of each of {names} |"]
 
 
 def write_table(table: dict[str, Any]) -> None:

@@ -186,6 +186,7 @@ def test_a_flight_is_timed_with_and_without_its_log():
         assert len(rows) == 3
 
 
+@pytest.mark.slow
 @needs_compilers
 def test_simulate_is_held_against_its_flight():
     done = python(BENCHMARKS / "simulate.py", "--rounds", "1", "--markdown")

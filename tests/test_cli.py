@@ -2,11 +2,13 @@
 
 import json
 import os
+import re
 
 import pytest
 from click.testing import CliRunner
 
 from trimtab.cli import main
+from trimtab.commands.verbs import SYNONYMS
 from trimtab.logs.mcap import read_mcap
 
 SIGNALS = {"surge_velocity", "sway_velocity", "yaw_rate", "heading"}
@@ -36,7 +38,8 @@ def test_list_of_a_scenario_shows_settings_with_units():
     done = call("list", NAME, "--json")
     found = json.loads(done.stdout)
     assert found["settings"]["world.vehicle.mass"]["unit"] == "kg"
-    assert found["choices"]["links"] == ["chain", "measured"]
+    assert found["choices"]["links"] == ["chain", "measured", "none"]
+    assert found["choices"]["predictor"] == ["off", "on"]
     assert "navigation-error" in found["imperfections"]
 
 
@@ -123,8 +126,18 @@ def test_demo_says_where_its_picture_is(tmp_path):
     assert done.exit_code == 0, done.output
     assert str(tmp_path / "trimtab-demo.png") in done.stdout.replace("\n", "")
     assert (tmp_path / "trimtab-demo.png").stat().st_size > 20_000
-    assert "real" in done.stdout
-    assert "ideal" in done.stdout
+    assert re.match(r"real:  on target after \d+\.\d s\nideal: on target after \d+ s\n", done.stdout)
+    assert "look at" in done.stdout
+
+
+def test_the_demos_verdict_is_that_of_its_flight(tmp_path):
+    """What it says to look at: both come to the place, the real one later."""
+    flown, latest = json.loads(call("demo", "--out", tmp_path, "--json").stdout), {}
+    for side in ("real", "ideal"):
+        settled = [m["settling_s"] for m in flown[side]["metrics"].values() if m["settling_s"] is not None]
+        latest[side] = max(settled)
+        assert flown[side]["verdict"] == {"on_target": True, "says": f"on target after {latest[side]:.3g} s"}
+    assert latest["real"] > latest["ideal"]
 
 
 REFUSED = {
@@ -158,7 +171,7 @@ def test_refused_input_names_part_value_choices_and_fix(words, says, tmp_path, m
     monkeypatch.chdir(tmp_path)
     done = call("run", *words, "--json")
     assert done.exit_code == 2
-    assert done.stdout == ""
+    assert set(json.loads(done.stdout)["error"]) == {"part", "problem", "choices", "fix"}
     assert "Traceback" not in done.stderr
     for text in says:
         assert text in done.stderr
@@ -186,7 +199,7 @@ def test_export_writes_a_folder_and_checks_it(tmp_path):
     [
         (["export"], "trimtab export hovercraft/zero-velocity --out DIR"),
         (["export", NAME], "--out autopilot"),
-        (["export", NAME, "--run", "--out", "x"], "--target cortex-m7 --run"),
+        (["export", NAME, "--fly", "--out", "x"], "--target cortex-m7 --fly"),
         (["export", "--verify", "nowhere"], "trimtab export SCENARIO --out DIR"),
         (["run", NAME, "--seed", "-1"], "--seed 0"),
     ],
@@ -203,3 +216,28 @@ def test_backend_can_be_chosen():
     assert [f["backend"] for f in found] == ["c", "jax"]
     for path, value in found[0]["real"]["final"].items():
         assert value == pytest.approx(found[1]["real"]["final"][path], abs=1e-9)
+
+
+def test_a_synonym_is_typed_as_it_stands():
+    for words in SYNONYMS.values():
+        verb = words.split()[0]
+        assert verb in main.commands or verb in ("--help", "--version"), words
+
+
+@pytest.mark.parametrize(
+    ("line", "fix"),
+    [
+        ("tune hovercraft/zero-velocity", "Fix: trimtab tune hovercraft/"),
+        ("run", "Fix: trimtab run hovercraft/"),
+        ("map hovercraft/zero-velocity --y loss=0:0.9", "Fix: trimtab map "),
+        ("calibrate thrust", "Fix: trimtab calibrate thrust "),
+        ("run spin", "Fix: trimtab run hovercraft/spin"),
+        ("run HOVERCRAFT/SPIN", "Fix: trimtab run hovercraft/spin"),
+        ("run nothing.py", "there is no such file"),
+        ("run hovercraft/spin --without navigation", "--without navigation-error"),
+    ],
+)
+def test_a_refusal_ends_with_what_to_type(line, fix):
+    said = CliRunner().invoke(main, line.split())
+    assert said.exit_code == 2
+    assert fix in said.stderr

@@ -1,5 +1,6 @@
 """The names at the package's front door: all there, typed, and free until used."""
 
+import doctest
 import importlib
 import re
 import subprocess
@@ -13,13 +14,18 @@ import trimtab
 
 @pytest.mark.parametrize("name", trimtab.HOMES)
 def test_every_name_is_the_thing_at_its_home(name):
-    home = importlib.import_module(f"trimtab.{trimtab.HOMES[name]}")
-    assert getattr(trimtab, name) is getattr(home, name)
+    module, _, own = trimtab.HOMES[name].partition(":")
+    home = importlib.import_module(f"trimtab.{module}")
+    assert getattr(trimtab, name) is getattr(home, own or name)
 
 
 def test_type_checkers_see_the_same_names():
     stub = Path(trimtab.__file__).with_suffix(".pyi").read_text(encoding="utf-8")
-    seen = {name: home for home, name in re.findall(r"from trimtab\.(\S+) import (\w+) as \2", stub)}
+    found = re.findall(r"^from trimtab\.(\S+) import (.*)$", stub, re.MULTILINE)
+    names = {own.strip(): home for home, several in found for own in several.split(",")}
+    seen = {own.partition(" as ")[2]: home for own, home in names.items() if " as " in own}
+    for other, own in re.findall(r"^(\w+) = (\w+)$", stub, re.MULTILINE):
+        seen[other] = f"{names[own]}:{own}"
     assert seen == trimtab.HOMES
 
 
@@ -31,3 +37,103 @@ def test_importing_the_package_imports_nothing_heavy():
 def test_a_name_there_is_not_says_which_there_are():
     with pytest.raises(AttributeError, match="Campaign"):
         trimtab.campain  # noqa: B018
+
+
+FLIES = [
+    "simulate_batch",
+    "plot_run",
+    "metrics",
+    "read_log",
+    "write_log",
+    "replay",
+    "Campaign",
+    "error_budget",
+    "falsify",
+    "tune",
+    "trim",
+    "linearise",
+    "compile",
+    "export_c",
+]
+"""Names whose examples compile something."""
+
+
+def run_example(name):
+    """The example in a name's docstring, as somebody types it."""
+    thing = getattr(trimtab, name)
+    test = doctest.DocTestParser().get_doctest(thing.__doc__, {}, name, None, 0)
+    assert test.examples, f"{name} has no example"
+    said = []
+    runner = doctest.DocTestRunner(verbose=False, optionflags=doctest.NORMALIZE_WHITESPACE)
+    runner.run(test, out=said.append)
+    assert runner.summarize(verbose=False).failed == 0, "".join(said)
+
+
+@pytest.mark.parametrize("name", [n for n in trimtab.HOMES if n not in FLIES])
+def test_its_example_does_what_it_says(name):
+    run_example(name)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", FLIES)
+def test_its_example_flies(name):
+    run_example(name)
+
+
+def test_fields_are_shown_with_unit_and_meaning():
+    from trimtab.vehicles.hovercraft import Hovercraft
+
+    assert "mass [kg]: Total mass with batteries. Default: 2.6." in Hovercraft.__doc__
+    assert "max_step: Longest step of the integration. Default: 1 ms." in trimtab.World.__doc__
+    assert "vehicle: The truth: dynamics and motion." in trimtab.World.__doc__
+
+
+@pytest.mark.parametrize("value", ["3 m", "three"])
+def test_a_text_that_is_no_mass_is_refused(value):
+    with pytest.raises(trimtab.InputError, match=r"Hovercraft\.mass.*") as refused:
+        trimtab.replace(trimtab.build("hovercraft/spin").world.vehicle, mass=value)
+    assert refused.value.fix.startswith('mass="')
+
+
+@pytest.mark.parametrize(
+    ("duration", "said"),
+    [(30, "30 is 0.003 ms, in units of 100 ns"), (30.0, "no whole number"), ("3 kg", "is not a time"), (True, "True")],
+)
+def test_a_duration_that_is_none_is_refused_in_words(duration, said):
+    with pytest.raises(trimtab.InputError, match=said) as refused:
+        trimtab.simulate("hovercraft/spin", duration=duration)
+    assert 'duration="' in refused.value.fix
+
+
+def test_what_is_no_scenario_is_refused():
+    with pytest.raises(trimtab.InputError, match="a int is no scenario"):
+        trimtab.simulate(3)
+    with pytest.raises(trimtab.InputError, match="there is no such scenario"):
+        trimtab.simulate("hovercraft/spn")
+
+
+SAMPLE = """
+from trimtab import Autopilot, Scenario, World, build
+from trimtab.scenarios.hovercraft import spin
+from trimtab.vehicles.hovercraft import Hovercraft
+
+def of(scenario: Scenario[Hovercraft], any_one: Scenario, world: World[Hovercraft]) -> None:
+    reveal_type(scenario.world.vehicle)
+    reveal_type(any_one.world.vehicle)
+    reveal_type(world.vehicle.mas)
+    reveal_type(World(Hovercraft(), {}, None, None, None).vehicle)
+    reveal_type(spin.scenario().world.vehicle)
+"""
+
+
+@pytest.mark.slow
+def test_a_type_checker_knows_the_vehicle(tmp_path):
+    (tmp_path / "sample.py").write_text(SAMPLE)
+    package = Path(trimtab.__file__).parent
+    assert (package / "py.typed").exists()
+    (tmp_path / "pyrightconfig.json").write_text(f'{{"extraPaths": ["{package.parent}"]}}')
+    command = [sys.executable, "-m", "basedpyright", "--pythonpath", sys.executable, "-p", str(tmp_path)]
+    said = subprocess.run(command, capture_output=True, text=True, cwd=tmp_path).stdout
+    types = re.findall(r'sample.py:(\d+).*Type of ".*" is "(.*)"', said)
+    assert [t for line, t in types if line != "9"] == ["Hovercraft", "Any", "Hovercraft", "Hovercraft"], said
+    assert 'Cannot access attribute "mas" for class "Hovercraft"' in said

@@ -6,18 +6,19 @@ import subprocess
 import sys
 from collections import Counter
 
+import pytest
 import slow_parts
 from slow_parts import PARTS, deal, due_part, page_rows, part_of, read_table
 
 
-def test_eight_commits_in_a_row_run_all_parts_whether_or_not_they_are_recorded():
+def test_sixteen_commits_in_a_row_run_all_parts_whether_or_not_they_are_recorded():
     ran = {"3": ["2026-11-02 10:00"], "1": ["2026-11-01 10:00"]}
     assert {due_part(ran, k) for k in range(5, 5 + PARTS)} == set(range(1, PARTS + 1))
     order = []
     for k in range(2 * PARTS):
         order.append(due_part(ran, 0))
         ran[str(order[-1])] = [f"2026-12-01 10:{k:02}"]
-    assert order == [2, 4, 5, 6, 7, 8, 1, 3] * 2
+    assert order == [2, *range(4, PARTS + 1), 1, 3] * 2
 
 
 def test_parts_are_even_and_a_long_file_is_in_all():
@@ -28,7 +29,7 @@ def test_parts_are_even_and_a_long_file_is_in_all():
     for part, s in files.values():
         loads[part] += s if part else 0
     assert max(loads[k] for k in range(1, PARTS + 1)) - min(loads[k] for k in range(1, PARTS + 1)) < 30
-    of_one = Counter(part_of(f"tests/test_long.py::test[{k}]", files) for k in range(800))
+    of_one = Counter(part_of(f"tests/test_long.py::test[{k}]", files) for k in range(100 * PARTS))
     assert set(of_one) == set(range(1, PARTS + 1))
     assert min(of_one.values()) > 60
     assert part_of("tests/test_new.py::test", files) == part_of("tests/test_new.py::test", {})
@@ -53,6 +54,7 @@ def test_quick(): pass
 """
 
 
+@pytest.mark.slow
 def test_pytest_runs_one_part_of_a_file(tmp_path):
     """Every slow test in exactly one part; of one that is cut in slices, its slice with any part."""
     shutil.copy(slow_parts.ROOT / "tests" / "conftest.py", tmp_path)

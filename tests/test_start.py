@@ -1,6 +1,7 @@
 """What starts without JAX: everything that declares, reads, counts, prints or draws, but computes no run."""
 
 import os
+import resource
 import subprocess
 import sys
 
@@ -119,3 +120,33 @@ for name, module in modules.items():
 def test_navigation_is_judged_without_jax():
     done = run("import sys, trimtab.logs.navigation\nprint({'jax', 'scipy.stats'} & set(sys.modules))")
     assert done.stdout == "set()\n", done.stderr
+
+
+def cpu_seconds(*words):
+    """CPU time of a command (s), the lesser of two, and what it said on standard error."""
+    took = []
+    for _ in range(2):
+        before = resource.getrusage(resource.RUSAGE_CHILDREN)
+        done = subprocess.run([sys.executable, "-m", "trimtab", *words], capture_output=True, text=True)
+        after = resource.getrusage(resource.RUSAGE_CHILDREN)
+        took.append(after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime)
+    return min(took), done.stderr
+
+
+@pytest.mark.parametrize(
+    ("typed", "meant"),
+    [
+        ("smulate hovercraft/spin", "run"),
+        ("run hovercraft/spinn", "hovercraft/spin"),
+        ("list hovercraft/spinn", "hovercraft/spin"),
+        ("campaign hovercraft/spinn --runs 10", "hovercraft/spin"),
+        ("fly hovercraft/spinn", "hovercraft/spin"),
+        ("trim hovercraft/spinn", "hovercraft/spin"),
+    ],
+)
+def test_a_typo_is_answered_about_as_soon_as_the_version(typed, meant):
+    """Half a second of CPU is four times what the version takes; JAX alone would be more than ten times."""
+    version, _ = cpu_seconds("--version")
+    took, said = cpu_seconds(*typed.split())
+    assert meant in said
+    assert took < 4 * version

@@ -1,26 +1,22 @@
-/* In the place of vehicle, sensors and actuators: the exported world, and the thrust fan's motor on its battery, in real time.
-
-   They read the servo timers' compare registers as servo and speed controller would read the pulses, and count the
-   encoder's edges. With real hardware this file goes, and drivers come in its place. */
+/* In the place of vehicle, sensors and actuators: the exported world in real time, behind actuators.c, which reads the
+   servo timers' compare registers. With real hardware both go, and drivers come in their place. */
+#include "actuators.h"
 #include "instants.h"
-#include "motor.h"
-#include "pulse.h"
 #include "samples.h"
 #include "vehicle.h"
 #include "world.h"
 
 #include "emulated.h"
+#ifdef LOCKSTEP
+#include "lockstep.h"
+#endif
 
 static world_params world_p;
 static world_state world_s;
 static world_in world_i;
 static world_out world_o;
-static motor_params motor_p;
-static motor_state motor_s;
-static motor_in motor_i;
-static motor_out motor_o;
 static uint16_t compare[CHANNELS];
-static int64_t world_at, motor_at, from, to;
+static int64_t world_at, from, to;
 static int64_t part, parts;
 
 void board_pulse(int channel, uint16_t counts) {
@@ -29,12 +25,13 @@ void board_pulse(int channel, uint16_t counts) {
 
 const world_out *emulated_world(void) { return &world_o; }
 
+const uint16_t *emulated_pulses(void) { return compare; }
+
 void hardware_begin(void) {
     world_defaults(&world_p);
     world_init(&world_p, &world_s);
-    motor_defaults(&motor_p);
-    motor_init(&motor_p, &motor_s);
-    world_at = motor_at = from = to = part = parts = 0;
+    actuators_begin();
+    world_at = from = to = part = parts = 0;
     world_i.first = true;
 }
 
@@ -54,24 +51,9 @@ static int64_t next_instant(void) {
     return from + (part + 1) * (to - from) / parts;
 }
 
-static void turn_motor(int64_t now) {
-    for (; motor_at + MOTOR_PERIOD <= now; motor_at += MOTOR_PERIOD) {
-        motor_i.t = motor_at;
-        motor_i.input = (motor_real)pulse_duty_of(compare[THRUST]);
-        motor_step(&motor_p, &motor_s, &motor_i, &motor_o);
-    }
-}
-
-uint16_t board_encoder(int64_t at) {
-    turn_motor(at);
-    return (uint16_t)motor_o.count;
-}
-
 void hardware_work(vehicle *v, int64_t now) {
-    turn_motor(now);
-    world_i.command.value.rudder_pulse = (world_real)pulse_seconds(compare[RUDDER]);
-    world_i.command.value.speed_rpm = (world_real)motor_o.speed_rpm;
-    world_i.command.valid = compare[RUDDER] != 0;
+    actuators_work(compare, now);
+    actuators_command(compare, &world_i);
     for (int64_t t; (t = next_instant()) <= now; world_at = t) {
         world_i.t = world_i.command.t = world_at;
         world_i.h = t - world_at;
@@ -80,6 +62,10 @@ void hardware_work(vehicle *v, int64_t now) {
         world_step(&world_p, &world_s, &world_i, &world_o);
         if (!world_i.first) ++part;
         world_i.first = false;
+#ifdef LOCKSTEP
+        lockstep_instant(v, t, &world_o);
+#else
         if (link_heard(&v->link)) samples_send(&v->link, &world_o);
+#endif
     }
 }

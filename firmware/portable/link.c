@@ -4,7 +4,10 @@
 
 #include "port.h"
 
-enum { MARGIN = 60 * STAMPS_PER_SECOND, MOST_LEAD = 40 * STAMPS_PER_SECOND };
+#ifndef MOST_LEAD_SECONDS
+#define MOST_LEAD_SECONDS 40
+#endif
+enum { MARGIN = 60 * STAMPS_PER_SECOND, MOST_LEAD = MOST_LEAD_SECONDS * STAMPS_PER_SECOND };
 
 void link_begin(link *l, const uint8_t key[KEY_SIZE], uint64_t floor) {
     memset(l, 0, sizeof *l);

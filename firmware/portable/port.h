@@ -5,7 +5,8 @@
 #include <stddef.h>
 #include <stdint.h>
 
-enum { RUDDER, THRUST, LIFT, CHANNELS };
+#include "outputs.h" /* CHANNELS */
+
 enum { RADIO_RUDDER, RADIO_THRUST, RADIO_MODE, RADIO_CHANNELS };
 enum { RECORD_WORDS = 6 }; /* of the black box */
 

@@ -15,6 +15,12 @@ enum {
 /* Width (s) to counts, rounded; neutral for what is no number. */
 uint16_t pulse_width(double seconds);
 
+/* Counts, rounded, between the shortest and the longest pulse. */
+uint16_t pulse_counts(double counts);
+
+/* y at a place among the n points x, which rise or fall: linear between them, beyond them the ends. */
+double pulse_line(const double *x, const double *y, int n, double at);
+
 /* Duty, -1 to 1, to counts from 1 to 2 ms. */
 uint16_t pulse_duty(double duty);
 

@@ -1,13 +1,14 @@
 /* The standard protocol: heartbeat, arming, time synchronisation, servo outputs, status. */
 #include <string.h>
 
+#include "command.h"
 #include "identity.h"
 #include "pulse.h"
 #include "tuning.h"
 #include "vehicle.h"
 
 enum { CMD_ARM_DISARM = 400, CMD_REQUEST_CONTROL = 32100, ACCEPTED = 0, REJECTED = 1, DENIED = 2, UNSUPPORTED = 3 };
-enum { TYPE_SURFACE_BOAT = 11, TYPE_GCS = 6, AUTOPILOT_GENERIC = 0, CUSTOM_MODE = 1, ARMED_FLAG = 128, MANUAL_FLAG = 64 };
+enum { AUTOPILOT_GENERIC = 0, CUSTOM_MODE = 1, ARMED_FLAG = 128, MANUAL_FLAG = 64 };
 enum { MOST_COMMAND_LEAD = 200 * MILLISECOND };
 /* Modes as ground stations number them: the pilot, and the computer. */
 enum { MODE_MANUAL = 0, MODE_COMPUTER = 15 };
@@ -161,8 +162,7 @@ static void hear_drive_command(vehicle *v, int64_t now, const mavlink_message_t 
     in->input.command.t = c.t;
     in->input.command.valid = c.valid != 0;
     in->input.command.fresh = true;
-    in->input.command.value.rudder_pulse = (failsafe_real)c.rudder_pulse;
-    in->input.command.value.speed_rpm = (failsafe_real)c.speed_rpm;
+    command_take(in, &c);
 }
 
 enum { IDENTITY_REQUEST = 0xF474, IDENTITY_LINE = 0xF475, IDENTITY_HEAD = 4 + IDENTITY_DIGEST };
@@ -201,12 +201,21 @@ void station_hear(vehicle *v, int64_t now, const mavlink_message_t *message) {
     }
 }
 
+enum { SERVOS = 8 }; /* that the message has: trimtab firmware writes no more outputs */
+
 void station_servos(vehicle *v, int64_t now) {
     mavlink_servo_output_raw_t s = {0};
     s.time_usec = (uint32_t)(now / 10);
-    s.servo1_raw = pulse_us(v->pulses[RUDDER]);
-    s.servo2_raw = pulse_us(v->pulses[THRUST]);
-    s.servo3_raw = pulse_us(v->pulses[LIFT]);
+    uint16_t us[SERVOS] = {0};
+    for (int i = 0; i < CHANNELS; ++i) us[i] = pulse_us(v->pulses[i]);
+    s.servo1_raw = us[0];
+    s.servo2_raw = us[1];
+    s.servo3_raw = us[2];
+    s.servo4_raw = us[3];
+    s.servo5_raw = us[4];
+    s.servo6_raw = us[5];
+    s.servo7_raw = us[6];
+    s.servo8_raw = us[7];
     SEND(v, servo_output_raw, s);
 }
 
@@ -230,7 +239,7 @@ void station_changed(vehicle *v) {
 static void heartbeat(vehicle *v) {
     const failsafe_out *out = &v->failsafe_out;
     mavlink_heartbeat_t h = {0};
-    h.type = TYPE_SURFACE_BOAT;
+    h.type = vehicle_type;
     h.autopilot = AUTOPILOT_GENERIC;
     h.base_mode = (uint8_t)(CUSTOM_MODE | (out->armed ? ARMED_FLAG : 0) | (out->mode == MANUAL ? MANUAL_FLAG : 0));
     h.custom_mode = out->mode == MANUAL ? MODE_MANUAL : MODE_COMPUTER;

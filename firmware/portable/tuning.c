@@ -4,52 +4,36 @@
 
 enum { REAL32 = 9, ALL = -1 };
 
-typedef struct {
-    const char *name;
-    float low, high;
-} parameter;
+enum { COUNT = DRIVE_PARAMETERS, NAME = 16 };
 
-static const parameter TABLE[] = {
-    {"reg.kp", 0.0f, 1.0f},
-    {"reg.ki", 0.0f, 10.0f},
-    {"reg.limit", 0.05f, 1.0f},
-    {"reg.stall", 0.1f, 5.0f},
-    {"reg.stall_duty", 0.02f, 1.0f},
-};
-enum { COUNT = sizeof TABLE / sizeof TABLE[0], NAME = 16 };
-
-/* In the order of the table. */
-static speed_regulator_real *value_of(vehicle *v, int k) {
-    speed_regulator_params *p = &v->regulator_params;
-    speed_regulator_real *const places[COUNT] = {&p->kp, &p->ki, &p->limit, &p->stall, &p->stall_duty};
-    return places[k];
+/* No NaN is. */
+static bool is_allowed(int k, float value) {
+    return value >= drive_parameters[k].low && value <= drive_parameters[k].high;
 }
-
-static bool is_allowed(int k, float value) { return value >= TABLE[k].low && value <= TABLE[k].high; } /* no NaN is */
 
 void tuning_begin(vehicle *v) {
     v->listed = COUNT;
     for (int k = 0; k < COUNT; ++k) {
         float value;
-        if (board_load(k, &value) && is_allowed(k, value)) *value_of(v, k) = (speed_regulator_real)value;
+        if (board_load(k, &value) && is_allowed(k, value)) drive_set_parameter(&v->drive, k, value);
     }
 }
 
 static void send_value(vehicle *v, int k) {
     mavlink_message_t message;
     mavlink_param_value_t p = {0};
-    p.param_value = (float)*value_of(v, k);
+    p.param_value = drive_parameter(&v->drive, k);
     p.param_count = COUNT;
     p.param_index = (uint16_t)k;
     p.param_type = REAL32;
-    memcpy(p.param_id, TABLE[k].name, strlen(TABLE[k].name));
+    memcpy(p.param_id, drive_parameters[k].name, strlen(drive_parameters[k].name));
     mavlink_msg_param_value_encode_status(SYSTEM, COMPONENT, &v->link.status, &message, &p);
     link_send(&v->link, &message);
 }
 
 static int find(const char name[NAME]) {
     for (int k = 0; k < COUNT; ++k)
-        if (strncmp(name, TABLE[k].name, NAME) == 0) return k;
+        if (strncmp(name, drive_parameters[k].name, NAME) == 0) return k;
     return COUNT;
 }
 
@@ -64,7 +48,7 @@ static void set(vehicle *v, const mavlink_param_set_t *p) {
     if (v->failsafe_out.armed || p->param_type != REAL32 || !is_allowed(k, p->param_value)) {
         station_say(v, 4, v->failsafe_out.armed ? "parameter refused: armed" : "parameter refused: out of bounds");
     } else {
-        *value_of(v, k) = (speed_regulator_real)p->param_value;
+        drive_set_parameter(&v->drive, k, p->param_value);
         board_store(k, p->param_value);
     }
     send_value(v, k);

@@ -1,6 +1,6 @@
-/* The vehicle's end of the distributed autopilot: message master, failsafe, regulator of the thrust fan, servo frames.
+/* The vehicle's end of the distributed autopilot: message master, failsafe, drive, servo frames.
 
-   failsafe, speed_regulator: the exported text of the blocks that the virtual vehicle runs too. */
+   failsafe: the exported text of the block that the virtual vehicle runs too. */
 #ifndef VEHICLE_H
 #define VEHICLE_H
 #include <stdbool.h>
@@ -8,12 +8,12 @@
 
 #include "authority.h"
 #include "port.h"
+#include "drive.h"
 #include "failsafe.h"
 #include "link.h"
-#include "speed_regulator.h"
 
 enum { MILLISECOND = 10000, SECOND = 1000 * MILLISECOND }; /* in units of 100 ns */
-enum { TICK = MILLISECOND, REGULATOR = 10 * MILLISECOND, SERVO = 20 * MILLISECOND, RECORD = 100 * MILLISECOND };
+enum { TICK = MILLISECOND, SERVO = 20 * MILLISECOND, RECORD = 100 * MILLISECOND };
 enum { DISARMED, COMPUTER, MANUAL, FAILSAFE };
 
 typedef struct {
@@ -28,13 +28,9 @@ typedef struct {
     failsafe_state failsafe_state;
     failsafe_in failsafe_in;
     failsafe_out failsafe_out;
-    speed_regulator_params regulator_params;
-    speed_regulator_state regulator_state;
-    speed_regulator_in regulator_in;
-    speed_regulator_out regulator_out;
-    double duty;
+    drive drive;
     uint16_t pulses[CHANNELS];
-    int64_t next_tick, next_servo, next_regulator, next_quarter, next_record, last_status;
+    int64_t next_tick, next_frame, next_servo, next_quarter, next_record, last_status;
     authority authority;
     sender asker;
     bool asked;       /* to arm or disarm: answered after the tick */

@@ -8,6 +8,7 @@ import importlib
 __version__ = "0.1.0"
 
 HOMES = {
+    # a vehicle, a part, a scenario of one's own
     "record": "core.record",
     "quantity": "core.quantity",
     "part": "core.quantity",
@@ -16,27 +17,44 @@ HOMES = {
     "replace": "core.record",
     "ms": "core.time",
     "seconds": "core.time",
-    "InputError": "core.errors",
-    "Target": "logs.metrics",
     "World": "loop.world",
     "Autopilot": "loop.autopilot",
     "Scenario": "loop.scenario",
+    "Target": "logs.metrics",
+    "InputError": "core.errors",
+    # scenarios by name, and what is in them
+    "scenario_names": "scenarios.catalogue",
     "build": "scenarios.build",
+    "settings": "scenarios.settings_table",
+    "with_settings": "loop.settings",
+    # flights
     "simulate": "run.simulate",
     "simulate_batch": "run.simulate",
+    "plot_run": "plots.run",
+    "metrics": "logs.metrics",
+    "read_log": "logs.mcap:read_mcap",
+    "write_log": "logs.mcap:write_mcap",
+    "replay": "run.replay",
+    # thousands of them
     "Campaign": "campaign.campaign",
+    "error_budget": "run.error_budget",
+    "falsify": "campaign.search.falsify",
+    "tune": "campaign.search.tune",
+    # design, and what is shipped
+    "trim": "vehicle_model",
+    "linearise": "vehicle_model",
     "compile": "compiler.compiled_function",
     "export_c": "export.export_c",
-    "open_link": "links.open_link",
 }
-"""Where each name of the front door lives."""
+"""Where each name of the front door lives; ``module:name`` where it has another one there."""
 
 
 def __getattr__(name: str) -> object:
     if name not in HOMES:
         raise AttributeError(f"module 'trimtab' has no attribute {name!r}; it has {', '.join(HOMES)}")
-    return getattr(importlib.import_module(f"trimtab.{HOMES[name]}"), name)
+    module, _, own = HOMES[name].partition(":")
+    return getattr(importlib.import_module(f"trimtab.{module}"), own or name)
 
 
 def __dir__() -> list[str]:
-    return sorted([*globals(), *HOMES])
+    return sorted([*HOMES, "__doc__", "__file__", "__name__", "__path__", "__version__"])

@@ -2,4 +2,4 @@
 
 from trimtab.cli import main
 
-main()
+main(prog_name="trimtab")

@@ -16,7 +16,7 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
-from trimtab.core.errors import InputError, closest
+from trimtab.core.errors import InputError, argument, argument_name, closest
 
 Relation = Literal["within", "at most", "band", "inside", "overlaps", "direction", "same", "none"]
 Basis = Literal["printed", "text", "axis", "reference", "own", "input"]
@@ -315,7 +315,7 @@ def list_groups(study: str, only: Iterable[str] = ()) -> list[StudyGroup]:
         if name not in names:
             near = closest(name, names, 1) or names
             problem = f"study {study!r} has no group {name!r}"
-            raise InputError("--only", problem, choices=names, fix=f"--only {near[0]}")
+            raise InputError(argument_name("only"), problem, choices=names, fix=argument("only", [near[0]]))
     return [g for g in groups if not chosen or g.name in chosen]
 
 

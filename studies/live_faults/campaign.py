@@ -72,7 +72,7 @@ def fly_twice(case: Case, folder: Path) -> CaseOutcome:
     outcome = fly_case(case, _cached_ground(), folder)
     if outcome.verdict != "kept waiting":
         return outcome
-    return fly_case(case, _cached_ground(), folder.with_name(f"{folder.name}-again"))._replace(repeated=True)
+    return fly_case(case, _cached_ground(), folder.with_name(f"{folder.name}-second-flight"))._replace(repeated=True)
 
 
 @functools.cache

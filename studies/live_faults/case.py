@@ -118,8 +118,8 @@ def fly_case(case: Case, known: VehicleKnowledge, folder: Path) -> CaseOutcome:
     why = case.missing_requirement()
     if why:
         return CaseOutcome(case.name, case.does, "", (), (), why)
-    folder.mkdir(parents=True)
     try:
+        folder.mkdir(parents=True)
         flight = FaultFlight(folder, known, serial=case.serial)
         try:
             given = case.prepare(flight)

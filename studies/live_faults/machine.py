@@ -1,5 +1,6 @@
 """What is done to the machine below a process: its disk, its wall clock."""
 
+import contextlib
 import os
 import shutil
 import subprocess
@@ -9,8 +10,8 @@ from time import sleep
 
 from studies.live_faults.flight import FaultFlight
 
-DISK = 8_000_000
-"""Bytes of the small disk."""
+DISK = 160_000_000
+"""Bytes of the small disk: a vehicle is armed with 100 MB and more for its log."""
 CLOCK = """
 #define _GNU_SOURCE
 #include <dlfcn.h>
@@ -87,7 +88,7 @@ def explain_no_mount() -> str:
 
 
 def prepare_small_disk(name: str) -> Prepare:
-    """A disk of eight megabytes, where a process writes its log."""
+    """A small disk, where a process writes its log."""
 
     def prepare(flight: FaultFlight) -> dict[str, dict[str, str]]:
         where = flight.log_folder(name)
@@ -115,11 +116,10 @@ def fill_disk(name: str, free_after: float | None) -> Callable[[FaultFlight], No
         flight.let_fly(flight.undisturbed_s)
         ballast = flight.log_folder(name) / "ballast"
         with ballast.open("wb", 0) as file:
-            try:
-                while True:
-                    file.write(bytes(4096))
-            except OSError:
-                pass
+            for size in (1_000_000, 4096):
+                with contextlib.suppress(OSError):
+                    while True:
+                        file.write(bytes(size))
         if free_after is not None:
             sleep(free_after)
             ballast.unlink()

@@ -49,7 +49,7 @@ fails where it doesn't.
   disarmed, for an autopilot asks to arm once, at its start.
 - `autopilot-restarted`: `trimtab fly` asks to arm by itself when it starts; after a failsafe that is refused until the
   vehicle is at rest and a person has said `--rearm`. An autopilot that flies on never asks again by itself.
-- Disk full: a disk of eight megabytes below the folder of the log, filled to the last byte in mid-flight (root only,
+- Disk full: a disk of 160 megabytes below the folder of the log, filled to the last byte in mid-flight (root only,
   else skipped).
 - Flood: recorded frames, again and again, until they make up ten times the bytes that the line usually carries.
 - The flights need a machine that lets them run. Where one failed, and a log shows that a process was kept waiting for

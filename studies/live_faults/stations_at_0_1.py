@@ -87,7 +87,8 @@ def join_as_station(folder: Path) -> tuple[list[str], list[str]]:
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]
-    words = ("vehicle", NAME, "--listen", f"udp://127.0.0.1:{port}", "--unsigned", "--out", str(folder / "log"))
+    line = ("--listen", f"udp://127.0.0.1:{port}", "--unsigned", "--origin", "38.9897,-76.9378,20")
+    words = ("vehicle", NAME, *line, "--out", str(folder / "log"))
     vehicle = Process(*words, folder=folder, name="vehicle", environment={"TRIMTAB_CONFIG": str(folder / "config")})
     try:
         vehicle.wait_for("listens on")

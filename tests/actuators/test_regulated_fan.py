@@ -159,6 +159,6 @@ def test_forward_flies_on_an_empty_battery():
 def test_a_wrong_name_below_it_is_told_the_right_one_whole(typed):
     with pytest.raises(InputError) as refused:
         build("hovercraft/forward", {f"world.actuators.fan.{typed}": "1"})
-    right = refused.value.fix.removeprefix("--set ").removesuffix("=…")
+    right = refused.value.fix.removeprefix('settings={"').removesuffix('": "…"}')
     assert right.startswith("world.actuators.fan.battery.")
     assert build("hovercraft/forward", {right: "6.3"} if "initial" not in right else {right: "1"})

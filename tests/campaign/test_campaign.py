@@ -119,12 +119,12 @@ def test_without_targets_a_success_is_a_state_that_stays_finite():
 @pytest.mark.parametrize(
     ("changes", "problem"),
     [
-        ({"runs": 0}, "--runs"),
-        ({"seed": -1}, "--seed"),
+        ({"runs": 0}, "runs"),
+        ({"seed": -1}, "seed"),
         ({"spread": {MASS: "normal(100%, 60%)"}}, "out of range"),
         ({"spread": {"world.vehicle.mas": "normal(1, 2)"}}, "no such parameter"),
         ({"metrics": ["settling:heading"]}, "no target"),
-        ({"success": ["settling:yaw_rate"]}, "not METRIC"),
+        ({"success": ["settling:yaw_rate"]}, "neither METRIC"),
         ({"sampling": "grid"}, "not a sampling"),
         ({"spread": {PERIOD: f"choice({', '.join(f'{k} ms' for k in range(1, 70))})"}}, "69 programs"),
         ({"spread": {PERIOD: "choice(1 ms, nonsense)"}}, "nonsense"),
@@ -134,6 +134,21 @@ def test_what_cannot_be_flown_is_refused_before_anything_flies(changes, problem)
     with pytest.raises(InputError, match=r"Fix: ") as refused:
         campaign(**changes)
     assert problem in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    ("success", "problem", "fix"),
+    [
+        ("settling:yawrate <= 10", "no target for 'yawrate'", "settling:yaw_rate <= 10"),
+        ("settling:yaw_rate <= 10 s", "'10 s' has a unit", "settling:yaw_rate <= 10"),
+        ("error_rms:yaw_rate <= 10 deg/s", "'10 deg/s' has a unit", "error_rms:yaw_rate <= NUMBER"),
+    ],
+)
+def test_the_fix_of_a_mistyped_condition_is_what_was_meant(success, problem, fix):
+    with pytest.raises(InputError) as refused:
+        campaign(success=[success])
+    assert problem in refused.value.problem
+    assert f'"{fix}"' in refused.value.fix
 
 
 def test_settings_are_for_names():

@@ -38,10 +38,36 @@ def test_conditions(text, condition):
     assert parse_condition(text) == Condition(*condition)
 
 
-@pytest.mark.parametrize("text", ["", "settling:x", "x <= ", "<= 3", "x == 3", "x <= soon", "x <= 3 s", "x <= 3 @ 95%"])
+@pytest.mark.parametrize("text", ["", "settling:x", "x <= ", "<= 3", "x == 3", "x <= soon", "x <= 3 @ 95%"])
 def test_a_condition_is_refused_with_what_to_type(text):
-    with pytest.raises(InputError, match="--success 'settling:yaw_rate <= 10'"):
+    with pytest.raises(InputError, match=r"success=\[\"settling:yaw_rate <= 10\"\]"):
         parse_condition(text)
+
+
+def test_a_bound_with_a_unit_is_refused_without_it():
+    with pytest.raises(InputError, match=r"'3 s' has a unit.*\n.*success=\[\"x <= 3\"\]"):
+        parse_condition("x <= 3 s")
+
+
+def test_a_formula_is_a_condition_on_its_robustness():
+    formula = "eventually[0, 8 s](always(abs(truth.heading) < 3 deg))"
+    assert parse_condition(f" {formula} ") == Condition(f"robustness:{formula}", ">", 0.0)
+    assert parse_condition(f"robustness:{formula} >= 0.1") == Condition(f"robustness:{formula}", ">=", 0.1)
+    assert parse_metric(f"robustness:{formula}") == MetricName("robustness", formula)
+    assert parse_condition("settling:always <= 3").metric == "settling:always"
+
+
+def test_robustness_in_a_requirement_a_stop_and_a_cost():
+    metric = "robustness:always[1 s, 2 s](abs(x + 1 m) < 3 m and y >= 0)"
+    found = parse_requirement(f"p5({metric}) >= 0.1 @ 90%")
+    assert (found.metric, found.relation, found.bound) == (metric, ">=", 0.1)
+    assert parse_requirement(f"min({metric}) >= 0").metric == metric
+    assert parse_stopping(f"width(p50({metric})) <= 0.1").metric == metric
+    wanted = (CostTerm(1.0, "rms:x"), CostTerm(-1.0, metric), CostTerm(-0.5, metric), CostTerm(2.0, "rms:v"))
+    assert parse_cost(f"rms:x + -{metric} + -0.5*{metric} + 2*rms:v") == wanted
+    for text in (metric, f"2*{metric}", f"0*{metric}"):
+        with pytest.raises(InputError, match="only a large one is good"):
+            parse_cost(text)
 
 
 def test_a_condition_never_holds_where_the_metric_is_no_number():

@@ -63,6 +63,7 @@ def kept(store):
     return len(read_store(store)[1]["run"])
 
 
+@pytest.mark.slow
 def test_killed_and_started_again_flies_what_is_missing(store, whole):
     child = flying(store, 4 * BLOCK)
     child.kill()
@@ -100,6 +101,7 @@ def test_killed_at_any_moment(store, whole):
     assert_same(again.columns, whole)
 
 
+@pytest.mark.slow
 def test_interrupted_it_ends_soon_and_keeps_its_rows(store, whole):
     child = flying(store, 3 * BLOCK)
     child.send_signal(signal.SIGINT)
@@ -143,11 +145,12 @@ def test_interrupted_in_a_block_of_minutes(store):
     assert kept(store) == 0
 
 
+@pytest.mark.slow
 def test_second_campaign_on_a_store_that_is_being_written(store, whole):
     child = flying(store, BLOCK)
     with pytest.raises(InputError, match=r"another campaign is writing it") as refused:
         small(RUNS).run(store)
-    assert "--store OTHER.zarr" in refused.value.fix
+    assert 'store="OTHER.zarr"' in refused.value.fix
     child.communicate()
     assert_same(read_store(store)[1], whole)
 

@@ -8,16 +8,20 @@ import pytest
 from click.testing import CliRunner
 
 from trimtab.cli import main
+from trimtab.core.errors import InputError
 from trimtab.core.record import replace
 from trimtab.core.time import ms, seconds
 from trimtab.identify.allan import fit_allan
-from trimtab.logs.mcap import write_mcap
+from trimtab.identify.calibration import read_calibration
+from trimtab.logs.mcap import read_mcap, write_mcap
 from trimtab.logs.samples import samples
 from trimtab.run.simulate import simulate
+from trimtab.scenarios.build import build
 from trimtab.scenarios.navigation.still import scenario
 
 GYRO_N, GYRO_K, FORCE_N, FORCE_K = math.radians(3.5) / 60, 1.0e-4, 0.4 / 60, 4.2e-4
 """Of Imu.microstrain_3dm_gx1."""
+TICK_S = 0.0065536
 RATE, FORCE = "sensors.imu.value.angular_rate", "sensors.imu.value.specific_force"
 
 
@@ -61,6 +65,51 @@ def test_coefficients_lie_in_their_intervals(still):
     assert sum(inside) >= 16
 
 
+def test_a_calibration_holds_what_the_sensor_has(folder, tmp_path):
+    """What made the log is within three standard errors of the file; the walk can not be told, and that is said."""
+    file = tmp_path / "boat.toml"
+    done = call("calibrate", "noise", folder / "run.mcap", "--out", file)
+    assert done.exit_code == 0, done.output
+    assert "GyroErrors.bias_walk is not written" in done.output
+    entries = read_calibration(file).entries
+    for name, value in {
+        "GyroErrors.noise": GYRO_N,
+        "AccelerometerErrors.noise": FORCE_N,
+        "InertialNoise.gyro": GYRO_N**2 / TICK_S,
+        "InertialNoise.forward": FORCE_N**2 / TICK_S,
+        "InertialNoise.starboard": FORCE_N**2 / TICK_S,
+    }.items():
+        assert abs(entries[name].value - value) < 3 * entries[name].standard_error, name
+    believes = build("navigation/platform-magnetometer", {"calibration": str(file)})
+    assert believes.world.sensors["imu"].gyro.noise == entries["GyroErrors.noise"].value
+    assert believes.autopilot.estimator.noise.gyro == entries["InertialNoise.gyro"].value
+    assert believes.autopilot.estimator.noise.starboard == entries["InertialNoise.starboard"].value
+
+
+def test_a_flight_has_the_noise_of_the_file_and_a_filter_of_another_step_is_refused(tmp_path):
+    """A gyro of three times the noise, at rest, in deg/s; flown again, its samples scatter by what was measured."""
+    g, n = np.random.default_rng(2), 8192
+    noisy = np.degrees(3 * GYRO_N / math.sqrt(0.01)) * g.standard_normal((n, 3))
+    rows = "\n".join(f"{i * 0.01:.2f}," + ",".join(f"{v:.9g}" for v in row) for i, row in enumerate(noisy))
+    (tmp_path / "still.csv").write_text(f"t [s],gx [deg/s],gy [deg/s],gz [deg/s]\n{rows}\n")
+    file = tmp_path / "boat.toml"
+    done = call("calibrate", "noise", tmp_path / "still.csv", "--out", file)
+    assert done.exit_code == 0, done.output
+    flown = call(
+        "run", "navigation/still", "--duration", "8", "--calibration", file, "--no-ideal", "--out", tmp_path / "f"
+    )
+    assert flown.exit_code == 0, flown.output
+    again = samples(read_mcap(tmp_path / "f" / "run.mcap"), RATE)
+    scatter = np.std(np.diff(again.values, axis=0)) / math.sqrt(2)
+    assert scatter == pytest.approx(3 * GYRO_N / math.sqrt(again.period), rel=0.05)
+    with pytest.raises(InputError, match=r"steps each 10 ms, .*\.tick is 6\.5536 ms(.|\n)*--tick '6\.5536 ms'"):
+        build("navigation/platform-magnetometer", {"calibration": str(file)})
+    done = call("calibrate", "noise", tmp_path / "still.csv", "--out", file, "--tick", "6.5536 ms")
+    assert done.exit_code == 0, done.output
+    noise = build("navigation/platform-magnetometer", {"calibration": str(file)}).autopilot.estimator.noise
+    assert noise.gyro == pytest.approx((3 * GYRO_N) ** 2 / TICK_S, rel=0.06)
+
+
 def test_json_of_a_log_that_run_wrote(folder):
     done = call("calibrate", "noise", folder / "run.mcap", "--json")
     assert done.exit_code == 0, done.output
@@ -76,16 +125,17 @@ def test_json_of_a_log_that_run_wrote(folder):
         assert axis["noise"]["integral_variance"] == pytest.approx(axis["white"]["value"] ** 2 * dt)
 
 
-def test_table_picture_and_folder(folder, tmp_path):
-    done = call(
-        "calibrate", "noise", folder / "run.mcap", "--signal", RATE, "--tick", "10 ms", "--out", tmp_path / "new"
-    )
+def test_table_and_picture(folder, tmp_path):
+    words = ("--signal", RATE, "--tick", "10 ms", "--plot", tmp_path / "noise.png")
+    done = call("calibrate", "noise", folder / "run.mcap", *words)
     assert done.exit_code == 0, done.output
     assert f"{RATE}[2]" in done.stdout
     assert FORCE not in done.stdout
-    assert (tmp_path / "new" / "noise.png").read_bytes().startswith(b"\x89PNG")
-    axis = json.loads((tmp_path / "new" / "noise.json").read_text())["signals"][f"{RATE}[2]"]
+    assert (tmp_path / "noise.png").read_bytes().startswith(b"\x89PNG")
+    found = json.loads(call("calibrate", "noise", folder / "run.mcap", *words[:4], "--json").stdout)
+    axis = found["signals"][f"{RATE}[2]"]
     assert axis["noise"]["integral_variance"] == pytest.approx(axis["white"]["value"] ** 2 * 0.01)
+    assert found["entries"]["InertialNoise.gyro"]["value"] == pytest.approx(axis["white"]["value"] ** 2 / 0.01)
 
 
 def test_csv_of_another_logger(tmp_path):
@@ -105,7 +155,6 @@ def test_csv_of_another_logger(tmp_path):
 
 def test_a_log_that_is_too_short_or_moves_or_has_gaps_is_refused(folder, tmp_path):
     from trimtab.logs.log import Log
-    from trimtab.logs.mcap import read_mcap
 
     log = read_mcap(folder / "run.mcap")
     moved = {
@@ -140,6 +189,7 @@ REFUSED = {
     "averages below zero": (("LOG", "--shortest", "-1"), "--shortest: '-1' is below 0"),
     "no file, what writes one": (("nowhere.mcap",), "trimtab run SCENARIO --out DIR"),
     "no such signal, what is": (("LOG", "--signal", "nope"), "Fix: --signal sensors.imu.value."),
+    "not a calibration": (("LOG", "--out", "folder"), "Fix: --out folder.toml"),
     "not a picture": (("LOG", "--plot", "a.txt"), "ending"),
 }
 
@@ -156,3 +206,19 @@ def test_refused(folder, name):
 def test_nothing_in_the_still_scenario_moves():
     log = simulate(replace(scenario(), duration=ms(500)), signals=("truth", "actuators"))
     assert all(not log[p].any() for p in log.paths)
+
+
+def test_columns_without_an_axis_have_no_place_and_two_of_one_axis_are_refused(tmp_path):
+    g = np.random.default_rng(0).standard_normal((2048, 2))
+    rows = "\n".join(f"{i * 0.01:.2f},{a:.6f},{b:.6f}" for i, (a, b) in enumerate(g))
+    file = tmp_path / "a.csv"
+    file.write_text(f"t,rate [rad/s],heat [degC]\n{rows}\n")
+    done = call("calibrate", "noise", file, "--out", tmp_path / "boat.toml")
+    assert done.exit_code == 2
+    assert "csv.rate, csv.heat is an axis" in done.output
+    assert "gyro_z [rad/s]" in done.output
+    assert not (tmp_path / "boat.toml").exists()
+    file.write_text(f"t,left_z [rad/s],right_z [rad/s]\n{rows}\n")
+    done = call("calibrate", "noise", file)
+    assert done.exit_code == 2
+    assert "csv.left_z and csv.right_z are both the gyro's z axis" in done.output

@@ -1,6 +1,7 @@
 """`trimtab campaign` as it is typed: table, JSON, exit codes, a store, a run once more."""
 
 import json
+import re
 
 import pytest
 from click.testing import CliRunner
@@ -53,6 +54,15 @@ def test_the_same_command_again_flies_nothing_and_says_the_same(kept):
     again = json.loads(typed("--store", str(folder / "a.zarr"), "--json").stdout)
     assert again["flown"] == 0
     assert again["success"] == json.loads(result.stdout)["success"]
+
+
+def test_what_a_large_store_takes_is_said_while_it_is_written(tmp_path, monkeypatch):
+    monkeypatch.setattr("trimtab.commands.progress.LARGE", 1000)
+    shown, folder = typed("--store", str(tmp_path / "a.zarr")), tmp_path / "a.zarr"
+    assert shown.exit_code == 0, shown.output
+    (said,) = re.findall(r"^store: about ([0-9.]+) kB$", shown.stderr, re.MULTILINE)
+    size = sum(f.stat().st_size for f in folder.rglob("*") if f.is_file()) / 1000
+    assert float(said) == pytest.approx(size, rel=0.1)
 
 
 def test_a_run_once_more_is_equal_to_its_row(kept):

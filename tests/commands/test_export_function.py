@@ -46,6 +46,12 @@ def test_examples_are_defaults_or_named(file: Path) -> None:
     assert find_function("hovercraft/spin") is None
 
 
+def test_a_default_of_none_is_no_number(tmp_path: Path) -> None:
+    path = tmp_path / "own_scenario.py"
+    path.write_text("def scenario(believed=None):\n    return believed\n")
+    assert find_function(f"{path}:scenario") is None
+
+
 def test_an_example_that_is_no_tuple_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "own_wrong.py"
     path.write_text("example = 3.0\ndef f(x):\n    return x\n")
@@ -53,6 +59,7 @@ def test_an_example_that_is_no_tuple_is_refused(tmp_path: Path) -> None:
         find_function(f"{path}:f")
 
 
+@pytest.mark.slow
 def test_any_function_is_written_and_verified(file: Path, tmp_path: Path) -> None:
     out = tmp_path / "c"
     command = [sys.executable, "-m", "trimtab", "export"]
@@ -64,6 +71,7 @@ def test_any_function_is_written_and_verified(file: Path, tmp_path: Path) -> Non
     assert done.returncode == 0, done.stdout + done.stderr
 
 
+@pytest.mark.slow
 def test_a_function_without_an_example_is_refused_with_what_to_write(tmp_path: Path) -> None:
     path = tmp_path / "own_bare.py"
     path.write_text("def f(x):\n    return x\n")

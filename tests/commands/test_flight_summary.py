@@ -1,9 +1,11 @@
 """What `trimtab run` says of targets that are set on other signals than the truth."""
 
+import re
+
 import numpy as np
 import pytest
 
-from trimtab.commands.flight_summary import summarise_run
+from trimtab.commands.flight_summary import metric_units, print_result, summarise_run
 from trimtab.core.quantity import Quantity
 from trimtab.core.time import ms, to_seconds
 from trimtab.logs.log import Log
@@ -29,6 +31,15 @@ def test_a_target_on_the_truth_is_shown_by_its_short_name():
     assert found["metrics"]["heading"]["settling_s"] == 0.0
 
 
+def test_of_a_swarm_each_craft_has_its_numbers():
+    speed = np.stack([np.full(len(T), 0.5), np.linspace(0, 1, len(T))], axis=1)
+    log = Log(to_seconds(T), T, {"truth.surge_velocity": speed}, final={"truth.surge_velocity": speed[-1]})
+    found = summarise_run(log, [])
+    assert list(found["metrics"]) == ["surge_velocity[0]", "surge_velocity[1]"]
+    assert found["metrics"]["surge_velocity[0]"]["tail_mean"] == 0.5
+    assert found["final"] == {"surge_velocity[0]": 0.5, "surge_velocity[1]": 1.0}
+
+
 def test_flags_and_a_lost_state_are_told():
     up, h = (to_seconds(T) >= 0.25) & (to_seconds(T) < 0.5), np.where(to_seconds(T) < 0.805, 1.0, np.nan)
     flag = Quantity("1", "Whether a limit holds the input.", kind="flag")
@@ -41,3 +52,82 @@ def test_flags_and_a_lost_state_are_told():
     assert found["final"]["h"] is None  # JSON has no NaN
     calm = Log(to_seconds(T), T, {"truth.h": np.zeros(len(T))})
     assert (summarise_run(calm, [])["flags"], summarise_run(calm, [])["lost_s"]) == ({}, None)
+
+
+def test_what_a_monitor_said_is_told():
+    verdict = np.repeat([0, 1, 2, 1], 25).astype(np.int32)
+    signals = {"monitor.turn.robustness": np.where(verdict == 2, -0.5, verdict * 0.25), "monitor.turn.verdict": verdict}
+    signals |= {"monitor.rest.robustness": np.zeros(100), "monitor.rest.verdict": np.zeros(100, np.int32)}
+    found = summarise_run(Log(to_seconds(T), T, signals), [])["monitor"]
+    assert found["turn"] == {"verdict": "holds", "least_robustness": -0.5, "violated_s": pytest.approx(0.5)}
+    assert found["rest"] == {"verdict": "pending", "least_robustness": None, "violated_s": None}
+    assert "monitor" not in summarise_run(Log(to_seconds(T), T, {"law.x": np.zeros(100)}), [])
+
+
+def test_of_a_swarm_the_summary_says_how_near_two_craft_came():
+    t = np.arange(0, ms(400), ms(100))
+    craft = np.zeros((4, 8))
+    signals = {"truth.north": craft, "sensors.arena.value.spacing": np.array([2.0, 1.5, 1.25, 3.0])}
+    log = Log(t=to_seconds(t), ticks=t, signals=signals, final={"truth.north": craft[-1]})
+    found = summarise_run(log, [Target("sensors.arena.value.spacing", 3.0, 0.1)])
+    assert found["closest"] == {"distance_m": 1.25, "at_s": pytest.approx(0.2)}
+    assert list(found["metrics"]) == ["sensors.arena.value.spacing"]
+    assert found["final"] == {"sensors.arena.value.spacing": 3.0}
+    alone = Log(t=to_seconds(t), ticks=t, signals={"truth.north": craft[:, 0]}, final={"truth.north": 0.0})
+    assert "closest" not in summarise_run(alone, [])
+
+
+def in_space(down, tilt=0.0):
+    """A flight straight along north at a depth (m), rolled to starboard (rad)."""
+    t = to_seconds(T)
+    zero = 0 * t
+    q = np.stack([np.cos(zero + tilt / 2), np.sin(zero + tilt / 2), zero, zero], axis=1)
+    signals = {"truth.q": q, "truth.p": np.stack([2 * t, zero, down + zero], axis=1), "truth.power": t}
+    signals["truth.v"] = np.stack([2 + zero, zero, zero], axis=1)
+    declared = {
+        "truth.q": Quantity("1", "Attitude.", "WB", shape=(4,)),
+        "truth.p": Quantity("m", "Position.", "W", shape=(3,)),
+        "truth.v": Quantity("m/s", "Velocity.", "W", shape=(3,)),
+        "truth.power": Quantity("1", "Of its engine."),
+    }
+    return Log(t, T, signals, declared, final={p: x[-1] for p, x in signals.items()})
+
+
+@pytest.mark.usefixtures("wide_screen")
+def test_a_flight_in_space_is_summed_up_by_what_people_fly_by(capsys):
+    log = in_space(-10.0, tilt=0.5)
+    found = summarise_run(log, [Target("truth.p[0]", 1.98, 0.1)])
+    shown = [n for n in found["metrics"] if n.startswith("flight.")]
+    assert shown[:3] == ["flight.roll", "flight.pitch", "flight.yaw"]
+    assert "q[0]" not in found["metrics"]
+    assert "power" in found["metrics"]
+    assert found["final"]["flight.roll"] == pytest.approx(0.5)
+    flight = found["flight"]
+    assert flight["greatest_tilt_rad"] == pytest.approx(0.5)
+    assert (flight["lowest_m"], flight["highest_m"], flight["fastest_m_s"]) == (10.0, 10.0, 2.0)
+    assert flight["settled_s"]["p[0]"] == pytest.approx(0.94, abs=0.011)
+    result = {"scenario": "a", "duration_s": 1.0, "seed": 0, "real": found, "ideal": None}
+    print_result(result, metric_units(log, found["metrics"]))
+    said = capsys.readouterr().out
+    assert re.search(r"flight\.roll \(deg\) +real +28\.648 ", said)
+    assert "10 to 10 m high, up to 2 m/s over the ground, tilted by up to 28.6 deg, settled on its target from" in said
+
+
+def test_a_target_that_was_missed_is_named_and_below_the_surface_is_deep(capsys):
+    log = in_space(5.0)
+    found = summarise_run(log, [Target("truth.p[0]", 9.0, 0.1)])
+    result = {"scenario": "a", "duration_s": 1.0, "seed": 0, "real": found, "ideal": None}
+    print_result(result, metric_units(log, found["metrics"]))
+    said = capsys.readouterr().out
+    assert "5 to 5 m deep" in said
+    assert "NOT settled: p[0]" in said
+
+
+def test_vectors_of_a_state_that_has_no_attitude_are_shown_number_by_number():
+    a = np.stack([np.cos(to_seconds(T)), np.sin(to_seconds(T)), 0 * T], axis=1)
+    declared = {"truth.field": Quantity("T", "What it feels.", shape=(3,))}
+    log = Log(to_seconds(T), T, {"truth.field": a}, declarations=declared, final={"truth.field": a[-1]})
+    found = summarise_run(log, [Target("truth.field[0]", np.cos(0.99), 0.1)])
+    assert {"field[0]", "field[1]", "field[2]"} == set(found["metrics"])
+    assert found["metrics"]["field[0]"]["settling_s"] == pytest.approx(0.87, abs=0.02)
+    assert found["final"]["field[1]"] == pytest.approx(np.sin(0.99))

@@ -7,10 +7,10 @@ import pytest
 from click.testing import CliRunner
 
 from trimtab.cli import main
-from trimtab.core.time import seconds
+from trimtab.core.time import FOREVER, seconds
 from trimtab.links.open_link import open_link
 from trimtab.live.autopilot_end import scenario_dialect
-from trimtab.live.injector import add_idle_faults
+from trimtab.live.injector import add_idle_faults, format_value
 from trimtab.loop.faults import WORDS
 from trimtab.scenarios import catalogue
 from trimtab.wire.mavlink import Endpoint
@@ -19,6 +19,16 @@ from trimtab.wire.station import Station
 
 NAME = "hovercraft/forward"
 NOW = seconds(123)
+
+
+def test_what_is_set_in_flight_is_told_with_its_unit():
+    scenario, _ = catalogue.load_scenario(NAME)
+    listed = {p.path: p.declaration for p in Parameters(add_idle_faults(scenario).world, "world").listed}
+    start, duration, word = (listed[f"world.downlink.fault.{name}"] for name in ("start", "duration", "word"))
+    assert format_value(start, float(seconds(6) + 2841735)) == "6284.1735 ms"
+    assert format_value(duration, float(seconds(2))) == "2 s"
+    assert format_value(duration, float(FOREVER)) == "until the end"
+    assert format_value(word, float(WORDS.index("off"))) == "off"
 
 
 class Played:
@@ -78,6 +88,7 @@ def test_a_fault_is_set_from_now_on_and_its_word_last(played):
     assert order[-1] == f"{before}word"
     assert set(order) == {f"{before}{n}" for n in ("start", "duration", "word")}  # the others stay as they are
     assert json.loads(done.stdout) == {
+        "answer": "inject/1",
         "fault": "sensor:navigation stuck @ 2 s for 500 ms",
         "from": "125 s",
         "lasts": "for 500 ms",
@@ -112,4 +123,5 @@ def test_where_nobody_answers_it_says_what_to_give(monkeypatch):
     done = inject("uplink off")
     assert done.exit_code == 2
     assert "no vehicle answers" in done.output
+    assert "start it: trimtab vehicle SCENARIO --listen URI" in done.output
     assert "Fix:" in done.output

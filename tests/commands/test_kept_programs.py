@@ -75,6 +75,7 @@ def kept(tmp_path):
     return sorted((tmp_path / "cache" / "programs").glob("*"))
 
 
+@pytest.mark.slow
 def test_second_run_needs_no_jax_and_is_equal(run):
     first, jax = run(*WORDS, "--seed", "4")
     assert jax
@@ -88,6 +89,7 @@ def test_second_run_needs_no_jax_and_is_equal(run):
     assert run(*WORDS, "--seed", "4", "--set", "world.vehicle.mass=3")[1]
 
 
+@pytest.mark.slow
 def test_scenarios_of_the_user_are_not_kept(run, tmp_path):
     file = tmp_path / "boat.py"
     for duration in (200, 300):
@@ -98,6 +100,7 @@ def test_scenarios_of_the_user_are_not_kept(run, tmp_path):
     assert kept(tmp_path) == []
 
 
+@pytest.mark.slow
 def test_damaged_entries_are_made_again(run, tmp_path):
     first, _ = run(*WORDS, "--no-ideal")
     (file,) = kept(tmp_path)
@@ -187,7 +190,7 @@ def programs(tmp_path, monkeypatch):
     columns = [Column("law.mode", (), "int32", mode), Column("truth.x", (2,), "float64")]
     real = Program(
         Path("x.so"), np.array([1.5, np.nan, -np.inf, -0.0, 0.1]), (0, 1), (10_000, 65_536), 10**7, 50_000,
-        columns, columns[1:], {"scenario": "ψ", "parameters": {"a": [1.0, math.inf], "b": None}},
+        columns, columns[1:], {"scenario": "ψ", "parameters": {"a": [1.0, math.inf], "b": None}}, (7, 2**32 - 1),
     )  # fmt: skip
     return RunPrograms("ψ", real, None, (Target("yaw_rate", 3.0, 0.1),))
 

@@ -58,8 +58,15 @@ def test_the_vehicle_makes_a_key_and_the_autopilot_finds_it(keys, capsys):
 def test_without_a_key_the_autopilot_is_told_what_to_do(keys):
     with pytest.raises(InputError, match="there is no key") as refused:
         find_key("hovercraft/forward", None, False, "udp://:14550", create=False)
-    assert "copy the vehicle's key file" in refused.value.fix
+    assert refused.value.fix.startswith("trimtab vehicle hovercraft/forward --listen udp://:14550  ")
+    assert "copy the file" in refused.value.fix
     assert not keys.exists()
+
+
+def test_a_line_that_is_none_is_refused_before_its_key(keys):
+    with pytest.raises(InputError, match=r"127\.0\.0\.1:14550") as refused:
+        find_key("hovercraft/forward", None, False, "127.0.0.1:14550", create=False)
+    assert "key" not in refused.value.problem
 
 
 def test_a_key_that_others_can_read_is_refused_with_what_to_type(keys):

@@ -1,12 +1,18 @@
 """`trimtab link-test`: table, recordings, settings that `run` takes, JSON, and what is refused."""
 
 import json
+import re
+import shlex
+import signal
+import subprocess
+import sys
 import threading
 
 import pytest
 from click.testing import CliRunner
 
 from trimtab.cli import main
+from trimtab.commands import link_test
 from trimtab.links.latency import mean_latency
 from trimtab.links.latency_trace import read_trace
 from trimtab.links.open_link import open_link
@@ -57,6 +63,17 @@ def test_what_is_written_can_be_typed_after_run(echoing, tmp_path):
         assert mean_latency(channel.latency) == pytest.approx(recorded.mean(), rel=0.02, abs=2e-5)
 
 
+def test_how_long_it_takes_is_said_before_the_first_request(monkeypatch):
+    class Silent:
+        def close(self):
+            pass
+
+    monkeypatch.setattr(link_test, "open_link", lambda uri, listen: Silent())
+    monkeypatch.setattr(link_test, "measure_delays", lambda link, exchange, plan: None)
+    said = call("udp://127.0.0.1:14551", "--load", "1/8", "--load", "2/16", "--requests", 300).stderr
+    assert said.startswith("takes about 60 s; the other end must answer within 30 s\nerror: ")
+
+
 def test_json(echoing):
     found = json.loads(
         call(echoing, "--load", "1/8", "--load", "2/16", "--requests", 10, "--rate", 100, "--json").stdout
@@ -69,6 +86,30 @@ def test_json(echoing):
         assert trip["min_ms"] <= trip["mean_ms"] <= trip["max_ms"]
         assert load["up"]["mean_ms"] + load["down"]["mean_ms"] == pytest.approx(trip["mean_ms"])
         assert load["up"]["lost"] == load["down"]["lost"] == 0
+
+
+@pytest.mark.parametrize(
+    ("uri", "shown"),
+    [
+        ("udp://:14551", r"udp://127\.0\.0\.1:14551"),
+        ("udp://192.168.4.1:14551", r"udp://192\.168\.4\.1:14551"),
+        ("udp://0.0.0.0:14551", r"udp://(?!0\.0\.0\.0)[\w.-]+:14551"),
+        ("serial:///dev/ttyUSB0?baud=115200", r"serial:///dev/ttyUSB0\?baud=115200"),
+    ],
+)
+def test_the_echo_says_how_the_other_end_reaches_it(uri, shown, monkeypatch):
+    class Silent:
+        def close(self):
+            pass
+
+    monkeypatch.setattr(link_test, "open_link", lambda uri, listen: Silent())
+    monkeypatch.setattr(link_test, "echo_requests", lambda link: None)
+    done = call(uri, "--echo")
+    line = done.stderr.strip()
+    assert line.startswith(f"echoing on {uri}; the other end: ")
+    words = shlex.split(line.partition("the other end: ")[2])
+    assert words[:2] == ["trimtab", "link-test"]
+    assert re.fullmatch(shown, words[2])
 
 
 @pytest.mark.parametrize(
@@ -94,3 +135,27 @@ def test_nobody_answers(tmp_path, monkeypatch):
     done = call("loopback://nobody")
     assert done.exit_code == 1
     assert "--echo" in done.stderr
+
+
+@pytest.mark.parametrize("scheme", ["udp", "tcp"])
+def test_the_echo_at_port_0_says_which_port_the_system_gave_it(scheme):
+    words = [sys.executable, "-m", "trimtab", "link-test", f"{scheme}://:0", "--echo"]
+    with subprocess.Popen(words, stderr=subprocess.PIPE, text=True) as far:
+        try:
+            line = far.stderr.readline()
+            port = int(re.match(rf"echoing on {scheme}://:(\d+); the other end: ", line)[1])
+            assert port > 0
+            address = shlex.split(line.partition("the other end: ")[2])[2]
+            assert address == f"{scheme}://127.0.0.1:{port}"
+            done = call(address, "--load", "1/8", "--requests", 10, "--rate", 100, "--json")
+            assert done.exit_code == 0, done.stderr
+            assert json.loads(done.stdout)["loads"][0]["up"]["lost"] == 0
+        finally:
+            far.send_signal(signal.SIGINT)
+        assert far.wait(20) == 0
+
+
+def test_port_0_is_only_for_the_end_that_listens():
+    done = call("udp://127.0.0.1:0", "--requests", 10)
+    assert done.exit_code == 2
+    assert "a port from 1 to 65535" in done.stderr

@@ -94,9 +94,10 @@ def test_choices_are_those_of_the_scenario(file):
     [
         ("estimator=gps", r"no choice(.|\n)*ins-coupled"),
         ("estimator=nowhere:make", "nowhere"),
+        ("estimator=here/mine.py:make", r"name the module, from the folder that holds it: mine:make"),
         (f"estimator={__name__}:number", "gives int, which is no record"),
         ("law.spinning.k3=5", "no such setting"),
-        ("estimator=ins", "reads sensor 'imu'"),
+        ("estimator=ins", r"reads sensor 'imu', of which this flight has nothing(.|\n)*--navigation ins"),
     ],
 )
 def test_what_does_not_fit_is_refused(file, choice, said):

@@ -76,6 +76,7 @@ def test_without_a_study_they_are_listed():
     assert "inertia" in found["groups"]
 
 
+@pytest.mark.usefixtures("wide_screen")
 def test_a_group_of_the_real_study():
     done = call("hovercraft2006", "--only", "inertia")
     assert done.exit_code == 0, done.output
@@ -88,7 +89,7 @@ def test_json_has_the_documented_keys():
     done = call("hovercraft2006", "--only", "inertia", "--only", "rudder-and-thrust", "--json")
     assert done.exit_code == 0, done.output
     result = json.loads(done.stdout)
-    assert set(result) == {"study", "good", "verdicts", "bases", "rows"}
+    assert set(result) == {"answer", "study", "good", "verdicts", "bases", "rows"}
     assert sum(basis["rows"] for basis in result["bases"].values()) == len(result["rows"])
     assert sum(basis["holds"] for basis in result["bases"].values()) == result["verdicts"]["holds"]
     assert result["good"] is True
@@ -121,7 +122,10 @@ def test_out_draws_the_figures(made_up, tmp_path):
 @pytest.mark.parametrize(
     ("words", "says"),
     [
-        (("hovercraft2007",), ("hovercraft2007", "Choices: hovercraft2006", "Fix: trimtab reproduce hovercraft2006")),
+        (
+            ("hovercraft2007",),
+            ("hovercraft2007", "Choices: fossen, hovercraft2006", "Fix: trimtab reproduce hovercraft2006"),
+        ),
         (("hovercraft2006", "--only", "inertias"), ("inertias", "Choices", "Fix: --only inertia")),
         (("hovercraft2006", "--out", "/dev/null/x"), ("--out", "/dev/null", "Fix")),
     ],
@@ -129,6 +133,6 @@ def test_out_draws_the_figures(made_up, tmp_path):
 def test_refused_input(words, says):
     done = call(*words, "--json")
     assert done.exit_code == 2
-    assert done.stdout == ""
+    assert json.loads(done.stdout)["error"]["fix"]
     for text in says:
         assert text in done.stderr

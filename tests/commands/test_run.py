@@ -1,6 +1,7 @@
 """`trimtab run` of a scenario whose estimate knows its sigmas: verdict printed, in --json, and drawn."""
 
 import json
+import re
 
 import pytest
 from click.testing import CliRunner
@@ -87,7 +88,7 @@ def test_json_says_the_verdict(boat, sigma, verdict):
     assert found["errors"]["heading"]["verdict"] == verdict
 
 
-def test_table_and_second_picture(boat, tmp_path):
+def test_table_and_second_picture(boat, tmp_path, wide_screen):
     text = call(boat, "--no-ideal", "--plot", tmp_path / "flight.png", "--backend", "jax")
     assert "heading innovations" in text
     assert "navigation: consistent" in text
@@ -115,3 +116,58 @@ def test_a_scenario_without_a_choice_of_navigation_says_so():
     for text in ("error: --navigation:", "hovercraft/spin", "trimtab list navigation/platform-encoder"):
         assert text in done.stderr
     assert "--set" not in done.stderr
+
+
+KEPT = "always[1 s, 2 s](abs(truth.yaw_rate) < 100 rad/s)"
+BROKEN = "always(abs(truth.surge_velocity) < 1 mm/s)"
+
+
+def test_what_is_required_is_told_and_decides_the_exit_code():
+    def run(*words):
+        return CliRunner().invoke(main, ["run", "hovercraft/zero-velocity", "--duration", "2 s", "--no-ideal", *words])
+
+    kept = run("--require", KEPT)
+    assert kept.exit_code == 0, kept.output
+    assert "require: holds, robustness 9" in kept.output
+    assert f"rad/s: {KEPT}" in kept.output
+    broken = run("--require", KEPT, "--require", BROKEN, "--json")
+    assert broken.exit_code == 1
+    first, second = json.loads(broken.stdout)["requirements"]
+    assert (first["formula"], first["holds"], first["unit"]) == (KEPT, True, "rad/s")
+    assert not second["holds"]
+    assert second["robustness"] < 0
+    for formula, says in (
+        ("always(truth.yaw_rate <)", "at column 24"),
+        ("always(truth.yaw_rat < 1)", "truth.yaw_rate"),
+        ("truth.yaw_rate < 1", "Fix: --require 'always(truth.yaw_rate < 1)'"),
+        ("always[0, 3 s](truth.yaw_rate < 1)", "looks 3 s ahead, and the run lasts 2 s"),
+    ):
+        refused = run("--require", formula)
+        assert refused.exit_code == 2
+        assert says in refused.output
+
+
+def test_what_a_monitor_said_stands_below_the_table():
+    monitor = "autopilot.monitor.formulas=quick: eventually(estimate.state.surge_velocity > 100 m/s)"
+    command = ["run", "hovercraft/zero-velocity", "--duration", "1 s", "--no-ideal", "--set", monitor]
+    done = CliRunner().invoke(main, command)
+    assert done.exit_code == 0, done.output
+    assert "monitor quick (real): pending at the end\n" in done.output
+
+
+@pytest.mark.slow
+def test_the_size_of_large_logs_is_said_before_they_are_written(tmp_path):
+    words = ["run", "hovercraft/zero-velocity", "--duration", "25", "--out", str(tmp_path), "--json"]
+    done = CliRunner().invoke(main, words)
+    said = re.findall(r"^log: about (\d+) MB$", done.stderr, re.MULTILINE)
+    assert len(said) == 1, done.stderr
+    size = sum(file.stat().st_size for file in tmp_path.glob("*.mcap"))
+    assert size / 2 < int(said[0]) * 1e6 < 2 * size
+    assert "\n" not in done.stdout.strip()
+
+
+@pytest.mark.slow
+def test_that_of_small_ones_is_not(tmp_path):
+    done = CliRunner().invoke(main, ["run", "hovercraft/spin", "--duration", "1", "--out", str(tmp_path)])
+    assert done.exit_code == 0, done.output
+    assert "log: about" not in done.output

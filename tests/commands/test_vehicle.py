@@ -1,11 +1,16 @@
 """What `trimtab vehicle` writes and reads of a log, and the watchdog's time that it refuses."""
 
+import numpy as np
 import pytest
 
-from trimtab.commands import vehicle
+from trimtab.commands import console, flight_summary, vehicle
 from trimtab.core.errors import InputError
-from trimtab.core.time import ms
+from trimtab.core.time import ms, seconds, to_seconds
+from trimtab.logs.log import Log
+from trimtab.logs.mcap import write_mcap
+from trimtab.logs.metrics import Target
 from trimtab.native.compiler import find_compiler
+from trimtab.wire.stamps import Stamps
 
 
 def test_a_watchdog_shorter_than_a_few_heartbeats_is_refused():
@@ -17,9 +22,37 @@ def test_a_watchdog_shorter_than_a_few_heartbeats_is_refused():
 def test_no_log_and_one_that_is_too_long_are_not_read(tmp_path):
     long = tmp_path / "vehicle.mcap"
     with long.open("wb") as file:
-        file.truncate(vehicle.MOST_SUMMARISED + 1)  # a hole: reading it would be refused, for it is no log
-    assert vehicle._summarise_flight(None, 0, None) == {"real": None}
-    assert vehicle._summarise_flight(long, 0, None) == {"real": None}
+        file.truncate(flight_summary.MOST_SUMMARISED + 1)  # a hole: reading it would be refused, for it is no log
+    assert flight_summary.summarise_truth(None, 0, ()) == {"real": None}
+    assert flight_summary.summarise_truth(long, 0, ()) == {"real": None}
+
+
+def test_the_summary_is_of_the_flight_whenever_the_vehicle_is_ended_afterwards(tmp_path):
+    ticks = np.arange(0, 60) * seconds(1)
+    speed = np.where(ticks < seconds(30), 1.0, 7.0)  # what it does once it is disarmed
+    log = Log(to_seconds(ticks), ticks, {"truth.surge_velocity": speed}, {}, {}, {"truth.surge_velocity": 7.0})
+    file = write_mcap(log, tmp_path / "vehicle.mcap")
+    target = Target("truth.surge_velocity", 1.0, 0.1)
+    real = flight_summary.summarise_truth(file, seconds(10), [target], seconds(29))["real"]
+    assert real["final"]["surge_velocity"] == 1.0
+    assert real["metrics"]["surge_velocity"]["tail_mean"] == 1.0
+    assert real["verdict"]["on_target"]
+    whole = flight_summary.summarise_truth(file, 0, [target], seconds(60))["real"]
+    assert whole["final"]["surge_velocity"] == 7.0
+
+
+def test_a_console_passes_on_what_its_vehicle_refused_with_that_fix_alone(tmp_path):
+    store = tmp_path / "hovercraft.key.time"
+    first = Stamps(store)
+    with pytest.raises(InputError) as refused:
+        Stamps(store)
+    first.close()
+    passed_on = console._refuse_start(f"new key hovercraft.key\nerror: {refused.value}\n")
+    assert passed_on.fix == refused.value.fix
+    assert str(passed_on) == str(refused.value).replace("time stamps", "the vehicle: did not start: time stamps")
+    silent = console._refuse_start("")
+    assert "it said nothing" in str(silent)
+    assert "--listen" in silent.fix
 
 
 @pytest.mark.slow

@@ -9,7 +9,8 @@ have tests of their own. A change is a different program by construction:
   except in the test of a clamp: x < 9 ? x : 9 is x < 10 ? x : 9; for the same reason < does not become <=, and the
   name in that test stays: of two numbers that are the same where they are positive either may be asked
 - a statement is deleted, or exchanged with the next where that one reads what this one writes
-- the arms of a choice are exchanged; a cast is removed, but not right after =, which converts alike
+- the arms of a choice are exchanged; a cast is removed, but not right after =, which converts alike, nor to uint64_t
+  of one operand whose other has it too: that gives its type to both
 """
 
 import random
@@ -94,8 +95,9 @@ class Mutator:
         if token.text in (";", "{", "}"):
             return ["deletion", "exchange"]
         if token.text == "(" and after in NAMES and self.tokens[k + 2].text == ")":
-            self.excluded += before == "="
-            return [] if before == "=" else ["cast"]
+            alike = before == "=" or (after == "uint64_t" and self._is_shared(k))
+            self.excluded += alike
+            return [] if alike else ["cast"]
         clamp = self.tokens[k + 3].text == "?" and self.tokens[k + 4].text == token.text
         self.excluded += clamp
         return (
@@ -103,6 +105,15 @@ class Mutator:
             if not clamp and token.kind == "name" and token.text in self.types and not self._declares(k)
             else []
         )
+
+    def _is_shared(self, k: int) -> bool:
+        """Whether the other operand of +, - or * is cast alike; k: the cast's parenthesis."""
+        texts = [t.text for t in self.tokens]
+        end = next(i for i in range(k + 3, len(texts)) if texts[i] in ("+", "-", "*", ")", ";", ","))
+        cast = ["(", texts[k + 1], ")"]
+        before = texts[max(k - 8, 0) : k - 1]
+        first = any(before[i : i + 3] == cast for i in range(len(before))) and ";" not in before
+        return (texts[end] in "+-*" and texts[end + 1 : end + 4] == cast) or (texts[k - 1] in "+-*" and first)
 
     def _declares(self, k: int) -> bool:
         k -= 2 if self.tokens[k].kind == "number" else 0

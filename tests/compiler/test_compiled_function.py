@@ -268,15 +268,16 @@ def test_results_do_not_share_memory_and_nothing_leaks() -> None:
 
 
 @pytest.mark.parametrize("number", [1.0, np.float64(1.0), np.array(1.0)], ids=["Python", "numpy", "array"])
-def test_a_call_costs_under_a_microsecond(number: Any) -> None:
+def test_a_call_costs_less_than_numpys_product_of_two_numbers(number: Any) -> None:
     compiled = trimtab.compile(lambda x: x * 2.0, 1.0)
-    rounds = []
+    rounds: dict[str, list[float]] = {"compiled": [], "numpy": []}
     for _ in range(50):
-        start = time.perf_counter()
-        for _ in range(1000):
-            compiled(number)
-        rounds.append((time.perf_counter() - start) / 1000)
-    assert min(rounds) < 1e-6
+        for name, product in (("compiled", compiled), ("numpy", lambda x: np.multiply(x, 2.0))):
+            start = time.perf_counter()
+            for _ in range(1000):
+                product(number)
+            rounds[name].append(time.perf_counter() - start)
+    assert min(rounds["compiled"]) < min(rounds["numpy"])
 
 
 def test_exported_folder_computes_what_jax_does(tmp_path: Any) -> None:

@@ -43,6 +43,15 @@ def test_subnormal_numbers_are_kept() -> None:
             assert all(np.array_equal(g, w) for g, w in zip(got, wanted, strict=True))
 
 
+def test_the_largest_begin_with_nan_of_either_sign() -> None:
+    numbers = np.array([1.0, -np.inf, np.nan, np.inf])
+    for sign in (1, -1):  # which sign a NaN has is the processor's choice: the order must not depend on it
+        given = np.copysign(np.abs(numbers), [1, -1, sign, 1])
+        top, places = trimtab.compile(lambda x: jax.lax.top_k(x, 3), given)(given)
+        np.testing.assert_array_equal(top, [np.nan, np.inf, 1.0])
+        np.testing.assert_array_equal(places, [2, 3, 0])
+
+
 def test_sums_of_negative_zeros_are_negative_zero() -> None:
     [[got]] = compiled([Case("zeros", jnp.sum, [(np.array([-0.0, -0.0]),)])], 0)
     assert got == 0

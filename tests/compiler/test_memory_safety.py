@@ -207,6 +207,7 @@ CASES = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("name", "lanes"), CASES)
 def test_clean_under_sanitizers_from_three_threads(name: str, lanes: int, tmp_path: Path) -> None:
     function, arguments = programs()[name]

@@ -110,6 +110,7 @@ def check(first: int) -> list[str]:
         return found
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("first", [0, 30])
 def test_some_functions(first: int) -> None:
     assert not check(first)

@@ -8,8 +8,10 @@ from typing import Any, NamedTuple
 
 import jax
 import numpy as np
+from emitters import choose_emitters
 
 from trimtab.compiler.function import lower_function
+from trimtab.compiler.jaxprs import primitive_name
 from trimtab.native.build import build_library, load_library
 
 CPU = Path("/proc/cpuinfo")
@@ -38,7 +40,7 @@ def primitives(function: Callable[..., Any], arguments: Sequence[Any]) -> set[st
 
     def walk(jaxpr: Any) -> None:
         for equation in jaxpr.eqns:
-            found.add(equation.primitive.name)
+            found.add(primitive_name(equation.primitive))
             for value in equation.params.values():
                 for inner in value if isinstance(value, tuple | list) else [value]:
                     inner = getattr(inner, "jaxpr", inner)
@@ -97,7 +99,7 @@ def _run(go: Any, case: Case, runs: int, workspace: int) -> list[list[Any]]:
 def reference(function: Callable[..., Any], sets: list[tuple[Any, ...]]) -> list[list[Any]]:
     """Results for each set of arguments, of JAX."""
     # The reference is XLA as it comes, whatever the environment says: its older way computes cbrt to 13 digits only.
-    jitted = jax.jit(function, compiler_options={"xla_cpu_use_fusion_emitters": True})
+    jitted = jax.jit(function, compiler_options=choose_emitters(newer=True))
     return [[np.asarray(o) for o in jax.tree.leaves(jitted(*s))] for s in sets]
 
 

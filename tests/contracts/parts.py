@@ -4,10 +4,12 @@ Nothing is registered. A module that lies in the folder is found; a part is made
 has none, from what the field declares; an input is made from the interface that the folder speaks.
 """
 
+import dataclasses
 import functools
 import importlib
 import inspect
 import itertools
+import math
 import pkgutil
 import typing
 from dataclasses import MISSING, fields
@@ -19,11 +21,25 @@ import jax.numpy as jnp
 import numpy as np
 
 from trimtab.core.errors import InputError
+from trimtab.core.interfaces import optional_member
 from trimtab.core.record import Option, Part, Quantity, declarations, quantity, record, to_arrays
 from trimtab.core.rng import Key
-from trimtab.core.signals import Estimate, Frame, Motion, PlanarForce, PlanarState, new_sample
+from trimtab.core.signals import (
+    STICK_MODES,
+    Estimate,
+    Frame,
+    Motion,
+    Peers,
+    PeerView,
+    PlanarForce,
+    PlanarState,
+    Sample,
+    Stick,
+    new_sample,
+)
 from trimtab.core.time import ms
 from trimtab.loop.structure import strengthen_types
+from trimtab.sensors.planar_pose import PlanarPoseState
 
 FOLDERS = ("vehicles", "sensors", "links", "estimators", "laws", "actuators")
 UNFIT = (AttributeError, KeyError, TypeError, IndexError, ValueError, InputError)
@@ -130,6 +146,12 @@ def motion(t: Any) -> Motion:
     return Motion(t, *vectors)
 
 
+def held_stick(t: Any) -> Sample:
+    """A pilot's stick that moves, through all its modes, 10 ms of each."""
+    s = t * 1e-7
+    return new_sample(t, Stick(jnp.sin(30 * s), jnp.cos(40 * s), (t // ms(10) % len(STICK_MODES)).astype(np.int32)))
+
+
 def vehicle_input(cls: type, t: Any) -> Any:
     """An input of a vehicle's input class."""
     return planar_force(t) if cls is PlanarForce else to_arrays(_of(cls)(t))
@@ -137,30 +159,51 @@ def vehicle_input(cls: type, t: Any) -> Any:
 
 def _of(cls: type) -> Any:
     """A function of time that gives records of a class of numbers, e.g. a vehicle's state."""
-    return lambda t: cls(**{n: 0.1 * jnp.cos(t * 1e-7 + i) for i, n in enumerate(declarations(cls))})
+
+    def field(t: Any, i: int, declared: Any) -> Any:
+        shape = getattr(declared, "shape", ()) or np.shape(defaults.get(i))
+        from_centre = getattr(declared, "frame", "") == "I" and declared.unit == "m"  # of the earth
+        some = 0.1 * jnp.cos(t * 1e-7 + i + jnp.arange(math.prod(shape)).reshape(shape))
+        if getattr(declared, "kind", "") == "flag":
+            return some > 0
+        return some + jnp.array([6.4e6, 0.0, 0.0]) if from_centre else some
+
+    of_field = {f.name: None if f.default is MISSING else f.default for f in fields(cls)}
+    defaults = {i: of_field[n] for i, n in enumerate(declarations(cls))}
+    return lambda t: cls(**{n: field(t, i, d) for i, (n, d) in enumerate(declarations(cls).items())})
 
 
 @functools.cache
 def states() -> list[Any]:
     """Functions of time, one for each state that some vehicle or message has."""
     found = [typing.get_type_hints(cls.dynamics)["x"] for cls in vehicles()]
-    told = [typing.get_type_hints(cls.measure)["return"] for cls in blocks("sensors") if _feels(cls) == "state"]
-    return [planar_state, *(_of(cls) for cls in (*found, *told))]
+    sensors = sorted(blocks("sensors"), key=lambda cls: _feels(cls) != "state")
+    told = [typing.get_type_hints(cls.measure)["return"] for cls in sensors]
+    told = [cls for cls in told if dataclasses.is_dataclass(cls)]
+    return [planar_state, peer_view, *(_of(cls) for cls in (*found, *told))]
+
+
+def peer_view(t: Any) -> PeerView:
+    """What one of three craft of a swarm knows: itself, and messages of the others that are a second old."""
+    north, east = np.array([0.0, 3.0, -2.0]), np.array([0.0, 1.0, 2.5])
+    stamps = jnp.full(3, t - ms(1000), np.int64)
+    return PeerView(_of(PlanarPoseState)(t), Peers((stamps, north, east, 0.1 * np.ones(3), np.zeros(3))))
 
 
 def vehicles() -> list[type]:
-    """The records with dynamics."""
-    return [cls for cls in records("vehicles") if hasattr(cls, "dynamics")]
+    """The records with dynamics; one that a host steps, an FMU, has none to look into (tests/vehicles/test_fmu.py)."""
+    return [cls for cls in records("vehicles") if hasattr(cls, "dynamics") and "is_stepped" not in declarations(cls)]
 
 
 def commands() -> list[Any]:
-    """Functions of time, one for each kind of command that some allocation gives."""
+    """Functions of time, one for each kind of command that some allocation gives, and one for each vehicle's input."""
     found = []
     for cls in blocks("actuators"):
         one = made(cls)
         if not hasattr(one, "neutral"):
             found.append(lambda t, one=one: one.step(t, one.init(key(0)), planar_force(t))[1])
-    return [planar_force, *found]
+    inputs = dict.fromkeys(typing.get_type_hints(cls.dynamics)["u"] for cls in vehicles())
+    return [planar_force, *found, *(_of(cls) for cls in inputs if dataclasses.is_dataclass(cls))]
 
 
 @record
@@ -187,6 +230,10 @@ class Everything:
     delta_e: Any = quantity("rad", "Elevator.", kind="angle")
     distance: Any = quantity("m", "Way driven.")
     turn: Any = quantity("rad", "Angle turned.", kind="angle")
+    position: Any = quantity("m", "North, east, down.", shape=(3,))
+    velocity: Any = quantity("m/s", "North, east, down.", shape=(3,))
+    airspeed: Any = quantity("m/s", "Through the air.")
+    beta: Any = quantity("rad", "Angle of sideslip.", kind="angle")
 
 
 def everything(t: Any) -> Everything:
@@ -198,7 +245,9 @@ def everything(t: Any) -> Everything:
     flight = 26e3 + jnp.sin(s), jnp.cos(s), 2350.0 + jnp.sin(s), 0.03 + 0.01 * jnp.sin(s)
     rest = (0.01 * jnp.cos(s + k) for k in range(4))
     driven = 0.8 * s, 0.2 * s
-    return Everything(*felt, *(0.3 * jnp.cos(s + k) for k in range(3)), *ranges, *flight, *rest, *driven)
+    fix = 0.3 * jnp.sin(s + three), 0.3 * jnp.cos(s + three)
+    air = 150.0 + jnp.sin(s), 0.02 * jnp.cos(s)
+    return Everything(*felt, *(0.3 * jnp.cos(s + k) for k in range(3)), *ranges, *flight, *rest, *driven, *fix, *air)
 
 
 def _feels(cls: type) -> str:
@@ -212,7 +261,8 @@ def felt(one: Any) -> Any:
         return motion
     if feels == "input":
         return planar_force
-    return _of(typing.get_type_hints(type(one).measure)["x"])
+    state = typing.get_type_hints(type(one).measure)["x"]
+    return planar_state if state is Any else _of(state)
 
 
 def sensed() -> list[Any]:
@@ -229,28 +279,42 @@ def example(folder: str, one: Any) -> Any:
     if folder == "links":
         return lambda t: new_sample(t, planar_state(t))
     if folder == "laws":
-        fits = [f for f in states() if set(one.reads) <= set(declarations(f(now)))]
+        known = [*states(), *sensed()]  # an estimator may pass on what a sensor says
+        fits = [f for f in known if set(one.reads) <= set(declarations(f(now)))]
         assert fits, f"{type(one).__name__} reads {one.reads}, which no state known here has"
-        return lambda t: Estimate(t=t, age=0.01, fresh=True, valid=True, state=fits[0](t))
-    state = one.init(key(0))
+        hand = held_stick if optional_member(one, "stick") else lambda t: None
+
+        def estimate(t: Any, f: Any) -> Estimate:
+            return Estimate(t=t, age=0.01, fresh=True, valid=True, state=f(t), stick=hand(t), dt=1e-3)
+
+        chosen = next(f for f in fits if _is_taken(one, lambda t, f=f: estimate(t, f)))
+        return lambda t: estimate(t, chosen)
 
     def takes(wrap: Any, candidates: list[Any]) -> Any:
         def shaped(candidate: Any) -> Any:
             return lambda t: wrap(t, candidate(t))
 
         for candidate in candidates:
-            try:
-                jax.eval_shape(lambda t, c=candidate: one.step(t, state, shaped(c)(t)), now)
-            except UNFIT:
-                continue
-            return shaped(candidate)
+            if _is_taken(one, shaped(candidate)):
+                return shaped(candidate)
         raise AssertionError(f"{type(one).__name__}: no input that the contract tests know fits its step()")
 
     if folder == "estimators":
         return takes(lambda t, v: Frame(t, {name: new_sample(t, v) for name in one.listens}), sensed())
     if hasattr(one, "neutral"):
         return takes(new_sample, commands())
-    return takes(lambda t, v: v, [planar_force, *states()])
+    wanted = [*typing.get_type_hints(type(one).step).values()][2]
+    demands = [_of(wanted)] if dataclasses.is_dataclass(wanted) else []
+    return takes(lambda t, v: v, [*demands, planar_force, *states()])
+
+
+def _is_taken(one: Any, given: Any) -> bool:
+    """Whether a block's step works with these inputs."""
+    try:
+        jax.eval_shape(lambda t: one.step(t, one.init(key(0)), given(t)), np.int64(0))
+    except UNFIT:
+        return False
+    return True
 
 
 def first_state(folder: str, one: Any, given: Any, run: Any) -> Any:

@@ -51,7 +51,13 @@ def zero(x: Any) -> Any:
     return np.zeros((), x.dtype)
 
 
+def unsigned(x: Any) -> Any:
+    """Numbers, and NaN without a sign: by top_k, a negated NaN is XLA's last, and bits of a NaN are not promised."""
+    return jnp.where(x != x, jnp.abs(x), x) if x.dtype.kind == "f" else x
+
+
 SPACE = {"jnp": jnp, "lax": lax, "jax": jax, "T": tamed, "C": finite, "S": positive, "L": lowest, "Z": zero}
+SPACE |= {"U": unsigned}
 
 
 class Variable(NamedTuple):

@@ -63,6 +63,7 @@ def test_output_is_finite(folder, cls):
         checks.assert_finite(outputs)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("folder", "cls"), QUICKER)
 def test_compiled_is_the_same_as_step_by_step(folder, cls):
     one = made(cls)
@@ -85,6 +86,7 @@ def test_a_batch_is_the_same_as_its_runs_alone(folder, cls):
         checks.assert_near(jax.tree.map(lambda a, run=run: a[run], both), alone)
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here")
 @pytest.mark.parametrize(("folder", "cls"), WRITTEN)
 def test_its_c_computes_the_same(folder, cls):
@@ -200,6 +202,7 @@ def test_each_imperfection_can_be_switched_off(folder, cls):
         assert jax.tree.structure(without(without(one, name), name)) == jax.tree.structure(without(one, name))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("cls", [pytest.param(c, id=c.__name__) for c in parts.vehicles()])
 def test_vehicle_is_pure_finite_differentiable_and_batches(cls):
     one = made(cls)

@@ -1,10 +1,13 @@
 """Errors name the part, the value, the choices and the fix."""
 
 import pickle
+import sys
+from pathlib import Path
 
 import pytest
 
-from trimtab.core.errors import InputError, closest
+import trimtab
+from trimtab.core.errors import InputError, closest, install_command
 
 
 def test_message_has_part_problem_choices_and_fix():
@@ -59,3 +62,18 @@ def test_survives_pickling_between_processes():
     copy = pickle.loads(pickle.dumps(error))
     assert str(copy) == str(error)
     assert copy.choices == ("a",)
+
+
+def test_what_to_install_is_named_for_the_python_that_runs(monkeypatch, tmp_path):
+    monkeypatch.setenv("PATH", str(tmp_path))
+    python = str(tmp_path / "a b" / "python")
+    monkeypatch.setattr(sys, "executable", python)
+    assert install_command("logs") == f"'{python}' -m pip install \"trimtab[logs]\""
+    assert install_command("cuda12", "jax") == f"'{python}' -m pip install \"jax[cuda12]\""
+    assert install_command(package="pytest") == f"'{python}' -m pip install pytest"
+
+
+def test_no_other_text_of_the_package_says_what_to_install():
+    package = Path(trimtab.__file__).parent
+    saying = [p.relative_to(package).as_posix() for p in package.rglob("*.py") if "pip install" in p.read_text("utf-8")]
+    assert saying == ["core/errors.py"]

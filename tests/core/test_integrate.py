@@ -1,11 +1,20 @@
-"""Runge and Kutta's classical method: exact on cubics, fourth order, and nothing at a zero step."""
+"""Steps: the classical one exact on cubics and nothing at a zero step; the order of each, and of what it says."""
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from scipy.integrate import RK45
 
-from trimtab.core.integrate import rk4
+from trimtab.core.integrate import (
+    dormand_prince,
+    error_ratio,
+    next_step,
+    rk4,
+    rk4_with_doubling,
+    rk4_with_error,
+)
+from trimtab.core.rosenbrock import rodas
 
 
 def test_exact_on_a_cubic_in_time():
@@ -50,3 +59,82 @@ def test_negative_step_goes_back():
 
     there = rk4(f, 0.0, jnp.asarray(1.0), 1e-3)
     assert float(rk4(f, 1e-3, there, -1e-3)) == pytest.approx(1.0, abs=1e-14)
+
+
+def forced(t, x):
+    return {"p": x["v"], "v": -x["p"] + jnp.sin(3 * t)}
+
+
+START = {"p": jnp.asarray(1.0), "v": jnp.asarray(0.0)}
+
+
+@pytest.mark.parametrize(
+    ("step", "order", "estimate"),
+    [(rk4_with_error, 4, 4), (rk4_with_doubling, 4, 5), (dormand_prince, 5, 5), (rodas, 4, 4)],
+)
+def test_each_step_has_its_order_and_its_estimate_the_embedded_formulas(step, order, estimate):
+    step = jax.jit(step, static_argnums=0)
+
+    def end(n):
+        x = START
+        for i in range(n):
+            x, error = step(forced, 2.0 * i / n, x, 2.0 / n)
+        return float(x["p"]), max(abs(float(e)) for e in error.values())
+
+    truth = np.cos(2.0) + 3 / 8 * np.sin(2.0) - np.sin(6.0) / 8
+    ends = np.array([end(n) for n in (40, 80, 160)])
+    errors, estimates = np.abs(ends[:, 0] - truth), np.abs(ends[:, 1])
+    assert np.log2(errors[:-1] / errors[1:]) == pytest.approx(order, abs=0.25)
+    assert np.log2(estimates[:-1] / estimates[1:]) == pytest.approx(estimate, abs=0.25)
+
+
+def test_an_estimated_step_is_the_plain_one_to_the_bit():
+    plain = jax.jit(rk4, static_argnums=0)(forced, 0.3, START, 0.1)
+    for step in (rk4_with_error, rk4_with_doubling):
+        estimated, _ = jax.jit(step, static_argnums=0)(forced, 0.3, START, 0.1)
+        assert (plain["p"], plain["v"]) == (estimated["p"], estimated["v"])
+
+
+def test_doubling_says_the_error_itself():
+    """Of a single step from known values: its estimate is the true error to a few per cent; the embedded one is not."""
+
+    def exact(t):
+        """x'' = -x + sin 3t from (1, 0) at time zero."""
+        p = np.cos(t) + 3 / 8 * np.sin(t) - np.sin(3 * t) / 8
+        return np.array([p, -np.sin(t) + 3 / 8 * np.cos(t) - 3 / 8 * np.cos(3 * t)])
+
+    x1, error = rk4_with_doubling(forced, 0.0, START, 0.05)
+    true = exact(0.05) - [float(x1["p"]), float(x1["v"])]
+    assert [float(error["p"]), float(error["v"])] == pytest.approx(true.tolist(), rel=0.05)
+    _, embedded = rk4_with_error(forced, 0.0, START, 0.05)
+    assert abs(float(embedded["v"])) > 5 * abs(true[1])
+
+
+def test_dormand_and_prince_is_scipys():
+    step = RK45(lambda t, y: [y[1], -y[0] + np.sin(3 * t)], 0.3, [1.0, 0.0], 2.0, first_step=0.1, rtol=1e3, atol=1e3)
+    step.step()
+    x, _ = dormand_prince(forced, 0.3, START, 0.1)
+    assert [float(x["p"]), float(x["v"])] == pytest.approx(step.y.tolist(), rel=1e-14)
+
+
+def test_the_implicit_step_damps_what_is_infinitely_fast():
+    def error(rate):
+        x, _ = rodas(lambda t, x: -rate * (x - jnp.cos(t)), 0.0, jnp.asarray(5.0), 0.1)
+        return abs(float(x) - np.cos(0.1))
+
+    assert error(1e8) < 1e-5
+    assert error(1e8) / error(1e9) == pytest.approx(10, rel=0.05)  # L-stable: R(z) falls like 1/z
+    far = rk4(lambda t, x: -1e9 * (x - jnp.cos(t)), 0.0, jnp.asarray(5.0), 0.1)
+    assert abs(float(far)) > 1e20
+
+
+def test_the_ratio_is_of_the_worst_number_and_infinite_where_there_is_none():
+    x, x1 = {"a": jnp.array([1.0, -3.0])}, {"a": jnp.array([2.0, 1.0])}
+    ratio = error_ratio({"a": jnp.array([1e-3, -2e-3])}, x, x1, 1e-3, 1e-3)
+    assert float(ratio) == pytest.approx(max(1e-3 / 3e-3, 2e-3 / 4e-3))
+    assert float(error_ratio({"a": jnp.array([np.nan, 0.0])}, x, x1, 1e-3, 1e-3)) == np.inf
+
+
+@pytest.mark.parametrize(("ratio", "factor"), [(1.0, 0.9), (32.0, 0.45), (1e9, 0.2), (np.inf, 0.2), (0.0, 5.0)])
+def test_the_next_step_follows_the_error(ratio, factor):
+    assert float(next_step(0.1, ratio, 5)) == pytest.approx(0.1 * factor)

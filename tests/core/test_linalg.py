@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from trimtab.core.linalg import cholesky, solve_lower, solve_spd, solve_upper, symmetric
+from trimtab.core.linalg import cholesky, inverse_spd, invert, solve_lower, solve_spd, solve_upper, symmetric
 
 SIZES = (1, 2, 3, 6)
 
@@ -77,3 +77,21 @@ def test_symmetric_part():
 def test_calls_no_lapack():
     text = str(jax.make_jaxpr(solve_spd)(jnp.eye(3), jnp.ones(3)))
     assert not any(word in text for word in ("cholesky", "triangular_solve", "lu", "custom_call"))
+
+
+@pytest.mark.parametrize("n", [1, 2, 5, 9])
+def test_inverse_of_any_matrix(n):
+    A = np.random.default_rng(n).normal(size=(n, n))
+    A[0, 0] = 0.0 if n > 1 else A[0, 0]  # which no elimination without pivots survives
+    np.testing.assert_allclose(invert(jnp.asarray(A)), np.linalg.inv(A), rtol=1e-10, atol=1e-12)
+    assert not np.isfinite(np.asarray(invert(jnp.zeros((n, n))))).any()
+
+
+@pytest.mark.parametrize("n", SIZES)
+def test_inverse_against_numpy(n):
+    A = _spd(n, 3)
+    np.testing.assert_allclose(inverse_spd(jnp.asarray(A)), np.linalg.inv(A), rtol=1e-10, atol=1e-12)
+
+
+def test_the_inverse_of_what_is_not_positive_definite_is_nan():
+    assert np.isnan(np.asarray(inverse_spd(jnp.asarray([[1.0, 2.0], [2.0, 1.0]])))).any()

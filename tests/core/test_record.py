@@ -8,6 +8,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from trimtab.core.errors import InputError
 from trimtab.core.quantity import DTYPES
 from trimtab.core.record import (
     Option,
@@ -96,7 +97,7 @@ def test_records_are_frozen():
 
 
 def test_field_that_is_not_declared_is_refused():
-    with pytest.raises(TypeError, match=r"Bad\.k1 is not declared"):
+    with pytest.raises(InputError, match=r"record Bad: 'k1' is not declared"):
 
         @record
         class Bad:

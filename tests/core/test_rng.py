@@ -126,3 +126,39 @@ def test_runs_of_a_batch_are_the_runs_made_alone():
     batch = jax.vmap(lambda r: jnp.stack(uniform2(Key(np.uint32(7), r, 12), 3)))(runs)
     for r in range(5):
         np.testing.assert_array_equal(batch[r], jnp.stack(uniform2(Key(np.uint32(7), np.uint32(r), 12), 3)))
+
+
+GROUPS = 32
+
+
+def grouped(words, stream=5):
+    return Key(np.uint32(1), jnp.asarray(words, np.uint32), stream)
+
+
+def test_words_of_groups_draw_normals_that_are_as_normal():
+    words = np.random.default_rng(3).integers(0, 2**32, GROUPS, dtype=np.uint32)
+    z = np.asarray(jax.jit(jax.vmap(lambda i: normals(grouped(words), i, 4)))(jnp.arange(50_000)))
+    for column in z.T:
+        assert stats.kstest(column, "norm").pvalue > 1e-3
+    assert np.abs(np.corrcoef(z.T) - np.eye(4)).max() < 4.5 / np.sqrt(len(z))
+    lags = [np.corrcoef(z[:-lag, 0], z[lag:, 0])[0, 1] for lag in range(1, 2 * GROUPS)]
+    assert np.abs(lags).max() < 5 / np.sqrt(len(z))
+    u = np.asarray(jax.vmap(lambda i: jnp.stack(uniform2(grouped(words), i)))(jnp.arange(50_000)))
+    assert all(stats.kstest(column, "uniform").pvalue > 1e-3 for column in u.T)
+    np.testing.assert_array_equal(normals(grouped(words), 9, 2), jnp.stack(normal2(grouped(words), 9)))
+
+
+def test_another_word_of_one_group_changes_its_share_of_the_draws():
+    """A normal is a sum of eight terms in eight groups: a quarter of them change, each by an eighth of its variance."""
+    rng = np.random.default_rng(4)
+    words = rng.integers(0, 2**32, GROUPS, dtype=np.uint32)
+    other = words.copy()
+    other[7] = rng.integers(0, 2**32, dtype=np.uint32)
+    draw = jax.jit(jax.vmap(lambda k, i: normal2(grouped(k), i)[0], (None, 0)))
+    index = jnp.arange(20_000)
+    a, b = (np.asarray(draw(jnp.asarray(k), index)) for k in (words, other))
+    moved = a != b
+    assert moved.mean() == pytest.approx(8 / GROUPS, abs=1e-9)
+    assert np.var((a - b)[moved]) == pytest.approx(2 / 8, rel=0.1)
+    u = [np.asarray(jax.vmap(lambda i, k=k: uniform2(grouped(k), i)[0])(index)) for k in (words, other)]
+    assert (u[0] != u[1]).mean() == pytest.approx(1 / GROUPS, abs=1e-9)

@@ -15,6 +15,7 @@ from trimtab.design.certificate_file import (
     parse_certificate,
     read_certificate,
 )
+from trimtab.design.poles import sorted_poles
 
 
 @pytest.fixture(scope="module")
@@ -31,6 +32,12 @@ def test_the_file_loses_no_digit(certificate, tmp_path):
         assert np.array_equal(getattr(back, name), getattr(certificate, name)), name
     assert prove_certificate(back, ball_system(), written).holds
     assert max(len(line) for line in file.read_text().splitlines()) < 200
+
+
+def test_poles_that_are_all_real_are_read_as_they_were_written(certificate):
+    real = certificate._replace(poles=sorted_poles(np.diag([-3.0, -1.0, -2.0, -4.0])))
+    back, _ = parse_certificate(certificate_json(real), "c.json")
+    assert np.array_equal(back.poles, [-1, -2, -3, -4])
 
 
 def test_a_tiny_change_is_seen_by_the_digest(certificate):

@@ -101,7 +101,7 @@ def test_settings_are_those_of_the_function():
 @pytest.mark.parametrize(
     ("given", "words"),
     [
-        ({"lenght": 1.0}, "no setting 'lenght'.*--set length"),
+        ({"lenght": 1.0}, "no setting 'lenght'.*settings={.length"),
         ({"length": "long"}, "'long' is no number"),
         ({"length": "nan"}, "'nan' is no number"),
         ({"length": float("inf")}, "inf is no number"),

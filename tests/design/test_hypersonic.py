@@ -145,6 +145,7 @@ def test_check_04_exact_linearisation(form):
     np.testing.assert_allclose(linear.A[[5, 7]], np.eye(9)[[6, 8]], atol=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("kmode", "unstable", "rest", "digits"),
     [

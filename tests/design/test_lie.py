@@ -51,6 +51,7 @@ def test_the_ball_and_beam_elsewhere_and_approximated():
     np.testing.assert_allclose(rough.matrix, [[-BALL * G]], rtol=1e-14)
 
 
+@pytest.mark.slow
 def test_the_planar_vtol():
     """Hauser, Sastry, Meyer 1992, section 2: determinant -eps; without the coupling, singular, and (4, 4) extended."""
     x = {"theta": 0.3}

@@ -5,11 +5,15 @@ import numpy as np
 import pytest
 
 from trimtab.core.signals import PlanarForce
+from trimtab.design.model import model_of_functions
 from trimtab.design.stabilisability import (
+    Cascade,
     brockett,
     byrnes_isidori,
     controllability_rank,
+    find_cascade,
     is_reachable,
+    smooth_feedback,
     uncontrollable_eigenvalues,
 )
 from trimtab.vehicles.hovercraft import Hovercraft, HovercraftState
@@ -114,3 +118,33 @@ def test_controllability_against_kalman_and_hautus():
     np.testing.assert_allclose(uncontrollable_eigenvalues(A, B), [2.0])
     assert controllability_rank(A, np.array([[1.0], [1.0]])) == 2
     assert uncontrollable_eigenvalues(A, np.array([[1.0], [1.0]])) == ()
+
+
+def cascade(f, states, inputs="u"):
+    return find_cascade(model_of_functions(f, tuple(states.split()), tuple(inputs.split())))
+
+
+def test_the_cascade_takes_in_what_the_rates_depend_on():
+    """a' = b + u, b' = -b, c' = a b: b belongs to x1, as a' depends on it; c drives nothing."""
+    assert cascade(lambda x, u: jnp.stack([x[1] + u[0], -x[1], x[0] * x[1]]), "a b c") == Cascade((0, 1), (2,))
+    assert cascade(lambda x, u: jnp.stack([x[2] + u[0], -x[1], x[0] * x[1]]), "a b c") is None
+    assert cascade(lambda x, u: jnp.stack([u[0] * (1 + x[0]), x[0]]), "a b") is None  # B is not constant
+
+
+@pytest.mark.slow
+def test_smooth_feedback_of_models():
+    """One input for two states that drive two others is too few; a chain of two integrators is fine."""
+    lacking = model_of_functions(lambda x, u: jnp.stack([u[0] + x[1], -x[1], x[0], x[1]]), ("a", "b", "c", "d"), ("u",))
+    found = smooth_feedback(lacking)
+    assert found.cascade == Cascade((0, 1), (2, 3))
+    assert (found.byrnes_isidori.rank_inputs, found.byrnes_isidori.n1, found.is_excluded) == (1, 2, True)
+    fine = smooth_feedback(model_of_functions(lambda x, u: jnp.stack([u[0], x[0]]), ("a", "c"), ("u",)))
+    assert not fine.is_excluded
+
+
+def test_the_rank_keeps_weak_directions():
+    """A chain whose powers fall by 1e-4 each time: Kalman's matrix loses the last ones in rounding."""
+    A, B = 1e-4 * np.eye(6, k=-1), np.eye(6)[:, :1]
+    assert controllability_rank(A, B) == 6
+    assert controllability_rank(A, np.eye(6)[:, 2:3]) == 4
+    assert controllability_rank(np.diag([1.0, 1.0, 2.0]), np.ones((3, 1))) == 2

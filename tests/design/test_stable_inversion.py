@@ -5,7 +5,13 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from trimtab.core.errors import InputError
-from trimtab.design.stable_inversion import bounded_residual, bounded_solution, exosystem_matrix, solve_steady_response
+from trimtab.design.stable_inversion import (
+    bounded_residual,
+    bounded_solution,
+    exosystem_matrix,
+    find_places,
+    solve_steady_response,
+)
 
 
 def test_one_unstable_mode_driven_by_a_ramp():
@@ -122,7 +128,6 @@ def linear(**changes):
 @pytest.mark.parametrize(
     ("changes", "text"),
     [
-        ({"A": [[0.0]]}, "poles on the imaginary axis: 0"),
         ({"A": [[1.0, 0.0]]}, r"A: shape \(1, 2\), wanted is \(1, 1\)"),
         ({"A": [[np.nan]]}, "A: not finite"),
         ({"left": [np.inf]}, "left: not finite"),
@@ -136,6 +141,16 @@ def test_wrong_input_is_refused(changes, text):
     np.testing.assert_allclose(linear().zeta[:, 0], 1 - np.exp(-0.1 * np.arange(11)), atol=1e-12)
     with pytest.raises(InputError, match=text):
         linear(**changes)
+
+
+def test_a_place_is_its_rate_integrated_from_the_left():
+    """A zero that feeds nothing back is no pole on the axis: of a rate of 1 + 2 t there is t + t^2, exactly."""
+    t = 0.1 * np.arange(11)
+    found = linear(A=[[0.0]], psi=lambda z: (1 + 2 * t)[:, None], left=[3.0], right=[np.pi])
+    np.testing.assert_allclose(found.zeta[:, 0], 3 + t + t**2, atol=1e-12)
+    assert (found.places, len(found.poles), found.unstable) == ((0,), 0, 0)
+    assert find_places([[0, 1, 0], [0, 0, 0], [1, 0, -1.0]]) == ()
+    assert find_places([[0, 1, 0], [0, 0, 1], [0, 0, -1.0]]) == (0, 1)
 
 
 def test_poles_on_the_axis_are_named():

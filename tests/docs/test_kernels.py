@@ -53,6 +53,7 @@ print(json.dumps([os.getpid(), os.getppid(), "left" in globals(), "left" in os.e
 LEAVE = "left = 1; os.environ['left'] = '1'; sys.modules['trimtab'] = 1; sys.modules.pop('jax'); os.chdir('/')"
 
 
+@pytest.mark.slow
 def test_each_is_a_new_process_that_has_seen_no_other_page(folder):
     first, _, after = execute(folder, ABOUT, LEAVE, ABOUT)
     first, after = printed(first), printed(after)

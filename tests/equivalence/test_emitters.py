@@ -3,6 +3,7 @@
 import jax
 import numpy as np
 import pytest
+from emitters import HAS_OLDER, choose_emitters
 
 from contracts.parts import example, made, rollout
 from trimtab.actuators.drive import FanDrive
@@ -13,6 +14,8 @@ from trimtab.sensors.imu import Imu
 PARTS = (("sensors", Imu), ("links", DelayChain), ("laws", StableInversion), ("actuators", FanDrive))
 
 
+@pytest.mark.slow
+@pytest.mark.skipif(not HAS_OLDER, reason="this JAX has the newer emitters only")
 @pytest.mark.parametrize(("folder", "cls"), PARTS, ids=[cls.__name__ for _, cls in PARTS])
 def test_emitters_of_either_kind_give_the_same_numbers(folder, cls):
     """XLA's default is the newer kind; .ci/run sets the older one for all tests and pages.
@@ -24,7 +27,7 @@ def test_emitters_of_either_kind_give_the_same_numbers(folder, cls):
     lowered = jax.jit(lambda one, run: rollout(folder, one, given, run, 40)).lower(one, np.uint32(1))
     results = []
     for newer in (True, False):
-        compiled = lowered.compile(compiler_options={"xla_cpu_use_fusion_emitters": newer})
+        compiled = lowered.compile(compiler_options=choose_emitters(newer))
         results.append(jax.tree.leaves(compiled(one, np.uint32(1))))
     for newer, older in zip(*results, strict=True):
         np.testing.assert_allclose(older, newer, rtol=8 * np.finfo(float).eps, atol=0)

@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import jax
 import jax.numpy as jnp
 import numpy as np
+from emitters import choose_emitters
 from estimators.flights import TICK, Truth, fly, reading
 
 from trimtab.core.record import part, quantity, record, replace
@@ -29,7 +30,7 @@ from trimtab.sensors.ultrasonic_ranging import Ranges, UltrasonicRanging
 SWIFT = {
     "xla_llvm_disable_expensive_passes": True,
     "xla_backend_optimization_level": 1,
-    "xla_cpu_use_fusion_emitters": False,
+    **choose_emitters(newer=False),
 }
 """Options for programs that take far longer to compile than to run."""
 SLOT = ms(100)

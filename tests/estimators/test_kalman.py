@@ -4,12 +4,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
-from scipy.integrate import quad_vec
-from scipy.linalg import expm
 
 from trimtab.compiler.function import lower_function
 from trimtab.estimators import kalman
-from trimtab.estimators.kalman import discretise, matrix_exponential, nees, predict, update_sequentially
+from trimtab.estimators.kalman import nees, predict, update_sequentially
 
 N, M = 5, 3
 update, health = jax.jit(kalman.update), jax.jit(kalman.covariance_health)
@@ -191,36 +189,3 @@ def test_the_steps_export():
     assert lower_function(lambda *a: update(*a, gate=9.0, consider=jnp.ones(N)), (x, P, y, H, R)).text("f")
     assert lower_function(update_sequentially, (x, P, y, H, np.ones(M))).text("f")
     assert lower_function(lambda P: (health(P), nees(x, P)), (P,)).text("f")
-
-
-PENDULUM = np.array([[0.0, 1.0, 0, 0], [-264.12, -0.64, 28.7, 0.06], [0, 0, 0, 1], [19.6, 0.05, -330.9, -0.66]])
-
-
-@pytest.mark.parametrize("size", [1e-6, 0.3, 4.0, 30.0])
-def test_exponential_is_scipys(size):
-    A = np.random.default_rng(0).normal(size=(5, 5))
-    A *= size / np.abs(A).sum(1).max()
-    want = expm(A)
-    np.testing.assert_allclose(matrix_exponential(A), want, rtol=0, atol=3e-13 * np.abs(want).max())
-
-
-@pytest.mark.parametrize("dt", [1e-3, 5e-3, 0.05])
-def test_discrete_model_is_the_integral(dt):
-    root = np.random.default_rng(1).normal(size=(4, 4))
-    Q = root @ root.T
-    Ad, Bd, Qd = jax.jit(discretise)(PENDULUM, Q, dt)
-    np.testing.assert_allclose(Ad, expm(PENDULUM * dt), rtol=1e-10, atol=1e-12)
-    integral = quad_vec(lambda s: expm(PENDULUM * s), 0, dt, epsabs=1e-15)[0]
-    np.testing.assert_allclose(Bd, integral, rtol=1e-9, atol=1e-14)
-    gathered = quad_vec(lambda s: expm(PENDULUM * s) @ Q @ expm(PENDULUM * s).T, 0, dt, epsabs=1e-14)[0]
-    np.testing.assert_allclose(Qd, gathered, rtol=1e-9, atol=1e-12)
-    assert np.linalg.eigvalsh(Qd).min() > 0
-    np.testing.assert_array_equal(Qd, np.asarray(Qd).T)
-
-
-def test_two_half_steps_are_one():
-    Q = np.diag([1e-5, 100.0, 1e-5, 100.0])
-    half, whole = discretise(PENDULUM, Q, 2.5e-3), discretise(PENDULUM, Q, 5e-3)
-    np.testing.assert_allclose(half.Ad @ half.Ad, whole.Ad, atol=1e-13)
-    np.testing.assert_allclose(half.Ad @ half.Qd @ half.Ad.T + half.Qd, whole.Qd, rtol=1e-11, atol=1e-15)
-    np.testing.assert_allclose(half.Bd + half.Ad @ half.Bd, whole.Bd, atol=1e-15)

@@ -7,6 +7,8 @@ import pytest
 
 from trimtab.core.errors import InputError
 from trimtab.export.black_box import SECTOR, read_black_box
+from trimtab.export.firmware_folder import output_names
+from trimtab.scenarios.build import build
 
 
 def crc(words, state):
@@ -46,7 +48,7 @@ def test_flights_come_in_order_over_both_sectors():
     assert [r.mode for r in first] == ["computer"] * 3
     (last,) = second
     assert (last.wanted_rpm, last.speed_rpm, last.late, last.armed) == (-6000, -5970, 7, True)
-    assert (last.rudder_pulse, last.thrust_pulse, last.lift_pulse) == pytest.approx((1.4e-3, 1.2e-3, 2.0e-3))
+    assert last.pulses == pytest.approx({"rudder": 1.4e-3, "thrust fan": 1.2e-3, "lift fan": 2.0e-3})
     assert last.command_age == pytest.approx(0.04)
 
 
@@ -61,3 +63,17 @@ def test_a_record_that_was_half_written_is_passed_over():
 def test_what_is_no_black_box_is_refused(dump):
     with pytest.raises(InputError, match="0x080C0000"):
         read_black_box(dump)
+
+
+def test_pulses_are_named_after_the_command_of_the_vehicle():
+    names = output_names(build("f16/gcas"))
+    assert names == ("elevator", "aileron", "rudder", "throttle")
+    pulses = [100, 1 | 1 << 8 | 1 << 16, 2400 | 3100 << 16, 2900 | 3600 << 16, 40 << 16, 7]
+    ((row,),) = read_black_box(sector_bytes(1, [pulses]) + b"\xff" * SECTOR, names)
+    assert row.pulses == pytest.approx({"elevator": 1.2e-3, "aileron": 1.55e-3, "rudder": 1.45e-3, "throttle": 1.8e-3})
+    assert (row.wanted_rpm, row.speed_rpm, row.command_age) == (None, None, pytest.approx(0.04))
+
+
+def test_more_outputs_than_a_record_has_are_refused():
+    with pytest.raises(InputError, match="output_names"):
+        read_black_box(sector_bytes(1, []) + b"\xff" * SECTOR, [f"motor[{k}]" for k in range(5)])

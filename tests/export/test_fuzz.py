@@ -88,6 +88,7 @@ def check(seeds: range) -> None:
             pytest.fail(f"seeds {seeds_wrong} differ; seed {program.seed}: {problem}\n{shrunk(program).text()}")
 
 
+@pytest.mark.slow
 def test_some_programs() -> None:
     check(range(FEW))
 

@@ -78,6 +78,7 @@ def fly(name, whole=False):
     return hash_rows(stack_signals(log))
 
 
+@pytest.mark.slow
 @needs_compiler
 @pytest.mark.parametrize("name", NAMES)
 def test_the_flight_is_the_recorded_one(name):
@@ -167,6 +168,7 @@ def loop_of(tmp_path_factory):
     return export
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("board_tools", "platform_tools")
 @pytest.mark.parametrize("name", EVERY)
 @pytest.mark.parametrize("which", PLATFORMS)
@@ -280,6 +282,7 @@ def grid(tmp_path_factory, loop_of):
     return folder, names, len(rows), replay(folder, "gcc", len(rows), folder)
 
 
+@pytest.mark.slow
 @pytest.mark.usefixtures("board_tools", "platform_tools")
 @pytest.mark.parametrize("which", PLATFORMS)
 def test_platforms_give_the_same_functions(which, grid, tmp_path):

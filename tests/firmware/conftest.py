@@ -15,6 +15,7 @@ from trimtab.export.firmware_folder import write_firmware
 from trimtab.scenarios import catalogue
 
 FLAGS = ["-std=c99", "-Wall", "-Wextra", "-Werror", "-ffp-contract=off", "-fwrapv"]
+PARTS = ("portable", "drive", "emulated", "exported")
 SANITIZERS = ["-O1", "-g", "-fsanitize=address,undefined", "-fno-sanitize-recover=all"]
 
 
@@ -23,8 +24,8 @@ def compile_here(folder, output, *arguments):
     compiler = shutil.which("cc") or shutil.which("gcc")
     if compiler is None:
         pytest.skip("no C compiler here")
-    sources = [str(f) for part in ("portable", "emulated", "exported") for f in sorted((folder / part).glob("*.c"))]
-    include = [f"-I{folder / part}" for part in ("portable", "emulated", "exported")]
+    sources = [str(f) for part in PARTS for f in sorted((folder / part).glob("*.c"))]
+    include = [f"-I{folder / part}" for part in PARTS]
     command = [
         "cc",
         *FLAGS,
@@ -63,7 +64,7 @@ def load_library(written, folder):
     made.host_sent.restype = ctypes.c_size_t
     made.host_width.restype = made.host_duty.restype = ctypes.c_uint16
     made.host_kept.restype = ctypes.c_uint64
-    made.host_surge.restype = ctypes.c_double
+    made.host_truth.restype = ctypes.POINTER(ctypes.c_double)
     made.host_record.restype = ctypes.POINTER(ctypes.c_uint32)
     return made
 
@@ -80,7 +81,14 @@ def host(library, written):
 
 @pytest.fixture(scope="session")
 def elf(written):
-    """The image for the board; skipped without the tools, but awaited where continuous integration installs them."""
+    return build_elf(written.folder)
+
+
+def build_elf(folder, *options):
+    """The image for the board, with options of its Makefile.
+
+    Skipped without the tools, but awaited where continuous integration installs them.
+    """
     if installing := os.environ.get("TRIMTAB_CI_TOOLS"):
         deadline = time.monotonic() + 280
         while not Path(installing).exists() and time.monotonic() < deadline:
@@ -90,6 +98,6 @@ def elf(written):
         pytest.skip(f"needs Debian's {', '.join(missing)}")
     if not shutil.which("make"):
         pytest.skip("needs make")
-    done = subprocess.run(["make", "-s"], cwd=written.folder, capture_output=True, text=True)
+    done = subprocess.run(["make", "-s", "-j2", *options], cwd=folder, capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
-    return written.folder / "firmware.elf"
+    return folder / "firmware.elf"

@@ -114,7 +114,8 @@ void host_pulses(uint16_t *to) { memcpy(to, v.pulses, sizeof v.pulses); }
 uint64_t host_kept(void) { return kept; }
 uint16_t host_width(double seconds) { return pulse_width(seconds); }
 uint16_t host_duty(double duty) { return pulse_duty(duty); }
-double host_surge(void) { return (double)emulated_world()->truth.surge_velocity; }
+const void *host_truth(void) { return &emulated_world()->truth; } /* numbers of world_real, in their order */
+uint16_t host_line(const double *x, const double *y, int n, double at) { return pulse_counts(pulse_line(x, y, n, at)); }
 uint32_t host_kicks(void) { return kicks; }
 uint32_t host_rests(void) { return rests; }
 uint32_t host_recorded(void) { return recorded; }

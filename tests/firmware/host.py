@@ -55,9 +55,9 @@ class Host:
         self.library.host_counts(found)
         return dict(zip(COUNTS, found, strict=True))
 
-    def pulses(self):
-        """Rudder, thrust and lift, in counts."""
-        found = (ctypes.c_uint16 * 3)()
+    def pulses(self, n=3):
+        """Rudder, thrust and lift, or of other outputs the first n, in counts."""
+        found = (ctypes.c_uint16 * n)()
         self.library.host_pulses(found)
         return list(found)
 

@@ -73,6 +73,7 @@ def stop_commanding(peer, offset):
     return came, after
 
 
+@pytest.mark.slow
 def test_arms_drives_and_becomes_safe_when_the_commands_stop(peer):
     offset = peer.offset()
     for _ in range(5):  # a loaded machine may hold the commands up for 250 ms before they stop
@@ -96,6 +97,7 @@ def test_arms_drives_and_becomes_safe_when_the_commands_stop(peer):
     peer.arm(False)
 
 
+@pytest.mark.slow
 def test_unsigned_forged_replayed_frames_and_garbage_are_dropped_and_counted(peer, written):
     before = status(peer)
     recorded = [peer.heartbeat() for _ in range(7)]
@@ -172,6 +174,7 @@ def test_costs_of_the_firmware(elf, written, tmp_path):
     assert load * 62.5 < 8_000
 
 
+@pytest.mark.slow
 def test_a_loop_that_hangs_is_ended_by_the_watchdog_and_the_outputs_are_safe(elf, written, tmp_path):
     """The loop's code is overwritten, by the emulator's debugger, with a branch to itself while the fan turns.
 

@@ -66,7 +66,7 @@ def test_the_fan_is_regulated_to_the_speed_commanded_and_the_vehicle_moves(host)
     duty = (host.pulses()[1] - NEUTRAL) / FULL
     # the motor's own curve: propeller torque over stall torque, and speed over free speed, at 6000 rpm
     assert duty == pytest.approx(2.207e-4 * 36 / 0.08474 + 6 / 19.2, abs=0.02)
-    assert host.library.host_surge() > 0.3  # 0.4 N on 2.6 kg for over two seconds
+    assert host.library.host_truth()[0] > 0.3  # 0.4 N on 2.6 kg for over two seconds
 
 
 def test_an_emulated_fan_on_an_empty_battery_needs_the_more_duty(tmp_path):

@@ -17,7 +17,7 @@ WORD = b"\xa5\x05\x01\x07\x12\x34"
 @pytest.fixture(scope="module")
 def drivers(tmp_path_factory):
     folder = tmp_path_factory.mktemp("i2c")
-    folders = [FIRMWARE / part for part in ("portable", "slave", "boards/stm32f405")]
+    folders = [FIRMWARE / part for part in ("portable", "drives/fan", "slave", "boards/stm32f405")]
     ends = {"device": ["bus_device", "i2c", "time"], "master": ["slave/bus_master", "i2c"]}
     return [
         compile_drivers(folder / f"{name}.so", [BOARD / f"{s}.c" for s in sources], folders)

@@ -41,7 +41,7 @@ def compile_drivers(output, sources, folders, *flags):
 def drivers(tmp_path_factory):
     sources = [BOARD / f"{name}.c" for name in DRIVERS]
     sources += [FIRMWARE / "drivers" / "icm42688.c", FIRMWARE / "portable" / "journal.c"]
-    folders = [FIRMWARE / part for part in ("portable", "drivers", "boards/stm32f405")]
+    folders = [FIRMWARE / part for part in ("portable", "drives/fan", "drivers", "boards/stm32f405")]
     return compile_drivers(tmp_path_factory.mktemp("stm32") / "drivers.so", sources, folders)
 
 

@@ -27,11 +27,16 @@ def program(tmp_path_factory):
     folder = tmp_path_factory.mktemp("flight")
     written = write_firmware(build("hovercraft/forward", {"navigation": "ins"}), folder, KEY, board="stm32f405")
     here = Path(__file__).parent
-    sources = [*(folder / "portable").glob("*.c"), *(folder / "drivers").glob("*.c"), here / "flight.c"]
+    sources = [
+        *(folder / "portable").glob("*.c"),
+        folder / "drive" / "drive.c",
+        *(folder / "drivers").glob("*.c"),
+        here / "flight.c",
+    ]
     sources += [p for p in (folder / "boards/stm32f405").glob("*.c") if p.name != "start.c"]
     sources += [folder / "emulated" / "samples.c"]
-    sources += [folder / "exported" / f"{name}.c" for name in ("failsafe", "speed_regulator", "identity")]
-    folders = [folder / p for p in ("portable", "drivers", "boards/stm32f405", "emulated", "exported")]
+    sources += [folder / "exported" / f"{name}.c" for name in ("command", "failsafe", "speed_regulator", "identity")]
+    folders = [folder / p for p in ("portable", "drive", "drivers", "boards/stm32f405", "emulated", "exported")]
     mavlink = ["-isystem", str(folder / "mavlink")]
     return written.dialect, compile_drivers(folder / "flight.so", sources, folders, *mavlink)
 

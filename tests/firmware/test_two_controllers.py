@@ -101,7 +101,7 @@ def pair(program, tmp_path):  # noqa: F811
     sources = [BOARD / f"{name}.c" for name in names]
     sources += [FIRMWARE / "slave" / f"{name}.c" for name in ("slave", "cricket")]
     sources += [FIRMWARE / "portable" / f"{name}.c" for name in ("pieces", "ping", "pulse")]
-    folders = [FIRMWARE / part for part in ("portable", "slave", "boards/stm32f405")]
+    folders = [FIRMWARE / part for part in ("portable", "drives/fan", "slave", "boards/stm32f405")]
     library = ctypes.CDLL(str(compile_drivers(tmp_path / "slave.so", sources, folders, "-DROLE_SLAVE")))
     pair = Pair(program, library, tmp_path)
     yield pair

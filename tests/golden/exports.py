@@ -18,7 +18,7 @@ EXPORTS = {
     "noise loop": ("hypersonic/noise", "--part", "loop", "--steps", "200"),
     "forward coupled": ("hovercraft/forward", "--set", "navigation=ins-coupled", "--steps", "500"),
     "forward supervised": ("hovercraft/forward", "--set", "supervisor=automatic", "--steps", "500"),
-    "bang-bang cortex-m4": ("hovercraft/heading-bang-bang", "--target", "cortex-m4", "--run", "--steps", "200"),
+    "bang-bang cortex-m4": ("hovercraft/heading-bang-bang", "--target", "cortex-m4", "--fly", "--steps", "200"),
 }
 PASSPHRASE = "0123456789abcdef0123456789abcdef"
 """Of the line that the firmware is for; it stands in the text."""

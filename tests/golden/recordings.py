@@ -49,7 +49,7 @@ TUNED = "tuned.py"
 """A scenario file that `trimtab tune` writes, kept beside the logs and flown again."""
 TUNE = (
     *("tune", "hovercraft/zero-velocity", "--gain", "autopilot.law.k1=0.5:3", "--gain", "autopilot.law.k2=1:5"),
-    *("--out", TUNED, "--iterations", "3", "--runs", "16", "--held-out", "32"),
+    *("--out", TUNED, "--iterations", "3", "--runs", "16", "--judge-runs", "32"),
 )
 
 

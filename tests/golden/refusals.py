@@ -72,7 +72,7 @@ REFUSED: dict[str, tuple[str, ...]] = {
     "log that is none": ("replay", "empty.py"),
     "noise of no log": ("calibrate", "noise", "nowhere.mcap"),
     "export to nowhere": ("export", REST),
-    "export without board": ("export", REST, "--run", "--out", "x"),
+    "export without board": ("export", REST, "--fly", "--out", "x"),
     "verify nothing": ("export", "--verify", "nowhere"),
     "study of no name": ("reproduce", "rocket1960"),
     "group of no name": ("reproduce", "hovercraft2006", "--only", "gravity"),

@@ -61,12 +61,12 @@ VERBS: dict[str, tuple[str, ...]] = {
     "falsify nothing": ("falsify", REST, *BOUNDS, "--success", "error_rms:yaw_rate <= 50", "--runs", "1000"),
     "tune search": (
         *("tune", REST, "--gain", "autopilot.law.k1=0.5:3", "--gain", "autopilot.law.k2=1:5", "--out", "tuned.py"),
-        *("--iterations", "3", "--runs", "16", "--held-out", "32"),
+        *("--iterations", "3", "--runs", "16", "--judge-runs", "32"),
     ),
     "run tuned": ("run", "tuned.py:scenario"),
     "tune gradient": (
         *("tune", REST, "--gain", "autopilot.law.k2=1:5", "--method", "gradient"),
-        *("--iterations", "3", "--runs", "8", "--held-out", "16"),
+        *("--iterations", "3", "--runs", "8", "--judge-runs", "16"),
     ),
     "design": ("design", "hypersonic", "--out", "gain.json"),
     "design check": ("design", "--check", "gain.json"),
@@ -76,7 +76,7 @@ VERBS: dict[str, tuple[str, ...]] = {
     "design lmi": ("design", "hypersonic", "--method", "lmi"),
     "export": ("export", SPIN, "--steps", "300", "--out", "autopilot"),
     "export verify": ("export", "--verify", "autopilot"),
-    "export board": ("export", SPIN, "--target", "cortex-m7", "--run", "--steps", "50"),
+    "export board": ("export", SPIN, "--target", "cortex-m7", "--fly", "--steps", "50"),
     "reproduce": ("reproduce",),
 }
 """Name -> words before --json."""

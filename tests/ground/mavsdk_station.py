@@ -36,10 +36,13 @@ def explore(system):
     telemetry.subscribe_position(lambda v, *_: seen.update(place=[v.latitude_deg, v.longitude_deg]))
     telemetry.subscribe_home(lambda v, *_: seen.update(home=[v.latitude_deg, v.longitude_deg]))
     telemetry.subscribe_armed(lambda v, *_: seen.update(now_armed=bool(v)))
-    telemetry.subscribe_health(lambda v, *_: seen.update(local_position_ok=bool(v.is_local_position_ok)))
+    healthy = []  # MAVSDK says yes at each LOCAL_POSITION_NED, no at each SYS_STATUS without GPS, flow or camera
+    telemetry.subscribe_health(lambda v, *_: healthy.append(bool(v.is_local_position_ok)))
     telemetry.subscribe_status_text(lambda v, *_: texts.append(v.text))
     direct.subscribe_message("HEARTBEAT", lambda m, *_: modes.append(json.loads(m.fields_json)["custom_mode"]))
-    until(lambda: modes and {"attitude", "position", "now_armed", "local_position_ok", "place", "home"} <= seen.keys())
+    known = {"attitude", "position", "now_armed", "place", "home"}
+    until(lambda: modes and known <= seen.keys() and any(healthy))
+    seen["local_position_ok"] = any(healthy)
     armed, mass = [seen["now_armed"]], [param.get_param_float("WV_MASS")]
     first = modes[-1]
     files = Ftp(system).list_directory("/logs").entries

@@ -13,6 +13,7 @@ from trimtab.actuators.rudder import DEG, RudderGeometry
 from trimtab.core.errors import InputError
 from trimtab.identify.inertia import (
     SpinUpTrial,
+    find_linear_portion,
     fit_slope,
     inertia_error,
     lateral_force,
@@ -100,3 +101,14 @@ def test_error_of_the_inertia():
 def test_refused_data(t, r, says):
     with pytest.raises(InputError, match=says):
         fit_slope(t, r)
+
+
+def test_the_straight_part_of_a_spin_up_is_found() -> None:
+    g = np.random.default_rng(3)
+    t = 0.02 * np.arange(300)
+    since = np.maximum(t - 1.5, 0)
+    rate = 1.2 * (1 - np.exp(-0.5 * since)) / 0.5
+    part = find_linear_portion(t, rate + 0.005 * g.standard_normal(300))
+    assert abs(part.start - 1.5) < 0.06
+    assert part.window < 1.0
+    assert abs(float(part.fit.slope) - 1.2) < 4 * float(part.fit.standard_error) + 0.02

@@ -91,6 +91,7 @@ def test_no_nodes_is_refused_and_so_is_no_horizon():
         preview_internal(CRAFT, level_trim(CRAFT, H0, V0), horizon=0.0)
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here")
 def test_its_c_computes_the_same():
     f = form(intervals=10)

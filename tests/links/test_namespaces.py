@@ -49,6 +49,7 @@ def survivors(side, n):
     return kept
 
 
+@pytest.mark.slow
 def test_two_hosts_with_delay_jitter_and_loss():
     if reason := why_not():
         pytest.skip(reason)

@@ -8,6 +8,8 @@ import time
 from pathlib import Path
 from typing import NamedTuple
 
+from answers import complaints
+
 BUILD_S = 200
 """Seconds in which a program is compiled and has flown: only a failure takes this long."""
 WATCHED = "--watchdog", "250 ms"
@@ -51,6 +53,10 @@ class Program:
             assert time.monotonic() < end, self._said.read_text()
             time.sleep(0.05)
 
+    def said(self):
+        """What it has said to people so far."""
+        return self._said.read_text()
+
     def terminate_after(self, patience):
         """Ask it to end, unless it does by itself within so many seconds."""
         try:
@@ -68,6 +74,7 @@ class Program:
             raise AssertionError(f"did not end: {out} {self._said.read_text()}") from None
         lines = out.strip().splitlines()
         result = json.loads(lines[-1]) if lines and lines[-1].startswith("{") else None
+        assert result is None or not complaints(result), complaints(result)
         return Ended(self.process.returncode, result, self._said.read_text())
 
 
@@ -83,7 +90,9 @@ def fly_pair(folder, scenario, listen, link, *both, vehicle=(), pilot=(), inside
     The autopilot is started when the vehicle is ready: it waits ten seconds for one that answers, and no longer.
     """
     if "--unsigned" not in both:
-        make_key(folder, scenario.partition("/")[0])
+        from trimtab.commands.line import vehicle_name
+
+        make_key(folder, vehicle_name(scenario))
 
     def start(verb, option, uri, out, own, where):
         words = (verb, scenario, option, uri, "--out", str(folder / out), "--json", *both, *own)

@@ -5,17 +5,24 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 from run.stand_ins import Step, dialect, ends
+from scipy.spatial.transform import Rotation
 from wire.line import every
 
 from trimtab.core.signals import Command
 from trimtab.live.autopilot_end import (
+    FEWEST_STEPS,
     LONGEST_BACKLOG,
     LONGEST_QUEUE,
     MOST_FALLS,
     OTHER_CLOCK,
     AutopilotEnd,
     frame_log_path,
+    scenario_dialect,
 )
+from trimtab.logs.frames import no_pose
+from trimtab.native.compiler import find_compiler
+from trimtab.run.blocks import compile_autopilot
+from trimtab.scenarios.build import build
 
 FRAME, DIALECT = dialect({"compass": every(), "inertial-unit": every()}, every())
 MS = 10_000
@@ -24,10 +31,10 @@ MS = 10_000
 class Line:
     """A vehicle that sends samples, and a pilot that hears them."""
 
-    def __init__(self, any_order=()):
+    def __init__(self, any_order=(), period=MS):
         self.step = Step(FRAME, Command(t=np.int64(0), valid=False, value=every()))
         estimator = SimpleNamespace(listens=any_order, ANY_ORDER=bool(any_order))
-        scenario = SimpleNamespace(autopilot=SimpleNamespace(estimator=estimator))
+        scenario = SimpleNamespace(autopilot=SimpleNamespace(estimator=estimator, monitor=None, period=period))
         self.pilot, self.ends = AutopilotEnd(scenario, DIALECT, self.step), ends(DIALECT)
         self._vector = np.zeros(len(self.step.inputs))
 
@@ -100,16 +107,31 @@ def test_too_many_drop_the_oldest_and_are_counted():
 
 def test_a_sensor_as_quick_as_the_steps_gets_rid_of_what_stood_in_the_queue():
     """A burst of five, then one sample a step: without help all would be five steps late until the end."""
+    steps = LONGEST_BACKLOG // MS
     line = Line()
     for k in range(5):
         line.send("compass", k * MS, 0.0)
-    for k in range(5, 2 * LONGEST_BACKLOG):
+    for k in range(5, 2 * steps):
         line.send("compass", k * MS, 0.0)
         line.pilot.fly_period(k * MS)
     late = [round(age * 1e3) for (age,) in line.seen("compass", "age")]
-    assert late[LONGEST_BACKLOG // 2] == 5
-    assert set(late[-LONGEST_BACKLOG // 2 :]) == {0}
+    assert late[steps // 2] == 5
+    assert set(late[-steps // 2 :]) == {0}
     assert line.pilot.dropped_samples == 5
+
+
+def test_a_slow_loop_gives_up_a_backlog_as_soon():
+    """Twenty steps a second: the age that a start left would else last for a quarter of a minute."""
+    slow, line = 50 * MS, Line(period=50 * MS)
+    for k in range(6):
+        line.send("compass", k * slow, 0.0)
+    for k in range(6, 40):
+        line.send("compass", k * slow, 0.0)
+        line.pilot.fly_period(k * slow)
+    late = [round(age * 1e3) for (age,) in line.seen("compass", "age")]
+    assert late[FEWEST_STEPS - 1] == 300
+    assert set(late[FEWEST_STEPS + 1 :]) == {0}
+    assert line.pilot.dropped_samples == 6
 
 
 def test_the_vehicles_time_becomes_this_ends_also_while_the_offset_turns():
@@ -181,3 +203,18 @@ def test_a_few_that_overtook_one_another_are_no_clock_that_runs_backwards():
         line.send("compass", t * MS, 1.0)
     assert (line.pilot.overtaken_samples, line.pilot.backward_samples) == (MOST_FALLS - 1, 0)
     assert line.pilot.backward_sensors == []
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here")
+def test_the_pose_of_an_estimate_in_space_is_its_place_and_its_angles():
+    scenario = build("quadrotor/track")
+    end = AutopilotEnd(scenario, scenario_dialect(scenario), compile_autopilot(scenario))
+    w, x, y, z = np.sin([0.3, 0.5, 0.7, 1.1])
+    end.step.outputs[end.step.writes["estimate.state.attitude"]] = 2 * w, 2 * x, 2 * y, 2 * z  # of any length
+    end.step.outputs[end.step.writes["estimate.state.position"]] = 1.0, 2.0, -3.0
+    pose = no_pose()
+    end.fill_pose(pose)
+    assert pose[:3].tolist() == [1.0, 2.0, -3.0]
+    assert pose[3:6] == pytest.approx(Rotation.from_quat([x, y, z, w]).as_euler("ZYX")[::-1])
+    assert np.isnan(pose[6:]).all()

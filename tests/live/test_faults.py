@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from answers import complaints
 from click.testing import CliRunner
 from run.stand_ins import KEY
 from run.stand_ins import dialect as make_dialect
@@ -273,9 +274,12 @@ def campaign(*words, timeout):
     command = [sys.executable, "-m", "trimtab", "live-faults", "--json", *words]
     done = subprocess.run(command, capture_output=True, text=True, timeout=timeout, env=dict(os.environ))
     assert done.stdout, done.stderr
-    return done, json.loads(done.stdout.splitlines()[-1])
+    found = json.loads(done.stdout.splitlines()[-1])
+    assert not complaints(found)
+    return done, found
 
 
+@pytest.mark.slow
 @pytest.mark.timeout(900)
 def test_three_cases_hold(tmp_path):
     done, found = campaign(*(w for name in QUICK for w in ("--only", name)), "--out", str(tmp_path), timeout=880)

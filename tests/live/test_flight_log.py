@@ -10,7 +10,7 @@ import pytest
 from trimtab.compiler.structs import Member
 from trimtab.core.errors import InputError
 from trimtab.core.quantity import Quantity
-from trimtab.live.flight_log import FlightLog, LogSource
+from trimtab.live.flight_log import FlightLog, FlightRows, LogSource
 from trimtab.logs.mcap import read_mcap
 
 PERIOD = 10_000
@@ -31,7 +31,7 @@ def renamed(path):
 def book(file):
     given, made = np.zeros(6), np.zeros(1)
     sources = [LogSource(given, MEMBERS, renamed), LogSource(made, [member("law.out", "i32")], lambda p: p)]
-    return FlightLog(file, sources, OWN, {"scenario": "a test"}), given, made
+    return FlightLog(file, FlightRows(sources, OWN), {"scenario": "a test"}), given, made
 
 
 def test_rows_are_the_vectors_as_they_were(tmp_path):
@@ -73,6 +73,7 @@ def test_a_writer_that_dies_costs_the_log_and_nothing_else(tmp_path):
     assert log.close() is None
 
 
+@pytest.mark.slow
 def test_a_flight_in_virtual_time_waits_for_its_log_and_for_no_dead_writer(tmp_path):
     log, _given, _ = book(tmp_path / "a.mcap")
     rows = 20_000  # more than the ring holds

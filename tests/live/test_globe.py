@@ -108,5 +108,5 @@ def test_another_origin_is_refused_with_the_reason_and_the_old_one_told(craft, l
 
 @pytest.mark.parametrize("text", ["", "1,2", "1,2,3,4", "north,2,3", "91,0,0", "0,181,0", "nan,0,0", "0,0,inf"])
 def test_what_is_no_place_is_refused(text):
-    with pytest.raises(InputError, match="--origin"):
+    with pytest.raises(InputError, match="origin"):
         parse_origin(text)

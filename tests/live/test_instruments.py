@@ -4,17 +4,20 @@ import math
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from trimtab.actuators.drive import DriveCommand
 from trimtab.actuators.failsafe import Failsafe
 from trimtab.core.time import ms, seconds
 from trimtab.live.instruments import Instruments
 from trimtab.live.virtual_vehicle import VirtualVehicle
+from trimtab.logs.frames import quaternion
 from trimtab.run.blocks import choose_failsafe, compile_world, replace_links
 from trimtab.scenarios.build import build
 from trimtab.wire.dialect import derive_dialect
 from trimtab.wire.mavlink import Endpoint
 from trimtab.wire.protocol import ReceiverChannels
+from trimtab.wire.telemetry import mav_type
 
 
 class Told:
@@ -109,3 +112,38 @@ def test_ground_stations_see_whether_it_may_be_armed(hovercraft):
     hovercraft.instruments.may_be_armed = lambda: True
     assert health["onboard_control_sensors_present"] & bit
     assert not health["onboard_control_sensors_health"] & bit
+
+
+@pytest.fixture(scope="module")
+def quadrotor():
+    q = Rotation.from_euler("ZYX", [2.0, -0.4, 3.0])  # on its back
+    x, y, z, w = q.as_quat().tolist()
+    truth = {"attitude": [w, x, y, z], "position": [3, -4, -20], "velocity": [1, 2, -5], "rate": [0.3, -0.2, 0.1]}
+    return Told("quadrotor/track", **truth)
+
+
+@pytest.mark.slow
+def test_in_space_posture_and_velocities_are_those_of_the_state(quadrotor):
+    told = quadrotor
+    truth = {n: told.body.world.result(f"truth.{n}").copy() for n in ("attitude", "position", "velocity", "rate")}
+    attitude, place, hud = told.ask(30), told.ask(32), told.ask(74)
+    w, *xyz = truth["attitude"]
+    R = Rotation.from_quat([*xyz, w])
+    again = Rotation.from_euler("ZYX", [attitude[n] for n in ("yaw", "pitch", "roll")])
+    assert (R.inv() * again).magnitude() < 1e-5
+    assert abs(attitude["roll"]) > 2.5
+    assert [attitude[f"{n}speed"] for n in ("roll", "pitch", "yaw")] == pytest.approx(truth["rate"], rel=1e-5)
+    assert [place[n] for n in "xyz"] == pytest.approx(truth["position"], rel=1e-5)
+    assert [place[f"v{n}"] for n in "xyz"] == pytest.approx(truth["velocity"], rel=1e-5)
+    assert hud["alt"] == pytest.approx(-truth["position"][2], rel=1e-5)
+    assert hud["climb"] == pytest.approx(-truth["velocity"][2], rel=1e-5)
+    assert hud["groundspeed"] == pytest.approx(np.hypot(*truth["velocity"][:2]), rel=1e-5)
+
+
+def test_in_space_a_pose_is_that_of_the_state_and_it_is_a_quadrotor(quadrotor):
+    told = quadrotor
+    pose = told.instruments.pose()
+    assert pose[:3] == pytest.approx(told.body.world.result("truth.position").tolist())
+    q = told.body.world.result("truth.attitude")
+    assert abs(q @ np.array(quaternion(pose[3:6]))) == pytest.approx(np.linalg.norm(q), abs=1e-9)
+    assert mav_type(told.body.scenario.world.vehicle).name == "QUADROTOR"

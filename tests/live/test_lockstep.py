@@ -18,6 +18,7 @@ from trimtab.logs.metrics import metrics
 from trimtab.native.compiler import find_compiler
 from trimtab.run.simulate import simulate
 from trimtab.scenarios import catalogue
+from trimtab.scenarios.build import build
 from trimtab.wire.keys import passphrase_key
 from trimtab.wire.mavlink import Endpoint
 
@@ -25,6 +26,8 @@ pytestmark = pytest.mark.skipif(find_compiler("c") is None, reason="no C compile
 SEEDS = {"errors": 1, "ins": 2}
 """Worlds in which every law reaches its targets."""
 HOVERCRAFT = sorted(n for n in catalogue.scenario_names() if n.startswith("hovercraft/"))
+NAVIGATED = [(n, kind) for n in HOVERCRAFT for kind in SEEDS if kind in catalogue.scenario_choices(n)["navigation"]]
+"""Each with what it can navigate by: those that need to know where they are have no model of errors."""
 
 
 def same(log, simulated, *, age=True):
@@ -37,6 +40,7 @@ def same(log, simulated, *, age=True):
         np.testing.assert_array_equal(log[path], simulated[path][rows], err_msg=path)
 
 
+@pytest.mark.slow
 def test_over_a_serial_cable(tmp_path):
     with SerialPair(tmp_path) as cable:
         left, right = cable.uris
@@ -69,12 +73,15 @@ def test_over_udp_that_loses_and_delays(tmp_path):
         same(log, simulated)
 
 
-def in_step(scenario, folder, seed, line=None):
-    """Both ends in this process, over a line, or a loopback; the two logs. line: vehicle's end, autopilot's end."""
+def in_step(scenario, folder, seed, line=None, *, flown=None):
+    """Both ends in this process, over a line, or a loopback; the two logs.
+
+    line: vehicle's end, autopilot's end. flown: what the autopilot's end was told, if it is something else.
+    """
     key = passphrase_key("correct-horse-battery-staple")
     name = f"loopback://{folder.name}"
     vehicle = LockstepVehicle(scenario, lambda d: Endpoint(d, 1, 1, key), seed=seed)
-    pilot = LockstepAutopilot(scenario, lambda d: Endpoint(d, 1, 191, key), seed=seed)
+    pilot = LockstepAutopilot(flown or scenario, lambda d: Endpoint(d, 1, 191, key), seed=seed)
     there, here = line or (open_link(name, listen=True), open_link(name))
     leading = threading.Thread(target=vehicle.run, args=(there, folder / "vehicle.mcap"))
     leading.start()
@@ -114,9 +121,21 @@ def test_no_step_is_flown_on_samples_that_are_missing(tmp_path):
         same(log, simulated)
 
 
+def test_a_predictor_is_the_autopilots_own_business(tmp_path):
+    """The vehicle knows of none, and what is predicted comes into the flight's log."""
+    plain, flown = (
+        replace(build("hovercraft/zero-velocity", {"predictor": word}), duration=seconds(0.5)) for word in ("off", "on")
+    )
+    vehicle, flight = in_step(plain, tmp_path, 4, flown=flown)
+    simulated = simulate(flown, seed=4, backend="c")
+    assert any(p.startswith("predictor.state.") for p in flight.paths)
+    for log in (vehicle, flight):
+        assert len(log) == 500
+        same(log, simulated)
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize("navigation", ["errors", "ins"])
-@pytest.mark.parametrize("name", HOVERCRAFT)
+@pytest.mark.parametrize(("name", "navigation"), NAVIGATED)
 def test_every_hovercraft_scenario_meets_its_targets_in_step(name, navigation, tmp_path):
     """Whole flights: each number is that of `simulate`, so the targets are reached when and as it says."""
     scenario, _ = catalogue.load_scenario(name, {"navigation": navigation})

@@ -54,6 +54,7 @@ def unfit():
     return why_not()
 
 
+@pytest.mark.slow
 def test_forward_reaches_its_speed_over_a_line_that_delays_and_loses(tmp_path):
     if reason := unfit():
         pytest.skip(reason)

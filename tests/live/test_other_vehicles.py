@@ -13,7 +13,8 @@ pytestmark = [
     pytest.mark.slow,
     pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here"),
 ]
-NAMES = ["hypersonic/noise", "navigation/platform-cricket", "navigation/platform-ranging", "navigation/still"]
+NAMES = ["f16/gcas", "hypersonic/noise", "navigation/platform-cricket", "navigation/platform-ranging"]
+NAMES += ["navigation/still", "quadrotor/track", "torpedo/depth", "vessel/path"]
 
 
 @pytest.mark.parametrize("name", NAMES)

@@ -4,6 +4,8 @@ import gc
 import os
 from time import monotonic_ns
 
+import pytest
+
 from trimtab.core.time import ms
 from trimtab.live.real_time import NS, Deadlines, real_time
 
@@ -57,6 +59,7 @@ def test_deadlines_do_not_drift():
     assert abs(kept.remaining(1000) - kept.remaining(500) - 0.5) < 0.05
 
 
+@pytest.mark.slow
 def test_what_was_granted_is_given_back():
     before = os.sched_getscheduler(0)
     with real_time(False) as granted:

@@ -29,6 +29,9 @@ pytestmark = [
     pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here"),
 ]
 HOVERCRAFT = sorted(n for n in catalogue.scenario_names() if n.startswith("hovercraft/"))
+KINDS = ("errors", "ins")
+NAVIGATED = [(n, kind) for n in HOVERCRAFT for kind in KINDS if kind in catalogue.scenario_choices(n)["navigation"]]
+"""Each with what it can navigate by: those that need to know where they are have no model of errors."""
 SEEDS = range(100, 160)
 WATCHED_S = 0.005
 REMAINS = tuple(Links(DelayChain(period=ms(6), steps=n), DelayChain(period=ms(20), steps=n)) for n in (0, 1))
@@ -81,8 +84,7 @@ def check(folder, name, navigation, listen, link, bus="none"):
     assert not compared(flight, targets, wanted), said
 
 
-@pytest.mark.parametrize("navigation", ["errors", "ins"])
-@pytest.mark.parametrize("name", HOVERCRAFT)
+@pytest.mark.parametrize(("name", "navigation"), NAVIGATED)
 def test_over_udp_targets_are_reached_as_in_simulated_flights(name, navigation, tmp_path):
     port = free_port()
     check(tmp_path, name, navigation, f"udp://127.0.0.1:{port}", f"udp://127.0.0.1:{port}")

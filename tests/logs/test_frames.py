@@ -5,14 +5,20 @@ import json
 import jsonschema
 import numpy as np
 import pytest
+from logs.test_spatial import BODY
+from loop.lander import hover
 from mcap.reader import make_reader
 
 from trimtab.core.quantity import Quantity
-from trimtab.core.time import ms, seconds
-from trimtab.logs.frames import POSE_COLUMNS, FrameWriter, frame_topics, quaternion
-from trimtab.logs.mcap import read_mcap
+from trimtab.core.record import leaves
+from trimtab.core.time import ms, seconds, to_seconds
+from trimtab.logs.frames import POSE_COLUMNS, FrameWriter, frame_topics, quaternion, roll_pitch_yaw
+from trimtab.logs.log import Log
+from trimtab.logs.mcap import read_mcap, write_mcap
 from trimtab.logs.ring import Ring
 from trimtab.logs.stream import start_writer
+from trimtab.run.simulate import simulate
+from trimtab.vehicles.rigid_body import NO_WRENCH
 
 EPOCH = 1_790_000_000_123_456_700
 TOPICS = {"/tf": "foxglove.FrameTransform", "/scene": "foxglove.SceneUpdate", "/location": "foxglove.LocationFix"}
@@ -155,3 +161,60 @@ def test_they_cost_little(tmp_path):
         ring.unlink()
         sizes.append(path.stat().st_size)
     assert sizes[1] < 1.02 * sizes[0]
+
+
+def test_angles_of_a_quaternion_and_back():
+    for q in np.random.default_rng(5).normal(size=(20, 4)):
+        again = np.array(quaternion(roll_pitch_yaw(q)))
+        assert abs(again @ q) == pytest.approx(np.linalg.norm(q), rel=1e-9)
+    assert np.isnan(roll_pitch_yaw([0.0] * 4)).all()
+    assert np.isnan(roll_pitch_yaw([np.nan] * 4)).all()
+
+
+def test_a_simulated_flight_in_space_has_its_poses(tmp_path):
+    log = simulate(hover(), log_period=ms(10), backend="jax")
+    found = messages(write_mcap(log, tmp_path / "run.mcap"))
+    (first, _, fixed), *moving = found["/tf"]
+    assert (first, fixed["parent_frame_id"], fixed["child_frame_id"]) == (0, "map", "world")
+    assert [t for t, _, _ in moving] == sorted(t for t, _, _ in moving)
+    assert len(moving) == pytest.approx(20 * 4, abs=1)
+    t, _, last = moving[-1]
+    k = int(np.searchsorted(log.ticks, t // 100))
+    assert last["translation"] == pytest.approx(dict(zip("xyz", log["truth.r"][k], strict=True)), abs=1e-4)
+    q = np.array([last["rotation"][n] for n in "wxyz"])
+    assert abs(q @ log["truth.q"][k]) == pytest.approx(1, abs=1e-6)
+    assert "/location" not in found
+    assert len(found["/scene"]) == 1
+    again = read_mcap(tmp_path / "run.mcap")
+    assert again.paths == log.paths
+    assert all(np.array_equal(again[p], log[p]) for p in log.paths)
+
+
+@pytest.mark.slow
+def test_over_the_turning_earth_it_has_its_place_on_the_map(tmp_path):
+    start = BODY.start(
+        0.7, -1.1, 2e3, velocity=[100.0, 50, 0], angles=[0.1, 0.2, 0.3], rate=[0, 0, 0], over_ground=True
+    )
+    ticks = np.array([0])
+    signals = {f"truth.{p}": np.asarray(v)[None] for p, v, _ in leaves(start)}
+    declared = {f"truth.{p}": d for p, _, d in leaves(start)}
+    parameters = {f"world.vehicle.{p}": np.asarray(v).tolist() for p, v, _ in leaves(BODY)}
+    log = Log(to_seconds(ticks), ticks, signals, declared, {"parameters": parameters})
+    found = messages(write_mcap(log, tmp_path / "run.mcap"))
+    place = found["/location"][0][2]
+    assert (place["latitude"], place["longitude"]) == pytest.approx(np.rad2deg([0.7, -1.1]), abs=1e-8)
+    assert place["altitude"] == pytest.approx(2e3, abs=1e-3)
+    motion = BODY.motion(0, start, NO_WRENCH)
+    pose = found["/tf"][1][2]
+    assert list(pose["translation"].values()) == pytest.approx(np.asarray(motion.p_WB), abs=1e-3)
+    want = np.array(quaternion(np.asarray(motion.attitude).tolist()))
+    assert abs(want @ [pose["rotation"][n] for n in "wxyz"]) == pytest.approx(1, abs=1e-6)
+
+
+def test_a_state_with_angles_as_numbers_has_its_poses_too(tmp_path):
+    t = to_seconds(np.array([0]))
+    numbers = {"roll": 0.1, "pitch": -0.2, "yaw": 0.3, "north": 4.0, "east": 5.0, "altitude": 60.0}
+    log = Log(t, np.array([0]), {f"truth.{n}": np.array([x]) for n, x in numbers.items()})
+    pose = messages(write_mcap(log, tmp_path / "run.mcap"))["/tf"][1][2]
+    assert pose["translation"] == {"x": 4.0, "y": 5.0, "z": -60.0}
+    assert [pose["rotation"][n] for n in "wxyz"] == pytest.approx(quaternion((0.1, -0.2, 0.3)), abs=1e-6)

@@ -79,6 +79,20 @@ def test_one_that_does_not_roll_ends_at_its_limit_and_counts_the_rest(tmp_path):
     assert summary["unwritten"] == len(rows) - len(log)
 
 
+def test_what_a_minute_takes_counts_the_files_that_had_to_go(tmp_path):
+    """Rows of 1 ms: the whole log, less what stands in it once, against the same rows where the oldest files go."""
+    (tmp_path / "whole").mkdir()
+    (tmp_path / "rolled").mkdir()
+    path, whole, rows = record(tmp_path / "whole", 40, LogLimit(100_000_000, rolls=False))
+    _, rolled, _ = record(tmp_path / "rolled", 40, LogLimit(2_400_000, rolls=True))
+    assert rolled["size"] < 2_500_000 < whole["size"] == path.stat().st_size
+    minutes = (len(rows) - 1) * 1e-3 / 60
+    assert whole["minute_size"] == pytest.approx(whole["size"] / minutes, rel=0.02)
+    assert rolled["minute_size"] == pytest.approx(whole["minute_size"], rel=0.05)
+    (tmp_path / "none").mkdir()
+    assert record(tmp_path / "none", 0, LogLimit(2_000_000, rolls=True))[1]["minute_size"] is None
+
+
 def test_where_no_other_file_can_be_opened_it_goes_on_in_this_one(tmp_path):
     for k in range(2, 40):
         (tmp_path / f"vehicle-{k}.mcap").write_bytes(b"another's")
@@ -95,5 +109,5 @@ def test_sizes_are_read_and_written(text, size):
 
 @pytest.mark.parametrize("text", ["", "2", "2 gb", "-1 MB", "nan MB", "900 kB", "2 GB more"])
 def test_what_is_no_size_is_refused(text):
-    with pytest.raises(InputError, match="--log-limit"):
+    with pytest.raises(InputError, match="log_limit"):
         parse_size(text)

@@ -13,9 +13,9 @@ from mcap.writer import Writer
 
 from trimtab.core.errors import InputError
 from trimtab.core.quantity import Quantity
-from trimtab.core.time import to_seconds
+from trimtab.core.time import ms, to_seconds
 from trimtab.logs.log import Log
-from trimtab.logs.mcap import read_mcap, replace_file, write_mcap
+from trimtab.logs.mcap import estimate_size, read_mcap, replace_file, write_mcap
 
 
 def made(n: int = 200, **changes) -> Log:
@@ -290,3 +290,14 @@ def test_a_new_file_has_the_usual_rights(tmp_path):
     with replace_file(tmp_path / "new") as stream:
         stream.write(b"x")
     assert (tmp_path / "new").stat().st_mode == (tmp_path / "usual").stat().st_mode
+
+
+@pytest.mark.parametrize("rows", [0, 1, 900, 30_000])
+def test_the_size_of_a_log_is_known_before_it_is_written(tmp_path, rows):
+    """Of one that is at rest at first: its first rows alone would say a fraction."""
+    rng = np.random.default_rng(3)
+    x = np.where(np.arange(rows)[:, None] < rows / 3, 0.0, rng.standard_normal((rows, 6)))
+    ticks = np.arange(rows) * ms(1)
+    log = Log(to_seconds(ticks), ticks, {"truth.x": x, "law.y": rng.standard_normal(rows)})
+    size = write_mcap(log, tmp_path / "one.mcap").stat().st_size
+    assert size / 1.5 < estimate_size(log) < 1.5 * size

@@ -43,9 +43,9 @@ def test_a_craft_that_differs_inside_the_autopilot_is_refused_with_both_values_a
     assert path in text
     assert "301" in text
     assert "300" in text
-    assert "--set mismatch=" in text
+    assert 'settings={"mismatch": "' in text
     alike = {f"autopilot.{c}.m": "301" for c in ("estimator.craft", "law.craft", "law.internal.craft")}
-    assert all(f"--set {p}=301" in text or p == path for p in alike) or copy == "estimator.craft"
+    assert all(f'settings={{"{p}": "301' in text or p == path for p in alike) or copy == "estimator.craft"
     assert [m.path for m in mismatches(build(CLIMB, {**PREVIEW, **alike}))] == ["m"]
 
 

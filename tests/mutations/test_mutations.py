@@ -11,12 +11,14 @@ ROOT = Path(__file__).parents[2]
 MUTATIONS = read_mutations()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("mutation", MUTATIONS, ids=[m.name for m in MUTATIONS])
-def test_a_mutation_changes_one_place_into_valid_python(mutation):
+def test_a_mutation_changes_one_place_and_python_stays_valid(mutation):
     text = (ROOT / mutation.file).read_text(encoding="utf-8")
     assert text.count(mutation.old) == 1, f"in {mutation.file}: {mutation.old}"
     assert mutation.old != mutation.new
-    assert ast.dump(ast.parse(text.replace(mutation.old, mutation.new))) != ast.dump(ast.parse(text))
+    if mutation.file.endswith(".py"):
+        assert ast.dump(ast.parse(text.replace(mutation.old, mutation.new))) != ast.dump(ast.parse(text))
     assert all((ROOT / t).is_file() for t in mutation.tests)
 
 

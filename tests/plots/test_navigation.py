@@ -5,6 +5,7 @@ import pytest
 from matplotlib.image import imread
 
 from trimtab.core.errors import InputError
+from trimtab.core.quantity import Quantity
 from trimtab.core.time import ms, to_seconds
 from trimtab.logs.log import Log
 from trimtab.plots.navigation import plot_navigation
@@ -77,3 +78,13 @@ def test_a_log_without_sigmas_is_refused(log):
     bare = Log(t=log.t, ticks=log.ticks, signals={"truth.heading": log["truth.heading"]})
     with pytest.raises(InputError, match="no sigmas"):
         plot_navigation(bare)
+
+
+def test_a_declared_heading_is_in_degrees_and_its_band_too(log):
+    declared = {f"{BASE}.heading": Quantity("rad", "For the picture.", kind="angle")}
+    heading, *_ = plot_navigation(Log(log.t, log.ticks, log.signals, declared)).axes
+    assert heading.get_ylabel() == "deg"
+    off = np.degrees(log[f"{BASE}.heading"] - log["truth.heading"])
+    np.testing.assert_allclose(heading.lines[0].get_ydata(), off, atol=1e-10)
+    band = heading.collections[0].get_paths()[0].vertices[:, 1]
+    assert (band.min(), band.max()) == (pytest.approx(-np.degrees(0.04)), pytest.approx(np.degrees(0.04)))

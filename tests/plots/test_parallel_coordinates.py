@@ -13,7 +13,13 @@ RNG = np.random.default_rng(0)
 def test_failures_lie_on_top_and_successes_are_thinned_as_it_says(tmp_path):
     a, b = RNG.normal(size=5000), RNG.uniform(2, 3, size=5000)
     success = np.arange(5000) % 100 > 0
-    figure = plot_parallel({"v.a": a, "v.b": b, "fixed": np.full(5000, 7.0)}, success, tmp_path / "p.png", "Title")
+    figure = plot_parallel(
+        {"v.a": a, "v.b": b, "fixed": np.full(5000, 7.0)},
+        success,
+        tmp_path / "p.png",
+        "Title",
+        units={"v.a": "kg", "fixed": "1"},
+    )
     axes = figure.axes[0]
     good, bad = axes.collections
     assert (len(good.get_segments()), len(bad.get_segments())) == (MOST_LINES, 50)
@@ -28,7 +34,7 @@ def test_failures_lie_on_top_and_successes_are_thinned_as_it_says(tmp_path):
     np.testing.assert_allclose(places[:, 2], 0.5)
     written = [t.get_text() for t in axes.texts]
     assert f"{a.max():.3g}" in written
-    assert [t.get_text() for t in axes.get_xticklabels()] == ["a", "b", "fixed"]
+    assert [t.get_text() for t in axes.get_xticklabels()] == ["a (kg)", "b", "fixed"]
     assert imread(tmp_path / "p.png").shape == (520, 1000, 4)
 
 

@@ -6,6 +6,7 @@ from matplotlib.colors import to_hex
 from matplotlib.image import imread
 
 from trimtab.core.errors import InputError
+from trimtab.core.quantity import Quantity
 from trimtab.core.time import ms, to_seconds
 from trimtab.logs.log import Log
 from trimtab.plots.replay import common_signals, plot_replay
@@ -57,3 +58,14 @@ def test_rows_are_real_numbers_that_both_have():
 def test_nothing_in_common_is_refused():
     with pytest.raises(InputError, match="in common"):
         plot_replay(log(**RECORDED), log(**RECORDED), log(**{"estimate.other": WAVE}))
+
+
+def test_a_declared_heading_is_in_degrees():
+    declared = {"estimate.state.heading": Quantity("rad", "For the picture.", kind="angle")}
+    recorded = Log(to_seconds(T), T, RECORDED, declared)
+    values, errors, *_ = plot_replay(
+        log(**{"truth.x": WAVE}), recorded, log(**RECORDED | {"estimate.state.heading": WAVE + 0.3})
+    ).axes
+    assert (values.get_ylabel(), errors.get_ylabel()) == ("deg", "deg")
+    np.testing.assert_allclose(errors.lines[0].get_ydata(), np.degrees(0.2))
+    np.testing.assert_allclose(values.lines[0].get_ydata(), np.degrees(WAVE + 0.1))

@@ -2,16 +2,18 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from loop.lander import hover
 from matplotlib.image import imread
 from matplotlib.text import Text
 
 from trimtab.core.errors import InputError
 from trimtab.core.quantity import Quantity
-from trimtab.core.time import to_seconds
+from trimtab.core.time import ms, to_seconds
 from trimtab.logs.log import Log
 from trimtab.logs.metrics import Target
 from trimtab.plots.run import plot_run, select_panels
-from trimtab.plots.style import BLUE, GREY, VERMILION, decimate
+from trimtab.plots.style import BLUE, CHATTER, GREY, VERMILION, decimate
+from trimtab.run.simulate import simulate
 
 UNITS = {
     "truth.surge_velocity": ("m/s", "real"),
@@ -80,7 +82,7 @@ def test_labels_have_the_declared_units(drawn):
     units = {a.get_title(loc="left"): a.get_ylabel() for a in figure.axes}
     assert units == {
         "Surge velocity": "m/s",
-        "Heading": "rad",
+        "Heading": "deg",
         "FX": "N",
         "Thrust": "N",
         "Speed": "rpm",
@@ -96,8 +98,8 @@ def test_lines_hold_the_data(drawn):
     real, ideal, figure = drawn
     axes = axes_of(figure, "Heading")
     np.testing.assert_array_equal(line_of(axes, BLUE).get_xdata(), real.t)
-    np.testing.assert_array_equal(line_of(axes, BLUE).get_ydata(), real["truth.heading"])
-    np.testing.assert_array_equal(line_of(axes, VERMILION).get_ydata(), ideal["truth.heading"])
+    np.testing.assert_array_equal(line_of(axes, BLUE).get_ydata(), np.degrees(1.0) * real["truth.heading"])
+    np.testing.assert_array_equal(line_of(axes, VERMILION).get_ydata(), np.degrees(1.0) * ideal["truth.heading"])
     axes = axes_of(figure, "FX")
     np.testing.assert_array_equal(line_of(axes, GREY).get_ydata(), real["law.demand.FX"])
     np.testing.assert_array_equal(line_of(axes, BLUE).get_ydata(), real["actuators.u.FX"])
@@ -108,8 +110,8 @@ def test_the_target_is_drawn_only_in_its_own_panel(drawn):
     _, _, figure = drawn
     axes = axes_of(figure, "Heading")
     level = next(line for line in axes.get_lines() if len(line.get_xdata()) == 2).get_ydata()[0]
-    assert (level - 1.0) % (2 * np.pi) == pytest.approx(0.0, abs=1e-9)
-    assert axes.patches[0].get_height() == pytest.approx(1.0)
+    assert (np.radians(level) - 1.0) % (2 * np.pi) == pytest.approx(0.0, abs=1e-9)
+    assert axes.patches[0].get_height() == pytest.approx(np.degrees(1.0))
     assert not axes_of(figure, "Surge velocity").patches
 
 
@@ -187,6 +189,16 @@ def test_a_foreign_vehicle_gets_its_panels():
     assert [p.title for p in select_panels(only)] == ["x"]
 
 
+@pytest.mark.parametrize(("aim", "said"), [(1.0, "in its band from 0.15 s on"), (2.0, "not in its band at the end")])
+def test_a_target_has_its_verdict_in_words(aim, said):
+    log = flown()
+    log = Log(
+        log.t, log.ticks, log.signals | {"truth.heading": 1 - np.exp(-20 * log.t)}, log.declarations, log.metadata
+    )
+    figure = plot_run(log, targets=[Target("heading", aim, 0.05)])
+    assert [text.get_text() for text in axes_of(figure, "Heading").texts] == [said]
+
+
 @pytest.mark.parametrize("n", [0, 1, 2])
 def test_very_short_runs_are_drawn(n, tmp_path):
     log = flown(n=5).between(0, n * 1e-3)
@@ -218,7 +230,7 @@ def test_other_kinds_of_file_by_suffix(tmp_path):
 
 def test_long_lines_are_thinned_to_what_can_be_seen():
     n = 15_000
-    x = np.random.default_rng(0).normal(size=n)
+    x = np.sin(np.arange(n) / 900) + 1e-3 * np.random.default_rng(0).normal(size=n)
     x[7_777], x[8_888] = 50.0, -50.0
     ticks = np.arange(n)
     figure = plot_run(Log(to_seconds(ticks), ticks, {"truth.x": x}))
@@ -247,3 +259,91 @@ def test_decimation_keeps_extremes_ends_gaps_and_order(values, bins):
         if not np.isnan(stretch).all():
             assert np.nanmin(inside) == np.nanmin(stretch)
             assert np.nanmax(inside) == np.nanmax(stretch)
+
+
+def test_a_flight_in_space_has_angles_in_degrees_and_its_track_beside_them():
+    log = simulate(hover(), log_period=ms(20), backend="jax")
+    figure = plot_run(log, log, targets=hover().targets)
+    titles = [a.get_title(loc="left") for a in figure.axes]
+    assert titles[:3] == ["Altitude", "Speed", "Attitude"]
+    assert {"Plan", "Profile"} <= set(titles)
+    assert "q" not in titles
+    assert "v" not in titles
+    assert "r" in titles  # a target is set on it
+    attitude = axes_of(figure, "Attitude")
+    assert attitude.get_ylabel() == "deg"
+    yaw = attitude.lines[4].get_ydata()
+    assert yaw[-1] == pytest.approx(np.rad2deg(log.t[-1]), rel=1e-6)
+    profile = axes_of(figure, "Profile")
+    assert profile.lines[-1].get_ydata()[0] == pytest.approx(5.0, abs=0.2)  # where it ends
+
+
+def test_bounds_of_an_input_are_drawn_where_they_are_near():
+    ticks = np.arange(100) * 10_000
+    u = np.linspace(0, 8, 100)
+    declared = {
+        "actuators.u.near": Quantity("N", "F.", low=0, high=10),
+        "actuators.u.far": Quantity("N", "F.", high=500),
+    }
+    log = Log(to_seconds(ticks), ticks, dict.fromkeys(declared, u), declared)
+    figure = plot_run(log)
+    assert {axes_of(figure, "Near").lines[k].get_ydata()[0] for k in (1, 2)} == {0, 10}
+    assert len(axes_of(figure, "Far").lines) == 1
+
+
+def test_a_flag_of_several_numbers_is_drawn_number_by_number():
+    ticks = np.arange(10) * 10_000
+    declared = {"law.working": Quantity("1", "Which work.", kind="flag")}
+    log = Log(to_seconds(ticks), ticks, {"law.working": np.ones((10, 3), bool), "truth.x": np.zeros(10)}, declared)
+    labels = [t.get_text() for t in axes_of(plot_run(log), "Flags").get_yticklabels()]
+    assert labels == ["Working[0]", "Working[1]", "Working[2]"]
+
+
+@pytest.mark.slow
+def test_no_two_panels_have_one_title():
+    log = simulate("hovercraft/pose", duration="100 ms")
+    titles = [panel.title for panel in select_panels(log)]
+    assert len(titles) == len(set(titles)), titles
+    assert sum("," in title for title in titles) < len(titles) / 2
+
+
+def switching(n=30_000, every=20):
+    """Slow at first, then a bang-bang law that switches all the time, a quarter of it up."""
+    ticks = np.arange(n) * 10_000
+    x = np.where(np.arange(n) % (4 * every) < every, 1.0, -1.0)
+    x[: n // 3] = np.where(np.arange(n // 3) < n // 6, 1.0, -1.0)
+    return Log(to_seconds(ticks), ticks, {"truth.x": x})
+
+
+def test_what_chatters_is_drawn_as_its_range_with_its_mean_and_said_in_the_legend():
+    log = switching()
+    figure = plot_run(log)
+    (axes,) = figure.axes
+    (band,), (line,) = axes.collections, axes.get_lines()
+    box = band.get_paths()[0].get_extents()
+    assert (box.y0, box.y1) == (-1.0, 1.0)
+    assert box.x0 == pytest.approx(log.t[-1] / 3, abs=log.t[-1] / 50)
+    assert box.x1 == pytest.approx(log.t[-1], abs=log.t[-1] / 50)
+    t, x = np.asarray(line.get_xdata()), np.asarray(line.get_ydata())
+    assert np.abs(x[(t > box.x0) & (t < box.x1)] + 0.5).max() < 0.15  # of a column that ends within a period
+    assert set(x[t < box.x0]) == {-1.0, 1.0}
+    assert CHATTER in [text.get_text() for text in figure.legends[0].get_texts()]
+
+
+def test_what_can_be_read_stays_a_line():
+    ticks = np.arange(30_000) * 10_000
+    walk = np.cumsum(np.random.default_rng(3).normal(size=len(ticks)))
+    slow = np.sin(to_seconds(ticks)) + 0.05 * np.random.default_rng(4).normal(size=len(ticks))
+    for log in (switching(every=600), Log(to_seconds(ticks), ticks, {"truth.walk": walk, "truth.slow": slow})):
+        figure = plot_run(log)
+        assert not any(band.get_label() == CHATTER for axes in figure.axes for band in axes.collections)
+        assert CHATTER not in [text.get_text() for text in figure.legends[0].get_texts()]
+
+
+def test_a_gap_in_what_chatters_stays_a_gap():
+    log = switching()
+    x = log["truth.x"].copy()
+    x[20_000:24_000] = np.nan
+    (axes,) = plot_run(Log(log.t, log.ticks, {"truth.x": x})).axes
+    inside = [path.vertices[:, 0] for path in axes.collections[0].get_paths()]
+    assert not any(((t > log.t[20_300]) & (t < log.t[23_700])).any() for t in inside)

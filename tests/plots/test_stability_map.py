@@ -32,7 +32,11 @@ def test_points_boundary_and_theory(tmp_path):
     np.testing.assert_allclose(drawn.get_xdata() * drawn.get_ydata(), 0.5, atol=0.01)
     dots = np.concatenate([c.get_offsets() for c in axes.collections if len(c.get_offsets()) > 1])
     np.testing.assert_allclose(dots, found.sample_points)
-    assert [t.get_text() for t in figure.legends[0].get_texts()] == ["flown", "boundary", "delay margin"]
+    assert [t.get_text() for t in figure.legends[0].get_texts()] == [
+        "flown",
+        "boundary",
+        "delay margin (linear, no loss)",
+    ]
     colours = axes.collections[0].get_array().reshape(32, 32)  # rows are y
     assert (colours[0, 0], colours[-1, -1]) == (1.0, 0.0)
 

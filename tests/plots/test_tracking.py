@@ -5,6 +5,7 @@ import pytest
 from matplotlib.image import imread
 
 from trimtab.core.errors import InputError
+from trimtab.core.quantity import Quantity
 from trimtab.core.time import ms, to_seconds
 from trimtab.logs.log import Log
 from trimtab.plots.run import select_panels
@@ -67,3 +68,54 @@ def test_the_picture_of_the_run_shows_what_is_wanted_behind_what_is_and_leaves_i
     assert "law.h_wanted" not in panels
     assert "law.idle" not in panels
     assert "law.busy" in {p.paths[0] for p in select_panels(log(**{"law.busy": np.ones((len(T), 2))}))}
+
+
+def test_two_sigmas_of_a_vector_are_beside_the_error_of_their_state():
+    sigma = np.stack([np.full(len(T), 0.07), np.full(len(T), 9.0)], axis=1)
+    more = {
+        "estimate.state.sigma": sigma,
+        "estimate.state.without_measurement.other": WAVE,
+    }
+    figure = plot_tracking(log(**more))
+    axes = {a.get_title("left"): a for a in figure.axes}["bend: estimate minus truth"]
+    edges = [line.get_ydata() for line in axes.lines if line.get_color() == "black"]
+    assert [set(np.round(edge, 12)) for edge in edges] == [{-0.14}, {0.14}]
+    assert "dashed: two sigmas" in "".join(text.get_text() for text in figure.texts)
+    bare = plot_tracking(log())
+    assert "two sigmas" not in "".join(text.get_text() for text in bare.texts)
+
+
+def test_a_sigma_of_the_states_own_name_counts_too():
+    figure = plot_tracking(log(**{"estimate.state.sigma_bend": np.full(len(T), 0.2)}))
+    axes = {a.get_title("left"): a for a in figure.axes}["bend: estimate minus truth"]
+    assert [line.get_ydata()[0] for line in axes.lines if line.get_color() == "black"] == [-0.4, 0.4]
+
+
+def test_a_start_that_lies_outside_the_axes_is_shown_in_an_inset():
+    started = WAVE + 0.1 + 5 * np.exp(-to_seconds(T) / 0.03)
+    axes = {a.get_title("left"): a for a in plot_tracking(log(**{"estimate.state.bend": started})).axes}
+    error = axes["bend: estimate minus truth"]
+    (inset,) = error.child_axes
+    (shown,) = [line for line in inset.lines if line.get_color() == VERMILION]
+    assert np.asarray(shown.get_ydata()).max() == pytest.approx(5.1)
+    low, high = error.get_ylim()
+    assert low < np.asarray(shown.get_ydata())[-1] < high < 5.1
+    assert inset.get_xlim()[1] < T[-1] / 1e7 / 20
+    assert not axes["h minus wanted"].child_axes
+
+
+def test_a_heading_is_in_degrees_its_error_and_its_sigma_too():
+    more = {
+        "truth.heading": WAVE,
+        "law.heading_wanted": WAVE - 0.2,
+        "estimate.state.heading": WAVE + 0.1,
+        "estimate.state.sigma_heading": np.full(len(T), 0.2),
+    }
+    made = log(**more)
+    declared = {path: Quantity("rad", "For the picture.", kind="angle") for path in more}
+    axes = {a.get_title("left"): a for a in plot_tracking(Log(made.t, made.ticks, made.signals, declared)).axes}
+    error = axes["heading: estimate minus truth"]
+    assert (axes["heading"].get_ylabel(), error.get_ylabel()) == ("deg", "deg")
+    lines = {line.get_color(): line.get_ydata() for line in error.lines}
+    np.testing.assert_allclose(lines[VERMILION], np.degrees(0.1))
+    np.testing.assert_allclose(lines["black"], np.degrees(0.4))

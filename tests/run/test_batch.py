@@ -40,6 +40,41 @@ def test_a_run_of_the_batch_is_the_run_alone(short, lanes):
             assert lanes.final[path][i] == value
 
 
+WORDS = np.random.default_rng(1).integers(0, 2**32, (RUNS, 32), dtype=np.uint32)
+
+
+def with_words(scenario, words):
+    return replace(scenario, words=tuple(int(word) for word in words))
+
+
+@pytest.mark.slow
+@needs_c
+def test_noise_of_a_scenario_s_own_is_the_same_in_a_batch_and_alone(short):
+    """Words of each run; and one scenario's words, to which a run's number is added."""
+    seeds = [5] * RUNS
+    batch = simulate_batch(with_words(short, [0] * 32), seeds=seeds, runs=WORDS, log=True, log_period=ms(1))
+    assert batch.backend == "c lanes"
+    path = "sensors.navigation.value.yaw_rate"
+    for i in (0, 33):
+        alone = simulate(with_words(short, WORDS[i]), seed=5)
+        np.testing.assert_array_equal(batch.log[path][i], alone[path])
+        assert alone.metadata["words"] == WORDS[i].tolist()
+    numbered = simulate_batch(with_words(short, WORDS[0]), seeds=seeds, runs=range(RUNS), log=True, log_period=ms(1))
+    for run in (0, 7):
+        alone = simulate(with_words(short, WORDS[0]), seed=5, run=run)
+        np.testing.assert_array_equal(numbered.log[path][run], alone[path])
+        same = simulate(with_words(short, WORDS[0] + np.uint32(run)), seed=5)
+        np.testing.assert_array_equal(same[path], alone[path])
+    assert not np.array_equal(numbered.log[path][0], numbered.log[path][7])
+
+
+def test_words_that_a_scenario_has_no_room_for_are_refused(short):
+    with pytest.raises(InputError, match="numbers of runs"):
+        simulate_batch(short, seeds=[0] * RUNS, runs=WORDS)
+    with pytest.raises(InputError, match="32 words for each run, where the scenario has 8"):
+        simulate_batch(with_words(short, [0] * 8), seeds=[0] * RUNS, runs=WORDS)
+
+
 @needs_c
 def test_reductions_are_those_of_the_log(lanes):
     for path in ("truth.yaw_rate", "law.demand.FX", "actuators.u.FY"):
@@ -48,6 +83,14 @@ def test_reductions_are_those_of_the_log(lanes):
         np.testing.assert_array_equal(lanes.most[path], rows.max(axis=1))
         np.testing.assert_allclose(lanes.mean[path], rows.mean(axis=1), atol=1e-12)
         np.testing.assert_allclose(lanes.rms[path], np.sqrt((rows**2).mean(axis=1)), atol=1e-12)
+
+
+@pytest.mark.slow
+def test_jax_draws_the_same_noise_of_a_scenario_s_own(short):
+    own = with_words(short, WORDS[0])
+    c, on_jax = simulate(own, seed=5), simulate(own, seed=5, backend="jax")
+    for path in ("sensors.navigation.value.yaw_rate", "truth.yaw_rate"):
+        np.testing.assert_allclose(c[path], on_jax[path], atol=1e-11)
 
 
 @pytest.mark.slow

@@ -4,11 +4,13 @@ from itertools import takewhile
 
 import numpy as np
 import pytest
+from loop.falling import Ball, HeightState, fall
 
 from trimtab.core.errors import InputError
 from trimtab.core.record import replace
 from trimtab.core.time import seconds
 from trimtab.live.virtual_vehicle import instants
+from trimtab.loop.integration import Integration
 from trimtab.native.compiler import find_compiler
 from trimtab.run.blocks import compile_autopilot, compile_world
 from trimtab.run.simulate import simulate
@@ -65,6 +67,16 @@ def test_two_steps_facing_each_other_are_the_simulation(name, choices):
         if path.startswith(("uplink.", "actuators.")):  # told at the end of what they did
             found = found[1:]
         np.testing.assert_array_equal(found, np.asarray(log[path], float)[: len(found)], err_msg=path)
+
+
+@pytest.mark.parametrize("method", ["rk4", "rosenbrock"])
+def test_a_world_alone_locates_events_and_integrates_as_in_the_simulation(method):
+    scenario = fall(Ball(), HeightState(), Integration(method=method))
+    log = simulate(scenario, log_period=1, backend="c")
+    writes, rows = face_to_face(scenario, 0)
+    assert log["world.events"][-1] == 1
+    for path in ("truth.z", "truth.w"):
+        np.testing.assert_array_equal(rows[:, writes[path]].ravel(), log[path], err_msg=path)
 
 
 def thrust(world):

@@ -6,6 +6,7 @@ from types import SimpleNamespace
 from trimtab.core.time import ms, seconds
 from trimtab.live.exchange import GroupSample
 from trimtab.live.fly import LiveAutopilot
+from trimtab.live.piloting import NoPilot
 from trimtab.live.real_time import DISCARD_LIMIT, discard_packets
 from trimtab.live.remote import QUICK_ANSWERS, RemoteVehicle
 from trimtab.live.vehicle import LiveVehicle
@@ -69,6 +70,7 @@ def test_times_of_commands_rise_where_the_clock_turns_out_to_be_earlier():
     flyer.autopilot_end = SimpleNamespace(command_packets=lambda _, ahead: stamps.append(ahead) or [])
     flyer.remote, flyer.endpoint, flyer.link = SimpleNamespace(sync=TimeSync()), None, Line()
     flyer._sent = flyer._jumps = 0
+    flyer._pilot = NoPilot()
     times = [ms(20 * k) for k in range(40)]
     for t in times:
         flyer._send_command(t, OFFSET + (seconds("0.3") if t < ms(100) else 0))
@@ -99,14 +101,3 @@ def test_of_two_commands_in_one_instant_a_vehicle_obeys_the_newer_whichever_come
 def test_what_lies_waiting_is_thrown_away_but_not_for_ever():
     assert discard_packets(Line(3)) == 3
     assert discard_packets(Line(10**9)) == DISCARD_LIMIT
-
-
-def test_silence_is_told_once_and_so_is_its_end():
-    flyer, said = object.__new__(LiveAutopilot), []
-    flyer.endpoint = SimpleNamespace(counts=SimpleNamespace(accepted=0))
-    flyer._flight_log, flyer._tell = None, said.append
-    flyer._accepted, flyer._receive_time, flyer._silent = 0, 0, False
-    for k in range(100):
-        flyer.endpoint.counts.accepted += k < 20 or k > 80
-        flyer._report_silence(ms(10 * k))
-    assert said == ["nothing from the vehicle for 0.250 s", "the vehicle is heard again, after 0.620 s"]

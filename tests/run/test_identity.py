@@ -74,6 +74,9 @@ def test_one_step_is_typed_whatever_differs():
     assert problem.problem.endswith("world.vehicle.mass: 2.8 there, 2.6 here")
     assert problem.fix.startswith(f"{TYPED} --set world.vehicle.mass=2.8 ")
     assert "--accept world.vehicle.mass" in problem.fix
+    for given in ("--set world.vehicle.mass=2.6", "--set=world.vehicle.mass=2.6", "--set 'world.vehicle.mass=2.6 kg'"):
+        once = scenario_problem([mass], f"{TYPED} {given} --seed 1").fix  # set twice it would be refused
+        assert once.startswith(f"{TYPED} --seed 1 --set world.vehicle.mass=2.8 ")
     name = SettingDifference("scenario", "hovercraft/forward", "hovercraft/spin")
     assert scenario_problem([name, mass], TYPED).fix == TYPED.replace("spin", "forward")
     table = SettingDifference("world.actuators.table.values", "100 numbers, hash 1", "100 numbers, hash 2")

@@ -178,7 +178,7 @@ def test_finer_rows_than_steps_are_no_harm_and_coarser_are_refused(flight):
     assert found.exact
     assert len(found.replayed_log) == len(log)
     coarse = {p: v[::2] for p, v in log.signals.items()}
-    with pytest.raises(InputError, match="--log-period '1 ms'"):
+    with pytest.raises(InputError, match='log_period="1 ms"'):
         replay(Log(log.t[::2], log.ticks[::2], coarse, log.declarations, log.metadata), scenario, backend="c")
 
 
@@ -205,8 +205,9 @@ def test_what_cannot_be_replayed_is_refused(flight):
     with pytest.raises(InputError, match=r"lacks 'downlink\.navigation\.value\.yaw_rate'"):
         replay(Log(log.t, log.ticks, few, log.declarations, log.metadata), scenario)
     few = {p: v for p, v in log.signals.items() if p.startswith("downlink.")}
-    with pytest.raises(InputError, match="nothing of what an autopilot gives"):
-        replay(Log(log.t, log.ticks, few, log.declarations, log.metadata), scenario)
+    for about, fix in (({}, "log all signals"), ({"side": "vehicle"}, r"flight\.mcap of trimtab fly")):
+        with pytest.raises(InputError, match=rf"nothing of what an autopilot gives(.|\n)*Fix: .*{fix}"):
+            replay(Log(log.t, log.ticks, few, log.declarations, log.metadata | about), scenario)
 
 
 @compiled
@@ -233,3 +234,11 @@ def test_bits_are_compared_as_a_log_keeps_them():
     found = first_bit_difference(one, later)
     assert found is not None
     assert (found.t, found.path, found.recorded, found.replayed) == (2e-7, "a.n", 3.0, 0.0)
+
+
+def test_whole_numbers_that_differ_from_the_first_step_on_are_told(flight):
+    log, scenario = flight
+    found = replay(with_signal(log, "command.valid", ~log["command.valid"]), scenario)
+    assert not found.equal
+    assert found.first is not None
+    assert (found.first.t, found.first.path) == (0.0, "command.valid")

@@ -1,5 +1,7 @@
 """A scenario over a recording of a line, from what is typed: the delays that are flown are those of the file."""
 
+import re
+
 import numpy as np
 import pytest
 
@@ -61,5 +63,24 @@ def test_what_is_no_recording_is_refused(text, said):
 
 
 def test_who_mistypes_it_is_shown_it():
-    with pytest.raises(InputError, match=r"no such choice(.|\n)*uplink, downlink"):
+    with pytest.raises(InputError, match=r"no such choice(.|\n)*Fix: settings=\{\"uplink\": "):
         build(NAME, {"uplnk": "up.csv"})
+
+
+@pytest.mark.parametrize(("typed", "path"), [("mass", "world.vehicle.mass"), ("k1", "autopilot.law.k1")])
+def test_a_setting_typed_by_its_last_word_is_shown_with_its_path(typed, path):
+    with pytest.raises(InputError, match=f"no such setting(.|\n)*Fix: .*{re.escape(path)}"):
+        build(NAME, {typed: "3"})
+
+
+def test_a_mistyped_function_of_a_file_is_shown_the_nearest(tmp_path):
+    (tmp_path / "mine.py").write_text("def scenario():\n    return None\n")
+    with pytest.raises(InputError, match=r"no function 'scenari'(.|\n)*Fix: .*mine\.py:scenario$"):
+        build(f"{tmp_path}/mine.py:scenari")
+
+
+def test_a_file_that_is_not_here_is_said_to_be_missing_from_here(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with pytest.raises(InputError, match=r"no file 'mine\.py' in (.|\n)*trimtab new vehicle mine$") as refused:
+        build("mine.py:scenario")
+    assert str(tmp_path) in refused.value.problem

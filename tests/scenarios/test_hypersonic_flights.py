@@ -64,6 +64,7 @@ def rms(x):
     return np.sqrt(np.mean(x**2, axis=-1))
 
 
+@pytest.mark.slow
 def test_check_11_large_climb_nominal(flights):
     """+5000 ft, +1000 ft/s, 200 s: no saturation; rms after 20 s below 0.05 ft and 0.01 ft/s."""
     assert rms(flights.rows("law.h_error", 0.0, 1.0)) < 0.05
@@ -72,6 +73,7 @@ def test_check_11_large_climb_nominal(flights):
     assert not flights.all["law.outside"].any()
 
 
+@pytest.mark.slow
 def test_noise_leaves_the_climb_within_half_a_tenth_of_a_foot_in_each_of_20_seeds(flights):
     """Better than 0.05 ft rms with 0.01 rad/s^2 over 20 seeds.
 
@@ -109,6 +111,7 @@ def test_elevator_moves_less_than_a_third_of_a_degree_for_the_noise(flights):
     assert 0.2 < activity.min() <= activity.max() < 0.22
 
 
+@pytest.mark.slow
 def test_check_10_only_the_nonlinear_internal_motion_leaves_no_steady_error():
     """Steady h error below 0.01 ft with the nonlinear internal motion, above 5 ft with the linear."""
     ends = {}
@@ -153,6 +156,7 @@ def test_a_climb_that_the_engine_cannot_fly_is_refused_before_it_flies():
         hypersonic_scenario("mine", replace(climb, dh=5000.0), 60.0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("integral", ["on", "off"])
 def test_what_is_believed_is_believed_by_gain_filter_law_and_table(integral):
     """A vehicle 10 % heavier, believed in by all, is flown like the nominal one; believed in by none it is not."""

@@ -34,6 +34,7 @@ def proved(certificate, **settings):
     return {name: compute() for name, compute in system.loop_lines(certificate)}
 
 
+@pytest.mark.slow
 def test_the_loop_s_poles_are_those_of_gain_and_filter(certificate, at):
     """Separation, for the model itself: the thirteen poles of the whole loop are those of A + B K and A_eta - L C."""
     A = loop.continuous_loop(CRAFT, CRAFT, certificate.K, certificate.observer.L, at)
@@ -42,6 +43,7 @@ def test_the_loop_s_poles_are_those_of_gain_and_filter(certificate, at):
         assert np.abs(wanted - pole).min() < 1e-6 * abs(pole)
 
 
+@pytest.mark.slow
 def test_the_sampled_loop_comes_to_the_continuous_one(certificate, at):
     """Its poles are exp(s T) of A + B K's, but for what holding an input delays: half of it with half the period."""
 
@@ -57,6 +59,7 @@ def test_the_sampled_loop_comes_to_the_continuous_one(certificate, at):
     np.testing.assert_allclose(coarse / fine, 2.0, rtol=0.1)
 
 
+@pytest.mark.slow
 def test_vertices_hold_the_whole_box(certificate, at):
     """The loop is affine in each coefficient by itself: at random inside, it is the mean of the corners, weighted."""
     parts = np.random.default_rng(0).uniform(-1, 1, 5)
@@ -91,6 +94,7 @@ def test_boxes_of_modes_cover_their_range():
     assert damping == {round(0.97 * 0.9, 12), round(1.03 * 1.1, 12)}
 
 
+@pytest.mark.slow
 def test_what_is_proved_of_the_shipped_loop(certificate):
     lines = proved(certificate)
     assert all(line.holds for line in lines.values()), lines
@@ -103,6 +107,7 @@ def test_what_is_proved_of_the_shipped_loop(certificate):
     assert "h 11.5," in lines["inside a level of V no input saturates"].why
 
 
+@pytest.mark.slow
 def test_integral_action_is_part_of_the_loop(at):
     """As the scenarios fly it: 22 and 15 states; poles of the whole are again those of gain and filter."""
     c = hypersonic.certificate(integral="true")

@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from trimtab.campaign.workers.prepare import signal_shapes
+from trimtab.campaign.workers.prepare import find_signals
 from trimtab.cli import main
 from trimtab.core.time import ms
 from trimtab.logs.navigation import state_series
@@ -45,7 +45,7 @@ def test_every_kind_has_its_line_in_list_and_its_name_in_help():
 def test_every_kind_gives_the_law_its_state(kind):
     """The whole loop is traced, nothing flies: parts that don't fit each other are refused here."""
     scenario = build(NAME, {"navigation": kind})
-    shapes, _ = signal_shapes(scenario)
+    shapes = find_signals(scenario).shapes
     assert {f"estimate.state.{name}" for name in scenario.autopilot.law.reads} <= shapes.keys()
     assert ("estimate.state.sigma_north" in shapes) == (kind != "errors")
 

@@ -57,6 +57,7 @@ def rms_errors(batch):
     return np.array(found)
 
 
+@pytest.mark.slow
 def test_heading_of_the_magnetometer():
     """[1] table 6.7: 0.5 deg at -166 deg/s; 0.45 to 0.70. Its rate error with the tachometer's noise: 3.7 deg/s."""
     heading, rate, *_ = np.median(rms_errors(flown("platform-magnetometer")), axis=0)
@@ -74,6 +75,7 @@ def test_heading_of_the_crickets():
         assert low <= got <= high
 
 
+@pytest.mark.slow
 def test_position_and_velocity_with_the_encoder():
     """[1] table 6.7: 3.4 cm, 7.5 cm/s at -166 deg/s; 3.0-3.9 and 6.5-8.3."""
     _, _, position, velocity = np.median(rms_errors(flown("platform-encoder")), axis=0)

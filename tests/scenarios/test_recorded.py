@@ -4,13 +4,15 @@ import numpy as np
 import pytest
 
 from trimtab.core.errors import InputError
+from trimtab.core.quantity import part_classes
 from trimtab.core.record import leaves, replace
 from trimtab.core.time import ms
 from trimtab.links.latency_trace import Trace, write_trace
 from trimtab.logs.log import Log
 from trimtab.logs.mcap import read_mcap, write_mcap
+from trimtab.loop.fault_text import add_dormant_faults
 from trimtab.loop.pilot_script import add_pilot_sensor
-from trimtab.run.program import describe_scenario, part_classes
+from trimtab.run.program import describe_scenario
 from trimtab.scenarios import catalogue
 from trimtab.scenarios.build import build
 from trimtab.scenarios.recorded import RENAMED_CLASSES, rebuild_scenario
@@ -33,6 +35,13 @@ def check_alike(one, other):
         assert isinstance(a, str | tuple | bool) == isinstance(b, str | tuple | bool), path
 
 
+def test_the_log_of_a_vehicle_at_its_end_of_a_line_is_built_again_with_the_faults_that_wait(tmp_path):
+    flown = add_dormant_faults(build("hovercraft/forward", {"world.vehicle.mass": "3"}))
+    again = rebuild_scenario(recorded(tmp_path, flown, side="vehicle"))
+    check_alike(again, flown)
+    assert part_classes(again)["world.sensors.navigation"] == "FaultySensor"
+
+
 @pytest.fixture
 def builds(monkeypatch) -> list:
     """What the catalogue was asked for."""
@@ -42,14 +51,14 @@ def builds(monkeypatch) -> list:
 
 
 def test_the_recorded_choices_are_built_once(tmp_path, builds):
-    typed = {"navigation": "ins-magnetometer", "links": "measured", "world.vehicle.mass": "2.7", "duration": "10 ms"}
+    typed = {"navigation": "ins-magnetometer", "links": "measured", "world.vehicle.mass": "2.7", "duration": "4 s"}
     faults = ["sensor:imu off @ 3 s for 1 s"]
     scenario = build("hovercraft/spin", typed, without=["imu-noise"], faults=faults)
     log = recorded(tmp_path, scenario)
     assert log.metadata["choices"] == {
         "scenario": "hovercraft/spin",
         "arguments": {"navigation": "ins-magnetometer", "links": "measured"},
-        "settings": {"world.vehicle.mass": "2.7", "duration": "10 ms"},
+        "settings": {"world.vehicle.mass": "2.7", "duration": "4 s"},
         "without": ["imu-noise"],
         "faults": faults,
     }
@@ -123,7 +132,7 @@ def test_a_scenario_that_is_built_otherwise_is_refused(tmp_path):
         with pytest.raises(InputError, match=r"autopilot.law was AnotherLaw, is ZeroVelocity"):
             rebuild_scenario(recorded(tmp_path, scenario, parts=parts))
     gone = recorded(tmp_path, scenario, scenario="hovercraft/gone")
-    with pytest.raises(InputError, match=r"--scenario file\.py:function"):
+    with pytest.raises(InputError, match=r"scenario=.file\.py:function"):
         rebuild_scenario(gone)
     assert rebuild_scenario(gone, "hovercraft/zero-velocity").name == "hovercraft/zero-velocity"
     with pytest.raises(InputError, match="does not say its scenario"):

@@ -12,7 +12,7 @@ from trimtab.core.time import Clock, ms
 from trimtab.links.wire import Wire
 from trimtab.loop.world import World
 from trimtab.sensors.angular_accelerometer import AngularAccelerometer
-from trimtab.sensors.flight_state import ActingInput, FlexibleTruth
+from trimtab.sensors.flight_state import ActingInput, FlexibleTruth, TrueState
 from trimtab.vehicles.hypersonic import Hypersonic, HypersonicInput, HypersonicState
 
 X = HypersonicState(85000.0, 7702.0, 0.028, 0.030, 0.001, 0.9, 0.1, 0.75, -0.2)
@@ -31,6 +31,14 @@ def test_truth_is_the_state_with_the_climb_for_the_pitch_angle():
     np.testing.assert_allclose(seen.h_rate, 7702.0 * np.sin(0.002), rtol=1e-12)
     names = ("h", "V", "alpha", "q", "eta1", "eta1_rate", "eta2", "eta2_rate")
     assert [float(getattr(seen, n)) for n in names] == [float(getattr(X, n)) for n in names]
+
+
+def test_the_true_state_is_the_state_whatever_it_is():
+    made = world({"truth": TrueState(period=TICK)})
+    _, frame = made.sense(Clock(0), made.init(key(0), X))
+    seen = frame.samples["truth"].value
+    assert type(seen) is HypersonicState
+    assert (float(seen.h), float(seen.eta2_rate)) == (85000.0, -0.2)
 
 
 def test_a_sample_tells_what_acted_before_the_command_of_the_same_instant():

@@ -34,7 +34,7 @@ def test_groups_are_in_the_order_of_the_publication(tmp_path, monkeypatch):
 def test_unknown_names_are_refused_with_the_choices():
     with pytest.raises(InputError, match=r"no such study.*\nChoices: .*\nFix: trimtab reproduce hovercraft2006"):
         study.list_groups("hovercraft")
-    with pytest.raises(InputError, match=r"no group 'inertial'.*\nChoices: .*\nFix: --only inertia"):
+    with pytest.raises(InputError, match=r"no group 'inertial'.*\nChoices: .*\nFix: only=\[.inertia"):
         study.list_groups(NAME, ["inertia", "inertial"])
 
 

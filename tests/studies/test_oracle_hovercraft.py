@@ -38,6 +38,7 @@ def test_the_program_imports_nothing_of_the_package():
     assert "jax" not in source
 
 
+@pytest.mark.slow
 def test_every_value_has_its_row():
     quick = [g for g in list_groups("hovercraft2006") if g.name in ("control-laws", "rudder-and-thrust", "inertia")]
     rows = {r.id: r for g in quick for r in g.rows() if r.basis == "reference"}

@@ -234,6 +234,7 @@ def test_every_group_has_its_worlds():
     assert set(WORLDS) == {group.name for group in GROUPS}
 
 
+@pytest.mark.slow
 @pytest.mark.timeout(1800)
 @pytest.mark.parametrize("group", CASES)
 def test_every_row_fails_in_some_other_world(group, monkeypatch):

@@ -183,6 +183,15 @@ def test_lost_packets_are_counted_by_sequence_and_late_ones_are_not_lost(open_pa
     assert b.counts.lost == 92
 
 
+def test_what_was_thrown_away_unread_is_no_loss(open_pair):
+    a, b = open_pair
+    packets = [a.pack("HEARTBEAT") for _ in range(120)]
+    b.feed(b"".join(packets[:10]) + packets[10][:5])
+    b.begin_anew()
+    assert len(b.feed(b"".join(packets[100:110] + packets[112:]))) == 18
+    assert (b.counts.lost, b.counts.garbage, b.counts.checksum) == (2, 0, 0)
+
+
 def test_unknown_messages_are_passed_over_whole(dialect, pair, open_pair, clock):
     strange = dialect.definitions["HEARTBEAT"]._replace(id=54321)
     inner = heartbeat(dialect, key=None)  # a frame inside the payload of another must not come out of it

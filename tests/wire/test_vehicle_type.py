@@ -4,9 +4,21 @@ import pytest
 
 from trimtab.core.errors import InputError
 from trimtab.scenarios import catalogue
+from trimtab.wire.protocol import VehicleType
 from trimtab.wire.telemetry import mav_type
 
-WANTED = {"hovercraft": "SURFACE_BOAT", "hypersonic": "FIXED_WING", "navigation/platform": "GENERIC"}
+WANTED = {
+    "cart-pole": "GENERIC",
+    "dubins": "GROUND_ROVER",
+    "f16": "FIXED_WING",
+    "hovercraft": "SURFACE_BOAT",
+    "hypersonic": "FIXED_WING",
+    "navigation/aerial": "FIXED_WING",
+    "navigation/platform": "GENERIC",
+    "quadrotor": "QUADROTOR",
+    "swarm": "GENERIC",
+    "torpedo": "SUBMARINE",
+}
 
 
 @pytest.mark.parametrize("name", catalogue.scenario_names())
@@ -28,3 +40,21 @@ def test_a_type_that_is_not_known_is_refused():
     with pytest.raises(InputError, match="Boat declares MAV_TYPE = 'SURFACE-BOAT'") as refused:
         mav_type(Boat())
     assert "SURFACE_BOAT" in refused.value.choices
+
+
+OWN_NAMES = {"GROUND_STATION": "GCS", "ONBOARD_COMPUTER": "ONBOARD_CONTROLLER"}
+
+
+def test_every_type_has_mavlinks_number_and_every_vehicle_of_mavlink_is_one():
+    common = pytest.importorskip("pymavlink.dialects.v20.common")
+    names = {int(number): entry.name.removeprefix("MAV_TYPE_") for number, entry in common.enums["MAV_TYPE"].items()}
+    assert {kind.value: OWN_NAMES.get(kind.name, kind.name) for kind in VehicleType}.items() <= names.items()
+    vehicles = ("ROTOR", "COPTER", "WING", "ROVER", "BOAT", "SUBMARINE", "AIRSHIP", "BALLOON", "ROCKET", "VTOL_QUAD")
+    assert {n for n in names.values() if n.endswith(vehicles)} <= set(VehicleType.__members__)
+
+
+@pytest.mark.parametrize("name", ["MAV_TYPE_SUBMARINE", "submarine", "SUBMARIN"])
+def test_what_is_meant_is_offered(name):
+    with pytest.raises(InputError) as refused:
+        mav_type(type("Boat", (), {"MAV_TYPE": name})())
+    assert 'MAV_TYPE = "SUBMARINE"' in refused.value.fix

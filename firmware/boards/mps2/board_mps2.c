@@ -4,7 +4,6 @@
 #include "board.h" /* semihosting, and what start.c needs */
 #include "interrupts.h"
 #include "port.h"
-#include "pulse.h"
 #include "ring.h"
 
 typedef volatile uint32_t reg;
@@ -26,7 +25,7 @@ static ring in, out;
 static volatile uint32_t lost;
 static volatile bool ticked;
 static uint32_t last;
-static int64_t counted; /* ticks of the 25 MHz clock since the start, up to `last` */
+static int64_t counted; /* ticks of the 25 MHz clock since the start, up to `last`; in lockstep, units of 100 ns */
 
 static uint32_t masked(void) {
     uint32_t before;
@@ -36,6 +35,13 @@ static uint32_t masked(void) {
 
 static void unmasked(uint32_t before) { __asm volatile("msr primask, %0" ::"r"(before) : "memory"); }
 
+#ifdef LOCKSTEP
+#include "standing_clock.h"
+
+/* Time goes on by a tick whenever all of one's work is done, and is nobody's clock. */
+int64_t board_now(void) { return counted; }
+
+#else
 /* The timer runs out after 171 s; the tick looks at it a thousand times a second. */
 int64_t board_now(void) {
     uint32_t before = masked(), now = timer[1];
@@ -45,6 +51,7 @@ int64_t board_now(void) {
     unmasked(before);
     return ticks * 2 / 5;
 }
+#endif
 
 void board_ticked(void) {
     (void)board_now();
@@ -80,12 +87,24 @@ bool board_read(uint8_t *byte) { return ring_take(&in, byte); }
 uint32_t board_lost(void) { return lost; }
 
 /* With interrupts masked, one that comes after the look still wakes the processor. */
+#ifdef LOCKSTEP
 void board_wait(void) {
+    if (!ring_used(&in)) counted += 10000000 / TICKS_PER_SECOND;
+}
+
+void board_idle(void) {
+#else
+void board_wait(void) {
+#endif
     uint32_t before = masked();
     if (!ring_used(&in) && !ticked) __asm volatile("dsb\n wfi" ::: "memory");
     ticked = false;
     unmasked(before);
 }
+
+#ifdef LOCKSTEP
+void board_end(void) { leave(0); }
+#endif
 
 bool board_radio(uint16_t us[RADIO_CHANNELS]) {
     (void)us;
@@ -137,7 +156,7 @@ void board_kick(void) { watchdog[3] = 1; }
 
 void board_expired(void) {
     *note = BARKED;
-    for (int i = 0; i < CHANNELS; ++i) board_pulse(i, i == LIFT ? PULSE_NEUTRAL - PULSE_SPAN : PULSE_NEUTRAL);
+    for (int i = 0; i < CHANNELS; ++i) board_pulse(i, SAFE_PULSES[i]);
     for (;;) {} /* the second time resets */
 }
 
@@ -185,7 +204,9 @@ __attribute__((used)) static void prepare(void) {
     found = *note;
     *note = 0;
     watchdog[0] = WATCHDOG_PERIOD;
-    watchdog[2] = WATCHDOG_CALLS_AND_RESETS;
+#ifndef LOCKSTEP
+    watchdog[2] = WATCHDOG_CALLS_AND_RESETS; /* not where time stands still for others */
+#endif
     systick[1] = CLOCK_HZ / TICKS_PER_SECOND - 1;
     systick[2] = 0;
     systick[0] = 7;

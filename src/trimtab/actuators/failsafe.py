@@ -208,4 +208,4 @@ class Failsafe:
     def _is_in_range(self, value: Any) -> Any:
         numbers = zip(leaves(self.low), leaves(value), leaves(self.high), strict=True)
         inside = [jnp.all((low[1] <= number[1]) & (number[1] <= high[1])) for low, number, high in numbers]
-        return jnp.all(jnp.stack(inside))
+        return jnp.all(jnp.stack(inside)) if inside else jnp.asarray(True)

@@ -21,10 +21,12 @@ from trimtab.campaign.workers.prepare import (
     draw_runs,
     identity,
     plan_campaign,
+    plan_from_dict,
     prepare_campaign,
     scenario_of,
 )
-from trimtab.core.errors import InputError
+from trimtab.core.errors import InputError, argument, argument_name, install_command
+from trimtab.core.html_table import html_table
 from trimtab.core.time import ms
 from trimtab.logs.log import Log
 from trimtab.loop.scenario import Scenario
@@ -46,9 +48,48 @@ class CampaignResult(NamedTuple):
     block: int
     identity: dict[str, str]
 
+    def __repr__(self) -> str:
+        rows = [f"  {name:<28}{least}  {median}  {most}" for name, least, median, most in self._rows()]
+        head = f"  {'':<28}{'least':>11}  {'median':>11}  {'most':>11}"
+        return "\n".join([self._title(), head, *rows, "each run: result.columns, or result.to_dataframe()"])
+
+    def _repr_html_(self) -> str:
+        note = "each run: result.columns, or result.to_dataframe()"
+        return html_table(self._title(), ("", "least", "median", "most"), self._rows(), note)
+
+    def _title(self) -> str:
+        lost = int(self.columns["lost"].sum())
+        return f"Campaign of {self.plan.scenario}: {self.success.trials} runs, success {self.success}, {lost} lost"
+
+    def _rows(self) -> list[tuple[str, str, str, str]]:
+        """Name, least, median and most of each column of numbers."""
+        rows: list[tuple[str, str, str, str]] = []
+        for name, column in self.columns.items():
+            if name in ("run", "success", "lost") or column.dtype.kind not in "fiu" or column.ndim != 1:
+                continue
+            known = column[~np.isnan(column)] if column.dtype.kind == "f" else column
+            three = (np.min(known), np.quantile(known, 0.5, method="lower"), np.max(known)) if known.size else ()
+            rows.append((name, *(f"{v:>11.5g}" for v in three), *("",) * (3 - len(three))))  # pyright: ignore[reportArgumentType]
+        return rows
+
+    def to_dataframe(self) -> Any:
+        """A ``pandas.DataFrame``: a row for each run, under its number."""
+        try:
+            import pandas
+        except ImportError:
+            fix = install_command("pandas")
+            raise InputError("result.to_dataframe", "the package pandas is not installed", fix=fix) from None
+        one = {name: column for name, column in self.columns.items() if column.ndim == 1}
+        return pandas.DataFrame(one).set_index("run")
+
 
 class Campaign:
     """One scenario in many worlds; a run's numbers depend on the campaign's seed and on the run's number alone.
+
+    >>> from trimtab import Campaign
+    >>> campaign = Campaign("hovercraft/spin", runs=8, spread={"world.vehicle.mass": "normal(100%, 5%)"})
+    >>> campaign.run().success.trials
+    8
 
     Args:
         scenario: its name in the catalogue, ``file.py:function``, or the scenario itself.
@@ -82,7 +123,7 @@ class Campaign:
         log_period: int = ms(10),
     ) -> None:
         if runs < 1:
-            raise InputError("--runs", f"{runs} is no number of runs", fix="--runs 1000")
+            raise InputError(argument_name("runs"), f"{runs} is no number of runs", fix=argument("runs", 1000))
         metrics = list(metrics)
         self.plan = plan_campaign(
             "Campaign",
@@ -103,6 +144,14 @@ class Campaign:
         named = isinstance(scenario, str)
         self.by_name = named and not own
         self.ready = prepare_campaign(self.plan, None if named else scenario, own)
+
+    @classmethod
+    def from_dict(cls, plain: Mapping[str, Any]) -> "Campaign":
+        """The campaign of a plan as a store has it, `CampaignPlan.as_dict`."""
+        campaign = cls.__new__(cls)
+        campaign.plan, campaign.by_name = plan_from_dict(plain), True
+        campaign.ready = prepare_campaign(campaign.plan)
+        return campaign
 
     def run(
         self,
@@ -182,10 +231,16 @@ class Campaign:
         metrics = {m.name: np.empty(1) for m in self.ready.metrics}
         return {**values, **metrics, "success": np.empty(1, bool), "lost": np.empty(1, bool)}
 
+    def row_size(self) -> int:
+        """Bytes of a run's row, before a store compresses it."""
+        return sum(column.itemsize for column in self._example_row().values()) + 1  # and whether it is done
+
     def scenario(self, run: int) -> Scenario:
         """The scenario of one run, with all that is its own."""
         if not 0 <= run < self.plan.runs:
-            raise InputError("--rerun", f"there is no run {run} among {self.plan.runs}", fix="--rerun 0")
+            raise InputError(
+                argument_name("rerun"), f"there is no run {run} among {self.plan.runs}", fix=argument("rerun", 0)
+            )
         return scenario_of(self.ready, run)
 
     def rerun(self, run: int, *, log_period: int | None = None, signals: tuple[str, ...] = ()) -> Log:
@@ -209,4 +264,8 @@ def _gapless_rows(rows: "MemoryStore | CampaignStore", done: Any) -> dict[str, A
 
 
 def _as_distribution(path: str, drawn_from: str | Distribution) -> Distribution:
-    return drawn_from if isinstance(drawn_from, Distribution) else parse_distribution(drawn_from, f"--spread {path}")
+    return (
+        drawn_from
+        if isinstance(drawn_from, Distribution)
+        else parse_distribution(drawn_from, argument_name("spread", path))
+    )

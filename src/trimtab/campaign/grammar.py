@@ -1,14 +1,17 @@
 """What is typed of a campaign's numbers: the one grammar of metrics, conditions, requirements, stops and costs.
 
-    METRIC       KIND:SIGNAL, as in settling:yaw_rate, or file.py:function
+    METRIC       KIND:SIGNAL, as in settling:yaw_rate, robustness:FORMULA, or file.py:function
     CONDITION    METRIC <= NUMBER                       when a run is a success; <, > and >= too
+                 FORMULA                                the same as robustness:FORMULA > 0
     STATISTIC    success, pNN(METRIC), mean(METRIC), max(METRIC), min(METRIC)
     REQUIREMENT  STATISTIC <= NUMBER @ CONFIDENCE%      what a campaign must show; >= too
     STOP         width(STATISTIC) <= NUMBER @ CONFIDENCE%
-    COST         WEIGHT*METRIC + METRIC + …             what tuning makes small
+    COST         WEIGHT*METRIC + METRIC + …             what tuning makes small; a robustness, whose weight is below
+                                                        0, as in -robustness:FORMULA, it makes large
 
 A metric's name may hold colons and dots. Without `@` the confidence is 95 %. Numbers are in SI units; a success may be
-in per cent. What a text means for a campaign is computed in `statistics` and in `search.cost`.
+in per cent. A FORMULA is one of signal temporal logic, `core.formula`. What a text means for a campaign is computed in
+`statistics` and in `search.cost`.
 """
 
 import math
@@ -19,8 +22,12 @@ from typing import Any, NamedTuple, NoReturn
 
 import numpy as np
 
-from trimtab.core.errors import InputError, closest
+from trimtab.core.errors import InputError, argument, argument_name, closest
+from trimtab.core.formula import EXAMPLE, is_temporal
+from trimtab.core.units import NUMBER, find_sizes
 
+ROBUSTNESS = "robustness"
+"""Kind of the metric that is how far a run is from breaking a formula."""
 LEVEL = 0.95
 """Confidence where the text names none."""
 EXTREMES = ("max", "min")
@@ -37,7 +44,8 @@ _COMPARISON = re.compile(
 )
 _CALL = re.compile(r"(?P<statistic>p[0-9.]+|mean|max|min)\s*\(\s*(?P<metric>.+?)\s*\)")
 _WIDTH = re.compile(r"width\s*\((?P<statistic>.+)\)")
-_TERM = re.compile(r"(?:(?P<weight>[0-9.eE+-]+)\s*\*\s*)?(?P<metric>\S+)")
+_TERM = re.compile(rf"(?:(?P<weight>[0-9.eE+-]+)\s*\*\s*|(?P<minus>-)\s*)?(?P<metric>{ROBUSTNESS}:.+|\S+)")
+_INSIDE = re.compile(r"\(.*\)")
 
 
 class MetricName(NamedTuple):
@@ -126,20 +134,28 @@ def parse_metric(text: str) -> MetricName:
 
 
 def parse_condition(text: str) -> Condition:
-    """Read `METRIC <= NUMBER`."""
+    """Read `METRIC <= NUMBER`, or a formula; whether that fits the signals says `statistics.metrics.find_metric`."""
+    if is_temporal(text) and not text.lstrip().startswith(f"{ROBUSTNESS}:"):
+        return Condition(f"{ROBUSTNESS}:{text.strip()}", ">", 0.0)
     match = _COMPARISON.fullmatch(text)
     if match and match["relation"] in COMPARE and match["level"] is None:
         bound = _parse_number(match["bound"])
         if bound is not None:
             return Condition(match["subject"], match["relation"], bound)
-    problem = f"{text!r} is not METRIC, a comparison and a number"
-    raise InputError("--success", problem, choices=COMPARE, fix="--success 'settling:yaw_rate <= 10'")
+        if with_unit := NUMBER.fullmatch(match["bound"]):
+            plain = with_unit[1] if 1.0 in find_sizes(with_unit[2]).values() else "NUMBER"
+            problem = f"{match['bound']!r} has a unit: a bound is a plain number in the metric's own unit"
+            fix = argument("success", [f"{match['subject']} {match['relation']} {plain}"])
+            raise InputError(argument_name("success"), problem, fix=fix)
+    problem = f"{text!r} is neither METRIC, a comparison and a number, nor a formula"
+    fix = f"{argument('success', ['settling:yaw_rate <= 10'])}, or {argument('success', [EXAMPLE])}"
+    raise InputError(argument_name("success"), problem, choices=COMPARE, fix=fix)
 
 
 def parse_requirement(text: str) -> Requirement:
     """Read `STATISTIC <= NUMBER @ CONFIDENCE%`."""
     part, match = f"requirement '{text}'", _COMPARISON.fullmatch(text.strip())
-    if match is None or re.search("[<>=]", match["subject"]):
+    if match is None or re.search("[<>=]", _INSIDE.sub("", match["subject"])):
         _refuse_requirement(part, "that is no comparison of a statistic with a number")
     subject, relation = match["subject"], match["relation"]
     if relation not in ("<=", ">="):
@@ -182,14 +198,31 @@ def parse_stopping(text: str) -> StoppingRule:
 def parse_cost(text: str) -> tuple[CostTerm, ...]:
     """Read `WEIGHT*METRIC + METRIC + …`."""
     terms = []
-    for piece in (piece.strip() for piece in text.split(" + ")):
+    for piece in (piece.strip() for piece in _split_outside(text, " + ")):
         match = _TERM.fullmatch(piece)
-        weight = _parse_number(match["weight"] or "1") if match else None
-        if match is None or weight is None or not 0 < weight < math.inf:
+        weight = _parse_number(match["weight"] or f"{match['minus'] or ''}1") if match else None
+        if match is not None and parse_metric(match["metric"]).kind == ROBUSTNESS:
+            if weight is None or not -math.inf < weight < 0:
+                problem = f"{piece!r} would make a robustness small, and only a large one is good"
+                raise InputError(
+                    argument_name("cost"), problem, fix=f"{argument('cost', '-' + match['metric'])}, a weight below 0"
+                )
+        elif match is None or weight is None or not 0 < weight < math.inf:
             problem = f"{piece!r} is no metric with a weight above 0"
-            raise InputError("--cost", problem, fix="--cost 'error_rms:yaw_rate + 2*error_rms:sway_velocity'")
+            raise InputError(
+                argument_name("cost"), problem, fix=argument("cost", "error_rms:yaw_rate + 2*error_rms:sway_velocity")
+            )
         terms.append(CostTerm(weight, match["metric"]))
     return tuple(terms)
+
+
+def _split_outside(text: str, separator: str) -> list[str]:
+    """Pieces between separators that are in no brackets."""
+    pieces, depth = [""], 0
+    for k, piece in enumerate(text.split(separator)):
+        pieces[-1:] = [piece] if k == 0 else [f"{pieces[-1]}{separator}{piece}"] if depth > 0 else [pieces[-1], piece]
+        depth += piece.count("(") - piece.count(")")
+    return pieces
 
 
 def _parse_statistic(text: str, part: str, forms: Iterable[str]) -> tuple[str, str, float]:

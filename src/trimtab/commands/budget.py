@@ -7,8 +7,9 @@ from typing import Any
 import click
 
 from trimtab.commands.kept_programs import enable_cache
-from trimtab.commands.options import FILE, JSON, NAVIGATION, SCENARIO, SET
-from trimtab.commands.output import check_picture, console, draw_plot, new_table, print_files, print_json, show_progress
+from trimtab.commands.options import FLIGHT, JSON, PLOT, RUNS, SCENARIO, SEED
+from trimtab.commands.output import check_picture, draw_plot, new_table, print_files, print_json, print_table
+from trimtab.commands.progress import show_progress
 from trimtab.core.errors import InputError
 from trimtab.loop.scenario import Scenario
 from trimtab.plots.error_budget import plot_error_budget
@@ -19,19 +20,18 @@ from trimtab.scenarios.build import build
 
 @click.command()
 @SCENARIO
-@SET
-@NAVIGATION
-@click.option("--without", multiple=True, metavar="FAULT", help="Leave one imperfection out of it all; repeatable.")
+@FLIGHT
+@click.option("--without", multiple=True, metavar="FAULT", help="Switch one imperfection off in all of it; repeatable.")
 @click.option("--only", multiple=True, metavar="FAULT", help="Only what this one costs; repeatable.  [default: every]")
-@click.option("--runs", type=click.IntRange(1), default=20, show_default=True, help="Flights in each set.")
-@click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Of the first flight.")
-@click.option("--plot", type=FILE, metavar="FILE", help="Picture of the costs.")
+@RUNS(20, "How many flights in each set.")
+@SEED
+@PLOT("Picture of the costs.")
 @JSON
 def command(
     scenario: str,
     settings: dict[str, str],
-    navigation: str | None,
     without: tuple[str, ...],
+    faults: tuple[str, ...],
     only: tuple[str, ...],
     runs: int,
     seed: int,
@@ -49,10 +49,8 @@ def command(
     trimtab budget hovercraft/zero-velocity --navigation ins --runs 40 --plot budget.png
     trimtab budget hovercraft/spin --only navigation-error --only uplink-delay --json
     """
-    if navigation is not None:
-        settings["navigation"] = navigation
     check_seed(seed)
-    built = build(scenario, settings, without)
+    built = build(scenario, settings, without, faults)
     _check_only(built, only)
     check_picture(plot, None)
     enable_cache()
@@ -96,7 +94,7 @@ def _budget_json(budget: ErrorBudget) -> dict[str, Any]:
 
 def _print_budget(title: str, budget: ErrorBudget) -> None:
     """What each imperfection costs: its share of each mean square, and each rms with it alone."""
-    screen, measures = console(), list(budget.units)
+    measures = list(budget.units)
     first, names = "imperfection", {m: m.replace("_", " ") for m in measures}
     headings = [f">{name} ({budget.units[m]})" for m, name in names.items()]
     table = new_table(first, *headings, title=f"{title}: rms over the second half", unwrapped=(first,))
@@ -104,12 +102,12 @@ def _print_budget(title: str, budget: ErrorBudget) -> None:
         table.add_row(name, *(_format_rms(*row[m]) for m in measures), end_section=name == "none")
     for cost in budget.costs:
         table.add_row(f"{cost.name} alone", *(_format_rms(*cost.alone[m]) for m in measures))
-    screen.print(table)
+    print_table(table)
     about = "Share of the mean square that goes when it is switched off"
     table = new_table(first, *(f">{name}" for name in names.values()), title=about, unwrapped=(first,))
     for cost in budget.costs:
         table.add_row(cost.name, *(f"{100 * cost_share(budget, cost, m):.1f} %" for m in measures))
-    screen.print(table)
+    print_table(table)
     click.echo("± one standard error; shares need not add up to 100 % (docs, Error budget)")
 
 

@@ -16,12 +16,32 @@ from trimtab.campaign.grammar import parse_requirement, parse_stopping
 from trimtab.campaign.sampling.points import DESIGNS
 from trimtab.campaign.statistics.requirement import RequirementVerdict, evaluate_requirement
 from trimtab.campaign.statistics.stopping import evaluate_stopping
+from trimtab.campaign.store.store import count_missing_rows, estimate_store_size
 from trimtab.commands.campaign_tables import print_campaign, summarise_metrics, write_pictures
 from trimtab.commands.kept_programs import enable_cache
-from trimtab.commands.options import FAULT, FILE, JSON, SCENARIO, SEED, SET, SPREAD, SUCCESS, THREADS, WITHOUT
-from trimtab.commands.output import check_folder, console, new_table, print_files, print_json, show_count
-from trimtab.core.errors import InputError
+from trimtab.commands.options import (
+    FILE,
+    FLIGHT,
+    JSON,
+    OUT,
+    RUNS,
+    SCENARIO,
+    SEED,
+    SPREAD,
+    STORE,
+    SUCCESS,
+    THREADS,
+    WITHOUT,
+    is_calibration,
+)
+from trimtab.commands.output import check_folder, new_table, print_files, print_json, print_table
+from trimtab.commands.progress import announce_size, show_count, warn_of_room
+from trimtab.commands.written_files import check_new_in
+from trimtab.core.errors import InputError, install_command
+from trimtab.identify.calibration import read_calibration
 from trimtab.logs.mcap import write_mcap
+from trimtab.loop.calibrated_spread import calibrated_spread
+from trimtab.scenarios.build import build
 
 Correlations = dict[tuple[str, str], float]
 
@@ -45,7 +65,7 @@ def parse_correlations(context: click.Context, parameter: click.Parameter, value
 
 @click.command()
 @SCENARIO
-@click.option("--runs", type=click.IntRange(1), default=1000, show_default=True, help="How many worlds.")
+@RUNS(1000, "How many worlds.")
 @SPREAD
 @click.option(
     "--correlate",
@@ -56,24 +76,34 @@ def parse_correlations(context: click.Context, parameter: click.Parameter, value
 )
 @click.option("--metric", "metrics", multiple=True, metavar="KIND:SIGNAL", help="What is kept of each run; repeatable.")
 @SUCCESS
-@click.option("--require", multiple=True, metavar="TEXT", help="E.g. 'success >= 0.99 @ 95%'; else exit code 1.")
+@click.option(
+    "--require",
+    multiple=True,
+    metavar="TEXT",
+    help="What must hold, else exit code 1, e.g. 'success >= 0.99 @ 95%'; repeatable.",
+)
 @click.option("--stop", metavar="TEXT", help="Stop early, e.g. at 'width(success) <= 0.01 @ 95%'.")
 @click.option(
     "--sampling", default="random", show_default=True, help="random, sobol, latin; saltelli or morris for what matters."
 )
-@click.option("--store", type=FILE, metavar="DIR", help="Zarr store; started again, only what is missing flies.")
+@STORE
 @click.option("--rerun", type=click.IntRange(0), metavar="RUN", help="One run once more, held against its row.")
-@SET
+@FLIGHT
 @WITHOUT
-@FAULT
 @SEED
-@click.option("--device", type=click.Choice(("auto", "cpu", "gpu")), default="auto", show_default=True)
+@click.option(
+    "--device",
+    type=click.Choice(("auto", "cpu", "gpu")),
+    default="auto",
+    show_default=True,
+    help="Where it is computed.",
+)
 @THREADS
 @click.option("--cluster", metavar="URI", help="Fly on the workers of a scheduler, tls://HOST:8786.")
 @click.option("--tls-ca", type=FILE, metavar="FILE", help="Certificate of who signed the others'.")
 @click.option("--tls-cert", type=FILE, metavar="FILE", help="Own certificate.")
 @click.option("--tls-key", type=FILE, metavar="FILE", help="Own key.")
-@click.option("--out", type=FILE, metavar="DIR", help="Folder for pictures and table (Parquet).")
+@OUT("DIR", "Write pictures and table (Parquet) in this folder.")
 @JSON
 def command(
     scenario: str,
@@ -95,9 +125,10 @@ def command(
 
     A run's numbers depend on the seed and on its own number alone. Distributions: normal(MEAN, STD), truncated(MEAN,
     STD, LOW, HIGH), lognormal(MEDIAN, STD_OF_LOG), uniform(LOW, HIGH), loguniform(LOW, HIGH), choice(A, B, …),
-    file(NAME.csv:COLUMN); a number with % is a share of the scenario's own value. Metrics: settling, first_reach,
-    overshoot, error_rms of what has a target; final, least, most, peak, mean, rms, tail_mean, tail_rms, sustained (what
-    goes on swinging at the end) of any signal.
+    file(NAME.csv:COLUMN), along(V1, V2, …) of an array; a number with % is a share of the scenario's own value.
+
+    Metrics: settling, first_reach, overshoot, error_rms of what has a target; final, least, most, peak, mean, rms,
+    tail_mean, tail_rms, sustained (what goes on swinging at the end), changes (how many, of a mode) of any signal.
 
     \b
     trimtab campaign hovercraft/zero-velocity --spread 'world.vehicle.mass=normal(100%, 5%)' --store mass.zarr
@@ -110,7 +141,9 @@ def command(
     _check_device(device)
     if out is not None:
         check_folder("--out", out)
+        check_new_in("--out", out, "*.png", "campaign.parquet", "run-*.mcap")
     enable_cache()
+    notes = _expand_calibrations(scenario, plan)
     campaign = Campaign(scenario, **plan)
     if rerun is not None:
         sys.exit(0 if _rerun_row(campaign, rerun, store, out, as_json) else 1)
@@ -128,11 +161,27 @@ def command(
     verdicts = [evaluate_requirement(one, result.columns, anytime=stops_at is not None) for one in requirements]
     files = _write_files(campaign, result, out)
     if as_json:
-        print_json(_result_json(scenario, result, verdicts, store) | {"files": files})
+        print_json(_result_json(scenario, result, verdicts, store) | {"notes": notes, "files": files})
     else:
         print_campaign(campaign, result, verdicts, _typed_command())
+        for note in notes:
+            click.echo(f"note: {note}")
         print_files(files)
     sys.exit(0 if all(v.is_met for v in verdicts) else 1)
+
+
+def _expand_calibrations(scenario: str, plan: dict[str, Any]) -> list[str]:
+    """Put the errors of a calibration file among the spreads in its place; gives what is not drawn of it, and why."""
+    notes: list[str] = []
+    for file in [text for text in plan["spread"] if is_calibration(text)]:
+        calibration = read_calibration(file)
+        built = build(scenario, {"calibration": file, **plan["settings"]})
+        drawn, correlate, said = calibrated_spread(built, calibration)
+        notes += said
+        plan["spread"] = drawn | {path: text for path, text in plan["spread"].items() if path != file}
+        plan["correlate"] = {(a, b): rho for a, b, rho in correlate} | plan["correlate"]
+        plan["settings"] = {"calibration": file, **plan["settings"]}
+    return notes
 
 
 def _typed_command() -> str:
@@ -143,7 +192,7 @@ def _typed_command() -> str:
 def _check_device(device: str) -> None:
     if device == "gpu" and jax.default_backend() != "gpu":
         problem = f"JAX sees no GPU here, only {jax.default_backend()}"
-        fix = 'leave --device out; for a GPU: pip install "jax[cuda12]" on a machine that has one'
+        fix = f"leave --device out; on a machine that has a GPU: {install_command('cuda12', 'jax')}"
         raise InputError("--device gpu", problem, fix=fix)
 
 
@@ -169,13 +218,31 @@ def _connect_workers(cluster: str | None, *tls: Path | None) -> Workers | None:
 
 
 def _fly_campaign(campaign: Campaign, store: Path | None, **flight: Any) -> CampaignResult:
+    if store is not None:
+        warn_of_room("store", campaign.row_size() * count_missing_rows(store, campaign.plan.runs), store)
     with show_count(campaign.plan.runs, f"compiling {campaign.plan.scenario}") as tell:
         try:
-            return campaign.run(store, **flight, progress=tell, about={"command": _typed_command()})
+            progress = tell if store is None else _announcing(store, campaign.plan.runs, tell)
+            return campaign.run(store, **flight, progress=progress, about={"command": _typed_command()})
         except KeyboardInterrupt:
             kept = f"what was done is in {store}; the same command goes on from there"
             click.echo(f"stopped; {kept if store else 'nothing is kept without --store NAME.zarr'}", err=True)
             sys.exit(130)
+
+
+def _announcing(store: Path, runs: int, tell: Callable[[int], None]) -> Callable[[int], None]:
+    """The same, which says once what a large store will take, as soon as a block is in it."""
+    is_known = False
+
+    def tell_size(done: int) -> None:
+        nonlocal is_known
+        size = None if is_known else estimate_store_size(store, runs)
+        if size is not None:
+            is_known = True
+            announce_size("store", size)
+        tell(done)
+
+    return tell_size
 
 
 def _write_files(campaign: Campaign, result: CampaignResult, out: Path | None) -> list[str]:
@@ -184,7 +251,7 @@ def _write_files(campaign: Campaign, result: CampaignResult, out: Path | None) -
     out.mkdir(parents=True, exist_ok=True)
     files = write_pictures(campaign, result, out)
     if importlib.util.find_spec("pyarrow") is None:
-        click.echo('no campaign.parquet without pyarrow: pip install "trimtab[parquet]"', err=True)
+        click.echo(f"no campaign.parquet without pyarrow: {install_command('parquet')}", err=True)
         return [str(f) for f in files]
     from trimtab.campaign.store.parquet import write_parquet
 
@@ -260,4 +327,4 @@ def _print_row(campaign: Campaign, run: int, row: dict[str, Any]) -> None:
     table = new_table("", ">value", title=title, unwrapped=("",))
     for name, value in row.items():
         table.add_row(name, f"{value:.6g}" if value.dtype.kind == "f" else str(value))
-    console().print(table)
+    print_table(table)

@@ -14,7 +14,8 @@ from trimtab.campaign.statistics.intervals import quantile
 from trimtab.campaign.statistics.morris import Morris, morris
 from trimtab.campaign.statistics.requirement import RequirementVerdict
 from trimtab.campaign.statistics.sensitivity import Sensitivity, sensitivity
-from trimtab.commands.output import console, new_table
+from trimtab.commands.output import console, new_table, print_table
+from trimtab.core.quantity import Quantity, leaves
 
 SHOWN_QUANTILES = {"p5": 0.05, "median": 0.5, "p95": 0.95}
 BANDS = ("median", "p95")
@@ -66,7 +67,7 @@ def print_campaign(
     for name, q in summarise_metrics(result).items():
         bands = [f"{q[k]:.4g}" + (f" ({q[f'{k}_low']:.4g} to {q[f'{k}_high']:.4g})" if wide else "") for k in BANDS]
         table.add_row(labels[name], f"{q['p5']:.4g}", *bands, f"{q['largest']:.4g}", f"{q['never']:.0f}")
-    screen.print(table)
+    print_table(table)
     conditions = [f"{c.metric} {c.compare} {c.bound:g}" for c in campaign.ready.success] or ["the state stays finite"]
     if result.plan.sampling in DESIGNS:
         click.echo(f"success: {result.success.successes} of {n} rows of the design, which are no independent worlds")
@@ -101,7 +102,7 @@ def print_sensitivity(campaign: Campaign, result: CampaignResult) -> None:
             i = matters.factors.index(name)
             numbers = [[getattr(matters, field + end)[i] for end in ("", "_low", "_high")] for field, _ in pair]
             table.add_row(name, *(f"{v:.4g} ({low:.4g} to {high:.4g})" for v, low, high in numbers))
-        console().print(table)
+        print_table(table)
 
 
 def sensitivities(campaign: Campaign, result: CampaignResult) -> dict[str, Sensitivity | Morris]:
@@ -138,7 +139,9 @@ def write_pictures(campaign: Campaign, result: CampaignResult, folder: Path) -> 
     spread = {path: result.columns[path] for path, _ in result.plan.spread}
     if spread:
         files.append(folder / "parallel-coordinates.png")
-        plot_parallel(spread, result.columns["success"], files[-1], title=title)
+        declared = {path: d.unit for path, _, d in leaves(campaign.ready.scenario) if isinstance(d, Quantity)}
+        units = {path: declared.get(path.partition("[")[0], "") for path in spread}
+        plot_parallel(spread, result.columns["success"], files[-1], title=title, units=units)
     return files
 
 

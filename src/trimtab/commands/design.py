@@ -8,8 +8,19 @@ from typing import Any
 import click
 
 from trimtab import scenarios
-from trimtab.commands.options import FILE, JSON, parse_settings
-from trimtab.commands.output import check_folder, console, new_table, print_files, print_json, write_text
+from trimtab.commands.design_inversion import INVERSION, invert_vehicle, refuse_inversion_options
+from trimtab.commands.design_lqr import GAIN, design_gain, gain_vehicle, refuse_gain_options
+from trimtab.commands.design_stabilisability import print_stabilisability
+from trimtab.commands.design_theorem import (
+    is_theorem,
+    print_conditions,
+    print_unwritten,
+    refuse_options,
+    run_theorem,
+    theorem_functions,
+)
+from trimtab.commands.options import FILE, JSON, OUT, parse_settings
+from trimtab.commands.output import check_out, print_files, print_json, write_text
 from trimtab.core.errors import InputError, closest
 from trimtab.design.certificate import Certificate, design_certificate
 from trimtab.design.certificate_check import prove_certificate
@@ -18,14 +29,16 @@ from trimtab.design.certified_system import CertifiedSystem, SystemFunction, sys
 from trimtab.design.coq import coq_text
 from trimtab.design.poles import format_pole
 from trimtab.design.proof import CertificateProof
-from trimtab.scenarios.catalogue import load_function
+from trimtab.scenarios.catalogue import load_function, scenario_names
 
 FUNCTION = "certified_system"
 
 
 @click.command()
 @click.argument("system", metavar="[SYSTEM]", required=False)
-@click.option("--method", type=click.Choice(("lqr", "lmi")), help="Riccati equation, or a solver.  [default: lqr]")
+@click.option(
+    "--method", type=click.Choice(("lqr", "lmi")), help="Method: Riccati equation, or a solver.  [default: lqr]"
+)
 @click.option("--filter", "filter_", metavar="KIND", help="Filter of the unmeasured states.  [default: tuned]")
 @click.option("--integral", is_flag=True, help="With integral action.")
 @click.option(
@@ -36,8 +49,11 @@ FUNCTION = "certified_system"
     callback=parse_settings,
     help="Change a setting of the system, e.g. h_ft=90000; repeatable.",
 )
-@click.option("--out", type=FILE, metavar="FILE", help="Write the certificate (JSON).")
+@OUT("FILE", "Write the certificate (JSON).")
 @click.option("--check", type=FILE, metavar="FILE", help="Prove a certificate again.")
+@click.option("--stabilisability", is_flag=True, help="Whether smooth feedback can hold SYSTEM, and where inputs lead.")
+@GAIN
+@INVERSION
 @click.option("--export-coq", "coq", type=FILE, metavar="FILE.v", help="Write the proof for the program coqc.")
 @JSON
 def command(
@@ -49,7 +65,9 @@ def command(
     out: Path | None,
     check: Path | None,
     coq: Path | None,
+    stabilisability: bool,
     as_json: bool,
+    **gain: Any,
 ) -> None:
     """Design a feedback gain, with a certificate that proves it; or prove a certificate again.
 
@@ -58,6 +76,11 @@ def command(
     found the gain; exit code 1 where a condition fails, with the number that broke it. SYSTEM is a name of the
     package, or a file or folder of your own (docs, Certificate).
 
+    A law of the package has a theorem instead of a gain: where its loop ends up, from where, with a Lyapunov function
+    (docs, Theorem). It is made of the law's own code, run on polynomials. --stabilisability asks of a vehicle which
+    smooth feedback can't exist (Brockett; Byrnes and Isidori), and where its inputs can lead at all, with the Lie
+    brackets that do it (docs, Stabilisability).
+
     \b
     trimtab design hypersonic                        gain, poles and every condition
     trimtab design hypersonic --out gain.json
@@ -65,10 +88,35 @@ def command(
     trimtab design --check gain.json
     trimtab design hypersonic --method lmi --json
     trimtab design --check gain.json --export-coq gain.v     then: coqc gain.v
-    trimtab design my_boat.py --out gain.json
-    trimtab design my_boat.py --check gain.json
+    trimtab design my_boat.py --check gain.json              of a file of your own
+    trimtab design hovercraft/forward --out law.json         a theorem about a law; --check law.json proves it again
+    trimtab design hovercraft/reverse --set k1=2             a region from which it comes to rest
+    trimtab design my_law.py:theorem                         of a law of your own
+    trimtab design hovercraft --stabilisability              can smooth feedback hold it, and where can it be driven
+    trimtab design my_boat.py:system --stabilisability       of a model of your own
+    trimtab design my_cart.py:scenario --lqr --limit force=20 --limit angle='5 deg' --out gain.json     any vehicle
+    trimtab design vessel/path --lqr --fast rudder …         then:  trimtab run vessel/path --set gain=gain.json
+    trimtab design my_cart.py --inversion --output position --to 0.5 --in 2 --plot course.png     followed exactly
     """
+    given = {"--method": method, "--filter": filter_, "--integral": integral or None, "--export-coq": coq}
+    if gain["inversion"]:
+        refuse_options(given | {"--check": check, "--stabilisability": stabilisability or None}, "--inversion")
+        invert_vehicle(system, gain, settings, out, as_json)
+        return
+    refuse_inversion_options(gain)
     _check_files({"--out": out, "--export-coq": coq})
+    of_gain = gain_vehicle(system, check)
+    if gain["lqr"] or of_gain:
+        refuse_options(given | {"--stabilisability": stabilisability or None}, "--lqr")
+        sys.exit(0 if design_gain(of_gain or system, gain, settings, out, check, as_json) else 1)
+    refuse_gain_options(gain)
+    if stabilisability:
+        refuse_options(given | {"--set": settings or None, "--out": out, "--check": check}, "--stabilisability")
+        print_stabilisability(system, as_json)
+        return
+    if is_theorem(system, check):
+        refuse_options(given, "a theorem")
+        sys.exit(0 if run_theorem(system, settings, out, check, as_json) else 1)
     choices = {"method": method, "filter": filter_, "integral": "true" if integral else None}
     if check is None:
         certified = _build_system(system, settings | {n: c for n, c in choices.items() if c is not None})
@@ -85,9 +133,7 @@ def command(
     else:
         _print_design(certificate, proof, check)
         print_files(files)
-        for file in texts:
-            if file is not None and not proof.holds:
-                click.echo(f"not written: {file}, since a condition fails")
+        print_unwritten(texts, proof)
     sys.exit(0 if proof.holds else 1)
 
 
@@ -104,12 +150,22 @@ def _find_function(system: str | None) -> SystemFunction:
         raise InputError("design", "no system and no file", choices=design_systems(), fix=fix)
     file = Path(system) / "_design.py" if Path(system).is_dir() else Path(system)
     if system not in design_systems() and file.suffix == ".py":
-        return load_function(f"{file}:{FUNCTION}")
+        try:
+            return load_function(f"{file}:{FUNCTION}")
+        except InputError as error:
+            if "scenario" not in error.choices:
+                raise
+            fix = f"of a scenario's vehicle:  trimtab design {file} --lqr …, and  --lqr --check FILE"
+            raise InputError(error.part, error.problem, choices=error.choices, fix=fix) from None
     if system not in design_systems():
-        near = closest(system, design_systems(), 1) or design_systems()[:1]
+        if system in scenario_names():
+            problem = f"there is no design of its own for scenario {system!r}"
+            fix = f"trimtab design {system} --lqr --limit NAME=NUMBER … --out gain.json  makes a gain by limits"
+            raise InputError("design", problem, choices=(*design_systems(), *theorem_functions()), fix=fix)
+        near = closest(system, (*design_systems(), *theorem_functions()), 1) or design_systems()[:1]
         problem = f"there is no design for {system!r}"
         fix = f"trimtab design {near[0]}; your own is a file:  trimtab design my_boat.py"
-        raise InputError("design", problem, choices=design_systems(), fix=fix)
+        raise InputError("design", problem, choices=(*design_systems(), *theorem_functions()), fix=fix)
     return getattr(importlib.import_module(f"trimtab.scenarios.{system}._design"), FUNCTION)
 
 
@@ -140,10 +196,7 @@ def _rebuild_system(certificate: Certificate, system: str | None) -> CertifiedSy
 def _check_files(files: dict[str, Path | None]) -> None:
     for option, file in files.items():
         if file is not None:
-            check_folder(option, file.parent)
-            if file.is_dir():
-                name = "certificate.v" if option == "--export-coq" else "certificate.json"
-                raise InputError(option, f"{str(file)!r} is a folder", fix=f"{option} {file / name}")
+            check_out(option, file, "certificate.v" if option == "--export-coq" else "certificate.json")
 
 
 def _refuse_with_check(options: dict[str, Any]) -> None:
@@ -173,18 +226,5 @@ def _print_design(certificate: Certificate, proof: CertificateProof, file: Path 
     if certificate.observer is not None:
         o = certificate.observer
         click.echo(f"least weight of the filter, lambda*: {o.least_weight:.6g}; taken {o.weight:.6g}")
-    _print_conditions(f"{file or certificate.system}: {'proved' if proof.holds else 'NOT proved'}", proof)
+    print_conditions(f"{file or certificate.system}: {'proved' if proof.holds else 'NOT proved'}", proof)
     click.echo("what it says: " + "; ".join(SCOPE) + " (docs, Certificate)")
-
-
-def _print_conditions(title: str, proof: CertificateProof) -> None:
-    """Each condition of a certificate with its number and verdict."""
-    table = new_table("condition", "verdict", ">number", "of", "by", title=title)
-    for c in proof.conditions:
-        number = f"{c.number:.4g}" if c.number == c.number else "-"
-        cells = (c.name, "holds" if c.holds else "FAILS", number, c.meaning, c.how)
-        table.add_row(*(cell.replace("[", r"\[") for cell in cells), style="" if c.holds else "bold red")
-    console().print(table)
-    for c in proof.conditions:
-        if c.why:
-            click.echo(f"{'' if c.holds else 'FAILS  '}{c.name}: {c.why}")

@@ -10,10 +10,13 @@ from typing import Any
 
 import click
 import numpy as np
+from click.core import ParameterSource
 
+from trimtab.commands.export_web import write_web_flight
 from trimtab.commands.kept_programs import enable_cache
-from trimtab.commands.options import FILE, JSON, SET, WITHOUT
-from trimtab.commands.output import print_json
+from trimtab.commands.options import FILE, JSON, NAVIGATION, OUT, SET, WITHOUT
+from trimtab.commands.output import check_folder, print_json
+from trimtab.commands.written_files import place_files
 from trimtab.core.errors import InputError
 from trimtab.export.boards import TARGETS, emulate, require_tools
 from trimtab.export.verify import compare_samples, verify_folder
@@ -24,34 +27,60 @@ BOARDS = ("cortex-m4", "cortex-m7")
 
 @click.command()
 @click.argument("scenario", metavar="[SCENARIO|FILE.py:FUNCTION]", required=False)
-@click.option("--target", type=click.Choice(("c", *BOARDS)), default="c", show_default=True)
+@click.option("--target", type=click.Choice(("c", *BOARDS)), default="c", show_default=True, help="What it is for.")
 @click.option(
     "--float",
     "real",
     type=click.Choice(("double", "single")),
     help="Precision.  [default: single on cortex-m4]",
 )
-@click.option("--part", type=click.Choice(("autopilot", "loop")), default="autopilot", show_default=True)
-@click.option("--out", type=FILE, metavar="DIR", help="Folder for the C, its test and its vectors.")
+@click.option(
+    "--part",
+    type=click.Choice(("autopilot", "loop", "vehicle")),
+    default="autopilot",
+    show_default=True,
+    help="What is written: the autopilot, the whole loop with its world, or, as an FMU, the vehicle.",
+)
+@click.option("--fmu", type=click.Choice(("2", "3")), help="Write an FMU by FMI 2.0 or 3.0, for co-simulation.")
+@OUT("DIR", "Write the C, its test and its vectors in this folder; of an FMU the file.")
 @click.option("--steps", type=click.IntRange(1), default=2000, show_default=True, help="Simulated steps to test with.")
-@click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Of the simulated steps.")
-@click.option("--run", "fly", is_flag=True, help="Fly it on the emulated board of --target.")
+@click.option(
+    "--seed", type=click.IntRange(0), default=0, show_default=True, help="Of the random numbers in the simulated steps."
+)
+@click.option("--fly", is_flag=True, help="Fly it on the emulated board of --target.")
+@click.option("--wasm", "web", is_flag=True, help="The closed loop as a page that flies it in a browser, by itself.")
+@click.option("--slider", "sliders", multiple=True, metavar="NAME=LOW:HIGH", help="Of --wasm: a number to move.")
 @click.option("--verify", "check", type=FILE, metavar="DIR", help="Check an exported folder.")
 @SET
+@NAVIGATION
 @WITHOUT
 @JSON
 def command(
-    scenario: str | None, target: str, out: Path | None, fly: bool, check: Path | None, as_json: bool, **options: Any
+    scenario: str | None,
+    target: str,
+    fmu: str | None,
+    out: Path | None,
+    fly: bool,
+    web: bool,
+    sliders: tuple[str, ...],
+    check: Path | None,
+    as_json: bool,
+    **options: Any,
 ) -> None:
     """Write a scenario's autopilot as C for a microcontroller, and prove that it computes the same.
 
     \b
     trimtab export hovercraft/zero-velocity --out autopilot
     trimtab export --verify autopilot
+    trimtab export --verify flash --target cortex-m7      and fly its vectors on the emulated board
     trimtab export hovercraft/heading-bang-bang --float single --out flash/
-    trimtab export hovercraft/zero-velocity --target cortex-m7 --run
+    trimtab export hovercraft/zero-velocity --target cortex-m7 --fly
     trimtab export hovercraft/spin --part loop --out whole-loop
+    trimtab export hovercraft/spin --wasm --slider autopilot.law.spinning.k1=0.5:4 --out page
     trimtab export control.py:wrapped_error --out wrapped-error
+    trimtab export hovercraft/spin --fmu 3 --out autopilot.fmu         an FMU; also --part vehicle, --part loop
+
+    --wasm writes the closed loop, whose sliders are delay, downlink-delay, loss, downlink-loss, or PATH of a quantity.
 
     FILE.py:FUNCTION may be any pure function of JAX instead of one that gives a Scenario. Its arguments' shapes and
     types are those of the defaults of its parameters, or of a tuple of arguments named `example` beside it:
@@ -61,12 +90,22 @@ def command(
     example = {"wrapped_error": (0.1, 6.2)}
     """
     if check is not None:
-        sys.exit(0 if _check_export(check, as_json) else 1)
+        _refuse_choices_of_verify()
+        sys.exit(0 if _check_export(check, target, as_json) else 1)
     if scenario is None:
         raise InputError("export", "no scenario is named", fix="trimtab export hovercraft/zero-velocity --out DIR")
+    if fmu is not None:
+        _write_fmu(scenario, int(fmu), out, as_json, target, fly, **options)
+        return
+    if options["part"] == "vehicle":
+        problem = "a vehicle is written as an FMU, for others to fly; as C there are autopilot and loop"
+        raise InputError("export --part vehicle", problem, fix="--fmu 3 --out vehicle.fmu")
+    if web or sliders:
+        write_web_flight(scenario, out, sliders, as_json, **options)
+        return
     if fly and target not in BOARDS:
-        problem = f"--run flies on a board, the target is {target!r}"
-        raise InputError("export", problem, choices=BOARDS, fix="--target cortex-m7 --run")
+        problem = f"--fly flies on a board, the target is {target!r}"
+        raise InputError("export", problem, choices=BOARDS, fix="--target cortex-m7 --fly")
     if fly:
         require_tools(target)
     if out is None and not fly:
@@ -74,11 +113,14 @@ def command(
     if (function := find_function(scenario)) is not None:
         _export_function(scenario, *function, out, as_json, fly)
         return
+    if out is not None:
+        check_folder("--out", out)
     with tempfile.TemporaryDirectory() as scratch:
-        folder = Path(scratch) if out is None else out
+        folder = Path(scratch)
         result, files = _write_export(scenario, folder, target, **options)
         if out is not None:
-            result["files"] = [str(f) for f in files]
+            result["files"] = [str(f) for f in place_files("--out", folder, files, out)]
+            folder = out
         good = True
         if fly:
             flight, good = _fly_on_board(folder, target)
@@ -88,6 +130,72 @@ def command(
     else:
         _print_export(result, out)
     sys.exit(0 if good else 1)
+
+
+def _write_fmu(
+    scenario: str,
+    version: int,
+    out: Path | None,
+    as_json: bool,
+    target: str,
+    fly: bool,
+    *,
+    real: str | None,
+    part: str,
+    seed: int,
+    settings: Mapping[str, str],
+    without: tuple[str, ...],
+    **rest: Any,
+) -> None:
+    """Write an FMU, and say what is in it."""
+    from trimtab.export.fmu import export_fmu  # these import JAX, which --verify does without
+    from trimtab.scenarios.build import build
+
+    if target != "c" or fly:
+        raise InputError(
+            "export --fmu", "an FMU is for this machine, not for a board", fix="leave --target and --run out"
+        )
+    if out is None:
+        raise InputError("export --fmu", "no file is named", fix=f"--out {part}.fmu")
+    if find_function(scenario) is not None:
+        fix = "trimtab export hovercraft/spin --fmu 3 --out autopilot.fmu"
+        raise InputError("export --fmu", "a function has no time, and an FMU is a part of a scenario", fix=fix)
+    built = build(scenario, settings, without)
+    enable_cache()
+    written = export_fmu(built, out, version=version, part=part, real=real or "double", seed=seed)
+    kinds = [v.role for v in written.variables]
+    result = {
+        "scenario": scenario,
+        "part": part,
+        "fmi": version,
+        "file": str(out),
+        "bytes": out.stat().st_size,
+        "platform": written.platform,
+        "parameters": kinds.count("tunable") + kinds.count("fixed"),
+        "inputs": kinds.count("input"),
+        "outputs": kinds.count("output"),
+    }
+    if as_json:
+        print_json(result)
+        return
+    click.echo(
+        f"{scenario}: {part} as an FMU by FMI {version}.0, {result['parameters']} parameters, "
+        f"{result['inputs']} inputs, {result['outputs']} outputs"
+    )
+    kept = f"with a binary for {written.platform}" if written.platform else "from source: there is no C compiler here"
+    click.echo(f"wrote {out}, {result['bytes']} bytes, {kept}")
+
+
+def _refuse_choices_of_verify() -> None:
+    """Refuse what says how a folder is to be written, beside --verify of one that is."""
+    context = click.get_current_context()
+    for parameter in context.command.params:
+        name = str(parameter.name)
+        is_typed = context.get_parameter_source(name) is ParameterSource.COMMANDLINE
+        if is_typed and name not in ("check", "target", "as_json"):
+            typed = "a scenario" if name == "scenario" else parameter.opts[0]
+            problem = f"{typed} says what to write, and --verify checks a folder as it was written"
+            raise InputError("export --verify", problem, fix="--verify DIR, and --target cortex-m7 to fly it there too")
 
 
 def _write_export(
@@ -135,8 +243,11 @@ def _export_function(
     from trimtab.compiler.compiled_function import export_callable
 
     if fly or out is None:
-        raise InputError(f"export {name!r}", "a function is written to a folder", fix="--out DIR, without --run")
-    exported = export_callable(function, example, out)
+        raise InputError(f"export {name!r}", "a function is written to a folder", fix="--out DIR, without --fly")
+    check_folder("--out", out)
+    with tempfile.TemporaryDirectory() as scratch:
+        exported = export_callable(function, example, Path(scratch))
+        files = place_files("--out", Path(scratch), exported.files, out)
     block = exported.block
     result = {
         "function": name,
@@ -145,7 +256,7 @@ def _export_function(
         "outputs": sum(m.size for m in block.outputs),
         "workspace_bytes": block.workspace,
         "frame_bytes": block.frame,
-        "files": [str(f) for f in exported.files],
+        "files": [str(f) for f in files],
     }
     if as_json:
         print_json(result)
@@ -153,7 +264,7 @@ def _export_function(
     space = f", {block.workspace} bytes of workspace" if block.workspace else ""
     space += f", {block.frame} bytes of stack between its pieces" if block.frame else ""
     click.echo(f"{name} as C, {result['lines']} lines, {result['inputs']} numbers in, {result['outputs']} out{space}")
-    _print_files(exported.files, out)
+    _print_files(files, out)
 
 
 def _print_files(files: Sequence[Any], out: Path) -> None:
@@ -192,16 +303,18 @@ def _print_export(result: Mapping[str, Any], out: Path | None) -> None:
     if "frame_bytes" in result:
         click.echo(f"  frame                  {result['frame_bytes']} bytes of stack for what its pieces share")
     if "target" in result:
-        cost, worst = result["instructions_per_step"], result["worst"]
-        click.echo(f"on {result['target']}, emulated, {result['steps']} steps:")
-        click.echo(f"  instructions per step  {cost['least']} … {cost['most']}, median {cost['median']}")
-        click.echo(
-            f"  flash                  {result['flash_bytes']} bytes, and {result['library_bytes']} of libraries"
-        )
-        click.echo(f"  RAM                    {result['ram_bytes']} bytes of structs, {result['stack_bytes']} of stack")
-        _print_worst(worst, result["first_difference"])
+        _print_board_flight(result)
     if out is not None:
         _print_files(result["files"], out)
+
+
+def _print_board_flight(result: Mapping[str, Any]) -> None:
+    cost, worst = result["instructions_per_step"], result["worst"]
+    click.echo(f"on {result['target']}, emulated, {result['steps']} steps:")
+    click.echo(f"  instructions per step  {cost['least']} … {cost['most']}, median {cost['median']}")
+    click.echo(f"  flash                  {result['flash_bytes']} bytes, and {result['library_bytes']} of libraries")
+    click.echo(f"  RAM                    {result['ram_bytes']} bytes of structs, {result['stack_bytes']} of stack")
+    _print_worst(worst, result["first_difference"])
 
 
 def _print_worst(worst: Mapping[str, Any], first: Any) -> None:
@@ -213,20 +326,27 @@ def _print_worst(worst: Mapping[str, Any], first: Any) -> None:
         click.echo(f"  same outputs           the worst, {worst['output']}, {text}")
 
 
-def _check_export(folder: Path, as_json: bool) -> bool:
-    """Compile and replay an exported folder; whether it computes what was simulated."""
+def _check_export(folder: Path, target: str, as_json: bool) -> bool:
+    """Compile and replay an exported folder, on a board too where one is the target; whether it computes the same."""
+    if target in BOARDS and not (folder / "autopilot.c").is_file():
+        fix = f"trimtab export SCENARIO --target {target} --out DIR"
+        raise InputError(f"--target {target}", f"{str(folder)!r} was not exported for a board", fix=fix)
     verdict = verify_folder(folder)
     name = max(verdict.worst, key=lambda n: verdict.worst[n][0] / (verdict.worst[n][1] or 1e-300))
     difference, tolerance = verdict.worst[name]
     worst = {"output": name, "difference": difference, "tolerance": tolerance}
+    flight, is_good_there = _fly_on_board(folder, target) if target in BOARDS else ({}, True)
     if as_json:
-        print_json(verdict._asdict() | {"folder": str(folder), "worst": worst, "all": verdict.worst})
-        return verdict.good
+        board = {"board": flight} if flight else {}
+        print_json(verdict._asdict() | {"folder": str(folder), "worst": worst, "all": verdict.worst} | board)
+        return verdict.good and is_good_there
     sanitized = "clean under address and undefined-behaviour sanitizers" if verdict.sanitized else "no sanitizers here"
     click.echo(f"{folder}: compiled without a warning, {sanitized}")
     click.echo(f"  steps                  {verdict.steps}, stack of a step {verdict.stack_bytes} bytes")
     _print_worst(worst, verdict.first)
-    return verdict.good
+    if flight:
+        _print_board_flight(flight)
+    return verdict.good and is_good_there
 
 
 def find_function(name: str) -> tuple[Callable[..., Any], tuple[Any, ...]] | None:
@@ -247,7 +367,7 @@ def find_function(name: str) -> tuple[Callable[..., Any], tuple[Any, ...]] | Non
     if example is None:
         parameters = inspect.signature(function).parameters.values()
         defaults = tuple(p.default for p in parameters)
-        if not defaults or any(d is inspect.Parameter.empty or isinstance(d, str) for d in defaults):
+        if not defaults or any(d is inspect.Parameter.empty or d is None or isinstance(d, str) for d in defaults):
             return None
         hint = inspect.signature(function).return_annotation
         return None if "Scenario" in str(hint) else (function, defaults)

@@ -11,30 +11,53 @@ import numpy as np
 from trimtab.campaign.search import falsify as search
 from trimtab.campaign.search.falsify import FalsificationResult
 from trimtab.campaign.search.scenario_file import check_file, write_scenario
+from trimtab.commands.kept_flights import keep_flights
 from trimtab.commands.kept_programs import enable_cache
-from trimtab.commands.options import FAULT, FILE, JSON, SCENARIO, SEED, SET, SPREAD, SUCCESS, THREADS, WITHOUT
-from trimtab.commands.output import check_folder, check_picture, print_files, print_json, show_progress
+from trimtab.commands.options import (
+    FAULT_RANGE,
+    FLIGHT,
+    JSON,
+    OUT,
+    PLOT,
+    RUNS,
+    SCENARIO,
+    SEED,
+    SPREAD,
+    STORE,
+    SUCCESS,
+    THREADS,
+    VARY,
+    WITHOUT,
+)
+from trimtab.commands.output import check_out, check_picture, print_files, print_json
+from trimtab.commands.progress import show_progress
 
 
 @click.command()
 @SCENARIO
 @SPREAD
+@FAULT_RANGE
+@VARY
 @SUCCESS
-@click.option("--runs", type=click.IntRange(1), default=5000, show_default=True, help="How many may fly.")
+@RUNS(5000, "How many may fly.")
 @click.option(
     "--words", type=click.IntRange(1), default=4, show_default=True, help="Random numbers each point flies with."
 )
-@click.option("--over", type=click.Choice(("worst", "mean")), default="worst", show_default=True, help="Of these.")
+@click.option(
+    "--over", type=click.Choice(("worst", "mean")), default="worst", show_default=True, help="Which of these counts."
+)
 @click.option("--until-first", is_flag=True, help="End with the first failure.")
-@SET
+@FLIGHT
 @WITHOUT
-@FAULT
 @SEED
 @THREADS
-@click.option("--out", type=FILE, metavar="FILE", help="Scenario file that flies the worst run again, e.g. worst.py.")
-@click.option("--plot", type=FILE, metavar="FILE", help="Picture of the search.")
+@STORE
+@OUT("FILE", "Write a scenario file that flies the worst run again, e.g. worst.py.")
+@PLOT("Picture of the search.")
 @JSON
-def command(scenario: str, runs: int, out: Path | None, plot: Path | None, as_json: bool, **options: Any) -> None:
+def command(
+    scenario: str, runs: int, store: Path | None, out: Path | None, plot: Path | None, as_json: bool, **options: Any
+) -> None:
     """Search for the worst world inside given bounds, instead of waiting for it.
 
     The bounds are those of the distributions. Exit code 1 when a failure was found, 0 when none was: none found is no
@@ -48,10 +71,11 @@ def command(scenario: str, runs: int, out: Path | None, plot: Path | None, as_js
     check_picture(plot, None)
     if out is not None:
         check_file("--out", out)
-        check_folder("--out", out.parent)
+        check_out("--out", out)
     enable_cache()
-    with show_progress(runs) as tell:
-        worst = search.falsify(scenario, runs=runs, **options, progress=lambda n: tell("searching", n))
+    with show_progress(runs) as tell, keep_flights(scenario, store) as folder:
+        tell("compiling", 0)
+        worst = search.falsify(scenario, runs=runs, **options, store=folder, progress=lambda n: tell("searching", n))
     files = [file for file in (out, plot) if file is not None]
     again = "" if out is None else _replay_command(out, options["seed"], worst)
     if out is not None:
@@ -101,7 +125,8 @@ def _worst_json(scenario: str, settings: dict[str, Any], worst: FalsificationRes
 
 
 def _print_worst(scenario: str, worst: FalsificationResult) -> None:
-    verdict = f"FAILS, the first after {worst.first} runs" if worst.fails else "no failure found, which is no proof"
+    after = f"{worst.first} run{'s' * (worst.first != 1)}"
+    verdict = f"FAILS, the first after {after}" if worst.fails else "no failure found, which is no proof"
     click.echo(f"{scenario}: {verdict}")
     click.echo(f"margin of the worst run {worst.margin:.6g}; {worst.flown_runs} runs flown in {worst.wall_s:.1f} s")
     width = max(map(len, worst.values))

@@ -3,26 +3,30 @@
 import shutil
 import subprocess
 import sys
+import tempfile
 from pathlib import Path
 
 import click
 
 from trimtab.commands.kept_programs import enable_cache
 from trimtab.commands.line import find_key
-from trimtab.commands.options import FILE, JSON, KEY, SCENARIO, SEED, SET
-from trimtab.commands.output import print_json
+from trimtab.commands.options import JSON, KEY, LOCKSTEP, NAVIGATION, OUT, SCENARIO, SEED, SET
+from trimtab.commands.output import check_folder, print_json
+from trimtab.commands.written_files import place_files
 from trimtab.core.errors import InputError
 from trimtab.export.boards import require_tools
-from trimtab.export.firmware_folder import write_firmware
+from trimtab.export.firmware_folder import firmware_outputs, write_firmware
 from trimtab.scenarios.build import build
 
 
 @click.command()
 @SCENARIO
-@click.option("--out", type=FILE, metavar="DIR", required=True, help="Folder for the C.")
+@OUT("DIR", "Write the C in this folder.", required=True)
 @click.option("--board", default="cortex-m7", show_default=True, help="What it is built for.")
 @click.option("--emulate", type=click.IntRange(1, 65535), metavar="PORT", help="Build it and run it emulated.")
+@LOCKSTEP
 @SET
+@NAVIGATION
 @SEED
 @KEY
 @JSON
@@ -31,6 +35,7 @@ def command(
     out: Path,
     board: str,
     emulate: int | None,
+    lockstep: bool,
     settings: dict[str, str],
     seed: int,
     key: Path | None,
@@ -43,28 +48,40 @@ def command(
     \b
     trimtab firmware hovercraft/forward --out board --emulate 5760
     trimtab fly hovercraft/forward --link tcp://127.0.0.1:5760
+    trimtab firmware f16/gcas --out board --emulate 5760 --lockstep
+    trimtab fly f16/gcas --link tcp://127.0.0.1:5760 --lockstep
     """
+    if lockstep and (emulate is None or board == "stm32f405"):
+        problem = "is of an emulated board whose clock can stand still: cortex-m4 or cortex-m7"
+        raise InputError("--lockstep", problem, fix="--board cortex-m7 --emulate 5760 --lockstep")
     if emulate is not None:
         require_tools(board)
         if not shutil.which("make"):
             raise InputError("--emulate", "needs make, not found here", fix="apt-get install make")
     built = build(scenario, settings)
+    firmware_outputs(built, board)  # what the firmware can't drive is refused before a key is made
+    check_folder("--out", out)
     line = f"tcp://127.0.0.1:{emulate or 5760}"
     signing_key = find_key(scenario, key, False, line, create=True)
     assert signing_key is not None
     enable_cache()
-    written = write_firmware(built, out, signing_key, board=board, seed=seed)
+    with tempfile.TemporaryDirectory() as scratch:
+        written = write_firmware(built, Path(scratch), signing_key, board=board, seed=seed)
+        files = place_files("--out", Path(scratch), written.files, out)
     if as_json:
-        print_json({"scenario": built.name, "board": board, "files": [str(f) for f in written.files]})
+        print_json({"scenario": built.name, "board": board, "outputs": written.outputs}, files)
     else:
-        click.echo(f"wrote {len(written.files)} files in {out}, with the vehicle's key in key.bin")
-        click.echo(f"build and run them: make -C {out} run      fly: trimtab fly {scenario} --link {line}")
-    if emulate is not None and not _run_emulator(out, emulate):
+        click.echo(f"wrote {len(files)} files in {out}, with the vehicle's key in key.bin")
+        click.echo("\n".join(written.outputs))
+        run, fly = (" LOCKSTEP=1", " --lockstep") if lockstep else ("", "")
+        click.echo(f"build and run them: make -C {out} run{run}      fly: trimtab fly {scenario} --link {line}{fly}")
+    if emulate is not None and not _run_emulator(out, emulate, lockstep):
         sys.exit(1)
 
 
-def _run_emulator(folder: Path, port: int) -> bool:
-    with subprocess.Popen(["make", "-s", "-C", str(folder), "run", f"PORT={port}"]) as emulator:
+def _run_emulator(folder: Path, port: int, lockstep: bool) -> bool:
+    make = ["make", "-s", "-C", str(folder), "run", f"PORT={port}", *(["LOCKSTEP=1"] if lockstep else [])]
+    with subprocess.Popen(make) as emulator:
         try:
             return emulator.wait() == 0
         except KeyboardInterrupt:

@@ -1,17 +1,31 @@
 """What came of a flight: metrics, last state, flags, and their table. Needs its log alone, and no JAX."""
 
 from collections.abc import Iterable, Mapping
-from math import isfinite
+from math import degrees, isfinite
+from pathlib import Path
 from typing import Any
 
 import click
 import numpy as np
 
-from trimtab.commands.output import console, format_number, new_table
+from trimtab.commands.output import format_number, new_table, print_table
+from trimtab.core.quantity import component_paths
+from trimtab.core.time import to_seconds
 from trimtab.logs.log import Log
-from trimtab.logs.metrics import Target, full_path, metrics, mode_switches
+from trimtab.logs.log_limit import list_files
+from trimtab.logs.mcap import read_mcap
+from trimtab.logs.metrics import Target, full_path, metrics, mode_switches, nearest_target_value
+from trimtab.logs.robustness import PENDING, VERDICTS, VIOLATED
+from trimtab.logs.spatial import FLIGHT, display_unit, flight_sources, with_flight
 from trimtab.loop.beliefs import describe_mismatches
 
+ERROR = "world.integration_error"
+MOTIONS = ("velocity", "rate", "speed", "velocity[0]", "velocity[1]", "velocity[2]")
+"""How the path of a signal ends that is zero at rest."""
+FEW = 6
+"""A signal of more numbers, such as one of each craft of a large swarm, is not told number by number."""
+MOST_SUMMARISED = 200_000_000
+"""Bytes of a log that is read whole for its metrics: a quarter of an hour."""
 METRICS = {
     "first_reach_s": ("first in band", "s"),
     "settling_s": ("settled", "s"),
@@ -22,23 +36,136 @@ METRICS = {
 """Heading and unit of each metric's column; without a unit it has the signal's."""
 
 
+def summarise_truth(
+    file: Path | None, release: int | None, targets: Iterable[Target], end: int | None = None
+) -> dict[str, Any]:
+    """`real` of a vehicle's own log since it was let go, until its end (100 ns), where one fits into memory."""
+    if release is None or file is None or list_files(file) != [file] or file.stat().st_size > MOST_SUMMARISED:
+        return {"real": None}
+    whole = read_mcap(file)
+    goes_on = np.zeros(len(whole), bool) if end is None else whole.ticks > end
+    flown = (whole.ticks >= release) & ~goes_on
+    if not flown.any():
+        return {"real": None}
+    ticks = whole.ticks[flown] - release
+    signals = {p: v[flown] for p, v in whole.signals.items()}
+    final = {p: signals[p][-1] for p in whole.final if p in signals} if goes_on.any() else whole.final
+    log = Log(to_seconds(ticks), ticks, signals, whole.declarations, whole.metadata, final)
+    real = summarise_run(log, [t for t in targets if full_path(t.path) in log])
+    return {"real": real, "units": metric_units(log, real["metrics"])}
+
+
+def print_truth(result: dict[str, Any], out: Path | None, never: str) -> None:
+    """What `summarise_truth` has; never: what is said of one that was not let go."""
+    if result["real"] is None and result.get("released_s", 0) is None:
+        click.echo(never)
+    elif result["real"] is None:
+        click.echo("no metrics: there is no log" if out is None else "no metrics: the log is too long to be read whole")
+    else:
+        print_result(result, result["units"])
+
+
 def summarise_run(log: Log, targets: Iterable[Target]) -> dict[str, Any]:
     """Metrics, last state and mode switches of one run; signals that have a target come with their path."""
-    targets = tuple(targets)
-    signals = [p.removeprefix("truth.") for p in log.paths if p.startswith("truth.")]
-    preferred = ["surge_velocity", "sway_velocity", "yaw_rate", "heading"]
-    aimed = [full_path(t.path) for t in targets if not full_path(t.path).startswith("truth.")]
-    shown = [f"truth.{s}" for s in preferred if s in signals] or [f"truth.{s}" for s in signals]
-    final = {path.removeprefix("truth."): float(value) for path, value in log.final.items()}
-    final |= {path: float(log[path][-1]) for path in aimed if len(log)}
+    targets, log = tuple(targets), with_flight(log)
+    shown = _choose_signals(log)
+    final = {
+        one.removeprefix("truth."): float(number)
+        for path, value in log.final.items()
+        if path.startswith(("truth.", FLIGHT)) and np.size(value) <= FEW
+        for one, number in zip(component_paths(path, np.shape(value)), np.ravel(value), strict=True)
+    }
+    aimed = [path for t in targets if (path := full_path(t.path)) not in shown]
+    final |= {path: float(log[path][-1]) for path in aimed if len(log) and path.removeprefix("truth.") not in final}
     numbers = metrics(log, targets, [*aimed, *shown])
+    closest = closest_approach(log)
     return {
         "metrics": {path.removeprefix("truth."): n for path, n in numbers.items()},
         "final": {name: value if isfinite(value) else None for name, value in final.items()},
         "mode_switches": mode_switches(log),
         "flags": flag_times(log),
+        "integration": worst_step(log),
         "lost_s": divergence_time(log),
+        **({"verdict": verdict} if (verdict := assess_targets(log, targets)) else {}),
+        **({"monitor": monitored} if (monitored := summarise_monitor(log)) else {}),
+        **({"closest": closest} if closest else {}),
+        **({"flight": flight} if (flight := summarise_flight(log, targets)) else {}),
     }
+
+
+def assess_targets(log: Log, targets: Iterable[Target]) -> dict[str, Any] | None:
+    """Whether a flight ended on its targets, in words: on_target, says, and each target's number at the end.
+
+    None of a scenario without targets. A flight that is lost is on none.
+    """
+    targets, lost = tuple(targets), divergence_time(log)
+    if lost is not None:
+        return {"on_target": False, "says": f"LOST: the state is not finite from {lost:.4g} s on"}
+    if not targets or not len(log):
+        return None
+    times = [m["settling_s"] for m in metrics(log, targets, [full_path(t.path) for t in targets]).values()]
+    at_rest = all(t.value == 0 and full_path(t.path).endswith(MOTIONS) for t in targets)
+    what = "at rest" if at_rest else "on target"
+    reached = [time for time in times if time is not None]
+    if len(reached) == len(times):
+        return {"on_target": True, "says": f"{what} after {max(reached):.3g} s"}
+    missed = [_describe_miss(log, t) for t, time in zip(targets, times, strict=True) if time is None]
+    return {"on_target": False, "says": f"not {what}: {'; '.join(missed)}"}
+
+
+def _describe_miss(log: Log, target: Target) -> str:
+    """A target's signal at the end, with the band that it should be in."""
+    path = full_path(target.path)
+    unit, factor = display_unit(path, log.unit(path))
+    value, wanted = float(log[path][-1]) * factor, nearest_target_value(log, target) * factor
+    unit = "" if unit in ("", "1") else f" {unit}"
+    is_inside = abs(value - wanted) <= target.band * factor
+    ends = f"{path.removeprefix('truth.')} ends at {value:.3g}{unit}" + (", not for good" if is_inside else "")
+    return f"{ends}, wanted {wanted:.3g} within {target.band * factor:.3g}"
+
+
+def _choose_signals(log: Log) -> list[str]:
+    """Numbers that are shown without being aimed at: of a vehicle in space as people read them, without quaternion."""
+    signals = [p.removeprefix("truth.") for p in log.paths if p.startswith("truth.") and np.size(log[p][:1]) <= FEW]
+    flight, said = [p for p in log.paths if p.startswith(FLIGHT)], flight_sources(log)
+    preferred = ["surge_velocity", "sway_velocity", "yaw_rate", "heading"]
+    if not flight and (shown := [n for s in preferred if s in signals for n in log.numbers(f"truth.{s}")]):
+        return shown
+    rest = [n for s in signals if f"truth.{s}" not in said for n in log.numbers(f"truth.{s}")]
+    return flight + rest
+
+
+def summarise_flight(log: Log, targets: Iterable[Target]) -> dict[str, Any] | None:
+    """Of a vehicle in space: least and greatest height (m), greatest speed over the ground (m/s) and tilt (rad).
+
+    Tilt is the angle from upright; settled_s says when each target was reached for good. None of any other vehicle;
+    what isn't known is left out.
+    """
+    if f"{FLIGHT}roll" not in log or not len(log):
+        return None
+    tilt = np.arccos(np.clip(np.cos(log[f"{FLIGHT}roll"]) * np.cos(log[f"{FLIGHT}pitch"]), -1, 1))
+    found = {"greatest_tilt_rad": _greatest(tilt)}
+    if f"{FLIGHT}altitude" in log:
+        height = log[f"{FLIGHT}altitude"]
+        found |= {"lowest_m": -_greatest(-height), "highest_m": _greatest(height)}
+    if f"{FLIGHT}ground_speed" in log:
+        found["fastest_m_s"] = _greatest(log[f"{FLIGHT}ground_speed"])
+    aimed = [full_path(t.path) for t in targets]
+    settled = {p.removeprefix("truth."): m["settling_s"] for p, m in metrics(log, targets, aimed).items()}
+    return {name: value for name, value in found.items() if isfinite(value)} | {"settled_s": settled}
+
+
+def _greatest(x: Any) -> float:
+    return float(np.max(x[np.isfinite(x)], initial=-np.inf))
+
+
+def closest_approach(log: Log) -> dict[str, float] | None:
+    """How near two craft of a swarm came (m), and when (s), as an observer saw it; None where there is none."""
+    path = next((p for p in log.paths if p.startswith("sensors.") and p.endswith(".spacing")), None)
+    if path is None or not len(log):
+        return None
+    nearest = int(np.argmin(log[path]))
+    return {"distance_m": float(log[path][nearest]), "at_s": float(log.t[nearest])}
 
 
 def flag_times(log: Log) -> dict[str, dict[str, float]]:
@@ -53,6 +180,33 @@ def flag_times(log: Log) -> dict[str, dict[str, float]]:
     return times
 
 
+def worst_step(log: Log) -> dict[str, float | None] | None:
+    """The largest estimated error of an integration step, in parts of what is allowed, and when one was first above 1.
+
+    None where the integration says nothing of its error.
+    """
+    if ERROR not in log:
+        return None
+    errors = np.append(log[ERROR], log.final.get(ERROR, 0.0))  # what a row says is of the step that ended there
+    too_large = ~(errors <= 1)
+    first = float(np.append(log.t, log.metadata.get("duration_s", np.nan))[too_large.argmax()])
+    return {"worst": float(errors.max()), "first_s": first if too_large.any() else None}
+
+
+def summarise_monitor(log: Log) -> dict[str, dict[str, Any]]:
+    """By formula of a monitor: how it stands at the end, its least robustness, and when it was first violated (s)."""
+    found: dict[str, dict[str, Any]] = {}
+    for path in [p for p in log.paths if p.startswith("monitor.") and p.endswith(".verdict") and len(log)]:
+        name, verdict = path.split(".")[1], log[path]
+        known, broken = log[f"monitor.{name}.robustness"][verdict != PENDING], verdict == VIOLATED
+        found[name] = {
+            "verdict": VERDICTS[int(verdict[-1])],
+            "least_robustness": float(known.min()) if len(known) else None,
+            "violated_s": float(log.t[broken.argmax()]) if broken.any() else None,
+        }
+    return found
+
+
 def divergence_time(log: Log) -> float | None:
     """When the truth stopped being finite (s), or None."""
     truth = [log[p] for p in log.paths if p.startswith("truth.")]
@@ -64,21 +218,51 @@ def divergence_time(log: Log) -> float | None:
 
 def metric_units(log: Log, names: Iterable[str]) -> dict[str, str]:
     """The unit of each signal that a summary has metrics of, by the summary's name for it."""
+    log = with_flight(log)
     return {name: log.unit(name if name in log else f"truth.{name}") for name in names}
+
+
+def _scale(value: float | None, factor: float) -> float | None:
+    return None if value is None else value * factor
+
+
+def _describe_flight(summary: Mapping[str, Any]) -> str:
+    """In a line: how high, how fast, how far from upright, and what came of the targets."""
+    flight, said = summary["flight"], list[str]()
+    if "lowest_m" in flight:
+        low, high = flight["lowest_m"], flight["highest_m"]
+        said.append(f"{low:.4g} to {high:.4g} m high" if high >= 0 else f"{-high:.4g} to {-low:.4g} m deep")
+    if "fastest_m_s" in flight:
+        said.append(f"up to {flight['fastest_m_s']:.3g} m/s over the ground")
+    if "greatest_tilt_rad" in flight:
+        said.append(f"tilted by up to {degrees(flight['greatest_tilt_rad']):.3g} deg")
+    times = flight["settled_s"]
+    missed = [name for name, at in times.items() if at is None]
+    if missed:
+        said.append(f"NOT settled: {', '.join(missed)}")
+    elif times:
+        of = "its target" if len(times) == 1 else f"all {len(times)} targets"
+        said.append(f"settled on {of} from {max(times.values()):.4g} s on")
+    return ", ".join(said)
 
 
 def print_result(result: Mapping[str, Any], units: Mapping[str, str]) -> None:
     """Metrics of a run, ideal beside real."""
     sides = {side: result[side] for side in ("ideal", "real") if result[side] is not None}
+    for side in [one for one in ("real", "ideal") if "verdict" in sides.get(one, {})]:
+        click.echo(f"{f'{side}:':<7}{sides[side]['verdict']['says']}")
     title = f"{result['scenario']}, {result['duration_s']:g} s, seed {result['seed']}"
     columns = [f">{heading} ({unit})" if unit else f">{heading}" for heading, unit in METRICS.values()]
     table = new_table("signal", "", ">final", *columns, title=title, unwrapped=("signal",))
     for signal in next(iter(sides.values()))["metrics"]:
         for i, (side, summary) in enumerate(sides.items()):
-            name = f"{signal} ({units[signal]})" if i == 0 else ""
-            numbers = [summary["final"].get(signal), *(summary["metrics"][signal][metric] for metric in METRICS)]
+            unit, factor = display_unit(signal, units[signal])
+            name = f"{signal} ({unit})" if i == 0 else ""
+            merits = summary["metrics"][signal]
+            numbers = [_scale(summary["final"].get(signal), factor)]
+            numbers += [_scale(merits[metric], 1.0 if METRICS[metric][1] else factor) for metric in METRICS]
             table.add_row(name, side, *map(format_number, numbers), end_section=i == len(sides) - 1)
-    console().print(table)
+    print_table(table)
     if result.get("mismatch"):
         click.echo(describe_mismatches(result["mismatch"]))
     switches = ", ".join(f"{side} {summary['mode_switches']}" for side, summary in sides.items())
@@ -86,5 +270,20 @@ def print_result(result: Mapping[str, Any], units: Mapping[str, str]) -> None:
     for side, summary in sides.items():
         for path, flag in summary["flags"].items():
             click.echo(f"{path} ({side}): up for {flag['for_s']:.4g} s, first at {flag['first_s']:.4g} s")
+        step = summary.get("integration")
+        if step is not None and step["first_s"] is not None:
+            size, first = f"up to {step['worst']:.3g} times what is allowed", f"first at {step['first_s']:.4g} s"
+            click.echo(f"INTEGRATION ({side}): a step's estimated error is {size}, {first}: don't trust the numbers")
+            click.echo("  Fix: --set world.integration.method=rosenbrock, or rk45, or a shorter --set world.max_step")
+        for name, said in summary.get("monitor", {}).items():
+            least, first = said["least_robustness"], said["violated_s"]
+            number = "" if least is None else f", least robustness {format_number(least)}"
+            begin = "" if first is None else f", first violated at {first:.4g} s"
+            click.echo(f"monitor {name} ({side}): {said['verdict']} at the end{number}{begin}")
+        if "flight" in summary:
+            click.echo(f"flight ({side}): {_describe_flight(summary)}")
+        if "closest" in summary:
+            distance, at = summary["closest"].values()
+            click.echo(f"closest ({side}): two craft are {distance:.3g} m apart at {at:.4g} s")
         if summary["lost_s"] is not None:
             click.echo(f"LOST ({side}): the state is not finite from {summary['lost_s']:.4g} s on")

@@ -3,29 +3,45 @@
 import dataclasses
 import shlex
 import sys
+import webbrowser
 from collections.abc import Callable, Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import click
 
 from trimtab.commands.kept_programs import enable_cache
-from trimtab.commands.line import AUTOPILOT, catch_interrupts, endpoint_factory, find_key, open_line, store_stamps_ahead
+from trimtab.commands.line import (
+    AUTOPILOT,
+    catch_interrupts,
+    endpoint_factory,
+    find_key,
+    live_settings,
+    open_line,
+    store_stamps_ahead,
+)
 from trimtab.commands.options import (
-    FILE,
     JSON,
     KEY,
     LINK,
     LOCKSTEP,
     LOG_LIMIT,
+    NAVIGATION,
+    OUT,
     PARAMETERS,
+    PLACE,
     REAL_TIME,
     SCENARIO,
     SEED,
     SET,
     UNSIGNED,
 )
-from trimtab.commands.output import console, new_log, new_table, print_json, show_spinner
+from trimtab.commands.output import new_log, new_table, print_json, print_log_size, print_table
+from trimtab.commands.progress import show_spinner
+from trimtab.console.address import ConsoleAddress
+from trimtab.console.hello import describe_flight
+from trimtab.console.process import open_console
 from trimtab.core.errors import InputError
 from trimtab.core.interfaces import Link
 from trimtab.core.record import replace
@@ -35,7 +51,7 @@ from trimtab.live.fly import COUNT, OVERRUN_POLICIES, LiveAutopilot
 from trimtab.live.lockstep import LockstepAutopilot, NoAnswerError
 from trimtab.live.parameter_store import ParameterStore, read_parameters
 from trimtab.loop.scenario import Scenario
-from trimtab.scenarios import catalogue
+from trimtab.run.blocks import refuse_swarm
 from trimtab.scenarios.build import build
 from trimtab.wire.dialect import Dialect
 from trimtab.wire.mavlink import Endpoint
@@ -45,9 +61,10 @@ from trimtab.wire.mavlink import Endpoint
 @SCENARIO
 @LINK
 @SET
+@NAVIGATION
 @LOCKSTEP
 @SEED
-@click.option("--duration", metavar="TIME", help="End this long after arming.  [default: the scenario's]")
+@click.option("--duration", metavar="TIME", help="How long it flies after arming.  [default: the scenario's]")
 @KEY
 @UNSIGNED
 @click.option(
@@ -70,9 +87,11 @@ from trimtab.wire.mavlink import Endpoint
     help="When a period's work ends too late: count it and go on, or halt the flight.",
 )
 @REAL_TIME
-@click.option("--out", type=FILE, metavar="DIR", help="Folder for the flight's log, flight.mcap.")
+@OUT("DIR", "Write the flight's log, flight.mcap, in this folder.")
 @PARAMETERS
 @LOG_LIMIT
+@click.option("--console", "with_console", is_flag=True, help="Serve a pilot's page, whose address is printed.")
+@PLACE
 @JSON
 def command(
     scenario: str,
@@ -92,6 +111,12 @@ def command(
     out: Path | None,
     parameters: Path | None,
     log_limit: int,
+    with_console: bool,
+    port: int,
+    bind: str,
+    certificate: Path | None,
+    private_key: Path | None,
+    opens: bool,
     as_json: bool,
 ) -> None:
     """Fly a vehicle over a real line with a scenario's autopilot, compiled, at its control period.
@@ -103,11 +128,13 @@ def command(
 
     \b
     trimtab fly hovercraft/forward --link udp://127.0.0.1:14550 --out here
-    trimtab fly hovercraft/forward --link serial:///dev/ttyUSB1?baud=115200
+    trimtab fly hovercraft/forward --link 'serial:///dev/ttyUSB1?baud=115200'
+    trimtab fly hovercraft/pilot --link udp://127.0.0.1:14550 --console
     trimtab fly hovercraft/spin --link loopback://spin --lockstep
     """
     settings = read_parameters(parameters, scenario) | settings
-    built = build(scenario, settings if lockstep else _default_supervisor(scenario) | settings)
+    built = build(scenario, settings if lockstep else live_settings(scenario) | settings)
+    refuse_swarm(built, "a line")
     signing_key = find_key(scenario, key, unsigned, link, create=False)
     if duration is not None:
         built = replace(built, duration=parse_time(duration))
@@ -134,20 +161,16 @@ def command(
                     store=ParameterStore(parameters, scenario),
                 )
             follows = clock == VEHICLE_CLOCK
-            result, granted = _fly_real_time(autopilot, log, log_limit, real_time, overrun, as_json, follows)
+            address = ConsoleAddress(bind, port, certificate, private_key, opens) if with_console else None
+            result, granted = _fly_real_time(autopilot, log, log_limit, real_time, overrun, as_json, follows, address)
             if not as_json:
                 _print_flight(result, granted)
     if as_json:
         print_json(result)
     elif out is not None:
+        print_log_size(result["log"])
         click.echo(f"wrote {out / 'flight.mcap'}")
     sys.exit(1 if result["problems"] else 0)
-
-
-def _default_supervisor(scenario: str) -> dict[str, str]:
-    """In real time a supervisor watches, where the scenario offers one and nothing else is asked for."""
-    choices = catalogue.scenario_choices(scenario).get("supervisor", ())
-    return {"supervisor": "automatic"} if "automatic" in choices else {}
 
 
 def _fly_lockstep(
@@ -173,8 +196,9 @@ def _fly_real_time(
     overrun: str,
     quiet: bool,
     follows_clock: bool,
+    address: ConsoleAddress | None,
 ) -> tuple[dict[str, Any], str]:
-    """What came of the flight, and what scheduling the machine granted."""
+    """What came of the flight, and what scheduling the machine granted. address: of its console; None: it has none."""
 
     def tell(text: str) -> None:
         click.echo(text, err=quiet)
@@ -182,9 +206,23 @@ def _fly_real_time(
     with catch_interrupts() as stop, store_stamps_ahead(autopilot.endpoint):
         autopilot.remote.tell = tell
         autopilot.connect(stop=stop, follows_clock=follows_clock)
-        flight = autopilot.fly(
-            log=log, log_limit=log_limit, wanted_real_time=real_time, overrun=overrun, stop=stop, tell=tell
+        fly = partial(
+            autopilot.fly,
+            log=log,
+            log_limit=log_limit,
+            wanted_real_time=real_time,
+            overrun=overrun,
+            stop=stop,
+            tell=tell,
         )
+        if address is None:
+            flight = fly()
+        else:
+            with open_console(address, lambda line: describe_flight(autopilot, line)) as console:
+                tell(f"console: {console.url}\nto look on: {console.observer}")
+                if address.opens:
+                    webbrowser.open(console.url)
+                flight = fly(console=console.line)
     stored = autopilot.parameters.store()
     if stored:
         tell(stored)
@@ -230,6 +268,6 @@ def _print_deadlines(deadlines: Mapping[str, Any], granted: str) -> None:
     for key, name in names.items():
         cells = [f"{deadlines[key][q] * 1e6:.1f}" for q in ("p50", "p99", "p999", "longest")]
         table.add_row(name, *cells)
-    console().print(table)
+    print_table(table)
     over, skipped = deadlines["overruns"], deadlines["skipped"]
     click.echo(f"overruns: {over['own_work']} by own work, {over['scheduler']} by the scheduler; skipped {skipped}")

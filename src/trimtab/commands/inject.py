@@ -4,8 +4,8 @@ from pathlib import Path
 
 import click
 
-from trimtab.commands.line import INJECTOR, endpoint_factory, find_key, open_line
-from trimtab.commands.options import JSON, KEY, LINK, SCENARIO, SET, UNSIGNED
+from trimtab.commands.line import INJECTOR, endpoint_factory, find_key, live_settings, open_line
+from trimtab.commands.options import JSON, KEY, LINK, NAVIGATION, SCENARIO, SET, UNSIGNED
 from trimtab.commands.output import print_json
 from trimtab.core.time import FOREVER, format_time
 from trimtab.live.autopilot_end import scenario_dialect
@@ -18,6 +18,7 @@ from trimtab.scenarios.build import build
 @click.argument("fault", metavar="FAULT")
 @LINK
 @SET
+@NAVIGATION
 @KEY
 @UNSIGNED
 @JSON
@@ -33,7 +34,7 @@ def command(
     trimtab inject hovercraft/forward 'sensor:navigation off for 1 s' --link udp://127.0.0.1:14550
     trimtab inject hovercraft/forward 'actuators wrong by -2 @ 1 s for 500 ms' --link udp://127.0.0.1:14550
     """
-    built = build(scenario, settings)
+    built = build(scenario, live_settings(scenario, ("stick",)) | settings)
     plan = plan_fault(built, fault)
     signing_key = find_key(scenario, key, unsigned, link, create=False)
     with open_line(link, listen=False) as line:

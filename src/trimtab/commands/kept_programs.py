@@ -46,7 +46,7 @@ def program_key(
     scenario: str, settings: Mapping[str, str], without: Iterable[str], faults: Iterable[str], ideal: bool
 ) -> str | None:
     """The name under which a run's programs are kept; None where its scenario or a setting is a file of the user's."""
-    if ":" in scenario or any(os.path.exists(value) for value in settings.values()):
+    if ":" in scenario or scenario.endswith(".fmu") or any(os.path.exists(value) for value in settings.values()):
         return None
     request = [scenario, dict(settings), list(without), list(faults), ideal]
     text = json.dumps([request, *describe_installation(), cpu_identity()], sort_keys=True)
@@ -136,6 +136,7 @@ def _program_from_json(content: dict[str, Any] | None) -> Program | None:
         "shared_inputs": np.frombuffer(bytes.fromhex(content["shared_inputs"])),
         "words": tuple(content["words"]),
         "periods": tuple(content["periods"]),
+        "noise": tuple(content["noise"]),
         "columns": [_column_from_json(*column) for column in content["columns"]],
         "final": [_column_from_json(*column) for column in content["final"]],
     }

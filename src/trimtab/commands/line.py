@@ -2,9 +2,10 @@
 
 import contextlib
 import ipaddress
+import shlex
 import signal
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 import click
@@ -13,6 +14,7 @@ from trimtab.core.errors import InputError
 from trimtab.core.interfaces import Link
 from trimtab.links.open_link import open_link, parse_uri
 from trimtab.live.connection_problem import COMPUTER_CLOCK, STORED_CLOCK
+from trimtab.scenarios import catalogue
 from trimtab.wire.dialect import Dialect
 from trimtab.wire.keys import SigningKey, create_key, key_path, load_key
 from trimtab.wire.mavlink import Endpoint
@@ -20,6 +22,8 @@ from trimtab.wire.mavlink import Endpoint
 VEHICLE, AUTOPILOT, INJECTOR = (1, 1), (1, 191), (1, 192)
 """System and component of the ends."""
 STORE_PERIOD_S = 1.0
+LIVE_CHOICES = {"supervisor": "automatic", "stick": "console"}
+"""What a scenario's settings are in real time, unless something else is asked for."""
 DATAGRAMS = ("udp",)
 QUICK_LINES = ("udp", "tcp", "loopback")
 QUICK_TRANSFER, SLOW_TRANSFER = 200e3, 4e3
@@ -39,6 +43,12 @@ def is_local(uri: str) -> bool:
     return host == "localhost"
 
 
+def live_settings(scenario: str, names: Sequence[str] = tuple(LIVE_CHOICES)) -> dict[str, str]:
+    """In real time a supervisor watches and a pilot has the stick, where the scenario offers that."""
+    offered = catalogue.scenario_choices(scenario)
+    return {name: LIVE_CHOICES[name] for name in names if LIVE_CHOICES[name] in offered.get(name, ())}
+
+
 def transfer_rate(uri: str) -> float:
     """How quickly files may travel over a line (bytes/s)."""
     return QUICK_TRANSFER if parse_uri(uri).scheme in QUICK_LINES else SLOW_TRANSFER
@@ -47,6 +57,8 @@ def transfer_rate(uri: str) -> float:
 def vehicle_name(scenario: str) -> str:
     """Whose key a scenario's line is signed with: the catalogue's folder, or a file's or module's name."""
     where, own, _ = scenario.partition(":")
+    if where.endswith(".fmu"):
+        return Path(where).stem
     return Path(where).stem if own and where.endswith(".py") else where.partition("/")[0]
 
 
@@ -57,9 +69,10 @@ def find_key(scenario: str, file: Path | None, unsigned: bool, uri: str, *, crea
         scenario: tells the vehicle, see `vehicle_name`: there is one key a vehicle.
         file: the key's, where it is not in its usual place.
         unsigned: whether to go without.
-        uri: the line.
+        uri: the line; refused here where it is none.
         create: make a new key where there is none.
     """
+    parse_uri(uri)
     if unsigned:
         if not is_local(uri):
             problem = f"whoever reaches {uri} could command the vehicle"
@@ -72,7 +85,8 @@ def find_key(scenario: str, file: Path | None, unsigned: bool, uri: str, *, crea
         return load_key(path)
     if not create:
         problem = f"there is no key: {path}"
-        raise InputError("--key", problem, fix="start `trimtab vehicle …` here, or copy the vehicle's key file to it")
+        start = f"trimtab vehicle {shlex.quote(scenario)} --listen {shlex.quote(uri)}"
+        raise InputError("--key", problem, fix=f"{start}  here makes it; from another computer copy the file to it")
     key = create_key(path)
     click.echo(f"new key {path}: copy it to the other computer, and to nobody else", err=True)
     return key

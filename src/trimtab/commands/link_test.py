@@ -6,23 +6,25 @@ import math
 import re
 import secrets
 import shlex
+import socket
 import sys
 from pathlib import Path
 from typing import Any
 
 import click
 
-from trimtab.commands.options import FILE, JSON, SEED
+from trimtab.commands.options import JSON, OUT, PLOT, SEED
 from trimtab.commands.output import (
     check_picture,
-    console,
     draw_plot,
     new_table,
     print_files,
     print_json,
-    show_spinner,
+    print_table,
     write_text,
 )
+from trimtab.commands.progress import format_wait, show_spinner
+from trimtab.commands.written_files import check_new_in
 from trimtab.core.errors import InputError
 from trimtab.core.interfaces import Link
 from trimtab.links.latency_trace import write_trace
@@ -47,13 +49,13 @@ FEWEST = 10
 
 @click.command()
 @click.argument("uri", metavar="URI")
-@click.option("--echo", is_flag=True, help="Be the other end, until Ctrl-C.")
+@click.option("--echo", is_flag=True, help="Be the other end, until Ctrl-C; port 0: one that is free, and said.")
 @click.option("--load", "loads", multiple=True, metavar="UP/DOWN", help="Load in kb/s; repeatable.")
 @click.option("--requests", type=int, default=300, show_default=True, help="For each load.")
 @click.option("--rate", type=float, default=10.0, show_default=True, help="Requests per second.")
 @SEED
-@click.option("--plot", type=FILE, metavar="FILE", help="Picture of the histograms.")
-@click.option("--out", type=FILE, metavar="DIR", help="Folder for table, picture, recordings and settings.")
+@PLOT("Picture of the histograms.")
+@OUT("DIR", "Write table, picture, recordings and settings in this folder.")
 @JSON
 def command(
     uri: str,
@@ -72,8 +74,8 @@ def command(
     type after `trimtab run`. On one machine both have one clock; else the split of the round trip is estimated.
 
     \b
-    trimtab link-test serial:///dev/ttyUSB0?baud=115200 --echo          on one end
-    trimtab link-test serial:///dev/ttyUSB1?baud=115200 --out radio     on the other
+    trimtab link-test 'serial:///dev/ttyUSB0?baud=115200' --echo          on one end
+    trimtab link-test 'serial:///dev/ttyUSB1?baud=115200' --out radio     on the other
     trimtab link-test udp://127.0.0.1:14555 --load 2.9/22.0 --plot delays.png
     """
     if echo:
@@ -82,6 +84,7 @@ def command(
     plans = _plan_loads(loads, requests, rate, seed)
     picture = plot or (out / "link-test.png" if out else None)
     check_picture(picture, out)
+    check_new_in("--out", out, "?*link-*.csv", "settings-*.txt", "link-test.json")
     link = open_link(uri, listen=False)
     try:
         measured = _measure_delays(link, uri, plans)
@@ -101,11 +104,41 @@ def command(
 
 
 def _echo_packets(uri: str) -> None:
+    uri = _choose_port(uri)
     link = open_link(uri, listen=True)
-    click.echo(f"echoing on {uri}; the other end: trimtab link-test {uri}", err=True)
+    other = shlex.join(["trimtab", "link-test", _address_from_elsewhere(uri)])
+    click.echo(f"echoing on {uri}; the other end: {other}", err=True)
     with contextlib.suppress(KeyboardInterrupt):
         echo_requests(link)
     link.close()
+
+
+def _choose_port(uri: str) -> str:
+    """The address, in the place of port 0 one that the system says is free."""
+    before, _, port = uri.rpartition(":")
+    kind = {"udp": socket.SOCK_DGRAM, "tcp": socket.SOCK_STREAM}.get(uri.partition("://")[0])
+    if port != "0" or kind is None:
+        return uri
+    with socket.socket(socket.AF_INET, kind) as asking:
+        asking.bind(("", 0))
+        return f"{before}:{asking.getsockname()[1]}"
+
+
+def _address_from_elsewhere(uri: str) -> str:
+    """What reaches the end that listens at uri: no host is this machine only, 0.0.0.0 is all of its addresses."""
+    scheme, separator, rest = uri.partition("://")
+    host, colon, port = rest.rpartition(":")
+    if host == "" and colon:
+        return f"{scheme}{separator}127.0.0.1:{port}"
+    if host != "0.0.0.0":
+        return uri
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as asking:
+        try:
+            asking.connect(("192.0.2.1", 9))  # an address for examples: nothing is sent, but a way out is chosen
+            own = asking.getsockname()[0]
+        except OSError:
+            own = socket.gethostname()
+    return f"{scheme}{separator}{own}:{port}"
 
 
 def _plan_loads(loads: tuple[str, ...], requests: int, rate: float, seed: int) -> list[LinkTestPlan]:
@@ -130,6 +163,9 @@ def _plan_loads(loads: tuple[str, ...], requests: int, rate: float, seed: int) -
 
 def _measure_delays(link: Link, uri: str, plans: list[LinkTestPlan]) -> list[Delays]:
     """One after the other; empty where nobody answers, which is told."""
+    seconds = sum(plan.requests / plan.rate for plan in plans)
+    first = format_wait(plans[0].first_patience)
+    click.echo(f"takes about {format_wait(seconds)}; the other end must answer within {first}", err=True)
     measured = []
     for plan in plans:
         with show_spinner(f"{plan.requests} requests at {plan.up:g}/{plan.down:g} kb/s up/down"):
@@ -196,7 +232,7 @@ def _print_delays(measured: list[Delays]) -> None:
                 m = fit_delay_model(recorded[path])
                 lost, fitted = f"{m.loss:.1%}", f"{1e3 * m.mean:.2f}, {1e3 * m.sd:.2f}, {1e3 * m.shift:.2f}"
             table.add_row(load, path, *(f"{v:.2f}" for v in row), lost, fitted)
-    console().print(table)
+    print_table(table)
     if not all(delays.has_one_clock for delays in measured):
         click.echo("two clocks: their offset is that of the quickest round trips; only the round trip is certain")
 

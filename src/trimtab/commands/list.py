@@ -1,30 +1,60 @@
 """`trimtab list`: the scenarios, or every setting of one."""
 
+import json
 from collections.abc import Mapping
 from typing import Any
 
 import click
 
 from trimtab.commands.options import JSON
-from trimtab.commands.output import console, new_table, print_json
+from trimtab.commands.output import ANSWERS, new_table, print_json, print_schema, print_table
+from trimtab.commands.typed_names import keep_paths
+from trimtab.core.errors import InputError
 from trimtab.scenarios import catalogue
 
 
 @click.command()
 @click.argument("scenario", metavar="[SCENARIO]", required=False)
+@click.option("--toml", "as_toml", is_flag=True, help="The scenario as a scenario file.")
+@click.option("--schema", "as_schema", is_flag=True, help="The JSON schema of scenario files.")
+@click.option("--answers", "as_answers", is_flag=True, help="The JSON schema of what --json prints, of every verb.")
 @JSON
-def command(scenario: str | None, as_json: bool) -> None:
+def command(scenario: str | None, as_toml: bool, as_schema: bool, as_answers: bool, as_json: bool) -> None:
     """List the scenarios, or every setting of one.
 
     \b
     trimtab list
     trimtab list hovercraft/zero-velocity
+    trimtab list hovercraft/spin --toml > my.toml      a scenario file to be changed and flown
     """
-    if scenario is None:
+    if as_schema:
+        from trimtab.scenarios.toml_text import scenario_schema  # every part there is
+
+        print_schema(scenario_schema())
+    elif as_answers:
+        print_schema(json.loads(ANSWERS.read_text("utf-8")))
+    elif as_toml:
+        _print_file(scenario)
+    elif scenario is None:
         print_scenarios(catalogue.scenario_names(), as_json)
     else:
+        from trimtab.loop.settings import setting_paths
+        from trimtab.scenarios.build import PREDICTOR, SWITCH  # all of the loop, which a list of names does not need
+
         built, _ = catalogue.load_scenario(scenario)
-        print_settings(scenario, built, catalogue.scenario_choices(scenario), catalogue.choice_lines(scenario), as_json)
+        choices = {**catalogue.scenario_choices(scenario), PREDICTOR: tuple(SWITCH)}
+        lines = {**catalogue.choice_lines(scenario), PREDICTOR: SWITCH}
+        keep_paths(scenario, setting_paths(built))
+        print_settings(scenario, built, choices, lines, as_json)
+
+
+def _print_file(scenario: str | None) -> None:
+    if scenario is None:
+        raise InputError("--toml", "writes one scenario", fix="trimtab list hovercraft/spin --toml > my.toml")
+    from trimtab.scenarios.toml_text import format_scenario
+
+    built, _ = catalogue.load_scenario(scenario)
+    click.echo(format_scenario(scenario, built, catalogue.scenario_choices(scenario)), nl=False)
 
 
 def print_scenarios(names: Mapping[str, str], as_json: bool) -> None:
@@ -35,7 +65,7 @@ def print_scenarios(names: Mapping[str, str], as_json: bool) -> None:
     table = new_table("scenario", "what it shows", unwrapped=("scenario",))
     for name, doc in names.items():
         table.add_row(name, doc)
-    console().print(table)
+    print_table(table)
     click.echo(f"fly one: trimtab run {next(iter(names))}      its settings: trimtab list {next(iter(names))}")
 
 
@@ -75,7 +105,7 @@ def print_settings(
     for path, declared in absent_parts(scenario):
         fields = ", ".join(p for p, _, _ in leaves(declared.optional))
         table.add_row(f"{path}.…", "none", "", f"{declared.doc} One setting puts it there: {fields}.")
-    console().print(table)
+    print_table(table)
     click.echo(f"--without {' | '.join(faults)}")
     if mismatch:
         click.echo(describe_mismatches(mismatch))

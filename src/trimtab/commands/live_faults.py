@@ -9,8 +9,9 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from trimtab.commands.options import FILE, JSON
-from trimtab.commands.output import check_folder, console, new_table, print_json
+from trimtab.commands.options import FILE, JSON, OUT
+from trimtab.commands.output import check_folder, new_table, print_json, print_table
+from trimtab.commands.written_files import check_new, note_written
 from trimtab.core.errors import InputError
 from trimtab.study import find_study, import_study
 
@@ -21,10 +22,16 @@ if TYPE_CHECKING:
 @click.command()
 @click.option("--only", multiple=True, metavar="CASE", help="Only this case; repeatable.  [default: all]")
 @click.option("--draw", type=click.IntRange(1), metavar="N", help="N flights drawn at random, instead of the cases.")
-@click.option("--seed", type=click.IntRange(0), default=1, show_default=True, help="Of what is drawn.")
+@click.option(
+    "--seed",
+    type=click.IntRange(0),
+    default=1,
+    show_default=True,
+    help="Of the random numbers by which flights are drawn.",
+)
 @click.option("--findings", is_flag=True, help="What was found at version 0.1: each tried again, beside what it was.")
 @click.option("--jobs", type=click.IntRange(1, 16), default=2, show_default=True, help="How many at a time.")
-@click.option("--out", type=FILE, metavar="DIR", help="Keep logs, and all that was said, in a folder a case.")
+@OUT("DIR", "Write logs, and all that was said, in this folder, a folder a case.")
 @click.option("--page", type=FILE, metavar="FILE", help="Write the docs page with the table; with --only, into it.")
 @JSON
 def command(
@@ -66,6 +73,8 @@ def command(
                 raise InputError("--out", f"there is a case already: {out / name}", fix="--out with a new folder")
     if page is not None:
         check_folder("--page", page.parent)
+        if not only:  # else it is the page that is added to
+            check_new("--page", page)
     began = monotonic()
 
     def tell(outcome: "CaseOutcome") -> None:
@@ -104,7 +113,7 @@ def _print_findings(outcomes: "Sequence[CaseOutcome]") -> None:
     table = new_table("tried", "at 0.1", "now", "verdict", unwrapped=("verdict",))
     for row in study.compare_findings(outcomes):
         table.add_row(*row)
-    console().print(table)
+    print_table(table)
 
 
 def _count_kinds(outcomes: "Sequence[CaseOutcome]") -> dict[str, dict[str, int]]:
@@ -120,7 +129,7 @@ def _print_kinds(kinds: dict[str, dict[str, int]]) -> None:
     table = new_table("kind", *(f">{name}" for name in names), unwrapped=("kind",))
     for kind, counts in kinds.items():
         table.add_row(kind, *(str(n) for n in counts.values()))
-    console().print(table)
+    print_table(table)
 
 
 def _write_page(file: Path, outcomes: "Sequence[CaseOutcome]", wall: float, *, apart: bool) -> None:
@@ -129,6 +138,7 @@ def _write_page(file: Path, outcomes: "Sequence[CaseOutcome]", wall: float, *, a
     before = file.read_text("utf-8") if apart and file.exists() else ""
     run = page.describe_flights([one.name for one in outcomes], wall, os.cpu_count() or 1, apart=apart)
     file.write_text(page.format_page(outcomes, run, before, names), "utf-8")
+    note_written([file])
 
 
 def _import_module(name: str) -> Any:

@@ -9,16 +9,21 @@ import numpy as np
 from trimtab.campaign.search.axes import KINDS, LINKS, Axis, axis_of_link, axis_of_path, axis_of_scale
 from trimtab.campaign.search.map_theory import StabilityCriterion, stability_criteria
 from trimtab.campaign.search.stability_map import SWING, StabilityMap, parse_success, stability_map
+from trimtab.campaign.store.memo import FlightMemo
+from trimtab.commands.kept_flights import keep_flights
 from trimtab.commands.kept_programs import enable_cache
-from trimtab.commands.options import FILE, JSON, SCENARIO, SEED, SET, SUCCESS, WITHOUT
-from trimtab.commands.output import check_picture, print_files, print_json, show_spinner
+from trimtab.commands.options import FLIGHT, JSON, PLOT, RUNS, SCENARIO, SEED, STORE, SUCCESS, THREADS, WITHOUT
+from trimtab.commands.output import check_picture, print_files, print_json
+from trimtab.commands.progress import show_progress
 from trimtab.core.errors import InputError
-from trimtab.run.program import check_seed
+from trimtab.run.program import check_seed, describe_scenario
 from trimtab.scenarios.build import build
 
 COARSE = 5
 """Values of the coarse grid where an axis does not say how many."""
 EXAMPLE = "delay=0:0.6"
+KNOWS_NO = "it is of the linear loop, and knows no loss of packets"
+"""Of the theory beside a map."""
 
 Criteria = tuple[StabilityCriterion, ...]
 
@@ -28,9 +33,11 @@ Criteria = tuple[StabilityCriterion, ...]
 @click.option("--x", required=True, metavar="AXIS=LOW:HIGH[:N]", help="E.g. delay=0:0.6, or any PATH=LOW:HIGH.")
 @click.option("--y", required=True, metavar="AXIS=LOW:HIGH[:N]", help="E.g. jitter=0:0.3.")
 @SUCCESS
-@SET
+@FLIGHT
 @WITHOUT
-@click.option("--runs", type=click.IntRange(1), default=8, show_default=True, help="Worlds at each point.")
+@THREADS
+@STORE
+@RUNS(8, "How many worlds at each point.")
 @click.option("--depth", type=click.IntRange(0, 8), default=4, show_default=True, help="How often cells are halved.")
 @click.option("--threshold", type=click.FloatRange(0, 1), default=0.5, show_default=True, help="Share at the boundary.")
 @click.option(
@@ -42,7 +49,7 @@ Criteria = tuple[StabilityCriterion, ...]
 )
 @SEED
 @click.option("--theory/--no-theory", default=True, show_default=True, help="Draw the linear theory where it applies.")
-@click.option("--plot", type=FILE, metavar="FILE", help="Picture of the map.")
+@PLOT("Picture of the map.")
 @JSON
 def command(
     scenario: str,
@@ -51,8 +58,10 @@ def command(
     success: tuple[str, ...],
     settings: dict[str, str],
     without: tuple[str, ...],
+    faults: tuple[str, ...],
     seed: int,
     theory: bool,
+    store: Path | None,
     plot: Path | None,
     as_json: bool,
     **grid: Any,
@@ -77,13 +86,19 @@ def command(
     if horizontal.name == vertical.name:
         problem = f"it is {vertical.name!r} like --x"
         raise InputError("--y", problem, fix="give it another parameter, e.g. --y jitter=0:0.3")
-    built = build(scenario, settings, without)
+    built = build(scenario, settings, without, faults)
     check_picture(plot, None)
     enable_cache()
+    about = {"scenario": describe_scenario(built), "success": success, "swing": grid["swing"]}
     if success:
         grid["success"], grid["signals"] = parse_success(built, success)
-    with show_spinner(f"flying {built.name}"):
-        diagram = stability_map(built, horizontal, vertical, seed=seed, **grid)
+    points = _estimate_points(horizontal, vertical, grid["depth"])
+    with show_progress(points) as tell, keep_flights(scenario, store) as folder:
+        tell("compiling", 0)
+        memo = FlightMemo(folder, about, scenario)
+        diagram = stability_map(
+            built, horizontal, vertical, seed=seed, memo=memo, progress=lambda n: tell("points", n), **grid
+        )
         criteria, why = _find_criteria(diagram) if theory else ((), "")
     files = [] if plot is None else [plot]
     if plot is not None:
@@ -96,6 +111,11 @@ def command(
         return
     _print_map(diagram, criteria, why)
     print_files(files)
+
+
+def _estimate_points(x: Axis, y: Axis, depth: int) -> int:
+    """About how many points fly: the coarse grid, and what a boundary from side to side takes."""
+    return len(x.values) * len(y.values) + 4 * max(len(x.values), len(y.values)) * (2**depth - 1)
 
 
 def parse_axis(option: str, text: str) -> Axis:
@@ -175,7 +195,7 @@ def _print_map(diagram: StabilityMap, criteria: Criteria, why: str) -> None:
     if len(traced.boundary_cells()) == 0:
         click.echo(_boundary_hint(diagram))
     if criteria:
-        click.echo(f"theory beside it: {', '.join(one.name for one in criteria)}")
+        click.echo(f"theory beside it: {', '.join(one.name for one in criteria)}; {KNOWS_NO}")
     elif why:
         click.echo(f"no theory beside it: {why}")
 

@@ -3,28 +3,59 @@
 import contextlib
 import json
 import math
-import sys
+import os
 import tempfile
-import time
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
+from trimtab.commands.written_files import check_new, note_written
 from trimtab.core.errors import InputError
-from trimtab.logs.log_limit import list_files
+from trimtab.logs.log_limit import list_files, round_size
 
 if TYPE_CHECKING:  # rich is imported when a table is printed, not for --json
     from rich.console import Console
-    from rich.table import Table
+    from rich.table import Column, Table
+
+NARROWEST = 20
+"""Characters of a line, at least, that COLUMNS is believed to mean."""
 
 
-def print_json(result: Mapping[str, Any], files: Iterable[str | Path] = ()) -> None:
-    """One object on one line; a number that is not finite is null. Names the files, where any were written."""
+ANSWERS = Path(__file__).with_name("answers.json")
+"""JSON Schema of what is printed after ``--json``."""
+ANSWER_VERSION = 1
+"""Of all of them; raised where one loses or changes a field, not where it gains one."""
+
+
+def print_json(result: Mapping[str, Any], files: Iterable[str | Path] = (), verb: str = "") -> None:
+    """The answer of a verb, one object on one line, as `ANSWERS` describes it. Names the files, where any were written.
+
+    verb: whose answer it is, where it isn't that of the one that runs.
+    """
     names = [str(file) for file in files]
-    click.echo(json.dumps(_to_json({**result} | ({"files": names} if names else {})), allow_nan=False))
+    note_written(names)
+    answer = compose_answer(verb or _running_verb(), {**result} | ({"files": names} if names else {}))
+    click.echo(json.dumps(answer, allow_nan=False))
+
+
+def compose_answer(verb: str, result: Mapping[str, Any]) -> dict[str, Any]:
+    """What is printed: which answer it is, with its version, then its fields; a number that is not finite is null."""
+    return {"answer": f"{verb}/{ANSWER_VERSION}"} | _to_json(result)
+
+
+def _running_verb() -> str:
+    """The verb that was typed: the word after the program's own."""
+    context = click.get_current_context()
+    while context.parent is not None and context.parent.parent is not None:
+        context = context.parent
+    return str(context.info_name)
+
+
+def print_schema(schema: Mapping[str, Any]) -> None:
+    """A JSON schema on one line, as a file for an editor or a validator."""
+    click.echo(json.dumps(schema, allow_nan=False))
 
 
 def _to_json(value: Any) -> Any:
@@ -36,17 +67,21 @@ def _to_json(value: Any) -> Any:
 
 
 def print_files(files: Iterable[str | Path]) -> None:
-    """Say what was written."""
+    """Say what was written, and remember that it is trimtab's."""
+    files = list(files)
+    note_written(files)
     for file in files:
         click.echo(f"wrote {file}")
 
 
 def console() -> "Console":
-    """Standard output; wide enough for a table when it is not a terminal."""
+    """Standard output; wide enough for a table where it is no terminal and COLUMNS says nothing else."""
     from rich.console import Console
 
     screen = Console(highlight=False, soft_wrap=False)
-    return screen if screen.is_terminal else Console(highlight=False, width=140)
+    columns = os.environ.get("COLUMNS", "")
+    width = int(columns) if columns.isdecimal() and int(columns) >= NARROWEST else None
+    return screen if screen.is_terminal and not width else Console(highlight=False, width=width or 140)
 
 
 def new_table(*headings: str, title: str | None = None, unwrapped: Sequence[str] = ()) -> "Table":
@@ -60,14 +95,69 @@ def new_table(*headings: str, title: str | None = None, unwrapped: Sequence[str]
     table = Table(box=box.SIMPLE_HEAD, pad_edge=False, header_style="bold", title=title, title_justify="left")
     for heading in headings:
         name = heading.removeprefix(">")
-        table.add_column(name, justify="left" if name == heading else "right", no_wrap=name in unwrapped)
+        is_number = name != heading
+        table.add_column(name, justify="right" if is_number else "left", no_wrap=is_number or name in unwrapped)
     return table
+
+
+def print_table(table: "Table") -> None:
+    """Print a table; where it is too wide, headings and words break in lines, numbers never.
+
+    What still doesn't fit is printed row by row.
+    """
+    from rich.text import Text
+
+    screen = console()
+    rows = list(zip(*(column.cells for column in table.columns), strict=True))
+    if not rows or _fit_columns(table, screen):
+        screen.print(table)
+        return
+    if table.title:
+        click.echo(str(table.title))
+    for row in rows:
+        words = [Text.from_markup(str(cell)).plain.strip() for cell in row]
+        pairs = [
+            f"{c.header}: {word}" if c.header else word for c, word in zip(table.columns, words, strict=True) if word
+        ]
+        click.echo(click.wrap_text("; ".join(pairs), screen.width, subsequent_indent="    "))
+
+
+GAPS = ((0, 1), (0, 0))
+"""Padding of the cells (lines, characters): as a table looks best, and where there is little room."""
+
+
+def _fit_columns(table: "Table", screen: "Console") -> bool:
+    """Give each column its width, and say whether there is room for all: what lacks most gets more first."""
+    least, longest = zip(*(_column_widths(column, screen) for column in table.columns), strict=True)
+    for padding in GAPS:
+        edges = 2 + (1 + 2 * padding[1]) * (len(least) - 1)
+        room, widths = screen.width - edges - sum(least), list(least)
+        if room < 0:
+            continue
+        for _ in range(room):
+            lack = [most - width for most, width in zip(longest, widths, strict=True)]
+            widths[lack.index(max(lack))] += max(lack) > 0
+        table.padding = padding
+        for column, width in zip(table.columns, widths, strict=True):
+            column.width, column.no_wrap = width, False
+        return True
+    return False
+
+
+def _column_widths(column: "Column", screen: "Console") -> tuple[int, int]:
+    """How narrow a column can be, and how wide it would be: a cell that stays on one line is never broken."""
+    heading, *cells = (screen.render_str(str(cell)) for cell in (column.header, *column.cells))
+    words = [len(word) for text in (heading, *cells) for word in text.plain.split()]
+    whole = [cell.cell_len for cell in cells if column.no_wrap]
+    return max((*words, *whole, 1)), max(heading.cell_len, *(cell.cell_len for cell in cells))
 
 
 def format_number(value: float | None) -> str:
     """A number of a table in few digits; a dash where there is none."""
     if value is None:
         return "-"
+    if abs(value) >= 1e7:
+        return f"{value:.3e}"
     small = value != 0 and abs(value) < 0.01
     return f"{value:.2e}" if small and abs(value) < 1e-4 else f"{value:.5f}" if small else f"{value:.3f}"
 
@@ -84,6 +174,15 @@ def check_picture(picture: Path | None, out: Path | None) -> None:
             check_folder("--plot", picture.parent)
         if picture.is_dir():
             raise InputError("--plot", f"{str(picture)!r} is a folder", fix=f"--plot {picture / 'run.png'}")
+        check_new("--plot", picture)
+
+
+def check_out(option: str, file: Path, example: str = "") -> None:
+    """Refuse a file that can't be written, and one that trimtab did not write. example: a name that is wanted."""
+    check_folder(option, file.parent)
+    if file.is_dir():
+        raise InputError(option, f"{str(file)!r} is a folder", fix=f"{option} {file / (example or 'result.json')}")
+    check_new(option, file)
 
 
 def check_folder(part: str, folder: Path) -> None:
@@ -112,6 +211,13 @@ def new_log(out: Path, name: str) -> Path:
     return out / name
 
 
+def print_log_size(log: Mapping[str, Any] | None) -> None:
+    """What the log of a flight took, and what a minute takes. log: what its `LogFileSummary` says, if there is one."""
+    if log is not None:
+        minute = "" if log["minute_size"] is None else f", {round_size(log['minute_size'])} a minute"
+        click.echo(f"log: {round_size(log['size'])}{minute}")
+
+
 def write_text(file: Path, text: str) -> Path:
     """Write a file, whole or not at all, and its folder where there is none yet."""
     from trimtab.logs.mcap import replace_file  # brings numpy along, which a list of names does not need
@@ -129,55 +235,3 @@ def draw_plot(file: Path | None, plot: Callable[..., object], *subjects: Any, **
     file.parent.mkdir(parents=True, exist_ok=True)
     plot(*subjects, path=file, **options)
     return [file]
-
-
-@contextmanager
-def show_progress(total: int) -> Iterator[Callable[[str, int], None]]:
-    """A bar that vanishes; nothing where standard error is no terminal. Tell it what goes on, and how many are done."""
-    if not sys.stderr.isatty():
-        yield lambda text, done: None
-        return
-    from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeElapsedColumn
-
-    columns = (BarColumn(20), MofNCompleteColumn(), TimeElapsedColumn(), TextColumn("{task.description}"))
-    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
-        task = bar.add_task("", total=total)
-        yield lambda text, done: bar.update(task, description=text, advance=done)
-
-
-@contextmanager
-def show_spinner(text: str) -> Iterator[None]:
-    """A spinner that says what is waited for, and vanishes; nothing where standard error is no terminal."""
-    if not sys.stderr.isatty():
-        yield
-        return
-    from rich.console import Console
-
-    with Console(stderr=True).status(text):
-        yield
-
-
-@contextmanager
-def show_count(total: int, before: str) -> Iterator[Callable[[int], None]]:
-    """A bar with rate and remaining time, which is told how many are done in all; `before` until the first are."""
-    if not sys.stderr.isatty():
-        yield lambda done: None
-        return
-    from rich.console import Console
-    from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
-
-    columns = (BarColumn(20), MofNCompleteColumn(), TextColumn("{task.description}"), TimeRemainingColumn())
-    with Progress(*columns, console=Console(stderr=True), transient=True) as bar:
-        task = bar.add_task(before, total=total)
-        since, first, most = 0.0, -1, -1
-
-        def tell(done: int) -> None:
-            nonlocal since, first, most
-            now, most = time.monotonic(), max(most, done)  # who flies and who keeps both tell
-            if first in (-1, most):  # still compiling
-                since, first = now, most
-                return
-            bar.update(task, description=f"{(most - first) / (now - since):.0f} runs/s", completed=most)
-
-        yield tell

@@ -9,13 +9,15 @@ from typing import Any
 import click
 import numpy as np
 
+from trimtab.commands.foreign_logs import check_choice, read_any_log, scenario_estimator
 from trimtab.commands.kept_programs import enable_cache
-from trimtab.commands.options import FILE, JSON, parse_settings
-from trimtab.commands.output import check_picture, draw_plot, print_files, print_json, show_spinner
+from trimtab.commands.options import BACKEND, FILE, JSON, OUT, PLOT, parse_settings
+from trimtab.commands.output import check_out, check_picture, draw_plot, print_files, print_json
+from trimtab.commands.progress import show_spinner
 from trimtab.core.errors import InputError
 from trimtab.core.record import is_record, replace
 from trimtab.logs.log import Log
-from trimtab.logs.mcap import read_mcap, write_mcap
+from trimtab.logs.mcap import write_mcap
 from trimtab.logs.navigation import assess_navigation
 from trimtab.loop.scenario import Scenario
 from trimtab.loop.settings import with_settings
@@ -32,7 +34,20 @@ PARTS = ("estimator", "law", "allocation")
 
 @click.command()
 @click.argument("file", type=FILE)
-@click.option("--scenario", metavar="SCENARIO", help="Your own, where the log's is not in the catalogue.")
+@click.option("--map", "mapping", type=FILE, metavar="MAP.toml", help="What the columns of another system's log are.")
+@click.option(
+    "--scenario",
+    metavar="SCENARIO",
+    help="Scenario, where the log's is not in the catalogue; with --map: whose estimator goes over the log.",
+)
+@click.option(
+    "--set",
+    "settings",
+    multiple=True,
+    metavar="PATH=VALUE",
+    callback=parse_settings,
+    help="Change a setting of that scenario; with --map; repeatable.",
+)
 @click.option(
     "--with",
     "choices",
@@ -42,13 +57,15 @@ PARTS = ("estimator", "law", "allocation")
     help="Another estimator or law.",
 )
 @click.option("--estimator", metavar="MODULE:FACTORY", help="This one alone, over the samples of any log; no scenario.")
-@click.option("--out", type=FILE, metavar="FILE", help="With --estimator: the log with its estimates, MCAP.")
-@click.option("--backend", type=click.Choice(("auto", "c", "jax")), default="auto", show_default=True)
-@click.option("--plot", type=FILE, metavar="FILE", help="Picture: recorded and replayed.")
+@OUT("FILE", "Write the log with its estimates (MCAP); with --estimator.")
+@BACKEND
+@PLOT("Picture of recorded and replayed.")
 @JSON
 def command(
     file: Path,
+    mapping: Path | None,
     scenario: str | None,
+    settings: dict[str, str],
     choices: dict[str, str],
     estimator: str | None,
     out: Path | None,
@@ -66,11 +83,21 @@ def command(
     trimtab replay forward/run.mcap
     trimtab replay forward/run.mcap --with estimator=ins-coupled --plot both.png
     trimtab replay mine.mcap --estimator my_filters:planar --out estimated.mcap
+
+    A log of another system (PX4's ULog, ArduPilot's BIN, MCAP, rosbag2, CSV) is listed; with a mapping an estimator
+    goes over it.
+
+    \b
+    trimtab replay flight.ulg
+    trimtab replay flight.ulg --map px4.toml --scenario navigation/platform-square-wave --out estimated.mcap
     """
     check_picture(plot, None)
-    log = read_mcap(file)
-    if estimator is not None:
-        _step_estimator(log, estimator, backend, out, as_json)
+    if out is not None:
+        check_out("--out", out, "estimated.mcap")
+    check_choice(mapping, scenario, estimator, settings, choices)
+    log = read_any_log(file, mapping, quiet=as_json)
+    if estimator is not None or mapping is not None:
+        _step_estimator(log, scenario, settings, estimator, backend, out, as_json)
         return
     if out is not None:
         raise InputError("--out", "a replay of an autopilot writes no log", fix="name one with --estimator too")
@@ -94,18 +121,29 @@ def command(
     sys.exit(0 if replay.equal else 1)
 
 
-def _step_estimator(log: Log, name: str, backend: str, out: Path | None, as_json: bool) -> None:
-    """An estimator alone: what it gives, how far from the truth, and whether it knows."""
+def _step_estimator(
+    log: Log,
+    scenario: str | None,
+    settings: Mapping[str, str],
+    name: str | None,
+    backend: str,
+    out: Path | None,
+    as_json: bool,
+) -> None:
+    """An estimator alone, by its own name or a scenario's: what it gives, how far from the truth, whether it knows."""
     enable_cache()
-    with show_spinner(f"compiling {name}"):
-        part = _build_part("estimator", name) if ":" in name else None
-        if part is None:
+    with show_spinner(f"compiling {name or scenario}"):
+        if name is None:
+            part = scenario_estimator(str(scenario), settings)
+        elif ":" in name:
+            part = _build_part("estimator", name)
+        else:
             raise InputError("--estimator", f"{name!r} names no factory", fix="--estimator module:factory")
         estimated = replay_estimator(log, part, backend=backend)
     valid = estimated["estimate.valid"]
     states = [p for p in estimated.paths if p.startswith("estimate.state.") and p.count(".") == 2]
     truths = {p.rpartition(".")[2]: interpolate_truth(log, p, estimated.ticks) for p in states}
-    off = {n: estimated[f"estimate.state.{n}"][valid] - v[valid] for n, v in truths.items() if v is not None}
+    off = {n: _state_error(estimated, n, v)[valid] for n, v in truths.items() if v is not None}
     errors = {n: float(np.sqrt(np.mean(v * v))) for n, v in off.items() if len(v)}
     navigation = assess_navigation(estimated)
     files = [] if out is None else [write_mcap(estimated, out)]
@@ -120,6 +158,14 @@ def _step_estimator(log: Log, name: str, backend: str, out: Path | None, as_json
     if navigation is not None:
         click.echo(f"  what it says of its errors: {navigation.verdict}")
     print_files(files)
+
+
+def _state_error(estimated: Log, name: str, truth: Any) -> Any:
+    """Estimate minus truth; of an angle the smallest that is equal to it."""
+    path = f"estimate.state.{name}"
+    error = estimated[path] - truth
+    is_angle = path in estimated.declarations and estimated.declarations[path].kind == "angle"
+    return (error + np.pi) % (2 * np.pi) - np.pi if is_angle else error
 
 
 def replay_json(replay: Replay) -> dict[str, Any]:
@@ -177,6 +223,8 @@ def _build_part(name: str, choice: str) -> Any:
         part = getattr(importlib.import_module(where), factory)()
     except (ImportError, AttributeError, TypeError) as error:
         fix = f"define  def {factory or 'make'}():  in {where}, which gives the {name}"
+        if where.endswith(".py"):
+            fix = f"name the module, from the folder that holds it: {Path(where).stem}:{factory or 'make'}"
         raise InputError(f"--with {name}", f"{choice!r} gives nothing: {error}", fix=fix) from None
     if not is_record(part):
         problem = f"{choice!r} gives {type(part).__name__}, which is no record"

@@ -11,8 +11,10 @@ from typing import Any
 import click
 
 from trimtab.commands.kept_programs import enable_cache
-from trimtab.commands.options import FILE, JSON
-from trimtab.commands.output import check_folder, console, new_table, print_files, print_json, show_progress, write_text
+from trimtab.commands.options import FILE, JSON, OUT
+from trimtab.commands.output import check_folder, console, new_table, print_files, print_json, print_table, write_text
+from trimtab.commands.progress import show_progress
+from trimtab.commands.written_files import check_new_in
 from trimtab.study import (
     BASES,
     PUBLISHED,
@@ -32,7 +34,7 @@ GroupRows = list[tuple[StudyGroup, list[Row]]]
 @click.command()
 @click.argument("study", metavar="[STUDY]", required=False)
 @click.option("--only", multiple=True, metavar="GROUP", help="Only this group of figures; repeatable.")
-@click.option("--out", type=FILE, metavar="DIR", help="Folder for the study's pictures.")
+@OUT("DIR", "Write the study's pictures in this folder.")
 @click.option("--report", type=FILE, metavar="DIR", help="Folder for one page: rows, pictures, errata, environment.")
 @JSON
 def command(study: str | None, only: tuple[str, ...], out: Path | None, report: Path | None, as_json: bool) -> None:
@@ -54,6 +56,7 @@ def command(study: str | None, only: tuple[str, ...], out: Path | None, report: 
     for option, folder in (("--out", out), ("--report", report)):
         if folder is not None:
             check_folder(option, folder)
+            check_new_in(option, folder, "*.png", "index.html")
     enable_cache()
     begin, since = time.strftime("%Y-%m-%d %H:%M UTC", time.gmtime()), time.monotonic()
     with tempfile.TemporaryDirectory() as scratch:
@@ -181,7 +184,7 @@ def _print_rows(title: str, rows: list[Row]) -> None:
         unit = "" if row.unit == "1" else row.unit
         cells = (row.what, printed, format_value(row.computed), row.tolerance, unit, row.verdict, row.citation)
         table.add_row(*(cell.replace("[", r"\[") for cell in cells), style=styles.get(row.verdict))
-    console().print(table)
+    print_table(table)
     for row in rows:
         if row.verdict != "holds":
             console().print(f"  {row.verdict}: {row.what}. {row.note}".rstrip().replace("[", r"\["))

@@ -4,6 +4,7 @@ A run that was flown before starts from its kept programs, without importing JAX
 needs JAX is imported at the top of this file.
 """
 
+import sys
 import time
 from collections.abc import Mapping
 from concurrent.futures import ThreadPoolExecutor
@@ -12,18 +13,28 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import click
 
-from trimtab.commands.flight_summary import metric_units, print_result, summarise_run
+from trimtab.commands.flight_summary import closest_approach, metric_units, print_result, summarise_run
 from trimtab.commands.kept_programs import RunPrograms, enable_cache, load_programs, program_key, store_programs
-from trimtab.commands.options import FAULT, FILE, JSON, NAVIGATION, SCENARIO, SET, WITHOUT
-from trimtab.commands.output import check_picture, console, draw_plot, new_table, print_files, print_json, show_spinner
+from trimtab.commands.options import BACKEND, FLIGHT, JSON, OUT, PLOT, SCENARIO, WITHOUT
+from trimtab.commands.output import check_picture, draw_plot, new_table, print_files, print_json, print_table
+from trimtab.commands.progress import announce_size, show_spinner, warn_of_room
+from trimtab.commands.written_files import check_new_in
+from trimtab.core.errors import InputError
+from trimtab.core.formula import is_temporal, parse_formula
 from trimtab.core.time import parse_time
 from trimtab.logs.log import Log
 from trimtab.logs.metrics import Target
+from trimtab.logs.robustness import assess_formula
+from trimtab.logs.spatial import with_flight
 from trimtab.run.program import check_seed
 
 if TYPE_CHECKING:
     from trimtab.logs.navigation import Navigation
     from trimtab.loop.scenario import Scenario
+
+
+PICTURES = ("tracking", "swarm", "navigation")
+"""What else is drawn, where there is something of it to be seen: each a picture of its own beside that of --plot."""
 
 
 class RunReport(NamedTuple):
@@ -38,35 +49,35 @@ class RunReport(NamedTuple):
 
 @click.command()
 @SCENARIO
-@SET
-@NAVIGATION
+@FLIGHT
 @WITHOUT
-@FAULT
 @click.option("--seed", type=int, default=0, show_default=True, help="Of the random numbers.")
 @click.option("--run", "number", type=int, default=0, show_default=True, help="Number of a run within a campaign.")
-@click.option("--duration", metavar="TIME", help="E.g. 20, '20 s', '500 ms'.  [default: the scenario's]")
 @click.option("--ideal/--no-ideal", default=True, show_default=True, help="Fly the ideal twin beside it.")
-@click.option(
-    "--backend", type=click.Choice(("auto", "c", "jax")), default="auto", show_default=True, help="What flies it."
-)
-@click.option("--plot", type=FILE, metavar="FILE", help="Picture of all signals.")
-@click.option("--out", type=FILE, metavar="DIR", help="Folder for log (MCAP) and picture.")
+@BACKEND
+@PLOT("Picture of all signals.")
+@OUT("DIR", "Write log (MCAP) and picture in this folder.")
 @click.option("--log-period", metavar="TIME", default="1 ms", show_default=True, help="Between two rows of the log.")
+@click.option(
+    "--require",
+    multiple=True,
+    metavar="FORMULA",
+    help="What must hold, else exit code 1, e.g. 'always[5 s, 15 s](abs(truth.yaw_rate) < 3 deg/s)'; repeatable.",
+)
 @JSON
 def command(
     scenario: str,
     settings: dict[str, str],
-    navigation: str | None,
     without: tuple[str, ...],
     faults: tuple[str, ...],
     seed: int,
     number: int,
-    duration: str | None,
     ideal: bool,
     backend: str,
     plot: Path | None,
     out: Path | None,
     log_period: str,
+    require: tuple[str, ...],
     as_json: bool,
 ) -> None:
     """Fly a scenario in virtual time, ideal beside real.
@@ -80,17 +91,22 @@ def command(
     trimtab run hovercraft/spin --set autopilot.law.spinning.k2=5 --duration '30 s' --json
     trimtab run hovercraft/zero-velocity --navigation ins --plot ins.png
     trimtab run hovercraft/forward --fault 'uplink off @ 5 s for 2 s' --plot cut.png
+    trimtab run hovercraft/zero-velocity --require 'eventually[0, 8 s](always(abs(truth.yaw_rate) < 9 deg/s))'
     """
-    if duration is not None:
-        settings["duration"] = duration
-    if navigation is not None:
-        settings["navigation"] = navigation
     flight: dict[str, Any] = {"seed": seed, "run": number, "log_period": parse_time(log_period)}
     check_seed(seed)
     check_seed(number)
+    for formula in require:
+        parse_formula(formula)
+        if not is_temporal(formula):
+            problem = f"{formula!r} is about the first instant alone"
+            raise InputError("--require", problem, fix=f"--require 'always({formula})'")
     if plot is None and out is not None:
         plot = out / "run.png"
     key = None if backend == "jax" else program_key(scenario, settings, without, faults, ideal)
+    check_new_in("--out", out, "run.mcap", "ideal.mcap")
+    if plot is not None:
+        check_new_in("--plot", plot.parent, *(f"{plot.stem}-{more}{plot.suffix}" for more in PICTURES))
     programs = None if key is None else load_programs(key)
     if programs is not None:
         check_picture(plot, out)
@@ -98,22 +114,42 @@ def command(
     else:
         from trimtab.scenarios.build import build
 
-        built = build(scenario, settings, without, faults)
+        built = _estimate_steps(build(scenario, settings, without, faults))
         check_picture(plot, out)
         report = _compile_and_fly(built, ideal, backend, flight, key)
-    result = _summarise_report(scenario, report)
+    seen = with_flight(report.real)
+    result, assessed = _summarise_report(scenario, report), [assess_formula(seen, text) for text in require]
+    if assessed:
+        result["requirements"] = [a._asdict() | {"holds": a.holds} for a in assessed]
     navigated = _summarise_navigation(report.real)
     if navigated is not None:
         result["navigation"] = navigated.plain()
     files = [*_write_logs(report, out), *_draw_run(report, plot, navigated is not None)]
+    failed = not all(a.holds for a in assessed) or result["real"]["lost_s"] is not None
     if as_json:
         print_json(result, files)
-        return
+        sys.exit(failed)
     print_result(result, metric_units(report.real, result["real"]["metrics"]))
+    if "ended_s" in report.real.metadata:
+        click.echo(f"the FMU asked for the end at {report.real.metadata['ended_s']:g} s")
     if navigated is not None:
         units = {name: report.real.unit(f"{navigated.where}.{name}") for name in navigated.learned}
         print_navigation(navigated, units)
+    for line in assessed:
+        click.echo(f"require: {line}")
     print_files(files)
+    sys.exit(failed)
+
+
+def _estimate_steps(scenario: "Scenario") -> "Scenario":
+    """The scenario, whose integration says of its error: of the plain step too, which stays as it is to the bit."""
+    from trimtab.core.record import replace
+    from trimtab.loop.integration import PLAIN_STEP
+    from trimtab.run.blocks import has_stepped_vehicle
+
+    if scenario.world.integration is not None or has_stepped_vehicle(scenario):
+        return scenario
+    return replace(scenario, world=replace(scenario.world, integration=PLAIN_STEP))
 
 
 def _fly_programs(programs: RunPrograms, flight: dict[str, Any], started: float | None = None) -> RunReport:
@@ -127,12 +163,17 @@ def _compile_and_fly(
     scenario: "Scenario", ideal: bool, backend: str, flight: dict[str, Any], key: str | None
 ) -> RunReport:
     """The runs from the scenario itself; its programs are kept for the next time where there is a key."""
+    from trimtab.run.blocks import has_stepped_vehicle, hold_vehicle
     from trimtab.run.runner import choose_c
     from trimtab.run.simulate import compile_scenario, simulate
 
     enable_cache()
     targets = tuple(scenario.targets)
     started = time.perf_counter()
+    if has_stepped_vehicle(scenario):
+        real = simulate(scenario, **flight)
+        twin = simulate(hold_vehicle(scenario).ideal(), **flight) if ideal else None
+        return RunReport(scenario.name, real, twin, targets, time.perf_counter() - started)
 
     def compile_both() -> RunPrograms:
         with ThreadPoolExecutor(1) as other:  # one is traced while the compiler works on the other
@@ -178,11 +219,16 @@ def _summarise_navigation(log: Log) -> "Navigation | None":
 def _write_logs(report: RunReport, out: Path | None) -> list[Path]:
     if out is None:
         return []
-    from trimtab.logs.mcap import write_mcap
+    from trimtab.logs.mcap import estimate_size, write_mcap
 
     out.mkdir(parents=True, exist_ok=True)
-    logs = {"run.mcap": report.real, "ideal.mcap": report.ideal}
-    return [write_mcap(log, out / name) for name, log in logs.items() if log is not None]
+    logs = {
+        out / name: log for name, log in (("run.mcap", report.real), ("ideal.mcap", report.ideal)) if log is not None
+    }
+    size = sum(map(estimate_size, logs.values()))
+    announce_size("log", size)
+    warn_of_room("log", size, out)
+    return [write_mcap(log, file) for file, log in logs.items()]
 
 
 def _draw_run(report: RunReport, file: Path | None, with_navigation: bool) -> list[Path]:
@@ -196,6 +242,11 @@ def _draw_run(report: RunReport, file: Path | None, with_navigation: bool) -> li
 
         pictures.append(file.with_stem(f"{file.stem}-tracking"))
         plot_tracking(report.real, pictures[-1], title=f"{report.name}: tracking")
+    if closest_approach(report.real) is not None:
+        from trimtab.plots.swarm import plot_swarm
+
+        pictures.append(file.with_stem(f"{file.stem}-swarm"))
+        plot_swarm(report.real, report.ideal, pictures[-1], title=report.name)
     if with_navigation:
         from trimtab.plots.navigation import plot_navigation
 
@@ -206,7 +257,6 @@ def _draw_run(report: RunReport, file: Path | None, with_navigation: bool) -> li
 
 def print_navigation(navigation: "Navigation", units: Mapping[str, str]) -> None:
     """Whether a run's navigation knew how wrong it was, and what it learned."""
-    screen = console()
     headings = ("what", ">of", ">draws", ">mean", ">bounds", ">error / sigma", "white", "verdict")
     table = new_table(*headings, title="Navigation: errors against the filter's own sigmas")
     rows: list[tuple[str, str, Any, str]] = []
@@ -219,12 +269,12 @@ def print_navigation(navigation: "Navigation", units: Mapping[str, str]) -> None
         bounds = f"{j.low:.3g} … {j.high:.3g}"
         factor = f"{j.factor:.2f}  ({_format_short(j.factor_low)} … {_format_short(j.factor_high)})"
         table.add_row(name, of, f"{j.draws:.0f}", f"{j.mean:.3g}", bounds, factor, white, j.verdict)
-    screen.print(table)
+    print_table(table)
     table = new_table("state", ">sigma at first", ">at the end", ">settled (s)", "seen")
     for name, state in navigation.learned.items():
         cells = (f"{state.first:.3g}", f"{state.last:.3g}", f"{state.settled_s:.2f}", state.trend)
         table.add_row(f"{name} ({units[name]})", *cells)
-    screen.print(table)
+    print_table(table)
     sure = f"{100 * navigation.probability:g} % of a consistent filter's runs keep within all bounds"
     verdict = f"{navigation.verdict}; judged from {navigation.since_s:.2f} s on"
     click.echo(f"navigation: {verdict}; {sure} (docs, Navigation of a run)")

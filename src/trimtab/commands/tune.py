@@ -9,12 +9,16 @@ from typing import Any
 import click
 
 from trimtab.campaign.search import tune as search
+from trimtab.campaign.search.comparison import Comparison
 from trimtab.campaign.search.scenario_file import check_file, write_scenario
-from trimtab.campaign.search.tune import Comparison, TuningResult
+from trimtab.campaign.search.tune import TuningResult
+from trimtab.commands.kept_flights import keep_flights
 from trimtab.commands.kept_programs import enable_cache
-from trimtab.commands.options import FAULT, FILE, JSON, SCENARIO, SEED, SET, SPREAD, THREADS, WITHOUT
-from trimtab.commands.output import check_folder, check_picture, print_files, print_json, show_progress
+from trimtab.commands.options import FLIGHT, JSON, OUT, PLOT, RUNS, SCENARIO, SEED, SPREAD, STORE, THREADS, WITHOUT
+from trimtab.commands.output import check_out, check_picture, print_files, print_json
+from trimtab.commands.progress import show_progress
 from trimtab.core.errors import InputError
+from trimtab.scenarios.build import build
 
 
 def parse_gains(context: click.Context, parameter: click.Parameter, values: tuple[str, ...]) -> dict[str, str]:
@@ -30,24 +34,46 @@ def parse_gains(context: click.Context, parameter: click.Parameter, values: tupl
 
 @click.command()
 @SCENARIO
-@click.option("--gain", "gains", multiple=True, required=True, callback=parse_gains, metavar="PATH=LOW:HIGH")
-@click.option("--cost", default="error_rms:yaw_rate", show_default=True, help="Metric whose mean is made small.")
-@click.option("--method", type=click.Choice(("search", "gradient")), default="search", show_default=True)
-@click.option("--runs", type=click.IntRange(2), default=64, show_default=True, help="Worlds to tune on.")
-@click.option("--held-out", type=click.IntRange(2), default=256, show_default=True, help="Worlds to judge on.")
-@click.option("--iterations", type=click.IntRange(1), default=30, show_default=True)
+@click.option(
+    "--gain",
+    "gains",
+    multiple=True,
+    required=True,
+    callback=parse_gains,
+    metavar="PATH=LOW:HIGH",
+    help="What may be moved; repeatable.",
+)
+@click.option(
+    "--cost", metavar="TEXT", help="Metric whose mean is made small.  [default: errors, in parts of each band]"
+)
+@click.option(
+    "--method",
+    type=click.Choice(("search", "gradient")),
+    default="search",
+    show_default=True,
+    help="Method: any cost by search, or one that is an integral by its gradient.",
+)
+@RUNS(64, "How many worlds to tune on.", least=2)
+@click.option(
+    "--judge-runs",
+    type=click.IntRange(2),
+    default=256,
+    show_default=True,
+    help="Not tuned on, only judged on: so many worlds.",
+)
+@click.option("--iterations", type=click.IntRange(1), default=30, show_default=True, help="Generations, or steps.")
 @click.option("--width", type=float, default=0.05, show_default=True, help="Of the smoothing, as a share of a range.")
 @SPREAD
-@SET
+@FLIGHT
 @WITHOUT
-@FAULT
 @SEED
 @THREADS
-@click.option("--out", type=FILE, metavar="FILE", help="Scenario file with the gains, e.g. tuned.py.")
-@click.option("--plot", type=FILE, metavar="FILE", help="Picture of how it went.")
+@STORE
+@OUT("FILE", "Write a scenario file with the gains, e.g. tuned.py.")
+@PLOT("Picture of how it went.")
 @JSON
 def command(
-    scenario: str, cost: str, method: str, out: Path | None, plot: Path | None, as_json: bool, **options: Any
+    scenario: str, cost: str | None, method: str, out: Path | None, plot: Path | None, as_json: bool, **options: Any
 ) -> None:
     """Tune gains over many worlds, and say what they are worth in worlds that the tuning did not see.
 
@@ -61,12 +87,17 @@ def command(
     check_picture(plot, None)
     if out is not None:
         check_file("--out", out)
-        check_folder("--out", out.parent)
+        check_out("--out", out)
     enable_cache()
+    cost = cost or _band_errors(scenario, options)
+    options["held_out"] = options.pop("judge_runs")
     each = len(options["gains"]) if method == "gradient" else 8
     total = options["runs"] * options["iterations"] * each + 2 * (options["runs"] + options["held_out"])
-    with show_progress(total) as tell:
-        tuning = search.tune(scenario, cost=cost, method=method, **options, progress=lambda n: tell("tuning", n))
+    with show_progress(total) as tell, keep_flights(scenario, options.pop("store")) as folder:
+        tell("compiling", 0)
+        tuning = search.tune(
+            scenario, cost=cost, method=method, **options, store=folder, progress=lambda n: tell("tuning", n)
+        )
     files = []
     fly_it = "" if out is None else shlex.join(["trimtab", "run", f"{out}:scenario"])
     if out is not None and tuning.is_improvement:
@@ -88,6 +119,15 @@ def command(
     sys.exit(0 if tuning.is_improvement else 1)
 
 
+def _band_errors(scenario: str, options: dict[str, Any]) -> str:
+    """A cost of a scenario's own: the rms error of each target, in parts of its band."""
+    targets = build(scenario, options["settings"], options["without"], options["faults"]).targets
+    if not targets:
+        fix = "--cost 'rms:truth.SIGNAL', a metric that is to be small"
+        raise InputError("--cost", f"scenario {scenario!r} has no targets whose errors it could be", fix=fix)
+    return " + ".join(f"{1 / target.band:.4g}*error_rms:{target.path}" for target in targets)
+
+
 def _write_tuning(file: Path, scenario: str, cost: str, tuning: TuningResult, fly_it: str) -> None:
     c = tuning.held_out_comparison
     gains = "\n".join(f"    {n} = {v!r}, was {tuning.before[n]!r}" for n, v in tuning.after.items())
@@ -101,6 +141,7 @@ def _tuning_json(tuning: TuningResult) -> dict[str, Any]:
         "helps": tuning.is_improvement,
         "before": tuning.before,
         "after": tuning.after,
+        "at_bounds": list(tuning.at_bounds),
         "seen": tuning.seen_comparison._asdict(),
         "held_out": tuning.held_out_comparison._asdict(),
         "flown": tuning.flown_runs,
@@ -113,7 +154,8 @@ def _print_tuning(title: str, tuning: TuningResult) -> None:
     click.echo(f"{title}, {tuning.method}: {verdict}")
     width = max(map(len, tuning.before))
     for name, value in tuning.before.items():
-        click.echo(f"  {name:<{width}}  {value:.6g} -> {tuning.after[name]:.6g}")
+        at = "  at the end of its range: try a wider one" if name in tuning.at_bounds else ""
+        click.echo(f"  {name:<{width}}  {value:.6g} -> {tuning.after[name]:.6g}{at}")
     for name, c in (("seen", tuning.seen_comparison), ("held out", tuning.held_out_comparison)):
         click.echo(f"{name}, {c.runs} runs: {_format_comparison(c)}")
     click.echo(f"{tuning.flown_runs} runs flown in {tuning.wall_s:.1f} s")

@@ -2,30 +2,34 @@
 
 import dataclasses
 import sys
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import click
 
-from trimtab.commands.flight_summary import metric_units, print_result, summarise_run
+from trimtab.commands.flight_stack import ARDUPILOT, CHANNELS, PX4, RELEASE, choose_line, serve_stack
+from trimtab.commands.flight_summary import print_truth, summarise_truth
 from trimtab.commands.kept_programs import enable_cache
 from trimtab.commands.line import (
     VEHICLE,
     catch_interrupts,
     endpoint_factory,
     find_key,
+    live_settings,
     open_line,
     store_stamps_ahead,
     transfer_rate,
 )
 from trimtab.commands.options import (
     FAULT,
-    FILE,
     JSON,
     KEY,
     LOCKSTEP,
     LOG_LIMIT,
+    NAVIGATION,
+    OUT,
     PARAMETERS,
     REAL_TIME,
     SCENARIO,
@@ -33,7 +37,8 @@ from trimtab.commands.options import (
     SET,
     UNSIGNED,
 )
-from trimtab.commands.output import new_log, print_json, show_spinner
+from trimtab.commands.output import new_log, print_json, print_log_size
+from trimtab.commands.progress import show_spinner
 from trimtab.core.errors import InputError
 from trimtab.core.interfaces import Link
 from trimtab.core.record import replace
@@ -45,11 +50,9 @@ from trimtab.live.lockstep import LockstepVehicle, NoAnswerError
 from trimtab.live.parameter_store import ParameterStore, read_parameters
 from trimtab.live.station_options import StationOptions
 from trimtab.live.vehicle import LiveVehicle, VehicleSummary
-from trimtab.logs.log import Log
 from trimtab.logs.log_limit import list_files
-from trimtab.logs.mcap import read_mcap
-from trimtab.logs.metrics import full_path
 from trimtab.loop.scenario import Scenario
+from trimtab.run.blocks import refuse_swarm
 from trimtab.run.identity import setting_path
 from trimtab.scenarios.build import build
 from trimtab.wire.dialect import Dialect
@@ -57,18 +60,21 @@ from trimtab.wire.mavlink import Endpoint
 
 SHORTEST_WATCHDOG = ms(20)
 """Four heartbeats of the outputs' process."""
-MOST_SUMMARISED = 200_000_000
-"""Bytes of a log that is read whole for its metrics: a quarter of an hour."""
 
 
 @click.command()
 @SCENARIO
-@click.option("--listen", required=True, metavar="URI", help="Line to be reached on, e.g. udp://:14550.")
+@click.option("--listen", metavar="URI", help="Line to be reached on, e.g. udp://:14550.")
+@ARDUPILOT
+@PX4
+@CHANNELS
+@RELEASE
 @SET
+@NAVIGATION
 @FAULT
 @LOCKSTEP
 @SEED
-@click.option("--duration", metavar="TIME", help="End this long after arming.  [default: until Ctrl-C]")
+@click.option("--duration", metavar="TIME", help="How long it flies after arming.  [default: until Ctrl-C]")
 @KEY
 @UNSIGNED
 @click.option(
@@ -86,7 +92,7 @@ MOST_SUMMARISED = 200_000_000
     help="Silence of this process after which its outputs, in a process of their own, go safe.",
 )
 @REAL_TIME
-@click.option("--out", type=FILE, metavar="DIR", help="Folder for its log, with the truth.  [default: no log]")
+@OUT("DIR", "Write its log, with the truth, in this folder.  [default: no log]")
 @click.option(
     "--origin",
     metavar="LAT,LON,ALT",
@@ -97,7 +103,11 @@ MOST_SUMMARISED = 200_000_000
 @JSON
 def command(
     scenario: str,
-    listen: str,
+    listen: str | None,
+    ardupilot: str | None,
+    px4: str | None,
+    channels: tuple[int, ...],
+    release: float | None,
     settings: dict[str, str],
     faults: tuple[str, ...],
     lockstep: bool,
@@ -119,40 +129,37 @@ def command(
     Vehicle, sensors and actuators of the scenario, with the duties of a firmware: failsafe, arming, a safety pilot's
     takeover, parameters. The line takes the place of the scenario's simulated delays. The vehicle is held until it is
     armed. It speaks MAVLink 2, signed, so ground stations can join. Exit code 1: a failsafe acted, its outputs
-    went safe by themselves, or its log is lost or lacks rows; 2: refused input.
+    went safe by themselves, or its log is lost or lacks rows; 2: refused input. With --ardupilot it is the physics of
+    ArduPilot's SITL instead, in virtual time, by ArduPilot's frames; with --px4 PX4's simulator.
 
     \b
-    trimtab vehicle hovercraft/forward --listen udp://:14550
-    trimtab vehicle hovercraft/forward --listen serial:///dev/ttyUSB0?baud=115200 --out there
-    trimtab vehicle hovercraft/forward --listen udp://:14550 --fault 'sensor:navigation stuck @ 8 s for 2 s'
+    trimtab vehicle hovercraft/forward --listen udp://:14550 --out there
+    trimtab vehicle hovercraft/forward --listen 'serial:///dev/ttyUSB0?baud=115200' --fault 'uplink off @ 8 s for 2 s'
     trimtab vehicle hovercraft/spin --listen loopback://spin --lockstep
+    trimtab vehicle quadrotor/track --release 1590 --out there --ardupilot
     """
-    built = build(scenario, read_parameters(parameters, scenario) | settings, faults=faults)
-    signing_key = find_key(scenario, key, unsigned, listen, create=True)
-    limit = None if duration is None else parse_time(duration)
-    silence = _parse_watchdog(watchdog)
-    place = None if origin is None else parse_origin(origin)
+    line_uri = choose_line(click.get_current_context(), listen, ardupilot, px4, channels, release)
+    world = ({} if lockstep else live_settings(scenario, ("stick",))) | read_parameters(parameters, scenario) | settings
+    built = _build_one(scenario, world, faults)
+    limit, silence = None if duration is None else parse_time(duration), _parse_watchdog(watchdog)
+    place, tell = None if origin is None else parse_origin(origin), partial(click.echo, err=as_json)
     enable_cache()
-
-    def tell(text: str) -> None:
-        click.echo(text, err=as_json)
-
-    with open_line(listen, listen=True) as line:
+    if stack := "ardupilot" if ardupilot is not None else "px4" if px4 is not None else None:
+        return serve_stack(stack, built, line_uri, channels, release, seed, limit, out, tell, as_json)
+    signing_key = find_key(scenario, key, unsigned, line_uri, create=True)
+    with open_line(line_uri, listen=True) as line:
         log = None if out is None else new_log(out, "vehicle.mcap")
-        endpoint = endpoint_factory(listen, VEHICLE, signing_key, clock)
+        endpoint = endpoint_factory(line_uri, VEHICLE, signing_key, clock)
         if lockstep:
             built = built if limit is None else replace(built, duration=limit)
-            other = f"trimtab fly {scenario} --lockstep --link …"
-            ready = f"{built.name} waits on {listen} for  {other}"
-            _lead_lockstep(built, line, endpoint, seed, log, lambda: tell(ready), other)
-            flown, release, service_facts = built.duration, 0, {}
+            _lead_lockstep(built, line, endpoint, seed, log, tell, f"trimtab fly {scenario} --lockstep --link …")
+            release_time, end, service_facts = 0, built.duration, {}
         else:
+            kept = ParameterStore(parameters, scenario, setting_path)
+            options = StationOptions(out, transfer_rate(line_uri), place, kept)
             with show_spinner(f"compiling {built.name}"):
-                options = StationOptions(
-                    out, transfer_rate(listen), place, ParameterStore(parameters, scenario, setting_path)
-                )
                 live = LiveVehicle(add_idle_faults(built), line, endpoint, seed=seed, station_options=options)
-            tell(f"{built.name} listens on {listen}; held until it is armed. Ctrl-C ends it.")
+            tell(f"{built.name} listens on {line_uri}; held until it is armed. Ctrl-C ends it.")
             with catch_interrupts() as stop, store_stamps_ahead(live.endpoint):
                 service = live.serve(
                     duration=limit,
@@ -164,15 +171,22 @@ def command(
                     stop=stop,
                     tell=tell,
                 )
-            flown, release = service.t - (service.release_time or 0), service.release_time
+            release_time, end = service.release_time, service.disarm_time or service.t
             service_facts = _describe_service(service, live, line)
-        result = {"scenario": built.name, "seed": seed, "duration_s": to_seconds(flown), "ideal": None}
-        result |= service_facts | _summarise_flight(log, release, built)
+    result = {"scenario": built.name, "seed": seed, "duration_s": to_seconds(end - (release_time or 0)), "ideal": None}
+    result |= service_facts | summarise_truth(log, release_time, built.targets, end)
     if as_json:
         print_json(result)
     else:
         _print_service(result, out)
     sys.exit(1 if result.get("problems") else 0)
+
+
+def _build_one(name: str, settings: Mapping[str, str], faults: Iterable[str]) -> Scenario:
+    """The scenario, which flies on beyond its end; refuses a swarm."""
+    built = build(name, settings, faults=faults, in_virtual_time=False)
+    refuse_swarm(built, "a line")
+    return built
 
 
 def _lead_lockstep(
@@ -181,13 +195,13 @@ def _lead_lockstep(
     endpoint: Callable[[Dialect], Endpoint],
     seed: int,
     log: Path | None,
-    tell_ready: Callable[[], None],
+    tell: Callable[[str], None],
     other: str,
 ) -> None:
     """other: what is typed at the other end."""
     with show_spinner(f"compiling {scenario.name}"):
         virtual = LockstepVehicle(scenario, endpoint, seed=seed)
-    tell_ready()
+    tell(f"{scenario.name} waits on its line for  {other}")
     try:
         virtual.run(line, log)
     except NoAnswerError as error:
@@ -216,34 +230,15 @@ def _describe_service(service: VehicleSummary, live: LiveVehicle, line: Link) ->
     }
 
 
-def _summarise_flight(file: Path | None, release: int | None, scenario: Scenario) -> dict[str, Any]:
-    """Metrics of the truth since the release, where there is a log that fits into memory with ease."""
-    if release is None or file is None or list_files(file) != [file] or file.stat().st_size > MOST_SUMMARISED:
-        return {"real": None}
-    whole = read_mcap(file)
-    after = whole.ticks >= release
-    if not after.any():
-        return {"real": None}
-    ticks = whole.ticks[after] - release
-    signals = {p: v[after] for p, v in whole.signals.items()}
-    log = Log(to_seconds(ticks), ticks, signals, whole.declarations, whole.metadata, whole.final)
-    real = summarise_run(log, [t for t in scenario.targets if full_path(t.path) in log])
-    return {"real": real, "units": metric_units(log, real["metrics"])}
-
-
 def _print_service(result: dict[str, Any], out: Path | None) -> None:
-    if result["real"] is None and result.get("released_s", 0) is None:
-        click.echo("it was never armed, so it never moved")
-    elif result["real"] is None:
-        click.echo("no metrics: there is no log" if out is None else "no metrics: the log is too long to be read whole")
-    else:
-        print_result(result, result["units"])
+    print_truth(result, out, "it was never armed, so it never moved")
     if "mode" in result:
         refused = _format_refused_frames(result["wire"])
         for problem in result["problems"]:
             click.echo(f"problem: {problem}")
         click.echo(f"at the end: {result['mode']}, {result['cause']}; refused frames: {refused}")
     if out is not None:
+        print_log_size(result.get("log"))
         for file in list_files(out / "vehicle.mcap"):
             click.echo(f"wrote {file}")
 

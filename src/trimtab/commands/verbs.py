@@ -1,18 +1,66 @@
 """The group of verbs: each is a file of this folder, which holds its click command and is imported when it is typed.
 
-Exit code 0: done and good; 1: done and failed; 2: refused input.
+Exit code 0: done and good; 1: done and failed; 2: refused input; 130: stopped by Ctrl-C. With ``--json`` what is
+refused is an object on standard output too. Names are looked at before a verb is imported, so that a typo is answered
+at once.
 """
 
 import importlib
 import inspect
 import re
+import shlex
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import click
 
-from trimtab.core.errors import InputError
+from trimtab.commands import typed_names
+from trimtab.commands.output import print_json
+from trimtab.core.errors import InputError, Spelling, closest, spell_with
+
+WORDS = "trimtab.words"
+"""Where the context keeps what was typed after `trimtab`."""
+BEGIN = "new vehicle my_bike"
+SYNONYMS = {
+    "bode": "linearise",
+    "codegen": "export",
+    "create": BEGIN,
+    "diff": "compare",
+    "draw": "plot",
+    "help": "--help",
+    "init": BEGIN,
+    "linearize": "linearise",
+    "monte-carlo": "campaign",
+    "optimise": "tune",
+    "optimize": "tune",
+    "scenarios": "list",
+    "scaffold": BEGIN,
+    "sim": "run",
+    "simulate": "run",
+    "sweep": "map",
+    "verify": "export --verify DIR",
+    "version": "--version",
+}
+"""What others call it -> what to type."""
+
+OPTIONS = {
+    "settings": "--set",
+    "gains": "--gain",
+    "limits": "--limit",
+    "integrals": "--integrate",
+    "faults": "--fault",
+    "fault_ranges": "--fault-range",
+    "metrics": "--metric",
+    "paths": "--fit",
+    "held_out": "--judge-runs",
+    "states": "--state",
+    "inputs": "--input",
+    "outputs": "--output",
+    "folder": "--out",
+    "file": "--out",
+}
+"""Arguments of the library whose options have other names than they."""
 
 
 class Verbs(click.Group):
@@ -32,18 +80,104 @@ class Verbs(click.Group):
         listed = click.Group(commands={name: click.Command(name, help=read_help(name)) for name in self.commands})
         listed.format_commands(ctx, formatter)
 
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        """The words as click parses them; they are kept as they were typed, too."""
+        ctx.meta[WORDS] = list(args)
+        return super().parse_args(ctx, args)
+
+    def resolve_command(
+        self, ctx: click.Context, args: list[str]
+    ) -> tuple[str | None, click.Command | None, list[str]]:
+        """The verb, after its name, and those of scenario and settings, were looked at.
+
+        Raises: InputError with what is near.
+        """
+        if args[0] not in self.commands and not args[0].startswith("-"):
+            raise _unknown_verb(args[0], tuple(self.commands))
+        typed_names.check_names(args)
+        return super().resolve_command(ctx, args)
+
     def invoke(self, ctx: click.Context) -> Any:
         """Run the verb that was typed."""
         try:
-            return super().invoke(ctx)
+            with spell_with(spell_option):
+                return super().invoke(ctx)
         except InputError as error:
+            _print_refusal(ctx, error.part, error.problem, error.choices, error.fix)
             click.echo(f"error: {error}", err=True)
+            if error.part.startswith("--set "):
+                typed_names.learn_paths(ctx.meta[WORDS])
             ctx.exit(2)
+        except click.UsageError as error:
+            where, fix = _find_example(error.ctx or ctx)
+            _print_refusal(ctx, where, error.format_message(), (), fix)
+            error.show()
+            click.echo(f"Fix: {fix}", err=True)
+            ctx.exit(2)
+        except KeyboardInterrupt:
+            click.echo("stopped by Ctrl-C", err=True)
+            ctx.exit(130)
+
+
+def spell_option(python: Spelling, name: str, value: Any, path: str | None) -> str:
+    """An argument of the library as an option: ``--set autopilot.period='20 ms'``."""
+    if value is False:
+        return f"--no-{name.replace('_', '-')}"
+    if name == "settings" and path is not None and f"--{path}" in _running_options():
+        name, path = path, None
+    option = OPTIONS.get(name, f"--{name.replace('_', '-')}")
+    if value is None:
+        return option if path is None else f"{option} {path}"
+    if isinstance(value, list):
+        return " ".join(spell_option(python, name, one, path) for one in value)
+    if value is True:
+        return option
+    if path is None:
+        return f"{option} {_quote(str(value))}"
+    is_plain = _quote(path) == path and name == "settings"
+    return f"{option} {path}={_quote(str(value))}" if is_plain else f"{option} {_quote(f'{path}={value}')}"
+
+
+def _running_options() -> set[str]:
+    """Those of the verb that was typed."""
+    context = click.get_current_context(silent=True)
+    return {word for p in context.command.params for word in p.opts} if context is not None else set()
+
+
+def _quote(text: str) -> str:
+    """A word of a command line as people write it: between quotes where a shell would take it apart."""
+    return text if re.fullmatch(r"[\w.,:/%@+=…-]+", text) else shlex.quote(text)
+
+
+def _find_example(ctx: click.Context) -> tuple[str, str]:
+    """The words before which something is wrong, and the first line of their help that shows how to use them."""
+    where = f"trimtab{ctx.command_path.removeprefix(ctx.find_root().command_path)}"
+    for line in (ctx.command.help or "").splitlines():
+        words = re.split(r"\s{3,}", line.strip())[0]
+        if words.startswith(f"{where} "):
+            return where, words
+    return where, f"{where} --help"
+
+
+def _print_refusal(ctx: click.Context, part: str, problem: str, choices: Sequence[str], fix: str) -> None:
+    """What was refused as JSON, where that was asked for."""
+    if "--json" in ctx.meta[WORDS]:
+        refused = {"part": part, "problem": problem, "choices": list(choices), "fix": fix}
+        print_json({"error": refused}, verb="error")
+
+
+def _unknown_verb(name: str, verbs: Sequence[str]) -> InputError:
+    near = SYNONYMS.get(name.lower()) or next(iter(closest(name, verbs, 1)), "--help")
+    return InputError(f"trimtab {name}", "there is no such verb", choices=verbs, fix=f"trimtab {near}")
 
 
 def read_help(name: str) -> str:
     """The help of a verb: the docstring of `command` in its file."""
-    text = Path(__file__).with_name(f"{name.replace('-', '_')}.py").read_text(encoding="utf-8")
-    docstring = re.search(r'^def command\(.*?"""(.*?)"""', text, re.DOTALL | re.MULTILINE)
+    docstring = re.search(r'^def command\(.*?"""(.*?)"""', read_source(name), re.DOTALL | re.MULTILINE)
     assert docstring, f"{name}: its `command` has no docstring"
     return inspect.cleandoc(docstring[1])
+
+
+def read_source(name: str) -> str:
+    """The text of a verb's file."""
+    return Path(__file__).with_name(f"{name.replace('-', '_')}.py").read_text(encoding="utf-8")

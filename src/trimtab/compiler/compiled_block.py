@@ -15,9 +15,7 @@ ENTRY = """
 #include <stddef.h>
 
 typedef struct {
-WORKSPACE    NAME_params p;
-    NAME_state s;
-    NAME_in in;
+WORKSPACEOWN    NAME_in in;
     NAME_out out;
     double inputs[VECTORS_IN], outputs[VECTORS_OUT];
 } NAME_memory;
@@ -27,13 +25,11 @@ static const int64_t NAME_offsets[] = {OFFSETS};
 int64_t NAME_size(void) { return sizeof(NAME_memory); }
 double *NAME_inputs(NAME_memory *a) { return a->inputs; }
 double *NAME_outputs(NAME_memory *a) { return a->outputs; }
-void *NAME_parameter(NAME_memory *a, int64_t k) { return (char *)&a->p + NAME_offsets[k]; }
+void *NAME_parameter(NAME_memory *a, int64_t k) { return (char *)FIRST + NAME_offsets[k]; }
 void NAME_begin(NAME_memory *a)
 {
     memset(a, 0, sizeof *a);
-    NAME_defaults(&a->p);
-    INIT
-}
+BEGIN}
 void NAME_fast(NAME_memory *a)
 {
     vectors_set_in(a->inputs, &a->in);
@@ -117,8 +113,12 @@ def _library_source(text: BlockText) -> str:
     offsets = ", ".join(f"offsetof({name}_params, {m.path})" for m in text.parameters) or "0"
     space = f"    char workspace[{text.workspace}] __attribute__((aligned(64)));\n" if text.workspace else ""
     init = "NAME_init(&a->p, &a->s, a->workspace);" if space else "NAME_init(&a->p, &a->s);"
+    own, begin, first = "    NAME_params p;\n    NAME_state s;\n", f"    NAME_defaults(&a->p);\n    {init}\n", "&a->p"
+    if text.is_function:
+        own, begin, first = "", "", "a"
     step = text.call("&a->p", "&a->s", "&a->in", "&a->out", "a->workspace")
-    entry = ENTRY.replace("WORKSPACE", space).replace("INIT", init).replace("STEP", step)
+    entry = ENTRY.replace("WORKSPACE", space).replace("OWN", own).replace("BEGIN", begin)
+    entry = entry.replace("FIRST", first).replace("STEP", step)
     entry = entry.replace("NAME", name).replace("OFFSETS", offsets)
     rows = name, text.inputs, text.outputs
     return "\n".join([text.header, row_declarations(*rows), row_functions(*rows), source, entry])

@@ -34,6 +34,11 @@ def compile(
 ) -> "CompiledFunction":
     """A function of JAX, compiled to C by the machine's own compiler.
 
+    >>> import jax.numpy as jnp
+    >>> from trimtab import compile
+    >>> float(compile(jnp.sin, 0.0)(0.5)) == float(jnp.sin(0.5))
+    True
+
     Args:
         function: pure; arrays, numbers, and trees of them (tuples, lists, dicts, records) in and out. Gradients too:
             ``compile(jax.grad(f), x)``.

@@ -13,7 +13,7 @@ from trimtab.compiler.block import BlockDefinition, BlockText, block_text
 from trimtab.compiler.elementary import LICENCE_NOTE
 from trimtab.compiler.ir import TYPES
 from trimtab.compiler.structs import Member, row_declarations, row_functions
-from trimtab.core.errors import InputError
+from trimtab.core.errors import InputError, argument, argument_name
 
 TOLERANCE = {"f64": 1e-9, "f32": 2e-4}
 """Of each output, as a part of its largest size in the vectors; or of 1e-3, if that is larger."""
@@ -77,7 +77,9 @@ def write_folder(
             (folder / name).write_text(text, encoding="utf-8")
     except OSError as error:
         problem = f"cannot write in {str(folder)!r}: {(error.strerror or str(error)).lower()}"
-        raise InputError("--out", problem, fix="--out with a folder of yours, e.g. --out autopilot") from None
+        out = argument_name("out")
+        fix = f"{out} with a folder of yours, e.g. {argument('out', 'autopilot')}"
+        raise InputError(out, problem, fix=fix) from None
     return [folder / name for name in texts]
 
 
@@ -179,8 +181,8 @@ int main(int count, char **arguments)
 CMAKE = """cmake_minimum_required(VERSION 3.13)
 project(NAME C)
 set(CMAKE_C_STANDARD 99)
-# Exact results need these: no fused multiply-adds of the compiler's own, integers that wrap.
-add_compile_options(-ffp-contract=off -fwrapv -fno-math-errno)
+# Exact results need these: no fused multiply-adds of the compiler's own, in vectorised lines neither; integers wrap.
+add_compile_options(-ffp-contract=off -fno-tree-slp-vectorize -fwrapv -fno-math-errno)
 add_library(NAME STATIC NAME.c)
 target_include_directories(NAME PUBLIC ${CMAKE_CURRENT_SOURCE_DIR})
 add_executable(replay replay.c vectors.c)
@@ -221,7 +223,7 @@ the structs that you hand over, no recursion. This text may be used under any li
 ```c
 {use}```
 
-Compile with `-ffp-contract=off -fwrapv`, so that it computes {flags}.
+Compile with `-ffp-contract=off -fno-tree-slp-vectorize -fwrapv`, so that it computes {flags}.
 
 | file | what it is |
 |---|---|
@@ -232,7 +234,8 @@ Compile with `-ffp-contract=off -fwrapv`, so that it computes {flags}.
 | `export.json` | {listed} |
 
 Check it:   `trimtab export --verify .`
-By hand:    `cc -std=c99 -ffp-contract=off -fwrapv {n}.c vectors.c replay.c -o replay -lm && ./replay vectors.csv`
+By hand:    `cc -std=c99 -ffp-contract=off -fno-tree-slp-vectorize -fwrapv {n}.c vectors.c replay.c -o replay -lm`,
+            then `./replay vectors.csv`
 """
 
 

@@ -5,7 +5,8 @@ from typing import Any, NamedTuple
 
 import jax
 import numpy as np
-from jax._src import source_info_util
+from jax import lax
+from jax._src import core, source_info_util
 from jax._src.lax import special
 from jax._src.random import core as random_core
 from jax.extend.core import ClosedJaxpr, Literal
@@ -41,6 +42,11 @@ class While(NamedTuple):
     body_constants: int
 
 
+def primitive_name(primitive: Any) -> str:
+    """A primitive's name; closed_call's, which JAX from 0.11 on calls eval_jaxpr, is the old one."""
+    return "closed_call" if primitive is core.closed_call_p else primitive.name
+
+
 def close_jaxpr(jaxpr: Any, consts: Any = ()) -> ClosedJaxpr:
     """A jaxpr with its constants."""
     return jaxpr if hasattr(jaxpr, "consts") else ClosedJaxpr(jaxpr, consts)
@@ -48,7 +54,7 @@ def close_jaxpr(jaxpr: Any, consts: Any = ()) -> ClosedJaxpr:
 
 def program_of_call(equation: Any) -> ClosedJaxpr | None:
     """The program that an equation merely calls, or None."""
-    key = CALLS.get(equation.primitive.name)
+    key = CALLS.get(primitive_name(equation.primitive))
     return None if key is None else close_jaxpr(equation.params[key])
 
 
@@ -112,17 +118,36 @@ def key_implementation(equation: Any) -> Any:
     return equation.params["impl"] if "impl" in equation.params else equation.invars[0].aval.dtype._impl
 
 
+def _expand(*operands: Any, _prim: Any) -> Any:
+    return jax.tree.leaves(_prim.expand(*jax.tree.unflatten(_prim.in_tree, operands)))
+
+
+NEWER = {
+    "call_hi_primitive": _expand,
+    "log2": lambda x, accuracy=None: lax.log(x) / np.asarray(np.log(2.0), x.dtype),
+}
+
+
 def implementation(equation: Any) -> Any:
-    """What computes a primitive of another package in JAX's terms, or None where it is JAX's own."""
+    """What computes a primitive of another package in JAX's terms, or None where it is JAX's own.
+
+    Of JAX's own there are two from 0.11 on that were made of others before: log2, and searchsorted as a whole.
+    """
+    if equation.primitive.name in NEWER:
+        return NEWER[equation.primitive.name]
     impl = equation.primitive.impl
     own = getattr(impl, "func", impl)
     return None if getattr(own, "__module__", "jax").split(".")[0] in ("jax", "jaxlib") else impl
 
 
 def scan_parameters(equation: Any) -> Scan:
-    """Parameters of a scan."""
+    """Parameters of a scan. JAX from 0.11 on has constants, carries and slices as a tree, before it their numbers."""
     p = equation.params
-    return Scan(close_jaxpr(p["jaxpr"]), p["num_consts"], p["num_carry"], int(p["length"]), bool(p["reverse"]))
+    if "ft_in" in p:
+        constants, carries, _ = (len(list(part)) for part in p["ft_in"].unpack())
+    else:
+        constants, carries = p["num_consts"], p["num_carry"]
+    return Scan(close_jaxpr(p["jaxpr"]), constants, carries, int(p["length"]), bool(p["reverse"]))
 
 
 def while_parameters(equation: Any) -> While:

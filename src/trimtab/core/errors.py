@@ -1,15 +1,29 @@
 """Errors before the loop: each names the part, the value, the valid choices and the fix.
 
 Inside the loop nothing raises; staleness, rejection and saturation are signals.
+
+A fix is spelled in its reader's language: ``runs=1000`` in Python, ``--runs 1000`` at the command line. Who raises it
+says `argument("runs", 1000)`; who has another reader than Python says so by `spell_with`.
 """
 
-from collections.abc import Iterable
+import shlex
+import sys
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 
 class InputError(ValueError):
     """Input refused before anything ran.
+
+    >>> from trimtab import InputError, build
+    >>> try:
+    ...     build("hovercraft/spin", {"world.vehicle.mass": "3 m"})
+    ... except InputError as error:
+    ...     print(error.problem, error.choices)
+    'm' is no unit of it: it is in kg ('kg', 'g', 'lb')
 
     Args:
         part: what refuses, e.g. ``world.vehicle.mass`` or ``scenario 'hovercraft/spin'``.
@@ -32,11 +46,100 @@ class InputError(ValueError):
         return partial(InputError, choices=self.choices, fix=self.fix), (self.part, self.problem)
 
 
+Spelling = Callable[[str, Any, str | None], str]
+"""How an argument is written: of its name in Python, its value (None: the name alone), and the path that it is for."""
+
+
+def argument(name: str, value: Any, path: str | None = None) -> str:
+    """An argument as the reader types it, for a fix.
+
+    >>> argument("runs", 1000), argument("settings", "20 ms", "autopilot.period")
+    ('runs=1000', 'settings={"autopilot.period": "20 ms"}')
+
+    Args:
+        name: of the parameter in Python.
+        value: a number, True or False, a text, or a list of texts where it may be given several times.
+        path: where the argument has a value for each path, that one.
+    """
+    return _spelling(name, value, path)
+
+
+def argument_name(name: str, of: str | None = None) -> str:
+    """The argument itself, for the part that refuses. of: which of several, by its path or its text."""
+    return _spelling(name, None, of)
+
+
+@contextmanager
+def spell_with(spelling: Callable[[Spelling, str, Any, str | None], str]) -> Iterator[None]:
+    """Within it arguments are written so. It is given how they are written without it, too, first."""
+    global _spelling
+    before = _spelling
+    _spelling = partial(spelling, before)
+    try:
+        yield
+    finally:
+        _spelling = before
+
+
+def spell_python(name: str, value: Any, path: str | None) -> str:
+    """An argument as in Python."""
+    if value is None:
+        return name if path is None else f"{name} {path}"
+    values = [_quote(v) for v in value] if isinstance(value, list) else _quote(value)
+    text = f"[{', '.join(values)}]" if isinstance(values, list) else values
+    return f"{name}={text}" if path is None else f'{name}={{"{path}": {_quote(str(value))}}}'
+
+
+def _quote(value: Any) -> str:
+    return (f'"{value}"' if '"' not in value else repr(value)) if isinstance(value, str) else str(value)
+
+
+_spelling: Spelling = spell_python
+
+
+def install_command(extra: str = "", package: str = "trimtab") -> str:
+    """What to type for an extra to be there in the Python that runs: ``python -m pip install "trimtab[logs]"``.
+
+    extra: of the package; none: the package itself.
+    """
+    import shutil  # only where something is missing
+
+    python, here = Path(sys.executable), Path.cwd()
+    if shutil.which("python") == str(python):
+        word = "python"
+    else:
+        word = shlex.quote(str(python.relative_to(here) if python.is_relative_to(here) else python))
+    wanted = f'"{package}[{extra}]"' if extra else package
+    return f"{word} -m pip install {wanted}"
+
+
+def unknown_setting(name: str, path: str, known: Iterable[str]) -> InputError:
+    """What is said of a path at which there is no setting.
+
+    name: of the argument that has it, e.g. "settings".  known: the paths that there are.
+    """
+    known = list(known)
+    below = [p for p in known if p.startswith(path + ".")]
+    near = below[:8] or closest(path, known, 6) or sorted({p.split(".")[0] for p in known})
+    fix = (
+        argument(name, "…", near[0])
+        if below or (near and near[0] in known)
+        else "trimtab list SCENARIO  shows every path with its value and unit"
+    )
+    return InputError(argument_name(name, path), "there is no such setting", choices=near, fix=fix)
+
+
 def closest(name: str, choices: Iterable[str], n: int = 3) -> list[str]:
     """Up to n choices that look like name, best first; empty when none does."""
     import difflib  # only after a mistake
 
     names = list(choices)
-    by_tail = [c for c in names if c.rsplit(".", 1)[-1] == name.rsplit(".", 1)[-1]]
-    near = difflib.get_close_matches(name, names, n=n, cutoff=0.5)
-    return list(dict.fromkeys([*by_tail, *near]))[:n]
+    tail = _last_word(name)
+    by_tail = [c for c in names if _last_word(c) == tail]
+    one_slip, near = (difflib.get_close_matches(name, names, n=n, cutoff=cutoff) for cutoff in (0.85, 0.5))
+    return list(dict.fromkeys([*one_slip, *by_tail, *near]))[:n]
+
+
+def _last_word(name: str) -> str:
+    """Of a path of a setting or of a scenario's name, in small letters."""
+    return name.lower().replace("/", ".").rpartition(".")[2]

@@ -36,6 +36,13 @@ def without(tree: T, name: str) -> T:
     return _switch_off(tree, name)
 
 
+def without_any(tree: T) -> T:
+    """A copy of a tree of records with every imperfection in it switched off."""
+    for name in imperfections(tree):
+        tree = without(tree, name)
+    return tree
+
+
 def _switch_off(tree: Any, name: str) -> Any:
     if is_record(tree):
         changes: dict[str, Any] = {}

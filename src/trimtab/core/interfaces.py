@@ -9,35 +9,60 @@ from enum import Enum
 from types import MappingProxyType
 from typing import Any, ClassVar, NamedTuple, Protocol, TypeVar, runtime_checkable
 
+from trimtab.core.reference import ReferencePoint
 from trimtab.core.rng import Key
-from trimtab.core.signals import Estimate, Frame, Motion, Sample
+from trimtab.core.signals import Estimate, Frame, Gust, Motion, Sample
 
 OPTIONAL_MEMBERS: Mapping[str, Any] = MappingProxyType(
     {
         "check": lambda: None,
         "check_duration": lambda seconds: None,
+        "check_period": lambda period: None,
         "FEELS": "motion",
         "LATE": False,
         "ANY_ORDER": False,
+        "OBSERVES": False,
         "MAV_TYPE": "GENERIC",
+        "QUATERNIONS": (),
         "send_period": None,
         "frame": None,
+        "pulses": lambda: {},
         "sampling": None,
         "equilibrium": None,
+        "stick": "",
         "variance": 0.0,
         "frequencies": (),
+        "events": None,
+        "jump": None,
+        "after_step": None,
+        "in_gust": None,
+        "is_stepped": None,
+        "input_limits": lambda: {},
     }
 )
 """What a part may have besides its interface, and what stands for it in one that hasn't.
 
 - any part: `check()` refuses its values with an InputError; `check_duration(seconds)` a run of that length.
+- ActuatorStage: `check_period(period)` refuses to act so often (100 ns).
 - Sensor: `FEELS`, a class variable: what step() is given. "motion"; "input", what acts on the vehicle since the last
   command; "state", the vehicle's own, which no real sensor has but an ideal twin may.
 - Sensor: `LATE`, a class variable: samples come out after the time at which they were measured.
+- Sensor: `OBSERVES`, a class variable: an instrument beside the vehicle, which no autopilot hears and an ideal twin
+  keeps.
 - Estimator: `ANY_ORDER`, a class variable: it fuses each sample at its own time, so that late ones are given to it.
 - Vehicle: `MAV_TYPE`, a class variable: what it is to a ground station, MAVLink's name without its prefix.
+- Vehicle: `QUATERNIONS`, a class variable: fields of its state that are attitudes q_WB (4,), whose derivative is
+  q_WB (0, w_WB_B)/2; an integration on the rotation group turns them (docs, Integration).
+- Vehicle: `events(t, x)`, some numbers; where one changes its sign a step ends and another begins (docs, Integration).
+- Vehicle: `jump(t, x, crossed)`, the state after such an event; crossed: which of the numbers have changed sign, (k,).
+- Vehicle: `after_step(t, x)`, what the state is put to after each step, e.g. a quaternion of length one.
+- Vehicle: `input_limits()`, field of its input -> (least, greatest) that its own servos and motors take.
+- Vehicle: `in_gust(gust)`, the vehicle in air that has this Gust besides the wind; a world with turbulence needs it.
+- Vehicle: `is_stepped`, whether a host steps it, as a program of others is; the loop around then holds it still.
 - Channel: `send_period`, time between packets; None: its period.
 - Actuators: `frame`, the period at which they latch a command; None: their period.
+- Actuators: `pulses()`, field of the command -> the ServoPulse that tells it on a board; of others the limits decide.
+- Law: `stick`, name of the sample with the pilot's stick, which it finds in the estimate; "": it has no pilot.
 - a gyro's response: `sampling`, the period of samples that it is made for; None: any.
 - Law: `equilibrium()`, the state at which its loop rests; None: not known.
 - a heading or position measured: `variance`, of its noise, of a position also its covariance (2, 2); 0: not stated.
@@ -66,6 +91,23 @@ class Vehicle(Protocol[X, U]):
 
     def motion(self, t: Any, x: X, u: U) -> Motion:
         """All that a sensor can feel; t: integer time."""
+        ...
+
+
+class AirDisturbance(Protocol):
+    """Turbulence and the like: the vehicle's motion in, the Gust that it meets there out, each `period`."""
+
+    @property
+    def period(self) -> int:
+        """How long a gust is held."""
+        ...
+
+    def init(self, key: Key) -> Any:
+        """First state."""
+        ...
+
+    def step(self, t: Any, state: Any, motion: Motion) -> tuple[Any, Gust]:
+        """The gust from integer time t on."""
         ...
 
 
@@ -183,7 +225,16 @@ class Law(Protocol):
         ...
 
     def step(self, t: Any, state: Any, estimate: Estimate) -> tuple[Any, Any]:
-        """The demand at time t."""
+        """The demand at time t; `estimate.dt` (s) is the time between two steps, estimate.state what `reads` names."""
+        ...
+
+
+@runtime_checkable
+class Reference(Protocol):
+    """Where a vehicle in the plane is wanted: a record that a law holds, usually as its field `reference`."""
+
+    def at(self, t: Any) -> ReferencePoint:
+        """What is wanted t (s) after the law began: pure, and of what compiles to C."""
         ...
 
 
@@ -197,6 +248,25 @@ class Allocation(Protocol):
 
     def step(self, t: Any, state: Any, demand: Any) -> tuple[Any, Any]:
         """Actuator commands that come closest to the demand."""
+        ...
+
+
+class StageOutput(NamedTuple):
+    """What a stage gives. value: of its field.  limited: whether it is at its top speed or at a stop."""
+
+    value: Any
+    limited: Any
+
+
+class ActuatorStage(Protocol):
+    """One thing that an actuator does to one field of the input, number by number: a lag, a gap, a delay."""
+
+    def init(self, rest: Any) -> Any:
+        """First state, at the neutral value `rest`."""
+        ...
+
+    def step(self, state: Any, value: Any, dt: Any) -> tuple[Any, StageOutput]:
+        """State and output a period dt (s) later, what is commanded held."""
         ...
 
 

@@ -12,11 +12,15 @@ does not import JAX: what only reads logs, draws them or flies a compiled progra
 
 import dataclasses
 import functools
+import math
+import re
 from collections.abc import Iterator, Mapping
 from types import MappingProxyType
 from typing import Any
 
 import numpy as np
+
+from trimtab.core.units import check_symbols
 
 Scalar = Any
 """A float, or an array of shape () while a run is traced."""
@@ -94,15 +98,32 @@ def quantity(
     shape: tuple[int, ...] = (),
     off: Off = NOTHING_OFF,
 ) -> Any:
-    """Declare a numeric field: unit ("1" when it has none), meaning, frame, kind, valid range and source."""
+    """Declare a numeric field: unit ("1" when it has none), meaning, frame, kind, valid range and source.
+
+    >>> from trimtab import quantity, record
+    >>> @record
+    ... class Spring:
+    ...     stiffness: float = quantity("N/m", "Force per length.", default=20.0, above=0)
+    >>> Spring()
+    Spring(stiffness=20.0)
+    """
     if kind not in KINDS:
         raise TypeError(f"quantity kind {kind!r} is not one of {KINDS}")
+    check_symbols(unit)
     declared = Quantity(unit, doc, frame, kind, source, above, low, high, modes, shape)
     return _field(declared, default, off)
 
 
 def part(doc: str, *, default: Any = MISSING, off: Off = NOTHING_OFF, optional: Any = None) -> Any:
     """Declare a nested record (or a mapping or tuple of records, or None).
+
+    >>> from trimtab import part, record
+    >>> from trimtab.links.wire import Wire
+    >>> @record
+    ... class Line:
+    ...     wire: Wire = part("What carries it.", default=Wire())
+    >>> Line().wire.period
+    10000
 
     optional: for a part that may be None, the record that a setting of one of its fields puts there.
     """
@@ -117,12 +138,28 @@ def option(
     kind: str = "choice",
     off: Off = NOTHING_OFF,
 ) -> Any:
-    """Declare a static choice; `choices` lists the valid values."""
+    """Declare a static choice; `choices` lists the valid values.
+
+    >>> from trimtab import option, record
+    >>> @record
+    ... class Gearbox:
+    ...     gear: str = option("Which gear.", default="low", choices=("low", "high"))
+    >>> Gearbox("high").gear
+    'high'
+    """
     return _field(Option(doc, kind, choices), default, off)
 
 
 def period(doc: str, *, default: Any = MISSING, low: int = 1, off: Off = NOTHING_OFF) -> Any:
-    """Declare a static time in integer units of 100 ns, e.g. ``default=ms(6)``; at least `low`."""
+    """Declare a static time in integer units of 100 ns, e.g. ``default=ms(6)``; at least `low`.
+
+    >>> from trimtab import period, record
+    >>> @record
+    ... class Lamp:
+    ...     blink: int = period("Between two blinks.", default="500 ms")
+    >>> Lamp().blink
+    5000000
+    """
     return _field(Option(doc, "period", (), low), default, off)
 
 
@@ -210,3 +247,46 @@ def leaves(value: Any, path: str = "") -> Iterator[tuple[str, Any, Quantity | Op
             yield here, child, declared
         else:
             yield from leaves(child, here)
+
+
+def part_classes(tree: Any, path: str = "") -> dict[str, str]:
+    """Path of each record below a tree -> the name of its class."""
+    classes = {}
+    for name, child, _ in children(tree):
+        here = f"{path}.{name}" if path else name
+        classes |= ({here: type(child).__name__} if is_record(child) else {}) | part_classes(child, here)
+    return classes
+
+
+def plain_setting(value: Any) -> Any:
+    """A quantity or an option as a log's metadata has it."""
+    if isinstance(value, str | bool | int) or value is None:
+        return value
+    return np.asarray(value).tolist()
+
+
+def split_component(path: str) -> tuple[str, int | None]:
+    """A signal's path, and which of its numbers is meant: "truth.velocity[2]" is ("truth.velocity", 2)."""
+    match = re.fullmatch(r"(.+)\[(\d+)\]", path)
+    return (match[1], int(match[2])) if match else (path, None)
+
+
+def split_index(path: str) -> tuple[str, tuple[int, ...] | None]:
+    """A parameter's path, and which of its numbers is meant: "autopilot.law.K[0,1]" is ("autopilot.law.K", (0, 1))."""
+    match = re.fullmatch(r"([^\[\]]+)\[(\d+(?:\s*,\s*\d+)*)\]", path.strip())
+    return (match[1], tuple(int(i) for i in match[2].split(","))) if match else (path, None)
+
+
+def has_index(shape: tuple[int, ...], at: tuple[int, ...] | None) -> bool:
+    """Whether an array of this shape has a number there; None is that of one number alone."""
+    return len(at or ()) == len(shape) and all(i < n for i, n in zip(at or (), shape, strict=True))
+
+
+def first_number(path: str, shape: tuple[int, ...]) -> str:
+    """How the first number of a parameter is written: "autopilot.law.K[0,0]", or the path alone of one number."""
+    return f"{path}[{','.join('0' * len(shape))}]" if shape else path
+
+
+def component_paths(path: str, shape: tuple[int, ...]) -> list[str]:
+    """The path of each number of a signal: itself, or "truth.velocity[0]" and on; its numbers in a flat order."""
+    return [f"{path}[{i}]" for i in range(math.prod(shape))] if shape else [path]

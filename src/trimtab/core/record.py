@@ -7,6 +7,7 @@ that, and whatever computes imports it, itself or through another; a module that
 """
 
 import dataclasses
+import inspect
 from collections.abc import Callable, Mapping
 from typing import Any, TypeVar, dataclass_transform
 
@@ -14,7 +15,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from trimtab.core.errors import InputError
 from trimtab.core.quantity import (
+    Declaration,
     Option,
     Part,
     Quantity,
@@ -31,6 +34,8 @@ from trimtab.core.quantity import (
     quantity,
     switch,
 )
+from trimtab.core.time import as_time, format_time
+from trimtab.core.units import parse_amount
 
 __all__ = [
     "FAST_COMPILE_OPTIONS",
@@ -53,6 +58,7 @@ __all__ = [
     "switch",
     "to_arrays",
     "tree_where",
+    "with_child",
     "with_leaf",
     "with_part_of",
 ]
@@ -61,18 +67,79 @@ jax.config.update("jax_enable_x64", True)
 
 T = TypeVar("T")
 FAST_COMPILE_OPTIONS: Any = {"xla_backend_optimization_level": 0, "xla_llvm_disable_expensive_passes": True}
+if jax.__version_info__ < (0, 11):
+    FAST_COMPILE_OPTIONS["xla_cpu_use_fusion_emitters"] = (
+        False  # the older way to build loops compiles in half the time
+    )
 """For jax.jit(…, compiler_options=FAST_COMPILE_OPTIONS) of what runs once: there compiling is what takes the time."""
 
 
 @dataclass_transform(frozen_default=True, field_specifiers=(quantity, part, option, period))
 def record(cls: type[T]) -> type[T]:
-    """Make a class a record: a frozen dataclass, and for JAX a pytree with the field names as path."""
+    """Make a class a record: a frozen dataclass, and for JAX a pytree with the field names as path.
+
+    >>> from trimtab import quantity, record
+    >>> @record
+    ... class Tank:
+    ...     level: float = quantity("m", "Of the water.", default=1.0, low=0)
+    >>> Tank(level="150 cm").level
+    1.5
+
+    A number may be given as a text with its unit, ``mass="3 kg"``, a period as ``"20 ms"``. The fields, with units and
+    meanings, are written below the class's docstring, where ``help`` shows them.
+    """
+    _accept_texts(cls)
     frozen: Any = dataclasses.dataclass(frozen=True, eq=False)(cls)
     for f in dataclasses.fields(frozen):
         if "declared" not in f.metadata:
-            raise TypeError(f"{cls.__name__}.{f.name} is not declared: use quantity(), part(), option() or period()")
+            problem = f"{f.name!r} is not declared: what it is, its unit and its meaning"
+            fix = f'{f.name}: float = quantity("m", "What it means.", default=0.0), or part(), option(), period()'
+            raise InputError(f"record {cls.__name__}", problem, fix=fix)
     _register_pytree(frozen)
+    frozen.__doc__ = f"{inspect.cleandoc(cls.__doc__ or cls.__name__)}\n\n{_describe_fields(frozen)}".rstrip()
     return frozen
+
+
+def _accept_texts(cls: Any) -> None:
+    """Have a class turn what it is given as text into numbers, before what it does itself with its fields."""
+    after = getattr(cls, "__post_init__", None)
+
+    def __post_init__(self: Any) -> None:
+        for name, value in list(self.__dict__.items()):
+            if type(value) is str:
+                object.__setattr__(self, name, _parse_text(type(self).__name__, name, value, declarations(self)[name]))
+        if after is not None:
+            after(self)
+
+    cls.__post_init__ = __post_init__
+
+
+def _parse_text(owner: str, name: str, text: str, declared: Declaration) -> Any:
+    if isinstance(declared, Option):
+        return as_time(f"{owner}.{name}", text) if declared.kind == "period" else text
+    if not isinstance(declared, Quantity):
+        return text
+    try:
+        return parse_amount(f"{owner}.{name}", text, declared.unit)
+    except InputError as error:
+        fix = f'{name}="{error.fix}"' if error.choices else f'{name}="1 {declared.unit}"'
+        raise InputError(error.part, error.problem, choices=error.choices, fix=fix) from None
+
+
+def _describe_fields(cls: Any) -> str:
+    """A line for each field: name, unit, meaning, and its default."""
+    lines = []
+    for f in dataclasses.fields(cls):
+        declared = f.metadata["declared"]
+        unit = f" [{declared.unit}]" if isinstance(declared, Quantity) and declared.unit != "1" else ""
+        default = ""
+        if isinstance(f.default, int | float | str | bool) and not isinstance(declared, Part):
+            is_time = isinstance(declared, Option) and declared.kind == "period" and isinstance(f.default, int)
+            default = f" Default: {format_time(int(f.default)) if is_time else f.default}."
+        choices = getattr(declared, "choices", ())
+        offered = f" One of {', '.join(map(str, choices))}." if choices else ""
+        lines.append(f"    {f.name}{unit}: {declared.doc}{offered}{default}")
+    return "\n".join(["Fields:", *lines]) if lines else ""
 
 
 def _register_pytree(cls: Any) -> None:
@@ -102,8 +169,13 @@ def _register_pytree(cls: Any) -> None:
     jax.tree_util.register_pytree_with_keys(cls, flatten_with_keys, unflatten, flatten)
 
 
-def replace(r: T, **changes: Any) -> T:
-    """A copy of a record with some fields changed."""
+def replace(r: T, /, **changes: Any) -> T:
+    """A copy of a record with some fields changed.
+
+    >>> from trimtab import build, replace
+    >>> replace(build("hovercraft/spin").world.vehicle, mass="3000 g").mass
+    3.0
+    """
     copy: Any = dataclasses.replace(r, **changes)  # pyright: ignore[reportArgumentType, reportUnknownVariableType, reportCallIssue]
     return copy
 
@@ -131,14 +203,17 @@ def with_part_of(value: T, path: str) -> T:
     for where, declared in absent_parts(value):
         below = path.removeprefix(f"{where}.").partition(".")[0]
         if path.startswith(f"{where}.") and below in declarations(declared.optional):
-            return _with_child_at(value, where, declared.optional)
+            return with_child(value, where, declared.optional)
     return value
 
 
-def _with_child_at(value: Any, path: str, child: Any) -> Any:
+def with_child(value: Any, path: str, child: Any) -> Any:
+    """A copy of a tree of records with another child at a dotted path; one of a mapping may be new."""
     head, _, rest = path.partition(".")
+    if not rest:
+        return _replace_child(value, head, child)
     below = next(c for name, c, _ in children(value) if name == head)
-    return _replace_child(value, head, _with_child_at(below, rest, child) if rest else child)
+    return _replace_child(value, head, with_child(below, rest, child))
 
 
 def _replace_child(value: Any, name: str, child: Any) -> Any:

@@ -3,9 +3,14 @@
 A number depends only on (seed, run), on the sample's index and on the stream that a block owns: the same bits in every
 backend, any run can be repeated alone, and switching one part off leaves the noise of the others as it was.
 
+In place of the run's number there may be a word for each of several groups, among which the draws are dealt out:
+another word of one changes its part of the noise, and the rest stays to the bit. It is what a Markov chain towards a
+rare failure moves (docs page, Rare failures).
+
 Source: Salmon, Moraes, Dror, Shaw, "Parallel random numbers: as easy as 1, 2, 3", SC 2011 (20 rounds).
 """
 
+import math
 import zlib
 from typing import Any
 
@@ -16,6 +21,10 @@ from trimtab.core.record import Scalar, option, quantity, record
 
 ROTATIONS = ((13, 15, 26, 6), (17, 29, 16, 24))
 PARITY = 0x1BD11BDA
+TERMS = 8
+"""Of which a normal number is the sum, where groups of draws have words of their own."""
+TERM_STRIDE = 0x9E3779B1
+"""Between the streams of these; odd, so that they fall into different groups."""
 
 
 @record
@@ -23,7 +32,7 @@ class Key:
     """Which numbers a block draws: words (seed, run) and its own stream. Frames: none. Source: this module."""
 
     seed: Scalar = quantity("1", "First key word: the seed of a study.", kind="word")
-    run: Scalar = quantity("1", "Second key word: the number of a run.", kind="word")
+    run: Any = quantity("1", "Second key word: the number of a run; or one word for each group of draws.", kind="word")
     stream: int = option("Where the block's streams start; follows from its path.", default=0)
 
     def at(self, name: str) -> "Key":
@@ -34,6 +43,12 @@ class Key:
 def key(seed: int, run: int = 0) -> Key:
     """The root key of a run; seed and run are taken modulo 2**32."""
     return Key(np.uint32(seed % 2**32), np.uint32(run % 2**32))
+
+
+def split(key: Key, n: int) -> Key:
+    """Keys of n alike blocks, fields (n,): each draws its own numbers, whatever n is."""
+    a, b = threefry2x32(key.seed, key.run, np.arange(n, dtype=np.uint32), np.uint32(key.stream))
+    return Key(a, b, key.stream)
 
 
 def threefry2x32(k0: Any, k1: Any, c0: Any, c1: Any) -> tuple[Any, Any]:
@@ -50,6 +65,17 @@ def threefry2x32(k0: Any, k1: Any, c0: Any, c1: Any) -> tuple[Any, Any]:
     return x0, x1
 
 
+def _group_word(run: Any, counter: Any, streams: Any) -> Any:
+    """The second key word of some draws: the run's number, or that of the group that each draw belongs to.
+
+    counter, streams: uint32, of shapes that broadcast.
+    """
+    if not jnp.ndim(run):
+        return run
+    group = (counter + streams) % np.uint32(jnp.shape(run)[0])
+    return jnp.asarray(run).at[group.astype(np.int32)].get(mode="promise_in_bounds")
+
+
 def _uniform(word: Any) -> Any:
     return (word.astype(np.float64) + 0.5) * 2.0**-32
 
@@ -62,25 +88,40 @@ def uniform2(key: Key, index: Any, stream: int = 0) -> tuple[Any, Any]:
         index: which sample, e.g. the instant divided by the block's period; any integer.
         stream: tells the draws of one sample apart; each value gives another pair.
     """
-    c0 = jnp.asarray(index).astype(np.uint32)
-    a, b = threefry2x32(key.seed, key.run, c0, np.uint32((key.stream + stream) % 2**32))
+    c0, c1 = jnp.asarray(index).astype(np.uint32), np.uint32((key.stream + stream) % 2**32)
+    a, b = threefry2x32(key.seed, _group_word(key.run, c0, c1), c0, c1)
     return _uniform(a), _uniform(b)
 
 
 def normal2(key: Key, index: Any, stream: int = 0) -> tuple[Any, Any]:
     """Two independent standard normals (Box and Muller 1958); arguments as `uniform2`."""
-    u, v = uniform2(key, index, stream)
-    r = jnp.sqrt(-2.0 * jnp.log(u))
-    return r * jnp.cos(2 * np.pi * v), r * jnp.sin(2 * np.pi * v)
+    c0, c1 = jnp.asarray(index).astype(np.uint32), np.uint32((key.stream + stream) % 2**32)
+    return _normal_pair(key, c0, c1)
 
 
 def normals(key: Key, index: Any, n: int) -> Any:
     """n independent standard normals, shape (n,) before that of index; streams 0, 1, … of the key, all at once."""
     pairs = (n + 1) // 2
     counter = jnp.asarray(index).astype(np.uint32)
-    streams = np.array([(key.stream + i) % 2**32 for i in range(pairs)], np.uint32)
-    a, b = threefry2x32(key.seed, key.run, counter, streams.reshape(-1, *[1] * counter.ndim))
+    streams = np.array([(key.stream + i) % 2**32 for i in range(pairs)], np.uint32).reshape(-1, *[1] * counter.ndim)
+    both = jnp.stack(_normal_pair(key, counter, streams), axis=1)
+    return both.reshape(2 * pairs, *counter.shape)[:n]
+
+
+def _normal_pair(key: Key, counter: Any, streams: Any) -> tuple[Any, Any]:
+    """Two normals of each; with a word for each group the sums of TERMS, each of another group, so that one changes
+    a little where one group's word does."""
+    if not jnp.ndim(key.run):
+        return _box_muller(*threefry2x32(key.seed, key.run, counter, streams))
+    x, y = 0.0, 0.0
+    for term in range(TERMS):
+        own = ((np.asarray(streams, np.uint64) + term * TERM_STRIDE) % 2**32).astype(np.uint32)
+        a, b = _box_muller(*threefry2x32(key.seed, _group_word(key.run, counter, own), counter, own))
+        x, y = x + a, y + b
+    return x / math.sqrt(TERMS), y / math.sqrt(TERMS)
+
+
+def _box_muller(a: Any, b: Any) -> tuple[Any, Any]:
     u, v = _uniform(a), _uniform(b)
     r = jnp.sqrt(-2.0 * jnp.log(u))
-    both = jnp.stack([r * jnp.cos(2 * np.pi * v), r * jnp.sin(2 * np.pi * v)], axis=1)
-    return both.reshape(2 * pairs, *counter.shape)[:n]
+    return r * jnp.cos(2 * np.pi * v), r * jnp.sin(2 * np.pi * v)

@@ -7,10 +7,40 @@ Times are integers of 100 ns; ages are seconds.
 from collections.abc import Mapping
 from typing import Any
 
+import jax.numpy as jnp
 import numpy as np
 
 from trimtab.core.record import Scalar, part, quantity, record, replace
-from trimtab.core.time import to_seconds
+from trimtab.core.time import NEVER, to_seconds
+
+
+@record
+class SurroundingAir:
+    """The air about a vehicle, as its centre of mass meets it. Source: docs page, Turbulence."""
+
+    height: Scalar = quantity("m", "Of the vehicle above the sea.")
+    velocity: Any = quantity("m/s", "Of the air over the ground, in B.", frame="B", shape=(3,))
+    rate: Any = quantity("rad/s", "At which the air turns about the vehicle.", frame="B", shape=(3,))
+
+
+@record
+class Gust:
+    """What turbulence adds to the air about a vehicle. Source: docs page, Turbulence."""
+
+    velocity: Any = quantity("m/s", "Forward, to starboard, down.", frame="B", shape=(3,))
+    rate: Any = quantity("rad/s", "At which that air turns: roll, pitch, yaw.", frame="B", shape=(3,))
+
+
+NO_GUST = Gust(np.zeros(3), np.zeros(3))
+"""Air that is still, or moves as the mean wind does."""
+
+
+@record
+class Bending:
+    """How a vehicle bends: its modes, by the numbers that its state has for them. Source: docs page, Hypersonic."""
+
+    rate: Any = quantity("1/s", "Of each mode (n,), in its own unit.")
+    acceleration: Any = quantity("1/s^2", "Of each mode (n,), in its own unit.")
 
 
 @record
@@ -28,6 +58,16 @@ class Motion:
     w_WB_B: Any = quantity("rad/s", "Angular velocity: roll, pitch, yaw rate.", frame="B", shape=(3,))
     a_WB_B: Any = quantity("m/s^2", "Acceleration of the centre of mass in W, resolved in B.", frame="B", shape=(3,))
     alpha_WB_B: Any = quantity("rad/s^2", "Angular acceleration.", frame="B", shape=(3,))
+    air: Any = part("The air about it, a SurroundingAir; nothing of a vehicle that knows none.", default=())
+    bending: Any = part("Its modes, a Bending; nothing of a rigid vehicle.", default=())
+
+
+def surrounding_air(motion: Motion) -> SurroundingAir:
+    """The air about a vehicle; of one that knows none it is still, and the sea lies at the origin of W."""
+    if isinstance(motion.air, SurroundingAir):
+        return motion.air
+    still = jnp.zeros_like(motion.v_WB_B)
+    return SurroundingAir(height=-motion.p_WB[2], velocity=still, rate=still)
 
 
 def no_motion() -> Motion:
@@ -82,6 +122,21 @@ class Estimate:
     fresh: Scalar = quantity("1", "Whether a measurement arrived at this instant.", kind="flag")
     valid: Scalar = quantity("1", "Whether the state means anything yet.", kind="flag")
     state: Any = part("The estimated state, a record.")
+    stick: Any = part("Newest sample of the pilot's stick, for a law that asks for it; else None.", default=None)
+    dt: Any = part("Time between two steps of the law (s), for the law alone; else None.", default=None)
+
+
+STICK_MODES = ("manual", "damped", "assisted")
+"""What a pilot's stick moves: the thrust vector, velocities in the body, the velocity over the floor."""
+
+
+@record
+class Stick:
+    """Where a pilot holds the stick, and what it is to move. Frames: none. Source: docs page, Piloted."""
+
+    forward: Scalar = quantity("1", "Pushed forward, -1 to 1.", low=-1, high=1)
+    turn: Scalar = quantity("1", "Pushed to the side, -1 to 1; positive turns clockwise from above.", low=-1, high=1)
+    mode: Scalar = quantity("1", "What it moves.", kind="mode", modes=STICK_MODES)
 
 
 @record
@@ -109,3 +164,52 @@ class PlanarForce:
 
     FX: Scalar = quantity("N", "Along the body's x axis.", frame="B")
     FY: Scalar = quantity("N", "Along the body's y axis.", frame="B")
+
+
+@record
+class PeerMessage:
+    """What a craft of a swarm tells the others: the point that it follows. Source: docs page, Swarms."""
+
+    t: Scalar = quantity("100 ns", "When it was true.", kind="time", default=np.int64(NEVER))
+    north: Scalar = quantity("m", "Reference point.", frame="W", default=0.0)
+    east: Scalar = quantity("m", "Reference point.", frame="W", default=0.0)
+    north_velocity: Scalar = quantity("m/s", "Of the reference point.", frame="W", default=0.0)
+    east_velocity: Scalar = quantity("m/s", "Of the reference point.", frame="W", default=0.0)
+
+
+@record
+class Peers:
+    """What a craft has heard of each craft of its swarm, by number. Not logged: it grows with the square of the number.
+
+    Source: docs page, Swarms.
+    """
+
+    messages: Any = part("Newest message of each, as a tuple of the fields of PeerMessage, (n,); t NEVER: none.")
+
+    def message(self) -> PeerMessage:
+        """The messages as a record, fields (n,)."""
+        return PeerMessage(*self.messages)
+
+
+@record
+class PeerView:
+    """All that a craft of a swarm knows. Source: docs page, Swarms."""
+
+    own: Any = part("Its own estimated state.")
+    peers: Peers = part("What it has heard of the others.")
+
+
+@record
+class SwarmInput:
+    """What each craft does, and what it says; demand, command and input of a swarm. Source: docs page, Swarms."""
+
+    act: Any = part("What acts on each craft, or is asked of its actuators; fields (n,).")
+    say: PeerMessage = part("What each has to say; fields (n,).")
+
+
+@record
+class SwarmMotion:
+    """All that sensors on the craft of a swarm can feel. Source: docs page, Swarms."""
+
+    each: Motion = part("Of each craft, fields (n, …).")
+    say: PeerMessage = part("What each says, fields (n,).")

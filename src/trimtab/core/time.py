@@ -15,7 +15,7 @@ from trimtab.core.errors import InputError
 
 UNITS_PER_SECOND = 10_000_000
 SECONDS_PER_UNIT = 1e-7
-NAMES = {"s": "1", "ms": "1e-3", "us": "1e-6", "µs": "1e-6", "ns": "1e-9"}
+NAMES = {"min": "60", "s": "1", "ms": "1e-3", "us": "1e-6", "µs": "1e-6", "ns": "1e-9"}
 FOREVER = 2**62
 """Later than any instant of a run."""
 NEVER = -FOREVER
@@ -23,7 +23,12 @@ NEVER = -FOREVER
 
 
 def seconds(value: float | str | Decimal) -> int:
-    """A time in seconds as integer units of 100 ns; refused where it is not a whole number of them."""
+    """A time in seconds as integer units of 100 ns; refused where it is not a whole number of them.
+
+    >>> from trimtab import seconds
+    >>> seconds(2)
+    20000000
+    """
     try:
         units = Decimal(str(value)) * UNITS_PER_SECOND
     except ArithmeticError:
@@ -36,13 +41,18 @@ def seconds(value: float | str | Decimal) -> int:
 
 
 def ms(value: float | str) -> int:
-    """A time in milliseconds as integer units of 100 ns, e.g. ``ms(6.5536) == 65536``."""
+    """A time in milliseconds as integer units of 100 ns, e.g. ``ms(6.5536) == 65536``.
+
+    >>> from trimtab import ms
+    >>> ms(6.5536)
+    65536
+    """
     return parse_time(f"{value} ms")
 
 
 def parse_time(text: str | float) -> int:
-    """A time written as ``20 ms``, ``6.5536ms``, ``150 us``, ``2 s``, or a bare number of seconds."""
-    match = re.fullmatch(r"\s*([-+0-9.eE]+?)\s*(s|ms|us|µs|ns)?\s*", str(text))
+    """A time written as ``20 ms``, ``6.5536ms``, ``150 us``, ``2 s``, ``3 min``, or a bare number of seconds."""
+    match = re.fullmatch(r"\s*([-+0-9.eE]+?)\s*(min|s|ms|us|µs|ns)?\s*", str(text))
     if not match:
         raise InputError("time", f"{text!r} is not a time", choices=NAMES, fix="write e.g. '20 ms' or 0.02")
     try:
@@ -50,6 +60,33 @@ def parse_time(text: str | float) -> int:
     except ArithmeticError:
         raise InputError("time", f"{text!r} is not a time", choices=NAMES, fix="write e.g. '20 ms' or 0.02") from None
     return seconds(value)
+
+
+def nearest_time(text: str, usual: str) -> str:
+    """What may have been meant by a text that is no time: 3 min by 3 m; else what is usual."""
+    match = re.fullmatch(r"\s*(\d+(?:\.\d+)?)\s*(m|mins?|minutes?|h|hours?|secs?|seconds?)\s*", text, re.IGNORECASE)
+    if match is None:
+        return usual
+    number, unit = Decimal(match[1]), match[2][0].lower()
+    return f"{number * 60 if unit == 'h' else number:f} {'s' if unit == 's' else 'min'}"
+
+
+def as_time(part: str, value: Any) -> int:
+    """A time as integer units: one already, or a text such as ``20 ms``; refused is a number of something else.
+
+    part: what is asked for it, e.g. ``duration``.
+    """
+    if isinstance(value, str):
+        try:
+            return parse_time(value)
+        except InputError as error:
+            raise InputError(
+                part, error.problem, choices=error.choices, fix=f'{part}="{nearest_time(value, "20 s")}"'
+            ) from None
+    if isinstance(value, int | np.integer) and not isinstance(value, bool):
+        return int(value)
+    problem = f"{value!r} is no whole number of 100 ns"
+    raise InputError(part, problem, fix=f'{part}="{value} s", or {part}=seconds({value})')
 
 
 def format_time(units: int) -> str:

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from trimtab import __version__
-from trimtab.core.errors import InputError
+from trimtab.core.errors import InputError, argument
 from trimtab.design import composite
 from trimtab.design.certified_system import CertifiedSystem, Setting
 from trimtab.design.lmi import LmiGain, lmi_gain
@@ -90,7 +90,7 @@ def design_certificate(system: CertifiedSystem) -> Certificate:
     """A gain by the system's method, the steady filter of what it estimates, and all that proves them."""
     s = system
     if s.method not in METHODS:
-        raise InputError("method", f"{s.method!r}", choices=METHODS, fix="--method lqr")
+        raise InputError("method", f"{s.method!r}", choices=METHODS, fix=argument("method", "lqr"))
     if s.method == "lqr":
         gain = lqr(s.A, s.B, s.Q, s.Re, scale=s.scale)
     else:

@@ -26,7 +26,10 @@ SCOPE = (
 )
 LARGEST = 1e50
 """Entries beyond this are no state, weight or gain of anything."""
-FIX = "trimtab design hypersonic --out certificate.json  writes one"
+FIX = (
+    "trimtab design hypersonic --out certificate.json  writes one, "
+    "trimtab design VEHICLE --lqr … --out gain.json  a gain"
+)
 
 
 def certificate_json(certificate: Certificate) -> str:
@@ -82,6 +85,19 @@ def read_certificate(path: str | Path) -> tuple[Certificate, str]:
     return parse_certificate(text, str(path))
 
 
+def parse_json(text: str, name: str) -> Any:
+    """The content of a text of JSON, in which every key is there once and every number is one.
+
+    Args:
+        text: of the file.
+        name: of the file, for errors.
+    """
+    try:
+        return json.loads(text, parse_constant=_refuse_constant, object_pairs_hook=_refuse_doubles)
+    except (ValueError, RecursionError) as error:
+        raise InputError(f"file '{name}'", f"is no JSON: {error}", fix=FIX) from error
+
+
 def parse_certificate(text: str, name: str) -> tuple[Certificate, str]:
     """The certificate, and the digest that is written beside it.
 
@@ -89,10 +105,7 @@ def parse_certificate(text: str, name: str) -> tuple[Certificate, str]:
         text: of the file.
         name: of the file, for errors.
     """
-    try:
-        content = json.loads(text, parse_constant=_refuse_constant, object_pairs_hook=_refuse_doubles)
-    except (ValueError, RecursionError) as error:
-        raise InputError(f"file '{name}'", f"is no JSON: {error}", fix=FIX) from error
+    content = parse_json(text, name)
     form = content.get("format") if isinstance(content, dict) else type(content).__name__
     if form != FORMAT:
         older = form == "trimtab certificate 1"  # whose conditions and limits were the file's own

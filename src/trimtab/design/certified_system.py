@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from trimtab.core.errors import InputError, closest
+from trimtab.core.errors import InputError, argument, closest
 from trimtab.design.proof import Line, ProofCondition
 
 SAME = 1e-9
@@ -91,8 +91,8 @@ SystemFunction = Callable[..., CertifiedSystem]
 """Settings by keyword, each with a default, -> the system."""
 
 
-def system_settings(function: SystemFunction, given: Mapping[str, object], part: str) -> dict[str, Setting]:
-    """The settings of a system's function with those given put in; numbers may be given as text.
+def system_settings(function: Callable[..., Any], given: Mapping[str, object], part: str) -> dict[str, Setting]:
+    """The settings of a system's or theorem's function with those given put in; numbers may be given as text.
 
     Args:
         function: of the system.
@@ -102,10 +102,9 @@ def system_settings(function: SystemFunction, given: Mapping[str, object], part:
     settings: dict[str, Setting] = {n: p.default for n, p in inspect.signature(function).parameters.items()}
     for name, value in given.items():
         if name not in settings:
-            near = closest(name, settings, 1)
-            raise InputError(
-                part, f"there is no setting {name!r}", choices=settings, fix=f"--set {(near or list(settings))[0]}=…"
-            )
+            near = closest(name, settings, 1) or list(settings)[:1]
+            fix = argument("settings", "…", near[0]) if near else "leave it out: there are no settings"
+            raise InputError(part, f"there is no setting {name!r}", choices=settings, fix=fix)
         settings[name] = _as_setting(value, settings[name], f"{part}, {name}")
     return settings
 

@@ -8,13 +8,10 @@ Source: [1] B. L. Stevens, F. L. Lewis, E. N. Johnson, "Aircraft Control and Sim
 from collections.abc import Iterable
 from typing import Any, NamedTuple
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 
-from trimtab.core.errors import InputError
-from trimtab.core.record import FAST_COMPILE_OPTIONS
-from trimtab.design.model import Function, StateSpaceModel, find_indices
+from trimtab.core.errors import InputError, argument_name
+from trimtab.design.model import StateSpaceModel, find_indices
 from trimtab.design.poles import balance_matrix, participation, sorted_poles
 
 ROUNDING = 1e-10
@@ -95,13 +92,41 @@ class LinearModel(NamedTuple):
         outputs: Iterable[str] | None = None,
     ) -> "LinearModel":
         """The rows and columns of the named states, inputs and outputs, in that order; the others are held at zero."""
-        i = find_indices("linear.states", self.states if states is None else states, self.states)
-        j = find_indices("linear.inputs", self.inputs if inputs is None else inputs, self.inputs)
-        k = find_indices("linear.outputs", self.outputs if outputs is None else outputs, self.outputs)
+        i = find_indices(argument_name("states"), self.states if states is None else states, self.states)
+        j = find_indices(argument_name("inputs"), self.inputs if inputs is None else inputs, self.inputs)
+        k = find_indices(argument_name("outputs"), self.outputs if outputs is None else outputs, self.outputs)
         pairs = ((self.states, i), (self.inputs, j), (self.outputs, k))
         labels = (tuple(names[q] for q in places) for names, places in pairs)
         A, B, C, D = self.A[np.ix_(i, i)], self.B[np.ix_(i, j)], self.C[np.ix_(k, i)], self.D[np.ix_(k, j)]
         return LinearModel(A, B, C, D, self.x0[i], self.u0[j], self.y0[k], self.drift[i], *labels)
+
+    def settle(self, states: Iterable[str]) -> "LinearModel":
+        """The model without the named states, each at the value to which the others hold it: those that settle fast.
+
+        Outputs keep their meaning; `x0` and `drift` are those of the states that stay.
+
+        Raises: InputError where the named states do not settle by themselves.
+
+        Source: P. V. Kokotovic, H. K. Khalil, J. O'Reilly, "Singular perturbation methods in control", Academic Press
+        1986, section 1.3: the slow model.
+        """
+        fast = find_indices("linear.states", states, self.states)
+        slow = [i for i in range(len(self.states)) if i not in set(np.asarray(fast).tolist())]
+        own = self.A[np.ix_(fast, fast)]
+        worst = np.linalg.eigvals(own).real.max(initial=-np.inf)
+        if worst >= 0:
+            names = ", ".join(self.states[i] for i in fast)
+            problem = f"with all else held {names} has a pole of {worst:+.4g} 1/s: it does not settle"
+            part = argument_name("fast")
+            raise InputError(
+                part, problem, fix=f"leave it out of {part}, or use a sensor or an estimator that gives it"
+            )
+        to, by = np.linalg.solve(own, self.A[np.ix_(fast, slow)]), np.linalg.solve(own, self.B[fast])
+        inner, outer = self.A[np.ix_(slow, fast)], self.C[:, fast]
+        A, B = self.A[np.ix_(slow, slow)] - inner @ to, self.B[slow] - inner @ by
+        C, D = self.C[:, slow] - outer @ to, self.D - outer @ by
+        names = tuple(self.states[i] for i in slow)
+        return self._replace(A=A, B=B, C=C, D=D, x0=self.x0[slow], drift=self.drift[slow], states=names)
 
     def rescale(self, states: Any, inputs: Any = None, outputs: Any = None) -> "LinearModel":
         """The same in units of the given sizes of states (n,), inputs (m,) and outputs (p,); ones where not given."""
@@ -131,14 +156,8 @@ def linearise(model: StateSpaceModel, x: Any = None, u: Any = None) -> LinearMod
     Source: [1] section 3.7, with derivatives instead of differences.
     """
     x0, u0 = model.point(x, u)
-    a, b = jnp.asarray(x0), jnp.asarray(u0)
-
-    def derivatives(function: Function) -> tuple[Any, ...]:
-        slopes = jax.jit(jax.jacfwd(function, argnums=(0, 1)), compiler_options=FAST_COMPILE_OPTIONS)
-        return tuple(np.asarray(d) for d in slopes(a, b))
-
-    (A, B), (C, D) = derivatives(model.f), derivatives(model.h)
-    drift, y0 = np.asarray(model.f(a, b)), np.asarray(model.h(a, b))
+    A, B, C, D = model.slopes(x0, u0)
+    drift, y0 = model.evaluate(x0, u0)
     for what, value, rows in (
         ("x'", np.column_stack([drift, A, B]), model.states),
         ("y", np.column_stack([y0, C, D]), model.outputs),
@@ -146,7 +165,9 @@ def linearise(model: StateSpaceModel, x: Any = None, u: Any = None) -> LinearMod
         bad = [n for n, row in zip(rows, value, strict=True) if not np.isfinite(row).all()]
         if bad:
             problem = f"{what} or its derivative is not finite for {', '.join(bad)}"
-            raise InputError("linearise", problem, fix="choose a point where the model is smooth")
+            keep, choose = argument_name("output"), argument_name("at")
+            fix = f"keep the others alone with {keep}, or choose with {choose} a point where the model is smooth"
+            raise InputError("linearise", problem, fix=fix)
     return LinearModel(A, B, C, D, x0, u0, y0, drift, model.states, model.inputs, model.outputs)
 
 

@@ -21,13 +21,14 @@ in its manual.
 """
 
 from collections.abc import Callable, Sequence
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.linalg import cholesky, solve_triangular
 from scipy.sparse import csc_matrix
 
-from trimtab.core.errors import InputError
+from trimtab.core.errors import InputError, install_command
 from trimtab.design.lqr import check_matrices, state_sizes
 from trimtab.design.poles import format_pole, sorted_poles, uncontrollable_poles
 
@@ -205,14 +206,20 @@ def symmetric_matrix(values: Any, n: int) -> Any:
 
 def _pack_triangle(M: Any) -> Any:
     """Upper triangle column by column, off the diagonal times sqrt 2, as Clarabel takes it."""
-    rows, columns = np.tril_indices(len(M))
-    return np.asarray(M)[columns, rows] * np.where(rows == columns, 1.0, np.sqrt(2.0))
+    columns, rows, factors = _triangle_entries(len(M))
+    return np.asarray(M)[columns, rows] * factors
+
+
+@lru_cache(maxsize=32)
+def _triangle_entries(n: int) -> tuple[Any, Any, Any]:
+    rows, columns = np.tril_indices(n)
+    return columns, rows, np.where(rows == columns, 1.0, np.sqrt(2.0))
 
 
 def _import_solver() -> Any:
     try:
         import clarabel
     except ImportError as error:
-        fix = "pip install -c constraints.txt -e '.[design]', or take the method lqr, which needs no solver"
+        fix = f"{install_command('design')}, or take the method lqr, which needs no solver"
         raise InputError("design", "the solver Clarabel is not installed", fix=fix) from error
     return clarabel

@@ -150,7 +150,7 @@ def loop_of_law(vehicle: Any, law: Any, x: Any, state: Any = None) -> FeedbackLo
     memory = law.init(Key(np.uint32(0), np.uint32(0))) if state is None else state
 
     def demand(xs: Any) -> Any:
-        estimate = Estimate(t=0, age=0.0, fresh=True, valid=True, state=unpack_record(x, xs))
+        estimate = Estimate(t=0, age=0.0, fresh=True, valid=True, state=unpack_record(x, xs), dt=1e-3)
         return law.step(0, memory, estimate)[1].demand
 
     start = jnp.asarray(record_vector(x), jnp.float64)

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.linalg import cholesky, solve_continuous_are, solve_triangular
 
-from trimtab.core.errors import InputError
+from trimtab.core.errors import InputError, argument
 from trimtab.design.poles import format_pole, sorted_poles, uncontrollable_poles
 
 AXIS = 1e-9
@@ -61,7 +61,13 @@ def lqr(A: Any, B: Any, Q: Any, R: Any, *, scale: Any = None) -> Lqr:
     d = state_sizes("lqr.scale", scale, Q)
     root = cholesky(R, lower=True)
     As, Bs, Qs = A * d / d[:, None], solve_triangular(root, (B / d[:, None]).T, lower=True).T, Q * np.outer(d, d)
-    _refuse_pair("lqr", "the inputs don't move", As, Bs, "add an input, or leave the state out that has this pole")
+    _refuse_pair(
+        "lqr",
+        "the inputs don't move",
+        As,
+        Bs,
+        f"add an input, leave out the state of this pole, or go where an input acts: {argument('at', 'NAME=VALUE')}",
+    )
     _refuse_pair("lqr", "the weight Q does not see", As.T, Qs, "give the states of this pole a weight")
     try:
         X = solve_continuous_are(As, Bs, Qs, np.eye(len(R)))

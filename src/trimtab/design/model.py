@@ -6,14 +6,15 @@ Source: this module; the form is that of A. Isidori, "Nonlinear Control Systems"
 """
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import lru_cache
 from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
 import numpy as np
 
-from trimtab.core.errors import InputError, closest
-from trimtab.core.record import Quantity, is_record, leaves, with_leaf
+from trimtab.core.errors import InputError, argument_name, closest
+from trimtab.core.record import FAST_COMPILE_OPTIONS, Quantity, is_record, leaves, with_leaf
 
 Function = Callable[[Any, Any], Any]
 """(x (n,), u (m,)) -> vector, traceable by jax."""
@@ -23,7 +24,8 @@ class StateSpaceModel(NamedTuple):
     """x' = f(x, u), y = h(x, u), with the names of all entries.
 
     f: (x (n,), u (m,)) -> (n,).  h: -> (p,).  states, inputs, outputs: names.  x0, u0: the point it was made with.
-    state_record, input_record: what the vectors are as records, or None.
+    state_record, input_record: what the vectors are as records, or None.  to_record: state vector -> record, where the
+    vector is not the record's own numbers (`design.coordinates`), or None.
     """
 
     f: Function
@@ -35,14 +37,41 @@ class StateSpaceModel(NamedTuple):
     u0: Any
     state_record: Any = None
     input_record: Any = None
+    to_record: Callable[[Any], Any] | None = None
 
     def state(self, x: Any) -> Any:
         """The state vector (n,) as the vehicle's record, or as it is where there is none."""
+        if self.to_record is not None:
+            return jax.jit(self.to_record, compiler_options=FAST_COMPILE_OPTIONS)(jnp.asarray(x))
         return x if self.state_record is None else unpack_record(self.state_record, x)
 
     def input(self, u: Any) -> Any:
         """The input vector (m,) as the vehicle's record, or as it is where there is none."""
         return u if self.input_record is None else unpack_record(self.input_record, u)
+
+    def keep(self, inputs: Iterable[str] = (), outputs: Iterable[str] = ()) -> "StateSpaceModel":
+        """The model with some of its inputs, the others held at u0, and some of its outputs; or all."""
+        j = np.array(find_indices(argument_name("inputs"), tuple(inputs) or self.inputs, self.inputs))
+        k = np.array(find_indices(argument_name("outputs"), tuple(outputs) or self.outputs, self.outputs))
+        held, f, h = jnp.asarray(self.u0), self.f, self.h
+        return self._replace(
+            f=lambda x, u: f(x, held.at[j].set(u)),
+            h=lambda x, u: h(x, held.at[j].set(u))[k],
+            inputs=tuple(self.inputs[i] for i in j),
+            outputs=tuple(self.outputs[i] for i in k),
+            u0=np.asarray(self.u0)[j],
+            input_record=None,
+        )
+
+    def evaluate(self, x: Any, u: Any) -> tuple[Any, Any]:
+        """x' (n,) and y (p,) at one point, as numpy arrays."""
+        rates, outputs = compile_functions(self.f, self.h)(jnp.asarray(x), jnp.asarray(u))
+        return np.asarray(rates), np.asarray(outputs)
+
+    def slopes(self, x: Any, u: Any) -> tuple[Any, Any, Any, Any]:
+        """A = df/dx, B = df/du, C = dh/dx, D = dh/du at one point, as numpy arrays."""
+        (A, B), (C, D) = compile_slopes(self.f, self.h)(jnp.asarray(x), jnp.asarray(u))
+        return np.asarray(A), np.asarray(B), np.asarray(C), np.asarray(D)
 
     def point(self, x: Any = None, u: Any = None) -> tuple[Any, Any]:
         """State and input as finite float vectors; each a vector, a record, a mapping of changes to x0, or None."""
@@ -51,25 +80,43 @@ class StateSpaceModel(NamedTuple):
         return vectors[0], vectors[1]
 
 
+@lru_cache(maxsize=32)
+def compile_functions(f: Function, h: Function) -> Callable[[Any, Any], tuple[Any, Any]]:
+    """(x, u) -> f, h: compiled once for all points of a model."""
+    return jax.jit(lambda x, u: (f(x, u), h(x, u)), compiler_options=FAST_COMPILE_OPTIONS)
+
+
+@lru_cache(maxsize=32)
+def compile_slopes(f: Function, h: Function) -> Callable[[Any, Any], Any]:
+    """(x, u) -> (df/dx, df/du), (dh/dx, dh/du): compiled once for all points of a model."""
+    slopes = [jax.jacfwd(function, argnums=(0, 1)) for function in (f, h)]
+    return jax.jit(lambda x, u: tuple(slope(x, u) for slope in slopes), compiler_options=FAST_COMPILE_OPTIONS)
+
+
 def entry_names(value: Any) -> tuple[str, ...]:
     """What each entry of a record's vector is, e.g. ("surge_velocity", "position[0]", "position[1]", "heading")."""
     names: list[str] = []
-    for path, old, _ in _real_leaves(value):
+    for path, old, _ in real_leaves(value):
         names += [path] if np.ndim(old) == 0 else [f"{path}[{i}]" for i in range(int(np.size(old)))]
     return tuple(names)
+
+
+def input_names(value: Any, states: Sequence[str]) -> tuple[str, ...]:
+    """`entry_names` of an input record; "u.rudder" where a state has that name too, as of a servo in the vehicle."""
+    return tuple(f"u.{name}" if name in states else name for name in entry_names(value))
 
 
 def record_vector(value: Any) -> Any:
     """The reals and angles of a record as one vector, in declared order."""
     if not entry_names(value):
         raise InputError("vector", f"{type(value).__name__} has no real fields", fix="give a state or an input record")
-    return jnp.concatenate([jnp.ravel(jnp.asarray(v, jnp.float64)) for _, v, _ in _real_leaves(value)])
+    return jnp.concatenate([jnp.ravel(jnp.asarray(v, jnp.float64)) for _, v, _ in real_leaves(value)])
 
 
 def unpack_record(like: Any, values: Any) -> Any:
     """The record `like` with its reals and angles from a vector (n,); angles stay unwrapped."""
     start, record = 0, like
-    for path, old, _ in _real_leaves(like):
+    for path, old, _ in real_leaves(like):
         size = int(np.size(old))
         new = values[start : start + size].reshape(np.shape(old))
         start += size
@@ -133,7 +180,8 @@ def model_of_vehicle(
             problem = f"the {what} is a {type(value).__name__}, not a record"
             fix = "give the vehicle's records, or use `model_of_functions` for vectors"
             raise InputError("of_vehicle", problem, fix=fix)
-    states, inputs = entry_names(x), entry_names(u)
+    states = entry_names(x)
+    inputs = input_names(u, states)
 
     def f(xs: Any, us: Any) -> Any:
         return record_vector(vehicle.dynamics(t, unpack_record(x, xs), unpack_record(u, us)))
@@ -186,7 +234,8 @@ def _whole_state(x: Any, u: Any) -> Any:
     return x
 
 
-def _real_leaves(value: Any) -> list[tuple[str, Any, Quantity]]:
+def real_leaves(value: Any) -> list[tuple[str, Any, Quantity]]:
+    """Path, value and declaration of a record's reals and angles, in declared order."""
     return [(p, v, d) for p, v, d in leaves(value) if isinstance(d, Quantity) and d.kind in ("real", "angle")]
 
 

@@ -37,6 +37,8 @@ EARLY = 1e-10
 """An input that enters a derivative by this part of its row's size enters it."""
 SINGULAR = 1e-10
 """A matrix is singular where its smallest singular value is this part of the largest, rows and columns of size 1."""
+ROUNDING = 1e-13
+"""A state that moves an output's derivative by this part of what the others do moves it not at all."""
 STEPS = 50
 """Newton steps at most."""
 SETTLED = 1e-9
@@ -136,6 +138,8 @@ def normal_form(
 
     values = jax.jit(at_point, compiler_options=FAST_COMPILE_OPTIONS)(jnp.asarray(x0), jnp.asarray(u0))
     xi0, v0, slope, slopes = jax.tree.map(np.asarray, values)
+    share = np.abs(slope) * np.maximum(1.0, np.abs(x0))
+    slope = np.where(share > ROUNDING * share.max(axis=1, keepdims=True, initial=0.0), slope, 0.0)
     labels, zeta = _choose_internal(model, slope, internal)
     jacobian, condition, enter = _linearise_internal(model, zeta, labels, slope, slopes, (x0, u0))
     functions = _coordinate_functions(model, xi, zeta, highest, jnp.asarray(x0), jnp.asarray(u0))

@@ -8,15 +8,15 @@ Source: [1] I. J. Pérez-Arriaga, G. C. Verghese, F. C. Schweppe, "Selective mod
 from typing import Any
 
 import numpy as np
-from scipy.linalg import matrix_balance, schur, solve_sylvester
+from scipy.linalg import get_lapack_funcs, schur, solve_sylvester
 
 UNCONTROLLABLE = 1e-9
 """[s I - A, B] loses rank where its smallest singular value is below this part of the largest, scaled."""
 
 
 def sorted_poles(A: Any) -> Any:
-    """Eigenvalues of A (n, n), by falling real part."""
-    poles = np.linalg.eigvals(A)
+    """Eigenvalues of A (n, n), by falling real part; complex numbers, also where all are real."""
+    poles = np.linalg.eigvals(A).astype(complex)
     return poles[np.lexsort((-poles.imag, -poles.real))]
 
 
@@ -27,8 +27,8 @@ def format_pole(pole: complex) -> str:
 
 def balance_matrix(A: Any) -> Any:
     """A similar to A by a diagonal of powers of two, rows and columns of like size."""
-    balance: Any = matrix_balance(A, permute=False)
-    return balance[0]
+    balance: Any = get_lapack_funcs("gebal", (np.asarray(A, float),))
+    return balance(A, scale=1, permute=0)[0]  # matrix_balance warns where rounding asks for more than 2^63
 
 
 def participation(A: Any, pole: complex, distance: float) -> Any:

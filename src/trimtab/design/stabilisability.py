@@ -16,6 +16,8 @@ import jax.numpy as jnp
 import numpy as np
 from scipy.optimize import least_squares
 
+from trimtab.design.model import StateSpaceModel
+
 jax.config.update("jax_enable_x64", True)
 
 RANK_TOLERANCE = 1e-9
@@ -146,12 +148,22 @@ def is_reachable(
 
 
 def controllability_rank(A: Any, B: Any) -> int:
-    """Rank of [B, A B, ..., A^(n-1) B] for A (n, n) and B (n, m). Source: Kalman's rank condition."""
-    A, block = np.asarray(A), np.asarray(B)
-    blocks = [block]
-    for _ in range(len(A) - 1):
-        blocks.append(A @ blocks[-1])
-    return numerical_rank(np.hstack(blocks))
+    """Rank of [B, A B, ..., A^(n-1) B] for A (n, n) and B (n, m). Source: Kalman's rank condition.
+
+    Directions are added one by one, each made orthogonal to those before: powers of A would lose the weak ones.
+    """
+    A, pending = np.asarray(A, float), list(np.asarray(B, float).T)
+    basis = np.zeros((0, len(A)))
+    while pending:
+        vector = pending.pop(0)
+        left = vector
+        for _ in range(2):  # once more, as the first time leaves rounding
+            left = left - basis.T @ (basis @ left)
+        size = np.linalg.norm(left)
+        if size > RANK_TOLERANCE * np.linalg.norm(vector):
+            basis = np.vstack([basis, left / size])
+            pending.append(A @ (left / size))
+    return len(basis)
 
 
 def uncontrollable_eigenvalues(A: Any, B: Any) -> tuple[complex, ...]:
@@ -192,3 +204,72 @@ def brockett(
         missed = np.array([b for b in tried if not is_reachable(f, b, m, radius=radius)]).reshape(-1, n)
     onto = not len(missed)
     return Brockett(unstable, controllability_rank(A, B), onto, missed, bool(unstable) or not onto)
+
+
+class Cascade(NamedTuple):
+    """A model as x1' = a(x1) + B u, x2' = f2(x1, x2): x1, x2: places of their states."""
+
+    x1: tuple[int, ...]
+    x2: tuple[int, ...]
+
+
+class SmoothFeedback(NamedTuple):
+    """What smooth_feedback found.
+
+    brockett: of the whole model.  byrnes_isidori: of its cascade, None where it is none.  cascade: that, or None.
+    is_excluded: True where one of both excludes a continuously differentiable stabiliser; False decides nothing.
+    """
+
+    brockett: Brockett
+    byrnes_isidori: ByrnesIsidori | None
+    cascade: Cascade | None
+    is_excluded: bool
+
+
+def find_cascade(model: StateSpaceModel, *, samples: int = 20) -> Cascade | None:
+    """The least x1 that the inputs enter and whose rates depend on nothing else; None where that is all states.
+
+    Told from derivatives at sampled points around the model's own; also None where the inputs enter x1 with
+    coefficients that change.
+    """
+    draws = np.random.default_rng(4)
+    x0, u0 = model.point()
+    size = [np.maximum(1.0, np.abs(v)) for v in (x0, u0)]
+    points = [v + s * draws.uniform(-0.5, 0.5, (samples, len(v))) for v, s in zip((x0, u0), size, strict=True)]
+    A, B = (np.asarray(d) for d in jax.jit(jax.vmap(jax.jacfwd(model.f, argnums=(0, 1))))(*points))
+    largest = max(np.abs(A).max(), np.abs(B).max())
+    depends, enters = (np.abs(M).max(axis=0) > RANK_TOLERANCE * largest for M in (A, B))
+    inner = enters.any(axis=1)
+    while (depends[inner].any(axis=0) & ~inner).any():
+        inner = inner | depends[inner].any(axis=0)
+    if inner.all() or not inner.any() or np.ptp(B[:, inner], axis=0).max() > RANK_TOLERANCE * largest:
+        return None
+    x1, x2 = (tuple(np.flatnonzero(chosen).tolist()) for chosen in (inner, ~inner))
+    return Cascade(x1, x2)
+
+
+def smooth_feedback(model: StateSpaceModel) -> SmoothFeedback:
+    """Both necessary conditions, of a model at its own point, which must be an equilibrium.
+
+    States and inputs are taken in units of their size at the point, where that is not zero.
+    """
+    x0, u0 = model.point()
+    n, m = len(x0), len(u0)
+    a, b = (np.where(v != 0, np.abs(v), 1.0) for v in (x0, u0))
+
+    def scale_rates(z: Any, w: Any) -> Any:
+        return (model.f(x0 + a * z, u0 + b * w) - model.f(jnp.asarray(x0), jnp.asarray(u0))) / a
+
+    image, cascade = brockett(scale_rates, n, m), find_cascade(model)
+    if cascade is None:
+        return SmoothFeedback(image, None, None, image.is_excluded)
+    x1, x2 = (jnp.array(places) for places in cascade)
+    zero = jnp.zeros(n)
+    ranks = byrnes_isidori(
+        lambda y, w: scale_rates(zero.at[x1].set(y), w)[x1],
+        lambda y, z: scale_rates(zero.at[x1].set(y).at[x2].set(z), jnp.zeros(m))[x2],
+        len(x1),
+        len(x2),
+        m,
+    )
+    return SmoothFeedback(image, ranks, cascade, image.is_excluded or ranks.is_excluded)

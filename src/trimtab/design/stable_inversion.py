@@ -7,7 +7,8 @@ the future, and so moves before what drives it. Picard's iteration: with A = dPs
     zeta' = A zeta + w(t)        w = Psi(t, zeta of before) - A zeta of before
 
 exactly for w piecewise linear, the stable part forward from the left boundary, the unstable part backward from the
-right one; again until nothing changes.
+right one; again until nothing changes. A coordinate whose value goes into no rate but those of others like it is a
+place: it holds no mode, only the integral of its own rate, forward from the left boundary.
 
 `solve_steady_response`: a linear system while a command from an exosystem lasts, X with X S = A X + G.
 
@@ -26,6 +27,7 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 from scipy.linalg import expm, schur, solve_sylvester
 
 from trimtab.core.errors import InputError
@@ -36,6 +38,8 @@ FADED = 1e-40
 """Powers of a transition matrix with entries below this no longer matter."""
 GROWN = 1e3
 """An iteration that changes this many times more than the first one did is given up."""
+PLACE = 1e-12
+"""Entries of A below this part of the largest are zero."""
 APART = 1e-9
 """Poles of A and S nearer than this part of the largest magnitude are the same."""
 
@@ -44,7 +48,8 @@ class BoundedSolution(NamedTuple):
     """What the iteration ended with.
 
     zeta: (n, k) on the grid.  rates: Psi there (n, k).  iterations: how many.  changes: the largest change of each, in
-    parts of the scales.  poles: of A (k,), those with positive real part last.  unstable: how many these are.
+    parts of the scales.  poles: of A without its places, those with positive real part last.  unstable: how many these
+    are.  places: which coordinates are places.
     """
 
     zeta: Any
@@ -53,6 +58,7 @@ class BoundedSolution(NamedTuple):
     changes: tuple[float, ...]
     poles: Any
     unstable: int
+    places: tuple[int, ...] = ()
 
 
 class _Split(NamedTuple):
@@ -79,8 +85,8 @@ def bounded_solution(
 
     Args:
         psi: zeta (n, k) on the whole grid -> its rates (n, k) there; what depends on time is inside.
-        A: dPsi/dzeta somewhere on the way (k, k), no pole on the imaginary axis; where makes convergence faster or
-            slower and does not change the solution.
+        A: dPsi/dzeta somewhere on the way (k, k), no pole on the imaginary axis but those of `find_places`; where makes
+            convergence faster or slower and does not change the solution.
         start: first guess (n, k), such as the quasi-static one.
         dt: of the grid (s).
         left: zeta (k,) at the first instant; its stable part is used.
@@ -94,24 +100,48 @@ def bounded_solution(
     A, guess, scales = np.asarray(A, float), np.asarray(start, float), np.asarray(scales, float)
     _check_arguments(A, guess, dt, scales, left, right)
     scaled = A * scales / scales[:, None]
-    split = _split_subspaces(scaled)
-    ends = [np.linalg.solve(split.basis, np.asarray(end, float) / scales) for end in (left, right)]
+    places = find_places(scaled)
+    rest = np.setdiff1d(np.arange(len(A)), places)
+    inner = scaled[np.ix_(rest, rest)]
+    split = _split_subspaces(inner)
+    ends = [np.linalg.solve(split.basis, (np.asarray(end, float) / scales)[rest]) for end in (left, right)]
     zeta, changes = guess / scales, []
     for _ in range(most):
-        w = np.asarray(psi(zeta * scales)) / scales - zeta @ scaled.T
-        new = _solve_linear(split, w, dt, *ends)
+        rates = np.asarray(psi(zeta * scales)) / scales
+        new = np.empty_like(zeta)
+        new[:, rest] = _solve_linear(split, rates[:, rest] - zeta[:, rest] @ inner.T, dt, *ends)
+        new[:, places] = np.asarray(left)[list(places)] / scales[list(places)] + _integrate(rates[:, places], dt)
         changes.append(float(np.abs(new - zeta).max()))
         zeta = new
         if not np.isfinite(changes[-1]) or changes[-1] > GROWN * max(changes[0], 1.0):
             break
-        if changes[-1] < tolerance:
+        if changes[-1] < tolerance * max(1.0, np.abs(zeta).max()):
             poles = np.concatenate([np.linalg.eigvals(split.stable), np.linalg.eigvals(split.unstable)])
-            rates = np.asarray(psi(zeta * scales))
-            return BoundedSolution(zeta * scales, rates, len(changes), tuple(changes), poles, len(split.unstable))
+            rates, count = np.asarray(psi(zeta * scales)), len(split.unstable)
+            return BoundedSolution(zeta * scales, rates, len(changes), tuple(changes), poles, count, places)
     text = ", ".join(f"{c:.2g}" for c in changes)
     problem = f"the iteration does not settle below {tolerance:g}; successive changes, in scales: {text}"
     fix = "make the command slower or smaller, take A where the motion is, or start nearer"
     raise InputError("bounded_solution", problem, fix=fix)
+
+
+def find_places(A: Any) -> tuple[int, ...]:
+    """Coordinates whose value goes into no rate, or only into those of others like it, as north and east do."""
+    size = np.abs(np.asarray(A, float))
+    size = size > PLACE * max(size.max(initial=0.0), np.finfo(float).tiny)
+    places: list[int] = []
+    while True:
+        kept = [i for i in range(len(size)) if i not in places]
+        more = [i for i in kept if not size[kept, i].any()]
+        if not more:
+            return tuple(sorted(places))
+        places += more
+
+
+def _integrate(rates: Any, dt: float) -> Any:
+    """From the first instant on (n, k), by cubic splines through the rates."""
+    times = dt * np.arange(len(rates))
+    return CubicSpline(times, rates).antiderivative()(times) if rates.shape[1] else rates
 
 
 def bounded_residual(solution: BoundedSolution, dt: float) -> Any:
@@ -138,6 +168,8 @@ def _check_arguments(A: Any, guess: Any, dt: float, scales: Any, left: Any, righ
 
 def _split_subspaces(A: Any) -> _Split:
     """A by its stable and its unstable subspace; InputError where it has poles on the imaginary axis."""
+    if not len(A):
+        return _Split(A, A, A)
     poles = np.linalg.eigvals(A)
     on = poles[np.abs(poles.real) <= ON_AXIS * np.abs(poles).max(initial=0.0)]
     if len(on):

@@ -8,14 +8,14 @@ trim as a search; [2] M. A. Branch, T. F. Coleman, Y. Li, SIAM J. Sci. Comput. 2
 """
 
 from collections.abc import Iterable, Mapping
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
-import jax
-import jax.numpy as jnp
 import numpy as np
 from scipy.optimize import least_squares
 
 from trimtab.core.errors import InputError
+from trimtab.core.units import find_unit
 from trimtab.design.model import StateSpaceModel, find_indices, format_combination
 
 RANK_TOLERANCE = 1e-9
@@ -31,7 +31,8 @@ class Trim(NamedTuple):
     unit, e.g. "speed'" -> 0.3.  relative: the same in parts of what the unknowns do to it, each moved by its scale.
     active: unknown -> "low" or "high", the bounds that hold it.  powerless_unknowns: those that move no equation.
     undetermined_unknowns: combinations of them that move none (several solutions).  rank: of the scaled Jacobian.
-    singular: its singular values.  why: the reasons, in words.
+    singular: its singular values.  why: the reasons, in words.  taken: state or output -> value, of conditions that
+    nobody asked for and that make it level flight.
     """
 
     is_found: bool
@@ -45,6 +46,7 @@ class Trim(NamedTuple):
     rank: int
     singular: Any
     why: tuple[str, ...]
+    taken: Mapping[str, float] = MappingProxyType({})
 
     def require_trim(self, part: str = "trim") -> "Trim":
         """Itself where the trim was found; InputError with the reasons where not."""
@@ -147,15 +149,22 @@ def _build_problem(
     equations = (*(model.states[i] + "'" for i in rows), *outputs)
     if not len(wanted) or not np.isfinite(wanted).all():
         raise InputError("trim", f"wanted values {wanted}", fix="want at least one finite derivative or output")
-    fixed = jnp.concatenate([x0, u0])
+    fixed, n = np.concatenate([x0, u0]), len(x0)
 
-    def residual(point: Any) -> Any:
-        xs, us = point[: len(x0)], point[len(x0) :]
-        return jnp.concatenate([model.f(xs, us)[rows], model.h(xs, us)[more]]) - wanted
+    def point_at(z: Any) -> tuple[Any, Any]:
+        whole = fixed.copy()
+        whole[columns] = z
+        return whole[:n], whole[n:]
 
-    slopes = jax.jacfwd(residual)
-    value, slope = (jax.jit(lambda z, g=g: g(fixed.at[columns].set(z))) for g in (residual, slopes))
-    z0 = np.asarray(fixed)[columns]
+    def value(z: Any) -> Any:
+        rates, y = model.evaluate(*point_at(z))
+        return np.concatenate([rates[rows], y[more]]) - wanted
+
+    def slope(z: Any) -> Any:
+        A, B, C, D = model.slopes(*point_at(z))
+        return np.concatenate([np.hstack([A, B])[rows], np.hstack([C, D])[more]])
+
+    z0 = fixed[columns]
     low, high, scale = _unknown_ranges(free, z0, *ranges)
     start = np.clip(z0, low, high)
     bad = [n for n, v in zip(equations, np.asarray(value(start)), strict=True) if not np.isfinite(v)]
@@ -192,7 +201,7 @@ def _draw_restart(p: _Problem, z0: Any, draws: np.random.Generator) -> Any:
 
 def _scale_equations(p: _Problem, z: Any) -> tuple[Any, Any, Any]:
     """Residual and Jacobian in parts of the equations' scales, per scale of the unknowns; and those scales."""
-    r, slopes = np.asarray(p.residual(z)), np.asarray(p.jacobian(z))
+    r, slopes = p.residual(z), p.jacobian(z)
     J, whole = slopes[:, p.columns] * p.scale, np.linalg.norm(slopes, axis=1)
     size = np.linalg.norm(J, axis=1)
     size = np.where(size > RANK_TOLERANCE * whole, size, whole)  # an equation that only rounding moves stays as it is
@@ -208,9 +217,9 @@ def _search_root(p: _Problem, z: Any) -> tuple[Any, float]:
     inner = np.clip(z, np.nextafter(p.low, np.inf), np.nextafter(p.high, -np.inf))
     try:
         nearest = least_squares(
-            lambda s: np.asarray(p.residual(s * p.scale)) / size,
+            lambda s: p.residual(s * p.scale) / size,
             inner / p.scale,
-            jac=lambda s: np.asarray(p.jacobian(s * p.scale))[:, p.columns] * p.scale / size[:, None],  # pyright: ignore[reportArgumentType]
+            jac=lambda s: p.jacobian(s * p.scale)[:, p.columns] * p.scale / size[:, None],  # pyright: ignore[reportArgumentType]
             bounds=(p.low / p.scale, p.high / p.scale),
             x_scale="jac",
             xtol=1e-15,
@@ -273,3 +282,35 @@ def _explain_failure(p: _Problem, miss: Trim, missing: Any, r: Any, tolerance: f
     if len(reasons) == 1:
         reasons.append("the search ended where the least squares have a minimum that is not zero")
     return tuple(reasons)
+
+
+def idle_states(model: StateSpaceModel, units: Mapping[str, str] = MappingProxyType({})) -> set[str]:
+    """States on which no derivative depends, near the model's point; also lengths and angles that move only those."""
+    around = np.random.default_rng(0).uniform(-0.1, 0.1, (3, len(model.x0)))
+    size = np.zeros((len(model.x0), len(model.x0)))
+    for shift in (0 * around[0], *around):
+        there = np.abs(model.slopes(model.x0 + shift, model.u0)[0])
+        size = np.maximum(size, np.where(np.isfinite(there), there, 0.0))
+    idle: set[str] = set()
+    while True:
+        rows = [n not in idle for n in model.states]
+        more = {
+            n
+            for n, column in zip(model.states, size.T, strict=True)
+            if not column.any() or (_is_configuration(units.get(n, "")) and not column[rows].any())
+        }
+        if more <= idle:
+            return idle
+        idle |= more
+
+
+def _is_configuration(unit: str) -> bool:
+    return unit == "rad" or is_length(unit)
+
+
+def is_length(unit: str) -> bool:
+    """Whether a unit measures a length."""
+    try:
+        return unit != "" and find_unit("unit", unit).name == "m"
+    except InputError:
+        return False

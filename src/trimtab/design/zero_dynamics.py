@@ -70,7 +70,7 @@ def transmission_zeros(linear: LinearModel) -> Zeros:
 
     Source: [1].
     """
-    A, B, C, D, (a, b) = _scale_system(linear)
+    A, B, C, D, (a, b) = scale_system(linear)
     Ar, Br, Cr, Dr = _reduce_system(A, B, C, D)
     At, Ct, Bt, Dt = (M.T for M in _reduce_system(Ar.T, Cr.T, Br.T, Dr.T))
     k = len(At)
@@ -167,7 +167,7 @@ def _check_rest(model: StateSpaceModel, linear: LinearModel, loose: list[str]) -
         raise InputError("zero_dynamics.loose", f"others depend on {', '.join(depends)}", fix="trim it instead")
 
 
-def _scale_system(linear: LinearModel) -> tuple[Any, Any, Any, Any, tuple[Any, Any]]:
+def scale_system(linear: LinearModel) -> tuple[Any, Any, Any, Any, tuple[Any, Any]]:
     """The system in units that make rows and columns of [[A, B], [C, D]] alike; sizes of states and inputs."""
     n, m = linear.B.shape
     whole = np.block([[linear.A, linear.B], [linear.C, linear.D]])

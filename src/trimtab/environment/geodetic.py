@@ -36,33 +36,38 @@ STANDARD = 9.80665
 """Standard gravity (m/s²), the g of data sheets. Source: 3rd General Conference on Weights and Measures, 1901."""
 
 
-def to_ecef(latitude: Any, longitude: Any, height: Any) -> Any:
+def to_ecef(
+    latitude: Any, longitude: Any, height: Any, *, semi_major: Any = SEMI_MAJOR, flattening: Any = FLATTENING
+) -> Any:
     """Earth-centred, earth-fixed coordinates (3,) (m) of a geodetic place. Source: TR8350.2, eq. 4-14."""
     s, c = jnp.sin(latitude), jnp.cos(latitude)
-    N = SEMI_MAJOR / jnp.sqrt(1 - ECCENTRICITY2 * s * s)
+    eccentricity2 = flattening * (2 - flattening)
+    N = semi_major / jnp.sqrt(1 - eccentricity2 * s * s)
     across = (N + height) * c
-    up = (N * (1 - ECCENTRICITY2) + height) * s
+    up = (N * (1 - eccentricity2) + height) * s
     return jnp.stack([across * jnp.cos(longitude), across * jnp.sin(longitude), up])
 
 
-def from_ecef(p: Any) -> tuple[Any, Any, Any]:
+def from_ecef(p: Any, *, semi_major: Any = SEMI_MAJOR, flattening: Any = FLATTENING) -> tuple[Any, Any, Any]:
     """Latitude, longitude (rad) and height (m) of a place (3,) (m), not near the earth's centre.
 
     A fixed number of steps and no branch: flight code. Source: Bowring, Survey Review 23 (1976), iterated.
     """
     across = jnp.sqrt(p[0] ** 2 + p[1] ** 2)
-    second2 = ECCENTRICITY2 / (1 - ECCENTRICITY2)
-    sb, cb = p[2], across * (1 - FLATTENING)  # of the reduced latitude
+    eccentricity2 = flattening * (2 - flattening)
+    second2 = eccentricity2 / (1 - eccentricity2)
+    semi_minor = semi_major * (1 - flattening)
+    sb, cb = p[2], across * (1 - flattening)  # of the reduced latitude
     s, c = sb, cb
     for _ in range(ITERATIONS):
         norm = jnp.sqrt(sb * sb + cb * cb)
         sb, cb = sb / norm, cb / norm
-        s = p[2] + second2 * SEMI_MINOR * sb**3
-        c = across - ECCENTRICITY2 * SEMI_MAJOR * cb**3
-        sb, cb = (1 - FLATTENING) * s, c
+        s = p[2] + second2 * semi_minor * sb**3
+        c = across - eccentricity2 * semi_major * cb**3
+        sb, cb = (1 - flattening) * s, c
     norm = jnp.sqrt(s * s + c * c)
     s, c = s / norm, c / norm
-    height = across * c + p[2] * s - SEMI_MAJOR * jnp.sqrt(1 - ECCENTRICITY2 * s * s)
+    height = across * c + p[2] * s - semi_major * jnp.sqrt(1 - eccentricity2 * s * s)
     return jnp.arctan2(s, c), jnp.arctan2(p[1], p[0]), height
 
 

@@ -13,7 +13,7 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
-from trimtab.core.errors import InputError
+from trimtab.core.errors import InputError, install_command
 from trimtab.core.rotation import from_euler
 
 MODELS = {2010: "wmm/WMM_2010.COF", 2015: "wmm/WMM_2015v2.COF", 2020: "wmm/WMM_2020.COF", 2025: "wmm/WMM_2025.COF"}
@@ -41,7 +41,7 @@ def earth_field(latitude: float, longitude: float, height: float, when: date | f
     try:
         from pygeomag import GeoMag
     except ImportError:
-        fix = 'pip install "trimtab[nav]"'
+        fix = install_command("nav")
         raise InputError("earth_field", "the package pygeomag is not installed", fix=fix) from None
     model = GeoMag(coefficients_file=MODELS[max(y for y in MODELS if y <= year)])
     field = model.calculate(math.degrees(latitude), math.degrees(longitude), height / 1000, year)

@@ -1,4 +1,4 @@
-"""The Kalman filter's two steps on small matrices, and a discrete model of a continuous one: pure, unrolled, no LAPACK.
+"""The Kalman filter's two steps on small matrices: pure, unrolled, no LAPACK.
 
 An innovation y = z - h(x) comes from the caller, so that the same update serves a linear filter, an extended one and
 a filter of errors. A measurement that is not finite is never used, and neither is one outside the gate; both leave
@@ -6,14 +6,11 @@ state and covariance bit for bit as they were.
 
 Source: [4] Bar-Shalom, Li, Kirubarajan, "Estimation with applications to tracking and navigation", Wiley 2001,
 sections 5.2 (update in Joseph's form) and 5.4 (consistency). [5] Schmidt, "Application of state-space methods to
-navigation problems", Advances in control systems 3 (1966): consider states. Van Loan, "Computing integrals involving
-the matrix exponential", IEEE Trans. AC 23 (1978); Moler, Van Loan, "Nineteen dubious ways to compute the exponential of
-a matrix", SIAM Review 20 (1978), method 3.
+navigation problems", Advances in control systems 3 (1966): consider states.
 """
 
 from typing import Any, NamedTuple
 
-import jax
 import jax.numpy as jnp
 import numpy as np
 
@@ -22,8 +19,6 @@ from trimtab.core.record import Scalar, quantity, record
 
 NO_GATE = float("inf")
 """A gate through which every finite measurement passes."""
-SQUARINGS, TERMS = 6, 12
-"""A Taylor series of A/2^6, squared six times: exact to rounding while the largest row sum of |A| is below 32."""
 
 
 class Update(NamedTuple):
@@ -170,35 +165,3 @@ def _pivots(upper: Any, n: int) -> Any:
         i, k = np.triu_indices(m - 1)
         upper = upper - row[1:][i] * (row / d)[1:][k]
     return jnp.stack(pivots)
-
-
-class DiscreteModel(NamedTuple):
-    """x_k+1 = Ad x_k + Bd b + w over a step, b held: Bd is the integral of expm(A s), Qd covers w; all (n, n)."""
-
-    Ad: Any
-    Bd: Any
-    Qd: Any
-
-
-def matrix_exponential(A: Any) -> Any:
-    """expm(A) (n, n), for a largest row sum of |A| below 32. Scaling, Taylor, squaring."""
-    n = A.shape[0]
-    X, one = A / 2.0**SQUARINGS, jnp.eye(n)
-
-    def taylor(i: Any, E: Any) -> Any:
-        return one + X @ E / (TERMS - i)
-
-    series = jax.lax.fori_loop(0, TERMS, taylor, one)
-    return jax.lax.fori_loop(0, SQUARINGS, lambda _, E: E @ E, series)
-
-
-def discretise(A: Any, Q: Any, dt: Any) -> DiscreteModel:
-    """x' = A x + b + w over a step.
-
-    A: (n, n).  Q: power spectral density of w (n, n), symmetric.  dt: (s); A dt as `matrix_exponential` takes it.
-    """
-    n = A.shape[0]
-    zero, one = jnp.zeros((n, n)), jnp.eye(n)
-    E = matrix_exponential(jnp.block([[A, one], [zero, zero]]) * dt)
-    V = matrix_exponential(jnp.block([[-A, Q], [zero, A.T]]) * dt)
-    return DiscreteModel(Ad=E[:n, :n], Bd=E[:n, n:], Qd=symmetric(V[n:, n:].T @ V[:n, n:]))

@@ -6,6 +6,7 @@ A dump of the flash sectors that hold it, made by a debug probe, becomes rows. H
 
 import struct
 import zlib
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 from trimtab.actuators.failsafe import CAUSES, MODES
@@ -15,6 +16,10 @@ SECTOR = 0x20000
 """Bytes of each of the two sectors of an STM32F405."""
 HEADER, RECORD, ERASED = 16, 32, 0x45524153
 PULSE_COUNTS_PER_SECOND = 2e6
+FAN_DRIVE = ("rudder", "thrust fan", "lift fan")
+"""What the outputs of a fan drive's board drive; in its records its speed stands beside them."""
+MOST_PULSES = 4
+"""That a record has."""
 
 
 class FlightRecord(NamedTuple):
@@ -27,26 +32,37 @@ class FlightRecord(NamedTuple):
     armed: bool
     commanded: bool
     """Whether a command was obeyed."""
-    rudder_pulse: float
-    """Width (s), as are the next two."""
-    thrust_pulse: float
-    lift_pulse: float
-    wanted_rpm: int
-    speed_rpm: int
+    pulses: Mapping[str, float]
+    """Widths (s) by what they drive: each number of the vehicle's command, or a fan drive's outputs."""
+    wanted_rpm: int | None
+    """Of a fan drive; others have none, as with the next."""
+    speed_rpm: int | None
     command_age: float
     """Of the newest command (s), 65.535 or more as that."""
     late: int
     """Ticks that came late since the start."""
 
 
-def read_black_box(dump: bytes, sector: int = SECTOR) -> list[list[FlightRecord]]:
+def read_black_box(
+    dump: bytes, outputs: Sequence[str] = FAN_DRIVE, *, sector: int = SECTOR
+) -> list[list[FlightRecord]]:
     """Records by flight, oldest first, of a dump of both sectors; a new flight begins where the board's time falls.
 
     Records that the failing power left half written are passed over.
 
+    Args:
+        dump: bytes of the flash.
+        outputs: what the board's outputs drive, as `firmware_folder.output_names` says it of a scenario.
+        sector: bytes of each.
+
     Raises:
-        InputError: a dump of another size, or one in which no sector is in use.
+        InputError: a dump of another size, or one in which no sector is in use; more outputs than a record has.
     """
+    if not 1 <= len(outputs) <= MOST_PULSES:
+        problem = f"{len(outputs)} outputs ({', '.join(outputs)}): a record has the pulses of 1 to {MOST_PULSES}"
+        raise InputError(
+            "outputs", problem, fix="output_names(scenario), of the scenario that the board was written for"
+        )
     if len(dump) != 2 * sector:
         problem = f"{len(dump)} bytes are not the two sectors of {sector}"
         raise InputError("black box", problem, fix="dump 0x40000 bytes from 0x080C0000 on")
@@ -60,7 +76,7 @@ def read_black_box(dump: bytes, sector: int = SECTOR) -> list[list[FlightRecord]
             tag, *words, seal = struct.unpack("<8I", data[at : at + RECORD])
             if _seal(number, tag, words) != seal:
                 continue
-            record = _flight_record(words)
+            record = _flight_record(words, outputs)
             if not flights or record.t < flights[-1][-1].t:
                 flights.append([])
             flights[-1].append(record)
@@ -81,22 +97,21 @@ def _sector_number(data: bytes) -> int | None:
     return number if mark == ERASED and commit == _crc(ERASED, number) else None
 
 
-def _flight_record(words: list[int]) -> FlightRecord:
-    ms, state, pulses, lift_rpm, speed_age, late = words
-    signed = struct.Struct("<Hh")
-    lift, wanted = signed.unpack(struct.pack("<I", lift_rpm))
+def _flight_record(words: list[int], outputs: Sequence[str]) -> FlightRecord:
+    ms, state, *packed, speed_age, late = words
+    counts = struct.unpack("<4H", struct.pack("<2I", *packed))
+    (wanted,) = struct.unpack("<h", struct.pack("<H", counts[3]))
     speed, age = struct.unpack("<hH", struct.pack("<I", speed_age))
+    is_fan = tuple(outputs) == FAN_DRIVE
     return FlightRecord(
         t=ms * 1e-3,
         mode=MODES[state & 0xFF],
         cause=CAUSES[state >> 8 & 0xFF],
         armed=bool(state >> 16 & 1),
         commanded=bool(state >> 17 & 1),
-        rudder_pulse=(pulses & 0xFFFF) / PULSE_COUNTS_PER_SECOND,
-        thrust_pulse=(pulses >> 16) / PULSE_COUNTS_PER_SECOND,
-        lift_pulse=lift / PULSE_COUNTS_PER_SECOND,
-        wanted_rpm=wanted,
-        speed_rpm=speed,
+        pulses={name: count / PULSE_COUNTS_PER_SECOND for name, count in zip(outputs, counts, strict=False)},
+        wanted_rpm=wanted if is_fan else None,
+        speed_rpm=speed if is_fan else None,
         command_age=age * 1e-3,
         late=late,
     )

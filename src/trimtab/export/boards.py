@@ -29,7 +29,7 @@ STEPS = 500
 NS_PER_INSTRUCTION_LOG2 = 8  # QEMU's -icount shift: 6.4 ticks of a 25 MHz timer for each instruction
 AUTOPILOT_STACK = 256 * 1024
 FLAGS = ("-mthumb", "-mfloat-abi=hard", "-O2", "-ffunction-sections", "-fdata-sections")
-EXACT = ("-std=c99", "-ffp-contract=off", "-fwrapv", "-fno-math-errno")
+EXACT = ("-std=c99", "-ffp-contract=off", "-fno-tree-slp-vectorize", "-fwrapv", "-fno-math-errno")
 WARNINGS = ("-Wall", "-Wextra", "-Werror")
 
 

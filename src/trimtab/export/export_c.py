@@ -11,21 +11,27 @@ import numpy as np
 from trimtab import __version__
 from trimtab.compiler.block import BlockDefinition, block_text
 from trimtab.compiler.folder import ExportedFolder, SampleVectors, write_folder
-from trimtab.core.errors import InputError
+from trimtab.core.errors import InputError, argument
 from trimtab.core.time import timetable, to_seconds
 from trimtab.logs.log import Log
 from trimtab.loop.scenario import Scenario
+from trimtab.loop.walk import logged_signals
 from trimtab.run.blocks import autopilot_block, loop_block
+from trimtab.run.inputs import leaf_paths, run_inputs
 from trimtab.run.simulate import simulate
+from trimtab.run.walk_program import signal_structure
+from trimtab.scenarios.build import find_scenario
 
 PARTS = ("autopilot", "loop")
 REALS = {"double": "f64", "single": "f32"}
 STEPS = 2000
+OPTIONAL = ("supervisor", "predictor", "monitor")
+"""Parts of an autopilot that may be there, and then say something."""
 
 
 def export_c(
-    scenario: Scenario,
-    folder: Path,
+    scenario: Scenario | str,
+    folder: str | Path,
     *,
     part: str = "autopilot",
     real: str = "double",
@@ -35,8 +41,14 @@ def export_c(
 ) -> ExportedFolder:
     """Write a scenario's autopilot, or its whole closed loop, as C99 into a folder.
 
+    >>> import tempfile
+    >>> from trimtab import export_c
+    >>> exported = export_c("hovercraft/spin", tempfile.mkdtemp(), steps=10)
+    >>> "autopilot.c" in {file.name for file in exported.files}
+    True
+
     Args:
-        scenario: checked whole before anything is written.
+        scenario: it, or its name; checked whole before anything is written.
         folder: made where it is missing.
         part: "autopilot": frames in, commands out; "loop": World and Autopilot, time in, signals out.
         real: "double" or "single", the type of real numbers in the C text.
@@ -48,11 +60,12 @@ def export_c(
         InputError: a scenario that can't be flown, a primitive without C text, a folder that can't be written.
     """
     if part not in PARTS:
-        raise InputError("export", f"part {part!r} is not one", choices=PARTS, fix="--part autopilot")
+        raise InputError("export", f"part {part!r} is not one", choices=PARTS, fix=argument("part", "autopilot"))
     if real not in REALS:
-        raise InputError("export", f"{real!r} is no type of numbers", choices=REALS, fix="--float double")
+        raise InputError("export", f"{real!r} is no type of numbers", choices=REALS, fix=argument("float", "double"))
     if steps < 1:
-        raise InputError("export", f"{steps} steps are too few", fix=f"--steps {STEPS}")
+        raise InputError("export", f"{steps} steps are too few", fix=argument("steps", STEPS))
+    scenario, folder = find_scenario(scenario), Path(folder)
     scenario.check()
     make = _export_autopilot if part == "autopilot" else _export_loop
     definition, log, column, period = make(scenario, steps, seed)
@@ -73,20 +86,27 @@ def export_c(
 
 def _export_autopilot(scenario: Scenario, steps: int, seed: int) -> tuple[BlockDefinition, Log, Any, int]:
     """The block, a log of what it gave, the columns of its inputs by path, and its period."""
-    period = scenario.autopilot.period
+    optional = [name for name in OPTIONAL if getattr(scenario.autopilot, name) is not None]
+    period, block = scenario.autopilot.period, autopilot_block(scenario, seed=seed)
+    logged = {path for path, _, _ in logged_signals(signal_structure(run_inputs(scenario)))}
+    unknown = [p for p in leaf_paths(block.input) if p != "t" and "downlink" + p.removeprefix("samples") not in logged]
+    if unknown:
+        problem = f"its autopilot reads {unknown[0]!r}, which no log holds, so that the folder could not be tested"
+        fix = "export the step of one craft:  trimtab export FILE.py:function  (docs, Swarms)"
+        raise InputError(f"export {scenario.name!r}", problem, fix=fix)
     log = simulate(
         scenario,
         seed=seed,
         duration=min(scenario.duration, steps * period),
         log_period=period,
-        signals=("downlink", "command", "estimate", "law", *(["supervisor"] if scenario.autopilot.supervisor else [])),
+        signals=("downlink", "command", "estimate", "law", *optional),
         backend="jax",
     )
 
     def column(path: str) -> Any:
         return log.ticks if path == "t" else log["downlink" + path.removeprefix("samples")]
 
-    return autopilot_block(scenario, seed=seed), log, column, period
+    return block, log, column, period
 
 
 def _export_loop(scenario: Scenario, steps: int, seed: int) -> tuple[BlockDefinition, Log, Any, int]:
@@ -98,7 +118,7 @@ def _export_loop(scenario: Scenario, steps: int, seed: int) -> tuple[BlockDefini
     duration = int(table.t[count - 1] + table.h[count - 1])
     log = simulate(scenario, seed=seed, duration=duration, log_period=1, backend="jax")
     if not np.array_equal(log.ticks, table.t[:count]):
-        raise InputError("export", "its instants differ when it is cut short", fix=f"--steps {len(table.t)}")
+        raise InputError("export", "its instants differ when it is cut short", fix=argument("steps", len(table.t)))
     columns = {"t": table.t[:count], "h": table.h[:count]}
     return loop_block(scenario, table.always, seed=seed), log, columns.__getitem__, int(table.h[0])
 

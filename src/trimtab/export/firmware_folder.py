@@ -1,7 +1,8 @@
 """firmware: the vehicle's end of the distributed autopilot as C for a microcontroller, with a world to drive in it.
 
-The portable C is in the folder `firmware` of this package; what is written beside it belongs to the scenario: the
-exported world, failsafe, regulator and motor, the messages of its dialect, and the key.
+The portable C is in the folder `firmware` of this package, with two drives: of a regulated fan, and of any outputs that
+follow the command by tables. What is written beside it belongs to the scenario: the exported world and failsafe, the
+tables or the fan's regulator and motor, the messages of its dialect, and the key.
 """
 
 import json
@@ -15,36 +16,50 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from trimtab.actuators.drive import FanDrive, drive_failsafe
-from trimtab.actuators.failsafe import Failsafe
+from trimtab.actuators.drive import FanDrive
 from trimtab.actuators.motor import MotorOutput
 from trimtab.actuators.regulated_fan import RegulatedFan
+from trimtab.actuators.servo_frame import SERVO_FRAME
 from trimtab.actuators.speed_regulator import SpeedRegulatorInput
 from trimtab.compiler.block import BlockDefinition, BlockText, block_text
 from trimtab.compiler.elementary import LICENCE_NOTE
 from trimtab.compiler.structs import identifier
-from trimtab.core.errors import InputError
-from trimtab.core.imperfections import without
+from trimtab.core.errors import InputError, argument, argument_name
+from trimtab.core.imperfections import imperfections, without
 from trimtab.core.record import replace, to_arrays
 from trimtab.core.signals import Command, Frame
 from trimtab.core.time import to_seconds
+from trimtab.export.black_box import FAN_DRIVE
 from trimtab.export.boards import FIRMWARE as START
 from trimtab.export.boards import TARGETS
+from trimtab.export.pulse_outputs import (
+    COMMAND_HEADER,
+    command_source,
+    frame_of,
+    outputs_header,
+    outputs_source,
+    world_source,
+)
 from trimtab.loop.scenario import Scenario
 from trimtab.run.blocks import (
     StepInput,
+    carried_structures,
+    choose_failsafe,
     failsafe_block,
-    message_structures,
+    refuse_stepped_vehicle,
+    refuse_swarm,
     replace_links,
     timed_block,
     world_block,
 )
+from trimtab.run.command_pulses import MOST_OUTPUTS, describe_outputs, find_outputs
 from trimtab.run.identity import scenario_identity
 from trimtab.wire.dialect import Dialect, derive_dialect
-from trimtab.wire.generated import write_c_headers
+from trimtab.wire.generated import load_generator, write_c_headers
 from trimtab.wire.identity import cut_line, identity_digest
 from trimtab.wire.keys import SigningKey
 from trimtab.wire.stamps import EPOCH, PER_SECOND
+from trimtab.wire.telemetry import mav_type
 
 PACKAGED_FIRMWARE = Path(__file__).resolve().parents[1] / "firmware"
 CHECKOUT_FIRMWARE = Path(__file__).resolve().parents[3] / "firmware"
@@ -53,15 +68,23 @@ START_UP_FILES = {"start.c": "boards/mps2/start.c", "link.ld": "boards/mps2/link
 REALS = {"single": "f32", "double": "f64"}
 FIRMWARE_BOARDS = {name: REALS[target.real] for name, target in TARGETS.items()} | {"stm32f405": REALS["single"]}
 """Boards that the firmware runs on, and what their FPU computes in."""
+MOST_OUTPUTS_OF = {"stm32f405": 4}
+"""Outputs of a board that has fewer than the message of the servos' outputs."""
+FAN_OUTPUTS = [
+    "output 1: rudder servo, the command's pulse, safe 1.500 ms",
+    "output 2: thrust fan's speed controller, duty -1 to 1 by 1.000 to 2.000 ms, safe 1.500 ms",
+    "output 3: lift fan's speed controller, off and on by 1.000 and 2.000 ms, safe 1.000 ms",
+]
 KEY_MAGIC = b"trimtab1"
 
 
 class FirmwareFolder(NamedTuple):
-    """What was written: the folder, all files, and the dialect in which the firmware speaks."""
+    """What was written: the folder, all files, the dialect in which it speaks, a line for each output."""
 
     folder: Path
     files: list[Path]
     dialect: Dialect
+    outputs: list[str]
 
 
 def write_firmware(
@@ -77,35 +100,40 @@ def write_firmware(
         seed: of the random numbers in the emulated world.
 
     Raises:
-        InputError: another board, a vehicle without a fan drive, a folder that can't be written.
+        InputError: another board, a command without limits, more than the board bears, a folder that can't be written.
     """
-    if board not in FIRMWARE_BOARDS:
-        raise InputError("firmware", f"board {board!r} is not one", choices=FIRMWARE_BOARDS, fix="--board cortex-m7")
-    real = FIRMWARE_BOARDS[board]
+    real = _find_real(board)
     asked, scenario = scenario, replace_hardware(scenario)
-    frame, command = message_structures(scenario)
+    frame, command = carried_structures(scenario)
     dialect = derive_dialect(frame, command)
     identity = scenario_identity(asked, dialect)
+    drive, texts, outputs = drive_texts(asked, command, board)
+    texts |= {"exported/command.h": COMMAND_HEADER, "exported/command.c": command_source(dialect)}
     blocks = [block_text(world_block(scenario, seed=seed), real), *firmware_blocks(asked, command, real)]
     refuse_workspaces(blocks)
-    texts = {
-        f"exported/{name}": text
-        for block in blocks
-        for name, text in ((f"{block.name}.h", block.header), (f"{block.name}.c", block.source))
-    }
+    for block in blocks:
+        texts |= {f"exported/{block.name}.h": block.header, f"exported/{block.name}.c": block.source}
     texts["exported/identity.h"] = IDENTITY_HEADER
-    texts["exported/identity.c"] = identity_source(identity)
-    texts["emulated/samples.h"] = samples_header({name: s.period for name, s in scenario.world.sensors.items()})
+    texts["exported/identity.c"] = identity_source(identity, mav_type(asked.world.vehicle))
+    texts["emulated/samples.h"] = samples_header(
+        {name: s.period for name, s in scenario.world.sensors.items() if name in frame.samples}
+    )
     texts["emulated/samples.c"] = samples_source(frame, dialect)
-    texts["emulated/instants.h"] = _instants_header(scenario, driven_fan(asked).motor.period)
+    texts["emulated/instants.h"] = _instants_header(
+        scenario, driven_fan(asked).motor.period if drive == "fan" else None
+    )
     try:
-        files = _copy_sources(folder, board) + _write_texts(folder, texts)
+        files = _copy_sources(folder, board, drive) + _write_texts(folder, texts)
         files.append(_write_key(folder / "key.bin", key))
         write_c_headers(dialect, folder / "mavlink")
     except OSError as error:
         problem = f"cannot write in {str(folder)!r}: {(error.strerror or str(error)).lower()}"
-        raise InputError("--out", problem, fix="--out with a folder of yours, e.g. --out firmware") from None
-    return FirmwareFolder(folder, files, dialect)
+        raise InputError(
+            argument_name("out"),
+            problem,
+            fix=f"{argument_name('out')} with a folder of yours, e.g. {argument('out', 'firmware')}",
+        ) from None
+    return FirmwareFolder(folder, files, dialect, outputs)
 
 
 IDENTITY_HEADER = """/* What the vehicle is, as text by path, and its digest: trimtab.wire.identity. */
@@ -114,6 +142,7 @@ IDENTITY_HEADER = """/* What the vehicle is, as text by path, and its digest: tr
 #include <stdint.h>
 
 enum { IDENTITY_DIGEST = 8 };
+extern const uint8_t vehicle_type; /* MAV_TYPE */
 extern const uint8_t identity_digest[IDENTITY_DIGEST];
 extern const uint16_t identity_lines;
 extern const char *const identity_line[];
@@ -121,7 +150,7 @@ extern const char *const identity_line[];
 """
 
 
-def identity_source(identity: Mapping[str, str]) -> str:
+def identity_source(identity: Mapping[str, str], mav_type: int) -> str:
     """C that holds an identity, text by path, as the vehicle's end tells it."""
     digest = ", ".join(map(str, identity_digest(identity)))
     lines = [cut_line(path, text).decode("ascii", "replace") for path, text in sorted(identity.items())]
@@ -130,6 +159,7 @@ def identity_source(identity: Mapping[str, str]) -> str:
         [
             '#include "identity.h"',
             "",
+            f"const uint8_t vehicle_type = {int(mav_type)};",
             f"const uint8_t identity_digest[IDENTITY_DIGEST] = {{{digest}}};",
             f"const uint16_t identity_lines = {len(lines)};",
             "const char *const identity_line[] = {",
@@ -142,16 +172,52 @@ def identity_source(identity: Mapping[str, str]) -> str:
 
 def replace_hardware(scenario: Scenario) -> Scenario:
     """The scenario whose world stands in for the hardware: wires for links, servo frames left to the firmware."""
-    actuators = scenario.world.actuators
-    if not isinstance(actuators, FanDrive):
-        problem = (
-            f"has {type(actuators).__name__} for actuators; the firmware drives a rudder and a thrust fan, FanDrive"
-        )
-        raise InputError(f"scenario {scenario.name!r}", problem, fix="trimtab firmware hovercraft/forward --out DIR")
     scenario.check()
-    drive = replace(actuators, frame=actuators.period, fan=None)
-    scenario = replace_links(scenario)
-    return replace(scenario, world=replace(scenario.world, actuators=drive))
+    scenario, actuators = replace_links(scenario), scenario.world.actuators
+    if isinstance(actuators, FanDrive):
+        actuators = replace(actuators, frame=actuators.period, fan=None)
+    elif SERVO_FRAME in imperfections(actuators):
+        actuators = without(actuators, SERVO_FRAME)
+    return replace(scenario, world=replace(scenario.world, actuators=actuators))
+
+
+def firmware_outputs(scenario: Scenario, board: str = "cortex-m7") -> list[str]:
+    """A line for each output of a scenario's firmware; refuses what `write_firmware` would, before it writes."""
+    load_generator()
+    refuse_stepped_vehicle(scenario)
+    refuse_swarm(scenario, "firmware")
+    _find_real(board)
+    return drive_texts(scenario, carried_structures(replace_hardware(scenario))[1], board)[2]
+
+
+def output_names(scenario: Scenario, board: str = "stm32f405") -> tuple[str, ...]:
+    """What each output of a scenario's board drives: the numbers of its command, e.g. elevator, moment[0]."""
+    if isinstance(scenario.world.actuators, FanDrive):
+        return FAN_DRIVE
+    command = carried_structures(replace_hardware(scenario))[1]
+    return tuple(o.name for o in find_outputs(scenario, command, MOST_OUTPUTS_OF.get(board, MOST_OUTPUTS)))
+
+
+def _find_real(board: str) -> str:
+    """What a board's FPU computes in."""
+    if board not in FIRMWARE_BOARDS:
+        raise InputError(
+            "firmware", f"board {board!r} is not one", choices=FIRMWARE_BOARDS, fix=argument("board", "cortex-m7")
+        )
+    return FIRMWARE_BOARDS[board]
+
+
+def drive_texts(scenario: Scenario, command: Command, board: str) -> tuple[str, dict[str, str], list[str]]:
+    """A scenario's drive in the folder `drives`, the texts that go with it, a line for each output."""
+    if isinstance(scenario.world.actuators, FanDrive):
+        return "fan", {}, FAN_OUTPUTS
+    outputs = find_outputs(scenario, command, MOST_OUTPUTS_OF.get(board, MOST_OUTPUTS))
+    texts = {
+        "drive/outputs.h": outputs_header(outputs, frame_of(scenario)),
+        "drive/outputs.c": outputs_source(outputs),
+        "emulated/outputs.c": world_source(outputs),
+    }
+    return "pulses", texts, describe_outputs(outputs)
 
 
 def driven_fan(scenario: Scenario) -> RegulatedFan:
@@ -172,14 +238,16 @@ def motor_block(fan: RegulatedFan) -> BlockDefinition:
 
 
 def firmware_blocks(scenario: Scenario, command: Command, real: str) -> list[BlockText]:
-    """The blocks of the firmware, and the motor, as C."""
-    failsafe = scenario.failsafe if isinstance(scenario.failsafe, Failsafe) else drive_failsafe()
+    """The blocks of the firmware, of a fan drive also regulator and motor, as C."""
+    failsafe = failsafe_block(choose_failsafe(scenario, command), command)
+    if not isinstance(scenario.world.actuators, FanDrive):
+        return [block_text(failsafe, real)]
     zero = np.float64(0.0)
     doc = "Speed of the thrust fan: counts in, duty out; every 10 ms."
     speed = SpeedRegulatorInput(wanted_rpm=zero, count=np.int32(0))
     fan = driven_fan(scenario)
     regulator = timed_block("speed_regulator", doc, fan.regulator, speed)
-    return [block_text(block, real) for block in (failsafe_block(failsafe, command), regulator, motor_block(fan))]
+    return [block_text(block, real) for block in (failsafe, regulator, motor_block(fan))]
 
 
 def refuse_workspaces(blocks: list[BlockText]) -> None:
@@ -204,8 +272,11 @@ def samples_header(sensors: Mapping[str, int]) -> str:
 /* The scenario's sensors, and how often each measures, in units of 100 ns. */
 {periods}
 
-/* Send what the sensors measured at this instant. */
-void samples_send(link *l, const world_out *out);
+/* Send what the sensors measured at this instant; how many samples that were. */
+int samples_send(link *l, const world_out *out);
+
+/* Keep the newest sample of each sensor, fresh if one of them was; now is NULL: they have all been sent. */
+void samples_merge(world_out *kept, const world_out *now);
 #endif
 """
 
@@ -216,16 +287,27 @@ def samples_source(frame: Frame, dialect: Dialect) -> str:
         LICENCE_NOTE,
         '#include "samples.h"\n',
         "#include <string.h>\n",
-        "void samples_send(link *l, const world_out *out)",
+        "int samples_send(link *l, const world_out *out)",
     ]
-    lines += ["{", "    mavlink_message_t message;"]
+    lines += ["{", "    mavlink_message_t message;", "    int sent = 0;"]
     for sensor in frame.samples:
         here = f"out->sensors.{identifier(sensor)}"
         lines.append(f"    if ({here}.fresh) {{")
         for name in dialect.groups[f"samples.{sensor}"]:
             lines += _sending_lines(name, dialect)
-        lines.append("    }")
-    return "\n".join([*lines, "    (void)l; (void)out; (void)message;", "}\n"])
+        lines += ["        ++sent;", "    }"]
+    lines += ["    (void)l; (void)out; (void)message;", "    return sent;", "}\n"]
+    return "\n".join([*lines, *_merging_lines(frame)])
+
+
+def _merging_lines(frame: Frame) -> list[str]:
+    """A function that keeps the newest samples for a line that does not take each at its instant."""
+    lines = ["void samples_merge(world_out *kept, const world_out *now)", "{"]
+    for sensor in map(identifier, frame.samples):
+        old, new = f"kept->sensors.{sensor}", f"now->sensors.{sensor}"
+        lines.append(f"    if (now == NULL) {old}.fresh = false;")
+        lines.append(f"    else if ({new}.fresh) {old} = {new};")
+    return [*lines, "    (void)kept; (void)now;", "}\n"]
 
 
 def _sending_lines(name: str, dialect: Dialect) -> list[str]:
@@ -244,32 +326,43 @@ def _sending_lines(name: str, dialect: Dialect) -> list[str]:
     return [*lines, f"{pad}link_send(l, &message);"]
 
 
-def _instants_header(scenario: Scenario, motor_period: int) -> str:
+def _instants_header(scenario: Scenario, motor_period: int | None) -> str:
     periods = ", ".join(map(str, sorted(set(scenario.world.periods()))))
-    longest = scenario.world.max_step
+    longest, autopilot_period = scenario.world.max_step, scenario.autopilot.period
+    motor = "" if motor_period is None else f", MOTOR_PERIOD = {motor_period}"
     return f"""{LICENCE_NOTE}
 /* When something is due in the world, in units of 100 ns; its longest step is {to_seconds(longest) * 1e3:g} ms. */
 #ifndef INSTANTS_H
 #define INSTANTS_H
 #include <stdint.h>
 
+enum {{ MAX_STEP = {longest}{motor} }};
+#ifdef LOCKSTEP
+static const int64_t AUTOPILOT_PERIOD = {autopilot_period}, DURATION = {scenario.duration};
+static const int64_t PERIODS[] = {{{periods}, {autopilot_period}}};
+#else
 static const int64_t PERIODS[] = {{{periods}}};
-enum {{ MAX_STEP = {longest}, MOTOR_PERIOD = {motor_period} }};
+#endif
 #endif
 """
 
 
-def _copy_sources(folder: Path, board: str) -> list[Path]:
-    """The portable C and the start-up code, with the board as the Makefile's default."""
+def _copy_sources(folder: Path, board: str, drive: str) -> list[Path]:
+    """The portable C, the drive and the start-up code, with the board as the Makefile's default."""
     source = PACKAGED_FIRMWARE if PACKAGED_FIRMWARE.is_dir() else CHECKOUT_FIRMWARE
-    shutil.copytree(source, folder, dirs_exist_ok=True)
+    for name in ("drive", "emulated", "exported", "build"):  # of another scenario, perhaps
+        shutil.rmtree(folder / name, ignore_errors=True)
+    shutil.copytree(source, folder, dirs_exist_ok=True, ignore=shutil.ignore_patterns("drives"))
+    shutil.copytree(source / "drives" / drive, folder / "drive")
+    shutil.move(folder / "drive" / "actuators.c", folder / "emulated" / "actuators.c")
     for name, to in START_UP_FILES.items():
         shutil.copyfile(START / name, folder / to)
     make = folder / "Makefile"
     make.write_text(make.read_text("utf-8").replace("BOARD ?= cortex-m7", f"BOARD ?= {board}"), "utf-8")
-    return [folder / p.relative_to(source) for p in sorted(source.rglob("*")) if p.is_file()] + [
-        folder / to for to in START_UP_FILES.values()
-    ]
+    kept = (p.relative_to(source) for p in sorted(source.rglob("*")) if p.is_file())
+    drives = [*sorted((folder / "drive").iterdir()), folder / "emulated" / "actuators.c"]
+    own = [folder / p for p in kept if p.parts[0] != "drives"]
+    return own + drives + [folder / to for to in START_UP_FILES.values()]
 
 
 def _write_texts(folder: Path, texts: dict[str, str]) -> list[Path]:

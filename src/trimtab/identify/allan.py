@@ -20,7 +20,7 @@ import numpy as np
 from scipy.optimize import nnls
 from scipy.stats import chi2
 
-from trimtab.core.errors import InputError
+from trimtab.core.errors import InputError, argument
 from trimtab.core.record import Scalar, part, quantity, record
 
 FLICKER = 2 * math.log(2) / math.pi
@@ -177,7 +177,8 @@ def refuse_motion(name: str, y: Any, fit: AllanFit) -> None:
         problem = f"is not the noise of a still sensor: at {fit.tau[np.argmax(off)]:.3g} s its Allan deviation is"
         problem += f" {fit.deviation[np.argmax(off)]:.3g}, that of the nearest noise {fit.model[np.argmax(off)]:.3g}"
         problem += f" (misfit {fit.misfit:.0f}, 1 is good)"
-        fix = "keep the sensor still and its temperature steady; if it only filters its output, say --shortest TIME"
+        fix = "keep the sensor still and its temperature steady; if it only filters its output, say "
+        fix += argument("shortest", "TIME")
         raise InputError(f"signal {name!r}", problem, fix=fix)
 
 

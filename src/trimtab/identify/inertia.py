@@ -4,7 +4,7 @@
 """
 
 from collections.abc import Callable
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -89,6 +89,56 @@ def fit_slope(t: Any, yaw_rate: Any, window: float = np.inf) -> SlopeFit:
     residual = float(np.sqrt(rest @ rest / (len(t) - 2)))
     offset = float(r.mean() - slope * (t.mean() - t[0]))
     return SlopeFit(slope, residual / np.sqrt(spread), offset, residual, len(t))
+
+
+class LinearPortion(NamedTuple):
+    """Of a spin-up. start: s, when it was let go.  window: s, how long its rate rises as a line.  fit: of that."""
+
+    start: float
+    window: float
+    fit: SlopeFit
+
+
+def find_linear_portion(t: Any, yaw_rate: Any) -> LinearPortion:
+    """When a held vehicle was let go, and for how long its yaw rate then rises along a line.
+
+    The release is where the best parabola begins that is level before it. The window is the longest in which its bend,
+    q in r = s t + q t², moves the line's slope (by q times the window) by less than half its standard error; so the
+    error that is stated holds.
+
+    Args:
+        t: times (s), shape (n,), at least 20, rising.
+        yaw_rate: yaw rates (rad/s), shape (n,), at rest at first.
+    """
+    t, r = np.asarray(t, np.float64), np.asarray(yaw_rate, np.float64)
+    if len(t) < 20 or not (np.isfinite(t).all() and np.isfinite(r).all()):
+        problem = f"{len(t)} samples, or some not finite, show no release and rise"
+        raise InputError("spin-up", problem, fix="log from before the release, 20 samples or more")
+    top = float(np.max(np.abs(r)))
+    low = r[: max(int(np.argmax(np.abs(r) >= 0.6 * top)) + 1, 8)]
+    noise = float(np.median(np.abs(np.diff(r, 2)))) * 1.4826 / np.sqrt(6)
+    if top < 8 * max(noise, 1e-12):
+        problem = f"the yaw rate reaches {top:.3g} rad/s, its noise is {noise:.3g}"
+        raise InputError("spin-up", problem, fix="use more thrust or rudder, or log for longer")
+    n = len(low)
+
+    def fit_rise(k: int) -> tuple[float, float]:
+        """Squares of the misfit and the bend of r = s t + q t² from sample k on, level before it."""
+        since = np.maximum(t[:n] - t[k], 0)
+        A = np.stack([since, since**2], 1)
+        b = np.linalg.lstsq(A, low, None)[0]
+        return float(np.sum((low - A @ b) ** 2)), float(b[1])
+
+    start = min(range(n - 4), key=lambda k: fit_rise(k)[0])
+    rise = slice(start, start + 1 + int(np.argmax(np.abs(r[start:]) >= 0.9 * np.max(np.abs(r[start:])))))
+    since, rates = t[rise] - t[start], r[rise]
+    if len(since) < 6:
+        raise InputError("spin-up", f"the rise has {len(since)} samples only", fix="log faster, or use less thrust")
+    bend = abs(fit_rise(start)[1])
+    step = float(np.median(np.diff(t)))
+    window = (0.5 * noise * np.sqrt(12 * step) / max(bend, 1e-12)) ** 0.4
+    window = float(np.clip(window, 5 * step, since[-1]))
+    return LinearPortion(float(t[start]), window, fit_slope(since, rates, window))
 
 
 def inertia_error(J: Any, fit: SlopeFit, force_error: Any = 0.0) -> Any:

@@ -12,7 +12,7 @@ import jax.numpy as jnp
 import numpy as np
 from jax import lax
 
-from trimtab.core.errors import InputError
+from trimtab.core.errors import InputError, argument
 from trimtab.core.record import Scalar, option, part, quantity, record
 from trimtab.laws.path_command import FilteredClimb
 from trimtab.laws.path_inversion import internal_rates, invert_path, path_turn_rate
@@ -74,7 +74,8 @@ class InternalTable:
         end = float(self.first + self.spacing * (np.shape(self.nodes)[0] - 1))
         if seconds > end + float(self.spacing):
             problem = f"the table ends at {end:g} s, the run at {seconds:g} s"
-            fix = f"--duration {end:g}, or --set internal=preview, which needs no table"
+            shorter, preview = argument("duration", f"{end:g}"), argument("settings", "preview", "internal")
+            fix = f"{shorter}, or {preview}, which needs no table"
             raise InputError("InternalTable", problem, fix=fix)
 
     def init(self, key: Any) -> tuple[()]:

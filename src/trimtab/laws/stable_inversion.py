@@ -13,7 +13,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from trimtab.core.errors import InputError
+from trimtab.core.errors import InputError, argument
 from trimtab.core.interfaces import optional_member
 from trimtab.core.record import FAST_COMPILE_OPTIONS, Scalar, part, quantity, record, tree_where
 from trimtab.core.rng import Key
@@ -220,7 +220,8 @@ def check_internal_table(craft: Any, command: Any, table: InternalTable, limits:
     if not wrong.max() < SOLVED:
         when = f"its rates are off by {wrong.max():.2g} of what counts, at {t[wrong.argmax()]:g} s"
         problem = f"the table was made for another command or vehicle: {when}"
-        fix = "--set internal=preview, which needs no table, or fly a scenario made with that command"
+        preview = argument("settings", "preview", "internal")
+        fix = f"{preview}, which needs no table, or fly a scenario made with that command"
         raise InputError("internal", problem, fix=fix)
     _check_input_limits(limits, u, [f"the command at {x:g} s" for x in t])
 

@@ -175,8 +175,8 @@ class ReverseMomentum:
         FX = -k1 (u - PXr/m)        FY = +k2 (v + theta d r)                              [1, eq. 2.30]
 
     Stable:  locally, for k1, k2 > 0 and theta > J/(d^2 m): the eigenvalues of [1, eq. 2.33] are then in the left half
-             plane. The equilibrium is unique. No proof of global convergence is known; random starts all converged,
-             which is evidence and not a proof.
+             plane. The equilibrium is unique. `trimtab design hovercraft/reverse` proves convergence from a region
+             around it. No proof from everywhere is known; random starts all converged, which is evidence, not a proof.
     Source:  [1] eq. 2.30; default gains [1] table 6.3 (theta = 4 J/(d^2 m)).
     """
 
@@ -213,7 +213,7 @@ class ReverseMomentum:
     def lyapunov(self, s: Any) -> Any:
         """(PX - PXr)^2/2m + PY^2/2m + Pi^2/2J (J): a distance, NOT a Lyapunov function: it can grow for a while.
 
-        s: any record with the fields in `reads`. No Lyapunov function is known for this law.
+        s: any record with the fields in `reads`. `trimtab design hovercraft/reverse` finds one that falls in a region.
         """
         return _error_energy(self.model, s, self.reference / self.model.mass)
 

@@ -37,8 +37,8 @@ class LatencyTrace:
         low=0,
         off={
             "delay": lambda link: np.zeros_like(link.latency, np.float64),
-            "jitter": lambda link: np.full(np.shape(link.latency), _mean_of_received(link)),
-            "loss": lambda link: np.where(link.lost, _mean_of_received(link), link.latency),
+            "jitter": lambda link: np.full(np.shape(link.latency), mean_received_latency(link)),
+            "loss": lambda link: np.where(link.lost, mean_received_latency(link), link.latency),
         },
     )
     lost: Scalar = quantity(
@@ -89,7 +89,7 @@ class LatencyTrace:
         )
 
 
-def _mean_of_received(link: LatencyTrace) -> float:
+def mean_received_latency(link: LatencyTrace) -> float:
     """Mean latency (s) of the packets that were not lost; one that was has none on record."""
     received = np.asarray(link.latency, np.float64)[~np.asarray(link.lost, np.bool_)]
     return float(received.mean()) if received.size else 0.0
@@ -119,7 +119,8 @@ def read_trace(path: str | Path) -> Trace:
     try:
         text = Path(path).read_text(encoding="utf-8")
     except FileNotFoundError:
-        raise InputError(f"{path}", "there is no such file", fix=f"record one: CSV text, first line {HEADER}") from None
+        fix = f"record one: trimtab link-test URI --out DIR; or write CSV text, first line {HEADER}"
+        raise InputError(f"{path}", "there is no such file", fix=fix) from None
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(f"{path}", f"it cannot be read as text ({error})", fix="give a CSV text file") from None
     return _parse_trace(str(path), text.splitlines())

@@ -62,6 +62,11 @@ class UdpLink:
         oldest = time.monotonic() - HEARD_WITHIN
         return tuple(peer for peer, at in list(self._heard.items()) if at >= oldest)
 
+    @property
+    def sender(self) -> Any:
+        """The address that the packet received last came from; None before the first one."""
+        return self._sender
+
     def receive(self, timeout: float) -> bytes | None:
         """The next packet; None when `timeout` seconds have passed without one."""
         deadline = time.monotonic() + timeout

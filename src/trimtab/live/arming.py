@@ -21,6 +21,7 @@ from trimtab.live.sensed_motion import QUANTITIES, Breach, SensedMotion
 from trimtab.live.virtual_vehicle import VirtualVehicle
 from trimtab.loop.faults import FaultyPart
 from trimtab.loop.pilot_script import PilotScript
+from trimtab.loop.stick_script import StickScript
 from trimtab.loop.vehicle_limits import VehicleLimits
 from trimtab.wire.arming import ArmingCheck, first_problem
 from trimtab.wire.mavlink import FrameCounts
@@ -233,6 +234,6 @@ def _list_sensors(body: VirtualVehicle) -> dict[str, _SensorWatch]:
     for name, sensor in body.scenario.world.sensors.items():
         while isinstance(sensor, FaultyPart):
             sensor = sensor.inner
-        if not isinstance(sensor, PilotScript) and optional_member(sensor, "FEELS") != "state":
+        if not isinstance(sensor, PilotScript | StickScript) and optional_member(sensor, "FEELS") != "state":
             sensors[name] = _SensorWatch(body, name, sensor.period)
     return sensors

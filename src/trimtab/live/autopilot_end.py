@@ -3,6 +3,7 @@
 Source: docs page, Fly.
 """
 
+import functools
 from collections import deque
 from collections.abc import Callable
 from typing import Any
@@ -11,17 +12,21 @@ from trimtab.compiler.compiled_block import CompiledBlock
 from trimtab.core.interfaces import optional_member
 from trimtab.core.time import SECONDS_PER_UNIT, ms, seconds
 from trimtab.live.exchange import GroupSample, MessageGroup, command_group, sample_groups
-from trimtab.live.flight_log import LogSource
+from trimtab.live.flight_log import FlightRows, LogSource
+from trimtab.live.monitored import CompiledMonitor
+from trimtab.logs.frames import roll_pitch_yaw
+from trimtab.logs.spatial import find_spatial
 from trimtab.loop.scenario import Scenario
-from trimtab.run.blocks import message_structures
+from trimtab.run.blocks import carried_structures
 from trimtab.wire.definitions import Message
 from trimtab.wire.dialect import Dialect, derive_dialect
 from trimtab.wire.mavlink import Endpoint
 
 LONGEST_QUEUE = 64
 """Samples of one sensor that may wait: they come in bursts after a silence, and are fused one a step."""
-LONGEST_BACKLOG = 5 * LONGEST_QUEUE
-"""Steps after which what still waits does so for nothing: a sensor as quick as the steps never lets its queue end."""
+LONGEST_BACKLOG, FEWEST_STEPS = ms(320), 8
+"""After so long, and so many steps, what still waits does so for nothing: a sensor as quick as the steps never lets its
+queue end."""
 LONGEST_OVERTAKING = ms(500)
 """A sample older than the newest of its sensor was overtaken by it; nobody fuses one older by more than this."""
 OTHER_CLOCK = 8
@@ -35,6 +40,7 @@ A sample was measured before it came; what it seems to lead by is the error of t
 """
 
 
+ESTIMATE = "estimate.state."
 ESTIMATED_POSE = {"north": 0, "east": 1, "heading": 5}
 """Names in an estimated state -> places in a pose."""
 
@@ -57,12 +63,14 @@ class AutopilotEnd:
         self._slots: dict[str, tuple[Any, ...]] = {
             s: tuple(step.reads[f"samples.{s}.{n}"] for n in ("t", "age", "fresh")) for s in self.sensors
         }
+        self.monitored = CompiledMonitor(scenario, step)
         self._last_times: dict[str, int] = {}
         self._received_times: dict[str, int] = {}
         self._falls = dict.fromkeys(self.sensors, 0)
         self._too_old = dict.fromkeys(self.sensors, 0)
         self._time_slot: Any = step.reads["t"]
         self._backlogs = dict.fromkeys(self.sensors, 0)
+        self._most_backlog = max(LONGEST_BACKLOG // scenario.autopilot.period, FEWEST_STEPS)
         paths = [f"estimate.state.{name}" for name in ESTIMATED_POSE]
         self._pose_slots: list[Any] = [step.writes[path] for path in paths if path in step.writes]
         estimator = scenario.autopilot.estimator
@@ -147,7 +155,7 @@ class AutopilotEnd:
         """Give the step the sample that has waited longest."""
         sample = queue.popleft()
         self._backlogs[sensor] = self._backlogs[sensor] + 1 if queue else 0
-        if self._backlogs[sensor] > LONGEST_BACKLOG:
+        if self._backlogs[sensor] > self._most_backlog:
             self.dropped_samples += len(queue)
             sample = queue.pop()
             queue.clear()
@@ -156,9 +164,23 @@ class AutopilotEnd:
 
     def fill_pose(self, pose: Any) -> None:
         """Where it believes to be, into a pose as `logs.frames` has it; nothing where it estimates no position."""
-        if len(self._pose_slots) == len(ESTIMATED_POSE):
+        if self._spatial_slots is not None:
+            place, attitude = self._spatial_slots
+            pose[:3] = self.step.outputs[place]
+            pose[3:6] = roll_pitch_yaw(self.step.outputs[attitude].tolist())
+        elif len(self._pose_slots) == len(ESTIMATED_POSE):
             pose[:6] = 0.0
             pose[list(ESTIMATED_POSE.values())] = self.step.outputs[self._pose_slots]
+
+    @functools.cached_property
+    def _spatial_slots(self) -> tuple[Any, Any] | None:
+        """Where an estimate has position and attitude of a vehicle in space, over a fixed world."""
+        signals = [s for s in FlightRows(self.log_sources(), {}).signals if s[0].startswith(ESTIMATE)]
+        declared = {path: d for path, _, _, d in signals if d is not None}
+        found = find_spatial({path: shape for path, shape, _, _ in signals}, declared)
+        if found is None or found.frame != "W" or not found.position:
+            return None
+        return self.step.writes[found.position], self.step.writes[found.attitude]
 
     def log_sources(self) -> list[LogSource]:
         """What a row of the autopilot's log has of its step."""
@@ -178,7 +200,7 @@ class AutopilotEnd:
 
 def scenario_dialect(scenario: Scenario) -> Dialect:
     """The messages in which a scenario's two sides speak."""
-    frame, command = message_structures(scenario)
+    frame, command = carried_structures(scenario)
     return derive_dialect(frame, command)
 
 

@@ -8,15 +8,17 @@ Source: docs page, Ground stations.
 """
 
 from collections import deque
+from typing import Any
 
 from trimtab.compiler.compiled_block import CompiledBlock
+from trimtab.core.quantity import Quantity
 from trimtab.live.broadcast import Broadcast
 from trimtab.live.parameter_store import ParameterStore
 from trimtab.loop.scenario import Scenario
 from trimtab.run.parameter_changes import AutopilotChange
 from trimtab.wire.definitions import Message
 from trimtab.wire.mavlink import Endpoint
-from trimtab.wire.parameters import Parameters, ParameterService
+from trimtab.wire.parameters import NO_STORE, Parameters, ParameterService
 from trimtab.wire.protocol import CommandCode, CommandResult, Severity, VehicleType
 from trimtab.wire.station import RESET_STORAGE, WRITE_STORAGE
 from trimtab.wire.streams import TextQueue
@@ -60,6 +62,12 @@ class AutopilotRelay:
         return message.get("target_component") in whom
 
 
+def _describe_bounds(declared: Quantity) -> dict[str, Any]:
+    """What may be said of a number's values."""
+    bounds = {"low": declared.low, "high": declared.high, "above": declared.above, "modes": declared.modes or None}
+    return {"unit": declared.unit, "meaning": declared.doc, **bounds}
+
+
 class AutopilotParameters:
     """The autopilot's part. Times `now` are this end's, in 100 ns."""
 
@@ -94,6 +102,34 @@ class AutopilotParameters:
             if refusal:
                 self._tell(f"Not set: {refusal}")
         return True
+
+    def describe(self) -> list[dict[str, Any]]:
+        """Each of them, for people who change them."""
+        held = self._parameters
+        return [
+            {"path": f"{p.path}", "slot": p.slot, "value": value, "default": default, **_describe_bounds(p.declaration)}
+            for p, value, default in zip(held.listed, held.values, held.defaults, strict=True)
+        ]
+
+    def value(self, path: str, slot: int) -> float | None:
+        """What holds now, or from the next step on; None where there is no such parameter."""
+        index = self._parameters.index_of(path, slot)
+        return None if index is None else self._parameters.values[index]
+
+    def change(self, path: str, slot: int, value: float) -> str:
+        """Give one another value, from the next step on; why not, empty where it was done."""
+        index = self._parameters.index_of(path, slot)
+        if index is None:
+            return f"there is no parameter {path!r}, number {slot}"
+        before, refusal = self._parameters.values[index], self._parameters.change_value(index, value)
+        if not refusal and self._parameters.values[index] != before:
+            self._waiting.append(AutopilotChange(0, path.removeprefix(f"{PREFIX}."), slot, value))
+        return f"{path} {refusal}" if refusal else ""
+
+    def ask_storage(self) -> str:
+        """Have them stored at the end of the flight; why not, empty where they will be."""
+        self._storage = WRITE_STORAGE if self._store.is_there else 0
+        return "" if self._storage else NO_STORE
 
     def _handle_command(self, message: Message) -> bool:
         if message.get("command") != CommandCode.STORAGE:

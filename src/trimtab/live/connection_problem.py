@@ -3,6 +3,7 @@
 Source: docs page, Fly.
 """
 
+import re
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -56,9 +57,17 @@ def scenario_problem(differences: Sequence[SettingDifference], typed: str) -> Co
         return ConnectionProblem(problem, "the same trimtab, the same scenario and the same --set on both ends")
     settings = " ".join(f"--set {d.path}={d.theirs}" for d in differences)
     if len(differences) <= MOST_SHOWN and all(d.theirs and " " not in d.theirs for d in differences):
-        return ConnectionProblem(problem, f"{typed} {settings}   or, where it is meant, --accept {differences[0].path}")
+        other = " ".join((_without_settings(typed, [d.path for d in differences]), settings))
+        return ConnectionProblem(problem, f"{other}   or, where it is meant, --accept {differences[0].path}")
     accepts = " ".join(f"--accept {root}" for root in sorted({".".join(d.path.split(".")[:2]) for d in differences}))
     return ConnectionProblem(problem, f"the same --set on both ends; or, where it is meant,  {typed} {accepts}")
+
+
+def _without_settings(typed: str, paths: Sequence[str]) -> str:
+    """The command without what it sets at these paths: no path is taken twice."""
+    for path in map(re.escape, paths):
+        typed = re.sub(rf" --set[ =](?:'{path}=[^']*'|{path}=\S+)", "", typed)
+    return typed
 
 
 def owner_problem(owner: int, typed: str) -> ConnectionProblem:

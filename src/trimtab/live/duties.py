@@ -49,7 +49,7 @@ The numbers are those of ArduPilot's GUIDED, MANUAL and HOLD of rovers and boats
 SWITCH = 4
 """The pilot's fifth channel is the mode switch: above 1.5 ms the sticks rule."""
 RADIO_TIMEOUT = ms(500)
-WIDEST_RANGE = 1e100
+WIDEST_RANGE = 1e30
 """Limits of a command that are further apart are none: nothing is known of it, and no stick has a place in it."""
 LOW_PULSE, HIGH_PULSE = 1e-3, 2e-3
 RESEND_PERIOD, REQUEST_TIMEOUT, AUTOPILOT_TIMEOUT = ms(100), seconds(2), seconds(5)
@@ -187,7 +187,8 @@ def _input_slots(step: CompiledBlock) -> dict[str, Any]:
 def command_ranges(failsafe: Failsafe) -> tuple[Any, Any]:
     """Lowest value and range of each number of a command; the range is NaN where there is none."""
     low, high = (
-        np.concatenate([np.ravel(np.asarray(v, float)) for _, v, _ in leaves(r)]) for r in (failsafe.low, failsafe.high)
+        np.concatenate([np.zeros(0), *(np.ravel(np.asarray(v, float)) for _, v, _ in leaves(r))])
+        for r in (failsafe.low, failsafe.high)
     )
     return low, np.where(high - low < WIDEST_RANGE, high - low, np.nan)
 

@@ -51,14 +51,40 @@ def count_frames(counts: FrameCounts) -> tuple[int, int, int, int]:
     return counts.refusals, counts.lost, counts.checksum, counts.garbage
 
 
+class FlightRows:
+    """What a row of a flight holds: numbers of compiled steps' vectors, then those that come with each row."""
+
+    def __init__(self, sources: Sequence[LogSource], own: Mapping[str, tuple[str, Quantity]]) -> None:
+        """Lay a row out.
+
+        Args:
+            sources: vectors whose numbers go into each row.
+            own: path -> (type, declaration) of the numbers that come with each row.
+        """
+        self.signals: list[Signal] = []
+        self._picks: list[tuple[Any, Any, slice]] = []
+        stop = 0
+        for source in sources:
+            slots, start = _select_numbers(source, self.signals), stop
+            stop += len(slots)
+            self._picks.append((source.vector, np.array(slots, np.intp), slice(start, stop)))
+        self.signals += [(path, (), np.dtype(dtype), declared) for path, (dtype, declared) in own.items()]
+        self._own, self.width = slice(stop, stop + len(own)), stop + len(own)
+
+    def fill(self, row: Any, own: Sequence[float]) -> None:
+        """Put the numbers of now into a row, float64 (width,)."""
+        for vector, index, where in self._picks:
+            row[where] = vector[index]
+        row[self._own] = own
+
+
 class FlightLog:
     """Rows into a ring: a few microseconds each, and never a wait but in `await_room`."""
 
     def __init__(
         self,
         path: Path,
-        sources: Sequence[LogSource],
-        own: Mapping[str, tuple[str, Quantity]],
+        rows: FlightRows,
         metadata: Mapping[str, Any],
         frame: str = "",
         limit: LogLimit | None = None,
@@ -67,41 +93,30 @@ class FlightLog:
 
         Args:
             path: of a new file.
-            sources: vectors whose numbers go into each row.
-            own: path -> (type, declaration) of the numbers that come with each row.
+            rows: what a row holds.
             metadata: of the log.
             frame: name of the vehicle's frame, whose poses are set, where time runs by a clock; empty: in virtual time.
             limit: of what it may take on the disk; None: none.
         """
-        signals: list[Signal] = []
-        self._picks: list[tuple[Any, Any, slice]] = []
-        stop = 1
-        for source in sources:
-            slots, start = _select_numbers(source, signals), stop
-            stop += len(slots)
-            self._picks.append((source.vector, np.array(slots, np.intp), slice(start, stop)))
-        signals += [(path, (), np.dtype(dtype), declared) for path, (dtype, declared) in own.items()]
-        self._own = slice(stop, stop + len(own))
+        self._rows, stop = rows, 1 + rows.width
         self.pose: Any = no_pose() if frame else np.zeros(0)
         """As `logs.frames` has it; set it in place, and each row has it until it is set anew."""
-        self._row = np.zeros(stop + len(own) + len(self.pose))
+        self._row = np.zeros(stop + len(self.pose))
+        self._numbers, self._poses = self._row[1:stop], self._row[stop:]
         self._ring = Ring.create(columns=len(self._row), rows=ROWS)
         try:
             options = {"metadata": metadata, "frame": frame, "limit": limit}
-            self._stream: LogStream = start_writer(path, self._ring, signals=signals, **options)
+            self._stream: LogStream = start_writer(path, self._ring, signals=rows.signals, **options)
         except BaseException:
             self._release_ring()
             raise
 
     def write_row(self, t: int, own: Sequence[float] = ()) -> None:
         """A row: the vectors as they are now."""
-        row = self._row
-        row[0] = t
-        for vector, index, where in self._picks:
-            row[where] = vector[index]
-        row[self._own] = own
-        row[self._own.stop :] = self.pose
-        self._ring.write_row(row)
+        self._row[0] = t
+        self._rows.fill(self._numbers, own)
+        self._poses[:] = self.pose
+        self._ring.write_row(self._row)
 
     def await_room(self) -> None:
         """Wait until a row fits, or the writer has died: for flights in virtual time, which may outrun the disk."""
@@ -156,7 +171,8 @@ def open_flight_log(
         return None
     bound = None if limit is None else LogLimit(limit, rolls=side == "vehicle")
     about = {"side": side, "seed": seed, "run": 0, "backend": "c", "log_period_s": to_seconds(log_period)}
-    return FlightLog(path, sources, own, describe_scenario(scenario) | about, FRAMES[side] if is_live else "", bound)
+    metadata, frame = describe_scenario(scenario) | about, FRAMES[side] if is_live else ""
+    return FlightLog(path, FlightRows(sources, own), metadata, frame, bound)
 
 
 def _select_numbers(source: LogSource, signals: list[Signal]) -> list[int]:

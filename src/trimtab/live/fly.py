@@ -13,21 +13,26 @@ from pathlib import Path
 from time import monotonic_ns
 
 from trimtab.compiler.compiled_block import CompiledBlock
-from trimtab.core.errors import InputError
+from trimtab.core.errors import InputError, argument_name
 from trimtab.core.interfaces import Link
 from trimtab.core.time import UNITS_PER_SECOND, ms, seconds, to_seconds
 from trimtab.live.autopilot_end import LONGEST_SAMPLE_AGE, MOST_SAMPLE_LEAD, AutopilotEnd, scenario_dialect
 from trimtab.live.autopilot_parameters import AutopilotParameters
 from trimtab.live.connection_problem import owner_problem
+from trimtab.live.console_line import ConsoleLine
 from trimtab.live.flight_log import FlightLog, count_frames, list_log_problems, open_flight_log
 from trimtab.live.flight_signals import FLIGHT_SIGNALS, LiveFlightSummary
 from trimtab.live.parameter_store import ParameterStore
+from trimtab.live.piloting import NoPilot, Piloting
 from trimtab.live.preflight import Preflight
 from trimtab.live.real_time import NS, Deadlines, discard_packets, real_time
 from trimtab.live.remote import RemoteVehicle
+from trimtab.live.silence import SilenceWatch
+from trimtab.live.stick import CompiledStick
 from trimtab.live.supervised import CompiledSupervisor, explain_change
 from trimtab.loop.pilot_script import add_pilot_sensor
 from trimtab.loop.scenario import Scenario
+from trimtab.loop.stick_script import add_stick_sensor
 from trimtab.loop.supervisor import ENDED
 from trimtab.run.blocks import compile_autopilot
 from trimtab.run.identity import scenario_identity
@@ -48,10 +53,6 @@ SERVO_FRAME = ms(20)
 """Commands are sent no more often than a servo takes them."""
 PATIENCE_FACTOR = 3
 """So many times as long it waits for a vehicle's clock where frames come at all."""
-SILENCE = ms(250)
-"""After which it is said that nothing comes."""
-SHORT_SILENCE = ms(100)
-"""A vehicle that was heard so lately is heard."""
 SAMPLE_REPORT_PERIOD = seconds(10)
 """At least, between two lines on samples that are refused."""
 DISARM_TIMEOUT = seconds("0.5")
@@ -92,7 +93,7 @@ class LiveAutopilot:
         self._takes_over = takes_over
         scenario.check()
         dialect = scenario_dialect(scenario)
-        self.scenario, self.link, self.seed = add_pilot_sensor(scenario), link, seed
+        self.scenario, self.link, self.seed = add_stick_sensor(add_pilot_sensor(scenario)), link, seed
         self.endpoint = endpoint(dialect)
         self.autopilot_end = AutopilotEnd(scenario, dialect, step or compile_autopilot(self.scenario, seed=seed))
         self.parameters = AutopilotParameters(
@@ -108,10 +109,10 @@ class LiveAutopilot:
         self.deadlines = Deadlines(scenario.autopilot.period)
         self.skipped = 0
         self.arming_time: int | None = None
-        self._sent = self._jumps = self._accepted = self._receive_time = 0
-        self._sample_report_time = 0
-        self._silent = self._halts = False
-        self._overrun = ""
+        self._sent = self._jumps = self._sample_report_time = 0
+        self._silence = SilenceWatch(self.endpoint.counts)
+        self._pilot: Piloting | NoPilot = NoPilot()
+        self._halts, self._overrun = False, ""
         self._backward_sensors: list[str] = []
         self._flight_log: FlightLog | None = None
         self._tell: Callable[[str], None] = lambda _: None
@@ -132,7 +133,7 @@ class LiveAutopilot:
                 self.remote.follow_clock()
             if now - began > waits * 1e9 or self.remote.misfit or self.remote.untimely is not None:
                 problem = self.remote.find_problem(self.scenario.name)
-                raise InputError("--link", problem.problem, fix=problem.fix)
+                raise InputError(argument_name("link"), problem.problem, fix=problem.fix)
             self.remote.due(now // NS)
             data = self.link.receive(0.02)
             if data is not None:
@@ -154,6 +155,7 @@ class LiveAutopilot:
         log_limit: int | None = None,
         wanted_real_time: bool = True,
         overrun: str = COUNT,
+        console: ConsoleLine | None = None,
         stop: Callable[[], bool] = lambda: False,
         tell: Callable[[str], None] = lambda _: None,
     ) -> LiveFlightSummary:
@@ -165,6 +167,7 @@ class LiveAutopilot:
             log: file of the flight's log.
             wanted_real_time: ask the system for real-time scheduling and locked memory.
             overrun: "count" goes on after one; "halt" ends an armed flight at the first.
+            console: where a pilot watches, who then arms; its rows have been set.
             stop: asked every period.
             tell: is given lines for people.
         """
@@ -185,21 +188,26 @@ class LiveAutopilot:
             limit=log_limit,
         )
         self._tell, self.remote.tell = tell, self._report
+        if console is not None:
+            stick, parts = CompiledStick(self.scenario, self.autopilot_end.step), (self.supervised, self.parameters)
+            self._pilot = Piloting(console, stick, *parts, self.remote, self.preflight, self._report)
         self.preflight.log_folder = None if log is None else log.parent
         if flight_log is not None:
             for remark in self.remote.remarks:
                 flight_log.write_event(remark)
-        discard_packets(self.link)
-        self.autopilot_end.drop_samples()
         try:
             with real_time(wanted_real_time) as grant:
+                discard_packets(self.link)  # of all that came until now, and while memory was locked
+                self.endpoint.begin_anew()
+                self.autopilot_end.drop_samples()
                 try:
                     t = self._run_loop(length, stop)
                 finally:
                     cause, stopped = self._end_reason(), "it was aborted by request" if stop() else ""
                     ended = "the supervisor had ended the flight" if self.supervised.mode == ENDED else ""
                     was_armed = self.arming_time is not None
-                    remote = self.remote.list_problems(was_armed, self._silent, monotonic_ns() // NS)
+                    is_silent, has_stopped = self._silence.is_silent, self._pilot.has_stopped
+                    remote = self.remote.list_problems(was_armed, is_silent, monotonic_ns() // NS, has_stopped)
                     problems = [p for p in (cause, stopped, ended, *remote) if p]
                     is_ours = self.remote.has_authority or self.remote.is_asking
                     if is_ours and not self.remote.is_taken:  # else it is none of this end's business
@@ -218,7 +226,7 @@ class LiveAutopilot:
         deadlines = self.deadlines = Deadlines(period)
         if flight_log is not None:
             flight_log.start_clock(deadlines.start)
-        self._receive_time = deadlines.start // NS
+        self._silence.restart(deadlines.start // NS)
         k = t = 0
         while not stop() and (self.arming_time is None or t - self.arming_time < length):
             if self._end_reason():
@@ -228,6 +236,7 @@ class LiveAutopilot:
             woke = self._receive_until(k)
             now = deadlines.start // NS + t
             ahead = deadlines.start // NS + self.remote.offset(now)  # from the loop's time to the vehicle's
+            self._pilot.update(t)
             for change in self.parameters.apply_changes(t):
                 self._report(str(change))
             self.autopilot_end.set_inputs(t, self._to_local)
@@ -238,10 +247,13 @@ class LiveAutopilot:
             if k % every == 0 and deadlines.remaining(k + every) > 0:  # else there are newer ones soon
                 self._send_command(t, ahead)
             self._update_line(t, now)
-            self._report_silence(now)
+            if news := self._silence.update(now):
+                self._report(news)
+            own = self._own_signals(now, woke - deadlines.start - t * NS, stepped - began)
             if flight_log is not None:
                 self.autopilot_end.fill_pose(flight_log.pose)
-                flight_log.write_row(t, self._own_signals(now, woke - deadlines.start - t * NS, stepped - began))
+                flight_log.write_row(t, own)
+            self._pilot.show(t, own, deadlines)
             if deadlines.record_period(k, woke, began, stepped) and self._halts and self.arming_time is not None:
                 past = -deadlines.remaining(k + 1) * 1e3
                 self._overrun = f"an overrun: the work of period {k} ended {past:.2f} ms after the next deadline"
@@ -252,7 +264,7 @@ class LiveAutopilot:
         """What ends a flight before its time; empty while nothing does."""
         if self.arming_time is not None and self.remote.is_taken:
             return f"the vehicle was taken over by session {self.remote.owner:06x}"
-        return self.remote.misfit or self.preflight.refusal or self._overrun
+        return self.remote.misfit or self.preflight.refusal or self._overrun or self._pilot.end_reason
 
     def _send_command(self, t: int, ahead: int) -> None:
         """The command of now, on the vehicle's clock; its times rise, also where that clock turns out to be earlier."""
@@ -261,6 +273,7 @@ class LiveAutopilot:
         self._sent, self._jumps = t + ahead, self.remote.sync.jumps
         for packet in self.autopilot_end.command_packets(self.endpoint, ahead):
             self.link.send(packet)
+        self._pilot.note_command()
 
     def _disarm(self) -> None:
         """Ask until it is acknowledged, for half a second: soon after the vehicle's failsafe does it by itself."""
@@ -311,16 +324,19 @@ class LiveAutopilot:
 
     def _update_line(self, t: int, now: int) -> None:
         """Arm when there is something to fly with; keep the line."""
-        if self.arming_time is None and self.remote.has_authority:
-            self.arming_time = t
+        if self.remote.has_authority:
+            self.arming_time = t if self.arming_time is None else self.arming_time
+            self._pilot.wants_arming = False
         elif self.arming_time is None and self.remote.is_taken and not self._takes_over:
             problem = owner_problem(self.remote.owner, self.remote.typed)
             self._report(problem.problem)
-            raise InputError("--link", problem.problem, fix=problem.fix)
-        elif self.arming_time is None:
+            raise InputError(argument_name("link"), problem.problem, fix=problem.fix)
+        elif self._pilot.wants_arming or self._pilot.shows_checks:
             self._prepare_arming(now)
         self._report_backward_sensors()
         self._report_supervisor(now)
+        for news in self.autopilot_end.monitored.describe_changes():
+            self._report(news)
         now = monotonic_ns() // NS  # not the deadline, which may be long past: its answer is timed
         self.remote.due(now)
         for packet in self.parameters.due(now):
@@ -329,8 +345,10 @@ class LiveAutopilot:
     def _prepare_arming(self, now: int) -> None:
         """Ask for what is looked at before arming; with all of it well, ask the vehicle to arm."""
         preflight = self.preflight
-        may_arm = preflight.update(now, now - self._receive_time)
-        preflight.report(self._report)
+        may_arm = preflight.update(now, self._silence.length(now))
+        if self._pilot.wants_arming:
+            preflight.report(self._report)
+        may_arm = self._pilot.decide_arming(may_arm)
         if may_arm:
             self.remote.arm(takes_over=self._takes_over)
         elif preflight.refusal:
@@ -351,21 +369,9 @@ class LiveAutopilot:
             self.supervised.request(self.remote.requests.popleft())
         news = self.supervised.describe_changes()
         if news:
-            is_heard = self.endpoint.counts.accepted != self._accepted or now - self._receive_time < SHORT_SILENCE
-            silent = self._backward_sensors if is_heard else None
+            silent = self._backward_sensors if self._silence.is_heard(now) else None
             why = explain_change(self.supervised, self.remote, silent, self.arming_time is not None)
             self.remote.tell(f"{news}{why}")
-
-    def _report_silence(self, now: int) -> None:
-        """Say when nothing comes any more, and when it does again."""
-        accepted, silence = self.endpoint.counts.accepted, now - self._receive_time
-        if accepted != self._accepted:
-            if self._silent:
-                self._report(f"the vehicle is heard again, after {to_seconds(silence):.3f} s")
-            self._accepted, self._receive_time, self._silent = accepted, now, False
-        elif silence >= SILENCE and not self._silent:
-            self._silent = True
-            self._report(f"nothing from the vehicle for {to_seconds(silence):.3f} s")
 
     def _own_signals(self, now: int, late: int, step: int) -> tuple[float, ...]:
         remote, deadlines = self.remote, self.deadlines
@@ -378,7 +384,7 @@ class LiveAutopilot:
             self.autopilot_end.overtaken_samples,
             self.autopilot_end.backward_samples,
             self.autopilot_end.implausible_samples,
-            (now - self._receive_time) / UNITS_PER_SECOND,
+            self._silence.length(now) / UNITS_PER_SECOND,
             remote.offset(now) / UNITS_PER_SECOND,
             *count_frames(self.endpoint.counts),
             self.link.fileno() >= 0,
@@ -389,5 +395,6 @@ class LiveAutopilot:
     def _report(self, text: str) -> None:
         """A line to people and into the log."""
         self._tell(text)
+        self._pilot.tell(text)
         if self._flight_log is not None:
             self._flight_log.write_event(text)

@@ -12,7 +12,7 @@ from collections.abc import Callable, Collection, Mapping
 from typing import Any
 
 from trimtab.compiler.compiled_block import compile_block
-from trimtab.core.errors import InputError
+from trimtab.core.errors import InputError, argument, argument_name
 from trimtab.logs.frames import quaternion
 from trimtab.run.blocks import place_block
 from trimtab.wire import telemetry
@@ -32,10 +32,14 @@ def parse_origin(text: str) -> Place:
     try:
         latitude, longitude, height = map(float, text.split(","))
     except ValueError:
-        raise InputError("--origin", f"{text!r} is not LAT,LON,ALT", fix="--origin 38.9897,-76.9378,20") from None
+        raise InputError(
+            argument_name("origin"), f"{text!r} is not LAT,LON,ALT", fix=argument("origin", "38.9897,-76.9378,20")
+        ) from None
     place = Place(math.radians(latitude), math.radians(longitude), height)
     if not is_on_globe(place):
-        raise InputError("--origin", f"{text!r} is no place on the globe", fix="degrees north and east, then metres")
+        raise InputError(
+            argument_name("origin"), f"{text!r} is no place on the globe", fix="degrees north and east, then metres"
+        )
     return place
 
 

@@ -7,9 +7,10 @@ from collections.abc import Callable, Mapping
 from time import monotonic_ns
 from typing import NamedTuple, TypeVar
 
-from trimtab.core.errors import InputError
+from trimtab.core.errors import InputError, argument_name
 from trimtab.core.interfaces import Link
-from trimtab.core.record import leaves
+from trimtab.core.record import Quantity, leaves
+from trimtab.core.time import FOREVER, format_time
 from trimtab.live.exchange import request_answer
 from trimtab.loop.fault_text import add_dormant_faults, parse_fault
 from trimtab.loop.faults import Fault
@@ -55,8 +56,11 @@ def plan_fault(scenario: Scenario, text: str, names: Mapping[str, str] | None = 
     """
     where, fault = parse_fault(scenario, text)
     if fault.watch:
-        fix = "leave the condition out, or start the vehicle with  --fault"
+        fix = f"leave the condition out, or start the vehicle with  {argument_name('faults')}"
         raise InputError(f"fault {text!r}", "a condition can't be set while it flies", fix=fix)
+    if fault.field:
+        fix = f"name all of them ({where} …), or start the vehicle with  {argument_name('faults')}"
+        raise InputError(f"fault {text!r}", "one field of the input can't be chosen while it flies", fix=fix)
     before = f"world.{where.replace('sensor:', 'sensors.')}.fault"
     names = names or fault_parameter_names(scenario)
     numbers = {n: float(value) for n, value, _ in leaves(fault) if n in FAULT_NUMBERS}
@@ -84,7 +88,8 @@ class Injector:
             return result
         counts = self.endpoint.counts
         problem = f"no vehicle answers ({what}); frames taken {counts.accepted}, refused {counts.refusals}"
-        raise InputError("--link", problem, fix="give its address, its scenario and settings, and its key")
+        fix = "start it: trimtab vehicle SCENARIO --listen URI; then give here its address, scenario, settings and key"
+        raise InputError(argument_name("link"), problem, fix=fix)
 
     def read_vehicle_time(self) -> int:
         """The vehicle's clock now (100 ns), to half a round trip."""
@@ -106,3 +111,10 @@ class Injector:
             return True if abs(message.get("param_value") - value) <= 1e-6 * abs(value) else None
 
         self._request(name, lambda: self.endpoint.pack("PARAM_SET", fields), answer)
+
+
+def format_value(declared: Quantity, value: float) -> str:
+    """A number as people read it: a mode by its name, a time with its unit."""
+    if declared.kind == "time":
+        return "until the end" if value >= FOREVER else format_time(int(value))
+    return declared.modes[int(value)] if declared.modes else f"{value:g}"

@@ -44,13 +44,13 @@ class Instruments:
         """Compile what is needed. flying: whether somebody commands it.  origin: where W is on the globe."""
         self._body, self._endpoint, self._flying = body, endpoint, flying
         self._motion = compile_block(motion_block(body.scenario))
-        self._pairs = _slot_pairs(self._motion.reads, body.world.writes)
+        self._pairs = pair_slots(self._motion.reads, body.world.writes)
         self.globe = Globe(endpoint, self.vehicle_motion, origin)
         paths = [f"command.value.{p}" for p, _, _ in leaves(failsafe.safe)]
         self._command_slots = slot_indices(body.world.reads, paths, len(body.world.inputs))
         self._low, span = command_ranges(failsafe)
         self._range = np.where(span > 0, span, np.nan)
-        self._imu, self._magnetometer = (_find_sensor(body.world.writes, name) for name in (FORCE, FIELD))
+        self._imu, self._magnetometer = (find_sensor(body.world.writes, name) for name in (FORCE, FIELD))
         self.may_be_armed: Callable[[], bool] = lambda: True
         """Whether all that is looked at before arming is well."""
         self._pulses: tuple[float, ...] = ()
@@ -133,25 +133,29 @@ class Instruments:
         return telemetry.system_health(has, well, counts.lost, counts.accepted, counts.refusals)
 
 
-class _SensorSlots(NamedTuple):
-    """Where a sensor's newest sample stands in a world's outputs."""
+class SensorSlots(NamedTuple):
+    """Where a sensor's newest sample stands in a world's outputs. at: quantity -> there."""
 
+    name: str
     at: Mapping[str, Any]
     t: Any
     valid: Any
 
 
-def _find_sensor(writes: Mapping[str, Any], quantity: str) -> _SensorSlots | None:
+def find_sensor(writes: Mapping[str, Any], quantity: str) -> SensorSlots | None:
     """The first sensor that measures a quantity."""
     for path in writes:
         sensor, dot, name = path.partition(".value.")
         if dot and name == quantity and sensor.startswith("sensors."):
             fields = {p.removeprefix(f"{sensor}.value."): at for p, at in writes.items() if p.startswith(sensor)}
-            return _SensorSlots(fields, writes[f"{sensor}.t"], writes[f"{sensor}.valid"])
+            return SensorSlots(
+                sensor.removeprefix("sensors."), fields, writes[f"{sensor}.t"], writes[f"{sensor}.valid"]
+            )
     return None
 
 
-def _slot_pairs(reads: Mapping[str, Any], writes: Mapping[str, Any]) -> list[tuple[Any, Any]]:
+def pair_slots(reads: Mapping[str, Any], writes: Mapping[str, Any]) -> list[tuple[Any, Any]]:
     """Where each number of the state, and of what acts, stands for the motion and in the world."""
-    pairs = [(p.removeprefix("input."), at) for p, at in reads.items() if p != "t"]
+    acting = "input.truth", "input.u"
+    pairs = [(p.removeprefix("input."), at) for p, at in reads.items() if p.startswith(acting)]
     return [(at, writes[p if p.startswith("truth") else f"actuators.{p}"]) for p, at in pairs]

@@ -58,8 +58,13 @@ class LinkTestPlan(NamedTuple):
     requests: int = 300
     rate: float = 10.0
     patience: float = 3.0
-    """Seconds to wait for the last replies; ten times that for the first sign of life."""
+    """Seconds to wait for the last replies."""
     seed: int = 0
+
+    @property
+    def first_patience(self) -> float:
+        """Seconds to wait for the first sign of life."""
+        return 10 * self.patience
 
 
 class Delays(NamedTuple):
@@ -185,7 +190,7 @@ class _DelayMeasurement:
 
     def await_far_end(self) -> bool:
         """Speak until the far end answers."""
-        end = time.monotonic() + 10 * self._plan.patience
+        end = time.monotonic() + self._plan.first_patience
         while self._exchange.shared is None and time.monotonic() < end:
             self._link.send(self._hello)
             self._gather_replies(0.2)

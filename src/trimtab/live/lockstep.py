@@ -20,10 +20,12 @@ from trimtab.live.remote import HEARTBEAT
 from trimtab.live.virtual_vehicle import VirtualVehicle
 from trimtab.logs.stream import LogFileSummary
 from trimtab.loop.scenario import Scenario
-from trimtab.run.blocks import compile_autopilot, compile_world
+from trimtab.run.blocks import compile_autopilot
+from trimtab.run.cosimulation import prepare_world
 from trimtab.wire.definitions import Message
 from trimtab.wire.dialect import INSTANT, Dialect, derive_dialect
 from trimtab.wire.mavlink import Endpoint
+from trimtab.wire.protocol import CommandCode
 
 RESEND_PERIOD = 0.2
 """Seconds after which what has not been answered is sent again."""
@@ -82,11 +84,14 @@ def follow_lockstep(
     Raises NoAnswerError when the vehicle says nothing more.
     """
     instant = endpoint.dialect.groups[INSTANT][0]
+    arming = {"command": CommandCode.ARM, "param1": 1.0, "param3": endpoint.session, "target_system": endpoint.system}
     done = -period
     deadline, heartbeat_time = monotonic() + START_PATIENCE, 0.0
     while done + period < duration:
         if monotonic() > heartbeat_time:  # on some lines the vehicle knows only those ends that it hears
             link.send(endpoint.pack("HEARTBEAT", HEARTBEAT))
+            if done < 0:  # firmware does nothing before it is armed; a virtual vehicle passes over the request
+                link.send(endpoint.pack("COMMAND_LONG", arming))
             heartbeat_time = monotonic() + RESEND_PERIOD
         for message in receive_messages(link, endpoint, RESEND_PERIOD):
             if message.name != instant:
@@ -112,7 +117,7 @@ class LockstepVehicle:
 
     def __init__(self, scenario: Scenario, endpoint: MakeEndpoint, *, seed: int = 0) -> None:
         """Compile the world. endpoint: makes the vehicle's end for a dialect."""
-        world, frame, command = compile_world(scenario, seed=seed)
+        world, frame, command = prepare_world(scenario, seed=seed)
         dialect = derive_dialect(frame, command)
         self.scenario, self.seed = scenario, seed
         self.endpoint = endpoint(dialect)

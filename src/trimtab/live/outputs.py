@@ -24,7 +24,7 @@ from pathlib import Path
 from time import monotonic_ns, sleep
 from typing import NamedTuple
 
-from trimtab.core.errors import InputError
+from trimtab.core.errors import InputError, argument_name
 
 HEARTBEAT = 5_000_000
 """At least so often (ns) a row is handed over, changed or not."""
@@ -178,7 +178,9 @@ class Outputs:
             self.process.wait()
             self._line.close()
             where = "" if folder is None else f" over {PORT_FILE} and {LOG_FILE} in {folder}"
-            raise InputError("outputs", f"their process did not start{where}", fix="--out with a new folder")
+            raise InputError(
+                "outputs", f"their process did not start{where}", fix=f"{argument_name('out')} with a new folder"
+            )
         self._line.setblocking(False)
         self._numbers = struct.Struct(f"<{len(safe)}d")
         self._content, self._stamp = b"", 0

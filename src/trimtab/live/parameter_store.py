@@ -55,6 +55,11 @@ class ParameterStore:
         """
         self._file, self._scenario, self._setting_path = file, scenario, setting_path
 
+    @property
+    def is_there(self) -> bool:
+        """Whether there is a file to write."""
+        return self._file is not None
+
     def write(self, values: ChangedValues | None) -> str:
         """Keep numbers by path, beside those that the file has; None: none any more. Why not, empty where it did."""
         if self._file is None:

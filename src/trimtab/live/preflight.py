@@ -87,6 +87,11 @@ class Preflight:
         self.is_decided = may_arm or bool(self.refusal)
         return may_arm
 
+    def restart(self) -> None:
+        """Look anew, and wait for as long again."""
+        self._began, self.is_decided, self._is_shown, self.obstacle, self.refusal = None, False, False, "", ""
+        self._obstacles.clear()
+
     def report(self, tell: Callable[[str], None]) -> None:
         """Lines for people and for the log: what is waited for, each once; the checks, when it is decided."""
         obstacle = self.obstacle.partition(":")[0]

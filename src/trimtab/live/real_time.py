@@ -12,6 +12,7 @@ Source: G. Tene, HdrHistogram (buckets of constant relative width); docs page, V
 import contextlib
 import ctypes
 import gc
+import itertools
 import os
 from collections.abc import Callable, Iterator
 from time import monotonic_ns, thread_time_ns
@@ -29,6 +30,8 @@ DISCARD_LIMIT = 10_000
 SUB_BUCKET_BITS = 5
 """Each doubling is cut into 2**SUB_BUCKET_BITS buckets: 3 % wide."""
 BUCKETS = (64 - SUB_BUCKET_BITS) << SUB_BUCKET_BITS
+FIRST_DOUBLING, LAST_DOUBLING = 10, 30
+"""Powers of two (ns) between which a coarse count has its edges."""
 PRIORITY = 40
 MCL_CURRENT_AND_FUTURE = 3
 
@@ -97,6 +100,14 @@ class Histogram:
             if count and below >= rank:
                 return min(bucket_end(bucket), self.longest) * 1e-9
         return 0.0
+
+    def count_doublings(self) -> tuple[list[float], list[int]]:
+        """Counts in bins that double, from 1 us to 1 s: their edges (s), one more; longer is in the last."""
+        first, last = FIRST_DOUBLING, LAST_DOUBLING
+        starts = [(k + 1 - SUB_BUCKET_BITS) << SUB_BUCKET_BITS for k in range(first, last + 1)]
+        bounds = [0, *starts[:-1], BUCKETS]
+        counts = [sum(self.counts[a:b]) for a, b in itertools.pairwise(bounds)]
+        return [0.0, *(2**k * 1e-9 for k in range(first, last + 1))], counts
 
     def summary(self) -> TimeSummary:
         """Count, median, tails."""

@@ -314,14 +314,17 @@ class RemoteVehicle:
     def _note_second_vehicle(self, by: str) -> None:
         self.misfit = f"two vehicles answer on this line as {self.system}/{self.component}: {by}"
 
-    def list_problems(self, was_armed: bool, is_silent: bool, now: int) -> list[str]:
-        """What a script should know of a vehicle at the end of its flight, before it is disarmed."""
+    def list_problems(self, was_armed: bool, is_silent: bool, now: int, is_stopped: bool = False) -> list[str]:
+        """What a script should know of a vehicle at the end of its flight, before it is disarmed.
+
+        is_stopped: a pilot has disarmed it.
+        """
         ends_with_it = self._end_time is not None and now - self._end_time <= TOGETHER
         is_disarmed = not (self.armed or ends_with_it or self.is_taken)
         problems = {
             "the vehicle was never armed": not was_armed,
             "the vehicle's failsafe acted": self.has_failed_safe,
-            "the vehicle was not armed at the end": was_armed and is_disarmed,
+            "the vehicle was not armed at the end": was_armed and is_disarmed and not is_stopped,
             "nothing was heard from the vehicle at the end": was_armed and is_silent,
         }
         return [text for text, holds in problems.items() if holds]

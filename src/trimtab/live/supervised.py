@@ -9,9 +9,9 @@ from trimtab.compiler.compiled_block import CompiledBlock
 from trimtab.core.time import SECONDS_PER_UNIT
 from trimtab.live.remote import RemoteVehicle
 from trimtab.loop.scenario import Scenario
-from trimtab.loop.supervisor import ENDED, FLYING, HOLD, LINK, LOST, REQUESTS
+from trimtab.loop.supervisor import ENDED, FLYING, HOLD, LINK, LOST, REQUESTS, STANDBY
 
-REQUEST_MODES = {"hold": HOLD, "resume": FLYING, "end": ENDED}
+REQUEST_MODES = {"arm": FLYING, "hold": HOLD, "resume": FLYING, "end": ENDED, "clear": STANDBY}
 """Where a request leads: it isn't made again where that is so already, say because its acknowledgement was lost."""
 
 
@@ -41,6 +41,11 @@ class CompiledSupervisor:
     def cause(self) -> int | None:
         """Why it is in its mode, by its number; None where there is none."""
         return int(self._step.outputs[self._codes[1][0]]) if len(self._codes) > 1 else None
+
+    @property
+    def is_asked(self) -> bool:
+        """Whether a request waits for the next step, which takes one."""
+        return self._request is not None
 
     def request(self, request: str) -> None:
         """Make a request in the next step, unless it would change nothing."""

@@ -3,17 +3,19 @@
 Source: docs page, Vehicle.
 """
 
+import itertools
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from trimtab.actuators.failsafe import BREACHES
 from trimtab.compiler.compiled_block import compile_block
+from trimtab.core.errors import InputError, argument
 from trimtab.core.interfaces import Link
 from trimtab.core.record import Quantity, leaves, replace
-from trimtab.core.time import ms
+from trimtab.core.time import format_time, ms, to_seconds
 from trimtab.links.wire import Wire
 from trimtab.live.arming import ArmingGuard
 from trimtab.live.authority import AUTHORITY_SIGNALS, CommandGate
@@ -30,16 +32,18 @@ from trimtab.live.flight_log import (
     list_log_problems,
     open_flight_log,
 )
+from trimtab.live.injector import format_value
 from trimtab.live.instruments import Instruments
 from trimtab.live.outputs import Outputs
 from trimtab.live.parameter_store import ParameterStore
 from trimtab.live.real_time import NS, Histogram, WallClock, discard_packets, real_time
 from trimtab.live.station_options import StationOptions, station_services
-from trimtab.live.virtual_vehicle import VirtualVehicle
+from trimtab.live.virtual_vehicle import VirtualVehicle, instants
 from trimtab.logs.frames import TRANSFORM_PERIOD
 from trimtab.logs.stream import LogFileSummary
 from trimtab.loop.scenario import Scenario
-from trimtab.run.blocks import choose_failsafe, compile_world, uplink_block
+from trimtab.run.blocks import choose_failsafe, uplink_block
+from trimtab.run.cosimulation import SteppedWorld, prepare_world
 from trimtab.run.identity import identity_path, scenario_identity
 from trimtab.wire.dialect import Dialect, derive_dialect
 from trimtab.wire.identity import IdentityService
@@ -57,16 +61,19 @@ OWN_SIGNALS: Mapping[str, tuple[str, Quantity]] = {
     **AUTHORITY_SIGNALS,
 }
 """What a row of the vehicle's log has besides the world's and the failsafe's."""
+PACE, PACED_INSTANTS = 0.5, 200
+"""What an FMU's step may take of the shortest time between two of the first instants."""
 OUTPUTS_DIED = "the outputs' process died"
 DISARM_DELAY = ms(50)
 """How long it goes on after it was disarmed at its end: two frames of its servos and a little."""
 
 
 class VehicleSummary(NamedTuple):
-    """What became of a virtual vehicle. release_time: when it was first armed (100 ns), None if never."""
+    """What became of a virtual vehicle. release_time, disarm_time: first armed, last disarmed (100 ns), or None."""
 
     t: int
     release_time: int | None
+    disarm_time: int | None
     mode: str
     cause: str
     lateness: Histogram
@@ -99,7 +106,8 @@ class LiveVehicle:
         options = station_options or StationOptions()
         self.scenario, self.link, self.seed = scenario, link, seed
         uplink, bare = scenario.world.uplink, replace(scenario, world=replace(scenario.world, uplink=Wire()))
-        world, frame, command = compile_world(bare, seed=seed)
+        world, frame, command = prepare_world(bare, seed=seed)
+        _check_pace(world, bare)
         dialect = derive_dialect(frame, command)
         self.endpoint = endpoint(dialect)
         self.body = VirtualVehicle(bare, dialect, world)
@@ -143,9 +151,9 @@ class LiveVehicle:
         self.relay = AutopilotRelay(self.endpoint, self.broadcast)
         self.gate = CommandGate(self.station, self.broadcast, lambda text: self._announce(Severity.WARNING, text))
         self.refusals = RefusalAnswers(self.endpoint, link, self._report)
-        self.clock = WallClock()
-        self.lateness = Histogram()
+        self.clock, self.lateness = WallClock(), Histogram()
         self.release_time: int | None = None
+        self.disarm_time: int | None = None
         self._newest_command: GroupSample | None = None
         self._pose_time = 0
         self._flight_log: FlightLog | None = None
@@ -251,6 +259,7 @@ class LiveVehicle:
             if watchdog is not None:
                 self._outputs = self._start_outputs(watchdog, outputs_folder, wanted_real_time)
             discard_packets(self.link)
+            self.endpoint.begin_anew()
             with real_time(wanted_real_time):
                 try:
                     self._run_loop(duration, log_period, stop)
@@ -264,8 +273,8 @@ class LiveVehicle:
         for problem in lost:
             tell(problem)
         self._problems += lost
-        problems = tuple(dict.fromkeys(self._problems))
-        return VehicleSummary(self.body.t, self.release_time, *self.duties.mode, self.lateness, summary, problems)
+        times, problems = (self.release_time, self.disarm_time), tuple(dict.fromkeys(self._problems))
+        return VehicleSummary(self.body.t, *times, *self.duties.mode, self.lateness, summary, problems)
 
     def _start_outputs(self, watchdog: int, folder: Path | None, wanted_real_time: bool) -> Outputs:
         rules = self._failsafe
@@ -308,7 +317,12 @@ class LiveVehicle:
                 self.duties.handle_event(ArmRequest(False), t)
             if last is not None and t >= last:
                 break
-            self._run_instant(t, log_period)
+            try:
+                self._run_instant(t, log_period)
+            except InputError as error:  # of an FMU that refuses a step
+                self._problems.append(error.problem)
+                self._report(f"ended: {error.problem}")
+                break
 
     def _end_reason(self, t: int, duration: int | None, stop: Callable[[], bool]) -> str:
         """Why it is to end now; empty: it isn't."""
@@ -355,8 +369,10 @@ class LiveVehicle:
 
     def _announce_mode(self, t: int, breach: str) -> None:
         """Tell the mode that it is in now. breach: what is beyond a limit."""
-        if self.release_time is None and self.duties.is_commanded:
-            self.release_time = t
+        if self.duties.is_commanded:
+            self.release_time, self.disarm_time = t if self.release_time is None else self.release_time, None
+        elif self.duties.mode.mode == "disarmed":
+            self.disarm_time = t
         text = f"{self.duties.mode.mode}: {self.duties.mode.cause}"
         text += f": {breach}" if self.duties.mode.cause in BREACHES else ""
         severity = Severity.CRITICAL if self.duties.mode.mode == "failsafe" else Severity.NOTICE
@@ -370,6 +386,15 @@ class LiveVehicle:
         self._report(text)
 
 
-def format_value(declared: Quantity, value: float) -> str:
-    """A number as people read it: a mode by its name."""
-    return declared.modes[int(value)] if declared.modes else f"{value:g}"
+def _check_pace(world: Any, scenario: Scenario) -> None:
+    """Refuse an FMU whose steps take longer than half of the time that there is for them; its program runs for it."""
+    if not isinstance(world, SteppedWorld):
+        return
+    periods = [*scenario.world.periods(), scenario.autopilot.period]
+    times = list(itertools.islice(instants(periods, scenario.world.max_step), PACED_INSTANTS))
+    shortest = min(b - a for a, b in itertools.pairwise(times))
+    took = world.measure_steps(shortest)
+    if took > PACE * to_seconds(shortest):
+        problem = f"a step of the FMU takes {took * 1e3:.3g} ms here, and there is one each {format_time(shortest)}"
+        fix = f"{argument('lockstep', True)} on both sides, or {argument('settings', '50 ms', 'world.max_step')}"
+        raise InputError(f"{scenario.name} by a clock", problem, fix=fix)

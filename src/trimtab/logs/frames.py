@@ -150,6 +150,20 @@ def quaternion(attitude: Any) -> tuple[float, float, float, float]:
     )
 
 
+def roll_pitch_yaw(q: Any) -> tuple[float, float, float]:
+    """Angles (3-2-1) of a quaternion w, x, y, z of any length; NaN where it has none."""
+    w, x, y, z = q
+    n = w * w + x * x + y * y + z * z
+    if not n > 0:
+        return math.nan, math.nan, math.nan
+    up = min(1.0, max(-1.0, 2 * (w * y - x * z) / n))
+    return (
+        math.atan2(w * x + y * z, n / 2 - x * x - y * y),
+        math.asin(up),
+        math.atan2(w * z + x * y, n / 2 - y * y - z * z),
+    )
+
+
 def no_pose() -> Any:
     """A pose of which nothing is known."""
     return np.full(POSE_COLUMNS, np.nan)

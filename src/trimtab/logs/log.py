@@ -10,10 +10,13 @@ from typing import Any, Generic, TypeVar
 import numpy as np
 
 from trimtab import __version__
-from trimtab.core.errors import InputError, closest
-from trimtab.core.quantity import Quantity
+from trimtab.core.errors import InputError, closest, install_command
+from trimtab.core.html_table import html_table
+from trimtab.core.quantity import Quantity, component_paths, split_component
 from trimtab.core.time import UNITS_PER_SECOND, to_seconds
 
+SHOWN = 30
+"""Signals that a notebook shows of a log."""
 HALF_TICK = 0.5 / UNITS_PER_SECOND
 PLAIN = {float, int, str, bool}
 
@@ -133,11 +136,21 @@ class Log:
         return len(self.ticks)
 
     def __contains__(self, path: object) -> bool:
-        return path in self.signals
+        return path in self.signals or (isinstance(path, str) and self._component(path) is not None)
+
+    def _component(self, path: str) -> np.ndarray | None:
+        whole, index = split_component(path)
+        if index is None or whole not in self.signals:
+            return None
+        values = self.signals[whole]
+        return values[:, index] if values.ndim == 2 and index < values.shape[1] else None
 
     def __getitem__(self, path: str) -> np.ndarray:
-        """The signal at a path: a read-only array (n,) or (n, k)."""
+        """The signal at a path: a read-only array (n,) or (n, k); "truth.velocity[2]" is one number of it, (n,)."""
         if path not in self.signals:
+            component = self._component(path)
+            if component is not None:
+                return component
             below = [p for p in self.signals if p.startswith(f"{path}.")]
             problem = "is a group of signals" if below else "is not in this log"
             choices = below or closest(path, self.signals) or list(self.signals)
@@ -145,10 +158,19 @@ class Log:
             raise InputError("log", f"signal {path!r} {problem}", choices=choices[:8], fix=fix)
         return self.signals[path]
 
+    def declaration(self, path: str) -> Quantity | None:
+        """What a signal, or one number of it, was declared as; None where nothing was."""
+        return self.declarations.get(split_component(path)[0] if path not in self.declarations else path)
+
     def unit(self, path: str) -> str:
         """The declared unit of a signal: "1" where it has none, "" where nothing was declared."""
         self[path]
-        return self.declarations[path].unit if path in self.declarations else ""
+        declared = self.declaration(path)
+        return "" if declared is None else declared.unit
+
+    def numbers(self, path: str) -> list[str]:
+        """The path of each number of a signal: itself, or of a vector "truth.velocity[0]" and on."""
+        return component_paths(path, self[path].shape[1:])
 
     def between(self, t0: float, t1: float) -> "Log":
         """The instants t0 <= t < t1 (seconds, rounded to whole ticks); metadata and final stay those of the run."""
@@ -163,7 +185,7 @@ class Log:
         try:
             import xarray
         except ImportError:
-            fix = 'pip install "trimtab[xarray]"'
+            fix = install_command("xarray")
             raise InputError("log.to_xarray", "the package xarray is not installed", fix=fix) from None
         variables = {
             path: (("time", *(f"component_{k}" for k in values.shape[1:])), values, self._attributes(path))
@@ -172,6 +194,31 @@ class Log:
         attributes = {k: v if type(v) in (str, int, float) else json.dumps(v) for k, v in self.metadata.items()}
         time = ("time", self.t, {"units": "s", "long_name": "Time since the start of the run."})
         return xarray.Dataset(variables, coords={"time": time}, attrs=attributes)
+
+    def to_dataframe(self) -> Any:
+        """A ``pandas.DataFrame`` over time (s): a column for each number, e.g. "truth.velocity[2]"."""
+        try:
+            import pandas
+        except ImportError:
+            fix = install_command("pandas")
+            raise InputError("log.to_dataframe", "the package pandas is not installed", fix=fix) from None
+        columns = {number: self[number] for path in self.paths for number in self.numbers(path)}
+        return pandas.DataFrame(columns, index=pandas.Index(self.t, name="time"))
+
+    def _repr_html_(self) -> str:
+        lines = repr(self).splitlines()
+        rows = [
+            (p, self.unit(p), self._range(p), ((d := self.declaration(p)) and d.doc) or "") for p in self.paths[:SHOWN]
+        ]
+        more = len(self.paths) - SHOWN
+        note = (f"{more} more in log.paths. " if more > 0 else "") + lines[-1]
+        return html_table(lines[0], ("signal", "unit", "least … most", "meaning"), rows, note)
+
+    def _range(self, path: str) -> str:
+        """The least and the most of a signal."""
+        values = self[path]
+        finite = values[np.isfinite(values)] if values.dtype.kind == "f" else values
+        return f"{finite.min():.4g} … {finite.max():.4g}" if finite.size else ""
 
     def _attributes(self, path: str) -> dict[str, Any]:
         if path not in self.declarations:

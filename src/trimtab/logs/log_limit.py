@@ -10,7 +10,7 @@ import re
 from pathlib import Path
 from typing import NamedTuple
 
-from trimtab.core.errors import InputError
+from trimtab.core.errors import InputError, argument, argument_name
 
 UNITS = {"kB": 10**3, "MB": 10**6, "GB": 10**9, "TB": 10**12}
 SMALLEST = 10**6
@@ -37,7 +37,7 @@ def parse_size(text: str) -> int:
     size = round(float(found[1]) * UNITS[found[2]]) if found else 0
     if size < SMALLEST:
         problem = f"{text!r} is no size of a megabyte or more"
-        raise InputError("--log-limit", problem, choices=tuple(UNITS), fix="--log-limit '2 GB'")
+        raise InputError(argument_name("log_limit"), problem, choices=tuple(UNITS), fix=argument("log_limit", "2 GB"))
     return size
 
 
@@ -45,6 +45,11 @@ def format_size(size: int) -> str:
     """Bytes as people read them."""
     unit = max((u for u, n in UNITS.items() if size >= n), key=UNITS.__getitem__, default="kB")
     return f"{size / UNITS[unit]:g} {unit}"
+
+
+def round_size(size: float) -> str:
+    """The same in two digits, for what is estimated or told in passing."""
+    return format_size(int(float(f"{size:.2g}")))
 
 
 def numbered_file(first: Path, number: int) -> Path:

@@ -6,10 +6,11 @@ finished files; such a file appears whole or not at all. `logs.stream` writes th
 Source: MCAP format specification 0 (mcap.dev/spec), well-known encodings "json" and "jsonschema".
 """
 
+import io
 import json
 import os
 import uuid
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import IO, TYPE_CHECKING
@@ -19,6 +20,7 @@ import numpy as np
 from trimtab.core.errors import InputError
 from trimtab.core.time import SECONDS_PER_UNIT, to_seconds
 from trimtab.logs.contents import MAGIC, Contents, parse_contents
+from trimtab.logs.frames import FrameWriter, frame_topics
 from trimtab.logs.log import Log
 from trimtab.logs.messages import (
     CLOCK,
@@ -38,37 +40,83 @@ from trimtab.logs.messages import (
     run_record,
     signal_values,
 )
+from trimtab.logs.spatial import spatial_poses
 
 if TYPE_CHECKING:  # the library is imported when a file is read or written, not by who only draws
     from mcap.writer import Writer
 
 CHUNK_BYTES = 64 * 1024
 """Uncompressed; a file that is cut short may lose the chunk at the cut."""
+VEHICLE = "vehicle"
+"""What the frame of a vehicle is called whose poses stand in a log."""
 BLOCK_ROWS = 4096
 """How many rows are turned to text at a time."""
+SAMPLE_ROWS, SAMPLES = 250, 4
+"""Rows one after another, and how often, that tell the size of a log."""
+
+WRITE = "trimtab run SCENARIO --out DIR  writes a log, DIR/run.mcap"
 
 
 def write_mcap(log: Log, path: str | os.PathLike[str]) -> Path:
-    """Write a log; the file appears whole or not at all. Returns its path."""
+    """Write a log; the file appears whole or not at all. Returns its path.
+
+    >>> import tempfile
+    >>> from trimtab import simulate, write_log
+    >>> write_log(simulate("hovercraft/spin", duration="100 ms"), f"{tempfile.mkdtemp()}/run.mcap").name
+    'run.mcap'
+
+    Of a vehicle in space it has poses too, for maps and 3-D scenes: `logs.frames`.
+    """
+    with replace_file(path) as stream:
+        _write_blocks(log, stream, [slice(first, first + BLOCK_ROWS) for first in range(0, len(log), BLOCK_ROWS)])
+    return Path(path)
+
+
+def estimate_size(log: Log) -> int:
+    """Bytes that `write_mcap` will take for a log, from a few of its rows, so that it can be said before.
+
+    It writes some rows from all over the flight, since one at rest is packed smaller than one that moves.
+    """
+    few = min(SAMPLE_ROWS, len(log))
+    starts = np.linspace(0, len(log) - few, SAMPLES).astype(int).tolist()
+    head, both = io.BytesIO(), io.BytesIO()
+    _write_blocks(log, head, ())
+    _write_blocks(log, both, [slice(first, first + few) for first in starts])
+    a_row = (both.tell() - head.tell()) / max(SAMPLES * few, 1)
+    return round(head.tell() + a_row * len(log))
+
+
+def _write_blocks(log: Log, stream: IO[bytes], blocks: Iterable[slice]) -> None:
+    """A file with these rows of a log."""
     from mcap.writer import CompressionType, Writer
 
-    with replace_file(path) as stream:
-        writer = Writer(stream, CHUNK_BYTES, CompressionType.ZSTD, enable_data_crcs=True)
-        writer.start(library="trimtab")
-        writer.add_metadata(RUN, run_record(log))
-        writer.add_metadata(LAYOUT, layout_record(log))
-        channels: list[tuple[int, Fields]] = []
-        for topic in log_topics(log):
-            schema_id = writer.register_schema(topic.schema, "jsonschema", topic.text)
-            channels.append((writer.register_channel(topic.name, "json", schema_id), topic.fields))
-        for first in range(0, len(log), BLOCK_ROWS):
-            _write_rows(writer, log, channels, slice(first, first + BLOCK_ROWS))
-        writer.finish()
-    return Path(path)
+    writer = Writer(stream, CHUNK_BYTES, CompressionType.ZSTD, enable_data_crcs=True)
+    writer.start(library="trimtab")
+    writer.add_metadata(RUN, run_record(log))
+    writer.add_metadata(LAYOUT, layout_record(log))
+    channels: list[tuple[int, Fields]] = []
+    for topic in log_topics(log):
+        schema_id = writer.register_schema(topic.schema, "jsonschema", topic.text)
+        channels.append((writer.register_channel(topic.name, "json", schema_id), topic.fields))
+    poses, frames, frame_channels = spatial_poses(log), FrameWriter(VEHICLE), list[int]()
+    for topic in frame_topics() if poses is not None else ():
+        schema_id = writer.register_schema(topic.schema, "jsonschema", topic.text)
+        frame_channels.append(writer.register_channel(topic.name, "json", schema_id))
+    for rows in blocks:
+        _write_rows(writer, log, channels, rows)
+        for message in () if poses is None else frames.messages(log.ticks[rows], poses[rows], 0):
+            writer.add_message(frame_channels[message.topic], message.time, message.text, message.time)
+    writer.finish()
 
 
 def read_mcap(path: str | os.PathLike[str]) -> Log:
     """Read a log back, exactly as it was written.
+
+    >>> import tempfile
+    >>> from trimtab import read_log, simulate, write_log
+    >>> log = simulate("hovercraft/spin", duration="100 ms")
+    >>> read_log(write_log(log, f"{tempfile.mkdtemp()}/run.mcap")).paths == log.paths
+    True
 
     A file that was cut short (a full disk, a copy that broke off) gives the instants before the cut, and
     ``metadata["truncated"]`` is True; `final` is still that of the whole run.
@@ -113,10 +161,9 @@ def _read_bytes(path: Path) -> bytes:
         data = path.read_bytes()
     except OSError as error:
         problem = f"cannot be read: {error.strerror or error}"
-        fix = "check the path; trimtab run SCENARIO --out DIR  writes one, DIR/run.mcap"
-        raise InputError(f"log file '{path}'", problem, fix=fix) from None
+        raise InputError(f"log file '{path}'", problem, fix=f"check the path; {WRITE}") from None
     if not data.startswith(MAGIC):
-        raise InputError(f"log file '{path}'", "is not an MCAP file", fix="give a file that write_mcap wrote")
+        raise InputError(f"log file '{path}'", "is not an MCAP file", fix=WRITE)
     return data
 
 

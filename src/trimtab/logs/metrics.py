@@ -15,7 +15,12 @@ SHORT = {name: f"truth.{name}" for name in ("surge_velocity", "sway_velocity", "
 
 @dataclasses.dataclass(frozen=True)
 class Target:
-    """Where a signal should go. `band` is absolute, in the signal's unit: |signal - value| <= band is inside."""
+    """Where a signal should go. `band` is absolute, in the signal's unit: |signal - value| <= band is inside.
+
+    >>> from trimtab import Target
+    >>> Target("truth.yaw_rate", 3.0, band=0.15).band
+    0.15
+    """
 
     path: str
     value: float
@@ -32,8 +37,26 @@ def full_path(name: str) -> str:
     return SHORT.get(name, name)
 
 
+def target_path(log: Log, target: Target) -> str:
+    """The path of a target's signal; refused where the log has none."""
+    path = full_path(target.path)
+    try:
+        log[path]
+    except InputError as error:
+        near = (*error.choices, *log.paths)[0] if log.paths else "truth.yaw_rate"
+        fix = f"Target({near!r}, {target.value:g}, band={target.band:g})"
+        part = f"target of {target.path!r}"
+        raise InputError(part, "its signal is not in this log", choices=error.choices, fix=fix) from None
+    return path
+
+
 def metrics(log: Log, targets: Iterable[Target], signals: Iterable[str]) -> dict[str, dict[str, float | None]]:
     """Numbers of merit by signal: settling_s, first_reach_s, overshoot, tail_mean, tail_rms; None where there is none.
+
+    >>> from trimtab import Target, metrics, simulate
+    >>> log = simulate("hovercraft/spin", duration="100 ms")
+    >>> metrics(log, [Target("yaw_rate", 3.0, band=0.15)], ["yaw_rate"])["yaw_rate"]["settling_s"] is None
+    True
 
     Args:
         log: the run.
@@ -42,8 +65,7 @@ def metrics(log: Log, targets: Iterable[Target], signals: Iterable[str]) -> dict
     """
     by_path: dict[str, Target] = {}
     for target in targets:
-        path = full_path(target.path)
-        log[path]
+        path = target_path(log, target)
         if path in by_path:
             raise InputError("metrics", f"there are two targets for {path!r}", fix="keep one of them")
         by_path[path] = target
@@ -63,7 +85,8 @@ def nearest_target_value(log: Log, target: Target) -> float:
     path = full_path(target.path)
     x = log[path]
     ends = x[np.isfinite(x)]
-    if path in log.declarations and log.declarations[path].kind == "angle" and len(ends):
+    declared = log.declaration(path)
+    if declared is not None and declared.kind == "angle" and len(ends):
         return float(target.value + 2 * np.pi * np.round((ends[-1] - target.value) / (2 * np.pi)))
     return float(target.value)
 
@@ -71,7 +94,7 @@ def nearest_target_value(log: Log, target: Target) -> float:
 def _merits(log: Log, path: str, target: Target | None) -> dict[str, float | None]:
     if log[path].ndim != 1:
         problem = f"signal {path!r} has {log[path].shape[1]} components at each instant"
-        raise InputError("metrics", problem, choices=SHORT, fix="ask for a signal of one number")
+        raise InputError("metrics", problem, choices=log.numbers(path), fix=f"ask for one of them, e.g. {path}[0]")
     t, x = log.t, log[path].astype(np.float64)
     numbers: dict[str, float | None] = {"settling_s": None, "first_reach_s": None, "overshoot": None}
     if target is not None and len(t):

@@ -13,15 +13,14 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from trimtab.core.errors import InputError
+from trimtab.core.errors import InputError, argument
 from trimtab.core.quantity import Quantity
 from trimtab.core.time import UNITS_PER_SECOND, format_time, to_seconds
+from trimtab.core.units import UNITS, find_size
 from trimtab.logs.log import Log
 
 TIMES = ("t", "time", "time_s", "timestamp", "seconds")
 """Names of the column of times, whatever their case."""
-TIME_UNITS = {"": 1.0, "s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "μs": 1e-6, "ns": 1e-9}
-"""Seconds of each unit that the column of times may say; without one it is seconds."""
 BLOCK = "csv"
 """Before each signal's name, as a log's paths name a block first: ``csv.gyro_z``."""
 
@@ -164,22 +163,18 @@ def read_csv(path: str | os.PathLike[str], time: str | None = None) -> Log:
         time: name of the column of times, in s or the unit that it says; the first of TIMES that there is when None.
     """
     where = f"log file '{path}'"
-    try:
-        text = Path(path).read_text(encoding="utf-8-sig")
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(where, f"cannot be read: {error}", fix="give a CSV file of text in UTF-8") from None
-    lines = [line for line in text.splitlines() if line.strip()]
-    head = [name.strip().strip('"') for name in lines[0].split(",")] if lines else []
-    names = [re.split(r"\s*[\[(]", name)[0] for name in head]
-    units = [match[1].strip() if (match := re.search(r"[\[(](.*)[\])]", name)) else "" for name in head]
+    names, units, lines = _read_lines(path)
     chosen = [n for n in names if n == time or (time is None and n.lower() in TIMES)]
     if not chosen:
         problem = f"has no column {time!r}" if time else "has no column of times"
-        raise InputError(where, problem, choices=names, fix="name it time (in seconds), or say --time NAME")
+        raise InputError(
+            where, problem, choices=names, fix=f"name it time (in seconds), or say {argument('time', 'NAME')}"
+        )
     paths = _signal_paths(where, names, chosen[0])
-    rows = _parse_numbers(where, lines[1:], len(names))
+    rows = _parse_numbers(where, lines, len(names), gaps=False)
     seconds = rows[:, names.index(chosen[0])]
-    since = (seconds - seconds[0]) * _time_scale(where, chosen[0], units[names.index(chosen[0])])
+    time_unit = units[names.index(chosen[0])]
+    since = (seconds - seconds[0]) * _time_scale(where, chosen[0], time_unit)
     ticks = np.round(since * UNITS_PER_SECOND).astype(np.int64)
     signals = {path: rows[:, names.index(n)] for n, path in paths.items()}
     declared = {paths[n]: Quantity(u or "1", f"Column {n}.") for n, u in zip(names, units, strict=True) if n in paths}
@@ -190,13 +185,53 @@ def read_csv(path: str | os.PathLike[str], time: str | None = None) -> Log:
     return Log(to_seconds(ticks), ticks, signals, declared, {"file": Path(path).name})
 
 
+class CsvColumns(NamedTuple):
+    """names: of the columns, without their units.  units: as the names said them, or nothing.  rows: (n, k)."""
+
+    names: list[str]
+    units: list[str]
+    rows: Any
+
+
+def read_columns(path: str | os.PathLike[str], *, gaps: bool = False) -> CsvColumns:
+    """The numbers of a CSV file.
+
+    Args:
+        path: the file.
+        gaps: take empty cells and such that are not finite as not a number; otherwise they are refused.
+
+    Raises:
+        InputError: a file that can't be read, has no rows, or holds what is no number.
+    """
+    names, units, lines = _read_lines(path)
+    return CsvColumns(names, units, _parse_numbers(f"log file '{path}'", lines, len(names), gaps=gaps))
+
+
+def _read_lines(path: str | os.PathLike[str]) -> tuple[list[str], list[str], list[str]]:
+    """Names, their units, and the lines of numbers."""
+    where = f"log file '{path}'"
+    try:
+        text = Path(path).read_text(encoding="utf-8-sig")
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(where, f"cannot be read: {error}", fix="give a CSV file of text in UTF-8") from None
+    lines = [line for line in text.splitlines() if line.strip()]
+    if lines and ";" in lines[0] and "," not in lines[0]:
+        fix = "write commas between the columns, and a decimal point in the numbers: 1.5,2.25"
+        raise InputError(where, "line 1 has semicolons between its columns", fix=fix)
+    head = [name.strip().strip('"') for name in lines[0].split(",")] if lines else []
+    names = [re.split(r"\s*[\[(]", name)[0] for name in head]
+    units = [match[1].strip() if (match := re.search(r"[\[(](.*)[\])]", name)) else "" for name in head]
+    return names, units, lines[1:]
+
+
 def _time_scale(where: str, name: str, unit: str) -> float:
-    """Seconds of one unit of the column of times."""
-    if unit not in TIME_UNITS:
+    """Seconds of one unit of the column of times; one that says none is in seconds."""
+    scale = find_size(unit or "s", "s")
+    if scale is None:
         problem = f"its column of times {name!r} is in {unit!r}"
         fix = f"convert it to seconds and name it {name}, or {name} [s]"
-        raise InputError(where, problem, choices=("s", "ms", "us", "ns"), fix=fix)
-    return TIME_UNITS[unit]
+        raise InputError(where, problem, choices=UNITS["s"], fix=fix)
+    return scale
 
 
 def _signal_paths(where: str, names: list[str], time: str) -> dict[str, str]:
@@ -213,18 +248,26 @@ def _signal_paths(where: str, names: list[str], time: str) -> dict[str, str]:
     return paths
 
 
-def _parse_numbers(where: str, lines: list[str], columns: int) -> np.ndarray:
+def _parse_numbers(where: str, lines: list[str], columns: int, *, gaps: bool) -> np.ndarray:
     cells = [line.split(",") for line in lines]
     for i, row in enumerate(cells):
         if len(row) != columns:
             problem = f"line {i + 2} has {len(row)} columns, the names are {columns}"
-            raise InputError(where, problem, fix="give one number for each name, without commas inside")
+            fix = "give one number for each name, without commas inside"
+            if len(row) == 2 * columns:
+                problem, fix = f"{problem}: it seems to have decimal commas", "write a decimal point: 1.5, not 1,5"
+            raise InputError(where, problem, fix=fix)
+    if gaps:
+        cells = [[cell if cell.strip() else "nan" for cell in row] for row in cells]
     try:
         rows = np.array(cells, np.float64).reshape(len(cells), columns)
     except ValueError as error:
         raise InputError(where, f"holds what is no number: {error}", fix="write numbers with a decimal point") from None
-    if not len(rows) or not np.isfinite(rows).all():
+    if not len(rows) or not (gaps or np.isfinite(rows).all()):
         line = int(np.argmin(np.isfinite(rows).all(1))) + 2 if len(rows) else 0
-        problem = f"line {line} is not finite" if line else "has no rows"
-        raise InputError(where, problem, fix="leave such lines out; gaps are then named by their time")
+        if not line:
+            fix = "trimtab run SCENARIO --out DIR  writes a log; a table is a line of names, then lines of numbers"
+            raise InputError(where, "has no rows", fix=fix)
+        fix = "leave such lines out; gaps are then named by their time"
+        raise InputError(where, f"line {line} is not finite", fix=fix)
     return rows

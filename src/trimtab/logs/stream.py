@@ -36,13 +36,15 @@ class LogFileSummary(NamedTuple):
     """What became of a log.
 
     rows: in the file.  dropped: the ring had no room.  unwritten: the disk had no room, or the row was not later than
-    the one before.  size: bytes.  cpu_s: processor time of the writer.  whole: whether the file has its end.
+    the one before.  size: bytes.  minute_size: bytes that a minute of flight took, None of less than two rows.
+    cpu_s: processor time of the writer.  whole: whether the file has its end.
     """
 
     rows: int
     dropped: int
     unwritten: int
     size: int
+    minute_size: float | None
     cpu_s: float
     whole: bool
 

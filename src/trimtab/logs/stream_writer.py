@@ -86,6 +86,7 @@ class Recorder:
         self._path, self._limit = path, limit
         self._number, self._file_rows = 1, 0
         self._sizes: dict[Path, int] = {}
+        self._head, self._removed = self._file.size, 0
         self._epoch = None if frame else 0
         self._rows: list[Any] = []
         self._dropped: list[Any] = []
@@ -172,7 +173,7 @@ class Recorder:
             oldest = next(iter(self._sizes))
             with contextlib.suppress(OSError):
                 oldest.unlink()
-            del self._sizes[oldest]
+            self._removed += self._sizes.pop(oldest)
 
     def _open_next(self, path: Path) -> GrowingFile | None:
         """A new file with the same head; None where there is no room for it."""
@@ -260,7 +261,12 @@ class Recorder:
         about = {"log": dump_json(counts), "closed": dump_json(final is not None)}
         whole = self._end_file(self._file, about, final or "{}")
         size = self._file.size + sum(self._sizes.values())
-        return counts | {"size": size, "cpu_s": time.process_time(), "whole": whole}
+        costs = {"size": size, "minute_size": self._minute_size(size), "cpu_s": time.process_time(), "whole": whole}
+        return counts | costs
+
+    def _minute_size(self, size: int) -> float | None:
+        """Bytes a minute of flight, of files that had to go too; None before there was a second row."""
+        return None if self._last <= 0 else 60 * (size + self._removed - self._head) / to_seconds(self._last)
 
 
 def main() -> None:

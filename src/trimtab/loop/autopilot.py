@@ -6,12 +6,16 @@ import jax.numpy as jnp
 import numpy as np
 
 from trimtab.core.errors import InputError, closest
+from trimtab.core.interfaces import optional_member
 from trimtab.core.record import children, is_record, part, period, record, replace, tree_where
 from trimtab.core.rng import Key
 from trimtab.core.signals import Command, Estimate, Frame, is_new
-from trimtab.core.time import ms
+from trimtab.core.time import ms, to_seconds
 from trimtab.links.fifo import NEVER, measurement_time
-from trimtab.loop.structure import is_finite, zeros_of
+from trimtab.loop.monitor import Monitor, MonitorInput
+from trimtab.loop.predictor import Predictor
+from trimtab.loop.setpoint_schedule import schedule_law
+from trimtab.loop.structure import check_alike, is_finite, zeros_of_step
 from trimtab.loop.supervisor import Supervisor, SupervisorInput
 
 
@@ -29,14 +33,31 @@ class AutopilotState:
     supervisor: Any = part("State of the supervisor; nothing without one.", default=())
     supervised: Any = part("Last output of the supervisor.", default=())
     first: Any = part("First state of the law, from which each flight that a supervisor lets begin starts.", default=())
+    predictor: Any = part("State of the predictor, with its last prediction; nothing without one.", default=())
+    monitor: Any = part("State of the monitor; nothing without one.", default=())
+
+    def last_prediction(self) -> Any:
+        """The last prediction; nothing without a predictor."""
+        return self.predictor.prediction if self.predictor else ()
+
+    def last_verdicts(self) -> Any:
+        """What the monitor said last of each formula; nothing without a monitor."""
+        return self.monitor.outputs if self.monitor else ()
 
 
 @record
 class Autopilot:
     """Estimator, law and allocation at one control period.
 
+    >>> from trimtab import build
+    >>> build("hovercraft/spin").autopilot.law.threshold
+    'published'
+
     Until the estimate is valid the law stands still and the command is marked invalid, so that actuators stay neutral.
     So it does where what the law reads, or what it wants, is not finite: an estimate with a NaN in it is none.
+    A law finds its period (s) in the estimate, as `dt`, and one that asks for a pilot's stick its newest sample, as it
+    stands in the frame. With a predictor the law reads the state of the time at which its command will act; `estimate`
+    stays the estimator's.
 
     Source: docs page, Time.
     """
@@ -46,19 +67,35 @@ class Autopilot:
     allocation: Any = part("Demand in, actuator commands out.")
     period: int = period("Control period.", default=ms(1))
     supervisor: Supervisor | None = part("Whether it may fly; None: always.", default=None)
+    schedules: Any = part("Numbers of the law that change over time.", default=())
+    predictor: Predictor | None = part(
+        "Carries the estimate over the delay; None: the law reads it as it is.", default=None
+    )
+    monitor: Monitor | None = part(
+        "Whether it keeps to formulas; None: there are none.", default=None, optional=Monitor()
+    )
 
     def init(self, key: Key, frame: Frame) -> AutopilotState:
         """First state, for frames of this structure; refuses parts that don't fit each other."""
         self._check_listens(frame)
+        self._check_stick(frame)
         states = [getattr(self, n).init(key.at(n)) for n in ("estimator", "law", "allocation")]
-        _, estimate = zeros_of("autopilot.estimator", "world.sensors", self.estimator.step, 0, states[0], frame)
+        _, estimate = zeros_of_step("autopilot.estimator", "world.sensors", self.estimator.step, 0, states[0], frame)
         self._check_reads(estimate)
-        _, output = zeros_of("autopilot.law", "autopilot.estimator", self.law.step, 0, states[1], estimate)
+        read = self._complete(estimate, frame)
+        after, output = zeros_of_step("autopilot.law", "autopilot.estimator", self.law.step, 0, states[1], read)
+        check_alike(
+            "autopilot.law",
+            "the state that step() returns",
+            after,
+            states[1],
+            "return (state, output), the state as init() made it",
+        )
         if not hasattr(output, "demand"):
             problem = f"the output of {type(self.law).__name__} has no field 'demand'"
             raise InputError("autopilot.law", problem, fix="return a record with demand=… from step()")
         allocate = self.allocation.step
-        _, value = zeros_of("autopilot.allocation", "autopilot.law", allocate, 0, states[2], output.demand)
+        _, value = zeros_of_step("autopilot.allocation", "autopilot.law", allocate, 0, states[2], output.demand)
         command = Command(t=frame.t, valid=estimate.valid, value=value)
         state = AutopilotState(
             estimator=states[0],
@@ -68,26 +105,34 @@ class Autopilot:
             output=output,
             command=command,
             seen={name: np.int64(NEVER) for name in self._watched_samples(frame)},
+            predictor=() if self.predictor is None else self.predictor.init(key.at("predictor"), estimate),
         )
-        if self.supervisor is None:
-            return state
-        self.supervisor.fit_neutral(estimate, value, frame)
-        first, given = self.supervisor.init(), SupervisorInput(estimate, True, True)
-        _, supervised = zeros_of("autopilot.supervisor", "", self.supervisor.step, 0, first, given)
-        return replace(state, supervisor=first, supervised=supervised, first=states[1])
+        if self.supervisor is not None:
+            self.supervisor.fit_neutral(estimate, value, frame)
+            first, given = self.supervisor.init(), SupervisorInput(estimate, True, True)
+            _, supervised = zeros_of_step("autopilot.supervisor", "", self.supervisor.step, 0, first, given)
+            state = replace(state, supervisor=first, supervised=supervised, first=states[1])
+        if self.monitor is not None:
+            state = replace(state, monitor=self.monitor.init(_monitor_input(state, frame)))
+        return state
 
     def step(self, t: Any, state: AutopilotState, frame: Frame) -> tuple[AutopilotState, Command]:
         """The command at integer time t. What came since the last step is fresh, whenever that was."""
+        received = frame
         seen = {name: measurement_time(frame.samples[name]) for name in state.seen}
         renewed = {n: replace(frame.samples[n], fresh=is_new(frame.samples[n], state.seen[n])) for n in seen}
         frame = replace(frame, samples={**frame.samples, **renewed})
         estimator, estimate = self.estimator.step(t, state.estimator, frame)
-        read = [getattr(estimate.state, name) for name in self.law.reads]
-        estimate = replace(estimate, valid=estimate.valid & is_finite(read))
-        law, output = self.law.step(t, state.law, estimate)
+        estimate = replace(estimate, valid=estimate.valid & self._is_readable(estimate))
+        predictor, ahead = state.predictor, estimate
+        if self.predictor is not None:
+            predictor, ahead = self.predictor.predict(t, state.predictor, estimate)
+            ahead = replace(ahead, valid=ahead.valid & self._is_readable(ahead))
+        scheduled = schedule_law(self.law, self.schedules, t)
+        law, output = scheduled.step(t, state.law, self._complete(ahead, frame))
         allocation, value = self.allocation.step(t, state.allocation, output.demand)
         finite = is_finite(value)
-        sound = estimate.valid & finite
+        sound = ahead.valid & finite
         new = AutopilotState(
             estimator=estimator,
             law=tree_where(sound, law, state.law),
@@ -96,9 +141,14 @@ class Autopilot:
             output=output,
             command=Command(t=t, valid=sound, value=value),
             seen=seen,
+            predictor=predictor,
         )
         if self.supervisor is not None:
             new = self._supervise(self.supervisor, t, state, new, frame, finite)
+        if self.predictor is not None:
+            new = replace(new, predictor=self.predictor.note(t, new.predictor, new.command))
+        if self.monitor is not None:
+            new = replace(new, monitor=self.monitor.step(t, state.monitor, _monitor_input(new, received)))
         return new, new.command
 
     def _supervise(
@@ -121,10 +171,24 @@ class Autopilot:
             first=old.first,
         )
 
+    def _is_readable(self, estimate: Estimate) -> Any:
+        """Whether all that the law reads is finite."""
+        return is_finite([getattr(estimate.state, name) for name in self.law.reads])
+
+    def _complete(self, estimate: Estimate, frame: Frame) -> Estimate:
+        """The estimate as the law reads it: with the control period, and the pilot's stick where the law asks for one.
+
+        Neither is logged with the estimate.
+        """
+        estimate = replace(estimate, dt=to_seconds(self.period))
+        name = optional_member(self.law, "stick")
+        return replace(estimate, stick=frame.samples[name]) if name else estimate
+
     def _watched_samples(self, frame: Frame) -> tuple[str, ...]:
-        """Whose samples are told old from new: what the estimator reads, and the pilot's requests."""
-        own = () if self.supervisor is None or self.supervisor.pilot not in frame.samples else (self.supervisor.pilot,)
-        return (*self.estimator.listens, *(name for name in own if name not in self.estimator.listens))
+        """Whose samples are told old from new: what the estimator reads, the pilot's requests and the pilot's stick."""
+        asked = (optional_member(self.law, "stick"), "" if self.supervisor is None else self.supervisor.pilot)
+        own = dict.fromkeys(name for name in asked if name in frame.samples and name not in self.estimator.listens)
+        return (*self.estimator.listens, *own)
 
     def drop_derived_outputs(self, state: AutopilotState, always: frozenset[int]) -> AutopilotState:
         """The state without outputs that are made anew at every instant, so that a run does not carry them along."""
@@ -153,3 +217,16 @@ class Autopilot:
                 problem = f"the autopilot reads sensor {name!r}, the world sends ({sent})"
                 fix = f'add sensors={{"{name}": …}} to the world, or name one that it sends'
                 raise InputError("autopilot.estimator", problem, choices=frame.samples, fix=fix)
+
+    def _check_stick(self, frame: Frame) -> None:
+        name = optional_member(self.law, "stick")
+        if name and name not in frame.samples:
+            sent = ", ".join(frame.samples) or "nothing"
+            problem = f"{type(self.law).__name__} reads the pilot's stick {name!r}, the world sends ({sent})"
+            fix = f'add sensors={{"{name}": StickScript(…)}} to the world, or name a sample that is a stick'
+            raise InputError("autopilot.law.stick", problem, choices=frame.samples, fix=fix)
+
+
+def _monitor_input(state: AutopilotState, frame: Frame) -> MonitorInput:
+    """What a monitor looks at: the outputs of this step and the frame, as they are logged."""
+    return MonitorInput(state.estimate, state.output, state.command, frame.samples, state.supervised)

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from trimtab.core.errors import InputError
+from trimtab.core.errors import InputError, argument, argument_name
 from trimtab.core.quantity import leaves, records
 
 SHOWN = 6
@@ -44,7 +44,12 @@ def check_beliefs(autopilot: Any, vehicle: Any, named: Iterable[str] = ()) -> No
     for path in named:
         if not any(_is_below(path, copy) for copy in copies):
             problem = f"{path!r} leads into no copy of the vehicle that the autopilot has"
-            raise InputError("--set mismatch", problem, choices=copies, fix="--set mismatch=PATH[,PATH…]")
+            raise InputError(
+                argument_name("settings", "mismatch"),
+                problem,
+                choices=copies,
+                fix=argument("settings", "PATH[,PATH…]", "mismatch"),
+            )
     if not copies:
         return
     first, *others = copies
@@ -53,8 +58,12 @@ def check_beliefs(autopilot: Any, vehicle: Any, named: Iterable[str] = ()) -> No
             one, two = f"{first}.{below}", f"{other}.{below}"
             if not any(_is_below(path, name) for path in (one, two) for name in named):
                 problem = f"it is {b}, but {one} is {a}: two parts believe in different vehicles"
-                alike = " ".join(f"--set {c}.{below}={b}" for c in copies if c != other)
-                raise InputError(two, problem, fix=f"{alike}; or, if they are meant to differ, --set mismatch={two}")
+                alike = " ".join(argument("settings", b, f"{c}.{below}") for c in copies if c != other)
+                raise InputError(
+                    two,
+                    problem,
+                    fix=f"{alike}; or, if they are meant to differ, {argument('settings', two, 'mismatch')}",
+                )
 
 
 def belief_mismatches(autopilot: Any, vehicle: Any) -> list[Mismatch]:

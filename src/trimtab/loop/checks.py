@@ -4,7 +4,7 @@ from typing import Any
 
 import numpy as np
 
-from trimtab.core.errors import InputError
+from trimtab.core.errors import InputError, argument
 from trimtab.core.interfaces import optional_member
 from trimtab.core.quantity import Option, Quantity, leaves, records
 from trimtab.core.time import format_time
@@ -37,19 +37,21 @@ def _check_quantity(where: str, value: Any, declared: Quantity) -> None:
     try:
         array = np.asarray(value, np.float64)
     except (TypeError, ValueError):
-        raise InputError(where, f"{value!r} is not a number", fix=f"--set {where}=NUMBER{in_unit}") from None
+        raise InputError(
+            where, f"{value!r} is not a number", fix=argument("settings", "NUMBER", where) + in_unit
+        ) from None
     if declared.shape and array.shape != declared.shape:
         problem = f"has shape {array.shape}, declared is {declared.shape}"
         raise InputError(where, problem, fix=f"give {declared.shape} numbers{in_unit}")
     if not np.isfinite(array).all():
-        raise InputError(where, f"{value} is not finite", fix=f"--set {where}=NUMBER{in_unit}")
+        raise InputError(where, f"{value} is not finite", fix=argument("settings", "NUMBER", where) + in_unit)
     for bound, wrong, text in (
         (declared.above, lambda b: array <= b, "above"),
         (declared.low, lambda b: array < b, "at least"),
         (declared.high, lambda b: array > b, "at most"),
     ):
         if bound is not None and wrong(bound).any():
-            fix = f"--set {where}=VALUE {text} {bound:g}{unit}"
+            fix = f"{argument('settings', 'VALUE', where)} {text} {bound:g}{unit}"
             raise InputError(where, f"{value}{unit} is out of range: it must be {text} {bound:g}{unit}", fix=fix)
 
 
@@ -57,11 +59,13 @@ def _check_option(where: str, value: Any, declared: Option) -> None:
     if declared.kind == "period":
         low = declared.low or 0
         if not isinstance(value, int) or isinstance(value, bool):
-            fix = f"write e.g. ms(20) in Python or --set {where}='20 ms'"
+            fix = f"write e.g. ms(20) in Python or {argument('settings', '20 ms', where)}"
             raise InputError(where, f"{value!r} is not an integer time of 100 ns units", fix=fix)
         if value < low:
             problem = f"{format_time(value)} is too short: it must be at least {format_time(low)}"
-            raise InputError(where, problem, fix=f"--set {where}='20 ms'")
+            raise InputError(where, problem, fix=argument("settings", "20 ms", where))
     elif declared.choices and value not in declared.choices:
         choices = [str(c) for c in declared.choices]
-        raise InputError(where, f"{value!r} is not a choice", choices=choices, fix=f"--set {where}={choices[0]}")
+        raise InputError(
+            where, f"{value!r} is not a choice", choices=choices, fix=argument("settings", choices[0], where)
+        )

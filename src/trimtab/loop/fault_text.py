@@ -2,7 +2,8 @@
 
     WHERE WORD [by NUMBER] [bias NUMBER] [@ TIME] [for TIME] [when PATH above NUMBER | when PATH below NUMBER]
 
-WHERE is ``sensor:NAME``, ``uplink``, ``downlink`` or ``actuators``. What the words mean: docs page, Faults.
+WHERE is ``sensor:NAME``, ``uplink``, ``downlink``, ``actuators``, or ``actuators:FIELD`` for one field or
+number (``speed[1]``) of the vehicle's input. What the words mean: docs page, Faults.
 """
 
 import re
@@ -12,11 +13,12 @@ from typing import Any
 import jax
 import numpy as np
 
-from trimtab.core.errors import InputError, closest
+from trimtab.core.errors import InputError, argument, argument_name, closest
 from trimtab.core.interfaces import optional_member
-from trimtab.core.record import leaves, replace, to_arrays
+from trimtab.core.quantity import component_paths
+from trimtab.core.record import is_record, leaves, replace, to_arrays
 from trimtab.core.rng import key
-from trimtab.core.time import FOREVER, parse_time
+from trimtab.core.time import FOREVER, format_time, parse_time
 from trimtab.loop.checks import check_part
 from trimtab.loop.faults import DELAYED, NONE, WORDS, Fault, FaultyActuators, FaultyChannel, FaultySensor, delay_slots
 from trimtab.loop.scenario import Scenario
@@ -39,6 +41,24 @@ def inject_faults(scenario: Scenario, texts: Iterable[str]) -> Scenario:
     return scenario
 
 
+def check_fault_times(scenario: Scenario, texts: Iterable[str]) -> None:
+    """Refuse a fault that would begin when the flight has ended; in real time a flight may go on for longer.
+
+    Raises: InputError with the flight's length.
+    """
+    for text in texts:
+        begin = int(parse_fault(scenario, text)[1].start)
+        if begin >= scenario.duration:
+            problem = (
+                f"{text!r} begins at {format_time(begin)}, and the flight ends at {format_time(scenario.duration)}"
+            )
+            raise InputError(
+                argument_name("faults"),
+                problem,
+                fix=f"an earlier time, or {argument('duration', format_time(2 * begin))}",
+            )
+
+
 def add_dormant_faults(scenario: Scenario, longest: float = 0.5) -> Scenario:
     """The same scenario with a fault in every part that does nothing until its numbers are changed while it runs.
 
@@ -52,8 +72,16 @@ def add_dormant_faults(scenario: Scenario, longest: float = 0.5) -> Scenario:
 
 
 def fault_locations(scenario: Scenario) -> tuple[str, ...]:
-    """What can have a fault in this scenario."""
-    return (*(f"sensor:{name}" for name in scenario.world.sensors), "downlink", "uplink", "actuators")
+    """What can have a fault in this scenario; actuators of a vehicle without an input can't."""
+    acting = ("actuators",) if jax.tree.leaves(scenario.world.actuators.neutral()) else ()
+    return (*(f"sensor:{name}" for name in scenario.world.sensors), "downlink", "uplink", *acting)
+
+
+def _input_fields(scenario: Scenario) -> list[str]:
+    """Paths of the fields of the vehicle's input, and of their numbers, where it is a record."""
+    u = scenario.world.actuators.neutral().u
+    fields = [(path, component_paths(path, np.shape(value))) for path, value, _ in leaves(u)] if is_record(u) else []
+    return [p for path, numbers in fields for p in (path, *(n for n in numbers if n != path))]
 
 
 def parse_fault(scenario: Scenario, text: str) -> tuple[str, Fault]:
@@ -64,10 +92,12 @@ def parse_fault(scenario: Scenario, text: str) -> tuple[str, Fault]:
     if len(head) != 2:
         problem = "does not begin with where and what"
         raise InputError(about, problem, choices=fault_locations(scenario), fix=f"write e.g. '{EXAMPLE}'")
-    where = _check_choice(about, "part", head[0], fault_locations(scenario))
+    places = (*fault_locations(scenario), *(f"actuators:{name}" for name in _input_fields(scenario)))
+    where = _check_choice(about, "part", head[0], places)
+    where, _, field = where.partition(":") if where.startswith("actuators:") else (where, "", "")
     word = _check_choice(about, "word", head[1], WORDS[1:])
     defaults = SEVERITY | (OF_ACTUATORS if where == "actuators" else {})
-    fields: dict[str, Any] = {"word": WORDS.index(word), "severity": defaults.get(word, 1.0)}
+    fields: dict[str, Any] = {"word": WORDS.index(word), "severity": defaults.get(word, 1.0), "field": field}
     names = [others[i] or others[i + 1] for i in range(0, len(others), 3)]
     for name, said in zip(names, others[2::3], strict=True):
         if names.count(name) > 1:

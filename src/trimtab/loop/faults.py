@@ -13,7 +13,8 @@ import numpy as np
 
 from trimtab.core.errors import InputError
 from trimtab.core.interfaces import optional_member
-from trimtab.core.record import Scalar, option, part, period, quantity, record, replace, tree_where
+from trimtab.core.quantity import split_component
+from trimtab.core.record import Scalar, option, part, period, quantity, record, replace, tree_where, with_leaf
 from trimtab.core.rng import Key, normals, uniform2
 from trimtab.core.signals import Sample, hold_sample, no_motion
 from trimtab.core.time import FOREVER, ms, to_seconds
@@ -48,6 +49,9 @@ class Fault:
     watch: str = option("Path of a number that the part sees; empty: time alone decides.", default="")
     side: str = option("On which side of the level it begins.", default="above", choices=("above", "below"))
     slot: int = period("Intermittent: how long it stays off, or on, at a time.", default=ms(100))
+    field: str = option(
+        "Of actuators: field or number of the input that it spoils, e.g. speed[1]; empty: all.", default=""
+    )
 
     def check(self) -> None:
         """Refuse a severity that the word can't have."""
@@ -151,6 +155,17 @@ def signal_value(tree: Any, path: str) -> Any:
     return tree
 
 
+def replace_number(tree: Any, path: str, other: Any) -> Any:
+    """A tree of records in which what is at a path, e.g. "speed" or "speed[1]", is that of another tree like it."""
+    name, index = split_component(path)
+
+    def change(old: Any, _: Any) -> Any:
+        new = signal_value(other, name)
+        return new if index is None else jnp.asarray(old).at[index].set(jnp.asarray(new)[index])
+
+    return with_leaf(tree, name, change)
+
+
 @record
 class FaultMemory:
     """What a fault remembers of its part's outputs. Frames: theirs. Source: docs page, Faults."""
@@ -248,6 +263,9 @@ def apply_to_output(
     out = tree_where(word == DELAYED, late, out)
     out = tree_where(holds, s.output, out)
     out = tree_where(dead, cast_like(neutral, output), out)
+    if fault.field:
+        whole = cast_like(output, out)
+        out = replace(whole, u=replace_number(whole.u, fault.field, out.u))
     number = (s.number + 1) % 2**30
     return FaultMemory(key=s.key, begin=begin, output=out, lost=s.lost, number=number, ring=ring), out
 
@@ -273,7 +291,14 @@ class FaultyPart:
 
     def initial_state(self, inner: Any, input: Any, key: Key) -> FaultyState:
         """Nothing seen yet of a part that gives samples. inner: its own state; input: of the structure it reads."""
-        sample = jax.eval_shape(lambda s, x: self.inner.step(np.int64(0), s, x)[1], inner, input)
+        try:
+            sample = jax.eval_shape(lambda s, x: self.inner.step(np.int64(0), s, x)[1], inner, input)
+        except AttributeError as error:
+            problem = (
+                f"it feels more than a {type(input).__name__} ({error}): no fault, and no real line, can carry that"
+            )
+            fix = "fly it in virtual time, without a fault in it:  trimtab run SCENARIO"
+            raise InputError(f"fault in {type(self.inner).__name__}", problem, fix=fix) from error
         none = jax.tree.map(lambda v: jnp.zeros(jnp.shape(v), jnp.result_type(v)), sample)
         return FaultyState(inner=inner, memory=_initial_memory(key, none, empty_slots(none, self.capacity)))
 
@@ -342,7 +367,7 @@ class FaultyChannel(FaultyPart):
 
 @record
 class FaultyActuators(FaultyPart):
-    """Actuators whose output is spoilt while a fault acts.
+    """Actuators whose output is spoilt while a fault acts: all that acts on the vehicle, or one field or number of it.
 
     The fault may watch the command, e.g. `value.speed_rpm`.
 

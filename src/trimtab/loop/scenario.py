@@ -1,35 +1,60 @@
 """A scenario: one flyable combination, checked whole before anything runs."""
 
-from typing import Any
+import textwrap
+from typing import TYPE_CHECKING, Any, Generic
+
+import jax
+import numpy as np
 
 from trimtab.actuators.allocation import DirectActuation, DirectAllocation
-from trimtab.core.errors import InputError
+from trimtab.core.errors import InputError, argument, closest
+from trimtab.core.html_table import html_table
 from trimtab.core.imperfections import imperfections as find_imperfections
 from trimtab.core.imperfections import without
-from trimtab.core.interfaces import optional_member
+from trimtab.core.interfaces import Actuators, Allocation, Channel, Estimator, Law, Sensor, optional_member
 from trimtab.core.quantity import records
-from trimtab.core.record import option, part, period, record, replace
-from trimtab.core.time import seconds, to_seconds
+from trimtab.core.record import children, declarations, option, part, period, record, replace, to_arrays
+from trimtab.core.rng import Key
+from trimtab.core.signals import PlanarState
+from trimtab.core.time import format_time, seconds, to_seconds
 from trimtab.estimators.passthrough import Passthrough
 from trimtab.links.wire import Wire
 from trimtab.loop.autopilot import Autopilot
 from trimtab.loop.beliefs import check_beliefs
 from trimtab.loop.checks import check_part, check_values
+from trimtab.loop.structure import check_members
+from trimtab.loop.summary import NOTE, summarise_scenario
 from trimtab.loop.vehicle_limits import VehicleLimits
+from trimtab.loop.walk import start
 from trimtab.loop.world import World
+from trimtab.sensors.flight_state import TrueState
 from trimtab.sensors.navigation_errors import PlanarNavigation
+from trimtab.wire.telemetry import mav_type
 
 LINKS = ("uplink", "downlink")
+if TYPE_CHECKING:  # a default of a type's parameter: Python 3.13
+    from typing_extensions import TypeVar
+
+    V = TypeVar("V", default=Any)
+else:
+    from typing import TypeVar
+
+    V = TypeVar("V")
 
 
 @record
-class Scenario:
+class Scenario(Generic[V]):
     """World, autopilot, first state and duration: all that a run needs.
+
+    >>> from trimtab import build
+    >>> scenario = build("hovercraft/spin")
+    >>> scenario.name, sorted(scenario.imperfections())[0]
+    ('hovercraft/spin', 'braking')
 
     Source: docs page, Scenarios.
     """
 
-    world: World = part("The vehicle and what surrounds it.")
+    world: World[V] = part("The vehicle and what surrounds it.")
     autopilot: Autopilot = part("What flies it.")
     initial: Any = part("First state of the vehicle.")
     duration: int = period("Length of a run.", default=seconds(15))
@@ -39,24 +64,73 @@ class Scenario:
     truth_sensor: Any = part("What the ideal twin measures instead of the sensors.", default=PlanarNavigation())
     name: str = option("Name in the catalogue.", default="scenario")
     mismatch: Any = part("Paths of the autopilot's copies of the vehicle that are meant to differ.", default=())
+    words: Any = part("A word for each group of the noise's draws; none: a run's number for all.", default=())
     choices: Any = part("How it was built from the catalogue, as `scenarios.build` notes it for logs.", default=())
 
+    def __repr__(self) -> str:
+        rows = [(what, textwrap.shorten(text, 100, placeholder=" …")) for what, text in summarise_scenario(self)]
+        wide = max(len(what) for what, _ in rows)
+        lines = [f"Scenario {self.name}, {format_time(self.duration)}"]
+        return "\n".join([*lines, *(f"  {what:<{wide}}  {text}" for what, text in rows), NOTE])
+
+    def _repr_html_(self) -> str:
+        return html_table(f"{self.name}, {format_time(self.duration)}", (), summarise_scenario(self), NOTE)
+
     def ideal(self) -> "Scenario":
-        """The twin without faults: the same law on the true state, no delay, no limits, its demand acts as it is."""
+        """The twin without faults: the same law on the true state, no delay, no limits, its demand acts as it is.
+
+        Where the demand is another record than the vehicle's input, allocation and actuators stay, each with its
+        imperfections switched off. Where the truth sensor is left at its default and lacks what the law reads, but the
+        vehicle's state has it, the law reads the state. A pilot's stick stays as it is, and who observes from beside.
+        """
         neutral = self.world.actuators.neutral().u
         tick = self.autopilot.period
+        is_direct = _have_one_structure(self._demand_structure(), neutral)
+        actuators = DirectActuation(neutral_input=neutral, period=tick)
+        stick = optional_member(self.autopilot.law, "stick")
+        sensors = self.world.sensors.items()
+        kept = {n: s for n, s in sensors if n == stick or optional_member(s, "OBSERVES")}
         world = replace(
             self.world,
-            sensors={"truth": replace(self.truth_sensor, period=tick)},
+            sensors={"truth": replace(self._twin_sensor(), period=tick), **kept},
             downlink=Wire(period=tick),
             uplink=Wire(period=tick),
-            actuators=DirectActuation(neutral_input=neutral, period=tick),
+            actuators=actuators if is_direct else self._without_its_own(self.world.actuators),
         )
+        allocation = DirectAllocation() if is_direct else self._without_its_own(self.autopilot.allocation)
         autopilot = replace(
-            self.autopilot, estimator=Passthrough("truth"), allocation=DirectAllocation(), supervisor=None
+            self.autopilot,
+            estimator=Passthrough("truth"),
+            allocation=allocation,
+            supervisor=None,
+            predictor=None,
+            monitor=None,
         )
         choices = {**self.choices, "ideal": True} if self.choices else ()
         return replace(self, world=world, autopilot=autopilot, choices=choices)
+
+    def _without_its_own(self, one: Any) -> Any:
+        """A part without imperfections, but for those of a vehicle that it believes in: that is as the true one."""
+        for name in find_imperfections(one).keys() - find_imperfections(self.world.vehicle).keys():
+            one = without(one, name)
+        return one
+
+    def _demand_structure(self) -> Any:
+        """The structure of what the law wants; nothing is computed."""
+        key = Key(np.uint32(0), np.uint32(0))
+        free = replace(self.autopilot, supervisor=None)
+        _, state = jax.eval_shape(lambda: start(self.world, free, to_arrays(self.initial), key))
+        return state.output.demand
+
+    def _twin_sensor(self) -> Any:
+        lacking = set(self.autopilot.law.reads) - set(declarations(PlanarState))
+        if (
+            isinstance(self.truth_sensor, PlanarNavigation)
+            and lacking
+            and lacking <= {name for name, _, _ in children(self.initial)}
+        ):
+            return TrueState()
+        return self.truth_sensor
 
     def imperfections(self) -> dict[str, list[str]]:
         """Name of each imperfection that can be switched off -> paths of the parts that have it.
@@ -75,19 +149,42 @@ class Scenario:
         known = self.imperfections()
         if name not in known:
             problem = f"there is no imperfection {name!r} to switch off"
-            raise InputError(f"scenario {self.name!r}", problem, choices=known, fix="--without one of the choices")
+            near = closest(name, known, 1) or [*known, "NAME"]
+            raise InputError(f"scenario {self.name!r}", problem, choices=known, fix=argument("without", [near[0]]))
         link = known[name][0].removeprefix("world.").partition(".")[0]
         if link in LINKS:
             channel = without(getattr(self.world, link), name.removeprefix(f"{link}-"))
-            return replace(self, world=replace(self.world, **{link: channel}))
+            autopilot = self.autopilot
+            if name in find_imperfections(autopilot):  # what a predictor believes of the link
+                autopilot = without(autopilot, name)
+            return replace(self, world=replace(self.world, **{link: channel}), autopilot=autopilot)
         links = {link: getattr(self.world, link) for link in LINKS}
         changed = without(replace(self, world=replace(self.world, **dict.fromkeys(LINKS, ()))), name)
         return replace(changed, world=replace(changed.world, **links))
 
     def check(self) -> None:
         """Refuse values that cannot be flown; the walk refuses parts that don't fit each other."""
+        self._check_interfaces()
+        mav_type(self.world.vehicle)
         check_beliefs(self.autopilot, self.world.vehicle, self.mismatch)
         check_values(self)
         for path, owner in records(self):
             covers: Any = optional_member(owner, "check_duration")
             check_part(path, lambda covers=covers: covers(to_seconds(self.duration)))
+
+    def _check_interfaces(self) -> None:
+        """Refuse parts that lack what the loop calls."""
+        world, autopilot = self.world, self.autopilot
+        for name, sensor in world.sensors.items():
+            check_members(f"world.sensors.{name}", sensor, Sensor, ("measure",))
+        for name in LINKS:
+            check_members(f"world.{name}", getattr(world, name), Channel)
+        check_members("world.actuators", world.actuators, Actuators)
+        for name, interface in (("estimator", Estimator), ("law", Law), ("allocation", Allocation)):
+            check_members(f"autopilot.{name}", getattr(autopilot, name), interface)
+
+
+def _have_one_structure(a: Any, b: Any) -> bool:
+    """Whether two trees are the same records with numbers of the same shapes."""
+    shapes = [[np.shape(v) for v in jax.tree.leaves(tree)] for tree in (a, b)]
+    return jax.tree.structure(a) == jax.tree.structure(b) and shapes[0] == shapes[1]

@@ -7,9 +7,12 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from trimtab.core.errors import InputError, closest
+from trimtab.core.errors import InputError, argument, argument_name, unknown_setting
+from trimtab.core.quantity import first_number, has_index, split_index
 from trimtab.core.record import Option, Quantity, absent_parts, leaves, with_leaf, with_part_of
-from trimtab.core.time import parse_time
+from trimtab.core.time import nearest_time, parse_time
+from trimtab.core.units import parse_amount, parse_unit
+from trimtab.loop.parts import UNSET, is_name, is_part, with_part
 
 T = TypeVar("T")
 
@@ -17,55 +20,103 @@ T = TypeVar("T")
 def with_settings(tree: T, settings: Mapping[str, str]) -> T:
     """A copy with every path set; refuses unknown paths and values of the wrong type, and names what is near.
 
-    An optional part that a path leads into is put there, e.g. the hovercraft's friction.
+    >>> from trimtab import build, with_settings
+    >>> with_settings(build("hovercraft/spin"), {"world.vehicle.mass": "3000 g"}).world.vehicle.mass
+    3.0
+
+    A number may have a unit, ``3 kg``. The path of a part is set to the name of a class, ``world.uplink=Wire``: what
+    belongs to the part is set in what takes its place (`loop.parts`). An optional part that a path leads into is put
+    there, e.g. the hovercraft's friction.
     """
-    for path, text in settings.items():
+    tree, rest = with_parts(tree, settings)
+    for path, text in rest.items():
+        whole, at = split_index(path)
+        change = partial(parse_value, path, text) if at is None else partial(_parse_one_number, path, at, text)
         try:
-            tree = with_leaf(with_part_of(tree, path), path, partial(_parse_value, path, text))
+            tree = with_leaf(with_part_of(tree, whole), whole, change)
         except KeyError:
-            raise _unknown_path_error(tree, path) from None
+            raise unknown_setting("settings", path, setting_paths(tree)) from None
     return tree
 
 
-def _unknown_path_error(tree: Any, path: str) -> InputError:
-    known = [p for p, _, _ in leaves(tree)]
-    known += [f"{where}.{p}" for where, declared in absent_parts(tree) for p, _, _ in leaves(declared.optional)]
-    below = [p for p in known if p.startswith(path + ".")]
-    near = below[:8] or closest(path, known, 6) or sorted({p.split(".")[0] for p in known})
-    fix = (
-        f"--set {near[0]}=…"
-        if below or near[0] in known
-        else "trimtab list SCENARIO  shows every path with its value and unit"
-    )
-    return InputError(f"--set {path}", "there is no such setting", choices=near, fix=fix)
+def setting_paths(tree: Any) -> list[str]:
+    """Every path that can be set, those in optional parts too."""
+    absent = [f"{where}.{p}" for where, declared in absent_parts(tree) for p, _, _ in leaves(declared.optional)]
+    return [p for p, _, _ in leaves(tree)] + absent
 
 
-def _parse_value(path: str, text: str, old: Any, declared: Quantity | Option) -> Any:
+def with_parts(tree: T, settings: Mapping[str, str]) -> tuple[T, dict[str, str]]:
+    """A copy with every part that is named put in, and the settings that are left to be made."""
+    rest = dict(settings)
+    for path in sorted(settings, key=lambda p: p.count(".")):
+        if path in rest and is_name(rest[path]) and is_part(tree, path):
+            tree = with_part(tree, path, rest, parse_value)
+    return tree, rest
+
+
+def parse_value(path: str, text: str, old: Any, declared: Quantity | Option) -> Any:
+    """The value that a text gives a setting. old: what it was, or UNSET, where the declaration alone says its shape."""
     if isinstance(declared, Option):
         return _parse_option(path, text, old, declared)
+    shape = declared.shape if old is UNSET else np.shape(old)
     try:
-        number = json.loads(text)
+        number = _parse_numbers(path, text, declared)
         array = np.asarray(number, np.float64)
+    except InputError:
+        raise
     except (TypeError, ValueError):
-        if np.shape(old):
-            problem = f"{text!r} is not a list of finite numbers of shape {np.shape(old)}"
-            fix = f"--set '{path}={json.dumps(np.asarray(old).tolist())}'"
-            raise InputError(f"--set {path}", problem, fix=fix) from None
-        number = _parse_float(path, text, declared)
-        array = np.asarray(number)
-    if array.shape != np.shape(old):
-        problem = f"{text!r} has shape {array.shape}, wanted is {np.shape(old)}"
-        raise InputError(f"--set {path}", problem, fix=f"--set '{path}={json.dumps(np.asarray(old).tolist())}'")
+        problem = f"{text!r} is not a list of finite numbers of shape {shape}"
+        raise InputError(argument_name("settings", path), problem, fix=_example_list(path, old, shape)) from None
+    if array.shape != shape and (old is not UNSET or shape):
+        problem = f"{text!r} has shape {array.shape}, wanted is {shape}"
+        raise InputError(argument_name("settings", path), problem, fix=_example_list(path, old, shape))
     return number if array.ndim == 0 else array
 
 
-def _parse_float(path: str, text: str, declared: Quantity) -> float:
+def _parse_one_number(path: str, at: tuple[int, ...], text: str, old: Any, declared: Quantity | Option) -> Any:
+    """The array with another number at an index."""
+    array = np.array(old, np.float64) if isinstance(declared, Quantity) else np.zeros(())
+    if not array.ndim or not has_index(array.shape, at):
+        whole, _ = split_index(path)
+        problem = f"has shape {np.shape(old)}" if isinstance(declared, Quantity) else "is no array of numbers"
+        fix = argument("settings", text, first_number(whole, array.shape))
+        raise InputError(argument_name("settings", path), problem, fix=fix)
+    array[at] = parse_value(path, text, float(array[at]), declared)
+    return array
+
+
+def _example_list(path: str, old: Any, shape: tuple[int, ...]) -> str:
+    return argument("settings", json.dumps(np.asarray(np.zeros(shape) if old is UNSET else old).tolist()), path)
+
+
+def _parse_numbers(path: str, text: str, declared: Quantity) -> Any:
+    """A number or a list of them, each, or the list behind its end, with a unit where one is written."""
+    body, bracket, unit = text.rpartition("]")
     try:
-        return float(text)  # nan and inf are read here and refused by the checks, with the range
+        value = json.loads(body + bracket if bracket else text)
     except ValueError:
-        unit = "" if declared.unit == "1" else f", in {declared.unit}"
-        fix = f"--set {path}=NUMBER{unit}"
-        raise InputError(f"--set {path}", f"{text!r} is not a number", fix=fix) from None
+        if bracket:
+            raise
+        value = text
+    return _convert_units(path, value, unit.strip() if bracket else "", declared)
+
+
+def _convert_units(path: str, value: Any, unit: str, declared: Quantity) -> Any:
+    if isinstance(value, list):
+        several: list[Any] = value  # pyright: ignore[reportUnknownVariableType]
+        return [_convert_units(path, v, unit, declared) for v in several]
+    part = argument_name("settings", path)
+    try:
+        if isinstance(value, str):
+            return parse_amount(part, value, declared.unit)
+        return value * parse_unit(part, unit, declared.unit) if unit else value
+    except InputError as error:
+        own = "" if declared.unit == "1" else f" {declared.unit}"
+        no_number = "is no number" in error.problem
+        fix = argument("settings", "NUMBER" if no_number else value, path) + (f", in{own}" if no_number and own else "")
+        if not no_number and isinstance(value, str):
+            fix = argument("settings", error.fix, path)
+        raise InputError(part, error.problem, choices=error.choices, fix=fix) from None
 
 
 def _parse_option(path: str, text: str, old: Any, declared: Option) -> Any:
@@ -73,16 +124,38 @@ def _parse_option(path: str, text: str, old: Any, declared: Option) -> Any:
         try:
             return parse_time(text)
         except InputError as error:
-            fix = f"--set {path}='20 ms'"
-            raise InputError(f"--set {path}", error.problem, choices=error.choices, fix=fix) from None
+            usual = "20 s" if path == "duration" else "20 ms"
+            fix = argument("settings", nearest_time(text, usual), path)
+            raise InputError(argument_name("settings", path), error.problem, choices=error.choices, fix=fix) from None
     if declared.choices:
-        choices = {str(c): c for c in declared.choices}
+        choices = {str(c): c for c in declared.choices} | {
+            str(c).lower(): c for c in declared.choices if c in (True, False)
+        }
         if text not in choices:
-            fix = f"--set {path}={next(iter(choices))}"
-            raise InputError(f"--set {path}", f"{text!r} is not a choice", choices=choices, fix=fix)
+            offer = [str(c) for c in declared.choices]
+            raise InputError(
+                argument_name("settings", path),
+                f"{text!r} is not a choice",
+                choices=offer,
+                fix=argument("settings", offer[0], path),
+            )
         return choices[text]
     try:
-        return type(old)(text) if not isinstance(old, bool) else {"true": True, "false": False}[text.lower()]
+        return _parse_plain(text, old)
     except (ValueError, KeyError):
         kind = type(old).__name__
-        raise InputError(f"--set {path}", f"{text!r} is not of type {kind}", fix=f"--set {path}={old}") from None
+        raise InputError(
+            argument_name("settings", path), f"{text!r} is not of type {kind}", fix=argument("settings", old, path)
+        ) from None
+
+
+def _parse_plain(text: str, old: Any) -> Any:
+    if isinstance(old, bool):
+        return {"true": True, "false": False}[text.lower()]
+    if isinstance(old, tuple) or text.startswith("["):
+        return _as_tuples(json.loads(text))
+    return text if old is UNSET else type(old)(text)
+
+
+def _as_tuples(value: Any) -> Any:
+    return tuple(_as_tuples(v) for v in value) if isinstance(value, list) else value

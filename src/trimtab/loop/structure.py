@@ -1,6 +1,7 @@
 """Shapes of what the parts exchange, found without running them, and errors that name both ends where two don't fit."""
 
-from collections.abc import Callable
+import inspect
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any
 
 import jax
@@ -8,23 +9,82 @@ import jax.numpy as jnp
 import numpy as np
 
 from trimtab.core.errors import InputError
-from trimtab.core.record import Scalar
+from trimtab.core.record import Scalar, is_record
+from trimtab.loop.own_code import CONVERSIONS, describe_fault
 
 
 def zeros_of(part: str, reads: str, function: Callable[..., Any], *inputs: Any) -> Any:
     """The output of a function with every number zero; nothing is computed.
 
-    Raises InputError naming the part and what it was given when the two don't fit.
+    Raises InputError naming the part, what it was given and the line at fault when the two don't fit.
     """
     try:
         shape = jax.eval_shape(function, *inputs)
     except InputError:
         raise
-    except (AttributeError, KeyError, TypeError, IndexError) as error:
+    except Exception as error:
+        fault = describe_fault(error)
         name = type(inputs[-1]).__name__ if inputs else "nothing"
-        fix = f"give {part} an input that has what its step() reads, or another part that reads {name}"
-        raise InputError(part, f"does not fit {reads}, which gives {name}: {error}", fix=fix) from error
+        problem = f"{fault.place}{fault.problem}"
+        if not isinstance(error, CONVERSIONS):
+            problem = f"does not fit {reads}, which gives {name}: {problem}"
+        fix = fault.fix or f"give {part} an input that has what its step() reads, or another part that reads {name}"
+        raise InputError(part, problem, choices=fault.choices, fix=fix) from error
     return jax.tree.map(lambda s: jnp.zeros(s.shape, s.dtype), shape)
+
+
+def zeros_of_step(part: str, reads: str, step: Callable[..., Any], *inputs: Any) -> tuple[Any, Any]:
+    """State and output of a step, every number zero; refuses what is no pair."""
+    pair = zeros_of(part, reads, step, *inputs)
+    if not isinstance(pair, tuple) or len(pair) != 2:  # pyright: ignore[reportUnknownArgumentType]
+        raise InputError(part, f"its step() gives {describe_tree(pair)}", fix="return (state, output) from step()")
+    state, output = pair  # pyright: ignore[reportUnknownVariableType]
+    return state, output
+
+
+def check_members(part: str, value: Any, interface: Any, optional: Iterable[str] = ()) -> None:
+    """Refuse a part that lacks a method or a field of its interface, with what to write."""
+    for name in (*vars(interface), *interface.__annotations__):
+        if name.startswith("_") or name in optional or hasattr(value, name):
+            continue
+        member, kind = vars(interface).get(name), type(value).__name__
+        if inspect.isfunction(member):
+            arguments = ", ".join(inspect.signature(member).parameters)
+            raise InputError(part, f"{kind} has no {name}()", fix=f"def {name}({arguments}): …  in {kind}")
+        raise InputError(
+            part, f"{kind} has no {name!r}", fix=f"{name} = …  in {kind}: {_first_line(member)}".strip(": ")
+        )
+
+
+def _first_line(member: Any) -> str:
+    return (getattr(member, "__doc__", "") or "").partition("\n")[0]
+
+
+def check_alike(part: str, what: str, value: Any, like: Any, fix: str) -> None:
+    """Refuse a value of another structure than a pattern's, or with a number that doesn't fit the pattern's shape."""
+    if jax.tree.structure(value) != jax.tree.structure(like):
+        raise InputError(part, f"{what} is {describe_tree(value)}, and it must be {describe_tree(like)}", fix=fix)
+    pairs = zip(jax.tree_util.tree_flatten_with_path(like)[0], jax.tree.leaves(value), strict=True)
+    for (keys, wanted), own in pairs:
+        name, shape = jax.tree_util.keystr(keys, simple=True, separator="."), np.shape(wanted)
+        if np.shape(own) != shape and (len(np.shape(own)) > len(shape) or not _fits(np.shape(own), shape)):
+            problem = f"{what} has {name or 'a number'} of shape {np.shape(own)}, and it must be {shape}"
+            raise InputError(part, problem, fix=fix)
+
+
+def _fits(shape: tuple[int, ...], whole: tuple[int, ...]) -> bool:
+    return all(a in (1, b) for a, b in zip(reversed(shape), reversed(whole), strict=False))
+
+
+def describe_tree(tree: Any) -> str:
+    """A word for a tree: its record, or how many numbers it holds."""
+    if is_record(tree):
+        return f"a {type(tree).__name__} as it was declared"
+    if isinstance(tree, Mapping):
+        names: Any = tree.keys()  # pyright: ignore[reportUnknownVariableType, reportUnknownMemberType]
+        return f"a dictionary of {', '.join(map(str, names)) or 'nothing'}"
+    count = len(jax.tree.leaves(tree))
+    return f"no record, of {count} number{'s' * (count != 1)}" if count else "nothing"
 
 
 def zeros_like(tree: Any) -> Any:

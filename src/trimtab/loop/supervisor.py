@@ -14,33 +14,39 @@ from trimtab.core.errors import InputError, closest
 from trimtab.core.record import Scalar, leaves, option, part, period, quantity, record
 from trimtab.core.signals import Estimate, Frame, Sample
 from trimtab.core.time import FOREVER, format_time, ms, seconds
-
-MODES = ("standby", "flying", "hold", "lost", "fault", "ended")
-STANDBY, FLYING, HOLD, LOST, FAULT, ENDED = range(len(MODES))
-REQUESTS = ("none", "arm", "hold", "resume", "end", "clear")
-NO_REQUEST, ARM, TO_HOLD, RESUME, END, CLEAR = range(len(REQUESTS))
-CAUSES = (
-    "start",
-    "arm request",
-    "automatic",
-    "hold request",
-    "resume request",
-    "end request",
-    "clear request",
-    "command not finite",
-    "geofence",
-    "speed envelope",
-    "estimate not valid",
-    "sensor health",
-    "link lost",
-    "estimate stale",
-    "found again",
-    "lost for too long",
+from trimtab.loop.supervisor_modes import (
+    ARM,
+    ARMED,
+    AUTOMATIC,
+    CAUSES,
+    CHECKS,
+    CLEAR,
+    CLEARED,
+    END,
+    ENDED,
+    ENDED_BY,
+    FAULT,
+    FENCE,
+    FLYING,
+    FOUND,
+    HEALTH,
+    HELD,
+    HOLD,
+    LINK,
+    LOST,
+    MODES,
+    NO_ESTIMATE,
+    NO_REQUEST,
+    NOT_FINITE,
+    REQUESTS,
+    RESUME,
+    RESUMED,
+    SPEED,
+    STALE,
+    STANDBY,
+    TO_HOLD,
+    TOO_LONG,
 )
-(START, ARMED, AUTOMATIC, HELD, RESUMED, ENDED_BY, CLEARED, NOT_FINITE, FENCE, SPEED, NO_ESTIMATE, HEALTH) = range(12)
-LINK, STALE, FOUND, TOO_LONG = range(12, len(CAUSES))
-CHECKS = ("passed", "estimate not valid", "estimate stale", "link silent", "outside limits", "sensor health", "mode")
-"""What refused a request to arm or to resume; "mode": it makes no sense in this mode."""
 
 
 @record

@@ -32,17 +32,23 @@ class Signals:
     uplink: Any = part("The command as the actuators hold it, with its age.")
     actuators: Any = part("What the actuators do.")
     supervisor: Any = part("What the supervisor says; nothing without one.", default=())
+    world: Any = part("What the integration up to now says of itself; nothing of a plain step.", default=())
+    predictor: Any = part("What the predictor says; nothing without one.", default=())
+    monitor: Any = part("What the monitor says of each formula; nothing without one.", default=())
+    gust: Any = part("What turbulence adds to the air about the vehicle; nothing without one.", default=())
 
 
 class WalkResult(NamedTuple):
     """What a walk gives.
 
     rows: float64 (n, width), the logged signals flattened.  x: the truth at the end.  sensors: their states at the end.
+    integrated: what the integration says of its last step.
     """
 
     rows: Any
     x: Any
     sensors: Any
+    integrated: Any
 
 
 def start(world: World, autopilot: Autopilot, x: Any, key: Key) -> tuple[WorldState, AutopilotState]:
@@ -83,6 +89,10 @@ def signals(s: WorldState, a: AutopilotState) -> Signals:
         uplink=s.commanded,
         actuators=s.actuated,
         supervisor=a.supervised,
+        world=s.integrated,
+        predictor=a.last_prediction(),
+        monitor=a.last_verdicts(),
+        gust=s.gust,
     )
 
 
@@ -121,7 +131,7 @@ def walk(
 
     carry = (*drop_derived_outputs(world, autopilot, s, a, always), jnp.zeros((rows + 1, width)))
     (s, _, log), _ = jax.lax.scan(body, carry, instants)
-    return WalkResult(log[:rows], s.x, s.sensors)
+    return WalkResult(log[:rows], s.x, s.sensors, s.integrated)
 
 
 def logged_signals(seen: Signals, wanted: tuple[str, ...] = ()) -> list[tuple[str, Any, Quantity]]:

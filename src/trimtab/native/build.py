@@ -33,9 +33,13 @@ if TYPE_CHECKING:
 
 GENERATION = "1"
 """Part of every key: raise it when libraries built so far must not be used again."""
-COMMON = ("-O2", "-march=native", "-ffp-contract=off", "-fwrapv", "-fno-math-errno", "--param=vect-epilogues-nomask=0")
-"""The last keeps gcc from vectorising what a vectorised loop leaves over: there gcc 12 takes arrays on the stack as
-aligned to 32 bytes that are aligned to 16, and the program dies of SIGSEGV (`TightlyCoupled`, 28 beacons, AVX-512)."""
+COMMON = (
+    *("-O2", "-march=native", "-ffp-contract=off", "-fwrapv", "-fno-math-errno"),
+    *("-fno-tree-slp-vectorize", "--param=vect-epilogues-nomask=0"),
+)
+"""The vectoriser of straight lines fuses products and sums in turns (vfmaddsub), -ffp-contract=off or not. The last one
+keeps gcc from vectorising what a vectorised loop leaves over: there gcc 12 takes arrays on the stack as aligned to 32
+bytes that are aligned to 16, and the program dies of SIGSEGV (`TightlyCoupled`, 28 beacons, AVX-512)."""
 FLAGS = {
     "c": (
         "-std=c99",
@@ -43,7 +47,6 @@ FLAGS = {
         "-ftree-loop-vectorize",
         "-fvect-cost-model=dynamic",
         "-fpeel-loops",
-        "-fno-tree-slp-vectorize",
         "-DTT_NO_SLP",
         "--param=max-inline-insns-single=200",
     ),

@@ -4,6 +4,7 @@ Source: Inselberg, "The plane with parallel coordinates", The Visual Computer 1 
 """
 
 from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -30,7 +31,13 @@ BEYOND = 4.0
 """A histogram ends so many times the width of its middle 90 % from the median: what lies beyond is counted."""
 
 
-def plot_parallel(parameters: Mapping[str, Any], success: Any, path: PicturePath = None, title: str = "") -> "Figure":
+def plot_parallel(
+    parameters: Mapping[str, Any],
+    success: Any,
+    path: PicturePath = None,
+    title: str = "",
+    units: Mapping[str, str] = MappingProxyType({}),
+) -> "Figure":
     """Draw each world as a line through its parameters, failures on top; of many, some, and says how many.
 
     Args:
@@ -38,6 +45,7 @@ def plot_parallel(parameters: Mapping[str, Any], success: Any, path: PicturePath
         success: of each run, shape (n,).
         path: where to save, see `PicturePath`.
         title: what to write above.
+        units: of parameters, by name; of those that have one.
     """
     good = as_column(success, "plot_parallel") > 0
     names = list(parameters)
@@ -53,7 +61,11 @@ def plot_parallel(parameters: Mapping[str, Any], success: Any, path: PicturePath
         for y, value, side in ((-0.02, low[i], "top"), (1.02, high[i], "bottom")):
             axes.text(i, y, f"{value:.3g}", ha="center", va=side, fontsize=8, color=GREY)
     axes.set(xlim=(-0.4, len(names) - 0.6), ylim=(-0.08, 1.08), yticks=[])
-    axes.set_xticks(k, short_names(names), rotation=30, ha="right", fontsize=9)
+    labels = [
+        f"{short} ({units[name]})" if units.get(name, "1") not in ("", "1") else short
+        for short, name in zip(short_names(names), names, strict=True)
+    ]
+    axes.set_xticks(k, labels, rotation=30, ha="right", fontsize=9)
     axes.tick_params(axis="x", length=0)
     axes.spines[:].set_visible(False)
     figure.legend(loc="outside lower center", ncols=2, fontsize=9, frameon=False)

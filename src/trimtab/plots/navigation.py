@@ -8,6 +8,7 @@ from trimtab.core.errors import InputError
 from trimtab.logs.consistency import gate_threshold
 from trimtab.logs.log import Log
 from trimtab.logs.navigation import Series, assess_navigation, innovations, state_series
+from trimtab.logs.spatial import display_unit
 from trimtab.plots.style import BLUE, GREY, VERMILION, PicturePath, decimate, new_figure, save_figure, style_axes
 
 if TYPE_CHECKING:  # matplotlib is imported when something is drawn
@@ -37,7 +38,10 @@ def plot_navigation(log: Log, path: PicturePath = None, title: str = "Navigation
     figure = new_figure(WIDTH, TOP + rows * ROW_HEIGHT)
     every: Any = figure.subplots(rows, COLUMNS, sharex=True, squeeze=False)
     for axes, name in zip(every.flat, names, strict=False):
-        _draw_state(axes, name, states[name], _unit(log, name))
+        unit, factor = _unit(log, name)
+        s = states[name]
+        error = None if s.error is None else s.error * factor
+        _draw_state(axes, name, Series(s.t, s.estimate * factor, error, s.sigma * factor), unit)
     for axes, (name, one) in zip(every.flat[len(names) :], aided.items(), strict=False):
         _draw_nis(axes, name, *one)
     _label_times(every.flat, len(names) + len(aided))
@@ -50,8 +54,10 @@ def plot_navigation(log: Log, path: PicturePath = None, title: str = "Navigation
     return save_figure(figure, path, f"{title}{verdict}", legend, title_size=14)
 
 
-def _unit(log: Log, name: str) -> str:
-    return next((log.unit(p) for p in log.paths if p.startswith("estimate.") and p.endswith(f".{name}")), "")
+def _unit(log: Log, name: str) -> tuple[str, float]:
+    """The unit of a state as people read it, and what its numbers are multiplied by."""
+    path = next((p for p in log.paths if p.startswith("estimate.") and p.endswith(f".{name}")), "")
+    return display_unit(path, log.unit(path) if path else "")
 
 
 def _label_times(every: Any, used: int) -> None:

@@ -9,6 +9,7 @@ import numpy as np
 
 from trimtab.core.errors import InputError
 from trimtab.logs.log import Log
+from trimtab.logs.spatial import display_unit
 from trimtab.plots.style import BLUE, GREY, VERMILION, PicturePath, decimate, new_figure, save_figure, style_axes
 
 if TYPE_CHECKING:  # matplotlib is imported when something is drawn
@@ -59,21 +60,22 @@ def plot_replay(log: Log, recorded: Log, replayed: Log, path: PicturePath = None
 
 
 def _draw_values(axes: Any, recorded: Log, replayed: Log, name: str, truth: Any) -> None:
+    unit, factor = display_unit(name, recorded.unit(name))
     if truth is not None:
-        axes.plot(*decimate(recorded.t, truth), color=GREY, lw=2.0, alpha=0.6)
-    axes.plot(*decimate(recorded.t, recorded[name]), color=BLUE, lw=1.0)
-    axes.plot(*decimate(replayed.t, replayed[name]), color=VERMILION, lw=1.0, ls="--")
-    style_axes(axes, name, "", recorded.unit(name))
+        axes.plot(*decimate(recorded.t, factor * truth), color=GREY, lw=2.0, alpha=0.6)
+    axes.plot(*decimate(recorded.t, factor * recorded[name]), color=BLUE, lw=1.0)
+    axes.plot(*decimate(replayed.t, factor * replayed[name]), color=VERMILION, lw=1.0, ls="--")
+    style_axes(axes, name, "", unit)
 
 
 def _draw_errors(axes: Any, recorded: Log, replayed: Log, name: str, truth: Any) -> None:
-    unit = recorded.unit(name)
+    unit, factor = display_unit(name, recorded.unit(name))
     if truth is None:
-        off = replayed[name] - recorded[name]
+        off = factor * (replayed[name] - recorded[name])
         axes.plot(*decimate(recorded.t, off), color=VERMILION, lw=0.9)
         style_axes(axes, "replayed minus recorded", f"rms {_rms(off):.3g}", unit)
         return
-    errors = recorded[name] - truth, replayed[name] - truth
+    errors = factor * (recorded[name] - truth), factor * (replayed[name] - truth)
     for off, colour, style in zip(errors, (BLUE, VERMILION), ("-", "--"), strict=True):
         axes.plot(*decimate(recorded.t, off), color=colour, lw=0.9, ls=style)
     style_axes(axes, "estimate minus truth", f"rms {_rms(errors[0]):.3g}, replayed {_rms(errors[1]):.3g}", unit)

@@ -1,26 +1,36 @@
 """One picture of a run: every signal that matters over one time axis, the ideal run beside the real one.
 
-Which panels there are follows from the log's paths, so that any vehicle, law and actuator gets its picture.
+Which panels there are follows from the log's paths, so that any vehicle, law and actuator gets its picture. A vehicle
+in space has altitude, speed, attitude in degrees and rates in the place of its vectors and its quaternion, and beside
+them its track from above and from the side.
 """
 
 import dataclasses
+import itertools
 import textwrap
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from trimtab.core.quantity import split_component
 from trimtab.logs.log import Log
-from trimtab.logs.metrics import Target, full_path, nearest_target_value
+from trimtab.logs.metrics import Target, metrics, nearest_target_value, target_path
+from trimtab.logs.spatial import ANGLES, FLIGHT, RATES, display_unit, flight_sources, with_flight
+from trimtab.plots.plan import draw_plan, draw_profile, has_plan, has_profile
 from trimtab.plots.style import (
     BLUE,
+    CHATTER,
     DPI,
     GREEN,
     GREY,
+    ORANGE,
     SEVERAL,
     VERMILION,
     PicturePath,
     decimate,
+    draw_line,
+    has_chatter,
     save_figure,
     style_grid,
 )
@@ -31,6 +41,17 @@ if TYPE_CHECKING:  # matplotlib is imported when something is drawn
 COLUMNS, WIDTH, ROW_HEIGHT = 3, 16.0, 1.85
 LEFT, RIGHT, TOP, BOTTOM, GAP = 0.85, 0.25, 0.95, 0.6, 0.9
 """Margins and the gap between columns, inches."""
+PLAN_ROWS = 3
+"""Rows of the last column that the plan view takes; the profile of a vehicle in space has one more below."""
+IN_SPACE = {
+    "Altitude": ("altitude",),
+    "Speed": ("ground_speed", "climb", "air_speed"),
+    "Attitude": ANGLES,
+    "Rates": RATES,
+}
+"""Panels of a vehicle in space, and what they show of its flight."""
+LIMIT_FARTHEST = 0.5
+"""A limit of an input is drawn where it lies within so many of its spans; one farther off would make it small."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -54,6 +75,10 @@ def plot_run(
 ) -> "Figure":
     """Draw a run; with a path also save it (PNG, or what the suffix says; the file appears whole or not at all).
 
+    >>> from trimtab import plot_run, simulate
+    >>> len(plot_run(simulate("hovercraft/spin", duration="100 ms")).axes) > 4
+    True
+
     Args:
         real: the run.
         ideal: the run to compare with, or None; drawn for the truth and the law.
@@ -63,39 +88,58 @@ def plot_run(
     """
     from matplotlib.figure import Figure
     from matplotlib.gridspec import GridSpec
+    from matplotlib.patches import Patch
     from matplotlib.ticker import MaxNLocator
 
-    by_path = {full_path(t.path): t for t in targets}
-    for target in by_path:
-        real[target]
-    panels = select_panels(real)
-    rows = max(1, -(-len(panels) // COLUMNS))
+    real, ideal = with_flight(real), None if ideal is None else with_flight(ideal)
+    by_signal: dict[str, list[Target]] = {}
+    for target in targets:
+        aimed = target_path(real, target)
+        by_signal.setdefault(aimed if aimed in real.signals else split_component(aimed)[0], []).append(target)
+    panels, side_rows = select_panels(real, by_signal), PLAN_ROWS * has_plan(real) + has_profile(real)
+    places = _panel_places(len(panels), side_rows)
+    rows = max([side_rows, 1, *(row + 1 for row, _ in places)])
     height = TOP + BOTTOM + rows * ROW_HEIGHT
     figure = Figure(figsize=(WIDTH, height), dpi=DPI, facecolor="white")
     right, wide = 1 - RIGHT / WIDTH, (WIDTH - LEFT - RIGHT - GAP * (COLUMNS - 1)) / COLUMNS
     place = {"left": LEFT / WIDTH, "right": right, "top": 1 - TOP / height, "bottom": BOTTOM / height}
     grid = GridSpec(rows, COLUMNS, figure=figure, hspace=0.42, wspace=GAP / wide, **place)
     first: Any = None
-    for i, panel in enumerate(panels):
-        axes: Any = figure.add_subplot(grid[i // COLUMNS, i % COLUMNS], sharex=first)
+    lowest = {column: row for row, column in places}
+    for panel, (row, column) in zip(panels, places, strict=True):
+        axes: Any = figure.add_subplot(grid[row, column], sharex=first)
         first = first or axes
-        _draw_panel(axes, panel, real, ideal, by_path.get(panel.paths[0]))
-        _style_panel(axes, panel, real, bottom=i + COLUMNS >= len(panels))
+        _draw_panel(axes, panel, real, ideal, by_signal.get(panel.paths[0], []))
+        _style_panel(axes, panel, real, bottom=row == lowest[column])
+    if has_profile(real):
+        above, below = grid[:side_rows, COLUMNS - 1].subgridspec(2, 1, height_ratios=[PLAN_ROWS, 1], hspace=0.22)
+        draw_plan(figure.add_subplot(above), real, ideal)
+        draw_profile(figure.add_subplot(below), real, ideal)
+    elif side_rows:
+        draw_plan(figure.add_subplot(grid[:side_rows, COLUMNS - 1]), real, ideal)
     if first is not None and len(real) > 1:
         first.set_xlim(real.t[0], real.t[-1])
         first.xaxis.set_major_locator(MaxNLocator(6))
     figure.text(LEFT / WIDTH, 1 - 0.3 / height, title or _title(real), fontsize=14, weight="bold", va="center")
-    handles = _legend(panels, ideal is not None, bool(by_path))
+    handles = _legend(panels, ideal is not None, bool(by_signal), real if side_rows else None)
+    if any(has_chatter(axes) for axes in figure.axes):
+        handles.append(Patch(color=GREY, alpha=0.3, lw=0, label=CHATTER))
     where = (right, 1 - 0.3 / height)
-    figure.legend(handles=handles, loc="center right", bbox_to_anchor=where, ncols=5, frameon=False, fontsize=11)
+    figure.legend(handles=handles, loc="center right", bbox_to_anchor=where, ncols=8, frameon=False, fontsize=11)
     return save_figure(figure, path)
 
 
-def select_panels(log: Log) -> list[Panel]:
-    """What to draw, in the order of the loop's story: truth, forces, law, actuators, ages, flags."""
-    drawn = [p for p in log.paths if _panel_kind(log, p) not in ("time", "flag")]
+def select_panels(log: Log, aimed: Collection[str] = ()) -> list[Panel]:
+    """What to draw, in the order of the loop's story: truth, forces, law, actuators, ages, flags.
+
+    Of a vehicle in space what its flight is worked out from is left out, but for what is aimed at.
+    """
+    said = flight_sources(log) - set(aimed) if f"{FLIGHT}roll" in log else set[str]()
+    drawn = [p for p in log.paths if _panel_kind(log, p) not in ("time", "flag") and p not in said]
+    in_space = [Panel(title, tuple(p for n in names if (p := FLIGHT + n) in log)) for title, names in IN_SPACE.items()]
     goals = {p: f"law.{p.removeprefix('truth.')}_wanted" for p in drawn if p.startswith("truth.")}
-    panels = [
+    panels = [dataclasses.replace(panel, compares_ideal=True) for panel in in_space if panel.paths]
+    panels += [
         Panel(_title_of_path(p), (p,), demand_path=goal if goal in drawn else "", compares_ideal=True)
         for p, goal in goals.items()
     ]
@@ -113,10 +157,29 @@ def select_panels(log: Log) -> list[Panel]:
     ages = [p for p in drawn if p.endswith(".age") and p.startswith(("downlink.", "uplink."))]
     if ages:
         panels.append(Panel("Age of the newest sample", tuple(ages), "age"))
-    flags = [p for p in log.paths if p.startswith(("law.", "actuators.")) and _panel_kind(log, p) == "flag"]
+    flagged = [p for p in log.paths if p.startswith(("law.", "actuators.")) and _panel_kind(log, p) == "flag"]
+    flags = [one for p in flagged for one in log.numbers(p)]
     if flags:
         panels.append(Panel("Flags", tuple(flags), "flags"))
-    return panels or [Panel(_title_of_path(p), (p,), compares_ideal=True) for p in drawn]
+    return _tell_apart(panels or [Panel(_title_of_path(p), (p,), compares_ideal=True) for p in drawn])
+
+
+def _tell_apart(panels: list[Panel]) -> list[Panel]:
+    """The panels, those that have the title of one before with where they are from: Heading, law.demand."""
+    titles = [panel.title for panel in panels]
+    return [
+        dataclasses.replace(panel, title=f"{panel.title}, {panel.paths[0].rpartition('.')[0]}")
+        if panel.title in titles[:k]
+        else panel
+        for k, panel in enumerate(panels)
+    ]
+
+
+def _panel_places(count: int, side_rows: int) -> list[tuple[int, int]]:
+    """Row and column of each panel, in reading order around the views of the track."""
+    cells = ((row, column) for row in range(count + side_rows) for column in range(COLUMNS))
+    free = (cell for cell in cells if not (cell[0] < side_rows and cell[1] == COLUMNS - 1))
+    return list(itertools.islice(free, count))
 
 
 def _panel_kind(log: Log, path: str) -> str:
@@ -146,14 +209,20 @@ def _title(log: Log) -> str:
     return f"{name} · seed {log.metadata['seed']}" if "seed" in log.metadata else name
 
 
-def _draw_panel(axes: Any, panel: Panel, real: Log, ideal: Log | None, target: Target | None) -> None:
+def _draw_panel(axes: Any, panel: Panel, real: Log, ideal: Log | None, targets: list[Target]) -> None:
     if panel.kind == "flags":
         _draw_flags(axes, panel, real)
         return
-    if target is not None:
-        value = nearest_target_value(real, target)
-        axes.axhspan(value - target.band, value + target.band, color=GREEN, alpha=0.16, lw=0)
+    for target in targets:
+        factor = display_unit(target_path(real, target), real.unit(panel.paths[0]))[1]
+        value, band = factor * nearest_target_value(real, target), factor * target.band
+        axes.axhspan(value - band, value + band, color=GREEN, alpha=0.16, lw=0)
         axes.axhline(value, color=GREEN, lw=1, ls="--")
+        settling = metrics(real, [target], [target.path])[target.path]["settling_s"]
+        said = "not in its band at the end" if settling is None else f"in its band from {settling:.3g} s on"
+        colour = VERMILION if settling is None else GREEN
+        box = {"facecolor": "white", "alpha": 0.85, "lw": 0, "pad": 1.5}
+        axes.text(0.99, 0.05, said, transform=axes.transAxes, color=colour, ha="right", fontsize=8, bbox=box, zorder=5)
     if panel.demand_path:
         _draw_line(axes, panel, real, panel.demand_path, [GREY], lw=0.8)
     several = len(panel.paths) > 1 or any(real[p].ndim > 1 for p in panel.paths)
@@ -163,23 +232,43 @@ def _draw_panel(axes: Any, panel: Panel, real: Log, ideal: Log | None, target: T
             style = {"ls": "--"} if several else {}
             low = 0.1 if panel.kind == "mode" else 0.0  # so that both can be seen where they agree
             _draw_line(axes, panel, ideal, path, SEVERAL[i:] if several else [VERMILION], lw=1.3, lower=low, **style)
-    if len(panel.paths) > 1:
+    _draw_limits(axes, panel, real)
+    labels = [_title_of_path(p) if p.startswith(FLIGHT) else p for p in panel.paths]
+    if len(panel.paths) == 1:
+        labels = [one.removeprefix(panel.paths[0]) for one in real.numbers(panel.paths[0])]
+    if 1 < len(labels) <= len(SEVERAL):
         from matplotlib.lines import Line2D
 
-        handles = [Line2D([], [], color=SEVERAL[i % len(SEVERAL)], label=p) for i, p in enumerate(panel.paths)]
+        handles = [Line2D([], [], color=SEVERAL[i % len(SEVERAL)], label=label) for i, label in enumerate(labels)]
         axes.legend(handles=handles, loc="lower right", fontsize=8, framealpha=0.8, handlelength=1.2)
+
+
+def _draw_limits(axes: Any, panel: Panel, log: Log) -> None:
+    """Of an input, what it was declared to keep within, where that isn't far off."""
+    path = panel.paths[0]
+    declared = log.declaration(path)
+    known = log[path][np.isfinite(log[path])]
+    if panel.kind != "line" or not path.startswith(("actuators.", "command.value.")) or declared is None:
+        return
+    for limit in (declared.low, declared.high):
+        if limit is not None and len(known):
+            low, high = float(known.min()), float(known.max())
+            if max(low - limit, limit - high) <= LIMIT_FARTHEST * max(high - low, abs(limit)):
+                axes.axhline(limit, color=GREY, lw=1, ls=":")
 
 
 def _draw_line(axes: Any, panel: Panel, log: Log, path: str, colours: Any, lower: float = 0.0, **style: Any) -> None:
     values = log[path] if log[path].ndim > 1 else log[path][:, None]
+    factor = display_unit(path, log.unit(path))[1]
+    values = values if factor == 1 else values * factor
     for k, column in enumerate(values.T):
         if panel.kind == "log":
             column = np.where(column > 0, column, np.nan)
-        t, x = decimate(log.t, column)
         look: dict[str, Any] = {"drawstyle": "steps-post"} if panel.kind == "mode" else {}
         look |= {"alpha": 0.65} if panel.kind == "age" else {}
         look |= {"marker": "."} if len(log) == 1 else {}
-        axes.plot(t, x - lower if lower else x, color=colours[k % len(colours)], label=path, **look, **style)
+        look |= {"color": colours[k % len(colours)], "label": path, "logarithmic": panel.kind == "log"}
+        draw_line(axes, log.t, column - lower if lower else column, **look, **style)
 
 
 def _draw_flags(axes: Any, panel: Panel, log: Log) -> None:
@@ -201,7 +290,7 @@ def _style_panel(axes: Any, panel: Panel, log: Log, *, bottom: bool) -> None:
     where = f"{panel.demand_path}, {path}" if panel.demand_path else path
     if len(panel.paths) == 1:
         axes.set_title(where, loc="right", fontsize=7, color=GREY, y=1.02, pad=0)
-    unit = log.unit(path) if panel.kind in ("line", "log", "age") else ""
+    unit = display_unit(path, log.unit(path))[0] if panel.kind in ("line", "log", "age") else ""
     axes.set_ylabel(unit if unit != "1" else "", fontsize=9)
     axes.yaxis.set_label_coords(-0.13, 0.5)
     style_grid(axes)
@@ -224,7 +313,7 @@ def _style_panel(axes: Any, panel: Panel, log: Log, *, bottom: bool) -> None:
         axes.set_ylim(bottom=0)
 
 
-def _legend(panels: list[Panel], ideal: bool, targets: bool) -> list[Any]:
+def _legend(panels: list[Panel], ideal: bool, targets: bool, planar: Log | None) -> list[Any]:
     from matplotlib.lines import Line2D
     from matplotlib.patches import Patch
 
@@ -236,4 +325,8 @@ def _legend(panels: list[Panel], ideal: bool, targets: bool) -> list[Any]:
     if targets:
         handles.append(Line2D([], [], color=GREEN, lw=1.5, ls="--", label="target"))
         handles.append(Patch(color=GREEN, alpha=0.16, lw=0, label="band"))
+    if planar is not None and "estimate.state.north" in planar:
+        handles.append(Line2D([], [], color=ORANGE, lw=2, label="estimate"))
+    if planar is not None and "law.north_reference" in planar:
+        handles.append(Line2D([], [], color=GREEN, lw=3, alpha=0.5, label="reference"))
     return handles

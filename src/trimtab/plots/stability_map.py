@@ -68,7 +68,11 @@ def _draw_criterion(axes: Any, one: StabilityCriterion) -> list[Any]:
     lines = one.zero_lines()
     for line in lines:
         axes.plot(*line.T, color=colour, linestyle=style, linewidth=2)
-    return [Line2D([], [], color=colour, linestyle=style, linewidth=2, label=one.name)] if lines else []
+    return (
+        [Line2D([], [], color=colour, linestyle=style, linewidth=2, label=f"{one.name} (linear, no loss)")]
+        if lines
+        else []
+    )
 
 
 def _label(axis: Axis) -> str:

@@ -3,7 +3,9 @@
 Colours: Okabe and Ito, "Color universal design", 2008; told apart also without colour vision.
 """
 
+import io
 import os
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -23,6 +25,11 @@ PicturePath = str | os.PathLike[str] | None
 """Where a picture is saved: PNG, or what the suffix says; the file appears whole or not at all. None: nowhere."""
 BINS = 600
 """Bins to a line: about the pixels of a panel's width. Each keeps its extremes."""
+COLUMNS, TURNS, SWINGS, STRETCH = 100, 4, (0.2, 0.5), 15
+"""Cut in so many columns, a line chatters where it turns round so often in each, over the lesser share of its span,
+and in half of them over the greater, in so many columns in a row: a period is then at most some pixels wide."""
+CHATTER = "where it chatters: range, mean"
+"""What a range in the place of a line is called in legends."""
 
 
 def new_figure(width: float, height: float) -> "Figure":
@@ -67,6 +74,57 @@ def decimate(t: np.ndarray, x: np.ndarray, bins: int = BINS) -> tuple[np.ndarray
     return t[kept], x[kept]
 
 
+def draw_line(axes: Any, t: np.ndarray, x: np.ndarray, *, logarithmic: bool = False, **look: Any) -> None:
+    """Draw a line thinned; where it chatters, so that a solid block would be left of it, its range, pale, and its mean.
+
+    Shapes (n,) and (n,).  logarithmic: judged on such a scale.  look: of `axes.plot`, with a color.
+    """
+    x = np.asarray(x, np.float64)
+    if len(x) > 4 * BINS:
+        size = -(-len(x) // COLUMNS)
+        low, high, mean = _column_ranges(x, size)
+        busy = _chattering_columns(np.log10(x) if logarithmic else x, size)
+        if busy.any():
+            edges = np.minimum(np.arange(len(busy) + 1) * size, len(t) - 1)
+            middles = (t[edges[1:]] + t[edges[:-1]]) / 2
+            filled = np.append(busy, False) | np.append(False, busy)
+            pale: dict[str, Any] = {"color": look["color"], "alpha": 0.3, "lw": 0, "zorder": 1.5, "label": CHATTER}
+            low, high = np.append(low, low[-1]), np.append(high, high[-1])
+            axes.fill_between(t[edges], low, high, where=filled, step="post", **pale)
+            x = np.where(np.repeat(busy, size)[: len(x)], np.interp(t, middles[busy], mean[busy]), x)
+    axes.plot(*decimate(t, x), **look)
+
+
+def _column_ranges(x: np.ndarray, size: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The lowest, the highest and the mean of each column of so many; missing where one is missing."""
+    padded = np.append(x, np.full(-len(x) % size, x[-1])).reshape(-1, size)
+    return padded.min(1), padded.max(1), padded.mean(1)
+
+
+def _chattering_columns(x: np.ndarray, size: int) -> np.ndarray:
+    """In which columns a line chatters; a start far off doesn't count in its span."""
+    low, high, _ = _column_ranges(x, size)
+    known = np.isfinite(low) & np.isfinite(high)
+    if not known.any():
+        return known
+    span = np.percentile(high[known], 95) - np.percentile(low[known], 5)
+    change = np.diff(x)
+    moves = np.flatnonzero(change)
+    turns = moves[1:][change[moves[1:]] * change[moves[:-1]] < 0]
+    turning = known & (np.bincount(turns // size, minlength=len(low)) >= TURNS)
+    swing = np.where(known, high - low, 0.0) / max(span, np.finfo(float).tiny)
+    busy, much = (turning & (swing >= share) for share in SWINGS)
+    edges = np.flatnonzero(np.diff(np.concatenate([[0], busy.astype(np.int8), [0]])))
+    for a, b in zip(edges[::2], edges[1::2], strict=True):
+        busy[a:b] = b - a >= STRETCH and 2 * np.count_nonzero(much[a:b]) >= b - a
+    return busy
+
+
+def has_chatter(axes: Any) -> bool:
+    """Whether a line that chatters was drawn there."""
+    return any(one.get_label() == CHATTER for one in axes.collections)
+
+
 def save_figure(
     figure: "Figure", path: PicturePath, title: str = "", note: str = "", *, title_size: float = 13
 ) -> "Figure":
@@ -75,6 +133,7 @@ def save_figure(
         figure.suptitle(title, fontsize=title_size, weight="bold", x=0.01, ha="left")
     if note:
         figure.text(0.99, 0.99, note, fontsize=10, color=GREY, ha="right", va="top")
+    figure.__dict__["_repr_png_"] = partial(_draw_png, figure)  # by which a notebook shows it, without any magic
     if path is None:
         return figure
     file, kinds = Path(path), figure.canvas.get_supported_filetypes()
@@ -85,3 +144,9 @@ def save_figure(
     with replace_file(file) as stream:
         figure.savefig(stream, format=kind, dpi=DPI, **fast)
     return figure
+
+
+def _draw_png(figure: "Figure") -> bytes:
+    stream = io.BytesIO()
+    figure.savefig(stream, format="png", dpi=DPI)
+    return stream.getvalue()

@@ -9,13 +9,29 @@ import numpy as np
 
 from trimtab.core.errors import InputError
 from trimtab.logs.log import Log
-from trimtab.plots.style import BLUE, GREEN, GREY, VERMILION, PicturePath, decimate, new_figure, save_figure, style_axes
+from trimtab.logs.spatial import display_unit
+from trimtab.plots.style import (
+    BLUE,
+    CHATTER,
+    GREEN,
+    GREY,
+    VERMILION,
+    PicturePath,
+    decimate,
+    draw_line,
+    has_chatter,
+    new_figure,
+    save_figure,
+    style_axes,
+)
 
 if TYPE_CHECKING:  # matplotlib is imported when something is drawn
     from matplotlib.figure import Figure
 WIDTH, ROW_HEIGHT, TOP = 14.0, 1.7, 0.7
 ROOM = 1.3
 """Axes show so many times what they have to."""
+ABOVE, INSET = 0.8, (0.4, 0.56, 0.59, 0.34)
+"""Room above an error, in its ranges, for an inset at this place of the axes: left, bottom, width, height."""
 WITHOUT = "estimate.state.without_measurement"
 """What the estimator's model gives without any measurement: an error that vanishes there too proves nothing."""
 
@@ -64,7 +80,12 @@ def plot_tracking(log: Log, path: PicturePath = None, title: str = "Tracking") -
         axes.set_xlabel("time (s)", fontsize=9)
     if len(log) > 1:
         every[0, 0].set_xlim(log.t[0], log.t[-1])
-    return save_figure(figure, path, title, "blue: flown; green: wanted; red: estimated", title_size=14)
+    note = "blue: flown; green: wanted; red: estimated"
+    if any(row.is_estimated and _sigma(log, row.name) is not None for row in rows):
+        note += "; dashed: two sigmas"
+    if any(has_chatter(axes) for axes in figure.axes):
+        note += f"; pale, {CHATTER}"
+    return save_figure(figure, path, title, note, title_size=14)
 
 
 def _is_wanted(log: Log, path: str) -> bool:
@@ -84,30 +105,62 @@ def _has_own_estimate(log: Log, name: str) -> bool:
 def _draw_row(pair: Any, log: Log, row: SignalRow) -> None:
     value, error = pair
     path, title = f"truth.{row.name}", row.name.replace("_", " ")
-    unit = log.unit(path)
+    unit, factor = display_unit(path, log.unit(path))
+    true, wanted = factor * log[path], factor * log[f"law.{row.name}_wanted"]
     if row.is_estimated:
-        value.plot(*decimate(log.t, log[f"estimate.state.{row.name}"]), color=VERMILION, lw=0.9)
-    value.plot(*decimate(log.t, log[path]), color=BLUE, lw=1.0)
-    value.plot(*decimate(log.t, log[f"law.{row.name}_wanted"]), color=GREEN, lw=1.0, ls="--")
+        draw_line(value, log.t, factor * log[f"estimate.state.{row.name}"], color=VERMILION, lw=0.9)
+    draw_line(value, log.t, true, color=BLUE, lw=1.0)
+    draw_line(value, log.t, wanted, color=GREEN, lw=1.0, ls="--")
     _style_panel(value, title, "", unit)
     if not row.is_estimated:
-        off = _signed_difference(log, path, log[path], log[f"law.{row.name}_wanted"])
-        error.plot(*decimate(log.t, off), color=BLUE, lw=0.9)
-        _set_vertical_range(error, log, off)
+        off = factor * _signed_difference(log, path, log[path], log[f"law.{row.name}_wanted"])
+        _draw_error(error, log, [(off, BLUE)])
         _style_panel(error, f"{title} minus wanted", _rms(log, off), unit)
         return
-    off = _signed_difference(log, path, log[f"estimate.state.{row.name}"], log[path])
-    note = _rms(log, off)
-    alone, shown = f"{WITHOUT}.{row.name}", [off]
+    off = factor * _signed_difference(log, path, log[f"estimate.state.{row.name}"], log[path])
+    note, shown, sigma = _rms(log, off), [(off, VERMILION)], _sigma(log, row.name)
+    alone = f"{WITHOUT}.{row.name}"
     if alone in log:
-        bare = _signed_difference(log, path, log[alone], log[path])
-        shown.append(bare)
-        error.plot(*decimate(log.t, bare), color=GREY, lw=0.8)
+        shown.insert(0, (factor * _signed_difference(log, path, log[alone], log[path]), GREY))
         note += "; grey: without measurement"
-    error.plot(*decimate(log.t, off), color=VERMILION, lw=0.9)
-    _set_vertical_range(error, log, *shown)
-    _set_vertical_range(value, log, log[path], log[f"estimate.state.{row.name}"], middle=True)
+    _draw_error(error, log, shown, None if sigma is None else factor * sigma)
+    _set_vertical_range(value, log, true, factor * log[f"estimate.state.{row.name}"], middle=True)
     _style_panel(error, f"{title}: estimate minus truth", note, unit)
+
+
+def _sigma(log: Log, name: str) -> np.ndarray | None:
+    """What the estimator believes of its error: a signal of the state, or one of a vector's numbers.
+
+    The vector has them in the order in which the states that the model gives without any measurement stand in the log.
+    """
+    path, several = f"estimate.state.sigma_{name}", "estimate.state.sigma"
+    if path in log:
+        return log[path]
+    names = [p.rpartition(".")[2] for p in log.paths if p.startswith(f"{WITHOUT}.")]
+    if several in log and name in names and log[several].shape[1:] == (len(names),):
+        return log[several][:, names.index(name)]
+    return None
+
+
+def _draw_error(axes: Any, log: Log, shown: list[tuple[np.ndarray, str]], sigma: np.ndarray | None = None) -> None:
+    """Errors, each with its colour, and the band of two sigmas; a start far off stands in an inset."""
+    band = [] if sigma is None else [-2 * sigma, 2 * sigma]
+    end = _set_vertical_range(axes, log, *band, *(x for x, _ in shown))
+    views = [(axes, slice(None))]
+    if end:
+        low, high = axes.get_ylim()
+        axes.set_ylim(low, high + ABOVE * (high - low))
+        views.append((axes.inset_axes(INSET), slice(end)))
+    for view, rows in views:
+        t = log.t[rows]
+        for x, colour in shown:
+            draw_line(view, t, x[rows], color=colour, lw=0.9)
+        for edge in band:
+            view.plot(*decimate(t, edge[rows]), color="black", lw=0.9, ls=(0, (4, 2)))
+    for view, _ in views[1:]:
+        view.tick_params(labelsize=6, length=2, pad=1)
+        view.set_xlim(log.t[0], log.t[end - 1])
+        view.set_title("the start", fontsize=7, color=GREY, loc="right", pad=2)
 
 
 def _signed_difference(log: Log, path: str, a: np.ndarray, b: np.ndarray) -> np.ndarray:
@@ -117,21 +170,28 @@ def _signed_difference(log: Log, path: str, a: np.ndarray, b: np.ndarray) -> np.
     return np.angle(np.exp(1j * off)) if angle else off
 
 
-def _set_vertical_range(axes: Any, log: Log, *signals: np.ndarray, middle: bool = False) -> None:
-    """The vertical range of what comes after the first twentieth of the run: a start far off would hide all else."""
-    late = np.concatenate([x[len(log) // 20 :] for x in signals])
+def _set_vertical_range(axes: Any, log: Log, *signals: np.ndarray, middle: bool = False) -> int:
+    """The vertical range of what comes after the first twentieth of the run: a start far off would hide all else.
+
+    Returns: at which row the last signal's start has come within the range for good; 0 where it never was outside.
+    """
+    first = len(log) // 20
+    late = np.concatenate([x[first:] for x in signals])
     late = late[np.isfinite(late)]
     if not len(late):
-        return
+        return 0
     centre = float(late.min() + late.max()) / 2 if middle else 0.0
     reach = ROOM * float(np.abs(late - centre).max())
-    if 0 < reach < 1e12:
-        axes.set_ylim(centre - reach, centre + reach)
+    if not 0 < reach < 1e12:
+        return 0
+    axes.set_ylim(centre - reach, centre + reach)
+    outside = np.flatnonzero(np.abs(signals[-1][:first] - centre) > reach)
+    return min(int(1.5 * outside[-1]) + 10, first) if len(outside) else 0
 
 
 def _draw_input(axes: Any, log: Log, path: str) -> None:
     x, title = log[path], path.removeprefix("actuators.u.").replace("_", " ")
-    axes.plot(*decimate(log.t, x), color=BLUE, lw=0.9)
+    draw_line(axes, log.t, x, color=BLUE, lw=0.9)
     _style_panel(axes, title, f"{x.min():.4g} to {x.max():.4g}" if len(x) else "", log.unit(path))
 
 

@@ -13,6 +13,8 @@ from trimtab.actuators.drive import DriveCommand, drive_failsafe
 from trimtab.actuators.failsafe import Failsafe, FailsafeInput
 from trimtab.compiler.block import BlockDefinition
 from trimtab.compiler.compiled_block import CompiledBlock, compile_block
+from trimtab.core.errors import InputError
+from trimtab.core.interfaces import optional_member
 from trimtab.core.record import part, quantity, record, replace, to_arrays, tree_where
 from trimtab.core.rng import key as root_key
 from trimtab.core.signals import Command, Frame, Sample
@@ -21,12 +23,14 @@ from trimtab.environment.geodetic import TangentPlane
 from trimtab.links.wire import Wire
 from trimtab.loop.faults import DELAYED, FaultyChannel, delay_slots
 from trimtab.loop.scenario import Scenario
+from trimtab.loop.stick_script import add_stick_sensor, empty_sticks
 from trimtab.loop.structure import cast_like, zeros_like
-from trimtab.loop.walk import instant
-from trimtab.run.inputs import RunInputs, run_inputs
+from trimtab.loop.swarm import Swarm
+from trimtab.loop.walk import Signals, instant, logged_signals
+from trimtab.run.inputs import RunInputs, leaf_paths, run_inputs
 
-UNLIMITED = 1e300
-"""Any number that is finite is believed, of a command about which nothing is known."""
+UNLIMITED = 3e38
+"""Any number that a float holds is believed, of a command about which nothing is known."""
 
 
 @record
@@ -45,6 +49,8 @@ class AutopilotOutput:
     estimate: Any = part("What the estimator makes of the frame.")
     law: Any = part("Output of the law.")
     supervisor: Any = part("What the supervisor says; nothing without one.", default=())
+    predictor: Any = part("What the predictor says; nothing without one.", default=())
+    monitor: Any = part("What the monitor says of each formula; nothing without one.", default=())
 
 
 @record
@@ -76,6 +82,7 @@ class WorldOutput:
     downlink: Any = part("Sample of each sensor at the far end of its channel, now: the frame.")
     uplink: Any = part("The command as the actuators held it, at the last instant.")
     actuators: Any = part("What the actuators did from the last instant on.")
+    gust: Any = part("What turbulence adds to the air about the vehicle, now; nothing without one.", default=())
 
 
 @record
@@ -86,10 +93,48 @@ class UplinkParameters:
     key: Any = part("Seed and run of the random numbers.")
 
 
+def has_stepped_vehicle(scenario: Scenario) -> bool:
+    """Whether a scenario's vehicle is one that is stepped by a host, and can't be compiled."""
+    return optional_member(scenario.world.vehicle, "is_stepped") is not None
+
+
+def hold_vehicle(scenario: Scenario) -> Scenario:
+    """The scenario with a vehicle of that kind held, for a host to step; others as they are."""
+    if not has_stepped_vehicle(scenario):
+        return scenario
+    world = scenario.world
+    return replace(scenario, world=replace(world, vehicle=replace(world.vehicle, is_stepped=True)))
+
+
+def refuse_stepped_vehicle(scenario: Scenario) -> None:
+    """Refuse a vehicle that can't be compiled, in its own words, before anything else is asked of it."""
+    if has_stepped_vehicle(scenario):
+        scenario.world.vehicle.dynamics(0.0, scenario.initial, None)
+
+
+def refuse_swarm(scenario: Scenario, end: str) -> None:
+    """Refuse a swarm where one vehicle is asked for. end: what is one vehicle's, e.g. "firmware"."""
+    swarm = scenario.world.vehicle
+    if isinstance(swarm, Swarm):
+        problem = f"{end} is of one vehicle, and this is a swarm of {swarm.count} craft, whose messages no line carries"
+        fix = "a scenario of one craft, e.g. hovercraft/forward; what one of the swarm does, as C:"
+        raise InputError(
+            f"scenario {scenario.name!r}", problem, fix=f"{fix}  trimtab export FILE.py:function  (docs, Swarms)"
+        )
+
+
 def message_structures(scenario: Scenario) -> tuple[Frame, Command]:
     """The structures of a scenario's frame and command, every number zero; refuses parts that don't fit each other."""
-    s, a = jax.eval_shape(lambda: run_inputs(scenario).initial_states())
+    s, a = jax.eval_shape(lambda: run_inputs(hold_vehicle(scenario)).initial_states())
     return zeros_like((Frame(t=np.int64(0), samples=s.received), a.command))
+
+
+def carried_structures(scenario: Scenario) -> tuple[Frame, Command]:
+    """The structures of the two messages as a line carries them: without a stick moved at the autopilot's end."""
+    scenario = add_stick_sensor(scenario)
+    frame, command = message_structures(scenario)
+    away = empty_sticks(scenario)
+    return replace(frame, samples={n: s for n, s in frame.samples.items() if n not in away}), command
 
 
 def autopilot_block(scenario: Scenario, *, seed: int = 0, run: int = 0) -> BlockDefinition:
@@ -103,7 +148,8 @@ def autopilot_block(scenario: Scenario, *, seed: int = 0, run: int = 0) -> Block
 
     def step(p: Any, s: Any, now: Frame) -> Any:
         after, command = p.step(now.t, s, now)
-        output = AutopilotOutput(command, after.estimate, after.output, after.supervised)
+        said = after.supervised, after.last_prediction(), after.last_verdicts()
+        output = AutopilotOutput(command, after.estimate, after.output, *said)
         return p.drop_derived_outputs(after, always), output
 
     doc = f"Autopilot of {scenario.name}: one step every {to_seconds(inputs.autopilot.period) * 1e3:g} ms."
@@ -127,11 +173,18 @@ def loop_block(scenario: Scenario, always: frozenset[int], *, seed: int = 0) -> 
 
     def step(p: RunInputs, state: Any, now: LoopInput) -> Any:
         s, a, seen = instant(p.world, p.autopilot, Clock(now.t, always), now.h, *state)
-        return cast_like(p.drop_derived_outputs(s, a, always), state), seen
+        return cast_like(p.drop_derived_outputs(s, a, always), state), _keep_logged(seen)
 
     doc = f"Closed loop of {scenario.name}: world and autopilot, one step an instant."
     inputs = run_inputs(scenario, seed)
     return BlockDefinition("loop", doc, step, init, inputs, LoopInput(t=np.int64(0), h=np.int64(0)))
+
+
+def _keep_logged(seen: Signals) -> Signals:
+    """The signals that a log holds; None stands for each other (what a craft has heard of each of its swarm)."""
+    logged = {path for path, _, _ in logged_signals(seen)}
+    values, structure = jax.tree.flatten(seen)
+    return structure.unflatten([v if p in logged else None for p, v in zip(leaf_paths(seen), values, strict=True)])
 
 
 def world_block(scenario: Scenario, *, seed: int = 0) -> BlockDefinition:
@@ -139,6 +192,7 @@ def world_block(scenario: Scenario, *, seed: int = 0) -> BlockDefinition:
 
     A step is given the command of the last instant, and gives the frame of this one.
     """
+    scenario = add_stick_sensor(scenario)
     scenario.check()
 
     def init(p: RunInputs) -> Any:
@@ -146,7 +200,8 @@ def world_block(scenario: Scenario, *, seed: int = 0) -> BlockDefinition:
 
     def advance(p: RunInputs, s: Any, now: WorldInput) -> Any:
         s = p.world.act(Clock(now.t), s, now.command, now.fresh)
-        return replace(s, x=tree_where(now.is_held, s.x, p.world.advance(now.t, s, now.h).x))
+        after = p.world.advance(now.t, s, now.h)
+        return replace(after, x=tree_where(now.is_held, s.x, after.x))
 
     def step(p: RunInputs, s: Any, now: WorldInput) -> Any:
         after = jax.lax.cond(now.first, lambda: s, lambda: cast_like(advance(p, s, now), s))
@@ -157,6 +212,7 @@ def world_block(scenario: Scenario, *, seed: int = 0) -> BlockDefinition:
             downlink=after.received,
             uplink=after.commanded,
             actuators=after.actuated,
+            gust=after.gust,
         )
         return cast_like(after, s), output
 
@@ -168,8 +224,8 @@ def world_block(scenario: Scenario, *, seed: int = 0) -> BlockDefinition:
 
 
 def compile_world(scenario: Scenario, *, seed: int = 0) -> tuple[CompiledBlock, Frame, Command]:
-    """The compiled world of a scenario, and the structures of its two messages; refused without a C compiler."""
-    return compile_block(world_block(scenario, seed=seed)), *message_structures(scenario)
+    """The compiled world of a scenario, and the structures of its messages on a line; refused without a C compiler."""
+    return compile_block(world_block(scenario, seed=seed)), *carried_structures(scenario)
 
 
 def timed_block(name: str, doc: str, block: Any, input: Any) -> BlockDefinition:
@@ -235,7 +291,7 @@ def motion_block(scenario: Scenario) -> BlockDefinition:
 
     Its inputs below `input` are "truth", the state, and "u", what acts on it.
     """
-    inputs = run_inputs(scenario)
+    inputs = run_inputs(hold_vehicle(scenario))
     s, _ = jax.eval_shape(inputs.initial_states)
     state, u = zeros_like((s.x, s.actuated.u))
 

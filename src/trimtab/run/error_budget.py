@@ -10,14 +10,17 @@ import jax
 import numpy as np
 
 from trimtab.core.errors import InputError
-from trimtab.core.record import Quantity, leaves
+from trimtab.core.quantity import leaves, split_component
 from trimtab.core.time import to_seconds
 from trimtab.logs.log import Log
 from trimtab.logs.metrics import full_path
 from trimtab.logs.navigation import state_series
 from trimtab.loop.scenario import Scenario
+from trimtab.loop.walk import logged_signals
 from trimtab.run.inputs import run_inputs
 from trimtab.run.simulate import simulate_many
+from trimtab.run.walk_program import signal_structure
+from trimtab.scenarios.build import find_scenario
 
 ALL, NONE = "all", "none"
 """The rows with every imperfection, and with none."""
@@ -56,7 +59,7 @@ class ErrorBudget(NamedTuple):
 
 
 def error_budget(
-    scenario: Scenario,
+    scenario: Scenario | str,
     *,
     seeds: Iterable[int] = range(20),
     names: Iterable[str] = (),
@@ -65,11 +68,16 @@ def error_budget(
 ) -> ErrorBudget:
     """Fly a scenario with all its imperfections, without each, with each alone, and with none.
 
+    >>> from trimtab import build, error_budget
+    >>> budget = error_budget(build("hovercraft/spin", {"duration": "1 s"}), seeds=range(2), names=["dead-zone"])
+    >>> [cost.name for cost in budget.costs]
+    ['dead-zone']
+
     Measured over the second half of each run: how far the truth is from the scenario's targets, and, where the
     estimate is one of navigation, how far the estimate is from the truth of its moment.
 
     Args:
-        scenario: what flies.
+        scenario: what flies, or its name.
         seeds: the same for every row, so that rows differ by the imperfection alone.
         names: of imperfections; all that the scenario has when empty.
         tell: called with a name after each set of flights.
@@ -77,6 +85,7 @@ def error_budget(
 
     Raises: InputError where the scenario has no imperfection of a name, or nothing that could be measured.
     """
+    scenario = find_scenario(scenario)
     chosen, known = list(seeds), scenario.imperfections()
     if not chosen:
         raise InputError("error_budget", "there are no seeds", fix="give one or more, e.g. range(20)")
@@ -86,11 +95,15 @@ def error_budget(
     if not _is_measurable(scenario):
         _refuse_scenario(scenario)
 
+    aimed = [full_path(t.path) for t in scenario.targets]
+    others = [split_component(path)[0] for path in aimed if not path.startswith(("truth.", "estimate."))]
+    needed = ("truth", "estimate", *dict.fromkeys(others))
+
     def fly_without(label: str, switched_off: Iterable[str]) -> dict[str, tuple[float, float]]:
         changed = scenario
         for name in switched_off:
             changed = changed.without(name)
-        logs = simulate_many(changed, seeds=chosen, signals=("truth", "estimate"), backend=backend)
+        logs = simulate_many(changed, seeds=chosen, signals=needed, backend=backend)
         measures = _compute_measures(logs, scenario)
         tell(label)
         return measures
@@ -108,8 +121,9 @@ def error_budget(
     rows = [least, *(row for cost in costs for row in (cost.without, cost.alone))]
     measures = [measure for measure in whole if all(measure in row for row in rows)]
     costs.sort(key=lambda cost: [cost.without[m][0] for m in measures[:1]])
-    declared = {path: d.unit for path, _, d in leaves(scenario.initial) if isinstance(d, Quantity)}
-    units = {m: UNITS.get(m) or declared[m] for m in measures}
+    declared = {path: d for path, _, d in logged_signals(signal_structure(run_inputs(scenario)))}
+    own = {path.removeprefix("truth."): declared[split_component(path)[0]].unit for path in aimed}
+    units = {m: UNITS.get(m) or own[m] for m in measures}
     return ErrorBudget(units, whole, least, tuple(costs))
 
 

@@ -40,8 +40,17 @@ def run_inputs(scenario: Scenario, seed: int = 0, run: int = 0) -> RunInputs:
         world=to_arrays(scenario.world),
         autopilot=to_arrays(scenario.autopilot),
         initial=to_arrays(scenario.initial),
-        key=Key(np.uint32(seed), np.uint32(run)),
+        key=Key(np.uint32(seed), noise_words(scenario, np.uint32(run))),
     )
+
+
+def noise_words(scenario: Scenario, numbers: Any) -> Any:
+    """Second key words of runs of these numbers (…): the numbers, or with words of the scenario's own (…, m).
+
+    Those of run 0 are then the words themselves, and every other number names other noise.
+    """
+    numbers = np.asarray(numbers, np.uint32)
+    return numbers[..., None] + np.asarray(scenario.words, np.uint32) if len(scenario.words) else numbers
 
 
 def leaf_paths(tree: Any) -> list[str]:
@@ -69,13 +78,7 @@ def own_inputs(
     paths, shared = leaf_paths(inputs), jax.tree.leaves(inputs)
     own: dict[int, Any] = {paths.index("key.seed"): np.asarray(seeds, np.uint32)}
     if runs is not None:
-        numbers = list(runs)
-        if len(numbers) != len(seeds):
-            fix = "give each run a seed and a number"
-            raise InputError("simulate_batch", f"{len(numbers)} numbers of runs for {len(seeds)} seeds", fix=fix)
-        for number in numbers:
-            check_seed(int(number))
-        own[paths.index("key.run")] = np.asarray(numbers, np.uint32)
+        own[paths.index("key.run")] = _run_words(shared[paths.index("key.run")], len(seeds), runs)
     for path, values in (spread or {}).items():
         if path not in paths or path.startswith("key."):
             near = closest(path, paths, 6) or paths[:6]
@@ -95,3 +98,18 @@ def own_rows(own: dict[int, Any], runs: int) -> Any:
     """The inputs that differ, float64 (runs, k), as a library reads them."""
     columns = [np.asarray(v, np.float64).reshape(runs, -1) for v in own.values()]
     return np.concatenate([np.zeros((runs, 0)), *columns], axis=1)
+
+
+def _run_words(first: Any, count: int, runs: Iterable[Any]) -> Any:
+    """Second key words of so many runs: their numbers, or the words that each has; first: those of run 0."""
+    words = np.asarray(runs if isinstance(runs, np.ndarray) else list(runs), np.int64)
+    if len(words) != count or words.ndim > 1 + np.ndim(first):
+        fix = "give each run a seed and a number"
+        raise InputError("simulate_batch", f"{len(words)} numbers of runs for {count} seeds", fix=fix)
+    if words.ndim == 2 and words.shape[1:] != np.shape(first):
+        problem = f"{words.shape[1]} words for each run, where the scenario has {np.size(first)}"
+        raise InputError("simulate_batch", problem, fix="as many as its `words`")
+    for number in (words.min(), words.max()) if words.size else ():
+        check_seed(int(number))
+    words = words.astype(np.uint32)
+    return words if words.ndim > np.ndim(first) else words[:, None] + np.asarray(first, np.uint32)

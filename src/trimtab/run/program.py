@@ -11,8 +11,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from trimtab.core.errors import InputError
-from trimtab.core.quantity import Quantity, children, is_record, leaves
+from trimtab.core.errors import InputError, argument, argument_name
+from trimtab.core.quantity import Quantity, leaves, part_classes, plain_setting
 from trimtab.core.time import Timetable, timetable, to_seconds
 from trimtab.logs.log import LazyMapping, Log, provenance, to_plain
 from trimtab.loop.beliefs import belief_mismatches
@@ -157,7 +157,8 @@ class Program(NamedTuple):
 
     library: scalar C.  shared: its inputs, float64, with the key words (seed, run) at `words` to be filled in.
     periods, duration, max_step: what the timetable follows from.  columns: of a row.  final: the last values.
-    metadata: what a log says besides seed and backend.
+    metadata: what a log says besides seed and backend.  noise: words of the scenario's own, to which a run's number is
+    added, one after the other from the second of `words` on.
     """
 
     library: Path
@@ -169,12 +170,15 @@ class Program(NamedTuple):
     columns: list[Column]
     final: list[Column]
     metadata: dict[str, Any]
+    noise: tuple[int, ...] = ()
 
     def fly(self, seed: int, run: int, log_period: int) -> Log:
         """One run, as `simulate` gives it."""
         table, row, instants = _log_rows(self.periods, self.duration, self.max_step, log_period)
         shared = self.shared_inputs.copy()
         shared[list(self.words)] = seed, run
+        for i, word in enumerate(self.noise):
+            shared[self.words[1] + i] = (word + run) % 2**32
         widths = row_width(self.columns), row_width(self.final)
         results = fly_runs(self.library, shared, np.empty((1, 0)), table, row, widths)
         metadata = self.metadata | {"seed": seed, "run": run, "log_period_s": to_seconds(log_period), "backend": "c"}
@@ -200,7 +204,7 @@ def logged_instants(table: Timetable, written: Any) -> tuple[Any, Any]:
 def check_seed(seed: int) -> None:
     """Refuse a number that is no seed, or no number of a run."""
     if not 0 <= seed < 2**32:
-        raise InputError("--seed", f"{seed} is not in 0 … {2**32 - 1}", fix="--seed 0")
+        raise InputError(argument_name("seed"), f"{seed} is not in 0 … {2**32 - 1}", fix=argument("seed", 0))
 
 
 def row_width(columns: list[Column]) -> int:
@@ -259,7 +263,7 @@ def make_log(
         signals=LazyMapping(places, signal),
         declarations={c.path: c.declaration for c in columns if c.declaration is not None},
         metadata=LazyMapping(metadata, lambda name: to_plain(f"log.metadata.{name}", metadata[name])),
-        final={path: value[()] for path, value in last.items() if path.startswith("truth.")},
+        final={path: value[()] for path, value in last.items() if path.startswith(("truth.", "world."))},
     )
 
 
@@ -273,22 +277,7 @@ def describe_scenario(scenario: Any) -> dict[str, Any]:
         "parameters": {p: plain_setting(v) for p, v, _ in leaves(scenario)},
         "parts": part_classes(scenario),
         **({"mismatch": mismatch} if mismatch else {}),
+        **({"words": list(scenario.words)} if scenario.words else {}),
         **provenance(),
     }
     return to_plain("log.metadata", about)
-
-
-def part_classes(tree: Any, path: str = "") -> dict[str, str]:
-    """Path of each record below a tree -> the name of its class."""
-    classes = {}
-    for name, child, _ in children(tree):
-        here = f"{path}.{name}" if path else name
-        classes |= ({here: type(child).__name__} if is_record(child) else {}) | part_classes(child, here)
-    return classes
-
-
-def plain_setting(value: Any) -> Any:
-    """A quantity or an option as a log's metadata has it."""
-    if isinstance(value, str | bool | int) or value is None:
-        return value
-    return np.asarray(value).tolist()

@@ -14,7 +14,7 @@ import numpy as np
 from trimtab.compiler.block import BlockDefinition
 from trimtab.compiler.compiled_block import CompiledBlock, compile_block
 from trimtab.compiler.folder import ROUNDINGS
-from trimtab.core.errors import InputError
+from trimtab.core.errors import InputError, argument
 from trimtab.core.record import replace
 from trimtab.core.signals import Frame
 from trimtab.core.time import format_time, to_seconds
@@ -26,6 +26,7 @@ from trimtab.run.inputs import leaf_paths
 from trimtab.run.parameter_changes import AutopilotChange, read_changes, with_changes
 from trimtab.run.program import check_seed
 from trimtab.run.runner import choose_c
+from trimtab.scenarios.recorded import rebuild_scenario
 
 TOLERANCE = 1e-10
 """Of a signal's largest size, where bits can't be asked for: another backend, or another class of machine."""
@@ -63,23 +64,30 @@ class Replay(NamedTuple):
     changed: bool
 
 
-def replay(log: Log, scenario: Scenario, *, autopilot: Any = None, backend: str = "auto") -> Replay:
+def replay(log: Log, scenario: Scenario | str | None = None, *, autopilot: Any = None, backend: str = "auto") -> Replay:
     """Fly a scenario's autopilot over the frames of a log.
+
+    >>> from trimtab import replay, simulate
+    >>> replay(simulate("hovercraft/spin", duration="100 ms")).exact
+    True
 
     On the backend and the class of machine that recorded it, every bit must come again; elsewhere results must agree
     within TOLERANCE.
 
     Args:
         log: of simulate, with each control instant, or of a flight; its signals ``downlink`` are the frames.
-        scenario: as it was recorded, e.g. by `scenarios.recorded.rebuild_scenario`.
+        scenario: as it was recorded, or its name; built again from what the log says of it when None.
         autopilot: another one to fly instead; it reads the same sensors. The vehicle's motion stays the recorded one.
         backend: "c", "jax" or "auto", as for simulate.
 
     Raises:
         InputError: a log that does not hold every frame, or an autopilot that doesn't fit them.
     """
+    if not isinstance(scenario, Scenario):
+        scenario = rebuild_scenario(log, scenario)
     scenario.check()
     flown = scenario if autopilot is None else replace(scenario, autopilot=autopilot)
+    _refuse_other_sensors(flown)
     flown.check()
     seed, run = (int(log.metadata.get(name, 0)) for name in ("seed", "run"))
     check_seed(seed)
@@ -90,6 +98,16 @@ def replay(log: Log, scenario: Scenario, *, autopilot: Any = None, backend: str 
     changes = read_changes(log) if autopilot is None else []
     outputs = step_jax(block, steps, changes) if compiled is None else step_c(compiled, steps, changes)
     return _compare_outputs(log, steps, outputs, "jax" if compiled is None else "c", changed=autopilot is not None)
+
+
+def _refuse_other_sensors(flown: Scenario) -> None:
+    """Refuse an estimator that reads a sensor of which the flight has nothing."""
+    sent = flown.world.sensors
+    if lacking := [sensor for sensor in flown.autopilot.estimator.listens if sensor not in sent]:
+        estimator = type(flown.autopilot.estimator).__name__
+        problem = f"{estimator} reads sensor {lacking[0]!r}, of which this flight has nothing: it has {', '.join(sent)}"
+        fix = f"replay a flight that has it, as one with {argument('navigation', 'ins')} does"
+        raise InputError("replay", problem, fix=fix)
 
 
 def describe_replay(result: Replay) -> str:
@@ -169,7 +187,7 @@ def _find_simulation_steps(log: Log, period: int) -> tuple[Any, str]:
     if (np.diff(ticks) != period).any() or (len(rows) == 1 and len(log) > 1):
         usual = int(np.median(np.diff(log.ticks)))
         problem = f"the log has a row each {format_time(usual)}, the autopilot makes a step each {format_time(period)}"
-        raise InputError("replay", problem, fix=f"record again with --log-period '{format_time(period)}'")
+        raise InputError("replay", problem, fix=f"record again with {argument('log_period', format_time(period))}")
     return rows, ""
 
 
@@ -222,11 +240,13 @@ def step_jax(block: BlockDefinition, steps: RecordedSteps, changes: Sequence[Aut
 
 
 def _compare_outputs(log: Log, steps: RecordedSteps, outputs: dict[str, Any], backend: str, *, changed: bool) -> Replay:
-    order = ("estimate", "law", "supervisor", "command")
+    order = ("estimate", "predictor", "law", "supervisor", "monitor", "command")
     paths = sorted(outputs, key=lambda p: order.index(p.partition(".")[0]))
     shared = [p for p in paths if p in log and log[p].shape[1:] == outputs[p].shape[1:]]
     if not shared:
-        fix = 'log all signals, or signals=("downlink", "estimate", "law", "command")'
+        own = "give the autopilot's log, flight.mcap of trimtab fly: this is the vehicle's"
+        every = 'log all signals, or signals=("downlink", "estimate", "law", "command")'
+        fix = own if log.metadata.get("side") == "vehicle" else every
         raise InputError("replay", "the log has nothing of what an autopilot gives", fix=fix)
     ticks, about = log.ticks[steps.rows], {**log.metadata, "backend": backend}
     was = {p: log[p][steps.rows] for p in shared}
@@ -269,7 +289,9 @@ class Difference(NamedTuple):
 
 
 def compare_logs(one: Log, other: Log, tolerance: float = TOLERANCE) -> Difference:
-    """Compare two logs signal by signal.
+    """Whether two logs are of one flight, but for roundings: of two backends, or machines.
+
+    What differs between two flights, exactly, and of other instants too, is said by `logs.difference.find_difference`.
 
     Args:
         one, other: logs of the same instants and signals.
@@ -312,7 +334,7 @@ def _largest_gap(a: np.ndarray, b: np.ndarray) -> np.ndarray:
     same = (a == b) | (np.isnan(a) & np.isnan(b))
     with np.errstate(invalid="ignore"):
         gap = np.where(same, 0.0, np.abs(a - b))
-    return np.where(np.isnan(gap), np.inf, gap).reshape(len(a), -1).max(axis=1, initial=0.0)
+    return np.where(np.isnan(gap), np.inf, gap).max(axis=tuple(range(1, a.ndim)), initial=0.0)
 
 
 def _differing_rows(a: np.ndarray, b: np.ndarray) -> np.ndarray:

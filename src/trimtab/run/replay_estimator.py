@@ -43,6 +43,7 @@ def replay_estimator(log: Log, estimator: Any, *, backend: str = "auto", seed: i
     if hasattr(estimator, "check"):
         estimator.check()
     block = estimator_block(log, estimator, seed)
+    _check_fields(log, block)
     compiled = choose_c(backend, lambda: compile_block(block))
     period = int(log.metadata.get("parameters", {}).get("autopilot.period", 1))
     steps = find_steps(log, leaf_paths(block.input), period)
@@ -76,6 +77,23 @@ def estimator_block(log: Log, estimator: Any, seed: int = 0) -> BlockDefinition:
 
     doc = f"{type(estimator).__name__}: one step for each row of a log."
     return BlockDefinition("estimator", doc, step, init, parameters, Frame(t=np.int64(0), samples=samples))
+
+
+def _check_fields(log: Log, block: BlockDefinition) -> None:
+    """Refuse a log whose samples lack a field that the estimator reads."""
+    try:
+        jax.eval_shape(lambda: block.step(block.parameters, block.init(block.parameters), block.input))
+    except AttributeError as error:
+        if type(error.obj).__name__ != "LoggedValue":
+            raise
+        names = [n for n, sample in block.input.samples.items() if isinstance(error.obj, type(sample.value))]
+        sensor = next(iter(names), "a sensor")
+        base = f"{RECEIVED}.{sensor}.value."
+        there = [p.removeprefix(base) for p in log.paths if p.startswith(base)]
+        problem = f"the log's samples of {sensor!r} have no field {error.name!r}, which the estimator reads"
+        fix = f"write it with the samples; of a foreign log: in the mapping below [sensor.{sensor}.fields]"
+        fix += f"  {error.name} = {{from = …}}  or  {{constant = …}}"
+        raise InputError("replay", problem, choices=there, fix=fix) from None
 
 
 def _sample_structure(log: Log, name: str) -> Sample:

@@ -36,6 +36,9 @@ def prepare_run(
     if duration is not None:
         scenario = replace(scenario, duration=duration)
     scenario.check()
+    if duration is not None and 0 < duration < min(scenario.world.periods()) and duration < scenario.autopilot.period:
+        problem = f"{duration} is {format_time(duration)}, in units of 100 ns, and less than any period of the loop"
+        raise InputError("duration", problem, fix=f'duration="{duration} s", or duration=seconds({duration})')
     for seed in seeds:
         check_seed(seed)
     if log_period < 1:
@@ -161,7 +164,7 @@ def _fly_jax(job: RunJob) -> RunResults:
     timing = (job.table.t, job.table.h, row)
     how = tuple(job.own), rows, job.table.always, job.signals
     walked = _walk_jax(job.inputs, list(job.own.values()), timing, *how)
-    ends = jax.tree.leaves((walked.x, walked.sensors))
+    ends = jax.tree.leaves((walked.x, walked.integrated))
     log = np.asarray(walked.rows).reshape(job.runs, rows, -1)
     final = np.concatenate([np.asarray(v).reshape(job.runs, -1).astype(np.float64) for v in ends], axis=1)
     stats = np.stack([log.min(1), log.max(1), log.sum(1), (log**2).sum(1)], axis=-1) if job.stats else None

@@ -10,9 +10,11 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 
-from trimtab.core.time import ms, to_seconds
+from trimtab.core.time import as_time, ms, to_seconds
 from trimtab.logs.log import Log
 from trimtab.loop.scenario import Scenario
+from trimtab.run.blocks import has_stepped_vehicle
+from trimtab.run.cosimulation import cosimulate
 from trimtab.run.inputs import flat_inputs, input_position, own_inputs, run_inputs
 from trimtab.run.program import (
     Column,
@@ -25,26 +27,31 @@ from trimtab.run.program import (
 )
 from trimtab.run.runner import FlownRuns, RunJob, check_signals, choose_c, fly, prepare_run
 from trimtab.run.walk_program import build_walk_library, final_columns, row_columns, walk_structure
+from trimtab.scenarios.build import find_scenario
 
 
 def simulate(
-    scenario: Scenario,
+    scenario: Scenario | str,
     *,
     seed: int = 0,
     run: int = 0,
-    duration: int | None = None,
-    log_period: int = ms(1),
+    duration: int | str | None = None,
+    log_period: int | str = ms(1),
     signals: tuple[str, ...] = (),
     backend: str = "auto",
 ) -> Log:
     """Run a scenario in virtual time and give its log.
 
+    >>> from trimtab import simulate
+    >>> len(simulate("hovercraft/spin", seed=7, duration="100 ms"))
+    100
+
     Args:
-        scenario: what flies; checked whole before anything runs.
+        scenario: what flies, or its name (`scenarios.build`); checked whole before anything runs.
         seed: of the random numbers, 0 … 2**32 - 1.
         run: number of the run within a study; (seed, run) decides every random number.
-        duration: integer time (100 ns units); the scenario's own when None.
-        log_period: how often signals are logged; a multiple of it is logged where some block is due.
+        duration: "30 s", or integer time (100 ns units); the scenario's own when None.
+        log_period: how often signals are logged, likewise; a multiple of it is logged where some block is due.
         signals: which signals are logged, e.g. ("truth", "law.mode"): a name takes all below it; all when empty.
         backend: "c" compiles the loop with the machine's C compiler, "jax" flies it on JAX; "auto" takes C where it
             can be had. Results agree to rounding (docs page, Backends).
@@ -55,14 +62,25 @@ def simulate(
     Raises:
         InputError: a value, a period, a name or a pair of parts that can't be flown, with the fix.
     """
-    program = choose_c(backend, lambda: _find_program(scenario, duration, signals))
+    own, length, each = _resolve(scenario, duration, log_period)
+    if has_stepped_vehicle(own):
+        return cosimulate(own, seed=seed, run=run, duration=length, log_period=each)
+    program = choose_c(backend, lambda: _find_program(own, length, signals))
     if program is not None:
-        return program.fly(seed, run, log_period)
-    scenario, table, written = prepare_run(scenario, [seed, run], duration, log_period)
-    flown = fly(RunJob(run_inputs(scenario, seed, run), {}, table, written, signals), "jax")
-    metadata = describe_scenario(scenario)
-    metadata |= {"seed": seed, "run": run, "log_period_s": to_seconds(log_period), "backend": flown.backend}
+        return program.fly(seed, run, each)
+    own, table, written = prepare_run(own, [seed, run], length, each)
+    flown = fly(RunJob(run_inputs(own, seed, run), {}, table, written, signals), "jax")
+    metadata = describe_scenario(own)
+    metadata |= {"seed": seed, "run": run, "log_period_s": to_seconds(each), "backend": flown.backend}
     return make_log(flown.columns, flown.final, flown.results, 0, logged_instants(table, written), metadata)
+
+
+def _resolve(
+    scenario: Scenario | str, duration: int | str | None, log_period: int | str
+) -> tuple[Scenario, int | None, int]:
+    """A scenario for a name, and times for texts."""
+    length = None if duration is None else as_time("duration", duration)
+    return find_scenario(scenario), length, as_time("log_period", log_period)
 
 
 def compile_scenario(scenario: Scenario, *, duration: int | None = None, signals: tuple[str, ...] = ()) -> Program:
@@ -81,6 +99,7 @@ def compile_scenario(scenario: Scenario, *, duration: int | None = None, signals
         columns=row_columns(of),
         final=final_columns(of),
         metadata=describe_scenario(scenario),
+        noise=tuple(scenario.words),
     )
 
 
@@ -115,24 +134,25 @@ def _find_program(scenario: Scenario, duration: int | None, signals: tuple[str, 
 
 
 def simulate_many(
-    scenario: Scenario,
+    scenario: Scenario | str,
     *,
     seeds: Iterable[int],
-    duration: int | None = None,
-    log_period: int = ms(10),
+    duration: int | str | None = None,
+    log_period: int | str = ms(10),
     signals: tuple[str, ...] = (),
     backend: str = "auto",
     threads: int | None = None,
 ) -> list[Log]:
     """`simulate` for many seeds at once, one log each; row i is equal to the single run of seeds[i]."""
     chosen = list(seeds)
-    scenario, table, written = prepare_run(scenario, chosen, duration, log_period)
+    own, length, each = _resolve(scenario, duration, log_period)
+    own, table, written = prepare_run(own, chosen, length, each)
     if not chosen:
         return []
-    inputs = run_inputs(scenario)
+    inputs = run_inputs(own)
     job = RunJob(inputs, own_inputs(inputs, chosen), table, written, signals, threads=thread_count(threads))
     flown = fly(job, backend)
-    shared = describe_scenario(scenario) | {"run": 0, "log_period_s": to_seconds(log_period), "backend": flown.backend}
+    shared = describe_scenario(own) | {"run": 0, "log_period_s": to_seconds(each), "backend": flown.backend}
     instants = logged_instants(table, written)
     return [
         make_log(flown.columns, flown.final, flown.results, i, instants, shared | {"seed": seed})
@@ -145,7 +165,7 @@ class Batch(NamedTuple):
 
     seeds: (n,).  ticks: instants of the rows, 100 ns.  log: signals (n, rows, …), or empty.
     least, most, mean, rms: of the logged rows of each run, (n, …).  final: last values of the truth, (n, …).
-    backend: "c", "c lanes" or "jax".
+    backend: "c", "c lanes" or "jax".  spread: the parameters that differed, (n, …).
     """
 
     seeds: Any
@@ -158,33 +178,39 @@ class Batch(NamedTuple):
     final: dict[str, Any]
     columns: list[Column]
     backend: str
+    spread: Mapping[str, Any] = {}
 
 
 def simulate_batch(
-    scenario: Scenario,
+    scenario: Scenario | str,
     *,
     seeds: Iterable[int],
-    runs: Iterable[int] | None = None,
+    runs: Iterable[Any] | None = None,
     spread: Mapping[str, Any] | None = None,
     signals: tuple[str, ...] = (),
-    log_period: int = ms(10),
+    log_period: int | str = ms(10),
     log: bool = False,
-    duration: int | None = None,
+    duration: int | str | None = None,
     backend: str = "auto",
     threads: int | None = None,
     progress: Callable[[int], None] | None = None,
 ) -> Batch:
     """Fly a scenario with many seeds, and with parameters that differ from run to run.
 
+    >>> from trimtab import simulate_batch
+    >>> simulate_batch("hovercraft/spin", seeds=range(4), duration="100 ms").final["truth.yaw_rate"].shape
+    (4,)
+
     Args:
-        scenario: what flies; checked whole before anything runs.
+        scenario: what flies, or its name; checked whole before anything runs.
         seeds: one for each run.
-        runs: number of each run within a study, the second word of its key; 0 when None.
+        runs: number of each run within a study, the second word of its key; 0 when None. Of a scenario with words
+            also the words of each run, (n, m).
         spread: path of a parameter -> its value in each run, shape (n, …), e.g. {"world.vehicle.mass": masses}.
         signals: which are reduced, and logged when `log`; all when empty.
         log_period: how often rows are taken; a multiple of it where some block is due.
         log: keep the rows of every run; memory grows with runs x rows.
-        duration: integer time; the scenario's own when None.
+        duration: "30 s", or integer time; the scenario's own when None.
         backend: "auto", "c" or "jax", as in `simulate`.
         threads: how many fly; as many as there are cores when None.
         progress: called a few times a second with the number of runs that are done; in C only.
@@ -196,11 +222,12 @@ def simulate_batch(
         InputError: what `simulate` refuses; a spread of an unknown path or of another shape.
     """
     chosen = list(seeds)
-    scenario, table, written = prepare_run(scenario, chosen, duration, log_period)
-    inputs = run_inputs(scenario)
+    flying, length, each = _resolve(scenario, duration, log_period)
+    flying, table, written = prepare_run(flying, chosen, length, each)
+    inputs = run_inputs(flying)
     own, threads = own_inputs(inputs, chosen, runs, spread), thread_count(threads)
     job = RunJob(inputs, own, table, written, signals, log=log, stats=True, threads=threads, progress=progress)
-    return _make_batch(chosen, table.t[written], fly(job, backend))
+    return _make_batch(chosen, table.t[written], fly(job, backend))._replace(spread=spread or {})
 
 
 def _make_batch(seeds: list[int], ticks: Any, flown: FlownRuns) -> Batch:

@@ -73,9 +73,9 @@ def row_columns(of: WalkStructure) -> list[Column]:
 
 @functools.lru_cache(maxsize=32)
 def final_columns(of: WalkStructure) -> list[Column]:
-    """What the last values are: the truth, then the states of the sensors."""
+    """What the last values are: the truth, and what the integration says of its last step."""
     s, _ = _first_instant(of._replace(always=frozenset(), signals=()))
-    last = {"truth": s.x, "sensors": s.sensors}
+    last = {"truth": s.x, "world": s.integrated}
     return [
         Column(".".join(filter(None, [name, path])), v.shape, str(v.dtype))
         for name, tree in last.items()
@@ -182,11 +182,11 @@ def lower_walk(begin: Any, step: Any, final_count: int) -> WalkProgram:
 def _trace_closed_loop(inputs: RunInputs, always: frozenset[int], names: tuple[str, ...]) -> tuple[Any, Any, int]:
     """Programs of the start and of one instant, and how many leaves of the state, from the first, are last values.
 
-    The state is flattened with the truth and the sensors first.
+    The state is flattened with the truth and the integration first.
     """
 
     def flat(inputs: RunInputs, s: Any, a: Any) -> Any:
-        return (s.x, s.sensors), *inputs.drop_derived_outputs(s, a, always)
+        return (s.x, s.integrated), *inputs.drop_derived_outputs(s, a, always)
 
     def begin(inputs: RunInputs) -> Any:
         return flat(inputs, *inputs.initial_states())

@@ -1,61 +1,209 @@
 """A scenario from what is typed: its name, settings, and what is left out of it or broken in it."""
 
+import functools
 from collections.abc import Iterable, Mapping
+from typing import Any
 
-from trimtab.core.errors import InputError
+from trimtab.core.errors import InputError, argument, argument_name, closest, spell_with
 from trimtab.core.interfaces import optional_member
-from trimtab.core.record import leaves, replace
+from trimtab.core.record import declarations, leaves, replace
 from trimtab.core.time import ms
+from trimtab.design.certificate import Certificate
+from trimtab.identify.calibration import Calibration, format_calibration, read_calibration
 from trimtab.links.fifo import required_slots
 from trimtab.links.latency_trace import LatencyTrace, read_trace
-from trimtab.loop.fault_text import inject_faults
+from trimtab.loop import link_latency
+from trimtab.loop.calibrated import with_calibration
+from trimtab.loop.fault_text import check_fault_times, inject_faults
+from trimtab.loop.link_latency import LINKS, with_link_settings
+from trimtab.loop.predictor import predictor_for
+from trimtab.loop.reference_text import plain_text, with_reference
 from trimtab.loop.scenario import Scenario
-from trimtab.loop.settings import with_settings
+from trimtab.loop.setpoint_schedule import split_schedules, with_schedules
+from trimtab.loop.settings import with_parts, with_settings
 from trimtab.scenarios import catalogue
+from trimtab.scenarios.catalogue import TOML
+from trimtab.scenarios.gain_file import GAIN, note_gain, read_gain, refuse_slow_sampling, with_gain
+from trimtab.scenarios.toml_file import merge_settings, named_path, read_scenario_file, signal_units, spell_toml
 
-LINKS = ("uplink", "downlink")
 MISMATCH = "mismatch"
+CALIBRATION = "calibration"
+REFERENCE = "reference"
+PREDICTOR = "predictor"
+SPECIAL = (*LINKS, *link_latency.SETTINGS, MISMATCH, CALIBRATION, REFERENCE, PREDICTOR, GAIN)
+"""Names among the settings that are no paths."""
+SWITCH = {
+    "off": "the law reads the estimate as it is",
+    "on": "a predictor carries it over the delay of both links, by the commands under way",
+}
+"""What may be chosen for a predictor, in any scenario."""
+NEEDED = {
+    "world.vehicle": "Hovercraft",
+    "world.actuators": "FanDrive",
+    "autopilot.estimator": "Passthrough",
+    "autopilot.law": "ZeroVelocity",
+    "autopilot.allocation": "ThrustVectorAllocation",
+    "initial": "HovercraftState",
+}
+"""Parts that every scenario has -> an example."""
 
 
 def build(
-    name: str, settings: Mapping[str, str] | None = None, without: Iterable[str] = (), faults: Iterable[str] = ()
+    name: str,
+    settings: Mapping[str, str] | None = None,
+    without: Iterable[str] = (),
+    faults: Iterable[str] = (),
+    calibration: Calibration | None = None,
+    in_virtual_time: bool = True,
+    gain: Certificate | None = None,
 ) -> Scenario:
     """The scenario of a name with its settings, checked; it notes in `choices` what it was built from.
 
+    >>> from trimtab import build
+    >>> build("hovercraft/spin", {"links": "measured", "world.vehicle.mass": "3000 g"}).world.vehicle.mass
+    3.0
+
     Args:
-        name: in the catalogue, or ``file.py:function``.
+        name: in the catalogue, or ``file.py:function``, or a scenario file, ``file.toml`` (`scenarios.toml_file`),
+            whose own settings go first.
         settings: text by path, as after ``--set``; a file for "uplink" or "downlink" makes the link repeat a recording,
-            "mismatch" names copies of the vehicle that are meant to differ (`loop.beliefs`).
+            "uplink.delay", ".jitter", ".loss" and those of the downlink are its numbers (`loop.link_latency`),
+            "mismatch" names copies of the vehicle that are meant to differ (`loop.beliefs`), "calibration" a file of
+            `trimtab calibrate`, "predictor" is "on" or "off" (`loop.predictor`), "reference" is what the law is to
+            follow (`loop.reference_text`), "gain" a file of a gain in the law's place (`scenarios.gain_file`). A value
+            such as ``steps(0 s: 1, 5 s: 2)`` changes in flight (`loop.setpoint_schedule`). Settings go before a
+            calibration.
         without: imperfections to switch off.
         faults: to inject, as after ``--fault``.
+        calibration: where it isn't in a file.
+        in_virtual_time: whether the flight ends with the scenario's duration, so that a later fault is a mistake.
+        gain: where it isn't in a file.
 
     Raises: InputError with what to type instead.
     """
     settings, without, faults = settings or {}, list(without), list(faults)
-    scenario, rest = catalogue.load_scenario(name, settings)
+    if name.endswith(TOML):
+        return _build_file(name, settings, without, faults, (calibration, in_virtual_time, gain))
+    path = _typed_reference(name, settings)
+    scenario, rest = catalogue.load_scenario(
+        name, {n: text for n, text in settings.items() if n != REFERENCE or not path}
+    )
     if not isinstance(scenario, Scenario):
         problem = f"the function gives {type(scenario).__name__}, not a Scenario"
         raise InputError(f"scenario {name!r}", problem, fix="return Scenario(world=…, autopilot=…)")
     if "navigation" in rest:
         _refuse_navigation(name)
-    choices = {
+    scenario, own = with_parts(scenario, {path: text for path, text in rest.items() if path not in SPECIAL})
+    _refuse_gaps(scenario, own)
+    if path:
+        scenario, rest[REFERENCE] = with_reference(scenario, path), plain_text(path)
+    choices: dict[str, Any] = {
         "scenario": name,
         "arguments": {argument: text for argument, text in settings.items() if argument not in rest},
         "settings": rest,
         "without": without,
         "faults": faults,
     }
-    scenario = _replace_links_by_recordings(scenario, rest)
+    scenario = with_link_settings(_replace_links_by_recordings(scenario, rest), rest)
     if MISMATCH in rest:
         scenario = replace(scenario, mismatch=tuple(path.strip() for path in rest[MISMATCH].split(",")))
-    own = {path: text for path, text in rest.items() if path not in (*LINKS, MISMATCH)}
+    if CALIBRATION in rest:
+        calibration = read_calibration(rest[CALIBRATION])
+    if calibration is not None:
+        scenario, choices[CALIBRATION] = _calibrate(scenario, calibration)
+    gain = _find_gain(rest, path) or gain
+    if gain is not None:
+        scenario, choices[GAIN] = with_gain(name, scenario, gain), note_gain(gain)
+    scenario = _add_predictor(scenario, rest)  # of links and actuators as they are by now
+    own, schedules = split_schedules(own)
     _refuse_choices(name, scenario, own)
-    scenario = with_settings(scenario, own)
+    scenario = with_schedules(with_settings(scenario, own), schedules)
+    if gain is not None:
+        refuse_slow_sampling(gain, scenario.autopilot.period)
     for imperfection in without:
         scenario = scenario.without(imperfection)
+    if in_virtual_time:
+        check_fault_times(scenario, faults)
     scenario = inject_faults(scenario, faults)
     scenario.check()
     return replace(scenario, choices=choices)
+
+
+def find_scenario(scenario: Scenario | str) -> Scenario:
+    """The scenario itself, or that of a name, as `build` has it.
+
+    Raises: InputError for what is neither.
+    """
+    if isinstance(scenario, Scenario):
+        return scenario
+    if not isinstance(scenario, str):  # pyright: ignore[reportUnnecessaryIsInstance]
+        problem = f"a {type(scenario).__name__} is no scenario"
+        raise InputError("scenario", problem, fix='give a Scenario or a name, "hovercraft/spin"')
+    return _keep_scenario(scenario) if scenario in catalogue.scenario_names() else build(scenario)
+
+
+@functools.lru_cache(maxsize=32)
+def _keep_scenario(name: str) -> Scenario:
+    """A scenario of the catalogue, the same object each time, so that it is compiled once."""
+    return build(name)
+
+
+def _build_file(
+    name: str,
+    settings: Mapping[str, str],
+    without: list[str],
+    faults: list[str],
+    others: tuple[Calibration | None, bool, Certificate | None],
+) -> Scenario:
+    """The scenario of a file, which is that of its base with the file's settings, and so it stands in logs.
+
+    others: arguments of `build`, as they are.
+    """
+    file = read_scenario_file(name)
+    build_base = functools.partial(
+        build,
+        file.base,
+        merge_settings(file.settings, settings),
+        [*file.without, *without],
+        [*file.faults, *faults],
+        *others,
+    )
+    try:
+        with spell_with(spell_toml):
+            scenario = build_base()
+    except InputError as error:
+        if named_path(error) in settings:  # typed beside the file, so that it is said again in the words of who typed
+            build_base()
+        raise file.locate(error) from None
+    changes: dict[str, Any] = {"name": file.name} if file.name else {}
+    if file.targets:
+        changes["targets"] = tuple(file.parse_target(target, signal_units(scenario)) for target in file.targets)
+    return replace(scenario, **changes)
+
+
+def _refuse_gaps(scenario: Scenario, settings: Iterable[str]) -> None:
+    """Refuse a scenario that lacks a part, as one that is put together from nothing may, or a key of nothing."""
+    if scenario.world.vehicle is None:
+        known = declarations(scenario)
+        for path in [path for path in settings if path.partition(".")[0] not in known]:
+            fix = 'base = "hovercraft/spin"  says what a file begins with'
+            raise InputError(
+                argument_name("settings", path), "there is no such setting", choices=["base", *known], fix=fix
+            )
+    for path, example in NEEDED.items():
+        owner, _, field = path.rpartition(".")
+        if getattr(getattr(scenario, owner) if owner else scenario, field) is None:
+            raise InputError(
+                argument_name("settings", path),
+                "there is none",
+                fix=f"name a part: {argument('settings', example, path)}",
+            )
+
+
+def _typed_reference(name: str, settings: Mapping[str, str]) -> str:
+    """The reference among the settings, where it is none of the scenario's own choices; "" where there is none."""
+    text = settings.get(REFERENCE, "")
+    return "" if text in catalogue.scenario_choices(name).get(REFERENCE, ()) else text
 
 
 def _replace_links_by_recordings(scenario: Scenario, settings: Mapping[str, str]) -> Scenario:
@@ -70,8 +218,8 @@ def _replace_links_by_recordings(scenario: Scenario, settings: Mapping[str, str]
         if name in settings:
             file, own = settings[name], getattr(world, name)
             if not file.endswith(".csv"):
-                fix = f"--set {name}=FILE.csv, as  trimtab link-test URI --out DIR  writes it"
-                raise InputError(f"--set {name}", f"{file!r} is no recording", fix=fix)
+                fix = f"{argument('settings', 'FILE.csv', name)}, as  trimtab link-test URI --out DIR  writes it"
+                raise InputError(argument_name("settings", name), f"{file!r} is no recording", fix=fix)
             trace, each = read_trace(file), optional_member(own, "send_period") or own.period
             slots = required_slots(float(trace.latency_s.max()), each, ms(1))
             link = LatencyTrace.of(trace, send_period=each, period=ms(1), capacity=max(slots, 64))
@@ -79,16 +227,50 @@ def _replace_links_by_recordings(scenario: Scenario, settings: Mapping[str, str]
     return replace(scenario, world=world)
 
 
+def _add_predictor(scenario: Scenario, settings: Mapping[str, str]) -> Scenario:
+    """The scenario with a predictor of what its autopilot believes, where ``predictor=on`` is among the settings.
+
+    Raises: InputError for another choice, or an uplink of which no latency is known.
+    """
+    chosen = settings.get(PREDICTOR, "off")
+    if chosen not in SWITCH:
+        problem = f"{chosen!r} is no choice"
+        raise InputError(
+            argument_name("settings", PREDICTOR), problem, choices=SWITCH, fix=argument("settings", "on", PREDICTOR)
+        )
+    if chosen == "off":
+        return scenario
+    made = predictor_for(scenario.world, scenario.autopilot, scenario.initial)
+    return replace(scenario, autopilot=replace(scenario.autopilot, predictor=made))
+
+
+def _find_gain(settings: Mapping[str, str], reference: str) -> Certificate | None:
+    """The gain among the settings, if there is one; refused beside a typed reference."""
+    if GAIN not in settings:
+        return None
+    if reference:
+        fix = f"leave one of them out; where the gain is to hold it: {argument('settings', '…', 'autopilot.law.x0')}"
+        raise InputError(argument_name("settings", REFERENCE), "a gain holds one state, and follows nothing", fix=fix)
+    return read_gain(settings[GAIN])
+
+
+def _calibrate(scenario: Scenario, calibration: Calibration) -> tuple[Scenario, dict[str, Any]]:
+    """The scenario with the numbers of a calibration, and what logs say of it."""
+    calibrated = with_calibration(scenario, calibration)
+    about = {"sha256": calibration.content_hash(), "used": calibrated.used, "unused": list(calibrated.unused)}
+    return calibrated.scenario, about | {"content": format_calibration(calibration)}
+
+
 def _refuse_choices(name: str, scenario: Scenario, rest: Mapping[str, str]) -> None:
-    """Refuse a name that is neither a choice of the scenario nor a setting of its own; both are shown."""
-    settings, choices = (
-        [p for p, _, _ in leaves(scenario) if "." not in p],
-        [*catalogue.scenario_choices(name), *LINKS, MISMATCH],
-    )
-    for wrong in [n for n in rest if "." not in n and n not in settings]:
+    """Refuse a name that is neither a choice of the scenario nor a setting of its own, with those that look like it."""
+    paths = [path for path, _, _ in leaves(scenario)]
+    known = [*catalogue.scenario_choices(name), *SPECIAL, *(p for p in paths if "." not in p)]
+    for wrong in [n for n in rest if "." not in n and n not in known]:
+        near = closest(wrong, [*known, *paths], 6)
+        show = f"trimtab list {name}  shows every setting by its path"
+        fix = f"{argument('settings', '…', near[0])}      {show}" if near else show
         problem = f"scenario {name!r} has no such choice and no such setting"
-        fix = f"trimtab list {name}  shows every setting by its path"
-        raise InputError(f"--set {wrong}", problem, choices=[*choices, *settings], fix=fix)
+        raise InputError(argument_name("settings", wrong), problem, choices=near or known, fix=fix)
 
 
 def _refuse_navigation(name: str) -> None:
@@ -96,4 +278,4 @@ def _refuse_navigation(name: str) -> None:
     offer = [n for n, choices in chosen.items() if choices]
     problem = f"scenario {name!r} has one navigation only; there is a choice in {', '.join(offer)}"
     fix = f"leave it out; what can be chosen here:  trimtab list {name}"
-    raise InputError("--navigation", problem, fix=fix)
+    raise InputError(argument_name("navigation"), problem, fix=fix)

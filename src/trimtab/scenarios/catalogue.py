@@ -1,10 +1,12 @@
 """The catalogue: every file below this folder is a scenario, named after its path.
 
 ``hovercraft/zero-velocity`` is ``hovercraft/zero_velocity.py``. A scenario outside the package is named by its module
-or file and the function: ``my_boat:scenario``, ``my_boat.py:scenario``.
+or file and the function: ``my_boat:scenario``, ``my_boat.py:scenario``; or it is a scenario file, ``my_boat.toml``, or
+an FMU alone, ``x.fmu``.
 """
 
 import ast
+import functools
 import importlib
 import importlib.util
 import inspect
@@ -14,26 +16,59 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from trimtab.core.errors import InputError, closest
+from trimtab.core.errors import InputError, argument, argument_name, closest
 
+TOML = ".toml"
+BARE = "bare"
+"""The base of a scenario file that names none."""
 FOLDER = Path(__file__).parent
 
 
 def scenario_names() -> dict[str, str]:
-    """Name of each scenario -> first line of its docstring; read from the files, nothing is imported."""
-    names = {}
-    for file in sorted(FOLDER.glob("*/*.py")):
-        if not file.name.startswith("_"):
-            doc = ast.get_docstring(ast.parse(file.read_text(encoding="utf-8"))) or ""
-            names[f"{file.parent.name}/{file.stem}".replace("_", "-")] = doc.partition("\n")[0]
-    return names
+    """Name of each scenario -> first line of its docstring; read from the files, nothing is imported.
+
+    >>> from trimtab import scenario_names
+    >>> scenario_names()["hovercraft/spin"]
+    'Turn on the spot at 3 rad/s: brake first, then spin.'
+    """
+    docs = {n: ast.get_docstring(ast.parse(file.read_text(encoding="utf-8"))) for n, file in scenario_files().items()}
+    return {name: (doc or "").partition("\n")[0] for name, doc in docs.items()}
+
+
+def scenario_files() -> dict[str, Path]:
+    """Name of each scenario -> its file."""
+    files = [file for file in sorted(FOLDER.glob("*/*.py")) if not file.name.startswith("_")]
+    return {f"{file.parent.name}/{file.stem}".replace("_", "-"): file for file in files}
+
+
+def check_name(name: str, verb: str = "run") -> None:
+    """Refuse a name that is in no catalogue, with those of its family, or with all. verb: for the fix."""
+    known = scenario_files()
+    if name in known:
+        return
+    if name.endswith(".py"):
+        _refuse_bare_file(name, verb)
+    family = [n for n in known if n.partition("/")[0] == name.partition("/")[0]]
+    near = closest(name, family or known, 1) or family[:1]
+    every = "trimtab list  shows them all; your own is  file.py:function"
+    fix = f"trimtab {verb} {near[0]}      {every}" if near else every
+    raise InputError(f"scenario {name!r}", "there is no such scenario", choices=family or known, fix=fix)
+
+
+def _refuse_bare_file(name: str, verb: str) -> None:
+    """Refuse a Python file without the function in it."""
+    if Path(name).is_file():
+        problem, fix = "it is a file, and the function in it is not named", f"trimtab {verb} {name}:scenario"
+    else:
+        problem, fix = "there is no such file", f"a file of yours, as in  trimtab {verb} my_boat.py:scenario"
+    raise InputError(f"scenario {name!r}", problem, fix=fix)
 
 
 def load_scenario(name: str, settings: Mapping[str, str] | None = None) -> tuple[Any, dict[str, str]]:
     """The scenario of a name, and the settings that are not arguments of its function.
 
     Args:
-        name: in the catalogue, or ``module:function``, or ``file.py:function``.
+        name: in the catalogue, or ``module:function``, or ``file.py:function``, or ``file.toml``.
         settings: text by path; those without a dot that name an argument of the function are passed to it.
 
     Raises: InputError for an unknown name or choice, or an argument that nothing gives.
@@ -45,15 +80,25 @@ def load_scenario(name: str, settings: Mapping[str, str] | None = None) -> tuple
         choices = offered.get(path)
         if choices and text not in choices:
             problem = f"{text!r} is not a choice of scenario {name!r}"
-            raise InputError(f"--set {path}", problem, choices=choices, fix=f"--set {path}={choices[0]}")
+            raise InputError(
+                argument_name("settings", path), problem, choices=choices, fix=argument("settings", choices[0], path)
+            )
         (arguments if path in offered else rest)[path] = text
     for parameter in inspect.signature(build).parameters.values():
         named = parameter.kind not in (parameter.VAR_POSITIONAL, parameter.VAR_KEYWORD)
         if named and parameter.default is parameter.empty and parameter.name not in arguments:
             problem = f"its argument {parameter.name!r} has no default, and no setting gives it"
-            fix = f"--set {parameter.name}=…; to export a function that is no scenario:  example = (…,)  in its file"
+            fix = argument("settings", "…", parameter.name)
+            fix += "; to export a function that is no scenario:  example = (…,)  in its file"
             raise InputError(f"scenario {name!r}", problem, fix=fix)
-    return build(**arguments), rest
+    if ":" not in name:
+        return build(**arguments), rest
+    try:
+        return build(**arguments), rest
+    except InputError:
+        raise
+    except Exception as error:  # of the file that is named
+        raise _own_code_error(name, error) from error
 
 
 def scenario_choices(name: str) -> dict[str, tuple[str, ...]]:
@@ -74,15 +119,30 @@ def _argument_choices(build: Callable[..., Any]) -> dict[str, tuple[str, ...]]:
 
 
 def _find_function(name: str) -> Callable[..., Any]:
+    if name.endswith(TOML):
+        return _file_function(name)
     if ":" in name:
         return load_function(name)
-    known = scenario_names()
-    if name not in known:
-        near = closest(name, known, 1)
-        fix = f"trimtab run {near[0]}" if near else "trimtab list  shows them all; your own is  file.py:function"
-        raise InputError(f"scenario {name!r}", "there is no such scenario", choices=known, fix=fix)
+    if name.endswith(".fmu"):
+        return importlib.import_module("trimtab.scenarios.fmu_file").fmu_scenario(name)
+    if name == BARE:
+        return importlib.import_module("trimtab.scenarios.bare").scenario
+    check_name(name)
     module = f"trimtab.scenarios.{name.replace('-', '_').replace('/', '.')}"
     return importlib.import_module(module).scenario
+
+
+def _file_function(name: str) -> Callable[..., Any]:
+    """A function of the arguments of a scenario file's base, which gives the file's scenario."""
+    from trimtab.scenarios.toml_file import read_scenario_file  # numpy, which a name does not need
+
+    base = _find_function(read_scenario_file(name).base)
+
+    @functools.wraps(base)
+    def scenario(**arguments: str) -> Any:
+        return importlib.import_module("trimtab.scenarios.build").build(name, arguments)  # which reads the catalogue
+
+    return scenario
 
 
 def load_function(name: str) -> Callable[..., Any]:
@@ -92,7 +152,8 @@ def load_function(name: str) -> Callable[..., Any]:
     build = getattr(module, attribute or "scenario", None)
     if not callable(build):
         functions = [n for n, f in vars(module).items() if inspect.isfunction(f) and f.__module__ == module.__name__]
-        fix = f"define  def {attribute or 'scenario'}() -> Scenario:  in {where}"
+        near = closest(attribute, functions, 1)
+        fix = f"{where}:{near[0]}" if near else f"define  def {attribute or 'scenario'}() -> Scenario:  in {where}"
         raise InputError(f"scenario {name!r}", f"{where} has no function {attribute!r}", choices=functions, fix=fix)
     return build
 
@@ -100,11 +161,26 @@ def load_function(name: str) -> Callable[..., Any]:
 def _load_file(name: str, path: Path) -> Any:
     spec = importlib.util.spec_from_file_location(path.stem, path)
     if spec is None or spec.loader is None or not path.is_file():
-        raise InputError(f"scenario {name!r}", f"there is no file {str(path)!r}", fix="give the path of a .py file")
+        problem = f"there is no file {str(path)!r}{'' if path.is_absolute() else f' in {Path.cwd()}'}"
+        fix = f"give its path from there; to begin one: trimtab new vehicle {path.stem}"
+        raise InputError(f"scenario {name!r}", problem, fix=fix)
     module = importlib.util.module_from_spec(spec)
     sys.modules[path.stem] = module
-    spec.loader.exec_module(module)
+    try:
+        spec.loader.exec_module(module)
+    except InputError:
+        raise
+    except Exception as error:
+        sys.modules.pop(path.stem, None)
+        raise _own_code_error(name, error) from error
     return module
+
+
+def _own_code_error(name: str, error: Exception) -> InputError:
+    """What somebody's own file did wrong, in a sentence with its line."""
+    from trimtab.loop.own_code import refuse_own_code  # JAX, which a name does not need
+
+    return refuse_own_code(f"scenario {name!r}", error)
 
 
 def _load_module(name: str, where: str) -> Any:

@@ -7,14 +7,20 @@ from typing import Any
 
 import numpy as np
 
-from trimtab.core.errors import InputError
+from trimtab.core.errors import InputError, argument
+from trimtab.core.quantity import part_classes, plain_setting
 from trimtab.core.record import Quantity, leaves, with_leaf
+from trimtab.design.certificate_file import parse_certificate
+from trimtab.identify.calibration import parse_calibration
 from trimtab.logs.log import Log
+from trimtab.loop.fault_text import add_dormant_faults
 from trimtab.loop.pilot_script import add_pilot_sensor
 from trimtab.loop.scenario import Scenario
-from trimtab.run.program import part_classes, plain_setting
+from trimtab.loop.stick_script import add_stick_sensor
 from trimtab.scenarios import catalogue
-from trimtab.scenarios.build import LINKS, build
+from trimtab.scenarios.build import CALIBRATION, LINKS, build
+from trimtab.scenarios.catalogue import BARE
+from trimtab.scenarios.gain_file import GAIN
 
 COMPARED_PATHS = ("autopilot", "world.sensors")
 """What a replay needs as it was: what flies, and what it is given. The rest of the world is only kept if it fits."""
@@ -40,13 +46,13 @@ def rebuild_scenario(log: Log, name: str | None = None) -> Scenario:
         name = _check_catalogue(own_name)
     if name is None or not isinstance(settings, Mapping):
         missing = "its scenario" if name is None else "its parameters"
-        fix = "give a log of trimtab run or trimtab fly, or name the scenario: --scenario NAME"
+        fix = f"give a log of trimtab run or trimtab fly, or name the scenario: {argument('scenario', 'NAME')}"
         raise InputError("replay", f"the log does not say {missing}", fix=fix)
     parts = log.metadata.get("parts")
     recorded = _recorded_classes(settings, parts)
     compared = _keep_compared(recorded)
     alike: Scenario | None = None
-    for scenario in _add_live_variants(_build_candidates(name, choices)):
+    for scenario in _add_live_variants(_build_candidates(name, choices), log.metadata.get("side")):
         classes = _setting_classes(scenario, parts)
         if classes == recorded:
             return _set_values(scenario, settings)
@@ -60,22 +66,28 @@ def rebuild_scenario(log: Log, name: str | None = None) -> Scenario:
 
 def _check_catalogue(name: str) -> str:
     """A recorded name; refused where the catalogue has none such: a log is data, and nothing is imported for it."""
-    known = catalogue.scenario_names()
+    known = {**catalogue.scenario_names(), BARE: ""}
     if name not in known:
+        is_file = ":" in name
         problem = (
             f"the log's own name is {name!r}, which is not in the catalogue, and no file is run because a log names it"
         )
-        raise InputError(
-            "replay", problem, choices=known, fix="name it yourself, if it is yours: --scenario file.py:function"
-        )
+        fix = f"name it yourself, if it is yours: {argument('scenario', name if is_file else 'file.py:function')}"
+        raise InputError("replay", problem, choices=() if is_file else known, fix=fix)
     return name
 
 
 def _build_candidates(name: str, choices: Mapping[str, Any]) -> Iterator[Scenario]:
     """The scenario of the recorded choices; of a log without any, that of every combination of arguments in turn."""
     if choices:
-        settings = {p: text for p, text in choices["settings"].items() if p not in LINKS}  # of a file that may be gone
-        scenario = build(name, choices["arguments"] | settings, choices["without"], choices["faults"])
+        files = (*LINKS, CALIBRATION, GAIN)  # which may be gone, or hold something else by now
+        settings = {p: text for p, text in choices["settings"].items() if p not in files}
+        content = choices.get(CALIBRATION)
+        calibration = None if content is None else parse_calibration("the log's calibration", content["content"])
+        noted = choices.get(GAIN)
+        gain = None if noted is None else parse_certificate(noted["content"], "the log's gain")[0]
+        what = (choices["arguments"] | settings, choices["without"], choices["faults"], calibration)
+        scenario = build(name, *what, in_virtual_time=False, gain=gain)
         yield scenario.ideal() if choices.get("ideal") else scenario
         return
     yield catalogue.load_scenario(name)[0]
@@ -86,11 +98,16 @@ def _build_candidates(name: str, choices: Mapping[str, Any]) -> Iterator[Scenari
                 yield catalogue.load_scenario(name, dict(zip(offered, values, strict=True)))[0]
 
 
-def _add_live_variants(candidates: Iterator[Scenario]) -> Iterator[Scenario]:
-    """Each one, and as `fly` has it, which can be asked to hold or to end."""
+def _add_live_variants(candidates: Iterator[Scenario], side: Any) -> Iterator[Scenario]:
+    """Each one; as `fly` has it, which can be asked to hold or to end, and whose pilot has the stick; as `vehicle` has
+    it, with a fault in every part that waits to be set. side: of a line, "vehicle" where the log is that end's own.
+    """
     for scenario in candidates:
         yield scenario
-        variant = add_pilot_sensor(scenario)
+        if side == "vehicle":
+            yield add_dormant_faults(scenario)
+            continue
+        variant = add_stick_sensor(add_pilot_sensor(scenario))
         if variant is not scenario:
             yield variant
 
@@ -132,5 +149,6 @@ def _difference_error(name: str, classes: dict[str, str], recorded: dict[str, st
     path = min(p for p in {*classes, *recorded} if classes.get(p) != recorded.get(p))
     was, now = recorded.get(path, "missing"), classes.get(path, "missing")
     problem = f"the catalogue's {name!r} is built otherwise than the recorded one: {path} was {was}, is {now}"
-    fix = "replay with the version that recorded it, or name a scenario built alike: --scenario file.py:function"
+    fix = "replay with the version that recorded it, or name a scenario built alike: "
+    fix += argument("scenario", "file.py:function")
     return InputError("replay", problem, fix=fix)

@@ -1,11 +1,20 @@
 """An angular accelerometer: the pitch acceleration, in which the bending of a vehicle shows."""
 
+import math
 from typing import Any
 
-from trimtab.core.record import Scalar, imperfection, period, quantity, record
+import jax.numpy as jnp
+import numpy as np
+
+from trimtab.core.errors import InputError
+from trimtab.core.record import Scalar, imperfection, part, period, quantity, record, tree_where
 from trimtab.core.rng import Key, normal2
-from trimtab.core.signals import Motion, Sample, new_sample
-from trimtab.core.time import ms
+from trimtab.core.second_order import SectionState, filter_sample, low_pass, steady_state
+from trimtab.core.signals import Bending, Motion, Sample, new_sample
+from trimtab.core.time import format_time, ms, to_seconds
+
+DELAYS = 16
+"""Samples that a unit keeps: its longest delay is one less, in periods."""
 
 
 @record
@@ -49,3 +58,96 @@ class AngularAccelerometer:
         w, _ = normal2(state, t // self.period)
         output = (1 + self.scale_factor) * self.measure(motion).pitch_acceleration + self.offset + self.noise * w
         return state, new_sample(t, AngularAccelerationReading(pitch_acceleration=output))
+
+
+@record
+class AngularAccelerometerState:
+    """What a unit remembers. Source: docs page, Angular accelerometer."""
+
+    key: Key = part("Of the noise.")
+    bias: Scalar = quantity("rad/s^2", "Error of the zero in this run.")
+    scale: Scalar = quantity("1", "Error of the scale in this run.")
+    band: SectionState = part("Memory of the low-pass.")
+    line: Any = quantity("rad/s^2", "What was felt, newest first.", shape=(DELAYS,))
+    started: Scalar = quantity("1", "Whether anything was.", kind="flag")
+
+
+@record
+class AngularAccelerometerUnit:
+    """An angular accelerometer of finite grade, mounted on a body that bends.
+
+        z = (1 + s) D( L( Q' + phi1' eta1'' + phi2' eta2'' ) ) + b + w
+
+    with scale error s and bias b drawn for each run, a low-pass L (second order, Butterworth), a delay D of which the
+    sample does not tell, and slopes phi' of the modes where it sits: there the body turns as it bends. At the place
+    about which the modes are taken to be clamped the slopes are 0.
+
+    Frames:  positive nose up.    Not modelled: saturation, what linear acceleration and temperature do to it.
+    Source:  IEEE Std 671-1985 (inertial sensors) for the errors' names; sizes are chosen (docs, What it needs).
+    """
+
+    noise: Scalar = imperfection(
+        "rad/s^2", "Standard deviation of each sample.", "angular-accelerometer-noise", default=0.01, source="chosen"
+    )
+    bias: Scalar = imperfection(
+        "rad/s^2", "Standard deviation of the zero, drawn for each run.", "angular-accelerometer-offset"
+    )
+    scale_factor: Scalar = imperfection(
+        "1", "Standard deviation of the scale's error, drawn for each run.", "angular-accelerometer-scale-factor"
+    )
+    bandwidth: Scalar = imperfection("Hz", "-3 dB; 0: no limit.", "angular-accelerometer-bandwidth")
+    delay: Scalar = imperfection("s", "From what is felt to what comes out.", "angular-accelerometer-delay")
+    slope1: Scalar = imperfection(
+        "1/(slug ft)^1/2", "Slope of mode 1 at its place.", "angular-accelerometer-place", low=None
+    )
+    slope2: Scalar = imperfection(
+        "1/(slug ft)^1/2", "Slope of mode 2 at its place.", "angular-accelerometer-place", low=None
+    )
+    period: int = period("Time between samples.", default=ms(5))
+
+    def check(self) -> None:
+        """Refuse a band that samples cannot tell apart, and a delay that it cannot hold."""
+        tick = to_seconds(self.period)
+        if not self.bandwidth < 0.5 / tick:
+            problem = f"{self.bandwidth:g} Hz can't be told apart sampled each {format_time(self.period)}"
+            raise InputError("bandwidth", problem, fix=f"below {0.5 / tick:g} Hz, or 0 for no limit")
+        if not self.delay <= (DELAYS - 1) * tick:
+            problem = f"{self.delay:g} s is longer than the {DELAYS - 1} samples that it keeps"
+            raise InputError("delay", problem, fix=f"give {(DELAYS - 1) * tick:g} s or less")
+
+    def init(self, key: Key) -> AngularAccelerometerState:
+        """The run's zero and scale drawn."""
+        zero = jnp.zeros(())
+        b, s = normal2(key.at("unit"), 0)
+        band = SectionState(zero, zero)
+        off = jnp.zeros((), np.bool_)
+        return AngularAccelerometerState(
+            key.at("noise"), self.bias * b, self.scale_factor * s, band, jnp.zeros(DELAYS), off
+        )
+
+    def measure(self, motion: Motion) -> AngularAccelerationReading:
+        """The measurement h(x) of a motion where it sits, without error."""
+        felt = motion.alpha_WB_B[1]
+        if isinstance(motion.bending, Bending):
+            first, second = motion.bending.acceleration[0], motion.bending.acceleration[1]
+            felt = felt + self.slope1 * first + self.slope2 * second
+        return AngularAccelerationReading(pitch_acceleration=felt)
+
+    def step(
+        self, t: Any, state: AngularAccelerometerState, motion: Motion
+    ) -> tuple[AngularAccelerometerState, Sample]:
+        """The sample at integer time t."""
+        felt, tick = self.measure(motion).pitch_acceleration, to_seconds(self.period)
+        section = low_pass(jnp.where(self.bandwidth > 0, self.bandwidth, 0.1 / tick), math.sqrt(0.5), tick)
+        before = tree_where(state.started, state.band, steady_state(section, felt))
+        band, passed = filter_sample(section, before, felt)
+        passed = jnp.where(self.bandwidth > 0, passed, felt)
+        line = jnp.concatenate([passed[None], jnp.where(state.started, state.line[:-1], passed)])
+        back = jnp.clip(self.delay / tick, 0.0, DELAYS - 1.0)
+        whole = jnp.minimum(jnp.floor(back), DELAYS - 2).astype(np.int32)
+        share = back - whole
+        late = (1 - share) * line[whole] + share * line[whole + 1]
+        w, _ = normal2(state.key, t // self.period)
+        output = (1 + state.scale) * late + state.bias + self.noise * w
+        new = AngularAccelerometerState(state.key, state.bias, state.scale, band, line, jnp.ones((), np.bool_))
+        return new, new_sample(t, AngularAccelerationReading(pitch_acceleration=output))

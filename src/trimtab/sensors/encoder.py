@@ -10,7 +10,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from trimtab.core.errors import InputError
+from trimtab.core.errors import InputError, argument
 from trimtab.core.record import Scalar, imperfection, part, period, quantity, record
 from trimtab.core.rng import Key, normal2
 from trimtab.core.rotation import DEG
@@ -122,7 +122,9 @@ class Tachometer:
         most = 0.5 / to_seconds(self.period) / BESSEL4[1][0]
         if not self.bandwidth < most:
             problem = f"{self.bandwidth:g} Hz is too wide for samples each {format_time(self.period)}"
-            raise InputError("bandwidth", problem, fix=f"--set bandwidth=VALUE below {most:g} Hz, or 0")
+            raise InputError(
+                "bandwidth", problem, fix=f"{argument('settings', 'VALUE', 'bandwidth')} below {most:g} Hz, or 0"
+            )
 
     def init(self, key: Key) -> TachometerState:
         """Low-pass not yet started."""

@@ -107,6 +107,31 @@ class ActingInput:
 
 
 @record
+class TrueState:
+    """The vehicle's state itself, whatever record it is; no such sensor exists, so only an ideal twin may have it.
+
+    Frames:  the state's.    Not modelled: any error.
+    Source:  docs page, True state.
+    """
+
+    period: int = period("Time between samples.", default=ms(5))
+
+    FEELS: ClassVar[str] = "state"
+
+    def init(self, key: Key) -> tuple[()]:
+        """No state."""
+        return ()
+
+    def measure(self, x: Any) -> Any:
+        """The state record itself."""
+        return x
+
+    def step(self, t: Any, state: tuple[()], x: Any) -> tuple[tuple[()], Sample]:
+        """The sample at integer time t."""
+        return state, new_sample(t, self.measure(x))
+
+
+@record
 class FlexibleTruthReading:
     """Flight and modes as they are. Source: [1] eq. 4, order of its errors e."""
 

@@ -13,7 +13,7 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
-from trimtab.core.errors import InputError
+from trimtab.core.errors import InputError, argument
 from trimtab.core.interfaces import optional_member
 from trimtab.core.record import Scalar, imperfection, part, period, quantity, record, tree_where
 from trimtab.core.rng import Key, normals
@@ -218,13 +218,13 @@ class Imu:
         for name, errors in (("accelerometer", self.accelerometer), ("gyro", self.gyro)):
             if not errors.bandwidth < half:
                 problem = f"{errors.bandwidth:g} Hz can't be told apart sampled each {format_time(self.period)}"
-                fix = f"--set {name}.bandwidth=VALUE below {half:g} Hz, or 0"
+                fix = f"{argument('settings', 'VALUE', f'{name}.bandwidth')} below {half:g} Hz, or 0"
                 raise InputError(f"{name}.bandwidth", problem, fix=fix)
             tick = optional_member(errors.response, "sampling") or self.period
             if tick != self.period:
                 own, other = format_time(self.period), format_time(tick)
                 problem = f"it is made for samples each {other}, the unit's period is {own}"
-                raise InputError(f"{name}.response", problem, fix=f"--set period='{other}'")
+                raise InputError(f"{name}.response", problem, fix=argument("settings", other, "period"))
 
     def init(self, key: Key) -> ImuState:
         """The run's biases, scale factors and misalignments drawn; low-passes not yet started."""

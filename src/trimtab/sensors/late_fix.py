@@ -72,16 +72,20 @@ class LateFix:
         """Number of the measurement made last at integer time t; its random numbers follow from it."""
         return (t - self.offset) // self.interval
 
+    def is_made(self, t: Any) -> Any:
+        """Whether there is a measurement at integer time t."""
+        return (t % self.interval) == self.offset
+
     def initial_state(self, like: Any) -> LateState:
         """Nothing under way; like: a value of the structure of what will be measured."""
         none, zero = jax.tree.map(jnp.zeros_like, like), np.int64(0)
         return LateState(coming=none, made=zero, due=np.int64(FOREVER), held=none, stamp=zero, any=np.bool_(False))
 
-    def deliver(self, t: Any, state: LateState, value: Any) -> tuple[LateState, Sample]:
-        """The newest sample that is out at integer time t; value: what would be measured now."""
+    def deliver(self, t: Any, state: LateState, value: Any, *, received: Any = True) -> tuple[LateState, Sample]:
+        """The newest sample that is out at integer time t; value: what would be measured now, if it is `received`."""
         t = jnp.asarray(t, np.int64)
         delay = jnp.floor(self.latency * UNITS_PER_SECOND + 0.5).astype(np.int64)
-        makes = (t % self.interval) == self.offset
+        makes = self.is_made(t) if received is True else self.is_made(t) & received
         out = state.due <= t
         early = makes & (delay == 0)  # made and out at one instant
         held = tree_where(out, state.coming, state.held)

@@ -23,6 +23,34 @@ class HovercraftState:
     heading: Scalar = quantity("rad", "Angle from north to the body's x axis; unwrapped.", kind="angle", default=0.0)
 
 
+def planar_rates(x: HovercraftState, ax: Any, ay: Any, turn: Any) -> HovercraftState:
+    """The derivative of x from accelerations of the centre of mass in W, resolved in B (m/s^2), and yaw (rad/s^2)."""
+    c, s = jnp.cos(x.heading), jnp.sin(x.heading)
+    return HovercraftState(
+        surge_velocity=x.sway_velocity * x.yaw_rate + ax,
+        sway_velocity=-x.surge_velocity * x.yaw_rate + ay,
+        yaw_rate=turn,
+        north=c * x.surge_velocity - s * x.sway_velocity,
+        east=s * x.surge_velocity + c * x.sway_velocity,
+        heading=x.yaw_rate,
+    )
+
+
+def planar_motion(t: Any, x: HovercraftState, ax: Any, ay: Any, turn: Any) -> Motion:
+    """All that a sensor on a level floor can feel, from the same accelerations; t: integer time."""
+    o = jnp.zeros_like(ax)
+    stack = jnp.stack
+    return Motion(
+        t=t,
+        p_WB=stack([x.north, x.east, o]),
+        attitude=stack([o, o, x.heading]),
+        v_WB_B=stack([x.surge_velocity, x.sway_velocity, o]),
+        w_WB_B=stack([o, o, x.yaw_rate]),
+        a_WB_B=stack([ax, ay, o]),
+        alpha_WB_B=stack([o, o, turn]),
+    )
+
+
 @record
 class Friction:
     """Drag of skirt and air that the source leaves out: Coulomb, viscous and quadratic, on force and torque.
@@ -78,16 +106,7 @@ class Hovercraft:
 
     def dynamics(self, t: Any, x: HovercraftState, u: PlanarForce) -> HovercraftState:
         """The derivative of x (SI) under the force u at the rudder pivot."""
-        surge_rate, sway_rate, turn_rate = self.accelerations(x, u)
-        c, s = jnp.cos(x.heading), jnp.sin(x.heading)
-        return HovercraftState(
-            surge_velocity=x.sway_velocity * x.yaw_rate + surge_rate,
-            sway_velocity=-x.surge_velocity * x.yaw_rate + sway_rate,
-            yaw_rate=turn_rate,
-            north=c * x.surge_velocity - s * x.sway_velocity,
-            east=s * x.surge_velocity + c * x.sway_velocity,
-            heading=x.yaw_rate,
-        )
+        return planar_rates(x, *self.accelerations(x, u))
 
     def accelerations(self, x: HovercraftState, u: PlanarForce) -> tuple[Any, Any, Any]:
         """Acceleration of the centre of mass in W, resolved in B (x, y, m/s^2), and yaw acceleration (rad/s^2)."""
@@ -99,18 +118,12 @@ class Hovercraft:
 
     def motion(self, t: Any, x: HovercraftState, u: PlanarForce) -> Motion:
         """All that a sensor can feel; t: integer time."""
-        ax, ay, turn = self.accelerations(x, u)
-        o = jnp.zeros_like(ax)
-        stack = jnp.stack
-        return Motion(
-            t=t,
-            p_WB=stack([x.north, x.east, o]),
-            attitude=stack([o, o, x.heading]),
-            v_WB_B=stack([x.surge_velocity, x.sway_velocity, o]),
-            w_WB_B=stack([o, o, x.yaw_rate]),
-            a_WB_B=stack([ax, ay, o]),
-            alpha_WB_B=stack([o, o, turn]),
-        )
+        return planar_motion(t, x, *self.accelerations(x, u))
+
+    @property
+    def percussion_arm(self) -> Any:
+        """a (m), from the centre of mass forward to the point that FY does not accelerate: J/(m d)."""
+        return self.inertia / (self.mass * self.arm)
 
     def energy(self, x: HovercraftState) -> Any:
         """Kinetic energy (J), V in [1, eq. 2.17]."""

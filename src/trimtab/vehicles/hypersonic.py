@@ -4,8 +4,8 @@ from typing import Any, ClassVar
 
 import jax.numpy as jnp
 
-from trimtab.core.record import Scalar, part, quantity, record
-from trimtab.core.signals import Motion
+from trimtab.core.record import Scalar, part, quantity, record, replace
+from trimtab.core.signals import NO_GUST, Bending, Gust, Motion, SurroundingAir
 from trimtab.vehicles.hypersonic_aerodynamics import FlexibleModes, Forces, RigidForces
 from trimtab.vehicles.imperial import FOOT
 
@@ -71,11 +71,14 @@ class Hypersonic:
         alpha' = Q - gamma'        gamma' = (T sin alpha + L)/(m V) - (g/V) cos gamma
         theta' = Q                 Q', eta1'', eta2'': part `modes`, solved together          [1, eqs. 1-3]
 
+    In a gust the forces are those of airspeed and angle of attack in the moving air, lift and drag along its axes.
+
     Forces, moment, mass and inertia are per foot of width. Altitude and speed as outputs: non-minimum phase.
 
     Frames:  W north-east-down, B at the centre of mass, x forward, y starboard; pitch is nose up.
     Valid:   near 85 000 ft and 7 700 ft/s (about 80-95 kft, 7-9 kft/s, alpha 0-4 deg), where the curves were fitted.
-    Not modelled: round earth, wind, aerodynamics of the bending, lags of engine and elevator.
+    Not modelled: round earth, mean wind, a gust's rates, that it meets nose and tail at different times, aerodynamics
+             of the bending, lags of engine and elevator.
     Source:  [1] "Angular-accelerometer-based flexible-state estimation and tracking controller design for hypersonic
              flight vehicle", Aerospace 2022, 9(4), 206; [2] Parker et al., Journal of Guidance, Control, and Dynamics
              30(3), 2007. Differences from the source: docs page.
@@ -87,6 +90,7 @@ class Hypersonic:
     forces: RigidForces = part("Air, aerodynamics, propulsion.", default=RigidForces())
     modes: FlexibleModes = part("Bending modes and their coupling.", default=FlexibleModes())
     disturbance: Any = part("Disturbance from outside, or None.", default=None)
+    gust: Any = part("What turbulence adds to still air; a world with turbulence puts it there.", default=None)
 
     MAV_TYPE: ClassVar[str] = "FIXED_WING"
     """What it says it is to ground stations, see `wire.telemetry`."""
@@ -107,15 +111,33 @@ class Hypersonic:
             eta2_rate=eta2_acceleration,
         )
 
+    def in_gust(self, gust: Gust) -> "Hypersonic":
+        """The vehicle in air that has this gust."""
+        return replace(self, gust=gust)
+
+    def airflow(self, x: HypersonicState) -> tuple[Any, Any]:
+        """Airspeed (ft/s) and angle of attack (rad), in the air as it moves."""
+        if self.gust is None:
+            return x.V, x.alpha
+        forward, _, down = self.gust.velocity / FOOT
+        u, w = x.V * jnp.cos(x.alpha) - forward, x.V * jnp.sin(x.alpha) - down
+        return jnp.sqrt(u * u + w * w), jnp.arctan2(w, u)
+
     def forces_at(self, x: HypersonicState, u: HypersonicInput) -> Forces:
         """Thrust, lift, drag, moment and dynamic pressure, per foot of width."""
-        return self.forces.at(x.h, x.V, x.alpha, u.Phi, u.delta_e)
+        V, alpha = self.airflow(x)
+        return self.forces.at(x.h, V, alpha, u.Phi, u.delta_e)
 
     def path_accelerations(self, t: Any, x: HypersonicState, u: HypersonicInput) -> tuple[Any, Any]:
         """V' and V gamma' (ft/s^2): along the path, and normal to it, up."""
         f, gamma = self.forces_at(x, u), x.theta - x.alpha
-        along = f.T * jnp.cos(x.alpha) - f.D
-        normal = f.T * jnp.sin(x.alpha) + f.L
+        drag, lift = f.D, f.L
+        if self.gust is not None:
+            turned = self.airflow(x)[1] - x.alpha  # from the path to the way through the air, nose up
+            c, s = jnp.cos(turned), jnp.sin(turned)
+            drag, lift = f.D * c - f.L * s, f.L * c + f.D * s
+        along = f.T * jnp.cos(x.alpha) - drag
+        normal = f.T * jnp.sin(x.alpha) + lift
         if self.disturbance is not None:
             on = self.disturbance.activation(t)
             along, normal = along + on * self.disturbance.along, normal + on * self.disturbance.normal
@@ -126,7 +148,7 @@ class Hypersonic:
         M = self.forces_at(x, u).M
         if self.disturbance is not None:
             M = M + self.disturbance.activation(t) * self.disturbance.moment
-        N1, N2 = self.modes.forcing(x.alpha, u.delta_e)
+        N1, N2 = self.modes.forcing(self.airflow(x)[1], u.delta_e)
         back1, back2 = self.modes.restoring_forces(x.eta1, x.eta1_rate, x.eta2, x.eta2_rate)
         return self.modes.solve_accelerations(self.Iyy, M, N1 + back1, N2 + back2)
 
@@ -137,8 +159,9 @@ class Hypersonic:
         """
         seconds = t * 1e-7
         along, normal = self.path_accelerations(seconds, x, u)
-        q_rate, _, _ = self.coupled_accelerations(seconds, x, u)
+        q_rate, *bends = self.coupled_accelerations(seconds, x, u)
         c, s, o = jnp.cos(x.alpha), jnp.sin(x.alpha), jnp.zeros_like(q_rate)
+        gust = NO_GUST if self.gust is None else self.gust
         return Motion(
             t=t,
             p_WB=jnp.stack([o, o, -x.h * FOOT]),
@@ -147,6 +170,8 @@ class Hypersonic:
             w_WB_B=jnp.stack([o, x.q + o, o]),
             a_WB_B=jnp.stack([along * c + normal * s, o, along * s - normal * c]) * FOOT,
             alpha_WB_B=jnp.stack([o, q_rate, o]),
+            air=SurroundingAir(height=x.h * FOOT, velocity=gust.velocity + o, rate=gust.rate + o),
+            bending=Bending(rate=jnp.stack([x.eta1_rate + o, x.eta2_rate + o]), acceleration=jnp.stack(bends)),
         )
 
     def level_state(self, h: Any, V: Any, alpha: Any, delta_e: Any) -> HypersonicState:

@@ -17,7 +17,7 @@ from types import ModuleType
 from typing import Any
 
 from trimtab.core.cache_folder import cache_folder
-from trimtab.core.errors import InputError
+from trimtab.core.errors import InputError, install_command
 from trimtab.wire.dialect import Dialect
 
 NAME = "trimtab"
@@ -27,7 +27,7 @@ GENERATOR_LOCK = threading.Lock()
 
 def load_python_module(dialect: Dialect) -> ModuleType:
     """The dialect as pymavlink knows dialects, made once and kept in the user's cache."""
-    generator = _load_generator()
+    generator = load_generator()
     from pymavlink import __version__
 
     content = hashlib.sha256(f"{__version__}\n{dialect.text}".encode()).hexdigest()[:24]
@@ -69,7 +69,7 @@ def _make_module(generator: Any, dialect: Dialect, file: Path, stack: contextlib
 
 def write_c_headers(dialect: Dialect, folder: Path) -> Path:
     """Write the dialect's C headers into a folder; the folder to include as <trimtab/mavlink.h>."""
-    generator = _load_generator()
+    generator = load_generator()
     try:
         folder.mkdir(parents=True, exist_ok=True)
         with GENERATOR_LOCK:
@@ -80,12 +80,13 @@ def write_c_headers(dialect: Dialect, folder: Path) -> Path:
     return folder
 
 
-def _load_generator() -> Any:
+def load_generator() -> Any:
+    """MAVLink's own, of an extra; refused where it is not installed."""
     try:
         from pymavlink.generator import mavgen
     except ImportError:
         problem = "MAVLink's generator is not installed"
-        raise InputError("dialect", problem, fix='pip install "trimtab[wire]"') from None
+        raise InputError("dialect", problem, fix=install_command("wire")) from None
     return mavgen
 
 

@@ -313,6 +313,11 @@ class Endpoint:
         self.counts.lost = max(self.counts.lost + lost, 0)
         self.counts.disordered += disordered
 
+    def begin_anew(self) -> None:
+        """Take the next frame of each sender for its first: what came in between was thrown away, and is no loss."""
+        self._gaps.clear()
+        self._rest = b""
+
     def store_stamps(self) -> None:
         """Store time stamps ahead; call it every few seconds where waiting for a disk does no harm."""
         if self.stamps is not None:

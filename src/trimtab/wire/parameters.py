@@ -71,6 +71,7 @@ class Parameters:
         """The values at the start."""
         self._changed = set[str]()
         self._index = {p.name: k for k, p in enumerate(self.listed)}
+        self._places = {(p.path, p.slot): k for k, p in enumerate(self.listed)}
 
     def table(self) -> dict[str, tuple[str, int]]:
         """Name -> path of the leaf, and which of its numbers."""
@@ -96,6 +97,10 @@ class Parameters:
         if index < 0:
             return self._index.get(name)
         return index if index < len(self.listed) else None
+
+    def index_of(self, path: str, slot: int) -> int | None:
+        """The index of a number of a leaf; None where there is none such."""
+        return self._places.get((path, slot))
 
     def change_value(self, index: int, value: float) -> str:
         """Put a value in place if what was declared allows it, else say why not.

@@ -61,14 +61,40 @@ VehicleEvent = ArmRequest | ModeRequest | FlightRequest | ParameterChange | Rece
 
 
 class VehicleType(IntEnum):
-    """MAV_TYPE."""
+    """MAV_TYPE: every vehicle of it, and the two ends on the ground and on board that are none."""
 
     GENERIC = 0
     FIXED_WING = 1
+    QUADROTOR = 2
+    COAXIAL = 3
+    HELICOPTER = 4
+    ANTENNA_TRACKER = 5
     GROUND_STATION = 6
+    AIRSHIP = 7
+    FREE_BALLOON = 8
+    ROCKET = 9
     GROUND_ROVER = 10
     SURFACE_BOAT = 11
+    SUBMARINE = 12
+    HEXAROTOR = 13
+    OCTOROTOR = 14
+    TRICOPTER = 15
+    FLAPPING_WING = 16
+    KITE = 17
     ONBOARD_COMPUTER = 18
+    VTOL_DUOROTOR = 19
+    VTOL_QUADROTOR = 20
+    VTOL_TILTROTOR = 21
+    GIMBAL = 26
+    PARAFOIL = 28
+    DODECAROTOR = 29
+    DECAROTOR = 35
+    PARACHUTE = 37
+    WINCH = 42
+    GENERIC_MULTIROTOR = 43
+    SPACECRAFT_ORBITER = 45
+    GROUND_QUADRUPED = 46
+    VTOL_GYRODYNE = 47
 
 
 class ModeFlag(IntFlag):

@@ -198,7 +198,7 @@ def _open_store(store: Path) -> int:
     except OSError:
         os.close(file)
         problem = "another process sends with this key, system, component and link; each would refuse the other's"
-        raise InputError(where, problem, fix="stop it, or give this one another component or link number") from None
+        raise InputError(where, problem, fix="end the other one (Ctrl-C), then start this one again") from None
     return file
 
 

@@ -11,7 +11,7 @@ from enum import IntFlag
 from typing import Any, NamedTuple
 
 from trimtab import __version__
-from trimtab.core.errors import InputError
+from trimtab.core.errors import InputError, closest
 from trimtab.core.interfaces import optional_member
 from trimtab.wire.mavlink import Endpoint
 from trimtab.wire.protocol import Capability, VehicleType
@@ -180,7 +180,10 @@ def mav_type(vehicle: Any) -> VehicleType:
     if name not in VehicleType.__members__:
         problem = f"{type(vehicle).__name__} declares MAV_TYPE = {name!r}, which is none that is known"
         choices = tuple(VehicleType.__members__)
-        raise InputError("world.vehicle", problem, choices=choices, fix='write MAV_TYPE = "GENERIC", or leave it out')
+        near = closest(str(name).upper().removeprefix("MAV_TYPE_"), choices, 1) or ["GENERIC"]
+        raise InputError(
+            "world.vehicle", problem, choices=choices, fix=f'write MAV_TYPE = "{near[0]}", or leave it out'
+        )
     return VehicleType[name]
 
 

@@ -112,3 +112,33 @@ def test_correlations_that_cannot_be_are_refused(scenario, correlate, problem):
     factors = parse_factors((p, parse_distribution(t)) for p, t in spread.items())
     with pytest.raises(InputError, match=problem):
         resolve_spread(scenario, factors, correlate)
+
+
+def test_an_array_is_moved_along_directions(scenario):
+    table = np.asarray(scenario.world.uplink.latency)
+    one, two = np.linspace(0, 1e-3, len(table)), np.full(len(table), 2e-3)
+    texts = {f"{LATENCY}:{k}": f"along({', '.join(map(repr, map(float, v)))})" for k, v in ((1, one), (2, two))}
+    factors = parse_factors((path, parse_distribution(text)) for path, text in texts.items())
+    values, arrays = made(scenario, resolve_spread(scenario, factors), stats.norm.cdf([[0.0, 0.0], [1.0, -2.0]]))
+    np.testing.assert_allclose(values[f"{LATENCY}:2"], [0, -2], atol=1e-12)
+    np.testing.assert_allclose(arrays[LATENCY], [table, table + one - 2 * two], atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("path", "text", "said"),
+    [
+        (LATENCY, "along(1, 2)", "moves an array along a direction"),
+        (f"{MASS}:1", "normal(1, 2)", "is of no direction"),
+        (f"{LATENCY}:1", "along(1, 2)", "has 2 numbers, the parameter has shape"),
+        (f"{MASS}:1", "along(1)", "has 1 numbers, the parameter has shape"),
+    ],
+)
+def test_directions_that_are_none_are_refused(scenario, path, text, said):
+    with pytest.raises(InputError, match=said):
+        resolve_spread(scenario, parse_factors([(path, parse_distribution(text))]))
+
+
+def test_a_direction_and_a_number_of_one_array_are_refused(scenario):
+    both = [(f"{LATENCY}:1", parse_distribution("along(1, 2)")), (LATENCY, parse_distribution("normal(100%, 5%)"))]
+    with pytest.raises(InputError, match="named twice"):
+        parse_factors(both)

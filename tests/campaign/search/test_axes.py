@@ -15,6 +15,7 @@ from trimtab.campaign.search.axes import (
     measured_latency,
     with_values,
 )
+from trimtab.campaign.search.stability_map import values_at
 from trimtab.core.errors import InputError
 from trimtab.core.imperfections import without
 from trimtab.core.record import replace
@@ -22,6 +23,7 @@ from trimtab.core.time import ms
 from trimtab.links.latency import MeasuredLatency, interpolate_latency
 from trimtab.links.slave_bus import SlaveBus
 from trimtab.scenarios import catalogue
+from trimtab.scenarios.build import build
 
 
 @pytest.fixture(scope="module")
@@ -86,6 +88,49 @@ def test_paths_and_factors(forward):
     assert find_quantity(with_values(forward, {"autopilot.law.k2": 3.0}), "autopilot.law.k2")[0] == 3.0
 
 
+PLACES = "world.vehicle.rotors.places"
+"""An array (4, 3): where the rotors are."""
+
+
+@pytest.fixture(scope="module")
+def quadrotor():
+    return build("quadrotor/track")
+
+
+def test_one_number_of_an_array(quadrotor):
+    own = quadrotor.world.vehicle.rotors.places
+    for axis, value, wanted in (
+        (axis_of_path(f"{PLACES}[2,0]", [-1.0, 1.0]), -0.4, -0.4),
+        (axis_of_scale(f"{PLACES}[2,0]", [0.5, 2.0]), 2.0, 2 * own[2, 0]),
+    ):
+        places = axis.change(axis.prepare(quadrotor), value)[PLACES]
+        assert places[2, 0] == wanted
+        np.testing.assert_array_equal(np.delete(places, 6), np.delete(own, 6))
+        assert own[2, 0] == -0.315  # the scenario's own stays
+
+
+def test_two_axes_change_two_numbers_of_one_array(quadrotor):
+    x, y = axis_of_path(f"{PLACES}[0,0]", [0.1, 0.2]), axis_of_scale(f"{PLACES}[2,0]", [0.5, 1.5])
+    places = values_at(quadrotor, x, y, 0.2, 0.5)[PLACES]
+    assert (places[0, 0], places[2, 0], places[1, 1]) == (0.2, -0.1575, 0.315)
+
+
+@pytest.mark.parametrize(
+    ("make", "says"),
+    [
+        (lambda: axis_of_path(PLACES, [1, 2]), r"shape \(4, 3\).*\n.*places\[0,0\].*percent"),
+        (lambda: axis_of_path(f"{PLACES}[4,0]", [1, 2]), r"shape \(4, 3\).*\n.*places\[0,0\]"),
+        (lambda: axis_of_scale(f"{PLACES}[0]", [1, 2]), r"shape \(4, 3\).*\n.*places\[0,0\]"),
+        (lambda: axis_of_scale("initial.velocity", [1, 2]), "own value is 0"),
+        (lambda: axis_of_scale(f"{PLACES}[0,1]", [1, 2]), "own value is 0"),
+        (lambda: axis_of_path("world.vehicle.mass[0]", [1, 2]), r"shape \(\).*\n.*'world.vehicle.mass'$"),
+    ],
+)
+def test_what_is_no_number_of_an_array_is_refused(quadrotor, make, says):
+    with pytest.raises(InputError, match=says):
+        with_values(quadrotor, make().change(quadrotor, 1.0))
+
+
 @pytest.mark.parametrize(
     ("make", "says"),
     [
@@ -107,3 +152,20 @@ def test_a_link_that_has_no_latency_is_refused(forward):
     with pytest.raises(InputError, match="SlaveBus has no latency"):
         measured_latency(bus, "uplink")
     assert isinstance(measured_latency(forward, "uplink"), MeasuredLatency)
+
+
+def test_a_predictor_is_told_what_the_uplink_takes_and_reaches_further():
+    scenario = build("hovercraft/forward", {"predictor": "on"})
+    before = scenario.autopilot.predictor
+    delay, jitter = axis_of_link("delay", [0.0, 0.4]), axis_of_link("jitter", [0.0, 0.1])
+    there = jitter.prepare(delay.prepare(scenario))
+    assert there.autopilot.predictor.horizon == before.horizon + ms(500)
+    there = with_values(there, delay.change(there, 0.3))
+    assert float(there.autopilot.predictor.uplink_delay) == pytest.approx(0.3)
+    there = with_values(there, jitter.change(there, 0.1))
+    assert float(there.autopilot.predictor.uplink_delay) == pytest.approx(0.35)
+    plain = delay.prepare(build("hovercraft/forward"))
+    assert set(delay.change(plain, 0.3)) == {"world.uplink.latency"}
+    down = axis_of_link("delay", [0.0, 0.4], "downlink")
+    assert set(down.change(down.prepare(scenario), 0.3)) == {"world.downlink.latency"}
+    assert down.prepare(scenario).autopilot.predictor.horizon == before.horizon + ms(400)

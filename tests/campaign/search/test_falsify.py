@@ -11,12 +11,15 @@ from trimtab.campaign.grammar import parse_condition
 from trimtab.campaign.search.falsify import falsify, margin, margins, with_margin
 from trimtab.campaign.statistics.metrics import Rows, find_metric
 from trimtab.campaign.workers.block import compute_log_metrics
-from trimtab.campaign.workers.prepare import prepare_campaign
+from trimtab.campaign.workers.prepare import plan_search, prepare_campaign
 from trimtab.cli import main
 from trimtab.core.errors import InputError
 from trimtab.core.record import leaves, with_leaf
+from trimtab.core.time import ms, seconds
 from trimtab.logs.metrics import Target
+from trimtab.logs.robustness import assess_formula
 from trimtab.run.simulate import simulate
+from trimtab.run.walk_program import build_walk_library
 from trimtab.scenarios.build import build
 
 NAME = "hovercraft/zero-velocity"
@@ -47,6 +50,26 @@ def test_a_margin_has_the_sign_of_its_condition(text):
     assert 20 < holds.sum() < 390
     assert np.array_equal(found >= 0, holds) or np.array_equal(found > 0, holds)
     assert np.all(np.abs(found) <= 1)
+
+
+def test_a_formula_is_searched_by_its_robustness():
+    decay = np.exp(-np.array([[3.0], [1.0], [0.7], [0.2]]) * T)
+    found, (condition,), metrics, rows = margins_of(decay, "always[2, 4](abs(truth.yaw_rate) < 0.1)")
+    robustness = 0.1 - decay[:, 200]
+    assert metrics[condition.metric].of(rows) == pytest.approx(robustness)
+    assert found == pytest.approx(robustness / (1 + np.abs(robustness)))
+
+
+def test_falsify_finds_the_world_that_breaks_a_formula_worst():
+    formula = "always[1 s, 2.9 s](truth.surge_velocity > -0.2 m/s)"
+    spread = {"world.vehicle.mass": "uniform(60%, 160%)"}
+    result = falsify(NAME, spread=spread, success=[formula], runs=600, settings=SHORT)
+    made = with_leaf(build(NAME, SHORT), "world.vehicle.mass", lambda *_: result.values["world.vehicle.mass"])
+    log = simulate(made, run=result.word, log_period=100_000)
+    worst = assess_formula(log, formula).robustness
+    assert result.columns[f"robustness:{formula}"] == worst
+    assert result.margin == pytest.approx(worst / (1 + abs(worst)))
+    assert result.margin <= result.candidate_margins.min() + 1e-12
 
 
 def test_failures_are_ordered_late_then_never_then_lost():
@@ -140,8 +163,67 @@ def test_command_says_what_it_found(tmp_path):
     assert picture.stat().st_size > 5000
     done = call(SPREAD, "peak:yaw_rate <= 1", "--runs", 300, "--out", file, "--until-first")
     assert done.exit_code == 1, done.output
-    assert "FAILS, the first after 1 runs" in done.stdout
+    assert "FAILS, the first after 1 run\n" in done.stdout
     assert f"trimtab run {file}:scenario --seed 0 --run" in done.stdout
+
+
+def test_a_fault_s_times_are_searched_in_one_program_and_the_worst_flies_again(tmp_path):
+    """The worst cut of the uplink is no better than any of a grid, and its file gives the same margin."""
+    file, success = tmp_path / "cut.py", "error_rms:yaw_rate <= 4.5"
+    text = "uplink off @ 0.2..2 s for 50..600 ms"
+    before = build_walk_library.cache_info().misses
+    words = [
+        NAME,
+        "--fault-range",
+        text,
+        "--success",
+        success,
+        "--set",
+        "duration=3 s",
+        "--without",
+        "navigation-error",
+    ]
+    done = CliRunner().invoke(main, ["falsify", *words, "--runs", "320", "--words", "1", "--json", "--out", str(file)])
+    found = json.loads(done.stdout)
+    assert build_walk_library.cache_info().misses - before <= 3  # over lanes, one by one, and the worst alone
+    start, duration = (found["values"][f"world.uplink.fault.{name}"] for name in ("start", "duration"))
+    assert seconds(0.2) <= start <= seconds(2)
+    assert ms(50) <= duration <= ms(600)
+    assert duration > ms(580)  # the longer the worse
+    ready = with_margin(prepare_campaign(falsify_plan(text, success)))
+
+    def fly(scenario):
+        log = simulate(scenario, seed=0, run=found["run"], log_period=ready.plan.log_period)
+        return float(margins(compute_log_metrics(ready, log))[0])
+
+    assert fly(build(f"{file}:scenario")) == found["margin"]
+    cuts = [f"uplink off @ {at} ms for 600 ms" for at in range(200, 2001, 200)]
+    grid = [fly(build(NAME, SHORT, ["navigation-error"], [cut])) for cut in cuts]
+    assert np.ptp(grid) > 0.01
+    assert found["margin"] <= min(grid) + 1e-9
+
+
+def falsify_plan(text, success):
+    off = ("navigation-error",)
+    return plan_search(
+        "t", NAME, {}, fault_ranges=[text], settings=SHORT, without=off, faults=(), seed=0, runs=1, success=(success,)
+    )
+
+
+@pytest.mark.slow
+def test_the_worst_hand_on_a_stick_flies_again(tmp_path):
+    file = tmp_path / "hand.py"
+    words = ["hovercraft/pilot", "--vary", "stick.turn=pieces(4, -1:1)", "--set", "duration=4 s", "--runs", "320"]
+    words += ["--success", "peak:yaw_rate <= 0.2", "--seed", "5", "--json", "--out", str(file)]
+    done = CliRunner().invoke(main, ["falsify", *words])
+    assert done.exit_code == 1, done.output
+    found = json.loads(done.stdout)
+    (turn,) = found["values"].values()
+    scenario = build(f"{file}:scenario")
+    np.testing.assert_array_equal(scenario.world.sensors["stick"].turn, turn)
+    log = simulate(scenario, seed=5, run=found["run"], log_period=ms(10))
+    assert np.abs(log["truth.yaw_rate"]).max() == found["metrics"]["peak:yaw_rate"]
+    assert np.abs(turn).max() > 0.9
 
 
 @pytest.mark.parametrize(
@@ -152,7 +234,7 @@ def test_command_says_what_it_found(tmp_path):
         ({"spread": {"duration": "choice(3 s, 4 s)"}}, "no such parameter"),
         ({"success": ("settling:yaw_rate = 3",)}, "comparison"),
         ({"runs": 20}, "no search"),
-        ({"words": 0}, "--words"),
+        ({"words": 0}, "words"),
         ({"over": "median"}, "worst, mean"),
     ],
 )
@@ -167,6 +249,7 @@ def test_a_file_that_is_no_scenario_is_refused():
     assert "Python file" in done.stderr
 
 
+@pytest.mark.slow
 def test_a_failure_that_random_runs_miss_is_found():
     """10 000 random runs: no failure. The falsifier: found for three seeds, in less than 2 000 runs. A minute."""
     import importlib.util

@@ -16,6 +16,7 @@ from trimtab.design.loop_transfer import loop_of_gain, loop_of_law
 from trimtab.design.margins import delay_margin, jitter_margin
 from trimtab.laws.velocity import ForwardMomentum
 from trimtab.scenarios import catalogue
+from trimtab.scenarios.build import build
 from trimtab.vehicles.hovercraft import Hovercraft
 
 
@@ -94,3 +95,5 @@ def test_refusals(forward):
     heading, _ = catalogue.load_scenario("hovercraft/heading-bang-bang")
     with pytest.raises(InputError, match="no equilibrium"):
         linear_loop(heading)
+    with pytest.raises(InputError, match="a predictor stands before the law"):
+        linear_loop(build("hovercraft/forward", {"predictor": "on"}))

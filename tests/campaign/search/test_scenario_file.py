@@ -9,6 +9,7 @@ from trimtab.campaign.search.scenario_file import check_file, write_scenario
 from trimtab.campaign.workers.prepare import CampaignPlan, parameters_at, prepare_campaign, scenario_at
 from trimtab.core.errors import InputError
 from trimtab.core.record import leaves
+from trimtab.identify.calibration import Calibration, Entry, format_calibration
 from trimtab.scenarios.build import build
 
 OWN = """
@@ -99,3 +100,11 @@ def test_a_file_written_by_version_0_1_loads(tmp_path):
     (tmp_path / "found.py").write_text(VERSION_0_1, encoding="utf-8")
     mass, duration = of(f"{tmp_path / 'found.py'}:scenario", "world.vehicle.mass", "duration")
     assert (mass, duration) == (2.9, 20_000_000)
+
+
+def test_a_calibration_is_in_the_file(tmp_path):
+    boat = Calibration({"Hovercraft.inertia": Entry(0.11, "kg m^2", 0.002, source='a "bench"')})
+    plan = CampaignPlan("hovercraft/zero-velocity", calibration=format_calibration(boat))
+    write_scenario(tmp_path / "found.py", plan, {}, "calibrated")
+    found = build(f"{tmp_path / 'found.py'}:scenario")
+    assert found.world.vehicle.inertia == found.autopilot.law.model.inertia == 0.11

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from trimtab.actuators.allocation import DirectActuation, DirectAllocation
-from trimtab.campaign.search.axes import axis_of_link, axis_of_path, with_values
+from trimtab.campaign.search.axes import axis_of_link, axis_of_path, enlarge_rings, with_values
 from trimtab.campaign.search.map_theory import loop_delay
 from trimtab.campaign.search.stability_map import parse_success, stability_map, target_success, values_at
 from trimtab.core.errors import InputError
@@ -167,3 +167,46 @@ def test_a_condition_on_what_there_is_not_is_refused():
     scenario = build("hovercraft/zero-velocity")
     with pytest.raises(InputError, match="no target"):
         parse_success(scenario, ["settling:heading <= 3"])
+
+
+@pytest.mark.slow
+def test_a_predictor_moves_the_largest_delay_out_four_times():
+    """Forward flight with the source's navigation errors on the same 16 seeds; sway calm to 0.2 m/s over the end."""
+    edges = {}
+    for choice, last in (("off", 0.4), ("on", 1.6)):
+        scenario = build("hovercraft/forward", {"predictor": choice})
+        success, signals = parse_success(scenario, ["tail_rms:sway_velocity <= 0.2"])
+        axes = axis_of_link("delay", np.linspace(0, last, 5)), axis_of_path("world.vehicle.mass", [2.6, 2.7])
+        diagram = stability_map(scenario, *axes, runs=16, depth=2, success=success, signals=signals)
+        ((edges[choice], high),) = diagram.crossings(2.6)
+        assert high - edges[choice] == pytest.approx(last / 16)
+    assert edges["off"] == pytest.approx(0.175)
+    assert edges["on"] >= 4 * edges["off"]
+
+
+@pytest.mark.parametrize(("name", "start"), [("forward", 2.8 / 2.6), ("reverse", -1.98 / 2.6)])
+def test_linear_loops_turn_within_two_percent_of_the_delay_margin(name, start):
+    """A small error dies away where the mean delay of the loop is 2 % below the margin, and grows 2 % above it."""
+    scenario = catalogue.load_scenario(f"hovercraft/{name}")[0].without("navigation-error")
+    scenario = replace(
+        scenario,
+        world=replace(scenario.world, actuators=DirectActuation()),
+        autopilot=replace(scenario.autopilot, allocation=DirectAllocation()),
+        initial=HovercraftState(surge_velocity=start, sway_velocity=1e-6, yaw_rate=1e-6),
+        duration=seconds(60),
+    )
+    law = scenario.autopilot.law
+    limit = delay_margin(loop_of_law(scenario.world.vehicle, law, law.equilibrium())).delay
+    axis = axis_of_link("delay", [0.0, 0.6])
+    base = axis.prepare(scenario)
+    base = enlarge_rings(base, with_values(base, axis.change(base, 0.6)))
+    rest = loop_delay(base).mean
+    grows = []
+    for share in (0.98, 1.02):
+        delay = round(share * limit - rest, 3)
+        flown = with_values(base, axis.change(base, delay))
+        assert loop_delay(flown).mean == pytest.approx(share * limit, abs=1e-3)
+        log = simulate(flown, seed=0, log_period=ms(10))
+        yaw = np.abs(log["truth.yaw_rate"])
+        grows.append(yaw[-500:].max() > yaw[2500:3000].max())
+    assert grows == [False, True]

@@ -1,6 +1,7 @@
 """Slopes against those of known functions and of differences, and tunings against runs flown beside them."""
 
 import json
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -8,8 +9,9 @@ from click.testing import CliRunner
 from scipy import stats
 
 from trimtab.campaign.grammar import parse_cost
+from trimtab.campaign.sampling.spread import parse_factors, resolve_spread
 from trimtab.campaign.search.cost import evaluate_cost, integral_cost
-from trimtab.campaign.search.tune import UNSEEN, compare, parse_gain, tune
+from trimtab.campaign.search.tune import UNSEEN, Gains, campaign_gains, parse_gain, tune
 from trimtab.campaign.search.tune_methods import (
     combine_estimates,
     descend_gradient,
@@ -18,7 +20,7 @@ from trimtab.campaign.search.tune_methods import (
     merit,
     search_gains,
 )
-from trimtab.campaign.workers.prepare import CampaignPlan, prepare_campaign
+from trimtab.campaign.workers.prepare import CampaignPlan, PreparedCampaign, prepare_campaign
 from trimtab.cli import main
 from trimtab.core.errors import InputError
 from trimtab.core.record import leaves, replace
@@ -104,18 +106,10 @@ def test_descent_refuses_a_start_without_slope():
         descend_gradient(lambda x, first: (np.full(len(x), np.inf), x), np.array([0.5]), 8, 3, 0.05, 0)
 
 
-def test_comparison_is_the_paired_t_interval_of_scipy():
-    rng = np.random.default_rng(2)
-    before = rng.standard_normal(40)
-    after = before - 0.2 + 0.3 * rng.standard_normal(40)
-    found = compare(before, after)
-    low, high = stats.ttest_rel(after, before).confidence_interval(0.95)
-    assert (found.low, found.high) == pytest.approx((low, high))
-    assert found.improves == (high < 0)
-    lost = compare(np.append(before, np.inf), np.append(after, 0.0))
-    assert np.isnan(lost.difference)
-    assert (lost.better, lost.improves) == (int((after < before).sum()) + 1, True)
-    assert not compare(after, before).improves
+def test_a_gain_that_ends_at_an_end_of_its_range_is_told():
+    factors = [SimpleNamespace(text=name) for name in ("low", "inside", "high", "other")]
+    gains = Gains(SimpleNamespace(spread=SimpleNamespace(factors=factors)), [0, 1, 2], (1.0, 1.0, 1.0), None)
+    assert gains.at_bounds(np.array([0.00004, 0.02, 0.995])) == ("low", "high")
 
 
 @needs_c
@@ -186,7 +180,19 @@ def test_cost_of_one_run_jumps_where_its_derivative_sees_nothing():
 def test_tuning_helps_in_runs_flown_beside_it(method, tmp_path):
     """From a poor start; held-out costs recomputed from logged rows of the file's scenario and of the old one."""
     poor = SHORT | {"autopilot.law.k2": "0.8"}
-    words = ("--method", method, "--runs", 32, "--held-out", 64, "--iterations", 12, "--json")
+    words = (
+        "--cost",
+        "error_rms:yaw_rate",
+        "--method",
+        method,
+        "--runs",
+        32,
+        "--judge-runs",
+        64,
+        "--iterations",
+        12,
+        "--json",
+    )
     done = call(GAINS, poor, *words, "--out", tmp_path / "tuned.py", "--plot", tmp_path / "tune.png")
     assert done.exit_code == 0, done.output
     found = json.loads(done.stdout)
@@ -211,7 +217,7 @@ def test_a_tuning_of_few_runs_that_does_not_help_says_so(tmp_path):
     """From gains that are good already, on four runs: better in these, worse in others."""
     good = {"autopilot.law.k1": "0.5", "autopilot.law.k2": "2"}
     ranges = {"autopilot.law.k1": "0.5:3", "autopilot.law.k2": "0.5:5"}
-    words = ("--runs", 4, "--held-out", 64, "--iterations", 6, "--seed", 3)
+    words = ("--cost", "error_rms:yaw_rate", "--runs", 4, "--judge-runs", 64, "--iterations", 6, "--seed", 3)
     done = call(ranges, good, *words, "--out", tmp_path / "tuned.py")
     assert done.exit_code == 1, done.output
     assert "does NOT help" in done.stdout
@@ -235,14 +241,14 @@ def test_a_lost_run_costs_infinitely_much():
         ({"gains": {}}, "nothing may be moved"),
         ({"gains": {"autopilot.law.k1": "2:3"}}, "own value"),
         ({"gains": {"autopilot.law.k1": "-1:3"}}, "can't be flown at its end"),
-        ({"gains": {"autopilot.law.k9": "1:3"}}, r"(?s)no such parameter.*--gain 'autopilot\.law\.k\d=LOW:HIGH'"),
-        ({"gains": {"duration": "1:3"}}, "--gain"),
+        ({"gains": {"autopilot.law.k9": "1:3"}}, r"(?s)no such parameter.*gains={.autopilot\.law\.k\d.: .LOW:HIGH.}"),
+        ({"gains": {"duration": "1:3"}}, "gains duration"),
         ({"gains": {"autopilot.law.k1": "normal(1, 2)"}}, "no range"),
         ({"cost": "error_rms:yaw_rate + -2*rms:yaw_rate"}, "weight"),
-        ({"cost": "settling:yaw_rate", "method": "gradient"}, "--method search"),
+        ({"cost": "settling:yaw_rate", "method": "gradient"}, "method=.search"),
         ({"method": "newton"}, "search, gradient"),
-        ({"held_out": 2}, "--held-out"),
-        ({"width": 0.0}, "--width"),
+        ({"held_out": 2}, "held_out: 2 is too few"),
+        ({"width": 0.0}, "width"),
     ],
 )
 def test_refused_before_anything_flies(change, said):
@@ -255,6 +261,34 @@ def test_a_range_is_written_in_numbers_or_shares():
     assert parse_gain("a", "loguniform(0.1, 10)").kind == "loguniform"
     with pytest.raises(InputError, match="settings are for"):
         tune(build(NAME), gains=GAINS, cost="rms:yaw_rate", settings=SHORT)
+
+
+@pytest.mark.parametrize(("span", "start"), [("80%:120%", 0.5), ("-4:-0.1", None), ("loguniform(50%, 200%)", 0.5)])
+def test_a_gain_below_zero_moves_within_its_range(span, start):
+    """The range is what comes out of the product; a place in it and its slope go the way that the gain goes."""
+    path = "world.vehicle.rotors.places[2,0]"
+    found = tune_gains({path: span})
+    assert start is None or found.start == pytest.approx([start])
+    assert found.gain_values(found.start)[path] == pytest.approx(-0.315)
+    low, high = (found.gain_values(np.array([end]))[path] for end in (0.0, 1.0))
+    assert min(low, high) < -0.315 < max(low, high) < 0
+    step = np.array([[1e-6]])
+    before, after = (found.gain_values(found.start + s)[path] for s in (-step[0], step[0]))
+    assert found.slope(found.start[None]) == pytest.approx((after - before) / 2e-6)
+
+
+def test_a_range_that_lacks_the_own_value_below_zero_is_refused():
+    with pytest.raises(InputError, match=r"-0.315, is not in -0.63 … -0.3465.*\n.*settings.*places\[2,0\]"):
+        tune_gains({"world.vehicle.rotors.places[2,0]": "110%:200%"})
+
+
+def tune_gains(gains):
+    plan = CampaignPlan(
+        "quadrotor/track", runs=4, seed=0, spread=tuple((p, parse_gain(p, t)) for p, t in gains.items())
+    )
+    scenario = build(plan.scenario)
+    spread = resolve_spread(scenario, parse_factors(plan.spread))
+    return campaign_gains(PreparedCampaign(plan, scenario, spread, (), (), (), 0), tuple(gains))
 
 
 def test_a_file_that_is_no_scenario_is_refused():

@@ -8,6 +8,7 @@ from trimtab.core.errors import InputError
 from trimtab.core.quantity import Quantity
 from trimtab.logs.log import Log
 from trimtab.logs.metrics import Target, metrics
+from trimtab.logs.robustness import assess_formula
 
 TARGETS = (Target("yaw_rate", 1.0, band=0.1), Target("heading", 3.0, band=0.2))
 SIGNALS = {"truth.yaw_rate": (), "truth.heading": (), "truth.position": (2,)}
@@ -117,3 +118,59 @@ def test_a_function_of_a_file_is_a_metric(runs, tmp_path):
     assert found.of(Rows(T, runs, TARGETS, frozenset()))[7] == runs["truth.yaw_rate"][7, -1]
     with pytest.raises(InputError, match="last"):
         find_metric(f"{file}:first", SIGNALS, TARGETS)
+
+
+def test_robustness_of_a_block_is_that_of_each_log_alone(runs):
+    text = "eventually[0, 2 s](always[0, 1 s](abs(yaw_rate - 1) < 0.1 rad/s)) or heading < 100 deg"
+    units = {"truth.yaw_rate": "rad/s", "truth.heading": "rad"}
+    metric = find_metric(f"robustness:{text}", SIGNALS, TARGETS, units)
+    assert metric.signals == ("truth.yaw_rate", "truth.heading")
+    assert metric.unit == "mixed units"
+    found = metric.of(Rows(T, runs, TARGETS, frozenset()))
+    declared = {path: Quantity(unit, "") for path, unit in units.items()}
+    for i in range(60):
+        log = Log(T, (T * 1e7).round().astype(np.int64), {p: x[i] for p, x in runs.items()}, declared)
+        assert assess_formula(log, text).robustness == found[i]
+    assert 10 < (found > 0).sum() < 50
+
+
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("robustness:always(yaw_rat < 1)", "there is no signal 'yaw_rat'"),
+        ("robustness:always(yaw_rate < 1 m)", "rad/s and m"),
+        ("robustness:always[0, 6 s](yaw_rate < 1)", "looks 6 s ahead, and the run lasts 5 s"),
+        ("robustness:", "is not KIND:SIGNAL"),
+    ],
+)
+def test_a_formula_that_does_not_fit_the_scenario_is_refused(text, says):
+    with pytest.raises(InputError, match=says):
+        find_metric(text, SIGNALS, TARGETS, {"truth.yaw_rate": "rad/s"}, 50_000_000)
+
+
+def test_changes_of_a_mode_are_counted():
+    modes = np.array([[0, 0, 1, 1, 0, 2], [3, 3, 3, 3, 3, 3], [0, 1, 0, 1, 0, 1]], np.int32)
+    flags = np.array([[0, 1, 1, 0, 0, 0], [0] * 6, [1] * 6], bool)
+    shapes = {"law.mode": (), "actuators.speed_saturated": ()}
+    rows = Rows(T[:6], {"law.mode": modes, "actuators.speed_saturated": flags}, (), frozenset())
+    changes = find_metric("changes:law.mode", shapes, ())
+    assert changes.of(rows).tolist() == [3, 0, 5]
+    assert (changes.unit, changes.of(rows).dtype) == ("1", np.float64)
+    assert find_metric("changes:actuators.speed_saturated", shapes, ()).of(rows).tolist() == [2, 0, 0]
+    assert find_metric("mean:actuators.speed_saturated", shapes, ()).of(rows) == pytest.approx([1 / 3, 0, 1])
+
+
+@pytest.mark.parametrize(
+    ("name", "says", "fix"),
+    [
+        ("loop.overruns", "only a flight over a line has it", "trimtab fly SCENARIO --link … --out DIR"),
+        ("link.silence", "only a flight over a line has it", "trimtab fly SCENARIO --link … --out DIR"),
+        ("flight.altitude", "this vehicle has no attitude in space", "peak:truth."),
+        ("truth.yaw_rat", "there is no signal 'truth.yaw_rat'.\n", "peak:truth.yaw_rate"),
+    ],
+)
+def test_what_no_simulated_run_has_is_refused_in_words(name, says, fix):
+    with pytest.raises(InputError) as refused:
+        find_metric(f"peak:{name}", SIGNALS, TARGETS)
+    assert says in str(refused.value)
+    assert fix in refused.value.fix

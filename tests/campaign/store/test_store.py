@@ -6,7 +6,7 @@ import pytest
 from campaign.small import BLOCK, assert_same, small
 from zarr.storage import LocalStore
 
-from trimtab.campaign.store.store import read_store
+from trimtab.campaign.store.store import estimate_store_size, read_store
 from trimtab.core.errors import InputError
 
 RUNS = 4 * BLOCK
@@ -23,6 +23,7 @@ def store(tmp_path):
     return tmp_path / "rows.zarr"
 
 
+@pytest.mark.slow
 def test_store_of_another_campaign(store):
     small(2 * BLOCK).run(store)
     for other in ({"seed": 4}, {"metrics": ["peak:yaw_rate"]}, {"spread": {"world.vehicle.mass": "normal(100%, 5%)"}}):
@@ -37,6 +38,7 @@ def test_store_of_another_campaign(store):
     assert (folder / "2024" / "cat.png").read_bytes() == b"cat"
 
 
+@pytest.mark.slow
 def test_metric_of_a_file_that_was_changed(store, tmp_path):
     file = tmp_path / "mine.py"
     file.write_text("def worst(rows):\n    return rows['yaw_rate'].max(axis=1)\n")
@@ -52,6 +54,7 @@ TORN = {"half": lambda b: b[: len(b) // 2], "empty": lambda b: b"", "zeros": lam
 CHUNKS = [(column, torn) for column in ("error_rms:yaw_rate", "success", "done") for torn in TORN]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("column", "torn"), CHUNKS)
 def test_chunk_that_a_crash_of_the_machine_tore(store, whole, column, torn):
     small(4 * BLOCK).run(store)
@@ -96,3 +99,27 @@ def test_what_killed_processes_leave_is_no_hindrance(store, monkeypatch, whole):
     (store / "zarr.json").write_text('{"zarr_fo')
     with pytest.raises(InputError, match="damaged"):
         small(BLOCK).run(store)
+
+
+def test_a_metric_with_a_name_longer_than_a_file_may_have(store):
+    long = "robustness:" + " and ".join(f"always(abs(truth.yaw_rate) < {k} rad/s)" for k in range(40, 60))
+    other = long.replace("< 59", "< 58.5")
+    found = small(BLOCK, metrics=[long, other]).run(store).columns
+    read = read_store(store)[1]
+    assert found[long].tobytes() == read[long].tobytes()
+    assert found[other].tobytes() == read[other].tobytes()
+
+
+@pytest.mark.slow
+def test_the_size_of_a_store_is_known_by_its_first_block(store):
+    runs = RUNS + BLOCK // 2
+    assert estimate_store_size(store, runs) is None
+    assert small(runs).run(store, stop=lambda _: True).flown_runs == BLOCK
+    estimate = estimate_store_size(store, runs)
+    small(runs).run(store)
+    size = sum(f.stat().st_size for f in store.rglob("*") if f.is_file())
+    assert size / 2 < estimate < 2 * size
+    assert abs(estimate_store_size(store, runs) - size) < 0.01 * size
+    head = sum(f.stat().st_size for f in store.rglob("zarr.json"))
+    one_block = sum(f.stat().st_size for f in store.rglob("0"))
+    assert estimate_store_size(store, BLOCK) == head + one_block

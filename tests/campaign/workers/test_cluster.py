@@ -1,5 +1,6 @@
 """Campaigns on a cluster of this machine's processes, with certificates."""
 
+import json
 import re
 import signal
 import threading
@@ -12,7 +13,9 @@ from campaign.small import BLOCK, assert_same, small
 from trimtab.campaign.store.store import read_store
 from trimtab.campaign.workers import cluster as of_cluster
 from trimtab.campaign.workers.cluster import cluster_workers, fly_rows, machine_identity
+from trimtab.campaign.workers.prepare import plan_from_dict, prepare_campaign, scenario_of
 from trimtab.core.errors import InputError
+from trimtab.identify.calibration import Calibration, Entry, format_calibration
 
 pytestmark = pytest.mark.filterwarnings("ignore::ResourceWarning", "ignore::DeprecationWarning")
 RUNS = 12 * BLOCK - 9
@@ -38,6 +41,7 @@ def whole():
     return small(RUNS).run().columns
 
 
+@pytest.mark.slow
 def test_addresses_and_files_that_are_none(folder):
     good = files(folder)
     for uri in (
@@ -52,10 +56,10 @@ def test_addresses_and_files_that_are_none(folder):
             cluster_workers(uri, **good)
     with pytest.raises(InputError, match="anyone who reaches the port runs programs") as refused:
         cluster_workers("tcp://10.0.0.1:8786")
-    assert refused.value.fix.startswith("--cluster tls://10.0.0.1:8786 --tls-ca ")
+    assert refused.value.fix.startswith('cluster="tls://10.0.0.1:8786" tls_ca=')
     with pytest.raises(InputError, match="uses no certificates"):
         cluster_workers("tcp://127.0.0.1:8786", **good)
-    for flag, name in (("--tls-ca", "ca"), ("--tls-cert", "cert"), ("--tls-key", "key")):
+    for flag, name in (("tls_ca", "ca"), ("tls_cert", "cert"), ("tls_key", "key")):
         with pytest.raises(InputError, match=f"^{flag}: tls:// needs"):
             cluster_workers("tls://10.0.0.1:8786", **{**good, name: ""})
         with pytest.raises(InputError, match=f"^{flag}: there is no file"):
@@ -85,6 +89,7 @@ def test_worker_whose_rows_would_be_others():
         assert ("a C compiler" in refused.value.fix) == (name == "backend")
 
 
+@pytest.mark.slow
 def test_campaign_on_two_workers_and_who_is_refused(folder, processes, whole, tmp_path, monkeypatch):
     _, uri = processes.scheduler()
     for host in ("one", "two"):
@@ -101,8 +106,52 @@ def test_campaign_on_two_workers_and_who_is_refused(folder, processes, whole, tm
         small(BLOCK).run(workers=cluster_workers(uri, **{**stranger, "ca": folder / "ca.pem"}))
     monkeypatch.chdir(tmp_path)
     (tmp_path / "mine.py").write_text("def worst(rows):\n    return rows['yaw_rate'].max(axis=1)\n")
-    with pytest.raises(InputError, match=r"worker tls://[^ ]+: --metric mine.py:worst: there is no file 'mine.py'"):
+    with pytest.raises(InputError, match=r"worker tls://[^ ]+: metrics mine.py:worst: there is no file 'mine.py'"):
         small(BLOCK, metrics=["mine.py:worst"]).run(workers=cluster_workers(uri, **files(folder)))
+
+
+BOAT = Calibration(
+    {
+        "Hovercraft.inertia": Entry(0.11, "kg m^2", 0.002, procedure="inertia"),
+        "Thruster.reverse_ratio": Entry([1.1e-3, -3.2e-2, 3.8e-1, -1.08], "1", procedure="reverse"),
+    }
+)
+
+
+def with_boat(file, runs):
+    """A campaign of a craft that a calibration file is of, with a spread besides."""
+    settings = {"links": "measured", "duration": "2 s", "world.uplink.capacity": "32", "calibration": str(file)}
+    return small(runs, settings=settings)
+
+
+@pytest.mark.slow
+def test_a_plan_has_the_calibration_and_a_worker_needs_no_file(tmp_path):
+    file = tmp_path / "boat.toml"
+    file.write_text(format_calibration(BOAT), encoding="utf-8")
+    asked = with_boat(file, BLOCK)
+    told = machine_identity(asked.ready, "jax")
+    file.unlink()
+    plain = json.loads(json.dumps(asked.ready.plan.as_dict()))
+    assert "boat.toml" not in json.dumps(plain)
+    columns = fly_rows(plain, told, 0, 2)
+    own = small(BLOCK).run(backend="jax").columns
+    assert scenario_of(prepare_campaign(plan_from_dict(plain)), 0).world.vehicle.inertia == 0.11
+    assert columns["error_rms:yaw_rate"].tobytes() != own["error_rms:yaw_rate"][:2].tobytes()
+    other = BOAT.merge(Calibration({"Hovercraft.inertia": Entry(0.12, "kg m^2", procedure="inertia")}))
+    file.write_text(format_calibration(other), encoding="utf-8")
+    assert machine_identity(with_boat(file, BLOCK).ready, "jax")["campaign"] != told["campaign"]
+
+
+@pytest.mark.slow
+def test_workers_elsewhere_fly_a_calibrated_craft(folder, processes, tmp_path):
+    """Processes of another folder, and the file gone before they begin."""
+    file = tmp_path / "boat.toml"
+    file.write_text(format_calibration(BOAT), encoding="utf-8")
+    asked, wanted = with_boat(file, 2 * BLOCK), with_boat(file, 2 * BLOCK).run().columns
+    file.unlink()
+    _, uri = processes.scheduler()
+    processes.worker("one", uri)
+    assert_same(asked.run(workers=cluster_workers(uri, **files(folder))).columns, wanted)
 
 
 class Slowly:

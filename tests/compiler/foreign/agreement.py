@@ -4,6 +4,7 @@ from typing import Any, NamedTuple
 
 import jax
 import numpy as np
+from emitters import choose_emitters
 
 import trimtab
 from compiler.foreign.case import Case
@@ -33,7 +34,7 @@ def draw_runs(case: Case) -> list[tuple[Any, ...]]:
 
 def jit_case(case: Case) -> Any:
     """The case by jax.jit, as XLA comes: its older way, which an environment may ask for, is less exact."""
-    options = {"xla_cpu_use_fusion_emitters": True}
+    options = choose_emitters(newer=True)
     return jax.jit(lambda *arguments: case.function(*arguments), compiler_options=options)
 
 

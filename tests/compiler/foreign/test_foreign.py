@@ -55,6 +55,7 @@ def differences(cases: list[Case]) -> list[str]:
     return lines
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("library", LIBRARIES)
 @pytest.mark.filterwarnings("ignore")
 def test_first_functions_agree_with_jax(library: str) -> None:

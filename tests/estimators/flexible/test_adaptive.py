@@ -93,6 +93,7 @@ def test_stretched_motion_is_that_of_the_modes_with_other_frequencies(kmode):
     np.testing.assert_array_equal(got[4:], X[4:])
 
 
+@pytest.mark.slow
 def test_at_rest_the_frequencies_act_on_nothing():
     """The trap and the way round it: in eta the measurement depends on w and on eta, in s on s alone, everywhere."""
     craft, x, u = trim()
@@ -200,6 +201,7 @@ def _frame(t, x, u, acceleration, **changes):
     return Frame(t, samples | {"actuators": new_sample(t, u)})
 
 
+@pytest.mark.slow
 def test_what_is_not_finite_is_not_used():
     _, x, u = (jax.tree.map(float, part) for part in trim())
     one = to_arrays(AdaptiveFlexibleModeFilter(bound=1.12))

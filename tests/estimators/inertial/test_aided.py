@@ -65,6 +65,7 @@ def test_the_estimate_is_good_and_its_sigmas_are_honest(undisturbed):
     np.testing.assert_allclose(told.age, 0.0, atol=1e-12)
 
 
+@pytest.mark.slow
 def test_all_forms_agree_where_the_model_is_linear():
     """To 1e-9: the three of the dual filter on any flight, the coupled one once its Jacobian's force is 0."""
     decoupled = AidedInertialCoupled(**PARTS, smoothing=1e15, rest="correct")

@@ -29,6 +29,7 @@ def test_the_transition_is_a_matrix_exponential():
     np.testing.assert_allclose(coupled_transition(0.3, 0.7, f), expm(0.3 * A), atol=1e-14)
 
 
+@pytest.mark.slow
 def test_the_transition_is_the_derivative_of_the_process():
     """To the order of what a step turns; errors of biases are true minus estimated."""
     felt = np.array([0.4, 1.5, -0.4])
@@ -45,6 +46,7 @@ def test_its_noise_is_that_of_the_dual_filters():
     np.testing.assert_allclose(Q, np.diag([9.0, 1, 1, 0, 0, 8, 3, 4]), atol=1e-14)
 
 
+@pytest.mark.slow
 def test_a_lever_arm_shows_the_heading():
     """The aided point 1 m ahead: its position to the side says how the vehicle points."""
     form = replace(FORM, arms=LeverArms(aiding=np.array([1.0, 0.0])), rest_sigmas=np.float64(0.0))

@@ -35,6 +35,7 @@ def test_covariances_move_with_the_derivative_of_the_process():
     np.testing.assert_allclose(got.P2, F2 @ node.P2 @ F2.T + none.P2, rtol=1e-11, atol=1e-14)
 
 
+@pytest.mark.slow
 def test_innovations_are_measured_minus_predicted():
     node = FORM.correct_heading(FORM.first(), np.float64(0.01))
     assert node.heading_fix.innovation[0] == np.float64(0.01)

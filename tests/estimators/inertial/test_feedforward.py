@@ -35,6 +35,7 @@ def turning():
     return found
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("covariance", "heading", "nis"), [("literal", 0.58, 0.34), ("consistent", 0.13, 0.98)])
 def test_heading_error_and_nis_of_both_covariances(turning, covariance, heading, nis):
     """Heading 0.58 deg and NIS 0.34 as printed, 0.13 deg and 0.98 with the unit error mended."""
@@ -43,6 +44,7 @@ def test_heading_error_and_nis_of_both_covariances(turning, covariance, heading,
     assert told.mean() == pytest.approx(nis, abs=0.02)
 
 
+@pytest.mark.slow
 def test_heading_of_the_magnetometer(turning):
     """Magnetometer: 0.45 to 0.70 deg, with the printed covariance ([1] table 6.7)."""
     error = turning["literal"][0]

@@ -64,6 +64,7 @@ def test_it_undoes_the_identified_gyro_and_the_navigation_sees_the_truth():
     np.testing.assert_allclose(got.state.yaw_rate, wanted.state.yaw_rate, atol=1e-9)
 
 
+@pytest.mark.slow
 def test_rates_are_the_difference_equation():
     y = np.random.default_rng(0).normal(size=N)
     got = rates_told(sampled(y))

@@ -217,6 +217,7 @@ def test_it_beats_loosely_coupled_on_the_platform(usual):
     assert rms(flown(loose(True), spoilt=THREE_LEFT))[1] > 3 * rms(flown(spoilt=THREE_LEFT))[1]
 
 
+@pytest.mark.slow
 def test_two_beacons_are_enough():
     out = flown(spoilt=TWO_LEFT)
     heading, place, worst = rms(out)

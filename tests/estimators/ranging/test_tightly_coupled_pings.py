@@ -57,6 +57,7 @@ def test_a_moved_beacon_is_doubted_and_forgiven_and_the_covariance_stays_one():
     assert n.position_fix.tracking
 
 
+@pytest.mark.slow
 def test_contradiction_by_most_ends_the_run():
     n = node()
     for _ in range(8):

@@ -81,6 +81,7 @@ def test_errors_are_as_large_as_it_says(scenario):
         assert np.quantile(normalised, 0.9) < 2.5, signal
 
 
+@pytest.mark.slow
 def test_innovations_are_as_large_as_it_says_and_without_a_tail():
     """Of six flights: NIS near 1 a number, and no heading far out where one unit's beacons lie badly."""
     made, _ = catalogue.load_scenario("hovercraft/forward", {"navigation": "ins"})
@@ -93,6 +94,7 @@ def test_innovations_are_as_large_as_it_says_and_without_a_tail():
         assert np.mean(late > 9) < 0.005, name
 
 
+@pytest.mark.slow
 def test_it_starts_by_itself(scenario):
     """Heading and position unknown, turning at 2 rad/s: both fixes within 0.3 s, a hundredth of a turn within 3 s."""
     for log in flown(scenario, range(4)):
@@ -100,6 +102,7 @@ def test_it_starts_by_itself(scenario):
         assert np.abs(errors(log, "heading")[0][log.t > 3]).max() < 0.06
 
 
+@pytest.mark.slow
 def test_a_beacon_moved_by_half_a_metre_is_left_out(scenario):
     n = len(scenario.world.sensors["ranging"].beacons.map)
     moved = np.zeros((n, 3))

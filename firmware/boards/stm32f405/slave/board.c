@@ -4,6 +4,10 @@
 #include "registers.h"
 #include "slave_port.h"
 
+#ifndef HAS_LIFT
+#error "A second controller drives a lift fan, which this vehicle has not: leave ROLE=slave out"
+#endif
+
 static volatile bool ticked;
 
 void board_ticked(void) { ticked = true; }

@@ -17,7 +17,10 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy import special
 
-from trimtab.core.errors import InputError, closest
+from trimtab.core.errors import InputError, argument_name, closest
+
+ALONG = "along"
+"""Kind of a direction: a standard normal number, so many of which an array is moved along these of its own numbers."""
 
 
 class Amount(NamedTuple):
@@ -110,12 +113,14 @@ KINDS: Mapping[str, Kind] = {
         lambda u, low, high: low * (high / low) ** u,
         lambda low, high: _check_positive("LOW")(low) or ("" if low < high else f"LOW {low:g} >= HIGH {high:g}"),
     ),
+    ALONG: Kind("along(V1, V2, …)", lambda u, *direction: special.ndtri(u), lambda *direction: ""),
 }
 USAGE = [*(k.usage for k in KINDS.values()), "choice(A, B, …)", "file(NAME.csv:COLUMN)"]
 
 
-def parse_distribution(text: str, part: str = "--spread") -> Distribution:
-    """A distribution from its text; refused with the ways to write one."""
+def parse_distribution(text: str, part: str = "") -> Distribution:
+    """A distribution from its text; refused with the ways to write one. part: what refuses, else the spread."""
+    part = part or argument_name("spread")
     match = re.fullmatch(r"\s*([a-z]+)\s*\((.*)\)\s*", text)
     name = match[1] if match else text.partition("(")[0].strip()
     if not match or name not in (*KINDS, "choice", "file"):
@@ -129,7 +134,7 @@ def parse_distribution(text: str, part: str = "--spread") -> Distribution:
         return _parse_choice(part, text, inside)
     amounts = tuple(_parse_amount(part, text, piece) for piece in inside)
     kind = KINDS[name]
-    if len(amounts) != kind.usage.count(",") + 1:
+    if name != ALONG and len(amounts) != kind.usage.count(",") + 1:
         raise InputError(part, f"{text!r} has {len(amounts)} numbers", fix=f"write {kind.usage}")
     distribution = Distribution(text, name, amounts)
     if not any(a.share for a in amounts) or distribution.is_relative:

@@ -35,7 +35,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.stats import qmc
 
-from trimtab.core.errors import InputError
+from trimtab.core.errors import InputError, argument, argument_name
 from trimtab.core.rng import threefry2x32
 
 DESIGNS = ("saltelli", "morris")
@@ -72,7 +72,12 @@ def points(sampling: str, seed: int, names: tuple[str, ...], runs: int, first: i
         first, last: which runs.
     """
     if sampling not in SAMPLINGS:
-        raise InputError("--sampling", f"{sampling!r} is not a sampling", choices=SAMPLINGS, fix="--sampling random")
+        raise InputError(
+            argument_name("sampling"),
+            f"{sampling!r} is not a sampling",
+            choices=SAMPLINGS,
+            fix=argument("sampling", "random"),
+        )
     if sampling in DESIGNS:
         check_factors(names)
         return (saltelli_rows if sampling == "saltelli" else morris_rows)(seed, first, last, len(names))
@@ -120,7 +125,11 @@ def check_factors(factors: Sequence[str], correlated: Iterable[Sequence[str]] = 
         fix = "draw them independently for the sensitivity, or fly the campaign with random sampling"
         raise InputError("sensitivity", problem, fix=fix)
     if not factors:
-        raise InputError("sensitivity", "no parameter is dispersed", fix="add e.g. --spread PATH=uniform(80%, 120%)")
+        raise InputError(
+            "sensitivity",
+            "no parameter is dispersed",
+            fix=f"add e.g. {argument('spread', 'uniform(80%, 120%)', 'PATH')}",
+        )
     twice = sorted({f for f in factors if list(factors).count(f) > 1 or f == NOISE})
     if twice:
         problem = f"the factor {twice[0]!r} is there twice, or has the name of the runs' random numbers"

@@ -1,7 +1,8 @@
 """What differs from run to run: paths of a scenario's parameters, what each is drawn from, and what hangs together.
 
 A path is the name that ``--set`` and the log use; ``path[1]`` or ``path[0,2]`` is one number of an array. An array
-without an index is scaled whole, by a distribution whose numbers are all shares: ``normal(100%, 5%)``.
+without an index is scaled whole, by a distribution whose numbers are all shares: ``normal(100%, 5%)``. ``path:1`` moves
+it along a direction, ``along(0.1, 0.2)``, by a standard normal number, and ``path:2`` along another one besides.
 
 Source: Nelsen, "An introduction to copulas", Springer 2006, section 2.3, for what hangs together: a Gaussian copula.
 """
@@ -14,12 +15,15 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy import special
 
-from trimtab.campaign.sampling.distributions import Distribution, check_nominal
-from trimtab.core.errors import InputError, closest
+from trimtab.campaign.sampling.distributions import ALONG, Distribution, check_nominal
+from trimtab.core.errors import InputError, argument, argument_name, closest
+from trimtab.core.quantity import first_number, has_index, split_index
 from trimtab.core.record import Option, Quantity, leaves
+from trimtab.loop.calibrated_spread import follow_tables
 from trimtab.loop.scenario import Scenario
 
 SPREAD_ROOTS = ("world.", "autopilot.", "initial.")
+SCALED = "normal(100%, 5%)"
 """Where parameters live that a run reads."""
 
 
@@ -49,16 +53,27 @@ def parse_factors(spread: Iterable[tuple[str, Distribution]]) -> tuple[Factor, .
     """The factors, sorted by what was written, so that the order on the command line plays no part."""
     factors = []
     for text, distribution in spread:
-        match = re.fullmatch(r"([^\[\]]+)(?:\[(\d+(?:\s*,\s*\d+)*)\])?", text.strip())
+        path, at = split_index(text.strip())
+        match = re.fullmatch(r"([^\[\]:]+)(?::\d+)?" if at is None else r"([^\[\]:]+)", path)
+        along = distribution.kind == ALONG
+        if match and along != (":" in text):
+            problem = f"{distribution.text!r} moves an array along a direction" if along else "is of no direction"
+            fix = (
+                argument("spread", "along(V1, V2, …)", f"{match[1]}:1")
+                if along
+                else argument("spread", distribution.text, match[1])
+            )
+            raise InputError(argument_name("spread", text), problem, fix=fix)
         if not match:
             fix = "write e.g. world.vehicle.mass or autopilot.law.K[0,1]"
-            raise InputError(f"--spread {text}", "is no path", fix=fix)
-        index = tuple(int(i) for i in match[2].split(",")) if match[2] else None
-        factors.append(Factor(text.strip(), match[1], index, distribution))
+            raise InputError(argument_name("spread", text), "is no path", fix=fix)
+        factors.append(Factor(text.strip(), match[1], at, distribution))
     factors.sort(key=lambda f: f.text)
     for one, other in itertools.pairwise(factors):
-        if one.text == other.text or (one.path == other.path and (one.at is None or other.at is None)):
-            raise InputError(f"--spread {other.text}", "is named twice", fix="keep one of them")
+        both = one.distribution.kind == other.distribution.kind == ALONG
+        whole = one.at is None or other.at is None
+        if one.text == other.text or (one.path == other.path and whole and not both):
+            raise InputError(argument_name("spread", other.text), "is named twice", fix="keep one of them")
     return tuple(factors)
 
 
@@ -68,10 +83,10 @@ def resolve_spread(
     """The spread of a scenario; refuses paths, indices and distributions that don't fit it."""
     known = {path: (value, declared) for path, value, declared in leaves(scenario) if path.startswith(SPREAD_ROOTS)}
     for factor in factors:
-        part = f"--spread {factor.text}"
+        part = argument_name("spread", factor.text)
         if factor.path not in known:
             near = closest(factor.path, known, 6) or list(known)[:6]
-            fix = f"--spread '{near[0]}=normal(100%, 5%)'"
+            fix = argument("spread", SCALED, near[0])
             raise InputError(part, "there is no such parameter", choices=near, fix=fix)
         value, declared = known[factor.path]
         if isinstance(declared, Option):
@@ -86,34 +101,33 @@ def _check_option(part: str, factor: Factor, declared: Option) -> None:
         return
     offer = ", ".join(map(str, declared.choices)) or "10 ms, 20 ms"
     problem = f"it shapes the program, so {factor.distribution.text!r} can't be drawn for it"
-    raise InputError(part, problem, fix=f"--spread '{factor.path}=choice({offer})'")
+    raise InputError(part, problem, fix=argument("spread", f"choice({offer})", factor.path))
 
 
 def _check_number(part: str, factor: Factor, value: Any, declared: Quantity) -> None:
+    if factor.distribution.kind == ALONG:
+        if value.ndim == 0 or len(factor.distribution.amounts) != value.size:
+            problem = f"has {len(factor.distribution.amounts)} numbers, the parameter has shape {value.shape}"
+            raise InputError(part, problem, fix=f"give {value.size} numbers" if value.ndim else SCALED)
+        return
     if factor.at is not None:
-        inside = len(factor.at) == value.ndim and all(i < n for i, n in zip(factor.at, value.shape, strict=True))
-        if not inside:
-            fix = f"--spread '{_example_text(factor, value)}'"
+        if not has_index(value.shape, factor.at):
+            fix = argument("spread", SCALED, first_number(factor.path, value.shape))
             raise InputError(part, f"the parameter has shape {value.shape}", fix=fix)
         value = value[factor.at]
     elif value.ndim and not factor.distribution.is_relative:
         problem = f"the parameter has shape {value.shape}, and {factor.distribution.text} is one number"
-        whole = f"{factor.path}=normal(100%, 5%)"
-        fix = f"scale it whole, --spread '{whole}', or one of it, --spread '{_example_text(factor, value)}'"
+        one = argument("spread", SCALED, first_number(factor.path, value.shape))
+        fix = f"scale it whole, {argument('spread', SCALED, factor.path)}, or one of it, {one}"
         raise InputError(part, problem, fix=fix)
     if factor.distribution.kind == "choice" and not factor.distribution.amounts:
         problem = f"{factor.distribution.text!r} are not all numbers"
-        raise InputError(part, problem, fix=f"--spread '{factor.path}=choice(90%, 100%, 110%)'")
-    if declared.kind not in ("real", "angle") and factor.distribution.kind not in ("choice", "file"):
+        raise InputError(part, problem, fix=argument("spread", "choice(90%, 100%, 110%)", factor.path))
+    if declared.kind not in ("real", "angle", "time") and factor.distribution.kind not in ("choice", "file"):
         problem = f"it is a whole number ({declared.kind}), and {factor.distribution.text} gives others"
-        raise InputError(part, problem, fix=f"--spread '{factor.path}=choice(1, 2)'")
+        raise InputError(part, problem, fix=argument("spread", "choice(1, 2)", factor.path))
     if value.ndim == 0:
         check_nominal(part, factor.distribution, float(value))
-
-
-def _example_text(factor: Factor, value: Any) -> str:
-    index = f"[{','.join('0' * value.ndim)}]" if value.ndim else ""
-    return f"{factor.path}{index}=normal(100%, 5%)"
 
 
 def _correlation_factor(names: list[str], correlate: list[tuple[str, str, float]]) -> Any:
@@ -124,15 +138,17 @@ def _correlation_factor(names: list[str], correlate: list[tuple[str, str, float]
     for a, b, rho in correlate:
         for name in (a, b):
             if name not in names:
-                fix = f"add --spread {name}=…"
-                raise InputError("--correlate", f"{name!r} is not dispersed", choices=names, fix=fix)
+                fix = f"add {argument('spread', '…', name)}"
+                raise InputError(argument_name("correlate"), f"{name!r} is not dispersed", choices=names, fix=fix)
         if a == b or not -1 < rho < 1:
-            raise InputError("--correlate", f"{a}, {b} = {rho:g}", fix="two paths, and a correlation between -1 and 1")
+            raise InputError(
+                argument_name("correlate"), f"{a}, {b} = {rho:g}", fix="two paths, and a correlation between -1 and 1"
+            )
         R[names.index(a), names.index(b)] = R[names.index(b), names.index(a)] = rho
     if np.linalg.eigvalsh(R).min() < 1e-9:
         problem = f"no {len(names)} numbers hang together like that: "
         problem += "the matrix of correlations is not positive definite"
-        raise InputError("--correlate", problem, fix="weaken some of them")
+        raise InputError(argument_name("correlate"), problem, fix="weaken some of them")
     return np.linalg.cholesky(R)
 
 
@@ -151,7 +167,7 @@ def spread_values(spread: Spread, scenario: Scenario, u: Any) -> dict[str, Any]:
             values[factor.text] = factor.distribution.pick(level)
             continue
         nominal = np.asarray(value, np.float64)
-        whole = nominal.ndim > 0 and factor.at is None
+        whole = nominal.ndim > 0 and factor.at is None  # scaled, or along a direction
         own = 1.0 if whole else float(nominal[factor.at or ()])
         drawn = factor.distribution.quantile(level, own)
         values[factor.text] = drawn if declared.kind in ("real", "angle") else np.round(drawn)
@@ -159,7 +175,7 @@ def spread_values(spread: Spread, scenario: Scenario, u: Any) -> dict[str, Any]:
 
 
 def spread_arrays(spread: Spread, scenario: Scenario, values: Mapping[str, Any]) -> dict[str, Any]:
-    """Path -> values (n, …) as the batch takes them; options are left out."""
+    """Path -> values (n, …) as the batch takes them, with tables that follow from them; options are left out."""
     known = {path: (value, declared) for path, value, declared in leaves(scenario)}
     arrays: dict[str, Any] = {}
     for factor in spread.factors:
@@ -170,8 +186,12 @@ def spread_arrays(spread: Spread, scenario: Scenario, values: Mapping[str, Any])
         if factor.at is not None:
             array = arrays.setdefault(factor.path, np.repeat(nominal[None], len(drawn), axis=0))
             array[(slice(None), *factor.at)] = drawn
+        elif factor.distribution.kind == ALONG:
+            array = arrays.setdefault(factor.path, np.repeat(nominal[None], len(drawn), axis=0))
+            direction = np.array([a.number for a in factor.distribution.amounts]).reshape(nominal.shape)
+            array += drawn.reshape(-1, *[1] * nominal.ndim) * direction
         elif nominal.ndim:
             arrays[factor.path] = drawn.reshape(-1, *[1] * nominal.ndim) * nominal
         else:
             arrays[factor.path] = drawn
-    return arrays
+    return follow_tables(scenario, arrays)

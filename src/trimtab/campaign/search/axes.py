@@ -8,17 +8,15 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from trimtab.core.errors import InputError, closest
+from trimtab.core.errors import InputError, argument, closest
 from trimtab.core.imperfections import without
+from trimtab.core.quantity import first_number, has_index, split_index
 from trimtab.core.record import Option, Quantity, children, leaves, replace, with_leaf, with_part_of
-from trimtab.core.time import ms
+from trimtab.core.time import seconds
 from trimtab.links.fifo import required_slots
-from trimtab.links.latency import NODES, MeasuredLatency, normal_scores
-from trimtab.links.wire import DelayChain, Wire
+from trimtab.links.latency import NODES, MeasuredLatency, mean_latency
+from trimtab.loop.link_latency import EXPECTED, KINDS, LINKS, even_latencies, extend_horizon, measured_latency
 from trimtab.loop.scenario import Scenario
-
-LINKS = ("uplink", "downlink")
-KINDS = ("delay", "jitter", "loss")
 
 
 def _keep_scenario(scenario: Scenario) -> Scenario:
@@ -50,17 +48,44 @@ class Axis(NamedTuple):
 
 
 def axis_of_path(path: str, values: Any, unit: str = "", *, name: str = "") -> Axis:
-    """The quantity at a path takes the values themselves."""
-    return Axis(
-        name or path, values, unit, lambda scenario, value: {path: value}, lambda scenario: with_part_of(scenario, path)
-    )
+    """The quantity at a path takes the values themselves; of an array one number, "autopilot.law.K[0,1]"."""
+    whole, at = split_index(path)
+
+    def change(scenario: Scenario, value: float) -> Mapping[str, Any]:
+        return {whole: value if at is None else _with_number(scenario, whole, at, lambda own: value)}
+
+    return Axis(name or path, values, unit, change, lambda scenario: with_part_of(scenario, whole))
+
+
+def _with_number(scenario: Scenario, path: str, at: tuple[int, ...], change: Callable[[Any], Any]) -> Any:
+    """The array at a path, with change(number) for that at an index."""
+    array = np.array(find_quantity(scenario, path)[0], float)
+    if not has_index(array.shape, at):
+        raise _misfit(path, array.shape)
+    array[at] = change(array[at])
+    return array
+
+
+def _misfit(path: str, shape: tuple[int, ...]) -> InputError:
+    whole = ", or scale it whole, in percent" if shape else ""
+    fix = f"write {first_number(path, shape)!r}{whole}"
+    return InputError(f"axis {path!r}", f"the parameter has shape {shape}, and an axis is of one number", fix=fix)
 
 
 def axis_of_scale(path: str, factors: Any, *, name: str = "") -> Axis:
-    """The quantity at a path, a number or an array, is the scenario's own times a factor."""
+    """The quantity at a path, a number, an array or one number of it, is the scenario's own times a factor."""
+    whole, at = split_index(path)
 
     def change(scenario: Scenario, factor: float) -> Mapping[str, Any]:
-        return {path: np.asarray(find_quantity(scenario, path)[0], float) * factor}
+        def scale(own: Any) -> Any:
+            if not np.any(own):
+                problem = "the scenario's own value is 0, and a share of it is 0"
+                raise InputError(f"axis {path!r}", problem, fix="give numbers without %")
+            return own * factor
+
+        if at is not None:
+            return {whole: _with_number(scenario, whole, at, scale)}
+        return {whole: scale(np.asarray(find_quantity(scenario, whole)[0], float))}
 
     return Axis(name or path, factors, "× own", change)
 
@@ -70,17 +95,22 @@ def axis_of_link(kind: str, values: Any, link: str = "uplink") -> Axis:
 
     delay: takes the place of the link's own latency, constant.  jitter: an even spread from 0 to the value, on top of
     the delay axis, or of the link's mean latency where there is no such axis.  loss: each packet by itself.
+    A predictor is told the uplink's mean latency, and its horizon grows by the axis.
     """
     for what, name, choices in (("axis", kind, KINDS), ("link", link, LINKS)):
         if name not in choices:
             raise InputError(what, f"there is no {name!r}", choices=choices, fix=f"write {choices[0]!r}")
     path = f"world.{link}." + ("loss" if kind == "loss" else "latency")
+    added = np.ones(NODES) if kind == "delay" else even_latencies()
+    longest = 0 if kind == "loss" else seconds(round(float(np.max(np.asarray(values, float), initial=0.0)), 3))
 
     def change(scenario: Scenario, value: float) -> Mapping[str, Any]:
         if kind == "loss":
             return {path: value}
-        added = np.full(NODES, value) if kind == "delay" else value * even_latencies()
-        return {path: np.asarray(find_quantity(scenario, path)[0]) + added}
+        latency = np.asarray(find_quantity(scenario, path)[0]) + value * added
+        if link == "uplink" and scenario.autopilot.predictor is not None:
+            return {path: latency, EXPECTED: mean_latency(latency)}
+        return {path: latency}
 
     def prepare(scenario: Scenario) -> Scenario:
         channel = measured_latency(scenario, link)
@@ -88,16 +118,9 @@ def axis_of_link(kind: str, values: Any, link: str = "uplink") -> Axis:
             channel = replace(channel, latency=np.zeros(NODES))
         elif kind == "jitter":
             channel = without(channel, "jitter")
-        return replace(scenario, world=replace(scenario.world, **{link: channel}))
+        return replace(extend_horizon(scenario, longest), world=replace(scenario.world, **{link: channel}))
 
     return Axis(f"{link} {kind}", values, "1" if kind == "loss" else "s", change, prepare, link, kind)
-
-
-def even_latencies() -> Any:
-    """Latencies (NODES,) spread evenly over [0, 1], as a table over the normal score."""
-    from scipy.special import ndtr
-
-    return ndtr(normal_scores())
 
 
 def find_quantity(scenario: Scenario, path: str) -> tuple[Any, Quantity]:
@@ -107,7 +130,7 @@ def find_quantity(scenario: Scenario, path: str) -> tuple[Any, Quantity]:
         return value, declared
     if declared is not None:
         problem = "is a choice that shapes the program, not a number that a map could change"
-        raise InputError(f"axis {path!r}", problem, fix="fly one map for each choice: --set …")
+        raise InputError(f"axis {path!r}", problem, fix=f"fly one map for each choice: {argument('settings', '…')}")
     known = [where for where, _, declared in leaves(scenario) if isinstance(declared, Quantity)]
     near = closest(path, known, 6) or known[:6]
     raise InputError(f"axis {path!r}", "there is no such quantity", choices=near, fix=f"write {near[0]!r}")
@@ -124,24 +147,13 @@ def _find_leaf(value: Any, path: list[str]) -> tuple[Any, Any]:
 
 
 def with_values(scenario: Scenario, values: Mapping[str, Any]) -> Scenario:
-    """The scenario with quantities changed, path -> value."""
+    """The scenario with quantities changed, path -> value of the shape that it has there."""
     for path, value in values.items():
-        find_quantity(scenario, path)
+        own, _ = find_quantity(scenario, path)
+        if np.shape(value) != np.shape(own):
+            raise _misfit(path, np.shape(own))
         scenario = with_leaf(scenario, path, lambda old, declared, value=value: value)
     return scenario
-
-
-def measured_latency(scenario: Scenario, link: str) -> MeasuredLatency:
-    """A link as a `MeasuredLatency` of the same delay and packets as often, or itself if it is one."""
-    channel = getattr(scenario.world, link)
-    if isinstance(channel, MeasuredLatency):
-        return channel
-    if not isinstance(channel, DelayChain | Wire):
-        problem = f"{type(channel).__name__} has no latency that could change along an axis"
-        raise InputError(f"world.{link}", problem, fix="fly a scenario whose link is one, or map a path of this link")
-    delay = channel.delay() if isinstance(channel, DelayChain) else 0.0
-    looks = min(channel.period, scenario.autopilot.period, ms(1))
-    return MeasuredLatency(latency=np.full(NODES, delay), send_period=channel.period, period=looks)
 
 
 def enlarge_rings(scenario: Scenario, last: Scenario) -> Scenario:

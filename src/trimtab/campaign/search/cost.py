@@ -19,9 +19,11 @@ import numpy as np
 
 from trimtab.campaign.grammar import CostTerm, parse_metric
 from trimtab.campaign.workers.prepare import PreparedCampaign
-from trimtab.core.errors import InputError
+from trimtab.core.errors import InputError, argument, argument_name
+from trimtab.core.quantity import component_paths, split_component
 from trimtab.core.time import to_seconds
 from trimtab.logs.metrics import full_path
+from trimtab.logs.spatial import FLIGHT
 from trimtab.loop.walk import Signals, logged_signals
 from trimtab.run.inputs import run_inputs
 from trimtab.run.walk_program import signal_structure
@@ -56,10 +58,23 @@ def integral_cost(terms: tuple[CostTerm, ...], ready: PreparedCampaign) -> Integ
         path = full_path(name)
         if kind not in INTEGRALS:
             problem = f"{term.metric} is no integral over the run, and a gradient needs one"
-            raise InputError("--cost", problem, choices=INTEGRALS, fix="--method search takes any metric")
-        if kind == "error_rms" and declared[path].kind == "angle":
+            raise InputError(
+                argument_name("cost"),
+                problem,
+                choices=INTEGRALS,
+                fix=f"{argument('method', 'search')} takes any metric",
+            )
+        if path.startswith(FLIGHT):
+            problem = f"{name} is worked out after a flight, and a gradient goes through the flight itself"
+            fix = f"{argument('method', 'search')}, or a signal of the truth"
+            raise InputError(argument_name("cost"), problem, fix=fix)
+        if kind == "error_rms" and declared[split_component(path)[0]].kind == "angle":
             problem = f"{name} is an angle, whose target depends on where the run ends"
-            raise InputError("--cost", problem, fix="--method search, or the rms of a signal that does not wrap")
+            raise InputError(
+                argument_name("cost"),
+                problem,
+                fix=f"{argument('method', 'search')}, or the rms of a signal that does not wrap",
+            )
         integrands.append((path, targets[path] if kind == "error_rms" else 0.0, kind != "mean"))
         since.append(ready.scenario.duration // 2 if kind == "error_rms" else 0)
     length = np.array([to_seconds(ready.scenario.duration - first) for first in since])
@@ -73,7 +88,11 @@ def _integrand(terms: tuple[tuple[str, float, bool], ...]) -> Callable[[Signals]
     """One function for one cost, so that it compiles once."""
 
     def integrand(instant: Signals) -> Any:
-        numbers = {path: value for path, value, _ in logged_signals(instant)}
+        numbers = {
+            one: number
+            for path, value, _ in logged_signals(instant)
+            for one, number in zip(component_paths(path, np.shape(value)), jax.numpy.ravel(value), strict=True)
+        }
         reals = [jax.numpy.asarray(numbers[path], np.float64) - value for path, value, _ in terms]
         return jax.numpy.stack([x * x if squared else x for x, (_, _, squared) in zip(reals, terms, strict=True)])
 

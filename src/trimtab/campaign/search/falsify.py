@@ -29,6 +29,7 @@ as least and largest room; docs page, Falsify.
 import time
 import warnings
 from collections.abc import Callable, Iterable, Mapping
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -36,22 +37,23 @@ from scipy import special
 from scipy.stats import qmc
 
 from trimtab.campaign.grammar import Condition, parse_metric
-from trimtab.campaign.sampling.distributions import parse_distribution
 from trimtab.campaign.sampling.points import inside_cube
 from trimtab.campaign.search.evolution import evolve
 from trimtab.campaign.statistics.metrics import Metric, Rows
+from trimtab.campaign.store.memo import FlightMemo
 from trimtab.campaign.workers.block import compute_log_metrics, fly_points
 from trimtab.campaign.workers.prepare import (
     CampaignPlan,
     PreparedCampaign,
     check_bounds,
+    identity,
     parameters_at,
-    plan_campaign,
+    plan_search,
     prepare_campaign,
     refuse_options,
     scenario_at,
 )
-from trimtab.core.errors import InputError
+from trimtab.core.errors import InputError, argument, argument_name
 from trimtab.loop.scenario import Scenario
 from trimtab.run.simulate import simulate
 
@@ -223,7 +225,9 @@ class FalsificationResult(NamedTuple):
 def falsify(
     scenario: str | Scenario,
     *,
-    spread: Mapping[str, str],
+    spread: Mapping[str, str] | None = None,
+    fault_ranges: Iterable[str] = (),
+    vary: Iterable[str] = (),
     success: Iterable[str] = (),
     runs: int = 5000,
     words: int = 4,
@@ -236,12 +240,20 @@ def falsify(
     backend: str = "auto",
     threads: int | None = None,
     progress: Callable[[int], None] | None = None,
+    store: Path | None = None,
 ) -> FalsificationResult:
     """Search for the run that fails worst.
+
+    >>> from trimtab import falsify
+    >>> brief, spread = {"duration": "1 s"}, {"world.vehicle.mass": "uniform(80%, 120%)"}
+    >>> falsify("hovercraft/spin", spread=spread, success=["peak:yaw_rate <= 9"], settings=brief, runs=512).fails
+    False
 
     Args:
         scenario: its name in the catalogue, ``file.py:function``, or the scenario itself.
         spread: path -> distribution as text, whose bounds are those of the search, e.g. "uniform(80%, 120%)".
+        fault_ranges: faults with ranges for numbers, e.g. "downlink off @ 2..10 s for 0.1..2 s".
+        vary: inputs that are held in pieces, e.g. "stick.turn=pieces(5, -1:1)".
         success: what a run must do, e.g. "settling:yaw_rate <= 10"; each target reached for good when empty.
         runs: how many may fly.
         words: with how many words of random numbers each candidate flies.
@@ -251,26 +263,32 @@ def falsify(
         settings, without, faults: as `trimtab run` takes them; for a scenario that is named.
         backend, threads: as `simulate_batch`.
         progress: called with the number of runs flown since.
+        store: folder that keeps what is flown; the same search goes on there.
 
     Raises: InputError for what can't be flown, before anything is.
     """
     began = time.perf_counter()
-    if not spread:
-        raise InputError("--spread", "nothing may differ", fix="--spread 'world.vehicle.mass=uniform(80%, 120%)'")
-    plan = plan_campaign(
+    fault_ranges, vary = tuple(fault_ranges), tuple(vary)
+    if not (spread or fault_ranges or vary):
+        fix = argument("spread", "uniform(80%, 120%)", "world.vehicle.mass")
+        raise InputError(argument_name("spread"), "nothing may differ", fix=fix)
+    plan = plan_search(
         "falsify",
         scenario,
-        settings,
-        without,
-        faults,
-        seed,
+        spread or {},
+        fault_ranges=fault_ranges,
+        vary=vary,
+        settings=settings,
+        without=without,
+        faults=faults,
+        seed=seed,
         runs=max(min(runs, 256), 1),
-        spread=tuple((p, parse_distribution(d, f"--spread {p}")) for p, d in sorted(spread.items())),
         success=tuple(success),
     )
     ready = with_margin(prepare_campaign(plan, None if isinstance(scenario, str) else scenario))
     _check_search(ready, runs, words, over)
-    search = BoxSearch(ready, words, OVER[over], {"backend": backend, "threads": threads, "progress": progress})
+    options = {"backend": backend, "threads": threads, "progress": progress, "memo": _open_memo(store, ready, backend)}
+    search = BoxSearch(ready, words, OVER[over], options)
     last = max(int(LAST * runs) // words, 1)
     search.cover_box(max(int(FIRST * runs) // words, TOGETHER // words, 1), until_first)
     if not (search.has_failed and until_first):
@@ -283,13 +301,19 @@ def falsify(
     return _summarise_search(ready, search, backend, began)
 
 
+def _open_memo(store: Path | None, ready: PreparedCampaign, backend: str) -> FlightMemo:
+    return FlightMemo(store, identity(ready.plan, ready.scenario, backend), ready.plan.scenario)
+
+
 def _check_search(ready: PreparedCampaign, runs: int, words: int, over: str) -> None:
     if over not in OVER:
-        raise InputError("--over", f"{over!r} is no way to take the runs of a candidate", choices=OVER, fix="worst")
+        raise InputError(
+            argument_name("over"), f"{over!r} is no way to take the runs of a candidate", choices=OVER, fix="worst"
+        )
     if not 1 <= words <= TOGETHER:
-        raise InputError("--words", f"{words} is not in 1 … {TOGETHER}", fix="--words 4")
+        raise InputError(argument_name("words"), f"{words} is not in 1 … {TOGETHER}", fix=argument("words", 4))
     if runs < 4 * TOGETHER:
-        raise InputError("--runs", f"{runs} runs are no search", fix="--runs 5000")
+        raise InputError(argument_name("runs"), f"{runs} runs are no search", fix=argument("runs", 5000))
     refuse_options(ready)
     ends = [spread_levels(ready, np.full(len(ready.spread.factors), end)) for end in (0.0, 1.0)]
     check_bounds(ready, np.stack(ends))

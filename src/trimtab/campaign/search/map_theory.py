@@ -13,7 +13,7 @@ import numpy as np
 
 from trimtab.campaign.search.axes import Axis, with_values
 from trimtab.campaign.search.stability_map import StabilityMap, values_at
-from trimtab.core.errors import InputError
+from trimtab.core.errors import InputError, argument
 from trimtab.core.interfaces import optional_member
 from trimtab.core.record import Quantity, leaves
 from trimtab.core.time import UNITS_PER_SECOND, to_seconds
@@ -112,8 +112,16 @@ class StabilityCriterion(NamedTuple):
 def linear_loop(scenario: Scenario) -> FeedbackLoop:
     """The loop of a scenario's law around its vehicle, about the state at which the law says that it rests.
 
-    Raises: InputError where the law has no `equilibrium`, or the loop about it is none (see `loop_of_law`).
+    Raises: InputError where the law has no `equilibrium`, the loop about it is none (see `loop_of_law`), or a predictor
+        stands before the law.
     """
+    if scenario.autopilot.predictor is not None:
+        problem = "a predictor stands before the law, so that the margins of the law's own loop say nothing"
+        raise InputError(
+            "theory",
+            problem,
+            fix=f"leave theory out: {argument('theory', False)}; or map  {argument('settings', 'off', 'predictor')}",
+        )
     law = scenario.autopilot.law
     rest = optional_member(law, "equilibrium")
     if rest is None:

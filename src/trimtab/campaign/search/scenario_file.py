@@ -12,11 +12,12 @@ from trimtab.campaign.workers.prepare import CampaignPlan
 from trimtab.core.errors import InputError
 from trimtab.logs.mcap import replace_file
 from trimtab.scenarios.build import LINKS
+from trimtab.scenarios.catalogue import TOML
 
 BODY = '''
 import numpy as np
 
-from trimtab.core.record import with_leaf
+{varying}from trimtab.core.record import {names}
 from trimtab.loop.scenario import Scenario
 from trimtab.scenarios.build import build
 
@@ -24,18 +25,20 @@ SETTINGS = {settings}
 WITHOUT = {without}
 FAULTS = {faults}
 VALUES = {values}
-
+{more}
 
 def scenario() -> Scenario:
     """The scenario with these values."""
-    made = build({name}, SETTINGS, WITHOUT, FAULTS)
+    made = {made}
     for path, (value, dtype) in VALUES.items():
         made = with_leaf(made, path, lambda old, declared, value=value, dtype=dtype: np.array(value, dtype)[()])
-    return made
+    return {result}
 '''
 
 
-def write_scenario(file: Path, plan: CampaignPlan, values: Mapping[str, Any], about: str) -> None:
+def write_scenario(
+    file: Path, plan: CampaignPlan, values: Mapping[str, Any], about: str, words: tuple[int, ...] = ()
+) -> None:
     """Write the file, whole or not at all.
 
     Args:
@@ -43,11 +46,14 @@ def write_scenario(file: Path, plan: CampaignPlan, values: Mapping[str, Any], ab
         plan: names the scenario, its settings, and what is left out of it or broken in it.
         values: path -> number or array.
         about: what the file says of itself; lines.
+        words: which noise run 0 of it has, where that is no run's of a campaign.
     """
     own, _, function = plan.scenario.rpartition(":")
     head, name = '"""' + about.replace('"""', "'''").strip() + '\n"""\n', repr(plan.scenario)
     if own.endswith(".py"):
         name = f'{_path_expression(own, file.parent)} + ":{function}"'
+    elif plan.scenario.endswith(TOML):
+        name = _path_expression(plan.scenario, file.parent)
     recorded = {link: _path_expression(text, file.parent) for link, text in plan.settings if link in LINKS}
     settings = _format_literal({p: text for p, text in plan.settings if p not in recorded})
     if recorded:
@@ -55,12 +61,25 @@ def write_scenario(file: Path, plan: CampaignPlan, values: Mapping[str, Any], ab
     if "Path(" in name + settings:
         head += "\nfrom pathlib import Path\n"
     typed = {p: (np.asarray(v).tolist(), str(np.asarray(v).dtype)) for p, v in values.items()}
+    calibration = ""
+    if plan.calibration:
+        head += "\nfrom trimtab.identify.calibration import parse_calibration\n"
+        calibration = f", parse_calibration('calibration', {_format_literal(plan.calibration)})"
+    made, more = f"build({name}, SETTINGS, WITHOUT, FAULTS{calibration})", ""
+    if plan.inputs:
+        made, more = f"with_pieces({made}, INPUTS)", f"INPUTS = {_format_literal(plan.inputs)}\n"
+    if words:
+        more += f"WORDS = {_format_literal(words)}\n"
     body = BODY.format(
+        made=made,
         settings=settings,
         without=_format_literal(plan.without),
         faults=_format_literal(plan.faults),
         values=_format_literal(typed),
-        name=name,
+        more=more,
+        varying="from trimtab.campaign.sampling.varying import with_pieces\n" if plan.inputs else "",
+        names="replace, with_leaf" if words else "with_leaf",
+        result="replace(made, words=WORDS)" if words else "made",
     )
     file.parent.mkdir(parents=True, exist_ok=True)
     with replace_file(file) as stream:

@@ -11,10 +11,12 @@ import numpy as np
 
 from trimtab.campaign.grammar import parse_condition
 from trimtab.campaign.search.axes import Axis, enlarge_rings, find_quantity, with_values
-from trimtab.campaign.statistics.metrics import find_metric, swing_amplitude
+from trimtab.campaign.statistics.metrics import find_metric, name_option, swing_amplitude
+from trimtab.campaign.store.memo import FlightMemo
 from trimtab.campaign.workers.block import batch_rows
-from trimtab.campaign.workers.prepare import signal_shapes
+from trimtab.campaign.workers.prepare import find_signals
 from trimtab.core.errors import InputError
+from trimtab.core.quantity import split_component
 from trimtab.logs.metrics import full_path
 from trimtab.loop.scenario import Scenario
 from trimtab.run.runner import LEAST_LANE_RUNS
@@ -166,16 +168,19 @@ def parse_success(scenario: Scenario, texts: Iterable[str]) -> tuple[Success, tu
 
     Raises: InputError for a condition on what the scenario doesn't have.
     """
-    shapes, units = signal_shapes(scenario)
+    known = find_signals(scenario)
     conditions = [parse_condition(text) for text in texts]
-    metrics = [find_metric(c.metric, shapes, scenario.targets, units) for c in conditions]
+    metrics = []
+    for c in conditions:
+        with name_option("success", f" {c.compare} {c.bound:g}"):
+            metrics.append(find_metric(c.metric, known.shapes, scenario.targets, known.units, scenario.duration))
 
     def judge(batch: Batch) -> Any:
         rows = batch_rows(scenario, batch)
         with np.errstate(over="ignore", invalid="ignore"):
             return np.all([c.holds(m.of(rows)) for c, m in zip(conditions, metrics, strict=True)], axis=0)
 
-    return judge, tuple(sorted({s for m in metrics for s in m.signals}))
+    return judge, known.source_signals(s for m in metrics for s in m.signals)
 
 
 class StabilityMap(NamedTuple):
@@ -226,6 +231,8 @@ def stability_map(
     log_period: int | None = None,
     backend: str = "auto",
     threads: int | None = None,
+    progress: Callable[[int], None] = lambda more: None,
+    memo: FlightMemo | None = None,
 ) -> StabilityMap:
     """Fly a coarse grid, then halve `depth` times the cells through which the boundary passes.
 
@@ -244,6 +251,8 @@ def stability_map(
         signals: what is logged for `success`; the targets' where neither is given.
         log_period: of the rows; a multiple of the autopilot's period with about 300 rows where not given.
         backend, threads: as `simulate_batch`.
+        progress: called with the number of points flown since.
+        memo: what was flown before, and where to keep it; made for this scenario and success.
 
     Raises:
         InputError: before anything flies; every point of the coarse grid is checked as a scenario of its own.
@@ -256,17 +265,21 @@ def stability_map(
     check_grid((len(x.values), len(y.values)), depth)
     judge = target_success(scenario, swing) if success is None else success
     if success is None:
-        signals = signals or tuple(full_path(t.path) for t in scenario.targets)
+        aimed = [split_component(full_path(t.path))[0] for t in scenario.targets]
+        signals = signals or find_signals(scenario).source_signals(aimed)
     base, paths = _prepare_map(scenario, x, y)
     step = log_period or max(scenario.duration // scenario.autopilot.period // ROWS, 1) * scenario.autopilot.period
     at_x, at_y = (_lattice(axis.values, depth) for axis in (x, y))
     options: dict[str, Any] = {"signals": signals, "log_period": step, "backend": backend, "threads": threads}
     numbers = scenario.duration // step * (len(signals) or ALL)
-    flights = _PointFlights(base, range(seed, seed + runs), judge, numbers, options, [])
+    memo = memo or FlightMemo(None, {})
+    flights = _PointFlights(base, range(seed, seed + runs), judge, numbers, options, memo, [])
 
     def fly_points_at(index: Any) -> Any:
         values = [values_at(base, x, y, at_x[i], at_y[j]) for i, j in index]
-        return flights.share({path: np.stack([v[path] for v in values]) for path in paths})
+        share = flights.share({path: np.stack([v[path] for v in values]) for path in paths})
+        progress(len(index))
+        return share
 
     traced = trace_boundary(fly_points_at, (len(x.values), len(y.values)), depth, threshold=threshold)
     return StabilityMap(base, x, y, at_x, at_y, traced, runs, flights.used[0])
@@ -280,6 +293,7 @@ class _PointFlights(NamedTuple):
     is_success: Success
     numbers: int
     options: dict[str, Any]
+    memo: FlightMemo
     used: list[str]
 
     def share(self, own: dict[str, Any]) -> Any:
@@ -297,9 +311,14 @@ class _PointFlights(NamedTuple):
         if self.used[:1] == ["c lanes"] and count < LEAST_LANE_RUNS:  # else another program had to be compiled
             more = np.arange(LEAST_LANE_RUNS) % count
             spread, seeds = {path: v[more] for path, v in spread.items()}, seeds[more]
+        asked = (" ".join(spread), *spread.values(), seeds, str(self.options | {"threads": None}))
+        flown = self.memo.recall(asked, lambda: self._judge_batch(spread, seeds))
+        self.used.append(str(flown["backend"]))
+        return flown["success"][:count]
+
+    def _judge_batch(self, spread: dict[str, Any], seeds: Any) -> dict[str, Any]:
         batch = simulate_batch(self.scenario, seeds=seeds.tolist(), spread=spread, log=True, **self.options)
-        self.used.append(batch.backend)
-        return np.asarray(self.is_success(batch), bool)[:count]
+        return {"success": np.asarray(self.is_success(batch), bool), "backend": np.array(batch.backend)}
 
 
 def target_success(scenario: Scenario, swing: float = SWING) -> Success:
@@ -320,10 +339,10 @@ def target_success(scenario: Scenario, swing: float = SWING) -> Success:
         ok = np.ones(len(batch.seeds), bool)
         for target in targets:
             path = full_path(target.path)
-            rows = batch.log[path][:, late].astype(float)
+            rows = logged[path][:, late].astype(float)
             with np.errstate(invalid="ignore", over="ignore"):
                 away = rows - target.value
-                if path in logged.angles:
+                if split_component(path)[0] in logged.angles:
                     away = away - 2 * np.pi * np.round(away[:, -1:] / (2 * np.pi))
                 ok &= (np.abs(away) <= target.band).all(axis=1) & (swing_amplitude(logged, path) <= swing * target.band)
         return ok

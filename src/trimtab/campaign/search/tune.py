@@ -16,84 +16,69 @@ numbers); Dixon, Mood, "The statistical sign test", Journal of the ASA 41 (1946)
 
 import time
 from collections.abc import Callable, Iterable, Mapping
+from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy import special
 
 from trimtab.campaign.grammar import CostTerm, parse_cost
 from trimtab.campaign.sampling.distributions import Distribution, parse_distribution
 from trimtab.campaign.sampling.points import inside_cube
 from trimtab.campaign.sampling.spread import Factor, Spread, parse_factors, resolve_spread, spread_arrays, spread_values
+from trimtab.campaign.search.comparison import Comparison, compare
 from trimtab.campaign.search.cost import evaluate_cost, integral_cost
 from trimtab.campaign.search.tune_methods import Slope, TuningStep, descend_gradient, search_gains
-from trimtab.campaign.statistics.intervals import proportion
+from trimtab.campaign.statistics.metrics import name_option
+from trimtab.campaign.store.memo import FlightMemo
 from trimtab.campaign.workers.block import fly_points
 from trimtab.campaign.workers.prepare import (
     CampaignPlan,
     PreparedCampaign,
+    build_scenario,
     check_bounds,
     draw_runs,
+    identity,
     parameters_at,
     plan_campaign,
     prepare_campaign,
     refuse_options,
     with_spread_parts,
 )
-from trimtab.core.errors import InputError
+from trimtab.core.errors import InputError, argument, argument_name
+from trimtab.core.quantity import first_number
 from trimtab.core.record import leaves
 from trimtab.loop.scenario import Scenario
 from trimtab.run.gradient import gradients
-from trimtab.scenarios.build import build
 
 METHODS = ("search", "gradient")
 RANGES = ("uniform", "loguniform")
 UNSEEN = 2**31
 """Number of the first run that no tuning flies."""
+BOUND = 0.01
+"""A gain this near to an end of its range, in parts of it, is at that end."""
 
 
-class Comparison(NamedTuple):
-    """runs: pairs.  before, after: mean costs.  difference, low, high: after - before and its interval; nan without.
-
-    better, worse: runs in which the second costs less, and more.  improves: whether the interval says so.
-    """
-
-    runs: int
-    before: float
-    after: float
-    difference: float
-    low: float
-    high: float
-    better: int
-    worse: int
-    level: float
-    improves: bool
-
-
-def compare(before: Any, after: Any, level: float = 0.95) -> Comparison:
-    """Costs (n,) of the same runs, before and after; n at least 2."""
-    n = len(before)
-    better, worse = int((after < before).sum()), int((after > before).sum())
-    if np.isfinite(before).all() and np.isfinite(after).all():
-        d = after - before
-        half = float(special.stdtrit(n - 1, (1 + level) / 2) * d.std(ddof=1) / np.sqrt(n))
-        middle = float(d.mean())
-        low, high = middle - half, middle + half
-        improves = high < 0
-    else:
-        middle = low = high = float("nan")
-        improves = better + worse > 0 and proportion(better, better + worse, level).low > 0.5
-    return Comparison(
-        n, float(np.mean(before)), float(np.mean(after)), middle, low, high, better, worse, level, bool(improves)
-    )
+def _falls(low: str, high: str) -> bool:
+    try:
+        return float(low.rstrip("% ")) >= float(high.rstrip("% "))
+    except ValueError:
+        return False
 
 
 def parse_gain(path: str, text: str) -> Distribution:
     """A range from its text."""
-    part, fix = f"--gain {path}", f"--gain {path}=0.5:3, or '{path}=loguniform(0.01, 10)'"
+    part, fix = (
+        argument_name("gains", path),
+        f"{argument('gains', '0.5:3', path)}, or {argument('gains', 'loguniform(0.01, 10)', path)}",
+    )
     low, colon, high = text.partition(":")
     if colon:
-        return parse_distribution(f"uniform({low}, {high})", part)
+        try:
+            return parse_distribution(f"uniform({low}, {high})", part)
+        except InputError:
+            fix = argument("gains", f"{high}:{low}", path) if _falls(low, high) else fix
+            problem = f"{text!r} falls" if _falls(low, high) else f"{text!r} is not LOW:HIGH"
+            raise InputError(part, problem, fix=fix) from None
     span = parse_distribution(text, part) if "(" in text else None
     if span is None or span.kind not in RANGES:
         raise InputError(part, f"{text!r} is no range", choices=("LOW:HIGH", "loguniform(LOW, HIGH)"), fix=fix)
@@ -135,6 +120,10 @@ class Gains(NamedTuple):
         each = zip(self.factors, inside_cube(x), self.own, strict=True)
         return {f.text: float(f.distribution.quantile(np.array([u]), own)[0]) for f, u, own in each}
 
+    def at_bounds(self, x: Any) -> tuple[str, ...]:
+        """Gains, as they were written, whose place in x (d,) is an end of their range, but for a hundredth of it."""
+        return tuple(f.text for f, place in zip(self.factors, x, strict=True) if abs(place - 0.5) > 0.5 - BOUND)
+
     def values(self, x: Any) -> dict[str, Any]:
         """Path -> parameter with the gains at x (d,) in it, all else the scenario's own."""
         alone = self.ready._replace(spread=Spread(self.factors))
@@ -149,16 +138,19 @@ def campaign_gains(ready: PreparedCampaign, names: tuple[str, ...]) -> Gains:
     values, start = [], []
     for i in at:
         factor = ready.spread.factors[i]
-        part, value = f"--gain {factor.text}", np.asarray(known[factor.path])
+        part, value = argument_name("gains", factor.text), np.asarray(known[factor.path])
         if value.ndim and factor.at is None:
-            zeros = ",".join("0" * value.ndim)
-            fix = f"--gain '{factor.path}[{zeros}]=LOW:HIGH'"
+            fix = argument("gains", "LOW:HIGH", first_number(factor.path, value.shape))
             raise InputError(part, f"has shape {value.shape}: a gain is one number", fix=fix)
         own = float(value[factor.at or ()])
-        low, high = (a.of(own) for a in factor.distribution.amounts)
-        if not low <= own <= high:
-            problem = f"the scenario's own value, {own:g}, is not in {low:g} … {high:g}"
-            raise InputError(part, problem, fix=f"a range around it, or another start: --set {factor.path}={low:g}")
+        low, high = (a.of(own) for a in factor.distribution.amounts)  # shares of a number below 0 fall
+        if not min(low, high) <= own <= max(low, high):
+            problem = f"the scenario's own value, {own:g}, is not in {min(low, high):g} … {max(low, high):g}"
+            raise InputError(
+                part,
+                problem,
+                fix=f"a range around it, or another start: {argument('settings', f'{low:g}', factor.text)}",
+            )
         log = factor.distribution.kind == "loguniform"
         values.append(own)
         start.append(np.log(own / low) / np.log(high / low) if log else (own - low) / (high - low))
@@ -171,7 +163,8 @@ class TuningResult(NamedTuple):
     values: path -> parameter with the gains in it, to the bit.  before, after: gain, as it was written -> number.
     steps: how it went.  slopes: of the gradient's steps.  seen_comparison: against the scenario's own gains, in runs
     that tuning flew.  held_out_comparison: in runs that it did not, which is what counts.  flown_runs: in all; a run
-    with its derivative along d gains counts d times.
+    with its derivative along d gains counts d times.  at_bounds: gains that end at an end of their range, nearer than a
+    hundredth of it: a wider range may be worth more.
     """
 
     plan: CampaignPlan
@@ -185,6 +178,7 @@ class TuningResult(NamedTuple):
     held_out_comparison: Comparison
     flown_runs: int
     wall_s: float
+    at_bounds: tuple[str, ...] = ()
 
     @property
     def is_improvement(self) -> bool:
@@ -210,33 +204,35 @@ def tune(
     backend: str = "auto",
     threads: int | None = None,
     progress: Callable[[int], None] | None = None,
+    store: Path | None = None,
 ) -> TuningResult:
     """Tune gains on many runs, then compare with the scenario's own on others.
+
+    >>> from trimtab import tune
+    >>> few = {"runs": 8, "held_out": 16, "iterations": 2, "settings": {"duration": "1 s"}, "cost": "rms:yaw_rate"}
+    >>> list(tune("hovercraft/zero-velocity", gains={"autopilot.law.k1": "0.5:3"}, **few).before)
+    ['autopilot.law.k1']
 
     Args:
         scenario: its name in the catalogue, ``file.py:function``, or the scenario itself.
         gains: path -> range, e.g. "0.5:3" or "loguniform(0.01, 10)"; the scenario's own value is the start.
         cost: metrics with weights, e.g. "error_rms:yaw_rate + 2*error_rms:sway_velocity".
         method: "search" (CMA-ES, any metric) or "gradient" (costs that are integrals, needs a C compiler).
-        runs: of each candidate, or of each step of the gradient.
-        held_out: runs that decide whether it helps.
-        iterations: generations, or steps.
-        width: of the smoothing, in parts of each range; for the gradient.
+        runs: of each candidate, or of each step of the gradient.  held_out: runs that decide whether it helps.
+        iterations: generations, or steps.  width: of the gradient's smoothing, in parts of each range.
         spread: what else differs from run to run, as in a campaign.
         seed: of the runs' random numbers, and of the method.
         settings, without, faults: as `trimtab run` takes them; for a scenario that is named.
-        backend, threads: as `simulate_batch`.
-        progress: called with the number of runs flown since.
+        backend, threads: as `simulate_batch`.  progress: called with the number of runs flown since.
+        store: folder that keeps what is flown; the same tuning goes on there.
 
     Raises: InputError for what can't be flown or tuned, before anything flies.
     """
     began = time.perf_counter()
-    _check_tuning(method, runs, held_out, iterations, width)
-    if not gains:
-        raise InputError("--gain", "nothing may be moved", fix="--gain autopilot.law.k1=0.5:3")
+    _check_tuning(gains, method, runs, held_out, iterations, width)
     terms = parse_cost(cost)
-    moved = [(p, parse_gain(p, text)) for p, text in gains.items()]
-    differ = [(p, parse_distribution(text, f"--spread {p}")) for p, text in (spread or {}).items()]
+    differ = [(p, parse_gain(p, text)) for p, text in gains.items()]
+    differ += [(p, parse_distribution(text, argument_name("spread", p))) for p, text in (spread or {}).items()]
     plan = plan_campaign(
         "tune",
         scenario,
@@ -245,14 +241,14 @@ def tune(
         faults,
         seed,
         runs=runs,
-        spread=tuple(sorted(moved + differ)),
+        spread=tuple(sorted(differ)),
         metrics=tuple(t.metric for t in terms),
     )
     chosen = _prepare_gains(plan, scenario, tuple(gains))
-    fly = _GainFlights(chosen, terms, runs, {"backend": backend, "threads": threads, "progress": progress})
-    slopes: list[Slope] = []
+    options = {"backend": backend, "threads": threads, "progress": progress}
+    fly = _GainFlights(chosen, terms, runs, options | {"memo": _open_memo(store, chosen.ready, backend)})
     if method == "search":
-        x, steps = search_gains(fly.costs, chosen.start, runs, iterations, seed)
+        (x, steps), slopes = search_gains(fly.costs, chosen.start, runs, iterations, seed), list[Slope]()
     else:
         x, steps, slopes = descend_gradient(fly.slope_function(), chosen.start, runs, iterations, width, seed)
     return TuningResult(
@@ -267,24 +263,37 @@ def tune(
         held_out_comparison=fly.compare_gains(x, UNSEEN, held_out),
         flown_runs=fly.flown_runs,
         wall_s=time.perf_counter() - began,
+        at_bounds=chosen.at_bounds(x),
     )
 
 
-def _check_tuning(method: str, runs: int, held_out: int, iterations: int, width: float) -> None:
+def _open_memo(store: Path | None, ready: PreparedCampaign, backend: str) -> FlightMemo:
+    return FlightMemo(store, identity(ready.plan, ready.scenario, backend), ready.plan.scenario)
+
+
+def _check_tuning(
+    gains: Mapping[str, str], method: str, runs: int, held_out: int, iterations: int, width: float
+) -> None:
+    if not gains:
+        raise InputError(
+            argument_name("gains"), "nothing may be moved", fix=argument("gains", "0.5:3", "autopilot.law.k1")
+        )
     if method not in METHODS:
-        raise InputError("--method", f"{method!r} is no method", choices=METHODS, fix="--method search")
-    for name, number, least in (("runs", runs, 4), ("held-out", held_out, 16), ("iterations", iterations, 1)):
+        raise InputError(
+            argument_name("method"), f"{method!r} is no method", choices=METHODS, fix=argument("method", "search")
+        )
+    for name, number, least in (("runs", runs, 4), ("held_out", held_out, 16), ("iterations", iterations, 1)):
         if number < least:
-            raise InputError(f"--{name}", f"{number} is too few", fix=f"--{name} {max(least, 64)}")
+            raise InputError(argument_name(name), f"{number} is too few", fix=argument(name, max(least, 64)))
     if not 0 < width <= 0.5:
-        raise InputError("--width", f"{width} is not in 0 … 0.5", fix="--width 0.05")
+        raise InputError(argument_name("width"), f"{width} is not in 0 … 0.5", fix=argument("width", 0.05))
 
 
 def _prepare_gains(plan: CampaignPlan, scenario: str | Scenario, gains: tuple[str, ...]) -> Gains:
     """The gains of the campaign; what is wrong with their ranges is said of them, and first."""
     try:
         if isinstance(scenario, str):
-            scenario = build(scenario, dict(plan.settings), plan.without, plan.faults)
+            scenario = build_scenario(plan)
         factors = parse_factors(plan.spread)
         scenario = with_spread_parts(scenario, factors)
         spread = resolve_spread(scenario, factors)
@@ -294,17 +303,18 @@ def _prepare_gains(plan: CampaignPlan, scenario: str | Scenario, gains: tuple[st
         ends = np.stack([np.full(len(spread.factors), level) for level in (1e-3, 0.999)])
         ends[:, chosen.at] = inside_cube([[0.0], [1.0]])
         check_bounds(bare, ends)
-        return chosen._replace(ready=prepare_campaign(plan, scenario))
+        with name_option("cost"):
+            return chosen._replace(ready=prepare_campaign(plan, scenario))
     except InputError as error:
-        named, _, path = error.part.partition(" ")
-        if named != "--spread" or path not in gains:
+        path = next((path for path in gains if error.part == argument_name("spread", path)), None)
+        if path is None:
             raise
         fix = error.fix
-        if "--spread" in fix and error.choices:
-            fix = f"--gain '{error.choices[0]}=LOW:HIGH'"
-        elif "--spread" in fix:
-            fix = f"--set '{path}=…': gains are real numbers"
-        raise InputError(f"--gain {path}", error.problem, choices=error.choices, fix=fix) from None
+        if fix.startswith(argument_name("spread")) and error.choices:
+            fix = argument("gains", "LOW:HIGH", error.choices[0])
+        elif fix.startswith(argument_name("spread")):
+            fix = f"{argument('settings', '…', path)}: gains are real numbers"
+        raise InputError(argument_name("gains", path), error.problem, choices=error.choices, fix=fix) from None
 
 
 class _GainFlights:
@@ -333,24 +343,28 @@ class _GainFlights:
         of = integral_cost(self.terms, ready)
         along = [(f.path, f.at or ()) for f in gains.factors]
 
-        def flights(x: Any, first: int) -> tuple[Any, Any]:
-            pairs = len(x) // 2
-            u = np.repeat(draw_runs(ready, first, first + pairs)[0].u, 2, axis=0)
-            u[:, gains.at] = inside_cube(x)
+        def differentiate(u: Any, first: int, pairs: int) -> dict[str, Any]:
             integrals = gradients(
                 ready.scenario,
                 of.cost,
                 along,
-                seeds=[ready.plan.seed] * len(x),
+                seeds=[ready.plan.seed] * len(u),
                 runs=np.repeat(np.arange(first, first + pairs), 2),
                 spread=spread_arrays(ready.spread, ready.scenario, spread_values(ready.spread, ready.scenario, u)),
                 since=of.since,
                 threads=self.options["threads"],
             )
+            return {"costs": integrals.costs, "slopes": integrals.slopes}
+
+        def flights(x: Any, first: int) -> tuple[Any, Any]:
+            pairs = len(x) // 2
+            u = np.repeat(draw_runs(ready, first, first + pairs)[0].u, 2, axis=0)
+            u[:, gains.at] = inside_cube(x)
+            flown = self.options["memo"].recall((u, np.int64(first)), lambda: differentiate(u, first, pairs))
             self.flown_runs += len(x) * len(along)
             if self.options["progress"] is not None:
                 self.options["progress"](len(x) * len(along))
-            costs, slopes = of.finish(integrals.costs, integrals.slopes)
+            costs, slopes = of.finish(flown["costs"], flown["slopes"])
             return costs, slopes * gains.slope(x)
 
         return flights

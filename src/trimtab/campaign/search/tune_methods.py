@@ -32,7 +32,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from trimtab.campaign.search.evolution import evolve
-from trimtab.core.errors import InputError
+from trimtab.core.errors import InputError, argument, argument_name
 
 STEP, POPULATION = 0.25, 8
 """Of the search: first standard deviation, in parts of the ranges, and candidates of a generation, at least."""
@@ -164,7 +164,11 @@ def descend_gradient(
         if not np.isfinite(cost):
             if k == 0:
                 problem = "some runs near the scenario's own gains cost infinitely much, and have no slope"
-                raise InputError("--method gradient", problem, fix="--method search, or another start by --set")
+                raise InputError(
+                    argument_name("method", "gradient"),
+                    problem,
+                    fix=f"{argument('method', 'search')}, or another start by {argument_name('settings')}",
+                )
             x, rate = before, rate / 2
             continue
         steps.append(TuningStep((k + 1) * 2 * pairs, cost, x))

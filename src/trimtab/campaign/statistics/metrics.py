@@ -1,22 +1,29 @@
 """What is kept of each run: numbers of merit, computed for a block of runs at once, as `logs.metrics` does for one.
 
-A metric is written KIND:SIGNAL, e.g. ``settling:yaw_rate`` or ``peak:truth.sway_velocity``, or is a function of a file,
-``my_metrics.py:miss_distance``, of `Rows` to an array (n,). What never happens takes infinitely long: inf.
+A metric is written KIND:SIGNAL, e.g. ``settling:yaw_rate`` or ``peak:truth.sway_velocity``, or robustness:FORMULA, or
+is a function of a file, ``my_metrics.py:miss_distance``, of `Rows` to an array (n,). What never happens takes
+infinitely long: inf.
 
 Source: docs pages, Metrics (logs) and Campaigns.
 """
 
 import dataclasses
 import importlib.util
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from trimtab.campaign.grammar import parse_metric
-from trimtab.core.errors import InputError, closest
+from trimtab.campaign.grammar import ROBUSTNESS, parse_metric
+from trimtab.core.errors import InputError, Spelling, argument, argument_name, closest, spell_with
+from trimtab.core.formula_units import fit_formula
+from trimtab.core.quantity import component_paths, split_component
+from trimtab.core.time import UNITS_PER_SECOND
 from trimtab.logs.metrics import SHORT, Target, full_path
+from trimtab.logs.robustness import check_length, robustness
+from trimtab.logs.spatial import FLIGHT, FlightSource
 
 
 @dataclasses.dataclass(frozen=True)
@@ -24,17 +31,57 @@ class Rows:
     """The logged rows of a block of n runs.
 
     t: (m,), s.  signals: by path, (n, m, …).  targets: of the scenario.  angles: paths of signals that wrap.
+    final: values at the end of the runs, after the last step, by path, (n, …); what isn't there ends with its last row.
+    flight: what `flight.roll` and so on are worked out from when they are asked for, as in a log.  end_time: of all, s.
+    parameters: of each run, by path, (n,), those that a flight over the turning earth is worked out with.
     """
 
     t: Any
     signals: Mapping[str, Any]
     targets: tuple[Target, ...]
     angles: frozenset[str]
+    final: Mapping[str, Any] = dataclasses.field(default_factory=dict)
+    flight: FlightSource | None = None
+    end_time: float = np.nan
+    parameters: Mapping[str, Any] = dataclasses.field(default_factory=dict)
+    _flights: dict[str, tuple[Any, Any]] = dataclasses.field(
+        default_factory=dict, init=False, repr=False, compare=False
+    )
     _errors: dict[str, Any] = dataclasses.field(default_factory=dict, init=False, repr=False, compare=False)
 
     def __getitem__(self, path: str) -> Any:
-        """A signal by its path or short name, (n, m, …)."""
-        return self.signals[full_path(path)]
+        """A signal by its path or short name, (n, m, …); "truth.velocity[2]" is one number of it, (n, m)."""
+        whole, index = split_component(full_path(path))
+        signal = self._work_out(whole)[0] if self._is_derived(whole) else self.signals[whole]
+        return signal if index is None else signal[:, :, index]
+
+    def end(self, path: str) -> Any:
+        """The value at the end of each run (n, …)."""
+        whole, index = split_component(full_path(path))
+        if self._is_derived(whole):
+            return self._work_out(whole)[1]
+        last = self.final[whole] if whole in self.final else self.signals[whole][:, -1]
+        return last if index is None else last[:, index]
+
+    def _is_derived(self, path: str) -> bool:
+        return path.startswith(FLIGHT) and self.flight is not None and path not in self.signals
+
+    def _work_out(self, path: str) -> tuple[Any, Any]:
+        """Rows (n, m) and last values (n,) of a number of a flight in space."""
+        if not self._flights:
+            flights = [self._work_out_run(i) for i in range(len(next(iter(self.signals.values()))))]
+            for name in flights[0][0]:
+                rows = np.stack([numbers[name] for numbers, _ in flights])
+                rows.setflags(write=False)
+                ends = [last.get(name, numbers[name][-1]) for numbers, last in flights]
+                self._flights[name] = rows, np.array(ends)
+        return self._flights[path]
+
+    def _work_out_run(self, i: int) -> tuple[dict[str, Any], dict[str, Any]]:
+        assert self.flight is not None
+        paths, parameters = self.flight.paths, {p: float(v[i]) for p, v in self.parameters.items()}
+        ends = {p: self.final[p][i] for p in paths if p in self.final}
+        return self.flight.work_out(self.t, {p: self.signals[p][i] for p in paths}, ends, self.end_time, parameters)
 
     def error(self, path: str) -> Any:
         """A signal less its target (n, m), read only; for an angle, less that equal nearest to where a run ends."""
@@ -47,7 +94,7 @@ class Rows:
         target = next(t for t in self.targets if full_path(t.path) == full_path(path))
         x = self[path].astype(np.float64)
         value = np.full(len(x), float(target.value))
-        if full_path(path) in self.angles and x.shape[1]:
+        if split_component(full_path(path))[0] in self.angles and x.shape[1]:
             last = _last_finite_value(x)
             value = value + np.where(np.isfinite(last), 2 * np.pi * np.round((last - value) / (2 * np.pi)), 0.0)
         return x - value[:, None]
@@ -58,7 +105,7 @@ class Rows:
 
 
 class Metric(NamedTuple):
-    """name: the column.  signals: what must be logged, by path.  of: rows to (n,).  unit: of the column."""
+    """name: the column.  signals: what it reads, by path.  of: rows to (n,).  unit: of the column."""
 
     name: str
     signals: tuple[str, ...]
@@ -153,7 +200,7 @@ OF_TARGETS: Mapping[str, Callable[[Rows, str], Any]] = {
     "error_rms": error_rms,
 }
 OF_SIGNALS: Mapping[str, Callable[[Rows, str], Any]] = {
-    "final": lambda rows, path: rows[path][:, -1].astype(np.float64),
+    "final": lambda rows, path: rows.end(path).astype(np.float64),
     "least": lambda rows, path: rows[path].astype(np.float64).min(axis=1),
     "most": lambda rows, path: _or_inf(rows[path].astype(np.float64).max(axis=1)),
     "peak": lambda rows, path: _or_inf(np.abs(rows[path].astype(np.float64)).max(axis=1)),
@@ -162,46 +209,106 @@ OF_SIGNALS: Mapping[str, Callable[[Rows, str], Any]] = {
     "tail_mean": lambda rows, path: _tail_errors(rows, path).mean(axis=1),
     "sustained": swing_amplitude,
     "tail_rms": lambda rows, path: _or_inf(_tail_errors(rows, path).std(axis=1)),
+    "changes": lambda rows, path: (np.diff(rows[path].astype(np.float64), axis=1) != 0).sum(axis=1).astype(np.float64),
 }
 FADING = 0.9
 """A swing that is not smaller than so many parts of itself a sixth of the run before goes on."""
 TIMES = ("settling", "first_reach")
-KINDS = (*OF_TARGETS, *OF_SIGNALS)
+OF_A_LINE = ("loop.", "link.", "vehicle.")
+"""How the paths of those signals begin that only a flight over a real line has, in real time."""
+KINDS = (*OF_TARGETS, *OF_SIGNALS, ROBUSTNESS)
+
+
+@contextmanager
+def name_option(name: str, more: str = "") -> Iterator[None]:
+    """Within it what is wrong with a metric is said of the argument that it stands in; more: what follows it there."""
+
+    def spell(outer: Spelling, named: str, value: Any, of: str | None) -> str:
+        if named != "metrics":
+            return outer(named, value, of)
+        texts = value if value is None else [f"{text}{more}" for text in value]
+        return outer(name, texts[0] if texts and name == "cost" else texts, of)
+
+    with spell_with(spell):
+        yield
 
 
 def find_metric(
-    text: str, signals: Mapping[str, tuple[int, ...]], targets: Iterable[Target], units: Mapping[str, str] | None = None
+    text: str,
+    signals: Mapping[str, tuple[int, ...]],
+    targets: Iterable[Target],
+    units: Mapping[str, str] | None = None,
+    duration: int | None = None,
 ) -> Metric:
     """The metric that a text names; refuses what the scenario doesn't have.
 
     Args:
-        text: KIND:SIGNAL, or file.py:function.
-        signals: path -> shape of each signal of the scenario.
+        text: KIND:SIGNAL, robustness:FORMULA, or file.py:function.
+        signals: path -> shape of each signal of the scenario, and of what is worked out of a flight in space.
         targets: of the scenario.
         units: path -> unit of each signal.
+        duration: of a run, 100 ns, beyond which no formula may look; None: any.
     """
     written = parse_metric(text)
     kind, name = written
+    if kind == ROBUSTNESS and name:
+        return _formula_metric(text, name, signals, units or {}, duration)
     if written.is_function:
         return _load_metric(text, Path(kind), name)
-    part = f"--metric {text}"
+    part = argument_name("metrics", text)
     if kind not in KINDS or not name:
         near = closest(kind, KINDS, 3) or KINDS
-        raise InputError(part, "is not KIND:SIGNAL", choices=KINDS, fix=f"--metric {near[0]}:{name or 'yaw_rate'}")
+        raise InputError(
+            part, "is not KIND:SIGNAL", choices=KINDS, fix=argument("metrics", [f"{near[0]}:{name or 'yaw_rate'}"])
+        )
     path, target_paths = full_path(name), [full_path(t.path) for t in targets]
     if kind in OF_TARGETS and path not in target_paths:
         short = [p.removeprefix("truth.") for p in target_paths]
-        alone = f"--metric rms:{name}, or give the scenario targets=(Target(…),)"
-        fix = f"--metric {kind}:{short[0]}" if short else alone
+        alone = f"{argument('metrics', [f'rms:{name}'])}, or give the scenario targets=(Target(…),)"
+        near = closest(path.removeprefix("truth."), short, 1) or short
+        fix = argument("metrics", [f"{kind}:{near[0]}"]) if near else alone
         raise InputError(part, f"the scenario has no target for {name!r}", choices=short, fix=fix)
-    if path not in signals:
-        near = closest(path, signals, 6) or list(signals)[:6]
-        raise InputError(part, f"there is no signal {name!r}", choices=near, fix=f"--metric {kind}:{near[0]}")
-    if signals[path]:
-        raise InputError(part, f"{name!r} has shape {signals[path]}", fix="ask for a signal of one number")
+    whole, _ = split_component(path)
+    if whole not in signals:
+        raise _unknown_signal(part, kind, name, signals)
+    numbers = component_paths(whole, signals[whole])
+    if path not in numbers:
+        choices = numbers[:8]
+        problem = f"{whole!r} has shape {signals[whole]}: a metric is of one number"
+        raise InputError(part, problem, choices=choices, fix=argument("metrics", [f"{kind}:{choices[0]}"]))
     of = OF_TARGETS.get(kind) or OF_SIGNALS[kind]
-    unit = "s" if kind in TIMES else (units or {}).get(path, "")
-    return Metric(text, (path,), lambda rows: of(rows, path), unit)
+    unit = "s" if kind in TIMES else "1" if kind == "changes" else (units or {}).get(whole, "")
+    return Metric(text, (whole,), lambda rows: of(rows, path), unit)
+
+
+def _unknown_signal(part: str, kind: str, name: str, signals: Iterable[str]) -> InputError:
+    """What is said of a signal that a simulated run lacks."""
+    problem, near = f"there is no signal {name!r}", closest(full_path(name), signals, 6) or list(signals)[:6]
+    fix = argument("metrics", [f"{kind}:{near[0]}"])
+    if name.startswith(OF_A_LINE):
+        problem += ": only a flight over a line has it, no simulated run"
+        fix = "trimtab fly SCENARIO --link … --out DIR  has it in its log"
+    elif name.startswith(FLIGHT):
+        flown = [path for path in signals if path.startswith(FLIGHT)]
+        near = flown or near
+        problem += "" if flown else ": the truth of this vehicle has no attitude in space"
+        fix = argument("metrics", [f"{kind}:{(closest(name, flown, 1) or near)[0]}"])
+    return InputError(part, problem, choices=near, fix=fix)
+
+
+def _formula_metric(
+    text: str, formula: str, signals: Mapping[str, tuple[int, ...]], units: Mapping[str, str], duration: int | None
+) -> Metric:
+    """How far a run is from breaking a formula, from its first row on: above 0 where it keeps to it."""
+    fitted = fit_formula(formula, signals, units, full_path)
+    if duration is not None:
+        check_length(fitted, duration)
+
+    def of(rows: Rows) -> Any:
+        ticks = np.rint(np.asarray(rows.t) * UNITS_PER_SECOND).astype(np.int64)
+        return robustness(fitted, ticks, rows.__getitem__)[:, 0]
+
+    return Metric(text, fitted.paths, of, fitted.unit)
 
 
 def default_metrics(targets: Iterable[Target]) -> list[str]:
@@ -220,10 +327,12 @@ def function_metric(name: str, function: Callable[[Rows], Any]) -> Metric:
 
 
 def _load_metric(text: str, file: Path, name: str) -> Metric:
-    part = f"--metric {text}"
+    part = argument_name("metrics", text)
     spec = importlib.util.spec_from_file_location(file.stem, file)
     if spec is None or spec.loader is None or not file.is_file():
-        raise InputError(part, f"there is no file {str(file)!r}", fix="--metric my_metrics.py:miss_distance")
+        raise InputError(
+            part, f"there is no file {str(file)!r}", fix=argument("metrics", ["my_metrics.py:miss_distance"])
+        )
     module = importlib.util.module_from_spec(spec)
     spec.loader.exec_module(module)
     function = getattr(module, name, None)

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from trimtab.campaign.campaign import CampaignResult
-from trimtab.core.errors import InputError
+from trimtab.core.errors import InputError, install_command
 
 ABOUT = b"trimtab"
 """Key of the metadata under which a file says of which campaign its rows are, as JSON."""
@@ -66,7 +66,7 @@ def as_dataset(columns: Mapping[str, Any], about: Mapping[str, Any]) -> Any:
     try:
         import xarray
     except ImportError:
-        raise InputError("dataset", "needs xarray", fix='pip install "trimtab[xarray]"') from None
+        raise InputError("dataset", "needs xarray", fix=install_command("xarray")) from None
     data = {name: ("run", np.asarray(column)) for name, column in columns.items() if name != "run"}
     attributes = {ABOUT.decode(): json.dumps(about, sort_keys=True)}
     return xarray.Dataset(data, coords={"run": np.asarray(columns["run"])}, attrs=attributes)
@@ -78,5 +78,5 @@ def import_arrow() -> tuple[Any, Any]:
         import pyarrow
         import pyarrow.parquet
     except ImportError:
-        raise InputError("parquet", "needs pyarrow", fix='pip install "trimtab[parquet]"') from None
+        raise InputError("parquet", "needs pyarrow", fix=install_command("parquet")) from None
     return pyarrow, pyarrow.parquet

@@ -8,6 +8,7 @@ Chunks carry a checksum; where one is damaged or gone, its block is flown anew.
 import contextlib
 import errno
 import fcntl
+import hashlib
 import json
 import os
 from collections.abc import Iterable, Iterator, Mapping
@@ -17,12 +18,14 @@ from typing import Any
 
 import numpy as np
 
-from trimtab.core.errors import InputError
+from trimtab.core.errors import InputError, argument, argument_name, install_command
 
 DONE = "done"
 LOCK = ".lock"
 PARTIAL = ".partial"
 """Ends the names under which Zarr writes before it renames."""
+LONGEST_KEY = 160
+"""Bytes of an array's name."""
 
 
 class MemoryStore:
@@ -50,8 +53,9 @@ class MemoryStore:
 
 
 def array_key(name: str) -> str:
-    """The name of a column's array: slashes of a path of a file would make groups."""
-    return name.replace("/", "|")
+    """The name of a column's array: slashes of a path of a file would make groups, and a folder's name has an end."""
+    key = name.replace("/", "|")
+    return key if len(key.encode()) <= LONGEST_KEY else f"{key[:80]}-{hashlib.sha256(name.encode()).hexdigest()[:16]}"
 
 
 def has_store(folder: Path) -> bool:
@@ -64,7 +68,7 @@ def has_store(folder: Path) -> bool:
     if all(f.name == "zarr.json" for f in files):
         return about.exists() and bool(about.read_text()) and bool(json.loads(about.read_text()).get("attributes"))
     if not about.exists():
-        fix = "name another store: --store NAME.zarr"
+        fix = f"name another store: {argument('store', 'NAME.zarr')}"
         raise InputError(f"store {str(folder)!r}", "is a folder with other things in it", fix=fix)
     return True
 
@@ -235,9 +239,9 @@ def open_store(
         os.close(lock)
         if isinstance(error, json.JSONDecodeError | KeyError):
             problem = f"a description in it is damaged: {error}"
-            raise InputError(part, problem, fix="name another store: --store OTHER.zarr") from None
+            raise InputError(part, problem, fix=f"name another store: {argument('store', 'OTHER.zarr')}") from None
         if isinstance(error, OSError):
-            fix = "make room, or name another store: --store NAME.zarr"
+            fix = f"make room, or name another store: {argument('store', 'NAME.zarr')}"
             raise InputError(part, f"{error.strerror or error}", fix=fix) from None
         raise
 
@@ -247,12 +251,41 @@ def read_store(folder: Path) -> tuple[dict[str, Any], dict[str, Any]]:
     zarr = _import_zarr()
     if not (folder / "zarr.json").exists():
         fix = "trimtab campaign SCENARIO --store NAME.zarr"
-        raise InputError("--store", f"there is no store {str(folder)!r}", fix=fix)
+        raise InputError(argument_name("store"), f"there is no store {str(folder)!r}", fix=fix)
     group = zarr.open_group(folder, mode="r")
     if "identity" not in group.attrs:
-        raise InputError(f"store {str(folder)!r}", "holds no campaign", fix="name the store of one: --store NAME.zarr")
+        raise InputError(
+            f"store {str(folder)!r}",
+            "holds no campaign",
+            fix=f"name the store of one: {argument('store', 'NAME.zarr')}",
+        )
     store = CampaignStore(folder, group, -1)
     return store.attributes, store.read()
+
+
+def estimate_store_size(folder: Path, runs: int) -> int | None:
+    """Bytes that a store of so many runs will take, by the blocks that are there; None before the first."""
+    arrays, finished = _finished_chunks(folder, runs)
+    with contextlib.suppress(OSError):
+        kept = sum((array / "c" / k).stat().st_size for array in arrays for k in finished)
+        head = sum((place / "zarr.json").stat().st_size for place in [folder, *arrays])
+        return round(head + kept * runs / sum(finished.values())) if finished else None
+    return None
+
+
+def count_missing_rows(folder: Path, runs: int) -> int:
+    """How many of so many runs a store that is there, or is not, has to be given yet."""
+    return runs - sum(_finished_chunks(folder, runs)[1].values())
+
+
+def _finished_chunks(folder: Path, runs: int) -> tuple[list[Path], dict[str, int]]:
+    """Folders of the arrays; name of each chunk that is done -> how many of so many runs are in it."""
+    with contextlib.suppress(OSError, ValueError, KeyError):
+        about = json.loads((folder / "zarr.json").read_text())["attributes"]
+        block, arrays = int(about["block"]), [folder / array_key(name) for name in [*about["columns"], DONE]]
+        names = [k for f in (arrays[-1] / "c").iterdir() if (k := f.name).isdecimal() and int(k) * block < runs]
+        return arrays, {k: min(block, runs - block * int(k)) for k in names}
+    return [], {}
 
 
 def read_block_length(folder: Path) -> int | None:
@@ -277,12 +310,14 @@ def _acquire_lock(folder: Path, part: str) -> int:
         lock = os.open(folder / LOCK, os.O_RDWR | os.O_CREAT, 0o600)
     except OSError as error:
         problem = f"cannot write there: {(error.strerror or str(error)).lower()}"
-        raise InputError(part, problem, fix="--store with a folder of yours, e.g. --store mass.zarr") from None
+        raise InputError(
+            part, problem, fix=f"{argument_name('store')} with a folder of yours, e.g. {argument('store', 'mass.zarr')}"
+        ) from None
     try:
         fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except OSError:
         os.close(lock)
-        fix = "wait for it to end, or give this one another store: --store OTHER.zarr"
+        fix = f"wait for it to end, or give this one another store: {argument('store', 'OTHER.zarr')}"
         raise InputError(part, "another campaign is writing it", fix=fix) from None
     return lock
 
@@ -293,10 +328,10 @@ def _check_identity(part: str, there: Mapping[str, Any], here: Mapping[str, Any]
     if was == now:
         return
     if not isinstance(was, Mapping):
-        raise InputError(part, "holds no campaign", fix="name another store: --store NAME.zarr")
+        raise InputError(part, "holds no campaign", fix=f"name another store: {argument('store', 'NAME.zarr')}")
     apart = [name for name in now if was.get(name) != now[name]]
     differences = ", ".join(f"{name} (there {was.get(name)}, here {now[name]})" for name in apart)
-    fix = "the command that made it is in its attribute `command`; or name another store: --store OTHER.zarr"
+    fix = f"the command that made it is in its attribute `command`; or name another: {argument('store', 'OTHER.zarr')}"
     raise InputError(part, f"holds rows of another campaign: {differences} differs", fix=fix)
 
 
@@ -304,5 +339,5 @@ def _import_zarr() -> Any:
     try:
         import zarr
     except ImportError:
-        raise InputError("--store", "needs zarr", fix='pip install "trimtab[campaign]"') from None
+        raise InputError(argument_name("store"), "needs zarr", fix=install_command("campaign")) from None
     return zarr

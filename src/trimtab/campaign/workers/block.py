@@ -6,16 +6,25 @@ Who flies the blocks of a campaign is a `Workers`: this process (`local`) or oth
 import dataclasses
 import itertools
 from collections.abc import Callable, Generator, Mapping
+from functools import partial
 from typing import Any
 
 import numpy as np
 
 from trimtab.campaign.sampling.spread import spread_arrays, spread_values
 from trimtab.campaign.statistics.metrics import Metric, Rows
-from trimtab.campaign.workers.prepare import PreparedCampaign, draw_runs, program_options, scenario_variant
-from trimtab.core.errors import InputError
+from trimtab.campaign.store.memo import FlightMemo
+from trimtab.campaign.workers.prepare import (
+    PreparedCampaign,
+    draw_runs,
+    program_options,
+    scenario_place,
+    scenario_variant,
+)
+from trimtab.core.errors import InputError, argument_name
 from trimtab.core.time import to_seconds
 from trimtab.logs.log import Log
+from trimtab.logs.spatial import FLIGHT_DECLARED, find_flight, with_flight
 from trimtab.loop.scenario import Scenario
 from trimtab.native.compiler import NoCompilerError, search_compiler
 from trimtab.run.inputs import run_inputs
@@ -41,23 +50,36 @@ class WorkersLost(Exception):
 
 def batch_rows(scenario: Scenario, batch: Batch) -> Rows:
     """What metrics see of a batch."""
-    angles = frozenset(c.path for c in batch.columns if c.declaration is not None and c.declaration.kind == "angle")
-    return Rows(to_seconds(batch.ticks), batch.log, tuple(scenario.targets), angles)
+    declared = {c.path: c.declaration for c in batch.columns if c.declaration is not None}
+    flight = find_flight({c.path: c.shape for c in batch.columns}, declared)
+    own, n = scenario_place(scenario) if flight else {}, len(batch.seeds)
+    return Rows(
+        to_seconds(batch.ticks),
+        batch.log,
+        tuple(scenario.targets),
+        frozenset(path for path, one in {**declared, **FLIGHT_DECLARED}.items() if one.kind == "angle"),
+        batch.final,
+        flight=flight,
+        end_time=to_seconds(scenario.duration),
+        parameters={p: np.asarray(batch.spread.get(p, np.repeat(v, n)), float) for p, v in own.items()},
+    )
 
 
-def compute_metrics(ready: PreparedCampaign, rows: Rows, final: Mapping[str, Any]) -> dict[str, Any]:
-    """Metrics, success and lost of some runs, each (n,). final: last values of the truth by path, (n, …)."""
-    n = len(next(iter(final.values())))
+def compute_metrics(ready: PreparedCampaign, rows: Rows) -> dict[str, Any]:
+    """Metrics, success and lost of some runs, each (n,); rows.final has the last values of the whole truth."""
+    n = len(next(iter(rows.final.values())))
     metrics: dict[str, Any] = {m.name: np.empty(n) for m in ready.metrics}
     together = max(TOGETHER // max(len(rows.t), 1), 1)
     for first in range(0, n, together):
         part = slice(first, min(first + together, n))
-        some = dataclasses.replace(rows, signals={path: signal[part] for path, signal in rows.signals.items()})
+        three = (rows.signals, rows.final, rows.parameters)
+        signals, ends, own = ({path: v[part] for path, v in of.items()} for of in three)
+        some = dataclasses.replace(rows, signals=signals, final=ends, parameters=own)
         with np.errstate(over="ignore", invalid="ignore"):  # a run that ran away is counted, not warned of
             for metric in ready.metrics:
                 metrics[metric.name][part] = _metric_column(metric, some, part.stop - first)
-    ends = np.stack([np.asarray(v, np.float64).reshape(n, -1).sum(axis=1) for v in final.values()])
-    lost = ~np.isfinite(ends).all(axis=0)
+    last = np.stack([np.asarray(v, np.float64).reshape(n, -1).sum(axis=1) for v in rows.final.values()])
+    lost = ~np.isfinite(last).all(axis=0)
     success = ~lost
     for condition in ready.success:
         success &= condition.holds(metrics[condition.metric])
@@ -66,17 +88,18 @@ def compute_metrics(ready: PreparedCampaign, rows: Rows, final: Mapping[str, Any
 
 def compute_log_metrics(ready: PreparedCampaign, log: Log) -> dict[str, Any]:
     """The same of the log of one run."""
+    log = with_flight(log)
     angles = frozenset(path for path, declared in log.declarations.items() if declared.kind == "angle")
     signals = {path: signal[None] for path, signal in log.signals.items()}
-    rows = Rows(to_seconds(log.ticks), signals, tuple(ready.scenario.targets), angles)
-    return compute_metrics(ready, rows, {path: np.asarray(value)[None] for path, value in log.final.items()})
+    final = {path: np.asarray(value)[None] for path, value in log.final.items()}
+    return compute_metrics(ready, Rows(to_seconds(log.ticks), signals, tuple(ready.scenario.targets), angles, final))
 
 
 def _metric_column(metric: Metric, rows: Rows, n: int) -> Any:
     column = np.asarray(metric.of(rows), np.float64)
     if column.shape != (n,):
         problem = f"gave shape {column.shape}, wanted is {(n,)}"
-        raise InputError(f"--metric {metric.name}", problem, fix="one number a run")
+        raise InputError(argument_name("metrics", metric.name), problem, fix="one number a run")
     return column
 
 
@@ -90,20 +113,32 @@ def fly_block(ready: PreparedCampaign, first: int, last: int, **options: Any) ->
 
 
 def fly_points(
-    ready: PreparedCampaign, u: Any, words: Any, *, progress: Callable[[int], None] | None = None, **options: Any
+    ready: PreparedCampaign,
+    u: Any,
+    words: Any,
+    *,
+    progress: Callable[[int], None] | None = None,
+    memo: FlightMemo | None = None,
+    **options: Any,
 ) -> dict[str, Any]:
     """Metrics, `success` and `lost` at points u (n, d) of the spread, with the random numbers that words (n,) name.
 
-    progress: is given how many more were flown, from time to time.  options: backend, threads, as of `simulate_batch`.
+    progress: is given how many more were flown, from time to time.  memo: what was flown before, and where to keep it.
+    options: backend, threads, as of `simulate_batch`.
     """
     parts: list[dict[str, Any]] = []
     for first in range(0, len(words), max(ready.block, 1)):
         part = slice(first, first + max(ready.block, 1))
-        values = spread_values(ready.spread, ready.scenario, u[part])
-        parts.append(_fly_values(ready, values, words[part], options))
+        fly = partial(_fly_levels, ready, u[part], words[part], options)
+        parts.append(fly() if memo is None else memo.recall((u[part], words[part]), fly))
         if progress is not None:
             progress(len(words[part]))
     return {name: np.concatenate([columns[name] for columns in parts]) for name in parts[0]}
+
+
+def _fly_levels(ready: PreparedCampaign, u: Any, words: Any, options: Mapping[str, Any]) -> dict[str, Any]:
+    """What metrics say of runs at points u (n, d) of the spread."""
+    return _fly_values(ready, spread_values(ready.spread, ready.scenario, u), words, options)
 
 
 def _fly_values(
@@ -124,7 +159,7 @@ def _fly_values(
             log=True,
             **options,
         )
-        for name, column in compute_metrics(ready, batch_rows(ready.scenario, batch), batch.final).items():
+        for name, column in compute_metrics(ready, batch_rows(ready.scenario, batch)).items():
             columns[name][chosen] = column
     return columns
 

@@ -27,7 +27,7 @@ from typing import Any, NamedTuple
 
 from trimtab.campaign.workers.block import BlockResults, Blocks, Workers, WorkersLost, fly_block, uses_c
 from trimtab.campaign.workers.prepare import PreparedCampaign, identity, plan_from_dict, prepare_campaign
-from trimtab.core.errors import InputError
+from trimtab.core.errors import InputError, argument, argument_name, install_command
 from trimtab.run.program import thread_count
 
 CONNECT_TIMEOUT = 10.0
@@ -114,22 +114,28 @@ def parse_address(uri: str, files: dict[str, str]) -> SchedulerAddress:
     """Refuse what is no address, and plain TCP between machines."""
     match = ADDRESS_PATTERN.fullmatch(uri.strip())
     if not match or match[1] not in ("tls", "tcp") or not 0 < int(match[3]) < 2**16:
-        raise InputError("--cluster", f"{uri!r} is not tls://HOST:PORT", fix="--cluster tls://10.0.0.1:8786")
+        raise InputError(
+            argument_name("cluster"), f"{uri!r} is not tls://HOST:PORT", fix=argument("cluster", "tls://10.0.0.1:8786")
+        )
     host, port = match[2].strip("[]"), int(match[3])
-    tls, flags = f"tls://{match[2]}:{port}", "--tls-ca ca.pem --tls-cert me.pem --tls-key me.key"
+    tls, flags = (
+        f"tls://{match[2]}:{port}",
+        f"{argument('tls_ca', 'ca.pem')} {argument('tls_cert', 'me.pem')} {argument('tls_key', 'me.key')}",
+    )
     if match[1] == "tcp":
         if not _is_loopback(host):
             problem = f"{uri}: without TLS anyone who reaches the port runs programs on every machine of the cluster"
-            raise InputError("--cluster", problem, fix=f"--cluster {tls} {flags}")
+            raise InputError(argument_name("cluster"), problem, fix=f"{argument('cluster', tls)} {flags}")
         if any(files.values()):
-            raise InputError("--cluster", f"{uri} uses no certificates", fix=f"--cluster {tls}")
+            raise InputError(argument_name("cluster"), f"{uri} uses no certificates", fix=argument("cluster", tls))
         return SchedulerAddress(uri, host, port, None)
-    for flag, name in files.items():
+    for which, name in files.items():
+        flag = argument_name(which)
         if not name:
             raise InputError(flag, "tls:// needs an authority, a certificate and its key", fix=flags)
         if not Path(name).is_file():
             raise InputError(flag, f"there is no file {name!r}", fix=f"{flag} with a PEM file")
-    place = SchedulerAddress(tls, host, port, (files["--tls-ca"], files["--tls-cert"], files["--tls-key"]))
+    place = SchedulerAddress(tls, host, port, (files["tls_ca"], files["tls_cert"], files["tls_key"]))
     _tls_context(place)
     return place
 
@@ -149,13 +155,17 @@ def _tls_context(place: SchedulerAddress) -> ssl.SSLContext:
         context.load_cert_chain(cert, key)
     except (ssl.SSLError, OSError) as error:
         problem = f"{ca}, {cert} and {key} can't be used: {error.reason if isinstance(error, ssl.SSLError) else error}"
-        raise InputError("--tls-ca, --tls-cert, --tls-key", problem, fix="see the page, certificates") from None
+        raise InputError(
+            f"{argument_name('tls_ca')}, {argument_name('tls_cert')}, {argument_name('tls_key')}",
+            problem,
+            fix="see the page, certificates",
+        ) from None
     return context
 
 
 def check_scheduler(place: SchedulerAddress) -> None:
     """Refuse a scheduler that isn't there or isn't trusted, or that doesn't trust; distributed says "timed out"."""
-    part = f"--cluster {place.uri}"
+    part = argument_name("cluster", place.uri)
     try:
         with socket.create_connection((place.host, place.port), CONNECT_TIMEOUT) as plain:
             if place.files is None:
@@ -165,10 +175,13 @@ def check_scheduler(place: SchedulerAddress) -> None:
                     raise ssl.SSLError("it closed the line")
     except ssl.SSLCertVerificationError as error:
         problem = f"its certificate is not of the authority in {place.files and place.files[0]}: {error.verify_message}"
-        raise InputError(part, problem, fix="--tls-ca with the ca.pem that the scheduler was started with") from None
+        raise InputError(
+            part, problem, fix=f"{argument_name('tls_ca')} with the ca.pem that the scheduler was started with"
+        ) from None
     except ssl.SSLError as error:
         problem = f"it refuses the certificate: {error.reason or error}"
-        fix = "--tls-cert and --tls-key signed by the authority that the scheduler was started with"
+        both = f"{argument_name('tls_cert')} and {argument_name('tls_key')}"
+        fix = f"{both} signed by the authority that the scheduler was started with"
         raise InputError(part, problem, fix=fix) from None
     except OSError as error:
         problem = f"no scheduler is reached there: {error.strerror or error}"
@@ -187,9 +200,9 @@ def cluster_workers(uri: str, *, ca: str | Path = "", cert: str | Path = "", key
 
     Raises: InputError for what can't be reached so; nothing is sent yet.
     """
-    place = parse_address(uri, {"--tls-ca": str(ca), "--tls-cert": str(cert), "--tls-key": str(key)})
+    place = parse_address(uri, {"tls_ca": str(ca), "tls_cert": str(cert), "tls_key": str(key)})
     if importlib.util.find_spec("distributed") is None:
-        raise InputError("--cluster", "needs dask.distributed", fix='pip install "trimtab[cluster]"')
+        raise InputError(argument_name("cluster"), "needs dask.distributed", fix=install_command("cluster"))
 
     def fly(ready: PreparedCampaign, blocks: Blocks, used: str) -> BlockResults:
         with _open_client(place) as client:
@@ -218,7 +231,7 @@ def _open_client(place: SchedulerAddress) -> Iterator[Any]:
             client = Client(place.uri, security=security, timeout=CONNECT_TIMEOUT, set_as_default=False)
         except (OSError, TimeoutError) as error:
             problem = f"no scheduler answers: {error}"
-            raise InputError(f"--cluster {place.uri}", problem, fix="dask scheduler …") from None
+            raise InputError(argument_name("cluster", place.uri), problem, fix="dask scheduler …") from None
         try:
             yield client
         finally:
@@ -243,7 +256,7 @@ class _ClusterWatch:
     """Whether scheduler and workers are there. threads: of all workers, when last asked."""
 
     def __init__(self, client: Any, place: SchedulerAddress) -> None:
-        self._client, self._part = client, f"--cluster {place.uri}"
+        self._client, self._part = client, argument_name("cluster", place.uri)
         self._asked, self._seen, self.threads = 0.0, time.monotonic(), 0
 
     def check_workers(self) -> None:
@@ -259,14 +272,18 @@ class _ClusterWatch:
         try:
             cores = self._client.sync(self._client.scheduler.ncores, callback_timeout=REPLY_TIMEOUT)
         except Exception as error:  # whatever a line that breaks gives
-            problem = f"the scheduler does not answer ({type(error).__name__})"
-            raise WorkersLost(self._part, problem, f"look after it, then {RESUME_HINT}") from None
+            raise self.silent_scheduler(error) from None
         self._asked, self.threads = time.monotonic(), sum(cores.values())
         if self.threads:
             self._seen = self._asked
         elif self._asked - self._seen > WORKER_TIMEOUT:
             problem = f"for {WORKER_TIMEOUT:g} s it had no worker"
             raise WorkersLost(self._part, problem, f"start some:  dask worker …, then {RESUME_HINT}")
+
+    def silent_scheduler(self, error: Exception) -> WorkersLost:
+        """What is said where an error shows that the scheduler can't be reached."""
+        problem = f"the scheduler does not answer ({type(error).__name__})"
+        return WorkersLost(self._part, problem, f"look after it, then {RESUME_HINT}")
 
 
 def _fly_blocks(
@@ -309,14 +326,16 @@ def _block_columns(future: Any, watch: _ClusterWatch, block: tuple[int, int]) ->
         raise
     except TimeoutError:
         return None
+    except OSError as error:  # what is sent to fetch them finds nobody there
+        raise watch.silent_scheduler(error) from None
     except KilledWorker as error:
         problem = f"{runs} ended one worker after the other, the last {error.last_worker}"
         fix = f"look into that worker's log, for memory say, then {RESUME_HINT}"
-        raise WorkersLost("--cluster", problem, fix) from None
+        raise WorkersLost(argument_name("cluster"), problem, fix) from None
     except BaseException as error:
         if isinstance(error, KeyboardInterrupt | SystemExit | GeneratorExit):
             raise
         watch.check_workers()
         problem = f"{runs} did not come back: {type(error).__name__}: {error}"
         fix = f"look into the scheduler's and the worker's logs, then {RESUME_HINT}"
-        raise WorkersLost("--cluster", problem, fix) from None
+        raise WorkersLost(argument_name("cluster"), problem, fix) from None

@@ -12,21 +12,24 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from trimtab.campaign.grammar import Condition, parse_condition
-from trimtab.campaign.sampling.distributions import Amount, Distribution
+from trimtab.campaign.sampling.distributions import Amount, Distribution, parse_distribution
 from trimtab.campaign.sampling.points import DESIGNS, Points, check_factors, points
 from trimtab.campaign.sampling.spread import Factor, Spread, parse_factors, resolve_spread, spread_arrays, spread_values
-from trimtab.campaign.statistics.metrics import Metric, default_metrics, find_metric, short_name
-from trimtab.core.errors import InputError
+from trimtab.campaign.sampling.varying import fault_spread, pieces_spread, with_pieces
+from trimtab.campaign.statistics.metrics import Metric, default_metrics, find_metric, name_option, short_name
+from trimtab.core.errors import InputError, argument, argument_name
 from trimtab.core.record import Option, Quantity, leaves, with_leaf, with_part_of
 from trimtab.core.time import ms
+from trimtab.identify.calibration import format_calibration, parse_calibration, read_calibration
 from trimtab.logs.log import provenance
+from trimtab.logs.spatial import FLIGHT, FLIGHT_DECLARED, FlightSource, find_flight, place_parameters
 from trimtab.loop.scenario import Scenario
 from trimtab.loop.settings import with_settings
 from trimtab.loop.walk import logged_signals
 from trimtab.run.inputs import run_inputs
 from trimtab.run.program import check_seed, describe_scenario
 from trimtab.run.walk_program import signal_structure
-from trimtab.scenarios.build import build
+from trimtab.scenarios.build import CALIBRATION, build
 
 MEMORY = 48 * 2**20
 """Bytes of logged rows that a block holds at once, about."""
@@ -41,6 +44,8 @@ class CampaignPlan(NamedTuple):
 
     spread: what differs and what it is drawn from.  correlate: pairs of what was written, with their correlation.
     runs: of the whole campaign; only a Latin hypercube's rows depend on it.  success: conditions, all of which hold.
+    calibration: what the file held that the settings named, so that no other machine needs it.  inputs: which are held
+    in pieces, as after `--vary`.
     """
 
     scenario: str
@@ -55,6 +60,8 @@ class CampaignPlan(NamedTuple):
     metrics: tuple[str, ...] = ()
     success: tuple[str, ...] = ()
     log_period: int = ms(10)
+    calibration: str = ""
+    inputs: tuple[str, ...] = ()
 
     def as_dict(self) -> dict[str, Any]:
         """As JSON has it."""
@@ -75,12 +82,56 @@ def plan_campaign(
     part: what a refusal names.  rest: fields of the plan.
     """
     check_seed(seed)
-    changes = tuple(sorted((settings or {}).items())), tuple(without), tuple(faults)
+    own = dict(settings or {})
+    file = own.pop(CALIBRATION, "")
+    changes = tuple(sorted(own.items())), tuple(without), tuple(faults)
     if isinstance(scenario, str):
-        return CampaignPlan(scenario, *changes, seed=seed, **rest)
-    if any(changes):
+        content = format_calibration(read_calibration(file)) if file else ""
+        return CampaignPlan(scenario, *changes, seed=seed, calibration=content, **rest)
+    if any(changes) or file:
         raise InputError(part, "settings are for a scenario that is named", fix="change the scenario itself")
     return CampaignPlan(scenario.name, seed=seed, **rest)
+
+
+def plan_search(
+    part: str,
+    scenario: str | Scenario,
+    spread: Mapping[str, str],
+    *,
+    fault_ranges: Iterable[str] = (),
+    vary: Iterable[str] = (),
+    **rest: Any,
+) -> CampaignPlan:
+    """The plan of a search, whose points are those of a spread, of faults with ranges and of inputs held in pieces.
+
+    fault_ranges, vary: texts, see `sampling.varying`.  rest: as of plan_campaign.
+    """
+    ranges, inputs = tuple(fault_ranges), tuple(vary)
+    if not ranges and not inputs:
+        return plan_campaign(part, scenario, **rest, spread=_parse_spread(spread))
+    if not isinstance(scenario, str):
+        raise InputError(part, "faults and inputs that vary are for a scenario that is named", fix="file.py:function")
+    bare = plan_campaign(part, scenario, **{**rest, "faults": ()})
+    built = with_pieces(build_scenario(bare), inputs)
+    rest["faults"], more = fault_spread(rest["faults"], built, ranges)
+    plan = plan_campaign(part, scenario, **rest, inputs=inputs)
+    more |= pieces_spread(build_scenario(plan), inputs)
+    for path in spread:
+        if path in more:
+            raise InputError(argument_name("spread", path), "is among what varies already", fix="keep one of them")
+    return plan._replace(spread=_parse_spread({**spread, **more}))
+
+
+def _parse_spread(spread: Mapping[str, str]) -> tuple[tuple[str, Distribution], ...]:
+    return tuple(
+        (path, parse_distribution(text, argument_name("spread", path))) for path, text in sorted(spread.items())
+    )
+
+
+def build_scenario(plan: CampaignPlan) -> Scenario:
+    """The scenario that a plan names, with its settings and calibration."""
+    calibration = parse_calibration("calibration", plan.calibration) if plan.calibration else None
+    return with_pieces(build(plan.scenario, dict(plan.settings), plan.without, plan.faults, calibration), plan.inputs)
 
 
 def plan_from_dict(plain: Mapping[str, Any]) -> CampaignPlan:
@@ -104,6 +155,9 @@ def identity(plan: CampaignPlan, scenario: Scenario, backend: str) -> dict[str, 
     of_plan = plan.as_dict()
     if plan.sampling != "latin":
         del of_plan["runs"]
+    for name in ("calibration", "inputs"):
+        if not of_plan[name]:
+            del of_plan[name]  # as plans were before there was any
     about = describe_scenario(scenario)
     of_scenario = {"parameters": about["parameters"], "parts": about["parts"]}
     digests = {"campaign": of_plan, "scenario": of_scenario, "files": _file_digests(plan)}
@@ -146,25 +200,32 @@ def prepare_campaign(
     Raises: InputError with what to type instead.
     """
     if scenario is None:
-        scenario = build(plan.scenario, dict(plan.settings), plan.without, plan.faults)
+        scenario = build_scenario(plan)
     factors = parse_factors(plan.spread)
     scenario = with_spread_parts(scenario, factors)
     scenario.check()
-    shapes, units = signal_shapes(scenario)
+    known = find_signals(scenario)
     targets, own = tuple(scenario.targets), tuple(own)
     texts = plan.metrics or (() if own else default_metrics(targets))
-    metrics = tuple(find_metric(text, shapes, targets, units) for text in dict.fromkeys(texts)) + own
+    length = scenario.duration
+    metrics = (
+        tuple(find_metric(text, known.shapes, targets, known.units, length) for text in dict.fromkeys(texts)) + own
+    )
     conditions = tuple(parse_condition(text) for text in plan.success)
     conditions = conditions or tuple(Condition(f"settling:{short_name(t.path)}", "<", np.inf) for t in targets)
     needed = [c.metric for c in conditions if c.metric not in [m.name for m in metrics]]
-    metrics += tuple(find_metric(text, shapes, targets, units) for text in dict.fromkeys(needed))
+    for text, condition in {c.metric: c for c in reversed(conditions) if c.metric in needed}.items():
+        with name_option("success", f" {condition.compare} {condition.bound:g}"):
+            metrics += (find_metric(text, known.shapes, targets, known.units, length),)
     spread = resolve_spread(scenario, factors, plan.correlate)
     if plan.sampling in DESIGNS:
         check_factors([f.text for f in spread.factors], [pair[:2] for pair in plan.correlate])
-    signals = tuple(sorted({s for m in metrics for s in m.signals})) or (next(iter(shapes)),)
+    signals = known.source_signals(s for m in metrics for s in m.signals) or (next(iter(known.shapes)),)
     ready = PreparedCampaign(plan, scenario, spread, metrics, conditions, signals, 0)
     _check_values(ready)
-    width = sum(int(np.prod(s)) for p, s in shapes.items() if any(p == w or p.startswith(w + ".") for w in signals))
+    width = sum(
+        int(np.prod(s)) for p, s in known.shapes.items() if any(p == w or p.startswith(w + ".") for w in signals)
+    )
     rows = max(scenario.duration // plan.log_period, 1)
     block = int(np.clip(MEMORY // (8 * rows * max(width, 1)), FEWEST, MOST)) // FEWEST * FEWEST
     return ready._replace(block=block)
@@ -177,10 +238,36 @@ def with_spread_parts(scenario: Scenario, factors: Iterable[Factor]) -> Scenario
     return scenario
 
 
-def signal_shapes(scenario: Scenario) -> tuple[dict[str, tuple[int, ...]], dict[str, str]]:
-    """Shape and unit of each signal by path; nothing flies."""
+class KnownSignals(NamedTuple):
+    """What metrics of a scenario may name: shape and unit of each signal by path, and of what follows from a flight.
+
+    flight: what `flight.roll` and so on are worked out from; None of a vehicle that isn't in space.
+    """
+
+    shapes: dict[str, tuple[int, ...]]
+    units: dict[str, str]
+    flight: FlightSource | None
+
+    def source_signals(self, paths: Iterable[str]) -> tuple[str, ...]:
+        """The signals that must be logged for these, sorted."""
+        source = self.flight.paths if self.flight else ()
+        return tuple(sorted({one for p in paths for one in (source if p.startswith(FLIGHT) else (p,))}))
+
+
+def find_signals(scenario: Scenario) -> KnownSignals:
+    """The signals of a scenario; nothing flies."""
     signals = list(logged_signals(signal_structure(run_inputs(scenario))))
-    return {path: tuple(np.shape(value)) for path, value, _ in signals}, {path: d.unit for path, _, d in signals}
+    shapes, declared = {p: tuple(np.shape(value)) for p, value, _ in signals}, {p: d for p, _, d in signals}
+    flight = find_flight(shapes, declared)
+    if flight is not None:
+        declared |= {p: FLIGHT_DECLARED[p] for p in flight.flight_paths(shapes, scenario_place(scenario))}
+        shapes |= {p: () for p in declared if p not in shapes}
+    return KnownSignals(shapes, {p: d.unit for p, d in declared.items()}, flight)
+
+
+def scenario_place(scenario: Scenario) -> dict[str, Any]:
+    """Those of a scenario's numbers, by path, with which a flight over the turning earth is worked out."""
+    return place_parameters({p: v for p, v, d in leaves(scenario) if isinstance(d, Quantity) and np.ndim(v) == 0})
 
 
 def draw_runs(ready: PreparedCampaign, first: int, last: int) -> tuple[Points, dict[str, Any]]:
@@ -204,14 +291,14 @@ def _check_values(ready: PreparedCampaign) -> None:
             scenario_of(ready, run).check()
         except InputError as error:
             problem = f"run {run} of the campaign can't be flown: {error.problem}"
-            fix = "narrow the spread, e.g. --spread 'PATH=truncated(MEAN, STD, LOW, HIGH)'"
+            fix = f"narrow the spread, e.g. {argument('spread', 'truncated(MEAN, STD, LOW, HIGH)', 'PATH')}"
             fix += f"; or {error.fix}" if error.fix else ""
-            raise InputError(f"--spread {error.part}", problem, choices=error.choices, fix=fix) from None
+            raise InputError(argument_name("spread", error.part), problem, choices=error.choices, fix=fix) from None
     options = program_options(ready).values()
     count = int(np.prod([len(set(f.distribution.choices)) for f in options] or [1]))
     if count > VARIANTS:
         problem = f"the choices of {', '.join(f.path for f in options)} make {count} programs"
-        raise InputError("--spread", problem, fix=f"at most {VARIANTS} together: offer fewer choices")
+        raise InputError(argument_name("spread"), problem, fix=f"at most {VARIANTS} together: offer fewer choices")
 
 
 def parameters_at(ready: PreparedCampaign, u: Any) -> dict[str, Any]:
@@ -251,8 +338,8 @@ def refuse_options(ready: PreparedCampaign) -> None:
     """Refuse a spread of what shapes the program: a search moves numbers."""
     for text, factor in program_options(ready).items():
         problem = f"{factor.path} shapes the program, and a search moves numbers"
-        fix = f"one search each, e.g. --set '{factor.path}={factor.distribution.choices[0]}'"
-        raise InputError(f"--spread {text}", problem, fix=fix)
+        fix = f"one search each, e.g. {argument('settings', factor.distribution.choices[0], factor.path)}"
+        raise InputError(argument_name("spread", text), problem, fix=fix)
 
 
 def check_bounds(ready: PreparedCampaign, ends: Any) -> None:
@@ -272,4 +359,6 @@ def check_bounds(ready: PreparedCampaign, ends: Any) -> None:
             scenario_at(ready, point).check()
         except InputError as error:
             problem = f"can't be flown at its end: {error.part}: {error.problem}"
-            raise InputError(f"--spread {name}", problem, choices=error.choices, fix="narrower bounds") from None
+            raise InputError(
+                argument_name("spread", name), problem, choices=error.choices, fix="narrower bounds"
+            ) from None

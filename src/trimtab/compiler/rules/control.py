@@ -18,7 +18,7 @@ from trimtab.compiler.arrays import (
     scalars,
     store_in_memory,
 )
-from trimtab.compiler.ir import Block, Builder, If, Value
+from trimtab.compiler.ir import Block, Buffer, Builder, If, Value
 from trimtab.compiler.lower import Rule, Site
 from trimtab.compiler.rules.reduce import accumulate
 
@@ -49,7 +49,13 @@ def _choose_branch(
         less = b.op("sub", which, b.const(1, which.dtype), dtype=which.dtype)
         return _choose_branch(site, less, programs[1:], operands, dying)
 
-    return branch_arrays(b, test, first, second)
+    return branch_arrays(b, test, first, second, _replaceable(operands, dying))
+
+
+def _replaceable(operands: list[Array], dying: list[bool]) -> list[Buffer]:
+    """Buffers that may be written and that nobody reads after an equation."""
+    pairs = zip(operands, dying, strict=True)
+    return [a.buffer for a, dies in pairs if dies and a.buffer is not None and not a.buffer.is_read_only]
 
 
 def _is_zero(b: Builder, which: Value) -> Value:
@@ -60,20 +66,40 @@ def _is_zero(b: Builder, which: Value) -> Value:
 
 
 def branch_arrays(
-    b: Builder, test: Value, first: Callable[[], list[Array]], second: Callable[[], list[Array]]
+    b: Builder,
+    test: Value,
+    first: Callable[[], list[Array]],
+    second: Callable[[], list[Array]],
+    replaceable: Sequence[Buffer] = (),
 ) -> list[Array]:
-    """A branch: results that both sides hold in memory end in one buffer, the others are joined value by value."""
+    """A branch: results that both sides hold in memory end in one buffer, the others are joined value by value.
+
+    replaceable: buffers that nobody reads afterwards. Where one side hands such a one on as it was, the other writes
+    its own result there, and nothing is copied on the side that changes nothing.
+    """
     made = If(test, Block(), Block())
     with b.write_into(made.first):
         xs = first()
     with b.write_into(made.second):
         ys = second()
-    results = [_join_arrays(b, made, x, y) for x, y in zip(xs, ys, strict=True)]
+    kept = [_choose_buffer(k, xs, ys, replaceable) for k in range(len(xs))]
+    results = [_join_arrays(b, made, x, y, held) for x, y, held in zip(xs, ys, kept, strict=True)]
     b.block.items.append(made)
     return results
 
 
-def _join_arrays(b: Builder, made: If, x: Array, y: Array) -> Array:
+def _choose_buffer(k: int, xs: list[Array], ys: list[Array], replaceable: Sequence[Buffer]) -> Buffer | None:
+    """The buffer that one side hands on as result k, where both can leave it: no other result may be read from it."""
+    for array in (xs[k], ys[k]):
+        buffer = array.buffer
+        users = [i for side in (xs, ys) for i, a in enumerate(side) if a.buffer is buffer]
+        is_free = any(buffer is other for other in replaceable) and users == [k]
+        if buffer is not None and is_free and array.offset is None and array.size == buffer.size:
+            return buffer
+    return None
+
+
+def _join_arrays(b: Builder, made: If, x: Array, y: Array, held: Buffer | None) -> Array:
     if x.items is None and x.buffer is y.buffer and x.offset is y.offset:
         return x
     if is_small(x.shape) and (x.items is not None or y.items is not None):
@@ -82,8 +108,10 @@ def _join_arrays(b: Builder, made: If, x: Array, y: Array) -> Array:
         with b.write_into(made.second):
             c = element_list(b, y)
         return scalars([made.join(v, w) for v, w in zip(a, c, strict=True)], x.shape, x.dtype)
-    buffer = b.local_buffer(x.dtype, x.size)
+    buffer = held or b.local_buffer(x.dtype, x.size)
     for block, array in ((made.first, x), (made.second, y)):
+        if array.buffer is buffer:
+            continue
         with b.write_into(block):
             copy_into(b, buffer, array)
     return Array(x.shape, x.dtype, buffer=buffer)

@@ -24,6 +24,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
+from trimtab.core.discretisation import discretise
 from trimtab.core.errors import InputError
 from trimtab.core.record import Scalar, option, part, period, quantity, record, replace
 from trimtab.core.rng import Key
@@ -47,7 +48,6 @@ from trimtab.estimators.flexible.model import (
     step_mode_filter,
 )
 from trimtab.estimators.inertial.sensor_watch import NEVER
-from trimtab.estimators.kalman import discretise
 from trimtab.vehicles.hypersonic import Hypersonic, HypersonicInput
 
 TERMS = 6

@@ -5,6 +5,7 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
+from trimtab.core.discretisation import discretise
 from trimtab.core.errors import InputError
 from trimtab.core.integrate import rk4
 from trimtab.core.linalg import symmetric
@@ -26,7 +27,6 @@ from trimtab.estimators.flexible.model import (
     read_flight_samples,
     step_mode_filter,
 )
-from trimtab.estimators.kalman import discretise
 from trimtab.vehicles.hypersonic import Hypersonic, HypersonicInput
 
 STABLE = 2.5

@@ -6,6 +6,7 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
+from trimtab.core.discretisation import discretise
 from trimtab.core.errors import InputError
 from trimtab.core.record import Scalar, option, part, period, quantity, record, replace
 from trimtab.core.rng import Key
@@ -28,7 +29,6 @@ from trimtab.estimators.flexible.model import (
     step_mode_filter,
 )
 from trimtab.estimators.inertial.sensor_watch import NEVER
-from trimtab.estimators.kalman import discretise
 from trimtab.vehicles.hypersonic import Hypersonic, HypersonicInput
 
 PRINTED_ETA0 = (1.5122, 0.0, 1.122, 0.0)

@@ -1,4 +1,4 @@
-"""A position on the floor from ranges to beacons at known heights, and a heading from the positions of two units.
+"""A position from ranges, on the floor to beacons at known heights or in space, and a heading from two units' places.
 
 Every function takes all n beacons and a mask of those that count, so that shapes never depend on how many replied.
 Heights are those of the beacons above the unit. A position that cannot be found comes as NaN or with a large residual.
@@ -144,6 +144,31 @@ def solve_least_squares(plan: Any, height: Any, ranges: Any, used: Any, start: A
     place = lax.fori_loop(0, ITERATIONS, closer, start)
     rms = root_mean_square(residuals(plan, height, ranges, used, place), used)
     return Solution(place=place, bias=jnp.zeros_like(rms), residual=rms)
+
+
+def solve_in_space(anchors: Any, ranges: Any, used: Any, start: Any) -> tuple[Any, Any]:
+    """Place (3,) (m) in space with the least sum of squared residuals, and their root mean square (m).
+
+    Args:
+        anchors: their places (n, 3) (m), not all in one plane with the place.
+        ranges: to each (n,) (m).
+        used: which count (n,); at least three.
+        start: where the search begins (3,) (m), on the right side of a plane that holds all anchors.
+
+    Source: [1] section 5.5.3, in three dimensions.
+    """
+
+    def residual(place: Any) -> tuple[Any, Any]:
+        away = jnp.where(used[:, None], place - anchors, 0.0)
+        distance = jnp.sqrt(jnp.sum(away * away, axis=1))
+        return jnp.where(used, ranges - distance, 0.0), away / jnp.where(distance > 0, distance, 1.0)[:, None]
+
+    def closer(_: Any, place: Any) -> Any:
+        r, H = residual(place)
+        return place + solve_spd(H.T @ H, H.T @ r)
+
+    place = lax.fori_loop(0, 2 * ITERATIONS, closer, start)
+    return place, root_mean_square(residual(place)[0], used)
 
 
 def solve_leaving_one_out(

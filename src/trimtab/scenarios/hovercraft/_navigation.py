@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal
 
 import numpy as np
 
-from trimtab.core.errors import InputError
+from trimtab.core.errors import InputError, argument, argument_name
 from trimtab.core.record import replace
 from trimtab.core.time import ms, seconds
 from trimtab.environment.acoustics import Air
@@ -34,7 +34,9 @@ from trimtab.sensors.navigation_errors import NavigationErrors
 from trimtab.sensors.time_of_flight import Beacons, Medium
 from trimtab.sensors.ultrasonic_ranging import UltrasonicRanging
 
-Kind = Literal["errors", "ins", "ins-magnetometer", "ins-coupled", "ins-feedforward", "ins-direct", "tight", "particle"]
+Positioning = Literal["ins", "ins-magnetometer", "ins-coupled", "ins-feedforward", "ins-direct", "tight", "particle"]
+"""Those that know where the craft is."""
+Kind = Literal["errors", Positioning]
 Navigation = Annotated[
     Kind,
     {
@@ -112,7 +114,11 @@ def choose_navigation(
     if navigation == "errors":
         if bus != "none":
             problem = "there are no ultrasonic units on it: the navigation is the error model"
-            raise InputError("--set bus", problem, fix="--navigation ins --set bus=slave")
+            raise InputError(
+                argument_name("settings", "bus"),
+                problem,
+                fix=f"{argument('navigation', 'ins')} {argument('settings', 'slave', 'bus')}",
+            )
         return {"navigation": errors or NavigationErrors()}, Passthrough("navigation")
     beacons = hall_beacons(floor)
     medium = Medium(actual=replace(Air(), temperature=293.65))  # half a degree warmer than assumed

@@ -3,15 +3,20 @@
 Source: [1] Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006.
 """
 
-from typing import Any, Literal
+from typing import Annotated, Any, Literal, NamedTuple
+
+import jax
+import numpy as np
 
 from trimtab.actuators.allocation import ThrustVectorAllocation
-from trimtab.actuators.drive import NEUTRAL_COMMAND, FanDrive, drive_failsafe
+from trimtab.actuators.drive import NEUTRAL_COMMAND, FanDrive, SpeedController, drive_failsafe
+from trimtab.actuators.lookup import full_speed_table, thrust_table
+from trimtab.actuators.thruster import Thruster
 from trimtab.core.record import replace
 from trimtab.core.rotation import DEG
 from trimtab.core.time import ms, seconds
 from trimtab.links.latency import bluetooth_link
-from trimtab.links.wire import DelayChain
+from trimtab.links.wire import DelayChain, Wire
 from trimtab.logs.metrics import Target
 from trimtab.loop.autopilot import Autopilot
 from trimtab.loop.scenario import Scenario
@@ -21,7 +26,28 @@ from trimtab.scenarios.hovercraft._navigation import Bus, Floor, Navigation, cho
 from trimtab.sensors.navigation_errors import NavigationErrors
 from trimtab.vehicles.hovercraft import Hovercraft, HovercraftState
 
-Links = Literal["chain", "measured"]
+Links = Annotated[
+    Literal["chain", "measured", "none"],
+    {
+        "chain": "the constant delays of the source's simulation, 36 ms down and 40 ms up",
+        "measured": "random latencies with the statistics of its Bluetooth table",
+        "none": "processing on board: wires, no link in the loop",
+    },
+]
+Craft = Annotated[
+    Literal["thesis", "lighter"],
+    {
+        "thesis": "the source's, 2.6 kg",
+        "lighter": "half a pound less of electronics, 2.37 kg, with the same radius of gyration",
+    },
+]
+Fan = Annotated[
+    Literal["reversible", "variable-pitch"],
+    {
+        "reversible": "the source's: a brake of 150 ms out of reverse, and less than half the thrust in reverse",
+        "variable-pitch": "no brake, and as much thrust in reverse as forward",
+    },
+]
 Supervision = Literal["none", "automatic"]
 Initial = Literal["rest", "moving"]
 """Of the heading scenarios: [1] fig. 6.12, by the shortest way; fig. 6.11, with its plain difference of headings."""
@@ -29,6 +55,31 @@ MARGIN = 5.0
 """How far beyond its floor (m) a supervised hovercraft may get."""
 PAIRING = "free2move/linksys 2.9/22.0"
 """The radios that the source flew with."""
+POUND = 0.45359237
+LIGHTER = 1 - 0.5 * POUND / float(Hovercraft().mass)
+"""Mass and inertia of the lighter craft over the source's: [1] chapter 7 has half a pound of electronics to be saved.
+
+Where it sits is not said; that mass is taken off evenly, so that the radius of gyration stays (reconstructed).
+"""
+
+
+class Equipment(NamedTuple):
+    """What the source's scenarios let one choose; the defaults are the source's.
+
+    links: "chain", the constant delays of [1, fig. 6.1], 36 ms down and 40 ms up; "measured", random latencies with the
+    statistics of [1, table 5.1]; "none", no link in the loop, as with processing on board [1, chapter 7].
+    navigation: what the vehicle finds its way with, see `_navigation`.  supervisor: "automatic" flies as soon as all
+    checks pass, inside a speed envelope, and, where the position is known, over the floor and 5 m around it.
+    bus: "slave" has the ultrasonic units' samples pass a slow bus on the vehicle, before the radio.
+    craft, fan: vehicle and thrust fan, the source's or its chapter 7's.
+    """
+
+    links: Links
+    navigation: Navigation
+    supervisor: Supervision
+    bus: Bus
+    craft: Craft
+    fan: Fan
 
 
 def hovercraft_scenario(
@@ -37,49 +88,70 @@ def hovercraft_scenario(
     x: HovercraftState,
     duration_s: float,
     targets: tuple[Target, ...],
-    links: Links,
-    navigation: Navigation,
-    supervisor: Supervision,
-    bus: Bus,
+    equipment: Equipment,
     *,
     errors: NavigationErrors | None = None,
     floor: Floor,
-) -> Scenario:
+) -> Scenario[Hovercraft]:
     """A scenario around a law, on the source's vehicle, actuators, radio and navigation errors.
 
     Args:
         name: in the catalogue.
-        law: what flies it.
+        law: what flies it; it comes to believe in the craft that flies.
         x: first state.
         duration_s: length (s).
         targets: where signals should go, for the metrics.
-        links: "chain", the constant delays of [1, fig. 6.1], 36 ms down and 40 ms up; "measured", random latencies with
-            the statistics of [1, table 5.1].
-        navigation: what the vehicle finds its way with, see `_navigation`.
-        supervisor: "automatic" flies as soon as all checks pass, inside a speed envelope, and, where the position is
-            known, over the floor and 5 m around it.
-        bus: "slave" has the ultrasonic units' samples pass a slow bus on the vehicle, before the radio.
-        errors: of "errors"; the source's when None.
+        equipment: what was chosen.
+        errors: of navigation "errors"; the source's when None.
         floor: north from, to, east from, to (m), over which the ultrasonic beacons of the others hang.
     """
-    if links == "chain":
-        downlink, uplink = DelayChain(period=ms(6), steps=6), DelayChain(period=ms(20), steps=2)
-    else:
-        downlink, uplink = bluetooth_link(PAIRING, "down"), bluetooth_link(PAIRING, "up")
-    sensors, estimator = choose_navigation(navigation, errors, floor, bus)
+    downlink, uplink = _choose_links(equipment.links)
+    sensors, estimator = choose_navigation(equipment.navigation, errors, floor, equipment.bus)
     supervision = None
-    if supervisor == "automatic":
-        limits = _flight_limits(navigation, floor)
+    if equipment.supervisor == "automatic":
+        limits = _flight_limits(equipment.navigation, floor)
         supervision = Supervisor(neutral=NEUTRAL_COMMAND, automatic=True, limits=limits)
+    craft = choose_craft(equipment.craft)
+    drive, allocation = _choose_fan(equipment.fan)
+    if equipment.craft != "thesis":
+        law = jax.tree.map(lambda own: craft if _is_craft(own) else own, law, is_leaf=_is_craft)
     return Scenario(
-        world=World(vehicle=Hovercraft(), sensors=sensors, downlink=downlink, uplink=uplink, actuators=FanDrive()),
-        autopilot=Autopilot(estimator=estimator, law=law, allocation=ThrustVectorAllocation(), supervisor=supervision),
+        world=World(vehicle=craft, sensors=sensors, downlink=downlink, uplink=uplink, actuators=drive),
+        autopilot=Autopilot(estimator=estimator, law=law, allocation=allocation, supervisor=supervision),
         initial=x,
         duration=seconds(duration_s),
         targets=targets,
         failsafe=drive_failsafe(),
         name=name,
     )
+
+
+def choose_craft(craft: Craft) -> Hovercraft:
+    """The vehicle."""
+    own = Hovercraft()
+    return own if craft == "thesis" else replace(own, mass=own.mass * LIGHTER, inertia=own.inertia * LIGHTER)
+
+
+def _is_craft(own: Any) -> bool:
+    return isinstance(own, Hovercraft)
+
+
+def _choose_links(links: Links) -> tuple[Any, Any]:
+    """Downlink and uplink."""
+    if links == "measured":
+        return bluetooth_link(PAIRING, "down"), bluetooth_link(PAIRING, "up")
+    return (
+        (Wire(), Wire()) if links == "none" else (DelayChain(period=ms(6), steps=6), DelayChain(period=ms(20), steps=2))
+    )
+
+
+def _choose_fan(fan: Fan) -> tuple[FanDrive, ThrustVectorAllocation]:
+    """Drive and allocation; of a propeller with variable pitch a negative speed is a negative pitch."""
+    if fan == "reversible":
+        return FanDrive(), ThrustVectorAllocation()
+    even = replace(Thruster(), reverse_ratio=np.array([0.0, 0.0, 0.0, 1.0]))
+    drive = FanDrive(controller=SpeedController(brake=0), thruster=even, table=thrust_table(even))
+    return drive, ThrustVectorAllocation(thruster=even, table=full_speed_table(even))
 
 
 def _flight_limits(navigation: Navigation, floor: Floor) -> tuple[Limit, ...]:
@@ -104,9 +176,7 @@ def velocity_targets(surge: float = 0.0, yaw_rate: float = 0.0, yaw_band: float 
     )
 
 
-def heading_scenario(
-    name: str, law: Any, initial: Initial, links: Links, navigation: Navigation, supervisor: Supervision, bus: Bus
-) -> Scenario:
+def heading_scenario(name: str, law: Any, initial: Initial, equipment: Equipment) -> Scenario[Hovercraft]:
     """Turn to 1 rad from rest by the shortest way, or, as in the source's fig. 6.11, to 5 rad out of a spinning slide.
 
     The source does not give the first state of its fig. 6.11: it is reconstructed (docs page, Errata). As in the
@@ -120,6 +190,4 @@ def heading_scenario(
         law, errors = replace(law, wrapping="none"), NavigationErrors(heading_range="positive")
     law = replace(law, target=target)
     targets = (*velocity_targets(), Target("truth.heading", target, 5 * DEG))
-    return hovercraft_scenario(
-        name, law, x, 35, targets, links, navigation, supervisor, bus, errors=errors, floor=(-6, 6, -5, 9)
-    )
+    return hovercraft_scenario(name, law, x, 35, targets, equipment, errors=errors, floor=(-6, 6, -5, 9))

@@ -3,7 +3,8 @@
 from trimtab.laws.heading import HeadingProportional
 from trimtab.loop.scenario import Scenario
 from trimtab.scenarios.hovercraft._navigation import Bus, Navigation
-from trimtab.scenarios.hovercraft._thesis import Initial, Links, Supervision, heading_scenario
+from trimtab.scenarios.hovercraft._thesis import Craft, Equipment, Fan, Initial, Links, Supervision, heading_scenario
+from trimtab.vehicles.hovercraft import Hovercraft
 
 
 def scenario(
@@ -12,8 +13,9 @@ def scenario(
     navigation: Navigation = "errors",
     supervisor: Supervision = "none",
     bus: Bus = "none",
-) -> Scenario:
+    craft: Craft = "thesis",
+    fan: Fan = "reversible",
+) -> Scenario[Hovercraft]:
     """[1] figs. 6.11 and 6.12: k = 1.0 1/s, tolerance 1 deg; `--set autopilot.law.form=literal` is as published."""
-    return heading_scenario(
-        "hovercraft/heading-proportional", HeadingProportional(k=1.0), initial, links, navigation, supervisor, bus
-    )
+    equipment = Equipment(links, navigation, supervisor, bus, craft, fan)
+    return heading_scenario("hovercraft/heading-proportional", HeadingProportional(k=1.0), initial, equipment)

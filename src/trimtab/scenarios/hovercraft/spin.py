@@ -3,15 +3,29 @@
 from trimtab.laws.spin import SupervisedSpin
 from trimtab.loop.scenario import Scenario
 from trimtab.scenarios.hovercraft._navigation import Bus, Navigation
-from trimtab.scenarios.hovercraft._thesis import Links, Supervision, hovercraft_scenario, velocity_targets
-from trimtab.vehicles.hovercraft import HovercraftState
+from trimtab.scenarios.hovercraft._thesis import (
+    Craft,
+    Equipment,
+    Fan,
+    Links,
+    Supervision,
+    hovercraft_scenario,
+    velocity_targets,
+)
+from trimtab.vehicles.hovercraft import Hovercraft, HovercraftState
 
 
 def scenario(
-    links: Links = "chain", navigation: Navigation = "errors", supervisor: Supervision = "none", bus: Bus = "none"
-) -> Scenario:
+    links: Links = "chain",
+    navigation: Navigation = "errors",
+    supervisor: Supervision = "none",
+    bus: Bus = "none",
+    craft: Craft = "thesis",
+    fan: Fan = "reversible",
+) -> Scenario[Hovercraft]:
     """[1] fig. 6.10, table 6.4; the start is slow enough for the supervisor to spin at once."""
+    equipment = Equipment(links, navigation, supervisor, bus, craft, fan)
     law = SupervisedSpin()
     initial = HovercraftState(yaw_rate=0.1)
     name, targets, floor = "hovercraft/spin", velocity_targets(yaw_rate=3.0, yaw_band=0.15), (-4, 4, -4, 4)
-    return hovercraft_scenario(name, law, initial, 22, targets, links, navigation, supervisor, bus, floor=floor)
+    return hovercraft_scenario(name, law, initial, 22, targets, equipment, floor=floor)

@@ -16,7 +16,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from trimtab.core.errors import InputError
+from trimtab.core.errors import InputError, argument
 from trimtab.core.record import FAST_COMPILE_OPTIONS, replace
 from trimtab.core.rotation import DEG
 from trimtab.design.certificate import METHODS, Certificate, design_certificate
@@ -148,7 +148,9 @@ def _check_settings(integral: str, filter: str, kmode: str) -> None:
     offered = {"integral": ("false", "true"), "filter": (*FILTERS, "none"), "kmode": KMODES}
     for name, value in {"integral": integral, "filter": filter, "kmode": kmode}.items():
         if value not in offered[name]:
-            raise InputError(name, f"{value!r}", choices=offered[name], fix=f"--set {name}={offered[name][0]}")
+            raise InputError(
+                name, f"{value!r}", choices=offered[name], fix=argument("settings", offered[name][0], name)
+            )
 
 
 def certificate(**settings: str | float) -> Certificate:
@@ -183,7 +185,7 @@ def feedback_gain(
         strict: the regulator's Q in parts of Q_e.
     """
     if method not in METHODS:
-        raise InputError("method", f"{method!r}", choices=METHODS, fix="--method lqr")
+        raise InputError("method", f"{method!r}", choices=METHODS, fix=argument("method", "lqr"))
     A, B = error_matrices(linear, integral=integral)
     Qe, Re, scale = weights(integral=integral)
     return lqr(A, B, strict * Qe, Re, scale=scale) if method == "lqr" else lmi_gain(A, B, Qe, Re, scale=scale)

@@ -28,6 +28,7 @@ from trimtab.scenarios.hypersonic._internal import (
     preview_internal,
     sylvester_internal,
 )
+from trimtab.scenarios.hypersonic._plane import plane_truth
 from trimtab.sensors.angular_accelerometer import AngularAccelerometer
 from trimtab.sensors.flight_state import ActingInput, FlexibleTruth, FlightStateSensor
 from trimtab.vehicles.hypersonic import Hypersonic
@@ -43,6 +44,8 @@ Integral = Literal["on", "off"]
 """Whether the integrals of the errors of h and V are fed back; [1] has none."""
 Robust = Literal["off", "published", "minus", "smooth", "sign"]
 """Adaptive robust terms: none; u_h with the published or the other sign; u_s smoothed or with sgn."""
+Truth = Literal["paper", "plane"]
+"""The world: the paper's, or one with lags of engine and elevator, turbulence, and an accelerometer of finite grade."""
 TICK = ms(5)
 """Control period; [1] prints none."""
 
@@ -59,6 +62,7 @@ def hypersonic_scenario(
     noise: Noise = "off",
     integral: Integral = "on",
     robust: Robust = "off",
+    truth: Truth = "paper",
     K: Any = None,
 ) -> Scenario:
     """A scenario that begins in the level trim of the model, all modes at rest as the plant has them.
@@ -74,13 +78,15 @@ def hypersonic_scenario(
         noise: of the angular accelerometer, 0.01 rad/s^2 a sample.
         integral: whether the integrals of the errors of h and V are fed back.
         robust: adaptive robust terms.
+        truth: the world.
         K: gain (2, 9) in the place of the regulator's; then no integrals.
     """
     flown = plant or believed
     start = level_trim(believed, climb.h0, climb.V0)
+    size = 0.01 if noise == "on" else 0.0
     sensors = {
         "flight": FlightStateSensor(period=TICK),
-        "angular-accelerometer": AngularAccelerometer(period=TICK, noise=0.01 if noise == "on" else 0.0),
+        "angular-accelerometer": AngularAccelerometer(period=TICK, noise=size),
         "actuators": ActingInput(period=TICK),
     }
     world = World(
@@ -91,6 +97,8 @@ def hypersonic_scenario(
         actuators=DirectActuation(neutral_input=start.u, period=TICK),
         max_step=TICK,
     )
+    if truth == "plane":
+        world = plane_truth(world, size)
     tracking = StableInversion(
         internal=_make_internal(internal, believed, climb, duration_s),
         craft=believed,

@@ -5,18 +5,24 @@ from typing import Literal
 from trimtab.core.record import replace
 from trimtab.laws.path_command import FilteredClimb
 from trimtab.loop.scenario import Scenario
-from trimtab.scenarios.hypersonic._flight import Filter, Integral, Noise, hypersonic_scenario
+from trimtab.scenarios.hypersonic._flight import Filter, Integral, Noise, Truth, hypersonic_scenario
 from trimtab.vehicles.hypersonic import Hypersonic
 
 Frequency = Literal["1.10", "0.90", "1.05", "0.95", "1.02", "0.98", "1.00"]
 
 
 def scenario(
-    frequency: Frequency = "1.10", filter: Filter = "tuned", noise: Noise = "on", integral: Integral = "on"
+    frequency: Frequency = "1.10",
+    filter: Filter = "tuned",
+    noise: Noise = "on",
+    integral: Integral = "on",
+    truth: Truth = "paper",
 ) -> Scenario:
     """Both frequencies of the plant times `frequency`. With the printed settings of the filter the vehicle is lost."""
     craft = Hypersonic()
     plant = replace(craft, modes=craft.modes.detune(float(frequency)))
     climb = FilteredClimb(dh=3000.0, dV=500.0)
     name = "hypersonic/modal-mismatch"
-    return hypersonic_scenario(name, climb, 150.0, plant=plant, filter=filter, noise=noise, integral=integral)
+    return hypersonic_scenario(
+        name, climb, 150.0, plant=plant, filter=filter, noise=noise, integral=integral, truth=truth
+    )

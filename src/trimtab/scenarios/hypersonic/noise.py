@@ -2,11 +2,15 @@
 
 from trimtab.laws.path_command import FilteredClimb
 from trimtab.loop.scenario import Scenario
-from trimtab.scenarios.hypersonic._flight import Filter, Integral, Internal, hypersonic_scenario
+from trimtab.scenarios.hypersonic._flight import Filter, Integral, Internal, Truth, hypersonic_scenario
 
 
-def scenario(filter: Filter = "tuned", internal: Internal = "noncausal", integral: Integral = "on") -> Scenario:
+def scenario(
+    filter: Filter = "tuned", internal: Internal = "noncausal", integral: Integral = "on", truth: Truth = "paper"
+) -> Scenario:
     """The plant is the model; the noise is chosen, the source prints none."""
     climb = FilteredClimb(dh=5000.0, dV=1000.0)
     name = "hypersonic/noise"
-    return hypersonic_scenario(name, climb, 200.0, noise="on", filter=filter, internal=internal, integral=integral)
+    return hypersonic_scenario(
+        name, climb, 200.0, noise="on", filter=filter, internal=internal, integral=integral, truth=truth
+    )

@@ -1,0 +1,98 @@
+"""A bank of actuators: one for each field of the vehicle's input, each a row of stages."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from trimtab.actuators.lag import NO_LIMIT
+from trimtab.actuators.servo_pulse import ServoPulse, linear_pulse
+from trimtab.core.errors import InputError
+from trimtab.core.interfaces import optional_member
+from trimtab.core.record import Scalar, declarations, is_record, part, period, quantity, record, replace, tree_where
+from trimtab.core.rng import Key
+from trimtab.core.signals import PlanarForce, Sample
+from trimtab.core.time import ms, to_seconds
+
+
+@record
+class BankOutput:
+    """What acts on the vehicle. Frames: the input's. Source: this module."""
+
+    u: Any = part("The vehicle's input.")
+    limited: Scalar = quantity("1", "Some actuator is at its top speed or at a stop.", kind="flag")
+
+
+@record
+class ActuatorBank:
+    """Gives each field of the command to a row of stages, and what comes out to the vehicle.
+
+        ActuatorBank(Push(0.0), {"force": (TransportDelay(0.01), FirstOrderLag(0.05, rate_limit=200.0))})
+
+    A field that is not named follows its command at once. Without a valid command the neutral input is commanded, which
+    the actuators then go to at their own pace. A stage sees what comes out of the one before it; what acts from an
+    instant on is where the last will stand a period later.
+
+    Frames:  the input's.    Source:  docs page, Actuators of any vehicle.
+    """
+
+    neutral_input: Any = part("Input without a command, a record like the command's.", default=PlanarForce(0.0, 0.0))
+    stages: Any = part("Field of the input -> its stages, in the order that a command passes through.", default={})
+    period: int = period("How often they act.", default=ms(1))
+
+    def __post_init__(self) -> None:
+        if isinstance(self.stages, Mapping):  # one stage may stand for a row of one; not while JAX rebuilds the record
+            rows = {name: (row if isinstance(row, tuple) else (row,)) for name, row in self.stages.items()}
+            object.__setattr__(self, "stages", rows)
+
+    def check(self) -> None:
+        """Refuse fields that the input doesn't have, and stages that don't fit the period."""
+        kind = type(self.neutral_input)
+        known = [*declarations(kind)] if is_record(self.neutral_input) else []
+        for name, row in self.stages.items():
+            if name not in known:
+                problem = f"{kind.__name__} has no field {name!r}"
+                raise InputError("stages", problem, choices=known, fix="name the stages after fields of the input")
+            for stage in row:
+                if not all(callable(getattr(stage, method, None)) for method in ("init", "step")):
+                    problem = f"{type(stage).__name__} is no stage: it has no init(rest) and step(state, value, dt)"
+                    raise InputError(f"stages.{name}", problem, fix="trimtab.core.interfaces.ActuatorStage says more")
+                optional_member(stage, "check_period")(self.period)
+
+    def pulses(self) -> dict[str, ServoPulse]:
+        """Of each field that has stops or a pulse of its own: the table of its pulses."""
+        tables = {}
+        for name, row in self.stages.items():
+            own = [stage for stage in row if isinstance(stage, ServoPulse)]
+            lows = [float(stage.low) for stage in row if hasattr(stage, "low") and abs(stage.low) < NO_LIMIT]
+            highs = [float(stage.high) for stage in row if hasattr(stage, "high") and abs(stage.high) < NO_LIMIT]
+            if own or (lows and highs):
+                tables[name] = own[0] if own else linear_pulse(max(lows), min(highs))
+        return tables
+
+    def neutral(self) -> BankOutput:
+        """The neutral input."""
+        return BankOutput(u=self.neutral_input, limited=np.bool_(False))
+
+    def init(self, key: Key) -> dict[str, tuple[Any, ...]]:
+        """All at the neutral input."""
+        return {
+            name: tuple(stage.init(getattr(self.neutral_input, name)) for stage in row)
+            for name, row in self.stages.items()
+        }
+
+    def step(self, t: Any, state: dict[str, tuple[Any, ...]], command: Sample) -> tuple[Any, BankOutput]:
+        """The input from integer time t on."""
+        wanted = tree_where(command.valid, command.value, self.neutral_input)
+        dt, limited = to_seconds(self.period), jnp.zeros((), np.bool_)
+        states, changes = {}, {}
+        for name, row in self.stages.items():
+            value, own = getattr(wanted, name), []
+            for stage, before in zip(row, state[name], strict=True):
+                after, out = stage.step(before, value, dt)
+                value, limited = out.value, limited | out.limited
+                own.append(jax.tree.map(jnp.asarray, after))
+            states[name], changes[name] = tuple(own), value
+        return states, BankOutput(u=replace(wanted, **changes), limited=limited)

@@ -1,0 +1,126 @@
+"""Allocation of thrust and moments to n rotors, within their limits and without those that have failed; their drive.
+
+[1] is E. J. J. Smeur, G. C. H. E. de Croon, Q. Chu, "Prioritized control allocation for quadrotors subject to
+saturation", IMAV 2017.
+"""
+
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+
+from trimtab.actuators.servo_pulse import ServoPulse, linear_pulse
+from trimtab.core.box_least_squares import solve_box_least_squares
+from trimtab.core.errors import InputError
+from trimtab.core.record import Scalar, imperfection, option, part, period, quantity, record, switch
+from trimtab.core.rng import Key
+from trimtab.core.signals import Sample
+from trimtab.core.time import ms
+from trimtab.vehicles.quadrotor import Multirotor, RotorDemand, RotorSpeeds
+
+EFFORT = 1e-6
+"""Weight of a rotor's thrust beside those of the demand: it decides only between what serves the demand alike."""
+
+
+@record
+class RotorAllocation:
+    """The rotor thrusts that come closest to a demand, by weights of what is to be kept where not all can be.
+
+        minimise  |W (B T - v)|^2 + e |T - T0|^2    with  least <= T <= most,    T = 0 of a rotor that doesn't work
+
+    v = (thrust, moments), each row in parts of what half of the rotors can do; T0 shares the thrust out evenly. Tilt is
+    kept before thrust, thrust before yaw. Rotors of which more than four work share a demand as it is best for their
+    limits.
+
+    Frames:  B.
+    Valid:   to the end of the active set's steps, two for each rotor and two more; tests count what is left open.
+    Source:  [1] eqs. 11 to 17, with its weights 1000, 1000, 1 of roll, pitch, yaw and 100 of thrust.
+    """
+
+    craft: Multirotor = part("What it believes of the vehicle: of its rotors.", default=Multirotor())
+    least: Scalar = quantity("N", "Thrust of a rotor that idles.", default=0.3, low=0)
+    most: Scalar = quantity("N", "Greatest thrust of a rotor.", default=30.0, above=0)
+    weights: Any = quantity(
+        "1",
+        "Of thrust, roll, pitch, yaw.",
+        shape=(4,),
+        default=np.array([100.0, 1000, 1000, 1]),
+        above=0,
+        source="[1] section IV",
+    )
+
+    def check(self) -> None:
+        """Refuse limits that leave no room."""
+        if float(self.least) >= float(self.most):
+            problem = f"a least thrust of {float(self.least):g} N is not below the greatest, {float(self.most):g} N"
+            raise InputError("least", problem, fix="give one between 0 and the greatest")
+
+    def init(self, key: Key) -> tuple[()]:
+        """No state."""
+        return ()
+
+    def step(self, t: Any, state: tuple[()], demand: RotorDemand) -> tuple[tuple[()], RotorSpeeds]:
+        """The speeds of the rotors for a demand."""
+        return state, RotorSpeeds(self.craft.rotors.speeds(self.thrusts(demand)))
+
+    def thrusts(self, demand: RotorDemand) -> Any:
+        """Of each rotor (n,), N."""
+        B = self.craft.rotors.effectiveness()
+        n = B.shape[1]
+        works = jnp.asarray(demand.working)
+        reach = jnp.sum(jnp.abs(B), axis=1) / 2
+        rows = B * jnp.where(works, 1.0, 0.0) / reach[:, None]
+        v = jnp.concatenate([jnp.stack([jnp.asarray(demand.thrust, float)]), demand.moment]) / (reach * self.most)
+        even = v[0] * reach[0] / jnp.maximum(jnp.sum(works), 1)
+        W = (jnp.asarray(self.weights) / jnp.max(jnp.asarray(self.weights))) ** 2
+        H = rows.T @ (W[:, None] * rows) + EFFORT**2 * jnp.eye(n)
+        g = -rows.T @ (W * v) - EFFORT**2 * even
+        low, high = jnp.where(works, self.least / self.most, 0.0), jnp.where(works, 1.0, 0.0)
+        start = jnp.full(n, 1.0) * even
+        return self.most * solve_box_least_squares(H, g, low, high, start, steps=2 * n + 2).x
+
+
+@record
+class RotorDriveOutput:
+    """What the drives make of a command. Source: this module."""
+
+    u: RotorSpeeds = part("What the rotors are told; the vehicle's lag is after it.")
+
+
+@record
+class RotorDrive:
+    """The rotors' speed controllers: each speed between its limits, in steps as fine as the line to them carries.
+
+    Frames:  as the vehicle's.    Not modelled: battery, heat; the lag of rotor and motor is the vehicle's.
+    Source:  docs page, Rotor allocation.
+    """
+
+    least: Scalar = quantity("rad/s", "Slowest that a rotor turns once it is told to.", default=40.0, low=0)
+    most: Scalar = quantity("rad/s", "Fastest that it turns.", default=615.0, above=0)
+    resolution: Scalar = imperfection("rad/s", "Step of the speeds that can be told.", "speed-steps", default=0.3)
+    saturation: bool = switch("Whether speeds have limits.", "saturation")
+    count: int = option("How many rotors.", default=4)
+    period: int = period("How often a command acts.", default=ms(5))
+
+    def pulses(self) -> dict[str, ServoPulse]:
+        """Of the speeds, from standing still to the fastest."""
+        return {"speed": linear_pulse(0.0, self.most)}
+
+    def neutral(self) -> RotorDriveOutput:
+        """All stand still."""
+        return RotorDriveOutput(RotorSpeeds(jnp.zeros(self.count)))
+
+    def init(self, key: Key) -> tuple[()]:
+        """No state."""
+        return ()
+
+    def step(self, t: Any, state: tuple[()], command: Sample) -> tuple[tuple[()], RotorDriveOutput]:
+        """What the rotors are told from integer time t on; nothing until a command is valid."""
+        speed = command.value.speed
+        if self.saturation:
+            told = speed != 0
+            speed = jnp.where(told, jnp.clip(speed, self.least, self.most), 0.0)
+        fine = self.resolution > 0
+        step = jnp.where(fine, self.resolution, 1.0)
+        speed = jnp.where(fine, jnp.round(speed / step) * step, speed)
+        return state, RotorDriveOutput(RotorSpeeds(jnp.where(command.valid, speed, 0.0)))

@@ -1,0 +1,44 @@
+"""Costs of the same runs under two laws: which is less, by the paired t interval of their difference."""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy import special
+
+from trimtab.campaign.statistics.intervals import proportion
+
+
+class Comparison(NamedTuple):
+    """runs: pairs.  before, after: mean costs.  difference, low, high: after - before and its interval; nan without.
+
+    better, worse: runs in which the second costs less, and more.  improves: whether the interval says so.
+    """
+
+    runs: int
+    before: float
+    after: float
+    difference: float
+    low: float
+    high: float
+    better: int
+    worse: int
+    level: float
+    improves: bool
+
+
+def compare(before: Any, after: Any, level: float = 0.95) -> Comparison:
+    """Costs (n,) of the same runs, before and after; n at least 2."""
+    n = len(before)
+    better, worse = int((after < before).sum()), int((after > before).sum())
+    if np.isfinite(before).all() and np.isfinite(after).all():
+        d = after - before
+        half = float(special.stdtrit(n - 1, (1 + level) / 2) * d.std(ddof=1) / np.sqrt(n))
+        middle = float(d.mean())
+        low, high = middle - half, middle + half
+        improves = high < 0
+    else:
+        middle = low = high = float("nan")
+        improves = better + worse > 0 and proportion(better, better + worse, level).low > 0.5
+    return Comparison(
+        n, float(np.mean(before)), float(np.mean(after)), middle, low, high, better, worse, level, bool(improves)
+    )

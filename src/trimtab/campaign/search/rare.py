@@ -1,0 +1,353 @@
+"""How probable a rare failure is: splitting over a campaign's parameters and noise, and failures that fly again.
+
+The margin is that of `falsify`; what differs is drawn as in a campaign. The noise has GROUPS words: the draws of a
+run's random numbers are dealt out among them, so that a part of the noise is drawn anew while the rest stays.
+
+Roots fly in rounds of BATCHES batches. A round depends on the seed and its number alone, so that a folder in which
+rounds are kept goes on where it ended, with the same result as if it had not.
+
+Source: docs page, Rare failures; `campaign.statistics.splitting`.
+"""
+
+import json
+import math
+import time
+from collections.abc import Callable, Iterable, Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy import special
+
+from trimtab.campaign.sampling.points import inside_cube
+from trimtab.campaign.search.falsify import margins, with_margin
+from trimtab.campaign.statistics import splitting
+from trimtab.campaign.statistics.intervals import Mean
+from trimtab.campaign.statistics.splitting import Descent, Ladder
+from trimtab.campaign.workers.block import compute_log_metrics, fly_points, uses_c
+from trimtab.campaign.workers.prepare import (
+    CampaignPlan,
+    PreparedCampaign,
+    check_bounds,
+    identity,
+    parameters_at,
+    plan_search,
+    prepare_campaign,
+    refuse_options,
+    scenario_at,
+)
+from trimtab.core.errors import InputError, argument, argument_name
+from trimtab.core.record import replace
+from trimtab.logs.mcap import replace_file
+from trimtab.loop.scenario import Scenario
+from trimtab.run.simulate import simulate
+
+GROUPS = 32
+"""Words of the noise."""
+ROUNDS, BATCHES = 4, 10
+"""Rounds of the runs asked for; batches of a round, of whose means the interval is made."""
+LEAST_RUNS = 5000
+FARTHEST = 6.0
+"""Standard deviations at which parts must be ready to fly."""
+STATE = "rare.json"
+PILOT_STREAM, ROUND_STREAM = 0, 1
+
+
+class Failure(NamedTuple):
+    """A run that fails. z: standard normal numbers of its parameters.  words: of its noise.  margin: as it was found.
+
+    values: path -> what the parameters have there, to the bit.  columns: its metrics; both as it flew again by itself.
+    """
+
+    z: Any
+    words: tuple[int, ...]
+    margin: float
+    values: dict[str, Any]
+    columns: dict[str, Any]
+
+
+class PilotReport(NamedTuple):
+    """What is known before the roots fly. runs: more that will be flown, about.  wall_s: about how long they take.
+
+    width: about half the interval's width, in parts of the probability.
+    """
+
+    ladder: Ladder
+    runs: int
+    wall_s: float
+    width: float
+
+
+class Round(NamedTuple):
+    """What the roots of one round found, as it is kept.
+
+    sums: (BATCHES,), failing descendants of each batch.  failing_roots: how many had any.  survivors, taken: of each
+    level.  flown: runs.  worst, likeliest: z, words and margin of two failures, where there were any.
+    """
+
+    sums: list[int]
+    failing_roots: int
+    survivors: list[int]
+    taken: list[float]
+    flown: int
+    worst: list[Any]
+    likeliest: list[Any]
+
+
+class RareResult(NamedTuple):
+    """The probability of a failure, its interval, and two failures.
+
+    ladder: the levels.  roots: how many in all; failing_roots: of how many some descendant failed.  survivors: (K,),
+    points below each level.  taken: (K - 1,), share of the steps taken below each.  flown_runs: in all, with the pilot;
+    new_runs: of this session.  worst: the failure of least margin; likeliest: that of the most probable parameters.
+    """
+
+    plan: CampaignPlan
+    probability: Mean
+    ladder: Ladder
+    roots: int
+    failing_roots: int
+    survivors: Any
+    taken: Any
+    flown_runs: int
+    new_runs: int
+    has_noise: bool
+    worst: Failure | None
+    likeliest: Failure | None
+    wall_s: float
+
+
+def estimate_rare(
+    scenario: str | Scenario,
+    *,
+    spread: Mapping[str, str] | None = None,
+    fault_ranges: Iterable[str] = (),
+    vary: Iterable[str] = (),
+    success: Iterable[str] = (),
+    runs: int = 100_000,
+    seed: int = 0,
+    settings: Mapping[str, str] | None = None,
+    without: Iterable[str] = (),
+    faults: Iterable[str] = (),
+    folder: Path | None = None,
+    backend: str = "auto",
+    threads: int | None = None,
+    progress: Callable[[int], None] | None = None,
+    report: Callable[[PilotReport], None] | None = None,
+) -> RareResult:
+    """The probability that a run fails, where failures are rare.
+
+    Args:
+        scenario: its name in the catalogue, ``file.py:function``, or the scenario itself.
+        spread: path -> distribution as text; nothing but the noise differs without.
+        fault_ranges, vary: as of `falsify`; all within their bounds is equally probable.
+        success: what a run must do, e.g. "peak:yaw_rate <= 4"; each target reached for good when empty.
+        runs: how many may fly, about.
+        seed: of everything that is drawn.
+        settings, without, faults: as `trimtab run` takes them; for a scenario that is named.
+        folder: where rounds are kept as they are done, and looked for.
+        backend, threads: as `simulate_batch`.
+        progress: called with the number of runs flown since.
+        report: called once, after the pilot.
+
+    Raises: InputError for what can't be flown, before anything is; where the margin doesn't lead to a failure; where
+        the folder holds something else.
+    """
+    began = time.perf_counter()
+    if runs < LEAST_RUNS:
+        raise InputError(
+            argument_name("runs"), f"{runs} runs are too few to get down to what is rare", fix=argument("runs", 100000)
+        )
+    plan = plan_search(
+        "rare",
+        scenario,
+        spread or {},
+        fault_ranges=fault_ranges,
+        vary=vary,
+        settings=settings,
+        without=without,
+        faults=faults,
+        seed=seed,
+        runs=256,
+        success=tuple(success),
+    )
+    ready = with_margin(prepare_campaign(plan, None if isinstance(scenario, str) else scenario))
+    ready = ready._replace(scenario=replace(ready.scenario, words=(0,) * GROUPS))
+    _check_differences(ready)
+    options = {"backend": backend, "threads": threads, "progress": progress}
+    study = _Study(ready, options, folder, "c" if backend == "c" or uses_c(ready, backend) else "jax")
+    study.read_or_pilot(runs)
+    roots = BATCHES * study.roots
+    wanted = max(ROUNDS, round((runs - study.ladder.flown) / (study.ladder.roots_cost * roots)))
+    more = max(wanted - len(study.rounds), 0)
+    if report is not None and more:
+        cost = more * roots * study.ladder.roots_cost
+        width = splitting.expected_width(study.ladder, max(wanted, len(study.rounds)) * roots)
+        report(PilotReport(study.ladder, round(cost), cost / study.rate, width))
+    study.fly_rounds(wanted)
+    return study.summarise(time.perf_counter() - began)
+
+
+def _check_differences(ready: PreparedCampaign) -> None:
+    """Refuse a spread that a search can't move, or that leads out of what can be flown."""
+    refuse_options(ready)
+    if ready.spread.factors:
+        ends = np.array([[-FARTHEST], [FARTHEST]]) * np.ones(len(ready.spread.factors))
+        check_bounds(ready, inside_cube(special.ndtr(ends)))
+
+
+class _Study:
+    """What is known of one failure: ladder, and the rounds so far."""
+
+    ladder: Ladder
+    roots: int
+    """Of a batch."""
+    words: int
+
+    def __init__(self, ready: PreparedCampaign, options: Mapping[str, Any], folder: Path | None, used: str) -> None:
+        self.ready, self.options, self.folder = ready, options, folder
+        self.identity = identity(ready.plan, ready.scenario, used)
+        self.rounds: list[Round] = []
+        self.new_runs, self.rate, self.d = 0, math.inf, len(ready.spread.factors)
+
+    def margins(self, z: Any, words: Any) -> Any:
+        """Margins (n,) at parameters z (n, d) with words (n, m)."""
+        if not words.shape[1]:
+            words = np.zeros((len(z), GROUPS), np.uint32)
+        self.new_runs += len(z)
+        return margins(fly_points(self.ready, inside_cube(special.ndtr(z)), words, **self.options))
+
+    def read_or_pilot(self, runs: int) -> None:
+        """The ladder that the folder has, with its rounds; or a new one, for so many runs in all."""
+        file = None if self.folder is None else self.folder / STATE
+        if file is not None and file.exists():
+            self._read(file)
+            return
+        rng = np.random.default_rng([self.ready.plan.seed, PILOT_STREAM])
+        self.words = GROUPS if self._find_noise(rng) else 0
+        if not (self.d or self.words):
+            problem = "nothing differs: no parameter is spread, and no part draws random numbers"
+            raise InputError(
+                argument_name("spread"), problem, fix=argument("spread", "normal(100%, 5%)", "world.vehicle.mass")
+            )
+        began, before = time.perf_counter(), self.new_runs
+        size = int(np.clip(runs // 60, 700, 2000))
+        try:
+            self.ladder = splitting.set_ladder(self.margins, rng, size, self.d, self.words)
+        except splitting.Stalled as stalled:
+            problem = f"after {stalled.flown} runs the margin stays at {stalled.level:.4g} and leads to no failure"
+            fix = "a condition on what comes before the failure, e.g. a peak: its room is the way down"
+            raise InputError(argument_name("success"), problem, fix=fix) from None
+        self.rate = (self.new_runs - before) / (time.perf_counter() - began)
+        rest = max(runs - self.ladder.flown, 0)
+        self.roots = max(math.ceil(rest / self.ladder.roots_cost / (ROUNDS * BATCHES)), 10)
+        self._write()
+
+    def _find_noise(self, rng: np.random.Generator) -> bool:
+        """Whether other words make other runs."""
+        n = 64
+        z, words = rng.standard_normal((n, self.d)), rng.integers(0, 2**32, (2, n, GROUPS), dtype=np.uint32)
+        first, second = self.margins(z, words[0]), self.margins(z, words[1])
+        self.new_runs = 0  # they are no part of the estimate
+        return not np.array_equal(first, second)
+
+    def fly_rounds(self, wanted: int) -> None:
+        """Rounds that are missing, each kept when it is done."""
+        for number in range(len(self.rounds), wanted):
+            rng = np.random.default_rng([self.ready.plan.seed, ROUND_STREAM, number])
+            roots = BATCHES * self.roots
+            found = splitting.descend(self.margins, rng, self.ladder, roots, self.d, self.words)
+            self.rounds.append(_round_of(found))
+            self._write()
+
+    def summarise(self, wall_s: float) -> RareResult:
+        """What all rounds say together."""
+        sums = [n for r in self.rounds for n in r.sums]
+        survivors = np.sum([r.survivors for r in self.rounds], axis=0)
+        worst = min((r.worst for r in self.rounds if r.worst), key=lambda f: f[2], default=None)
+        likeliest = min((r.likeliest for r in self.rounds if r.likeliest), key=_distance, default=None)
+        return RareResult(
+            plan=self.ready.plan,
+            probability=splitting.probability(sums, self.roots, self.ladder),
+            ladder=self.ladder,
+            roots=self.roots * len(sums),
+            failing_roots=sum(r.failing_roots for r in self.rounds),
+            survivors=survivors,
+            taken=np.mean([r.taken for r in self.rounds], axis=0),
+            flown_runs=self.ladder.flown + sum(r.flown for r in self.rounds),
+            new_runs=self.new_runs,
+            has_noise=bool(self.words),
+            worst=None if worst is None else self._fly_again(worst),
+            likeliest=None if likeliest is None else self._fly_again(likeliest),
+            wall_s=wall_s,
+        )
+
+    def _fly_again(self, kept: list[Any]) -> Failure:
+        z, words, margin = np.array(kept[0], np.float64), tuple(kept[1]) or (0,) * GROUPS, kept[2]
+        u, plan = inside_cube(special.ndtr(z)), self.ready.plan
+        scenario = replace(scenario_at(self.ready, u), words=words)
+        log = simulate(
+            scenario,
+            seed=plan.seed,
+            log_period=plan.log_period,
+            signals=self.ready.logged_signals,
+            backend=self.options["backend"],
+        )
+        columns = compute_log_metrics(self.ready, log)
+        values = parameters_at(self.ready, u) if self.d else {}
+        return Failure(z, words, margin, values, {name: column[0] for name, column in columns.items()})
+
+    def _write(self) -> None:
+        if self.folder is None:
+            return
+        ladder = {name: np.asarray(value).tolist() for name, value in self.ladder._asdict().items()}
+        plain = {
+            "identity": self.identity,
+            "ladder": ladder,
+            "roots": self.roots,
+            "words": self.words,
+            "rounds": [r._asdict() for r in self.rounds],
+        }
+        self.folder.mkdir(parents=True, exist_ok=True)
+        with replace_file(self.folder / STATE) as stream:
+            stream.write(json.dumps(plain).encode())
+
+    def _read(self, file: Path) -> None:
+        try:
+            plain = json.loads(file.read_text(encoding="utf-8"))
+            same = plain["identity"] == self.identity
+            of = plain["ladder"]
+            steps = np.reshape(of["steps"], (len(of["refresh"]), self.d)) if same else ()
+            self.ladder = Ladder(np.array(of["levels"]), steps, np.array(of["refresh"]), of["estimate"], of["flown"])
+            self.roots, self.words = plain["roots"], plain["words"]
+            self.rounds = [Round(**r) for r in plain["rounds"]]
+        except (OSError, ValueError, KeyError, TypeError) as error:
+            fix = f"{argument_name('out')} with a new folder"
+            raise InputError(argument_name("out"), f"{str(file)!r} can't be read: {error}", fix=fix) from None
+        if not same:
+            problem = f"{str(file.parent)!r} holds another failure, or one of another version or backend"
+            raise InputError(
+                argument_name("out"),
+                problem,
+                fix=f"{argument_name('out')} with a new folder, or what that one was made of",
+            )
+
+
+def _distance(kept: list[Any]) -> float:
+    return math.hypot(*kept[0])
+
+
+def _round_of(found: Descent) -> Round:
+    failures, kept = found.failures, list[list[Any]]()
+    if len(failures.margin):
+        for i in (int(np.argmin(failures.margin)), int(np.argmin((failures.z**2).sum(axis=1)))):
+            kept.append([failures.z[i].tolist(), failures.words[i].tolist(), float(failures.margin[i])])
+    return Round(
+        sums=found.counts.reshape(BATCHES, -1).sum(axis=1).tolist(),
+        failing_roots=int((found.counts > 0).sum()),
+        survivors=found.survivors.tolist(),
+        taken=found.taken.tolist(),
+        flown=found.flown,
+        worst=kept[0] if kept else [],
+        likeliest=kept[1] if kept else [],
+    )

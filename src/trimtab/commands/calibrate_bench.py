@@ -1,0 +1,352 @@
+"""`trimtab calibrate rudder|hull|thrust|reverse|inertia|friction|gyro`: from measurements on the bench."""
+
+import math
+from pathlib import Path
+from typing import Any
+
+import click
+import numpy as np
+
+from trimtab.actuators.rudder import RudderGeometry
+from trimtab.actuators.thruster import Thruster
+from trimtab.commands.calibrate_files import CalibrationReport, finish_calibration
+from trimtab.commands.options import FILE, JSON, OUT, PLOT
+from trimtab.core.errors import InputError
+from trimtab.core.rotation import DEG
+from trimtab.core.units import UNITS, find_size
+from trimtab.identify import coast_down, gyro_response, inertia, rudder, spin_up, thrust
+from trimtab.identify.calibration import (
+    Calibration,
+    Entry,
+    flat_entries,
+    joint_covariance,
+    read_calibration,
+)
+from trimtab.identify.measurements import Measurements, read_measurements, refuse_spikes
+from trimtab.identify.regression import LinearFit, student_reach
+from trimtab.plots.calibration import FitCurve, FitPanel
+from trimtab.vehicles.hovercraft import Friction, Hovercraft
+
+SLIP = {"torque": float(Friction().slip_rate), "force": float(Friction().slip_speed)}
+ASSUMED = (Hovercraft(), RudderGeometry(), Thruster())
+"""The source's craft, for what neither an option nor the calibration says."""
+
+DATA = click.argument("data", type=FILE)
+ADD = OUT("FILE.toml", "Write the numbers into this calibration file, beside those that it holds.")
+DRAW = PLOT("Picture of the fit with its residuals.")
+
+
+def parse_amount(context: click.Context, parameter: click.Parameter, text: str | None) -> float | None:
+    """A number with its unit, e.g. '1.1 N', in SI; the option's name says what it measures."""
+    if text is None:
+        return None
+    kept = AMOUNTS[str(parameter.name)]
+    number, _, unit = text.strip().partition(" ")
+    size = find_size(unit, kept)
+    try:
+        amount = float(number) * (math.nan if size is None else size)
+    except ValueError:
+        amount = math.nan
+    if not math.isfinite(amount):
+        where, problem = f"--{parameter.name}", f"{text!r} is no number with a unit"
+        raise InputError(where, problem, choices=UNITS[kept], fix=f"{where} '1.5 {kept}'")
+    return amount
+
+
+AMOUNTS = {"force": "N", "rudder": "rad", "arm": "m", "mass": "kg", "division": "N"}
+
+
+@click.command(name="rudder")
+@DATA
+@ADD
+@DRAW
+@JSON
+def calibrate_rudder(data: Path, out: Path | None, plot: Path | None, as_json: bool) -> None:
+    """The servo's table: DATA has columns pulse [us] and angle [deg].
+
+    Measure 1.00, 1.05 … 2.00 ms going up, and again coming down; a column way (1 and -1) tells them apart, so that the
+    play of the linkage is found and does not count as spread.
+    """
+    rows = read_measurements(data, rudder.SERVO_COLUMNS)
+    servo = rudder.fit_servo(rows)
+    reach = servo.errors * student_reach(servo.fit.freedom)
+    curve = _curve(
+        1e3 * rows["pulse"], rows["angle"] / DEG, servo.fit, (1e3 * servo.pulses, servo.angles / DEG), 1 / DEG
+    )
+    note = "" if servo.play is None else f"play ±{servo.play / DEG:.2f}°"
+    panel = FitPanel("Rudder servo", "pulse (ms)", "angle (°)", [curve._replace(band=reach / DEG)], note)
+    finish_calibration(
+        "rudder", rudder.servo_calibration(rows, servo), _report(rows, servo.fit, "angle", panel), out, plot, as_json
+    )
+
+
+@click.command(name="hull")
+@DATA
+@ADD
+@DRAW
+@JSON
+def calibrate_hull(data: Path, out: Path | None, plot: Path | None, as_json: bool) -> None:
+    """Where the force points: DATA has columns rudder [deg] and hull [deg].
+
+    Let the craft pull on a string: the angle from its nose to the string's line is that of the force.
+    """
+    rows = read_measurements(data, rudder.HULL_COLUMNS)
+    hull = rudder.fit_hull_angle(rows)
+    line = np.linspace(rows["hull"].min(), rows["hull"].max(), 50)
+    A = np.stack([-line, np.ones_like(line)], 1)
+    curve = _curve(
+        rows["hull"] / DEG, rows["rudder"] / DEG, hull.fit, (line / DEG, A @ hull.fit.value[:2] / DEG), 1 / DEG
+    )
+    curve = curve._replace(band=_band(A, hull.fit) / DEG)
+    note = f"correlation {hull.correlation:.4f}"
+    panel = FitPanel("Rudder against force", "force angle (°)", "rudder angle (°)", [curve], note)
+    finish_calibration(
+        "hull", rudder.hull_calibration(rows, hull), _report(rows, hull.fit, "rudder", panel), out, plot, as_json
+    )
+
+
+@click.command(name="thrust")
+@DATA
+@ADD
+@DRAW
+@JSON
+def calibrate_thrust(data: Path, out: Path | None, plot: Path | None, as_json: bool) -> None:
+    """Thrust by speed and rudder: DATA has columns rudder [deg], speed [rpm] and force [N] (or gf, ozf).
+
+    The rudder angle of full thrust is that of the calibration in --out, where `trimtab calibrate hull` was there first.
+    """
+    rows = read_measurements(data, thrust.THRUST_COLUMNS)
+    offset = _find_number(out, "Thruster.offset")
+    fit = thrust.fit_thrust(rows, offset)
+    panels = [_thrust_panel(rows, fit, offset), _eta_panel(fit, offset)]
+    report = _report(rows, fit.fit, "force", *panels)
+    if len(fit.angles) < 3:
+        angles = ", ".join(f"{a / DEG:.0f}°" for a in fit.angles)
+        text = f"the rudder stood at {angles} only: how thrust falls with it is taken from the formula, not tested"
+        report = report._replace(notes=(*report.notes, text))
+    if not fit.follows_formula():
+        text = f"thrust does not fall with the rudder as cos(theta - offset) (chance {fit.chance:.1e}):"
+        report = report._replace(notes=(*report.notes, f"{text} tables of what was measured are used"))
+    finish_calibration("thrust", thrust.thrust_calibration(rows, fit), report, out, plot, as_json)
+
+
+@click.command(name="reverse")
+@DATA
+@click.option("--division", callback=parse_amount, default="0.1 N", show_default=True, help="Of the gauge's scale.")
+@ADD
+@DRAW
+@JSON
+def calibrate_reverse(data: Path, division: float, out: Path | None, plot: Path | None, as_json: bool) -> None:
+    """Reverse over forward thrust: DATA has columns speed [rpm], forward [N] and reverse [N]."""
+    rows = read_measurements(data, thrust.REVERSE_COLUMNS)
+    fit = thrust.fit_reverse(rows, division / np.sqrt(12))
+    n = np.linspace(rows["speed"].min(), rows["speed"].max(), 100) * 1e-3
+    A = np.stack([n**3, n**2, n, np.ones_like(n)], 1)
+    ratio, krpm = rows["reverse"] / rows["forward"], rows["speed"] * 1e-3
+    fitted = np.polyval(fit.coefficients, krpm)
+    curve = FitCurve(krpm, ratio, fitted, fit.fit.kept, n, A @ fit.coefficients, _band(A, fit.fit))
+    panel = FitPanel("Reverse over forward thrust", "speed (krpm)", "ratio", [curve])
+    report = CalibrationReport(
+        rows.file, len(rows), _describe_outliers(rows, fit.fit, "reverse", ratio - fitted), (panel,)
+    )
+    finish_calibration("reverse", thrust.reverse_calibration(rows, fit), report, out, plot, as_json)
+
+
+@click.command(name="inertia")
+@DATA
+@click.option("--force", callback=parse_amount, metavar="'1.1 N'", help="Thrust held, where DATA is a spin-up.")
+@click.option("--rudder", callback=parse_amount, metavar="'-20 deg'", help="Rudder angle held.")
+@click.option("--arm", callback=parse_amount, metavar="'0.32 m'", help="Centre of mass to rudder pivot.")
+@ADD
+@DRAW
+@JSON
+def calibrate_inertia(
+    data: Path,
+    force: float | None,
+    rudder: float | None,
+    arm: float | None,
+    out: Path | None,
+    plot: Path | None,
+    as_json: bool,
+) -> None:
+    """Moment of inertia: DATA is a table of trials, or the yaw rates of one with --force and --rudder.
+
+    A table has columns rudder [deg], force [N] and slope [rad/s^2]; a trial's log time [s] and yaw_rate [deg/s], from
+    before the release; the straight part of its rise is found.
+    """
+    geometry = _find_geometry(out, arm)
+    if (force is None) != (rudder is None):
+        raise InputError(
+            "calibrate inertia", "--force and --rudder belong together", fix="--force '1.1 N' --rudder '-20 deg'"
+        )
+    if force is None:
+        rows = read_measurements(data, spin_up.TRIAL_COLUMNS)
+        found = spin_up.inertia_of_trials(rows, geometry)
+        trial = np.arange(1, len(rows) + 1)
+        mean = np.full(len(rows), found.J)
+        curve = FitCurve(trial, found.each, mean, found.fit.kept, trial, mean, np.full(len(rows), found.reach()))
+        panel = FitPanel("Moment of inertia", "trial", "J (kg m²)", [curve])
+        report = CalibrationReport(
+            rows.file, len(rows), _describe_outliers(rows, found.fit, "slope", found.each - found.J), (panel,)
+        )
+        finish_calibration("inertia", spin_up.inertia_calibration(rows, found), report, out, plot, as_json)
+        return
+    assert rudder is not None
+    rows = read_measurements(data, spin_up.SPIN_UP_COLUMNS, series=True)
+    refuse_spikes(rows, "yaw_rate")
+    part = inertia.find_linear_portion(rows["time"], rows["yaw_rate"])
+    J, error, freedom = spin_up.inertia_of_spin_up(part, force, rudder, geometry)
+    since = rows["time"] - part.start
+    used = (since >= 0) & (since <= part.window)
+    line = float(part.fit.offset) + float(part.fit.slope) * since
+    curve = FitCurve(since, rows["yaw_rate"], np.where(used, line, np.nan), np.ones_like(used), since[used], line[used])
+    note = f"let go at {part.start:.2f} s, straight for {part.window:.2f} s"
+    panel = FitPanel("Spin-up", "since the release (s)", "yaw rate (rad/s)", [curve], note)
+    about: dict[str, Any] = {"source": f"{rows.file}: {note}", "procedure": "inertia", "freedom": freedom}
+    calibration = Calibration({"Hovercraft.inertia": Entry(J, "kg m^2", error, **about)})
+    report = CalibrationReport(rows.file, len(rows), (), (panel,), (note,))
+    finish_calibration("inertia", calibration, report, out, plot, as_json)
+
+
+@click.command(name="friction")
+@DATA
+@click.option("--mass", callback=parse_amount, metavar="'2.6 kg'", help="For a glide.")
+@ADD
+@DRAW
+@JSON
+def calibrate_friction(data: Path, mass: float | None, out: Path | None, plot: Path | None, as_json: bool) -> None:
+    """Friction from coast-downs: DATA has columns time [s] and yaw_rate [rad/s], or speed [m/s]; trial numbers them."""
+    head = data.read_text(encoding="utf-8-sig").splitlines()[:1] if data.is_file() else []
+    kind, speed = ("force", "speed") if head and "speed" in head[0] else ("torque", "yaw_rate")
+    columns = coast_down.GLIDE_COLUMNS if kind == "force" else coast_down.SPIN_COLUMNS
+    rows = read_measurements(data, columns)
+    if kind == "force":
+        size, error = (_find_number(out, m := "Hovercraft.mass"), _find_error(out, m)) if mass is None else (mass, 0.0)
+    else:
+        size, error = _find_number(out, j := "Hovercraft.inertia"), _find_error(out, j)
+    fit = coast_down.fit_coast_down(coast_down.split_trials(rows, speed), size, kind, SLIP[kind], error)
+    curves = [
+        FitCurve(t, v, fitted, np.ones(len(t), bool), t, fitted, label=f"trial {k}" if len(fit.trials) > 1 else "")
+        for k, (t, v, fitted) in enumerate(fit.trials, 1)
+    ]
+    unit = "m/s" if kind == "force" else "rad/s"
+    panel = FitPanel(f"Coast-down: {kind}", "time (s)", f"{speed.replace('_', ' ')} ({unit})", curves)
+    notes = [
+        f"{name} friction is not told apart from none by this data: at most {1.96 * error:.3g} {unit}"
+        for name, value, error, unit in zip(
+            coast_down.NAMES, fit.coefficients, fit.standard_errors(), coast_down.UNITS[kind], strict=True
+        )
+        if value < 1.96 * error
+    ]
+    report = CalibrationReport(rows.file, len(rows), (), (panel,), tuple(notes))
+    finish_calibration("friction", coast_down.friction_calibration(rows.file, fit), report, out, plot, as_json)
+
+
+@click.command(name="gyro")
+@DATA
+@ADD
+@DRAW
+@JSON
+def calibrate_gyro(data: Path, out: Path | None, plot: Path | None, as_json: bool) -> None:
+    """How a gyro follows: DATA has columns time [s], reference [rad/s] and gyro [rad/s], of a sweep."""
+    rows = read_measurements(data, gyro_response.COLUMNS, series=True)
+    fit = gyro_response.fit_gyro(rows)
+    t, good = rows["time"] - rows["time"][0], np.ones(len(rows), bool)
+    curve = FitCurve(t, rows["gyro"], fit.fitted, good, t, fit.fitted)
+    back = fit.inverse(rows["gyro"])
+    late = np.concatenate([rows["reference"][:1].repeat(fit.delay), rows["reference"][: len(rows) - fit.delay]])
+    inverse = FitCurve(t, late, back, good, t, back)
+    note = f"delay {fit.delay} samples, rms {fit.deviation:.2g} rad/s"
+    panels = (
+        FitPanel("Gyro and its model", "time (s)", "rate (rad/s)", [curve], note),
+        FitPanel("Reference and the inverse", "time (s)", "rate (rad/s)", [inverse]),
+    )
+    notes = (f"{note}; gain at rest {fit.gain():.4f}; the sweep reaches {fit.highest:.3g} Hz: no further is it known",)
+    report = CalibrationReport(rows.file, len(rows), (), panels, notes)
+    finish_calibration("gyro", gyro_response.gyro_calibration(rows, fit), report, out, plot, as_json)
+
+
+PROCEDURES = (
+    calibrate_rudder,
+    calibrate_hull,
+    calibrate_thrust,
+    calibrate_reverse,
+    calibrate_inertia,
+    calibrate_friction,
+    calibrate_gyro,
+)
+
+
+def _find_number(out: Path | None, name: str) -> float:
+    """A number of the calibration that is being added to, or the source's."""
+    if out is not None and out.exists():
+        entries = read_calibration(out).entries
+        if name in entries:
+            return float(entries[name].value)
+    kind, _, field = name.partition(".")
+    return float(next(getattr(r, field) for r in ASSUMED if type(r).__name__ == kind))
+
+
+def _find_error(out: Path | None, name: str) -> float:
+    """Its standard error; 0 where it isn't of the calibration."""
+    flat = flat_entries(read_calibration(out)) if out is not None and out.exists() else {}
+    return flat[name][1] if name in flat else 0.0
+
+
+def _find_geometry(out: Path | None, arm: float | None) -> spin_up.ForceGeometry:
+    """Where the force points, with what isn't known of it."""
+    names = ("RudderGeometry.ratio", "RudderGeometry.offset")
+    known = read_calibration(out) if out is not None and out.exists() else Calibration({})
+    covariance = joint_covariance(known, names) if names[0] in known.entries else np.zeros((2, 2))
+    arm = _find_number(out, "Hovercraft.arm") if arm is None else arm
+    return spin_up.ForceGeometry(arm, _find_number(out, names[0]), _find_number(out, names[1]), covariance)
+
+
+def _report(rows: Measurements, fit: LinearFit, column: str, *panels: FitPanel) -> CalibrationReport:
+    return CalibrationReport(rows.file, len(rows), _describe_outliers(rows, fit, column, fit.residuals), panels)
+
+
+def _describe_outliers(rows: Measurements, fit: LinearFit, column: str, rest: Any) -> tuple[str, ...]:
+    """What was left out: line, column, value and how far it is off."""
+    return tuple(
+        f"line {rows.lines[i]}, column {column!r}: {rows[column][i]:.6g} is {abs(rest[i]):.3g} off the others"
+        for i in np.flatnonzero(~fit.kept)
+    )
+
+
+def _curve(x: Any, y: Any, fit: LinearFit, line: tuple[Any, Any], scale: float) -> FitCurve:
+    return FitCurve(x, y, y - fit.residuals * scale, fit.kept, *line)
+
+
+def _band(A: Any, fit: LinearFit) -> Any:
+    """Half the 95 % interval of a fitted line at each row of A."""
+    P = fit.covariance[: A.shape[1], : A.shape[1]]
+    return student_reach(fit.freedom) * np.sqrt(np.einsum("ij,jk,ik->i", A, P, A))
+
+
+def _thrust_panel(rows: Measurements, fit: thrust.ThrustFit, offset: float) -> FitPanel:
+    curves = []
+    for angle in fit.angles:
+        of = np.abs(rows["rudder"] - angle) < 0.06 * DEG
+        n = np.linspace(0, rows["speed"].max(), 60) * 1e-3
+        c = fit.coefficient * np.cos(angle - offset)
+        fitted = c * (rows["speed"][of] * 1e-3) ** 2
+        curves.append(
+            FitCurve(
+                rows["speed"][of] * 1e-3,
+                rows["force"][of],
+                fitted,
+                fit.fit.kept[of],
+                n,
+                c * n * n,
+                label=f"{angle / DEG:.0f}°",
+            )
+        )
+    return FitPanel("Thrust", "speed (krpm)", "force (N)", curves, f"{fit.coefficient:.5f} N/krpm²")
+
+
+def _eta_panel(fit: thrust.ThrustFit, offset: float) -> FitPanel:
+    line = np.linspace(fit.angles.min(), fit.angles.max(), 60)
+    at_angles, at_line = (fit.coefficient * np.cos(a - offset) for a in (fit.angles, line))
+    curve = FitCurve(fit.angles / DEG, fit.by_angle, at_angles, np.ones(len(fit.angles), bool), line / DEG, at_line)
+    return FitPanel("Loss with the rudder", "rudder (°)", "N/krpm²", [curve], f"chance {fit.chance:.2g}")

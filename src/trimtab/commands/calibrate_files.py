@@ -1,0 +1,220 @@
+"""`trimtab calibrate show|compare`, and how each procedure ends: its numbers shown, added to a calibration, drawn."""
+
+import math
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import click
+import numpy as np
+
+from trimtab.commands.flight_summary import METRICS, summarise_run
+from trimtab.commands.options import FILE, JSON, SEED
+from trimtab.commands.output import (
+    check_folder,
+    check_out,
+    check_picture,
+    draw_plot,
+    new_table,
+    print_files,
+    print_json,
+    print_table,
+    write_text,
+)
+from trimtab.commands.progress import show_spinner
+from trimtab.core.errors import InputError
+from trimtab.identify.calibration import (
+    Calibration,
+    compare_calibrations,
+    flat_entries,
+    format_calibration,
+    read_calibration,
+)
+from trimtab.identify.regression import student_reach
+from trimtab.plots.calibration import FitPanel, plot_fits
+
+SHOWN = 12
+"""Numbers of one array that a table shows."""
+
+
+class CalibrationReport(NamedTuple):
+    """What a procedure shows besides its numbers. left_out: readings, each in words.  notes: what else to know."""
+
+    file: str
+    readings: int
+    left_out: tuple[str, ...]
+    panels: tuple[FitPanel, ...]
+    notes: tuple[str, ...] = ()
+
+
+def finish_calibration(
+    procedure: str,
+    calibration: Calibration,
+    report: CalibrationReport,
+    out: Path | None,
+    plot: Path | None,
+    as_json: bool,
+) -> None:
+    """Show what was found, add it to the calibration file, and draw it."""
+    check_picture(plot, None)
+    whole, files = add_to_file(out, calibration)
+    files += draw_plot(plot, plot_fits, report.panels, title=f"calibrate {procedure}: {report.file}")
+    if as_json:
+        result = {
+            "procedure": procedure,
+            "file": report.file,
+            "readings": report.readings,
+            "entries": entries_json(calibration),
+        }
+        result |= {"left_out": list(report.left_out), "notes": list(report.notes), "sha256": whole.content_hash()}
+        print_json(result, files)
+        return
+    print_entries(f"{procedure} of {report.file}, {report.readings} readings", calibration)
+    for line in report.left_out:
+        click.echo(f"left out: {line}")
+    for note in report.notes:
+        click.echo(f"note: {note}")
+    print_files(files)
+    if out is not None:
+        click.echo(f"calibration {whole.content_hash()[:12]}; use it: trimtab run SCENARIO --calibration {out}")
+
+
+def add_to_file(out: Path | None, calibration: Calibration) -> tuple[Calibration, list[Path]]:
+    """The calibration with what its file holds besides, and the files written: that, or none."""
+    if out is None:
+        return calibration, []
+    check_calibration_file(out)
+    whole = read_calibration(out).merge(calibration) if out.exists() else calibration
+    return whole, [write_text(out, format_calibration(whole))]
+
+
+def check_calibration_file(out: Path | None) -> None:
+    """Refuse what can't be a calibration file."""
+    if out is not None:
+        if out.suffix != ".toml":
+            raise InputError("--out", f"{str(out)!r} is no calibration file", fix=f"--out {out.stem or 'boat'}.toml")
+        loses_nothing = out.is_file() and out.read_text("utf-8") == format_calibration(read_calibration(out))
+        if not loses_nothing:  # such a file is added to: it may have comments of somebody's own
+            check_out("--out", out, "boat.toml")
+
+
+def print_entries(title: str, calibration: Calibration) -> None:
+    """Each single number with its 95 % interval and unit."""
+    table = new_table("number", ">value", ">95 % interval", "unit", "from", title=title, unwrapped=("number",))
+    flat, more = flat_entries(calibration), dict[str, int]()
+    for name, (value, error, freedom) in flat.items():
+        base = name.partition("[")[0]
+        entry = calibration.entries[base]
+        if np.size(entry.value) > SHOWN and (more.setdefault(base, 0) or True):
+            more[base] += 1
+            if more[base] > 3:
+                continue
+        reach = student_reach(freedom) * error
+        digits = _digits(reach)
+        interval = f"{value - reach:.{digits}g} … {value + reach:.{digits}g}" if reach > 0 else "-"
+        table.add_row(name.replace("[", r"\["), f"{value:.{digits}g}", interval, entry.unit, entry.source)
+    for base, count in more.items():
+        table.add_row(f"{base} …", "", "", "", f"{count - 3} more in the file")
+    print_table(table)
+
+
+@click.command(name="show")
+@click.argument("file", type=FILE)
+@JSON
+def show(file: Path, as_json: bool) -> None:
+    """The numbers of a calibration file, their intervals, and what each came from."""
+    calibration = read_calibration(file)
+    if as_json:
+        print_json({"sha256": calibration.content_hash(), "entries": entries_json(calibration)})
+        return
+    print_entries(f"{file.name}, {calibration.content_hash()[:12]}", calibration)
+
+
+@click.command(name="compare")
+@click.argument("a", type=FILE)
+@click.argument("b", type=FILE)
+@click.option("--scenario", metavar="SCENARIO", help="Scenario to fly with both, to show what changes.")
+@SEED
+@JSON
+def compare(a: Path, b: Path, scenario: str | None, seed: int, as_json: bool) -> None:
+    """What differs between two calibration files, and what it does to a scenario."""
+    one, two = read_calibration(a), read_calibration(b)
+    changes = compare_calibrations(one, two)
+    flown = {} if scenario is None else _fly_both(scenario, a, b, seed)
+    if as_json:
+        rows = {n: {"a": x, "b": y, "sigmas": s} for n, (x, y, s) in changes.items()}
+        print_json({"changes": rows, "metrics": flown})
+        return
+    units = {n: e.unit for c in (one, two) for n, e in c.entries.items()}
+    if not changes:
+        click.echo("the same numbers")
+    else:
+        table = new_table("number", f">{a.name}", f">{b.name}", ">apart (sigma)", "unit", unwrapped=("number",))
+        for name, (x, y, apart) in changes.items():
+            cells = ("-" if v is None else f"{v:.6g}" for v in (x, y))
+            far = "-" if apart is None else f"{apart:.1f}"
+            table.add_row(name.replace("[", r"\["), *cells, far, units[name.partition("[")[0]])
+        print_table(table)
+    if flown:
+        table = new_table("signal", "metric", f">{a.name}", f">{b.name}", title=f"{scenario}, seed {seed}")
+        for signal, metrics in flown.items():
+            for metric, (x, y) in metrics.items():
+                if not _same(x, y):
+                    table.add_row(signal, METRICS[metric][0], *(f"{v:.4g}" if v is not None else "-" for v in (x, y)))
+        print_table(table)
+
+
+@click.command(name="simulate")
+@click.argument("folder", type=FILE)
+@SEED
+@JSON
+def simulate_bench(folder: Path, seed: int, as_json: bool) -> None:
+    """An afternoon at the bench, rehearsed: FOLDER gets the data of every procedure, and in truth.toml what is true.
+
+    \b
+    trimtab calibrate simulate bench --seed 3
+    trimtab calibrate thrust bench/thrust.csv --out boat.toml
+    trimtab calibrate compare bench/truth.toml boat.toml
+    """
+    from trimtab.run.virtual_bench import draw_craft, run_bench, write_bench
+
+    check_folder("FOLDER", folder)
+    existing = [f for f in sorted(folder.glob("*")) if f.suffix in (".csv", ".toml")]
+    if existing:
+        raise InputError(
+            "FOLDER", f"there is data already: {existing[0]}", fix=f"trimtab calibrate simulate {folder}-2"
+        )
+    craft = draw_craft(seed)
+    files = write_bench(folder, run_bench(craft, seed))
+    files.append(write_text(folder / "truth.toml", format_calibration(craft.true_calibration())))
+    if as_json:
+        print_json({"seed": seed}, files)
+        return
+    print_files(files)
+
+
+def _same(x: float | None, y: float | None) -> bool:
+    return x == y or (x is not None and y is not None and math.isclose(x, y, rel_tol=1e-9))
+
+
+def _fly_both(name: str, a: Path, b: Path, seed: int) -> dict[str, dict[str, list[float | None]]]:
+    """Signal -> metric -> its values with a and with b."""
+    from trimtab.run.simulate import simulate
+    from trimtab.scenarios.build import build
+
+    scenarios = [build(name, {"calibration": str(file)}) for file in (a, b)]
+    with show_spinner(f"flying {name} with both"):
+        metrics = [summarise_run(simulate(s, seed=seed), s.targets)["metrics"] for s in scenarios]
+    return {signal: {metric: [m[signal][metric] for m in metrics] for metric in METRICS} for signal in metrics[0]}
+
+
+def _digits(reach: float) -> int:
+    return 6 if reach > 0 else 7
+
+
+def entries_json(calibration: Calibration) -> dict[str, Any]:
+    """The entries of a calibration as JSON has them."""
+    return {
+        name: {"value": e.value, "unit": e.unit, "standard_error": e.standard_error, "source": e.source}
+        | ({"freedom": e.freedom} if math.isfinite(e.freedom) else {})
+        for name, e in calibration.entries.items()
+    }

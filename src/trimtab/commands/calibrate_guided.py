@@ -1,0 +1,197 @@
+"""`trimtab calibrate measure`: walks a person through a procedure, checks each entry as it is typed, and saves it."""
+
+import itertools
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import click
+
+from trimtab.commands.options import FILE
+from trimtab.commands.output import check_folder
+from trimtab.core.errors import InputError
+from trimtab.core.units import UNITS
+from trimtab.identify import rudder, spin_up, thrust
+from trimtab.identify.measurements import TRIAL as TRIAL_COLUMN
+from trimtab.identify.measurements import MeasuredColumn, read_measurements
+
+FAR = 0.25
+"""An entry is asked for once more where it is further from its neighbours' line than so much of the largest one."""
+
+
+class GuidedProcedure(NamedTuple):
+    """columns: of the file, in the order asked for.  given: how many of them the plan sets.  plan: their values.
+
+    before: what to do first, a step a line.  rises: the columns of which the second rises with the first, for a check.
+    """
+
+    columns: tuple[MeasuredColumn, ...]
+    given: int
+    plan: Sequence[tuple[float, ...]]
+    before: tuple[str, ...]
+    rises: tuple[str, str] | None = None
+
+
+def _servo_plan() -> list[tuple[float, ...]]:
+    up = [1000 + 50 * k for k in range(21)]
+    return [(p, way, trial) for trial, way in ((1, 1), (2, -1)) for p in up[::way]]
+
+
+PROCEDURES: Mapping[str, GuidedProcedure] = {
+    "rudder": GuidedProcedure(
+        (*rudder.SERVO_COLUMNS[:1], rudder.WAY, rudder.SERVO_COLUMNS[1]),
+        2,
+        _servo_plan(),
+        ("Fan off, servo on. Lay the protractor's zero on the hull's x axis; clockwise from above is positive.",),
+        ("pulse", "angle"),
+    ),
+    "hull": GuidedProcedure(
+        rudder.HULL_COLUMNS,
+        1,
+        [(theta, trial) for trial in (1, 2) for theta in range(-30, 31, 5)],
+        (
+            "Tie a string to the tail's pivot and to something that does not move; fan on, moderate speed.",
+            "When the hull is at rest, read the angle from its x axis to the string's line; clockwise is positive.",
+            "In the first round push the hull a little to starboard first (way 1), in the second to port (way -1).",
+        ),
+    ),
+    "thrust": GuidedProcedure(
+        thrust.THRUST_COLUMNS,
+        1,
+        [(theta, trial) for trial in range(1, 7) for theta in range(-30, 31, 10)],
+        (
+            "Gauge between string and hull, lift on, battery full. Six rounds: about 6, 7.5, 9, 10, 11 and 12 krpm.",
+            "Set the rudder, wait until the hull is at rest, then read speed and force together.",
+        ),
+        ("speed", "force"),
+    ),
+    "reverse": GuidedProcedure(
+        thrust.REVERSE_COLUMNS,
+        1,
+        [(n, trial) for trial in (1, 2) for n in range(6000, 12001, 1000)],
+        ("Rudder straight. At each speed read the force forward, then in reverse, as sizes.",),
+        ("speed", "reverse"),
+    ),
+    "inertia": GuidedProcedure(
+        spin_up.TRIAL_COLUMNS,
+        1,
+        [(-20 if trial % 2 else 25, trial) for trial in range(1, 7)],
+        (
+            "Lift on, fan at more than 1 N, rudder over; hold the hull, start the log, let it go.",
+            "The slope is that of the yaw rate just after the release; clockwise is positive.",
+        ),
+    ),
+}
+
+
+@click.command(name="measure")
+@click.argument("procedure", type=click.Choice(tuple(PROCEDURES)))
+@click.argument("file", type=FILE)
+def measure(procedure: str, file: Path) -> None:
+    """Walk through a procedure: FILE gets a line after each entry, and the next call goes on where this one stopped.
+
+    Type a number, u to undo the last line, or q to stop.
+
+    \b
+    trimtab calibrate measure thrust thrust.csv
+    trimtab calibrate thrust thrust.csv --out boat.toml
+    """
+    guide = PROCEDURES[procedure]
+    check_folder("FILE", file.parent)
+    heading = ",".join([*(c.heading() for c in guide.columns), TRIAL_COLUMN])
+    lines = _read_lines(file, heading, guide.columns)
+    if not lines:
+        for step in guide.before:
+            click.echo(f"- {step}")
+    elif len(lines) < len(guide.plan):
+        click.echo(f"{file.name} has {len(lines)} of {len(guide.plan)} measurements; going on")
+    while len(lines) < len(guide.plan):
+        setting = guide.plan[len(lines)]
+        values = _ask_row(guide, setting, len(lines), lines)
+        if values == "u":
+            lines = lines[:-1]
+        elif values == "q":
+            click.echo(
+                f"saved {len(lines)} of {len(guide.plan)}; go on with: trimtab calibrate measure {procedure} {file}"
+            )
+            return
+        else:
+            lines = [*lines, values]
+        file.write_text("\n".join([heading, *lines]) + "\n", encoding="utf-8")
+    click.echo(f"all {len(lines)} measured; now: trimtab calibrate {procedure} {file} --out boat.toml")
+
+
+def _read_lines(file: Path, heading: str, columns: Sequence[MeasuredColumn]) -> list[str]:
+    """Lines that a former call wrote, checked."""
+    if not file.exists():
+        return []
+    lines = [line for line in file.read_text(encoding="utf-8").splitlines() if line.strip()]
+    if lines[:1] != [heading]:
+        problem = f"{str(file)!r} is there, and its first line is not {heading}"
+        raise InputError("FILE", problem, fix="name a new file, or one that this procedure wrote")
+    if len(lines) > 1:
+        read_measurements(file, [c._replace(most=0.0) for c in columns])
+    return lines[1:]
+
+
+def _ask_row(guide: GuidedProcedure, setting: tuple[float, ...], number: int, lines: Sequence[str]) -> str:
+    """The next line of the file, or "u" or "q"."""
+    given, trial = setting[:-1], setting[-1]
+    names = [
+        f"{c.name} {v:g} {c.usual or c.unit}".removesuffix(" 1") for c, v in zip(guide.columns, given, strict=False)
+    ]
+    click.echo(f"{number + 1}/{len(guide.plan)}: {', '.join(names)}")
+    cells = [f"{v:g}" for v in given]
+    for column in guide.columns[len(given) :]:
+        if column is rudder.WAY:
+            cells.append("1" if trial % 2 else "-1")
+            continue
+        cell = _ask_number(column)
+        if cell in ("u", "q"):
+            return cell
+        cells.append(cell)
+    row = ",".join([*cells, f"{trial:g}"])
+    if _stands_out(guide, [*lines, row]) and not click.confirm(
+        "  far from its neighbours; is it right?", default=False
+    ):
+        return _ask_row(guide, setting, number, lines)
+    return row
+
+
+def _ask_number(column: MeasuredColumn) -> str:
+    """A number within what the column can hold, in its usual unit; "u" or "q"."""
+    unit = column.usual or column.unit
+    factor = UNITS[column.unit][unit]
+    while True:
+        text = str(click.prompt(f"  {column.meaning} [{unit}]", type=str)).strip()
+        if text in ("u", "q"):
+            return text
+        try:
+            value = float(text)
+        except ValueError:
+            fix = (
+                f"write {text.replace(',', '.')}" if "," in text else "a number, u to undo the last line, or q to stop"
+            )
+            click.echo(f"  {text!r} is no number: {fix}")
+            continue
+        if column.low <= value * factor <= column.high:
+            return f"{value:.10g}"
+        click.echo(
+            f"  {value:g} {unit} is not in {column.low / factor:.6g} to {column.high / factor:.6g} {unit}; again"
+        )
+
+
+def _stands_out(guide: GuidedProcedure, lines: Sequence[str]) -> bool:
+    """Whether the last line falls by far where it should rise with the one before it in its round and setting."""
+    if guide.rises is None:
+        return False
+    names = [c.name for c in guide.columns]
+    x, y = (names.index(n) for n in guide.rises)
+    rows = [[float(cell) for cell in line.split(",")] for line in lines]
+    last, others = rows[-1], rows[:-1]
+    same = [
+        r for r in others if all(r[k] == last[k] for k in range(guide.given) if k not in (x, y) and names[k] != "way")
+    ]
+    size = max((abs(r[y]) for r in rows), default=0.0)
+    pairs = itertools.product([last], same)
+    return any((a[x] - b[x]) * (a[y] - b[y]) < 0 and abs(a[y] - b[y]) > FAR * size for a, b in pairs)

@@ -1,0 +1,95 @@
+"""`trimtab calibrate link`: from the delays that a link test recorded to the table that a simulated line has."""
+
+from pathlib import Path
+from typing import Any
+
+import click
+import numpy as np
+from scipy.special import ndtri
+
+from trimtab.commands.calibrate_bench import ADD, DATA, DRAW
+from trimtab.commands.calibrate_files import CalibrationReport, finish_calibration
+from trimtab.commands.options import JSON
+from trimtab.core.errors import InputError
+from trimtab.identify.calibration import Calibration, Covariance, Entry
+from trimtab.links.latency import gamma_table, normal_scores
+from trimtab.links.latency_trace import Trace, read_trace
+from trimtab.live.link_test import DelayModel, fit_delay_model
+from trimtab.plots.calibration import FitCurve, FitPanel
+
+FEWEST = 50
+"""Packets that must have arrived."""
+LONGEST = 5.0
+"""A median latency (s) beyond this is no line that anything is flown over."""
+FAR = 10.0
+"""Latencies of more than so many times that of 99 % of the packets are named."""
+
+
+@click.command(name="link")
+@DATA
+@click.option("--way", type=click.Choice(("up", "down")), required=True, help="Ground to vehicle, or back.")
+@ADD
+@DRAW
+@JSON
+def calibrate_link(data: Path, way: str, out: Path | None, plot: Path | None, as_json: bool) -> None:
+    """Delays of a line: DATA as `trimtab link-test --out` records them, with columns sent_s and latency_s."""
+    trace = read_trace(data)
+    notes = _check_trace(f"file {data.name!r}", trace)
+    model = fit_delay_model(trace)
+    calibration = _calibrate_link(data.name, way, trace, model)
+    received = np.sort(trace.latency_s[~trace.lost])
+    n, table = len(received), calibration.entries[f"world.{way}link.latency"].value
+    share = (np.arange(n) + 0.5) / n
+    fitted = np.interp(ndtri(share), normal_scores(), table)
+    curve = FitCurve(100 * share, 1e3 * received, 1e3 * fitted, np.ones(n, bool), 100 * share, 1e3 * fitted)
+    panel = FitPanel(f"{way}link", "of the packets (%)", "latency (ms)", [curve], f"{100 * model.loss:.2g} % lost")
+    notes = (*notes, "a scenario takes it with --set links=measured, where it has that choice")
+    report = CalibrationReport(data.name, len(trace.lost), (), (panel,), notes)
+    finish_calibration("link", calibration, report, out, plot, as_json)
+
+
+def _check_trace(where: str, trace: Trace) -> tuple[str, ...]:
+    """What stands out; refuses what can't be meant."""
+    received = trace.latency_s[~trace.lost]
+    if len(received) < FEWEST:
+        problem = f"{len(received)} packets arrived, which tell no distribution"
+        raise InputError(where, problem, fix=f"record {FEWEST} or more, best 300")
+    if np.median(received) > LONGEST:
+        problem = f"half of the packets took more than {np.median(received):.3g} s"
+        raise InputError(where, problem, fix="are they milliseconds? sent_s and latency_s are both in seconds")
+    same = (np.diff(trace.sent_s) == 0) & (np.diff(trace.latency_s) == 0) & (np.diff(trace.lost.astype(int)) == 0)
+    if same.any():
+        problem = f"the packet sent at {trace.sent_s[int(np.argmax(same))]:.9g} s stands there twice"
+        raise InputError(where, problem, fix="leave one of the lines out")
+    most = float(np.quantile(received, 0.99))
+    wild = np.flatnonzero(~trace.lost & (trace.latency_s > FAR * most))
+    if not len(wild):
+        return ()
+    k = int(wild[np.argmax(trace.latency_s[wild])])
+    calm = np.delete(trace.latency_s, wild)[~np.delete(trace.lost, wild)]
+    text = f"the packet sent at {trace.sent_s[k]:.6g} s took {trace.latency_s[k]:.3g} s, 99 % less than {most:.2g} s;"
+    text += f" {len(wild)} such make the deviation {np.std(received):.2g} s instead of {np.std(calm):.2g} s:"
+    return (f"{text} leave the lines out if the line did not do that",)
+
+
+def _calibrate_link(file: str, way: str, trace: Trace, model: DelayModel) -> Calibration:
+    """The table, what it is made of with its errors, and the share lost."""
+    received = trace.latency_s[~trace.lost]
+    n, packets, spread = len(received), len(trace.lost), max(float(np.std(received)), 1e-300)
+    about: dict[str, Any] = {"source": f"{file}: {packets} packets", "procedure": f"{way}link"}
+    z = (received - received.mean()) / spread
+    kurtosis, skewness = max(float(np.mean(z**4)), 1.1), float(np.mean(z**3))
+    errors = np.array([model.sd / np.sqrt(n), model.sd * np.sqrt((kurtosis - 1) / (4 * n))])
+    rho = float(np.clip(skewness / np.sqrt(kurtosis - 1), -0.99, 0.99))
+    loss_error = float(np.sqrt(max(model.loss * (1 - model.loss), 1 / packets) / packets))
+    table = gamma_table(model.mean, model.sd, model.shift)
+    mean, deviation = f"{way}link.mean", f"{way}link.deviation"
+    entries = {
+        f"world.{way}link.latency": Entry(table.tolist(), "s", **about),
+        f"world.{way}link.loss": Entry(model.loss, "1", loss_error, **about),
+        mean: Entry(model.mean, "s", float(errors[0]), freedom=n - 1, **about),
+        deviation: Entry(model.sd, "s", float(errors[1]), freedom=n - 1, **about),
+        f"{way}link.shift": Entry(model.shift, "s", **about),
+    }
+    P = np.outer(errors, errors) * np.array([[1.0, rho], [rho, 1.0]])
+    return Calibration(entries, (Covariance((mean, deviation), P.tolist(), f"{way}link"),))

@@ -1,0 +1,275 @@
+"""`trimtab calibrate noise`: from a log of a sensor at rest to its noise coefficients and a filter's Q and R."""
+
+import re
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import click
+import numpy as np
+
+from trimtab.commands.calibrate_files import add_to_file, check_calibration_file, entries_json, print_entries
+from trimtab.commands.options import FILE, JSON, OUT, PLOT
+from trimtab.commands.output import check_picture, draw_plot, new_table, print_files, print_json, print_table
+from trimtab.core.errors import InputError, closest
+from trimtab.core.time import parse_time, to_seconds
+from trimtab.core.units import find_unit
+from trimtab.identify.allan import (
+    AllanFit,
+    Coefficient,
+    FilterNoise,
+    filter_noise,
+    fit_allan,
+    octave_averages,
+    refuse_motion,
+)
+from trimtab.identify.calibration import Calibration
+from trimtab.identify.inertial_noise import AXES, TRIADS, noise_calibration
+from trimtab.logs.log import Log
+from trimtab.logs.mcap import read_mcap
+from trimtab.logs.samples import read_csv, sample_path, samples
+from trimtab.plots.allan import plot_allan
+
+AT_REST = 1e-6
+"""A speed (m/s) or a rate (rad/s) in the truth of a simulated log above this means that it moved."""
+FEWEST = 1024
+"""Samples that a log must have."""
+
+
+class SensorAxis(NamedTuple):
+    """One axis of a sensor: what was fitted, the filter's noise, and how much log there was (samples, s).
+
+    place: "gyro" or "accelerometer" and 0, 1 or 2 for x, y, z; None of another sensor, or where no name says it.
+    """
+
+    unit: str
+    fit: AllanFit
+    noise: FilterNoise
+    samples: int
+    duration: float
+    place: tuple[str, int] | None
+
+
+@click.command(name="noise")
+@click.argument("log", metavar="DATA", type=FILE)
+@click.option("--signal", "signals", multiple=True, metavar="PATH", help="Only this signal; repeatable.")
+@click.option(
+    "--shortest", metavar="TIME", help="Leave shorter averages out, e.g. of a sensor that filters its output."
+)
+@click.option("--tick", metavar="TIME", help="Step of the filter.  [default: that of the sensor]")
+@click.option("--time", metavar="NAME", help="Column of times (s) of a CSV file.  [default: t, time, …]")
+@PLOT("Picture of the Allan deviations.")
+@OUT("FILE.toml", "Write the numbers into this calibration file, beside those that it holds.")
+@JSON
+def calibrate_noise(
+    log: Path,
+    signals: tuple[str, ...],
+    shortest: str | None,
+    tick: str | None,
+    time: str | None,
+    plot: Path | None,
+    out: Path | None,
+    as_json: bool,
+) -> None:
+    """Noise coefficients of a sensor at rest: white, flicker and walk, with intervals, and a filter's Q and R.
+
+    DATA is a log of `trimtab run … --out`, or a CSV file with a column of times and units in its headings. Axes of an
+    inertial unit are told by unit and name (gyro_z [deg/s], accel_x [g]), and go to the sensor's numbers and the
+    filter's; --tick is the step of that filter, its setting noise.tick.
+
+    \b
+    trimtab run navigation/still --out still
+    trimtab calibrate noise still/run.mcap --out boat.toml --plot allan.png
+    trimtab calibrate noise bench.csv --signal gyro_z --shortest '20 ms' --json
+    """
+    check_picture(plot, None)
+    check_calibration_file(out)
+    least, step = _parse_times(shortest, tick)
+    still = read_csv(log, time) if log.suffix.lower() == ".csv" else read_mcap(log)
+    _refuse_moving(still)
+    axes = {n: _fit_axis(n, still.unit(p), y, dt, least, step) for n, p, y, dt in _iterate_axes(still, signals)}
+    calibration, notes = _calibrate_units(log.name, axes, step)
+    if out is not None and not calibration.entries:
+        problem = f"none of {', '.join(axes)} is an axis of an inertial unit, so nothing of this log has a place in it"
+        fix = "name columns with their unit and axis, e.g. gyro_z [rad/s] and accel_x [m/s^2]; or leave --out out"
+        raise InputError("--out", problem, fix=fix)
+    whole, files = add_to_file(out, calibration)
+    fits, units = {n: a.fit for n, a in axes.items()}, {n: a.unit for n, a in axes.items()}
+    files += draw_plot(plot, plot_allan, fits, units, title=f"Allan deviation, {log.name}")
+    if as_json:
+        result = {"log": str(log), "signals": {name: _axis_json(axis) for name, axis in axes.items()}}
+        result |= {"entries": entries_json(calibration), "notes": list(notes), "sha256": whole.content_hash()}
+        print_json(result, files)
+        return
+    _print_noise(log.name, axes)
+    if calibration.entries:
+        print_entries(f"noise of {log.name}, for a calibration", calibration)
+    for note in notes:
+        click.echo(f"note: {note}")
+    print_files(files)
+    if out is not None:
+        click.echo(f"calibration {whole.content_hash()[:12]}; use it: trimtab run SCENARIO --calibration {out}")
+
+
+def _calibrate_units(
+    file: str, axes: Mapping[str, SensorAxis], step: float | None
+) -> tuple[Calibration, tuple[str, ...]]:
+    """Entries of the gyros and accelerometers among the axes, and what has no place in a calibration."""
+    whole, notes = Calibration({}), list[str]()
+    for triad in TRIADS:
+        mine: dict[int, str] = {}
+        for name, axis in axes.items():
+            if axis.place is not None and axis.place[0] == triad:
+                same = mine.setdefault(axis.place[1], name)
+                if same != name:
+                    problem = f"{same} and {name} are both the {triad}'s {AXES[axis.place[1]]} axis"
+                    raise InputError("calibrate noise", problem, fix=f"choose one unit: --signal {same}")
+        if mine:
+            fits = {i: axes[name].fit for i, name in sorted(mine.items())}
+            seconds = axes[mine[min(mine)]].duration
+            source = f"{file}: {seconds:.4g} s of {', '.join(AXES[i] for i in fits)} at rest"
+            found = noise_calibration(triad, fits, source, step)
+            whole, notes = whole.merge(found.calibration), [*notes, *found.notes]
+    others = [name for name, a in axes.items() if a.place is None]
+    if others:
+        notes.append(f"no axis of an inertial unit, so not for a calibration: {', '.join(others)}")
+    return whole, tuple(notes)
+
+
+def _find_place(path: str, unit: str) -> tuple[str, int] | None:
+    """Triad and axis of a signal, by its unit and by [0] to [2], or x, y or z at the end of its name."""
+    triad = next((n for n, t in TRIADS.items() if t.unit == unit), None)
+    match = re.search(r"\[([012])\]$|([xyzXYZ])$", path)
+    if triad is None or match is None:
+        return None
+    return triad, int(match[1]) if match[1] else AXES.index(match[2].lower())
+
+
+def _parse_times(shortest: str | None, tick: str | None) -> tuple[float, float | None]:
+    """Shortest average and the filter's step, in s; refuses what is no stretch of time."""
+    least = 0 if shortest is None else parse_time(shortest)
+    step = None if tick is None else parse_time(tick)
+    if least < 0:
+        problem = f"{shortest!r} is below 0"
+        raise InputError("--shortest", problem, fix="--shortest '20 ms', or leave it out for every average")
+    if step is not None and step <= 0:
+        problem = f"{tick!r} is not longer than 0"
+        raise InputError("--tick", problem, fix="--tick '5 ms', or leave it out for the sensor's own")
+    return float(to_seconds(least)), None if step is None else float(to_seconds(step))
+
+
+def _refuse_moving(log: Log) -> None:
+    """A simulated log says itself whether the vehicle moved."""
+    for path in log.paths:
+        if path.startswith("truth.") and log.unit(path) in ("m/s", "rad/s") and len(log):
+            most = float(np.max(np.abs(log[path])))
+            if most > AT_REST:
+                problem = f"the vehicle moves in this log: {path} reaches {most:.3g} {log.unit(path)}"
+                fix = "trimtab run navigation/still --out still  writes a log at rest"
+                raise InputError("calibrate noise", problem, fix=fix)
+
+
+def _iterate_axes(log: Log, names: tuple[str, ...]) -> Iterator[tuple[str, str, Any, float]]:
+    """Name, path, samples (n,) and period (s) of each axis."""
+    paths = [p for n in names for p in _matching_signals(log, n)] if names else _candidate_signals(log)
+    for path in paths:
+        measured = samples(log, path)
+        if len(measured.ticks) < FEWEST:
+            problem = (
+                f"{len(measured.ticks)} samples, {len(measured.ticks) * measured.period:.3g} s, are too short a log"
+            )
+            fix = f"log at least {FEWEST} samples, for the walk K minutes: trimtab run navigation/still --out still"
+            raise InputError(f"signal {path!r}", problem, fix=fix)
+        values = measured.values if measured.values.ndim > 1 else measured.values[:, None]
+        for i, y in enumerate(values.T):
+            yield (f"{path}[{i}]" if measured.values.ndim > 1 else path), path, y, measured.period
+
+
+def _matching_signals(log: Log, name: str) -> list[str]:
+    name = f"csv.{name}" if f"csv.{name}" in log else name
+    paths = [p for p in log.paths if p == name or p.startswith(f"{name}.")]
+    if not paths:
+        measured = _candidate_signals(log)
+        near = closest(name, measured) or measured
+        problem = "there is no such signal in this log"
+        raise InputError(f"--signal {name}", problem, choices=near, fix=f"--signal {near[0]}")
+    noisy = [p for p in paths if _is_noisy(log, p)]
+    if not noisy:
+        problem, fix = "holds no numbers that change", "name one of the choices"
+        raise InputError(f"--signal {name}", problem, choices=_candidate_signals(log), fix=fix)
+    return noisy
+
+
+def _candidate_signals(log: Log) -> list[str]:
+    """What sensors measured: the values of samples, or in a log that has none every column; only what changes."""
+    sampled = [p for p in log.paths if p.startswith("sensors.") and sample_path(log, p)]
+    noisy = [p for p in sampled or log.paths if _is_noisy(log, p)]
+    if not noisy:
+        raise InputError(
+            "calibrate noise", "no signal in this log changes", fix="log a sensor with noise, at full resolution"
+        )
+    return noisy
+
+
+def _is_noisy(log: Log, path: str) -> bool:
+    values = log[path]
+    real = path not in log.declarations or log.declarations[path].kind in ("real", "angle")
+    return bool(values.dtype.kind == "f" and real and len(values) and np.ptp(values, axis=0).max() > 0)
+
+
+def _fit_axis(name: str, unit: str, y: Any, dt: float, shortest: float, tick: float | None) -> SensorAxis:
+    averages = tuple(m for m in octave_averages(len(y)) if m * dt >= shortest)
+    if len(averages) < 4:
+        problem = f"{shortest:g} s leaves {len(averages)} averaging times of a log of {len(y) * dt:.3g} s"
+        raise InputError("--shortest", problem, fix="take a shorter time, or a longer log")
+    unit, scale = _si_unit(unit)
+    y = y * scale
+    fit = fit_allan(y, dt, averages)
+    refuse_motion(name, y, fit)
+    place = _find_place(name, unit)
+    return SensorAxis("U" if unit == "1" else unit, fit, filter_noise(fit, tick), len(y), len(y) * dt, place)
+
+
+def _si_unit(text: str) -> tuple[str, float]:
+    """The unit in SI of a heading's, and the size of one there; an unknown one stays as it is."""
+    try:
+        unit = find_unit("heading", text)
+    except InputError:
+        return text, 1.0
+    return unit.name, unit.scale
+
+
+def _axis_json(axis: SensorAxis) -> dict[str, Any]:
+    fit, noise = axis.fit, axis.noise
+    result: dict[str, Any] = {"unit": axis.unit, "samples": axis.samples, "duration_s": axis.duration}
+    result |= {"period_s": fit.sampling_period, "misfit": fit.misfit}
+    for name in ("white", "flicker", "walk"):
+        c: Coefficient = getattr(fit, name)
+        result[name] = {n: float(getattr(c, n)) for n in ("value", "standard_error", "low", "high")}
+    result["noise"] = {n: float(getattr(noise, n)) for n in ("sample_variance", "integral_variance", "bias_variance")}
+    curve = {"tau_s": fit.tau, "deviation": fit.deviation, "model": fit.model}
+    return result | {name: [float(v) for v in values] for name, values in curve.items()}
+
+
+def _print_noise(name: str, axes: Mapping[str, SensorAxis]) -> None:
+    """Noise coefficients of each axis with their intervals, and what a filter takes."""
+    any_axis = next(iter(axes.values()))
+    dt = any_axis.fit.sampling_period
+    headings = ("axis", "U", ">white N (U/√Hz)", ">flicker B (U)", ">walk K (U/√s)", ">misfit")
+    table = new_table(*headings, title=f"{name}: {any_axis.duration:.4g} s, a sample each {1e3 * dt:.6g} ms")
+    for axis, a in axes.items():
+        cells = (_format_coefficient(c) for c in (a.fit.white, a.fit.flicker, a.fit.walk))
+        table.add_row(axis.replace("[", r"\["), a.unit, *cells, f"{a.fit.misfit:.2f}")
+    print_table(table)
+    headings = ("axis", ">R of a sample (U²)", ">Q of the integral (U² s²)", ">Q of the bias (U²)")
+    table = new_table(*headings, title="For a filter that steps with the sensor, or with --tick")
+    for axis, a in axes.items():
+        n = a.noise
+        cells = (f"{v:.4g}" for v in (n.sample_variance, n.integral_variance, n.bias_variance))
+        table.add_row(axis.replace("[", r"\["), *cells)
+    print_table(table)
+    click.echo("intervals: 95 %; '<': the log shows none, up to that (docs, Noise from a still log)")
+
+
+def _format_coefficient(c: Coefficient) -> str:
+    return f"{c.value:.4g}  ({c.low:.4g} … {c.high:.4g})" if c.low > 0 else f"< {c.high:.4g}"

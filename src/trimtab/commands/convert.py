@@ -1,0 +1,69 @@
+"""`trimtab convert`: a log of ours as what other viewers read."""
+
+from pathlib import Path
+
+import click
+
+from trimtab.commands.kept_programs import enable_cache
+from trimtab.commands.options import FILE, JSON, OUT
+from trimtab.commands.output import check_folder, check_out, print_files, print_json
+from trimtab.commands.progress import show_spinner
+from trimtab.core.errors import InputError
+from trimtab.core.time import parse_time
+from trimtab.logs.mcap import read_mcap
+from trimtab.logs.messages import EPOCH
+
+ENDING = ".rrd"
+"""Of Rerun's recordings."""
+
+
+@click.command()
+@click.argument("file", type=FILE, metavar="LOG")
+@click.option("--as", "kind", type=click.Choice(["ros2", "rerun"]), required=True, help="What is written.")
+@OUT(
+    "PATH", "Write a bag of ROS 2 in this new folder, or a recording for Rerun, whose name ends in .rrd.", required=True
+)
+@click.option("--scenario", metavar="SCENARIO", help="Scenario, where the log's is not in the catalogue.")
+@click.option(
+    "--period", metavar="TIME", default="10 ms", show_default=True, help="Between two rows of how the vehicle moved."
+)
+@JSON
+def command(file: Path, kind: str, out: Path, scenario: str | None, period: str, as_json: bool) -> None:
+    """Write a flight for other viewers: a bag of ROS 2 with Odometry, Imu and tf, or a recording for Rerun.
+
+    Axes become theirs: east, north, up and forward, left, up. Foxglove opens a log of trimtab as it is, and a bag too.
+
+    \b
+    trimtab convert flight/run.mcap --as ros2 --out bag          and then:  ros2 bag play bag
+    trimtab convert flight/run.mcap --as rerun --out flight.rrd  and then:  rerun flight.rrd
+    """
+    from trimtab.logs.rerun_file import write_rerun
+    from trimtab.logs.ros2_bag import write_ros2_bag
+    from trimtab.run.log_motion import read_imus, read_motion
+    from trimtab.scenarios.recorded import rebuild_scenario
+
+    apart = parse_time(period)
+    if kind == "ros2":
+        if out.exists():
+            raise InputError("--out", f"{str(out)!r} is there already", fix="a new folder: a bag is written whole")
+        check_folder("--out", out.parent)
+    else:
+        if out.suffix != ENDING:
+            raise InputError("--out", f"{str(out)!r} is no name for Rerun", fix=f"--out {out.with_suffix(ENDING)}")
+        check_out("--out", out, f"flight{ENDING}")
+    log = read_mcap(file)
+    flown = rebuild_scenario(log, scenario)
+    enable_cache()
+    with show_spinner(f"converting {file.name}"):
+        motion, imus = read_motion(log, flown, apart), read_imus(log)
+        if kind == "ros2":
+            counts = write_ros2_bag(out, motion, imus, int(log.metadata.get(EPOCH, 0)))
+            files = sorted(out.iterdir())
+        else:
+            counts, files = write_rerun(out, log, motion), [out]
+    if as_json:
+        print_json({"log": str(file), "to": kind, "messages": counts}, files)
+        return
+    for topic, count in counts.items():
+        click.echo(f"{topic}: {count}")
+    print_files(files)

@@ -1,0 +1,230 @@
+"""`trimtab design VEHICLE --lqr`: a gain for any vehicle by stated limits, with a certificate that proves it."""
+
+import re
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import click
+import numpy as np
+
+from trimtab.commands.options import AT
+from trimtab.commands.output import new_table, print_files, print_json, print_table, write_text
+from trimtab.core.errors import InputError
+from trimtab.design.bryson import fed_back_states, weigh_by_limits
+from trimtab.design.certificate import Certificate, design_certificate
+from trimtab.design.certificate_check import prove_certificate
+from trimtab.design.certificate_file import certificate_json, read_certificate
+from trimtab.design.certified_system import CertifiedSystem, LimitedNumber, Setting
+from trimtab.design.linearise import LinearModel
+from trimtab.design.lqr import augment_integrals
+from trimtab.design.proof import CertificateProof
+from trimtab.design.trim import idle_states
+from trimtab.loop.linear_laws import INPUT, STATE
+from trimtab.run.design_point import ZERO, find_point, linearise_at, parse_amount
+from trimtab.run.plant import Plant, load_plant
+from trimtab.scenarios import catalogue
+from trimtab.scenarios.gain_file import vehicle_settings
+
+LISTS = ("at", "limit", "integrate", "believed", "fast")
+"""Settings of a certificate that are lists of words."""
+
+
+def GAIN(function: Callable[..., Any]) -> Callable[..., Any]:
+    """``--lqr`` and what belongs to it: LISTS, by name."""
+    options = (
+        click.option("--lqr", is_flag=True, help="A gain for any vehicle or scenario, by --limit of all."),
+        click.option("--limit", multiple=True, metavar="NAME=VALUE", help="With --lqr: how large it may become."),
+        click.option("--integrate", multiple=True, metavar="NAME=VALUE", help="With --lqr: integral, and its limit."),
+        click.option("--believed", multiple=True, metavar="NAME=VALUE", help="With --lqr: of the vehicle it is for."),
+        click.option("--fast", multiple=True, metavar="NAME", help="With --lqr: not fed back, for it settles fast."),
+        AT,
+    )
+    for option in reversed(options):
+        function = option(function)
+    return function
+
+
+def refuse_gain_options(gain: Mapping[str, Any]) -> None:
+    """Refuse what is of ``--lqr`` where that is not given."""
+    for name in LISTS:
+        if gain[name]:
+            raise InputError(f"--{name}", "is of --lqr", fix=f"add --lqr, or leave --{name} out")
+
+
+def design_gain(
+    vehicle: str | None,
+    words: Mapping[str, Any],
+    settings: Mapping[str, str],
+    out: Path | None,
+    check: Path | None,
+    as_json: bool,
+) -> bool:
+    """Design a gain and prove it, or prove one again; whether every condition holds.
+
+    words: of LISTS, as typed.  settings: of the scenario.
+    """
+    if vehicle is None:
+        raise InputError("design --lqr", "no vehicle is named", fix="trimtab design hovercraft/forward --lqr …")
+    if check is None:
+        system = build_gain_system(vehicle, words, settings)
+        certificate = design_certificate(system)
+        proof = prove_certificate(certificate, system)
+    else:
+        given = [
+            name
+            for name, value in (("out", out), ("set", settings), *words.items())
+            if value and name not in ("lqr", "inversion")
+        ]
+        if given:
+            fix = f"leave --{given[0]} out, or leave --check out"
+            raise InputError(f"--{given[0]}", "a file is checked as it is", fix=fix)
+        certificate, written = read_certificate(check)
+        about = {n: _split(certificate.about.get(n, "")) for n in (*LISTS, "set")}
+        own = dict(text.split("=", 1) for text in about.pop("set"))
+        proof = prove_certificate(certificate, build_gain_system(vehicle, about, own), written)
+    files = [write_text(out, certificate_json(certificate))] if out is not None and proof.holds else []
+    if as_json:
+        print_json(_gain_json(certificate, proof), files)
+    else:
+        _print_gain(certificate, proof)
+        print_files(files)
+    return proof.holds
+
+
+def gain_vehicle(system: str | None, check: Path | None) -> str | None:
+    """The vehicle of a gain's file: as typed, else the scenario of the catalogue that it names; None: it is no gain."""
+    try:
+        certificate = None if check is None else read_certificate(check)[0]
+    except InputError:
+        return None
+    if certificate is None or "vehicle" not in certificate.about:
+        return None
+    named = certificate.system
+    if system is None and named not in catalogue.scenario_names():
+        problem = f"it is a gain for {named!r}, which is not in the catalogue"
+        raise InputError("--check", problem, fix=f"name its file, if it is yours:  trimtab design {named} --check FILE")
+    return system or named
+
+
+def build_gain_system(vehicle: str, words: Mapping[str, Iterable[str]], settings: Mapping[str, str]) -> CertifiedSystem:
+    """The certified system of a vehicle at a trim, with weights by limits.
+
+    words: "at", conditions of the trim; "limit", how large states and inputs may become; "integrate", likewise the
+    integrals of errors; "believed", settings of the vehicle that the gain is for; "fast", states that are not fed back,
+    for they settle fast.  settings: of the scenario.
+    """
+    lists = {n: tuple(words.get(n, ())) for n in LISTS}
+    plant = load_plant(vehicle, dict(settings), believed=vehicle_settings(_pairs("--believed", lists["believed"])))
+    point = find_point(plant, lists["at"]).require_trim("trim")
+    whole = linearise_at(plant, point)
+    fast = _expand(whole.states, "--fast", lists["fast"])
+    linear = whole.settle(fast) if fast else whole
+    limits = _amounts(plant, linear.states, linear.inputs, "--limit", lists["limit"])
+    integrals = _amounts(plant, linear.states, (), "--integrate", lists["integrate"])
+    named = [n for n in (*limits, *integrals) if n in linear.states]
+    idle = idle_states(plant.error(point.x, point.u), plant.units) | plant.places
+    linear = linear.part(states=fed_back_states(linear, idle, named))
+    _refuse_lacking_limits((*linear.inputs, *linear.states), limits)
+    about: dict[str, Setting] = {n: "; ".join(lists[n]) for n in LISTS}
+    about["set"] = "; ".join(f"{path}={text}" for path, text in settings.items())
+    about |= plant.about
+    numbers = zip((*plant.model.states, *plant.model.inputs), (*point.x, *point.u), strict=True)
+    kinds = (STATE,) * len(point.x) + (INPUT,) * len(point.u)
+    for kind, (name, value) in zip(kinds, numbers, strict=True):
+        about[f"{kind}{name}"] = 0.0 if abs(value) < ZERO else float(value)
+    system = weigh_by_limits(vehicle, linear, limits, integrals, about)
+    return system._replace(numbers=lambda K: fast_numbers(whole, linear.states, fast, integrals, K)) if fast else system
+
+
+def fast_numbers(
+    whole: LinearModel, slow: Sequence[str], fast: Sequence[str], integrals: Iterable[str], K: Any
+) -> dict[str, LimitedNumber]:
+    """The slowest pole of the loop with the fast states in it, which the gain (m, n) does not feed back."""
+    linear = whole.part(states=[*slow, *fast])
+    A, B = augment_integrals(linear.A, linear.B, [linear.states.index(n) for n in integrals])
+    gain = np.hstack([K[:, : len(slow)], np.zeros((len(K), len(fast))), K[:, len(slow) :]])
+    largest = float(np.linalg.eigvals(A + B @ gain).real.max())
+    how = f"largest real part (1/s) of A + B K with {', '.join(fast)} in it"
+    return {"loop with what is fast": LimitedNumber(largest, -np.inf, 0.0, how, 1e-6)}
+
+
+def _amounts(
+    plant: Plant, states: Iterable[str], inputs: Iterable[str], option: str, words: Iterable[str]
+) -> dict[str, float]:
+    known = (*states, *inputs)
+    amounts: dict[str, float] = {}
+    for field, text in _pairs(option, words):
+        for name in _expand(known, option, (field,)):
+            amounts[name] = parse_amount(plant, f"{option} {field}", text, name)
+    return amounts
+
+
+def _refuse_lacking_limits(names: Iterable[str], limits: Mapping[str, float]) -> None:
+    """Refuse where a limit is not stated; a field of which all numbers lack one is named as a whole."""
+    names = tuple(names)
+    fields = {n: re.sub(r"(\[\d+\]|\.\w+)$", "", n) for n in names if not n.startswith("u.")}
+    lacking: list[str] = []
+    for name in [n for n in names if n not in limits]:
+        field = fields.get(name, name)
+        whole = [n for n in names if fields.get(n, n) == field]
+        word = name if any(n in limits for n in whole) else field
+        lacking += [] if word in lacking else [word]
+    if lacking:
+        words = " ".join(f"--limit {n}=NUMBER" for n in lacking)
+        fix = f"{words}  (how large it may become; --fast NAME of a state that nothing measures and that settles)"
+        raise InputError("--limit", f"of {', '.join(lacking)} no limit is stated", fix=fix)
+
+
+def _expand(known: Iterable[str], option: str, words: Iterable[str]) -> list[str]:
+    """The names that words mean: each itself, or all numbers of a field, e.g. ``rate`` for ``rate[0]``, …"""
+    names: list[str] = []
+    for word in words:
+        meant = [n for n in known if n == word] or [n for n in known if n.startswith((f"{word}[", f"{word}."))]
+        if not meant:
+            fix = f"{option} NAME=…" if option != "--fast" else "--fast NAME"
+            raise InputError(f"{option} {word}", "there is no such state or input", choices=tuple(known), fix=fix)
+        names += meant
+    return names
+
+
+def _pairs(option: str, words: Iterable[str]) -> list[tuple[str, str]]:
+    pairs = []
+    for word in words:
+        name, equals, text = word.partition("=")
+        if not equals or not text.strip():
+            raise InputError(option, f"{word!r} is not NAME=VALUE", fix=f"{option} NAME=VALUE")
+        pairs.append((name.strip(), text.strip()))
+    return pairs
+
+
+def _split(text: Setting) -> tuple[str, ...]:
+    return tuple(word for word in str(text).split("; ") if word)
+
+
+def _gain_json(certificate: Certificate, proof: CertificateProof) -> dict[str, Any]:
+    return {
+        "vehicle": certificate.system,
+        "about": certificate.about,
+        "states": certificate.states,
+        "inputs": certificate.inputs,
+        "K": certificate.K.tolist(),
+        "poles": [[p.real, p.imag] for p in certificate.poles.tolist()],
+        "holds": proof.holds,
+        "conditions": [c._asdict() for c in proof.conditions],
+    }
+
+
+def _print_gain(certificate: Certificate, proof: CertificateProof) -> None:
+    table = new_table("gain, u = u0 + K e", *(f">{n}" for n in certificate.inputs))
+    click.echo(certificate.system)
+    for name, column in zip(certificate.states, certificate.K.T, strict=True):
+        table.add_row(name, *(f"{v:.6g}" for v in column))
+    print_table(table)
+    poles = [p for p in certificate.poles if p.imag >= 0]
+    texts = [f"{p.real:.4g}" + (f" ± {p.imag:.4g}i" if p.imag else "") for p in poles]
+    click.echo("poles of A + B K (1/s): " + ", ".join(texts))
+    failed = [c for c in proof.conditions if not c.holds]
+    click.echo(f"{len(proof.conditions) - len(failed)} of {len(proof.conditions)} conditions proved, exactly")
+    for c in failed:
+        click.echo(f"  NOT: {c.name}: {c.number:.6g} {c.meaning}; {c.why}")

@@ -1,0 +1,147 @@
+"""`trimtab design VEHICLE --stabilisability`: what smooth feedback can't do, and where the inputs can lead."""
+
+import importlib
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import click
+import numpy as np
+
+from trimtab import scenarios
+from trimtab.commands.output import print_json
+from trimtab.core.errors import InputError, closest
+from trimtab.design.accessibility import Accessibility, LieBracket, check_rest, find_accessibility
+from trimtab.design.linearise import linearise
+from trimtab.design.model import StateSpaceModel, format_combination
+from trimtab.design.stabilisability import SmoothFeedback, smooth_feedback
+from trimtab.scenarios.catalogue import load_function
+
+FUNCTION = "system"
+UNSTABLE = 1e-9
+"""Real parts (1/s) above this are those of unstable poles; a double pole at zero is found with rounding."""
+EXCLUDES = "EXCLUDED: no continuously differentiable feedback of the state makes this point asymptotically stable"
+
+
+def model_names() -> tuple[str, ...]:
+    """The vehicles of the package: the folders of scenarios that have a model."""
+    files = sorted(Path(scenarios.__file__).parent.glob("*/_models.py"))
+    return tuple(file.parent.name for file in files)
+
+
+def print_stabilisability(system: str | None, as_json: bool) -> None:
+    """Print the verdicts on a vehicle, or on a model of a file: Brockett, Byrnes and Isidori, Lie brackets."""
+    model = _find_model(system)()
+    if not isinstance(model, StateSpaceModel):
+        problem = f"{system} gives a {type(model).__name__}"
+        fix = "return trimtab.design.model.model_of_vehicle(…), or model_of_functions(…)"
+        raise InputError("--stabilisability", problem, fix=fix)
+    check_rest(model, *model.point())
+    smooth, reach = smooth_feedback(model), find_accessibility(model)
+    if as_json:
+        print_json(_verdict_json(system, model, smooth, reach))
+        return
+    click.echo(f"{system}: states {', '.join(model.states)}; inputs {', '.join(model.inputs)}")
+    click.echo("at " + _format_point(model))
+    _print_smooth(model, smooth)
+    fast = sum(pole.real > UNSTABLE for pole in np.linalg.eigvals(linearise(model).A))
+    rank, poles = smooth.brockett.controllability_rank, f"{fast} unstable pole{'' if fast == 1 else 's'}"
+    click.echo(f"linear model here: {rank} of {len(model.states)} directions controllable; {poles}")
+    _print_reach(model, reach)
+
+
+def _find_model(system: str | None) -> Callable[[], Any]:
+    if system is not None and ".py" in system:
+        return load_function(system if ".py:" in system else f"{system}:{FUNCTION}")
+    if system not in model_names():
+        near = closest(system or "", model_names(), 1) or model_names()[:1]
+        problem = "no vehicle and no file" if system is None else f"there is no model of {system!r}"
+        fix = f"trimtab design {near[0]} --stabilisability; your own:  my_boat.py:{FUNCTION}, which returns a model"
+        raise InputError("--stabilisability", problem, choices=model_names(), fix=fix)
+    return importlib.import_module(f"trimtab.scenarios.{system}._models").model
+
+
+def _format_point(model: StateSpaceModel) -> str:
+    names, values = (*model.states, *model.inputs), (*model.x0, *model.u0)
+    moved = [f"{n} = {float(v):.6g}" for n, v in zip(names, values, strict=True) if v != 0]
+    return ", ".join(moved) + ("; all else 0" if moved else "rest, all zero")
+
+
+def _print_smooth(model: StateSpaceModel, smooth: SmoothFeedback) -> None:
+    b, ranks, cascade = smooth.brockett, smooth.byrnes_isidori, smooth.cascade
+    click.echo("smooth feedback of the state")
+    click.echo(f"  Brockett: {EXCLUDES if b.is_excluded else 'not excluded'}")
+    for s in b.uncontrollable_unstable:
+        click.echo(f"    no input moves the unstable eigenvalue {s:.4g}")
+    if not b.is_onto:
+        for target in b.missed_targets[:1]:
+            way = format_combination(target / np.linalg.norm(target), model.states)
+            click.echo(f"    no small state and input give the rates {way}, however little of it")
+    elif not b.is_excluded:
+        click.echo("    every small rate of the states is given by some small state and input")
+    if ranks is None or cascade is None:
+        click.echo("  Byrnes, Isidori: does not apply: no part of the states moves by itself and the inputs alone")
+        return
+    x1, x2 = (", ".join(model.states[i] for i in places) for places in cascade)
+    click.echo(f"  Byrnes, Isidori: {EXCLUDES if ranks.is_excluded else 'not excluded'}")
+    click.echo(f"    x1 = ({x1}), x2 = ({x2})")
+    click.echo(
+        f"    {ranks.rank_inputs} independent inputs for {ranks.n1} states x1; rank of df2/dx1 {ranks.rank_f2}; "
+        f"H1 {'holds' if ranks.h1 else 'fails'}, H2 {'holds' if ranks.h2 else 'fails'}"
+    )
+
+
+def _print_reach(model: StateSpaceModel, reach: Accessibility) -> None:
+    if reach.curved:
+        click.echo(f"not affine in {', '.join(reach.curved)}: brackets are of its first-order part in the inputs")
+    click.echo("Lie brackets here, of the drift f and the inputs' fields, that give a new direction each")
+    for bracket in reach.basis:
+        click.echo(f"  {bracket.degree}  {_format_bracket(model, bracket)}")
+    verdict = "accessible" if reach.is_accessible else "not shown to be accessible"
+    click.echo(f"{verdict}: {reach.rank} of {reach.n} directions")
+    for bracket in reach.bad:
+        blocked = any(bracket is o for o in reach.obstructions)
+        word = "leads out of what lower brackets span" if blocked else "a combination of lower brackets"
+        click.echo(f"  bad: {_format_bracket(model, bracket)}: {word}")
+    if reach.is_linear:
+        click.echo("small-time locally controllable, as the linear model is controllable")
+    elif reach.is_stlc:
+        click.echo("small-time locally controllable: every near state is reached in any short time (Sussmann)")
+    elif reach.is_accessible:
+        click.echo("small-time local controllability is not decided: a bad bracket is not made good (Sussmann)")
+
+
+def _format_bracket(model: StateSpaceModel, bracket: LieBracket) -> str:
+    return f"{bracket.name} = {_format_vector(bracket.value, model.states)}"
+
+
+def _format_vector(v: Any, names: tuple[str, ...]) -> str:
+    parts = [(float(c), n) for c, n in zip(v, names, strict=True) if abs(c) > 0]
+    text = "".join(f" {'-' if c < 0 else '+'} {abs(c):.4g} {n}" for c, n in parts)
+    return text.removeprefix(" + ").replace(" - ", "-", 1) if text.startswith(" - ") else text.removeprefix(" + ")
+
+
+def _verdict_json(
+    system: str | None, model: StateSpaceModel, smooth: SmoothFeedback, reach: Accessibility
+) -> dict[str, Any]:
+    b = smooth.brockett
+    image = b._replace(
+        uncontrollable_unstable=tuple([s.real, s.imag] for s in b.uncontrollable_unstable),
+        missed_targets=b.missed_targets.tolist(),
+    )
+    ranks, cascade = smooth.byrnes_isidori, smooth.cascade
+    split = None if cascade is None else {n: [model.states[i] for i in p] for n, p in cascade._asdict().items()}
+    lists = {n: [_bracket_json(b) for b in getattr(reach, n)] for n in ("basis", "bad", "obstructions")}
+    return {
+        "system": system,
+        "states": model.states,
+        "inputs": model.inputs,
+        "is_excluded": smooth.is_excluded,
+        "brockett": image._asdict(),
+        "byrnes_isidori": None if ranks is None else ranks._asdict() | {"cascade": split},
+        "accessibility": reach._asdict() | lists,
+    }
+
+
+def _bracket_json(bracket: LieBracket) -> dict[str, Any]:
+    return bracket._asdict() | {"value": bracket.value.tolist()}

@@ -1,0 +1,97 @@
+"""`trimtab export --wasm`: the closed loop of a scenario as a page that flies it, with sliders."""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import click
+import numpy as np
+from click.core import ParameterSource
+
+from trimtab.commands.kept_programs import enable_cache
+from trimtab.commands.output import print_json
+from trimtab.core.errors import InputError
+
+if TYPE_CHECKING:
+    from trimtab.export.web_assembly import Slider
+    from trimtab.loop.scenario import Scenario
+
+EXAMPLE = "--slider delay=0:0.3"
+OTHERS = ("target", "real", "part", "steps", "fly")
+"""Choices of an export that a page has none of."""
+
+
+def write_web_flight(
+    scenario: str,
+    out: Path | None,
+    sliders: tuple[str, ...],
+    as_json: bool,
+    *,
+    seed: int,
+    settings: Mapping[str, str],
+    without: tuple[str, ...],
+    **_: Any,
+) -> None:
+    """Write the page, its program and its description, and say what was written."""
+    from trimtab.export.web_assembly import export_web, write_web_page  # these import JAX
+    from trimtab.scenarios.build import build
+
+    _refuse_other_choices()
+    if out is None:
+        raise InputError("export --wasm", "no folder is named", fix="--out page")
+    built = build(scenario, settings, without)
+    enable_cache()
+    made = []
+    for text in sliders:
+        built, slider = _parse_slider(built, text)
+        made.append(slider)
+    flight = export_web(built, tuple(made), seed=seed)
+    files = write_web_page(flight, out)
+    result = {
+        "scenario": scenario,
+        "program_bytes": len(flight.program),
+        "instants": flight.about["instants"],
+        "numbers": len(flight.about["names"]),
+        "sliders": [slider.name for slider in made],
+        "files": [str(f) for f in files],
+    }
+    if as_json:
+        print_json(result)
+        return
+    click.echo(
+        f"{scenario}: closed loop as WebAssembly, {result['program_bytes']} bytes, {result['instants']} steps of "
+        f"{result['numbers']} numbers"
+    )
+    click.echo(f"wrote {len(files)} files in {out}      open {files[0]} in a browser")
+
+
+def _refuse_other_choices() -> None:
+    context = click.get_current_context()
+    for name in OTHERS:
+        if context.get_parameter_source(name) is ParameterSource.COMMANDLINE and context.params[name] != "loop":
+            option = next(p.opts[0] for p in context.command.params if p.name == name)
+            problem = f"a page flies the closed loop in double precision, {option} is for C"
+            raise InputError("export --wasm", problem, fix=f"leave {option} out")
+
+
+def _parse_slider(scenario: "Scenario", text: str) -> "tuple[Scenario, Slider]":
+    """A slider from `name=low:high`, and the scenario made ready for it."""
+    from trimtab.core.record import leaves
+    from trimtab.export.web_assembly import Slider, delay_slider
+
+    name, equals, span = text.partition("=")
+    try:
+        low, high = (float(end) for end in span.split(":"))
+    except ValueError:
+        low = high = np.nan
+    if not equals or not low < high:
+        raise InputError("--slider", f"{text!r} is no name and range", fix=EXAMPLE)
+    link, _, kind = name.rpartition("-")
+    if kind == "delay" and link in ("", "uplink", "downlink"):
+        if low != 0:
+            raise InputError("--slider", f"delay is added to the link's own, from 0 on, not {low:g}", fix=EXAMPLE)
+        return delay_slider(scenario, high, link or "uplink")
+    path = f"world.{link or 'uplink'}.loss" if kind == "loss" and link in ("", "uplink", "downlink") else name
+    declared = next((d for where, _, d in leaves(scenario) if where == path), None)
+    unit = getattr(declared, "unit", "")
+    return scenario, Slider(name, "" if unit == "1" else unit, low, high, (path,))

@@ -1,0 +1,199 @@
+"""`trimtab identify`: parameters of a scenario's vehicle and actuators from logs of flights."""
+
+import math
+from pathlib import Path
+from typing import Any
+
+import click
+
+from trimtab.commands.calibrate_files import add_to_file, check_calibration_file
+from trimtab.commands.options import FILE, JSON, NAVIGATION, OUT, SCENARIO, SET
+from trimtab.commands.output import new_table, print_files, print_json, print_table
+from trimtab.commands.progress import show_spinner
+from trimtab.core.errors import InputError
+from trimtab.core.quantity import records
+from trimtab.identify.calibration import Calibration, Covariance, Entry, flat_entries, read_calibration
+from trimtab.logs.foreign.read import detect_format, is_own_log, read_foreign
+from trimtab.logs.mcap import read_mcap
+from trimtab.loop.scenario import Scenario
+from trimtab.run.fit_parameters import DELAY
+from trimtab.run.flight_data import FlightData, read_flight
+from trimtab.run.identification import HORIZON, Identified, identify
+from trimtab.scenarios.build import build
+
+CHANGED = 3.0
+"""Standard errors from the calibration at which a number no longer fits it."""
+
+
+@click.command()
+@SCENARIO
+@click.argument("logs", nargs=-1, required=True, type=FILE, metavar="LOG…")
+@click.option("--fit", "paths", multiple=True, required=True, metavar="PATH", help="A setting, or delay; repeatable.")
+@click.option(
+    "--held-out", "held", multiple=True, type=FILE, metavar="LOG", help="Not fitted, only judged on; repeatable."
+)
+@click.option("--sensor", metavar="NAME", help="What measured the vehicle's state.  [default: the only one that did]")
+@click.option("--map", "mapping", type=FILE, metavar="MAP.toml", help="What the columns of another system's log are.")
+@OUT("FILE.toml", "Write the numbers into this calibration file, beside those that it holds.")
+@SET
+@NAVIGATION
+@JSON
+def command(
+    scenario: str,
+    logs: tuple[Path, ...],
+    paths: tuple[str, ...],
+    held: tuple[Path, ...],
+    sensor: str | None,
+    mapping: Path | None,
+    out: Path | None,
+    settings: dict[str, str],
+    as_json: bool,
+) -> None:
+    """Parameters of a vehicle from flights, by maximum likelihood, with 95 % intervals.
+
+    Logs hold commands, and fields of the vehicle's state that a sensor measured, e.g. a motion capture's north, east
+    and heading, at any rate and with gaps. What the data can't tell apart is named. Logs of other systems
+    need --map, as of trimtab replay, in which [sensor.command] is what was commanded.
+
+    \b
+    trimtab identify hovercraft/spin flight.mcap --fit world.vehicle.mass --fit world.vehicle.inertia --fit delay
+    trimtab identify hovercraft/spin a.mcap b.mcap --held-out c.mcap --fit world.vehicle.friction.torque_viscous
+    trimtab identify hovercraft/spin capture.csv --map capture.toml --fit world.vehicle.mass --fit delay
+    trimtab identify hovercraft/spin flight.mcap --calibration boat.toml --fit world.vehicle.mass --out boat.toml
+    """
+    check_calibration_file(out)
+    built = build(scenario, settings)
+    flights, others = ([_read(file, built, sensor, mapping) for file in files] for files in (logs, held))
+    with show_spinner(f"fitting {len(paths)} numbers to {len(flights)} flights"):
+        found = identify(built, flights, paths, held_out=others)
+    calibration = _as_calibration(built, found, [f.name for f in flights])
+    if found.unexplained and out is not None:
+        problem = f"the fitted model does not explain {', '.join(found.unexplained)}, so nothing is written"
+        fix = "see it without --out; units, signs and axes of the mapping, or a log of another vehicle"
+        raise InputError("--out", problem, fix=fix)
+    changes = _changes(calibration, settings.get("calibration"))
+    _, files = add_to_file(out, calibration)
+    if as_json:
+        print_json(_as_json(scenario, found, changes), files)
+    else:
+        _print_found(scenario, found, changes)
+        print_files(files)
+    if not found.estimate.converged:
+        raise click.exceptions.Exit(1)
+
+
+def _read(file: Path, scenario: Scenario, sensor: str | None, mapping: Path | None) -> FlightData:
+    if mapping is not None:
+        detect_format(file)  # says what is wrong with one of no format
+    own = is_own_log(file)
+    if not own and mapping is None:
+        fix = f"--map MAP.toml, which says what its columns are; what it holds:  trimtab replay {file}"
+        raise InputError(f"log '{file}'", "is a log of another system", fix=fix)
+    log = read_mcap(file) if own or mapping is None else read_foreign(file, mapping)
+    return read_flight(log, scenario, sensor, file.name)
+
+
+def _as_calibration(scenario: Scenario, found: Identified, logs: list[str]) -> Calibration:
+    """What was told by the data, by the names that a calibration has for it."""
+    unidentifiable = found.unidentifiable()
+    kept = [k for k, p in enumerate(found.parameters) if p.path not in unidentifiable and "[" not in p.path]
+    about: dict[str, Any] = {"source": f"identified from {', '.join(logs)}", "procedure": "identify"}
+    names = [_entry_name(scenario, found.parameters[k].path) for k in kept]
+    entries = {
+        name: Entry(float(found.values[k]), found.parameters[k].unit, float(found.standard_errors[k]), **about)
+        for name, k in zip(names, kept, strict=True)
+    }
+    matrix = [[float(found.covariance[a, b]) for b in kept] for a in kept]
+    return Calibration(entries, (Covariance(tuple(names), matrix, "identify"),) if names else ())
+
+
+def _entry_name(scenario: Scenario, path: str) -> str:
+    """``Hovercraft.mass`` of world.vehicle.mass."""
+    if path == DELAY:
+        return "uplink.delay"
+    owner, _, field = path.rpartition(".")
+    owners = dict(records(scenario))
+    kind = type(owners[owner]).__name__ if owner in owners else owner.rpartition(".")[2].capitalize()
+    return f"{kind}.{field}"
+
+
+def _changes(calibration: Calibration, file: str | None) -> dict[str, float]:
+    """Entry -> standard errors by which the flight differs from the calibration it was flown with."""
+    if file is None:
+        return {}
+    new, old = flat_entries(calibration), flat_entries(read_calibration(file))
+    both = [n for n in new if n in old]
+    return {n: abs(new[n][0] - old[n][0]) / max(math.hypot(new[n][1], old[n][1]), 1e-300) for n in both}
+
+
+def _as_json(scenario: str, found: Identified, changes: dict[str, float]) -> dict[str, Any]:
+    rows = zip(found.parameters, found.values, found.standard_errors, found.intervals, strict=True)
+    return {
+        "scenario": scenario,
+        "converged": found.estimate.converged,
+        "parameters": {
+            p.path: {
+                "nominal": p.start,
+                "value": float(v),
+                "standard_error": float(e),
+                "low": float(i[0]),
+                "high": float(i[1]),
+                "unit": p.unit,
+                "told": p.path not in found.unidentifiable(),
+            }
+            for p, v, e, i in rows
+        },
+        "not_told_apart": [list(group) for group in found.groups],
+        "noise": dict(found.noise),
+        "process_noise": dict(found.process),
+        "unexplained": {field: {"rms": a, "change": b} for field, (a, b) in found.unexplained.items()},
+        "correlated": dict(found.correlated),
+        "held_out_rms": {field: {"nominal": a, "fitted": b} for field, (a, b) in found.held_out.items()},
+        "changed_since_calibration": changes,
+        "log_likelihood": {"nominal": found.nominal_log_likelihood, "fitted": found.estimate.log_likelihood},
+    }
+
+
+def _print_unexplained(found: Identified) -> None:
+    """What the fitted model does not explain, and why that may be."""
+    for field, (rms, change) in found.unexplained.items():
+        text = f"not explained: {field}, predicted to {rms:.3g} {HORIZON:g} s ahead where it changes by {change:.3g};"
+        click.echo(f"{text} are unit, sign and axis of it right, and of the commands? Is it a log of this vehicle?")
+    if found.correlated:
+        fields = ", ".join(f"{field} (correlation {value:.2f})" for field, value in found.correlated.items())
+        click.echo(f"not white: errors of {fields} hang together from one measurement to the next, as a navigation")
+        click.echo(
+            "system's do between its corrections. The law answers them, and the fit takes both for the vehicle's own"
+        )
+        click.echo(
+            "motion: neither numbers nor intervals hold then. Log a sensor that errs anew each time, such as a motion"
+        )
+        click.echo("capture, and fit by that: --sensor NAME")
+
+
+def _print_found(scenario: str, found: Identified, changes: dict[str, float]) -> None:
+    headings = ("number", ">nominal", ">fitted", ">95 % interval", "unit")
+    table = new_table(*headings, title=f"{scenario}, by maximum likelihood", unwrapped=("number",))
+    unidentifiable = found.unidentifiable()
+    intervals: list[list[float]] = found.intervals.tolist()
+    for p, value, interval in zip(found.parameters, found.values, intervals, strict=True):
+        ends = " … ".join(f"{end:.6g}" for end in interval)
+        shown = "not told by this data" if p.path in unidentifiable else ends
+        table.add_row(p.path.replace("[", r"\["), f"{p.start:.6g}", f"{value:.6g}", shown, p.unit)
+    print_table(table)
+    for group in found.groups:
+        if len(group) > 1:
+            click.echo(f"can't be told apart: {', '.join(group)}; fit one of them, and take the others from a bench")
+        else:
+            click.echo(f"has no effect in this data: {', '.join(group)}; fly so that it matters, or leave it out")
+    if found.held_out:
+        table = new_table("field", ">nominal", ">fitted", title=f"rms of predictions {HORIZON:g} s ahead, held out")
+        for field, (a, b) in found.held_out.items():
+            table.add_row(field, f"{a:.4g}", f"{b:.4g}")
+        print_table(table)
+    _print_unexplained(found)
+    for name, sigmas in changes.items():
+        if sigmas > CHANGED:
+            click.echo(f"no longer as calibrated: {name}, {sigmas:.1f} standard errors; calibrate it again")
+    if not found.estimate.converged:
+        click.echo("not converged: the numbers are not the most likely ones; begin nearer with --set, or fit fewer")

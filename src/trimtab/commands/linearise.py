@@ -1,0 +1,187 @@
+"""`trimtab linearise`: poles, modes, zeros and Gramians of a vehicle about a trim; its matrices in a file."""
+
+from pathlib import Path
+from typing import Any
+
+import click
+import numpy as np
+
+from trimtab.commands.linearise_loop import print_loop
+from trimtab.commands.options import AT, JSON, NAVIGATION, OUT, PLOT, SET, VEHICLE, WITHOUT
+from trimtab.commands.output import check_out, new_table, print_files, print_json, print_table, write_text
+from trimtab.commands.trim import point_json, print_point
+from trimtab.core.errors import InputError
+from trimtab.design.gramians import Gramians, find_gramians
+from trimtab.design.linear_file import linear_json
+from trimtab.design.linearise import LinearModel, linearise
+from trimtab.design.trim import Trim
+from trimtab.design.zero_dynamics import Zeros, transmission_zeros
+from trimtab.run.design_point import find_point, smooth_model
+from trimtab.run.plant import Plant, load_plant
+
+STATE = click.option("--state", "states", multiple=True, metavar="NAME", help="Keep these states alone; repeatable.")
+INPUT = click.option("--input", "inputs", multiple=True, metavar="NAME", help="Keep these inputs; repeatable.")
+OUTPUT = click.option("--output", "outputs", multiple=True, metavar="NAME", help="Keep these outputs; repeatable.")
+ON_AXIS = 1e-7
+"""Zeros and poles with real parts within this part of the largest lie on the axis."""
+
+
+@click.command()
+@VEHICLE
+@AT
+@STATE
+@INPUT
+@OUTPUT
+@SET
+@NAVIGATION
+@click.option("--horizon", default=1.0, show_default=True, metavar="SECONDS", help="Of the Gramians.")
+@click.option("--closed-loop", is_flag=True, help="The whole loop of a scenario as it is flown, sampled.")
+@click.option("--direct", is_flag=True, help="With --closed-loop: the law's demand acts as it is, without actuators.")
+@click.option("--settle", default=10.0, show_default=True, metavar="SECONDS", help="Flown before, to where it rests.")
+@click.option("--round", "round_time", type=float, metavar="SECONDS", help="With --closed-loop: of a closed path.")
+@PLOT("Picture of the broken loop (Bode); with --closed-loop.", "picture")
+@WITHOUT
+@OUT("FILE", "Write A, B, C, D with all names (JSON).")
+@JSON
+def command(
+    vehicle: str,
+    at: tuple[str, ...],
+    states: tuple[str, ...],
+    inputs: tuple[str, ...],
+    outputs: tuple[str, ...],
+    settings: dict[str, str],
+    horizon: float,
+    closed_loop: bool,
+    direct: bool,
+    settle: float,
+    round_time: float | None,
+    picture: Path | None,
+    without: tuple[str, ...],
+    out: Path | None,
+    as_json: bool,
+) -> None:
+    """Linearise a vehicle about a trim: poles with frequency and damping, the states that make them, and more.
+
+    VEHICLE and --at are as of `trimtab trim`. A vehicle with a quaternion has the turn of its body against steady
+    flight as states, three and not four. --state, --input and --output keep those alone, the other states held.
+
+    \b
+    trimtab linearise hovercraft/forward --at surge_velocity=1
+    trimtab linearise hypersonic --output h --output V --out model.json
+    trimtab linearise my_jet.py:system --at speed='150 m/s' --at climb=0
+    trimtab linearise hovercraft/forward --closed-loop --direct --plot bode.png     poles and margins of the whole loop
+
+    --closed-loop differentiates the loop's own step, noise off, over one period of all its parts: vehicle, actuators,
+    sensors, links with what is under way in them, estimator and law. Margins are by its poles, exactly.
+    """
+    open_loop = {"--at": at, "--state": states, "--input": inputs, "--output": outputs, "--out": out}
+    own = {"--direct": direct, "--plot": picture, "--without": without, "--round": round_time}
+    _refuse_options(open_loop if closed_loop else own, closed_loop)
+    if out is not None:
+        check_out("--out", out)
+    plant = load_plant(vehicle, settings)
+    if closed_loop:
+        flight: dict[str, Any] = {"direct": direct, "off": without, "settle": settle, "round_time": round_time}
+        print_loop(plant, **flight, picture=picture, as_json=as_json)
+        return
+    point = find_point(plant, at).require_trim("trim")
+    linear = linearise(smooth_model(plant, point, outputs))
+    linear = linear.part(states or None, inputs or None, outputs or None)
+    zeros, gramians = transmission_zeros(linear), find_gramians(linear, horizon)
+    about = point_json(plant, point)
+    files = [write_text(out, linear_json(linear, about))] if out is not None else []
+    if as_json:
+        print_json(_result_json(linear, zeros, gramians, about), files)
+        return
+    _print_result(plant, point, linear, zeros, gramians, horizon, is_chosen=bool(outputs))
+    print_files(files)
+
+
+def _refuse_options(options: dict[str, Any], closed_loop: bool) -> None:
+    for name, value in options.items():
+        if value:
+            fix = f"leave {name} out" if closed_loop else f"add --closed-loop, or leave {name} out"
+            raise InputError(name, "is of the vehicle alone" if closed_loop else "is of the whole loop", fix=fix)
+
+
+def _result_json(linear: LinearModel, zeros: Zeros, gramians: Gramians, about: dict[str, Any]) -> dict[str, Any]:
+    return {
+        **about,
+        "A": linear.A.tolist(),
+        "B": linear.B.tolist(),
+        "C": linear.C.tolist(),
+        "D": linear.D.tolist(),
+        "names": {"states": linear.states, "inputs": linear.inputs, "outputs": linear.outputs},
+        "modes": [
+            {
+                "pole": [m.pole.real, m.pole.imag],
+                "frequency": m.frequency,
+                "damping": m.damping,
+                "time_constant": m.time_constant,
+                "states": dict(m.states),
+            }
+            for m in linear.modes()
+        ],
+        "zeros": zeros_json(zeros),
+        "hardly_moved": {"size": gramians.hardly_moved.size, "states": gramians.hardly_moved.words},
+        "hardly_seen": {"size": gramians.hardly_seen.size, "states": gramians.hardly_seen.words},
+    }
+
+
+def zeros_json(zeros: Zeros) -> list[dict[str, Any]]:
+    """Zeros as plain data."""
+    return [
+        {"zero": [float(z.real), float(z.imag)], "is_right": bool(z.real > zero_limit(zeros)), "states": words}
+        for z, words in zip(zeros.zeros, zeros.dominant, strict=True)
+    ]
+
+
+def zero_limit(zeros: Zeros) -> float:
+    """Real parts up to here (1/s) are rounding."""
+    return ON_AXIS * max(zeros.size, np.finfo(float).tiny)
+
+
+def print_zeros(zeros: Zeros, linear: LinearModel) -> None:
+    """A table of zeros, those of the right half plane marked."""
+    pair = f"from {', '.join(linear.inputs)} to {', '.join(linear.outputs)}"
+    if not len(zeros.zeros):
+        click.echo(f"no zeros {pair}")
+        return
+    click.echo(f"zeros {pair}")
+    table = new_table(">zero [1/s]", "", "where the output stays at zero")
+    limit = zero_limit(zeros)
+    for z, words in zip(zeros.zeros, zeros.dominant, strict=True):
+        if z.imag < -limit:
+            continue
+        real = 0.0 if abs(z.real) <= limit else float(z.real)
+        mark = "RIGHT: non-minimum phase" if real > 0 else "on the axis" if real == 0 else ""
+        text = f"{real:+.5g}" + (f" ± {z.imag:.5g}i" if z.imag > limit else "")
+        table.add_row(text, mark, words)
+    print_table(table)
+
+
+def _print_result(
+    plant: Plant, point: Trim, linear: LinearModel, zeros: Zeros, gramians: Gramians, horizon: float, is_chosen: bool
+) -> None:
+    print_point(plant, point)
+    print_modes(linear)
+    if len(linear.outputs) < len(linear.states) or zeros.zeros.size:
+        print_zeros(zeros, linear)
+    known = {*plant.model.states, *linear.outputs}
+    left = [n for n in plant.model.outputs if n not in known and not is_chosen]
+    if left:
+        click.echo(f"left out: {', '.join(left)}, which have no slope here; --at speed=VALUE --at climb=0 moves it")
+    for what, weak in (("moved", gramians.hardly_moved), ("seen", gramians.hardly_seen)):
+        click.echo(f"hardly {what} within {horizon:g} s: {weak.words}, {weak.size:.3g} of the easiest direction")
+
+
+def print_modes(linear: LinearModel) -> None:
+    """A table of poles and the states that make them."""
+    table = new_table(">pole [1/s]", ">rad/s", ">damping", ">time [s]", "states, by participation")
+    for m in linear.modes(least=0.05):
+        pole = f"{m.pole.real:+.5g}" + (f" ± {m.pole.imag:.5g}i" if m.pole.imag else "")
+        damping = "-" if np.isnan(m.damping) else f"{m.damping:.4f}"
+        time = "-" if np.isinf(m.time_constant) else f"{m.time_constant:.4g}"
+        names = ", ".join(f"{n} {s:.2f}" for n, s in m.states)
+        table.add_row(pole, f"{m.frequency:.4g}", damping, time, names)
+    print_table(table)

@@ -1,0 +1,78 @@
+"""`trimtab plan`: a path between obstacles that the hovercraft can fly, as a table that `--reference` reads."""
+
+from pathlib import Path
+
+import click
+
+from trimtab.commands.kept_programs import enable_cache
+from trimtab.commands.options import FILE, JSON, OUT, PLOT
+from trimtab.commands.output import check_out, check_picture, print_files, print_json
+from trimtab.commands.progress import show_spinner
+
+
+@click.command()
+@click.argument("floor", type=FILE, metavar="FLOOR.toml")
+@OUT("FILE.csv", "Write the path as a table: time, north, east, heading.")
+@PLOT("Picture of floor, way and flight.")
+@click.option("--speed", type=click.FloatRange(0.05, 1.0), default=0.5, show_default=True, help="Most speed, m/s.")
+@JSON
+def command(floor: Path, out: Path | None, plot: Path | None, speed: float, as_json: bool) -> None:
+    """Plan a path between obstacles within the craft's limits, or say why there is none.
+
+    The file says how large the floor is, where circles and polygons stand, how wide the craft is, and from where to
+    where. A way is searched and smoothed; then the hovercraft's own model flies it within the limits of fan and rudder,
+    and that flight is the plan.
+
+    \b
+    trimtab plan examples/hall.toml --out plan.csv --plot plan.png
+    trimtab run hovercraft/track --reference plan.csv --set law=horizon
+    """
+    check_picture(plot, None)
+    if out is not None:
+        check_out("--out", out)
+    from trimtab.design.obstacles import read_task  # JAX is imported below, after bad input was refused
+    from trimtab.design.route import Tempo
+
+    task = read_task(floor)
+    enable_cache()
+    from trimtab.run.planner import plan_path
+
+    with show_spinner("planning"):
+        plan = plan_path(task, Tempo(speed=speed), str(floor))
+    files = []
+    if out is not None:
+        plan.write(out)
+        files.append(out)
+    if plot is not None:
+        from trimtab.plots.planned_path import plot_planned_path
+
+        plot.parent.mkdir(parents=True, exist_ok=True)
+        plot_planned_path(task, plan, plot, title=floor.stem)
+        files.append(plot)
+    flown = plan.flown
+    result = {
+        "duration_s": float(plan.times[-1]),
+        "length_m": plan.length,
+        "clearance_m": plan.clearance,
+        "speed_m_s": plan.tempo.speed,
+        "thrust_N": [float(flown["thrust"].min()), float(flown["thrust"].max())],
+        "force_angle_rad": float(abs(flown["force_angle"]).max()),
+    }
+    if as_json:
+        print_json(result, files)
+        return
+    low, high = result["thrust_N"]
+    click.echo(f"{floor}: {result['length_m']:.1f} m in {result['duration_s']:.1f} s, at most {plan.tempo.speed:g} m/s")
+    click.echo(f"  from obstacles         {result['clearance_m']:.2f} m at the nearest, beyond the craft's radius")
+    click.echo(f"  thrust                 {low:.2f} … {high:.2f} N, allowed {-plan.law.pull:g} … {plan.law.push:g} N")
+    click.echo(
+        f"  force angle            {result['force_angle_rad']:.2f} rad at most, allowed {plan.law.deflection:g} rad"
+    )
+    print_files(files)
+    if out is not None:
+        start = (
+            ""
+            if task.heading is None
+            else "".join(f" --set initial.{name}={flown[name][0]:.6g}" for name in ("heading", "north", "east"))
+        )
+        click.echo(f"fly it:  trimtab run hovercraft/track --reference {out} --set law=horizon{start}")

@@ -1,0 +1,56 @@
+"""`trimtab plot`: a picture of a log, or of some signals of it by their paths."""
+
+from pathlib import Path
+
+import click
+
+from trimtab.commands.foreign_logs import read_any_log
+from trimtab.commands.options import FILE, JSON, PLOT
+from trimtab.commands.output import check_picture, draw_plot, print_files, print_json
+from trimtab.core.errors import InputError
+from trimtab.core.time import parse_time, to_seconds
+
+
+@click.command()
+@click.argument("file", type=FILE, metavar="LOG")
+@click.argument("signals", nargs=-1, metavar="[PATH…]")
+@PLOT("Picture, PNG, SVG or PDF by its ending.  [default: the log's name with .png]")
+@click.option("--since", metavar="TIME", help="Begin of what is drawn, e.g. '2 s'.")
+@click.option("--until", metavar="TIME", help="End of what is drawn.")
+@JSON
+def command(
+    file: Path, signals: tuple[str, ...], plot: Path | None, since: str | None, until: str | None, as_json: bool
+) -> None:
+    """Draw a log: the signals that are named by their paths, a panel each; or all that matter, as `trimtab run` does.
+
+    A path may have * for any letters. Without --plot the picture lies beside the log.
+
+    \b
+    trimtab plot flight/run.mcap
+    trimtab plot flight/run.mcap truth.yaw_rate law.mode 'actuators.*' --plot turn.svg
+    trimtab plot flight/run.mcap truth.heading --since '2 s' --until '4 s'
+    """
+    from trimtab.plots.run import plot_run
+    from trimtab.plots.signals import plot_signals, select_paths
+
+    picture = plot or file.with_suffix(".png")
+    check_picture(picture, None)
+    log = read_any_log(file, None, quiet=as_json)
+    if since is not None or until is not None:
+        ends = [None if text is None else float(to_seconds(parse_time(text))) for text in (since, until)]
+        log = log.between(ends[0] or 0.0, float("inf") if ends[1] is None else ends[1])
+    if not len(log):
+        fix = "leave --since and --until out"
+        raise InputError(f"log file '{file}'", "there is no row to draw", fix=fix)
+    name = str(log.metadata.get("scenario", file.name))
+    if signals:
+        paths = select_paths(log, signals)
+        files = draw_plot(picture, lambda path: plot_signals({file.name: log}, paths, path, title=name))
+    else:
+        paths, files = list(log.paths), draw_plot(picture, lambda path: plot_run(log, None, path, title=name))
+    if as_json:
+        print_json({"log": str(file), "signals": paths, "rows": len(log)}, files)
+        return
+    print_files(files)
+    if not signals:
+        click.echo(f"{len(paths)} signals; some of them: trimtab plot {file} {paths[0]}")

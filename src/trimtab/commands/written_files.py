@@ -1,0 +1,110 @@
+"""What trimtab wrote, and so may replace; any other file is somebody's own and stays as it is.
+
+Of each file that a verb wrote, the cache's folder `written` keeps its place and the SHA-256 of its content. A file is
+trimtab's where its content is still that; one that was edited since, or came from elsewhere, is refused before anything
+runs, unless ``--overwrite`` is typed. Where there is no cache, nothing is known to be trimtab's, and all is refused.
+"""
+
+import hashlib
+import shutil
+from collections.abc import Callable, Iterable
+from contextlib import suppress
+from pathlib import Path
+from typing import Any
+
+import click
+
+from trimtab.core.cache_folder import cache_folder
+from trimtab.core.errors import InputError
+
+FOLDER = "written"
+OVERWRITE = "trimtab.overwrite"
+"""Where a context keeps whether ``--overwrite`` was typed."""
+LIMIT = 5000
+"""Files that are remembered; beyond, the oldest are forgotten."""
+
+
+def with_overwrite(function: Callable[..., Any]) -> Callable[..., Any]:
+    """``--overwrite``, once for a verb."""
+    options = getattr(function, "__click_params__", ())
+    if any("--overwrite" in option.opts for option in options):
+        return function
+    return click.option(
+        "--overwrite",
+        is_flag=True,
+        is_eager=True,
+        expose_value=False,
+        callback=lambda context, parameter, value: context.meta.update({OVERWRITE: value}),
+        help="Replace files, too, that trimtab did not write or that were edited since.",
+    )(function)
+
+
+def check_new(option: str, *files: Path | None) -> None:
+    """Refuse to write where a file lies that trimtab did not write, or that was edited since.
+
+    option: which names the files, e.g. --out.
+    """
+    context = click.get_current_context(silent=True)
+    if context is not None and context.meta.get(OVERWRITE):
+        return
+    for file in files:
+        if file is not None and file.is_file() and not _is_as_written(file):
+            other = (
+                file.with_name(f"{file.stem}{'_' if file.suffix == '.py' else '-'}2{file.suffix}")
+                if option != "--out" or file.suffix
+                else file
+            )
+            problem = f"{str(file)!r} is there already, and trimtab did not write it, or it was edited since"
+            raise InputError(option, problem, fix=f"another name, e.g. {other.name}, or --overwrite to replace it")
+
+
+def check_new_in(option: str, folder: Path | None, *patterns: str) -> None:
+    """The same for the files of a folder that a verb may write, by their names, e.g. "*.png"."""
+    if folder is not None and folder.is_dir():
+        check_new(option, *sorted({file for pattern in patterns for file in folder.glob(pattern)}))
+
+
+def note_written(files: Iterable[str | Path]) -> None:
+    """Remember what was just written; where it can't be, the files count as somebody's own."""
+    with suppress(OSError):
+        folder = cache_folder(FOLDER)
+        for file in map(Path, files):
+            if file.is_file():
+                (folder / _place_digest(file)).write_text(_content_digest(file), encoding="ascii")
+        for old in sorted(folder.iterdir(), key=lambda note: note.stat().st_mtime)[:-LIMIT]:
+            old.unlink(missing_ok=True)
+
+
+def place_files(option: str, scratch: Path, files: Iterable[Path], folder: Path) -> list[Path]:
+    """Move all that was written below a scratch folder to its folder, or nothing; gives where the files named are.
+
+    Raises: InputError where one would take the place of somebody's own.
+    """
+    moves = [(file, folder / file.relative_to(scratch)) for file in sorted(scratch.rglob("*")) if file.is_file()]
+    check_new(option, *(place for _, place in moves))
+    try:
+        for file, place in moves:
+            place.parent.mkdir(parents=True, exist_ok=True)
+            shutil.move(file, place)
+    except OSError as error:
+        problem = f"cannot write in {str(folder)!r}: {(error.strerror or str(error)).lower()}"
+        raise InputError(option, problem, fix=f"{option} with a folder of yours") from None
+    note_written(place for _, place in moves)
+    return [folder / file.relative_to(scratch) for file in files]
+
+
+def _is_as_written(file: Path) -> bool:
+    try:
+        noted = (cache_folder(FOLDER) / _place_digest(file)).read_text(encoding="ascii")
+        return noted == _content_digest(file)
+    except OSError:
+        return False
+
+
+def _place_digest(file: Path) -> str:
+    return hashlib.sha256(str(file.resolve()).encode()).hexdigest()
+
+
+def _content_digest(file: Path) -> str:
+    with open(file, "rb") as stream:
+        return hashlib.file_digest(stream, "sha256").hexdigest()

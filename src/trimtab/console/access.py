@@ -1,0 +1,89 @@
+"""Who gets in: a token in the URL is exchanged for a cookie; hosts and origins are the server's own, or refused.
+
+A page of another site may make a browser send requests here, but can neither read the cookie nor forge the origin of a
+socket; a name of its own that leads to this machine (DNS rebinding) is no host of the server's.
+Source: OWASP, Cross-Site WebSocket Hijacking; docs page, Trust.
+"""
+
+import hmac
+import secrets
+import time
+from collections import deque
+from collections.abc import Callable, Mapping
+from http.cookies import CookieError, SimpleCookie
+from typing import Any
+
+PILOT, OBSERVER = "pilot", "observer"
+TOKEN_BYTES = 24
+MOST_WRONG_TOKENS, WRONG_PERIOD = 10, 60.0
+"""So many wrong tokens within so many seconds, and none is looked at for as long."""
+LOOPBACK_HOSTS = ("127.0.0.1", "localhost", "[::1]")
+HEADERS = {
+    "Content-Security-Policy": "default-src 'self'; frame-ancestors 'none'; base-uri 'none'; form-action 'none'",
+    "X-Content-Type-Options": "nosniff",
+    "Referrer-Policy": "no-referrer",
+    "Cross-Origin-Opener-Policy": "same-origin",
+    "Cross-Origin-Resource-Policy": "same-origin",
+    "Cache-Control": "no-store",
+}
+
+
+class Access:
+    """The two tokens of a console and the cookies that they are exchanged for."""
+
+    def __init__(self, host: str, port: int, is_encrypted: bool, note: Callable[[str], None]) -> None:
+        """note: is given a line for each attempt that was refused."""
+        self._note = note
+        self._tokens = {role: secrets.token_urlsafe(TOKEN_BYTES) for role in (PILOT, OBSERVER)}
+        self._sessions = {role: secrets.token_urlsafe(TOKEN_BYTES) for role in (PILOT, OBSERVER)}
+        self._wrong: deque[float] = deque(maxlen=MOST_WRONG_TOKENS)
+        self._cookie = f"trimtab_{port}"
+        self._scheme = "https" if is_encrypted else "http"
+        names = LOOPBACK_HOSTS if host in ("127.0.0.1", "::1", "localhost") else (f"[{host}]" if ":" in host else host,)
+        self._hosts = {f"{name}:{port}" for name in names}
+        self._first_host = f"{names[0]}:{port}"
+
+    def url(self, role: str) -> str:
+        """What a person opens."""
+        return f"{self._scheme}://{self._first_host}/?token={self._tokens[role]}"
+
+    def is_own_host(self, host: str) -> bool:
+        """Whether a request names this server."""
+        return host.lower() in self._hosts
+
+    def is_own_origin(self, origin: str) -> bool:
+        """Whether a socket was opened by a page of this server."""
+        scheme, _, host = origin.partition("://")
+        return scheme == self._scheme and self.is_own_host(host)
+
+    def exchange(self, token: str) -> str | None:
+        """The cookie's text for a token; None for a wrong one, or after too many of these."""
+        now = time.monotonic()
+        if len(self._wrong) == MOST_WRONG_TOKENS and now - self._wrong[0] < WRONG_PERIOD:
+            return None
+        for role, own in self._tokens.items():
+            if hmac.compare_digest(token.encode(), own.encode()):
+                return self._session_cookie(role)
+        self._wrong.append(now)
+        self._note(f"console: a wrong token, {len(self._wrong)} of late")
+        return None
+
+    def role(self, headers: Mapping[str, str]) -> str | None:
+        """Who sent a request, by its cookie; None for a stranger."""
+        cookies: SimpleCookie = SimpleCookie()
+        try:
+            cookies.load(headers.get("cookie", ""))
+        except CookieError:
+            return None
+        held = cookies.get(self._cookie)
+        for role, own in self._sessions.items():
+            if held is not None and hmac.compare_digest(held.value.encode(), own.encode()):
+                return role
+        return None
+
+    def _session_cookie(self, role: str) -> str:
+        cookie: Any = SimpleCookie({self._cookie: self._sessions[role]})
+        cookie[self._cookie] |= {"httponly": True, "samesite": "Strict", "path": "/"}
+        if self._scheme == "https":
+            cookie[self._cookie]["secure"] = True
+        return cookie.output(header="").strip()

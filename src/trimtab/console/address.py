@@ -1,0 +1,71 @@
+"""Where a console listens: on this machine alone, or with TLS."""
+
+import contextlib
+import ipaddress
+import socket
+from importlib.util import find_spec
+from pathlib import Path
+from typing import NamedTuple
+
+from trimtab.core.errors import InputError, argument, argument_name, install_command
+
+NEEDS = ("starlette", "uvicorn", "websockets")
+
+
+class ConsoleAddress(NamedTuple):
+    """Where a console listens.
+
+    certificate, private_key: files of TLS, without which only this machine is served.  opens: in a browser, too.
+    """
+
+    host: str = "127.0.0.1"
+    port: int = 0
+    certificate: Path | None = None
+    private_key: Path | None = None
+    opens: bool = False
+
+    def check(self) -> None:
+        """Refuse what others could read along, or a library that is missing."""
+        missing = [name for name in NEEDS if find_spec(name) is None]
+        if missing:
+            problem = f"{missing[0]} is not installed"
+            raise InputError("the console", problem, fix=install_command("console"))
+        if (self.certificate is None) != (self.private_key is None):
+            raise InputError(
+                argument_name("certificate"), "a certificate and its private key go together", fix="give both"
+            )
+        if self.certificate is None and not self._is_loopback:
+            problem = f"whoever is on the way to {self.host} could read the token and fly the craft"
+            fix = (
+                f"{argument('certificate', 'FILE')} {argument('private_key', 'FILE')} "
+                "(openssl req -x509 -newkey ec -pkeyopt ec_paramgen_curve:P-256 "
+                f"-nodes -days 30 -subj /CN={self.host} -out console.pem -keyout console.key)"
+            )
+            raise InputError(argument_name("bind"), problem, fix=fix)
+
+    @property
+    def files(self) -> dict[str, str | None]:
+        """Those of TLS, by name."""
+        own = {"certificate": self.certificate, "private_key": self.private_key}
+        return {name: None if file is None else str(file) for name, file in own.items()}
+
+    @property
+    def _is_loopback(self) -> bool:
+        with contextlib.suppress(ValueError):
+            return ipaddress.ip_address(self.host).is_loopback
+        return self.host == "localhost"
+
+
+def open_listener(address: ConsoleAddress) -> socket.socket:
+    """The socket that pages connect to."""
+    family = socket.AF_INET6 if ":" in address.host else socket.AF_INET
+    listener = socket.socket(family, socket.SOCK_STREAM)
+    listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    try:
+        listener.bind((address.host, address.port))
+    except OSError as error:
+        listener.close()
+        problem = f"cannot listen on {address.host}:{address.port}: {(error.strerror or str(error)).lower()}"
+        raise InputError(argument_name("port"), problem, fix=f"{argument('port', 0)} takes a free one") from None
+    listener.listen(64)
+    return listener

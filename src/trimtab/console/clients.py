@@ -1,0 +1,156 @@
+"""Pages that are connected: each gets the newest row that it has time for, and is heard no more than it may be.
+
+A page that takes nothing for LONGEST_SEND is closed; one that sends what no page sends, too much or too often, as well.
+Nothing of it reaches the flight but messages of known types with values of known kinds.
+"""
+
+import asyncio
+import contextlib
+import json
+import math
+import time
+from collections import deque
+from collections.abc import Callable, Mapping
+from typing import Any
+
+from starlette.websockets import WebSocket, WebSocketDisconnect, WebSocketState
+
+from trimtab.console.access import PILOT
+from trimtab.loop.supervisor_modes import REQUESTS
+
+LARGEST_MESSAGE = 4096
+MOST_MESSAGES = 200
+"""A second."""
+MOST_TEXTS = 500
+"""That wait for a page."""
+LONGEST_SEND = 5.0
+LAST_READ = 0.1
+VIOLATION = 1008
+
+Check = Callable[[Any], bool]
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+
+
+def _is_axis(value: Any) -> bool:
+    return _is_number(value) and -1 <= value <= 1
+
+
+def _is_count(value: Any) -> bool:
+    return isinstance(value, int) and not isinstance(value, bool) and 0 <= value < 1 << 31
+
+
+def _is_name(value: Any) -> bool:
+    return isinstance(value, str) and len(value) <= 256
+
+
+ANSWERED = {"id": _is_count}
+MESSAGES: Mapping[str, Mapping[str, Check]] = {
+    "ping": {"sent": _is_number},
+    "acknowledge": {"alarm": _is_name},
+    "take": ANSWERED,
+    "release": ANSWERED,
+    "stick": {"forward": _is_axis, "turn": _is_axis, "mode": _is_count},
+    "request": {"request": lambda value: value in REQUESTS[1:], **ANSWERED},
+    "stop": {},
+    "set": {"path": _is_name, "slot": _is_count, "value": _is_number, **ANSWERED},
+    "save": ANSWERED,
+}
+"""Type of a message -> what it holds besides."""
+OBSERVED = ("ping", "acknowledge")
+"""Types that an observer may send."""
+
+
+def parse_message(text: str, role: str) -> dict[str, Any]:
+    """A page's message; raises ValueError, with the reason, for one that no page sends."""
+    message = json.loads(text)
+    if not isinstance(message, dict):
+        raise ValueError("no object")
+    kind = message.get("type")
+    fields = MESSAGES.get(kind) if isinstance(kind, str) else None
+    if fields is None:
+        raise ValueError(f"unknown type {str(kind)[:40]!r}")
+    if role != PILOT and kind not in OBSERVED:
+        raise ValueError(f"{kind!r} from an observer")
+    for name, is_good in fields.items():
+        if not is_good(message.get(name)):
+            raise ValueError(f"{kind!r} with a wrong {name!r}")
+    return {"type": kind, **{name: message[name] for name in fields}}
+
+
+class Client:
+    """One page's socket."""
+
+    def __init__(self, number: int, role: str, socket: WebSocket) -> None:
+        """number: by which it is named in events."""
+        self.number, self.role, self._socket = number, role, socket
+        self._texts: deque[str] = deque(maxlen=MOST_TEXTS)
+        self._row: bytes | None = None
+        self._wake = asyncio.Event()
+        self._second, self._count = 0.0, 0
+
+    def send(self, message: Mapping[str, Any]) -> None:
+        """A message, when the page takes it; the oldest of too many are dropped."""
+        self._texts.append(json.dumps(message, allow_nan=False))
+        self._wake.set()
+
+    def send_row(self, row: bytes) -> None:
+        """A row, unless a newer one comes before the page takes it."""
+        self._row = row
+        self._wake.set()
+
+    async def serve(self, handle: Callable[["Client", dict[str, Any]], None]) -> str:
+        """Until it is closed; why, empty where the page went."""
+        tasks = [asyncio.create_task(self._read(handle)), asyncio.create_task(self._feed())]
+        await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
+        await asyncio.wait(tasks, timeout=LAST_READ)  # why a socket broke is known to who reads it
+        for task in tasks:
+            task.cancel()
+        ended = await asyncio.gather(*tasks, return_exceptions=True)
+        why = next((text for text in ended if isinstance(text, str) and text), "")
+        with contextlib.suppress(RuntimeError, OSError):
+            if self._socket.application_state == WebSocketState.CONNECTED:
+                await asyncio.wait_for(self._socket.close(VIOLATION, why[:100]), 1.0)
+        return why
+
+    async def _feed(self) -> str:
+        try:
+            while True:
+                await self._wake.wait()
+                self._wake.clear()
+                while self._texts:
+                    await asyncio.wait_for(self._socket.send_text(self._texts.popleft()), LONGEST_SEND)
+                row, self._row = self._row, None
+                if row is not None:
+                    await asyncio.wait_for(self._socket.send_bytes(row), LONGEST_SEND)
+        except TimeoutError:
+            return f"it takes nothing for {LONGEST_SEND:g} s"
+        except (WebSocketDisconnect, RuntimeError, OSError):
+            return ""
+
+    async def _read(self, handle: Callable[["Client", dict[str, Any]], None]) -> str:
+        try:
+            while True:
+                packet = await self._socket.receive()
+                if packet["type"] == "websocket.disconnect":
+                    too_large = packet.get("code") == 1009
+                    return f"a message of more than {LARGEST_MESSAGE} bytes" if too_large else ""
+                if self._is_flooding():
+                    return f"more than {MOST_MESSAGES} messages a second"
+                text = packet.get("text")
+                if text is None:
+                    return "a binary message"
+                handle(self, parse_message(text, self.role))
+        except (ValueError, RecursionError) as error:
+            return f"a message that no page sends: {error}"
+        except (WebSocketDisconnect, RuntimeError, OSError):
+            return ""
+
+    def _is_flooding(self) -> bool:
+        now = time.monotonic()
+        if now - self._second >= 1.0:
+            self._second, self._count = now, 0
+        self._count += 1
+        return self._count > MOST_MESSAGES

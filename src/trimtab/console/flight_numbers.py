@@ -1,0 +1,63 @@
+"""Roll, pitch, yaw, altitude and speeds beside the numbers of a vehicle in space, for its pages.
+
+A recording has them of the truth, `logs.spatial.with_flight`. A flight that goes on is known by its estimate: its rows
+get them here, in the console's process, so that the flight has no more to do.
+Source: docs page, Protocol of the console.
+"""
+
+import re
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from trimtab.core.quantity import Quantity
+from trimtab.live.console_packets import HEAD
+from trimtab.logs.spatial import DECLARED, FLIGHT, find_named, find_spatial, work_out_flight
+
+ESTIMATE = "estimate.state."
+UNWRAPPED = {"roll", "yaw"}
+TURN = 2 * np.pi
+
+
+class FlightNumbers:
+    """What the rows of a flight have more: nothing where its estimate has no attitude over a fixed world."""
+
+    def __init__(self, signals: Sequence[Mapping[str, Any]]) -> None:
+        """signals: of a row, in order, as a page is told them."""
+        own = [s for s in signals if not s["path"].startswith(FLIGHT)]
+        slots: dict[str, list[int]] = {}
+        declared: dict[str, Quantity] = {}
+        for k, signal in enumerate(own):
+            number = re.fullmatch(r"(.+)\.\d+", signal["path"])
+            if number and number[1].startswith(ESTIMATE):
+                slots.setdefault(number[1], []).append(k)
+                declared[number[1]] = Quantity(signal["unit"], signal["meaning"], signal["frame"], signal["kind"])
+        found = find_spatial({path: (len(at),) for path, at in slots.items()}, declared)
+        self.found = found if found is not None and found.frame == "W" else None
+        """The signals of the estimate that they are worked out from, or None."""
+        self._slots = {path: slots[path] for path in (self.found or ())[:4] if path}
+        order = {signal["path"]: k for k, signal in enumerate(own)}
+        self._named = {} if self.found else {n: order[p] for n, p in find_named(order, ESTIMATE).items()}
+        self._before: dict[str, float] = {}
+        names = self._work_out(np.zeros(len(own)))
+        self.declared = {FLIGHT + name: DECLARED[name] for name in names}
+        """Path -> what it is, of the numbers that come at the end of a row."""
+
+    def extend(self, row: bytes) -> bytes:
+        """A row as it comes from the flight, with the numbers that are worked out."""
+        if not self.declared:
+            return row
+        numbers = self._work_out(np.frombuffer(row, "<f4", offset=HEAD.size))
+        for name in UNWRAPPED & numbers.keys():
+            before = self._before.get(name, np.nan)
+            if np.isfinite(before):
+                numbers[name] -= TURN * np.round((numbers[name] - before) / TURN)
+            self._before[name] = numbers[name]
+        return row + np.array(list(numbers.values()), "<f4").tobytes()
+
+    def _work_out(self, row: Any) -> dict[str, float]:
+        if self.found is None:
+            return {name: float(row[at]) for name, at in self._named.items()}
+        rows = {path: row[at][None].astype(float) for path, at in self._slots.items()}
+        return {name: float(x[0]) for name, x in work_out_flight(self.found, np.zeros(1), rows, {}).items()}

@@ -1,0 +1,175 @@
+// Rows of signals, a column for each: those of a flight as they come, or all of a recording.
+
+/** Finds the last element that isn't later than t; -1 if all are. */
+function findLast(times, count, t) {
+  let low = 0;
+  let high = count;
+  while (low < high) {
+    const middle = (low + high) >> 1;
+    if (times[middle] <= t) low = middle + 1;
+    else high = middle;
+  }
+  return low - 1;
+}
+
+class Rows {
+  constructor(signals, capacity) {
+    this.signals = signals;
+    this.places = new Map(signals.map((signal, k) => [signal.path, k]));
+    this.capacity = capacity;
+    this.times = new Float64Array(capacity);
+    this.columns = signals.map(() => new Float32Array(capacity));
+    this.count = 0;
+    this.base = 0;
+  }
+
+  has(path) {
+    return this.places.has(path);
+  }
+
+  signal(path) {
+    return this.signals[this.places.get(path)];
+  }
+
+  column(path) {
+    return this.columns[this.places.get(path)];
+  }
+
+  /** The value of a signal in a row; NaN where either is missing. */
+  value(path, row) {
+    const place = this.places.get(path);
+    return place === undefined || row < 0 || row >= this.count ? NaN : this.columns[place][row];
+  }
+
+  rowAt(t) {
+    return findLast(this.times, this.count, t);
+  }
+
+  clear() {
+    this.base += this.count;
+    this.count = 0;
+  }
+
+  /** Adds a row; forgets the older half when it is full. A time that goes back starts anew. */
+  push(time, values) {
+    if (this.count && time <= this.times[this.count - 1]) {
+      if (time > this.times[this.count - 1] - 1) return;
+      this.clear();
+    }
+    if (this.count === this.capacity) this.forgetHalf();
+    this.times[this.count] = time;
+    for (let k = 0; k < this.columns.length; k++) this.columns[k][this.count] = values[k];
+    this.count += 1;
+  }
+
+  forgetHalf() {
+    const half = this.capacity >> 1;
+    this.times.copyWithin(0, half);
+    for (const column of this.columns) column.copyWithin(0, half);
+    this.count -= half;
+    this.base += half;
+  }
+}
+
+/** Reads a message of the live socket: {time, clock, values}; null if it doesn't hold as many signals. */
+export function readRow(buffer, signals) {
+  if (buffer.byteLength !== 16 + 4 * signals.length) return null;
+  const view = new DataView(buffer);
+  return { time: view.getFloat64(0, true), clock: view.getFloat64(8, true), values: new Float32Array(buffer, 16) };
+}
+
+/** Reads a whole recording: for each row float64 time, then float32 for each signal. */
+export function readRecording(buffer, signals) {
+  const stride = 2 + signals.length;
+  const numbers = new Float32Array(buffer, 0, Math.floor(buffer.byteLength / 4));
+  const count = Math.floor(numbers.length / stride);
+  const rows = new Rows(signals, Math.max(count, 1));
+  const view = new DataView(buffer);
+  for (let row = 0; row < count; row++) {
+    rows.times[row] = view.getFloat64(4 * stride * row, true);
+    for (let k = 0; k < signals.length; k++) rows.columns[k][row] = numbers[stride * row + 2 + k];
+  }
+  rows.count = count;
+  return rows;
+}
+
+/** Thins rows from..to to at most about `most` points that still touch every extreme: {x, ys}, null where not known. */
+export function thinRows(rows, columns, from, to, most) {
+  let step = 1;
+  while ((to - from) / step > most / 2) step *= 2;
+  const x = [];
+  const ys = columns.map(() => []);
+  if (step === 1) {
+    for (let row = from; row < to; row++) {
+      x.push(rows.times[row]);
+      columns.forEach((column, k) => ys[k].push(Number.isNaN(column[row]) ? null : column[row]));
+    }
+    return { x, ys };
+  }
+  for (let start = from - ((rows.base + from) % step); start < to; start += step) {
+    const first = Math.max(start, from);
+    const end = Math.min(start + step, to);
+    x.push(rows.times[first], rows.times[(first + end) >> 1]);
+    columns.forEach((column, k) => pushExtremes(ys[k], column, first, end));
+  }
+  return { x, ys };
+}
+
+function pushExtremes(y, column, first, end) {
+  let low = first;
+  let high = first;
+  for (let row = first; row < end; row++) {
+    if (column[row] < column[low] || Number.isNaN(column[low])) low = row;
+    if (column[row] > column[high] || Number.isNaN(column[high])) high = row;
+  }
+  const ordered = low <= high ? [column[low], column[high]] : [column[high], column[low]];
+  y.push(...ordered.map((value) => (Number.isNaN(value) ? null : value)));
+}
+
+/** The rows of a flight that goes on: the newest is shown. */
+export class LiveSource {
+  constructor(signals, capacity) {
+    this.live = true;
+    this.rows = new Rows(signals, capacity);
+    this.second = null;
+  }
+
+  get row() {
+    return this.rows.count - 1;
+  }
+
+  get time() {
+    return this.row < 0 ? NaN : this.rows.times[this.row];
+  }
+}
+
+/** The rows of one recorded flight, or of two beside each other, at the time that the player has reached. */
+export class RecordedSource {
+  constructor(rows, second) {
+    this.live = false;
+    this.rows = rows;
+    this.second = second ? new RecordedSource(second, null) : null;
+    this.now = this.start;
+  }
+
+  get start() {
+    return Math.min(this.rows.times[0], this.second ? this.second.start : Infinity);
+  }
+
+  get end() {
+    return Math.max(this.rows.times[this.rows.count - 1], this.second ? this.second.end : -Infinity);
+  }
+
+  get time() {
+    return this.now;
+  }
+
+  get row() {
+    return Math.max(0, this.rows.rowAt(this.now));
+  }
+
+  goTo(time) {
+    this.now = Math.min(this.end, Math.max(this.start, time));
+    if (this.second) this.second.now = this.now;
+  }
+}

@@ -1,0 +1,43 @@
+// What each signal should be: a number, a parameter with all the values that it has had, or another signal.
+
+export class SetPoints {
+  constructor(goals, parameters, source) {
+    this.goals = goals ?? {};
+    this.source = source;
+    this.values = new Map();
+    for (const { path, slot, value } of parameters ?? []) this.note(path, slot, value);
+  }
+
+  keyOf(path, slot) {
+    return slot ? `${path}.${slot}` : path;
+  }
+
+  /** Notes that a parameter has a value from now on. */
+  note(path, slot, value) {
+    const key = this.keyOf(path, slot);
+    const changes = this.values.get(key) ?? [];
+    changes.push({ t: changes.length ? this.source.time : -Infinity, value });
+    this.values.set(key, changes);
+  }
+
+  has(path) {
+    return this.history(path) !== null;
+  }
+
+  /** A function from time to the set-point of a signal then; null without one. */
+  history(path) {
+    const goal = this.goals[path];
+    if (typeof goal === "number") return () => goal;
+    if (goal === undefined || goal === null) return null;
+    const changes = this.values.get(goal) ?? this.values.get(goal.replace(/\.0$/, ""));
+    if (changes) return (t) => changes.findLast((change) => change.t <= t)?.value ?? changes[0].value;
+    const column = this.source.rows.column(goal);
+    return column ? (t) => column[this.source.rows.rowAt(t)] ?? null : null;
+  }
+
+  /** The set-point of a signal now; NaN without one. */
+  now(path) {
+    const history = this.history(path);
+    return history ? Number(history(this.source.time) ?? NaN) : NaN;
+  }
+}

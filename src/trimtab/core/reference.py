@@ -1,0 +1,241 @@
+"""Where a vehicle in the plane is wanted, for every time: circle, figure eight, and polynomials through places.
+
+A reference fits `core.interfaces.Reference`: `at(t)` gives the wanted place and four derivatives of it. So many, for an
+underactuated vehicle turns its thrust by its heading: the second derivative says where the nose points, the fourth with
+which torque it gets there. All of it is pure and compiles to C, so that a law can hold it in flight.
+
+A reference begins at t = 0 (s) and starts when whoever holds it begins; it says nothing of the vehicle that follows.
+"""
+
+import math
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+from jax import lax
+
+from trimtab.core.errors import InputError
+from trimtab.core.record import Scalar, option, quantity, record
+
+DEGREE = 5
+"""Of the polynomials: place and four derivatives are continuous where two of them meet."""
+REST_FACTOR = 1.875
+"""Most speed over mean speed of a move from rest to rest by a polynomial of degree 5."""
+
+
+@record
+class ReferencePoint:
+    """What is wanted at one instant. Frames: W, (north, east). Source: docs page, References."""
+
+    place: Any = quantity("m", "Place.", frame="W", shape=(2,))
+    velocity: Any = quantity("m/s", "Its derivative.", frame="W", shape=(2,))
+    acceleration: Any = quantity("m/s^2", "Its second derivative.", frame="W", shape=(2,))
+    jerk: Any = quantity("m/s^3", "Its third derivative.", frame="W", shape=(2,))
+    snap: Any = quantity("m/s^4", "Its fourth derivative.", frame="W", shape=(2,))
+    heading: Scalar = quantity("rad", "Heading, where the motion leaves it free.", kind="angle", frame="W")
+    has_heading: Scalar = quantity("1", "Whether a heading is wanted at all.", kind="flag")
+
+
+def retime(point: ReferencePoint, rates: tuple[Any, Any, Any, Any]) -> ReferencePoint:
+    """A point of a reference whose time is itself a function of time, by the chain rule.
+
+    Args:
+        point: of the reference, at its own time theta.
+        rates: first to fourth derivative of theta by time.
+    """
+    a, b, c, d = rates
+    p1, p2, p3, p4 = point.velocity, point.acceleration, point.jerk, point.snap
+    return ReferencePoint(
+        place=point.place,
+        velocity=p1 * a,
+        acceleration=p2 * a**2 + p1 * b,
+        jerk=p3 * a**3 + 3 * p2 * a * b + p1 * c,
+        snap=p4 * a**4 + 6 * p3 * a**2 * b + p2 * (3 * b**2 + 4 * a * c) + p1 * d,
+        heading=point.heading,
+        has_heading=point.has_heading,
+    )
+
+
+def _ease_in(t: Any, ease: Any) -> tuple[Any, tuple[Any, Any, Any, Any]]:
+    """Own time of a reference that sets out from rest, and its derivatives: its rate rises from 0 to 1 within `ease`.
+
+    The rate is the polynomial of degree 7 whose first three derivatives vanish at both ends.
+    """
+    eased = ease > 0
+    span = jnp.where(eased, ease, 1.0)
+    x = jnp.where(eased, jnp.clip(t / span, 0.0, 1.0), 1.0)
+    theta = span * x**5 * (7 + x * (-14 + x * (10 - 2.5 * x))) + jnp.maximum(t - span, 0.0)
+    theta = jnp.where(eased, theta, t)
+    rate = x**4 * (35 + x * (-84 + x * (70 - 20 * x)))
+    slope = 140 * x**3 * (1 - x) ** 3 / span
+    bend = 420 * x**2 * (1 - x) ** 2 * (1 - 2 * x) / span**2
+    last = 840 * x * (1 - x) * (1 - 5 * x + 5 * x**2) / span**3
+    return theta, (rate, slope, bend, last)
+
+
+def _harmonic_point(centre: Any, terms: Any, phase: Any, w: Any) -> ReferencePoint:
+    """A sum of harmonics and its derivatives: terms are (multiple k, vector u), each u sin(k phase), phase' = w."""
+    derivatives = [centre, 0.0, 0.0, 0.0, 0.0]
+    for k, shift, u in terms:
+        s, c = jnp.sin(k * phase + shift), jnp.cos(k * phase + shift)
+        for order, value in enumerate((s, c, -s, -c, s)):
+            derivatives[order] = derivatives[order] + u * (value * (k * w) ** order)
+    return ReferencePoint(*derivatives, heading=jnp.asarray(0.0), has_heading=jnp.asarray(False))
+
+
+@record
+class Circle:
+    """A circle at constant speed, after a start from rest.
+
+    Frames:  W; angles clockwise from north, seen from the centre.    Source:  elementary.
+    """
+
+    radius: Scalar = quantity("m", "Radius.", default=1.5, above=0)
+    period: Scalar = quantity("s", "Time of a round.", default=20.0, above=0)
+    north: Scalar = quantity("m", "Centre.", frame="W", default=0.0)
+    east: Scalar = quantity("m", "Centre.", frame="W", default=0.0)
+    start: Scalar = quantity("rad", "Where on the circle it begins.", kind="angle", default=0.0)
+    ease: Scalar = quantity("s", "Time in which it comes to full speed.", default=8.0, low=0)
+    clockwise: bool = option("Whether it goes round clockwise.", default=True, choices=(True, False))
+
+    def at(self, t: Any) -> ReferencePoint:
+        """What is wanted at t (s)."""
+        theta, rates = _ease_in(t, self.ease)
+        w = 2 * np.pi / self.period * (1 if self.clockwise else -1)
+        north, east = self.radius * np.array([1.0, 0.0]), self.radius * np.array([0.0, 1.0])
+        phase = self.start + w * theta
+        centre = jnp.stack([self.north, self.east])
+        return retime(_harmonic_point(centre, ((1, np.pi / 2, north), (1, 0.0, east)), phase, w), rates)
+
+
+@record
+class FigureEight:
+    """A lying eight, through its centre twice a period, after a start from rest at a tip.
+
+        along = (length/2) cos(phase)      across = -(width/2) (sin(2 phase) + sin(4 phase)/40)
+
+    The acceleration vanishes in the crossing and changes sign there. The last term makes its direction stand still
+    while it does (direction' and direction'' are zero), so that whoever thrusts along it needs no torque just then;
+    it changes the width by 0.2 %.
+
+    Frames:  W; `axis` clockwise from north; across is 90 degrees clockwise of it.    Source:  derived here.
+    """
+
+    length: Scalar = quantity("m", "From tip to tip.", default=5.0, above=0)
+    width: Scalar = quantity("m", "Of the loops.", default=1.5, above=0)
+    period: Scalar = quantity("s", "Time of a whole eight.", default=30.0, above=0)
+    north: Scalar = quantity("m", "Centre.", frame="W", default=0.0)
+    east: Scalar = quantity("m", "Centre.", frame="W", default=0.0)
+    axis: Scalar = quantity("rad", "Direction of the tip at which it begins.", kind="angle", default=0.0)
+    ease: Scalar = quantity("s", "Time in which it comes to full speed.", default=8.0, low=0)
+
+    def at(self, t: Any) -> ReferencePoint:
+        """What is wanted at t (s)."""
+        theta, rates = _ease_in(t, self.ease)
+        w = 2 * np.pi / self.period
+        c, s = jnp.cos(self.axis), jnp.sin(self.axis)
+        along, across = jnp.stack([c, s]) * self.length / 2, jnp.stack([-s, c]) * self.width / 2
+        terms = ((1, 0.0, along), (2, 0.0, across), (4, 0.0, -across / 40))
+        centre = jnp.stack([self.north, self.east])
+        return retime(_harmonic_point(centre, terms, np.pi / 2 + w * theta, w), rates)
+
+
+@record
+class PiecewisePath:
+    """Polynomials of degree 5 one after the other, as `interpolate_path` and `pass_waypoints` make them.
+
+    Piece k holds from times[k] to times[k + 1]: sum of coefficients[k, i] (t - times[k])^i, of north, east and heading.
+    Before the first time and after the last it rests at its ends.
+
+    Frames:  W.    Source:  C. de Boor, "A practical guide to splines", 1978.
+    """
+
+    times: Any = quantity("s", "When pieces begin, and when the last one ends; rising.", default=np.array([0.0, 1.0]))
+    coefficients: Any = quantity(
+        "m, rad", "Of each piece, lowest power first (pieces, 6, 3).", frame="W", default=np.zeros((1, DEGREE + 1, 3))
+    )
+    has_heading: Scalar = quantity("1", "Whether a heading is wanted.", kind="flag", default=False)
+
+    def check(self) -> None:
+        """Refuse what is no path."""
+        times, shape = np.asarray(self.times, np.float64), np.shape(self.coefficients)
+        if times.ndim != 1 or shape != (len(times) - 1, DEGREE + 1, 3) or not (np.diff(times) > 0).all():
+            problem = f"{np.size(times)} times and coefficients of shape {shape} are no pieces in rising order"
+            fix = "make it with core.reference.interpolate_path or pass_waypoints"
+            raise InputError("PiecewisePath.times", problem, fix=fix)
+
+    def at(self, t: Any) -> ReferencePoint:
+        """What is wanted at t (s)."""
+        times = jnp.asarray(self.times)
+        piece = jnp.sum(t >= times[1:-1], dtype=np.int32)
+        first = jnp.int32(0)
+        c = lax.dynamic_slice(jnp.asarray(self.coefficients), (piece, first, first), (1, DEGREE + 1, 3))[0]
+        begin = lax.dynamic_slice(times, (piece,), (1,))[0]
+        x = jnp.clip(t, times[0], times[-1]) - begin
+        values, moves = [], (t >= times[0]) & (t < times[-1])
+        for order in range(5):
+            value = jnp.zeros(3)
+            for i in range(DEGREE, order - 1, -1):
+                value = value * x + c[i] * float(np.prod(np.arange(i - order + 1, i + 1)))
+            values.append(value if order == 0 else jnp.where(moves, value, 0.0))
+        return ReferencePoint(*(v[:2] for v in values), heading=values[0][2], has_heading=self.has_heading)
+
+
+def interpolate_path(times: Any, places: Any, headings: Any = None, *, rests: bool = False) -> PiecewisePath:
+    """The spline of degree 5 through places at times.
+
+    Args:
+        times: s, rising (n,); four at least, or two if it rests at its ends.
+        places: m, north and east in W (n, 2).
+        headings: rad (n,), unwrapped; None: none is wanted.
+        rests: whether velocity and acceleration vanish at both ends.
+
+    Raises:
+        InputError: too few, or in no rising order.
+    """
+    from scipy.interpolate import make_interp_spline  # before a run only
+
+    t, x = np.asarray(times, np.float64), np.asarray(places, np.float64)
+    fewest = 2 if rests else DEGREE + 1
+    if t.ndim != 1 or x.shape != (len(t), 2) or len(t) < fewest or not (np.diff(t) > 0).all():
+        problem = f"{np.size(t)} times and {len(x)} places, of which no smooth path can be made"
+        fix = f"give {fewest} at least, each with its time, times rising"
+        raise InputError("path", problem, fix=fix)
+    angles = np.zeros(len(t)) if headings is None else np.asarray(headings, np.float64)
+    still: Any = [(1, np.zeros(3)), (2, np.zeros(3))]
+    ends = (still, still) if rests else None
+    spline: Any = make_interp_spline(t, np.column_stack([x, angles]), k=DEGREE, bc_type=ends)
+    knots = np.unique(spline.t)
+    pieces = [spline(knots[:-1], i) / math.factorial(i) for i in range(DEGREE + 1)]
+    return PiecewisePath(knots, np.stack(pieces, axis=1), headings is not None)
+
+
+def pass_waypoints(places: Any, speeds: Any) -> PiecewisePath:
+    """A smooth path from rest to rest through places, one leg after the other.
+
+    Args:
+        places: m, north and east in W (n, 2).
+        speeds: m/s, mean of each leg (n - 1,), or of all; the first and the last leg take longer, for they begin or
+            end at rest.
+
+    Raises:
+        InputError: fewer than two places, two alike in a row, or a speed that is none.
+    """
+    x = np.asarray(places, np.float64)
+    if x.ndim != 2 or x.shape[1] != 2 or len(x) < 2:
+        raise InputError("waypoints", "a path has two of them at least", fix="write e.g. waypoints(0 0, 3 0, 3 3)")
+    legs = np.hypot(*np.diff(x, axis=0).T)
+    v = np.broadcast_to(np.asarray(speeds, np.float64), legs.shape)
+    if not (legs > 0).all():
+        k = int(np.argmin(legs))
+        problem = f"number {k + 1} and number {k + 2} are the same place, {x[k, 0]:g} {x[k, 1]:g}"
+        raise InputError("waypoints", problem, fix="leave one of them out")
+    if not (v > 0).all():
+        raise InputError(
+            "waypoints", f"a speed of {v.min():g} m/s gets nowhere", fix="give one above 0, e.g. speed=0.4"
+        )
+    factor = np.ones(len(legs))
+    factor[0], factor[-1] = (REST_FACTOR + 1) / 2, (REST_FACTOR + 1) / 2
+    if len(legs) == 1:
+        factor[0] = REST_FACTOR
+    return interpolate_path(np.append(0.0, np.cumsum(factor * legs / v)), x, rests=True)

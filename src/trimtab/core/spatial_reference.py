@@ -1,0 +1,114 @@
+"""Where a vehicle in space is wanted, for every time: a helix, one place, or a path in the plane at a height.
+
+A reference in space gives `at(t)` a SpatialPoint: the place and four derivatives, the heading and two. All is pure and
+compiles to C, so that a law can hold it in flight.
+"""
+
+from typing import Any, Protocol
+
+import jax.numpy as jnp
+import numpy as np
+
+from trimtab.core.record import Scalar, part, quantity, record
+from trimtab.core.reference import Circle
+
+
+@record
+class SpatialPoint:
+    """What is wanted at one instant. Frames: W, (north, east, down). Source: docs page, References."""
+
+    place: Any = quantity("m", "Place.", frame="W", shape=(3,))
+    velocity: Any = quantity("m/s", "Its derivative.", frame="W", shape=(3,))
+    acceleration: Any = quantity("m/s^2", "Its second derivative.", frame="W", shape=(3,))
+    jerk: Any = quantity("m/s^3", "Its third derivative.", frame="W", shape=(3,))
+    snap: Any = quantity("m/s^4", "Its fourth derivative.", frame="W", shape=(3,))
+    heading: Scalar = quantity("rad", "Where the nose is to point.", kind="angle", frame="W")
+    heading_rate: Scalar = quantity("rad/s", "Its derivative.", frame="W")
+    heading_acceleration: Scalar = quantity("rad/s^2", "Its second derivative.", frame="W")
+
+
+class SpatialReference(Protocol):
+    """Where a vehicle in space is wanted: a record that a law holds, usually as its field `reference`."""
+
+    def at(self, t: Any) -> SpatialPoint:
+        """What is wanted t (s) after the law began."""
+        ...
+
+
+@record
+class FixedPlace:
+    """One place for ever, the nose one way. Frames: W. Source: elementary."""
+
+    place: Any = quantity("m", "Where.", frame="W", shape=(3,), default=(0.0, 0.0, 0.0))
+    heading: Scalar = quantity("rad", "Where the nose points.", kind="angle", frame="W", default=0.0)
+
+    def at(self, t: Any) -> SpatialPoint:
+        """What is wanted at t (s)."""
+        o, three = jnp.asarray(0.0), jnp.zeros(3)
+        heading = jnp.asarray(self.heading, float)
+        return SpatialPoint(jnp.asarray(self.place, float), three, three, three, three, heading, o, o)
+
+
+@record
+class Helix:
+    """An elliptic helix along north, at full speed from the first instant, with a heading that turns steadily.
+
+        (speed t, across sin wt, -lift cos wt) + origin      heading = turn t
+
+    Frames:  W; `lift` is half the height of the ellipse, which begins at its top for lift > 0.
+    Source:  T. Lee, M. Leok, N. H. McClamroch, "Geometric tracking control of a quadrotor UAV on SE(3)", CDC 2010,
+             section V: its helix has lift = -0.6.
+    """
+
+    speed: Scalar = quantity("m/s", "Along its axis.", default=0.4)
+    across: Scalar = quantity("m", "Half its width.", default=0.4)
+    lift: Scalar = quantity("m", "Half its height.", default=-0.6)
+    w: Scalar = quantity("rad/s", "Angular frequency of a turn.", default=np.pi)
+    turn: Scalar = quantity("rad/s", "Rate of the heading.", default=np.pi)
+    origin: Any = quantity("m", "Where its axis begins.", frame="W", shape=(3,), default=(0.0, 0.0, 0.0))
+
+    def at(self, t: Any) -> SpatialPoint:
+        """What is wanted at t (s)."""
+        w, s, c = self.w, jnp.sin(self.w * t), jnp.cos(self.w * t)
+        o = jnp.zeros_like(s)
+        y, z = self.across, -self.lift
+        axis = jnp.stack([o + self.speed * t, o, o])
+        return SpatialPoint(
+            place=jnp.asarray(self.origin) + axis + jnp.stack([o, y * s, z * c]),
+            velocity=jnp.stack([o + self.speed, y * w * c, -z * w * s]),
+            acceleration=jnp.stack([o, -y * w**2 * s, -z * w**2 * c]),
+            jerk=jnp.stack([o, -y * w**3 * c, z * w**3 * s]),
+            snap=jnp.stack([o, y * w**4 * s, z * w**4 * c]),
+            heading=self.turn * t,
+            heading_rate=o + self.turn,
+            heading_acceleration=o,
+        )
+
+
+@record
+class LevelPath:
+    """A path in the plane, flown at one height with one heading.
+
+    Frames:  W.    Source:  elementary.
+    """
+
+    path: Any = part("In the plane: anything that fits core.interfaces.Reference.", default=Circle())
+    height: Scalar = quantity("m", "Above the origin of W.", frame="W", default=1.5)
+    heading: Scalar = quantity("rad", "Of the nose.", kind="angle", frame="W", default=0.0)
+
+    def at(self, t: Any) -> SpatialPoint:
+        """What is wanted at t (s)."""
+        p = self.path.at(t)
+        o = jnp.zeros(1)
+        down = jnp.stack([-jnp.asarray(self.height, float)])
+        heading = jnp.asarray(self.heading, float)
+        return SpatialPoint(
+            place=jnp.concatenate([p.place, down]),
+            velocity=jnp.concatenate([p.velocity, o]),
+            acceleration=jnp.concatenate([p.acceleration, o]),
+            jerk=jnp.concatenate([p.jerk, o]),
+            snap=jnp.concatenate([p.snap, o]),
+            heading=heading,
+            heading_rate=o[0],
+            heading_acceleration=o[0],
+        )

@@ -1,0 +1,213 @@
+"""Units that people and loggers write, and what each is in SI and radians.
+
+Quantities are kept in SI and radians, but for a fan's speed at the bench, which the field has in rpm.
+"""
+
+import math
+import re
+from collections.abc import Mapping
+from typing import NamedTuple
+
+from trimtab.core.errors import InputError, closest
+
+DEGREE = math.pi / 180
+FREE_FALL = 9.80665
+"""Standard gravity, m/s^2."""
+FLAG, COUNT = "flag", "count"
+TURN = 2 * math.pi
+POUND = 0.45359237
+"""kg."""
+
+RATES: Mapping[str, float] = {
+    "rad/s": 1.0,
+    "mrad/s": 1e-3,
+    "deg/s": DEGREE,
+    "rpm": TURN / 60,
+    "krpm": 1e3 * TURN / 60,
+}
+UNITS: Mapping[str, Mapping[str, float]] = {
+    "1": {"1": 1.0, "%": 0.01},
+    FLAG: {FLAG: 1.0},
+    COUNT: {COUNT: 1.0},
+    "rad": {"rad": 1.0, "mrad": 1e-3, "deg": DEGREE, "cdeg": 0.01 * DEGREE, "turn": TURN},
+    "rad/s": RATES,
+    "rad/s^2": {"rad/s^2": 1.0, "deg/s^2": DEGREE},
+    "m/s^2": {"m/s^2": 1.0, "cm/s^2": 0.01, "g": FREE_FALL, "mg": 1e-3 * FREE_FALL},
+    "m": {"m": 1.0, "km": 1e3, "cm": 0.01, "mm": 1e-3, "ft": 0.3048, "in": 0.0254},
+    "m^2": {"m^2": 1.0},
+    "m/s": {
+        "m/s": 1.0,
+        "cm/s": 0.01,
+        "mm/s": 1e-3,
+        "km/h": 1 / 3.6,
+        "kn": 1852 / 3600,
+        "ft/s": 0.3048,
+    },
+    "T": {"T": 1.0, "mT": 1e-3, "uT": 1e-6, "nT": 1e-9, "gauss": 1e-4, "mgauss": 1e-7},
+    "Pa": {"Pa": 1.0, "hPa": 100.0, "mbar": 100.0, "kPa": 1e3, "bar": 1e5},
+    "K": {"K": 1.0},
+    "s": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9, "min": 60.0},
+    "N": {
+        "N": 1.0,
+        "mN": 1e-3,
+        "gf": 1e-3 * FREE_FALL,
+        "kgf": FREE_FALL,
+        "ozf": POUND / 16 * FREE_FALL,
+        "lbf": POUND * FREE_FALL,
+    },
+    "kg": {"kg": 1.0, "g": 1e-3, "lb": POUND},
+    "V": {"V": 1.0, "mV": 1e-3},
+    "A": {"A": 1.0, "mA": 1e-3},
+    "Hz": {"Hz": 1.0},
+    "rpm": {"rpm": 1.0, "krpm": 1e3, "rad/s": 60 / TURN, "Hz": 60.0},
+}
+"""Unit that a quantity is kept in -> units that it may be written in -> size of one of them.
+
+Of a unit that stands twice, such as g, the first is meant where nothing says what is measured.
+"""
+SPELLINGS = {
+    "": "1",
+    "degrees": "deg",
+    "degree": "deg",
+    "radians": "rad",
+    "dps": "deg/s",
+    "degps": "deg/s",
+    "radps": "rad/s",
+    "m/s/s": "m/s^2",
+    "m/s2": "m/s^2",
+    "m/s**2": "m/s^2",
+    "rad/s/s": "rad/s^2",
+    "deg/s/s": "deg/s^2",
+    "g0": "g",
+    "G": "gauss",
+    "Gs": "gauss",
+    "Gauss": "gauss",
+    "mG": "mgauss",
+    "mGauss": "mgauss",
+    "kt": "kn",
+    "knots": "kn",
+    "degheading": "deg",
+    "deglatitude": "deg",
+    "deglongitude": "deg",
+    "bool": FLAG,
+}
+"""Other spellings -> the unit."""
+
+NAMES = {
+    "metre": "m",
+    "meter": "m",
+    "kilogram": "kg",
+    "gram": "g",
+    "second": "s",
+    "sec": "s",
+    "newton": "N",
+    "radian": "rad",
+    "degree": "deg",
+    "pascal": "Pa",
+    "kelvin": "K",
+    "volt": "V",
+    "ampere": "A",
+    "hertz": "Hz",
+    "foot": "ft",
+    "inch": "in",
+    "pound": "lb",
+}
+"""Units spelled out -> the symbol by which a declaration has them."""
+
+NUMBER = re.compile(r"\s*([-+]?(?:(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?|nan|inf))\s*(.*?)\s*", re.IGNORECASE)
+
+
+class Unit(NamedTuple):
+    """scale: of one unit in SI and radians.  name: of the unit there.  kind: "real", "flag" or "count"."""
+
+    scale: float
+    name: str
+    kind: str = "real"
+
+
+def find_unit(where: str, text: str) -> Unit:
+    """The unit of a text, which may begin with a factor, e.g. ``1e-7 deg``.
+
+    Raises:
+        InputError: an unknown one.
+    """
+    plain = _spell_plainly(text)
+    match = re.fullmatch(r"([-+0-9.eE]+)\s+(\S.*)", plain)
+    factor, name = (_parse_factor(where, text, match[1]), match[2].strip()) if match else (1.0, plain)
+    name = SPELLINGS.get(name, name)
+    kept = next((kept for kept, sizes in UNITS.items() if name in sizes), None)
+    if kept is None:
+        known = list(dict.fromkeys(unit for sizes in UNITS.values() for unit in sizes))
+        near = closest(name, known, 1)
+        fix = f'unit = "{near[0]}"' if near else 'write one of them, or a factor and one of them, e.g. "1e-3 m"'
+        raise InputError(where, f"{text!r} is no unit that is known here", choices=known, fix=fix)
+    return Unit(factor * UNITS[kept][name], kept, kept if kept in (FLAG, COUNT) else "real")
+
+
+def find_size(text: str, kept: str) -> float | None:
+    """Size of one unit of a text in the unit that a quantity is kept in; None where it is no unit of that."""
+    return find_sizes(text).get(kept)
+
+
+def find_sizes(text: str) -> dict[str, float]:
+    """Units that a quantity may be kept in -> size of one unit of a text in them; empty where it is no unit."""
+    plain = _spell_plainly(text)
+    name = SPELLINGS.get(plain, plain)
+    return {kept: sizes[name] for kept, sizes in UNITS.items() if name in sizes}
+
+
+def check_symbols(unit: str) -> None:
+    """Refuse a declared unit that is spelled out, for nothing could be converted to it.
+
+    Raises:
+        InputError: naming the symbol.
+    """
+    for word in re.findall("[A-Za-z]+", unit):
+        symbol = NAMES.get(word.lower(), NAMES.get(word.lower().removesuffix("s")))
+        if symbol is not None:
+            problem = f"the unit {unit!r} is spelled out: units are declared by their symbols"
+            raise InputError("quantity", problem, fix=f'quantity("{unit.replace(word, symbol)}", …)')
+
+
+def parse_unit(part: str, text: str, kept: str) -> float:
+    """Size of a unit that is written behind a number, in the unit that the number is kept in; 1 where none is.
+
+    Raises:
+        InputError: a unit that does not measure what is kept in that one.
+    """
+    if not text or text == kept:
+        return 1.0
+    sizes, own = find_sizes(text), find_sizes(kept)
+    common = next((unit for unit in (kept, *own) if unit in sizes and unit in own), None)
+    if common is None:
+        choices = [kept, *(u for unit in own for u in UNITS[unit] if u != kept)]
+        raise InputError(part, f"{text!r} is no unit of it: it is in {kept}", choices=choices, fix=f"give it in {kept}")
+    return sizes[common] / own[common]
+
+
+def parse_amount(part: str, text: str, kept: str) -> float:
+    """A number as ``3 kg``, ``3000 g`` or ``3``, in the unit that it is kept in; ``nan`` and ``inf`` are numbers.
+
+    Raises:
+        InputError: no number, or another kind of unit.
+    """
+    match = NUMBER.fullmatch(text)
+    if match is None:
+        raise InputError(part, f"{text!r} is no number", fix=f"a number{f', in {kept}' if kept != '1' else ''}")
+    try:
+        return float(match[1]) * parse_unit(part, match[2], kept)
+    except InputError as error:
+        fix = f"{match[1]} {kept}" if kept != "1" else match[1]
+        raise InputError(part, error.problem, choices=error.choices, fix=fix) from None
+
+
+def _spell_plainly(text: str) -> str:
+    plain = text.strip().replace("µ", "u").replace("μ", "u")
+    return plain.replace("°", "deg").replace("²", "^2")
+
+
+def _parse_factor(where: str, text: str, factor: str) -> float:
+    try:
+        return float(factor)
+    except ValueError:
+        raise InputError(where, f"{text!r} begins with no number", fix='write e.g. "1e-7 deg"') from None

@@ -1,0 +1,83 @@
+"""Weights from stated limits, and the certified system of a linear model that they make.
+
+Bryson's rule: what may be as large as its limit counts as much as anything else at its own,
+
+    Q = diag(1/limit(x)^2)        R = diag(1/limit(u)^2)
+
+Source: A. E. Bryson, Y.-C. Ho, "Applied optimal control", Hemisphere 1975, section 5.2.
+"""
+
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+import numpy as np
+
+from trimtab.core.errors import InputError, argument, argument_name
+from trimtab.design.certified_system import CertifiedSystem, Setting
+from trimtab.design.linearise import LinearModel
+from trimtab.design.lqr import augment_integrals
+from trimtab.design.model import find_indices
+
+STRICT = 1.01
+"""Weight of the regulator in parts of the one that is certified, as in `trimtab design hypersonic`."""
+INTEGRAL = "integral of "
+
+
+def weigh_by_limits(
+    name: str,
+    linear: LinearModel,
+    limits: Mapping[str, float],
+    integrals: Mapping[str, float] | None = None,
+    about: Mapping[str, Setting] | None = None,
+) -> CertifiedSystem:
+    """The system whose gain `certificate.design_certificate` finds and proves.
+
+    Args:
+        name: of the vehicle.
+        linear: at a trim, with the states that are fed back.
+        limits: state or input -> how large it may become, of each; what must not count gets a large one.
+        integrals: state -> how large the integral of its error may become; these are appended to the states.
+        about: what else a certificate says, so that it can be built anew.
+
+    Source: the rule's.
+    """
+    integrals = integrals or {}
+    find_indices(argument_name("limits"), limits, (*linear.states, *linear.inputs))
+    rows = find_indices(argument_name("integrals"), integrals, linear.states)
+    lacking = [n for n in (*linear.inputs, *linear.states) if n not in limits]
+    if lacking:
+        words = " ".join(argument("limits", "NUMBER", n) for n in lacking)
+        raise InputError(
+            argument_name("limits"),
+            f"of {', '.join(lacking)} no limit is stated",
+            fix=f"{words}  (how large it may become)",
+        )
+    _check_limits({**limits, **{f"{INTEGRAL}{n}": v for n, v in integrals.items()}})
+    A, B = augment_integrals(linear.A, linear.B, rows)
+    sizes = np.array([*(limits[n] for n in linear.states), *integrals.values()], float)
+    Q = np.diag(1 / sizes**2)
+    return CertifiedSystem(
+        name=name,
+        about=dict(about or {}),
+        method="lqr",
+        states=(*linear.states, *(f"{INTEGRAL}{n}" for n in integrals)),
+        inputs=linear.inputs,
+        A=A,
+        B=B,
+        Qe=Q / STRICT,
+        Re=np.diag([1 / limits[n] ** 2 for n in linear.inputs]),
+        Q=Q,
+        scale=sizes,
+    )
+
+
+def fed_back_states(linear: LinearModel, idle: Iterable[str], named: Iterable[str]) -> tuple[str, ...]:
+    """The states of a feedback: those that something depends on, and those that are named."""
+    left_out = set(idle) - set(named)
+    return tuple(n for n in linear.states if n not in left_out)
+
+
+def _check_limits(limits: Mapping[str, Any]) -> None:
+    for name, value in limits.items():
+        if not 0 < value < np.inf:
+            raise InputError(argument_name("limits", name), f"{value}", fix="give a finite size above 0")

@@ -1,0 +1,123 @@
+"""Feedback of a predicted state: a constant delay between command and plant, taken out of the loop.
+
+    x' = A x + B u(t - delay)     u(t) = K z(t)     z(t) = e^(A delay) x(t) + integral of e^(A s) B u(t - s), s < delay
+
+z is the state at which a command that is given now will arrive. It moves by z' = A z + B u, without delay, so that the
+loop has the poles of A + B K whatever the delay is; and a plant that is faster than the delay can be held. The command
+is held over a period, the delay is any number of them, whole or not. Offline code: LAPACK.
+
+Source: [1] Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006, eq. 5.1;
+[2] A. Manitius, A. Olbrot, "Finite spectrum assignment problem for systems with delays", IEEE Trans. Automatic Control
+24 (1979); [3] K. J. Åström, B. Wittenmark, "Computer-controlled systems", Prentice Hall 1997, section 2.3.
+"""
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy.linalg import expm
+
+from trimtab.core.errors import InputError
+from trimtab.design.poles import sorted_poles
+
+ON_A_PERIOD = 1e-9
+"""A delay this near to a whole number of periods, in periods, is that number."""
+
+
+class PredictiveFeedback(NamedTuple):
+    """u(k) = state_gain x(k) + sum of input_gains[j] u(k - 1 - j).
+
+    state_gain: K e^(A delay) (m, n).  input_gains: (N, m, m), of the N commands that are on their way, newest first.
+    A, B: of the plant.  K: (m, n).  delay, period: s.
+    """
+
+    state_gain: Any
+    input_gains: Any
+    A: Any
+    B: Any
+    K: Any
+    delay: float
+    period: float
+
+    def command(self, x: Any, sent: Any) -> Any:
+        """u (m,) from the state (n,) and the commands sent before (N, m), newest first."""
+        return self.state_gain @ x + np.einsum("jab,jb->a", self.input_gains, np.asarray(sent))
+
+    def loop_matrix(self, delay: float | None = None) -> Any:
+        """One period of the loop, of (x, commands on their way), where the plant has this delay; its own if None."""
+        actual = self.delay if delay is None else delay
+        n, m = self.B.shape
+        weights = _arriving_weights(self.A, self.B, self.period, actual)
+        held = max(len(self.input_gains), len(weights) - 1)
+        F = np.zeros((n + held * m,) * 2)
+        command = np.zeros((m, len(F)))
+        command[:, :n] = self.state_gain
+        for j, gain in enumerate(self.input_gains):
+            command[:, n + j * m : n + (j + 1) * m] = gain
+        F[:n, :n] = expm(self.A * self.period)
+        F[:n] += weights[0] @ command
+        for j, weight in enumerate(weights[1:]):
+            F[:n, n + j * m : n + (j + 1) * m] += weight
+        if held:
+            F[n : n + m] = command
+            F[n + m :, n : n + (held - 1) * m] = np.eye((held - 1) * m)
+        return F
+
+    def poles(self, delay: float | None = None) -> Any:
+        """Poles of the sampled loop, by falling size; below 1 it settles. At its own delay: without delay, and 0."""
+        poles = sorted_poles(self.loop_matrix(delay))
+        return poles[np.argsort(-np.abs(poles), kind="stable")]
+
+
+def compensate_delay(A: Any, B: Any, K: Any, delay: float, period: float) -> PredictiveFeedback:
+    """The gains of a state feedback u = K x, for a plant that the command reaches late.
+
+    Args:
+        A: (n, n).
+        B: (n, m).
+        K: (m, n), designed without delay, u = +K x.
+        delay: from the state's sample to the plant (s), constant, 0 or more.
+        period: for which a command is held (s).
+
+    Raises: InputError for matrices that don't fit, and times that are none.
+    """
+    A, B, K = (np.asarray(M, float) for M in (A, B, K))
+    n, m = B.shape if B.ndim == 2 else (0, 0)
+    if A.shape != (n, n) or K.shape != (m, n) or n == 0:
+        problem = f"A {A.shape}, B {B.shape}, K {K.shape} don't fit"
+        raise InputError("compensate_delay", problem, fix="give A (n, n), B (n, m), K (m, n)")
+    if not (0 <= delay < math.inf and 0 < period < math.inf):
+        problem = f"a delay of {delay} s with a period of {period} s"
+        raise InputError("compensate_delay", problem, fix="give seconds: a delay of 0 or more, a period above 0")
+    gains = [K @ weight for weight in _waiting_weights(A, B, period, delay)]
+    return PredictiveFeedback(K @ expm(A * delay), np.array(gains).reshape(-1, m, m), A, B, K, delay, period)
+
+
+def plain_feedback(A: Any, B: Any, K: Any, period: float) -> PredictiveFeedback:
+    """u = K x as it is, to compare: `poles(delay)` tells what a delay does to it."""
+    return compensate_delay(A, B, K, 0.0, period)
+
+
+def _waiting_weights(A: Any, B: Any, period: float, delay: float) -> list[Any]:
+    """What each command on its way, newest first, adds to the state at the time now + delay."""
+    count = math.ceil(delay / period - ON_A_PERIOD)
+    return [_integral(A, B, max((j - 1) * period, 0.0), min(j * period, delay)) for j in range(1, count + 1)]
+
+
+def _arriving_weights(A: Any, B: Any, period: float, delay: float) -> list[Any]:
+    """What each command, this period's first, then the one before, …, adds to the state at the end of this period."""
+    count = math.ceil(delay / period - ON_A_PERIOD)
+    late = delay - (count - 1) * period if count else 0.0  # within a period, when the newer of two commands takes over
+    oldest, newer = _integral(A, B, period - late, period), _integral(A, B, 0.0, period - late)
+    weights = [np.zeros_like(np.asarray(B, float)) for _ in range(count + 1)]
+    weights[count] = weights[count] + oldest
+    weights[max(count - 1, 0)] = weights[max(count - 1, 0)] + newer
+    return weights
+
+
+def _integral(A: Any, B: Any, low: float, high: float) -> Any:
+    """Integral of e^(A s) B over s from low to high (n, m)."""
+    n, m = B.shape
+    whole = np.zeros((n + m, n + m))
+    whole[:n, :n], whole[:n, n:] = A, B
+    return expm(A * low) @ expm(whole * (high - low))[:n, n:]

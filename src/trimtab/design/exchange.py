@@ -1,0 +1,96 @@
+"""Linear models and compensators to and from python-control and scipy.
+
+`to_control` and `from_control` need python-control, which is the extra `control`; scipy comes along.
+
+Source: R. M. Murray and others, the Python Control Systems Library, python-control.org.
+"""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from trimtab.core.errors import InputError, install_command
+from trimtab.design.linearise import LinearModel
+
+
+def to_control(linear: LinearModel) -> Any:
+    """A linear model as python-control's `StateSpace`, deviations from the point, with the names of all signals."""
+    names = {"states": list(linear.states), "inputs": list(linear.inputs), "outputs": list(linear.outputs)}
+    return _import_control().ss(linear.A, linear.B, linear.C, linear.D, **names)
+
+
+def to_scipy(linear: LinearModel) -> Any:
+    """A linear model as scipy.signal's `StateSpace`; names are lost."""
+    from scipy.signal import StateSpace
+
+    return StateSpace(linear.A, linear.B, linear.C, linear.D)
+
+
+def from_control(system: Any) -> LinearModel:
+    """A linear model of a continuous system of python-control (state space or transfer function) or scipy.signal.
+
+    Its point is zero; names are python-control's, or x0, u0, y0 and on.
+
+    Raises: InputError for a sampled system, or what is none.
+    """
+    A, B, C, D, dt = system_matrices(system)
+    if dt:
+        fix = "give the continuous one; a sampled compensator flies as it is: compensator_law"
+        raise InputError("from_control", f"the system is sampled, each {dt} s", fix=fix)
+    n, m, p = len(A), B.shape[1], len(C)
+    states = _labels(system, "state_labels", "x", n)
+    inputs, outputs = _labels(system, "input_labels", "u", m), _labels(system, "output_labels", "y", p)
+    zeros = (np.zeros(n), np.zeros(m), np.zeros(p), np.zeros(n))
+    return LinearModel(A, B, C, D, *zeros, states, inputs, outputs)
+
+
+def system_matrices(system: Any) -> tuple[Any, Any, Any, Any, float]:
+    """A, B, C, D of a system of python-control or scipy.signal, and its sampling period (s), 0 for a continuous one."""
+    if not all(hasattr(system, n) for n in "ABCD"):
+        if hasattr(system, "to_ss"):  # scipy.signal
+            system = system.to_ss()
+        elif type(system).__module__.partition(".")[0] == "control":
+            system = _import_control().ss(system)
+        else:
+            problem = f"a {type(system).__name__} is no system of python-control or scipy.signal"
+            raise InputError("system", problem, fix="give control.ss(A, B, C, D), or scipy.signal.StateSpace")
+    matrices = [np.atleast_2d(np.asarray(getattr(system, n), float)) for n in "ABCD"]
+    n = 0 if matrices[0].size == 0 else len(matrices[0])
+    p, m = matrices[3].shape
+    A, B, C, D = (M.reshape(shape) for M, shape in zip(matrices, ((n, n), (n, m), (p, n), (p, m)), strict=True))
+    if not all(np.isfinite(M).all() for M in (A, B, C, D)):
+        raise InputError("system", "its matrices are not all finite", fix="give finite numbers")
+    dt = getattr(system, "dt", None)
+    return A, B, C, D, 0.0 if dt is None or dt is False else float(dt)
+
+
+def discrete_matrices(system: Any, period: float) -> tuple[Any, Any, Any, Any]:
+    """A, B, C, D of a compensator as it steps each `period` (s); a continuous one by Tustin's rule.
+
+    Raises: InputError for one that is sampled otherwise.
+    """
+    from scipy.signal import cont2discrete
+
+    A, B, C, D, dt = system_matrices(system)
+    if dt and not np.isclose(dt, period, rtol=1e-9):
+        raise InputError("compensator", f"it is sampled each {dt} s", fix=f"give period={dt}, or a continuous one")
+    if dt or not len(A):
+        return A, B, C, D
+    sampled: Any = cont2discrete((A, B, C, D), period, method="bilinear")
+    return sampled[:4]
+
+
+def _labels(system: Any, what: str, letter: str, count: int) -> tuple[str, ...]:
+    own: Sequence[str] | None = getattr(system, what, None)
+    return tuple(own) if own is not None and len(own) == count else tuple(f"{letter}{i}" for i in range(count))
+
+
+def _import_control() -> Any:
+    try:
+        import control
+    except ModuleNotFoundError as error:
+        if error.name != "control":
+            raise
+        raise InputError("python-control", "it is not installed", fix=install_command("control")) from None
+    return control

@@ -1,0 +1,74 @@
+"""What inputs can hardly move and outputs can hardly see, of any linear model, within a time.
+
+    Wc = integral of exp(A t) B B' exp(A' t)        Wo = integral of exp(A' t) C' C exp(A t)        t from 0 to T
+
+in units that make rows and columns of the matrices alike. A finite time T, for a vehicle's place and heading are poles
+at zero, over which neither integral is finite. Offline code: LAPACK.
+
+Source: C.-T. Chen, "Linear System Theory and Design", Oxford 1999, sections 6.2, 6.3; C. F. Van Loan, "Computing
+integrals involving the matrix exponential", IEEE Trans. Automatic Control 23 (1978).
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy.linalg import expm
+
+from trimtab.core.errors import InputError
+from trimtab.design.linearise import LinearModel
+from trimtab.design.model import format_combination
+from trimtab.design.zero_dynamics import scale_system
+
+
+class WeakestDirection(NamedTuple):
+    """size: the Gramian's smallest eigenvalue in parts of its largest.  direction: of the states, scaled (n,).
+
+    words: the same in words.
+    """
+
+    size: float
+    direction: Any
+    words: str
+
+
+class Gramians(NamedTuple):
+    """controllability, observability: the matrices (n, n), in units of the states' sizes (n,).
+
+    hardly_moved, hardly_seen: their weakest directions.
+    """
+
+    controllability: Any
+    observability: Any
+    hardly_moved: WeakestDirection
+    hardly_seen: WeakestDirection
+    sizes: Any
+
+
+def find_gramians(linear: LinearModel, horizon: float) -> Gramians:
+    """Both Gramians over a time (s)."""
+    if not (np.isfinite(horizon) and horizon > 0):
+        raise InputError("gramians.horizon", f"{horizon} s", fix="give a time above 0 s")
+    A, B, C, _, (sizes, _) = scale_system(linear)
+    moved, seen = integrate_gramian(A, B, horizon), integrate_gramian(A.T, C.T, horizon)
+    return Gramians(moved, seen, _find_weakest(moved, linear.states), _find_weakest(seen, linear.states), sizes)
+
+
+def integrate_gramian(A: Any, B: Any, horizon: float) -> Any:
+    """The integral of exp(A t) B B' exp(A' t) (n, n) over a time (s), by doubling of a short step."""
+    n = len(A)
+    halvings = max(0, int(np.ceil(np.log2(max(np.abs(A).sum(axis=1).max(initial=0.0) * horizon, 1.0)))))
+    step = horizon / 2**halvings
+    block = np.zeros((2 * n, 2 * n))
+    block[:n, :n], block[:n, n:], block[n:, n:] = -A, B @ B.T, A.T
+    E = expm(block * step)
+    F = E[n:, n:].T
+    W = F @ E[:n, n:]
+    for _ in range(halvings):
+        W, F = W + F @ W @ F.T, F @ F
+    return (W + W.T) / 2
+
+
+def _find_weakest(W: Any, names: tuple[str, ...]) -> WeakestDirection:
+    values, vectors = np.linalg.eigh(W)
+    top = max(values[-1], np.finfo(float).tiny)
+    return WeakestDirection(float(max(values[0], 0.0) / top), vectors[:, 0], format_combination(vectors[:, 0], names))

@@ -1,0 +1,44 @@
+"""A linear model in a file of text, no digit lost: matrices, names, point, and where it came from."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from trimtab.core.errors import InputError
+from trimtab.design.linearise import LinearModel
+
+FORMAT = "trimtab linear model"
+MATRICES = ("A", "B", "C", "D")
+VECTORS = ("x0", "u0", "y0", "drift")
+NAMES = ("states", "inputs", "outputs")
+
+
+def linear_json(linear: LinearModel, about: dict[str, Any]) -> str:
+    """The text of a file; about: what else it says, e.g. the vehicle's name and the point."""
+    numbers = {n: np.asarray(getattr(linear, n), float).tolist() for n in (*MATRICES, *VECTORS)}
+    names = {n: list(getattr(linear, n)) for n in NAMES}
+    return json.dumps({"format": FORMAT, "about": about, **names, **numbers}, indent=1) + "\n"
+
+
+def read_linear(file: Path) -> tuple[LinearModel, dict[str, Any]]:
+    """The model of a file, and what it says about it.
+
+    Raises: InputError for a file that is none, or whose matrices don't fit its names.
+    """
+    fix = "trimtab linearise VEHICLE --out model.json  writes one"
+    try:
+        data: Any = json.loads(file.read_text(encoding="utf-8"))
+        if data.get("format") != FORMAT:
+            raise InputError(str(file), "is no linear model", fix=fix)
+        names = {n: tuple(str(word) for word in data[n]) for n in NAMES}
+        n, m, p = (len(names[k]) for k in NAMES)
+        shapes = {"A": (n, n), "B": (n, m), "C": (p, n), "D": (p, m), "x0": (n,), "u0": (m,), "y0": (p,), "drift": (n,)}
+        numbers = {k: np.asarray(data[k], float).reshape(shape) for k, shape in shapes.items()}
+    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+        raise InputError(str(file), f"cannot be read as a linear model: {error}", fix=fix) from None
+    bad = [k for k, value in numbers.items() if not np.isfinite(value).all()]
+    if bad:
+        raise InputError(str(file), f"{', '.join(bad)}: not all finite", fix=fix)
+    return LinearModel(**numbers, **names), data.get("about", {})

@@ -1,0 +1,109 @@
+"""A body over the turning earth as one flies by it: place, velocity over the ground, attitude in north-east-down.
+
+`vehicles.rigid_body` integrates against the stars, where level flight is no rest. For trim and linear models the same
+dynamics are said here in local coordinates, exactly: the earth turns and curves in both. Offline code.
+"""
+
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from trimtab.core import quaternion
+from trimtab.core.quantity import children, is_record, records
+from trimtab.core.record import FAST_COMPILE_OPTIONS, Scalar, quantity, record, replace
+from trimtab.environment.earth import Earth
+from trimtab.environment.geodetic import ned_axes
+from trimtab.vehicles.rigid_body import RigidBody, RigidBodyState
+
+
+@record
+class LocalFlightState:
+    """Flight as seen from the ground below. Frames: N north-east-down there, B the body's.
+
+    Source: Stevens, Lewis, Johnson, "Aircraft control and simulation", 3rd ed., section 1.7.
+    """
+
+    latitude: Scalar = quantity("rad", "Geodetic.", kind="angle")
+    longitude: Scalar = quantity("rad", "Geodetic.", kind="angle")
+    height: Scalar = quantity("m", "Above the ellipsoid.")
+    velocity: Any = quantity("m/s", "Over the ground.", frame="B", shape=(3,))
+    attitude: Any = quantity("1", "Quaternion q_NB, scalar first.", frame="NB", shape=(4,))
+    rate: Any = quantity("rad/s", "Angular velocity of B against the earth.", frame="B", shape=(3,))
+
+
+class LocalFlight(NamedTuple):
+    """A vehicle whose RigidBodyState is said as a LocalFlightState.
+
+    vehicle: as it is.  earth: that it flies over.  path: of the RigidBodyState in its state, "" where that is all.
+    """
+
+    vehicle: Any
+    earth: Earth
+    path: str
+
+    def to_local(self, t: Any, x: Any) -> Any:
+        """The vehicle's state at t (s) in local coordinates."""
+        return _with_record(x, self.path, self._localise(t, _record_at(x, self.path)))
+
+    def to_inertial(self, t: Any, x: Any) -> Any:
+        """And back."""
+        return _with_record(x, self.path, self._globalise(t, _record_at(x, self.path)))
+
+    def dynamics(self, t: Any, x: Any, u: Any) -> Any:
+        """The derivative of the local state; t: seconds."""
+        own = jax.tree.map(lambda v: jnp.asarray(v, jnp.float64), self.to_inertial(t, x))
+        rate = jax.tree.map(
+            lambda v, d: jnp.broadcast_to(jnp.asarray(d, jnp.float64), jnp.shape(v)),
+            own,
+            self.vehicle.dynamics(t, own, u),
+        )
+        now = jnp.asarray(t, jnp.float64)
+        return jax.jvp(self.to_local, (now, own), (jnp.ones_like(now), rate))[1]
+
+    def _localise(self, t: Any, x: RigidBodyState) -> LocalFlightState:
+        R_EI = self.earth.to_inertial(t).T
+        latitude, longitude, height = self.earth.geodetic(R_EI @ x.position)
+        R_NI = ned_axes(latitude, longitude).T @ R_EI
+        R_IB = quaternion.to_matrix(x.attitude)
+        v = x.velocity - self.earth.rate * jnp.stack([-x.position[1], x.position[0], jnp.zeros_like(x.position[0])])
+        q_NB = quaternion.from_matrix(R_NI @ R_IB)
+        return LocalFlightState(latitude, longitude, height, R_IB.T @ v, q_NB, x.rate - R_IB.T @ self._turn())
+
+    def _globalise(self, t: Any, x: LocalFlightState) -> RigidBodyState:
+        R_IE = self.earth.to_inertial(t)
+        p = R_IE @ self.earth.place(x.latitude, x.longitude, x.height)
+        R_IN = R_IE @ ned_axes(jnp.asarray(x.latitude, float), jnp.asarray(x.longitude, float))
+        R_IB = R_IN @ quaternion.to_matrix(x.attitude)
+        v = R_IB @ x.velocity + self.earth.rate * jnp.stack([-p[1], p[0], jnp.zeros_like(p[0])])
+        return RigidBodyState(p, v, quaternion.from_matrix(R_IB), x.rate + R_IB.T @ self._turn())
+
+    def _turn(self) -> Any:
+        return jnp.stack([0 * self.earth.rate, 0 * self.earth.rate, jnp.asarray(self.earth.rate, jnp.float64)])
+
+
+def fly_locally(vehicle: Any, x: Any, *, t: float = 0.0) -> tuple[Any, Any]:
+    """A vehicle and its state in local coordinates where it is a body over the turning earth, else as they are."""
+    inside = [path for path, own in records(x) if isinstance(own, RigidBodyState)]
+    bodies = [own for _, own in records(vehicle) if isinstance(own, RigidBody)]
+    if len(inside) != 1 or not bodies:
+        return vehicle, x
+    local = LocalFlight(vehicle, bodies[0].earth, inside[0])
+    return local, jax.tree.map(np.asarray, jax.jit(local.to_local, compiler_options=FAST_COMPILE_OPTIONS)(t, x))
+
+
+def _record_at(x: Any, path: str) -> Any:
+    for name in path.split(".") if path else ():
+        x = next(child for own, child, _ in children(x) if own == name)
+    return x
+
+
+def _with_record(x: Any, path: str, new: Any) -> Any:
+    if not path:
+        return new
+    head, _, rest = path.partition(".")
+    child = _with_record(_record_at(x, head), rest, new)
+    if is_record(x):
+        return replace(x, **{head: child})
+    return {**x, head: child}

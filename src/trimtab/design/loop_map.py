@@ -1,0 +1,192 @@
+"""A loop as a linear map that repeats: poles, response where a command is broken, and the gain and delay it stands.
+
+    z(j+1) = A_j z(j) + B_j v(j)        c(j) = C_j z(j)        j = 0 … N-1, then again
+
+v = c closes it. Poles are those of the map over a period; margins are what gain, or delay in whole instants, between c
+and v the map stands, by its poles, exactly. The response is that of the fundamental: what c(t) has of exp(jwt) where
+v(t) = exp(jwt); what sampling folds to other frequencies is left out. `run.loop_linearisation` makes one of a scenario.
+
+Source: [1] S. Bittanti, P. Colaneri, "Periodic systems", Springer 2009, chapters 2 and 3; for folding [2] K. J. Åström,
+B. Wittenmark, "Computer-controlled systems", Prentice Hall 1997, chapter 7.
+"""
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from trimtab.core.errors import InputError
+
+DEADBEAT = 1e-6
+"""Poles smaller than this over T are memory that a period empties."""
+ROUNDING = 1e-12
+"""The same over a period so long that all memory was emptied in it: then it is rounding alone."""
+STABLE = 1e-6
+"""A pole of size 1 and this more grows."""
+
+
+class LoopMap(NamedTuple):
+    """A_j (N, n, n), B_j (N, n, m), C_j (N, m, n) of one period, what is under way in links put in the same place.
+
+    tick: between instants (s).  states: names of z (n,).  commands: names of c.  idle: of z (n,), what no command
+    depends on, such as the place, and clocks.  slowest: period of the slowest part (s).  period: N tick (s).
+    """
+
+    A: Any
+    B: Any
+    C: Any
+    tick: float
+    states: tuple[str, ...]
+    commands: tuple[str, ...]
+    idle: Any
+    slowest: float
+
+    @property
+    def period(self) -> float:
+        """T (s)."""
+        return self.tick * len(self.A)
+
+    def transition(self, gain: Any = 1.0, delay: int = 0) -> Any:
+        """The closed map over T of what is not idle, and of the commands under way; v = gain c of `delay` instants ago.
+
+        Args:
+            gain: a number, or one for each command (m,).
+            delay: instants between c and v.
+        """
+        keep = ~self.idle
+        n, m = int(keep.sum()), self.B.shape[2]
+        g = np.broadcast_to(np.asarray(gain, float), (m,))
+        whole = np.eye(n + m * delay)
+        for A, B, C in zip(self.A[:, keep][:, :, keep], self.B[:, keep], self.C[:, :, keep], strict=True):
+            z, line = whole[:n], whole[n:]
+            c = C @ z
+            v = line[:m] if delay else c
+            line = np.concatenate([line[m:], c]) if delay else line
+            whole = np.concatenate([A @ z + B @ (g[:, None] * v), line])
+        return whole
+
+    def poles(self) -> Any:
+        """Eigenvalues of the closed map over T, by falling size; those of the idle states are left out."""
+        poles = np.linalg.eigvals(self.transition())
+        return poles[np.lexsort((-poles.imag, -np.abs(poles).round(12)))]
+
+    @property
+    def deadbeat(self) -> float:
+        """Poles smaller than this are at zero."""
+        return ROUNDING if len(self.A) > 4 * int((~self.idle).sum()) else DEADBEAT
+
+    def growth(self, gain: Any = 1.0, delay: int = 0) -> float:
+        """The largest size of a pole over T."""
+        return float(np.abs(np.linalg.eigvals(self.transition(gain, delay))).max(initial=0.0))
+
+    def response(self, w: Any) -> Any:
+        """-c/v at the frequencies w (rad/s): complex (k, m, m), negative feedback closes it as in `loop_transfer`."""
+        keep = ~self.idle
+        A, B, C = self.A[:, keep][:, :, keep], self.B[:, keep], self.C[:, :, keep]
+        n, m, N = A.shape[1], B.shape[2], len(A)
+        values = []
+        for frequency in np.atleast_1d(np.asarray(w, float)):
+            turn = np.exp(1j * frequency * self.tick * np.arange(N))
+            whole, driven = np.eye(n), np.zeros((n, m), complex)
+            states, drives = [], []
+            for j in range(N):
+                states.append(C[j] @ whole)
+                drives.append(C[j] @ driven)
+                whole, driven = A[j] @ whole, A[j] @ driven + B[j] * turn[j]
+            z0 = np.linalg.solve(np.exp(1j * frequency * self.period) * np.eye(n) - whole, driven)
+            c = [(s @ z0 + d) / t for s, d, t in zip(states, drives, turn, strict=True)]
+            values.append(-np.mean(c, axis=0))
+        return np.array(values)
+
+    def broken_loops(self, w: Any) -> Any:
+        """-c/v of each command alone, the others closed, at the frequencies w (rad/s): complex (k, m)."""
+        whole = self.response(w)
+        columns = []
+        for i in range(whole.shape[1]):
+            others = [j for j in range(whole.shape[1]) if j != i]
+            rest = np.eye(len(others)) + whole[:, others][:, :, others]
+            back = np.linalg.solve(rest, whole[:, others][:, :, [i]])
+            columns.append(whole[:, i, i] - (whole[:, [i]][:, :, others] @ back)[:, 0, 0])
+        return np.stack(columns, axis=1)
+
+    def grid(self) -> Any:
+        """Frequencies (rad/s) from what is slow in the loop up to half the rate of its slowest part."""
+        high = math.pi / self.slowest
+        slow = [abs(s) for s in self.continuous_poles() if abs(s) > 1e-6 * high]
+        return np.geomspace(min(slow, default=1e-3 * high) / 10, high, 400)
+
+    def continuous_poles(self) -> Any:
+        """log(pole)/T (1/s) of the poles that are not at zero, as whose samples they look."""
+        poles = self.poles()
+        poles = poles[np.abs(poles) > self.deadbeat].astype(complex)
+        return np.log(poles) / self.period
+
+
+class LoopMargins(NamedTuple):
+    """How far a loop is from growing, by its poles.
+
+    gain_up, gain_down: factors of all commands (inf, 0 where none does harm).  delay: the largest delay of the command
+    in whole instants that it stands (s; inf beyond the longest tried).  crossings: of each command, broken alone:
+    frequencies at which it has size 1 (rad/s) with the phase margin there (rad), by the fundamental.
+    """
+
+    gain_up: float
+    gain_down: float
+    delay: float
+    crossings: dict[str, tuple[tuple[float, float], ...]]
+
+
+def loop_margins(loop: LoopMap, *, longest: float = 1.0) -> LoopMargins:
+    """Gain and delay margins of a loop that is stable; InputError where it is not.
+
+    Args:
+        loop: the map.
+        longest: delay that is tried (s).
+    """
+    if loop.growth() > 1 + STABLE:
+        problem = f"the loop grows by {loop.growth():.6g} in {loop.period:g} s: it is not stable as it is"
+        raise InputError("loop margins", problem, fix="change its gains, or shorten its delays")
+    up = _bisect_gain(loop, 1.0, 1e3)
+    down = _bisect_gain(loop, 1.0, 1e-3)
+    most = math.ceil(longest / loop.tick)
+    low, high = 0, 1
+    while high <= most and loop.growth(delay=high) <= 1 + STABLE:
+        low, high = high, 2 * high
+    if high > most:
+        return LoopMargins(up, down, math.inf, find_crossings(loop))
+    while high - low > 1:
+        middle = (low + high) // 2
+        low, high = (middle, high) if loop.growth(delay=middle) <= 1 + STABLE else (low, middle)
+    return LoopMargins(up, down, low * loop.tick, find_crossings(loop))
+
+
+def find_crossings(loop: LoopMap) -> dict[str, tuple[tuple[float, float], ...]]:
+    """Of each command, broken alone: (frequency, phase margin) where it has size 1 (rad/s, rad)."""
+    w = loop.grid()
+    values = loop.broken_loops(w)
+    crossings = {}
+    for name, column in zip(loop.commands, values.T, strict=True):
+        size, found = np.log(np.maximum(np.abs(column), 1e-300)), []
+        for i in np.flatnonzero(np.sign(size[:-1]) * np.sign(size[1:]) < 0):
+            part = size[i] / (size[i] - size[i + 1])
+            at = float(w[i] * (w[i + 1] / w[i]) ** part)
+            (there,) = loop.broken_loops([at])[:, loop.commands.index(name)]
+            phase = (np.angle(there) + 2 * math.pi) % (2 * math.pi) - math.pi
+            found.append((at, float(phase)))
+        crossings[name] = tuple(found)
+    return crossings
+
+
+def _bisect_gain(loop: LoopMap, inside: float, outside: float) -> float:
+    """The factor between the two at which it begins to grow; infinite or 0 where it never does."""
+    steps = np.geomspace(inside, outside, 40)[1:]
+    for last, factor in zip((inside, *steps[:-1]), steps, strict=True):
+        if loop.growth(factor) > 1 + STABLE:
+            low, high = float(last), float(factor)
+            break
+    else:
+        return math.inf if outside > inside else 0.0
+    for _ in range(40):
+        middle = math.sqrt(low * high)
+        low, high = (middle, high) if loop.growth(middle) <= 1 + STABLE else (low, middle)
+    return low

@@ -1,0 +1,193 @@
+"""A floor with obstacles: how far a place is from the nearest of them, and the file that says where they stand.
+
+[floor]                              m; W, north and east
+north = [-4, 4]
+east = [-4, 4]
+[craft]
+radius = 0.4                         of the circle about its centre of mass that holds all of it
+[start]
+north = -3
+east = -3
+heading = "90 deg"                   optional: else where the way sets out
+[goal]
+north = 3
+east = 3
+[[circle]]
+north = 0
+east = 0
+radius = 0.8
+[[polygon]]
+corners = [[1, 1], [2, 1], [2, 2]]
+"""
+
+import tomllib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from trimtab.core.errors import InputError, closest
+from trimtab.core.units import find_size
+
+SECTIONS = ("floor", "craft", "start", "goal", "circle", "polygon")
+FIX = """write e.g.
+[floor]
+north = [-4, 4]
+east = [-4, 4]
+[craft]
+radius = 0.4
+[start]
+north = -3
+east = -3
+[goal]
+north = 3
+east = 3
+[[circle]]
+north = 0
+east = 0
+radius = 0.8"""
+
+
+class ObstacleFloor(NamedTuple):
+    """A rectangle of floor (m, W) with what stands on it.
+
+    north, east: from, to.  circles: (n, 3), north, east, radius.  polygons: each (k, 2), corners in either direction.
+    """
+
+    north: tuple[float, float]
+    east: tuple[float, float]
+    circles: Any
+    polygons: tuple[Any, ...] = ()
+
+    def clearance(self, places: Any) -> Any:
+        """Distance (n,) of places (n, 2) from the nearest obstacle or edge of the floor; negative inside or beyond."""
+        p = np.asarray(places, np.float64)
+        edges = [p[:, 0] - self.north[0], self.north[1] - p[:, 0], p[:, 1] - self.east[0], self.east[1] - p[:, 1]]
+        circles = [np.hypot(p[:, 0] - n, p[:, 1] - e) - r for n, e, r in np.reshape(self.circles, (-1, 3))]
+        return np.min([*edges, *circles, *(_polygon_distance(c, p) for c in self.polygons)], axis=0)
+
+
+class PlanTask(NamedTuple):
+    """From where to where (m, W) over which floor, and how wide the craft is.
+
+    heading: rad, of the nose at the start; None: where the way sets out.
+    """
+
+    floor: ObstacleFloor
+    start: tuple[float, float]
+    goal: tuple[float, float]
+    radius: float
+    heading: float | None = None
+
+
+def read_task(path: str | Path) -> PlanTask:
+    """The task of a file.
+
+    Raises: InputError for what is missing, unknown or impossible, with what to write.
+    """
+    part = str(path)
+    try:
+        content = tomllib.loads(Path(path).read_text(encoding="utf-8"))
+    except FileNotFoundError:
+        raise InputError(part, "there is no such file", fix=FIX) from None
+    except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        raise InputError(part, f"it is no TOML: {error}", fix=FIX) from None
+    return parse_task(content, part)
+
+
+def parse_task(content: Mapping[str, Any], part: str = "plan") -> PlanTask:
+    """The task of a file's content."""
+    for name in content:
+        if name not in SECTIONS:
+            near = closest(name, SECTIONS, 1)
+            raise InputError(part, f"nothing is called [{name}]", choices=SECTIONS, fix=f"[{(near or SECTIONS)[0]}]")
+    floor = ObstacleFloor(
+        north=_span(content, part, "north"),
+        east=_span(content, part, "east"),
+        circles=np.array([_circle(c, f"{part} [[circle]] {k + 1}") for k, c in enumerate(content.get("circle", []))]),
+        polygons=tuple(_corners(c, f"{part} [[polygon]] {k + 1}") for k, c in enumerate(content.get("polygon", []))),
+    )
+    start, goal, craft = (_section(content, part, name) for name in ("start", "goal", "craft"))
+    heading = start.get("heading")
+    return PlanTask(
+        floor=floor,
+        start=(_number(start, f"{part} [start]", "north"), _number(start, f"{part} [start]", "east")),
+        goal=(_number(goal, f"{part} [goal]", "north"), _number(goal, f"{part} [goal]", "east")),
+        radius=_positive(craft, f"{part} [craft]", "radius"),
+        heading=None if heading is None else _angle(heading, f"{part} [start] heading"),
+    )
+
+
+def _section(content: Mapping[str, Any], part: str, name: str) -> Mapping[str, Any]:
+    section = content.get(name)
+    if not isinstance(section, Mapping):
+        raise InputError(part, f"[{name}] is missing", fix=FIX)
+    return section
+
+
+def _span(content: Mapping[str, Any], part: str, name: str) -> tuple[float, float]:
+    span = _section(content, part, "floor").get(name)
+    if not isinstance(span, list) or len(span) != 2 or not all(map(_is_number, span)) or not span[0] < span[1]:
+        problem = f"{name} = {span!r} is not [FROM, TO] in metres, rising"
+        raise InputError(f"{part} [floor]", problem, fix=f"{name} = [-4, 4]")
+    return float(span[0]), float(span[1])
+
+
+def _is_number(value: Any) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and bool(np.isfinite(value))
+
+
+def _number(section: Mapping[str, Any], part: str, name: str) -> float:
+    value = section.get(name)
+    if not _is_number(value):
+        raise InputError(part, f"{name} = {value!r} is no number of metres", fix=f"{name} = 1.5")
+    return float(value)  # pyright: ignore[reportArgumentType]
+
+
+def _positive(section: Mapping[str, Any], part: str, name: str) -> float:
+    value = _number(section, part, name)
+    if value <= 0:
+        raise InputError(part, f"{name} = {value:g} is not above 0", fix=f"{name} = 0.4")
+    return value
+
+
+def _circle(section: Mapping[str, Any], part: str) -> list[float]:
+    return [_number(section, part, "north"), _number(section, part, "east"), _positive(section, part, "radius")]
+
+
+def _corners(section: Mapping[str, Any], part: str) -> Any:
+    corners: Any = section.get("corners")
+    rows: list[Any] = corners if isinstance(corners, list) else []
+    if len(rows) < 3 or not all(isinstance(c, list) and len(c) == 2 and all(map(_is_number, c)) for c in rows):
+        problem = f"corners = {corners!r} are not three or more pairs of metres"
+        raise InputError(part, problem, fix="corners = [[1, 1], [2, 1], [2, 2]]")
+    return np.array(rows, np.float64)
+
+
+def _angle(value: Any, part: str) -> float:
+    """rad, of a number in rad or a text with a unit."""
+    number, _, unit = str(value).partition(" ")
+    size = find_size(unit or "rad", "rad")
+    try:
+        angle = float(number) * (np.nan if size is None else size)
+    except ValueError:
+        angle = np.nan
+    if not np.isfinite(angle):
+        raise InputError(part, f"{value!r} is no angle", fix='heading = "90 deg"')
+    return angle
+
+
+def _polygon_distance(corners: Any, p: Any) -> Any:
+    """Signed distance (n,) of places from a polygon: negative inside."""
+    a, b = corners, np.roll(corners, -1, axis=0)
+    along = b - a
+    square = np.maximum((along**2).sum(axis=1), 1e-300)
+    away = p[:, None, :] - a
+    share = np.clip((away * along).sum(axis=2) / square, 0.0, 1.0)
+    distance = np.sqrt(((away - share[..., None] * along) ** 2).sum(axis=2)).min(axis=1)
+    crosses = (a[:, 0] > p[:, None, 0]) != (b[:, 0] > p[:, None, 0])
+    rise = np.where(along[:, 0] == 0, 1.0, along[:, 0])
+    left = p[:, None, 1] < a[:, 1] + along[:, 1] * (p[:, None, 0] - a[:, 0]) / rise
+    inside = np.count_nonzero(crosses & left, axis=1) % 2 == 1
+    return np.where(inside, -distance, distance)

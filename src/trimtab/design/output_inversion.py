@@ -1,0 +1,151 @@
+"""State and input of any vehicle whose outputs follow a wanted course exactly, also where it is non-minimum phase.
+
+In the normal form the outputs and their derivatives are given; what is left, zeta' = Psi(xi, zeta, v), is solved for
+the solution that stays bounded: it takes what is unstable from the future, and so moves before the outputs do. Places,
+whose values feed nothing back (north, east), are integrated from their start; a slow mode, as of speed, is taken from
+the past where it is stable, and from the future where not. Offline code; what comes of it is a feedforward beside a
+feedback.
+
+Source: S. Devasia, D. Chen, B. Paden, "Nonlinear inversion-based output tracking", IEEE Transactions on Automatic
+Control 41(7), 1996.
+"""
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from trimtab.core.errors import InputError
+from trimtab.core.record import FAST_COMPILE_OPTIONS
+from trimtab.design.model import StateSpaceModel
+from trimtab.design.normal_form import NormalForm, normal_form
+from trimtab.design.poles import balance_matrix, participation
+from trimtab.design.stable_inversion import ON_AXIS, BoundedSolution, bounded_solution, find_places
+
+
+class Course(NamedTuple):
+    """times: (k,) (s).  derivatives: output -> (order + 1, k), the wanted output and its derivatives."""
+
+    times: Any
+    derivatives: Mapping[str, Any]
+
+
+class Inversion(NamedTuple):
+    """times: (k,) (s).  x: (k, n).  u: (k, m).  internal: of the bounded solution.  form: the coordinates."""
+
+    times: Any
+    x: Any
+    u: Any
+    internal: BoundedSolution
+    form: NormalForm
+
+
+class InternalMode(NamedTuple):
+    """pole: (1/s).  states: that it lives in, in words."""
+
+    pole: complex
+    states: str
+
+
+def internal_modes(form: NormalForm) -> tuple[tuple[str, ...], tuple[InternalMode, ...]]:
+    """Names of the internal places of a normal form, and the modes of what else is inside.
+
+    Raises: InputError where a mode on the imaginary axis feeds back: no bounded motion is singled out.
+    """
+    places = find_places(form.jacobian)
+    rest = [i for i in range(len(form.internals)) if i not in places]
+    inner, names = form.jacobian[np.ix_(rest, rest)], [form.internals[i] for i in rest]
+    poles = np.linalg.eigvals(inner) if rest else np.zeros(0, complex)
+    largest, balanced = np.abs(poles).max(initial=0.0), balance_matrix(inner)
+    modes = []
+    for pole in poles:
+        share = np.abs(participation(balanced, pole, 1e-6 * largest))
+        modes.append(InternalMode(complex(pole), ", ".join(names[i] for i in np.argsort(-share) if share[i] > 0.3)))
+    neutral = [m for m in modes if abs(m.pole.real) <= ON_AXIS * largest]
+    if neutral:
+        words = "; ".join(f"{m.pole:.3g} 1/s, in {m.states}" for m in neutral)
+        problem = f"inside there is what neither fades nor grows, and feeds back: {words}"
+        raise InputError("inversion", problem, fix="keep to another output, or to one more output by one more input")
+    return tuple(form.internals[i] for i in places), tuple(modes)
+
+
+def smooth_course(
+    times: Any, changes: Mapping[str, tuple[float, float]], begin: float, end: float, order: int
+) -> Course:
+    """Outputs that go from one value to another between two times, with `order` derivatives continuous.
+
+    Args:
+        times: (k,) (s), evenly.
+        changes: output -> (first, last).
+        begin, end: of the change (s).
+        order: derivatives that are given, at least the relative degree.
+    """
+    times = np.asarray(times, float)
+    if not times[0] <= begin < end <= times[-1]:
+        raise InputError(
+            "course", f"from {begin} to {end} s", fix="give times within the grid, the first before the last"
+        )
+    q = order + 1  # t^q (1 - t)^q integrated: q derivatives vanish at both ends
+    shape = np.polynomial.Polynomial([0.0] * q + [1.0]) * np.polynomial.Polynomial([1.0, -1.0]) ** q
+    rise = shape.integ()
+    rise = rise / rise(1.0)
+    s = np.clip((times - begin) / (end - begin), 0.0, 1.0)
+    rows = [rise.deriv(k)(s) / (end - begin) ** k if k else rise(s) for k in range(order + 1)]
+    derivatives = {
+        n: np.array([first + (last - first) * rows[0], *((last - first) * row for row in rows[1:])])
+        for n, (first, last) in changes.items()
+    }
+    return Course(times, derivatives)
+
+
+def invert_output(
+    model: StateSpaceModel, course: Course, *, end: tuple[Any, Any] | None = None, tolerance: float = 1e-9
+) -> Inversion:
+    """State and input along a course of all outputs.
+
+    Args:
+        model: as many inputs as outputs; its point is the equilibrium at the beginning of the course.
+        course: of each output as many derivatives as its relative degree, or more; evenly spaced.
+        end: x (n,) and u (m,) of the equilibrium at the end; where not given, the beginning's internal coordinates.
+        tolerance: as of `bounded_solution`.
+
+    Raises: InputError where there is no relative degree, or the iteration does not settle.
+    Source: this module's.
+    """
+    form = normal_form(model)
+    internal_modes(form)
+    degrees = [(n, r or 0) for n, r in form.degree.degrees.items()]
+    short = [n for n, r in degrees if n not in course.derivatives or len(course.derivatives[n]) <= r]
+    if short:
+        need = ", ".join(f"{n}: {r}" for n, r in degrees)
+        raise InputError(
+            "course", f"lacks derivatives of {short[0]}", fix=f"give as many as the relative degree, {need}"
+        )
+    xi = np.concatenate([np.asarray(course.derivatives[n])[:r] for n, r in degrees]).T
+    v = np.stack([np.asarray(course.derivatives[n])[r] for n, r in degrees], axis=1)
+    across = jax.jit(jax.vmap(form.internal), compiler_options=FAST_COMPILE_OPTIONS)
+    dt = float(course.times[1] - course.times[0])
+    right = form.zeta0 if end is None else np.asarray(form.forward(jnp.asarray(end[0]))[1])
+    start = form.zeta0 + np.linspace(0, 1, len(v))[:, None] * (right - form.zeta0)
+    solution = bounded_solution(
+        lambda zeta: np.asarray(across(jnp.asarray(xi), jnp.asarray(zeta), jnp.asarray(v))),
+        form.jacobian,
+        start,
+        dt,
+        left=form.zeta0,
+        right=right,
+        scales=np.maximum(np.abs(form.zeta0), 1.0),
+        tolerance=tolerance,
+    )
+
+    def state_and_input(xi: Any, zeta: Any, v: Any) -> Any:
+        x = form.backward(xi, zeta)
+        return x, form.invert(x, v)
+
+    both = jax.jit(jax.vmap(state_and_input), compiler_options=FAST_COMPILE_OPTIONS)
+    x, u = (np.asarray(a) for a in both(jnp.asarray(xi), jnp.asarray(solution.zeta), jnp.asarray(v)))
+    if not (np.isfinite(x).all() and np.isfinite(u).all()):
+        raise InputError("inversion", "no state near has these outputs", fix="make the course slower or smaller")
+    return Inversion(np.asarray(course.times), x, u, solution, form)

@@ -1,0 +1,232 @@
+"""Polynomials with exact coefficients, which a law's own code can be run on.
+
+A law or a vehicle that only adds, multiplies and divides by single terms runs on these in place of numbers, and gives
+its polynomial: what is proved about it is then proved about the code. Powers may be negative in what never vanishes,
+e.g. k1/m u. A float counts as the decimal that it is written as: 2.6 is 13/5.
+
+Source: this module.
+"""
+
+import ast
+from collections.abc import Iterable, Mapping
+from fractions import Fraction
+from typing import Any
+
+import numpy as np
+
+from trimtab.core.errors import InputError
+
+Monomial = tuple[tuple[str, int], ...]
+"""(name, power) by name, no power 0."""
+LONGEST_TEXT = 4000
+"""Characters of a polynomial's text beyond which it is refused: nobody can have read it."""
+HIGHEST_POWER, MOST_TERMS = 12, 20
+"""Powers in a text beyond this, and above 2 those of so many terms, are refused: expanding them takes for ever."""
+
+
+class Polynomial:
+    """A sum of terms, each a Fraction times powers of names. Immutable; compares by value.
+
+    terms: monomial -> coefficient, none of them zero.
+    """
+
+    __slots__ = ("terms",)
+    __array_ufunc__ = None  # NumPy's numbers leave the operation to this class
+
+    def __init__(self, terms: Mapping[Monomial, Fraction]) -> None:
+        self.terms = {m: c for m, c in terms.items() if c != 0}
+
+    def __add__(self, other: Any) -> "Polynomial":
+        terms = dict(self.terms)
+        for m, c in as_polynomial(other).terms.items():
+            terms[m] = terms.get(m, Fraction(0)) + c
+        return Polynomial(terms)
+
+    def __neg__(self) -> "Polynomial":
+        return Polynomial({m: -c for m, c in self.terms.items()})
+
+    def __sub__(self, other: Any) -> "Polynomial":
+        return self + -as_polynomial(other)
+
+    def __rsub__(self, other: Any) -> "Polynomial":
+        return as_polynomial(other) - self
+
+    def __mul__(self, other: Any) -> "Polynomial":
+        terms: dict[Monomial, Fraction] = {}
+        for n, b in as_polynomial(other).terms.items():
+            for m, a in self.terms.items():
+                product = multiply_monomials(m, n)
+                terms[product] = terms.get(product, Fraction(0)) + a * b
+        return Polynomial(terms)
+
+    def __truediv__(self, other: Any) -> "Polynomial":
+        return self * as_polynomial(other).reciprocal()
+
+    def __rtruediv__(self, other: Any) -> "Polynomial":
+        return as_polynomial(other) / self
+
+    def __pow__(self, power: Any) -> "Polynomial":
+        if isinstance(power, bool) or power != int(power):
+            raise ArithmeticError(f"a power of {power!r} is no polynomial")
+        base, product = self if power >= 0 else self.reciprocal(), constant(1)
+        for _ in range(abs(int(power))):
+            product = product * base
+        return product
+
+    __radd__ = __add__
+    __rmul__ = __mul__
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Polynomial) and self.terms == other.terms
+
+    def __hash__(self) -> int:
+        return hash(frozenset(self.terms.items()))
+
+    def __bool__(self) -> bool:
+        """Whether it has a term; not the value of a comparison, which no polynomial has."""
+        return bool(self.terms)
+
+    def __repr__(self) -> str:
+        return format_polynomial(self)
+
+    @property
+    def names(self) -> frozenset[str]:
+        """All names that occur."""
+        return frozenset(name for m in self.terms for name, _ in m)
+
+    def reciprocal(self) -> "Polynomial":
+        """1/p of a single term; ArithmeticError of any other."""
+        if len(self.terms) != 1:
+            raise ArithmeticError(f"1/({self}) is no polynomial: only a single term can be divided by")
+        ((m, c),) = self.terms.items()
+        return Polynomial({tuple((name, -power) for name, power in m): 1 / c})
+
+    def derivative(self, name: str) -> "Polynomial":
+        """The partial derivative."""
+        terms: dict[Monomial, Fraction] = {}
+        for m, c in self.terms.items():
+            power = dict(m).get(name, 0)
+            if power:
+                lower = multiply_monomials(m, ((name, -1),))
+                terms[lower] = terms.get(lower, Fraction(0)) + c * power
+        return Polynomial(terms)
+
+    def substitute(self, values: Mapping[str, "Polynomial"]) -> "Polynomial":
+        """With names replaced by polynomials, all at once."""
+        total = constant(0)
+        for m, c in self.terms.items():
+            kept = tuple((name, power) for name, power in m if name not in values)
+            product = Polynomial({kept: c})
+            for name, power in m:
+                if name in values:
+                    product = product * values[name] ** power
+            total = total + product
+        return total
+
+    def collect(self, names: Iterable[str]) -> dict[Monomial, "Polynomial"]:
+        """Monomial in these names -> its coefficient, a polynomial in the others."""
+        chosen, parts = frozenset(names), {}
+        for m, c in self.terms.items():
+            inner = tuple(p for p in m if p[0] in chosen)
+            outer = tuple(p for p in m if p[0] not in chosen)
+            parts.setdefault(inner, {})[outer] = c
+        return {inner: Polynomial(terms) for inner, terms in parts.items()}
+
+    def sign(self, positive: Iterable[str]) -> int:
+        """1 or -1 where all coefficients have that sign and every name is positive; else 0, which decides nothing."""
+        signs = {1 if c > 0 else -1 for c in self.terms.values()}
+        return signs.pop() if len(signs) == 1 and self.names <= frozenset(positive) else 0
+
+
+def constant(value: Any) -> Polynomial:
+    """A number as a polynomial: integers and Fractions as they are, floats as the decimal that they are written as."""
+    if isinstance(value, Fraction):
+        return Polynomial({(): value})
+    number = np.asarray(value).item()
+    if isinstance(number, bool) or not isinstance(number, int | float):
+        raise ArithmeticError(f"{value!r} is no number")
+    return Polynomial({(): Fraction(number) if isinstance(number, int) else Fraction(repr(number))})
+
+
+def symbol(name: str) -> Polynomial:
+    """A name as a polynomial."""
+    return Polynomial({((name, 1),): Fraction(1)})
+
+
+def as_polynomial(value: Any) -> Polynomial:
+    """A polynomial as it is, a number as a constant."""
+    return value if isinstance(value, Polynomial) else constant(value)
+
+
+def lie_derivative_of(p: Polynomial, field: Mapping[str, Polynomial]) -> Polynomial:
+    """dp/dt along x' = field(x); names that the field has no rate of are constant."""
+    return sum((p.derivative(name) * rate for name, rate in field.items()), constant(0))
+
+
+def format_polynomial(p: Polynomial) -> str:
+    """As text that `parse_polynomial` reads, e.g. "u^2 - 2*k1*r/d"."""
+    text = ""
+    for m, c in sorted(p.terms.items(), key=_place_of_term):
+        above = [f"{name}^{power}" if power != 1 else name for name, power in m if power > 0]
+        below = [f"/{name}^{-power}" if power != -1 else f"/{name}" for name, power in m if power < 0]
+        size = [str(abs(c))] if abs(c) != 1 or not above else []
+        sign = (" - " if c < 0 else " + ") if text else ("-" if c < 0 else "")
+        text += sign + "*".join(size + above) + "".join(below)
+    return text or "0"
+
+
+def _place_of_term(term: tuple[Monomial, Fraction]) -> Any:
+    """Whole terms first, high powers before low ones."""
+    m, _ = term
+    return any(power < 0 for _, power in m), -sum(abs(power) for _, power in m), m
+
+
+def parse_polynomial(text: Any, part: str, names: Iterable[str]) -> Polynomial:
+    """The polynomial of a text with + - * / ^ and brackets.
+
+    Args:
+        text: e.g. "k2*(v - d*r)^2".
+        part: what it is, for errors.
+        names: that may occur.
+
+    Raises: InputError for anything else; nothing in the text is ever executed.
+    """
+    names = tuple(names)
+    fix = "write e.g. k2*(v - d*r)^2"
+    if not isinstance(text, str) or len(text) > LONGEST_TEXT:
+        raise InputError(part, f"{str(text)[:60]!r} is no polynomial", choices=names, fix=fix)
+    try:
+        return _evaluate(ast.parse(text.strip().replace("^", "**"), mode="eval").body, names)
+    except (SyntaxError, ValueError, ArithmeticError, RecursionError, MemoryError) as error:
+        raise InputError(part, f"{text[:60]!r} is no polynomial: {error}", choices=names, fix=fix) from None
+
+
+def _evaluate(node: ast.expr, names: tuple[str, ...]) -> Polynomial:
+    match node:
+        case ast.Constant(value=int() | float() as value) if not isinstance(value, bool):
+            return constant(value)
+        case ast.Name(id=name) if name in names:
+            return symbol(name)
+        case ast.UnaryOp(op=ast.USub(), operand=operand):
+            return -_evaluate(operand, names)
+        case ast.BinOp(left=left, op=ast.Pow(), right=right):
+            power = _evaluate(right, names).terms.get((), Fraction(0))
+            base = _evaluate(left, names)
+            if abs(power) > HIGHEST_POWER or (abs(power) > 2 and len(base.terms) > MOST_TERMS):
+                raise ArithmeticError(f"a power of {power} of {len(base.terms)} terms")
+            return base**power
+        case ast.BinOp(left=left, op=ast.Add() | ast.Sub() | ast.Mult() | ast.Div() as op, right=right):
+            a, b = _evaluate(left, names), _evaluate(right, names)
+            if isinstance(op, ast.Add | ast.Sub):
+                return a + b if isinstance(op, ast.Add) else a - b
+            return a * b if isinstance(op, ast.Mult) else a / b
+        case _:
+            raise ArithmeticError(f"{ast.unparse(node)!r} is not known here")
+
+
+def multiply_monomials(a: Monomial, b: Monomial) -> Monomial:
+    """The product of two monomials."""
+    powers = dict(a)
+    for name, power in b:
+        powers[name] = powers.get(name, 0) + power
+    return tuple(sorted((name, power) for name, power in powers.items() if power))

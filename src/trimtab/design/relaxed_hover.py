@@ -1,0 +1,76 @@
+"""Hover of a multirotor that has lost a rotor and gives up its yaw: it spins about an axis that points down.
+
+Offline code: scipy.
+
+[1] is M. W. Mueller, R. D'Andrea, "Stability and control of a quadrocopter despite the complete loss of one, two, or
+three propellers", ICRA 2014.
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy.optimize import root
+
+from trimtab.core.errors import InputError
+from trimtab.core.record import to_arrays
+from trimtab.vehicles.quadrotor import Multirotor, MultirotorState, RotorSpeeds
+
+RESIDUAL = 1e-9
+"""Of an equation, in parts of weight or of what weight does at the longest arm: below it, it holds."""
+
+
+class RelaxedHover(NamedTuple):
+    """A steady spin without one rotor.
+
+    axis: in B (3,), of length one; it points down while the body turns about it.  rate: in B (3,) (rad/s), along it.
+    thrusts: of the rotors (n,) (N), 0 of the one that is lost.
+    """
+
+    axis: Any
+    rate: Any
+    thrusts: Any
+
+
+def find_relaxed_hover(craft: Multirotor, lost: int, ratio: float = 0.5) -> RelaxedHover:
+    """The spin in which thrust bears the weight in the mean, without the rotor `lost` [1, eqs. 16 to 23].
+
+    Args:
+        craft: a quadrotor.
+        lost: index of the rotor.
+        ratio: thrust of the rotor opposite, in parts of each of the two others.
+
+    Raises: InputError for a craft without drag about z, or of another number of rotors, or where there is no such spin.
+    """
+    spins = np.asarray(craft.rotors.spins)
+    if len(spins) != 4 or not float(np.asarray(craft.turning_drag)[2]) > 0:
+        problem = f"{len(spins)} rotors, and a drag of {np.asarray(craft.turning_drag)[2]:g} N m s about z"
+        fix = "give a quadrotor whose turning_drag[2] is above 0, else its spin has no end"
+        raise InputError("relaxed hover", problem, fix=fix)
+    opposite = (lost + 2) % 4
+    shares = np.where(np.arange(4) == opposite, ratio, 1.0)
+    shares[lost] = 0.0
+    weight = float(craft.mass) * float(craft.gravity)
+    craft, arm = to_arrays(craft), float(np.abs(np.asarray(craft.rotors.places)).max())
+
+    def equations(unknown: Any) -> Any:
+        rate, thrust = unknown[:3], unknown[3]
+        down = np.sign(rate[2]) * rate / np.linalg.norm(rate)
+        speed = np.asarray(craft.rotors.speeds(shares * thrust))
+        x = MultirotorState(np.zeros(3), np.zeros(3), np.array([1.0, 0, 0, 0]), rate, speed)
+        turn = np.asarray(craft.accelerations(x, RotorSpeeds(speed))[1])
+        lift = shares.sum() * thrust * down[2] / weight - 1
+        return np.append(turn * np.asarray(craft.inertia) / (weight * arm), lift)
+
+    each = weight / shares.sum()
+    spin = -float(craft.rotors.torque_ratio) * each * float(spins @ shares) / float(craft.turning_drag[2])
+    found: Any = root(equations, [0.01, 0.01, spin, each], tol=1e-14)
+    if np.abs(found.fun).max() > RESIDUAL or found.x[3] <= 0:
+        problem = f"equations are off by {np.abs(found.fun).max():.2g} of the weight"
+        raise InputError("relaxed hover", problem, fix=f"try another ratio than {ratio:g}, e.g. 0.3")
+    rate = found.x[:3]
+    return RelaxedHover(np.sign(rate[2]) * rate / np.linalg.norm(rate), rate, shares * found.x[3])
+
+
+def relaxed_axes(craft: Multirotor, ratio: float = 0.5) -> Any:
+    """The axis (4, 3) that points down, for each rotor that may be lost."""
+    return np.stack([find_relaxed_hover(craft, lost, ratio).axis for lost in range(4)])

@@ -1,0 +1,303 @@
+"""A theorem about a closed loop: what a law's code does for ever, with a Lyapunov function, and its exact proof.
+
+The loop is the vehicle's and the law's own code, run on polynomials; so are the Lyapunov function, thresholds and
+points of rest, where the law has them. A certificate holds the function and the sums of squares; the proof here looks
+at these and at the code, and solves nothing. Where -dV/dt vanishes on more than a point, LaSalle's largest invariant
+set is computed.
+
+Source: [1] H. K. Khalil, "Nonlinear Systems", Prentice Hall 2002, theorems 4.2, 4.4 and section 8.2; [2] A. Hurwitz,
+Math. Annalen 46 (1895), for the minors.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from fractions import Fraction
+from typing import Any, NamedTuple
+
+from trimtab.core.errors import InputError
+from trimtab.core.record import replace
+from trimtab.core.signals import Estimate
+from trimtab.design.certified_system import Setting
+from trimtab.design.gram_search import GramSearch
+from trimtab.design.polynomial import Polynomial, as_polynomial, constant, lie_derivative_of, symbol
+from trimtab.design.proof import CertificateProof, Line, ProofCondition, evaluate_lines
+from trimtab.design.squares import (
+    DEFINITE,
+    NONNEGATIVE,
+    Claim,
+    Region,
+    SquaresProof,
+    find_fault,
+    has_growing_forms,
+    is_at_rest,
+    unconditional_forms,
+)
+from trimtab.design.zero_set import ZeroBranch, largest_invariant_set, solve_equations
+
+GROWS, FALLS = "V > 0", "-dV/dt >= 0"
+"""Names of the two claims that every theorem about a motion makes."""
+INSIDE = "c - V"
+"""Name of the hypothesis of a region: V is below the level c."""
+EXACT = "exact, polynomials"
+
+
+class Counterexample(NamedTuple):
+    """A point at which a claim fails: so nothing like it can be claimed.
+
+    name: what fails there.  claim: with hypotheses and conclusion.  point: name -> number.
+    """
+
+    name: str
+    claim: Claim
+    point: Mapping[str, Fraction]
+
+
+class LawTheorem(NamedTuple):
+    """What is to be proved, all of it from code.
+
+    name: as `trimtab design NAME` has it.  about: settings.  says: the theorem in words.  region: states, positive
+    names and point of rest.  field: rate of each state; empty where no motion is spoken of.  lyapunov: V of the law,
+    or None where the certificate brings it.  limits: where motions end, as state -> polynomial; what is found must be
+    these.  hurwitz: polynomials that are positive where the linear loop is stable, for all positive values of
+    hurwitz_positive.  claims: what else follows from hypotheses.  identities: name -> polynomial that vanishes.
+    counterexamples: what must not be claimed.  lines: further conditions.  multipliers: claim -> hypothesis -> its
+    weight, searches: claim -> where to look for Gram matrices, proofs: of claims; these help to make a certificate, and
+    prove nothing.
+    """
+
+    name: str
+    about: Mapping[str, Setting]
+    says: str
+    region: Region
+    field: Mapping[str, Polynomial] = {}
+    lyapunov: Polynomial | None = None
+    limits: tuple[Mapping[str, Polynomial], ...] = ()
+    hurwitz: tuple[Polynomial, ...] = ()
+    hurwitz_positive: tuple[str, ...] = ()
+    claims: tuple[Claim, ...] = ()
+    identities: Mapping[str, Polynomial] = {}
+    counterexamples: tuple[Counterexample, ...] = ()
+    lines: tuple[Line, ...] = ()
+    multipliers: Mapping[str, Mapping[str, Polynomial]] = {}
+    searches: Mapping[str, GramSearch] = {}
+    proofs: Mapping[str, SquaresProof] = {}
+
+
+class TheoremCertificate(NamedTuple):
+    """What a file holds: of which theorem, V where there is a motion, its level where it is local, and the proofs."""
+
+    theorem: str
+    about: Mapping[str, Setting]
+    says: str
+    lyapunov: Polynomial | None
+    level: Fraction | None
+    proofs: Mapping[str, SquaresProof]
+    version: str
+
+
+def closed_loop(
+    vehicle: Any, law: Any, state: Any, names: Mapping[str, str]
+) -> tuple[dict[str, Polynomial], Polynomial | None]:
+    """The field of a vehicle under a law, and the law's `lyapunov` output where it has one, as polynomials.
+
+    Args:
+        vehicle: with `dynamics(t, x, u)`; its numbers may be polynomials.
+        law: without memory, with an output `demand`; its numbers may be polynomials.
+        state: a state record; fields that are not named keep their values.
+        names: field of the state -> symbol.
+
+    Raises: InputError where the code does something else than add, multiply and divide by single terms.
+    """
+    try:
+        x = replace(state, **{attribute: symbol(name) for attribute, name in names.items()})
+        _, output = law.step(0, (), Estimate(t=0, age=0.0, fresh=True, valid=True, state=x))
+        rate = vehicle.dynamics(0.0, x, output.demand)
+        field = {name: as_polynomial(getattr(rate, attribute)) for attribute, name in names.items()}
+        value = getattr(output, "lyapunov", None)
+        return field, None if value is None else as_polynomial(value)
+    except (TypeError, ValueError, ArithmeticError) as error:
+        problem = f"its code is no polynomial of {', '.join(names)}: {error}"
+        fix = "state a theorem about laws that add, multiply, and divide by single terms"
+        raise InputError(type(law).__name__, problem, fix=fix) from error
+
+
+def motion_claims(theorem: LawTheorem, lyapunov: Polynomial, level: Fraction | None) -> tuple[Claim, ...]:
+    """V > 0 and -dV/dt >= 0, the latter within the level where there is one, and zero at rest only there."""
+    inside = {} if level is None else {INSIDE: constant(level) - lyapunov}
+    rate = -lie_derivative_of(lyapunov, theorem.field)
+    falls = Claim(FALLS, rate, inside, NONNEGATIVE if level is None else DEFINITE)
+    return Claim(GROWS, lyapunov, {}, DEFINITE), falls
+
+
+def hurwitz_minors(field: Mapping[str, Polynomial], rest: Mapping[str, Polynomial]) -> tuple[Polynomial, ...]:
+    """Of the Jacobian at rest (n <= 3), polynomials that are all positive if and only if it is Hurwitz. Source: [2]."""
+    J = [[f.derivative(n).substitute(rest) for n in field] for f in field.values()]
+    coefficients, power = [constant(1)], _unit_matrix(len(J))
+    for k in range(1, len(J) + 1):  # Faddeev and LeVerrier
+        power = _multiply_matrices(J, power)
+        c = -sum((power[i][i] for i in range(len(J))), constant(0)) / k
+        coefficients.append(c)
+        power = [[power[i][j] + (c if i == j else constant(0)) for j in range(len(J))] for i in range(len(J))]
+    if len(J) > 3:
+        raise InputError("hurwitz", f"{len(J)} states", fix="take a certificate with a Lyapunov function instead")
+    last = (coefficients[1] * coefficients[2] - coefficients[3],) if len(J) == 3 else ()
+    return (*coefficients[1:], *last)
+
+
+def prove_theorem(
+    certificate: TheoremCertificate, theorem: LawTheorem, digests: tuple[str, str] | None = None
+) -> CertificateProof:
+    """Every condition of a certificate, evaluated by itself.
+
+    Args:
+        certificate: made or read.
+        theorem: what it must be of, built anew from code.
+        digests: the one written in the file, and that of what it holds.
+    """
+    lines = list(_data_lines(certificate, theorem))
+    if theorem.field:
+        lines += _motion_lines(certificate, theorem)
+    else:
+        empty = certificate.lyapunov is None and certificate.level is None
+        lines.append(("no V, as no motion is spoken of", lambda: _verdict(empty, "the file has a V, or a level")))
+    lines += [(claim.name, lambda c=claim: _prove_claim(certificate, theorem, c)) for claim in theorem.claims]
+    lines += [(name, lambda p=p: _identity(p)) for name, p in theorem.identities.items()]
+    lines += [(e.name, lambda e=e: _refute(e)) for e in theorem.counterexamples]
+    lines += theorem.lines
+    if digests is not None:
+        why = "the file was changed after it was written; the other lines say what that did"
+        lines.append(("the file is as it was written", lambda: _verdict(digests[0] == digests[1], why, how="SHA-256")))
+    return evaluate_lines(lines)
+
+
+def claims_of(theorem: LawTheorem, lyapunov: Polynomial | None, level: Fraction | None) -> tuple[Claim, ...]:
+    """All claims of a theorem that want a sum of squares."""
+    motion = () if lyapunov is None or not theorem.field else motion_claims(theorem, lyapunov, level)
+    return (*motion, *theorem.claims)
+
+
+def _data_lines(c: TheoremCertificate, theorem: LawTheorem) -> Iterator[Line]:
+    now, there = dict(theorem.about), dict(c.about)
+    apart = [
+        f"{n}: {there.get(n)!r}, wanted {now.get(n)!r}" for n in sorted({*now, *there}) if now.get(n) != there.get(n)
+    ]
+    words = c.theorem == theorem.name and c.says == theorem.says
+    yield f"theorem is that of {theorem.name}", lambda: _verdict(words, f"the file says {c.says!r} of {c.theorem!r}")
+    yield f"settings are those of {theorem.name}", lambda: _verdict(not apart, "; ".join(apart))
+    wanted = {claim.name for claim in claims_of(theorem, c.lyapunov, c.level)}
+    unknown = sorted(set(c.proofs) - wanted)
+    yield "no other proof in the file", lambda: _verdict(not unknown, "unknown: " + ", ".join(unknown))
+
+
+def _motion_lines(c: TheoremCertificate, theorem: LawTheorem) -> Iterator[Line]:
+    region, V = theorem.region, c.lyapunov
+    at_rest = [f.substitute(dict(region.rest)) for f in theorem.field.values()]
+    resting = f"the rates at rest are {', '.join(map(str, at_rest))}"
+    yield "the loop rests where the law says", lambda: _verdict(not any(at_rest), resting)
+    yield "points of rest", lambda: _rest_condition(theorem)
+    if V is None:
+        yield GROWS, lambda: _verdict(False, "the file has no Lyapunov function")
+        return
+    if theorem.lyapunov is not None:
+        yield "V is that of the law", lambda: _identity(V - theorem.lyapunov)
+    if (c.level is None) != (theorem.lyapunov is not None):
+        yield "level", lambda: _verdict(False, "a level is for a function that the certificate brings, and only for it")
+    if c.level is not None:
+        level = c.level
+        yield "level is above 0", lambda: _verdict(level > 0, f"it is {level}", float(level), "level of V")
+    for claim in motion_claims(theorem, V, c.level):
+        yield claim.name, lambda k=claim: _prove_claim(c, theorem, k)
+    yield "V grows without bound", lambda: _growth_condition(c, region)
+    if c.level is None:
+        yield "largest invariant set in dV/dt = 0", lambda: _invariant_condition(c, theorem)
+    if theorem.hurwitz:
+        yield "linear loop at rest is stable", lambda: _hurwitz_condition(theorem)
+
+
+def _verdict(
+    holds: bool, why: str, number: float | None = None, meaning: str = "differences", how: str = EXACT
+) -> ProofCondition:
+    number = float(not holds) if number is None else number
+    return ProofCondition("", holds, number, meaning, how, "" if holds else why)
+
+
+def _prove_claim(c: TheoremCertificate, theorem: LawTheorem, claim: Claim) -> ProofCondition:
+    proof = c.proofs.get(claim.name)
+    if proof is None:
+        return _verdict(False, "the file has no proof of it")
+    fault, count = find_fault(claim, proof, theorem.region), sum(len(t.forms) for t in proof.terms)
+    where = f"where {', '.join(claim.hypotheses)} > 0" if claim.hypotheses else ""
+    condition = _verdict(not fault, fault, float(count), "squares")
+    return condition._replace(why=fault or " ".join(filter(None, (claim.says, where))))
+
+
+def _identity(p: Polynomial) -> ProofCondition:
+    return _verdict(not p, f"the difference is {p}", float(len(p.terms)), "terms that differ")
+
+
+def _growth_condition(c: TheoremCertificate, region: Region) -> ProofCondition:
+    proof = c.proofs.get(GROWS)
+    return _verdict(proof is not None and has_growing_forms(proof, region), "not shown by forms of first degree")
+
+
+def _rest_condition(theorem: LawTheorem) -> ProofCondition:
+    branches = solve_equations(theorem.field.values(), theorem.region.states, theorem.region.positive)
+    return _compare_branches(branches, theorem.limits or (theorem.region.rest,), "")
+
+
+def _invariant_condition(c: TheoremCertificate, theorem: LawTheorem) -> ProofCondition:
+    proof = c.proofs.get(FALLS)
+    if proof is None:
+        return _verdict(False, "the file has no proof of -dV/dt >= 0")
+    region, forms = theorem.region, unconditional_forms(proof)
+    where = solve_equations(forms, region.states, region.positive)
+    M = largest_invariant_set(theorem.field, forms, region.positive)
+    steps = "; ".join(dict.fromkeys(step for b in M for step in b.steps))
+    kind = {0: "a point", 1: "a line", 2: "a surface"}
+    words = "dV/dt = 0 on " + " and on ".join(f"{kind.get(b.dimension, 'a set')} ({b})" for b in where)
+    return _compare_branches(
+        M, theorem.limits or (region.rest,), words if is_at_rest(where, region) else f"{words}; {steps}"
+    )
+
+
+def _compare_branches(
+    branches: Sequence[ZeroBranch], wanted: Sequence[Mapping[str, Polynomial]], words: str
+) -> ProofCondition:
+    found = {str(b) for b in branches}
+    same = found == {str(ZeroBranch(dict(w), ())) for w in wanted}
+    text = "; or ".join(sorted(found)) or "nothing"
+    condition = _verdict(same, "", float(len(branches)), "pieces")
+    return condition._replace(why=f"{words}{'; ' if words else ''}{'it is' if same else 'found'} {text}")
+
+
+def _hurwitz_condition(theorem: LawTheorem) -> ProofCondition:
+    bad = [p for p in theorem.hurwitz if p.sign(theorem.hurwitz_positive) != 1]
+    why = "" if not bad else f"the minor {bad[0]} need not be positive"
+    text = f"for all positive {', '.join(theorem.hurwitz_positive)}" if theorem.hurwitz_positive else ""
+    return _verdict(not bad, why, float(len(theorem.hurwitz)), "minors")._replace(why=why or text)
+
+
+def _refute(e: Counterexample) -> ProofCondition:
+    point = {name: constant(value) for name, value in e.point.items()}
+    values = {name: _number(h.substitute(point)) for name, h in e.claim.hypotheses.items()}
+    value = _number(e.claim.conclusion.substitute(point))
+    outside = [f"{name} is {float(v):.4g}" for name, v in values.items() if v <= 0]
+    holds = not outside and value <= 0
+    why = f"at {', '.join(f'{n} = {float(v):.5g}' for n, v in e.point.items())}"
+    return ProofCondition("", holds, float(value), "conclusion there", EXACT, "; ".join([why, *outside]))
+
+
+def _number(p: Polynomial) -> Fraction:
+    if p.names:
+        raise ArithmeticError(f"{p} is no number at that point")
+    return p.terms.get((), Fraction(0))
+
+
+def _unit_matrix(n: int) -> list[list[Polynomial]]:
+    return [[constant(int(i == j)) for j in range(n)] for i in range(n)]
+
+
+def _multiply_matrices(a: list[list[Polynomial]], b: list[list[Polynomial]]) -> list[list[Polynomial]]:
+    return [
+        [sum((x * y for x, y in zip(row, column, strict=True)), constant(0)) for column in zip(*b, strict=True)]
+        for row in a
+    ]

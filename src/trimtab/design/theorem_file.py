@@ -1,0 +1,192 @@
+"""A theorem's certificate as a file of text: JSON, data only; polynomials as text, numbers as fractions.
+
+All in a file is data, and nothing in it is executed. What is missing, is there twice or is not known is refused.
+
+Source: this module.
+"""
+
+import hashlib
+import json
+import re
+from collections.abc import Iterable, Mapping
+from contextlib import suppress
+from fractions import Fraction
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from trimtab import __version__
+from trimtab.core.errors import InputError
+from trimtab.design.certificate_file import parse_json
+from trimtab.design.certified_system import Setting
+from trimtab.design.gram_search import find_gram_proof
+from trimtab.design.polynomial import Polynomial, constant, parse_polynomial
+from trimtab.design.squares import Claim, GramForm, SquaresProof, Term, WeightedSquares, complete_squares
+from trimtab.design.theorem import LawTheorem, TheoremCertificate, claims_of
+
+FORMAT = "trimtab theorem 1"
+SCOPE = (
+    "the vehicle's and the law's own code, on an ideal loop: no delay, no noise, no saturation",
+    "continuous time",
+    "numbers count as the decimals that they are written as",
+)
+FIX = "trimtab design hovercraft/forward --out certificate.json  writes one"
+KEYS = ("format", "scope", "theorem", "about", "says", "lyapunov", "level", "proofs", "version", "digest")
+FRACTION = re.compile(r"-?\d{1,400}(/\d{1,400})?")
+
+
+def design_theorem(
+    theorem: LawTheorem, lyapunov: Polynomial | None = None, level: Fraction | None = None, **proofs: SquaresProof
+) -> TheoremCertificate:
+    """A certificate of a theorem: squares are completed where no proof is given; a claim that resists has none.
+
+    Args:
+        theorem: what is to be proved.
+        lyapunov: V, where the law has none of its own.
+        level: of the region, where it is local.
+        proofs: of single claims, by name.
+    """
+    V = theorem.lyapunov if lyapunov is None else lyapunov
+    known = {**theorem.proofs, **proofs}
+    for claim in claims_of(theorem, V, level):
+        if claim.name not in known:
+            with suppress(ArithmeticError):  # its line will say that the file has no proof
+                known[claim.name] = _complete_proof(claim, theorem)
+    return TheoremCertificate(theorem.name, theorem.about, theorem.says, V, level, known, __version__)
+
+
+def _complete_proof(claim: Claim, theorem: LawTheorem) -> SquaresProof:
+    """By Gram matrices where it says where to look; else by completing squares after its hypotheses are weighed."""
+    if claim.name in theorem.searches:
+        return find_gram_proof(claim, theorem.searches[claim.name])
+    weights = theorem.multipliers.get(claim.name, {})
+    held = tuple(WeightedSquares(name, (weight,), (constant(1),)) for name, weight in weights.items())
+    left = sum((-weight * claim.hypotheses[name] for name, weight in weights.items()), claim.conclusion)
+    return SquaresProof(constant(1), (*held, complete_squares(left, theorem.region)))
+
+
+def theorem_json(certificate: TheoremCertificate) -> str:
+    """The certificate as text."""
+    content = {"format": FORMAT, "scope": SCOPE} | _as_plain(certificate) | {"digest": theorem_digest(certificate)}
+    return json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+
+
+def theorem_digest(certificate: TheoremCertificate) -> str:
+    """SHA-256 of all that the certificate says, against changes by accident; no proof rests on it."""
+    return hashlib.sha256(json.dumps(_as_plain(certificate), sort_keys=True).encode()).hexdigest()
+
+
+def parse_theorem(text: str, name: str) -> tuple[TheoremCertificate, str]:
+    """The certificate of a text, and the digest that is written beside it; InputError for what is none."""
+    content = parse_json(text, name)
+    form = content.get("format") if isinstance(content, dict) else type(content).__name__
+    if form != FORMAT:
+        raise InputError(f"file '{name}'", f"is no theorem: format {form!r}", choices=(FORMAT,), fix=FIX)
+    _check_keys(content, KEYS, name)
+    if content["scope"] != list(SCOPE):
+        raise InputError(f"file '{name}', scope", f"{content['scope']}", fix=FIX)
+    V, level, proofs = content["lyapunov"], content["level"], content["proofs"]
+    if not isinstance(proofs, dict):
+        raise InputError(f"file '{name}', proofs", f"{proofs!r} are no proofs", fix=FIX)
+    certificate = TheoremCertificate(
+        _parse_text(content["theorem"], f"file '{name}', theorem"),
+        _parse_about(content["about"], f"file '{name}', about"),
+        _parse_text(content["says"], f"file '{name}', says"),
+        None if V is None else _parse_polynomial(V, f"file '{name}', lyapunov"),
+        None if level is None else _parse_fraction(level, f"file '{name}', level"),
+        {claim: _parse_proof(proof, f"file '{name}', proofs, {claim}") for claim, proof in proofs.items()},
+        _parse_text(content["version"], f"file '{name}', version"),
+    )
+    return certificate, _parse_text(content["digest"], f"file '{name}', digest")
+
+
+def read_text(path: Path) -> str:
+    """The text of a file; InputError where there is none."""
+    try:
+        return path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        reason = getattr(error, "strerror", None) or "it is no text"
+        raise InputError(f"file '{path}'", f"cannot be read: {reason}", fix=FIX) from error
+
+
+def _as_plain(value: Any) -> Any:
+    if isinstance(value, GramForm):
+        return {"times": value.times, "forms": _as_plain(value.forms), "gram": _as_plain(value.matrix.tolist())}
+    if isinstance(value, WeightedSquares):
+        pairs = zip(value.weights, value.forms, strict=True)
+        return {"times": value.times, "squares": [[str(w), str(f)] for w, f in pairs]}
+    if isinstance(value, Polynomial | Fraction):
+        return str(value)
+    if hasattr(value, "_asdict"):
+        return {n: _as_plain(v) for n, v in value._asdict().items()}
+    if isinstance(value, Mapping):
+        return {n: _as_plain(v) for n, v in value.items()}
+    if isinstance(value, list | tuple):
+        return [_as_plain(v) for v in value]
+    return value
+
+
+def _parse_proof(value: Any, part: str) -> SquaresProof:
+    _check_keys(value, ("scale", "terms"), part)
+    if not isinstance(value["terms"], list):
+        raise InputError(part, "its terms are no list", fix=FIX)
+    return SquaresProof(_parse_polynomial(value["scale"], part), tuple(_parse_term(t, part) for t in value["terms"]))
+
+
+def _parse_term(value: Any, part: str) -> Term:
+    if not isinstance(value, dict):
+        raise InputError(part, f"{value!r} is no term", fix=FIX)
+    if "gram" not in value:
+        _check_keys(value, ("times", "squares"), part)
+        pairs = [tuple(_parse_polynomial(p, part) for p in _parse_list(pair, part, 2)) for pair in value["squares"]]
+        weights, forms = zip(*pairs, strict=True) if pairs else ((), ())
+        return WeightedSquares(_parse_text(value["times"], part), weights, forms)
+    _check_keys(value, ("times", "forms", "gram"), part)
+    forms = tuple(_parse_polynomial(p, part) for p in _parse_list(value["forms"], part))
+    rows = [
+        [_parse_fraction(v, part) for v in _parse_list(row, part, len(forms))]
+        for row in _parse_list(value["gram"], part, len(forms))
+    ]
+    matrix = np.empty((len(forms),) * 2, object)
+    for i, row in enumerate(rows):
+        matrix[i] = row
+    return GramForm(_parse_text(value["times"], part), forms, matrix)
+
+
+def _parse_list(value: Any, part: str, length: int | None = None) -> list[Any]:
+    if not isinstance(value, list) or not value or (length is not None and len(value) != length):
+        wanted = "something" if length is None else f"{length} entries"
+        raise InputError(part, f"{str(value)[:60]} is no list of {wanted}", fix=FIX)
+    return value
+
+
+def _parse_polynomial(text: Any, part: str) -> Polynomial:
+    names = re.findall(r"[A-Za-z_]\w*", text) if isinstance(text, str) else ()
+    return parse_polynomial(text, part, sorted(set(names)))
+
+
+def _parse_fraction(text: Any, part: str) -> Fraction:
+    if not isinstance(text, str) or not FRACTION.fullmatch(text) or re.search(r"/0+$", text):
+        raise InputError(part, f"{str(text)[:60]!r} is no fraction", fix="write e.g. 13/5; " + FIX)
+    return Fraction(text)
+
+
+def _parse_text(value: Any, part: str) -> str:
+    if not isinstance(value, str):
+        raise InputError(part, f"{value!r} is no text", fix=FIX)
+    return value
+
+
+def _parse_about(value: Any, part: str) -> dict[str, Setting]:
+    if not isinstance(value, dict) or not all(type(v) in (int, float, str) for v in value.values()):
+        raise InputError(part, f"{value!r} are no settings", fix=FIX)
+    return value
+
+
+def _check_keys(value: Any, wanted: Iterable[str], part: str) -> None:
+    """Exactly these keys: a claim that nobody checks has no place in a certificate."""
+    wanted = tuple(wanted)
+    if not isinstance(value, dict) or set(value) != set(wanted):
+        there = sorted(value) if isinstance(value, dict) else type(value).__name__
+        raise InputError(f"file '{part}'", f"has {there}", choices=wanted, fix=FIX)

@@ -1,0 +1,172 @@
+"""Where polynomials vanish together, and what of that place a motion never leaves: LaSalle's largest invariant set.
+
+Solved by elimination where it can be, with every step in words; where it can't, ArithmeticError, and nothing is
+claimed. Names that are said to be positive never vanish.
+
+Source: [1] J. P. LaSalle, "Some extensions of Liapunov's second method", IRE Trans. Circuit Theory 7 (1960), theorem 3.
+Motions of a polynomial field are analytic: one that stays in a union of algebraic sets stays in one of them, so that
+the branches can be taken one by one.
+"""
+
+import math
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from fractions import Fraction
+from typing import NamedTuple
+
+from trimtab.design.polynomial import Monomial, Polynomial, constant, lie_derivative_of, symbol
+
+MOST_ROUNDS = 12
+"""Derivatives after which the search for an invariant set is given up."""
+
+
+class ZeroBranch(NamedTuple):
+    """One piece of a zero set, a graph over its free unknowns.
+
+    values: unknown -> polynomial in the free ones and in the positive names.  free: the others.  steps: how it was
+    found, in words.
+    """
+
+    values: dict[str, Polynomial]
+    free: tuple[str, ...]
+    steps: tuple[str, ...] = ()
+
+    @property
+    def dimension(self) -> int:
+        """0 for a point, 1 for a line or curve."""
+        return len(self.free)
+
+    def __str__(self) -> str:
+        return ", ".join(f"{name} = {value}" for name, value in sorted(self.values.items())) or "everything"
+
+
+def solve_equations(
+    equations: Iterable[Polynomial], unknowns: Sequence[str], positive: Iterable[str]
+) -> tuple[ZeroBranch, ...]:
+    """All common zeros of polynomials, as branches; ArithmeticError where elimination does not decide.
+
+    Args:
+        equations: each is to vanish.
+        unknowns: names that may take any real value.
+        positive: names that are above 0.
+    """
+    branches = _solve(tuple(equations), ZeroBranch({}, tuple(unknowns)), frozenset(positive))
+    return tuple({str(b): b for b in branches}.values())
+
+
+def largest_invariant_set(
+    field: Mapping[str, Polynomial], equations: Iterable[Polynomial], positive: Iterable[str]
+) -> tuple[ZeroBranch, ...]:
+    """The largest set within the zeros of the equations that motions of x' = field(x) stay in, by [1].
+
+    What is to vanish for ever has derivatives that vanish too: each branch is differentiated along the field, what
+    comes out is added to the equations, until nothing new does.
+    """
+    positive, pending, whole = frozenset(positive), list(solve_equations(equations, tuple(field), positive)), []
+    for _ in range(MOST_ROUNDS):
+        moving: list[ZeroBranch] = []
+        for branch in pending:
+            rates = _leaving_rates(branch, field)
+            if not rates:
+                whole.append(branch)
+            for rate, why in rates[:1]:
+                moving += _solve((rate,), branch._replace(steps=(*branch.steps, why)), positive)
+        if not moving:
+            return _drop_contained(whole)
+        pending = list({str(b): b for b in moving}.values())
+    raise ArithmeticError(f"no end after {MOST_ROUNDS} derivatives")
+
+
+def _leaving_rates(branch: ZeroBranch, field: Mapping[str, Polynomial]) -> list[tuple[Polynomial, str]]:
+    """What must vanish on a branch for a motion to stay in it, with the reason in words."""
+    rates = []
+    for name, value in branch.values.items():
+        constraint = symbol(name) - value
+        rate = lie_derivative_of(constraint, field).substitute(branch.values)
+        if rate:
+            rates.append((rate, f"d({constraint})/dt is {rate} there"))
+    return rates
+
+
+def _drop_contained(branches: Sequence[ZeroBranch]) -> tuple[ZeroBranch, ...]:
+    """Without branches that lie in another one."""
+    kept = []
+    for i, b in enumerate(branches):
+        others = [o for j, o in enumerate(branches) if j != i and (o.dimension > b.dimension or j < i)]
+        inside = [all(not (symbol(n) - v).substitute(b.values) for n, v in other.values.items()) for other in others]
+        if not any(inside):
+            kept.append(b)
+    return tuple(kept)
+
+
+def _solve(equations: tuple[Polynomial, ...], branch: ZeroBranch, positive: frozenset[str]) -> list[ZeroBranch]:
+    rest = [e for e in (e.substitute(branch.values) for e in equations) if e]
+    if not rest:
+        return [branch]
+    for e in rest:
+        if not e.names & frozenset(branch.free):
+            if e.sign(positive):
+                return []
+            raise ArithmeticError(f"whether {e} vanishes depends on the parameters")
+    undecided = ""
+    for e in sorted(rest, key=lambda e: len(e.terms)):
+        for name, value in _linear_pivots(e, branch.free, positive):
+            try:
+                return _solve(tuple(rest), _put(branch, name, value), positive)
+            except ArithmeticError as error:  # another order may decide it
+                undecided = str(error)
+    if undecided:
+        raise ArithmeticError(undecided)
+    for e in rest:
+        others = tuple(o for o in rest if o is not e)
+        alternatives = _split(e, branch.free, positive)
+        if alternatives is not None:
+            return [b for extra in alternatives for b in _solve((*others, *extra), branch, positive)]
+    raise ArithmeticError(f"where {rest[0]} vanishes is not decided by elimination")
+
+
+def _put(branch: ZeroBranch, name: str, value: Polynomial) -> ZeroBranch:
+    values = {n: v.substitute({name: value}) for n, v in branch.values.items()} | {name: value}
+    free = tuple(n for n in branch.free if n != name)
+    return ZeroBranch(values, free, (*branch.steps, f"{name} = {value}"))
+
+
+def _linear_pivots(e: Polynomial, free: Sequence[str], positive: frozenset[str]) -> Iterator[tuple[str, Polynomial]]:
+    """Unknowns that the equation gives: each occurs once, linearly, times a term that never vanishes."""
+    for name in reversed(free):
+        parts = e.collect((name,))
+        slope = parts.get(((name, 1),))
+        if slope is not None and set(parts) <= {(), ((name, 1),)} and len(slope.terms) == 1 and slope.names <= positive:
+            yield name, -parts.get((), constant(0)) / slope
+
+
+def _split(e: Polynomial, free: Sequence[str], positive: frozenset[str]) -> list[tuple[Polynomial, ...]] | None:
+    """The equation as alternatives, each a set of simpler ones; None where it can't be told apart."""
+    powers = [dict(m) for m in e.collect(free)]
+    common = {n: min(p.get(n, 0) for p in powers) for n in free}
+    content = {n: k for n, k in common.items() if k > 0}
+    if content:
+        cofactor = e
+        for n, k in content.items():
+            cofactor = cofactor / symbol(n) ** k
+        roots: list[tuple[Polynomial, ...]] = [(symbol(n),) for n in content]
+        return roots + ([(cofactor,)] if cofactor.names & frozenset(free) else [])
+    coefficients = e.collect(free)
+    signs = {c.sign(positive) for c in coefficients.values()}
+    even = all(k % 2 == 0 for m in coefficients for _, k in m)
+    if even and len(signs) == 1 and signs != {0}:  # a sum of what can't be negative: each of them vanishes
+        if () in coefficients:
+            return []
+        return [tuple(Polynomial({m: Fraction(1)}) for m in coefficients)]
+    roots_of_terms = [_square_root(m, abs(c)) for m, c in e.terms.items()]
+    if len(e.terms) == 2 and sum(1 if c > 0 else -1 for c in e.terms.values()) == 0 and None not in roots_of_terms:
+        p, q = (root for root in roots_of_terms if root is not None)
+        return [(p - q,), (p + q,)]
+    return None
+
+
+def _square_root(m: Monomial, c: Fraction) -> Polynomial | None:
+    """The root of a positive term, where it is one."""
+    root = Fraction(math.isqrt(c.numerator), math.isqrt(c.denominator))
+    if root * root != c or any(power % 2 for _, power in m):
+        return None
+    return Polynomial({tuple((name, power // 2) for name, power in m): root})

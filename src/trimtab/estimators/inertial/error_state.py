@@ -1,0 +1,278 @@
+"""The error-state filter of inertial navigation in space: what is believed, how sure, and how both are carried on.
+
+The state is a quaternion, vectors and biases; the error is what is still missing, 15 numbers in this order:
+
+    R = R^ Exp(dtheta)    v = v^ + dv    p = p^ + dp    b_gyro = b^ + ..    b_force = b^ + ..
+
+dtheta in B, dv and dp in W. With raw ranges two more follow: the receiver's clock, bias and drift. After a measurement
+the error that it shows is put into the state, and is zero again.
+
+The covariance P is carried over many samples at once, by the increment that they make together (`strapdown`); a
+measurement is fused one number at a time, in Joseph's form, so no matrix is inverted.
+
+Source: [1] Solà, "Quaternion kinematics for the error-state Kalman filter", arXiv:1711.02508, chapters 5 to 7 (local
+angular error). [2] Groves, "Principles of GNSS, inertial, and multisensor integrated navigation systems", 2nd ed.,
+sections 14.2 and 14.3. [3] Bar-Shalom, Li, Kirubarajan, "Estimation with applications to tracking and navigation",
+eq. 5.2.3-18.
+"""
+
+from typing import Any, NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+from jax import lax
+
+from trimtab.core import quaternion
+from trimtab.core.linalg import symmetric
+from trimtab.core.record import Scalar, part, quantity, record, replace
+from trimtab.core.rotation import DEG, cross_matrix
+from trimtab.estimators.inertial.strapdown import Increment, Kinematics, compose, increment_of, move, no_increment
+
+ATTITUDE, VELOCITY, POSITION, GYRO_BIAS, FORCE_BIAS, CLOCK = (slice(i, i + 3) for i in range(0, 18, 3))
+"""Where they stand in the error; of the clock there are two."""
+NAVIGATION = 9
+"""Numbers that the IMU moves; biases and clock come after."""
+ERRORS = 15
+ZERO = (0.0, 0.0, 0.0)
+
+
+@record
+class SpatialNoise:
+    """What is believed of the IMU and, with raw ranges, of the receiver's clock.
+
+    Densities of white noise, as in the inertial unit's errors. doubtful_...: what stands for samples at the end of
+    their range, or for a gap. Source: docs page, Gnss and inertial; chosen for `Imu` with a good micromachined unit.
+    """
+
+    gyro: Scalar = quantity("rad/s/Hz^0.5", "White noise of the gyros.", default=2e-4, above=0)
+    force: Scalar = quantity("m/s^2/Hz^0.5", "White noise of the accelerometers.", default=2e-3, above=0)
+    gyro_walk: Scalar = quantity("rad/s/s^0.5", "Random walk of the gyros' biases.", default=1e-5, low=0)
+    force_walk: Scalar = quantity("m/s^2/s^0.5", "The same of the accelerometers'.", default=2e-4, low=0)
+    doubtful_rate: Scalar = quantity("rad/s", "Error of a rate that is not to be trusted.", default=0.5, low=0)
+    doubtful_force: Scalar = quantity("m/s^2", "The same of a force.", default=5.0, low=0)
+    clock: Scalar = quantity("m/s^0.5", "White noise of the clock's rate.", default=0.1, low=0)
+    clock_walk: Scalar = quantity("m/s^1.5", "Random walk of the clock's drift.", default=0.05, low=0)
+
+
+@record
+class SpatialStart:
+    """What is believed before the first sample. Source: docs page, Gnss and inertial."""
+
+    angles: Any = quantity("rad", "Roll, pitch, yaw.", default=ZERO, kind="angle", shape=(3,))
+    velocity: Any = quantity("m/s", "North, east, down.", default=ZERO, frame="W", shape=(3,))
+    position: Any = quantity("m", "North, east, down.", default=ZERO, frame="W", shape=(3,))
+    sigma_tilt: Scalar = quantity("rad", "Of the turn about each level body axis.", default=2.0 * DEG, above=0)
+    sigma_heading: Scalar = quantity("rad", "Of that about the body's z axis.", default=5.0 * DEG, above=0)
+    sigma_velocity: Scalar = quantity("m/s", "Of each number.", default=0.5, above=0)
+    sigma_position: Scalar = quantity("m", "Of each number.", default=2.0, above=0)
+    sigma_gyro_bias: Scalar = quantity("rad/s", "Of each number.", default=0.3 * DEG, above=0)
+    sigma_force_bias: Scalar = quantity("m/s^2", "Of each number.", default=0.05, above=0)
+    sigma_clock_bias: Scalar = quantity(
+        "m",
+        "Of the clock as the first ranges set it: many times that of the position, so as not to count them twice.",
+        default=100.0,
+        above=0,
+    )
+    sigma_clock_drift: Scalar = quantity("m/s", "The same of its drift.", default=20.0, above=0)
+
+    def sigmas(self, n: int) -> Any:
+        """Of each error (n,), n = 15 or 17."""
+        tilt, three = jnp.asarray(self.sigma_tilt, float), jnp.ones(3)
+        own = [
+            jnp.stack([tilt, tilt, jnp.asarray(self.sigma_heading, float)]),
+            self.sigma_velocity * three,
+            self.sigma_position * three,
+            self.sigma_gyro_bias * three,
+            self.sigma_force_bias * three,
+            jnp.stack([jnp.asarray(self.sigma_clock_bias, float), jnp.asarray(self.sigma_clock_drift, float)]),
+        ]
+        return jnp.concatenate(own)[:n]
+
+
+@record
+class Nominal:
+    """What is believed at one instant; what is missing has the covariance P, that of the beginning of `span`.
+
+    Source: this module.
+    """
+
+    attitude: Any = quantity("1", "Quaternion q_WB, scalar first.", frame="WB", shape=(4,))
+    velocity: Any = quantity("m/s", "North, east, down.", frame="W", shape=(3,))
+    position: Any = quantity("m", "North, east, down, of the IMU.", frame="W", shape=(3,))
+    gyro_bias: Any = quantity("rad/s", "What the gyros read too much.", frame="B", shape=(3,))
+    force_bias: Any = quantity("m/s^2", "What the accelerometers read too much.", frame="B", shape=(3,))
+    clock: Any = quantity("1", "Bias (m) and drift (m/s) of the receiver's clock.", shape=(2,))
+    rate: Any = quantity("rad/s", "Angular velocity of the last sample, without its bias.", frame="B", shape=(3,))
+    acceleration: Any = quantity("m/s^2", "Of the IMU, over the last sample.", frame="W", shape=(3,))
+    P: Any = quantity("1", "Covariance of the error (n, n), n = 15 or 17.")
+    span: Increment = part("Motion since P was carried on.")
+    doubt: Scalar = quantity("s", "How long of that the IMU was not to be trusted.")
+
+
+def first_nominal(start: SpatialStart, n: int) -> Nominal:
+    """Before the first sample; n: numbers of the error."""
+    return Nominal(
+        attitude=quaternion.from_euler(*jnp.asarray(start.angles, float)),
+        velocity=jnp.asarray(start.velocity, float),
+        position=jnp.asarray(start.position, float),
+        gyro_bias=jnp.zeros(3),
+        force_bias=jnp.zeros(3),
+        clock=jnp.zeros(2),
+        rate=jnp.zeros(3),
+        acceleration=jnp.zeros(3),
+        P=jnp.diag(start.sigmas(n) ** 2),
+        span=no_increment(),
+        doubt=jnp.zeros(()),
+    )
+
+
+def kinematics_of(x: Nominal) -> Kinematics:
+    """Its attitude, velocity and position."""
+    return Kinematics(x.attitude, x.velocity, x.position)
+
+
+def propagate(x: Nominal, w: Any, f: Any, dt: Any, doubt: Any, gravity: Any) -> Nominal:
+    """The state dt (s) on; P stays.
+
+    w, f: angular velocity (rad/s) and force (m/s²) as felt, (3,) in B.  doubt: 1 where they can't be trusted.
+    """
+    rate, force = w - x.gyro_bias, f - x.force_bias
+    one = increment_of(rate, force, dt)
+    after = move(kinematics_of(x), one, gravity)
+    acceleration = quaternion.rotate(after.attitude, force) + gravity
+    clock = jnp.stack([x.clock[0] + dt * x.clock[1], x.clock[1]])
+    span = compose(x.span, one)
+    moved = replace(x, **after._asdict(), clock=clock, rate=rate, acceleration=acceleration)
+    return replace(moved, span=span, doubt=x.doubt + doubt * dt)
+
+
+def transition(R_WB: Any, one: Increment) -> Any:
+    """The first 9 rows (9, 15) of the error's transition over an increment that begins at R_WB (3, 3).
+
+    Attitude, velocity and position follow exactly. Biases enter as for a constant rate: of attitude and velocity to the
+    second order in the turn, a force that changes included (T dv - dp is the integral of s f(s)); of the place with a
+    constant force.
+    """
+    T, dR = one.time, quaternion.to_matrix(one.turn)
+    eye, none = jnp.eye(3), jnp.zeros((3, 3))
+    V, X = R_WB @ cross_matrix(one.velocity), R_WB @ cross_matrix(one.position)
+    moment = R_WB @ cross_matrix(T * one.velocity - one.position)
+    early, middle = (2 * eye + dR) / 3, (eye + dR) / 2
+    rows = [
+        [dR.T, none, none, -T * middle.T, none],
+        [-V, eye, none, moment @ early, -T * (R_WB @ middle)],
+        [-X, T * eye, eye, T / 3 * (X @ ((3 * eye + dR) / 4)), -T * T / 2 * (R_WB @ early)],
+    ]
+    return jnp.concatenate([jnp.concatenate(row, axis=1) for row in rows])
+
+
+def process_noise(noise: SpatialNoise, T: Any, doubt: Any, n: int) -> Any:
+    """Covariance (n, n) of what noise adds in T (s), of which `doubt` (s) without trust."""
+    gyro = noise.gyro**2 * T + (noise.doubtful_rate * doubt) ** 2
+    force = noise.force**2 * T + (noise.doubtful_force * doubt) ** 2
+    three = jnp.ones(3)
+    own = [gyro, force, force * T * T / 3, noise.gyro_walk**2 * T, noise.force_walk**2 * T]
+    diagonal = [v * three for v in own]
+    if n > ERRORS:
+        diagonal.append(jnp.stack([noise.clock**2 * T, noise.clock_walk**2 * T]))
+    Q = jnp.diag(jnp.concatenate(diagonal))
+    i = np.arange(3, 6)
+    return Q.at[i, i + 3].set(force * T / 2).at[i + 3, i].set(force * T / 2)
+
+
+def carry_covariance(P: Any, R_WB: Any, one: Increment, doubt: Any, noise: SpatialNoise) -> Any:
+    """P (n, n) after an increment that begins at R_WB (3, 3)."""
+    n, k = P.shape[0], NAVIGATION
+    F = transition(R_WB, one)
+    top = F @ P[:ERRORS]
+    nav = top[:, :ERRORS] @ F.T
+    across, rest = top[:, k:], P[k:, k:]
+    if n > ERRORS:
+        C = jnp.eye(n - k).at[-2, -1].set(one.time)
+        across, rest = across @ C.T, C @ rest @ C.T
+    whole = jnp.concatenate(
+        [jnp.concatenate([symmetric(nav), across], axis=1), jnp.concatenate([across.T, rest], axis=1)]
+    )
+    return whole + process_noise(noise, one.time, doubt, n)
+
+
+def catch_up(x: Nominal, noise: SpatialNoise) -> Nominal:
+    """The same with P of this very instant."""
+    begin = quaternion.multiply(x.attitude, quaternion.conjugate(x.span.turn))
+    P = carry_covariance(x.P, quaternion.to_matrix(begin), x.span, x.doubt, noise)
+    return replace(x, P=P, span=no_increment(), doubt=jnp.zeros(()))
+
+
+class Fusion(NamedTuple):
+    """What scalars did.  error: shown (n,).  P: after.  innovation, variance, nis (m,): of each, given those before.
+
+    used (m,): whether it was finite, wanted and inside the gate.
+    """
+
+    error: Any
+    P: Any
+    innovation: Any
+    variance: Any
+    nis: Any
+    used: Any
+
+
+def fuse_scalars(P: Any, y: Any, H: Any, R: Any, wanted: Any, gate: Any) -> Fusion:
+    """m measurements with independent noises, one after another.
+
+    Args:     P: (n, n).    y: measured less predicted (m,).    H: (m, n).    R: variances (m,).    wanted: (m,).
+              gate: largest NIS of one that is used.
+    Source:   [3]: (I - K h) P (I - K h)' + K r K', for any gain P - K g' - g K' + K s K' with g = P h', s = h g + r.
+    """
+    n, m = P.shape[0], y.shape[0]
+
+    def fuse(i: Any, carry: Any) -> Any:
+        error, P, innovation, variance, nis, used = carry
+        h, r = H[i], R[i]
+        g = P @ h
+        s = h @ g + r
+        apart = y[i] - h @ error
+        sound = wanted[i] & jnp.isfinite(apart)
+        apart = jnp.where(sound, apart, 0.0)
+        square = apart * apart / s
+        taken = sound & (square <= gate)
+        K = jnp.where(taken, g / s, 0.0)
+        P = P - K[:, None] * g - (g - K * s)[:, None] * K
+        return (
+            error + K * apart,
+            P,
+            innovation.at[i].set(apart),
+            variance.at[i].set(s),
+            nis.at[i].set(square),
+            used.at[i].set(taken),
+        )
+
+    zero = jnp.zeros(m)
+    begin = jnp.zeros(n), P, zero, zero, zero, jnp.zeros(m, bool)
+    error, P, innovation, variance, nis, used = lax.fori_loop(0, m, fuse, begin)
+    return Fusion(error, symmetric(P), innovation, variance, nis, used)
+
+
+def put_error_in(x: Nominal, error: Any, P: Any) -> Nominal:
+    """The state with an error (n,) put into it, P (n, n) of what is missing then.
+
+    P turns along by the right Jacobian of the turn, to its second order. Source: [1] eqs. 283-286 and 183.
+    """
+    turn = error[ATTITUDE]
+    n = P.shape[0]
+    A = cross_matrix(turn)
+    G = jnp.eye(3) - A / 2 + A @ A / 6
+    top = G @ P[:3]
+    own = symmetric(top[:, :3] @ G.T)
+    P = P.at[:3].set(top).at[:, :3].set(top.T).at[:3, :3].set(own)
+    clock = error[ERRORS:] if n > ERRORS else jnp.zeros(2)
+    return replace(
+        x,
+        attitude=quaternion.normalise(quaternion.retract(x.attitude, turn)),
+        velocity=x.velocity + error[VELOCITY],
+        position=x.position + error[POSITION],
+        gyro_bias=x.gyro_bias + error[GYRO_BIAS],
+        force_bias=x.force_bias + error[FORCE_BIAS],
+        clock=x.clock + clock,
+        P=P,
+    )

@@ -1,0 +1,191 @@
+"""A filter that stands a fixed time behind, where every measurement finds it, and the motion from there to now.
+
+Samples of the IMU wait in a ring until they are `delay` old; then the filter takes them. A fix that is less old than
+that waits as well, and is fused when the filter comes to the time at which it was made: nothing is done twice, no state
+is kept but one, and a step costs the same whenever a fix comes.
+
+What the vehicle did since is one increment (`strapdown`), kept up at both ends: a new sample is put after it, and what
+the filter has taken comes off its front. The increments are a group, so that this is exact, where others go through all
+samples again. Each sample entered with the biases believed then; the window knows their mean and is corrected for what
+has been learnt since, to first order (`correct_window`).
+
+Source: delayed horizon: Khosravian et al., "Recursive attitude estimation in the presence of multi-rate and multi-delay
+vector measurements", ACC 2015; the group: docs page, Gnss and inertial.
+"""
+
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import lax
+
+from trimtab.core import quaternion
+from trimtab.core.record import Scalar, part, quantity, record, replace
+from trimtab.core.time import NEVER, to_seconds
+from trimtab.estimators.inertial.strapdown import (
+    Increment,
+    average_samples,
+    compose,
+    increment_of,
+    no_increment,
+    normalise_turn,
+    remove_first,
+)
+
+FIXES = 4
+"""Fixes that may wait at one time."""
+
+
+@record
+class InertialWindow:
+    """IMU samples that the filter has not taken yet, the last one, and the increment they make. Source: this module."""
+
+    head: Scalar = quantity("1", "Slot of the oldest.", kind="count")
+    count: Scalar = quantity("1", "How many wait.", kind="count")
+    t: Any = quantity("100 ns", "End of each (slots,).", kind="time")
+    dt: Any = quantity("s", "How long each lasts (slots,).")
+    rate: Any = quantity("rad/s", "Angular velocity, as felt (slots, 3).", frame="B")
+    force: Any = quantity("m/s^2", "Force, as felt (slots, 3).", frame="B")
+    bias: Any = quantity("1", "Biases of gyros and accelerometers as believed when it came (slots, 6).")
+    doubt: Any = quantity("1", "1 where it is not to be trusted (slots,).")
+    last: Scalar = quantity("100 ns", "When the last sample was measured.", kind="time")
+    felt: Any = quantity("1", "What it felt: rad/s, m/s^2.", frame="B", shape=(6,))
+    motion: Increment = part("All that wait, as one.")
+    entered: Any = quantity("1", "Their biases, integrated over their time: rad, m/s.", shape=(6,))
+
+
+@record
+class WaitingFixes:
+    """Fixes that the filter has not come to yet. Source: this module."""
+
+    head: Scalar = quantity("1", "Slot of the oldest.", kind="count")
+    count: Scalar = quantity("1", "How many wait.", kind="count")
+    t: Any = quantity("100 ns", "When each was measured.", kind="time", shape=(FIXES,))
+    value: Any = quantity("1", "What was measured (FIXES, w).")
+
+
+class FeltSample(NamedTuple):
+    """One sample as it leaves the window: integer time of its end, s, rad/s and m/s² (6,), and 1 where in doubt."""
+
+    t: Any
+    dt: Any
+    felt: Any
+    doubt: Any
+
+
+def empty_window(slots: int) -> InertialWindow:
+    """Before the first sample."""
+    none = np.int32(0)
+    return InertialWindow(
+        head=none,
+        count=none,
+        t=np.zeros(slots, np.int64),
+        dt=np.zeros(slots),
+        rate=np.zeros((slots, 3)),
+        force=np.zeros((slots, 3)),
+        bias=np.zeros((slots, 6)),
+        doubt=np.zeros(slots),
+        last=np.int64(NEVER),
+        felt=np.zeros(6),
+        motion=no_increment(),
+        entered=np.zeros(6),
+    )
+
+
+def no_fixes(width: int) -> WaitingFixes:
+    """None waits; width: numbers of one."""
+    none = np.int32(0)
+    return WaitingFixes(none, none, np.zeros(FIXES, np.int64), np.zeros((FIXES, width)))
+
+
+def add_sample(window: InertialWindow, t: Any, felt: Any, bias: Any, doubt: Any) -> InertialWindow:
+    """The window with a sample more; of the first there is only its end. felt: rad/s and m/s² (6,); bias: alike."""
+    begun = window.last > NEVER
+    dt = jnp.where(begun, to_seconds(t - window.last), 0.0)
+    old = jnp.where(begun, window.felt, felt)
+    w, f = average_samples(old[:3], old[3:], felt[:3], felt[3:], dt)
+    one = increment_of(w - bias[:3], f - bias[3:], dt)
+    slots = window.t.shape[0]
+    slot = _wrap_index(window.head + window.count, slots)
+    new = {"t": t, "dt": dt, "rate": w, "force": f, "bias": bias, "doubt": doubt}
+    rings = {name: _write_slot(getattr(window, name), slot, value) for name, value in new.items()}
+    return replace(
+        window,
+        **rings,
+        count=(window.count + 1).astype(np.int32),
+        last=t,
+        felt=felt,
+        motion=compose(window.motion, one),
+        entered=window.entered + bias * dt,
+    )
+
+
+def is_due(window: InertialWindow, delay: Any) -> Any:
+    """Whether the oldest sample is to be taken: it is old enough, or its place is wanted."""
+    old = _read_slot(window.t, window.head) <= window.last - delay
+    return (window.count > 0) & (old | (window.count >= window.t.shape[0]))
+
+
+def take_sample(window: InertialWindow) -> tuple[InertialWindow, FeltSample]:
+    """The window without its oldest sample, and that one."""
+    t, dt, w, f, bias, doubt = (
+        _read_slot(ring, window.head)
+        for ring in (window.t, window.dt, window.rate, window.force, window.bias, window.doubt)
+    )
+    one = increment_of(w - bias[:3], f - bias[3:], dt)
+    left = replace(
+        window,
+        head=_wrap_index(window.head + 1, window.t.shape[0]),
+        count=(window.count - 1).astype(np.int32),
+        motion=normalise_turn(remove_first(window.motion, one)),
+        entered=window.entered - bias * dt,
+    )
+    return left, FeltSample(t, dt, jnp.concatenate([w, f]), doubt)
+
+
+def correct_window(window: InertialWindow, gyro_bias: Any, force_bias: Any) -> Increment:
+    """The motion of the window, as it is with these biases: to first order, the change spread evenly over its time."""
+    one = window.motion
+    turned = window.entered[:3] - gyro_bias * one.time
+    pushed = window.entered[3:] - force_bias * one.time
+    R = quaternion.to_matrix(one.turn)
+    return Increment(
+        turn=quaternion.retract(one.turn, (turned + R.T @ turned) / 2),
+        velocity=one.velocity + (pushed + R @ pushed) / 2 + jnp.cross(turned, one.velocity) / 2,
+        position=one.position + one.time / 6 * (2 * pushed + R @ pushed) + jnp.cross(turned, one.position) / 3,
+        time=one.time,
+    )
+
+
+def add_fix(fixes: WaitingFixes, t: Any, value: Any) -> tuple[WaitingFixes, Any]:
+    """With a fix more, measured later than those that wait, and whether there was room for it."""
+    room = fixes.count < FIXES
+    slot = _wrap_index(fixes.head + fixes.count, FIXES)
+    after = replace(
+        fixes,
+        count=(fixes.count + 1).astype(np.int32),
+        t=_write_slot(fixes.t, slot, t),
+        value=_write_slot(fixes.value, slot, value),
+    )
+    return jax.tree.map(lambda a, b: jnp.where(room, a, b), after, fixes), room
+
+
+def next_fix(fixes: WaitingFixes) -> tuple[Any, Any, WaitingFixes]:
+    """The oldest that waits: integer time, value (w,), and the others; only where there is one."""
+    t, value = _read_slot(fixes.t, fixes.head), _read_slot(fixes.value, fixes.head)
+    count = (fixes.count - 1).astype(np.int32)
+    return t, value, replace(fixes, head=_wrap_index(fixes.head + 1, FIXES), count=count)
+
+
+def _wrap_index(i: Any, n: int) -> Any:
+    return jnp.where(i >= n, i - n, i).astype(np.int32)
+
+
+def _read_slot(ring: Any, slot: Any) -> Any:
+    return lax.dynamic_index_in_dim(ring, slot, keepdims=False)
+
+
+def _write_slot(ring: Any, slot: Any, value: Any) -> Any:
+    ring = jnp.asarray(ring)
+    return lax.dynamic_update_index_in_dim(ring, jnp.asarray(value, ring.dtype), slot, 0)

@@ -1,0 +1,126 @@
+"""Strapdown navigation on the group: what an IMU feels over a time, as one increment of attitude, velocity and place.
+
+Increments don't know where they begin: one is put after another (`compose`), taken off the front (`remove_first`), and
+applied to any state (`move`). No step is a first-order one: as long as angular velocity and force are constant in B,
+the result is exact over any time, and what changes straight between two samples is followed by coning and sculling.
+
+    R+ = R dR,    v+ = v + g T + R dv,    p+ = p + v T + g T²/2 + R dp
+
+Source: Solà, "Quaternion kinematics for the error-state Kalman filter", arXiv:1711.02508; Groves, "Principles of GNSS,
+inertial, and multisensor integrated navigation systems", 2nd ed., section 5.5; Forster et al., "On-manifold
+preintegration for real-time visual-inertial odometry", IEEE Trans. Robotics 33 (2017).
+"""
+
+import math
+from typing import Any, NamedTuple
+
+import jax.numpy as jnp
+
+from trimtab.core import quaternion
+from trimtab.core.record import Scalar, quantity, record
+
+ORDER = 4
+"""Terms of the series in the turn of one sample: to rounding below 0.1 rad, to 1e-8 at 1 rad."""
+
+
+@record
+class Increment:
+    """Motion over a time T, seen from B at its beginning, without gravity. Source: this module."""
+
+    turn: Any = quantity("1", "Quaternion dR, from B at the end to B at the beginning.", shape=(4,))
+    velocity: Any = quantity("m/s", "dv: the force felt, integrated.", frame="B", shape=(3,))
+    position: Any = quantity("m", "dp: the same, integrated twice.", frame="B", shape=(3,))
+    time: Scalar = quantity("s", "T.")
+
+
+class Kinematics(NamedTuple):
+    """Where something is: q_WB (4,), velocity (3,) and position (3,) in W."""
+
+    attitude: Any
+    velocity: Any
+    position: Any
+
+
+def no_increment() -> Increment:
+    """Over no time."""
+    three = jnp.zeros(3)
+    return Increment(jnp.asarray(quaternion.IDENTITY), three, three, jnp.zeros(()))
+
+
+def average_samples(w0: Any, f0: Any, w1: Any, f1: Any, dt: Any) -> tuple[Any, Any]:
+    """Constant angular velocity and force (3,) that do over dt (s) what two samples with a straight line between do.
+
+    Coning dt/12 w0 × w1 and sculling dt/12 (w0 × f1 - w1 × f0): the second term of the series of Magnus, of a rate that
+    changes linearly. Source: Groves, 2nd ed., section 5.5.4; Savage, J. Guidance, Control, Dynamics 21 (1998) 19.
+    """
+    w = (w0 + w1) / 2 + dt / 12 * jnp.cross(w0, w1)
+    f = (f0 + f1) / 2 + dt / 12 * (jnp.cross(w0, f1) - jnp.cross(w1, f0))
+    return w, f
+
+
+def increment_of(w: Any, f: Any, dt: Any) -> Increment:
+    """The increment of a constant angular velocity w (rad/s) and force f (m/s²), (3,) in B, over dt (s).
+
+    With a = w dt, the integrals of the rotation over the time are G1 = sum a×^k/(k+1)! and G2 = sum a×^k/(k+2)!; their
+    coefficients are series in |a|², without a trigonometric function.
+    """
+    a = w * dt
+    a2 = a @ a
+    half = a / 2
+    cosine, sinc = _series(a2 / 4, 0), _series(a2 / 4, 1)
+    c, d = _series(a2, 3), _series(a2, 4)
+    b = 0.5 - a2 * d
+    across = jnp.cross(a, f)
+    twice = jnp.cross(a, across)
+    turn = jnp.concatenate([cosine[None], sinc * half])
+    velocity = (f + b * across + c * twice) * dt
+    position = (f / 2 + c * across + d * twice) * (dt * dt)
+    return Increment(turn, velocity, position, jnp.asarray(dt, float))
+
+
+def _series(x2: Any, n: int) -> Any:
+    """sum over k of (-x²)^k/(2 k + n)!: cos, sin/x, (1 - cos)/x², … for n = 0, 1, 2, …"""
+    total = jnp.asarray(1.0 / math.factorial(2 * ORDER + n))
+    for k in range(ORDER - 1, -1, -1):
+        total = 1.0 / math.factorial(2 * k + n) - x2 * total
+    return total
+
+
+def compose(first: Increment, then: Increment) -> Increment:
+    """Both, one after the other."""
+    R = quaternion.to_matrix(first.turn)
+    return Increment(
+        turn=quaternion.multiply(first.turn, then.turn),
+        velocity=first.velocity + R @ then.velocity,
+        position=first.position + first.velocity * then.time + R @ then.position,
+        time=first.time + then.time,
+    )
+
+
+def remove_first(both: Increment, first: Increment) -> Increment:
+    """What is left of an increment that began with another: compose(first, it) is both."""
+    R_T = quaternion.to_matrix(first.turn).T
+    time = both.time - first.time
+    return Increment(
+        turn=quaternion.multiply(quaternion.conjugate(first.turn), both.turn),
+        velocity=R_T @ (both.velocity - first.velocity),
+        position=R_T @ (both.position - first.position - first.velocity * time),
+        time=time,
+    )
+
+
+def normalise_turn(one: Increment) -> Increment:
+    """The same with a turn of length one again, to first order: for lengths that differ by rounding."""
+    q = one.turn
+    return Increment(q * (1.5 - 0.5 * (q @ q)), one.velocity, one.position, one.time)
+
+
+def move(x: Kinematics, one: Increment, gravity: Any) -> Kinematics:
+    """The state after an increment, under gravity (3,) (m/s², W)."""
+    R, T = quaternion.to_matrix(x.attitude), one.time
+    q = quaternion.multiply(x.attitude, one.turn)
+    return Kinematics(
+        attitude=q * (1.5 - 0.5 * (q @ q)),
+        velocity=x.velocity + gravity * T + R @ one.velocity,
+        position=x.position + x.velocity * T + gravity * (T * T / 2) + R @ one.position,
+    )

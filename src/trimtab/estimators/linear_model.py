@@ -1,0 +1,188 @@
+"""The Kalman filter of any vehicle's linear model: all of its states, from the sensors that there are."""
+
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from trimtab.core.errors import InputError
+from trimtab.core.record import Scalar, option, part, period, quantity, record
+from trimtab.core.rng import Key
+from trimtab.core.signals import Frame, PlanarState, is_new
+from trimtab.core.time import ms, to_seconds
+from trimtab.estimators import kalman
+from trimtab.estimators.inertial.sensor_watch import NEVER
+
+TURNS = np.zeros((4, 4))
+TURNS[3, 2] = 0.005
+"""A heading over 5 ms by its rate: the default's model, which nobody flies."""
+
+
+@record
+class LinearModelFilterState:
+    """What the filter remembers. Source: docs page, Linear model filter."""
+
+    e: Any = quantity("1", "Deviation from the trim (n,), each in its state's unit.")
+    P: Any = quantity("1", "Its covariance (n, n).")
+    t: Scalar = quantity("100 ns", "The last instant.", kind="time")
+    seen: Any = quantity("100 ns", "When the last sample of each sensor was measured.", kind="time")
+    measured: Scalar = quantity("100 ns", "When the newest sample used was measured.", kind="time")
+    started: Scalar = quantity("1", "Whether an input and a measurement have come.", kind="flag")
+
+
+@record
+class FilteredEstimate:
+    """An Estimate of a vehicle's whole state, with what the filter believes of it.
+
+    Source: docs page, Linear model filter.
+    """
+
+    t: Scalar = quantity("100 ns", "Now, at the autopilot.", kind="time")
+    age: Scalar = quantity("s", "Time since the newest measurement in it was made.")
+    fresh: Scalar = quantity("1", "Whether a measurement was used at this instant.", kind="flag")
+    valid: Scalar = quantity("1", "Whether the state means anything yet.", kind="flag")
+    state: Any = part("The estimated state, the vehicle's record.")
+    P: Any = quantity("1", "Covariance of its numbers, in declared order, row by row (n n,).")
+    nis: Scalar = quantity("1", "Of this instant's measurements, summed: chi-square with `used` degrees of freedom.")
+    used: Scalar = quantity("1", "How many numbers were measured and used at this instant.", kind="count")
+    stick: Any = part("None: it has no pilot.", default=None)
+    dt: Any = part("Time between two steps of the law (s), for the law alone; else None.", default=None)
+
+
+@record
+class LinearModelFilter:
+    """The Kalman filter of x = x0 + e, e' = A e + B (u - u0) + w, sampled; made by `loop.linear_filter.design_filter`.
+
+        e = Ad e + Bd (u - u0)                  P = Ad P Ad' + Qd
+        r = y - y0 - C e - D (u - u0)           then number by number in Joseph's form
+
+    u is what has acted since the last command, as `acting` tells (`sensors.flight_state.ActingInput`). A sample is used
+    at the instant at which it was measured, or within a period; one that is older, or not finite, is not.
+
+    Frames:  of the vehicle's states.
+    Valid:   near the trim, for noise that is white. Not modelled: delay and biases of the sensors.
+    Source:  Bar-Shalom, Li, Kirubarajan, "Estimation with applications to tracking and navigation", Wiley 2001,
+             section 5.2.
+    """
+
+    x0: Any = part("State at the trim, the vehicle's record.", default=PlanarState(0.0, 0.0, 0.0, 0.0))
+    u0: Any = quantity("1", "Input there (m,).", default=np.zeros(0))
+    channels: tuple[str, ...] = option(
+        "What is measured: a sensor and a number of it.", default=("navigation.heading",)
+    )
+    acting: tuple[str, ...] = option("Likewise what acts on the vehicle.", default=())
+    Ad: Any = quantity("1", "Of one period (n, n).", default=np.eye(4) + TURNS)
+    Bd: Any = quantity("1", "Of one period (n, m).", default=np.zeros((4, 0)))
+    Qd: Any = quantity("1", "Covariance of one period's disturbance (n, n).", default=1e-4 * np.eye(4))
+    C: Any = quantity("1", "Measured numbers by states (p, n).", default=np.eye(4)[3:])
+    D: Any = quantity("1", "Measured numbers by inputs (p, m).", default=np.zeros((1, 0)))
+    y0: Any = quantity("1", "Measured numbers at the trim (p,).", default=np.zeros(1))
+    R: Any = quantity("1", "Variances of their noise (p,).", default=np.array([1e-4]), above=0)
+    P0: Any = quantity("1", "First covariance (n, n).", default=np.eye(4))
+    period: int = period("Time between predictions.", default=ms(5))
+
+    @property
+    def listens(self) -> tuple[str, ...]:
+        """The sensors of the channels, and those of the input."""
+        return tuple(dict.fromkeys((*_sensors(self.channels), *_sensors(self.acting))))
+
+    def check(self) -> None:
+        """Refuse matrices that don't fit each other."""
+        n, m, p = len(self.Ad), len(self.acting), len(self.channels)
+        shapes = {
+            "u0": (m,),
+            "Ad": (n, n),
+            "Bd": (n, m),
+            "Qd": (n, n),
+            "C": (p, n),
+            "D": (p, m),
+            "y0": (p,),
+            "R": (p,),
+            "P0": (n, n),
+        }
+        for name, shape in shapes.items():
+            if np.shape(getattr(self, name)) != shape:
+                problem = f"shape {np.shape(getattr(self, name))}, wanted {shape}"
+                raise InputError(
+                    f"LinearModelFilter.{name}", problem, fix="make it with loop.linear_filter.design_filter"
+                )
+
+    def init(self, key: Key) -> LinearModelFilterState:
+        """The trim, nothing measured."""
+        never = np.int64(NEVER)
+        seen = np.full(len(_sensors(self.channels)), never)
+        P = jnp.asarray(self.P0)
+        return LinearModelFilterState(jnp.zeros(len(self.Ad)), P, np.int64(0), seen, never, jnp.asarray(False))
+
+    def step(self, t: Any, s: LinearModelFilterState, frame: Frame) -> tuple[LinearModelFilterState, FilteredEstimate]:
+        """One period on, and corrected by what was measured since; between periods the estimate is held."""
+        due = ~s.started | (t - s.t >= self.period)
+        names = _sensors(self.channels)
+        samples = [frame.samples[name] for name in names]
+        new = [one.valid & is_new(one, s.seen[i]) & (t - one.t < self.period) for i, one in enumerate(samples)]
+        du, acts = self._acting_change(frame)
+        e, P = kalman.predict(s.e, s.P, jnp.asarray(self.Ad), jnp.asarray(self.Qd))
+        e = jnp.where(s.started, e + jnp.asarray(self.Bd) @ du, s.e)
+        P = jnp.where(s.started, P, s.P)
+        y = jnp.stack([_number(frame, name) for name in self.channels])
+        fresh = jnp.stack([new[names.index(name.partition(".")[0])] for name in self.channels])
+        C = jnp.asarray(self.C)
+        r = jnp.where(fresh, y - jnp.asarray(self.y0) - C @ e - jnp.asarray(self.D) @ du, jnp.nan)
+        corrected = kalman.update_sequentially(e, P, r, C, jnp.asarray(self.R))
+        used = jnp.where(due, jnp.sum(corrected.accepted), 0)
+        some = used > 0
+        newest = jnp.max(jnp.stack([jnp.where(n, one.t, s.measured) for n, one in zip(new, samples, strict=True)]))
+        state = LinearModelFilterState(
+            e=jnp.where(due, corrected.x, s.e),
+            P=jnp.where(due, corrected.P, s.P),
+            t=jnp.where(due, t, s.t),
+            seen=jnp.stack(
+                [jnp.where(due & n, x.t, s.seen[i]) for i, (n, x) in enumerate(zip(new, samples, strict=True))]
+            ),
+            measured=jnp.where(some, newest, s.measured),
+            started=s.started | (some & acts),
+        )
+        estimate = FilteredEstimate(
+            t=t,
+            age=jnp.where(state.started, to_seconds(t - state.measured), 0.0),
+            fresh=some,
+            valid=state.started,
+            state=_add(self.x0, state.e),
+            P=state.P.reshape(-1),
+            nis=jnp.where(due, corrected.nis, 0.0),
+            used=used,
+        )
+        return state, estimate
+
+    def _acting_change(self, frame: Frame) -> tuple[Any, Any]:
+        """u - u0 (m,), zero where it is not known; whether it is."""
+        numbers = [_number(frame, name) - self.u0[i] for i, name in enumerate(self.acting)]
+        du = jnp.stack(numbers) if numbers else jnp.zeros(0)
+        valid = [frame.samples[name].valid for name in _sensors(self.acting)]
+        acts = jnp.all(jnp.stack(valid)) if valid else jnp.asarray(True)
+        return jnp.where(acts & jnp.all(jnp.isfinite(du)), du, 0.0), acts
+
+
+def _sensors(channels: tuple[str, ...]) -> tuple[str, ...]:
+    return tuple(dict.fromkeys(name.partition(".")[0] for name in channels))
+
+
+def _number(frame: Frame, channel: str) -> Any:
+    """The number of a channel, e.g. ``encoder.position`` or ``imu.force[2]``, in the newest sample of its sensor."""
+    sensor, _, path = channel.partition(".")
+    value = frame.samples[sensor].value
+    for name in path.split("."):
+        field, bracket, index = name.partition("[")
+        value = value[field] if isinstance(value, dict) else getattr(value, field)
+        value = value[int(index.rstrip("]"))] if bracket else value
+    return jnp.asarray(value, jnp.float64)
+
+
+def _add(record: Any, change: Any) -> Any:
+    """The record with a vector added to its numbers, in declared order."""
+    leaves, tree = jax.tree.flatten(record)
+    ends = np.cumsum([np.size(own) for own in leaves])
+    parts = [change[int(end) - np.size(own) : int(end)] for own, end in zip(leaves, ends, strict=True)]
+    new = [own + jnp.reshape(more, jnp.shape(own)) for own, more in zip(leaves, parts, strict=True)]
+    return jax.tree.unflatten(tree, new)

@@ -1,0 +1,309 @@
+"""A closed loop as WebAssembly: the exported C, compiled for a browser, and a page in which its numbers can be moved.
+
+The program imports nothing. It keeps one set of parameters, flies all instants of a run in one call, and leaves every
+output of every instant in its memory, as double. The elementary functions are those of the exported text, so that the
+bits are those of every other machine (docs page, Fly in the page).
+"""
+
+import base64
+import json
+import shutil
+import subprocess
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import jax
+import numpy as np
+
+from trimtab.compiler.block import BlockText, block_text
+from trimtab.compiler.elementary import LICENCE_NOTE
+from trimtab.compiler.folder import column_names
+from trimtab.compiler.structs import Member, row_functions
+from trimtab.compiler.text import C_TYPES
+from trimtab.core.errors import InputError, argument, argument_name, closest
+from trimtab.core.record import replace
+from trimtab.core.time import Timetable, timetable, to_seconds
+from trimtab.export.verify import EXACT
+from trimtab.links.fifo import required_slots
+from trimtab.links.latency import MeasuredLatency
+from trimtab.logs.metrics import full_path
+from trimtab.loop.scenario import Scenario
+from trimtab.run.blocks import loop_block
+from trimtab.run.simulate import simulate
+
+WEB = Path(__file__).parent / "web"
+TOOLS = ("clang", "wasm-ld")
+FLAGS = ("--target=wasm32", "-std=c99", "-nostdlib", "-nostdlibinc", "-mbulk-memory", "-w")
+EXPORTED = ("defaults", "get", "set", "fly", "memory")
+MEMORY = 64 * 2**20
+"""Bytes that the outputs of a flight may take."""
+REFERENCE_ROWS = 300
+
+
+class Slider(NamedTuple):
+    """A number of the loop that a person moves.
+
+    name, unit: as shown.  low, high: its ends.  paths: of the quantities, below the scenario, that it changes.
+    adds: it is added to the scenario's own numbers and begins at 0; else it takes their place and begins at the first.
+    """
+
+    name: str
+    unit: str
+    low: float
+    high: float
+    paths: tuple[str, ...]
+    adds: bool = False
+
+
+class WebFlight(NamedTuple):
+    """A closed loop for the browser. program: the WebAssembly.  about: what a page needs to know of it, for JSON."""
+
+    program: bytes
+    about: dict[str, Any]
+
+
+def delay_slider(scenario: Scenario, high: float, link: str = "uplink") -> tuple[Scenario, Slider]:
+    """A slider for delay (s) on top of a link's latency, and the scenario with a ring that holds so much.
+
+    Raises:
+        InputError: a link that has no table of latencies.
+    """
+    channel = getattr(scenario.world, link)
+    if not isinstance(channel, MeasuredLatency):
+        problem = f"the {link} is a {type(channel).__name__}, whose delay is part of its program"
+        raise InputError("delay slider", problem, fix=argument("settings", "measured", "links"))
+    longest = float(np.asarray(channel.latency)[-1]) + high
+    slots = max(channel.capacity, required_slots(longest, channel.send_period, channel.period))
+    world = replace(scenario.world, **{link: replace(channel, capacity=slots)})
+    slider = Slider(f"more {link} delay", "s", 0.0, high, (f"world.{link}.latency",), adds=True)
+    return replace(scenario, world=world), slider
+
+
+def missing_web_tools() -> list[str]:
+    """Which of the tools that compile to WebAssembly this machine lacks."""
+    return [tool for tool in TOOLS if shutil.which(tool) is None]
+
+
+def export_web(
+    scenario: Scenario, sliders: tuple[Slider, ...] = (), signals: tuple[str, ...] = (), *, seed: int = 0
+) -> WebFlight:
+    """A scenario's closed loop as WebAssembly.
+
+    Args:
+        scenario: checked whole before anything is compiled.
+        sliders: what may be moved.
+        signals: which are drawn, one plot each; those that the scenario has targets for when empty.
+        seed: of the flight that is shown first.
+
+    Raises:
+        InputError: no tools, a signal or quantity that is not there, a flight with too many numbers.
+    """
+    if missing := missing_web_tools():
+        problem = f"there is no {' and no '.join(missing)} here"
+        raise InputError("export --wasm", problem, fix="apt-get install clang lld")
+    scenario.check()
+    periods = [*scenario.world.periods(), scenario.autopilot.period]
+    table = timetable(periods, scenario.duration, scenario.world.max_step)
+    definition = loop_block(scenario, table.always, seed=seed)
+    block = block_text(definition)
+    names = ["t", *column_names(block.outputs)]
+    signals = signals or tuple(dict.fromkeys(full_path(target.path) for target in scenario.targets))
+    _check_names(signals, names, "signal")
+    values = dict(zip((m.name for m in block.parameters), jax.tree.leaves(definition.parameters), strict=True))
+    for slider in sliders:
+        _check_slider(slider, block, values.__getitem__)
+    if (size := 8 * len(table.t) * len(names)) > MEMORY:
+        problem = f"its {len(table.t)} instants of {len(names)} numbers take {size >> 20} MB"
+        raise InputError("export --wasm", problem, fix=f"a shorter flight, e.g. {argument('settings', 10, 'duration')}")
+    program = _compile_program(block, flight_text(block, table))
+    about = {
+        "scenario": scenario.name,
+        "duration_s": to_seconds(scenario.duration),
+        "instants": len(table.t),
+        "names": names,
+        "seed": {"which": _find(block, "key.seed"), "value": seed},
+        "sliders": [_describe_slider(slider, block) for slider in sliders],
+        "signals": [_describe_signal(path, block, scenario) for path in signals],
+        "reference": _reference(scenario, signals, table, seed),
+    }
+    return WebFlight(program, about)
+
+
+def web_fragment(flight: WebFlight) -> str:
+    """A page's text for a flight: all in it, it asks for nothing. It may stand in any page, more than once."""
+    about = flight.about | {"program": base64.b64encode(flight.program).decode()}
+    data = json.dumps(about).replace("</", "<\\/")
+    style, script = ((WEB / name).read_text(encoding="utf-8") for name in ("flight.css", "flight.js"))
+    return (
+        f'<div class="trimtab-flight"><style>\n{style}</style>\n<script type="application/json">{data}</script>\n'
+        f"<script>\n{script}</script></div>\n"
+    )
+
+
+def write_web_page(flight: WebFlight, folder: Path) -> list[Path]:
+    """Write index.html, which opens by itself, and the program and its description for pages of your own."""
+    head = (
+        '<!doctype html>\n<html lang="en"><meta charset="utf-8"><meta name="viewport" content="width=device-width">\n'
+    )
+    title = f"<title>{flight.about['scenario']}, trimtab</title>\n"
+    texts = {
+        "index.html": f"{head}{title}<body>\n{web_fragment(flight)}</body></html>\n".encode(),
+        "loop.wasm": flight.program,
+        "loop.json": (json.dumps(flight.about, indent=1) + "\n").encode(),
+    }
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+        for name, content in texts.items():
+            (folder / name).write_bytes(content)
+    except OSError as error:
+        problem = f"cannot write in {str(folder)!r}: {(error.strerror or str(error)).lower()}"
+        raise InputError(
+            argument_name("out"),
+            problem,
+            fix=f"{argument_name('out')} with a folder of yours, e.g. {argument('out', 'page')}",
+        ) from None
+    return [folder / name for name in texts]
+
+
+def _check_names(wanted: tuple[str, ...], names: list[str], what: str) -> None:
+    for name in wanted:
+        if name not in names:
+            near = closest(name, names, 6) or names[:6]
+            raise InputError(f"{what} {name!r}", f"there is no such {what}", choices=near, fix=f"write {near[0]!r}")
+
+
+def _check_slider(slider: Slider, block: BlockText, own: Callable[[str], Any]) -> None:
+    """Refuse a slider of what the program has not, or whose ends leave out where it begins."""
+    quantities = [m.name for m in block.parameters if m.dtype == "f64"]
+    _check_names(slider.paths, quantities, "quantity")
+    begin = 0.0 if slider.adds else float(np.ravel(own(slider.paths[0]))[0])
+    if not slider.low <= begin <= slider.high or slider.low == slider.high:
+        problem = f"it goes from {slider.low:g} to {slider.high:g}, and begins at {begin:g}"
+        raise InputError(f"slider {slider.name!r}", problem, fix="LOW:HIGH around the scenario's own number")
+
+
+def _find(block: BlockText, path: str) -> int:
+    return [m.name for m in block.parameters].index(path)
+
+
+def _describe_slider(slider: Slider, block: BlockText) -> dict[str, Any]:
+    which = [[_find(block, path), block.parameters[_find(block, path)].size] for path in slider.paths]
+    return slider._asdict() | {"which": which}
+
+
+def _describe_signal(path: str, block: BlockText, scenario: Scenario) -> dict[str, Any]:
+    """What a plot shows: name, unit, meaning, and where the signal should go."""
+    declared = next((m.declaration for m in block.outputs if path.startswith(m.name)), None)
+    goals = [target.value for target in scenario.targets if full_path(target.path) == path]
+    return {
+        "path": path,
+        "unit": declared.unit if declared is not None and declared.unit != "1" else "",
+        "meaning": declared.doc if declared is not None else "",
+        "target": float(goals[0]) if goals else None,
+    }
+
+
+def _reference(scenario: Scenario, signals: tuple[str, ...], table: Timetable, seed: int) -> dict[str, Any]:
+    """The shown signals as the package flies them, each `every` instants: float64, the instant as first axis."""
+    log = simulate(scenario, seed=seed, log_period=1, signals=tuple(s.partition("[")[0] for s in signals))
+    every = -(-len(table.t) // REFERENCE_ROWS)
+    columns = []
+    for path in signals:
+        name, _, index = path.partition("[")
+        values = np.asarray(log[name], np.float64).reshape(len(log), -1)
+        columns.append(values[:, int(index.removesuffix("]")) if index else 0])
+    rows = np.ascontiguousarray(np.stack(columns, axis=1)[::every], "<f8")
+    return {"every": every, "rows": base64.b64encode(rows.tobytes()).decode()}
+
+
+def flight_text(block: BlockText, table: Timetable) -> str:
+    """The C that a page calls: parameters by number, and the whole flight over the instants of a table."""
+    numbers = 1 + len(column_names(block.outputs))
+    starts = np.flatnonzero(np.diff(table.h, prepend=-1))
+    counts = np.diff(starts, append=len(table.h))
+    runs = ", ".join(f"{{{h}, {n}}}" for h, n in zip(table.h[starts], counts, strict=True))
+    workspace = f"static _Alignas(64) char workspace[{block.workspace}];\n" if block.workspace else ""
+    end = ", workspace" if block.workspace else ""
+    step = block.call("&p", "&s", "&in", "&out", "workspace")
+    return f"""{LICENCE_NOTE}
+#include <math.h>
+#include <string.h>
+#include "loop.h"
+
+static loop_params p;
+static loop_state s;
+static loop_in in;
+static loop_out out;
+static double rows[{len(table.t)}][{numbers}];
+static const struct {{ int64_t h; int32_t count; }} runs[] = {{{runs}}};
+{workspace}
+{row_functions(block.name, [], block.outputs)}
+void defaults(void)
+{{
+    loop_defaults(&p);
+}}
+
+double get(int32_t which, int32_t i)
+{{
+    switch (which) {{
+{_cases(block.parameters, "return (double){place};")}
+    default: return NAN;
+    }}
+}}
+
+void set(int32_t which, int32_t i, double value)
+{{
+    switch (which) {{
+{_cases(block.parameters, "{place} = ({type})value; return;")}
+    default: return;
+    }}
+}}
+
+/* The whole flight: at each instant the time (100 ns), then all outputs. */
+const double *fly(void)
+{{
+    double *row = rows[0];
+    int64_t t = 0;
+    loop_init(&p, &s{end});
+    for (size_t k = 0; k < sizeof runs / sizeof *runs; k++)
+        for (int32_t n = 0; n < runs[k].count; n++, row += {numbers}) {{
+            in.t = t;
+            in.h = runs[k].h;
+            {step}
+            row[0] = (double)t;
+            vectors_get_out(&out, row + 1);
+            t += runs[k].h;
+        }}
+    return rows[0];
+}}
+"""
+
+
+def _cases(parameters: list[Member], text: str) -> str:
+    """A line for each parameter."""
+    lines = []
+    for which, m in enumerate(parameters):
+        body = text.format(place=m.at("p.", "i"), type=C_TYPES[m.dtype])
+        lines.append(f"    case {which}: {'(void)i; ' if not m.shape else ''}{body}")
+    return "\n".join(lines)
+
+
+def _compile_program(block: BlockText, glue: str) -> bytes:
+    with tempfile.TemporaryDirectory() as scratch:
+        folder = Path(scratch)
+        (folder / "loop.h").write_text(block.header, encoding="utf-8")
+        (folder / "loop.c").write_text(block.source, encoding="utf-8")
+        (folder / "wasm.c").write_text(glue, encoding="utf-8")
+        link = ["-Wl,--no-entry", "-Wl,--strip-all", *(f"-Wl,--export={name}" for name in EXPORTED[:-1])]
+        exact = [flag for flag in EXACT if flag != "-fno-tree-slp-vectorize"]
+        command = ["clang", *FLAGS, *exact, "-isystem", str(WEB), "wasm.c", "loop.c", str(WEB / "library.c"), *link]
+        command += ["-o", "loop.wasm"]
+        done = subprocess.run(
+            command, cwd=folder, capture_output=True, text=True, stdin=subprocess.DEVNULL, check=False
+        )
+        if done.returncode:
+            said = "\n".join(done.stderr.splitlines()[:20])
+            raise InputError("export --wasm", f"clang refused the text:\n{said}", fix="report it, with the scenario")
+        return (folder / "loop.wasm").read_bytes()

@@ -1,0 +1,310 @@
+"""Parameters of a model from flights, by maximum likelihood: a Kalman filter's predictions and their derivatives.
+
+    x_{k+1} = f(x_k, u_k(p), h_k; p) + w_k,   w ~ N(0, diag(q(p)) h_k)
+    y_k = x_k[measured] + v_k,                v ~ N(0, diag(r(p)))
+    log L(p) = -1/2 sum( e²/s + log(2 pi s) )      e, s: innovation, variance
+
+The filter predicts through the model's own step, with its derivatives for the covariance; e and s are differentiated
+along every parameter at once, noise variances among them, and the parameters follow Fisher's scoring:
+
+    I_ij = sum( e_i' e_j'/s + s_i' s_j'/(2 s²) )      g_i = sum( -e e_i'/s + (e²/s - 1) s_i'/(2 s) )
+
+A flight, and what comes after a long gap, begins with a state that is hardly known: so first states are estimated, too.
+
+Source: Åström, "Maximum likelihood and prediction error methods", Automatica 16 (1980); Kristensen, Madsen, Jørgensen,
+"Parameter estimation in stochastic grey-box models", Automatica 40 (2004), for scoring with a filter's innovations;
+Raue et al., Bioinformatics 25 (2009), for intervals and what can't be told, by the profile likelihood.
+"""
+
+import functools
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import lax
+
+jax.config.update("jax_enable_x64", True)
+
+ITERATIONS = 40
+TOLERANCE = 0.02
+"""Done when a full step would change the log likelihood by less than this."""
+HALF_CHI = 1.9207294103470585
+"""Half of chi² of 1 degree of freedom at 95 %: the fall of the log likelihood at the ends of an interval."""
+COLLINEAR = 1e-4
+"""An eigenvalue of the information's correlations below this: what its vector holds can't be told apart."""
+SHARE = 0.3
+"""Part in such a vector from which a parameter is named."""
+REACHES = np.array([-1.4, -0.8, 0.8, 1.4])
+"""Where the profile is computed, in half 95 % intervals by the information."""
+CORRECTIONS = 1
+"""Steps by which the other parameters find where they are most likely, at each such place."""
+
+
+class Timeline(NamedTuple):
+    """One or more flights, put end to end: n steps.
+
+    h: s, length of the step before each instant (n,), 0 where a stretch begins.  begins: (n,) bool.
+    y: (n, k).  seen: (n, k) bool, what of y there is.  first: state that a stretch begins with (n, d), read there only.
+    drive: what the model makes its inputs of.
+    """
+
+    h: Any
+    begins: Any
+    y: Any
+    seen: Any
+    first: Any
+    drive: Any = ()
+
+
+class Model(NamedTuple):
+    """What is fitted. Functions of the parameters p (m,), in any unit.
+
+    step(p, x, u, h): the next state (d,) of state (d,) and input.  inputs(p, drive): of every step, (n, …) each.
+    process(p): q (d,), per second.  noise(p): r (k,).  measured: indices (k,).  wraps: (k,) bool, angles.
+    spread: variances (d,) of a state that a stretch begins with.
+    """
+
+    step: Callable[[Any, Any, Any, Any], Any]
+    inputs: Callable[[Any, Any], Any]
+    process: Callable[[Any], Any]
+    noise: Callable[[Any], Any]
+    measured: tuple[int, ...]
+    wraps: tuple[bool, ...]
+    spread: Any
+
+
+class Innovations(NamedTuple):
+    """e, s: of each number of each measurement (n, k); what is not there has e = 0, s = 1.  x: states after (n, d)."""
+
+    e: Any
+    s: Any
+    x: Any
+
+
+class CompiledLikelihood(NamedTuple):
+    """What the search asks for; compiled once for timelines of one shape.
+
+    score(timeline, p): log likelihood, gradient (m,), information (m, m).  value(timeline, p): log likelihood.
+    slopes(timeline, p (n, m), along (j, m)): log likelihoods (n,), and their slopes along each direction (n, j).
+    innovations(timeline, p).
+    """
+
+    score: Callable[[Any, Any], Any]
+    value: Callable[[Any, Any], Any]
+    slopes: Callable[[Any, Any, Any], Any]
+    innovations: Callable[[Any, Any], Innovations]
+
+
+class LikelihoodEstimate(NamedTuple):
+    """p: (m,).  information: (m, m).  log_likelihood.  converged.  iterations."""
+
+    p: Any
+    information: Any
+    log_likelihood: float
+    converged: bool
+    iterations: int
+
+
+def filter_innovations(model: Model, timeline: Timeline, p: Any) -> Innovations:
+    """Innovations of the whole timeline for parameters p (m,)."""
+    q, r, u = model.process(p), model.noise(p), model.inputs(p, timeline.drive)
+    spread = jnp.asarray(model.spread)
+
+    def advance(carry: Any, at: Any) -> Any:
+        x, P = carry
+        h, begins, y, seen, first, u = at
+
+        def ahead(x: Any) -> Any:
+            return model.step(p, x, u, h)
+
+        F = jax.jacfwd(ahead)(x)
+        x = jnp.where(begins, first, ahead(x))
+        P = jnp.where(begins, jnp.diag(spread), F @ P @ F.T + jnp.diag(q * h))
+        errors, variances = [], []
+        for j, (i, wraps) in enumerate(zip(model.measured, model.wraps, strict=True)):
+            e = y[j] - x[i]
+            e = (e + jnp.pi) % (2 * jnp.pi) - jnp.pi if wraps else e
+            s = P[i, i] + r[j]
+            K = jnp.where(seen[j], P[:, i] / s, 0.0)
+            errors.append(jnp.where(seen[j], e, 0.0))
+            variances.append(jnp.where(seen[j], s, 1.0))
+            x, P = x + K * errors[-1], P - jnp.outer(K, P[i])
+        return (x, (P + P.T) / 2), (jnp.stack(errors), jnp.stack(variances), x)
+
+    start = jnp.asarray(timeline.first[0]), jnp.diag(spread)
+    rows = tuple(jnp.asarray(v) for v in timeline[:5])
+    _, (e, s, x) = lax.scan(advance, start, (*rows, u))
+    return Innovations(e, s, x)
+
+
+def log_likelihood(model: Model, timeline: Timeline, p: Any) -> Any:
+    """Log likelihood of the measurements for parameters p (m,)."""
+    e, s, _ = filter_innovations(model, timeline, p)
+    return -0.5 * jnp.sum(jnp.where(jnp.asarray(timeline.seen), e * e / s + jnp.log(2 * jnp.pi * s), 0.0))
+
+
+def maximise_likelihood(
+    likelihood: CompiledLikelihood,
+    timeline: Timeline,
+    p: Any,
+    low: Any,
+    high: Any,
+    *,
+    free: Any = None,
+    tell: Callable[[int, float], None] = lambda iteration, value: None,
+) -> LikelihoodEstimate:
+    """The most likely parameters, by scoring with steps that are shortened until the likelihood grows.
+
+    Args:
+        likelihood: of the model that is fitted.  timeline: to what.
+        p: where it begins (m,).
+        low, high: bounds (m,).
+        free: which parameters may change (m,) bool; all when None.
+        tell: is given iteration and log likelihood.
+    """
+    score, value = (functools.partial(f, timeline) for f in (likelihood.score, likelihood.value))
+    p, low, high = (np.asarray(v, np.float64) for v in (p, low, high))
+    free = np.ones(len(p), bool) if free is None else np.asarray(free)
+    best, g, information = (np.asarray(v) for v in score(p))
+    damping, converged, iteration = 1e-3, False, 0
+    for iteration in range(1, ITERATIONS + 1):
+        tell(iteration, float(best))
+        inside = free & ~((p <= low) & (g < 0)) & ~((p >= high) & (g > 0))
+        step, new, gained = np.zeros_like(p), p, False
+        for _ in range(8):
+            step[:] = 0.0
+            step[inside] = _damped_solve(information[np.ix_(inside, inside)], g[inside], damping)
+            new = np.clip(p + step, low, high)
+            after = float(value(new))
+            if np.isfinite(after) and after > best - 1e-9:
+                gained = True
+                break
+            damping = max(10 * damping, 1e-3)
+        if not gained:
+            converged = float(g @ step) < TOLERANCE
+            break
+        promised, p, damping = float(g @ step) / 2, new, damping / 10 if damping > 1e-9 else damping
+        best, g, information = (np.asarray(v) for v in score(p))
+        if promised < TOLERANCE:
+            converged = True
+            break
+    return LikelihoodEstimate(p, information, float(best), converged, iteration)
+
+
+def compile_likelihood(model: Model) -> CompiledLikelihood:
+    """The likelihood of a model and its derivatives."""
+
+    def score(timeline: Timeline, p: Any) -> Any:
+        def errors(p: Any) -> Any:
+            e, s, _ = filter_innovations(model, timeline, p)
+            return e.ravel(), s.ravel()
+
+        def along(d: Any) -> Any:
+            return jax.jvp(errors, (p,), (d,))
+
+        (e, s), (de, ds) = jax.vmap(along, out_axes=((None, None), (0, 0)))(jnp.eye(len(p)))
+        seen = jnp.asarray(timeline.seen).ravel()
+        total = -0.5 * jnp.sum(jnp.where(seen, e * e / s + jnp.log(2 * jnp.pi * s), 0.0))
+        g = -de @ (e / s) + ds @ jnp.where(seen, (e * e / s - 1) / (2 * s), 0.0)
+        a, b = de / jnp.sqrt(s), ds / (jnp.sqrt(2.0) * s)
+        return total, g, a @ a.T + b @ b.T
+
+    def slopes(timeline: Timeline, p: Any, along: Any) -> Any:
+        at = functools.partial(log_likelihood, model, timeline)
+        return jax.vmap(lambda p: jax.vmap(lambda d: jax.jvp(at, (p,), (d,)), out_axes=(None, 0))(along))(p)
+
+    of = functools.partial
+    return CompiledLikelihood(
+        jax.jit(score), jax.jit(of(log_likelihood, model)), jax.jit(slopes), jax.jit(of(filter_innovations, model))
+    )
+
+
+def profile_intervals(
+    likelihood: CompiledLikelihood, timeline: Timeline, estimate: LikelihoodEstimate, of: Any, free: Any
+) -> Any:
+    """95 % intervals (len(of), 2) of parameters `of`, from the fall of the likelihood as each is moved.
+
+    The others follow to where they are most likely then: first by the information at the estimate, then by scoring
+    steps with the gradient there. An end beyond all that was tried is infinite.
+
+    Args:
+        of: indices.  free: those that follow (m,) bool; noise, which a flight tells apart badly, better does not.
+    """
+    index, p = np.flatnonzero(free), np.asarray(estimate.p)
+    I = estimate.information[np.ix_(index, index)]
+    points, followers = [], []
+    for i in of:
+        k = int(np.flatnonzero(index == i)[0])
+        others = [j for j in range(len(index)) if j != k]
+        inverse = np.zeros((len(p), len(p)))
+        solved = np.zeros((len(others), len(others)))
+        for k_other, row in enumerate(np.eye(len(others))):
+            solved[k_other] = _damped_solve(I[np.ix_(others, others)], row, 1e-9)
+        inverse[np.ix_(index[others], index[others])] = solved
+        follow = -solved @ I[others, k]
+        half = np.sqrt(2 * HALF_CHI / max(I[k, k] + float(I[k, others] @ follow), 1e-300))
+        for reach in REACHES * half:
+            new = p.copy()
+            new[i] += reach
+            new[index[others]] += follow * reach
+            points.append(new)
+            followers.append(inverse)
+    place, inverses = np.array(points), np.array(followers)
+    along = np.eye(len(p))[index]
+    best, best_place = np.full(len(place), -np.inf), place.copy()
+    for _ in range(CORRECTIONS + 1):
+        value, g = (np.asarray(v) for v in likelihood.slopes(timeline, place, along))
+        g = g @ along
+        better = np.isfinite(value) & (value > best)
+        best, best_place = np.where(better, value, best), np.where(better[:, None], place, best_place)
+        step = np.einsum("nij,nj->ni", inverses, np.where(better[:, None], g, 0.0))
+        place = np.where(better[:, None], place + step, (place + best_place) / 2)
+    fall = (estimate.log_likelihood - best).reshape(len(of), -1)
+    moved = best_place.reshape(len(of), len(REACHES), -1)
+    ends = np.empty((len(of), 2))
+    for row, i in enumerate(of):
+        reach = moved[row, :, i] - p[i]
+        ends[row] = p[i] + _end_of_interval(reach, fall[row], -1), p[i] + _end_of_interval(reach, fall[row], 1)
+    return ends
+
+
+def name_collinear(information: Any, names: list[str]) -> list[tuple[str, ...]]:
+    """Groups of parameters that the data can't tell apart, and single ones that it says nothing of."""
+    size = np.sqrt(np.diagonal(information))
+    silent = size <= 1e-9 * max(float(size.max()), 1e-300)
+    groups = [(names[i],) for i in np.flatnonzero(silent)]
+    rest = np.flatnonzero(~silent)
+    if len(rest) > 1:
+        C = information[np.ix_(rest, rest)] / np.outer(size[rest], size[rest])
+        values, vectors = np.linalg.eigh(C)
+        for value, vector in zip(values, vectors.T, strict=True):
+            if value < COLLINEAR:
+                groups.append(tuple(names[rest[i]] for i in np.flatnonzero(np.abs(vector) > SHARE)))
+    return groups
+
+
+def _damped_solve(A: Any, b: Any, damping: float) -> Any:
+    """Solve (A + damping diag(A)) x = b, what A says nothing of left as it is."""
+    size = np.sqrt(np.maximum(np.diagonal(A), 1e-300))
+    C = A / np.outer(size, size)
+    values, vectors = np.linalg.eigh((C + C.T) / 2)
+    inverse = np.where(values > 1e-10, 1 / (np.maximum(values, 1e-10) + damping), 0.0)
+    return vectors @ (inverse * (vectors.T @ (b / size))) / size
+
+
+def _end_of_interval(reach: Any, fall: Any, sign: int) -> float:
+    """Where the fall passes HALF_CHI on one side, by its square root, which is nearly a line there."""
+    side = np.sign(reach) == sign
+    x, y = np.abs(reach[side]), np.sqrt(np.maximum(fall[side], 0.0))
+    order = np.argsort(x)
+    x, y = np.concatenate([[0.0], x[order]]), np.concatenate([[0.0], y[order]])
+    wanted = np.sqrt(HALF_CHI)
+    beyond = np.flatnonzero((y >= wanted) | ~np.isfinite(y))
+    if not len(beyond):  # as the last two go on, if they rise at all
+        slope = (y[-1] - y[-2]) / (x[-1] - x[-2])
+        return sign * float(x[-1] + (wanted - y[-1]) / slope) if slope > 0.2 * wanted / x[-1] else sign * np.inf
+    k = int(beyond[0])
+    top = y[k] if np.isfinite(y[k]) else 10 * wanted
+    return sign * float(x[k - 1] + (x[k] - x[k - 1]) * (wanted - y[k - 1]) / (top - y[k - 1]))

@@ -1,0 +1,173 @@
+"""A craft of a formation: its point goes where it belongs beside the leader's, keeps from the others, and is followed.
+
+Three layers. A wanted velocity of the point, from the leader's newest message; the barrier, from everybody's
+(`laws.separation`); and the craft, whose centre of percussion follows its point.
+"""
+
+from typing import Any, ClassVar
+
+import jax.numpy as jnp
+import numpy as np
+
+from trimtab.core.errors import InputError
+from trimtab.core.record import Scalar, part, quantity, record
+from trimtab.core.rotation import planar, wrap
+from trimtab.core.signals import Estimate, PeerMessage, Peers, PlanarForce, SwarmInput
+from trimtab.core.time import NEVER, ms, to_seconds
+from trimtab.laws.separation import Separation, norm
+from trimtab.vehicles.hovercraft import Hovercraft
+
+LONGEST_STEP = ms(100)
+"""A longer pause counts as none: the point stands still meanwhile."""
+TURN_ROUND = 0.3
+"""Cosine of the angle between force and nose beyond which the other end of the craft takes over."""
+
+
+@record
+class FormationState:
+    """The point that the craft follows. Source: derived here."""
+
+    t: Scalar = quantity("100 ns", "When the law was asked last.", kind="time")
+    north: Scalar = quantity("m", "Reference point.", frame="W")
+    east: Scalar = quantity("m", "Reference point.", frame="W")
+    backing: Scalar = quantity("1", "Whether the tail goes first.", kind="flag")
+    reverse: Scalar = quantity("1", "Whether the fan turns in reverse.", kind="flag")
+
+
+@record
+class FormationOutput:
+    """What the law asks for and says, and why. Source: derived here."""
+
+    demand: SwarmInput = part("Force wanted at the rudder pivot, and the message to the others.")
+    off_place: Scalar = quantity("m", "Of the point from its place in the formation; 0 where the leader is unknown.")
+    off_point: Scalar = quantity("m", "Of the centre of percussion from the point.")
+    clearance: Scalar = quantity("m", "Least distance to a neighbour's point beyond the one to keep, at worst.")
+    oldest: Scalar = quantity("s", "Age of the oldest of the newest messages; the start of time where none came.")
+    speed: Scalar = quantity("m/s", "Of the point.")
+
+
+@record
+class Formation:
+    """Keeps its place beside craft 0, the leader, which alone knows the route; keeps from everybody.
+
+        leader    u = c' + k (c - q)          c: the route, a circle of `radius` about a centre, at `pace`
+        follower  u = u_0 + k (q_0 + age u_0 + place - q)     q_0, u_0, age: the leader's newest message
+        barrier   u as far as the separation allows, less where the craft lags: none at `leash`
+        point     q' = u
+        craft     F = m k_v (u + k_p (q - p) - v)      p, v: of the centre of percussion P, a = J/(m d) ahead
+                  FX = n.F + m a r^2,   FY = (J/d) k_r (r - r_d),   r_d = k_h wrap(direction of ±F - heading)
+
+    P is accelerated along the nose n alone (`laws.pose`), so that the nose is turned to the force, or away from it.
+    A message of the leader older than `horizon` gives the place where it was then, at rest.
+
+    Proven:  apart: see Separation; the points never come nearer than its distance. In formation: while the barrier
+             allows what is wanted, and the leader goes at a steady velocity, e = q_0 + place - q obeys e' = -k e,
+             however late the messages are, for an extrapolated steady point is exact. Only simulated: that the craft
+             stays near its point, formation while the barrier holds back, a leader on a circle (e is at most
+             pace^2/radius times age (1/k + age/2)).
+    Decentralised: a command is a function of the craft's own estimate, its own point, and what it has heard.
+    Valid:   for a fan that gives a force along the nose; starts with points further apart than the distance.
+    Source:  derived here; leader and followers: J. Desai, J. Ostrowski, V. Kumar, IEEE Trans. Robotics and Automation
+             17 (2001) 905. Gains are this project's.
+    """
+
+    reads: ClassVar[tuple[str, ...]] = ("own", "peers")
+
+    number: Scalar = quantity("1", "Of this craft; 0 leads.", kind="count", default=np.int32(0))
+    north: Scalar = quantity("m", "Place beside the leader.", frame="W", default=0.0)
+    east: Scalar = quantity("m", "Place beside the leader.", frame="W", default=0.0)
+    centre_north: Scalar = quantity("m", "Centre of the route.", frame="W", default=0.0)
+    centre_east: Scalar = quantity("m", "Centre of the route.", frame="W", default=0.0)
+    radius: Scalar = quantity("m", "Of the route; 0: it stays at the centre.", default=0.0, low=0)
+    pace: Scalar = quantity("m/s", "Along the route.", default=0.1, low=0)
+    k: Scalar = quantity("1/s", "Speed of the point per way to its place.", default=0.2, above=0)
+    horizon: Scalar = quantity("s", "How long the leader is believed to go on.", default=3.0, above=0)
+    leash: Scalar = quantity("m", "Lag of the craft at which its point waits.", default=0.6, above=0)
+    kp: Scalar = quantity("1/s", "Speed per lag.", default=0.35, above=0)
+    catch_up: Scalar = quantity("m/s", "Most speed on behalf of the lag.", default=0.2, above=0)
+    kv: Scalar = quantity("1/s", "Gain on the speed of P.", default=1.4, above=0)
+    kh: Scalar = quantity("1/s", "Yaw rate per error of the nose.", default=1.1, above=0)
+    kr: Scalar = quantity("1/s", "Yaw acceleration per error of yaw rate.", default=1.3, above=0)
+    turn_rate: Scalar = quantity("rad/s", "Most yaw rate.", default=1.1, above=0)
+    push: Scalar = quantity("N", "Most forward force.", default=1.4, above=0)
+    pull: Scalar = quantity("N", "Most backward force.", default=0.5, above=0)
+    swing: Scalar = quantity("N", "Most force to the side.", default=0.35, above=0)
+    cone: Scalar = quantity("1", "Least force along the nose per force to the side.", default=2.7, low=0)
+    grip: Scalar = quantity("N", "Force along the nose at which the fan turns over.", default=0.1, above=0)
+    dead_zone: Scalar = quantity("N", "Force for which the nose doesn't turn.", default=0.08, above=0)
+    separation: Separation = part("Keeps the points apart.", default=Separation())
+    model: Hovercraft = part("What the law believes of the vehicle.", default=Hovercraft())
+
+    def check(self) -> None:
+        """Refuse a leader whom nobody could keep up with."""
+        if np.any(np.asarray(self.pace) >= np.asarray(self.separation.speed)):
+            problem = f"the leader goes at {self.pace} m/s, and nobody's point at more than {self.separation.speed} m/s"
+            raise InputError("Formation.pace", problem, fix="set a pace below separation.speed")
+
+    def init(self, key: Any) -> FormationState:
+        """No point yet: it begins where the craft is."""
+        return FormationState(np.int64(NEVER), *np.zeros(2), *np.zeros(2, np.bool_))
+
+    def step(self, t: Any, state: FormationState, estimate: Estimate) -> tuple[FormationState, FormationOutput]:
+        """The demand and the message at integer time t."""
+        s, peers = estimate.state.own, estimate.state.peers
+        body, a = planar(s.heading), self.model.percussion_arm
+        p = jnp.stack([s.north, s.east]) + a * body[:, 0]
+        v = body @ jnp.stack([s.surge_velocity, s.sway_velocity + a * s.yaw_rate])
+        begun = state.t != NEVER
+        q = jnp.where(begun, jnp.stack([state.north, state.east]), p)
+        lag = q - p
+        off_point = norm(lag)
+        way, onward = self._find_place(t, q, peers)
+        u, clearance, oldest = self.separation.limit(t, self.number, q, onward + self.k * way, peers)
+        u = u * jnp.clip(2 - 2 * off_point / self.leash, 0.0, 1.0)
+        pause = t - state.t
+        dt = jnp.where(begun & (pause >= 0) & (pause <= LONGEST_STEP), to_seconds(pause), 0.0)
+        q = q + dt * u
+        catch = self.kp * jnp.minimum(1.0, self.catch_up / (self.kp * jnp.maximum(off_point, 1e-9)))
+        F = self.model.mass * self.kv * (u + catch * lag - v)
+        force, backing, reverse = self._steer(state, F, body[:, 0], s)
+        say = PeerMessage(t=t, north=q[0], east=q[1], north_velocity=u[0], east_velocity=u[1])
+        new = FormationState(t=t, north=q[0], east=q[1], backing=backing, reverse=reverse)
+        return new, FormationOutput(
+            demand=SwarmInput(act=force, say=say),
+            off_place=norm(way),
+            off_point=off_point,
+            clearance=clearance,
+            oldest=oldest,
+            speed=norm(u),
+        )
+
+    def _find_place(self, t: Any, q: Any, peers: Peers) -> tuple[Any, Any]:
+        """The way (2,) from the point to its place, and the velocity (2,) of that place."""
+        said = peers.message()
+        place = jnp.stack([self.north, self.east])
+        age = to_seconds(t - said.t[0])
+        u = jnp.stack([said.north_velocity[0], said.east_velocity[0]]) * (age <= self.horizon)
+        behind = jnp.stack([said.north[0], said.east[0]]) + jnp.minimum(age, self.horizon) * u + place - q
+        known = said.t[0] != NEVER
+        turns = self.radius > 0
+        angle = jnp.where(turns, self.pace / jnp.where(turns, self.radius, 1.0), 0.0) * to_seconds(t)
+        out = jnp.stack([jnp.cos(angle), jnp.sin(angle)])
+        centre = jnp.stack([self.centre_north, self.centre_east]) + self.radius * out
+        along = jnp.where(turns, self.pace, 0.0) * jnp.stack([-out[1], out[0]])
+        leads = self.number == 0
+        way = jnp.where(leads, centre - q, jnp.where(known, behind, 0.0))
+        return way, jnp.where(leads, along, jnp.where(known, u, 0.0))
+
+    def _steer(self, state: FormationState, F: Any, nose: Any, s: Any) -> tuple[PlanarForce, Any, Any]:
+        """The demand for a force F (2,) wanted in W, whether the tail goes first, and whether the fan is in reverse."""
+        size, along = norm(F), nose @ F
+        backing = along < size * jnp.where(state.backing, TURN_ROUND, -TURN_ROUND)
+        end = jnp.where(backing, -F, F)
+        away = jnp.arctan2(nose[0] * end[1] - nose[1] * end[0], jnp.where(size > 0, nose @ end, 1.0))
+        share = jnp.maximum(1 - self.dead_zone / jnp.where(size > 0, size, 1.0), 0.0)
+        rate = jnp.clip(share * self.kh * wrap(away), -self.turn_rate, self.turn_rate)
+        model = self.model
+        FX = along + model.mass * model.percussion_arm * s.yaw_rate**2
+        FY = self.kr * (s.yaw_rate - rate) * model.inertia / model.arm
+        FY = jnp.clip(FY, -self.swing, self.swing)
+        reverse = jnp.where(jnp.abs(FX) > self.grip, FX < 0, state.reverse)
+        sign = jnp.where(reverse, -1.0, 1.0)
+        FX = sign * jnp.maximum(sign * FX, self.cone * jnp.abs(FY))
+        return PlanarForce(FX=jnp.clip(FX, -self.pull, self.push), FY=FY), backing, reverse

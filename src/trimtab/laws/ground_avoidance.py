@@ -1,0 +1,158 @@
+"""Ground collision avoidance: below a deck, nose down, it rolls the wings level and pulls up, by load-factor control.
+
+[1] is P. Heidlauf, A. Collins, M. Bolender, S. Bak, "Verification challenges in F-16 ground collision avoidance and
+other automated maneuvers", ARCH 2018.
+"""
+
+from typing import Any, ClassVar
+
+import jax.numpy as jnp
+import numpy as np
+
+from trimtab.core.record import Scalar, part, quantity, record
+from trimtab.core.rng import Key
+from trimtab.core.rotation import DEG, wrap
+from trimtab.core.signals import Estimate
+from trimtab.vehicles.f16 import F16Controls
+from trimtab.vehicles.imperial import FOOT
+
+MODES = ("standby", "roll", "pull")
+STANDBY, ROLL, PULL = range(3)
+
+
+@record
+class LoadFactorControl:
+    """Elevator, aileron and rudder by state feedback with integrals of what is wanted: load factor, roll rate, no slip.
+
+        elevator       = trim - K (alpha - alpha0, q, ∫(nz - 1 - nz_ref))
+        aileron, rudder =      - K (beta, p, r, ∫(ps - ps_ref), ∫(ny + r))        ps = p cos alpha + r sin alpha
+
+    Gains are those of a linear quadratic regulator at 502 ft/s and 1000 ft (`scenarios.f16._gains`).
+
+    Frames:  body rates; load factors at the accelerometers, which [1] has 15 ft before the centre of mass.
+    Source:  [1], low-level controller; ny in parts of g is added to r in rad/s there.
+    """
+
+    longitudinal: Any = quantity(
+        "1",
+        "Elevator (rad) over alpha (rad), q (rad/s), integral (s).",
+        shape=(3,),
+        default=np.array([-2.7452436, -0.5424604, -0.6759631]),
+        source="scenarios.f16._gains",
+    )
+    lateral: Any = quantity(
+        "1",
+        "Aileron and rudder (rad) over beta (rad), p, r (rad/s), integrals of ps (rad) and of side load and r.",
+        shape=(2, 5),
+        default=np.array(
+            [
+                [0.6602139, -0.4435218, -0.1190806, -5.8101709, -0.2994289],
+                [-0.4168640, 0.0996614, -0.3774424, 1.1282363, -1.5419933],
+            ]
+        ),
+        source="scenarios.f16._gains",
+    )
+    trim_alpha: Scalar = quantity("rad", "Angle of attack in level flight.", default=0.0387535, kind="angle")
+    trim_elevator: Scalar = quantity("rad", "Elevator in level flight.", default=-0.0130925, kind="angle")
+    throttle: Scalar = quantity("1", "Throttle.", default=0.1401371, low=0, high=1)
+
+    def errors(self, x: Any, load: Any, roll: Any) -> Any:
+        """What is integrated (3,): of the load factor (1), the roll rate about the path (rad/s), and the slip."""
+        about_path = x.roll_rate * jnp.cos(x.alpha) + x.yaw_rate * jnp.sin(x.alpha)
+        return jnp.stack([x.normal_load - 1 - load, about_path - roll, x.side_load + x.yaw_rate])
+
+    def surfaces(self, x: Any, integrals: Any) -> F16Controls:
+        """The surfaces for a measured flight and the three integrals."""
+        along = jnp.stack([x.alpha - self.trim_alpha, x.pitch_rate, integrals[0]])
+        aside = jnp.stack([x.beta, x.roll_rate, x.yaw_rate, integrals[1], integrals[2]])
+        aileron, rudder = -jnp.asarray(self.lateral) @ aside
+        elevator = self.trim_elevator - jnp.asarray(self.longitudinal) @ along
+        return F16Controls(elevator=elevator, aileron=aileron, rudder=rudder, throttle=self.throttle)
+
+
+@record
+class GroundAvoidanceState:
+    """What the law remembers. Frames: none. Source: [1]."""
+
+    integrals: Any = quantity("s", "Of load factor, roll rate (rad), side load and yaw rate.", shape=(3,))
+    mode: Scalar = quantity("1", "What it does.", kind="mode", modes=MODES)
+    pulls: Scalar = quantity("s", "For how long it has pulled.")
+
+
+@record
+class GroundAvoidanceOutput:
+    """What the law wants. Source: [1]."""
+
+    demand: F16Controls = part("Surfaces and throttle.")
+    mode: Scalar = quantity("1", "What it does.", kind="mode", modes=MODES)
+    load_wanted: Scalar = quantity("1", "Load factor above 1 that is asked for.")
+    roll_wanted: Scalar = quantity("rad/s", "Roll rate about the path that is asked for.")
+    load_error: Scalar = quantity("1", "Load factor above what is asked for.")
+
+
+@record
+class GroundAvoidance:
+    """The collision avoidance of the F-16 of [1].
+
+        standby  --flies down, below the deck-->  roll  --wings level, roll rate low-->  pull
+        pull     --flies up, and has pulled long enough-->  standby
+
+    Standby asks for level load factor and no roll; roll for ps = -k_roll phi - k_damp p; pull for `load` above 1 g.
+
+    Frames:  altitude above the ground at W's origin; roll from the nearest level attitude.
+    Not modelled: terrain, throttle: it stays in trim, as in [1].
+    Source:  [1]; its numbers are those of the authors' program AeroBenchVV.
+    """
+
+    control: LoadFactorControl = part("What follows load factor and roll rate.", default=LoadFactorControl())
+    deck: Scalar = quantity("m", "Altitude below which it acts.", default=1000 * FOOT)
+    load: Scalar = quantity("1", "Load factor above 1 of the pull-up.", default=5.0)
+    roll_gain: Scalar = quantity("1/s", "Roll rate per bank.", default=4.0)
+    roll_damping: Scalar = quantity("1", "Roll rate less per roll rate.", default=2.0)
+    most_roll: Scalar = quantity(
+        "rad/s", "Fastest roll rate that is asked for; far beyond any: [1] has no limit.", default=100.0, above=0
+    )
+    level_bank: Scalar = quantity("rad", "Bank that counts as level.", default=5 * DEG, kind="angle", above=0)
+    level_rate: Scalar = quantity("rad/s", "Roll rate that counts as none.", default=10 * DEG, above=0)
+    path: Scalar = quantity("rad", "Path angle at which it has done its work.", default=0.0, kind="angle")
+    least_pull: Scalar = quantity("s", "Shortest pull-up.", default=2.0, low=0)
+
+    reads: ClassVar[tuple[str, ...]] = (
+        "alpha",
+        "beta",
+        "altitude",
+        "roll",
+        "pitch",
+        "roll_rate",
+        "pitch_rate",
+        "yaw_rate",
+        "normal_load",
+        "side_load",
+    )
+
+    def init(self, key: Key) -> GroundAvoidanceState:
+        """On standby, integrals empty."""
+        return GroundAvoidanceState(jnp.zeros(3), np.int32(STANDBY), jnp.zeros(()))
+
+    def step(self, t: Any, state: GroundAvoidanceState, estimate: Estimate) -> tuple[Any, GroundAvoidanceOutput]:
+        """Surfaces and throttle at time t."""
+        x, dt = estimate.state, estimate.dt
+        mode = self._next_mode(state, x)
+        pulls, rolls = mode == PULL, mode == ROLL
+        load = jnp.where(pulls, self.load, 0.0)
+        back = -self.roll_gain * wrap(x.roll) - self.roll_damping * x.roll_rate
+        roll = jnp.where(rolls, jnp.clip(back, -self.most_roll, self.most_roll), 0.0)
+        error = self.control.errors(x, load, roll)
+        demand = self.control.surfaces(x, state.integrals)
+        new = GroundAvoidanceState(
+            integrals=state.integrals + dt * error, mode=mode, pulls=jnp.where(pulls, state.pulls + dt, 0.0)
+        )
+        return new, GroundAvoidanceOutput(demand, mode, load, roll, error[0])
+
+    def _next_mode(self, state: GroundAvoidanceState, x: Any) -> Any:
+        rises = wrap(x.pitch - x.alpha) > self.path
+        level = (jnp.abs(wrap(x.roll)) < self.level_bank) & (jnp.abs(x.roll_rate) < self.level_rate)
+        waits, rolls, pulls = (state.mode == m for m in (STANDBY, ROLL, PULL))
+        mode = jnp.where(waits & ~rises & (x.altitude < self.deck), ROLL, state.mode)
+        mode = jnp.where(rolls & level, PULL, mode)
+        return jnp.where(pulls & rises & (state.pulls >= self.least_pull), STANDBY, mode).astype(np.int32)

@@ -1,0 +1,145 @@
+"""Path following by line of sight, with an integral against currents: for vessels that cannot move sideways.
+
+[1] is E. Børhaug, A. Pavlov, K. Y. Pettersen, "Integral LOS control for path following of underactuated marine surface
+vessels in the presence of constant ocean currents", 47th IEEE Conference on Decision and Control, 2008, 4984-4991.
+[2] is T. I. Fossen, M. Breivik, R. Skjetne, "Line-of-sight path following of underactuated marine craft", IFAC
+Proceedings 36 (2003) 211-216.
+"""
+
+from typing import Any, ClassVar
+
+import jax.numpy as jnp
+
+from trimtab.core.record import Scalar, part, quantity, record, tree_where
+from trimtab.core.reference import Circle
+from trimtab.core.signals import Estimate
+from trimtab.laws.steering import Steering, SteeringState
+from trimtab.vehicles.surface_vessel import VesselControls
+
+SLOW = 0.05
+"""Pace (m/s) of a path below which it counts as at rest."""
+
+
+@record
+class LineOfSightState:
+    """How far along the path the law is, and what it has summed up. Source: [1], [2]."""
+
+    progress: Scalar = quantity("s", "The path's own time.")
+    tangent: Scalar = quantity("rad", "Direction of the path.", kind="angle", frame="W")
+    integral: Scalar = quantity("m", "Of the cross-track error, as [1] has it.")
+    speed_integral: Scalar = quantity("m", "Of the speed's error.")
+    steering: SteeringState = part("Of the heading autopilot.")
+
+
+@record
+class LineOfSightOutput:
+    """What the law asks for, and why. Source: [1], [2]."""
+
+    demand: VesselControls = part("Rudder and shafts.")
+    cross_track: Scalar = quantity("m", "How far the vessel is to starboard of the path.")
+    along_track: Scalar = quantity("m", "How far ahead of the path's point.")
+    tangent: Scalar = quantity("rad", "Direction of the path.", kind="angle", frame="W")
+    heading_asked: Scalar = quantity("rad", "By line of sight.", kind="angle", frame="W")
+    heading_reference: Scalar = quantity("rad", "Of the autopilot's reference model.", kind="angle", frame="W")
+    yaw_rate_reference: Scalar = quantity("rad/s", "Of the autopilot's reference model.")
+    integral: Scalar = quantity("m", "I.")
+    north_reference: Scalar = quantity("m", "The path's point.", frame="W")
+    east_reference: Scalar = quantity("m", "The path's point.", frame="W")
+    progress: Scalar = quantity("s", "The path's own time.")
+
+
+@record
+class LineOfSight:
+    """Steers at a point ahead on the path, and learns the angle at which a current has to be met.
+
+        psi_c = chi - atan((e + s I)/D)        I' = D e/(D^2 + (e + s I)^2)                          [1]
+        D = near + (far - near) exp(-(e/width)^2)
+        theta' = (velocity along the path + g a)/(speed of the path's point)                         [2]
+
+    chi is the direction of the path where its own time is theta, e and a how far the vessel is to starboard of that
+    point and ahead of it. The path says where, not when: the vessel goes along it at its own speed. chi is that of the
+    chord over `chord` of its own time about theta: so a corner is begun before it, as handbooks have a vessel do within
+    a circle about a way-point, and a path that rests there has a direction. Beyond its end it goes straight on.
+
+    Shafts: n = n_u u_d + kp (u_d - u) + ki integral of (u_d - u), between none and the limit.
+
+    Stable, on a straight path with heading and speed as asked: e and I go to rest for any lookahead D and 0 < s < the
+    speed over the ground, if the current is slower than the vessel.                                 [1, theorem 1]
+    Valid:   curves of a radius greater than the vessel's own and than D.
+    Source:  [1]; theta as in [2]; D as in A. M. Lekkas, T. I. Fossen, "A time-varying lookahead distance guidance law
+             for path following", IFAC Proceedings 45 (2012) 398-403, with their exponential of e^2.
+    """
+
+    reads: ClassVar[tuple[str, ...]] = ("surge_velocity", "sway_velocity", "yaw_rate", "heading", "north", "east")
+
+    reference: Any = part("The path.", default=Circle(radius=5.0, period=60.0))
+    speed: Scalar = quantity("m/s", "u_d, over the ground, ahead.", default=0.58, above=0)
+    far: Scalar = quantity("m", "Lookahead on the path.", default=3.0, above=0)
+    near: Scalar = quantity("m", "Lookahead far off the path, where it is to be reached soon.", default=2.0, above=0)
+    width: Scalar = quantity("m", "Error at which the lookahead has come down by 63 %.", default=2.0, above=0)
+    integral_gain: Scalar = quantity("m/s", "s; 0: without integral.", default=0.1, low=0)
+    along_gain: Scalar = quantity("1/s", "g: how soon the path's point is abreast again.", default=1.0, low=0)
+    chord: Scalar = quantity("s", "Of the path's own time, for its direction.", default=6.0, above=0)
+    shaft_per_speed: Scalar = quantity("rad/m", "n_u.", default=180.0, low=0)
+    speed_gain: Scalar = quantity("rad/m", "kp.", default=150.0, low=0)
+    speed_integral_gain: Scalar = quantity("rad/(m s)", "ki.", default=40.0, low=0)
+    shaft_limit: Scalar = quantity("rad/s", "Fastest that the shafts are asked to turn.", default=209.0, above=0)
+    steering: Steering = part("The heading autopilot.", default=Steering())
+
+    def init(self, key: Any) -> LineOfSightState:
+        """At the path's beginning."""
+        zero = jnp.asarray(0.0)
+        return LineOfSightState(zero, zero, zero, zero, self.steering.init())
+
+    def step(self, t: Any, state: LineOfSightState, estimate: Estimate) -> tuple[LineOfSightState, LineOfSightOutput]:
+        """The demand at integer time t; nothing moves while the estimate is not valid."""
+        x, dt = estimate.state, estimate.dt
+        point, chord = self._path(state.progress)
+        way = jnp.sqrt(chord @ chord + 1e-18)
+        tangent = jnp.where(way > 1e-6, jnp.arctan2(chord[1], chord[0]), state.tangent)
+        c, s = jnp.cos(tangent), jnp.sin(tangent)
+        north, east = x.north - point[0], x.east - point[1]
+        along, across = c * north + s * east, c * east - s * north
+        asked, rate = self._guide(tangent, across, state.integral)
+        steering, rudder = self.steering.steer(
+            state.steering, asked, x.heading, x.yaw_rate, jnp.abs(x.surge_velocity), dt
+        )
+        shaft, speed_integral = self._drive(state.speed_integral, x.surge_velocity, dt)
+        ahead = x.heading - tangent
+        velocity = x.surge_velocity * jnp.cos(ahead) - x.sway_velocity * jnp.sin(ahead)
+        pace = jnp.maximum(way / self.chord, SLOW)
+        ran = jnp.clip((velocity + self.along_gain * along) / pace, 0.0, 20.0)
+        new = LineOfSightState(state.progress + dt * ran, tangent, state.integral + dt * rate, speed_integral, steering)
+        output = LineOfSightOutput(
+            demand=VesselControls(rudder, shaft),
+            cross_track=across,
+            along_track=along,
+            tangent=tangent,
+            heading_asked=asked,
+            heading_reference=steering.heading,
+            yaw_rate_reference=steering.yaw_rate,
+            integral=state.integral,
+            north_reference=point[0],
+            east_reference=point[1],
+            progress=state.progress,
+        )
+        return tree_where(estimate.valid, new, state), output
+
+    def _path(self, progress: Any) -> tuple[Any, Any]:
+        """Its point (2,) (m) at a time of its own, and the chord about it (2,) (m)."""
+        half = self.chord / 2
+        after, before = self.reference.at(progress + half), self.reference.at(jnp.maximum(progress - half, 0.0))
+        return self.reference.at(progress).place, after.place - before.place
+
+    def _guide(self, tangent: Any, e: Any, integral: Any) -> tuple[Any, Any]:
+        """Heading asked (rad), and the rate of the integral (m/s per unit of s)."""
+        lookahead = self.near + (self.far - self.near) * jnp.exp(-((e / self.width) ** 2))
+        off = e + self.integral_gain * integral
+        return tangent - jnp.arctan2(off, lookahead), lookahead * e / (lookahead**2 + off**2)
+
+    def _drive(self, integral: Any, surge: Any, dt: Any) -> tuple[Any, Any]:
+        """Shaft speed (rad/s), and the next integral of the speed's error (m), which stands still at the limits."""
+        e = self.speed - surge
+        asked = self.shaft_per_speed * self.speed + self.speed_gain * e + self.speed_integral_gain * integral
+        shaft = jnp.clip(asked, 0.0, self.shaft_limit)
+        return shaft, integral + jnp.where(asked == shaft, dt * e, 0.0)

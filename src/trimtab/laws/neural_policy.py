@@ -1,0 +1,188 @@
+"""A small neural network in the place of a tracking law of a multirotor; its numbers are data, read from a file.
+
+    y = W3 tanh(W2 tanh(W1 x + b1) + b2) + b3        any number of layers
+
+How one is trained: `examples/neural_policy/train_policy.py`. Source: the tanh perceptron of Rumelhart, Hinton,
+Williams, "Learning representations by back-propagating errors", Nature 323 (1986); that a network of this size flies a
+quadrotor: Hwangbo, Sa, Siegwart, Hutter, "Control of a quadrotor with reinforcement learning", IEEE RA-L 2 (2017), two
+layers of 64.
+"""
+
+import functools
+import json
+from pathlib import Path
+from typing import Any, ClassVar, NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+
+from trimtab.core import quaternion
+from trimtab.core.errors import InputError
+from trimtab.core.record import Scalar, option, part, quantity, record
+from trimtab.core.rng import Key
+from trimtab.core.signals import Estimate
+from trimtab.core.spatial_reference import FixedPlace, SpatialPoint
+from trimtab.laws.geometric_tracking import flyable_state
+from trimtab.vehicles.quadrotor import Multirotor, RotorDemand
+
+SUFFIX = ".json"
+INPUTS, OUTPUTS = 18, 4
+STANDARD_GRAVITY = 9.80665
+"""What the apparent vertical is measured in (m/s^2)."""
+
+
+class Network(NamedTuple):
+    """The numbers of a policy.
+
+    scale: inputs are divided by it (18,), and held within -1 and 1.  layers: weights (n, m) and biases (n,) of each.
+    centre, span: of thrust (N) and moments (N m): an output of -1 to 1 stands for centre - span to centre + span (4,).
+    """
+
+    scale: Any
+    layers: tuple[tuple[Any, Any], ...]
+    centre: Any
+    span: Any
+
+
+@functools.cache
+def read_network(name: str) -> Network:
+    """The numbers of a file; a name without a folder and without .json is one of the package's own."""
+    file = Path(name) if name.endswith(SUFFIX) else Path(__file__).with_name(f"policy_{name}{SUFFIX}")
+    try:
+        told = json.loads(file.read_text(encoding="utf-8"))
+        layers = tuple((np.array(x["weights"], float), np.array(x["bias"], float)) for x in told["layers"])
+        network = Network(
+            np.array(told["scale"], float), layers, *(np.array(told[n], float) for n in ("centre", "span"))
+        )
+    except OSError as error:
+        own = [f.stem.removeprefix("policy_") for f in Path(__file__).parent.glob(f"policy_*{SUFFIX}")]
+        problem = f"there is no file of weights '{name}' ({error.strerror})"
+        raise InputError(
+            "policy", problem, choices=own, fix="python examples/neural_policy/train_policy.py --out mine.json"
+        ) from None
+    except (ValueError, KeyError, TypeError) as error:
+        problem = f"'{name}' holds no weights: {error}"
+        raise InputError(
+            "policy", problem, fix="python examples/neural_policy/train_policy.py --out mine.json"
+        ) from None
+    _check_network(name, network)
+    return network
+
+
+def _check_network(name: str, network: Network) -> None:
+    """Refuse numbers that fit neither one another nor what the law has to give."""
+    width, problem = INPUTS, ""
+    for weights, bias in network.layers:
+        if weights.ndim != 2 or weights.shape[1] != width or bias.shape != weights.shape[:1]:
+            problem = f"weights {weights.shape} and bias {bias.shape} do not follow on {width} numbers"
+            break
+        width = len(bias)
+    if not problem and (
+        width != OUTPUTS or any(len(x) != OUTPUTS for x in network[2:]) or len(network.scale) != INPUTS
+    ):
+        problem = f"it makes {width} numbers, scaled by {len(network.scale)}, not {OUTPUTS} out of {INPUTS}"
+    numbers = np.concatenate([np.ravel(x) for x in (network.scale, *sum(network.layers, ()), *network[2:])])
+    if not problem and not (np.isfinite(numbers).all() and (network.scale > 0).all()):
+        problem = "not all numbers are finite, or a scale isn't above 0"
+    if problem:
+        raise InputError(
+            "policy", f"'{name}': {problem}", fix="python examples/neural_policy/train_policy.py --out mine.json"
+        )
+
+
+def observe(wanted: SpatialPoint, x: Any, gravity: Any) -> Any:
+    """What the network sees (18,), all in B: it does not matter where the craft is and where north is.
+
+    Errors of position (m) and velocity (m/s), rate (rad/s), apparent vertical where the wanted acceleration is flown
+    (g), the wanted heading's direction, and the wanted jerk (m/s^3).
+    """
+    R_BW = quaternion.to_matrix(x.attitude).T
+    heading = jnp.stack([jnp.cos(wanted.heading), jnp.sin(wanted.heading), jnp.zeros_like(wanted.heading)])
+    vertical = (gravity * jnp.array([0.0, 0.0, 1.0]) - wanted.acceleration) / STANDARD_GRAVITY
+    return jnp.concatenate(
+        [
+            R_BW @ (x.position - wanted.place),
+            R_BW @ (x.velocity - wanted.velocity),
+            x.rate,
+            R_BW @ vertical,
+            R_BW @ heading,
+            R_BW @ wanted.jerk,
+        ]
+    )
+
+
+def evaluate(network: Network, seen: Any) -> Any:
+    """Thrust (N) and moments (N m), (4,), within the network's span, of what is seen (18,)."""
+    h = jnp.clip(seen / network.scale, -1, 1)
+    for weights, bias in network.layers[:-1]:
+        h = jnp.tanh(jnp.asarray(weights) @ h + bias)
+    weights, bias = network.layers[-1]
+    return network.centre + network.span * jnp.clip(jnp.asarray(weights) @ h + bias, -1, 1)
+
+
+@record
+class NeuralPolicyOutput:
+    """What the network wants, how far the craft is from its place, and whether it knows such a state. Source: own."""
+
+    demand: RotorDemand = part("What the rotors are to do.")
+    position_error: Any = quantity("m", "Position less the wanted one.", frame="W", shape=(3,))
+    velocity_error: Any = quantity("m/s", "Velocity less the wanted one.", frame="W", shape=(3,))
+    distance: Scalar = quantity("m", "Length of the position error.")
+    stretch: Scalar = quantity("1", "Largest input in parts of what it was trained on; beyond 1 it is held at 1.")
+
+
+@record
+class NeuralPolicyState:
+    """How long the policy has flown. Source: this module."""
+
+    time: Scalar = quantity("s", "Since it began.", default=0.0)
+
+
+@record
+class NeuralPolicy:
+    """Thrust and moments by a network that has learned them, of what `observe` says.
+
+    It has no state, and knows nothing that it was not shown: another mass or inertia, a turning reference, wind. Inputs
+    beyond those that it was trained on are held at their end (`stretch`), outputs within their span; nothing is proved.
+
+    Frames:  W north-east-down, B body.
+    Valid:   the craft that it was trained for, within its scale; a reference whose heading stands still.
+    Source:  this project; trained by examples/neural_policy/train_policy.py on the law of laws/geometric_tracking.py.
+    """
+
+    craft: Multirotor = part(
+        "What it believes of the vehicle: gravity, and the number of rotors.", default=Multirotor()
+    )
+    reference: Any = part("Where it is to be: a reference in space.", default=FixedPlace())
+    policy: str = option("Whose numbers: a name of the package's own, or a file.json.", default="quadrotor")
+
+    reads: ClassVar[tuple[str, ...]] = ("position", "velocity", "attitude", "rate")
+
+    def check(self) -> None:
+        """Refuse a file without fitting numbers."""
+        read_network(self.policy)
+
+    def init(self, key: Key) -> NeuralPolicyState:
+        """Its time begins."""
+        return NeuralPolicyState()
+
+    def step(
+        self, t: Any, state: NeuralPolicyState, estimate: Estimate
+    ) -> tuple[NeuralPolicyState, NeuralPolicyOutput]:
+        """The demand at integer time t."""
+        output = self.track(self.reference.at(state.time), flyable_state(estimate))
+        return NeuralPolicyState(state.time + estimate.dt), output
+
+    def track(self, wanted: SpatialPoint, x: Any) -> NeuralPolicyOutput:
+        """The demand of a state x, which has what the law reads, for a wanted point."""
+        network = read_network(self.policy)
+        seen = observe(wanted, x, self.craft.gravity)
+        y = evaluate(network, seen)
+        error = x.position - wanted.place
+        return NeuralPolicyOutput(
+            demand=RotorDemand(y[0], y[1:], jnp.ones(jnp.shape(self.craft.rotors.spins), bool)),
+            position_error=error,
+            velocity_error=x.velocity - wanted.velocity,
+            distance=jnp.sqrt(error @ error + 1e-24),
+            stretch=jnp.max(jnp.abs(seen) / network.scale),
+        )

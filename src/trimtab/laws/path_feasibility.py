@@ -1,0 +1,193 @@
+"""Whether the hovercraft can follow a reference: its inverse dynamics, held against the limits of fan and rudder.
+
+The centre of percussion P of the rudder pivot, a = J/(m d) ahead of the centre of mass, is accelerated only along the
+nose. So its path says everything else. With s the wanted acceleration of P less that of friction,
+
+    nose along +s or -s       FX = m (n.s + a r^2)       FY = -(J/d) r'  (and the torque of friction)
+
+where r and r' are the first two derivatives of the direction of s. Where s passes through zero its line goes on and the
+thrust turns round. While the thrust is below the dead zone none comes out: the nose is free, and the velocity that s
+would have given is lost.
+
+Source: derived here from the model of [1] Z. Kulis, "Feedback control of a hovercraft over a wireless link", University
+of Maryland, 2006, eq. 2.11; flatness of such vehicles: P. Martin, S. Devasia, B. Paden, "A different look at output
+tracking: control of a VTOL aircraft", Automatica 32 (1996) 101.
+"""
+
+from typing import Any, NamedTuple
+
+import jax
+import numpy as np
+
+from trimtab.core.errors import InputError, argument
+from trimtab.core.record import Scalar, quantity, record
+from trimtab.core.reference import ReferencePoint, retime
+from trimtab.core.rotation import DEG
+from trimtab.vehicles.hovercraft import Hovercraft
+
+STEP = 0.02
+"""s, between the instants that are looked at."""
+SLOWEST = 8.0
+"""Times slower: as far as a feasible tempo is looked for."""
+
+
+@record
+class ThrustLimits:
+    """What fan and rudder give, as a law believes. Defaults: the source's, with the rudder at its stops.
+
+    Source: [1] chapter 4, reconstructed (docs page, Errata).
+    """
+
+    push: Scalar = quantity("N", "Most forward force.", default=1.3, above=0)
+    pull: Scalar = quantity("N", "Most backward force.", default=0.6, above=0)
+    angle: Scalar = quantity("rad", "Most angle of the force off the body's axis.", default=21 * DEG, above=0, high=1.5)
+    dead_zone: Scalar = quantity("N", "Up to it no force comes out.", default=0.05, low=0)
+    turn_rate: Scalar = quantity("rad/s", "Most yaw rate.", default=1.5, above=0)
+    drift: Scalar = quantity("m/s", "Most velocity that may be lost in the dead zone.", default=0.1, above=0)
+    reserve: Scalar = quantity("1", "Share of forces that is kept for errors.", default=0.2, low=0, high=0.9)
+
+
+class PathMotion(NamedTuple):
+    """What a reference asks of the craft at each instant t (s): arrays (n,), of `specific` (n, 2).
+
+    heading (rad, unwrapped), yaw_rate (rad/s), FX, FY (N).  specific: acceleration that the thrust has to give, in W.
+    """
+
+    t: Any
+    heading: Any
+    yaw_rate: Any
+    FX: Any
+    FY: Any
+    specific: Any
+
+
+class _Breach(NamedTuple):
+    """A limit that is broken: what, by how much it is used (above 1), and when."""
+
+    problem: str
+    use: float
+    t: float
+
+
+def path_motion(reference: Any, model: Hovercraft, duration: float, slower: float = 1.0) -> PathMotion:
+    """Inverse dynamics of a reference of P over a duration (s); slower: so many times slower than it is."""
+    t = np.linspace(0.0, duration * slower, max(int(duration / STEP), 8) + 1)
+
+    def at(x: Any) -> ReferencePoint:
+        return retime(reference.at(x / slower), (1 / slower, 0.0, 0.0, 0.0))
+
+    point = jax.vmap(at)(t)
+    velocity, wanted = np.asarray(point.velocity), np.asarray(point.acceleration)
+    specific, torque = wanted, np.zeros(len(t))
+    heading = _line_of(specific)
+    for _ in range(3 if model.friction is not None else 0):
+        rate = np.gradient(heading, t)
+        drag, torque = _friction_at(model, velocity, heading, rate)
+        specific = wanted - drag
+        heading = _line_of(specific)
+    rate = np.gradient(heading, t)
+    nose = np.column_stack([np.cos(heading), np.sin(heading)])
+    along = np.sum(nose * specific, axis=1)
+    FX = model.mass * (along + model.percussion_arm * rate**2)
+    FY = -(model.inertia * np.gradient(rate, t) - torque) / model.arm
+    return PathMotion(t, heading, rate, FX, FY, specific)
+
+
+def refuse_infeasible(reference: Any, model: Hovercraft, limits: ThrustLimits, duration: float) -> None:
+    """Refuse a reference that breaks a limit within the duration (s).
+
+    Raises:
+        InputError: which limit, by what, when, and how many times slower it would be feasible.
+    """
+    breach = _worst_breach(path_motion(reference, model, duration), model, limits)
+    if breach is None:
+        return
+    problem = f"the hovercraft can't follow it: at {breach.t:.1f} s {breach.problem}"
+    factor = _feasible_tempo(reference, model, limits, duration)
+    raise InputError("reference", problem, fix=_slower_text(reference, factor))
+
+
+def _line_of(specific: Any) -> Any:
+    """Direction of the thrust's line, continuous through zero; where there is none, between its neighbours."""
+    size = np.hypot(*specific.T)
+    some = np.flatnonzero(size > 1e-6 * max(float(size.max(initial=0.0)), 1e-6))
+    if not len(some):
+        return np.zeros(len(size))
+    angle = np.unwrap(np.arctan2(specific[some, 1], specific[some, 0]), period=np.pi)
+    return np.interp(np.arange(len(size)), some, angle)
+
+
+def _friction_at(model: Hovercraft, velocity: Any, heading: Any, rate: Any) -> tuple[Any, Any]:
+    """Acceleration of P by friction (n, 2), in W, and its torque (n,)."""
+    c, s = np.cos(heading), np.sin(heading)
+    surge = c * velocity[:, 0] + s * velocity[:, 1]
+    sway = -s * velocity[:, 0] + c * velocity[:, 1] - model.percussion_arm * rate
+    X, Y, N = (np.asarray(v) for v in jax.vmap(model.friction.wrench)(surge, sway, rate))
+    ahead, across = X / model.mass, Y / model.mass + model.percussion_arm * N / model.inertia
+    return np.column_stack([c * ahead - s * across, s * ahead + c * across]), N
+
+
+def _worst_breach(motion: PathMotion, model: Hovercraft, limits: ThrustLimits) -> _Breach | None:
+    """The limit that is broken most, or None."""
+    t, FX, FY = motion.t, motion.FX, motion.FY
+    thrusts = model.mass * np.hypot(*motion.specific.T) >= limits.dead_zone
+    share, edge = 1 - float(limits.reserve), np.tan(float(limits.angle))
+    push, pull, rate = float(limits.push) * share, float(limits.pull) * share, float(limits.turn_rate)
+    side = edge * np.abs(FX) + float(limits.dead_zone)
+    lost = _velocity_loss(motion, thrusts)
+    uses = {
+        "push": FX / push,
+        "pull": -FX / pull,
+        "side": np.where(thrusts, np.abs(FY) / side, 0.0),
+        "turn": np.where(thrusts, np.abs(motion.yaw_rate) / rate, 0.0),
+        "drift": lost / float(limits.drift),
+    }
+    name = max(uses, key=lambda n: float(uses[n].max()))
+    k = int(uses[name].argmax())
+    kept = f", of which {100 * float(limits.reserve):g} % are kept for errors"
+    texts = {
+        "push": f"it needs {FX[k]:.2f} N forward, and the fan gives {float(limits.push):.2f} N{kept}",
+        "pull": f"it needs {-FX[k]:.2f} N backward, and the fan gives {float(limits.pull):.2f} N{kept}",
+        "side": f"it needs {abs(FY[k]):.2f} N to the side with {abs(FX[k]):.2f} N along the nose,"
+        f" and the rudder turns the force by {float(limits.angle) / DEG:.0f} degrees at most",
+        "turn": f"the nose has to turn at {abs(motion.yaw_rate[k]):.2f} rad/s, and {rate:.2f} rad/s is its limit",
+        "drift": f"thrust below the dead zone, {float(limits.dead_zone):g} N, has to have given {lost[k]:.2f} m/s",
+    }
+    use = float(uses[name][k])
+    return _Breach(texts[name], use, float(t[k])) if use > 1 else None
+
+
+def _velocity_loss(motion: PathMotion, thrusts: Any) -> Any:
+    """Size of the velocity (m/s) that the wanted thrust has not given since it fell below the dead zone (n,)."""
+    given = np.cumsum(motion.specific, axis=0) * (motion.t[1] - motion.t[0])
+    since = np.maximum.accumulate(np.where(thrusts, np.arange(len(motion.t)), 0))
+    return np.where(thrusts, 0.0, np.hypot(*(given - given[since]).T))
+
+
+def _feasible_tempo(reference: Any, model: Hovercraft, limits: ThrustLimits, duration: float) -> float | None:
+    """How many times slower it is feasible, to a hundredth; None: up to SLOWEST not at all."""
+
+    def holds(slower: float) -> bool:
+        return _worst_breach(path_motion(reference, model, duration, slower), model, limits) is None
+
+    tempi = np.geomspace(1.05, SLOWEST, 12)
+    first = next((k for k, slower in enumerate(tempi) if holds(float(slower))), None)
+    if first is None:
+        return None
+    low, high = float(tempi[first - 1]) if first else 1.0, float(tempi[first])
+    while high - low > 0.01:
+        middle = (low + high) / 2
+        low, high = (low, middle) if holds(middle) else (middle, high)
+    return float(np.ceil(high * 100) / 100)
+
+
+def _slower_text(reference: Any, factor: float | None) -> str:
+    if factor is None:
+        return f"no tempo down to {SLOWEST:g} times slower is feasible: make the path larger, or its bends wider"
+    times = {n: getattr(reference, n) for n in ("period", "ease") if hasattr(reference, n)}
+    if not times:
+        return f"let it take {factor:.2f} times as long: divide its speeds by that, or multiply its times"
+    sets = " ".join(
+        argument("settings", f"{float(v) * factor:.3g}", f"autopilot.law.reference.{n}") for n, v in times.items()
+    )
+    return f"{factor:.2f} times slower it is feasible: {sets}"

@@ -1,0 +1,281 @@
+"""A pilot flies the hovercraft: the stick moves thrust, velocities in the body, or the velocity over the floor.
+
+The fan is at the tail, so sway has no actuator of its own. Without drag a steady turn at speed V and rate w needs the
+force m V w across the path, and the only steady force without a torque is along the nose: in a steady turn the nose
+points to the centre of the circle, whoever flies. `damped` leaves that to the pilot, `assisted` does it by itself.
+
+Source: derived here, but for damping: Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of
+Maryland, 2006, section 2.2, which is [1].
+"""
+
+from typing import Any, ClassVar, NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+
+from trimtab.core.record import Scalar, option, part, quantity, record, replace, tree_where
+from trimtab.core.rotation import wrap
+from trimtab.core.signals import STICK_MODES, Estimate, PlanarForce
+from trimtab.core.time import ms, to_seconds
+from trimtab.laws.velocity import READS as VELOCITIES
+from trimtab.vehicles.hovercraft import Hovercraft
+
+MANUAL, DAMPED, ASSISTED = range(len(STICK_MODES))
+LONGEST_STEP = ms(100)
+"""After a longer pause the references begin again where the vehicle is: the law was not asked meanwhile."""
+TURN_DEAD_ZONE = 0.2
+"""rad/s: with a wanted yaw rate of this size or more damped steering leaves sway alone."""
+REVERSE_SWAY = -0.5
+"""Weight of sway while backing; between 0 and -m d^2/J = -2.8 it damps."""
+REVERSE_SPEED = 0.1
+"""m/s backward, at and beyond which sway has that weight."""
+
+NOSE_FREE = 1.6
+"""Times nose_force: so large a force has the nose for itself."""
+BACKING = 0.3, 0.8
+"""Share of the force against the course below which the nose turns to it again, and above which the fan pulls back."""
+
+
+@record
+class PilotedState:
+    """What the law remembers. Source: derived here."""
+
+    t: Scalar = quantity("100 ns", "When it was asked last.", kind="time")
+    mode: Scalar = quantity("1", "Mode of the last step.", kind="mode", modes=STICK_MODES)
+    began: Scalar = quantity("1", "Whether it has been asked before.", kind="flag")
+    speed: Scalar = quantity("m/s", "Reference: of surge, or along the course.")
+    rate: Scalar = quantity("rad/s", "Reference: of yaw, or of the course.")
+    course: Scalar = quantity("rad", "Reference of the course, clockwise from north; unwrapped.", kind="angle")
+    backing: Scalar = quantity("1", "Whether the fan pulls backward instead of turning the nose round.", kind="flag")
+
+
+@record
+class PilotedOutput:
+    """What the law asks for, and why. Source: derived here."""
+
+    demand: PlanarForce = part("Force wanted at the rudder pivot.")
+    mode: Scalar = quantity("1", "What the stick moves.", kind="mode", modes=STICK_MODES)
+    stick_lost: Scalar = quantity("1", "Whether there is no stick, or too old a one: it counts as let go.", kind="flag")
+    speed_reference: Scalar = quantity("m/s", "Of surge if damped, along the course if assisted; else 0.")
+    rate_reference: Scalar = quantity("rad/s", "Of yaw if damped, of the course if assisted; else 0.")
+    course_reference: Scalar = quantity("rad", "Wanted course if assisted, else that of the nose.", kind="angle")
+    heading_reference: Scalar = quantity("rad", "Where the nose is wanted if assisted, else where it is.", kind="angle")
+    velocity_error: Scalar = quantity("m/s", "Size of the error of velocity, of surge if damped; 0 if manual.")
+
+
+class _Hand(NamedTuple):
+    """The stick as the law takes it."""
+
+    forward: Any
+    turn: Any
+    mode: Any
+    lost: Any
+
+
+@record
+class Piloted:
+    """Does what a pilot's stick says, in one of three ways that the stick chooses.
+
+        manual    F = thrust forward, turned by deflection turn: FX = |F| cos, FY = -|F| sin, as by a radio control
+        damped    FX = k1 (u_r - u)                        FY = k2 (d (r - r_r) - s v)
+        assisted  FX = n.F + m a r^2                       FY = (J/d) kr (r - r_d)
+                  F = m (v_r' + k (v_r - v_P))             r_d = w_r + kh wrap(heading_d - heading), limited
+
+    n is the direction of the nose, v_r = V_r (cos c_r, sin c_r) the wanted velocity in W, c_r' = w_r; references u_r,
+    r_r, V_r, w_r are the stick times a range, ramped. P lies a = J/(m d) ahead of the centre of mass, where FY causes
+    no acceleration (the centre of percussion of the rudder pivot): v_P' = n (FX/m - a r^2), so v_P' = n (n.F)/m.
+    heading_d is the direction of F plus a part along the course that vanishes as F grows; backing, of -F. At rest the
+    course is that of the nose: ahead is where it points.
+
+    damped, proven (tests):
+      turn let go, u_r >= 0 held: the source's ForwardMomentum and ZeroVelocity, s = 1, globally stable, all k1, k2 > 0.
+      u_r != 0 held, r_r = 0: locally stable if and only if s u_r > 0 (s > -m d^2/J), so s changes sign with u_r.
+      |r_r| > 0.2 rad/s: s = 0 and (r - r_r)' = -(k2 d^2/J)(r - r_r), exactly; u -> 0 and v -> -k1 u_r/(m r_r), the
+      turn at which the nose looks at the centre: surge can't be held in it.
+    assisted, proven (tests): r' = kr (r_d - r), whatever the velocity. While course and speed are held,
+      E = m |v_r - v_P|^2/2 never grows, whatever the heading, for E' = -m k (n.(v_r - v_P))^2; nor does it under the
+      limits of FX, while m a r^2 < push. A nose that is where it is wanted is not across the error, so that no error
+      above nose_dead_zone/(m k) lasts. Only simulated: how E falls while the nose is under way and backing switches,
+      and turns, in which the nose has to come round before F is right.
+    The actuators are in none of the proofs: a force more than some 21 degrees off the body's axis comes out along it.
+
+    Dead man:  a stick that is older than stick_timeout, was never valid or is no number counts as let go, in the mode
+               it had. In manual that is no thrust: the vehicle slides on. Before the first stick the mode is damped.
+    Windup:    references stand still while the law isn't asked, and after a pause or a change of mode begin where the
+               vehicle is; in assisted they slow down as the error of velocity nears `leash`.
+    Frames:    velocities in B, course and heading clockwise from north in W.
+    Source:    derived here; damping [1] eqs. 2.16, 2.24, 2.30. Gains and ranges are this project's.
+    """
+
+    reads: ClassVar[tuple[str, ...]] = (*VELOCITIES, "heading")
+
+    thrust: Scalar = quantity("N", "manual: force of full stick.", default=1.2, above=0)
+    deflection: Scalar = quantity("rad", "manual: angle of the force at full turn.", default=0.36, above=0, high=1.5)
+    surge_range: Scalar = quantity("m/s", "damped: surge of full stick.", default=0.8, above=0)
+    yaw_range: Scalar = quantity("rad/s", "damped: yaw rate of full turn.", default=1.5, above=0)
+    speed_range: Scalar = quantity("m/s", "assisted: speed of full stick.", default=0.8, above=0)
+    course_range: Scalar = quantity("rad/s", "assisted: rate of the course of full turn.", default=0.6, above=0)
+    acceleration: Scalar = quantity("m/s^2", "Of the wanted speed.", default=0.3, above=0)
+    yaw_acceleration: Scalar = quantity("rad/s^2", "damped: of the wanted yaw rate.", default=1.0, above=0)
+    course_acceleration: Scalar = quantity("rad/s^2", "assisted: of the wanted rate.", default=0.3, above=0)
+    turn_acceleration: Scalar = quantity("m/s^2", "assisted: most speed times rate.", default=0.35, above=0)
+    k1: Scalar = quantity("kg/s", "damped: gain on surge.", default=2.0, above=0)
+    k2: Scalar = quantity("kg/s", "damped: gain on sway and yaw rate.", default=2.5, above=0)
+    k: Scalar = quantity("1/s", "assisted: gain on the error of velocity.", default=0.8, above=0)
+    kh: Scalar = quantity("1/s", "assisted: yaw rate per error of heading.", default=1.0, above=0)
+    kr: Scalar = quantity("1/s", "assisted: yaw acceleration per error of yaw rate.", default=3.0, above=0)
+    turn_rate: Scalar = quantity("rad/s", "assisted: most yaw rate to turn the nose.", default=1.0, above=0)
+    push: Scalar = quantity("N", "assisted: most forward force.", default=1.4, above=0)
+    pull: Scalar = quantity("N", "assisted: most backward force.", default=0.7, above=0)
+    swing: Scalar = quantity("N", "assisted: most force to the side.", default=0.4, above=0)
+    nose_force: Scalar = quantity(
+        "N", "assisted: force at which the nose leaves the course for it.", default=0.35, above=0
+    )
+    nose_dead_zone: Scalar = quantity("N", "assisted: force for which the nose doesn't turn.", default=0.03, low=0)
+    leash: Scalar = quantity("m/s", "assisted: error of velocity at which references wait.", default=0.4, above=0)
+    stick_timeout: Scalar = quantity("s", "Oldest stick that counts.", default=0.3, above=0)
+    stick: str = option("Name of the sample with the pilot's stick.", default="stick")
+    model: Hovercraft = part("What the law believes of the vehicle.", default=Hovercraft())
+
+    def init(self, key: Any) -> PilotedState:
+        """Never asked; damped."""
+        zero, no = np.asarray(0.0), np.asarray(False)
+        return PilotedState(
+            t=np.asarray(0, np.int64),
+            mode=np.asarray(DAMPED, np.int32),
+            began=no,
+            speed=zero,
+            rate=zero,
+            course=zero,
+            backing=no,
+        )
+
+    def step(self, t: Any, state: PilotedState, estimate: Estimate) -> tuple[PilotedState, PilotedOutput]:
+        """The demand at integer time t."""
+        s = estimate.state
+        hand = self._read_stick(state, estimate)
+        before, dt = self._begin_again(t, state, hand.mode, s)
+        damped = self._ramp_damped(before, hand, dt)
+        assisted, F, error = self._lead_course(before, hand, dt, s)
+        drive = self._drive_damped(damped, s)
+        fly, aim = self._fly_assisted(assisted, F, s)
+        now = tree_where(hand.mode == ASSISTED, assisted, tree_where(hand.mode == DAMPED, damped, before))
+        size, angle = self.thrust * hand.forward, self.deflection * hand.turn
+        manual = PlanarForce(FX=size * jnp.cos(angle), FY=-size * jnp.sin(angle))
+        demand = tree_where(hand.mode == ASSISTED, fly, tree_where(hand.mode == DAMPED, drive, manual))
+        surge_error = jnp.where(hand.mode == DAMPED, jnp.abs(now.speed - s.surge_velocity), 0.0)
+        return now, PilotedOutput(
+            demand=demand,
+            mode=hand.mode,
+            stick_lost=hand.lost,
+            speed_reference=now.speed,
+            rate_reference=now.rate,
+            course_reference=now.course,
+            heading_reference=jnp.where(hand.mode == ASSISTED, aim, s.heading),
+            velocity_error=jnp.where(hand.mode == ASSISTED, error, surge_error),
+        )
+
+    def _read_stick(self, state: PilotedState, estimate: Estimate) -> _Hand:
+        """Where the stick is; let go, in the last mode, where there is none."""
+        if estimate.stick is None:
+            return _Hand(jnp.asarray(0.0), jnp.asarray(0.0), state.mode, jnp.asarray(True))
+        sample, stick = estimate.stick, estimate.stick.value
+        known = (stick.mode >= 0) & (stick.mode < len(STICK_MODES))
+        held = sample.valid & (sample.age <= self.stick_timeout) & known
+        held = held & jnp.isfinite(stick.forward) & jnp.isfinite(stick.turn)
+
+        def take(x: Any) -> Any:
+            return jnp.where(held, jnp.clip(jnp.where(held, x, 0.0), -1.0, 1.0), 0.0)
+
+        mode = jnp.where(held, stick.mode, state.mode).astype(np.int32)
+        return _Hand(take(stick.forward), take(stick.turn), mode, ~held)
+
+    def _begin_again(self, t: Any, state: PilotedState, mode: Any, s: Any) -> tuple[PilotedState, Any]:
+        """The state at the begin of a step, and the time since the last (s): none where it begins anew."""
+        gap = t - state.t
+        goes_on = state.began & (gap >= 0) & (gap <= LONGEST_STEP) & (mode == state.mode) & (mode != MANUAL)
+        backing = s.surge_velocity < 0
+        slide = jnp.sqrt(s.surge_velocity**2 + s.sway_velocity**2)
+        drift = jnp.arctan2(*_flip(backing, s.sway_velocity, s.surge_velocity))
+        moves = slide > REVERSE_SPEED
+        along = jnp.where(moves, jnp.where(backing, -slide, slide), 0.0)
+        speed = jnp.where(mode == ASSISTED, along, jnp.where(mode == DAMPED, s.surge_velocity, 0.0))
+        course = s.heading + jnp.where((mode == ASSISTED) & moves, drift, 0.0)
+        anew = PilotedState(
+            t=t,
+            mode=mode,
+            began=jnp.asarray(True),
+            speed=speed,
+            rate=jnp.where(mode == DAMPED, s.yaw_rate, 0.0),
+            course=course,
+            backing=jnp.asarray(False),
+        )
+        same = replace(state, t=t, mode=mode)
+        return tree_where(goes_on, same, anew), jnp.where(goes_on, to_seconds(gap), 0.0)
+
+    def _ramp_damped(self, s: PilotedState, hand: _Hand, dt: Any) -> PilotedState:
+        """References of surge and yaw rate, dt (s) on."""
+        speed = _ramp(s.speed, hand.forward * self.surge_range, self.acceleration * dt)
+        rate = _ramp(s.rate, hand.turn * self.yaw_range, self.yaw_acceleration * dt)
+        return replace(s, speed=speed, rate=rate)
+
+    def _drive_damped(self, reference: PilotedState, s: Any) -> PlanarForce:
+        straight = jnp.maximum(1 - jnp.abs(reference.rate) / TURN_DEAD_ZONE, 0.0)
+        backward = jnp.clip(-reference.speed / REVERSE_SPEED, 0.0, 1.0)
+        weight = straight * (1 + backward * (REVERSE_SWAY - 1))
+        slip = self.model.arm * (s.yaw_rate - reference.rate) - weight * s.sway_velocity
+        return PlanarForce(FX=self.k1 * (reference.speed - s.surge_velocity), FY=self.k2 * slip)
+
+    def _lead_course(self, before: PilotedState, hand: _Hand, dt: Any, s: Any) -> tuple[PilotedState, Any, Any]:
+        """References dt (s) on, the force wanted in W (N, north and east), and the size of the error (m/s)."""
+        c, n = jnp.cos(s.heading), jnp.sin(s.heading)
+        side = s.sway_velocity + self.model.percussion_arm * s.yaw_rate
+        velocity = jnp.stack([c * s.surge_velocity - n * side, n * s.surge_velocity + c * side])
+        lag = _direction(before.course) * before.speed - velocity
+        slack = jnp.clip(2 - 2 * jnp.sqrt(lag @ lag) / self.leash, 0.0, 1.0)
+        wanted = hand.forward * self.speed_range
+        speed = _ramp(before.speed, wanted, self.acceleration * dt * slack)
+        most = self.turn_acceleration / jnp.maximum(jnp.abs(speed), REVERSE_SPEED)
+        rate = jnp.clip(hand.turn * self.course_range, -most, most)
+        rate = _ramp(before.rate, rate, self.course_acceleration * dt)
+        rests = (speed == 0) & (wanted == 0)
+        course = jnp.where(rests, s.heading, before.course + rate * slack * dt)
+        now = replace(before, speed=speed, rate=rate, course=course)
+        ahead, across = _direction(now.course), _direction(now.course + np.pi / 2)
+        growth = jnp.where(dt > 0, (speed - before.speed) / jnp.where(dt > 0, dt, 1.0), 0.0)
+        error = ahead * speed - velocity
+        F = self.model.mass * (ahead * growth + across * (speed * rate * slack) + self.k * error)
+        along, size = F @ ahead, jnp.sqrt(F @ F)
+        most = size * jnp.minimum(size / self.nose_force, 1.0) * jnp.where(before.backing, *BACKING)
+        backing = along < -most
+        return replace(now, backing=backing), F, jnp.sqrt(error @ error)
+
+    def _fly_assisted(self, reference: PilotedState, F: Any, s: Any) -> tuple[PlanarForce, Any]:
+        """The demand (N), and where the nose is wanted (rad)."""
+        size = jnp.sqrt(F @ F)
+        rest = self.nose_force * jnp.maximum(1 - size / (NOSE_FREE * self.nose_force), 0.0)
+        share = jnp.maximum(1 - self.nose_dead_zone / jnp.where(size > 0, size, 1.0), 0.0)
+        nose = share * jnp.where(reference.backing, -F, F) + rest * _direction(reference.course)
+        known = nose @ nose > 0
+        away = jnp.arctan2(jnp.where(known, nose[1], 0.0), jnp.where(known, nose[0], 1.0)) - s.heading
+        away = jnp.where(known, wrap(away), 0.0)
+        rate = jnp.clip(reference.rate + self.kh * away, -self.turn_rate, self.turn_rate)
+        model = self.model
+        FX = _direction(s.heading) @ F + model.mass * model.percussion_arm * s.yaw_rate**2
+        FY = self.kr * (s.yaw_rate - rate) * model.inertia / model.arm
+        force = PlanarForce(FX=jnp.clip(FX, -self.pull, self.push), FY=jnp.clip(FY, -self.swing, self.swing))
+        return force, s.heading + away
+
+
+def _flip(whether: Any, y: Any, x: Any) -> tuple[Any, Any]:
+    return jnp.where(whether, -y, y), jnp.where(whether, -x, x)
+
+
+def _direction(angle: Any) -> Any:
+    """Unit vector (north, east) at an angle (rad) clockwise from north."""
+    return jnp.stack([jnp.cos(angle), jnp.sin(angle)])
+
+
+def _ramp(value: Any, wanted: Any, most: Any) -> Any:
+    """value, nearer to what is wanted by `most` at most."""
+    return value + jnp.clip(wanted - value, -most, most)

@@ -1,0 +1,213 @@
+"""Rest at a place and a heading: the hovercraft brakes, aims, goes there straight, turns on the spot, and stays.
+
+No smooth feedback of the state can do this (design/stabilisability.py). What makes it easy is a point of the body that
+can be steered like the end of a stick: P, a = J/(m d) ahead of the centre of mass, is the centre of percussion of the
+rudder pivot, where FY causes no acceleration. With FX = m (w + a r^2), P is accelerated by w along the nose, n, and by
+nothing across it:
+
+    v_P' = n w        r' = -(d/J) FY
+
+so that the nose turns however it likes while P rests, and P goes along a line while the nose holds still. What is left
+across the nose is taken away by a small swing of it: pushed ahead on one side and back on the other, P moves across.
+
+Source: derived here from the model of [1] Z. Kulis, "Feedback control of a hovercraft over a wireless link",
+University of Maryland, 2006, eq. 2.11. The source's own algorithm: `laws/pose_steps.py`.
+"""
+
+from typing import Any, ClassVar, NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+
+from trimtab.core.errors import InputError, argument
+from trimtab.core.record import Scalar, part, quantity, record
+from trimtab.core.rotation import planar, wrap
+from trimtab.core.signals import Estimate, PlanarForce
+from trimtab.core.time import to_seconds
+from trimtab.laws.velocity import READS as VELOCITIES
+from trimtab.vehicles.hovercraft import Hovercraft
+
+READS = (*VELOCITIES, "heading", "north", "east")
+BRAKE, AIM, GO, HOLD = range(4)
+"""Steps."""
+STEPS = ("brake", "aim", "go", "hold")
+
+
+@record
+class PoseState:
+    """Where the law is. Source: derived here."""
+
+    mode: Scalar = quantity("1", "Step.", kind="mode", modes=STEPS)
+    nose: Scalar = quantity("rad", "Where the nose is wanted.", kind="angle")
+    rounds: Scalar = quantity("1", "How often it has begun to brake.", kind="count")
+
+
+@record
+class PoseOutput:
+    """What the law asks for, and why. Source: derived here."""
+
+    demand: PlanarForce = part("Force wanted at the rudder pivot.")
+    mode: Scalar = quantity("1", "Step.", kind="mode", modes=STEPS)
+    rounds: Scalar = quantity("1", "How often it has begun to brake.", kind="count")
+    heading_reference: Scalar = quantity("rad", "Where the nose is wanted.", kind="angle")
+    distance: Scalar = quantity("m", "Of the centre of percussion from where it is to rest.")
+    speed: Scalar = quantity("m/s", "Of the centre of percussion.")
+
+
+class _Swing(NamedTuple):
+    """Of the nose about the wanted heading: rad, rad/s, rad/s^2."""
+
+    angle: Any
+    rate: Any
+    acceleration: Any
+
+
+@record
+class Pose:
+    """Brings the hovercraft to rest at a place and a heading, in four steps about its centre of percussion P.
+
+        brake  w = -k n.v_P            the nose turns to the line of v_P          until |v_P| < rest_speed
+        aim    w = -k n.v_P            the nose turns to the line to the goal     until it is there
+        go     w = k (v_d - n.v_P)     the nose holds that line                   until P is there or passes beside it
+        hold   w = k (v_d - n.v_P) + w_y   the nose at the wanted heading + theta     until P has left
+
+        theta = swing q sin(f t), q = min(1, sqrt(|s|/s0));   w_y = (2/swing^2) max(|s|, s0) sign(s) sin(heading error)
+        s = h^2 e_y - 2 h y': e_y the way that is left across the wanted heading, y' the speed of P there
+
+    e is the way that P has to go; v_d = c n.e, at most `speed`. FX = m (w + a r^2), FY = -(J/d) kr (r_d - r),
+    r_d = kh wrap(nose - heading), at most `turn_rate`. Of a line the nose takes the end that is nearer, so that the
+    craft also backs. A step of which the goal is met at once takes no time.
+
+    Stable:  brake and aim: |v_P|^2/2 falls by k (n.v_P)^2, and stops falling only across the nose, where the nose is
+             turning away from. go: with the nose on the line the way left obeys e'' = -k e' - k c e, stable for all
+             k, c > 0, without overshoot for k >= 4 c. r' = kr (r_d - r) whatever P does. Each round leaves P nearer:
+             what is left after `go` is what was across the line, rest_speed times its duration. hold: across the
+             heading y'' = w sin(heading error), so that w_y pushes to the right side whatever the nose does; averaged
+             over a swing y'' = s, the double root -h, and swing and push vanish with s, so that in the end nothing
+             moves. Simulated, not proven: the average, and steps that end early. (tests)
+    Ends:    within `near` and rest_speed; a new round begins beyond `far`, or faster than leave_speed.
+    Valid:   as far as the actuators give what is asked; the source's fan and rudder give no side force without thrust.
+    Source:  derived here (docs page); a swing that shrinks with the root of the error: R. M'Closkey, R. Murray, IEEE
+             Trans. Automatic Control 42 (1997) 614. Gains are this project's.
+    """
+
+    reads: ClassVar[tuple[str, ...]] = READS
+
+    north: Scalar = quantity("m", "Where the centre of mass is to rest.", frame="W", default=0.0)
+    east: Scalar = quantity("m", "Where the centre of mass is to rest.", frame="W", default=0.0)
+    heading: Scalar = quantity("rad", "Where the nose is to point.", kind="angle", default=0.0)
+    k: Scalar = quantity("1/s", "Gain on the speed of P.", default=2.0, above=0)
+    c: Scalar = quantity("1/s", "Speed per way that is left.", default=0.5, above=0)
+    speed: Scalar = quantity("m/s", "Most speed to go at.", default=0.6, above=0)
+    kh: Scalar = quantity("1/s", "Yaw rate per error of heading.", default=1.5, above=0)
+    kr: Scalar = quantity("1/s", "Yaw acceleration per error of yaw rate.", default=6.0, above=0)
+    turn_rate: Scalar = quantity("rad/s", "Most yaw rate.", default=1.5, above=0)
+    aligned: Scalar = quantity("rad", "Error of the nose with which to go.", default=0.001, above=0)
+    near: Scalar = quantity("m", "Way left that is good enough to hold.", default=0.01, above=0)
+    rest_speed: Scalar = quantity("m/s", "Speed that counts as rest.", default=1e-3, above=0)
+    far: Scalar = quantity("m", "Way left at which a new round begins.", default=0.1, above=0)
+    leave_speed: Scalar = quantity("m/s", "Speed at which a new round begins.", default=0.1, above=0)
+    swing: Scalar = quantity("rad", "hold: most swing of the nose.", default=0.025, above=0)
+    f: Scalar = quantity("rad/s", "hold: frequency of the swing.", default=3.0, above=0)
+    h: Scalar = quantity("1/s", "hold: rate at which what is left across vanishes.", default=0.3, above=0)
+    s0: Scalar = quantity("m/s^2", "hold: s at which the swing is full.", default=1e-3, above=0)
+    model: Hovercraft = part("What the law believes of the vehicle.", default=Hovercraft())
+
+    def check(self) -> None:
+        """Refuse bounds that would let no hold last."""
+        for inner, outer in (("near", "far"), ("rest_speed", "leave_speed")):
+            low, high = np.asarray(getattr(self, inner)), np.asarray(getattr(self, outer))
+            if not np.all(low < high):
+                problem = f"hold begins within {inner}, {low}, and ends beyond {outer}, {high}: it must be less"
+                raise InputError(
+                    f"Pose.{inner}",
+                    problem,
+                    fix=argument("settings", f"{float(high.min()) / 3:.2g}", f"autopilot.law.{inner}"),
+                )
+
+    def init(self, key: Any) -> PoseState:
+        """Braking."""
+        zero = np.asarray(0, np.int32)
+        return PoseState(mode=zero, nose=np.asarray(0.0), rounds=np.asarray(1, np.int32))
+
+    def step(self, t: Any, state: PoseState, estimate: Estimate) -> tuple[PoseState, PoseOutput]:
+        """The demand at integer time t; the step changes before it is computed."""
+        s, arm = estimate.state, self.model.percussion_arm
+        body = planar(s.heading)
+        n = body[:, 0]
+        rest = jnp.stack([self.north, self.east]) + arm * planar(self.heading)[:, 0]
+        way = rest - jnp.stack([s.north, s.east]) - arm * n
+        v = body @ jnp.stack([s.surge_velocity, s.sway_velocity + arm * s.yaw_rate])
+        now = self._decide(state, estimate, way, v)
+        goes = (now.mode == GO) | (now.mode == HOLD)
+        theta, push = self._swing(t, now, s.heading, way, v)
+        wanted = jnp.where(goes, jnp.clip(self.c * (n @ way), -self.speed, self.speed), 0.0)
+        away = wrap(now.nose + theta.angle - s.heading)
+        rate = jnp.clip(self.kh * away, -self.turn_rate, self.turn_rate) + theta.rate
+        FX = self.model.mass * (self.k * (wanted - n @ v) + push + arm * s.yaw_rate**2)
+        FY = -self.model.inertia / self.model.arm * (self.kr * (rate - s.yaw_rate) + theta.acceleration)
+        return now, PoseOutput(
+            demand=PlanarForce(FX=FX, FY=FY),
+            mode=now.mode,
+            rounds=now.rounds,
+            heading_reference=now.nose + theta.angle,
+            distance=_size(way),
+            speed=_size(v),
+        )
+
+    def _swing(self, t: Any, now: PoseState, heading: Any, way: Any, v: Any) -> "tuple[_Swing, Any]":
+        """Swing of the nose, and the acceleration along it (m/s^2) that moves P across; none but in hold."""
+        across = planar(self.heading)[:, 1]
+        s = jnp.where(now.mode == HOLD, self.h**2 * (across @ way) - 2 * self.h * (across @ v), 0.0)
+        size = self.swing * jnp.sqrt(jnp.minimum(jnp.abs(s) / self.s0, 1.0))
+        phase = self.f * to_seconds(t)
+        side = jnp.clip(wrap(heading - self.heading), -self.swing, self.swing)
+        push = 2 / self.swing**2 * jnp.maximum(jnp.abs(s), self.s0) * jnp.sign(s) * side
+        angle = size * jnp.sin(phase)
+        return _Swing(angle, self.f * size * jnp.cos(phase), -(self.f**2) * angle), push
+
+    def _decide(self, state: PoseState, estimate: Estimate, way: Any, v: Any) -> PoseState:
+        """Step and nose from now on; nothing changes while the estimate is not valid."""
+        heading = estimate.state.heading
+        distance, speed, mode = _size(way), _size(v), state.mode
+        left = (mode == HOLD) & ((distance > self.far) | (speed > self.leave_speed))
+        mode = jnp.where(left, BRAKE, mode)
+        rests, arrived = speed < self.rest_speed, distance < self.near
+        line = planar(state.nose)[:, 0]
+        is_beside, is_slow = jnp.abs(line @ way) < self.near / 2, jnp.abs(line @ v) < self.rest_speed / 2
+        passes = (mode == GO) & is_beside & is_slow & ~(arrived & rests)
+        mode = jnp.where(passes, BRAKE, mode)
+        aims = (mode == BRAKE) & rests
+        mode = jnp.where(aims, AIM, mode)
+        is_aligned = (jnp.abs(wrap(state.nose - heading)) < self.aligned) & (
+            jnp.abs(estimate.state.yaw_rate) < self.aligned
+        )
+        mode = jnp.where((mode == AIM) & is_aligned & ~aims, GO, mode)
+        mode = jnp.where((mode != HOLD) & rests & arrived, HOLD, mode)
+        braking = _nearer_end(_angle(v, heading), heading)
+        nose = jnp.where(mode == BRAKE, jnp.where(rests, state.nose, braking), state.nose)
+        nose = jnp.where(aims, _nearer_end(_angle(way, heading), heading), jnp.where(mode == HOLD, self.heading, nose))
+        begun = (left | passes).astype(np.int32)
+        now = PoseState(mode=mode.astype(np.int32), nose=nose, rounds=state.rounds + begun)
+        valid = estimate.valid
+        return PoseState(
+            mode=jnp.where(valid, now.mode, state.mode),
+            nose=jnp.where(valid, now.nose, state.nose),
+            rounds=jnp.where(valid, now.rounds, state.rounds),
+        )
+
+
+def _size(vector: Any) -> Any:
+    return jnp.sqrt(vector @ vector)
+
+
+def _angle(vector: Any, otherwise: Any) -> Any:
+    """Of a vector, clockwise from north; of none `otherwise`."""
+    known = vector @ vector > 0
+    return jnp.where(known, jnp.arctan2(jnp.where(known, vector[1], 0.0), jnp.where(known, vector[0], 1.0)), otherwise)
+
+
+def _nearer_end(line: Any, heading: Any) -> Any:
+    """Of a line the direction that is nearer to the heading."""
+    back = jnp.abs(wrap(line - heading)) > np.pi / 2
+    return jnp.where(back, line + np.pi, line)

@@ -1,0 +1,140 @@
+"""The source's way to rest at a place and a heading: six steps out of laws that each do one thing.
+
+Source: [1] Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006,
+section 2.3.1, in words; the numbers, and what ends a step, are reconstructed (docs page).
+"""
+
+from typing import Any, ClassVar
+
+import jax.numpy as jnp
+import numpy as np
+
+from trimtab.core.record import Scalar, part, quantity, record, replace, tree_where
+from trimtab.core.rotation import DEG, wrap
+from trimtab.core.signals import Estimate, PlanarForce
+from trimtab.laws.heading import DAMP, HeadingBangBang, HeadingLawState
+from trimtab.laws.pose import READS
+from trimtab.laws.spin import switching_energy
+from trimtab.laws.velocity import ForwardMomentum, ZeroVelocity
+
+COMPUTE, ALIGN, MOVE, STOP, FINAL, HOLD = range(6)
+"""Steps, [1, section 2.3.1] 1 to 6."""
+STEPS = ("compute", "align", "move", "stop", "final", "hold")
+
+
+@record
+class PoseStepsState:
+    """Where the law is. Source: [1] section 2.3.1."""
+
+    mode: Scalar = quantity("1", "Step.", kind="mode", modes=STEPS)
+    bearing: Scalar = quantity("rad", "Of the goal when it was computed last, clockwise from north.", kind="angle")
+    turning: HeadingLawState = part("Of the heading law in align and final.")
+    rounds: Scalar = quantity("1", "How often it has computed the way.", kind="count")
+
+
+@record
+class PoseStepsOutput:
+    """What the law asks for, and why. Source: [1] section 2.3.1."""
+
+    demand: PlanarForce = part("Force wanted at the rudder pivot.")
+    mode: Scalar = quantity("1", "Step.", kind="mode", modes=STEPS)
+    rounds: Scalar = quantity("1", "How often it has computed the way.", kind="count")
+    heading_reference: Scalar = quantity("rad", "What the heading law turns to, or turned to last.", kind="angle")
+    distance: Scalar = quantity("m", "Of the centre of mass from where it is to rest.")
+    speed_reference: Scalar = quantity("m/s", "In move, else 0.")
+
+
+@record
+class PoseBySteps:
+    """Brings the hovercraft near a place and a heading, in the six steps of the source, over and over.
+
+        compute  the error vector                                                   to align, or where near to final
+        align    HeadingBangBang to its bearing      until the heading is within the heading law's tolerance
+        move     ForwardMomentum at speed_gain times the way left along the nose, within limits
+                                                     until that is passed, or the bearing is off by too much
+        stop     ZeroVelocity                        until V < margin times the turn's switching energy; to compute
+        final    HeadingBangBang to the heading      until within tolerance
+        hold     ZeroVelocity                        until 1.5 tolerances away; to compute
+
+    Ends:    never: ZeroVelocity lets the heading drift without bound (its slow manifold), so that rounds go on.
+    Source:  [1] section 2.3.1; gains and tolerances are this project's, see docs page.
+    """
+
+    reads: ClassVar[tuple[str, ...]] = READS
+
+    north: Scalar = quantity("m", "Where the centre of mass is to rest.", frame="W", default=0.0)
+    east: Scalar = quantity("m", "Where the centre of mass is to rest.", frame="W", default=0.0)
+    heading: Scalar = quantity("rad", "Where the nose is to point.", kind="angle", default=0.0)
+    near: Scalar = quantity("m", "Way left that is good enough.", default=0.3, above=0)
+    near_heading: Scalar = quantity("rad", "Error of heading that is good enough.", default=10 * DEG, above=0)
+    speed_gain: Scalar = quantity("1/s", "move: speed per way left.", default=0.35, above=0)
+    least_speed: Scalar = quantity("m/s", "move: at least.", default=0.1, above=0)
+    most_speed: Scalar = quantity("m/s", "move: at most.", default=0.6, above=0)
+    passed: Scalar = quantity("m", "move ends with so much left.", default=0.1, low=0)
+    off_course: Scalar = quantity("rad", "move ends at such an error of bearing, while not near.", default=0.6, above=0)
+    margin: Scalar = quantity("1", "stop ends below this part of the switching energy.", default=0.3, above=0, high=1)
+    turn: HeadingBangBang = part("The law in align and final; its target is not used.", default=HeadingBangBang())
+    forward: ForwardMomentum = part(
+        "The law in move; its reference is not used.", default=ForwardMomentum(k1=2.0, k2=9.0)
+    )
+    damping: ZeroVelocity = part("The law in stop and hold.", default=ZeroVelocity())
+
+    def init(self, key: Any) -> PoseStepsState:
+        """About to compute the way."""
+        return PoseStepsState(
+            mode=np.asarray(COMPUTE, np.int32),
+            bearing=np.asarray(0.0),
+            turning=self.turn.init(key),
+            rounds=np.asarray(0, np.int32),
+        )
+
+    def step(self, t: Any, state: PoseStepsState, estimate: Estimate) -> tuple[PoseStepsState, PoseStepsOutput]:
+        """The demand at integer time t; the step changes before it is computed."""
+        s = estimate.state
+        way = jnp.stack([self.north - s.north, self.east - s.east])
+        distance, along = jnp.sqrt(way @ way), jnp.cos(s.heading) * way[0] + jnp.sin(s.heading) * way[1]
+        mode, bearing = self._decide(state, estimate, way, distance, along)
+        target = jnp.where((mode == ALIGN) | (mode == MOVE), bearing, self.heading)
+        turns = (mode == ALIGN) | (mode == FINAL)
+        goes_on = turns & (mode == state.mode)
+        before = tree_where(goes_on, state.turning, replace(state.turning, mode=np.asarray(DAMP, np.int32)))
+        turning, turn = replace(self.turn, target=target).step(t, before, estimate)
+        speed = jnp.clip(self.speed_gain * along, self.least_speed, self.most_speed)
+        model = self.forward.model
+        _, forward = replace(self.forward, reference=model.mass * speed).step(t, (), estimate)
+        _, damp = self.damping.step(t, (), estimate)
+        demand = tree_where(turns, turn.demand, tree_where(mode == MOVE, forward.demand, damp.demand))
+        begun = ((mode == COMPUTE) & estimate.valid).astype(np.int32)
+        now = PoseStepsState(
+            mode=mode, bearing=bearing, turning=tree_where(turns, turning, before), rounds=state.rounds + begun
+        )
+        return now, PoseStepsOutput(
+            demand=demand,
+            mode=mode,
+            rounds=now.rounds,
+            heading_reference=target,
+            distance=distance,
+            speed_reference=jnp.where(mode == MOVE, speed, 0.0),
+        )
+
+    def _decide(self, state: PoseStepsState, estimate: Estimate, way: Any, distance: Any, along: Any) -> Any:
+        """Step and bearing from now on; nothing changes while the estimate is not valid."""
+        s, mode = estimate.state, state.mode
+        towards = jnp.where(distance > 0, jnp.arctan2(way[1], jnp.where(distance > 0, way[0], 1.0)), s.heading)
+        off, off_bearing = jnp.abs(wrap(s.heading - self.heading)), jnp.abs(wrap(s.heading - towards))
+        calm = self.margin * switching_energy(self.turn.turning.model, self.turn.turn_rate)
+        is_calm = self.damping.lyapunov(s) < calm
+        is_aligned = jnp.abs(wrap(s.heading - state.bearing)) <= self.turn.tolerance
+        has_moved = (along <= self.passed) | ((off_bearing > self.off_course) & (distance > 2 * self.near))
+        has_left = (distance > 1.5 * self.near) | (off > 1.5 * self.near_heading)
+        after = [
+            jnp.where(distance > self.near, ALIGN, FINAL),
+            jnp.where(is_aligned, MOVE, ALIGN),
+            jnp.where(has_moved, STOP, MOVE),
+            jnp.where(is_calm, COMPUTE, STOP),
+            jnp.where(off <= self.turn.tolerance, HOLD, FINAL),
+            jnp.where(has_left, COMPUTE, HOLD),
+        ]
+        following = jnp.select([mode == k for k in range(len(after))], after, mode).astype(np.int32)
+        bearing = jnp.where(mode == COMPUTE, towards, state.bearing)
+        return jnp.where(estimate.valid, following, mode), jnp.where(estimate.valid, bearing, state.bearing)

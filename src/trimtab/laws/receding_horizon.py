@@ -1,0 +1,287 @@
+"""Receding-horizon control of the hovercraft: the best seconds ahead within its limits, fifty times a second.
+
+Source: derived here from the model of Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of
+Maryland, 2006, eq. 2.11. The way to solve it is [1] M. Diehl, H. Bock, J. Schlöder, "A real-time iteration scheme for
+nonlinear optimization in optimal feedback control", SIAM Journal on Control and Optimization 43 (2005) 1714.
+"""
+
+from typing import Any, ClassVar
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from trimtab.core.integrate import rk4
+from trimtab.core.quadratic_program import (
+    ChangeRows,
+    QuadraticProgram,
+    QuadraticSolution,
+    QuadraticStart,
+    solve_quadratic_program,
+)
+from trimtab.core.record import Scalar, option, part, period, quantity, record
+from trimtab.core.reference import Circle
+from trimtab.core.rotation import planar, wrap
+from trimtab.core.signals import Estimate, PlanarForce
+from trimtab.core.time import ms, to_seconds
+from trimtab.laws.pose import READS
+from trimtab.vehicles.hovercraft import Hovercraft, HovercraftState
+
+STAGES = 13
+"""Moves ahead."""
+SLOTS = 8
+"""Moves that are remembered: what is under way to the fan."""
+
+
+@record
+class RecedingHorizonOutput:
+    """What the law asks for, and how well its program was solved. Source: docs page."""
+
+    demand: PlanarForce = part("Force wanted at the rudder pivot.")
+    thrust: Scalar = quantity("N", "Signed force of the fan in the demand.")
+    force_angle: Scalar = quantity("rad", "Its angle from the body's axis.", kind="angle")
+    north_reference: Scalar = quantity("m", "Where P is wanted.", frame="W")
+    east_reference: Scalar = quantity("m", "Where P is wanted.", frame="W")
+    position_error: Scalar = quantity("m", "Of P, from where it is wanted.")
+    velocity_error: Scalar = quantity("m/s", "Of P.")
+    primal: Scalar = quantity("1", "Most by which a limit is broken in the plan, in N or rad.")
+    dual: Scalar = quantity("1", "What is left of the gradient: the plan's distance from the best.")
+    solved: Scalar = quantity("1", "Both are within the tolerance.", kind="flag")
+    infeasible: Scalar = quantity("1", "No plan keeps the limits.", kind="flag")
+    rho: Scalar = quantity("1", "Weight of the limits.")
+    cost: Scalar = quantity("1", "Of the plan before it was improved.")
+
+
+@record
+class RecedingHorizonState:
+    """What the law remembers. Source: docs page."""
+
+    began: Scalar = quantity("1", "Whether it has been asked before.", kind="flag")
+    start: Scalar = quantity("100 ns", "When it was asked first: then the reference begins.", kind="time")
+    thrust: Any = quantity("N", "Plan: signed force of the fan in each stage.", shape=(STAGES,))
+    angle: Any = quantity("rad", "Plan: force angle in each stage.", kind="angle", shape=(STAGES,))
+    multipliers: Any = quantity("1", "Of the limits in the last program.", shape=(4 * STAGES,))
+    rho: Scalar = quantity("1", "Weight of the limits in the last program.")
+    sent_thrust: Any = quantity("N", "Asked for at the last instants, newest first.", shape=(SLOTS,))
+    sent_angle: Any = quantity("rad", "Asked for at the last instants, newest first.", kind="angle", shape=(SLOTS,))
+    output: Any = part("Last output, held until the next.")
+
+
+@record
+class RecedingHorizon:
+    """Follows a reference by the best plan within the limits; its first move is flown, then it plans anew.
+
+    Each `period` the state is carried to where it will be when a move arrives, by the moves that are under way. From
+    there the plan of the last period, moved on, is flown on the model: U = (thrust, force angle) in STAGES moves of
+    `stage` each. Its residuals (place, velocity, yaw rate, heading, the moves and their changes, each times its weight)
+    are linear in small changes of the plan, and the best of these within the limits is a quadratic program:
+
+        minimise |r + J dU|^2 + damping |dU|^2    subject to    limits of U, limits of its change from stage to stage
+
+    One such step of Gauss and Newton is made each period [1].
+
+    Limits:  thrust from -pull to push, force angle within deflection, their rates. The angle is that of the force: a
+             fan that turns backward pulls at the same angles.
+    Holds:   the demand between its periods, so that the autopilot may be faster.
+    Never:   raises. A program that is not solved is a signal; the demand is within the limits all the same.
+    Valid:   the limits hold for the demand. The allocation's table and dead zone are not in the model.
+    Source:  derived here; [1]. Weights and limits are this project's.
+    """
+
+    reads: ClassVar[tuple[str, ...]] = READS
+
+    reference: Any = part("Where to be, and when.", default=Circle())
+    position: Scalar = quantity("1/m", "Weight of an error of place.", default=2.0, low=0)
+    velocity: Scalar = quantity("s/m", "Weight of an error of velocity.", default=1.5, low=0)
+    yaw: Scalar = quantity("s/rad", "Weight of yaw rate other than that of the path.", default=0.1, low=0)
+    heading: Scalar = quantity("1/rad", "Weight of an error of heading, where one is wanted.", default=0.5, low=0)
+    aim: Scalar = quantity(
+        "s^2/m", "Weight of a nose that doesn't point the way it has to be pushed.", default=1.0, low=0
+    )
+    k1: Scalar = quantity("1/s^2", "Acceleration for which the nose turns, per error of place.", default=0.25, low=0)
+    k2: Scalar = quantity("1/s", "The same, per error of velocity.", default=0.5, low=0)
+    least: Scalar = quantity(
+        "m/s^2", "Acceleration of the path below which it wants no yaw rate.", default=0.03, above=0
+    )
+    last: Scalar = quantity("1", "Times the weights in the last stage.", default=2.0, low=0)
+    effort: Scalar = quantity("1/N", "Weight of thrust.", default=0.1, low=0)
+    steering: Scalar = quantity("1/rad", "Weight of the force angle.", default=0.1, low=0)
+    thrust_change: Scalar = quantity("1/N", "Weight of a change of thrust.", default=0.2, low=0)
+    angle_change: Scalar = quantity("1/rad", "Weight of a change of angle.", default=0.3, low=0)
+    damping: Scalar = quantity("1", "Weight of a change of the plan.", default=0.1, above=0)
+    push: Scalar = quantity("N", "Most force ahead.", default=1.35, above=0)
+    pull: Scalar = quantity("N", "Most force back.", default=0.6, above=0)
+    deflection: Scalar = quantity("rad", "Most force angle.", default=0.36, above=0, high=1.2, kind="angle")
+    thrust_rate: Scalar = quantity("N/s", "Most change of thrust.", default=8.0, above=0)
+    angle_rate: Scalar = quantity("rad/s", "Most change of the force angle.", default=3.0, above=0)
+    lag: Scalar = quantity("s", "From a demand to its force: uplink and servo frame.", default=0.05, low=0)
+    stage: int = period("Length of a stage.", default=ms(200))
+    period: int = period("How often it plans.", default=ms(20))
+    rounds: int = option("Factorisations for a plan.", default=2)
+    iterations: int = option("Iterations after each.", default=25)
+    model: Hovercraft = part("What the law believes of the vehicle.", default=Hovercraft())
+
+    def init(self, key: Any) -> RecedingHorizonState:
+        """A plan of a little thrust: at none the force angle moves nothing."""
+        o, no, slots = np.asarray(0.0), np.asarray(False), np.zeros(SLOTS)
+        output = RecedingHorizonOutput(PlanarForce(o, o), o, o, o, o, o, o, o, o, no, no, o, o)
+        return RecedingHorizonState(
+            began=no,
+            start=np.asarray(0, np.int64),
+            thrust=np.full(STAGES, 0.1),
+            angle=np.zeros(STAGES),
+            multipliers=np.zeros(4 * STAGES),
+            rho=np.asarray(0.1),
+            sent_thrust=slots,
+            sent_angle=slots,
+            output=output,
+        )
+
+    def step(self, t: Any, state: RecedingHorizonState, estimate: Estimate) -> tuple[Any, RecedingHorizonOutput]:
+        """The demand at integer time t: a new one each period, held in between."""
+        due = estimate.valid & ((t % self.period == 0) | ~state.began)
+        state = jax.lax.cond(due, lambda: self._plan(t, state, estimate), lambda: state)
+        return state, state.output
+
+    def _plan(self, t: Any, state: RecedingHorizonState, estimate: Estimate) -> RecedingHorizonState:
+        """One improved plan, and its first move as the demand."""
+        sent = jnp.stack([state.sent_thrust, state.sent_angle], axis=1)
+        here = jnp.stack([getattr(estimate.state, name) for name in READS])
+        x = self._carry_on(here, sent, estimate.age + self.lag)
+        start = jnp.where(state.began, state.start, t)
+        now = to_seconds(t - start)
+        old = jnp.stack([state.thrust, state.angle], axis=1)
+        share = self.period / self.stage
+        nominal = old + share * (jnp.concatenate([old[1:], old[-1:]]) - old)
+        before = sent[0]
+        program, cost = self._program(x, now + self.lag, nominal, before)
+        warm = QuadraticStart(jnp.zeros(2 * STAGES), state.multipliers, state.rho)
+        found = solve_quadratic_program(program, warm, rounds=self.rounds, iterations=self.iterations)
+        plan = jnp.where(jnp.isfinite(found.x).all(), nominal + found.x.reshape(STAGES, 2), nominal)
+        low, high, rate = self._limits()
+        near = rate * to_seconds(self.period)
+        plan = jnp.clip(plan, low, high)
+        first = jnp.clip(plan[0], before - near, before + near)
+        plan = plan.at[0].set(first)
+        sent = jnp.concatenate([first[None], sent[:-1]])
+        return RecedingHorizonState(
+            began=jnp.asarray(True),
+            start=start,
+            thrust=plan[:, 0],
+            angle=plan[:, 1],
+            multipliers=found.y,
+            rho=found.rho,
+            sent_thrust=sent[:, 0],
+            sent_angle=sent[:, 1],
+            output=self._tell(now, here, first, found, cost),
+        )
+
+    def _limits(self) -> tuple[Any, Any, Any]:
+        """Least and most move, and most rate, (2,) each."""
+        low = jnp.stack([-self.pull, -self.deflection])
+        return low, jnp.stack([self.push, self.deflection]), jnp.stack([self.thrust_rate, self.angle_rate])
+
+    def _carry_on(self, x: Any, sent: Any, ahead: Any) -> Any:
+        """The state (6,) a time `ahead` (s) after the estimate's, under the moves that act until then."""
+        each = to_seconds(self.period)
+
+        def slot(k: Any, x: Any) -> Any:
+            back = SLOTS - 1 - k
+            return self._fly(x, sent[back], jnp.clip(ahead - back * each, 0.0, each))
+
+        return jax.lax.fori_loop(0, SLOTS, slot, x)
+
+    def _fly(self, x: Any, move: Any, h: Any) -> Any:
+        """The state (6,) h (s) later under a move."""
+        force = _force(move)
+
+        def rate(t: Any, x: Any) -> Any:
+            dx = self.model.dynamics(t, HovercraftState(**dict(zip(READS, x, strict=True))), force)
+            return jnp.stack([getattr(dx, name) for name in READS])
+
+        return rk4(rate, 0.0, x, h)
+
+    def _program(self, x: Any, begin: Any, nominal: Any, before: Any) -> tuple[QuadraticProgram, Any]:
+        """The program in dU (stage by stage: thrust, angle), and what the nominal plan costs."""
+        flat = nominal.reshape(-1)
+        r = self._residuals(x, begin, flat)
+        J = jax.jacfwd(lambda plan: self._residuals(x, begin, plan))(flat)
+        rows = ChangeRows(2)
+        now = rows.times(flat) - jnp.concatenate([jnp.zeros_like(flat), before, jnp.zeros(len(flat) - 2)])
+        weights = (
+            jnp.concatenate([self._tile(self.effort, self.steering), self._tile(self.thrust_change, self.angle_change)])
+            ** 2
+        )
+        low, high, rate = self._limits()
+        steps = jnp.concatenate([rate * to_seconds(self.period), jnp.tile(rate * to_seconds(self.stage), STAGES - 1)])
+        return QuadraticProgram(
+            P=J.T @ J + rows.gram(weights) + self.damping * jnp.eye(len(flat)),
+            q=J.T @ r + rows.back(weights * now),
+            A=rows,
+            l=jnp.concatenate([jnp.tile(low, STAGES), -steps]) - now,
+            u=jnp.concatenate([jnp.tile(high, STAGES), steps]) - now,
+        ), r @ r + jnp.sum(weights * now**2)
+
+    def _tile(self, thrust: Any, angle: Any) -> Any:
+        return jnp.tile(jnp.stack([thrust, angle]), STAGES)
+
+    def _residuals(self, x: Any, begin: Any, plan: Any) -> Any:
+        """Weighted errors (8 STAGES,) at the end of each stage of a plan."""
+        h = to_seconds(self.stage)
+
+        def stage(x: Any, given: Any) -> tuple[Any, Any]:
+            k, move = given
+            x = self._fly(x, move, h)
+            weight = jnp.where(k == STAGES - 1, self.last, 1.0)
+            return x, weight * self._errors(x, self.reference.at(begin + (k + 1) * h))
+
+        return jax.lax.scan(stage, x, (jnp.arange(STAGES), plan.reshape(STAGES, 2)))[1].reshape(-1)
+
+    def _away(self, x: Any, wanted: Any) -> tuple[Any, Any]:
+        """Errors of place and velocity of P, (2,) in W."""
+        u, v, r, heading = x[0], x[1], x[2], x[3]
+        body, arm = planar(heading), self.model.percussion_arm
+        place = x[4:6] + arm * body[:, 0] - wanted.place
+        return place, body @ jnp.stack([u, v + arm * r]) - wanted.velocity
+
+    def _errors(self, x: Any, wanted: Any) -> Any:
+        """Weighted errors (8,) of a state (6,)."""
+        r, heading = x[2], x[3]
+        place, velocity = self._away(x, wanted)
+        push = wanted.acceleration - self.k1 * place - self.k2 * velocity
+        size = jnp.sqrt(push @ push + 1e-6)
+        a, j = wanted.acceleration, wanted.jerk
+        turning = (a[0] * j[1] - a[1] * j[0]) / (a @ a + self.least**2)
+        turned = jnp.where(wanted.has_heading, wrap(heading - wanted.heading), 0.0)
+        return jnp.concatenate(
+            [
+                self.position * place,
+                self.velocity * velocity,
+                self.aim * (size * planar(heading)[:, 0] - push),
+                jnp.stack([self.yaw * (r - turning), self.heading * turned]),
+            ]
+        )
+
+    def _tell(self, now: Any, x: Any, first: Any, found: QuadraticSolution, cost: Any) -> RecedingHorizonOutput:
+        wanted = self.reference.at(now)
+        place, velocity = self._away(x, wanted)
+        return RecedingHorizonOutput(
+            demand=_force(first),
+            thrust=first[0],
+            force_angle=first[1],
+            north_reference=wanted.place[0],
+            east_reference=wanted.place[1],
+            position_error=jnp.sqrt(place @ place),
+            velocity_error=jnp.sqrt(velocity @ velocity),
+            primal=found.primal,
+            dual=found.dual,
+            solved=found.solved,
+            infeasible=found.infeasible,
+            rho=found.rho,
+            cost=cost,
+        )
+
+
+def _force(move: Any) -> PlanarForce:
+    """In B, of thrust (N) and force angle (rad)."""
+    return PlanarForce(FX=move[0] * jnp.cos(move[1]), FY=-move[0] * jnp.sin(move[1]))

@@ -1,0 +1,86 @@
+"""Feedback of the whole state about a trim, with integral action: what `trimtab design --lqr` makes a gain for."""
+
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+
+from trimtab.core.errors import InputError
+from trimtab.core.record import option, part, quantity, record
+from trimtab.core.signals import Estimate, PlanarForce
+from trimtab.laws.state_vector import add_to_input, state_error
+
+PLANAR = ("surge_velocity", "sway_velocity", "yaw_rate", "heading")
+
+
+@record
+class StateFeedbackState:
+    """Integrals of the chosen errors. Source: this module."""
+
+    integrals: Any = quantity("1", "Each in its state's unit times a second.")
+
+
+@record
+class StateFeedbackOutput:
+    """What the law gives, and from what. Source: this module."""
+
+    demand: Any = part("Wanted input.")
+    error: Any = quantity("1", "Deviation of the state, each in its own unit.")
+    integrals: Any = quantity("1", "Each in its state's unit times a second.")
+
+
+@record
+class StateFeedback:
+    """Linear feedback about a trim (x0, u0).
+
+        u = u0 + K e + L z        e = x - x0        z' = e at the rows `integrated`, held within ± most
+
+    A quaternion among the states counts as its turn from x0's, in body axes, as in `design.coordinates`, so that K of
+    a body in space has a column less than the state has numbers. With x0 changed in flight it goes elsewhere.
+
+    Frames:  of the states; `turned` names fields of the attitude's outer frame whose errors are taken in body axes,
+             `places` those whose errors are taken in the body axes of x0.
+    Valid:   near (x0, u0), for which K was designed; angles are not wrapped.
+    Source:  B. D. O. Anderson, J. B. Moore, "Optimal control: linear quadratic methods", Prentice Hall 1990, chapters
+             3 and 4.
+    """
+
+    reads: tuple[str, ...] = option("Fields of the state, in the order of K's columns.", default=PLANAR)
+    K: Any = quantity("1", "Gain (m, n), the sign in it.", default=np.zeros((2, 4)))
+    x0: Any = quantity("1", "State where it rests, the fields' numbers one after another.", default=np.zeros(4))
+    u0: Any = part("Input there, the vehicle's record.", default=PlanarForce(0.0, 0.0))
+    integrated: tuple[int, ...] = option("Rows of e that are integrated.", default=())
+    L: Any = quantity("1", "Gain of the integrals (m, k).", default=np.zeros((2, 0)))
+    most: Any = quantity("1", "Most that each integral may become (k,).", default=np.zeros(0), low=0)
+    attitude: str = option("Field that is a quaternion, where `turned` or `places` names any.", default="")
+    turned: tuple[str, ...] = option("Fields whose errors are taken in body axes.", default=())
+    places: tuple[str, ...] = option("Fields whose errors are taken in the body axes of x0.", default=())
+    believed: Any = part("The vehicle that K is designed for, for the log to compare; or None.", default=None)
+
+    def check(self) -> None:
+        """Refuse gains that don't fit each other."""
+        K, L, k = np.shape(self.K), np.shape(self.L), len(self.integrated)
+        if len(K) != 2 or len(L) != 2 or (K[0], k) != L or np.shape(self.most) != (k,):
+            problem = f"K {K}, L {L}, most {np.shape(self.most)} and {k} integrals don't fit"
+            raise InputError("StateFeedback.K", problem, fix="give K (m, n), L (m, k) and most (k,)")
+        if any(not 0 <= row < K[1] for row in self.integrated):
+            raise InputError("StateFeedback.integrated", f"{self.integrated}", fix=f"name rows from 0 to {K[1] - 1}")
+
+    def init(self, key: Any) -> StateFeedbackState:
+        """No integral yet."""
+        return StateFeedbackState(jnp.zeros(len(self.integrated)))
+
+    def step(
+        self, t: Any, state: StateFeedbackState, estimate: Estimate
+    ) -> tuple[StateFeedbackState, StateFeedbackOutput]:
+        """The demand at integer time t."""
+        e = state_error(estimate.state, self.reads, self.x0, self.attitude, self.turned, self.places)
+        rows = [e[i] for i in self.integrated]
+        z = state.integrals
+        if rows:
+            z = jnp.clip(z + estimate.dt * jnp.stack(rows), -jnp.asarray(self.most), jnp.asarray(self.most))
+        change = jnp.asarray(self.K) @ e
+        if rows:
+            change = change + jnp.asarray(self.L) @ z
+        demand = add_to_input(self.u0, change)
+        return StateFeedbackState(z), StateFeedbackOutput(demand, e, z)

@@ -1,0 +1,77 @@
+"""An estimated state as the vector that a linear law multiplies, and a vector of inputs as the vehicle's record.
+
+A field of four numbers without a unit is a quaternion, and counts as the turn from the wanted one: three numbers, in
+body axes.
+"""
+
+from collections.abc import Sequence
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+
+from trimtab.core import quaternion
+from trimtab.core.quantity import Quantity, declarations
+
+
+def state_error(
+    state: Any,
+    names: Sequence[str],
+    point: Any,
+    attitude: str = "",
+    turned: Sequence[str] = (),
+    places: Sequence[str] = (),
+) -> Any:
+    """The deviation (n,) of the named fields of a state from the point, a vector of them in the same order.
+
+    Args:
+        state: of the estimate, a record.
+        names: of its fields, in order; numbers, vectors, a quaternion.
+        point: where it is wanted (k,), a quaternion with its four numbers.
+        attitude: the field that is a quaternion q_XB, where `turned` or `places` names any.
+        turned: fields in the frame X whose deviation is taken in body axes: velocities as they are, minus the point's
+            as it was at the point's attitude.
+        places: fields in the frame X whose deviation is taken in the body axes that the point has.
+    """
+    wanted = _split_point(state, names, point)
+    parts = []
+    for name in names:
+        own = jnp.asarray(getattr(state, name), jnp.float64)
+        if own.shape == (4,) and _has_no_unit(state, name):
+            parts.append(quaternion.local(wanted[name], own))
+        elif name in turned:
+            here, there = (quaternion.to_matrix(q).T for q in (getattr(state, attitude), wanted[attitude]))
+            parts.append(here @ own - there @ wanted[name])
+        elif name in places:
+            parts.append(quaternion.to_matrix(wanted[attitude]).T @ (own - wanted[name]))
+        else:
+            parts.append(jnp.ravel(own - wanted[name]))
+    return jnp.concatenate(parts)
+
+
+def _has_no_unit(state: Any, name: str) -> bool:
+    declared = declarations(state)[name]
+    return isinstance(declared, Quantity) and declared.unit == "1"
+
+
+def add_to_input(trim: Any, change: Any) -> Any:
+    """The input record of a trim with a vector (m,) added to its numbers, in declared order."""
+    values, tree = jax.tree.flatten(trim)
+    new, begin = [], 0
+    for own in values:
+        size = jnp.size(own)
+        new.append(own + jnp.reshape(change[begin : begin + size], jnp.shape(own)))
+        begin += size
+    return jax.tree.unflatten(tree, new)
+
+
+def _split_point(state: Any, names: Sequence[str], point: Any) -> dict[str, Any]:
+    wanted, begin = {}, 0
+    for name in names:
+        shape = jnp.shape(getattr(state, name))
+        size = 1
+        for edge in shape:
+            size *= edge
+        wanted[name] = jnp.reshape(jnp.asarray(point)[begin : begin + size], shape)
+        begin += size
+    return wanted

@@ -1,0 +1,75 @@
+"""Heading autopilot of a craft that steers by a rudder: a reference model, and PID about it."""
+
+from typing import Any
+
+import jax.numpy as jnp
+
+from trimtab.core.record import Scalar, quantity, record, tree_where
+from trimtab.core.rotation import wrap
+
+
+@record
+class SteeringState:
+    """What the autopilot remembers. Source: Fossen, "Handbook", 2021, section 15.3."""
+
+    began: Scalar = quantity("1", "Whether it has been asked before.", kind="flag", default=False)
+    heading: Scalar = quantity("rad", "Of the reference model.", kind="angle", default=0.0)
+    yaw_rate: Scalar = quantity("rad/s", "Of the reference model.", default=0.0)
+    integral: Scalar = quantity("rad s", "Of the heading's error.", default=0.0)
+
+
+@record
+class Steering:
+    """Turns to a heading by the rudder, along a smooth reference.
+
+        psi_d' = r_d,   r_d' = w^2 (psi_c - psi_d) - 2 z w r_d,   |r_d| <= fastest        psi_c: asked
+        delta = (U0/U)^2 (kp e + kd (r - r_d) + ki integral of e)          e = psi - psi_d, by the shortest way
+
+    The force of a rudder goes with the square of the speed, so the gains go with the inverse of it, from `slowest` up:
+    a rudder behind a screw has its stream also where the vessel is slow. The integral stands still while the rudder is
+    at its limit.
+
+    Frames:  positive rudder pushes the stern to starboard and turns to port, as SNAME has it.
+    Valid:   also for a craft that does not keep its course by itself; then kd must outweigh that.
+    Source:  T. I. Fossen, "Handbook of marine craft hydrodynamics and motion control", 2nd ed., 2021, section 15.3.
+    """
+
+    kp: Scalar = quantity("1", "Rudder per heading error.", default=1.0, low=0)
+    kd: Scalar = quantity("s", "Rudder per yaw rate.", default=0.9, low=0)
+    ki: Scalar = quantity("1/s", "Rudder per integral of the error.", default=0.05, low=0)
+    speed: Scalar = quantity("m/s", "U0, for which the gains are.", default=0.58, above=0)
+    slowest: Scalar = quantity("m/s", "Speed below which they grow no more.", default=0.58, above=0)
+    limit: Scalar = quantity("rad", "Most rudder.", kind="angle", default=0.6, above=0)
+    frequency: Scalar = quantity("rad/s", "w of the reference model.", default=2.0, above=0)
+    damping: Scalar = quantity("1", "z of the reference model.", default=1.0, above=0)
+    fastest: Scalar = quantity("rad/s", "Most yaw rate of the reference model.", default=0.35, above=0)
+
+    def init(self) -> SteeringState:
+        """Nothing asked yet."""
+        return SteeringState(jnp.asarray(False), jnp.asarray(0.0), jnp.asarray(0.0), jnp.asarray(0.0))
+
+    def steer(
+        self, state: SteeringState, asked: Any, heading: Any, yaw_rate: Any, speed: Any, dt: Any
+    ) -> tuple[SteeringState, Any]:
+        """Rudder (rad) for a heading asked, with the next state.
+
+        Args:
+            state: from the step before.
+            asked: heading (rad).
+            heading: heading (rad).
+            yaw_rate: rate of turn (rad/s).
+            speed: through the water ahead (m/s).
+            dt: since the step before (s).
+        """
+        first = SteeringState(jnp.asarray(True), heading, yaw_rate, jnp.zeros_like(heading))
+        s = tree_where(state.began, state, first)
+        w = self.frequency
+        turn = s.yaw_rate + dt * (w**2 * wrap(asked - s.heading) - 2 * self.damping * w * s.yaw_rate)
+        turn = jnp.clip(turn, -self.fastest, self.fastest)
+        wanted = s.heading + dt * turn
+        e = wrap(heading - wanted)
+        scale = (self.speed / jnp.maximum(speed, self.slowest)) ** 2
+        total = scale * (self.kp * e + self.kd * (yaw_rate - turn) + self.ki * s.integral)
+        rudder = jnp.clip(total, -self.limit, self.limit)
+        integral = s.integral + jnp.where(jnp.abs(total) < self.limit, dt * e, 0.0)
+        return SteeringState(jnp.asarray(True), wanted, turn, integral), rudder

@@ -1,0 +1,155 @@
+"""Path following of a car at constant speed: it steers at a virtual target that runs along the path before it.
+
+[1] is A. Micaelli, C. Samson, "Trajectory tracking for unicycle-type and two-steering-wheels mobile robots", INRIA
+report 2097, 1993.
+[2] is D. Soetanto, L. Lapierre, A. Pascoal, "Adaptive, non-singular path-following control of dynamic wheeled robots",
+42nd IEEE Conference on Decision and Control, 2003, 1765-1770.
+"""
+
+from typing import Any, ClassVar, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from trimtab.core.errors import InputError, argument
+from trimtab.core.record import Scalar, part, quantity, record, tree_where
+from trimtab.core.reference import Circle
+from trimtab.core.rotation import wrap
+from trimtab.core.signals import Estimate
+from trimtab.vehicles.dubins_car import CarTurn, DubinsCar
+
+SLOW = 0.05
+"""Pace (m/s) of a path below which it counts as that: so the target gets away from where a path rests."""
+REST = 1e-12
+"""Pace (m/s) of a path below which it has no direction."""
+BEGIN = 0.02
+"""s, of the path's own time: where it is taken to begin."""
+STEP = 0.02
+"""s, of the path's own time, between the instants at which its curvature is looked at before a run."""
+
+
+@record
+class VirtualTargetState:
+    """How far along the path the target is. Source: [2]."""
+
+    progress: Scalar = quantity("s", "The path's own time; below 0 before its beginning.", default=0.0)
+    tangent: Scalar = quantity("rad", "Direction of the path.", kind="angle", frame="W", default=0.0)
+
+
+@record
+class VirtualTargetOutput:
+    """What the law asks for, and why. Source: [2]."""
+
+    demand: CarTurn = part("Turn rate wanted.")
+    cross_track: Scalar = quantity("m", "How far the car is to the right of the target.")
+    along_track: Scalar = quantity("m", "How far ahead of it.")
+    heading_error: Scalar = quantity("rad", "From the path's direction, by the shortest way.", kind="angle")
+    lyapunov: Scalar = quantity("m^2", "V of the law.")
+    saturated: Scalar = quantity("1", "Whether it would turn more tightly than the car can.", kind="flag")
+    north_reference: Scalar = quantity("m", "The target.", frame="W")
+    east_reference: Scalar = quantity("m", "The target.", frame="W")
+    progress: Scalar = quantity("s", "The path's own time.")
+
+
+class _Tangent(NamedTuple):
+    """place (2,) (m), heading (rad), curvature (1/m), pace (m/s): length per own time of the path; whether it rests."""
+
+    place: Any
+    heading: Any
+    curvature: Any
+    pace: Any
+    rests: Any
+
+
+@record
+class VirtualTarget:
+    """Follows a path in place, not in time: the target runs as far along it as the car has come.
+
+        s' = V cos q + k1 a                                  how fast the target runs
+        r = kappa s' - g e V sin(q)/q - k2 q                 how fast the car turns
+
+    a and e: how far the car is ahead of the target and to the right of it, along the path's tangent; q: its heading
+    from that tangent; kappa: the path's curvature, positive to the right.
+
+    Stable: V = (a^2 + e^2)/2 + q^2/(2 g) has V' = -k1 a^2 - k2 q^2/g for any path and any start, while the turn is not
+    at its limit. On a straight path, linear: e'' + k2 e' + g V^2 e = 0.
+
+    Frames:  W; angles clockwise.    Valid: paths of a curvature less than the car's, which `check_duration` holds.
+    Source:  [2], without its approach angle; the turn is that of [1], for whom the target is the nearest point.
+    """
+
+    reads: ClassVar[tuple[str, ...]] = ("north", "east", "heading")
+
+    reference: Any = part("The path.", default=Circle(ease=0.0))
+    craft: DubinsCar = part("What it believes of the car.", default=DubinsCar())
+    k1: Scalar = quantity("1/s", "How soon the target is abreast again.", default=2.0, above=0)
+    k2: Scalar = quantity("1/s", "Turn rate per heading error.", default=2.5, above=0)
+    g: Scalar = quantity("1/m^2", "Heading per cross-track error, squared.", default=2.5, above=0)
+
+    def check_duration(self, seconds: float) -> None:
+        """Refuse a path that bends more than the car can within a run of that length."""
+        t = np.arange(0.0, seconds + STEP, STEP)
+        bend = np.abs(np.asarray(jax.vmap(lambda t: self._tangent(t, 0.0).curvature)(t)))
+        k = int(bend.argmax())
+        if bend[k] * float(self.craft.radius) > 1 + 1e-9:
+            problem = (
+                f"the car can't follow it: at {t[k]:.1f} s the path bends on a circle of {1 / bend[k]:.2f} m,"
+                f" and the car's tightest is {float(self.craft.radius):g} m"
+            )
+            fix = f"give a path with wider bends, e.g. {argument('reference', 'circle(radius=2, period=13 s)')}"
+            raise InputError("reference", problem, fix=fix)
+
+    def init(self, key: Any) -> VirtualTargetState:
+        """The target stands where the path begins."""
+        return VirtualTargetState(progress=BEGIN)
+
+    def step(
+        self, t: Any, state: VirtualTargetState, estimate: Estimate
+    ) -> tuple[VirtualTargetState, VirtualTargetOutput]:
+        """The turn at integer time t; the target stands still while the estimate is not valid."""
+        x, V = estimate.state, self.craft.speed
+        target = self._tangent(state.progress, state.tangent)
+        c, s = jnp.cos(target.heading), jnp.sin(target.heading)
+        north, east = x.north - target.place[0], x.east - target.place[1]
+        ahead, across, q = c * north + s * east, c * east - s * north, wrap(x.heading - target.heading)
+        along = jnp.where(target.rests, 0.0, ahead)
+        run = jnp.where(target.rests, V, V * jnp.cos(q) + self.k1 * along)
+        wanted = target.curvature * run - self.g * across * V * _sine_ratio(q) - self.k2 * q
+        turn = self.craft.limit(wanted)
+        output = VirtualTargetOutput(
+            demand=CarTurn(turn),
+            cross_track=across,
+            along_track=along,
+            heading_error=q,
+            lyapunov=(along**2 + across**2) / 2 + q**2 / (2 * self.g),
+            saturated=turn != wanted,
+            north_reference=target.place[0] + (ahead - along) * c,
+            east_reference=target.place[1] + (ahead - along) * s,
+            progress=state.progress,
+        )
+        new = VirtualTargetState(state.progress + estimate.dt * run / target.pace, target.heading)
+        return tree_where(estimate.valid, new, state), output
+
+    def _tangent(self, progress: Any, heading: Any) -> _Tangent:
+        """Of the path at a time of its own (s), with what is before its beginning; where it rests it has the heading.
+
+        It is looked at from `BEGIN` on: a path that sets out from rest has a direction there.
+        """
+        at = jnp.maximum(progress, BEGIN)
+        point = self.reference.at(at)
+        v, a = point.velocity, point.acceleration
+        pace = jnp.sqrt(v[0] ** 2 + v[1] ** 2)
+        rests = pace < REST
+        heading = jnp.where(rests, heading, jnp.arctan2(v[1], v[0]))
+        bend = jnp.where(progress < BEGIN, 0.0, (v[0] * a[1] - v[1] * a[0]) / jnp.maximum(pace, SLOW) ** 3)
+        pace = jnp.maximum(pace, SLOW)
+        before = pace * (progress - at)
+        place = point.place + before * jnp.stack([jnp.cos(heading), jnp.sin(heading)])
+        return _Tangent(place, heading, bend, pace, rests)
+
+
+def _sine_ratio(q: Any) -> Any:
+    """Of sin(q) and q (rad); 1 where q is none."""
+    small = jnp.abs(q) < 1e-4
+    return jnp.where(small, 1 - q**2 / 6, jnp.sin(q) / jnp.where(small, 1.0, q))

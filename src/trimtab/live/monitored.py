@@ -1,0 +1,51 @@
+"""The monitor inside a compiled autopilot: which formulas are broken, for people and for the flight's log.
+
+Source: docs pages, Fly and Monitor.
+"""
+
+from typing import NamedTuple
+
+from trimtab.compiler.compiled_block import CompiledBlock
+from trimtab.logs.robustness import VIOLATED, Assessment, format_robustness
+from trimtab.loop.scenario import Scenario
+
+
+class _Watched(NamedTuple):
+    """A formula. robustness, verdict: where they stand among the outputs of the step."""
+
+    name: str
+    text: str
+    unit: str
+    robustness: int
+    verdict: int
+
+
+class CompiledMonitor:
+    """The monitor of a compiled step; where there is none, nothing is ever broken."""
+
+    def __init__(self, scenario: Scenario, step: CompiledBlock) -> None:
+        """step: the compiled autopilot of this scenario."""
+        monitor, self._step = scenario.autopilot.monitor, step
+        self._watched: list[_Watched] = []
+        if monitor is not None:
+            inputs = {f"downlink{m.name.removeprefix('samples')}": m for m in step.text.inputs}
+            known = {**inputs, **{m.name: m for m in step.text.outputs}}
+            shapes = {path: m.shape for path, m in known.items()}
+            units = {path: m.declaration.unit for path, m in known.items() if m.declaration is not None}
+            for name, formula in monitor.fit_signals(shapes, units).items():
+                places = (step.writes[f"monitor.{name}.{field}"] for field in ("robustness", "verdict"))
+                self._watched.append(_Watched(name, formula.text, formula.unit, *places))
+        self._broken: set[str] = set()
+
+    def describe_changes(self) -> list[str]:
+        """What has been broken or is kept again since this was last asked, a line each."""
+        lines, outputs = [], self._step.outputs
+        for watched in self._watched:
+            is_broken = int(outputs[watched.verdict]) == VIOLATED
+            if is_broken == (watched.name in self._broken):
+                continue
+            self._broken ^= {watched.name}
+            number = format_robustness(Assessment(watched.text, float(outputs[watched.robustness]), watched.unit))
+            what = "VIOLATED" if is_broken else "kept again"
+            lines.append(f"monitor: {watched.name} {what}, robustness {number}: {watched.text}")
+        return lines

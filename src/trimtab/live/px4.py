@@ -1,0 +1,269 @@
+"""A virtual vehicle as the simulator that PX4's SITL connects to: it tells its sensors, and moves by what PX4 answers.
+
+PX4 in lockstep waits for each sample, and the vehicle for each answer, so that neither waits for a clock. Before the
+first answer, and where PX4 runs by the clock, samples come at their rate in real time. A connection that is made anew
+begins another flight.
+Source: docs page, PX4.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from time import monotonic
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+
+from trimtab.compiler.block import BlockDefinition
+from trimtab.compiler.compiled_block import compile_block
+from trimtab.core.record import Quantity, to_arrays
+from trimtab.core.rotation import from_euler
+from trimtab.core.time import ms, to_seconds
+from trimtab.environment.atmosphere import standard_atmosphere
+from trimtab.environment.geodetic import TangentPlane
+from trimtab.environment.magnetic import COLLEGE_PARK
+from trimtab.links.stream import StreamLink
+from trimtab.live.globe import parse_origin
+from trimtab.live.physics_log import PhysicsFlights, PhysicsSummary
+from trimtab.live.pulsed_vehicle import PulsedVehicle
+from trimtab.loop.scenario import Scenario
+from trimtab.run.command_pulses import PulseOutput
+from trimtab.wire.ardupilot_json import PhysicsState
+from trimtab.wire.mavlink import Endpoint
+from trimtab.wire.px4_simulator import (
+    CHANNELS,
+    INERTIAL,
+    MAGNETIC,
+    PER_MICROSECOND,
+    PRESSURES,
+    ControlFrame,
+    Surroundings,
+    fix_fields,
+    read_controls,
+    sensor_fields,
+    simulator_dialect,
+)
+
+ORIGIN = "38.9897,-76.9378,20"
+"""Where W is: PX4 knows the earth's field by place, so that it is where COLLEGE_PARK is the field."""
+STEP, SLOW_SAMPLES, FIX_SAMPLES = ms(4), 5, 25
+"""Time between samples of the inertial unit, as of PX4's own simulators; of the others, and of fixes, in samples."""
+START = ms(1000)
+"""The first sample's time, which PX4 takes for its own: at 0 it would count as none."""
+LISTEN_S, SILENCE_S = 0.1, 1.0
+"""How long a connection is waited for before somebody may ask it to end; how long an answer is, before time goes on."""
+RATE_NOISE, FORCE_NOISE, FIELD_NOISE, PRESSURE_NOISE = np.radians(2000 / 32768), 9.80665 / 2048, 1e-7, 1.0
+"""Standard deviations (rad/s, m/s², T, Pa). The first two are a step of PX4's simulated converters; the others are
+reconstructed. PX4 takes a sensor whose samples stay the same for a dead one."""
+SYSTEM, COMPONENT = 1, 200
+
+OWN_SIGNALS: Mapping[str, tuple[str, Quantity]] = {
+    "firmware.held": ("?", Quantity("1", "The vehicle is held: its pulses have not left their rest yet.", kind="flag")),
+    "px4.armed": ("?", Quantity("1", "PX4 is armed.", kind="flag")),
+    "px4.unanswered": ("i8", Quantity("1", "Samples so far that PX4 did not answer in time.", kind="count")),
+}
+"""What a row of its log has besides the world's."""
+
+
+@dataclass
+class AnswerTally:
+    """How many samples went, what came back. unanswered: after which time went on without PX4."""
+
+    samples: int = 0
+    answers: int = 0
+    unanswered: int = 0
+    malformed: int = 0
+    refused: int = 0
+
+
+class Px4Simulator:
+    """A vehicle that PX4 flies; `serve` runs it."""
+
+    def __init__(self, scenario: Scenario, vehicle: PulsedVehicle, link: StreamLink, *, seed: int = 0) -> None:
+        """For one `serve`. scenario, seed: of the vehicle, for its log and noise.  link: that PX4 connects to."""
+        self.scenario, self.vehicle, self.link, self.seed = scenario, vehicle, link, seed
+        self.tally = AnswerTally()
+        self._flights = PhysicsFlights(scenario, vehicle, OWN_SIGNALS, seed=seed, period=STEP)
+        self._around = compile_block(_surroundings_block())
+        self._spans = {c: pulse_span(o) for c, o in zip(vehicle.channels, vehicle.outputs, strict=True)}
+        self._begin_connection()
+
+    def _begin_connection(self) -> None:
+        self._endpoint = Endpoint(simulator_dialect(), SYSTEM, COMPONENT, unsigned=True)
+        self._noise = np.random.default_rng(self.seed)
+        self._last: ControlFrame | None = None
+        self._samples, self._due, self._is_in_step = 0, monotonic(), False
+
+    def serve(
+        self,
+        *,
+        duration: int | None = None,
+        log: Path | None = None,
+        stop: Callable[[], bool] = lambda: False,
+        tell: Callable[[str], None] = lambda _: None,
+    ) -> PhysicsSummary:
+        """Fly until `duration` (100 ns) after it was let go, or until stop() says so.
+
+        Args:
+            duration: None runs on without end.
+            log: file of its log; that of a second flight is called NAME-2, and so on.
+            stop: asked at every sample, and ten times a second.
+            tell: is given lines for people.
+        """
+        self._flights.file, self._flights.tell, connection = log, tell, -1
+        try:
+            while not (stop() or self._flights.problems or self._is_over(duration)):
+                if not self.link.statistics.connected:
+                    self.link.receive(LISTEN_S)
+                    continue
+                if connection != self.link.statistics.reconnects:
+                    connection = self.link.statistics.reconnects
+                    self._begin_flight()
+                self._send_sample()
+                self._move(self._await_answer(stop))
+        finally:
+            self._flights.close()
+        return self._flights.summarise(self.tally)
+
+    def _is_over(self, duration: int | None) -> bool:
+        release = self.vehicle.release_time
+        return duration is not None and release is not None and self.vehicle.body.t - release >= duration
+
+    def _now(self) -> int:
+        """Time as PX4 is told it."""
+        return START + self.vehicle.body.t
+
+    def _send_sample(self) -> None:
+        """What its sensors say now."""
+        state, t = self.vehicle.state(), self._now()
+        if not state.is_finite:
+            problem = f"its motion is no number any more, {to_seconds(self.vehicle.body.t):g} s into the flight"
+            self._flights.add_problem(problem)
+            return
+        around, updated = self._surroundings(state), INERTIAL
+        if self._samples % FIX_SAMPLES == 0:
+            self.link.send(self._endpoint.pack("HIL_GPS", fix_fields(t, state, around)))
+        if self._samples % SLOW_SAMPLES == 0:
+            updated |= MAGNETIC | PRESSURES
+        noisy, around = self._add_noise(state, around)
+        self.link.send(self._endpoint.pack("HIL_SENSOR", sensor_fields(t, noisy, around, updated)))
+        self._samples += 1
+        self.tally.samples += 1
+
+    def _surroundings(self, state: PhysicsState) -> Surroundings:
+        block = self._around
+        block.set_inputs({"p_WB": state.position, "attitude": state.attitude, "airspeed": state.airspeed})
+        block.step()
+        *numbers, field = (block.result(name) for name in Surroundings._fields)
+        return Surroundings(*map(float, numbers), field=field.tolist())
+
+    def _add_noise(self, state: PhysicsState, around: Surroundings) -> tuple[PhysicsState, Surroundings]:
+        force, rate, field = self._noise.standard_normal((3, 3))
+        noisy = state._replace(
+            specific_force=(np.asarray(state.specific_force) + FORCE_NOISE * force).tolist(),
+            angular_rate=(np.asarray(state.angular_rate) + RATE_NOISE * rate).tolist(),
+        )
+        spoilt = around._replace(
+            field=(np.asarray(around.field) + FIELD_NOISE * field).tolist(),
+            pressure=around.pressure + PRESSURE_NOISE * self._noise.standard_normal(),
+        )
+        return noisy, spoilt
+
+    def _await_answer(self, stop: Callable[[], bool]) -> ControlFrame | None:
+        """PX4's answer to the newest sample; None where none came in time, or PX4 runs by the clock and said nothing.
+
+        Answers to samples that went before PX4 waited for any are passed over, so that it is not a sample behind.
+        """
+        sent, is_locked = self._now() // PER_MICROSECOND, self._last is not None and self._last.is_locked
+        self._due = max(self._due + to_seconds(STEP), monotonic() - SILENCE_S)
+        until, newest = monotonic() + SILENCE_S if is_locked else self._due, None
+        while not stop() and self.link.statistics.connected and (left := until - monotonic()) > 0:
+            answer = self._take(self.link.receive(min(left, LISTEN_S)))
+            newest = answer or newest
+            if answer is None or not answer.is_locked:
+                continue
+            if self._is_in_step or answer.time >= sent:
+                self._is_in_step = True
+                return answer
+            until, is_locked = monotonic() + SILENCE_S, True
+        self._is_in_step = newest is not None and newest.is_locked
+        if is_locked and newest is None and self.link.statistics.connected and not stop():
+            self.tally.unanswered += 1
+            self._flights.report_once(f"PX4 did not answer a sample in {SILENCE_S:g} s: time goes on without it")
+        return newest
+
+    def _take(self, data: bytes | None) -> ControlFrame | None:
+        """The last answer that is in these bytes."""
+        answer = None
+        for message in self._endpoint.feed(data):
+            if message.name != "HIL_ACTUATOR_CONTROLS":
+                continue
+            frame = read_controls(message)
+            if isinstance(frame, str):
+                self.tally.malformed += 1
+                self._flights.report_once(f"refused an answer: {frame}")
+                continue
+            self.tally.answers += 1
+            answer = frame
+        counts = self._endpoint.counts
+        refused = counts.checksum + counts.downgraded + counts.garbage
+        if refused:
+            self.tally.refused += refused
+            counts.checksum = counts.downgraded = counts.garbage = 0
+            self._flights.report_once(
+                "refused bytes that are no MAVLink 2: is it PX4's simulator module that connects here?"
+            )
+        return answer
+
+    def _move(self, answer: ControlFrame | None) -> None:
+        """On by a step, under the newest answer; it stands still until there is one."""
+        if answer is not None:
+            if self._last is None:
+                self._flights.report(f"PX4 answers, {'in lockstep' if answer.is_locked else 'by the clock'}")
+            if self._last is None or answer.is_armed != self._last.is_armed:
+                self._flights.report("PX4 is armed" if answer.is_armed else "PX4 is disarmed")
+            self._last = answer
+            self.vehicle.set_pulses(self._pulses(answer))
+        self.vehicle.advance(self.vehicle.body.t + STEP, self._write_row)
+
+    def _pulses(self, answer: ControlFrame) -> Sequence[int]:
+        """Widths (µs) of what PX4 sets; none, which is safe, while it is not armed."""
+        pulses = [0] * CHANNELS
+        if answer.is_armed:
+            for channel, (rest, low, high) in self._spans.items():
+                control = min(max(answer.controls[channel - 1], -1.0), 1.0)
+                pulses[channel - 1] = round(1e6 * (rest + control * (high - rest if control >= 0 else rest - low)))
+        return pulses
+
+    def _begin_flight(self) -> None:
+        """The vehicle back at its first state, and another log."""
+        self._begin_connection()
+        self._flights.begin("somebody has connected")
+        self.vehicle.advance(0, self._write_row)
+
+    def _write_row(self, t: int) -> None:
+        """The row of the instant before t."""
+        is_held, is_armed = self.vehicle.release_time is None, self._last is not None and self._last.is_armed
+        self._flights.write_row(t, (is_held, is_armed, self.tally.unanswered))
+
+
+def pulse_span(o: PulseOutput) -> tuple[float, float, float]:
+    """Widths (s) of a control of 0, -1 and 1: rest and ends. A motor that rests at one end has no other way to turn."""
+    return o.safe, min(o.pulse.widths), max(o.pulse.widths)
+
+
+def _surroundings_block() -> BlockDefinition:
+    """`Surroundings` of a motion; the parameters say where W is."""
+
+    def step(p: Any, s: Any, now: Any) -> Any:
+        latitude, longitude, height = p.from_ned(now["p_WB"])
+        air = standard_atmosphere(height)
+        field = from_euler(*now["attitude"]).T @ jnp.asarray(COLLEGE_PARK)
+        dynamic = 0.5 * air.density * now["airspeed"] ** 2
+        return s, Surroundings(latitude, longitude, height, air.pressure, dynamic, air.temperature, field)._asdict()
+
+    first = {"p_WB": np.zeros(3), "attitude": np.zeros(3), "airspeed": np.float64(0.0)}
+    latitude, longitude, height = parse_origin(ORIGIN)
+    plane = TangentPlane(latitude=latitude, longitude=longitude, height=height)
+    return BlockDefinition("surroundings", "What is around a vehicle.", step, lambda p: (), to_arrays(plane), first)

@@ -1,0 +1,80 @@
+"""Two logs held against each other: where they first differ, and by how much at most, signal by signal.
+
+Instants that both have are compared, exactly: a NaN is equal to a NaN. It is for two flights, of which anything may
+differ, and tells all that does; whether two backends flew the same one, within roundings, is `run.replay.compare_logs`.
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from trimtab.core.errors import InputError, argument_name
+from trimtab.logs.log import Log
+
+
+class SignalDifference(NamedTuple):
+    """Of one signal. first_s, one, other: where it first differs, and both numbers there.  largest: difference."""
+
+    path: str
+    first_s: float
+    one: float
+    other: float
+    largest: float
+
+
+class LogDifference(NamedTuple):
+    """instants: that both have.  signals: that differ, the first one first.  compared: how many signals both have.
+
+    only_one, only_other: paths that the other log lacks.
+    """
+
+    instants: int
+    compared: int
+    signals: tuple[SignalDifference, ...]
+    only_one: tuple[str, ...]
+    only_other: tuple[str, ...]
+
+    @property
+    def equal(self) -> bool:
+        """Whether every signal that both have is the same at every instant that both have."""
+        return not self.signals
+
+
+def find_difference(one: Log, other: Log) -> LogDifference:
+    """Compare two logs.
+
+    Raises: InputError where they have no instant or no signal in common.
+    """
+    ticks, rows, others = np.intersect1d(one.ticks, other.ticks, assume_unique=True, return_indices=True)
+    both = [path for path in one.paths if path in other.signals and one[path].shape[1:] == other[path].shape[1:]]
+    if not len(ticks) or not both:
+        problem = "they have no instant in common" if both else "they have no signal in common"
+        raise InputError(
+            "compare", problem, fix=f"compare logs of one scenario, with the same {argument_name('log_period')}"
+        )
+    found = []
+    for path in both:
+        for name in one.numbers(path):
+            difference = _differ(name, one.t[rows], one[name][rows], other[name][others])
+            found += [] if difference is None else [difference]
+    shared = set(both)
+    return LogDifference(
+        instants=len(ticks),
+        compared=len(both),
+        signals=tuple(sorted(found, key=lambda difference: difference.first_s)),
+        only_one=tuple(path for path in one.paths if path not in shared),
+        only_other=tuple(path for path in other.paths if path not in shared),
+    )
+
+
+def _differ(path: str, t: Any, one: Any, other: Any) -> SignalDifference | None:
+    a, b = (np.asarray(x, np.float64).reshape(len(t), -1) for x in (one, other))
+    apart = ~((a == b) | (np.isnan(a) & np.isnan(b)))
+    if not apart.any():
+        return None
+    row = int(apart.any(axis=1).argmax())
+    column = int(apart[row].argmax())
+    with np.errstate(invalid="ignore"):
+        gaps = np.abs(a - b)[apart]
+    largest = float(np.max(np.where(np.isnan(gaps), np.inf, gaps)))
+    return SignalDifference(path, float(t[row]), float(a[row, column]), float(b[row, column]), largest)

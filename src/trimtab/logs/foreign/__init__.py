@@ -1,0 +1,5 @@
+"""Logs of other systems as logs of ours: PX4's ULog, ArduPilot's BIN, MCAP, ROS bags and CSV, by a mapping file."""
+
+from trimtab.logs.foreign.read import detect_format, is_own_log, list_topics, read_foreign
+
+__all__ = ["detect_format", "is_own_log", "list_topics", "read_foreign"]

@@ -1,0 +1,204 @@
+"""A table of a foreign log as a sensor's samples: rows chosen, times in order, values in SI and our axes."""
+
+from collections.abc import Iterable
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from trimtab.core.errors import InputError, closest
+from trimtab.core.quantity import Quantity
+from trimtab.core.time import UNITS_PER_SECOND
+from trimtab.core.units import UNITS, find_size, find_unit
+from trimtab.logs.foreign.mapping import FieldMap, GeodeticMap, TopicMap
+from trimtab.logs.foreign.tables import Table
+from trimtab.logs.samples import SampleSeries
+
+DISORDER = UNITS_PER_SECOND
+"""Rows that are this much (100 ns) older than one before them are no disorder of a logger: its clock began anew."""
+EQUATOR, FLATTENING = 6378137.0, 1 / 298.257223563
+"""WGS 84: radius at the equator (m), flattening."""
+
+
+class Conversion(NamedTuple):
+    """series: the samples.  counts: rows, and how many of them were put in order or left out, by reason."""
+
+    series: SampleSeries
+    counts: dict[str, int]
+
+
+def convert_table(where: str, table: Table, mapping: TopicMap) -> Conversion:
+    """The samples of one sensor.
+
+    Rows are sorted by time. Left out, and counted, are rows that are the same as another in time and values, and rows
+    with a value that is not finite.
+
+    Args:
+        where: names file and topic.
+        table: of the topic.
+        mapping: of the sensor.
+
+    Raises:
+        InputError: an unknown column or unit, no rows, times that jump back, or one time with two values.
+    """
+    chosen = _choose_rows(where, table, mapping)
+    ticks = _read_ticks(where, table, mapping)[chosen]
+    if not len(ticks):
+        rule = f" with {mapping.rows}" if mapping.rows else ""
+        raise InputError(where, f"has no rows{rule}", fix="map another topic, or record it")
+    values, declared = {}, {}
+    for name, field in mapping.fields.items():
+        values[name], declared[name] = _convert_field(where, table, mapping, name, field, chosen)
+    if mapping.geodetic is not None:
+        placed = _place(where, table, mapping.geodetic, chosen)
+        values |= placed
+        declared |= {name: Quantity("m", f"{name}, from latitude, longitude and altitude.") for name in placed}
+    counts = {"rows": len(ticks)}
+    ticks, values, counts["not_finite"] = _keep_finite(where, ticks, values)
+    values = {name: array.astype(declared[name].dtype()) for name, array in values.items()}
+    ticks, values, counts["out_of_order"], counts["duplicates"] = _order_rows(where, ticks, values, mapping)
+    for name, field in mapping.fields.items():
+        if field.unwrap or field.quaternion:
+            values[name] = np.unwrap(values[name], axis=0)
+    return Conversion(SampleSeries(ticks, values, declared), counts)
+
+
+def _column(where: str, table: Table, name: str, key: str) -> Any:
+    if name not in table.columns:
+        near = closest(name, table.columns, 1)
+        fix = f'{key}: "{near[0]}"' if near else f"name one of them in the mapping, in {key}"
+        raise InputError(where, f"has no column {name!r}, which {key} names", choices=table.columns, fix=fix)
+    column = np.asarray(table.columns[name])
+    if column.dtype.kind not in "biuf":
+        choices = [n for n, c in table.columns.items() if np.asarray(c).dtype.kind in "biuf"]
+        raise InputError(where, f"its column {name!r} holds no numbers", choices=choices, fix=f"in {key} name another")
+    return column
+
+
+def _choose_rows(where: str, table: Table, mapping: TopicMap) -> Any:
+    """Numbers of the rows that count."""
+    size = len(next(iter(table.columns.values()), ()))
+    mask = np.ones(size, bool)
+    for name, value in mapping.rows.items():
+        column = _column(where, table, name, f"{mapping.where}, where")
+        if size and not (column == value).any():
+            there = [f"{v:g}" for v in np.unique(column)[:12]]
+            raise InputError(where, f"in no row {name} is {value!r}", choices=there, fix=f"where = {{{name} = …}}")
+        mask &= column == value
+    return np.flatnonzero(mask)
+
+
+def _read_ticks(where: str, table: Table, mapping: TopicMap) -> Any:
+    """Times of all rows in 100 ns, int64 (n,): whole numbers of any unit exactly."""
+    field = mapping.time.field or table.time
+    key = f"{mapping.where}, time"
+    if not field:
+        fix = f'{key}: time = {{field = "…", unit = "s"}}'
+        raise InputError(where, "the mapping does not say which column the time is", choices=table.columns, fix=fix)
+    column = _column(where, table, field, key)
+    unit = mapping.time.unit or (table.time_unit if field == table.time else table.units.get(field, ""))
+    size = find_size(unit, "s") if unit else None
+    if size is None:
+        problem = f"{key} is in {unit!r}, which is no unit of time" if unit else f"{key} does not say its unit"
+        raise InputError(where, problem, choices=UNITS["s"], fix=f'time = {{field = "{field}", unit = "us"}}')
+    per_tick = round(1 / (size * UNITS_PER_SECOND)), round(size * UNITS_PER_SECOND)
+    if column.dtype.kind in "iu":
+        whole = column.astype(np.int64)
+        return (whole // per_tick[0] if per_tick[0] > 1 else whole * per_tick[1]) + mapping.time.offset
+    if len(column) and not np.isfinite(column).all():
+        row = int(np.argmin(np.isfinite(column)))
+        raise InputError(where, f"row {row + 1} of {field!r} is {column[row]}", fix="leave rows without a time out")
+    return np.round(column * (size * UNITS_PER_SECOND)).astype(np.int64) + mapping.time.offset
+
+
+def _convert_field(
+    where: str, table: Table, mapping: TopicMap, name: str, field: FieldMap, chosen: Any
+) -> tuple[Any, Quantity]:
+    key = f"{mapping.where}, {name}"
+    if field.constant is not None:
+        value, unit = np.asarray(field.constant), find_unit(key, field.unit or "1")
+        if value.dtype.kind not in "biuf":
+            raise InputError(key, f"constant = {field.constant!r} is no number", fix="constant = false, or 0.0")
+        same = np.broadcast_to(value * unit.scale, (len(chosen), *value.shape))
+        kind = "flag" if value.dtype.kind == "b" else unit.kind
+        return same, Quantity(unit.name, field.doc or "The same in every row.", kind=kind)
+    columns = [_column(where, table, column, key) for column in field.columns]
+    if field.quaternion:
+        w, x, y, z = (c[chosen].astype(np.float64) for c in columns)
+        yaw = np.arctan2(2 * (w * z + x * y), w * w + x * x - y * y - z * z)
+        unit = find_unit(key, field.unit or "rad")
+        return field.sign * yaw + field.offset * unit.scale, Quantity("rad", field.doc or f"Yaw of {field.columns[0]}.")
+    text = field.unit if field.unit is not None else _find_written_unit(where, table, key, field.columns)
+    unit = find_unit(key, text)
+    raw = np.stack([c[chosen] for c in columns], axis=1)
+    doc = field.doc or f"From {', '.join(field.columns)}."
+    values = (field.sign * raw.astype(np.float64) + field.offset) * unit.scale
+    return values[:, 0] if field.single else values, Quantity(unit.name, doc, kind=unit.kind)
+
+
+def _find_written_unit(where: str, table: Table, key: str, columns: Iterable[str]) -> str:
+    """The unit that the file itself says of its columns."""
+    written = {table.units.get(name, "") for name in columns}
+    if len(written) != 1 or not (unit := written.pop()):
+        problem = f"{key} says no unit, and the file says none for all of {', '.join(columns)}"
+        raise InputError(where, problem, fix='write e.g.  unit = "deg/s"; unit = "1" where there is none')
+    return unit
+
+
+def _place(where: str, table: Table, mapping: GeodeticMap, chosen: Any) -> dict[str, Any]:
+    """North and east (m), and down if there is an altitude, on the plane that touches the ellipsoid at the origin.
+
+    Good to 1e-4 of the distance within some kilometres.
+    """
+    names = {"latitude": mapping.latitude, "longitude": mapping.longitude}
+    scale = find_unit(where, mapping.unit).scale
+    phi, lam = (_column(where, table, n, f"geodetic.{k}")[chosen] * scale for k, n in names.items())
+    finite = np.flatnonzero(np.isfinite(phi) & np.isfinite(lam))
+    first = finite[0] if len(finite) else 0
+    phi0, lam0 = np.deg2rad(mapping.origin[:2]) if mapping.origin else (phi[first], lam[first])
+    e2 = FLATTENING * (2 - FLATTENING)
+    bend = 1 - e2 * np.sin(phi0) ** 2
+    meridian, normal = EQUATOR * (1 - e2) / bend**1.5, EQUATOR / np.sqrt(bend)
+    east = (lam - lam0 + np.pi) % (2 * np.pi) - np.pi
+    placed = {"north": meridian * (phi - phi0), "east": normal * np.cos(phi0) * east}
+    if mapping.altitude:
+        height = _column(where, table, mapping.altitude, "geodetic.altitude")[chosen]
+        height = height * find_unit(where, mapping.altitude_unit).scale
+        placed["down"] = (mapping.origin[2] if len(mapping.origin) == 3 else height[first]) - height
+    return placed
+
+
+def _keep_finite(where: str, ticks: Any, values: dict[str, Any]) -> tuple[Any, dict[str, Any], int]:
+    sound = np.ones(len(ticks), bool)
+    for array in values.values():
+        sound &= np.isfinite(array).reshape(len(ticks), -1).all(axis=1)
+    if not sound.any():
+        bad = [name for name, array in values.items() if not np.isfinite(array).any()]
+        raise InputError(where, f"in no row all values are finite: {', '.join(bad or values)}", fix="map other columns")
+    return ticks[sound], {name: array[sound] for name, array in values.items()}, int((~sound).sum())
+
+
+def _order_rows(
+    where: str, ticks: Any, values: dict[str, Any], mapping: TopicMap
+) -> tuple[Any, dict[str, Any], int, int]:
+    """Rows by time, each once; how many were not in order, and how many were the same as another."""
+    late = np.maximum.accumulate(ticks) - ticks
+    if late.max() >= DISORDER:
+        row = int(np.argmax(late >= DISORDER))
+        problem = f"its times jump back by {late[row] / UNITS_PER_SECOND:g} s at row {row + 1}"
+        raise InputError(where, problem, fix="cut the log there, or map a column of times that rises")
+    order = np.argsort(ticks, kind="stable")
+    ticks, values = ticks[order], {name: array[order] for name, array in values.items()}
+    again = np.flatnonzero(np.diff(ticks) == 0) + 1
+    for name, array in values.items():
+        other = [k for k in again if not np.array_equal(array[k], array[k - 1])]
+        if other:
+            k = other[0]
+            problem = f"{len(other)} rows have the time of another and another {name}, the first at"
+            problem += f" {ticks[k] / UNITS_PER_SECOND:.7f} s: {array[k - 1]}, then {array[k]}"
+            fix = (
+                f"choose the rows of one sensor: in {mapping.where}  where = {{I = 0}}; or map another column of times"
+            )
+            raise InputError(where, problem, fix=fix)
+    keep = np.ones(len(ticks), bool)
+    keep[again] = False
+    return ticks[keep], {name: array[keep] for name, array in values.items()}, int((late > 0).sum()), len(again)

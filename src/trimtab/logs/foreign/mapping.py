@@ -1,0 +1,248 @@
+"""The mapping file: which columns of a foreign log are the samples of which sensor, in which unit. TOML, only data.
+
+    [sensor.imu]
+    topic = "sensor_combined"
+    time = {field = "timestamp", unit = "us"}
+
+    [sensor.imu.fields]
+    angular_rate = {from = ["gyro_rad[0]", "gyro_rad[1]", "gyro_rad[2]"], unit = "rad/s"}
+
+    [truth]                                 # may be left out; as a sensor
+    topic = "vehicle_attitude"
+    [truth.fields]
+    heading = {quaternion = ["q[0]", "q[1]", "q[2]", "q[3]"]}
+
+Docs page, Foreign logs, says what each key means.
+"""
+
+import os
+import tomllib
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from trimtab.core.errors import InputError, closest
+from trimtab.core.time import parse_time
+from trimtab.core.units import find_unit
+
+TRUTH_SECTION = "truth"
+KEYS = ("sensor", TRUTH_SECTION)
+TOPIC_KEYS = ("topic", "time", "where", "fields", "geodetic")
+TIME_KEYS = ("field", "unit", "offset")
+FIELD_KEYS = ("from", "unit", "sign", "offset", "quaternion", "constant", "unwrap", "doc")
+GEODETIC_KEYS = ("latitude", "longitude", "altitude", "unit", "altitude_unit", "origin")
+SOURCES = ("from", "quaternion", "constant")
+EXAMPLE = 'angular_rate = {from = ["gx", "gy", "gz"], unit = "deg/s"}'
+
+
+class TimeMap(NamedTuple):
+    """field: column of times, or nothing for the format's own.  unit: of it.  offset: 100 ns, added to each."""
+
+    field: str = ""
+    unit: str = ""
+    offset: int = 0
+
+
+class FieldMap(NamedTuple):
+    """One field of a sensor: (sign * column + offset) in its unit, then in SI.
+
+    columns: one for each component; none where it is a constant.  unit: as written, None where it isn't.
+    sign, offset: (k,) or one for all.  single: a value is a number, not a list of k.
+    quaternion: the columns are w, x, y, z of a rotation, the field is its yaw.  constant: a value for every row.
+    unwrap: count full turns.  doc: what it means.
+    """
+
+    columns: tuple[str, ...]
+    unit: str | None
+    sign: Any
+    offset: Any
+    single: bool
+    quaternion: bool
+    constant: Any
+    unwrap: bool
+    doc: str
+
+
+class GeodeticMap(NamedTuple):
+    """Latitude and longitude that become north and east (m), and down of the altitude, from an origin on.
+
+    origin: latitude and longitude (deg), and altitude (m) if given; empty for the first row.
+    """
+
+    latitude: str
+    longitude: str
+    altitude: str
+    unit: str
+    altitude_unit: str
+    origin: tuple[float, ...]
+
+
+class TopicMap(NamedTuple):
+    """A sensor, or the truth.  where: its section.  rows: column -> the value of the rows that count."""
+
+    where: str
+    topic: str
+    time: TimeMap
+    rows: Mapping[str, Any]
+    fields: Mapping[str, FieldMap]
+    geodetic: GeodeticMap | None
+
+
+class LogMapping(NamedTuple):
+    """sensors: by the name that an estimator listens to.  truth: None where there is none.  content: as written."""
+
+    sensors: Mapping[str, TopicMap]
+    truth: TopicMap | None
+    content: Mapping[str, Any]
+
+
+def read_mapping(path: str | os.PathLike[str]) -> LogMapping:
+    """Read a mapping file.
+
+    Raises:
+        InputError: a file that can't be read, or says what a mapping doesn't.
+    """
+    where = f"mapping '{path}'"
+    try:
+        content = tomllib.loads(Path(path).read_text(encoding="utf-8"))
+    except OSError as error:
+        raise InputError(where, f"cannot be read: {error.strerror or error}", fix="check the path") from None
+    except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
+        raise InputError(where, f"is not TOML: {error}", fix="mend that line; an example is in docs/logs") from None
+    return parse_mapping(content, where)
+
+
+def parse_mapping(content: Mapping[str, Any], where: str = "mapping") -> LogMapping:
+    """A mapping from the content of its file, as `tomllib` gives it.
+
+    Raises:
+        InputError: it names no sensor, or says what a mapping doesn't.
+    """
+    _check_keys(where, content, KEYS)
+    sensors = _take(where, content, "sensor", dict, {})
+    if not sensors:
+        fix = f"write  [sensor.imu]  with topic, time and  [sensor.imu.fields]  {EXAMPLE}"
+        raise InputError(where, "names no sensor", fix=fix)
+    made = {name: _parse_topic(f"{where}, [sensor.{name}]", _take(where, sensors, name, dict)) for name in sensors}
+    for name in made:
+        if not name.isidentifier():
+            raise InputError(f"{where}, [sensor.{name}]", "is no name", fix="letters, digits and _, e.g. [sensor.imu]")
+    truth = content.get(TRUTH_SECTION)
+    known = None if truth is None else _parse_topic(f"{where}, [truth]", _take(where, content, TRUTH_SECTION, dict))
+    return LogMapping(made, known, content)
+
+
+def _parse_topic(where: str, table: Mapping[str, Any]) -> TopicMap:
+    _check_keys(where, table, TOPIC_KEYS)
+    fields = _take(where, table, "fields", dict, {})
+    geodetic = _take(where, table, "geodetic", dict, None)
+    rows = _take(where, table, "where", dict, {})
+    for name, value in rows.items():
+        if not isinstance(value, int | float):
+            raise InputError(f"{where}, where", f"{name} = {value!r} is no number", fix=f"where = {{{name} = 0}}")
+    if not fields and geodetic is None:
+        raise InputError(where, "has no fields", fix=f"write below it  {EXAMPLE}")
+    return TopicMap(
+        where,
+        _take(where, table, "topic", str, ""),
+        _parse_time_map(f"{where}, time", _take(where, table, "time", dict, {})),
+        rows,
+        {name: _parse_field(f"{where}, {name}", _take(where, fields, name, dict)) for name in fields},
+        None if geodetic is None else _parse_geodetic(f"{where}, geodetic", geodetic),
+    )
+
+
+def _parse_time_map(where: str, table: Mapping[str, Any]) -> TimeMap:
+    _check_keys(where, table, TIME_KEYS)
+    offset = parse_time(str(table.get("offset", 0)))
+    return TimeMap(_take(where, table, "field", str, ""), _take(where, table, "unit", str, ""), offset)
+
+
+def _parse_field(where: str, table: Mapping[str, Any]) -> FieldMap:
+    _check_keys(where, table, FIELD_KEYS)
+    sources = [key for key in SOURCES if key in table]
+    if len(sources) != 1:
+        problem = f"says {' and '.join(sources)}" if sources else "does not say where it comes from"
+        raise InputError(where, problem, choices=SOURCES, fix=f"one of them, e.g. {EXAMPLE}")
+    source = table.get("from", table.get("quaternion", []))
+    columns = _texts(where, sources[0], [source] if isinstance(source, str) else source)
+    is_quaternion = "quaternion" in table
+    if not columns and "constant" not in table:
+        raise InputError(where, "names no columns", fix=f"e.g. {EXAMPLE}")
+    if is_quaternion and len(columns) != 4:
+        problem = f"its quaternion has {len(columns)} columns"
+        raise InputError(where, problem, fix='name w, x, y, z in this order: quaternion = ["q[0]", "q[1]", …]')
+    single = is_quaternion or isinstance(source, str)
+    unit = _take(where, table, "unit", str, None)
+    if unit is not None:
+        find_unit(f"{where}, unit", unit)
+    size = 1 if single else len(columns)
+    return FieldMap(
+        columns=columns,
+        unit=unit,
+        sign=_components(where, "sign", table.get("sign", 1), size),
+        offset=_components(where, "offset", table.get("offset", 0), size),
+        single=single,
+        quaternion=is_quaternion,
+        constant=table.get("constant"),
+        unwrap=_take(where, table, "unwrap", bool, False),
+        doc=_take(where, table, "doc", str, ""),
+    )
+
+
+def _parse_geodetic(where: str, table: Mapping[str, Any]) -> GeodeticMap:
+    _check_keys(where, table, GEODETIC_KEYS)
+    origin = _numbers(where, "origin", table.get("origin", []))
+    if len(origin) not in (0, 2, 3):
+        problem = f"its origin has {len(origin)} numbers"
+        raise InputError(where, problem, fix="origin = [latitude, longitude] in degrees, or with altitude in m")
+    units = {key: _take(where, table, key, str, default) for key, default in (("unit", "deg"), ("altitude_unit", "m"))}
+    for key, unit in units.items():
+        find_unit(f"{where}, {key}", unit)
+    for key in ("latitude", "longitude"):
+        if key not in table:
+            raise InputError(where, f"does not say {key}", fix='geodetic = {latitude = "Lat", longitude = "Lng"}')
+    names = {key: _take(where, table, key, str, "") for key in ("latitude", "longitude", "altitude")}
+    return GeodeticMap(**names, **units, origin=origin)
+
+
+def _components(where: str, key: str, value: Any, size: int) -> Any:
+    """One number for all components, or one for each."""
+    numbers = _numbers(where, key, value if isinstance(value, list) else [value])  # pyright: ignore[reportUnknownArgumentType]
+    if len(numbers) not in (1, size):
+        raise InputError(where, f"{key} has {len(numbers)} numbers, the columns are {size}", fix="give one for each")
+    return numbers[0] if len(numbers) == 1 else np.array(numbers)
+
+
+def _numbers(where: str, key: str, value: Any) -> tuple[float, ...]:
+    several: list[Any] = list(value) if isinstance(value, Sequence) and not isinstance(value, str) else [None]  # pyright: ignore[reportUnknownArgumentType]
+    if any(isinstance(v, bool) or not isinstance(v, int | float) for v in several):
+        raise InputError(where, f"{key} = {value!r} is no list of numbers", fix=f"{key} = [1, -1, -1]")
+    return tuple(several)
+
+
+def _texts(where: str, key: str, value: Any) -> tuple[str, ...]:
+    several: list[Any] = list(value) if isinstance(value, list) else [None]  # pyright: ignore[reportUnknownArgumentType]
+    if not all(isinstance(v, str) for v in several):
+        raise InputError(where, f"{key} = {value!r} names no columns", fix=f'{key} = ["x", "y", "z"]')
+    return tuple(several)
+
+
+def _take(where: str, table: Mapping[str, Any], key: str, kind: type, *default: Any) -> Any:
+    """A value of a kind, or the default."""
+    if key not in table and default:
+        return default[0]
+    if not isinstance(table.get(key), kind):
+        words = {dict: "a table: {…}", str: 'a text: "…"', bool: "true or false"}
+        raise InputError(f"{where}, {key}", f"is {table.get(key)!r}", fix=f"it is {words[kind]}")
+    return table[key]
+
+
+def _check_keys(where: str, table: Mapping[str, Any], known: Sequence[str]) -> None:
+    for key in table:
+        if key not in known:
+            near = closest(key, known, 1)
+            fix = f"write {near[0]}" if near else "leave it out"
+            raise InputError(where, f"{key!r} is no key of it", choices=known, fix=fix)

@@ -1,0 +1,155 @@
+"""Which format a file has, and its log by way of a mapping.
+
+CSV needs no package and is read here: a line of names, which may say units, and a line of numbers an instant.
+"""
+
+import os
+from collections.abc import Callable, Iterable, Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from trimtab.core.errors import InputError
+from trimtab.core.time import to_seconds
+from trimtab.core.units import find_size
+from trimtab.logs.contents import MAGIC, parse_contents
+from trimtab.logs.foreign.ardupilot import list_bin, read_bin
+from trimtab.logs.foreign.convert import convert_table
+from trimtab.logs.foreign.mapping import LogMapping, TopicMap, read_mapping
+from trimtab.logs.foreign.ros import list_bag, list_mcap, read_bag, read_mcap_topics
+from trimtab.logs.foreign.tables import Table, TopicSummary, name_file, summarise_rows
+from trimtab.logs.foreign.ulog import list_ulog, read_ulog
+from trimtab.logs.log import Log
+from trimtab.logs.messages import LAYOUT, RUN
+from trimtab.logs.samples import TIMES, TRUTH, SampleSeries, log_samples, read_columns
+
+
+def list_csv(path: Path) -> list[TopicSummary]:
+    """A CSV file in a line, under its own name."""
+    table = _read_table(path)
+    scale = find_size(table.time_unit, "s") or 1.0
+    seconds = table.columns[table.time] * scale if table.time else []
+    count = len(next(iter(table.columns.values())))
+    return [summarise_rows(path.name, list(table.columns), seconds)._replace(rows=count)]
+
+
+def read_csv_topics(path: Path, topics: Iterable[str]) -> dict[str, Table]:
+    """The file's table, under whatever a mapping calls its topic; a topic that ends in .csv is a file beside it."""
+    files = {topic: path.with_name(topic) if topic.lower().endswith(".csv") else path for topic in topics}
+    tables = {file: _read_table(file) for file in set(files.values())}
+    return {topic: tables[file] for topic, file in files.items()}
+
+
+def _read_table(path: Path) -> Table:
+    names, units, rows = read_columns(path, gaps=True)
+    columns = {name: rows[:, i] for i, name in enumerate(names)}
+    said = {name: unit for name, unit in zip(names, units, strict=True) if unit}
+    time = next((name for name in names if name.lower() in TIMES), "")
+    return Table(columns, said, time, said.get(time, "s") if time else "")
+
+
+class LogFormat(NamedTuple):
+    """A foreign format: its name, how its files begin and end, and what reads them."""
+
+    name: str
+    magic: bytes
+    suffixes: tuple[str, ...]
+    list_topics: Callable[[Path], list[TopicSummary]]
+    read_topics: Callable[[Path, Iterable[str]], Mapping[str, Table]]
+
+
+ULOG = LogFormat("ULog", b"ULog\x01\x12\x35", (".ulg",), list_ulog, read_ulog)
+BIN = LogFormat("ArduPilot BIN", b"\xa3\x95\x80", (".bin",), list_bin, read_bin)
+MCAP = LogFormat("MCAP", MAGIC, (".mcap",), list_mcap, read_mcap_topics)
+ROSBAG2 = LogFormat("rosbag2", b"", (), list_bag, read_bag)
+ROSBAG = LogFormat("ROS bag", b"#ROSBAG V2.0", (".bag",), list_bag, read_bag)
+CSV = LogFormat("CSV", b"", (".csv", ".txt"), list_csv, read_csv_topics)
+FORMATS = (ULOG, BIN, MCAP, ROSBAG2, ROSBAG, CSV)
+HEAD_BYTES = 1 << 20
+"""Of a log of ours: within them it says what it is."""
+
+
+def detect_format(path: str | os.PathLike[str]) -> LogFormat:
+    """The format of a file, or of a folder of rosbag2, by how it begins.
+
+    Raises:
+        InputError: no such file, an empty one, or none of these formats.
+    """
+    file, where = Path(path), name_file(Path(path))
+    if file.is_dir():
+        if (file / "metadata.yaml").is_file():
+            return ROSBAG2
+        fix = "give the file in it, or the folder of a rosbag2, which holds metadata.yaml"
+        raise InputError(where, "is a folder without metadata.yaml", fix=fix)
+    try:
+        with open(file, "rb") as stream:
+            head = stream.read(16)
+    except OSError as error:
+        raise InputError(where, f"cannot be read: {error.strerror or error}", fix="check the path") from None
+    if not head:
+        raise InputError(where, "is empty", fix="copy it again from where it was recorded")
+    for one in FORMATS:
+        if one.magic and head.startswith(one.magic):
+            return one
+    by_name = next((one for one in FORMATS if file.suffix.lower() in one.suffixes), None)
+    if by_name is CSV:
+        return CSV
+    if file.suffix == ".db3":
+        raise InputError(where, "is one part of a rosbag2", fix=f"give its folder: {file.parent}")
+    problem = f"is no {by_name.name} file, though its name ends so" if by_name else "has none of the known formats"
+    fix = "a text of columns must be called .csv; other formats convert to one of these first"
+    raise InputError(where, f"{problem}: it begins with {head[:8]!r}", choices=[f.name for f in FORMATS], fix=fix)
+
+
+def is_own_log(path: str | os.PathLike[str]) -> bool:
+    """Whether a file is a log of trimtab; also where it is of no known format: `read_mcap` says what is wrong then."""
+    try:
+        kind = detect_format(path)
+        if kind is not MCAP:
+            return False
+        with open(path, "rb") as stream:
+            return bool(parse_contents(path, stream.read(HEAD_BYTES)).metadata.keys() & {LAYOUT, RUN})
+    except InputError:
+        return True
+
+
+def list_topics(path: str | os.PathLike[str]) -> list[TopicSummary]:
+    """The topics of a foreign log, with fields, counts and rates.
+
+    Raises:
+        InputError: a file that can't be read.
+    """
+    return detect_format(path).list_topics(Path(path))
+
+
+def read_foreign(path: str | os.PathLike[str], mapping: str | os.PathLike[str] | LogMapping) -> Log:
+    """A foreign log as one of ours, as `logs.samples.log_samples` makes it: what a replay of an estimator needs.
+
+    Its metadata say the format, the mapping, when the first row was on the foreign clock (``start_s``), and of each
+    sensor under ``converted`` its rows, and how many were out of order, duplicates or not finite.
+
+    Args:
+        path: a ULog, BIN, MCAP, bag or CSV file, or the folder of a rosbag2.
+        mapping: a mapping file, or what `read_mapping` gives.
+
+    Raises:
+        InputError: names the file, the topic and the column, and what to write instead.
+    """
+    file, kind = Path(path), detect_format(path)
+    chosen = mapping if isinstance(mapping, LogMapping) else read_mapping(mapping)
+    every: dict[str, TopicMap] = dict(chosen.sensors)
+    if chosen.truth is not None:
+        every[f"[{TRUTH}]"] = chosen.truth
+    for one in every.values():
+        if not one.topic and kind is not CSV:
+            names = [summary.name for summary in kind.list_topics(file)]
+            raise InputError(one.where, "names no topic", choices=names, fix='topic = "…"')
+    tables = kind.read_topics(file, {one.topic for one in every.values()})
+    series: dict[str, SampleSeries] = {}
+    counts: dict[str, Any] = {}
+    for name, one in every.items():
+        topic = f", topic {one.topic!r}" if one.topic else ""
+        series[name], counts[name.strip("[]")] = convert_table(name_file(file) + topic, tables[one.topic], one)
+    truth = series.pop(f"[{TRUTH}]", None)
+    start = min(int(s.ticks[0]) for s in series.values())
+    about = {"file": file.name, "format": kind.name, "start_s": float(to_seconds(start))}
+    return log_samples(series, truth, about | {"converted": counts, "mapping": chosen.content})

@@ -1,0 +1,179 @@
+"""MCAP files with JSON or ROS 2 messages, and ROS bags: a folder of rosbag2, or one .bag file of ROS 1.
+
+Fields are named as in the message, ``angular_velocity.x``, arrays by index; ``header.stamp`` is one number of ns, and
+``log_time`` the time at which the message was written down.
+"""
+
+import json
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+from trimtab.core.errors import InputError
+from trimtab.logs.foreign.tables import (
+    LOG_TIME,
+    Table,
+    TopicSummary,
+    flatten_message,
+    import_package,
+    name_file,
+    refuse_damage,
+    refuse_topic,
+    stack_messages,
+    summarise_rows,
+)
+
+Decode = Callable[[bytes], Any]
+Message = tuple[str, int, Decode | None, bytes]
+"""Topic, time in ns, what decodes it, if there is such, and its bytes."""
+LISTED = 20
+"""Messages of a topic that are decoded to list its fields."""
+
+
+def list_mcap(path: Path) -> list[TopicSummary]:
+    """Every topic of an MCAP file; those in other encodings have no fields."""
+    return _summarise_messages(_read_all(path, "MCAP", _mcap_messages(path, None), LISTED))
+
+
+def read_mcap_topics(path: Path, topics: Iterable[str]) -> dict[str, Table]:
+    """Tables of some topics of an MCAP file.
+
+    Raises:
+        InputError: no such topic, messages in another encoding than JSON and CDR, or a damaged file.
+    """
+    wanted = set(topics)
+    grouped = _read_all(path, "MCAP", _mcap_messages(path, wanted))
+    return _stack_topics(path, wanted, grouped, list_mcap)
+
+
+def list_bag(path: Path) -> list[TopicSummary]:
+    """Every topic of a bag."""
+    return _summarise_messages(_read_all(path, "a ROS bag", _bag_messages(path, None), LISTED))
+
+
+def read_bag(path: Path, topics: Iterable[str]) -> dict[str, Table]:
+    """Tables of some topics of a bag.
+
+    Raises:
+        InputError: no such topic, a type of message that nobody says, or a damaged bag.
+    """
+    wanted = set(topics)
+    return _stack_topics(path, wanted, _read_all(path, "a ROS bag", _bag_messages(path, wanted)), list_bag)
+
+
+def _read_all(
+    path: Path, kind: str, messages: Iterator[Message], most: int | None = None
+) -> dict[str, list[tuple[int, Any]]]:
+    """Topic -> time of each message, and its flat content: of the first `most`, and where it can be decoded."""
+    grouped: dict[str, list[tuple[int, Any]]] = {}
+    try:
+        for topic, time, decode, data in messages:
+            several = grouped.setdefault(topic, [])
+            if decode is None or (most is not None and len(several) >= most):
+                several.append((time, None))
+            else:
+                several.append((time, dict(flatten_message(decode(data)))))
+    except InputError:
+        raise
+    except Exception as error:  # whatever a library raises over damaged bytes, the answer names the file
+        refuse_damage(name_file(path), kind, error)
+    return grouped
+
+
+def _summarise_messages(grouped: Mapping[str, list[tuple[int, Any]]]) -> list[TopicSummary]:
+    found = []
+    for topic, messages in sorted(grouped.items()):
+        names = list(dict.fromkeys(name for _, flat in messages if flat for name in flat))
+        fields = [*names, LOG_TIME] if names else []
+        first = messages[0][0]
+        found.append(summarise_rows(topic, fields, [(time - first) * 1e-9 for time, _ in messages]))
+    return found
+
+
+def _stack_topics(
+    path: Path, wanted: set[str], grouped: dict[str, list[tuple[int, Any]]], list_all: Callable[[Path], Any]
+) -> dict[str, Table]:
+    tables = {}
+    for topic in wanted:
+        if topic not in grouped:
+            refuse_topic(name_file(path), topic, [summary.name for summary in list_all(path)])
+        times = [time for time, _ in grouped[topic]]
+        messages = [flat for _, flat in grouped[topic]]
+        if any(flat is None for flat in messages):
+            problem = "its messages are neither JSON nor ROS 2 CDR with a schema that says their fields"
+            fix = "convert it, e.g. with  ros2 bag convert, or to CSV"
+            raise InputError(f"{name_file(path)}, topic {topic!r}", problem, fix=fix)
+        tables[topic] = stack_messages(name_file(path), topic, messages, times)
+    return tables
+
+
+def _mcap_messages(path: Path, topics: set[str] | None) -> Iterator[Message]:
+    """In the order of the file, so that also what a crash left without an index is read."""
+    from mcap.exceptions import EndOfFile
+    from mcap.reader import NonSeekingReader
+
+    decoders: dict[int, Decode | None] = {}
+    with open(path, "rb") as stream:
+        messages = NonSeekingReader(stream).iter_messages(topics=topics, log_time_order=False)
+        while True:
+            try:
+                schema, channel, message = next(messages)
+            except (StopIteration, EndOfFile):
+                return
+            if channel.id not in decoders:
+                decoders[channel.id] = _find_decoder(path, channel.message_encoding, schema)
+            yield channel.topic, message.log_time, decoders[channel.id], message.data
+
+
+def _find_decoder(path: Path, encoding: str, schema: Any) -> Decode | None:
+    if encoding == "json":
+        return json.loads
+    if encoding != "cdr" or schema is None or schema.encoding not in ("ros2msg", "ros2idl"):
+        return None
+    return _cdr_decoder(path, schema.name, schema.encoding, schema.data.decode("utf-8"))
+
+
+def _cdr_decoder(path: Path, name: str, form: str, text: str) -> Decode | None:
+    """Of messages of ROS 2; None where nothing says what their fields are.
+
+    Args:
+        path: names the file.
+        name: of the type of message.
+        form: of its definition: ``ros2msg``, ``ros2idl``, or anything else where there is none.
+        text: the definition. Without one the types of ROS 2 Humble are taken.
+    """
+    typesys = import_package(name_file(path), "rosbags.typesys")
+    store = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)
+    try:
+        if form == "ros2msg":
+            types = typesys.get_types_from_msg(text, name)
+        else:
+            types = typesys.get_types_from_idl(text) if form == "ros2idl" else {}
+        store.register({n: t for n, t in types.items() if n == name or n not in store.types})
+    except typesys.TypesysError:
+        return None
+    return (lambda data: store.deserialize_cdr(data, name)) if name in store.types else None
+
+
+def _bag_messages(path: Path, topics: set[str] | None) -> Iterator[Message]:
+    """Of a folder of rosbag2, or of a .bag file of ROS 1."""
+    if path.is_dir():
+        rosbag2 = import_package(name_file(path), "rosbags.rosbag2")
+        with rosbag2.Reader(path) as reader:
+            decoders: dict[int, Decode | None] = {}
+            for c in reader.connections:
+                form = {"MSG": "ros2msg", "IDL": "ros2idl"}.get(c.msgdef.format.name, "")
+                decoders[c.id] = _cdr_decoder(path, c.msgtype, form, c.msgdef.data)
+            for connection, time, data in _choose_messages(reader, topics):
+                yield connection.topic, time, decoders[connection.id], data
+        return
+    highlevel = import_package(name_file(path), "rosbags.highlevel")
+    with highlevel.AnyReader([path]) as reader:
+        for connection, time, data in _choose_messages(reader, topics):
+            yield connection.topic, time, partial(reader.deserialize, typ=connection.msgtype), data
+
+
+def _choose_messages(reader: Any, topics: set[str] | None) -> Iterator[tuple[Any, int, bytes]]:
+    chosen = [c for c in reader.connections if topics is None or c.topic in topics]
+    return reader.messages(connections=chosen) if chosen else iter(())

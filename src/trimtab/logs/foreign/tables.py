@@ -1,0 +1,129 @@
+"""What every reader of a foreign format gives: topics, each a table of columns, and one line about each topic."""
+
+import importlib
+from collections.abc import Iterable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple, NoReturn
+
+import numpy as np
+
+from trimtab.core.errors import InputError, closest, install_command
+from trimtab.core.time import FOREVER
+
+LOG_TIME = "log_time"
+"""Column of the time at which a message was written down, in ns, where the format itself has one."""
+LONGEST_ARRAY = 64
+"""Elements of an array that become columns: pictures and point clouds are no sensors' samples."""
+
+
+class Table(NamedTuple):
+    """One topic of a foreign log.
+
+    columns: name -> (n,), in its own type.  units: name -> unit, as far as the file says it.
+    time: name of the usual column of times, or nothing.  time_unit: of that column.
+    """
+
+    columns: Mapping[str, Any]
+    units: Mapping[str, str] = {}
+    time: str = ""
+    time_unit: str = ""
+
+
+class TopicSummary(NamedTuple):
+    """One topic in a line.
+
+    name: as a mapping names it.  fields: that a mapping can name.  rows: how many.
+    rate: Hz, from the first to the last row; 0 where there are fewer than two, or no times.
+    """
+
+    name: str
+    fields: tuple[str, ...]
+    rows: int
+    rate: float
+
+
+def import_package(where: str, module: str) -> Any:
+    """A module of the extra ``logs``.
+
+    Raises:
+        InputError: it isn't installed.
+    """
+    try:
+        return importlib.import_module(module)
+    except ImportError as error:
+        package = (error.name or module).partition(".")[0]
+        fix = install_command("logs")
+        raise InputError(where, f"to read it the package {package!r} is needed, which is not here", fix=fix) from None
+
+
+def refuse_topic(where: str, topic: str, known: Iterable[str]) -> NoReturn:
+    """Refuse a topic that a file does not have, with those that it has."""
+    names = sorted(known)
+    near = closest(topic, names, 1)
+    fix = f'topic = "{near[0]}"' if near else "name one of them as  topic = …  in the mapping"
+    raise InputError(where, f"has no topic {topic!r}", choices=names, fix=fix)
+
+
+def refuse_damage(where: str, kind: str, error: Exception) -> NoReturn:
+    """Refuse a file that begins as a format and can't be read as it."""
+    said = str(error).partition("\n")[0][:200]
+    problem = f"begins as {kind}, but can't be read: {type(error).__name__}: {said}"
+    raise InputError(where, problem, fix="copy it again from where it was recorded") from None
+
+
+def summarise_rows(name: str, fields: Sequence[str], seconds: Any) -> TopicSummary:
+    """The line of a topic whose rows have the times `seconds` (n,)."""
+    times = np.asarray(seconds, np.float64)
+    span = float(times.max() - times.min()) if len(times) > 1 else 0.0
+    return TopicSummary(name, tuple(fields), len(times), (len(times) - 1) / span if span > 0 else 0.0)
+
+
+def flatten_message(value: Any, name: str = "") -> Iterator[tuple[str, Any]]:
+    """Numbers of a decoded message by dotted name, arrays by index: ``linear.x``, ``covariance[0]``.
+
+    A time in seconds and nanoseconds is one number of ns. Texts and long arrays are left out.
+    """
+    if isinstance(value, bool | int | float | np.number | np.bool_):
+        yield name, value
+    elif isinstance(value, Mapping):
+        items = {str(k): v for k, v in value.items()}  # pyright: ignore[reportUnknownVariableType, reportUnknownMemberType]
+        yield from _flatten_members(items, name)
+    elif isinstance(value, list | tuple | np.ndarray):
+        several: list[Any] = list(value) if len(value) <= LONGEST_ARRAY else []  # pyright: ignore[reportUnknownArgumentType]
+        for i, one in enumerate(several):
+            yield from flatten_message(one, f"{name}[{i}]")
+    elif hasattr(value, "__dataclass_fields__"):
+        yield from _flatten_members({n: getattr(value, n) for n in value.__dataclass_fields__}, name)
+
+
+def _flatten_members(members: Mapping[str, Any], name: str) -> Iterator[tuple[str, Any]]:
+    names = {n for n in members if not n.startswith("__")}
+    for second, rest in (("sec", "nanosec"), ("sec", "nsec"), ("secs", "nsecs")):
+        if names == {second, rest}:
+            yield name, int(members[second]) * 1_000_000_000 + int(members[rest])
+            return
+    for member in members:
+        if member in names:
+            yield from flatten_message(members[member], f"{name}.{member}" if name else member)
+
+
+def stack_messages(where: str, topic: str, messages: Sequence[Mapping[str, Any]], times: Sequence[int]) -> Table:
+    """Messages as a table; what a message lacks is not a number.
+
+    Args:
+        where: names the file.
+        topic: of the messages.
+        messages: flat, each as `flatten_message` gives it.
+        times: ns, when each was written down.
+    """
+    names = list(dict.fromkeys(name for message in messages for name in message))
+    if LOG_TIME in names:
+        raise InputError(f"{where}, topic {topic!r}", f"has a field {LOG_TIME!r} of its own", fix="rename the field")
+    columns = {name: np.array([message.get(name, np.nan) for message in messages]) for name in names}
+    held = [min(time, FOREVER) for time in times]  # only a damaged file has later ones
+    return Table(columns | {LOG_TIME: np.array(held, np.int64)}, {}, LOG_TIME, "ns")
+
+
+def name_file(path: str | Path) -> str:
+    """How a message names a file."""
+    return f"log file '{path}'"

@@ -1,0 +1,75 @@
+"""A flight as a recording that Rerun's viewer opens: the moving body with its way, and every number over time.
+
+    /world/vehicle        the body's frame and axes, in W      /world/way        where it has been
+    /signals/truth/…      every signal of the log, by its path; vectors number by number
+
+The scene has W's axes: x north, y east, z down, which Rerun is told.
+Source: Rerun's manual, Transform3D and send_columns.
+"""
+
+import importlib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from trimtab.core.errors import InputError, argument, install_command
+from trimtab.core.time import to_seconds
+from trimtab.logs.log import Log
+
+NAME, TIMELINE = "trimtab", "time"
+SIGNALS, WORLD, BODY, WAY = "signals", "world", "world/vehicle", "world/way"
+AXIS_LENGTH = 0.5
+"""Metres: axes that can be seen, not the vehicle's own size."""
+MOST_NUMBERS = 64
+"""Of a signal that is shown; one with more, such as of each craft of a swarm, is left out."""
+
+
+def write_rerun(file: Path, log: Log, motion: Any) -> dict[str, int]:
+    """Write a recording; how many rows its body has, and how many numbers over time there are.
+
+    Args:
+        file: that ends in .rrd; one that is there is replaced.
+        log: whose signals.
+        motion: `run.log_motion.MotionRows`.
+
+    Raises:
+        InputError: the package rerun-sdk is missing.
+    """
+    rr = _import_rerun()
+    recording = rr.RecordingStream(NAME, recording_id=file.stem)
+    recording.save(file)
+    recording.log(WORLD, rr.ViewCoordinates.FRD, static=True)
+    _send_body(rr, recording, motion)
+    numbers = 0
+    for path in log.paths:
+        values = np.asarray(log[path], float)
+        columns = values.reshape(len(log), -1)
+        if columns.shape[1] > MOST_NUMBERS:
+            continue
+        times = [rr.TimeColumn(TIMELINE, duration=log.t)]
+        for k, column in enumerate(columns.T):
+            place = f"{SIGNALS}/{path.replace('.', '/')}" + (f"/{k}" if values.ndim > 1 else "")
+            recording.send_columns(place, indexes=times, columns=rr.Scalars.columns(scalars=column))
+            numbers += 1
+    recording.disconnect()
+    return {f"/{BODY}": len(motion.ticks), f"/{SIGNALS}": numbers}
+
+
+def _send_body(rr: Any, recording: Any, motion: Any) -> None:
+    """The frame that moves, its axes, and its way."""
+    times = [rr.TimeColumn(TIMELINE, duration=to_seconds(motion.ticks))]
+    pose = {"translation": motion.position, "quaternion": motion.attitude[:, [1, 2, 3, 0]]}
+    recording.send_columns(BODY, indexes=times, columns=rr.Transform3D.columns(**pose))
+    axes = AXIS_LENGTH * np.eye(3)
+    colors = [[230, 60, 60], [60, 200, 60], [60, 60, 230]]
+    recording.log(f"{BODY}/axes", rr.Arrows3D(vectors=axes, colors=colors), static=True)
+    recording.log(WAY, rr.LineStrips3D([motion.position]), static=True)
+
+
+def _import_rerun() -> Any:
+    try:
+        return importlib.import_module("rerun")
+    except ImportError:
+        fix = f"{install_command('rerun')}; or {argument('as', 'ros2')}, or the log itself in Foxglove"
+        raise InputError("Rerun", "it needs the package 'rerun-sdk', which is not here", fix=fix) from None

@@ -1,0 +1,205 @@
+"""How far a log is from breaking a formula of signal temporal logic, at each of its rows; vectorised over runs.
+
+Time is that of the rows: an interval [a, b] of a row at t is the rows at t + a <= t' <= t + b, both ends included, as
+far as there are any. With p the numbers compared, and min and max of no rows +inf and -inf:
+
+    x <= c, x < c    c - x         x == c   -|x - c|       always[a, b] F       min of F over the interval
+    x >= c, x > c    x - c         x != c   |x - c|        F until[a, b] G      max over t' in it of
+    not F  -F        F and G  min(F, G)                                            min(G(t'), min of F over [t, t'))
+
+The sign decides: above 0 the formula holds, below 0 it doesn't. So that it decides always, a comparison of equal
+numbers is +LEAST where it holds and -LEAST where it doesn't; one with what is no number is -inf, and so is its
+opposite. Least and largest over a sliding window take time in proportion to the rows, whatever its length: rows are
+parted so that each window has one boundary inside, from which it is looked up to either side.
+
+Source: Donze, Maler, "Robust satisfaction of temporal logic over real-valued signals", FORMATS 2010; bounded until from
+an unbounded one: Donze, Ferrere, Maler, "Efficient robust monitoring for STL", CAV 2013, section 4; the windows: van
+Herk, Pattern Recognition Letters 13 (1992), and Gil, Werman, IEEE PAMI 15 (1993), here for rows at any times; docs
+page, Temporal logic.
+"""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from trimtab.core.errors import InputError, argument
+from trimtab.core.formula import Arithmetic, Connective, Literal, Predicate, SignalPath, Temporal
+from trimtab.core.formula_units import Formula, fit_formula, least_length
+from trimtab.core.time import format_time
+from trimtab.logs.log import Log
+from trimtab.logs.metrics import full_path
+
+LEAST = 1e-30
+"""What a comparison of equal numbers gives: so that the sign says whether it holds."""
+EXTREMES = {"always": np.minimum, "historically": np.minimum, "eventually": np.maximum, "once": np.maximum}
+PENDING, HOLDS, VIOLATED = range(3)
+VERDICTS = ("pending", "holds", "violated")
+"""What is said of a formula in flight."""
+OPPOSITE = {"historically": "always", "once": "eventually", "since": "until"}
+"""What each word about the past is, when time runs backwards."""
+
+
+class Assessment(NamedTuple):
+    """What a log says of a formula. robustness: at the first row, in `unit`; the formula holds where it is above 0."""
+
+    formula: str
+    robustness: float
+    unit: str
+
+    @property
+    def holds(self) -> bool:
+        """Whether the log keeps to the formula."""
+        return self.robustness > 0
+
+    def __str__(self) -> str:
+        """In a line, as in "holds, robustness 0.12 rad/s: always(…)"."""
+        return f"{'holds' if self.holds else 'VIOLATED'}, robustness {format_robustness(self)}: {self.formula}"
+
+
+def format_robustness(assessment: Assessment) -> str:
+    """The number with its unit; what is of equal numbers is 0."""
+    value = 0.0 if abs(assessment.robustness) <= LEAST else assessment.robustness
+    return f"{value:.4g}" + (f" {assessment.unit}" if assessment.unit != "1" else "")
+
+
+def fit_to_log(text: str, log: Log) -> Formula:
+    """Read a formula of the signals of a log; refuses what does not fit them."""
+    shapes = {path: values.shape[1:] for path, values in log.signals.items()}
+    return fit_formula(text, shapes, {path: log.unit(path) for path in log.signals}, full_path)
+
+
+def assess_formula(log: Log, text: str) -> Assessment:
+    """What a log says of a formula, from its first row on.
+
+    Raises:
+        InputError: a text that is no formula of its signals; a log that ends before the formula's last instant.
+    """
+    formula = fit_to_log(text, log)
+    end = log.metadata.get("duration_s")
+    last = int(log.ticks[-1]) if len(log) else 0
+    check_length(formula, max(last, round(end * 1e7)) if end is not None else last)
+    rows = robustness(formula, log.ticks, lambda path: log[path][None])
+    return Assessment(text, float(rows[0, 0]), formula.unit)
+
+
+def check_length(formula: Formula, duration: int) -> None:
+    """Refuse a formula that looks beyond the end of a run of this duration (100 ns)."""
+    needed = least_length(formula.root)
+    if needed > duration:
+        problem = f"it looks {format_time(needed)} ahead, and the run lasts {format_time(duration)}"
+        fix = f"{argument('settings', format_time(needed), 'duration')}, or end its intervals earlier"
+        raise InputError(f"formula {formula.text!r}", problem, fix=fix)
+
+
+def robustness(formula: Formula, ticks: Any, read: Callable[[str], Any]) -> Any:
+    """Robustness at each row of each run, (n, m).
+
+    Args:
+        formula: fitted to the signals.
+        ticks: of the rows, int64 (m,), strictly rising.
+        read: path -> values (n, m) or (n, m, k).
+    """
+    with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
+        rows = _Rows(np.asarray(ticks, np.int64), lambda path: np.swapaxes(np.asarray(read(path), np.float64), 0, 1))
+        return np.ascontiguousarray(rows.evaluate(formula.root, 1).T)
+
+
+class _Rows:
+    """The rows of some runs, rows first: (m, n). Called with a formula, and 1 or -1 for one that is negated."""
+
+    def __init__(self, ticks: Any, read: Callable[[str], Any]) -> None:
+        self.ticks, self.read = ticks, read
+
+    def evaluate(self, tree: Any, sign: int) -> Any:
+        if isinstance(tree, Predicate):
+            left, right = (evaluate_number(number, self.read) for number in (tree.left, tree.right))
+            return compare(np, left, tree.relation, right, sign)
+        if isinstance(tree, Connective):
+            first = tree.word in ("not", "implies")
+            below = [self.evaluate(f, -sign if first and k == 0 else sign) for k, f in enumerate(tree.formulas)]
+            return join(np, tree.word, below)
+        assert isinstance(tree, Temporal)
+        below = [self.evaluate(formula, sign) for formula in tree.formulas]
+        if tree.word not in OPPOSITE:
+            return _look_ahead(self.ticks, tree.word, tree.low, tree.high, below)
+        backwards = [x[::-1] for x in below]
+        return _look_ahead(-self.ticks[::-1], OPPOSITE[tree.word], tree.low, tree.high, backwards)[::-1]
+
+
+def evaluate_number(tree: Any, read: Callable[[str], Any]) -> Any:
+    """The value of a number of a formula; read: path -> values, the components of a signal last."""
+    if isinstance(tree, Literal):
+        return tree.value
+    if isinstance(tree, SignalPath):
+        return read(tree.path) if tree.component is None else read(tree.path)[..., tree.component]
+    assert isinstance(tree, Arithmetic)
+    numbers = [evaluate_number(number, read) for number in tree.numbers]
+    if tree.operator == "abs":
+        return abs(numbers[0])
+    if tree.operator == "negative":
+        return -numbers[0]
+    one, other = numbers
+    if tree.operator == "+":
+        return one + other
+    if tree.operator == "-":
+        return one - other
+    return one * other if tree.operator == "*" else one / other
+
+
+def compare(xp: Any, left: Any, relation: str, right: Any, sign: int) -> Any:
+    """Robustness of a comparison. xp: numpy, or jax.numpy.  sign: -1 where it is negated, so that NaN never holds."""
+    room = right - left if relation in ("<", "<=") else left - right
+    if relation in ("==", "!="):
+        room = -abs(room) if relation == "==" else abs(room)
+    equal = LEAST if relation in ("<=", ">=", "==") else -LEAST
+    room = xp.where(room == 0, equal, room)
+    return xp.where(xp.isnan(room), -sign * np.inf, room)
+
+
+def join(xp: Any, word: str, below: list[Any]) -> Any:
+    """Robustness of not, and, or, implies."""
+    if word == "not":
+        return -below[0]
+    if word == "and":
+        return xp.minimum(*below)
+    return xp.maximum(-below[0] if word == "implies" else below[0], below[1])
+
+
+def _look_ahead(ticks: Any, word: str, low: int, high: int | None, below: list[Any]) -> Any:
+    """always, eventually or until, of formulas (m, n)."""
+    first = np.searchsorted(ticks, ticks + low, "left")
+    last = np.full(len(ticks), len(ticks) - 1) if high is None else np.searchsorted(ticks, ticks + high, "right") - 1
+    if word != "until":
+        return slide(below[0], first, last, EXTREMES[word])
+    stays, comes = np.broadcast_arrays(*below)
+    from_here = np.empty(stays.shape)
+    value = np.full(stays.shape[1:], -np.inf)
+    for i in range(len(ticks) - 1, -1, -1):
+        value = np.maximum(comes[i], np.minimum(stays[i], value))
+        from_here[i] = value
+    until = np.concatenate([from_here, np.full((1, *stays.shape[1:]), -np.inf)])[first]
+    if low > 0:
+        until = np.minimum(until, slide(stays, np.arange(len(ticks)), first - 1, np.minimum))
+    return until if high is None else np.minimum(until, slide(comes, first, last, np.maximum))
+
+
+def slide(x: Any, first: Any, last: Any, extreme: Any) -> Any:
+    """Least or largest of x (m, n) over the rows first[i] … last[i] of each i, neither of which ever falls, (m, n).
+
+    extreme: np.minimum or np.maximum; of no rows it is +inf or -inf.
+    """
+    result = np.full(x.shape, np.inf if extreme is np.minimum else -np.inf)
+    full = np.flatnonzero(first <= last)
+    if (first[full] == last[full]).all():
+        result[full] = x[first[full]]
+        return result
+    first, last, k = first[full], last[full], 0
+    while k < len(full):
+        middle = last[k]  # inside every window from here up to the first that begins after it
+        end = int(np.searchsorted(first, middle, "right"))
+        before = extreme.accumulate(x[first[k] : middle + 1][::-1])
+        after = extreme.accumulate(x[middle : last[end - 1] + 1])
+        result[full[k:end]] = extreme(before[middle - first[k:end]], after[last[k:end] - middle])
+        k = end
+    return result

@@ -1,0 +1,155 @@
+"""A flight as a bag of ROS 2: a folder that `ros2 bag play`, RViz and Foxglove open, with standard messages.
+
+    /odom          nav_msgs/msg/Odometry     place and attitude in `map`, velocities in `base_link`: the truth
+    /tf            tf2_msgs/msg/TFMessage    `base_link` in `map`
+    /imu           sensor_msgs/msg/Imu       what an ideal IMU would have said
+    /NAME/imu      the same                  of each IMU of three axes that the vehicle had, as it measured
+
+ROS has east, north, up and forward, left, up (REP 103) where this package has north, east, down and forward,
+starboard, down. Source: REP 103, 105, 145; rosbag2, storage MCAP.
+"""
+
+import math
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from trimtab.core.errors import InputError
+from trimtab.logs.foreign.tables import import_package
+from trimtab.logs.messages import NS_PER_SECOND, NS_PER_TICK
+
+MAP, BODY = "map", "base_link"
+TYPES = {"odom": "nav_msgs/msg/Odometry", "tf": "tf2_msgs/msg/TFMessage", "imu": "sensor_msgs/msg/Imu"}
+HALF = math.sqrt(0.5)
+NED_IN_ENU, FLU_IN_FRD = (0.0, HALF, HALF, 0.0), (0.0, 1.0, 0.0, 0.0)
+NO_ORIENTATION = -1.0
+"""First number of a covariance: there is no such measurement (sensor_msgs/Imu)."""
+BAG_VERSION = 9
+
+
+class RosPose(NamedTuple):
+    """Place in `map` (n, 3), and attitude of `base_link` in it as x, y, z, w (n, 4)."""
+
+    position: Any
+    orientation: Any
+
+
+def convert_pose(position: Any, attitude: Any) -> RosPose:
+    """Places in W (n, 3) and quaternions q_WB, scalar first (n, 4), as ROS has them."""
+    turned = multiply_quaternions(multiply_quaternions(np.array(NED_IN_ENU), attitude), np.array(FLU_IN_FRD))
+    return RosPose(position[:, [1, 0, 2]] * [1, 1, -1], turned[:, [1, 2, 3, 0]])
+
+
+def convert_vector(in_body: Any) -> Any:
+    """Vectors in B (n, 3) along forward, left, up."""
+    return in_body * [1, -1, -1]
+
+
+def multiply_quaternions(p: Any, q: Any) -> Any:
+    """p q, scalar first, row by row."""
+    a, b, c, d = np.moveaxis(np.asarray(p, float), -1, 0)
+    w, x, y, z = np.moveaxis(np.asarray(q, float), -1, 0)
+    rows = a * w - b * x - c * y - d * z, a * x + b * w + c * z - d * y
+    more = a * y - b * z + c * w + d * x, a * z + b * y - c * x + d * w
+    return np.stack([*rows, *more], axis=-1)
+
+
+def write_ros2_bag(folder: Path, motion: Any, imus: Mapping[str, Any], epoch: int = 0) -> dict[str, int]:
+    """Write a bag; topic -> how many messages. Rows that are not all numbers are left out.
+
+    Args:
+        folder: that does not exist yet.
+        motion: `run.log_motion.MotionRows`.
+        imus: name of each sensor -> `run.log_motion.ImuRows`.
+        epoch: time of day at time zero (ns).
+
+    Raises:
+        InputError: the package rosbags is missing, or the folder is there already.
+    """
+    part = f"folder '{folder}'"
+    rosbag2 = import_package(part, "rosbags.rosbag2")
+    if folder.exists():
+        raise InputError(part, "is there already", fix="name a new folder: a bag is written whole")
+    messages = RosMessages(import_package(part, "rosbags.typesys"), epoch)
+    topics = {"/odom": ("odom", motion), "/tf": ("tf", motion), "/imu": ("imu", motion)}
+    topics |= {f"/{name}/imu": ("imu", rows) for name, rows in imus.items()}
+    counts = dict[str, int]()
+    with rosbag2.Writer(folder, version=BAG_VERSION, storage_plugin=rosbag2.StoragePlugin.MCAP) as bag:
+        queued = list[tuple[int, Any, bytes]]()
+        for topic, (kind, rows) in topics.items():
+            connection = bag.add_connection(topic, TYPES[kind], typestore=messages.store)
+            written = messages.encode(kind, _keep_finite(rows), is_measured=topic != "/imu")
+            counts[topic] = len(written)
+            queued += [(time, connection, data) for time, data in written]
+        for time, connection, data in sorted(queued, key=lambda message: message[0]):
+            bag.write(connection, time, data)
+    return counts
+
+
+def _keep_finite(rows: Any) -> Any:
+    """The rows of which all are numbers."""
+    good = np.logical_and.reduce([np.isfinite(c).reshape(len(c), -1).all(axis=1) for c in rows])
+    return type(rows)(*(c[good] for c in rows))
+
+
+class RosMessages:
+    """Messages of ROS 2 Humble out of rows."""
+
+    def __init__(self, typesys: Any, epoch: int) -> None:
+        """typesys: rosbags' module.  epoch: time of day at time zero (ns)."""
+        self.store = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)
+        self._epoch = epoch
+
+    def encode(self, kind: str, rows: Any, *, is_measured: bool) -> list[tuple[int, bytes]]:
+        """Time (ns) and bytes of each message. is_measured: by an IMU, which knows no attitude."""
+        times = (rows.ticks * NS_PER_TICK + self._epoch).tolist()
+        if kind == "imu":
+            pose = None if is_measured else convert_pose(rows.position, rows.attitude)
+            made = [self._imu(*row) for row in self._imu_rows(times, rows, pose)]
+        else:
+            pose = convert_pose(rows.position, rows.attitude)
+            twist = convert_vector(rows.velocity).tolist(), convert_vector(rows.rate).tolist()
+            each = zip(times, pose.position.tolist(), pose.orientation.tolist(), *twist, strict=True)
+            made = [self._odometry(*row) if kind == "odom" else self._transform(*row[:3]) for row in each]
+        return [(t, bytes(self.store.serialize_cdr(m, TYPES[kind]))) for t, m in zip(times, made, strict=True)]
+
+    def _imu_rows(self, times: list[int], rows: Any, pose: RosPose | None) -> Any:
+        none = [[0.0, 0.0, 0.0, 1.0]] * len(times)
+        turns = none if pose is None else pose.orientation.tolist()
+        known = [pose is not None] * len(times)
+        vectors = convert_vector(rows.rate).tolist(), convert_vector(rows.specific_force).tolist()
+        return zip(times, turns, known, *vectors, strict=True)
+
+    def _of(self, name: str, *values: Any) -> Any:
+        return self.store.types[name](*values)
+
+    def _header(self, time: int, frame: str) -> Any:
+        stamp = self._of("builtin_interfaces/msg/Time", *divmod(time, NS_PER_SECOND))
+        return self._of("std_msgs/msg/Header", stamp, frame)
+
+    def _vector(self, values: Any) -> Any:
+        return self._of("geometry_msgs/msg/Vector3", *values)
+
+    def _quaternion(self, values: Any) -> Any:
+        return self._of("geometry_msgs/msg/Quaternion", *values)
+
+    def _transform(self, time: int, place: Any, turn: Any) -> Any:
+        moved = self._of("geometry_msgs/msg/Transform", self._vector(place), self._quaternion(turn))
+        one = self._of("geometry_msgs/msg/TransformStamped", self._header(time, MAP), BODY, moved)
+        return self._of("tf2_msgs/msg/TFMessage", [one])
+
+    def _odometry(self, time: int, place: Any, turn: Any, velocity: Any, rate: Any) -> Any:
+        point = self._of("geometry_msgs/msg/Point", *place)
+        pose = self._of("geometry_msgs/msg/Pose", point, self._quaternion(turn))
+        twist = self._of("geometry_msgs/msg/Twist", self._vector(velocity), self._vector(rate))
+        no_doubt = np.zeros(36)
+        with_doubt = self._of("geometry_msgs/msg/PoseWithCovariance", pose, no_doubt)
+        moving = self._of("geometry_msgs/msg/TwistWithCovariance", twist, no_doubt)
+        return self._of("nav_msgs/msg/Odometry", self._header(time, MAP), BODY, with_doubt, moving)
+
+    def _imu(self, time: int, turn: Any, is_known: bool, rate: Any, force: Any) -> Any:
+        none, unknown = np.zeros(9), np.array([0.0 if is_known else NO_ORIENTATION, *[0.0] * 8])
+        turned, header = self._quaternion(turn), self._header(time, BODY)
+        return self._of(TYPES["imu"], header, turned, unknown, self._vector(rate), none, self._vector(force), none)

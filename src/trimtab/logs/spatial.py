@@ -1,0 +1,331 @@
+"""Flight in three dimensions as people read it: roll, pitch, yaw, altitude, speeds, out of a log's truth.
+
+A vehicle keeps its attitude as a quaternion and its place as three numbers; neither is read off a table or a picture.
+Which signals they are follows from what they were declared as:
+
+    attitude   (4,), unit 1, frame WB or IB: a quaternion, scalar first
+    position   (3,), m, frame W or I: the attitude's       velocity  (3,), m/s, frame W, I or B
+    rate       (3,), rad/s, frame B
+
+or, where a state has its angles as numbers, by the names `roll` and `pitch`; others of `DECLARED` then count by name.
+
+What is worked out stands in the log as `flight.roll` and so on, in SI units and radians. In a world frame W angles and
+velocities are against W; over the turning earth, in an inertial frame I, they are against north, east and down where
+the vehicle is, its altitude is above the ellipsoid, and north and east are of the plane at its origin.
+
+Source: Diebel, "Representing attitude", Stanford 2006; Stevens, Lewis, Johnson, "Aircraft control and simulation", 1.6.
+"""
+
+import math
+from collections.abc import Iterable, Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from trimtab.core.quantity import Quantity
+from trimtab.logs.log import LazyMapping, Log
+
+FLIGHT, TRUTH = "flight.", "truth."
+DECLARED: Mapping[str, Quantity] = {
+    "roll": Quantity("rad", "To the right; unwrapped.", "WB", "angle"),
+    "pitch": Quantity("rad", "Nose up.", "WB", "angle"),
+    "yaw": Quantity("rad", "From north, clockwise from above; unwrapped.", "WB", "angle"),
+    "roll_rate": Quantity("rad/s", "About the nose.", "B"),
+    "pitch_rate": Quantity("rad/s", "About the axis to starboard.", "B"),
+    "yaw_rate": Quantity("rad/s", "About the axis down.", "B"),
+    "altitude": Quantity("m", "Up from the origin of W, or above the ellipsoid.", "W"),
+    "north": Quantity("m", "From the origin of W.", "W"),
+    "east": Quantity("m", "From the origin of W.", "W"),
+    "ground_speed": Quantity("m/s", "Level, over the ground."),
+    "climb": Quantity("m/s", "Upwards.", "W"),
+    "air_speed": Quantity("m/s", "Through the air, with the wind that is set."),
+}
+"""What is worked out, in the order in which it is shown."""
+FLIGHT_DECLARED: Mapping[str, Quantity] = {FLIGHT + name: declared for name, declared in DECLARED.items()}
+"""The same by the paths that a log has them under."""
+ANGLES, RATES = ("roll", "pitch", "yaw"), ("roll_rate", "pitch_rate", "yaw_rate")
+
+
+POSE = {"north", "east", "altitude", *ANGLES}
+
+
+class SpatialSignals(NamedTuple):
+    """Paths of the signals that say how a vehicle moves in space; "" where there is none.
+
+    frame: "W" or "I", of attitude and position.  velocity_frame: of the velocity; "" without one.
+    """
+
+    attitude: str
+    position: str
+    velocity: str
+    rate: str
+    frame: str
+    velocity_frame: str
+
+
+def find_spatial(shapes: Mapping[str, tuple[int, ...]], declared: Mapping[str, Quantity]) -> SpatialSignals | None:
+    """The signals that say how a vehicle moves in space; None where no attitude is among them.
+
+    Args:
+        shapes: path of each signal that is looked at -> its shape at one instant.
+        declared: what they were declared as.
+    """
+
+    def pick(unit: str, size: int, *frames: str) -> str:
+        fitting = [p for p, shape in shapes.items() if shape == (size,) and p in declared and declared[p].unit == unit]
+        return next((p for frame in frames for p in fitting if declared[p].frame == frame), "")
+
+    attitude = pick("1", 4, "WB", "IB")
+    if not attitude:
+        return None
+    frame = declared[attitude].frame[0]
+    position, velocity, rate = pick("m", 3, frame), pick("m/s", 3, frame, "B"), pick("rad/s", 3, "B")
+    return SpatialSignals(attitude, position, velocity, rate, frame, declared[velocity].frame if velocity else "")
+
+
+class FlightSource(NamedTuple):
+    """What a flight in space is worked out from, in a log as in a campaign.
+
+    signals: of a state with a quaternion, or None.  named: name of DECLARED -> path, where a state has them as numbers.
+    """
+
+    signals: SpatialSignals | None
+    named: Mapping[str, str]
+
+    @property
+    def paths(self) -> tuple[str, ...]:
+        """Paths of what is read."""
+        return tuple(p for p in (self.signals[:4] if self.signals else self.named.values()) if p)
+
+    def work_out(
+        self, t: Any, rows: Mapping[str, Any], ends: Mapping[str, Any], end: float, parameters: Mapping[str, Any]
+    ) -> tuple[dict[str, Any], dict[str, Any]]:
+        """`flight.roll` and so on in one flight, each (n,), and their last values where the signals' are known.
+
+        Args:
+            t: instants (n,) (s).
+            rows: path of a signal -> its values (n, …).
+            ends: path -> its value at the end (…), which belongs to the line, so that angles go on from it.
+            end: when that is (s).
+            parameters: as of `work_out_flight`.
+        """
+        rows, n = {p: np.asarray(rows[p], float) for p in self.paths}, len(t)
+        has_end = all(p in ends for p in self.paths)
+        if has_end:
+            rows = {p: np.concatenate([x, np.asarray(ends[p], float)[None]]) for p, x in rows.items()}
+            t = np.append(t, end)
+        if self.signals:
+            numbers = work_out_flight(self.signals, t, rows, parameters)
+        else:
+            numbers = _complete({name: np.array(rows[path]) for name, path in self.named.items()}, t)
+        flight = {FLIGHT + name: values for name, values in numbers.items()}
+        return {p: x[:n] for p, x in flight.items()}, {p: x[-1] for p, x in flight.items()} if has_end else {}
+
+    def flight_paths(self, shapes: Mapping[str, tuple[int, ...]], parameters: Mapping[str, Any]) -> list[str]:
+        """Which are worked out from signals of these shapes."""
+        any_rows = {p: np.full((2, *shapes[p]), 7e6) for p in self.paths}
+        return list(self.work_out(np.arange(2.0), any_rows, {}, 2.0, parameters)[0])
+
+
+def find_flight(shapes: Mapping[str, tuple[int, ...]], declared: Mapping[str, Quantity]) -> FlightSource | None:
+    """Of a vehicle alone that flies in space; None of any other, and of a swarm.
+
+    Args:
+        shapes: path of each signal -> its shape at one instant; those of the truth count.
+        declared: what they were declared as.
+    """
+    truth = {p: shape for p, shape in shapes.items() if p.startswith(TRUTH)}
+    signals, named = find_spatial(truth, declared), find_named((p for p, s in truth.items() if s == ()), TRUTH)
+    return FlightSource(signals, named) if signals or named else None
+
+
+def find_logged_flight(log: Log) -> FlightSource | None:
+    """The same of the truth in a log."""
+    return find_flight({p: log[p].shape[1:] for p in log.paths if p.startswith(TRUTH)}, log.declarations)
+
+
+def find_named(paths: Iterable[str], prefix: str) -> dict[str, str]:
+    """Name of DECLARED -> path, of a state that has its angles as numbers; none where it has no roll and pitch."""
+    known = set(paths)
+    found = {name: prefix + name for name in DECLARED if prefix + name in known}
+    return found if {"roll", "pitch"} <= found.keys() else {}
+
+
+def flight_sources(log: Log) -> set[str]:
+    """Paths of what a flight in space is worked out from."""
+    found = find_logged_flight(log)
+    return set(found.paths) if found else set()
+
+
+def with_flight(log: Log) -> Log:
+    """The same log, with `flight.roll` and so on beside the truth of a vehicle in space; any other log as it is."""
+    found = find_logged_flight(log)
+    if found is None or f"{FLIGHT}roll" in log:
+        return log
+    rows, end = {p: log[p] for p in found.paths}, float(log.metadata.get("duration_s", log.t[-1] if len(log) else 0.0))
+    return _extend(log, *found.work_out(log.t, rows, log.final, end, log.metadata.get("parameters") or {}))
+
+
+def spatial_poses(log: Log) -> Any:
+    """Of a vehicle in space, as `logs.frames` has them (n, 9); None where its attitude or position isn't known.
+
+    Position, roll, pitch and yaw in W; latitude, longitude and height over the turning earth, else NaN.
+    """
+    signals, named = find_logged_flight(log) or (None, {})
+    if named.keys() >= POSE:
+        north, east, altitude, *angles = (log[named[n]] for n in ("north", "east", "altitude", *ANGLES))
+        return np.stack([north, east, -altitude, *angles, *[np.full(len(log), np.nan)] * 3], axis=1)
+    if signals is None or not signals.position:
+        return None
+    R, place, globe = rotation_matrices(log[signals.attitude]), log[signals.position], np.full((len(log), 3), np.nan)
+    if signals.frame == "I":
+        local = _locate(log.t, place, log.metadata.get("parameters") or {})
+        R, place, globe = local.tangent_axes @ R, local.position, local.globe
+    return np.concatenate([place, np.stack(euler_angles(R), axis=1), globe], axis=1)
+
+
+def _complete(numbers: dict[str, Any], t: Any) -> dict[str, Any]:
+    """Angles without jumps, and the speeds that follow from the place; of a state that has its numbers by name."""
+    for name in ("roll", "yaw"):
+        if name in numbers:
+            numbers[name] = np.unwrap(numbers[name])
+    if len(t) > 1:
+        slopes = {n: np.gradient(numbers[n], t) for n in ("north", "east", "altitude") if n in numbers}
+        if {"north", "east"} <= slopes.keys():
+            numbers.setdefault("ground_speed", np.hypot(slopes["north"], slopes["east"]))
+        if "altitude" in slopes:
+            numbers.setdefault("climb", slopes["altitude"])
+    return {name: numbers[name] for name in DECLARED if name in numbers}
+
+
+def _extend(log: Log, flight: Mapping[str, Any], ends: Mapping[str, Any]) -> Log:
+    """The log with more signals, whose own are not looked at before somebody wants them."""
+    for values in flight.values():
+        values.setflags(write=False)
+
+    def read(path: str) -> Any:
+        return flight[path] if path in flight else log.signals[path]
+
+    declared = {**log.declarations, **{p: FLIGHT_DECLARED[p] for p in flight}}
+    signals = LazyMapping[Any](dict.fromkeys([*flight, *log.paths]), read)
+    about = LazyMapping[Any](log.metadata, log.metadata.__getitem__)
+    return Log.of_flight(log.t, log.ticks, signals, declared, about, {**log.final, **ends})
+
+
+def display_unit(path: str, unit: str) -> tuple[str, float]:
+    """The unit in which people read a signal, and what it is multiplied by.
+
+    In degrees are the angles and rates of a flight in space, and every heading, such as `law.heading_error`.
+    """
+    is_heading = path.rpartition(".")[2].startswith("heading") and unit == "rad"
+    in_degrees = is_heading or (path.startswith(FLIGHT) and unit.startswith("rad"))
+    return (unit.replace("rad", "deg"), math.degrees(1.0)) if in_degrees else (unit, 1.0)
+
+
+def work_out_flight(
+    signals: SpatialSignals, t: Any, rows: Mapping[str, Any], parameters: Mapping[str, Any]
+) -> dict[str, Any]:
+    """The numbers of DECLARED for which there are signals, each (n,).
+
+    Args:
+        signals: which they are.
+        t: instants (n,) (s).
+        rows: path of a signal -> its values (n, …).
+        parameters: of the run, by path: of the earth, the origin and the wind where the frame is I.
+    """
+    R, found = rotation_matrices(rows[signals.attitude]), dict[str, Any]()
+    place: Any = rows.get(signals.position)
+    velocity: Any = rows.get(signals.velocity)
+    if signals.velocity_frame == "B":
+        velocity = np.einsum("nij,nj->ni", R, velocity)
+    if signals.frame == "I" and place is not None:
+        local = _locate(t, place, parameters)
+        R, place = local.axes @ R, local.position
+        found["altitude"] = local.globe[:, 2]
+        if velocity is not None:
+            velocity = np.einsum("nij,nj->ni", local.axes, velocity - local.turning)
+        if velocity is not None and local.wind is not None:
+            found["air_speed"] = np.sqrt(np.sum((velocity - local.wind) ** 2, axis=1))
+    if place is not None:
+        found = {"altitude": -place[:, 2], **found, "north": place[:, 0], "east": place[:, 1]}
+    if velocity is not None:
+        found |= {"ground_speed": np.hypot(velocity[:, 0], velocity[:, 1]), "climb": -velocity[:, 2]}
+    if signals.rate:
+        found |= dict(zip(RATES, rows[signals.rate].T, strict=True))
+    found |= dict(zip(ANGLES, euler_angles(R), strict=True))
+    return {name: np.array(found[name], float) + 0.0 for name in DECLARED if name in found}
+
+
+def place_parameters(parameters: Mapping[str, Any]) -> dict[str, Any]:
+    """Those of a run's parameters, by path, that `work_out_flight` reads."""
+    return {p: v for p, v in parameters.items() if any(f".{part}." in p for part in ("earth", "origin", "wind"))}
+
+
+class _Local(NamedTuple):
+    """Where a vehicle is over the turning earth, row by row.
+
+    axes: R_NI (n, 3, 3), to north, east, down there.  tangent_axes: R_WI (n, 3, 3), to those at the origin.  position:
+    from the origin, in W (n, 3).  globe: latitude, longitude (rad), height above the ellipsoid (n, 3).  turning:
+    velocity of the ground there, in I (n, 3).  wind: in N (n, 3), or None.
+    """
+
+    axes: Any
+    tangent_axes: Any
+    position: Any
+    globe: Any
+    turning: Any
+    wind: Any
+
+
+def _locate(t: Any, p_I: Any, parameters: Mapping[str, Any]) -> _Local:
+    """Places p_I (n, 3) (m) at t (s), over the earth that the run's parameters have, or else that of WGS84."""
+    from trimtab.environment import geodetic  # which imports JAX: few logs need it
+
+    found = (p.removesuffix("earth.rate") for p in parameters if p.endswith(".earth.rate"))
+    head = next(found, "")
+
+    def of(name: str, otherwise: float) -> float:
+        return float(parameters.get(head + name, otherwise))
+
+    rate, shape = of("earth.rate", geodetic.RATE), {"semi_major": of("earth.semi_major", geodetic.SEMI_MAJOR)}
+    shape["flattening"] = of("earth.flattening", geodetic.FLATTENING)
+    origin = [of(f"origin.{name}", 0.0) for name in ("latitude", "longitude", "height")]
+    c, s, o = np.cos(rate * t), np.sin(rate * t), np.zeros(len(t))
+    R_EI = np.moveaxis(np.array([[c, s, o], [-s, c, o], [o, o, o + 1]]), -1, 0)
+    p_E = np.einsum("nij,nj->ni", R_EI, p_I)
+    latitude, longitude, height = map(np.asarray, geodetic.from_ecef(p_E.T, **shape))
+    R_NE = np.transpose(np.asarray(geodetic.ned_axes(latitude, longitude)), (2, 1, 0))
+    R_WE = np.asarray(geodetic.ned_axes(np.float64(origin[0]), np.float64(origin[1]))).T
+    from_origin = p_E - np.asarray(geodetic.to_ecef(*map(np.float64, origin), **shape))
+    wind = None
+    if f"{head}wind.north" in parameters:
+        level = [of(f"wind.{d}", 0.0) + of(f"wind.{d}_shear", 0.0) * height for d in ("north", "east")]
+        wind = np.stack([*level, o], axis=1)
+    turning = rate * np.stack([-p_I[:, 1], p_I[:, 0], o], axis=1)
+    globe = np.stack([latitude, longitude, height], axis=1)
+    return _Local(R_NE @ R_EI, R_WE @ R_EI, from_origin @ R_WE.T, globe, turning, wind)
+
+
+def rotation_matrices(q: Any) -> Any:
+    """R (n, 3, 3) of quaternions (n, 4), the scalar first, of any length but zero."""
+    w, x, y, z = np.asarray(q, float).T
+    with np.errstate(divide="ignore", invalid="ignore"):
+        s = 2 / (w * w + x * x + y * y + z * z)
+        rows = (
+            (1 - s * (y * y + z * z), s * (x * y - w * z), s * (x * z + w * y)),
+            (s * (x * y + w * z), 1 - s * (x * x + z * z), s * (y * z - w * x)),
+            (s * (x * z - w * y), s * (y * z + w * x), 1 - s * (x * x + y * y)),
+        )
+    return np.stack([np.stack(row, axis=-1) for row in rows], axis=-2)
+
+
+def euler_angles(R_WB: Any) -> tuple[Any, Any, Any]:
+    """Roll, pitch, yaw (rad), each (n,), of rotations (n, 3, 3); roll and yaw without jumps by a turn.
+
+    Where the nose points straight up or down, roll and yaw are not told apart: roll is given as 0.
+    """
+    up = R_WB[:, 2, 0]
+    singular = np.abs(up) > 1 - 1e-12
+    roll = np.where(singular, 0.0, np.arctan2(R_WB[:, 2, 1], R_WB[:, 2, 2]))
+    yaw = np.where(singular, np.arctan2(-R_WB[:, 0, 1], R_WB[:, 1, 1]), np.arctan2(R_WB[:, 1, 0], R_WB[:, 0, 0]))
+    return np.unwrap(roll), -np.arcsin(np.clip(up, -1, 1)), np.unwrap(yaw)

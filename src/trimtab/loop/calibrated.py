@@ -1,0 +1,161 @@
+"""A calibration put into a scenario: each number reaches every copy of the record that it belongs to.
+
+The world has it and the autopilot believes it; tables that were made of a formula are made again.
+"""
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from trimtab.actuators.drive import FanDrive
+from trimtab.actuators.lookup import BilinearTable
+from trimtab.actuators.rudder import RudderServo
+from trimtab.core.errors import InputError, argument_name, closest
+from trimtab.core.quantity import Quantity, absent_parts, declarations, leaves, records
+from trimtab.core.record import replace, with_leaf, with_part_of
+from trimtab.core.time import format_time, to_seconds
+from trimtab.identify.calibration import Calibration
+from trimtab.identify.thrust import tabulate_thrust
+from trimtab.loop.scenario import Scenario
+
+TABULATED = "thrust.angles", "thrust.by_angle"
+"""Thrust by rudder angle where it is not that of the formula: tables of both ends are made of it."""
+STEPS = {
+    "gyro.step": ("gyro", "gyro_walk"),
+    "accelerometer.step": ("forward", "starboard", "force_walk"),
+}
+"""Step (s) of the filter that a calibration's numbers of InertialNoise are for -> which of them."""
+NOTES = ("gyro.delay", *STEPS, *TABULATED)
+"""Entries that are no settings by themselves."""
+
+
+class CalibratedScenario(NamedTuple):
+    """scenario: with the numbers in it.  used: entry -> paths that have it.  unused: entries with no place in it."""
+
+    scenario: Scenario
+    used: dict[str, list[str]]
+    unused: tuple[str, ...]
+
+
+def with_calibration(scenario: Scenario, calibration: Calibration) -> CalibratedScenario:
+    """The scenario with every number of a calibration that has a place in it.
+
+    Raises: InputError where none has, a unit is not the setting's, or a shape.
+    """
+    used: dict[str, list[str]] = {}
+    for name, entry in calibration.entries.items():
+        if name in NOTES:
+            continue
+        scenario = _with_absent_parts(scenario, name)
+        paths = setting_paths(scenario, name)
+        declared = {path: (old, d) for path, old, d in leaves(scenario) if path in paths and isinstance(d, Quantity)}
+        for path in paths:
+            old, quantity = declared[path]
+            value = _fitting_value(name, entry, path, old, quantity)
+            scenario = with_leaf(scenario, path, lambda _old, _declared, value=value: value)
+        if paths:
+            used[name] = paths
+    if not used:
+        kinds = sorted({type(r).__name__ for _, r in records(scenario)})
+        problem = f"none of its {len(calibration.entries)} entries has a place in scenario {scenario.name!r}"
+        near = closest(next(iter(calibration.entries), ""), kinds) or kinds[:8]
+        raise InputError(
+            argument_name("calibration"), problem, choices=near, fix="calibrate a part that this scenario has"
+        )
+    _refuse_other_step(scenario, calibration)
+    scenario = _with_stops(scenario)
+    scenario = _with_tables(scenario, calibration)
+    return CalibratedScenario(scenario, used, tuple(n for n in calibration.entries if n not in used and n not in NOTES))
+
+
+def setting_paths(scenario: Scenario, name: str) -> list[str]:
+    """Paths of the settings that an entry names: ``Thruster.coefficient`` of each Thruster, or the path itself."""
+    kind, _, field = name.rpartition(".")
+    if "." in kind or kind in ("world", "autopilot"):
+        return [path for path, _, declared in leaves(scenario) if path == name and isinstance(declared, Quantity)]
+    owners = [(path, r) for path, r in records(scenario) if type(r).__name__ == kind]
+    return [f"{path}.{field}" for path, r in owners if isinstance(declarations(type(r)).get(field), Quantity)]
+
+
+def _with_absent_parts(scenario: Scenario, name: str) -> Scenario:
+    """The scenario with the optional parts of an entry's kind, e.g. the hovercraft's friction."""
+    kind = name.rpartition(".")[0]
+    for where, declared in absent_parts(scenario):
+        if type(declared.optional).__name__ == kind and where.startswith(("world.", "autopilot.")):
+            scenario = with_part_of(scenario, f"{where}.{name.rpartition('.')[2]}")
+    return scenario
+
+
+def _fitting_value(name: str, entry: Any, path: str, old: Any, declared: Quantity) -> Any:
+    where = f"calibration, {name}"
+    if entry.unit != declared.unit:
+        problem = f"is in {entry.unit!r}, the setting {path} in {declared.unit!r}"
+        raise InputError(where, problem, fix=f'convert it, unit = "{declared.unit}"')
+    value = np.asarray(entry.value, declared.dtype())
+    if value.shape != np.shape(old):
+        problem = f"has shape {value.shape}, the setting {path} {np.shape(old)}"
+        raise InputError(where, problem, fix="calibrate again with this version")
+    return float(value) if value.ndim == 0 else value
+
+
+def _refuse_other_step(scenario: Scenario, calibration: Calibration) -> None:
+    """Variances of a sample are of a filter's step: refuse those of another."""
+    for name, fields in STEPS.items():
+        mine = [f"InertialNoise.{f}" for f in fields if f"InertialNoise.{f}" in calibration.entries]
+        if name not in calibration.entries or not mine:
+            continue
+        step = float(calibration.entries[name].value)
+        for path, r in records(scenario):
+            if type(r).__name__ == "InertialNoise" and not math.isclose(step, to_seconds(r.tick), rel_tol=1e-6):
+                own = format_time(r.tick)
+                problem = f"is of a filter that steps each {1e3 * step:.6g} ms, {path}.tick is {own}"
+                raise InputError(f"calibration, {mine[0]}", problem, fix=f"trimtab calibrate noise … --tick '{own}'")
+
+
+def _with_stops(scenario: Scenario) -> Scenario:
+    """Stops of rudders that lie beyond the measured angles move to their ends."""
+    for path, r in records(scenario):
+        if isinstance(r, RudderServo):
+            low, high = float(np.min(r.angles)), float(np.max(r.angles))
+            stops = {"angle_min": max(float(r.angle_min), low), "angle_max": min(float(r.angle_max), high)}
+            for field, stop in stops.items():
+                scenario = with_leaf(scenario, f"{path}.{field}", lambda _old, _declared, stop=stop: stop)
+    return scenario
+
+
+def _with_tables(scenario: Scenario, calibration: Calibration) -> Scenario:
+    """Tables of fans made again, from the formula or from what was measured at each rudder angle."""
+    measured = [calibration.entries[n].value for n in TABULATED] if TABULATED[0] in calibration.entries else None
+    for path, r in records(scenario):
+        table, thruster = getattr(r, "table", None), getattr(r, "thruster", None)
+        if not isinstance(table, BilinearTable) or thruster is None:
+            continue
+        rows = np.asarray(table.rows())
+        eta = None if measured is None else tabulate_thrust(measured[0], measured[1], rows) / thruster.coefficient
+        new = replace(table, **_table_changes(r, thruster, table, eta))
+        for field in ("column_start", "column_step", "values", "origin"):
+            value = getattr(new, field)
+            scenario = with_leaf(scenario, f"{path}.table.{field}", lambda _old, _declared, value=value: value)
+    return scenario
+
+
+def _table_changes(owner: Any, thruster: Any, table: BilinearTable, eta: Any) -> dict[str, Any]:
+    """Fields of a fan's table: force by speed of a drive, speed by force of an allocation; eta: measured, or None."""
+    rows, origin = table.rows(), "formula" if eta is None else "measured"
+    straight = np.full_like(rows, float(thruster.offset))
+    scale: Any = 1.0 if eta is None else eta
+    at = rows if eta is None else straight
+    if isinstance(owner, FanDrive):
+        last, n = float(thruster.speed_max_rpm), np.shape(table.values)[1]
+        start, step = -last, 2 * last / (n - 1)
+        columns = start + step * np.arange(n)[None]
+        return {
+            "column_start": start,
+            "column_step": step,
+            "values": np.asarray(thruster.force(columns, at) * scale),
+            "origin": origin,
+        }
+    top = float(thruster.speed_max_rpm)
+    speed = np.clip(thruster.speed_rpm(table.columns() / scale, at), -top, top)
+    return {"values": np.asarray(speed), "origin": origin}

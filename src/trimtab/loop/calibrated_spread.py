@@ -1,0 +1,218 @@
+"""What a campaign draws so that its worlds are as uncertain as their calibration, tables too.
+
+A table whose numbers hang together is drawn along directions: the calibrated table and so many standard normal numbers
+times the columns of a square root of its covariance. The four numbers of reverse thrust are such a table, and a link's
+latencies, which follow from mean and deviation: there to first order.
+"""
+
+import math
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from trimtab.actuators.drive import FanDrive
+from trimtab.actuators.rudder import RudderServo
+from trimtab.core.errors import InputError, argument, argument_name
+from trimtab.core.quantity import Quantity, leaves, records
+from trimtab.identify.calibration import Calibration, flat_entries, index_name, joint_covariance
+from trimtab.links.latency import gamma_table
+from trimtab.loop.calibrated import NOTES, setting_paths
+from trimtab.loop.scenario import Scenario
+
+CORRELATED = 0.02
+"""Weaker correlations are not told to a campaign."""
+REVERSE = "Thruster.reverse_ratio"
+LINKS = ("uplink", "downlink")
+HALVINGS = 12
+"""How often the way back to the calibrated numbers is halved: to 1/4000 of it."""
+
+
+class CalibratedSpread(NamedTuple):
+    """drawn: text of a distribution by what it is of.  correlate: pairs, and their correlation.
+
+    notes: what has an error and is not drawn, or not as it is, and why.
+    """
+
+    drawn: dict[str, str]
+    correlate: list[tuple[str, str, float]]
+    notes: tuple[str, ...]
+
+
+def calibrated_spread(scenario: Scenario, calibration: Calibration) -> CalibratedSpread:
+    """What a campaign draws of the errors of a calibration, as settings of a scenario that has it.
+
+    A fan's coefficient is drawn as its effectiveness, so that its tables stay.
+
+    Raises: InputError where there is nothing to draw.
+    """
+    known = {path: (np.asarray(v, np.float64), d) for path, v, d in leaves(scenario) if isinstance(d, Quantity)}
+    drawn, owner, notes = dict[str, str](), dict[str, str](), list[str]()
+    for name, entry in calibration.entries.items():
+        if entry.standard_error is None or not np.any(entry.standard_error) or name == REVERSE:
+            continue
+        flat = {n: v for n, v in flat_entries(Calibration({name: entry})).items() if v[1] > 0}
+        paths = [] if name in NOTES else [p for p in setting_paths(scenario, name) if p.startswith("world.")]
+        if name.startswith("Thruster."):
+            paths = _effectiveness(paths, known) if name == "Thruster.coefficient" else []
+        if not paths:
+            notes += _explain(name)
+        for single, (value, error, _) in flat.items():
+            index = single[len(name) :]
+            for path in paths:
+                if name == "Thruster.coefficient":
+                    text = f"normal({float(known[path][0])!r}, {error / abs(value)!r})"
+                else:
+                    text = _normal_text(value, error, known[path][1])
+                drawn[path + index], owner[path + index] = text, single
+    correlate = _correlations(calibration, owner)
+    for directions, note in (_reverse(scenario, calibration), *(_latency(known, calibration, n) for n in LINKS)):
+        drawn |= {f"{path}:{k}": text for path, texts in directions.items() for k, text in enumerate(texts, 1)}
+        notes += [note] if note else []
+    if not drawn:
+        problem = "knows no error of a number that the world of this scenario has"
+        raise InputError(
+            argument_name("spread"), problem, fix=argument("spread", "normal(100%, 5%)", "world.vehicle.mass")
+        )
+    return CalibratedSpread(drawn, correlate, tuple(notes))
+
+
+def follow_tables(scenario: Scenario, arrays: Mapping[str, Any]) -> dict[str, Any]:
+    """Settings (n, …) with those that follow from them: a fan's table has the reverse thrust that was drawn.
+
+    A cubic under which reverse thrust doesn't rise has no inverse and is no fan's: it is taken back towards the
+    scenario's own until it does. Stops of a rudder that lie beyond its table's ends move to these.
+    """
+    arrays = dict(arrays)
+    for path, r in records(scenario):
+        if isinstance(r, RudderServo) and f"{path}.angles" in arrays:
+            low, high = (np.asarray(arrays[f"{path}.angles"])[:, k] for k in (0, -1))
+            for field, limit, end in (("angle_min", np.maximum, low), ("angle_max", np.minimum, high)):
+                own = arrays.get(f"{path}.{field}", np.full(len(end), float(getattr(r, field))))
+                arrays[f"{path}.{field}"] = limit(own, end)
+        if isinstance(r, FanDrive) and f"{path}.thruster.reverse_ratio" in arrays:
+            arrays |= _follow_reverse(path, r, arrays[f"{path}.thruster.reverse_ratio"])
+    return arrays
+
+
+def _follow_reverse(path: str, drive: FanDrive, drawn: Any) -> dict[str, Any]:
+    """Reverse ratios (n, 4) that rise, and the drive's table with them."""
+    thruster, table = drive.thruster, drive.table
+    low, high = float(thruster.reverse_low_rpm), float(thruster.speed_max_rpm)
+    own = np.asarray(thruster.reverse_ratio, np.float64)
+    ratio = own + _rising_share(own, drawn - own, low, high)[:, None] * (drawn - own)
+    changed = {f"{path}.thruster.reverse_ratio": ratio}
+    if table is not None:
+        speed = np.asarray(table.columns())[0]
+        n = np.clip(np.abs(speed), low, high) * 1e-3
+        scale = np.where(speed < 0, _cubic(ratio, n) / _cubic(own[None], n), 1.0)
+        changed[f"{path}.table.values"] = np.asarray(table.values)[None] * scale[:, None, :]
+    return changed
+
+
+def _effectiveness(paths: list[str], known: Mapping[str, Any]) -> list[str]:
+    effects = [f"{path.rpartition('.thruster')[0]}.effectiveness" for path in paths]
+    return [path for path in effects if path in known]
+
+
+def _explain(name: str) -> list[str]:
+    """Why an entry with an error is not drawn; nothing where another entry stands for it."""
+    if name in tuple(f"{link}.{what}" for link in LINKS for what in ("mean", "deviation")):
+        return []
+    if name == "Thruster.offset":
+        return [f"{name} is not drawn: thrust is level there; RudderGeometry.offset, the same number, is"]
+    if name == "thrust.by_angle":
+        return [f"{name} is not drawn by angle: the fan's effectiveness is, for all together"]
+    return [f"{name} is not drawn: the world of this scenario has no such number"]
+
+
+def _correlations(calibration: Calibration, owner: Mapping[str, str]) -> list[tuple[str, str, float]]:
+    keys = sorted(owner)
+    P = joint_covariance(calibration, [owner[k] for k in keys])
+    sigma = np.sqrt(np.diagonal(P))
+    pairs = [(a, b) for a in range(len(keys)) for b in range(a)]
+    rho = {(a, b): float(np.clip(P[a, b] / (sigma[a] * sigma[b]), -0.9999, 0.9999)) for a, b in pairs}
+    return [(keys[a], keys[b], r) for (a, b), r in rho.items() if abs(r) >= CORRELATED]
+
+
+def _reverse(scenario: Scenario, calibration: Calibration) -> tuple[dict[str, list[str]], str]:
+    """Directions of the cubic of reverse thrust."""
+    entry = calibration.entries.get(REVERSE)
+    if entry is None or entry.standard_error is None:
+        return {}, ""
+    drives = [path for path, r in records(scenario) if isinstance(r, FanDrive) and path.startswith("world.")]
+    if not drives:
+        return {}, f"{REVERSE} is not drawn: the world of this scenario has no such number"
+    names = [index_name(REVERSE, (i,)) for i in range(len(entry.value))]
+    P = joint_covariance(calibration, names)
+    texts = _along(_square_root(P))
+    note = f"{REVERSE} is drawn in {len(texts)} directions of its covariance; a cubic that would not rise is taken back"
+    return {f"{path}.thruster.reverse_ratio": texts for path in drives}, note
+
+
+def _latency(known: Mapping[str, Any], calibration: Calibration, link: str) -> tuple[dict[str, list[str]], str]:
+    """Directions of a link's table of latencies, of the errors of its mean and deviation."""
+    names, path, entries = (f"{link}.mean", f"{link}.deviation"), f"world.{link}.latency", calibration.entries
+    if names[0] not in entries or path not in entries:
+        return {}, ""
+    if path not in known:
+        measured = argument("settings", "measured", "links")
+        return {}, f"{names[0]} and {names[1]} are not drawn: this scenario has no {path}; try {measured}"
+    if names[1] not in entries or f"{link}.shift" not in entries:
+        return {}, f"{path} is not drawn: the file lacks {link}.shift, calibrate the link again"
+    mean, sd, shift = (float(entries[n].value) for n in (*names, f"{link}.shift"))
+    if not np.allclose(known[path][0], gamma_table(mean, sd, shift), rtol=1e-6):
+        return {}, f"{path} is not drawn: it is not the table of {names[0]} and {names[1]}"
+    h = 1e-4 * sd
+    toward_mean = (gamma_table(mean + h, sd, shift) - gamma_table(mean - h, sd, shift)) / (2 * h)
+    toward_sd = (gamma_table(mean, sd + h, shift) - gamma_table(mean, sd - h, shift)) / (2 * h)
+    L = _square_root(joint_covariance(calibration, names))
+    return {path: _along(np.stack([toward_mean, toward_sd], 1) @ L)}, ""
+
+
+def _square_root(P: Any) -> Any:
+    """A matrix L with L L' = P, the columns in the order of their size."""
+    values, vectors = np.linalg.eigh(np.asarray(P))
+    order = np.argsort(values)[::-1]
+    return vectors[:, order] * np.sqrt(np.maximum(values[order], 0.0))
+
+
+def _along(directions: Any) -> list[str]:
+    """Texts of the columns (m, k) that are not zero."""
+    return [f"along({', '.join(repr(float(v)) for v in d)})" for d in np.asarray(directions).T if np.any(d)]
+
+
+def _cubic(y: Any, n: Any) -> Any:
+    """Values (runs, k) of cubics (runs, 4) at n (k,)."""
+    return np.asarray(y) @ np.stack([n**3, n**2, n, np.ones_like(n)])
+
+
+def _rising_share(own: Any, change: Any, low: float, high: float) -> Any:
+    """How much of each change (runs, 4) of a cubic leaves its thrust positive and rising: 1 for most."""
+    n = np.linspace(low, high, 200) * 1e-3
+
+    def rises(share: Any) -> Any:
+        thrust = n**2 * _cubic(own + share[:, None] * change, n)
+        return (thrust[:, 0] > 0) & (np.diff(thrust) > 0).all(axis=1)
+
+    share = np.ones(len(change))
+    bad = np.flatnonzero(~rises(share))
+    good, wrong = np.zeros(len(bad)), np.ones(len(bad))
+    for _ in range(HALVINGS if len(bad) else 0):
+        middle = share.copy()
+        middle[bad] = (good + wrong) / 2
+        fits = rises(middle)[bad]
+        good, wrong = np.where(fits, middle[bad], good), np.where(fits, wrong, middle[bad])
+    share[bad] = good
+    return share
+
+
+def _normal_text(value: float, error: float, declared: Any) -> str:
+    """A normal distribution within what the setting can be."""
+    low = declared.low if declared.low is not None else declared.above
+    low = -math.inf if low is None else float(low)
+    high = math.inf if declared.high is None else float(declared.high)
+    if value - 6 * error > low and value + 6 * error < high:
+        return f"normal({value!r}, {error!r})"
+    low, high = max(low, value - 8 * error), min(high, value + 8 * error)
+    return f"truncated({value!r}, {error!r}, {low!r}, {high!r})"

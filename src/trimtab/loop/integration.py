@@ -1,0 +1,206 @@
+"""How the world integrates the truth: which step, how well, and where events end one.
+
+Without any of it a world takes one classical Runge–Kutta step between two instants. Source: docs page, Integration.
+"""
+
+from collections.abc import Callable, Mapping
+from functools import partial
+from types import MappingProxyType
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from trimtab.core.integrate import dormand_prince, error_ratio, next_step, rk4_with_doubling, rk4_with_error
+from trimtab.core.interfaces import optional_member
+from trimtab.core.record import Scalar, option, quantity, record, replace, tree_where
+from trimtab.core.rosenbrock import rodas
+from trimtab.core.rotation_step import rotation_step
+
+STEPS: Mapping[str, tuple[Any, int | None]] = MappingProxyType(
+    {
+        "rk4": (rk4_with_error, None),
+        "rk4-doubling": (rk4_with_doubling, None),
+        "rk45": (dormand_prince, 5),
+        "rosenbrock": (rodas, 4),
+    }
+)
+"""Method -> its step, and the order that its length follows from; None: as long as it is."""
+HALVINGS = 52
+"""An event's time is known to so many halvings of the step it lies in: to rounding."""
+
+
+@record
+class IntegrationReport:
+    """What the integration up to this instant says of itself. Source: docs page, Integration."""
+
+    integration_error: Scalar = quantity("1", "Largest estimated error of a step, in parts of what is allowed.")
+    steps: Scalar = quantity("1", "Steps since the last instant, rejected ones too.", kind="count")
+    step: Scalar = quantity("s", "Length that is tried next.")
+    events: Scalar = quantity("1", "Events that were located so far.", kind="count")
+    crowded: Scalar = quantity("1", "More events since the last instant than are located in one step.", kind="flag")
+
+
+@record
+class Integration:
+    """The step from instant to instant, its tolerances, and how many steps and events there may be in one.
+
+        rk4           one step of order four; its error is estimated, the step stays as it is
+        rk4-doubling  the same step; its error is what two steps of half the length say it is
+        rk45          steps of order five, as long as their error allows: smooth, but fast at times
+        rosenbrock    linearly implicit steps of order four, as long as their error allows: stiff
+
+    A step's error in each number x of the state, by an embedded formula, may be absolute + relative |x|. On the group,
+    the quaternions that the vehicle names are turned from one attitude to the next, and keep their length.
+
+    Source:  docs page, Integration.
+    """
+
+    method: str = option("Which step.", default="rk4", choices=tuple(STEPS))
+    relative: Scalar = quantity("1", "Error allowed in a step, in parts of each number.", default=1e-8, low=0)
+    absolute: Scalar = quantity("1", "The same at zero, in each number's own unit.", default=1e-8, above=0)
+    attitude: str = option(
+        "Quaternions number by number, or turned on the rotation group.",
+        default="numbers",
+        choices=("numbers", "group"),
+    )
+    most_steps: Scalar = quantity(
+        "1", "Between two instants, if the error asks for more.", default=1000, low=1, kind="count"
+    )
+    most_events: Scalar = quantity("1", "Located between two instants.", default=8, low=0, kind="count")
+
+    def first_report(self, h: Any) -> IntegrationReport:
+        """Before the first instant; h: step to try first (s)."""
+        zero = jnp.zeros((), np.int32)
+        return IntegrationReport(jnp.zeros(()), zero, jnp.zeros(()) + h, zero, jnp.zeros((), np.bool_))
+
+
+PLAIN_STEP = Integration(relative=1e-4, absolute=1e-4)
+"""The step of a world without an integration, to the bit, and whether it is far too long."""
+
+
+class _Progress(NamedTuple):
+    """How far a step from instant to instant has got. since: s.  size: what to try next (s).  located: events in it."""
+
+    since: Any
+    x: Any
+    size: Any
+    steps: Any
+    error: Any
+    located: Any
+    is_crowded: Any
+
+
+def integrate_truth(
+    method: Integration, vehicle: Any, u: Any, t: Any, x: Any, h: Any, before: IntegrationReport
+) -> tuple[Any, IntegrationReport]:
+    """The truth from t to t + h (s), under an input that is held, and what that says of itself.
+
+    A vehicle's `events` end a step where one of them changes its sign; its `jump` says what the state is then.
+    """
+    none = jnp.zeros((), np.int32)
+    start = _Progress(jnp.zeros(()), _as_floats(x), before.step, none, jnp.zeros(()), none, jnp.zeros((), np.bool_))
+    take = partial(_take_step, method, vehicle, u, t, h)
+    if STEPS[method.method][1] is None and optional_member(vehicle, "events") is None:
+        end = take(start)
+    else:
+        end = jax.lax.while_loop(lambda p: p.since < h, take, start)
+    report = replace(
+        before,
+        integration_error=end.error,
+        steps=end.steps,
+        step=end.size,
+        events=before.events + end.located,
+        crowded=end.is_crowded,
+    )
+    return end.x, report
+
+
+def _take_step(method: Integration, vehicle: Any, u: Any, t: Any, h: Any, p: _Progress) -> _Progress:
+    """One step more: to h, to where its error lets it go, or to the first event on the way; or a rejected one."""
+
+    def f(time: Any, at: Any) -> Any:
+        return vehicle.dynamics(time, at, u)
+
+    def step(length: Any) -> tuple[Any, Any]:
+        x1, error = formula(f, t + p.since, p.x, length)
+        return _as_floats(x1), error
+
+    formula, order = STEPS[method.method]
+    if method.attitude == "group":
+        formula = rotation_step(formula, optional_member(vehicle, "QUATERNIONS"))
+    rest = h - p.since
+    is_forced = p.steps + 1 >= method.most_steps
+    own = rest if order is None else jnp.where(is_forced | (p.size >= rest), rest, p.size)
+    reaches = own >= rest
+    x1, error = step(own)
+    ratio = error_ratio(error, p.x, x1, method.relative, method.absolute)
+    if order is None:
+        is_taken, size = jnp.ones((), np.bool_), p.size
+    else:
+        is_taken = is_forced | (ratio <= 1)
+        # a step that was cut to end at h says nothing against the longer one that was meant
+        size = jnp.where(is_taken & reaches & (own < p.size), p.size, next_step(own, ratio, order))
+    located, is_crowded = p.located, p.is_crowded
+    since = jnp.where(reaches, h, p.since + own)
+    if optional_member(vehicle, "events") is not None:
+        is_free = is_taken & (p.located < method.most_events)
+        by, x1, has_crossed = _stop_at_event(vehicle, t + p.since, p.x, f(t + p.since, p.x), own, x1, is_free, step)
+        has_crossed = has_crossed & is_taken
+        is_event = has_crossed & is_free
+        since = jnp.where(is_event, p.since + by, since)
+        located = located + is_event.astype(np.int32)
+        is_crowded = is_crowded | (has_crossed & ~is_event)
+    return _Progress(
+        since=jnp.where(is_taken, since, p.since),
+        x=tree_where(is_taken, x1, p.x),
+        size=size,
+        steps=p.steps + 1,
+        error=jnp.where(is_taken, jnp.maximum(p.error, ratio), p.error),
+        located=located,
+        is_crowded=is_crowded,
+    )
+
+
+def _stop_at_event(
+    vehicle: Any, t: Any, x: Any, rate: Any, h: Any, x1: Any, is_free: Any, step: Callable[[Any], tuple[Any, Any]]
+) -> tuple[Any, Any, Any]:
+    """How far a step from x to x1 goes (s), where that leads, and whether an event lies in the whole of it.
+
+    rate: the derivative at x.  is_free: whether the step ends at an event.
+    """
+
+    def values(by: Any, at: Any) -> Any:
+        return jnp.stack([jnp.asarray(g, np.float64) for g in jax.tree.leaves(vehicle.events(t + by, at))])
+
+    rate = jax.tree.map(lambda v, d: jnp.broadcast_to(jnp.asarray(d, np.float64), jnp.shape(v)), x, rate)
+    zero = jnp.zeros(())
+    g, slope = jax.jvp(values, (zero, x), (jnp.ones(()), rate))
+    before = jnp.where(g == 0, slope, g)  # after a jump that put it to zero, its sign is that of where it goes
+    has_crossed = jnp.any(_crosses(before, values(h, x1)))
+
+    def locate() -> tuple[Any, Any]:
+        def halve(_: Any, ends: Any) -> Any:
+            low, high = ends
+            middle = (low + high) / 2
+            is_past = jnp.any(_crosses(before, values(middle, step(middle)[0])))
+            return jnp.where(is_past, low, middle), jnp.where(is_past, middle, high)
+
+        _, by = jax.lax.fori_loop(0, HALVINGS, halve, (zero, h))
+        to = step(by)[0]
+        if (jump := optional_member(vehicle, "jump")) is not None:
+            to = _as_floats(jump(t + by, to, _crosses(before, values(by, to))))
+        return by, to
+
+    by, to = jax.lax.cond(has_crossed & is_free, locate, lambda: (h, x1))
+    return by, to, has_crossed
+
+
+def _as_floats(x: Any) -> Any:
+    return jax.tree.map(lambda v: jnp.asarray(v, np.float64), x)
+
+
+def _crosses(g: Any, later: Any) -> Any:
+    """Which functions have changed their sign."""
+    return ((g > 0) & (later <= 0)) | ((g < 0) & (later >= 0))

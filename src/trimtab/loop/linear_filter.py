@@ -1,0 +1,164 @@
+"""A Kalman filter of any vehicle's linear model, from sensors that see all that needs to be seen.
+
+Source: docs page, Linear model filter.
+"""
+
+from collections.abc import Callable, Mapping
+from typing import Any, NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+from scipy.linalg import matrix_balance
+
+from trimtab.core.discretisation import discretise
+from trimtab.core.errors import InputError, closest
+from trimtab.core.interfaces import optional_member
+from trimtab.core.time import to_seconds
+from trimtab.design.coordinates import attitude_fields
+from trimtab.design.linearise import LinearModel, linearise
+from trimtab.design.model import entry_names, find_indices, model_of_vehicle, record_vector
+from trimtab.estimators.linear_model import LinearModelFilter
+
+LIGHT = 0.2
+"""A mode that is damped less than this swings on, and has to be seen."""
+UNSEEN = 3e-5
+"""Singular value below which a direction is not seen, in parts of the largest."""
+
+
+class UnseenMode(NamedTuple):
+    """A pole of which no sensor sees anything. states: those that move in it, the largest first."""
+
+    pole: complex
+    states: tuple[str, ...]
+
+    @property
+    def stays(self) -> bool:
+        """Whether it does not die away by itself, or swings on for long."""
+        decay = -self.pole.real
+        return decay <= 0 or decay < LIGHT * abs(self.pole)
+
+
+def measure_channels(vehicle: Any, x: Any, u: Any, sensors: Mapping[str, Any]) -> dict[str, Callable[[Any, Any], Any]]:
+    """Each number that sensors measure of a vehicle, e.g. ``encoder.position`` -> function of its state and input.
+
+    Args:
+        vehicle: whose motion is felt.
+        x: a state record.
+        u: an input record.
+        sensors: by name; those that feel the input tell nothing of the state and are left out.
+    """
+    functions: dict[str, Callable[[Any, Any], Any]] = {}
+    for name, sensor in sensors.items():
+        feels = optional_member(sensor, "FEELS")
+        if feels == "input":
+            continue
+
+        def measure(x: Any, u: Any, sensor: Any = sensor, feels: str = feels) -> Any:
+            return sensor.measure(x if feels == "state" else vehicle.motion(np.int64(0), x, u))
+
+        for i, entry in enumerate(entry_names(measure(x, u))):
+            functions[f"{name}.{entry}"] = lambda x, u, i=i, measure=measure: record_vector(measure(x, u))[i]
+    return functions
+
+
+def unseen_modes(linear: LinearModel) -> tuple[UnseenMode, ...]:
+    """Poles of a linear model of which its outputs show nothing, by falling real part.
+
+    Source: M. L. J. Hautus, "Controllability and observability conditions of linear autonomous systems", Proc. Kon.
+    Ned. Akad. Wetensch. A 72 (1969): [A - p I; C] v = 0.
+    """
+    balance: Any = matrix_balance(linear.A, permute=False, separate=True)
+    d = np.asarray(balance[1][0], float)
+    A, C = linear.A * d / d[:, None], linear.C * d
+    length = np.linalg.norm(C, axis=1, keepdims=True)
+    C = C / np.where(length > 0, length, 1.0) * max(float(np.abs(A).max(initial=0.0)), 1e-3)
+    modes: list[UnseenMode] = []
+    for pole in sorted(np.linalg.eigvals(A).tolist(), key=lambda p: -complex(p).real):
+        pole = complex(pole)
+        _, singular, right = np.linalg.svd(np.vstack([A - pole * np.eye(len(A)), C]))
+        if pole.imag < 0 or singular[-1] > UNSEEN * singular[0]:
+            continue
+        part = np.abs(right[-1])
+        order = np.argsort(-part, kind="stable")
+        names = tuple(linear.states[i] for i in order if part[i] > 0.1 * part.max())
+        if not any(abs(m.pole - pole) < 1e-6 * (1 + abs(pole)) for m in modes):
+            modes.append(UnseenMode(pole, names))
+    return tuple(modes)
+
+
+def design_filter(
+    vehicle: Any,
+    x: Any,
+    u: Any,
+    sensors: Mapping[str, Any],
+    noise: Mapping[str, float],
+    first: Mapping[str, float],
+    disturbance: Mapping[str, float] | None = None,
+    *,
+    period: int,
+    actuators: str = "actuators",
+) -> LinearModelFilter:
+    """The filter of a vehicle's whole state near a trim (x, u).
+
+    Args:
+        vehicle: as it is believed to be.
+        x: state record, at a trim.
+        u: input record, likewise.
+        sensors: by name, as the world has them.
+        noise: measured number that is used, e.g. ``encoder.position`` -> standard deviation of its noise, in its unit.
+        first: state -> standard deviation of what is known at first; of all states.
+        disturbance: state -> what disturbs its derivative, white noise, root of its density (unit of the derivative
+            times s^0.5).
+        period: of the autopilot (100 ns).
+        actuators: name of the sensor of the input as it acts (`sensors.flight_state.ActingInput`).
+
+    Raises: InputError, by name, where a mode that does not die away by itself is seen by none of the numbers; for a
+        vehicle in space, whose attitude has filters of its own (docs, Gnss and inertial).
+    """
+    if attitude_fields(x):
+        fix = "use an estimator of inertial navigation (docs, Gnss and inertial)"
+        raise InputError(
+            "design_filter", "the vehicle's state has a quaternion, which no linear filter carries", fix=fix
+        )
+    channels = measure_channels(vehicle, x, u, sensors)
+    for name in noise:
+        if name not in channels:
+            near = closest(name, channels, 1) or [*channels, "SENSOR.NUMBER"]
+            raise InputError(
+                "design_filter.noise", f"no sensor measures {name!r}", choices=channels, fix=f"{near[0]!r}: …"
+            )
+    linear = linearise(model_of_vehicle(vehicle, x, u, outputs={n: channels[n] for n in noise}))
+    lacking = [n for n in linear.states if n not in first]
+    if lacking:
+        problem = f"of {', '.join(lacking)} it does not say how well it is known at first"
+        raise InputError("design_filter.first", problem, fix=f"first={{{lacking[0]!r}: …}}, a standard deviation")
+    _refuse_unseen(linear, [n for n in channels if n not in noise])
+    find_indices("design_filter.first", first, linear.states)
+    rows = find_indices("design_filter.disturbance", disturbance or {}, linear.states)
+    density = np.zeros(len(linear.states))
+    density[rows] = np.square(list((disturbance or {}).values()))
+    model = discretise(jnp.asarray(linear.A), jnp.diag(jnp.asarray(density)), to_seconds(period))
+    return LinearModelFilter(
+        x0=x,
+        u0=np.asarray(record_vector(u)),
+        channels=tuple(noise),
+        acting=tuple(f"{actuators}.{name}" for name in entry_names(u)),
+        Ad=np.asarray(model.Ad),
+        Bd=np.asarray(model.Bd) @ linear.B,
+        Qd=np.asarray(model.Qd),
+        C=linear.C,
+        D=linear.D,
+        y0=linear.y0,
+        R=np.square(list(noise.values())),
+        P0=np.diag(np.square([first[n] for n in linear.states])),
+        period=period,
+    )
+
+
+def _refuse_unseen(linear: LinearModel, others: list[str]) -> None:
+    for mode in unseen_modes(linear):
+        if mode.stays:
+            pole = f"{mode.pole.real:+.3g}" + (f" ± {mode.pole.imag:.3g}i" if mode.pole.imag else "")
+            problem = f"{', '.join(linear.outputs)} show nothing of the mode {pole} 1/s, in {', '.join(mode.states)}"
+            fix = f"measure more, e.g. noise={{{others[0]!r}: …}}" if others else "add a sensor that feels it"
+            raise InputError("design_filter", problem, choices=others, fix=fix)

@@ -1,0 +1,114 @@
+"""Delay, jitter and loss of a link as three numbers, whatever link it is: it becomes a `MeasuredLatency`.
+
+    delay     takes the place of the link's own latency, constant
+    jitter    an even spread from 0 to it, on top
+    loss      share of the packets, each by itself
+
+Source: docs page, Axes, for what they mean.
+"""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from trimtab.core.errors import InputError, argument, argument_name
+from trimtab.core.imperfections import without
+from trimtab.core.record import replace, with_leaf
+from trimtab.core.time import ms, parse_time, seconds, to_seconds
+from trimtab.core.units import find_size
+from trimtab.links.fifo import required_slots
+from trimtab.links.latency import NODES, MeasuredLatency, mean_latency, normal_scores
+from trimtab.links.wire import DelayChain, Wire
+from trimtab.loop.scenario import Scenario
+
+LINKS = ("uplink", "downlink")
+KINDS = ("delay", "jitter", "loss")
+EXPECTED = "autopilot.predictor.uplink_delay"
+SETTINGS = tuple(f"{link}.{kind}" for link in LINKS for kind in KINDS)
+"""What may be set of a link by these names, in the order in which they act."""
+
+
+def with_link_settings(scenario: Scenario, settings: Mapping[str, str]) -> Scenario:
+    """The scenario with what is set of its links, e.g. {"uplink.delay": "80 ms", "downlink.loss": "5 %"}.
+
+    Raises: InputError for a text that is no time or share, or a link that has no latency.
+    """
+    for name in [name for name in SETTINGS if name in settings]:
+        link, _, kind = name.partition(".")
+        value = _parse_share(name, settings[name]) if kind == "loss" else _parse_delay(name, settings[name])
+        scenario = _change_link(scenario, link, kind, value)
+    return scenario
+
+
+def _change_link(scenario: Scenario, link: str, kind: str, value: float) -> Scenario:
+    """The scenario with delay (s), jitter (s) or loss of a link."""
+    channel = measured_latency(scenario, link)
+    if kind == "loss":
+        return replace(scenario, world=replace(scenario.world, **{link: replace(channel, loss=value)}))
+    channel = without(channel, "jitter") if kind == "jitter" else replace(channel, latency=np.zeros(NODES))
+    latency = np.asarray(channel.latency) + value * (np.ones(NODES) if kind == "delay" else even_latencies())
+    slots = required_slots(float(latency[-1]), channel.send_period, channel.period)
+    channel = replace(channel, latency=latency, capacity=max(channel.capacity, slots))
+    scenario = replace(scenario, world=replace(scenario.world, **{link: channel}))
+    if link == "uplink" and scenario.autopilot.predictor is not None:
+        scenario = extend_horizon(scenario, seconds(round(value, 3)))
+        scenario = with_leaf(scenario, EXPECTED, lambda old, declared: mean_latency(latency))
+    return scenario
+
+
+def _parse_delay(name: str, text: str) -> float:
+    try:
+        units = parse_time(text)
+    except InputError as error:
+        raise InputError(
+            argument_name("settings", name), error.problem, fix=argument("settings", "80 ms", name)
+        ) from None
+    if units < 0:
+        raise InputError(
+            argument_name("settings", name), f"{text!r} is below 0", fix=argument("settings", "80 ms", name)
+        )
+    return float(to_seconds(units))
+
+
+def _parse_share(name: str, text: str) -> float:
+    number = text.strip().removesuffix("%")
+    try:
+        value = float(number) * ((find_size("%", "1") or 1.0) if number != text.strip() else 1.0)
+    except ValueError:
+        value = np.nan
+    if not 0 <= value <= 1:
+        raise InputError(
+            argument_name("settings", name),
+            f"{text!r} is no share of packets",
+            fix=f"{argument('settings', '5 %', name)}, from 0 to 100 %",
+        )
+    return value
+
+
+def even_latencies() -> np.ndarray:
+    """Latencies (NODES,) spread evenly over [0, 1], as a table over the normal score."""
+    from scipy.special import ndtr
+
+    return ndtr(normal_scores())
+
+
+def measured_latency(scenario: Scenario, link: str) -> MeasuredLatency:
+    """A link as a `MeasuredLatency` of the same delay and packets as often, or itself if it is one."""
+    channel = getattr(scenario.world, link)
+    if isinstance(channel, MeasuredLatency):
+        return channel
+    if not isinstance(channel, DelayChain | Wire):
+        problem = f"{type(channel).__name__} has no latency that could change along an axis"
+        raise InputError(f"world.{link}", problem, fix="fly a scenario whose link is one, or map a path of this link")
+    delay = channel.delay() if isinstance(channel, DelayChain) else 0.0
+    looks = min(channel.period, scenario.autopilot.period, ms(1))
+    return MeasuredLatency(latency=np.full(NODES, delay), send_period=channel.period, period=looks)
+
+
+def extend_horizon(scenario: Scenario, longest: int) -> Scenario:
+    """The scenario with a predictor, where it has one, that reaches so much further (100 ns)."""
+    predictor = scenario.autopilot.predictor
+    if predictor is None:
+        return scenario
+    predictor = replace(predictor, horizon=predictor.horizon + longest)
+    return replace(scenario, autopilot=replace(scenario.autopilot, predictor=predictor))

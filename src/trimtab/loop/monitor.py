@@ -1,0 +1,325 @@
+"""Monitor: whether the flight keeps to formulas of signal temporal logic, told while it flies. A part of the Autopilot.
+
+A formula that looks ahead is known only later: what the monitor says at a row is of the row a fixed DELAY before, where
+DELAY is how far the formula looks ahead (in rows of the monitor's period). There it is what `logs.robustness` says of
+that row of the log, bit for bit. `always` or `eventually` without an end may only stand outermost: then it is the least
+or largest so far, from the first row on.
+
+    always[a, b] F    at row i the least of the last b - a + 1 values of F, which is of the row b before
+    F until[a, b] G   the same of pairs (u, m), the until and the least F of a stretch; first A, then B:
+                      u = max(uA, min(mA, uB))      m = min(mA, mB)
+
+Stretches of 1, 2, 4, … rows that end now are each made of two of half the length, and the last of two that overlap: so
+a step takes the same time whatever is measured, in proportion to the logarithm of the window's rows, and remembers as
+many numbers as the window has.
+
+Source: Maler, Nickovic, Pnueli, "From MITL to timed automata", FORMATS 2006, for a formula of bounded future as one of
+the past; Bender, Farach-Colton, "The LCA problem revisited", LATIN 2000, for windows by powers of two; docs page,
+Monitor.
+"""
+
+import functools
+import math
+import re
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+from jax import lax
+
+from trimtab.core.errors import InputError, argument
+from trimtab.core.formula import FUTURE, Connective, Predicate, Temporal, parse_formula
+from trimtab.core.formula_units import Formula, fit_formula, look_ahead
+from trimtab.core.record import Quantity, Scalar, leaves, option, part, period, quantity, record
+from trimtab.core.time import format_time, ms
+from trimtab.logs.robustness import HOLDS, PENDING, VERDICTS, VIOLATED, compare, evaluate_number, join
+
+MOST_MEMORY = 100_000
+"""Numbers that a monitor may remember."""
+_NAMED = re.compile(r"\s*(?:(?P<name>[a-z][a-z0-9_]*)\s*:)?\s*(?P<formula>[^;]*?)\s*", re.DOTALL)
+EXAMPLE = "always(abs(estimate.state.yaw_rate) < 4 rad/s)"
+LEAST, LARGEST = (jnp.minimum, math.inf), (jnp.maximum, -math.inf)
+EXTREMES = {"always": LEAST, "historically": LEAST, "eventually": LARGEST, "once": LARGEST}
+
+
+@record
+class MonitorInput:
+    """What a formula may speak of: what the autopilot knows, by the paths of the log. Source: docs page, Monitor."""
+
+    estimate: Any = part("The estimate.")
+    law: Any = part("Output of the law.")
+    command: Any = part("The command as issued.")
+    downlink: Any = part("Newest sample of each sensor.")
+    supervisor: Any = part("What the supervisor says; nothing without one.", default=())
+
+
+@record
+class MonitorOutput:
+    """What is known of a formula. Frames: none. Source: docs page, Monitor."""
+
+    robustness: Scalar = quantity("U", "How far from breaking it, in the formula's own unit; 0 while pending.")
+    verdict: Scalar = quantity("1", "Whether the flight keeps to it.", kind="mode", modes=VERDICTS)
+
+
+@record
+class MonitorState:
+    """What a monitor remembers. Frames: none. Source: docs page, Monitor."""
+
+    rows: Scalar = quantity("1", "Rows looked at so far.", kind="count")
+    memory: Any = quantity("U", "Values of the last rows, for one delay after the other.")
+    outputs: Mapping[str, MonitorOutput] = part("What was said last, by the formula's name.")
+
+
+@record
+class Monitor:
+    """Looks at the flight each `period` and says of each formula how far it is from being broken.
+
+    Frames:  none; formulas have their own units.
+    Not modelled: periods that are skipped in real time are rows that aren't there.
+    Source:  docs page, Monitor.
+    """
+
+    formulas: str = option(
+        "Formulas, several with names and semicolons: 'turn: always(…); rest: always(…)'.", default=""
+    )
+    period: int = period("Between two rows that it looks at; a multiple of the control period.", default=ms(10))
+
+    def check(self) -> None:
+        """Refuse texts that are no formulas, and formulas whose truth is never known in flight."""
+        for name, text in self.texts().items():
+            tree = parse_formula(text)
+            inside = tree.formulas[0] if _is_without_end(tree) else tree
+            if look_ahead(inside) is None:
+                problem = f"{name}: {text!r} looks ahead without an end, which is never known in flight"
+                fix = "give intervals an end, e.g. eventually[0, 2 s](…); outermost, always(…) may have none"
+                raise InputError("formulas", problem, fix=fix)
+            _check_intervals(tree, name, self.period)
+            online = _Online(self.period)
+            online.assess(tree)
+            if (size := online.used) > MOST_MEMORY:
+                problem = f"{name}: {text!r} has to remember {size} numbers, {MOST_MEMORY} are the most"
+                raise InputError(
+                    "formulas",
+                    problem,
+                    fix=f"{argument('settings', '100 ms', 'autopilot.monitor.period')}, or shorter intervals",
+                )
+
+    def texts(self) -> dict[str, str]:
+        """Formulas by name; one without a name is "requirement", or "requirement_2" where it is the second."""
+        texts: dict[str, str] = {}
+        pieces = self.formulas.split(";")
+        for k, piece in enumerate(pieces):
+            match = _NAMED.fullmatch(piece)
+            if match is None or not match["formula"]:
+                problem = (
+                    f"{piece.strip()!r} is no formula, nor NAME: FORMULA with a name of small letters, digits and _"
+                )
+                raise InputError("formulas", problem, fix=argument("settings", EXAMPLE, "autopilot.monitor.formulas"))
+            name = match["name"] or ("requirement" if len(pieces) == 1 else f"requirement_{k + 1}")
+            if name in texts:
+                raise InputError("formulas", f"two of them are named {name!r}", fix=f"name one of them {name}_2: …")
+            texts[name] = match["formula"]
+        return texts
+
+    def fit(self, input: MonitorInput) -> dict[str, Formula]:
+        """The formulas by name, held against what the autopilot knows; refuses paths and units that don't fit."""
+        known = [(path, np.shape(value), d.unit) for path, value, d in leaves(input) if isinstance(d, Quantity)]
+        return self.fit_signals({path: shape for path, shape, _ in known}, {path: unit for path, _, unit in known})
+
+    def fit_signals(self, shapes: Mapping[str, tuple[int, ...]], units: Mapping[str, str]) -> dict[str, Formula]:
+        """The same of signals given by shape and unit."""
+        try:
+            return {name: fit_formula(text, shapes, units) for name, text in self.texts().items()}
+        except InputError as error:
+            problem = f"{error.part}: {error.problem}"
+            raise InputError("autopilot.monitor", problem, choices=error.choices, fix=error.fix) from None
+
+    def init(self, input: MonitorInput) -> MonitorState:
+        """Nothing seen yet; input: of the structure that steps have."""
+        online = _Online(self.period)
+        for formula in self.fit(input).values():
+            online.assess(formula.root)
+        outputs = {name: MonitorOutput(np.float64(0), np.int32(PENDING)) for name in self.texts()}
+        memory = np.concatenate([np.zeros(1), *online.fills])
+        return MonitorState(rows=np.int32(0), memory=memory, outputs=outputs)
+
+    def step(self, t: Any, s: MonitorState, input: MonitorInput) -> MonitorState:
+        """What is known at integer time t."""
+        return lax.cond(t % self.period == 0, lambda: self._take_row(s, input), lambda: s)
+
+    def _take_row(self, s: MonitorState, input: MonitorInput) -> MonitorState:
+        values = {path: value for path, value, _ in leaves(input)}
+        online = _Online(self.period, s.memory, s.rows, lambda path: jnp.asarray(values[path], np.float64))
+        outputs = {name: online.assess(formula.root) for name, formula in self.fit(input).items()}
+        return MonitorState(rows=s.rows + 1, memory=online.memory, outputs=outputs)
+
+
+def _is_without_end(tree: Any) -> bool:
+    return isinstance(tree, Temporal) and tree.word in FUTURE and tree.high is None
+
+
+def _rows_of(tree: Temporal, period: int) -> tuple[int, int | None]:
+    """First and last row of an interval, counted from the row that it belongs to."""
+    return -(-tree.low // period), None if tree.high is None else tree.high // period
+
+
+def _check_intervals(tree: Any, name: str, period: int) -> None:
+    """Refuse an interval that lies between two rows."""
+    if isinstance(tree, Predicate):
+        return
+    if isinstance(tree, Temporal):
+        low, high = _rows_of(tree, period)
+        if high is not None and high < low:
+            problem = f"{name}: the interval of {tree.word} lies between two rows, {format_time(period)} apart"
+            raise InputError(
+                "formulas",
+                problem,
+                fix=f"make it longer, or {argument('settings', '1 ms', 'autopilot.monitor.period')}",
+            )
+    for formula in tree.formulas:
+        _check_intervals(formula, name, period)
+
+
+class _Online:
+    """One row of a formula, with delays side by side in one array; without an array it is only found how long they are.
+
+    Formulas give a value and how many rows ago it is of: before so many rows it means nothing. sign: -1 in a formula
+    that is negated.
+    """
+
+    def __init__(
+        self, period: int, memory: Any = None, row: Any = 0, read: Callable[[str], Any] = lambda path: 0.0
+    ) -> None:
+        self.period, self.memory, self.row, self.read = period, memory, row, read
+        self.used = 1
+        self.fills: list[Any] = []
+
+    def assess(self, tree: Any) -> MonitorOutput:
+        """What is known of a whole formula."""
+        if _is_without_end(tree):
+            low, (extreme, none) = _rows_of(tree, self.period)[0], EXTREMES[tree.word]
+            value, ago = self.evaluate(tree.formulas[0], 1)
+            ago += low
+            value = self._accumulate(extreme, self._since(ago, value, none), none)
+            undecided = PENDING if tree.word == "eventually" else VIOLATED
+        else:
+            value, ago = self.evaluate(tree, 1)
+            undecided = VIOLATED
+        known = self.row >= ago
+        verdict = jnp.where(value > 0, HOLDS, undecided)
+        return MonitorOutput(
+            robustness=jnp.where(known, value, 0.0), verdict=jnp.where(known, verdict, PENDING).astype(np.int32)
+        )
+
+    def evaluate(self, tree: Any, sign: int) -> tuple[Any, int]:
+        if isinstance(tree, Predicate) and self.memory is None:
+            return 0.0, 0
+        if isinstance(tree, Predicate):
+            left, right = (evaluate_number(number, self.read) for number in (tree.left, tree.right))
+            return compare(jnp, left, tree.relation, right, sign), 0
+        if isinstance(tree, Connective):
+            first = tree.word in ("not", "implies")
+            below = [self.evaluate(f, -sign if first and k == 0 else sign) for k, f in enumerate(tree.formulas)]
+            values, ago = self._align(below)
+            return join(jnp, tree.word, values), ago
+        assert isinstance(tree, Temporal)
+        values, ago = self._align([self.evaluate(formula, sign) for formula in tree.formulas])
+        if tree.word in FUTURE:
+            return self._look_back(tree, values), ago + (tree.high or 0) // self.period
+        if tree.word == "until":
+            return self._until(tree, *values), ago + (tree.high or 0) // self.period
+        if tree.word == "since":
+            none = (math.inf, -math.inf)
+            stays, comes = (self._since(ago, x, n) for x, n in zip(values, none, strict=True))
+            return self._since_interval(tree, stays, comes), ago
+        low, high = _rows_of(tree, self.period)
+        extreme, none = EXTREMES[tree.word]
+        value = self._since(ago, values[0], none)
+        if high is None:
+            return self._delay(self._accumulate(extreme, value, none), low, none), ago
+        return self._delay(self._slide_one(extreme, value, high - low + 1, none), low, none), ago
+
+    def _look_back(self, tree: Temporal, values: list[Any]) -> Any:
+        """always and eventually, of the row at which their interval began."""
+        low, high = _rows_of(tree, self.period)
+        extreme, none = EXTREMES[tree.word]
+        assert high is not None
+        return self._slide_one(extreme, values[0], high - low + 1, none)
+
+    def _until(self, tree: Temporal, stays: Any, comes: Any) -> Any:
+        low, high = _rows_of(tree, self.period)
+        assert high is not None
+        width = high - low + 1
+        until, _ = self._slide((comes, stays), width, (-math.inf, math.inf), _join_stretches)
+        if low == 0:
+            return until
+        return jnp.minimum(until, self._delay(self._slide_one(jnp.minimum, stays, low, math.inf), width, math.inf))
+
+    def _since_interval(self, tree: Temporal, stays: Any, comes: Any) -> Any:
+        low, high = _rows_of(tree, self.period)
+        if high is None:
+            since = self._accumulate(lambda before, now: jnp.maximum(now, jnp.minimum(stays, before)), comes, -math.inf)
+        else:
+            turned = functools.partial(_swap, _join_stretches)
+            since, _ = self._slide((comes, stays), high - low + 1, (-math.inf, math.inf), turned)
+        if low == 0:
+            return since
+        return jnp.minimum(self._delay(since, low, -math.inf), self._slide_one(jnp.minimum, stays, low, math.inf))
+
+    def _align(self, below: list[tuple[Any, int]]) -> tuple[list[Any], int]:
+        """Values of one and the same row, and how many rows ago it was."""
+        ago = max(own for _, own in below)
+        return [self._delay(value, ago - own, 0.0) for value, own in below], ago
+
+    def _since(self, first: int, value: Any, none: float) -> Any:
+        """The value from row `first` on, and nothing before."""
+        return value if first == 0 else jnp.where(self.row >= first, value, none)
+
+    def _slide_one(self, extreme: Any, value: Any, width: int, none: float) -> Any:
+        """Least or largest of the last `width` values."""
+        return self._slide((value,), width, (none,), lambda a, b: (extreme(a[0], b[0]),))[0]
+
+    def _slide(self, now: tuple[Any, ...], width: int, none: tuple[float, ...], combine: Any) -> tuple[Any, ...]:
+        """What the last `width` rows give together, where stretches that overlap may be combined."""
+        length = 1
+        while length < width:
+            back = min(length, width - length)
+            older = tuple(self._delay(x, back, n) for x, n in zip(now, none, strict=True))
+            now, length = combine(older, now), length + back
+        return now
+
+    def _delay(self, x: Any, n: int, none: float) -> Any:
+        """The value n rows ago; `none` where there was no such row."""
+        if n == 0:
+            return x
+        place = self.used + self.row % n
+        self._reserve(n, none)
+        if self.memory is None:
+            return none
+        old = lax.dynamic_index_in_dim(self.memory, place, keepdims=False)
+        self.memory = lax.dynamic_update_index_in_dim(self.memory, jnp.asarray(x, self.memory.dtype), place, 0)
+        return old
+
+    def _accumulate(self, function: Any, x: Any, none: float) -> Any:
+        """function(what it gave at the last row, x)."""
+        place = self.used
+        self._reserve(1, none)
+        if self.memory is None:
+            return none
+        new = function(self.memory[place], x)
+        self.memory = lax.dynamic_update_index_in_dim(self.memory, jnp.asarray(new, self.memory.dtype), place, 0)
+        return new
+
+    def _reserve(self, n: int, none: float) -> None:
+        self.used += n
+        self.fills.append(np.full(n, none))
+
+
+def _join_stretches(older: tuple[Any, Any], newer: tuple[Any, Any]) -> tuple[Any, Any]:
+    """Until, and least of what has to stay, of one stretch and the next."""
+    return jnp.maximum(older[0], jnp.minimum(older[1], newer[0])), jnp.minimum(older[1], newer[1])
+
+
+def _swap(function: Any, older: Any, newer: Any) -> Any:
+    return function(newer, older)

@@ -1,0 +1,179 @@
+"""References as they are typed after ``--reference``, and put into a scenario.
+
+circle(radius=1.5, period=20 s)             fields of the record, each with a unit if wanted
+eight(length=5, width=150 cm)
+waypoints(0 0, 3 0, 3 3 0.3; speed=0.4)     north and east (m), and the speed of the leg that leads there (m/s)
+places(0 s: 0 0, 2 s: 1 0, …)               north and east at times, and, if each has one, a heading (rad)
+path.csv                                    the same as a table: time [s], north [m], east [m], heading [deg]
+"""
+
+import re
+from collections.abc import Callable, Mapping
+from types import MappingProxyType
+from typing import Any
+
+import numpy as np
+
+from trimtab.core.errors import InputError, argument, argument_name, closest
+from trimtab.core.interfaces import Reference
+from trimtab.core.quantity import Part, Quantity, declarations
+from trimtab.core.record import Option, replace
+from trimtab.core.reference import Circle, FigureEight, PiecewisePath, interpolate_path, pass_waypoints
+from trimtab.core.time import parse_time, to_seconds
+from trimtab.core.units import parse_amount
+from trimtab.identify.measurements import MeasuredColumn, read_measurements
+from trimtab.loop.scenario import Scenario
+
+PART = "reference"
+SPEED = 0.4
+"""m/s, of way-points that name none."""
+FORMS = (
+    "circle(radius=1.5, period=20 s)",
+    "eight(length=5, width=1.5, period=30 s)",
+    "waypoints(0 0, 3 0, 3 3; speed=0.4)",
+    "places(0 s: 0 0, 5 s: 1 0, …)",
+    "path.csv",
+    "autopilot.law.PATH=steps(0 s: 1, 5 s: 2)",
+)
+COLUMNS = (
+    MeasuredColumn("time", "s", "when"),
+    MeasuredColumn("north", "m", "where"),
+    MeasuredColumn("east", "m", "where"),
+    MeasuredColumn("heading", "rad", "where the nose is to point, unwrapped", needed=False, usual="deg"),
+)
+SHAPES: Mapping[str, Any] = MappingProxyType({"circle": Circle, "eight": FigureEight})
+_CALL = re.compile(r"\s*(?P<name>\w+)\s*(\((?P<inside>.*)\))?\s*", re.DOTALL)
+
+
+def parse_reference(text: str) -> Any:
+    """The reference of a text; a file is read.
+
+    Raises: InputError that names what is wrong and what to type.
+    """
+    if text.endswith(".csv"):
+        return _read_path(text)
+    match = _CALL.fullmatch(text)
+    parsers: dict[str, Callable[[str], Any]] = {"waypoints": _parse_waypoints, "places": _parse_places}
+    name = match["name"] if match else ""
+    if match and name in SHAPES:
+        return _parse_shape(SHAPES[name], match["inside"] or "")
+    if match and name in parsers and match["inside"]:
+        return parsers[name](match["inside"])
+    near = closest(name, [*SHAPES, *parsers], 1)
+    fix = next((argument(PART, form) for form in FORMS if near and form.startswith(near[0])), argument(PART, FORMS[0]))
+    raise InputError(argument_name(PART), f"{text!r} is no reference", choices=FORMS, fix=fix)
+
+
+def plain_text(text: str) -> str:
+    """The text itself; of a file what it holds, so that a log can be replayed without it."""
+    if not text.endswith(".csv"):
+        return text
+    table = read_measurements(text, COLUMNS, series=True)
+    headings = [f" {h!r}" for h in np.asarray(table["heading"]).tolist()] if "heading" in table else [""] * len(table)
+    rows = zip(*(np.asarray(table[n]).tolist() for n in ("time", "north", "east")), headings, strict=True)
+    return f"places({', '.join(f'{t!r}: {north!r} {east!r}{heading}' for t, north, east, heading in rows)})"
+
+
+def with_reference(scenario: Scenario, text: str) -> Scenario:
+    """The scenario along a reference, from rest where it begins, with the nose where it sets out.
+
+    Raises: InputError for a law that follows none.
+    """
+    law = scenario.autopilot.law
+    if not isinstance(declarations(law).get("reference"), Part) or not isinstance(law.reference, Reference):
+        problem = f"the law of {scenario.name}, {type(law).__name__}, follows no path"
+        fix = f"fly hovercraft/track with {argument(PART, text)}; of a number of this law: {argument(PART, FORMS[-1])}"
+        raise InputError(argument_name(PART), problem, fix=fix)
+    path = parse_reference(text)
+    autopilot = replace(scenario.autopilot, law=replace(law, reference=path))
+    arm = float(getattr(getattr(law, "model", None), "percussion_arm", 0.0))
+    north, east, heading = start_pose(path, arm)
+    initial = replace(scenario.initial, north=north, east=east, heading=heading)
+    return replace(scenario, autopilot=autopilot, initial=initial)
+
+
+def start_pose(path: Reference, arm: float) -> tuple[float, float, float]:
+    """North, east (m) and heading (rad) of a craft whose point `arm` (m) ahead of it stands where a path begins."""
+    first = np.asarray(path.at(0.0).place)
+    for soon in (0.25, 0.5, 1.0, 2.0, 4.0, 8.0):
+        way = np.asarray(path.at(soon).place) - first
+        if np.hypot(*way) > 1e-3:
+            break
+    heading = float(np.arctan2(way[1], way[0]))
+    north, east = first - arm * np.array([np.cos(heading), np.sin(heading)])
+    return float(north), float(east), heading
+
+
+def _parse_shape(shape: Any, inside: str) -> Any:
+    """A record from ``radius=1.5, period=20 s``."""
+    fields, declared = {}, declarations(shape)
+    for item in filter(None, (piece.strip() for piece in inside.split(","))):
+        name, equals, text = (word.strip() for word in item.partition("="))
+        part = argument_name(PART, f"{shape.__name__}.{name}")
+        if not equals or name not in declared:
+            near = closest(name, declared, 1) or list(declared)
+            fix = f"write e.g. {near[0]}={getattr(shape(), near[0])}"
+            raise InputError(
+                argument_name(PART), f"{item!r} sets nothing of a {shape.__name__}", choices=declared, fix=fix
+            )
+        if isinstance(declared[name], Option):
+            if text not in ("true", "True", "false", "False"):
+                raise InputError(part, f"{text!r} is neither true nor false", fix=f"{name}=true")
+            fields[name] = text.lower() == "true"
+            continue
+        own = declared[name]
+        assert isinstance(own, Quantity)
+        fields[name] = parse_amount(part, text, own.unit)
+    return shape(**fields)
+
+
+def _parse_waypoints(inside: str) -> PiecewisePath:
+    """A path through ``0 0, 3 0, 3 3 0.3; speed=0.4``."""
+    points, _, rest = inside.partition(";")
+    name, equals, text = (word.strip() for word in rest.partition("="))
+    if rest.strip() and (name != "speed" or not equals):
+        raise InputError(argument_name(PART), f"{rest.strip()!r} is not speed=NUMBER", fix=argument(PART, FORMS[2]))
+    usual = _parse_number(argument_name(PART, "speed"), text.removesuffix("m/s").strip()) if equals else SPEED
+    rows = [_parse_numbers(point, (2, 3), FORMS[2]) for point in points.split(",")]
+    speeds = [row[2] if len(row) == 3 else usual for row in rows[1:]]
+    return pass_waypoints([row[:2] for row in rows], np.array(speeds))
+
+
+def _parse_places(inside: str) -> PiecewisePath:
+    """A path through ``0 s: 0 0, 2 s: 1 0``."""
+    times, rows = [], []
+    for item in inside.split(","):
+        when, colon, what = item.partition(":")
+        if not colon:
+            raise InputError(
+                argument_name(PART), f"{item.strip()!r} is not TIME: NORTH EAST", fix=argument(PART, FORMS[3])
+            )
+        times.append(float(to_seconds(parse_time(when))))
+        rows.append(_parse_numbers(what, (2, 3), FORMS[3]))
+    if len({len(row) for row in rows}) > 1:
+        raise InputError(
+            argument_name(PART), "some places have a heading, some have none", fix="give each one, or none"
+        )
+    places = np.array(rows)
+    return interpolate_path(times, places[:, :2], places[:, 2] if places.shape[1] == 3 else None)
+
+
+def _read_path(file: str) -> PiecewisePath:
+    table = read_measurements(file, COLUMNS, series=True)
+    places = np.column_stack([table["north"], table["east"]])
+    return interpolate_path(table["time"], places, table.values.get("heading"))
+
+
+def _parse_numbers(text: str, counts: tuple[int, ...], form: str) -> list[float]:
+    words = text.split()
+    if len(words) not in counts:
+        problem = f"{text.strip()!r} has {len(words)} numbers, wanted are {' or '.join(map(str, counts))}"
+        raise InputError(argument_name(PART), problem, fix=argument(PART, form))
+    return [_parse_number(argument_name(PART), word) for word in words]
+
+
+def _parse_number(part: str, text: str) -> float:
+    try:
+        return float(text)
+    except ValueError:
+        raise InputError(part, f"{text!r} is no number", fix=argument(PART, FORMS[0])) from None

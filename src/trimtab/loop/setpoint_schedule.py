@@ -1,0 +1,124 @@
+"""Set-points of a law that change while it flies: in steps, or in ramps between them.
+
+    autopilot.law.reference = steps(0 s: 0, 5 s: 2 rad/s)
+
+Any number of a law can be scheduled; its path stays what it was, and what was set there holds until the first time.
+"""
+
+import re
+from collections.abc import Iterable, Mapping
+from typing import Any, TypeVar
+
+import jax.numpy as jnp
+import numpy as np
+
+from trimtab.core.errors import InputError, argument, argument_name, closest
+from trimtab.core.interfaces import optional_member
+from trimtab.core.record import Quantity, leaves, option, quantity, record, replace, with_leaf
+from trimtab.core.time import parse_time, to_seconds
+from trimtab.core.units import parse_amount
+from trimtab.loop.checks import check_part, check_values
+
+L = TypeVar("L")
+KINDS = ("steps", "ramps")
+LAW = "autopilot.law."
+SCHEDULE = re.compile(rf"\s*(?P<kind>{'|'.join(KINDS)})\s*\((?P<entries>.*)\)\s*", re.DOTALL)
+
+
+def _example() -> str:
+    return argument("settings", "steps(0 s: 1, 5 s: 2)", f"{LAW}PATH")
+
+
+@record
+class SetpointSchedule:
+    """One number of a law over time, on the autopilot's own clock, which a simulation begins at 0.
+
+    steps: from each time on the value is that one; before the first, what the law has. ramps: straight between the
+    times, the first value before them and the last one after.
+
+    Source: docs page, References from the command line.
+    """
+
+    path: str = option("Of the number, below the law.", default="k1")
+    kind: str = option("How it changes.", default="steps", choices=KINDS)
+    times: Any = quantity("s", "When; rising.", default=np.zeros(1))
+    values: Any = quantity("as declared", "What; in the number's own unit.", default=np.zeros(1))
+
+    def check(self) -> None:
+        """Refuse times that don't rise, or that lack a value."""
+        times, values = np.asarray(self.times), np.asarray(self.values)
+        if times.ndim != 1 or times.shape != values.shape or not len(times) or not (np.diff(times) > 0).all():
+            problem = (
+                f"{np.size(times)} times and {np.size(values)} values, of which no schedule in rising order is made"
+            )
+            raise InputError(f"schedule of {self.path}", problem, fix="give each time, in rising order, its value")
+
+    def at(self, seconds: Any, before: Any) -> Any:
+        """The value at a time (s); before: what it is before the first step."""
+        times, values = jnp.asarray(self.times), jnp.asarray(self.values)
+        if self.kind == "ramps":
+            return jnp.interp(seconds, times, values)
+        value = jnp.asarray(before, np.float64)
+        for k in range(np.shape(self.times)[0]):
+            value = jnp.where(seconds >= times[k], values[k], value)
+        return value
+
+
+def schedule_law(law: L, schedules: Iterable[SetpointSchedule], t: Any) -> L:
+    """The law as it is at integer time t."""
+    seconds = to_seconds(t)
+    for one in schedules:
+        law = with_leaf(law, one.path, lambda old, _, one=one: one.at(seconds, old))
+    return law
+
+
+def split_schedules(settings: Mapping[str, str]) -> tuple[dict[str, str], dict[str, str]]:
+    """Settings that are plain, and those that are schedules."""
+    schedules = {path: text for path, text in settings.items() if SCHEDULE.fullmatch(text)}
+    return {path: text for path, text in settings.items() if path not in schedules}, schedules
+
+
+def with_schedules(scenario: Any, texts: Mapping[str, str]) -> Any:
+    """A scenario whose law's set-points follow the schedules of some paths; refused where one can't.
+
+    Raises: InputError for a path that is no number of the law, a text that is no schedule, a value out of range.
+    """
+    if not texts:
+        return scenario
+    schedules = tuple(_parse_schedule(scenario.autopilot.law, path, text) for path, text in texts.items())
+    autopilot = scenario.autopilot
+    return replace(scenario, autopilot=replace(autopilot, schedules=(*autopilot.schedules, *schedules)))
+
+
+def _parse_schedule(law: Any, path: str, text: str) -> SetpointSchedule:
+    part, match = argument_name("settings", path), SCHEDULE.fullmatch(text)
+    if match is None:
+        raise InputError(part, f"{text!r} is no schedule", choices=KINDS, fix=_example())
+    numbers = {p: d for p, v, d in leaves(law) if isinstance(d, Quantity) and not np.shape(v)}
+    numbers = {p: d for p, d in numbers.items() if d.kind in ("real", "angle")}
+    own = path.removeprefix(LAW)
+    if not path.startswith(LAW) or own not in numbers:
+        near = closest(path, [LAW + n for n in numbers], 6) or [LAW + n for n in numbers]
+        problem = "only a number of the law can follow a schedule"
+        raise InputError(part, problem, choices=near, fix=argument("settings", text, near[0]))
+    entries = [_parse_entry(part, entry, numbers[own]) for entry in match["entries"].split(",")]
+    times, values = (np.array(column) for column in zip(*entries, strict=True))
+    schedule = SetpointSchedule(own, match["kind"], times, values)
+    schedule.check()
+    for one in values:
+        changed = with_leaf(law, own, lambda old, _, one=one: one)
+        check_values(changed, LAW.rstrip("."))
+        check_part(LAW.rstrip("."), optional_member(changed, "check"))
+    return schedule
+
+
+def _parse_entry(part: str, entry: str, declared: Quantity) -> tuple[float, float]:
+    """Time (s) and value of ``5 s: 2 rad/s``."""
+    when, colon, what = entry.partition(":")
+    if not colon or not what.strip():
+        raise InputError(part, f"{entry.strip()!r} is not TIME: VALUE", fix=_example())
+    try:
+        time = float(to_seconds(parse_time(when)))
+    except InputError:
+        raise InputError(part, f"{when.strip()!r} is no time", fix=_example()) from None
+    return time, parse_amount(part, what.strip(), declared.unit)

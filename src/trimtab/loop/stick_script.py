@@ -1,0 +1,95 @@
+"""A pilot whose hand on the stick is written down beforehand: the sample of the stick, in a simulation."""
+
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+
+from trimtab.core.errors import InputError
+from trimtab.core.interfaces import optional_member
+from trimtab.core.record import period, quantity, record, replace
+from trimtab.core.rng import Key
+from trimtab.core.signals import STICK_MODES, Motion, Sample, Stick
+from trimtab.core.time import ms
+from trimtab.loop.faults import FaultyPart
+from trimtab.loop.scenario import Scenario
+
+
+@record
+class StickScript:
+    """A sensor of a pilot's stick: from each time on it is held as written. Without entries it is never valid.
+
+    Like the hand of a pilot it is looked at each `period`, and each look is a sample of its own, as old as the way of
+    the sample is long. In a flight with a pilot, whoever has the stick writes the sample instead.
+
+    Frames:  none.    Source:  docs page, Piloted.
+    """
+
+    times: Any = quantity("100 ns", "From when on; rising.", kind="time", default=np.zeros(0, np.int64))
+    forward: Any = quantity("1", "How far forward.", default=np.zeros(0), low=-1, high=1)
+    turn: Any = quantity("1", "How far to the side, clockwise positive.", default=np.zeros(0), low=-1, high=1)
+    mode: Any = quantity(
+        "1", "What it moves.", kind="mode", modes=STICK_MODES, default=np.zeros(0, np.int32), low=0, high=2
+    )
+    period: int = period("How often the stick is looked at.", default=ms(20))
+
+    def check(self) -> None:
+        """Refuse a script whose times don't rise, or that lacks some."""
+        shapes = [np.shape(a) for a in (self.times, self.forward, self.turn, self.mode)]
+        if len(set(shapes)) > 1 or len(shapes[0]) != 1 or not (np.diff(np.asarray(self.times, np.int64)) > 0).all():
+            counts = ", ".join(f"{np.size(a)}" for a in (self.times, self.forward, self.turn, self.mode))
+            problem = f"{counts} times, forwards, turns and modes, of which one an entry can be made in rising order"
+            raise InputError(
+                "times", problem, fix="give each time, in rising order, its forward, its turn and its mode"
+            )
+
+    def init(self, key: Key) -> tuple[()]:
+        """No state."""
+        return ()
+
+    def measure(self, motion: Motion) -> Stick:
+        """In the middle: the motion says nothing of it."""
+        return Stick(forward=np.float64(0.0), turn=np.float64(0.0), mode=np.int32(0))
+
+    def step(self, t: Any, state: tuple[()], motion: Motion) -> tuple[tuple[()], Sample]:
+        """Where the stick is at integer time t; valid from the first entry on."""
+        forward, turn, mode, held = (jnp.asarray(v) for v in (0.0, 0.0, np.int32(0), False))
+        for k in range(np.shape(self.times)[0]):
+            due = t >= self.times[k]
+            forward, turn = jnp.where(due, self.forward[k], forward), jnp.where(due, self.turn[k], turn)
+            mode, held = jnp.where(due, self.mode[k], mode), held | due
+        value = Stick(forward=forward, turn=turn, mode=mode.astype(np.int32))
+        return state, Sample(value=value, t=t, age=0.0, fresh=held, valid=held)
+
+
+def stick_script(*entries: tuple[int, float, float, str]) -> StickScript:
+    """A script of (integer time, forward, turn, name of the mode) entries."""
+    for _, _, _, name in entries:
+        if name not in STICK_MODES:
+            raise InputError("stick's script", f"there is no mode {name!r}", choices=STICK_MODES, fix="name one")
+    times, forward, turn, names = zip(*entries, strict=True) if entries else ((), (), (), ())
+    return StickScript(
+        times=np.array(times, np.int64),
+        forward=np.array(forward, np.float64),
+        turn=np.array(turn, np.float64),
+        mode=np.array([STICK_MODES.index(name) for name in names], np.int32),
+    )
+
+
+def add_stick_sensor(scenario: Scenario) -> Scenario:
+    """The same with room in its frame for a stick that is moved in flight; as it is, where its law asks for none."""
+    name, sensors = optional_member(scenario.autopilot.law, "stick"), scenario.world.sensors
+    if not name or name in sensors:
+        return scenario
+    return replace(scenario, world=replace(scenario.world, sensors={**sensors, name: StickScript()}))
+
+
+def empty_sticks(scenario: Scenario) -> tuple[str, ...]:
+    """Names of the sensors that no vehicle has: sticks without a script, moved by somebody at the autopilot's end."""
+    found = []
+    for name, sensor in scenario.world.sensors.items():
+        while isinstance(sensor, FaultyPart):
+            sensor = sensor.inner
+        if isinstance(sensor, StickScript) and not np.size(sensor.times):
+            found.append(name)
+    return tuple(found)

@@ -1,0 +1,52 @@
+"""The supervisor's modes, requests, causes and checks by name and number, and which requests make sense when.
+
+Nothing here needs JAX: what only shows a flight starts without it.
+
+Source: docs page, Supervisor; modes are this project's.
+"""
+
+MODES = ("standby", "flying", "hold", "lost", "fault", "ended")
+STANDBY, FLYING, HOLD, LOST, FAULT, ENDED = range(len(MODES))
+REQUESTS = ("none", "arm", "hold", "resume", "end", "clear")
+NO_REQUEST, ARM, TO_HOLD, RESUME, END, CLEAR = range(len(REQUESTS))
+CAUSES = (
+    "start",
+    "arm request",
+    "automatic",
+    "hold request",
+    "resume request",
+    "end request",
+    "clear request",
+    "command not finite",
+    "geofence",
+    "speed envelope",
+    "estimate not valid",
+    "sensor health",
+    "link lost",
+    "estimate stale",
+    "found again",
+    "lost for too long",
+)
+(START, ARMED, AUTOMATIC, HELD, RESUMED, ENDED_BY, CLEARED, NOT_FINITE, FENCE, SPEED, NO_ESTIMATE, HEALTH) = range(12)
+LINK, STALE, FOUND, TOO_LONG = range(12, len(CAUSES))
+CHECKS = ("passed", "estimate not valid", "estimate stale", "link silent", "outside limits", "sensor health", "mode")
+"""What refused a request to arm or to resume; "mode": it makes no sense in this mode."""
+
+
+def explain_requests(mode: int, check: int) -> dict[str, str]:
+    """Why each request would be refused, or change nothing, in a mode; empty where it would not.
+
+    Args:
+        mode: of the supervisor.
+        check: what would refuse to arm now, of CHECKS.
+    """
+    objection = CHECKS[check] if check else ""
+    name, under_way = MODES[mode], mode in (FLYING, HOLD, LOST)
+    last = "clear it first" if mode in (FAULT, ENDED) else f"it is {name}"
+    return {
+        "arm": objection if mode == STANDBY else last,
+        "hold": "" if mode in (FLYING, LOST) else f"it is {name}, not flying",
+        "resume": objection if mode == HOLD else f"it is {name}, not on hold",
+        "end": "" if under_way else f"it is {name}, not under way",
+        "clear": "" if mode in (FAULT, ENDED) else f"it is {name}: there is nothing to clear",
+    }

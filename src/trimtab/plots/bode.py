@@ -1,0 +1,51 @@
+"""The Bode plot of a loop as it is flown: each command broken by itself, the others closed."""
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from trimtab.design.loop_map import LoopMap, find_crossings
+from trimtab.plots.style import GREY, SEVERAL, PicturePath, new_figure, save_figure, style_axes
+
+if TYPE_CHECKING:  # matplotlib is imported when something is drawn
+    from matplotlib.figure import Figure
+
+
+def plot_bode(loop: LoopMap, path: PicturePath = None, title: str = "") -> "Figure":
+    """Draw size and phase of each broken loop, with a dot and the phase margin where its size is 1.
+
+    Args:
+        loop: the map.
+        path: where to save, see `PicturePath`.
+        title: what to write above.
+    """
+    figure = new_figure(7.0, 5.6)
+    axes: Any = figure.subplots(2, 1, sharex=True)
+    w = loop.grid()
+    values, crossings = loop.broken_loops(w), find_crossings(loop)
+    style_axes(axes[0], "size", f"{title}: commands broken one at a time", "dB")
+    style_axes(axes[1], "phase", "", "degrees")
+    for column, name, colour in zip(values.T, loop.commands, SEVERAL, strict=False):
+        size = 20 * np.log10(np.maximum(np.abs(column), 1e-12))
+        phase = np.degrees(np.unwrap(np.angle(column)))
+        if crossings[name]:  # where the size is 1, the phase margin is what lies above -180 degrees
+            frequency, margin = crossings[name][-1]
+            own = np.interp(np.log(frequency), np.log(w), phase)
+            phase -= 360 * np.round((own - np.degrees(margin) + 180) / 360)
+        drawn = size > -80
+        if not drawn.any():
+            continue
+        axes[0].semilogx(w[drawn], size[drawn], color=colour, label=name)
+        axes[1].semilogx(w[drawn], phase[drawn], color=colour)
+        for frequency, margin in crossings[name]:
+            at = np.interp(np.log(frequency), np.log(w), phase)
+            axes[0].plot(frequency, 0, "o", ms=5, color=colour)
+            axes[1].plot(frequency, at, "o", ms=5, color=colour)
+            place = {"xytext": (5, 7), "textcoords": "offset points", "fontsize": 9, "color": colour}
+            axes[1].annotate(f"{np.degrees(margin):.0f}°", (frequency, at), **place)
+    axes[0].axhline(0, color=GREY, lw=0.8)
+    axes[1].axhline(-180, color=GREY, lw=0.8, ls="--")
+    axes[1].set_ylim(max(axes[1].get_ylim()[0], -900), None)
+    axes[1].set_xlabel("rad/s")
+    axes[0].legend(frameon=False, fontsize=9)
+    return save_figure(figure, path)

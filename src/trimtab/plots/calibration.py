@@ -1,0 +1,92 @@
+"""Pictures of calibrations: readings, the fit with its 95 % band, what was left out, and the residuals below."""
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from trimtab.plots.style import BLUE, GREY, SEVERAL, VERMILION, PicturePath, new_figure, save_figure, style_grid
+
+if TYPE_CHECKING:  # matplotlib is imported when something is drawn
+    from matplotlib.figure import Figure
+
+COLUMNS, WIDTH, HEIGHT = 3, 5.2, 4.6
+
+
+class FitCurve(NamedTuple):
+    """A fitted line and its readings. x, y: readings (n,).  fitted: at the readings (n,).  kept: (n,) bool.
+
+    line_x, line_y: the fit between them (m,).  band: half its 95 % interval (m,), or None.  label: in the legend.
+    """
+
+    x: Any
+    y: Any
+    fitted: Any
+    kept: Any
+    line_x: Any
+    line_y: Any
+    band: Any = None
+    label: str = ""
+
+
+class FitPanel(NamedTuple):
+    """Curves that share axes, with the names of these."""
+
+    title: str
+    x_label: str
+    y_label: str
+    curves: Sequence[FitCurve]
+    note: str = ""
+
+
+def plot_fits(panels: Sequence[FitPanel], path: PicturePath = None, title: str = "") -> "Figure":
+    """Draw each panel: readings, fit and band above, residuals below; what was left out has a cross.
+
+    Args:
+        panels: what was fitted.
+        path: where to save, see `PicturePath`.
+        title: what to write above.
+    """
+    columns = min(COLUMNS, len(panels))
+    rows = -(-len(panels) // columns)
+    figure = new_figure(max(WIDTH * columns, 7.0), 0.4 + HEIGHT * rows)
+    heights = [2.6, 1.0] * rows
+    axes: Any = figure.subplots(2 * rows, columns, squeeze=False, height_ratios=heights)
+    for k, panel in enumerate(panels):
+        row, column = divmod(k, columns)
+        _draw_panel(axes[2 * row, column], axes[2 * row + 1, column], panel)
+    for k in range(len(panels), rows * columns):
+        row, column = divmod(k, columns)
+        axes[2 * row, column].set_axis_off()
+        axes[2 * row + 1, column].set_axis_off()
+    return save_figure(figure, path, title)
+
+
+def _draw_panel(above: Any, below: Any, panel: FitPanel) -> None:
+    for k, curve in enumerate(panel.curves):
+        color = BLUE if len(panel.curves) == 1 else SEVERAL[k % len(SEVERAL)]
+        line = VERMILION if len(panel.curves) == 1 else color
+        dots: dict[str, Any] = {"ls": "", "marker": "o", "ms": 3.5 if len(curve.x) < 200 else 1.2, "color": color}
+        kept = np.asarray(curve.kept, bool)
+        above.plot(curve.x[kept], curve.y[kept], alpha=0.7, label=curve.label or "measured", **dots)
+        above.plot(curve.line_x, curve.line_y, color=line, lw=1.4, label=None if curve.label else "fitted")
+        if curve.band is not None:
+            low, high = curve.line_y - curve.band, curve.line_y + curve.band
+            label = None if curve.label else "95 %"
+            above.fill_between(curve.line_x, low, high, color=line, alpha=0.18, lw=0, label=label)
+        rest = curve.y - curve.fitted
+        below.plot(curve.x[kept], rest[kept], alpha=0.7, **dots)
+        if not kept.all():
+            out: dict[str, Any] = {"ls": "", "marker": "x", "ms": 8, "mew": 1.6, "color": VERMILION}
+            above.plot(curve.x[~kept], curve.y[~kept], label="left out" if k == 0 else None, **out)
+    below.axhline(0, color=GREY, lw=0.8)
+    above.set_title(panel.title, loc="left", fontsize=10, weight="bold")
+    above.set_title(panel.note, loc="right", fontsize=8, color=GREY)
+    above.set_ylabel(panel.y_label, fontsize=9)
+    below.set_ylabel("residual", fontsize=9)
+    below.set_xlabel(panel.x_label, fontsize=9)
+    above.sharex(below)
+    above.tick_params(labelbottom=False)
+    style_grid(above)
+    style_grid(below)
+    above.legend(fontsize=8, framealpha=0.9)

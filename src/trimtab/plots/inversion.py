@@ -1,0 +1,59 @@
+"""State and input along a course that an output follows exactly, and what they do before and after it."""
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from trimtab.design.output_inversion import Inversion
+from trimtab.plots.style import GREY, SEVERAL, PicturePath, new_figure, save_figure, style_axes
+
+if TYPE_CHECKING:  # matplotlib is imported when something is drawn
+    from matplotlib.figure import Figure
+
+LEAST = 0.01
+"""A state is drawn that moves by more than this part of what moves most in its unit, and every output."""
+ROUNDING = 1e-6
+"""A state that moves by less than this part of its size stands still."""
+
+
+def plot_inversion(
+    found: Inversion,
+    states: tuple[str, ...],
+    inputs: tuple[str, ...],
+    span: tuple[float, float],
+    path: PicturePath = None,
+    title: str = "",
+    units: Mapping[str, str] | None = None,
+    outputs: tuple[str, ...] = (),
+) -> "Figure":
+    """Draw outputs, each other state that moves, and each input, over time; the course itself is shaded.
+
+    Args:
+        found: the inversion.
+        states, inputs: names of its columns.
+        span: when the course begins and ends (s).
+        path: where to save, see `PicturePath`.
+        title: what to write above.
+        units: of states and inputs, by name; angles in rad are drawn in degrees.
+        outputs: what follows the course; those that are states are drawn first.
+    """
+    units = units or {}
+    moves = dict(zip(states, np.ptp(found.x, axis=0).tolist(), strict=True))
+    most = {n: max(moves[m] for m in states if units.get(m) == units.get(n)) for n in states}
+    sizes = dict(zip(states, np.abs(found.x).max(axis=0).tolist(), strict=True))
+    moving = [n for n in states if moves[n] > max(LEAST * most[n], ROUNDING * sizes[n]) and n not in outputs]
+    moving = [*(n for n in outputs if n in states), *moving]
+    columns = dict(zip((*states, *inputs), np.column_stack([found.x, found.u]).T, strict=True))
+    names = [*moving, *inputs]
+    figure = new_figure(7.0, 0.8 + 1.35 * len(names))
+    axes: Any = np.atleast_1d(figure.subplots(len(names), 1, sharex=True))
+    for ax, name in zip(axes, names, strict=True):
+        unit = units.get(name, "")
+        scale = 180 / np.pi if unit in ("rad", "rad/s") else 1.0
+        shown = unit.replace("rad", "deg")
+        style_axes(ax, name, title if ax is axes[0] else "", shown)
+        ax.axvspan(*span, color=GREY, alpha=0.15, lw=0)
+        ax.plot(found.times, scale * columns[name], color=SEVERAL[1 if name in inputs else 0])
+    axes[-1].set_xlabel("s")
+    return save_figure(figure, path)

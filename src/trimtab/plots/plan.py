@@ -1,0 +1,195 @@
+"""Plan view of a run: north against east, heading marks, estimate over truth, what was to be followed, the fence.
+
+There is one of a vehicle in the plane, whose truth has north and east, and of one in space (`logs.spatial`), which has
+a profile too: its altitude over the way that it flew. What else is drawn follows from the log's paths. North is up,
+east to the right, both to one scale.
+"""
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from trimtab.core.errors import InputError
+from trimtab.logs.log import Log
+from trimtab.logs.spatial import FLIGHT, with_flight
+from trimtab.plots.style import (
+    BLUE,
+    GREEN,
+    GREY,
+    ORANGE,
+    VERMILION,
+    PicturePath,
+    new_figure,
+    save_figure,
+    style_axes,
+)
+
+if TYPE_CHECKING:  # matplotlib is imported when something is drawn
+    from matplotlib.figure import Figure
+
+POINTS = 2000
+"""Most points of a line."""
+MARKS = 14
+"""Heading marks along the path."""
+MARK_LENGTH = 0.05
+"""Of a heading mark, as a share of the picture."""
+LEAST = 0.5
+"""m, that the picture shows at least."""
+FENCE_FARTHEST = 0.7
+"""A fence is drawn where it lies within so many spans of the flight; one farther off would make that small."""
+
+
+class Fence(NamedTuple):
+    """Bounds of a supervisor (m): of north and east, and of the distance from the origin; infinite where none is."""
+
+    south: float = -np.inf
+    north: float = np.inf
+    west: float = -np.inf
+    east: float = np.inf
+    distance: float = np.inf
+
+
+def has_plan(log: Log) -> bool:
+    """Whether there is a plan view of it."""
+    prefix = _prefix(log)
+    return all(prefix + n in log and log[prefix + n].ndim == 1 for n in ("north", "east")) and len(log) > 0
+
+
+def has_profile(log: Log) -> bool:
+    """Whether there is a profile of it: a vehicle in space, whose place is known."""
+    return has_plan(log) and f"{FLIGHT}altitude" in log
+
+
+def _prefix(log: Log) -> str:
+    """Of north and east: worked out, or the truth's own."""
+    return FLIGHT if f"{FLIGHT}north" in log else "truth."
+
+
+def plot_plan(log: Log, ideal: Log | None = None, path: PicturePath = None, title: str = "") -> "Figure":
+    """Draw the plan view of a run by itself.
+
+    Args:
+        log: the run.
+        ideal: the run to compare with, or None.
+        path: where to save, see `PicturePath`.
+        title: what to write above.
+
+    Raises:
+        InputError: a vehicle that isn't in the plane.
+    """
+    log, ideal = with_flight(log), None if ideal is None else with_flight(ideal)
+    if not has_plan(log):
+        problem = "its truth has no north and east"
+        raise InputError("plot_plan", problem, fix="draw it with plot_run instead")
+    figure = new_figure(8.0, 7.0)
+    axes: Any = figure.add_subplot()
+    draw_plan(axes, log, ideal)
+    handles, labels = axes.get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside lower center", ncols=len(labels), frameon=False, fontsize=9)
+    return save_figure(figure, path, title)
+
+
+def draw_plan(axes: Any, log: Log, ideal: Log | None = None) -> None:
+    """Draw it into one panel."""
+    north, east = (log[_prefix(log) + name] for name in ("north", "east"))
+    size, shown = _span(north, east), _thin(len(log))
+    _draw_fence(axes, find_fence(log.metadata.get("parameters") or {}), north, east)
+    if "law.north_reference" in log and "law.east_reference" in log:
+        wanted = log["law.east_reference"][shown], log["law.north_reference"][shown]
+        asked = _is_valid(log)[shown]
+        axes.plot(*(np.where(asked, x, np.nan) for x in wanted), color=GREEN, lw=2.5, alpha=0.5, label="reference")
+    if ideal is not None and has_plan(ideal):
+        at = _thin(len(ideal))
+        way = (ideal[_prefix(ideal) + name][at] for name in ("east", "north"))
+        axes.plot(*way, color=VERMILION, lw=1.1, ls="--", label="ideal")
+    axes.plot(east[shown], north[shown], color=BLUE, lw=1.4, label="truth")
+    if "estimate.state.north" in log and "estimate.state.east" in log:
+        valid = _is_valid(log)[shown]
+        guess = (np.where(valid, log[f"estimate.state.{n}"][shown], np.nan) for n in ("east", "north"))
+        axes.plot(*guess, color=ORANGE, lw=0.8, label="estimate")
+    axes.plot(east[:1], north[:1], "o", color=BLUE, mfc="white", ms=6)
+    axes.plot(east[-1:], north[-1:], "o", color=BLUE, ms=5)
+    heading = next((p for p in (f"{FLIGHT}yaw", "truth.heading") if p in log), "")
+    if heading:
+        _draw_headings(axes, log[heading], np.array([east, north]), MARK_LENGTH * size)
+    style_axes(axes, "Plan", "○ start  ● end  – nose", "north (m)")
+    axes.set_xlabel("east (m)", fontsize=9)
+    axes.set_aspect("equal", adjustable="datalim")
+    ends = np.array([_ends(east), _ends(north)])
+    room = np.maximum(LEAST - np.diff(ends)[:, 0], 0.16 * size) / 2
+    axes.update_datalim([ends[:, 0] - room, ends[:, 1] + room])
+    axes.autoscale_view()
+
+
+def find_fence(parameters: Mapping[str, Any]) -> Fence:
+    """The tightest bounds that the settings of a logged run have for its position."""
+    bounds: dict[str, float] = {}
+    for path, fields in parameters.items():
+        head, _, name = path.rpartition(".")
+        if name != "fields" or ".supervisor.limits." not in path:
+            continue
+        low, high = float(parameters[f"{head}.low"]), float(parameters[f"{head}.high"])
+        for field, lower, upper in (("north", "south", "north"), ("east", "west", "east")):
+            if tuple(fields) == (field,):
+                bounds[lower] = max(low, bounds.get(lower, -np.inf))
+                bounds[upper] = min(high, bounds.get(upper, np.inf))
+        if set(fields) == {"north", "east"}:
+            bounds["distance"] = min(high, bounds.get("distance", np.inf))
+    return Fence(**bounds)
+
+
+def _draw_fence(axes: Any, fence: Fence, north: Any, east: Any) -> None:
+    """Those of its sides that aren't far from the flight."""
+    size, look = _span(north, east), {"color": GREY, "lw": 1.2, "ls": ":"}
+    label = {"label": "fence"}
+    sides = ((fence.south, north, axes.axhline), (fence.north, north, axes.axhline))
+    for at, along, draw in (*sides, (fence.west, east, axes.axvline), (fence.east, east, axes.axvline)):
+        if np.isfinite(at) and np.abs(along - at).min() < FENCE_FARTHEST * size:
+            draw(at, **look, **label)
+            label = {}
+    if fence.distance < FENCE_FARTHEST * size + np.hypot(north, east).max():
+        angle = np.linspace(0, 2 * np.pi, 200)
+        axes.plot(fence.distance * np.sin(angle), fence.distance * np.cos(angle), **look, **label)
+
+
+def draw_profile(axes: Any, log: Log, ideal: Log | None = None) -> None:
+    """Draw the altitude of a vehicle in space over the way that it flew, into one panel."""
+    for one, colour, look in ((ideal, VERMILION, "--"), (log, BLUE, "-")):
+        if one is None or not has_profile(one):
+            continue
+        shown, up = _thin(len(one)), one[f"{FLIGHT}altitude"]
+        steps = np.hypot(*(np.diff(one[FLIGHT + name]) for name in ("north", "east")))
+        way = np.concatenate([[0.0], np.cumsum(np.nan_to_num(steps))])
+        axes.plot(way[shown], up[shown], color=colour, lw=1.2, ls=look)
+        if one is log:
+            axes.plot(way[:1], up[:1], "o", color=BLUE, mfc="white", ms=6)
+            axes.plot(way[-1:], up[-1:], "o", color=BLUE, ms=5)
+    style_axes(axes, "Profile", "", "altitude (m)")
+    axes.set_xlabel("way over the ground (m)", fontsize=9)
+
+
+def _draw_headings(axes: Any, headings: Any, places: Any, length: float) -> None:
+    """Short lines from the craft along its nose, at even times; places: east, north (2, n)."""
+    at = np.unique(np.linspace(0, len(headings) - 1, MARKS).astype(int))
+    heading, places = headings[at], places[:, at]
+    ahead = length * np.array([np.sin(heading), np.cos(heading)])
+    for place, tip in zip(places.T, (places + ahead).T, strict=True):
+        axes.plot(*zip(place, tip, strict=True), color=BLUE, lw=2.2, solid_capstyle="round")
+
+
+def _is_valid(log: Log) -> Any:
+    return log["estimate.valid"].astype(bool) if "estimate.valid" in log else np.ones(len(log), bool)
+
+
+def _thin(n: int) -> Any:
+    return np.unique(np.linspace(0, n - 1, min(n, POINTS)).astype(int))
+
+
+def _ends(x: Any) -> tuple[float, float]:
+    known = x[np.isfinite(x)]
+    return (float(known.min()), float(known.max())) if len(known) else (0.0, 0.0)
+
+
+def _span(north: Any, east: Any) -> float:
+    return max(LEAST, *(high - low for low, high in (_ends(north), _ends(east))))

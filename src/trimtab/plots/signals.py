@@ -1,0 +1,87 @@
+"""Any signals of one log or of several, by their paths: a panel for each, over one time axis."""
+
+from collections.abc import Mapping, Sequence
+from fnmatch import fnmatchcase
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from trimtab.core.errors import InputError, closest
+from trimtab.logs.log import Log
+from trimtab.logs.spatial import display_unit, with_flight
+from trimtab.plots.style import (
+    BLUE,
+    CHATTER,
+    GREEN,
+    GREY,
+    ORANGE,
+    VERMILION,
+    PicturePath,
+    draw_line,
+    has_chatter,
+    save_figure,
+    style_grid,
+)
+
+if TYPE_CHECKING:  # matplotlib is imported when something is drawn
+    from matplotlib.figure import Figure
+
+COLOURS = (BLUE, VERMILION, GREEN, ORANGE)
+MOST = 24
+"""Panels of one picture."""
+
+
+def select_paths(log: Log, wanted: Sequence[str]) -> list[str]:
+    """Numbers of a log by their paths, in the order wanted: "truth.yaw_rate", "truth.velocity[2]", "law.*".
+
+    A vector gives each of its numbers; derived signals of a flight in space, such as "flight.roll", count too.
+
+    Raises: InputError with what is near.
+    """
+    log, chosen = with_flight(log), list[str]()
+    for path in wanted:
+        if "*" in path or "?" in path:
+            matching = [one for one in log.paths if fnmatchcase(one, path)]
+            if not matching:
+                raise InputError(f"signal {path!r}", "nothing matches", choices=log.paths[:12], fix="'truth.*'")
+        else:
+            if path not in log:
+                near = closest(path, log.paths, 6) or list(log.paths[:6])
+                below = [one for one in log.paths if one.startswith(f"{path}.")]
+                fix = f"'{path}.*'" if below else near[0]
+                raise InputError(f"signal {path!r}", "is not in this log", choices=below[:6] or near, fix=fix)
+            matching = [path]
+        chosen += [number for one in matching for number in ([one] if log[one].ndim == 1 else log.numbers(one))]
+    if len(chosen) > MOST:
+        raise InputError("signals", f"{len(chosen)} are too many for a picture", fix=f"name {MOST} at most")
+    return list(dict.fromkeys(chosen))
+
+
+def plot_signals(logs: Mapping[str, Log], paths: Sequence[str], path: PicturePath = None, title: str = "") -> "Figure":
+    """Draw signals, a panel each; with a path also save it.
+
+    Args:
+        logs: name -> log; with several each has its colour, and a log that lacks a signal is left out there.
+        paths: of numbers, as `select_paths` gives them.
+        path: where to save; PNG, PDF or SVG by its suffix.
+        title: above it all.
+    """
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(11.0, 0.8 + 1.7 * len(paths)), layout="constrained")
+    axes = np.atleast_1d(figure.subplots(len(paths), 1, sharex=True))
+    flights = {name: with_flight(log) for name, log in logs.items()}
+    for axis, signal in zip(axes, paths, strict=True):
+        for colour, (name, log) in zip(COLOURS, flights.items(), strict=False):
+            if signal in log and len(log):
+                unit, factor = display_unit(signal, log.unit(signal))
+                draw_line(axis, log.t, np.asarray(log[signal], np.float64) * factor, color=colour, lw=1.0, label=name)
+                if unit not in ("", "1"):
+                    axis.set_ylabel(unit)
+        axis.set_title(signal, loc="left", fontsize=9, weight="bold")
+        axis.set_title(f"pale, {CHATTER}" if has_chatter(axis) else "", loc="right", fontsize=8, color=GREY)
+        style_grid(axis)
+    axes[-1].set_xlabel("time (s)")
+    if len(logs) > 1:
+        axes[0].legend(loc="upper right", fontsize=8)
+    return save_figure(figure, path, title)

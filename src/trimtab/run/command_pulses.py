@@ -1,0 +1,99 @@
+"""Which pulse of a servo or a speed controller stands for each number of a command: of a board, and of an autopilot."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from trimtab.actuators.failsafe import Failsafe
+from trimtab.actuators.servo_pulse import ServoPulse, linear_pulse
+from trimtab.core.errors import InputError, argument
+from trimtab.core.interfaces import optional_member
+from trimtab.core.record import Quantity, leaves
+from trimtab.core.signals import Command
+from trimtab.loop.scenario import Scenario
+from trimtab.run.blocks import UNLIMITED, choose_failsafe
+
+MOST_OUTPUTS = 8
+"""That the message of the servos' outputs has."""
+
+
+class PulseOutput(NamedTuple):
+    """One output of a board: path and slot of the number behind it, what it is, its table, its pulse (s) at rest."""
+
+    path: str
+    slot: int | None
+    declared: Quantity
+    pulse: ServoPulse
+    safe: float
+
+    @property
+    def name(self) -> str:
+        """E.g. rudder, speed[2]."""
+        return self.path if self.slot is None else f"{self.path}[{self.slot}]"
+
+
+def find_outputs(
+    scenario: Scenario, command: Command, most: int = MOST_OUTPUTS, part: str = "firmware"
+) -> list[PulseOutput]:
+    """An output for each number of a scenario's command, in their order.
+
+    Args:
+        scenario: whose actuators.
+        command: of its structure.
+        most: that the board has.
+        part: what asks, for refusals.
+
+    Its table is what the actuators declare (`pulses`, ServoPulse, stops of a bank); else linear from 1 to 2 ms between
+    the failsafe's limits, else the vehicle's (`input_limits`), else those that the command's record declares. Safe is
+    the failsafe's safe value, else what lies nearest to zero: a motor stands still.
+
+    Raises:
+        InputError: a number of which no limits are known, more numbers than outputs.
+    """
+    at_rest = {path: value for path, value, _ in leaves(choose_failsafe(scenario, command).safe)}
+    outputs = list[PulseOutput]()
+    for path, like, declared in leaves(command.value):
+        assert isinstance(declared, Quantity)
+        pulse = _find_pulse(scenario, path, declared, part)
+        pulse.check()
+        safe = np.broadcast_to(np.asarray(at_rest[path], float), np.shape(like))
+        for slot in np.ndindex(np.shape(like)):
+            at = int(np.ravel_multi_index(slot, np.shape(like))) if slot else None
+            outputs.append(PulseOutput(path, at, declared, pulse, float(pulse.width(safe[slot]))))
+    if len(outputs) > most:
+        names = ", ".join(o.name for o in outputs)
+        problem = f"a command has {len(outputs)} numbers ({names}), and the board {most} outputs"
+        fits = f"{argument('board', 'cortex-m7')}, which has 8"
+        fix = fits if len(outputs) <= MOST_OUTPUTS else "an allocation with fewer numbers"
+        raise InputError(f"scenario {scenario.name!r}", problem, fix=fix)
+    return outputs
+
+
+def _find_pulse(scenario: Scenario, path: str, declared: Quantity, part: str) -> ServoPulse:
+    """The table of a number of the command."""
+    known = optional_member(scenario.world.actuators, "pulses")()
+    name = path.partition(".")[0]
+    if name in known:
+        return known[name]
+    limits = [declared.low, declared.high] if declared.kind != "flag" else [0.0, 1.0]
+    limits = optional_member(scenario.world.vehicle, "input_limits")().get(name, limits)
+    if isinstance(scenario.failsafe, Failsafe):
+        ends = [{p: v for p, v, _ in leaves(r)}[path] for r in (scenario.failsafe.low, scenario.failsafe.high)]
+        limits = [np.min(ends[0]), np.max(ends[1])]
+    low, high = (np.nan if end is None else float(end) for end in limits)
+    if not (-UNLIMITED < low < high < UNLIMITED):
+        kind = type(scenario.world.actuators).__name__
+        problem = f"{kind} does not say between which limits {path!r} ({declared.unit}) is: no pulse stands for it"
+        fix = f'ActuatorBank(…, {{"{name}": ServoPulse(values=(low, high))}}) for actuators, or low= and high= where '
+        raise InputError(part, problem, fix=f"{fix}the command's {name} is declared (docs, Servo pulses)")
+    return linear_pulse(low, high)
+
+
+def describe_outputs(outputs: list[PulseOutput]) -> list[str]:
+    """A line for each: what a person wires up."""
+    lines = list[str]()
+    for k, o in enumerate(outputs):
+        values, widths = np.asarray(o.pulse.values), 1e3 * np.asarray(o.pulse.widths)
+        told = f"{values[0]:g} to {values[-1]:g} {o.declared.unit} by {widths[0]:.3f} to {widths[-1]:.3f} ms"
+        lines.append(f"output {k + 1}: {o.name}, {told}, safe {1e3 * o.safe:.3f} ms")
+    return lines

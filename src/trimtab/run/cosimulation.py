@@ -1,0 +1,229 @@
+"""cosimulate: a scenario whose vehicle is an FMU, in virtual time. The loop around it is compiled; the FMU is called.
+
+At each instant what the FMU gives out is the truth: sensors, links, autopilot and actuators are stepped on it as in
+`simulate`, then the FMU goes on to the next instant under what acts on it.
+"""
+
+from collections.abc import Mapping
+from time import monotonic_ns
+from typing import Any
+
+import jax
+import numpy as np
+
+from trimtab.compiler.block import BlockDefinition
+from trimtab.compiler.compiled_block import CompiledBlock, compile_block
+from trimtab.core.record import part, quantity, record, replace, to_arrays
+from trimtab.core.signals import Command, Frame
+from trimtab.core.time import Clock, Timetable, ms, to_seconds
+from trimtab.logs.log import Log
+from trimtab.loop.scenario import Scenario
+from trimtab.loop.stick_script import add_stick_sensor
+from trimtab.loop.structure import cast_like, step_if
+from trimtab.loop.walk import logged_signals, signals
+from trimtab.run.blocks import (
+    WorldOutput,
+    carried_structures,
+    compile_world,
+    has_stepped_vehicle,
+    hold_vehicle,
+    message_structures,
+)
+from trimtab.run.inputs import RunInputs, leaf_paths, run_inputs
+from trimtab.run.program import RunResults, describe_scenario, logged_instants, make_log
+from trimtab.run.runner import prepare_run
+from trimtab.run.walk_program import final_columns, row_columns, walk_structure
+from trimtab.vehicles.fmu import FmuInstance
+
+MEASURED_STEPS = 300
+
+
+@record
+class SteppedWorldInput:
+    """What a world about a stepped vehicle is given, as a `WorldInput` and more. Source: docs page, FMU."""
+
+    t: Any = quantity("100 ns", "The last instant, at which the command was issued.", kind="time")
+    h: Any = quantity("100 ns", "Time from then to now.", kind="time")
+    first: Any = quantity("1", "Now is the first instant: there was no command yet.", kind="flag")
+    is_held: Any = quantity("1", "The vehicle is held: its true state stays as it is.", kind="flag")
+    fresh: Any = quantity("1", "Whether the command is a new one.", kind="flag")
+    command: Any = part("The command.")
+    acts: Any = quantity("1", "Whether the actuators act; else the sensors sense.", kind="flag")
+    truth: Any = part("State of the vehicle, now.")
+
+
+@record
+class HostInput:
+    """What a loop about a stepped vehicle is given at each instant. Source: docs page, FMU."""
+
+    t: Any = quantity("100 ns", "Now.", kind="time")
+    truth: Any = part("State of the vehicle, now.")
+
+
+def cosimulate(
+    scenario: Scenario, *, seed: int = 0, run: int = 0, duration: int | None = None, log_period: int = ms(1)
+) -> Log:
+    """Run a scenario whose vehicle is an FMU, and give its log; arguments and log are those of `simulate`.
+
+    Raises:
+        InputError: an FMU that is not trusted, does not start or refuses a step; no C compiler.
+
+    An FMU may ask for the end before the scenario's: the log ends there, and says `ended_s`.
+    """
+    scenario, table, written = prepare_run(hold_vehicle(scenario), [seed], duration, log_period)
+    inputs = run_inputs(scenario, seed, run)
+    fmu = FmuInstance(scenario.world.vehicle)
+    try:
+        rows, count = _fly(compile_block(_host_block(inputs, table.always)), fmu, table, written)
+        last = np.array(fmu.read())
+    finally:
+        fmu.close()
+    table, written = table._replace(t=table.t[:count], h=table.h[:count]), written[:count]
+    of = walk_structure(inputs, table.always, ())
+    results = RunResults(log=rows[None], stats=None, final=last[None])
+    about = describe_scenario(scenario)
+    about |= {"seed": seed, "run": run, "log_period_s": to_seconds(log_period), "backend": "fmu"}
+    if fmu.t < scenario.duration:
+        about["ended_s"] = to_seconds(fmu.t)
+    return make_log(row_columns(of), final_columns(of), results, 0, logged_instants(table, written), about)
+
+
+def _fly(loop: CompiledBlock, fmu: FmuInstance, table: Timetable, written: Any) -> tuple[Any, int]:
+    """The rows that are logged, and how many instants there were before the FMU asked for the end, or all."""
+    truth = slot_indices(loop.reads, "truth.", len(loop.inputs))
+    acting = slot_indices(loop.writes, "actuators.u.", len(loop.outputs))
+    rows = list[Any]()
+    for k, (t, h) in enumerate(zip(table.t.tolist(), table.h.tolist(), strict=True)):
+        loop.inputs[loop.reads["t"]] = t
+        loop.inputs[truth] = fmu.read()
+        loop.step()
+        if written[k]:
+            rows.append(loop.outputs.copy())
+        fmu.write(loop.outputs[acting])
+        if fmu.step(h):
+            return np.array(rows), k + 1
+    return np.array(rows), len(table.t)
+
+
+def slot_indices(where: Mapping[str, Any], prefix: str, size: int) -> Any:
+    """Where the numbers of all leaves below a path stand in a vector of a size, in order."""
+    every = np.arange(size)
+    found = [np.atleast_1d(every[at]) for path, at in where.items() if path.startswith(prefix)]
+    return np.concatenate([np.zeros(0, np.intp), *found])
+
+
+def _host_block(inputs: RunInputs, always: frozenset[int]) -> BlockDefinition:
+    """The closed loop about a truth that is given: `HostInput` in, the signals of the instant out."""
+
+    def init(p: RunInputs) -> Any:
+        return p.drop_derived_outputs(*p.initial_states(), always)
+
+    def step(p: RunInputs, state: Any, now: HostInput) -> Any:
+        s, a = state
+        clock = Clock(now.t, always)
+        s, frame = p.world.sense(clock, replace(s, x=now.truth))
+        due = clock.due(p.autopilot.period)
+        a = step_if(due, lambda: p.autopilot.step(now.t, a, frame)[0], lambda: p.autopilot.hold(now.t, a))
+        s = p.world.act(clock, s, a.command, due)
+        seen = signals(s, a)
+        logged = {path for path, _, _ in logged_signals(seen)}
+        values, structure = jax.tree.flatten(seen)
+        kept = structure.unflatten([v if p in logged else None for p, v in zip(leaf_paths(seen), values, strict=True)])
+        return cast_like(p.drop_derived_outputs(s, a, always), state), kept
+
+    first = HostInput(t=np.int64(0), truth=to_arrays(inputs.initial))
+    return BlockDefinition("loop", "Closed loop about a vehicle that a host steps.", step, init, inputs, first)
+
+
+def prepare_world(scenario: Scenario, *, seed: int = 0) -> tuple[Any, Frame, Command]:
+    """The world of a scenario, compiled or about an FMU, and the structures of its messages on a line.
+
+    Refused without a C compiler, and where an FMU is not trusted.
+    """
+    if not has_stepped_vehicle(scenario):
+        return compile_world(scenario, seed=seed)
+    return SteppedWorld(scenario, seed=seed), *carried_structures(scenario)
+
+
+class SteppedWorld:
+    """A world about an FMU: used as the compiled block of a world is, `WorldInput` in and `WorldOutput` out.
+
+    An FMU that asks for the end stays as it is then.
+    """
+
+    def __init__(self, scenario: Scenario, *, seed: int = 0) -> None:
+        """Compile what is about the vehicle, and start the FMU."""
+        scenario = add_stick_sensor(scenario)
+        scenario.check()
+        self._block = compile_block(_stepped_block(hold_vehicle(scenario), seed))
+        self._fmu, self._is_over = FmuInstance(scenario.world.vehicle), False
+        self.inputs, self.outputs = self._block.inputs, self._block.outputs
+        self.reads, self.writes = self._block.reads, self._block.writes
+        self.parameters, self.text = self._block.parameters, self._block.text
+        self._truth = slot_indices(self.reads, "truth.", len(self.inputs))
+        self._acting = slot_indices(self.writes, "actuators.u.", len(self.outputs))
+
+    def reset(self) -> None:
+        """Back to the first state: the FMU is started anew."""
+        self._fmu.close()
+        self._block.reset()
+        self._fmu, self._is_over = FmuInstance(self._fmu.vehicle), False
+
+    def measure_steps(self, h: int) -> float:
+        """How long a step by integer time h takes (s): all but the slowest hundredth. Back at the first state then."""
+        took = list[int]()
+        for k in range(MEASURED_STEPS):
+            self.inputs[self.reads["t"]], self.inputs[self.reads["h"]] = max(k - 1, 0) * h, h if k else 0
+            self.inputs[self.reads["first"]] = k == 0
+            begin = monotonic_ns()
+            self.step()
+            took.append(monotonic_ns() - begin)
+        self.reset()
+        return sorted(took)[-len(took) // 100 - 1] * 1e-9
+
+    def step(self) -> None:
+        """One instant on: the actuators act, the FMU goes on, the sensors sense."""
+        inputs, reads = self.inputs, self.reads
+        if not inputs[reads["first"]]:
+            inputs[reads["acts"]] = True
+            self._block.step()
+            if not inputs[reads["is_held"]] and not self._is_over:
+                self._fmu.write(self.outputs[self._acting])
+                self._is_over = self._fmu.step(int(inputs[reads["h"]]))
+        inputs[self._truth] = self._fmu.read()
+        inputs[reads["acts"]] = False
+        self._block.step()
+
+
+def _stepped_block(scenario: Scenario, seed: int) -> BlockDefinition:
+    """A world about a truth that is given; each instant is two steps of it, of which the first acts."""
+    inputs = run_inputs(scenario, seed)
+
+    def init(p: RunInputs) -> Any:
+        return p.initial_states()[0]
+
+    def step(p: RunInputs, s: Any, now: SteppedWorldInput) -> Any:
+        def act() -> Any:
+            return cast_like(p.world.act(Clock(now.t), s, now.command, now.fresh), s)
+
+        def sense() -> Any:
+            return cast_like(p.world.sense(Clock(now.t + now.h), replace(s, x=now.truth))[0], s)
+
+        after = jax.lax.cond(now.acts, act, sense)
+        seen = WorldOutput(after.x, after.sampled, after.received, after.commanded, after.actuated)
+        return after, seen
+
+    no, zero = np.bool_(False), np.int64(0)
+    first = SteppedWorldInput(
+        t=zero,
+        h=zero,
+        first=no,
+        is_held=no,
+        fresh=no,
+        command=message_structures(scenario)[1],
+        acts=no,
+        truth=to_arrays(inputs.initial),
+    )
+    return BlockDefinition(
+        "world", f"World of {scenario.name}, about a vehicle that a host steps.", step, init, inputs, first
+    )

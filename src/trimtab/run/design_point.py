@@ -1,0 +1,274 @@
+"""A point of a vehicle by words, as `trimtab trim`, `linearise` and `zeros` take them, and `trim` in Python."""
+
+import math
+import re
+from collections.abc import Mapping
+from functools import partial
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from trimtab.core.errors import InputError, argument, argument_name, closest
+from trimtab.core.units import find_unit
+from trimtab.design.coordinates import STANDS, unsmooth_outputs
+from trimtab.design.linearise import LinearModel, linearise
+from trimtab.design.model import StateSpaceModel
+from trimtab.design.trim import Trim, idle_states, is_length, trim
+from trimtab.run.plant import Plant
+
+ZERO = 1e-12
+"""Numbers of a trim smaller than this are rounding of zero."""
+
+
+class Conditions(NamedTuple):
+    """fixed: state or input -> value.  free, kept, loose: names.  rates: state -> wanted derivative.
+
+    outputs: output -> value.  bounds: unknown -> (low, high).
+    """
+
+    fixed: dict[str, float]
+    free: set[str]
+    kept: set[str]
+    loose: set[str]
+    rates: dict[str, float]
+    outputs: dict[str, float]
+    bounds: dict[str, tuple[float, float]]
+
+
+def parse_conditions(plant: Plant, words: tuple[str, ...]) -> Conditions:
+    """What ``--at`` says, by name."""
+    c = Conditions({}, set(), set(), set(), {}, {}, {})
+    model = plant.model
+    for word in words:
+        left, equals, right = word.partition("=")
+        if not equals or not right.strip():
+            raise InputError(
+                argument_name("at"), f"{word!r} is not NAME=VALUE", fix=argument("at", "free", model.inputs[0])
+            )
+        name, text = left.strip(), right.strip()
+        is_rate, name = name.endswith("'"), name.removesuffix("'")
+        name = name if name in model.inputs else re.sub(r"^(x|u|y)\.", "", name)
+        known = model.states if is_rate else tuple(dict.fromkeys((*model.states, *model.inputs, *model.outputs)))
+        if name not in known:
+            near = closest(name, known, 1) or list(known)[:1]
+            what = "no such state" if is_rate else "no such state, input or output"
+            fix = argument("at", text, near[0] + "'" * is_rate)
+            raise InputError(argument_name("at", left), what, choices=known, fix=fix)
+        _add_condition(c, plant, name, text, is_rate)
+    return c
+
+
+def find_point(plant: Plant, words: tuple[str, ...]) -> Trim:
+    """The trim that ``--at`` asks for: at rest where it can be, else level and straight, else any steady motion.
+
+    Free are all inputs, and the states that are no places, unless ``--at`` gives a value; all derivatives are zero but
+    those of places and of states that nothing depends on, and these too where that leaves a trim. Where it can't rest
+    and ``--at`` leaves several, it is level flight as fast as at the start: `Trim.taken`.
+    """
+    c, model = parse_conditions(plant, words), plant.model
+    idle = idle_states(model, plant.units) | plant.places
+    carried = _carried_states(plant)
+    _refuse_carried(plant, c, carried)
+    both = [*model.states, *model.inputs]
+    free = [
+        n
+        for n in both
+        if n in c.free or not (n in c.fixed or n in c.kept or n in carried or n in _steady_states(plant, idle))
+    ]
+    loose = [n for n in model.states if n in c.loose or (n in idle and n not in c.rates)]
+    x = {n: v for n, v in c.fixed.items() if n in model.states}
+    u = {n: v for n, v in c.fixed.items() if n in model.inputs}
+    wanted: dict[str, Any] = {"derivatives": c.rates, "outputs": c.outputs, "bounds": c.bounds}
+    rest, straight = _still_states(plant, c, loose)
+    x |= {n: 0.0 for n in carried if rest and plant.units.get(n) == "m/s"}
+    moving: Trim | None = None
+    level = trim if carried else partial(_find_level, plant, c)
+    for held, search in ((rest, trim), (straight, level), (straight, trim)):
+        away = [n for n in loose if n not in held]
+        still = search(model, free=free, x=x, u=u, loose=away, starts=2, **wanted) if held or search != trim else None
+        if still is not None and still.is_found:
+            if held is not rest or not _is_moving(plant, still):
+                return still
+            moving = still  # nothing of its state moves, but the vehicle does: it has no place
+    if moving is not None:
+        return moving
+    u = _holding_inputs(model, x, u, c, free) | u
+    return trim(model, free=free, x=x, u=u, loose=loose, **wanted)
+
+
+def _carried_states(plant: Plant) -> list[str]:
+    """Velocities and angles that record the motion of a body that is carried along a path, and move nothing else.
+
+    None of a vehicle whose place depends on one of its velocities. Where the body stands, the velocities are zero; no
+    trim looks for them.
+    """
+    model = plant.model
+    speeds = {n for n in model.states if plant.units.get(n) == "m/s"}
+    if not speeds or not any(is_length(plant.units.get(n, "")) for n in plant.places):
+        return []
+    around = np.random.default_rng(0).uniform(-0.1, 0.1, (2, len(model.x0)))
+    moves = np.any([model.slopes(model.x0 + shift, model.u0)[0] != 0 for shift in around], axis=0)
+    own = np.array([n in speeds or (plant.units.get(n) == "rad" and n not in plant.places) for n in model.states])
+    while (active := own & moves[~own].any(axis=0)).any():
+        own &= ~active
+    carried = [n for n, is_own in zip(model.states, own, strict=True) if is_own]
+    return carried if speeds <= set(carried) else []
+
+
+def _refuse_carried(plant: Plant, c: Conditions, carried: list[str]) -> None:
+    """Refuse what ``--at`` asks of states that move nothing, and of the speed and angles that follow from them."""
+    model = plant.model
+    said = {*c.fixed, *c.free, *c.kept, *c.rates, *c.outputs}
+    asked = [n for n in (*carried, *model.outputs) if n in said and (n in carried or n not in model.states)]
+    if carried and asked:
+        causes = [n for n in (*model.states, *model.inputs) if n not in carried and n not in plant.places]
+        near = next((n for n in causes if plant.units.get(n) in ("m/s", "rad/s")), causes[0])
+        problem = "is carried along: nothing that this vehicle does depends on it"
+        fix = argument("at", "VALUE", near)
+        raise InputError(argument_name("at", asked[0]), problem, choices=causes, fix=fix)
+
+
+def _is_moving(plant: Plant, point: Trim) -> bool:
+    """Whether a vehicle with a speed has one at a trim."""
+    y = dict(zip(plant.model.outputs, plant.model.evaluate(point.x, point.u)[1].tolist(), strict=True))
+    y |= dict(zip(plant.model.states, point.x.tolist(), strict=True))
+    return bool(y.get(plant.flight().get("speed", ""), 0.0) > STANDS)
+
+
+def _still_states(plant: Plant, c: Conditions, loose: list[str]) -> tuple[set[str], set[str]]:
+    """Which states of `loose` are to stay where they are, at rest and in straight flight; none where it is to move."""
+    stay = {n for n in loose if n not in c.loose}
+    moves = any(v and plant.units.get(n) in ("m/s", "rad/s") for n, v in c.fixed.items() if n in plant.model.states)
+    turns = {n for n in stay if plant.units.get(n) == "rad" and n not in plant.places}
+    rest = set() if moves or any(c.rates.values()) or any(c.outputs.values()) else stay
+    return rest, set() if any(c.rates.values()) else turns
+
+
+def _find_level(plant: Plant, c: Conditions, model: StateSpaceModel, **wanted: Any) -> Trim | None:
+    """Level flight at the start's speed and heading, in what ``--at`` leaves open; None where there is none.
+
+    Where not all can be had, as of a torpedo whose screw rolls it, wings are not level, then it slips, then it climbs.
+    """
+    names = plant.flight()
+    level = _level_conditions(plant, c, names)
+    if any(c.rates.values()):  # a turn is looked for from the straight flight
+        straight = _find_level(plant, c._replace(rates={}), model, **wanted | {"derivatives": {}})
+        if straight is not None:
+            x, u = (dict(zip(n, v, strict=True)) for n, v in ((model.states, straight.x), (model.inputs, straight.u)))
+            wanted |= {"x": x | wanted["x"], "u": u | wanted["u"]}
+    loose = [n for n in wanted["loose"] if n in c.loose or n != names.get("height")]
+    while level:
+        fixed = {n: v for n, v in level.items() if n in model.states}
+        asked = {n: v for n, v in level.items() if n not in fixed}
+        own: dict[str, Any] = {"x": wanted["x"] | fixed, "outputs": wanted["outputs"] | asked, "loose": loose}
+        own["free"] = [n for n in wanted["free"] if n not in fixed]
+        found = trim(model, **(wanted | own))
+        if found.is_found:
+            return found._replace(taken=level)
+        level.popitem()
+    return None
+
+
+def _level_conditions(plant: Plant, c: Conditions, names: Mapping[str, str]) -> dict[str, float]:
+    """State or output -> value, of level flight as at the start, without what ``--at`` says; none of what stands."""
+    model = plant.model
+    known = dict(zip(model.outputs, model.evaluate(model.x0, model.u0)[1].tolist(), strict=True))
+    known |= dict(zip(model.states, np.asarray(model.x0).tolist(), strict=True))
+    speed = names.get("speed")
+    if speed is None or not known[speed] > STANDS:
+        return {}
+    said = {*c.fixed, *c.free, *c.kept, *c.outputs}
+    own = {n for n in said if plant.units.get(n) == "m/s" and n != speed}
+    order = (*(() if own else ("speed",)), "yaw", *(() if own else ("climb", "sideslip")))
+    order = order if any(c.rates.values()) else (*order, "roll")
+    values = {"yaw": known.get(names.get("yaw", ""), 0.0), "speed": known[speed]}
+    return {names[n]: values.get(n, 0.0) for n in order if n in names and names[n] not in said}
+
+
+def _holding_inputs(model: StateSpaceModel, x: Any, u: Any, c: Conditions, free: list[str]) -> dict[str, float]:
+    """Where a search begins: the free inputs that come nearest to holding the first state, to first order.
+
+    From inputs of zero, as of rotors that stand, the nearest trim would be a steady fall.
+    """
+    x0, u0 = model.point(x, u)
+    slope = model.slopes(x0, u0)[1]
+    own = [i for i, n in enumerate(model.inputs) if n in free]
+    step = np.linalg.lstsq(slope[:, own], -model.evaluate(x0, u0)[0], rcond=None)[0]
+    held = {model.inputs[i]: float(u0[i] + v) for i, v in zip(own, step, strict=True)}
+    inside = dict.fromkeys(held, (-np.inf, np.inf)) | {n: b for n, b in c.bounds.items() if n in held}
+    return {n: float(np.clip(v, *inside[n])) for n, v in held.items() if np.isfinite(v)}
+
+
+def linearise_at(plant: Plant, point: Trim) -> LinearModel:
+    """The linear model of deviations from a trim."""
+    return linearise(smooth_model(plant, point))
+
+
+def smooth_model(plant: Plant, point: Trim, outputs: tuple[str, ...] = ()) -> StateSpaceModel:
+    """Deviations from a trim, without outputs that have no slope there; InputError where one of them is asked for."""
+    model = plant.error(*(np.where(np.abs(v) < ZERO, 0.0, v) for v in (point.x, point.u)))
+    lacking = unsmooth_outputs(model)
+    asked = [n for n in outputs if n in lacking]
+    if asked:
+        near = [n for n in model.outputs if n not in lacking]
+        leave, choose = argument("outputs", [asked[0]]), argument("at", "VALUE", asked[0])
+        fix = f"leave {leave} out, or choose another point:  {choose}"
+        raise InputError(
+            argument_name("outputs", asked[0]), f"there is no slope {lacking[asked[0]]}", choices=near, fix=fix
+        )
+    return model.keep(outputs=[n for n in model.outputs if n not in lacking]) if lacking else model
+
+
+def format_value(plant: Plant, name: str, value: float) -> str:
+    """A number with its unit; angles in degrees."""
+    unit = plant.units.get(name, "")
+    value = 0.0 if abs(value) < 1e-12 else value
+    if unit in ("rad", "rad/s"):
+        return f"{math.degrees(value):.6g} {unit.replace('rad', 'deg')}"
+    return f"{value:.6g} {unit}" if unit not in ("", "1") else f"{value:.6g}"
+
+
+def _steady_states(plant: Plant, idle: set[str]) -> set[str]:
+    """States that stay where they are unless freed: idle ones, and lengths, of which a point is said."""
+    lengths = {n for n in plant.model.states if is_length(plant.units.get(n, ""))}
+    return idle | lengths
+
+
+def _add_condition(c: Conditions, plant: Plant, name: str, text: str, is_rate: bool) -> None:
+    model = plant.model
+    if is_rate:
+        if text == "any":
+            c.loose.add(name)
+        else:
+            c.rates[name] = parse_amount(plant, argument_name("at", f"{name}'"), text, name, per_second=True)
+        return
+    is_unknown = name in model.states or name in model.inputs
+    if text in ("free", "fixed"):
+        if not is_unknown:
+            fix = argument("at", "NUMBER", name)
+            raise InputError(argument_name("at", name), "is an output, which is neither free nor fixed", fix=fix)
+        (c.free if text == "free" else c.kept).add(name)
+    elif ".." in text:
+        low, high = (parse_amount(plant, argument_name("at", name), part, name) for part in text.split("..", 1))
+        c.free.add(name)
+        c.bounds[name] = (low, high)
+    elif is_unknown:
+        c.fixed[name] = parse_amount(plant, argument_name("at", name), text, name)
+    else:
+        c.outputs[name] = parse_amount(plant, argument_name("at", name), text, name)
+
+
+def parse_amount(plant: Plant, part: str, text: str, name: str, *, per_second: bool = False) -> float:
+    """A number, with a unit or in the vehicle's own, of the state or input of a name, or of its rate."""
+    match = re.fullmatch(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(\S.*)?", text)
+    if match is None:
+        fix = f"{part}=NUMBER, with a unit if you like, or free, fixed, LOW..HIGH"
+        raise InputError(part, f"{text!r} is no number", fix=fix)
+    number, unit, own = float(match[1]), match[2], plant.units.get(name, "1")
+    if unit is None:
+        return number
+    own = {"rad": "rad/s", "m": "m/s", "m/s": "m/s^2", "rad/s": "rad/s^2"}.get(own, own) if per_second else own
+    there, here = find_unit(part, unit), find_unit(part, own) if own != "1" else find_unit(part, "")
+    if there.name != here.name:
+        raise InputError(part, f"{unit!r} does not measure what is kept in {own}", fix=f"{part}='{number:g} {own}'")
+    return number * there.scale / here.scale

@@ -1,0 +1,104 @@
+"""How a vehicle moved, out of its log: the truth, row by row, through the vehicle's own `motion`."""
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import jax
+import numpy as np
+
+from trimtab.compiler.compiled_block import compile_block
+from trimtab.core.errors import InputError
+from trimtab.core.signals import Motion
+from trimtab.environment.geodetic import STANDARD
+from trimtab.logs.frames import quaternion
+from trimtab.logs.log import Log
+from trimtab.logs.spatial import rotation_matrices
+from trimtab.loop.scenario import Scenario
+from trimtab.run.blocks import motion_block
+
+FORCE, RATE = ".value.specific_force", ".value.angular_rate"
+
+
+class MotionRows(NamedTuple):
+    """How a vehicle moved, row by row, and what an ideal IMU would have said of it.
+
+    ticks: 100 ns (n,).  position: in W (n, 3).  attitude: quaternion q_WB, scalar first (n, 4).  velocity, rate: in B
+    (n, 3).  specific_force: in B (n, 3), acceleration less gravity; at rest it points up.
+    """
+
+    ticks: Any
+    position: Any
+    attitude: Any
+    velocity: Any
+    rate: Any
+    specific_force: Any
+
+
+class ImuRows(NamedTuple):
+    """Samples of a three-axis IMU. ticks: when they were measured, 100 ns (n,).  The rest: in B (n, 3)."""
+
+    ticks: Any
+    rate: Any
+    specific_force: Any
+
+
+def read_motion(log: Log, scenario: Scenario, period: int) -> MotionRows:
+    """Of a log of this scenario, a row each `period` (100 ns) at most.
+
+    Raises:
+        InputError: a log without the truth, such as an autopilot's own; a swarm's; no C compiler.
+    """
+    block = motion_block(scenario)
+    like = jax.eval_shape(block.step, block.parameters, (), block.input)[1]
+    if not isinstance(like, Motion):
+        raise InputError("convert", "this is a log of a swarm, which has no one motion", fix="give a log of one craft")
+    motion = compile_block(block)
+    paths = {p: _log_path(p) for p in motion.reads if p.startswith("input.")}
+    missing = [path for path in paths.values() if path not in log]
+    if missing:
+        problem = f"the log has no {missing[0]!r}: only who knows the truth has logged how the vehicle moved"
+        fix = "give the vehicle's log, or that of a run: there/vehicle.mcap, flight/run.mcap"
+        raise InputError("convert", problem, fix=fix)
+    rows = choose_rows(log.ticks, period)
+    columns = {p: np.asarray(log[path], float)[rows] for p, path in paths.items()}
+    found = [_step(motion, int(t), {p: c[k] for p, c in columns.items()}) for k, t in enumerate(log.ticks[rows])]
+    p_WB, angles, v, w, a = (np.array(part).reshape(-1, 3) for part in zip(*found, strict=True))
+    q = np.array([quaternion(attitude) for attitude in angles])
+    R = rotation_matrices(q)
+    return MotionRows(log.ticks[rows], p_WB, q, v, w, a - STANDARD * R[:, 2, :])
+
+
+def _log_path(path: str) -> str:
+    """Where a log has an input of the motion."""
+    name = path.removeprefix("input.")
+    return f"actuators.{name}" if name.startswith("u.") or name == "u" else name
+
+
+def _step(motion: Any, t: int, values: Mapping[str, Any]) -> list[Any]:
+    motion.set_inputs({"t": t, **values})
+    motion.step()
+    return [motion.result(n).tolist() for n in ("p_WB", "attitude", "v_WB_B", "w_WB_B", "a_WB_B")]
+
+
+def choose_rows(ticks: Any, period: int) -> Any:
+    """Indices of rows that are a period apart at least, from the first one on."""
+    rows, due = list[int](), -(2**62)
+    for k, t in enumerate(ticks.tolist()):
+        if t >= due:
+            rows.append(k)
+            due = t + period
+    return np.array(rows, int)
+
+
+def read_imus(log: Log) -> dict[str, ImuRows]:
+    """Name of each sensor that is an IMU of three axes -> its samples, each once."""
+    imus = dict[str, ImuRows]()
+    for path in log.paths:
+        name = path.removeprefix("sensors.").removesuffix(FORCE)
+        head = f"sensors.{name}"
+        if path != head + FORCE or head + RATE not in log or log[path].shape[1:] != (3,):
+            continue
+        times, valid = log[f"{head}.t"], log[f"{head}.valid"]
+        new = np.flatnonzero(valid & np.concatenate([[True], np.diff(times) != 0]))
+        imus[name] = ImuRows(times[new], log[head + RATE][new], log[path][new])
+    return imus

@@ -1,0 +1,315 @@
+"""The whole loop of a scenario, linear about where it rests: all its parts, sampled as they are flown.
+
+The loop's own step, noise off, is differentiated at each instant of one period T of everything in it; no part is
+replaced by a model of itself. z of the map (`design.loop_map`) is all real numbers of the loop's state, with what is
+under way in the links; c the command as the autopilot issues it; v the command as it goes to the uplink.
+
+Source: this module, by the rules of docs page, Time.
+"""
+
+import math
+from collections.abc import Iterable
+from typing import Any
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from trimtab.actuators.allocation import DirectActuation, DirectAllocation
+from trimtab.core.errors import InputError, argument, argument_name
+from trimtab.core.imperfections import imperfections, without, without_any
+from trimtab.core.interfaces import optional_member
+from trimtab.core.record import FAST_COMPILE_OPTIONS, replace, to_arrays
+from trimtab.core.rng import Key
+from trimtab.core.time import Clock, format_time, seconds, to_seconds
+from trimtab.design.loop_map import STABLE, LoopMap
+from trimtab.links.fifo import Fifo, required_slots
+from trimtab.links.wire import DelayLine
+from trimtab.loop.scenario import Scenario
+from trimtab.loop.structure import cast_like, step_if
+from trimtab.loop.walk import start
+from trimtab.run.loop_coordinates import LoopCoordinates, is_real
+
+MOST_INSTANTS = 4000
+"""In one period of the loop."""
+RANDOM = ("jitter", "loss")
+"""Imperfections of links that are chance."""
+STEPWISE = ("speed-steps",)
+"""Imperfections of actuators that are steps: they have no slope."""
+REST = 1e-7
+"""A loop rests where a period changes its state by no more than this part of max(1, |state|)."""
+
+
+def linearise_loop(
+    scenario: Scenario,
+    *,
+    x: Any = None,
+    direct: bool = False,
+    off: Iterable[str] = (),
+    settle: float = 10.0,
+    round_time: float | None = None,
+) -> LoopMap:
+    """The loop's map about where it comes to rest, or about the closed path that it flies, without chance.
+
+    Args:
+        scenario: with a law that rests; supervisor, monitor, predictor and schedules are refused or left out.
+        x: state record to start from; the law's equilibrium, or the scenario's first state where not given.
+        direct: the law's demand acts as it is, without allocation and actuators.
+        off: imperfections that are switched off besides those of chance, see `Scenario.imperfections`.
+        settle: flown before it is linearised (s).
+        round_time: of a closed path that the law follows (s): the map is that over a round.
+
+    Raises: InputError where periods have no common multiple, or the loop does not rest.
+    """
+    loop = _prepare_loop(scenario, direct, tuple(off))
+    tick, count, slowest = _find_period(loop)
+    if round_time is not None:
+        count = _count_round(tick, count, round_time)
+    rest = optional_member(loop.autopilot.law, "equilibrium")
+    first = x if x is not None else rest() if rest is not None else loop.initial
+    first = _fit_state(first, loop.initial)
+    run = _Tick(loop, tick)
+    s, a = run.start(first)
+    t = 0
+    s, a, t = run.fly(s, a, t, count * max(1, round(seconds(settle) / (tick * count))))
+    s, a, t, idle, matrices = _find_rest(run, s, a, t, count)
+    A, B, C = matrices
+    names = tuple(_side_name(n) for n in run.coordinates((s, a)).names((s, a)))
+    commands = tuple(n.removeprefix("a.command.value.") for n in names if n.startswith("a.command.value"))
+    found = LoopMap(A, B, C, to_seconds(tick), names, commands, idle, to_seconds(slowest))
+    if np.array_equal(found.transition(), found.transition(gain=0.0)):
+        problem = "where the loop rests no command moves what it depends on: a dead zone, a stop, or a thrust of zero"
+        raise InputError(
+            "linearise",
+            problem,
+            fix=f"{argument_name('direct')} leaves the actuators out, {argument_name('without')} one imperfection",
+        )
+    return found
+
+
+def _prepare_loop(scenario: Scenario, direct: bool, off: tuple[str, ...]) -> Scenario:
+    if scenario.autopilot.predictor is not None:
+        raise InputError(
+            "linearise", "the loop has a predictor", fix=f"leave it out:  {argument('settings', 'off', 'predictor')}"
+        )
+    for name in off:
+        scenario = scenario.without(name)
+    world, autopilot = scenario.world, scenario.autopilot
+    links = {n: _without_chance(getattr(world, n)) for n in ("uplink", "downlink")}
+    world = replace(world, sensors={n: without_any(own) for n, own in world.sensors.items()}, **links)
+    for name in STEPWISE:
+        if name in imperfections(world.actuators):
+            world = replace(world, actuators=without(world.actuators, name))
+    autopilot = replace(autopilot, supervisor=None, monitor=None)
+    if direct:
+        neutral = world.actuators.neutral().u
+        period = world.actuators.period
+        world = replace(world, actuators=DirectActuation(neutral_input=neutral, period=period))
+        autopilot = replace(autopilot, allocation=DirectAllocation())
+    return replace(scenario, world=world, autopilot=autopilot)
+
+
+def _without_chance(link: Any) -> Any:
+    for name in RANDOM:
+        if name in imperfections(link):
+            link = without(link, name)
+    if hasattr(link, "capacity") and hasattr(link, "latency"):  # a ring no longer than it needs: each slot is a state
+        needed = required_slots(float(np.max(link.latency)), link.send_period, link.period)
+        link = replace(link, capacity=needed)
+    return link
+
+
+def _fit_state(x: Any, like: Any) -> Any:
+    """A state that has the first one's fields, what it lacks taken from that."""
+    changes = {n: getattr(x, n) for n in like.__dataclass_fields__ if hasattr(x, n)}
+    return to_arrays(replace(like, **changes))
+
+
+def _find_period(loop: Scenario) -> tuple[int, int, int]:
+    """The tick (100 ns), how many make a period of all, and the longest period of a part."""
+    world = loop.world
+    own = [*world.periods(), loop.autopilot.period, optional_member(world.actuators, "frame")]
+    own += [optional_member(getattr(world, n), "send_period") for n in ("uplink", "downlink")]
+    periods = [p for p in own if p]
+    tick = math.gcd(*periods)
+    tick = (
+        tick // -(-tick // world.max_step) if tick % -(-tick // world.max_step) == 0 else math.gcd(tick, world.max_step)
+    )
+    count = math.lcm(*periods) // tick
+    if count > MOST_INSTANTS:
+        text = ", ".join(sorted({format_time(p) for p in periods}))
+        problem = f"its periods, {text}, come together each {count} instants only"
+        raise InputError("linearise", problem, fix="give sensors and links periods that are multiples of one another")
+    return tick, count, max(periods)
+
+
+class _Tick:
+    """One instant of a loop as functions of its real numbers."""
+
+    def __init__(self, loop: Scenario, tick: int) -> None:
+        self.loop, self.tick = loop, tick
+        self._fly: Any = jax.jit(self._many, static_argnums=3, compiler_options=FAST_COMPILE_OPTIONS)
+        self._slopes: Any = jax.jit(self._differentiate, static_argnums=3, compiler_options=FAST_COMPILE_OPTIONS)
+
+    def coordinates(self, like: tuple[Any, Any]) -> LoopCoordinates:
+        """Of its two states."""
+        return LoopCoordinates(like)
+
+    def start(self, x: Any) -> tuple[Any, Any]:
+        """The loop's first states."""
+        return start(self.loop.world, self.loop.autopilot, x, Key(np.uint32(0), np.uint32(0)))
+
+    def fly(self, s: Any, a: Any, t: int, count: int) -> tuple[Any, Any, int]:
+        """The states after so many instants."""
+        s, a = self._fly(s, a, np.int64(t), count)
+        return s, a, t + count * self.tick
+
+    def slopes(self, s: Any, a: Any, t: int, count: int) -> tuple[Any, Any, Any, Any, Any]:
+        """States at the end, and A_j, B_j, C_j on the way."""
+        (s, a), (A, B, C) = self._slopes(s, a, np.int64(t), count)
+        return s, a, np.array(A), np.array(B), np.array(C)
+
+    def align(self, s: Any, a: Any, span: int) -> tuple[Any, Any]:
+        """The states with what is under way in links where it was `span` ago: slots are told by the time."""
+        world = self.loop.world
+        down = {n: _roll_ring(world.downlink, own, span) for n, own in s.downlink.items()}
+        return replace(s, downlink=down, uplink=_roll_ring(world.uplink, s.uplink, span)), a
+
+    def _step(self, s: Any, a: Any, t: Any, v: Any = None) -> tuple[Any, Any, Any]:
+        """One instant; v: the command sent in place of the one issued (m,)."""
+        world, autopilot, clock = self.loop.world, self.loop.autopilot, Clock(t)
+        seen, frame = world.sense(clock, s)
+        due = clock.due(autopilot.period)
+        new = step_if(due, lambda: autopilot.step(t, a, frame)[0], lambda: autopilot.hold(t, a))
+        c = _vector(new.command.value)
+        command = new.command if v is None else replace(new.command, value=_like_vector(new.command.value, v))
+        acted = world.advance(t, world.act(clock, seen, command, due), np.int64(self.tick))
+        return cast_like(acted, s), cast_like(new, a), c
+
+    def _many(self, s: Any, a: Any, t: Any, count: int) -> tuple[Any, Any]:
+        def body(carry: Any, j: Any) -> tuple[Any, None]:
+            s, a = carry
+            return self._step(s, a, t + j * self.tick)[:2], None
+
+        return jax.lax.scan(body, (s, a), jnp.arange(count))[0]
+
+    def _differentiate(self, s: Any, a: Any, t: Any, count: int) -> Any:
+        own = self.coordinates((s, a))
+        zero = jnp.zeros(len(own.names((s, a))))
+
+        def body(carry: Any, j: Any) -> tuple[Any, Any]:
+            s, a = carry
+            now = t + j * self.tick
+            s1, a1, c = self._step(s, a, now)
+
+            def issue(z: Any) -> Any:
+                return self._step(*own.displace((s, a), z), now)[2]
+
+            def go(z: Any, v: Any) -> Any:
+                return own.deviation((s1, a1), self._step(*own.displace((s, a), z), now, v)[:2])
+
+            A, B = jax.jacfwd(go, argnums=(0, 1))(zero, c)
+            return (s1, a1), (A, B, jax.jacfwd(issue)(zero))
+
+        return jax.lax.scan(body, (s, a), jnp.arange(count))
+
+
+def _find_rest(run: _Tick, s: Any, a: Any, t: int, count: int) -> tuple[Any, Any, int, Any, Any]:
+    """States at which a period changes nothing that is not idle, by Newton's steps; and the matrices there."""
+    span, first, worst, own = count * run.tick, math.inf, "", run.coordinates((s, a))
+    names = own.names((s, a))
+    for _ in range(8):
+        s1, a1, A, B, C = run.slopes(s, a, t, count)
+        order = own.flatten(run.align(*own.place_indices((s, a)), span))
+        A[-1], B[-1] = A[-1][order], B[-1][order]
+        if not all(np.isfinite(M).all() for M in (A, B, C)):
+            fix = (
+                f"{argument('direct', True)} leaves the actuators out, {argument('off', ['dead zone'])} an imperfection"
+            )
+            raise InputError("linearise", "the loop has no derivative where it rests", fix=fix)
+        whole = np.eye(len(A[0]))
+        for Aj, Bj, Cj in zip(A, B, C, strict=True):
+            whole = Aj @ whole + Bj @ (Cj @ whole)
+        change = np.asarray(own.deviation((s, a), run.align(s1, a1, span)))
+        idle = _idle_states(A, C, whole) | _clocks(A, B, change)
+        keep = ~idle
+        change = np.where(keep, change, 0.0)
+        relative = np.abs(change / np.maximum(1.0, own.sizes((s, a))))
+        off, worst = float(relative.max(initial=0.0)), worst or names[int(relative.argmax())]
+        first = off if math.isinf(first) else first
+        if off <= REST:
+            return s, a, t, idle, (A, B, C)
+        M = whole[np.ix_(keep, keep)]
+        new = np.zeros(len(keep))
+        new[keep] = np.linalg.lstsq(np.eye(len(M)) - M, change[keep], rcond=1e-12)[0]
+        s, a = own.displace((s, a), jnp.asarray(new))
+        s, a, t = run.fly(s, a, t, count)
+    problem = f"the loop does not rest: in {to_seconds(span):g} s {_side_name(worst)} changes by {first:.3g}"
+    name = run.loop.name or "SCENARIO"
+    fix = f"set what it follows to stand still (trimtab list {name}), or say how long a round of it takes: "
+    fix += argument("round", 5)
+    raise InputError("linearise", problem, fix=fix)
+
+
+def _clocks(A: Any, B: Any, change: Any) -> Any:
+    """Which states go on by themselves, as a law's time does (n,): they say when, and not how far off it is."""
+    alone = (np.array([np.eye(len(change))] * len(A)) == A).all(axis=(0, 2)) & (B == 0).all(axis=(0, 2))
+    return alone & (np.abs(change) > 0)
+
+
+def _count_round(tick: int, count: int, round_time: float) -> int:
+    """Instants of a round, which is to be whole periods of the loop."""
+    rounds = round(seconds(round_time) / (tick * count))
+    if rounds < 1 or rounds * tick * count != seconds(round_time):
+        problem = f"{round_time:g} s are not whole periods of the loop, of {to_seconds(tick * count):g} s"
+        raise InputError(
+            argument_name("round"), problem, fix="give the time of a round, or of several, that is a multiple of it"
+        )
+    if rounds * count > MOST_INSTANTS:
+        problem = f"{round_time:g} s are {rounds * count} instants; {MOST_INSTANTS} are the most"
+        raise InputError(
+            argument_name("round"), problem, fix="fly a shorter path, or choose a longer period of the loop"
+        )
+    return rounds * count
+
+
+def _side_name(name: str) -> str:
+    """A path of the two states, of the world (s) and of the autopilot (a)."""
+    return f"{'sa'[int(name[0])]}{name[1:]}"
+
+
+def _idle_states(A: Any, C: Any, whole: Any) -> Any:
+    """Which states no command ever depends on (n,), such as the place; none of them where one of theirs grows."""
+    matters = np.abs(C).max(axis=(0, 1)) > 0
+    feeds = np.abs(A).max(axis=0) > 0
+    while (more := matters | feeds[matters].any(axis=0)).sum() > matters.sum():
+        matters = more
+    idle = ~matters
+    grows = np.abs(np.linalg.eigvals(whole[np.ix_(idle, idle)])).max(initial=0.0) > 1 + STABLE
+    return np.zeros_like(idle) if grows else idle
+
+
+def _roll_ring(link: Any, state: Any, span: int) -> Any:
+    if isinstance(state, Fifo):
+        slots = span // (optional_member(link, "send_period") or link.period)
+        ring = ("values", "measured", "due", "serial")
+    elif isinstance(state, DelayLine):
+        slots, ring = span // link.period, ("values", "measured")
+    else:
+        return state
+    rolled = {n: jax.tree.map(lambda v: jnp.roll(v, -slots, axis=0), getattr(state, n)) for n in ring}
+    return replace(state, **rolled)
+
+
+def _vector(tree: Any) -> Any:
+    return jnp.concatenate([jnp.ravel(v) for v in jax.tree.leaves(tree) if is_real(v)])
+
+
+def _like_vector(tree: Any, v: Any) -> Any:
+    values, structure = jax.tree.flatten(tree)
+    new, begin = [], 0
+    for own in values:
+        size = int(np.size(own))
+        new.append(v[begin : begin + size].reshape(np.shape(own)) if is_real(own) else own)
+        begin += size if is_real(own) else 0
+    return jax.tree.unflatten(structure, new)

@@ -1,0 +1,171 @@
+"""A path between obstacles that the hovercraft can fly: a way is searched, and flown on the model within the limits.
+
+What is given is not the way but its flight by `laws.receding_horizon`, as a reference: place of P, the centre of
+percussion, and heading. So limits of fan and rudder are kept by construction, and collision is checked on what was
+flown. Where the flight touches something, or doesn't arrive, other tempos are tried; where none helps it is refused.
+
+Source: the vehicle's own closed loop as what steers: Y. Kuwata, J. Teo, G. Fiore, S. Karaman, E. Frazzoli, J. How,
+"Real-time motion planning with applications to autonomous urban driving", IEEE Trans. Control Systems Technology 17
+(2009) 1105.
+"""
+
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from trimtab.actuators.allocation import DirectActuation, DirectAllocation
+from trimtab.core.errors import InputError
+from trimtab.core.record import replace
+from trimtab.core.reference import PiecewisePath, interpolate_path
+from trimtab.core.time import ms
+from trimtab.design.obstacles import PlanTask
+from trimtab.design.route import Route, Tempo, find_route
+from trimtab.estimators.passthrough import Passthrough
+from trimtab.laws.receding_horizon import RecedingHorizon
+from trimtab.links.wire import Wire
+from trimtab.loop.autopilot import Autopilot
+from trimtab.loop.scenario import Scenario
+from trimtab.loop.world import World
+from trimtab.run.simulate import simulate
+from trimtab.sensors.planar_pose import PlanarPose
+from trimtab.vehicles.hovercraft import Hovercraft, HovercraftState
+
+LAW = RecedingHorizon(push=1.2, pull=0.5, deflection=0.32, thrust_rate=6.0, angle_rate=2.0, yaw=0.2, lag=0.0)
+"""What flies on the model: a tenth of the forces, and more of the rates, is left to whoever follows the plan; and it is
+to end without a spin."""
+PIECES = 96
+"""Of the way as a reference: always as many, so that the flight is compiled once."""
+SETTLE = 6.0
+"""s, flown beyond the way's own end."""
+TICK = ms(20)
+SAMPLE = 0.2
+"""s, between the rows of a plan."""
+TEMPOS = (1.0, 1.0), (0.8, 0.7), (1.0, 1.6), (0.65, 0.7)
+"""Shares of the tempo's speed and accelerations that are tried. Slower isn't always better: at little thrust the nose
+is hard to turn."""
+KEEP = 0.05
+"""m, from obstacles beyond the craft's radius in the planned flight: for the errors of who follows it."""
+ARRIVED = 0.15, 0.04
+"""m, m/s: how near to the goal and how slow the flight ends."""
+
+
+class FlownPlan(NamedTuple):
+    """A plan as rows (n,) each SAMPLE, and what was flown for it as rows (m,) each 20 ms.
+
+    times (s), places (n, 2) of P (m, W), headings (rad, unwrapped): the reference.
+    flown: time, north and east of the centre of mass, heading, thrust (N), force angle (rad), clearance (m).
+    route: the way that was searched.  clearance: least of the centre of mass from obstacles, less the radius (m).
+    """
+
+    times: Any
+    places: Any
+    headings: Any
+    flown: dict[str, Any]
+    route: Route
+    clearance: float
+    tempo: Tempo
+    law: RecedingHorizon
+
+    @property
+    def length(self) -> float:
+        """m, that P goes."""
+        return float(np.hypot(*np.diff(self.places, axis=0).T).sum())
+
+    def path(self) -> PiecewisePath:
+        """The plan as a reference."""
+        return interpolate_path(self.times, self.places, self.headings)
+
+    def write(self, file: str | Path) -> None:
+        """As a table that ``--reference`` reads."""
+        rows = [",".join(("time [s]", "north [m]", "east [m]", "heading [deg]"))]
+        for t, (north, east), heading in zip(self.times, self.places, self.headings, strict=True):
+            rows.append(f"{t:.3f},{north:.5f},{east:.5f},{np.degrees(heading):.4f}")
+        Path(file).write_text("\n".join(rows) + "\n", encoding="utf-8")
+
+
+def plan_path(task: PlanTask, tempo: Tempo | None = None, part: str = "plan") -> FlownPlan:
+    """A path from rest at the start to rest at the goal.
+
+    Args:
+        task: floor, start, goal and the craft's radius.
+        tempo: how fast the way is meant to be taken.
+        part: what refuses.
+
+    Raises:
+        InputError: no way is wide enough; or the craft, within its limits, can't take one without touching something.
+    """
+    tempo = tempo or Tempo()
+    problem = ""
+    for speed, acceleration in TEMPOS:
+        tried = Tempo(tempo.speed * speed, tempo.along * acceleration, tempo.across * acceleration)
+        route = find_route(task, tried, part)
+        flown = _fly(task, route)
+        problem = problem or _find_problem(task, route, flown)
+        if not _find_problem(task, route, flown):
+            return _sample(task, route, flown, tried)
+    problem += f"; nor does it do better at {len(TEMPOS) - 1} other tempos"
+    raise InputError(part, problem, fix="make more room there, or plan for a craft of smaller radius")
+
+
+def _fly(task: PlanTask, route: Route) -> dict[str, Any]:
+    """The flight along a way, each 20 ms."""
+    ends = np.linspace(route.times[0], route.times[-1], PIECES - 3)
+    way = np.column_stack([np.interp(ends, route.times, route.places[:, k]) for k in range(2)])
+    reference = interpolate_path(ends, way, rests=True)
+    law, arm = replace(LAW, reference=reference), float(Hovercraft().percussion_arm)
+    soon = route.places[min(8, len(route.places) - 1)] - route.places[0]
+    heading = float(np.arctan2(soon[1], soon[0])) if task.heading is None else task.heading
+    north, east = np.asarray(task.start) - arm * np.array([np.cos(heading), np.sin(heading)])
+    still = DirectActuation(period=TICK)
+    scenario = Scenario(
+        world=World(
+            vehicle=Hovercraft(),
+            sensors={"truth": PlanarPose(period=TICK)},
+            downlink=Wire(period=TICK),
+            uplink=Wire(period=TICK),
+            actuators=still,
+        ),
+        autopilot=Autopilot(estimator=Passthrough("truth"), law=law, allocation=DirectAllocation(), period=TICK),
+        initial=HovercraftState(north=float(north), east=float(east), heading=heading),
+        duration=TICK * round((route.times[-1] + SETTLE) / 0.02),
+        name="plan",
+    )
+    log = simulate(scenario, log_period=TICK, signals=("truth", "law"))
+    names = {n: f"truth.{n}" for n in ("north", "east", "heading", "surge_velocity", "sway_velocity", "yaw_rate")}
+    names |= {"thrust": "law.thrust", "force_angle": "law.force_angle"}
+    flown = {"time": log.t} | {n: np.asarray(log[path]) for n, path in names.items()}
+    places = np.column_stack([flown["north"], flown["east"]])
+    flown["clearance"] = task.floor.clearance(places) - task.radius
+    return flown
+
+
+def _find_problem(task: PlanTask, route: Route, flown: dict[str, Any]) -> str:
+    """What is wrong with a flight; "" where nothing is."""
+    places = np.column_stack([flown["north"], flown["east"]])
+    between = np.hypot(*np.diff(places, axis=0).T).max() / 2
+    worst = int(np.argmin(flown["clearance"]))
+    left = float(flown["clearance"][worst]) - between
+    if left < KEEP:
+        north, east = places[worst]
+        comes = "touches something" if left < 0 else f"comes within {100 * left:.0f} cm of something"
+        return f"flown within its limits the craft {comes} at {north:.2f} {east:.2f}, {flown['time'][worst]:.1f} s"
+    away = np.hypot(*(_percussion_points(flown)[-1] - np.asarray(task.goal)))
+    speed = np.hypot(flown["surge_velocity"][-1], flown["sway_velocity"][-1])
+    if away > ARRIVED[0] or speed > ARRIVED[1]:
+        return f"flown within its limits the craft ends {away:.2f} m from the goal, at {speed:.2f} m/s"
+    return ""
+
+
+def _percussion_points(flown: dict[str, Any]) -> Any:
+    """P (n, 2), m in W."""
+    arm, heading = float(Hovercraft().percussion_arm), flown["heading"]
+    return np.column_stack([flown["north"] + arm * np.cos(heading), flown["east"] + arm * np.sin(heading)])
+
+
+def _sample(task: PlanTask, route: Route, flown: dict[str, Any], tempo: Tempo) -> FlownPlan:
+    each = round(SAMPLE / 0.02)
+    rows = slice(0, None, each)
+    least = float(flown["clearance"].min())
+    points = _percussion_points(flown)
+    return FlownPlan(flown["time"][rows], points[rows], flown["heading"][rows], flown, route, least, tempo, LAW)

@@ -1,0 +1,151 @@
+"""A vehicle by a word, as the design verbs take it: a scenario's, a model of the package, or one's own."""
+
+import importlib
+from collections.abc import Callable, Mapping
+from functools import partial
+from types import MappingProxyType
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from trimtab.core.errors import InputError, argument_name, closest
+from trimtab.core.quantity import records
+from trimtab.design.coordinates import error_model, error_names, flight_names, trim_model
+from trimtab.design.local_flight import LocalFlightState, fly_locally
+from trimtab.design.model import StateSpaceModel, real_leaves
+from trimtab.loop.linear_laws import describe_vehicle
+from trimtab.loop.scenario import Scenario
+from trimtab.loop.settings import with_settings
+from trimtab.run.blocks import refuse_stepped_vehicle
+from trimtab.scenarios import catalogue
+from trimtab.scenarios.build import build
+
+FUNCTIONS = ("system", "scenario")
+"""Functions looked for in a file of which none is named."""
+
+
+class Plant(NamedTuple):
+    """name: as typed.  model: in the coordinates of a trim.  error: trimmed x, u -> the model of deviations there.
+
+    units: of states, inputs and outputs, by name.  places: states that say where it is, of which nothing is asked.
+    flight: gives the names that speed, climb, sideslip, roll and yaw have here (`flight_names`).  scenario: where it
+    came from one.  about: of a vehicle, its class and units (`loop.linear_laws`).
+    """
+
+    name: str
+    model: StateSpaceModel
+    error: Callable[[Any, Any], StateSpaceModel]
+    units: Mapping[str, str]
+    places: frozenset[str]
+    flight: Callable[[], dict[str, str]] = dict
+    scenario: Scenario | None = None
+    about: Mapping[str, str] = MappingProxyType({})
+
+
+def load_plant(
+    name: str, settings: Mapping[str, str] | None = None, believed: Mapping[str, str] | None = None
+) -> Plant:
+    """The vehicle that a word names: a scenario's, a model of the package, or what a function of a file returns.
+
+    believed: settings of the vehicle, changed after all others: the vehicle as somebody takes it to be.
+    """
+    settings = settings or {}
+    own: Any = None
+    if name in _model_names():
+        own = importlib.import_module(f"trimtab.scenarios.{name}._models").model()
+    elif ":" in name or name.endswith(".py"):
+        name = _own_function(name)
+        own = catalogue.load_scenario(name, settings)[0]
+    elif not name.endswith((".toml", ".fmu")) and name not in catalogue.scenario_names():
+        known = [*_model_names(), *catalogue.scenario_names()]
+        near = closest(name, known, 1) or ["hypersonic"]
+        fix = f"trimtab trim {near[0]}; your own is a file's function:  trimtab trim my_boat.py:scenario"
+        raise InputError(f"vehicle {name!r}", "there is no such vehicle or scenario", choices=known, fix=fix)
+    if own is None or isinstance(own, Scenario):
+        scenario = build(name, settings)
+        refuse_stepped_vehicle(scenario)
+        u = scenario.world.actuators.neutral().u
+        vehicle = with_settings(scenario.world.vehicle, believed or {})
+        return plant_of_vehicle(name, vehicle, scenario.initial, u)._replace(scenario=scenario)
+    if settings or (believed and not isinstance(own, tuple)):
+        fix = f"leave {argument_name('settings')} out, or name a scenario, whose parts have settings"
+        raise InputError(argument_name("settings"), f"{name} is a model, not a scenario", fix=fix)
+    return _plant_of_own(name, own, believed or {})
+
+
+def _plant_of_own(name: str, own: Any, believed: Mapping[str, str]) -> Plant:
+    if isinstance(own, StateSpaceModel):
+        return plant_of_model(name, own)
+    if isinstance(own, tuple):
+        parts: tuple[Any, ...] = own  # pyright: ignore[reportUnknownVariableType]
+        if len(parts) == 3 and hasattr(parts[0], "dynamics"):
+            return plant_of_vehicle(name, with_settings(parts[0], believed), parts[1], parts[2])
+    problem = f"the function gives a {type(own).__name__}"
+    fix = "return a Scenario, (vehicle, x, u), or model_of_functions(f, states, inputs, h=h) (docs, Any vehicle)"
+    raise InputError(f"vehicle {name!r}", problem, fix=fix)
+
+
+def plant_of_model(name: str, model: StateSpaceModel) -> Plant:
+    """A model as it is; its units are those of its records, where it has any."""
+    units: dict[str, str] = {}
+    for own, names in ((model.state_record, model.states), (model.input_record, model.inputs)):
+        units |= {} if own is None else _units_by_name(own, names)
+    units |= {n: units[n] for n in model.outputs if n in units}
+    return Plant(name, model, lambda x, u: model._replace(x0=np.asarray(x), u0=np.asarray(u)), units, frozenset())
+
+
+def plant_of_vehicle(name: str, vehicle: Any, x: Any, u: Any) -> Plant:
+    """A vehicle about its records x and u; one that flies over the turning earth in local coordinates."""
+    about = describe_vehicle(vehicle, x, u)
+    vehicle, x = fly_locally(vehicle, x)
+    model = trim_model(vehicle, x, u)
+    units = _units_by_name(x, model.states) | _units_by_name(u, model.inputs)
+    units |= {n: "rad" if d.shape == (4,) else d.unit for path, _, d in real_leaves(x) for n in error_names(x, path)}
+    units |= {"speed": "m/s", "angle_of_attack": "rad", "sideslip": "rad", "climb": "rad"}
+    places = {n for p, _, d in real_leaves(x) for n in model.states if _is_place(p, d, n, model)}
+    places |= _local_places(x)
+
+    def error(xs: Any, us: Any) -> StateSpaceModel:
+        return error_model(vehicle, model.state(xs), model.input(us))
+
+    flight = partial(flight_names, vehicle, model)
+    return Plant(name, model, error, units, frozenset(places), flight, about=about)
+
+
+def _units_by_name(record: Any, names: tuple[str, ...]) -> dict[str, str]:
+    units: dict[str, str] = {}
+    for path, _, d in real_leaves(record):
+        for name in names:
+            own = name.removeprefix("u.")
+            if own == path or own.startswith((f"{path}[", f"{path}.")):
+                units[name] = "rad" if d.shape == (4,) and len(d.frame) == 2 else d.unit
+    return units
+
+
+def _is_place(path: str, d: Any, name: str, model: StateSpaceModel) -> bool:
+    """Whether a state is of a position vector in space."""
+    return d.unit == "m" and d.shape == (3,) and name.startswith(f"{path}[")
+
+
+def _local_places(x: Any) -> set[str]:
+    where = [path for path, own in records(x) if isinstance(own, LocalFlightState)]
+    return {f"{path}.{n}" if path else n for path in where for n in ("latitude", "longitude", "height")}
+
+
+def _model_names() -> list[str]:
+    return sorted(file.parent.name for file in catalogue.FOLDER.glob("*/_models.py"))
+
+
+def _own_function(name: str) -> str:
+    """The function of a file that is meant: as named, else the first of FUNCTIONS that it has."""
+    if ":" in name:
+        return name
+    for function in FUNCTIONS[:-1]:
+        try:
+            catalogue.load_function(f"{name}:{function}")
+        except InputError as error:
+            if "no function" not in error.problem:
+                raise
+        else:
+            return f"{name}:{function}"
+    return f"{name}:{FUNCTIONS[-1]}"

@@ -1,0 +1,1 @@
+"""Scenarios of a car that can't turn more tightly than on a circle."""

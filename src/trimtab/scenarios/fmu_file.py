@@ -1,0 +1,59 @@
+"""The scenario of an FMU that is named in the place of a scenario: it alone, its inputs held or by a schedule."""
+
+import math
+from collections.abc import Callable
+from pathlib import Path
+from typing import Annotated, Literal
+
+from trimtab.actuators.allocation import DirectActuation, DirectAllocation
+from trimtab.core.errors import InputError
+from trimtab.core.time import UNITS_PER_SECOND, ms, seconds
+from trimtab.estimators.passthrough import Passthrough
+from trimtab.laws.constant_input import ConstantInput
+from trimtab.links.wire import Wire
+from trimtab.loop.autopilot import Autopilot
+from trimtab.loop.scenario import Scenario
+from trimtab.loop.world import World
+from trimtab.sensors.flight_state import TrueState
+from trimtab.vehicles.fmu import first_state, load, neutral_input, read_interface
+
+Trust = Annotated[
+    Literal["no", "yes"],
+    {"no": "nothing in the file is run", "yes": "its program runs with your rights: you know who made it"},
+]
+
+
+def fmu_scenario(file: str) -> Callable[..., Scenario]:
+    """The function that gives the scenario of an FMU."""
+
+    def scenario(trust_code: Trust = "no") -> Scenario:
+        """The FMU as its maker proposes to fly it: as long, and as often asked."""
+        if not Path(file).is_file():
+            fix = "give the path of an .fmu file"
+            raise InputError(f"scenario {file!r}", "there is no such file", fix=fix)
+        vehicle, interface = load(file, trust_code=trust_code == "yes"), read_interface(file)
+        period = _ticks(interface.step_s) or ms(10)
+        held = neutral_input(vehicle)
+        world = World(
+            vehicle=vehicle,
+            sensors={"state": TrueState(period=period)},
+            actuators=DirectActuation(held, period=period),
+            downlink=Wire(period=period),
+            uplink=Wire(period=period),
+            max_step=period,
+        )
+        return Scenario(
+            world=world,
+            autopilot=Autopilot(Passthrough("state"), ConstantInput(held), DirectAllocation(), period=period),
+            initial=first_state(vehicle),
+            duration=_ticks(interface.duration_s) or seconds(10),
+            truth_sensor=TrueState(period=period),
+            name=Path(file).stem,
+        )
+
+    return scenario
+
+
+def _ticks(value: float | None) -> int:
+    """A time in 100 ns, rounded; 0 of none."""
+    return 0 if value is None or not math.isfinite(value) else round(value * UNITS_PER_SECOND)

@@ -1,0 +1,174 @@
+"""``gain=FILE.json`` among a scenario's settings: it flies by a gain of ``trimtab design VEHICLE --lqr --out FILE``.
+
+The gain takes the place of the law, about the trim that its file says; it knows the vehicle for which it was designed,
+while the world flies its own. The file is data: nothing that it names is run, but for the catalogue's own scenarios.
+
+Source: docs page, Gains in flight.
+"""
+
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+import jax
+import numpy as np
+from scipy.linalg import expm
+
+from trimtab.actuators.allocation import DirectAllocation
+from trimtab.core.errors import InputError, argument, argument_name
+from trimtab.core.record import children, is_record, replace, to_arrays
+from trimtab.core.rng import Key
+from trimtab.core.time import format_time, to_seconds
+from trimtab.design.certificate import Certificate
+from trimtab.design.certificate_file import certificate_digest, certificate_json, read_certificate
+from trimtab.laws.state_feedback import StateFeedback
+from trimtab.logs.metrics import Target
+from trimtab.loop.linear_laws import describe_vehicle, feedback_law, state_numbers
+from trimtab.loop.scenario import Scenario
+from trimtab.loop.settings import with_parts, with_settings
+from trimtab.loop.walk import start
+from trimtab.scenarios import catalogue
+
+GAIN = "gain"
+VEHICLE = "world.vehicle."
+BAND = 0.2
+"""A target is met within this part of the limit by which the gain was designed."""
+TURNING = "rad/s"
+"""Unit of rates: how fast it turns on its way is no aim of a flight."""
+
+
+def read_gain(file: str) -> Certificate:
+    """The gain of a file.
+
+    Raises: InputError for a file that is none, or that says something else than what was written.
+    """
+    certificate, digest = read_certificate(Path(file))
+    if certificate_digest(certificate) != digest:
+        fix = f"trimtab design {certificate.system} --lqr … --out {file}  makes it anew"
+        raise InputError(f"file '{file}'", "was changed after it was written: its digest is another", fix=fix)
+    return certificate
+
+
+def note_gain(certificate: Certificate) -> dict[str, str]:
+    """What logs keep of a gain: all of it, for its file may be gone."""
+    return {"system": certificate.system, "content": certificate_json(certificate)}
+
+
+def vehicle_settings(pairs: Iterable[tuple[str, str]]) -> dict[str, str]:
+    """Settings of a vehicle, typed as ``mass=0.9`` or ``world.vehicle.mass=0.9`` -> by path below the vehicle."""
+    return {path.removeprefix(VEHICLE): text for path, text in pairs}
+
+
+def with_gain(name: str, scenario: Scenario, certificate: Certificate) -> Scenario:
+    """The scenario with the law of a gain, about the trim that the gain is for; its targets are that trim.
+
+    Args:
+        name: as typed.
+        scenario: of that name.
+        certificate: of ``trimtab design VEHICLE --lqr``.
+
+    Raises: InputError where the gain is of another vehicle, or reads what the autopilot does not estimate.
+    """
+    world, autopilot, x = scenario.world, scenario.autopilot, scenario.initial
+    u = world.actuators.neutral().u
+    _refuse_other_vehicle(certificate, describe_vehicle(world.vehicle, x, u))
+    law = feedback_law(certificate, x, u, _believed_vehicle(name, certificate))
+    key, free = Key(np.uint32(0), np.uint32(0)), replace(autopilot, supervisor=None, monitor=None)
+    _, state = jax.eval_shape(lambda: start(world, free, to_arrays(x), key))
+    _refuse_unread(law, state.estimate.state, certificate.system)
+    if not _are_alike(state.output.demand, u):
+        if not _are_alike(state.command.value, u):
+            problem = f"its actuators take a {type(state.command.value).__name__}, not the vehicle's input"
+            fix = f"leave {argument_name('settings', GAIN)} out: this scenario cannot fly by a gain"
+            raise InputError(argument_name("settings", GAIN), f"{problem}, a {type(u).__name__}", fix=fix)
+        autopilot = replace(autopilot, allocation=DirectAllocation())
+    autopilot = replace(autopilot, law=law, schedules=())
+    return replace(scenario, autopilot=autopilot, targets=_trim_targets(certificate, law, x))
+
+
+def refuse_slow_sampling(certificate: Certificate, period: int) -> None:
+    """Refuse a gain whose loop is not stable where its output is held for a control period (100 ns)."""
+    n, m = certificate.B.shape
+    size = np.zeros((n + m, n + m))
+    size[:n, :n], size[:n, n:] = certificate.A, certificate.B
+    held = expm(size * to_seconds(period))
+    largest = float(np.abs(np.linalg.eigvals(held[:n, :n] + held[:n, n:] @ certificate.K)).max())
+    if largest >= 1:
+        fastest = float(np.abs(certificate.poles).max())
+        problem = (
+            f"with a control period of {format_time(period)} its loop is not stable: the fastest pole of the design is "
+            f"{fastest:.3g} 1/s, and the largest of the sampled loop {largest:.4g}, which must be below 1"
+        )
+        fix = f"design it with larger limits of states, or {argument('settings', '1 ms', 'autopilot.period')}"
+        raise InputError(argument_name("settings", GAIN), problem, fix=fix)
+
+
+def _refuse_other_vehicle(certificate: Certificate, own: dict[str, str]) -> None:
+    about, anew = certificate.about, "trimtab design SCENARIO --lqr … --out FILE.json"
+    if "vehicle" not in about:
+        problem = f"the file is a certificate of {certificate.system!r}, not a gain of a vehicle's own states"
+        raise InputError(argument_name("settings", GAIN), problem, fix=f"{anew}  makes one (docs, Gains in flight)")
+    if about["vehicle"] != own["vehicle"]:
+        problem = f"the gain is of a {about['vehicle']} ({certificate.system}), and here flies a {own['vehicle']}"
+        raise InputError(argument_name("settings", GAIN), problem, fix=f"{anew}, for this scenario")
+    if about.get("units") != own["units"]:
+        here, there = (str(text).split("; ") for text in (own["units"], about.get("units", "")))
+        apart = [f"{a!r}, here {b!r}" for a, b in zip(there, here, strict=False) if a != b]
+        problem = f"its states or inputs are others: {(apart or ['their number differs'])[0]}"
+        raise InputError(argument_name("settings", GAIN), problem, fix=f"{anew}, for this scenario")
+
+
+def _refuse_unread(law: StateFeedback, estimate: Any, system: str) -> None:
+    given = [n for n, _, _ in children(estimate)] if is_record(estimate) else []
+    lacking = [n for n in law.reads if n not in given]
+    if lacking:
+        problem = f"the gain feeds back {', '.join(lacking)}, which the autopilot here does not estimate"
+        design_command = f"trimtab design {system} --lqr …"
+        for name in lacking:
+            design_command = f"{design_command} --fast {name}"
+        fix = f"{design_command}  takes what settles by itself out of the feedback"
+        raise InputError(argument_name("settings", GAIN), problem, choices=given, fix=fix)
+
+
+def _believed_vehicle(name: str, certificate: Certificate) -> Any:
+    """The vehicle for which a gain was designed, by the words of its file."""
+    about = {n: str(certificate.about.get(n, "")) for n in ("set", "believed")}
+    given, believed = (
+        [(path, text) for path, _, text in (word.partition("=") for word in words.split("; ") if word)]
+        for words in about.values()
+    )
+    if "calibration" in dict(given):
+        fix = "design it without, and say what is believed: trimtab design SCENARIO --lqr … --believed NAME=VALUE"
+        raise InputError(
+            argument_name("settings", GAIN),
+            "the gain was designed with a calibration, which its file does not hold",
+            fix=fix,
+        )
+    own = certificate.system if certificate.system in catalogue.scenario_names() else name
+    scenario, rest = catalogue.load_scenario(own, {**catalogue_choices(own, given)})
+    paths = {path: text for path, text in given if f"{path}.".startswith(VEHICLE)}
+    scenario, left = with_parts(scenario, rest | paths)
+    vehicle = with_settings(scenario.world.vehicle, vehicle_settings(left.items()))
+    return with_settings(vehicle, vehicle_settings(believed))
+
+
+def catalogue_choices(name: str, pairs: Iterable[tuple[str, str]]) -> dict[str, str]:
+    """Those of some settings that are choices of a scenario's function."""
+    offered = catalogue.scenario_choices(name)
+    return {path: text for path, text in pairs if path in offered}
+
+
+def _are_alike(a: Any, b: Any) -> bool:
+    shapes = [[np.shape(v) for v in jax.tree.leaves(tree)] for tree in (a, b)]
+    return jax.tree.structure(a) == jax.tree.structure(b) and shapes[0] == shapes[1]
+
+
+def _trim_targets(certificate: Certificate, law: StateFeedback, x: Any) -> tuple[Target, ...]:
+    """Each number that is fed back, but for rates and attitudes, at the trim within a part of its limit."""
+    sizes = dict(zip(certificate.states, np.asarray(certificate.scale).tolist(), strict=True))
+    numbers = state_numbers(law, x)
+    return tuple(
+        Target(f"truth.{n.path}", n.value, BAND * sizes[n.state])
+        for n in numbers
+        if n.state in sizes and n.unit != TURNING
+    )

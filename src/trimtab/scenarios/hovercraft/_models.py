@@ -1,0 +1,10 @@
+"""The hovercraft as a model for `trimtab design hovercraft --stabilisability`: all six states, at rest."""
+
+from trimtab.core.signals import PlanarForce
+from trimtab.design.model import StateSpaceModel, model_of_vehicle
+from trimtab.vehicles.hovercraft import Hovercraft, HovercraftState
+
+
+def model() -> StateSpaceModel:
+    """Velocity, place and heading, under the force at the rudder pivot."""
+    return model_of_vehicle(Hovercraft(), HovercraftState(), PlanarForce(0.0, 0.0))

@@ -1,0 +1,319 @@
+"""What is proved about the hovercraft's laws: of each law a theorem, with everything in it taken from the shipped code.
+
+A theorem is a function of its settings. Those without settings hold for all positive gains, masses and references: the
+law's numbers are symbols there.
+
+Source: [1] Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006, sections
+2.2 and 2.3; where it is corrected here, docs Errata.
+"""
+
+import math
+from fractions import Fraction
+from typing import Any
+
+from trimtab.core.errors import InputError
+from trimtab.design.gram_search import GramSearch
+from trimtab.design.polynomial import Polynomial, as_polynomial, constant, lie_derivative_of, symbol
+from trimtab.design.proof import Line, ProofCondition
+from trimtab.design.squares import NONNEGATIVE, POSITIVE, Claim, Region, SquaresProof, WeightedSquares
+from trimtab.design.theorem import Counterexample, LawTheorem, closed_loop, hurwitz_minors
+from trimtab.laws.spin import (
+    ConstantSpin,
+    limit_point_value,
+    lyapunov,
+    safe_reference_bound,
+    switching_energy,
+    switching_energy_sharp,
+)
+from trimtab.laws.velocity import ForwardMomentum, ForwardMomentumMatched, ReverseMomentum, ZeroVelocity
+from trimtab.vehicles.hovercraft import Hovercraft, HovercraftState
+
+STATES = {"surge_velocity": "u", "sway_velocity": "v", "yaw_rate": "r"}
+CRAFT = ("m", "J", "d")
+NEARLY = 0.15
+"""How far W of `zero_velocity_time` is from V at most, in parts of V."""
+NEAR = 1e-9
+"""Part by which a sharp threshold is made smaller to be proved, and larger to be refuted: the floats' own error."""
+
+
+def zero_velocity() -> LawTheorem:
+    """ZeroVelocity comes to rest from everywhere."""
+    law = ZeroVelocity(k1=symbol("k1"), k2=symbol("k2"), model=_symbolic_craft())
+    return _global_theorem("zero-velocity", law, ("k1", "k2"))
+
+
+def zero_velocity_time(
+    *,
+    level: float = 1.0,
+    rate: float = 0.32,
+    slip_cross: float = 0.076,
+    turn_cross: float = 0.04,
+    k1: float = 1.0,
+    k2: float = 2.5,
+    mass: float = 2.6,
+    inertia: float = 0.096,
+    arm: float = 0.32,
+) -> LawTheorem:
+    """How long ZeroVelocity takes, at most: what a heading law waits in damp, before a turn may begin.
+
+    W = V - slip_cross u (v - d r) r - turn_cross u r^2 falls where V does not, as W' <= -rate V^2. So 1/W grows by
+    rate/(1 + NEARLY)^2 a second at least, which gives `settling_bound`.
+    """
+    model, craft = _numeric_craft(mass, inertia, arm)
+    law = ZeroVelocity(k1=constant(k1), k2=constant(k2), model=model)
+    field, V = closed_loop(model, law, HovercraftState(), STATES)
+    assert V is not None
+    u, v, r, zeros = symbol("u"), symbol("v"), symbol("r"), dict.fromkeys(STATES.values(), constant(0))
+    W = V - constant(slip_cross) * u * (v - model.arm * r) * r - constant(turn_cross) * u * r**2
+    inside = {"V < c": constant(level) - V}
+    falls, low, high = (
+        Claim("dW/dt <= -rate V^2", -lie_derivative_of(W, field) - constant(rate) * V * V, inside, NONNEGATIVE),
+        Claim("W >= (1 - nearly) V", W - constant(1 - NEARLY) * V, inside, NONNEGATIVE),
+        Claim("W <= (1 + nearly) V", constant(1 + NEARLY) * V - W, inside, NONNEGATIVE),
+    )
+    U, S, R = symbol("U"), symbol("S"), symbol("R")  # surge, slip and turn, each by its size at about 1 J
+    states = {"u": 0.9 * U, "v": 1.2 * S + model.arm * 2.4 * R, "r": 2.4 * R}
+    coordinates = {"U": u / 0.9, "S": (v - model.arm * r) / 1.2, "R": r / 2.4}
+    squares = (U * U, U * S, U * R, S * S, S * R, R * R)
+    bound = GramSearch(states, coordinates, {"": (U, S, R, *squares), "V < c": (U, S, R)})
+    searches = {falls.name: GramSearch(states, coordinates, {"": (U, S, *squares), "V < c": (U, S)})}
+    about = {"level": level, "rate": rate, "slip_cross": slip_cross, "turn_cross": turn_cross, "k1": k1, "k2": k2}
+    return LawTheorem(
+        "hovercraft/zero-velocity-time",
+        about | craft,
+        "ZeroVelocity: while V <= level, V falls from V0 to V1 within (1.3225/rate) (1/(0.85 V1) - 1/(1.15 V0)) s",
+        Region(tuple(STATES.values()), (), zeros),
+        claims=(falls, low, high),
+        searches=searches | {low.name: bound, high.name: bound},
+    )
+
+
+def settling_bound(theorem: LawTheorem, start: float, end: float) -> float:
+    """The seconds in which V falls from start to end (J) at most, by `zero_velocity_time`; start within its level."""
+    level, rate = float(theorem.about["level"]), float(theorem.about["rate"])
+    if not 0 < end <= start <= level:
+        problem = f"from {start} J to {end} J is not within the level of {level} J"
+        raise InputError("settling_bound", problem, fix="give 0 < end <= start <= level")
+    return (1 + NEARLY) ** 2 / rate * (1 / ((1 - NEARLY) * end) - 1 / ((1 + NEARLY) * start))
+
+
+def forward() -> LawTheorem:
+    """ForwardMomentum reaches its momentum from everywhere, also with k2 < PXr/d."""
+    law = ForwardMomentum(k1=symbol("k1"), k2=symbol("k2"), reference=symbol("PXr"), model=_symbolic_craft())
+    return _global_theorem("forward", law, ("k1", "k2", "PXr"))
+
+
+def forward_matched() -> LawTheorem:
+    """ForwardMomentumMatched reaches its momentum from everywhere."""
+    law = ForwardMomentumMatched(k1=symbol("k1"), reference=symbol("PXr"), model=_symbolic_craft())
+    return _global_theorem("forward-matched", law, ("k1", "PXr"))
+
+
+def reverse(
+    *,
+    k1: float = 1.5,
+    k2: float = 1.0,
+    theta: float = 1.44,
+    reference: float = -1.98,
+    mass: float = 2.6,
+    inertia: float = 0.096,
+    arm: float = 0.32,
+) -> LawTheorem:
+    """ReverseMomentum reaches its momentum from a region, and is locally stable for all gains above their bounds."""
+    about = {"k1": k1, "k2": k2, "theta": theta, "reference": reference}
+    model, craft = _numeric_craft(mass, inertia, arm)
+    law = ReverseMomentum(**{n: constant(v) for n, v in about.items()}, model=model)
+    field, _ = closed_loop(model, law, HovercraftState(), STATES)
+    ideal = _symbolic_craft()
+    theta_above = ideal.inertia / (ideal.arm**2 * ideal.mass) * (1 + symbol("excess"))  # the bound, and more
+    gains = {"k1": symbol("k1"), "k2": symbol("k2"), "theta": theta_above, "reference": -symbol("PXr")}
+    open_law = ReverseMomentum(**gains, model=ideal)
+    open_field, _ = closed_loop(ideal, open_law, HovercraftState(), STATES)
+    return LawTheorem(
+        "hovercraft/reverse",
+        about | craft,
+        "ReverseMomentum: the loop comes to rest at its equilibrium from every start with V <= c; the linear loop is "
+        "stable for all k1, k2 > 0, PXr < 0, theta > J/(d^2 m)",
+        Region(tuple(STATES.values()), (), _rest(law)),
+        field,
+        hurwitz=hurwitz_minors(open_field, _rest(open_law)),
+        hurwitz_positive=(*CRAFT, "k1", "k2", "excess", "PXr"),
+    )
+
+
+def spin() -> LawTheorem:
+    """ConstantSpin never lets W grow, and ends in one of two points."""
+    law = ConstantSpin(k1=symbol("k1"), k2=symbol("k2"), reference=symbol("ref"), model=_symbolic_craft())
+    theorem = _global_theorem("spin", law, ("k1", "k2", "ref"), rest={"r": symbol("ref")})
+    bad = {"u": constant(0), "v": -symbol("d") * symbol("ref"), "r": constant(0)}
+    value = as_polynomial(limit_point_value(law.model, law.reference))
+    assert theorem.lyapunov is not None
+    return theorem._replace(
+        says="ConstantSpin: W never grows, and motions end at r = ref or at the point that slides without turning; "
+        "from W below limit_point_value at r = ref",
+        limits=(theorem.region.rest, bad),
+        identities={"W at the bad limit point is limit_point_value": theorem.lyapunov.substitute(bad) - value},
+    )
+
+
+def spin_gate(*, mass: float = 2.6, inertia: float = 0.096, arm: float = 0.32) -> LawTheorem:
+    """Below the switching energy, ConstantSpin starts where it reaches the good point; the sharp one is tight."""
+    model, craft = _numeric_craft(mass, inertia, arm)
+    ref, x = symbol("ref"), _state()
+    V, margin = ZeroVelocity(model=model).lyapunov(x), _margin_of_spin(model, ref)
+    sharp = float(switching_energy_sharp(Hovercraft(mass=mass, inertia=inertia, arm=arm), 1.0))
+    J, D = inertia, arm**2 * mass
+    thresholds = {  # each with the weight that its hypothesis has in the proof
+        "V < eps": (as_polynomial(switching_energy(model, ref)), 2 * (J + D) / D),
+        "V < eps_sharp": (constant(sharp) * constant(1 - NEAR) * ref**2, 1 + (J + math.sqrt(J**2 + D * J)) / D),
+    }
+    region = Region(("u", "v", "r"), ("ref",), dict.fromkeys(("u", "v", "r"), constant(0)))
+    claims, multipliers = [], {}
+    for name, (threshold, weight) in thresholds.items():
+        claims.append(Claim(f"{name} implies W < W_bad", margin, {name: threshold - V}, POSITIVE))
+        multipliers[claims[-1].name] = {name: constant(weight)}
+    fastest = constant(-math.sqrt(2 * sharp / J))
+    beyond = Claim("", margin, {"V < a little more": constant(sharp) * constant(1 + NEAR) * ref**2 - V}, POSITIVE)
+    worst = {"u": Fraction(0), "v": Fraction(0), "r": fastest.terms[()] * (1 + Fraction(NEAR) / 4), "ref": Fraction(1)}
+    return LawTheorem(
+        "hovercraft/spin-gate",
+        craft,
+        "V < switching_energy(ref), and V < switching_energy_sharp(ref), imply W < limit_point_value(ref); no larger "
+        "threshold does",
+        region,
+        claims=tuple(claims),
+        counterexamples=(Counterexample("eps_sharp is the largest", beyond, worst),),
+        multipliers=multipliers,
+    )
+
+
+def spin_reference(*, mass: float = 2.6, inertia: float = 0.096, arm: float = 0.32) -> LawTheorem:
+    """A new reference above safe_reference_bound keeps ConstantSpin where it reaches the good point; a new sign not.
+
+    With a the old reference, b the new one, D = J (g^2 - 1), and h = b (1 + g) - a, which is above sqrt(2 W/J) where
+    b is above the bound.
+    """
+    states, model = ("u", "v", "r"), _symbolic_craft()
+    e, g, h, t = (symbol(n) for n in ("e", "g", "h", "t"))
+    J, m, r = symbol("J"), symbol("m"), symbol("r")
+    fallen = (h + e) / g
+    energy = _about(model, fallen + e)
+    lower = Claim(
+        "a lower reference above the bound is safe",
+        _with_ratio(_margin_of_spin(model, fallen), g),
+        {"b above the bound": J * h * h / 2 - energy},
+        POSITIVE,
+    )
+    lower_proof = WeightedSquares("", (e * m / 2, e * m / 2, e * J / 2), (symbol("u"), symbol("v"), h - r + fallen + e))
+    a, ratio = symbol("a"), 1 + t
+    higher = Claim(
+        "any higher reference is safe",
+        _with_ratio(_margin_of_spin(model, a + e), ratio),
+        {"W < W_bad": _with_ratio(_margin_of_spin(model, a), ratio)},
+        POSITIVE,
+    )
+    gain = e * J * a * a * ratio * (t + t * t) + e * J / 2 * a * ratio * (2 * t + t * t) * e
+    higher_proof = WeightedSquares(
+        "",
+        (e * m / 2, e * m / 2, e * J / 2, gain),
+        (symbol("u"), symbol("v"), a * ratio + r - a, constant(1)),
+    )
+    positive = ("J", "m", "e", "g", "h", "t", "a")
+    return LawTheorem(
+        "hovercraft/spin-reference",
+        {"mass": mass, "inertia": inertia, "arm": arm},
+        "while W < limit_point_value, a new reference of the same sign above safe_reference_bound keeps W below the "
+        "new limit_point_value, and so does any larger one; of the other sign it does not",
+        Region(states, positive, dict.fromkeys(states, constant(0))),
+        claims=(lower, higher),
+        counterexamples=(_sign_flip(Hovercraft(mass=mass, inertia=inertia, arm=arm)),),
+        lines=(_bound_line(Hovercraft(mass=mass, inertia=inertia, arm=arm)),),
+        proofs={
+            lower.name: SquaresProof(h, (_times("b above the bound", h + e), lower_proof)),
+            higher.name: SquaresProof(a * ratio, (_times("W < W_bad", a * ratio + e), higher_proof)),
+        },
+    )
+
+
+THEOREMS = {
+    "hovercraft/zero-velocity": zero_velocity,
+    "hovercraft/zero-velocity-time": zero_velocity_time,
+    "hovercraft/forward": forward,
+    "hovercraft/forward-matched": forward_matched,
+    "hovercraft/reverse": reverse,
+    "hovercraft/spin": spin,
+    "hovercraft/spin-gate": spin_gate,
+    "hovercraft/spin-reference": spin_reference,
+}
+"""Name -> function of the settings."""
+
+
+def _global_theorem(name: str, law: Any, gains: tuple[str, ...], rest: Any = None) -> LawTheorem:
+    """Of a law whose numbers are symbols: at rest from everywhere, for all positive values of them."""
+    field, value = closed_loop(law.model, law, HovercraftState(), STATES)
+    zeros = dict.fromkeys(STATES.values(), constant(0))
+    region = Region(tuple(STATES.values()), (*CRAFT, *gains), zeros | rest if rest else _rest(law))
+    says = f"{type(law).__name__}: the loop comes to rest at its equilibrium from every start, for all positive "
+    return LawTheorem(f"hovercraft/{name}", {}, says + ", ".join(region.positive), region, field, value)
+
+
+def _rest(law: Any) -> dict[str, Polynomial]:
+    point = law.equilibrium()
+    return {name: as_polynomial(getattr(point, attribute)) for attribute, name in STATES.items()}
+
+
+def _state() -> HovercraftState:
+    return HovercraftState(surge_velocity=symbol("u"), sway_velocity=symbol("v"), yaw_rate=symbol("r"))
+
+
+def _symbolic_craft() -> Hovercraft:
+    return Hovercraft(mass=symbol("m"), inertia=symbol("J"), arm=symbol("d"))
+
+
+def _numeric_craft(mass: float, inertia: float, arm: float) -> tuple[Hovercraft, dict[str, float]]:
+    numbers = {"mass": mass, "inertia": inertia, "arm": arm}
+    return Hovercraft(**{n: constant(v) for n, v in numbers.items()}), numbers
+
+
+def _margin_of_spin(model: Hovercraft, reference: Any) -> Polynomial:
+    """limit_point_value - W about a reference: positive where ConstantSpin reaches the good point."""
+    return as_polynomial(limit_point_value(model, reference)) - _about(model, reference)
+
+
+def _about(model: Hovercraft, reference: Any) -> Polynomial:
+    return as_polynomial(lyapunov(model, _state(), reference))
+
+
+def _with_ratio(p: Polynomial, g: Polynomial) -> Polynomial:
+    """d^2 replaced by J (g^2 - 1)/m, which makes D = J (g^2 - 1)."""
+    square = symbol("J") * (g * g - 1) / symbol("m")
+    return sum((part * square ** (dict(m).get("d", 0) // 2) for m, part in p.collect(("d",)).items()), constant(0))
+
+
+def _times(hypothesis: str, weight: Polynomial) -> WeightedSquares:
+    return WeightedSquares(hypothesis, (weight,), (constant(1),))
+
+
+def _bound_line(model: Hovercraft) -> Line:
+    """That the shipped bound b is where b (1 + g) - a = sqrt(2 W/J), in floats."""
+
+    def compare() -> ProofCondition:
+        g, off = math.sqrt(1 + model.arm**2 * model.mass / model.inertia), 0.0
+        for W, a in ((0.0, 3.0), (0.3, 1.5), (1.6, -3.0), (1e-4, 0.02)):
+            b = float(safe_reference_bound(model, W, a))
+            off = max(off, abs(b * (1 + g) - abs(a) - math.sqrt(2 * W / model.inertia)) / abs(a))
+        why = "" if off < NEAR else "safe_reference_bound is another one"
+        return ProofCondition("", off < NEAR, off, "relative deviation", "floats", why)
+
+    return "safe_reference_bound is the bound of the proof", compare
+
+
+def _sign_flip(model: Hovercraft) -> Counterexample:
+    """At rest relative to a reference of 3 rad/s, and a new one of the other sign, a hundredth above the bound."""
+    exact_model, _ = _numeric_craft(model.mass, model.inertia, model.arm)
+    a, r = constant(3), constant(3)
+    turned = -constant(1.01 * float(safe_reference_bound(model, 0.0, 3.0)))
+    before = {"W < W_bad": _margin_of_spin(exact_model, a)}
+    claim = Claim("", _margin_of_spin(exact_model, turned), before, POSITIVE)
+    point = {"u": Fraction(0), "v": Fraction(0), "r": r.terms[()]}
+    return Counterexample("a new sign is not covered", claim, point)

@@ -1,0 +1,58 @@
+"""Rest at a place and a heading, from two metres off: by swings about the centre of percussion, or in the six steps."""
+
+from typing import Annotated, Literal
+
+from trimtab.core.record import replace
+from trimtab.core.rotation import DEG
+from trimtab.laws.pose import Pose
+from trimtab.laws.pose_steps import PoseBySteps
+from trimtab.logs.metrics import Target
+from trimtab.loop.scenario import Scenario
+from trimtab.scenarios.hovercraft._navigation import Bus, Positioning
+from trimtab.scenarios.hovercraft._thesis import Craft, Equipment, Fan, Links, Supervision, hovercraft_scenario
+from trimtab.sensors.planar_pose import PlanarPose
+from trimtab.vehicles.hovercraft import HovercraftState
+
+SLOW = Pose(
+    k=0.8,
+    c=0.25,
+    speed=0.5,
+    kh=1.0,
+    kr=3.0,
+    turn_rate=0.6,
+    aligned=0.1,
+    near=0.3,
+    rest_speed=0.15,
+    far=0.6,
+    leave_speed=0.5,
+    swing=0.15,
+    f=1.0,
+    h=0.1,
+    s0=0.01,
+)
+"""For a loop that is 80 ms old, and a fan that gives no force to the side without one ahead."""
+PoseLaw = Annotated[
+    Literal["swing", "steps"],
+    {
+        "swing": "this project's: brake, aim, go, then hold by a swing of the nose",
+        "steps": "the source's six steps, over and over",
+    },
+]
+
+
+def scenario(
+    law: PoseLaw = "swing",
+    links: Links = "chain",
+    navigation: Positioning = "ins",
+    supervisor: Supervision = "none",
+    bus: Bus = "none",
+    craft: Craft = "thesis",
+    fan: Fan = "reversible",
+) -> Scenario:
+    """[1] section 2.3.1; start and length are this project's."""
+    equipment = Equipment(links, navigation, supervisor, bus, craft, fan)
+    chosen = SLOW if law == "swing" else PoseBySteps()
+    initial = HovercraftState(north=-1.5, east=1.5, heading=60 * DEG)
+    targets = (Target("truth.north", 0.0, 0.6), Target("truth.east", 0.0, 0.6), Target("truth.heading", 0.0, 15 * DEG))
+    flown = hovercraft_scenario("hovercraft/pose", chosen, initial, 90, targets, equipment, floor=(-8, 8, -8, 8))
+    return replace(flown, truth_sensor=PlanarPose())

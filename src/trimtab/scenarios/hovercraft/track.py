@@ -1,0 +1,63 @@
+"""Along a path in time: a circle, a figure eight, or way-points, from rest."""
+
+from typing import Annotated, Literal
+
+from trimtab.core.record import replace
+from trimtab.core.reference import Circle, FigureEight, pass_waypoints
+from trimtab.laws.path_tracking import PathTracking
+from trimtab.laws.receding_horizon import RecedingHorizon
+from trimtab.loop.reference_text import start_pose
+from trimtab.loop.scenario import Scenario
+from trimtab.scenarios.hovercraft._navigation import Bus, Positioning
+from trimtab.scenarios.hovercraft._thesis import Craft, Equipment, Fan, Links, Supervision, hovercraft_scenario
+from trimtab.scenarios.hovercraft.pose import SLOW
+from trimtab.sensors.planar_pose import PlanarPose
+from trimtab.vehicles.hovercraft import Hovercraft, HovercraftState
+
+Path = Annotated[
+    Literal["circle", "eight", "waypoints"],
+    {
+        "circle": "radius 1.5 m, a round in 20 s",
+        "eight": "5 m by 1.5 m, in 30 s; in its crossing the thrust turns round",
+        "waypoints": "three legs of 3 m at 0.4 m/s, from rest to rest",
+    },
+]
+Progress = Annotated[
+    Literal["time", "path"],
+    {"time": "the path's time is the clock's", "path": "it waits for the craft, and hurries when the craft is ahead"},
+]
+TrackingLaw = Annotated[
+    Literal["lyapunov", "horizon"],
+    {
+        "lyapunov": "thrust along the nose, the nose turned to where thrust is wanted; proven without limits",
+        "horizon": "the best 2.6 s ahead within the limits of fan and rudder, planned anew each 20 ms",
+    },
+]
+PLACES = ((0, 0), (3, 0), (3, 3), (0, 4))
+"""North and east (m) of the way-points."""
+
+
+def scenario(
+    reference: Path = "circle",
+    law: TrackingLaw = "lyapunov",
+    progress: Progress = "time",
+    links: Links = "chain",
+    navigation: Positioning = "ins",
+    supervisor: Supervision = "none",
+    bus: Bus = "none",
+    craft: Craft = "thesis",
+    fan: Fan = "reversible",
+) -> Scenario:
+    """All of it is this project's; the craft begins at rest where the path does, its nose where that sets out."""
+    path = (
+        pass_waypoints(PLACES, 0.4)
+        if reference == "waypoints"
+        else {"circle": Circle, "eight": FigureEight}[reference]()
+    )
+    lyapunov = PathTracking(reference=path, progress=progress, rest=SLOW)
+    chosen = lyapunov if law == "lyapunov" else RecedingHorizon(reference=path)
+    north, east, heading = start_pose(path, float(Hovercraft().percussion_arm))
+    initial, floor = HovercraftState(north=north, east=east, heading=heading), (-6, 8, -6, 8)
+    equipment = Equipment(links, navigation, supervisor, bus, craft, fan)
+    flown = hovercraft_scenario("hovercraft/track", chosen, initial, 90, (), equipment, floor=floor)
+    return replace(flown, truth_sensor=PlanarPose())

@@ -1,0 +1,43 @@
+"""A truth for the hypersonic vehicle less kind than the paper's: servos, rough air, an instrument of some grade.
+
+Source: servos' form from Bolender, Doman, "Nonlinear longitudinal dynamical model of an air-breathing hypersonic
+vehicle", Journal of Spacecraft and Rockets 44(2), 2007; turbulence MIL-F-8785C; sizes chosen (docs, What it needs).
+"""
+
+from typing import Any
+
+from trimtab.actuators.bank import ActuatorBank
+from trimtab.actuators.lag import SecondOrderLag
+from trimtab.core.record import replace
+from trimtab.core.rotation import DEG
+from trimtab.core.time import ms
+from trimtab.environment.turbulence import Turbulence
+from trimtab.loop.world import World
+from trimtab.sensors.angular_accelerometer import AngularAccelerometerUnit
+
+ENGINE, ELEVATOR = 20.0, 100.0
+"""Natural frequencies of engine and elevator servo (rad/s)."""
+ELEVATOR_RATE = 100 * DEG
+"""Fastest elevator (rad/s)."""
+SEVERE = 1e-5
+"""Probability that the intensity is exceeded: 5.1 ft/s from 80 000 ft up, where the specification's figure ends."""
+SERVO_PERIOD = ms(1)
+
+
+def plane_truth(world: World, noise: float) -> World:
+    """The world with servos, severe turbulence, and an angular accelerometer of finite grade with noise (rad/s^2)."""
+    actuators: Any = world.actuators
+    stages = {
+        "Phi": SecondOrderLag(frequency=ENGINE),
+        "delta_e": SecondOrderLag(frequency=ELEVATOR, rate_limit=ELEVATOR_RATE),
+    }
+    tick = actuators.period
+    unit = AngularAccelerometerUnit(
+        period=tick, noise=noise, bias=0.02, scale_factor=0.005, bandwidth=60.0, delay=0.001
+    )
+    return replace(
+        world,
+        sensors={**world.sensors, "angular-accelerometer": unit},
+        actuators=ActuatorBank(actuators.neutral_input, stages, period=SERVO_PERIOD),
+        turbulence=Turbulence(exceedance=SEVERE, period=tick),
+    )

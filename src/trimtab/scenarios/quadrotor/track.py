@@ -1,0 +1,115 @@
+"""Along a path in space: helix, circle or eight, or at one place; upright again from upside down; without a rotor."""
+
+from typing import Annotated, Any, Literal
+
+import numpy as np
+
+from trimtab.actuators.rotor_allocation import RotorAllocation, RotorDrive
+from trimtab.core.errors import InputError, argument
+from trimtab.core.record import replace
+from trimtab.core.reference import Circle, FigureEight
+from trimtab.core.spatial_reference import FixedPlace, Helix, LevelPath
+from trimtab.core.time import ms, seconds
+from trimtab.design.relaxed_hover import relaxed_axes
+from trimtab.estimators.passthrough import Passthrough
+from trimtab.laws.geometric_tracking import GeometricTracking
+from trimtab.laws.neural_policy import NeuralPolicy
+from trimtab.laws.rotor_loss import RotorLossTracking
+from trimtab.links.wire import DelayChain
+from trimtab.logs.metrics import Target
+from trimtab.loop.autopilot import Autopilot
+from trimtab.loop.fault_text import inject_faults
+from trimtab.loop.scenario import Scenario
+from trimtab.loop.world import World
+from trimtab.sensors.multirotor_state import MultirotorStateSensor
+from trimtab.vehicles.quadrotor import Multirotor, MultirotorState, Rotors
+
+Trajectory = Annotated[
+    Literal["circle", "eight", "helix", "place", "recovery"],
+    {
+        "circle": "radius 1.5 m, a round in 5 s",
+        "eight": "5 m by 1.5 m, in 8 s",
+        "helix": "of the publication, at half its pace, the nose to the north",
+        "place": "one place, from half a metre off",
+        "recovery": "the same, from upside down",
+    },
+]
+MotorFault = Annotated[
+    Literal["works", "1-fails", "2-fails", "3-fails", "4-fails"],
+    {"works": "all four turn"} | {f"{k}-fails": f"number {k} stops at 2 s, and for ever" for k in range(1, 5)},
+]
+LawChoice = Annotated[
+    Literal["geometric", "neural"],
+    {"geometric": "the publication's", "neural": "a small network that has learned it"},
+]
+PERIOD = ms(5)
+RATIO = 0.3
+"""Thrust of the rotor opposite a lost one, in parts of each of the two others."""
+LONGEST = 25.0
+"""Of what the law adds to weight and wanted acceleration (N): rotors that only push down to a limit bear no more."""
+HEIGHT = 3.0
+"""Of the paths (m)."""
+CRAFT = replace(
+    Multirotor(),
+    rotors=replace(Rotors(), torque_ratio=0.026, inertia=6e-5),
+    lag=0.02,
+    drag=np.array([0.3, 0.3, 0.2]),
+    turning_drag=np.array([0.01, 0.01, 0.04]),
+)
+"""The quadrotor of the publication, with propellers that turn it: a ratio of torque and thrust of 0.026 m, as 15 inch
+propellers have; lag, drags and the rotors' inertia are chosen."""
+
+
+def scenario(trajectory: Trajectory = "circle", motor: MotorFault = "works", law: LawChoice = "geometric") -> Scenario:
+    """Mass, inertia, arms and gains are the publication's; sensors, radio, lag, drag and limits this project's."""
+    if law == "neural" and motor != "works":
+        raise InputError(
+            "law",
+            "the network never saw a lost rotor",
+            fix=f"{argument('settings', 'geometric', 'law')} {argument('settings', motor, 'motor')}",
+        )
+    reference = make_reference(trajectory)
+    tracking = GeometricTracking(craft=CRAFT, reference=reference, most=LONGEST)
+    axes = np.round(relaxed_axes(CRAFT, RATIO), 9)  # the same numbers on every machine
+    flies: Any = RotorLossTracking(tracking, axes)
+    if law == "neural":
+        flies = NeuralPolicy(craft=CRAFT, reference=reference)
+    world = World(
+        vehicle=CRAFT,
+        sensors={"state": MultirotorStateSensor(period=PERIOD)},
+        downlink=DelayChain(period=PERIOD, steps=1),
+        uplink=DelayChain(period=PERIOD, steps=1),
+        actuators=RotorDrive(period=PERIOD),
+        max_step=PERIOD,
+    )
+    autopilot = Autopilot(Passthrough("state"), flies, RotorAllocation(craft=CRAFT), period=PERIOD)
+    flown = Scenario(
+        world=world,
+        autopilot=autopilot,
+        initial=first_state(trajectory, reference),
+        duration=seconds(10),
+        targets=(Target("law.distance", 0.0, 0.1),),
+        name="quadrotor/track",
+    )
+    return flown if motor == "works" else inject_faults(flown, [f"actuators:speed[{int(motor[0]) - 1}] off @ 2 s"])
+
+
+def make_reference(trajectory: str) -> Any:
+    """What is to be followed, of a name among the trajectories."""
+    if trajectory == "circle":
+        return LevelPath(Circle(period=5.0, ease=3.0), height=HEIGHT)
+    if trajectory == "eight":
+        return LevelPath(FigureEight(period=8.0, ease=3.0), height=HEIGHT)
+    above = (0.0, 0.0, -HEIGHT)
+    return Helix(w=np.pi / 2, turn=0.0, origin=above) if trajectory == "helix" else FixedPlace(above)
+
+
+def first_state(trajectory: str, reference: Any) -> MultirotorState:
+    """At rest where the reference begins, but for the two that are to come to their place from elsewhere."""
+    place = np.asarray(reference.at(0.0).place)
+    hover = CRAFT.hover(place)
+    if trajectory == "place":
+        return replace(hover, position=place + np.array([0.3, -0.4, 0.0]))
+    if trajectory == "recovery":
+        return replace(hover, attitude=np.array([np.cos(1.3), np.sin(1.3), 0.0, 0.0]))
+    return hover

@@ -1,0 +1,1 @@
+"""An underwater vehicle with fins and a propeller: depth and heading."""

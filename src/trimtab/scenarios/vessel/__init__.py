@@ -1,0 +1,1 @@
+"""A surface vessel with rudders and screws: along a path."""

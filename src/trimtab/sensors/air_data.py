@@ -1,0 +1,133 @@
+"""Air data: airspeed out of the pressure in a pitot tube, angles of attack and sideslip out of vanes."""
+
+from typing import Any
+
+import jax.numpy as jnp
+
+from trimtab.core.record import Scalar, imperfection, part, period, quantity, record
+from trimtab.core.rng import Key, normals
+from trimtab.core.signals import Motion, Sample, new_sample, surrounding_air
+from trimtab.core.time import ms
+from trimtab.environment.atmosphere import HEAT_RATIO, standard_atmosphere
+
+ZERO = (0.0, 0.0, 0.0)
+SEA_DENSITY = 1.225
+"""kg/m³, of the U.S. Standard Atmosphere 1976: what makes an equivalent airspeed."""
+
+
+@record
+class AirDataReading:
+    """What probes in the air give. Source: docs page, Sensors in space."""
+
+    impact_pressure: Scalar = quantity("Pa", "In the pitot tube, above the static one.")
+    equivalent_airspeed: Scalar = quantity("m/s", "At which air of the sea's density would have this dynamic pressure.")
+    airspeed: Scalar = quantity("m/s", "Through the air, with the density of the standard atmosphere here.")
+    alpha: Scalar = quantity("rad", "Angle of attack.", kind="angle")
+    beta: Scalar = quantity("rad", "Angle of sideslip.", kind="angle")
+
+
+@record
+class AirDataState:
+    """What probes remember: the run's zeros. Source: docs page, Sensors in space."""
+
+    key: Key = part("Of the noise.")
+    pressure_offset: Scalar = quantity("Pa", "Of the transducer.")
+    vane_offset: Any = quantity("rad", "Of both vanes.", kind="angle", shape=(2,))
+
+
+@record
+class AirData:
+    """A pitot tube and two vanes on a boom.
+
+        v = v_WB - v_air + (w - w_air) × l          q_c = p ((1 + 0.2 M²)^3.5 - 1)
+        alpha = (1 + k) atan2(v_z, v_x) + b + w,   beta = (1 + k) asin(v_y / |v|) + b + w
+
+    Beyond Mach 1 q_c is Rayleigh's, behind a normal shock. Airspeeds come from q_c by the same law, solved for M. Wind
+    and turbulence count, which an inertial velocity does not know of.
+
+    Frames:  velocities and the boom's place l in B; alpha from x to the air's way in the x-z plane, nose up positive.
+    Not modelled: that a tube at an angle loses pressure, icing, lag of tubes and vanes.
+    Source:  Gracey, "Measurement of aircraft speed and altitude", NASA RP-1046, 1980; NACA report 1135, eqs. 44 and
+             100. Sizes chosen.
+    """
+
+    pressure_noise: Scalar = imperfection(
+        "Pa", "Standard deviation of each sample.", "air-data-pressure-noise", default=5.0
+    )
+    pressure_bias: Scalar = imperfection(
+        "Pa", "Standard deviation of the zero, drawn for each run.", "air-data-pressure-bias", default=10.0
+    )
+    vane_noise: Scalar = imperfection("rad", "Standard deviation of each sample.", "air-data-vane-noise", default=2e-3)
+    vane_bias: Scalar = imperfection(
+        "rad", "Standard deviation of a vane's zero, drawn for each run.", "air-data-vane-bias", default=3e-3
+    )
+    upwash: Scalar = imperfection(
+        "1", "Share k by which the body bends the flow at the vanes.", "air-data-upwash", default=0.05, low=None
+    )
+    position: Any = quantity(
+        "m", "Place l of the probes.", frame="B", default=ZERO, shape=(3,), off={"air-data-position": ZERO}
+    )
+    period: int = period("Time between samples.", default=ms(20))
+
+    def init(self, key: Key) -> AirDataState:
+        """The run's zeros drawn."""
+        draws = normals(key.at("unit"), 0, 3)
+        return AirDataState(key.at("noise"), self.pressure_bias * draws[0], self.vane_bias * draws[1:])
+
+    def measure(self, motion: Motion) -> AirDataReading:
+        """The measurement h(x) of a motion, without error but for the probes' place."""
+        air = surrounding_air(motion)
+        around = standard_atmosphere(air.height)
+        v = motion.v_WB_B - air.velocity + jnp.cross(motion.w_WB_B - air.rate, jnp.asarray(self.position))
+        speed = jnp.sqrt(jnp.maximum(v @ v, 1e-12))
+        q_c = impact_pressure(speed / around.sound_speed, around.pressure)
+        beta = jnp.arcsin(jnp.clip(v[1] / speed, -1.0, 1.0))
+        return _reading(q_c, around, jnp.arctan2(v[2], v[0]), beta)
+
+    def step(self, t: Any, state: AirDataState, motion: Motion) -> tuple[AirDataState, Sample]:
+        """The sample at integer time t."""
+        true, z = self.measure(motion), normals(state.key, t // self.period, 3)
+        around = standard_atmosphere(surrounding_air(motion).height)
+        q_c = true.impact_pressure + state.pressure_offset + self.pressure_noise * z[0]
+        scale = 1 + self.upwash
+        alpha = scale * true.alpha + state.vane_offset[0] + self.vane_noise * z[1]
+        beta = scale * true.beta + state.vane_offset[1] + self.vane_noise * z[2]
+        return state, new_sample(t, _reading(q_c, around, alpha, beta))
+
+
+def impact_pressure(mach: Any, pressure: Any) -> Any:
+    """Pitot less static pressure (Pa) at a Mach number in air of a pressure (Pa). Source: NACA report 1135, 44, 100."""
+    return pressure * (_pitot_ratio(mach) - 1)
+
+
+def _pitot_ratio(mach: Any) -> Any:
+    """Pitot over static pressure: isentropic below Mach 1, behind a normal shock above."""
+    g, square = HEAT_RATIO, mach * mach
+    fast = jnp.maximum(square, 1.0)
+    slow = (1 + (g - 1) / 2 * jnp.minimum(square, 1.0)) ** (g / (g - 1))
+    shock = ((g + 1) / 2 * fast) ** (g / (g - 1)) * ((g + 1) / (2 * g * fast - (g - 1))) ** (1 / (g - 1))
+    return jnp.where(square > 1, shock, slow)
+
+
+def mach_of_impact(ratio: Any) -> Any:
+    """Mach number at an impact pressure over static pressure: in closed form below 1, by six Newton steps above."""
+    g = HEAT_RATIO
+    slow = jnp.sqrt(2 / (g - 1) * jnp.maximum((jnp.maximum(ratio, 0.0) + 1) ** ((g - 1) / g) - 1, 0.0))
+    wanted = jnp.maximum(ratio + 1, _pitot_ratio(1.0))
+    mach = jnp.maximum(1.0, jnp.sqrt(wanted / 1.288))
+    for _ in range(6):
+        here = _pitot_ratio(mach)
+        slope = here * (2 * g / (g - 1) / mach - 4 * g * mach / (g - 1) / (2 * g * mach * mach - (g - 1)))
+        mach = jnp.maximum(mach - (here - wanted) / slope, 1.0)
+    return jnp.where(ratio + 1 > _pitot_ratio(1.0), mach, slow)
+
+
+def _reading(q_c: Any, around: Any, alpha: Any, beta: Any) -> AirDataReading:
+    airspeed = mach_of_impact(q_c / around.pressure) * around.sound_speed
+    return AirDataReading(
+        impact_pressure=q_c,
+        equivalent_airspeed=airspeed * jnp.sqrt(around.density / SEA_DENSITY),
+        airspeed=airspeed,
+        alpha=alpha,
+        beta=beta,
+    )

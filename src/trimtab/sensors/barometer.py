@@ -1,0 +1,85 @@
+"""A barometer: the pressure at a vehicle's static port, and the height that the standard atmosphere makes of it."""
+
+import math
+from typing import Any
+
+import jax.numpy as jnp
+import numpy as np
+
+from trimtab.core.record import Scalar, imperfection, part, period, quantity, record
+from trimtab.core.rng import Key, normals
+from trimtab.core.signals import Motion, Sample, new_sample, surrounding_air
+from trimtab.core.time import ms, to_seconds
+from trimtab.environment.atmosphere import pressure_altitude, standard_atmosphere
+
+
+@record
+class PressureReading:
+    """What a barometer gives. Source: docs page, Sensors in space."""
+
+    pressure: Scalar = quantity("Pa", "At the static port.")
+    altitude: Scalar = quantity("m", "Above the sea, by the standard atmosphere.")
+
+
+@record
+class BarometerState:
+    """What a barometer remembers. Source: docs page, Sensors in space."""
+
+    key: Key = part("Of the noise.")
+    offset: Scalar = quantity("Pa", "Error of the zero, as it has drifted.")
+    felt: Scalar = quantity("Pa", "Pressure behind the lag.")
+    started: Scalar = quantity("1", "Whether there is one.", kind="flag")
+
+
+@record
+class Barometer:
+    """Pressure of the standard atmosphere at the vehicle, as a port and a converter give it.
+
+        z = Q( L(p(h) + e q) + b + w ),   b = b_turn_on + walk
+
+    with q the dynamic pressure, e the static port's error, L a lag of first order, w white noise, Q the converter.
+
+    Frames:  height above the sea: of `motion.air`, or -down where the vehicle knows no air.
+    Not modelled: weather (an offset of some hundred Pa stands for it), the temperature's deviation, the port's place.
+    Source:  U.S. Standard Atmosphere 1976; Gracey, "Measurement of aircraft speed and altitude", NASA RP-1046, 1980,
+             for the errors' form. Default sizes: of a micromachined unit's data sheet class, chosen.
+    """
+
+    noise: Scalar = imperfection("Pa", "Standard deviation of each sample.", "barometer-noise", default=2.0)
+    turn_on_bias: Scalar = imperfection("Pa", "Standard deviation, drawn for each run.", "barometer-bias", default=50.0)
+    drift: Scalar = imperfection("Pa/s^0.5", "Random walk of the zero.", "barometer-drift", default=0.2)
+    lag: Scalar = imperfection("s", "Time constant of port and tube.", "barometer-lag", default=0.05)
+    static_error: Scalar = imperfection(
+        "1", "Of the dynamic pressure, that the port feels too.", "static-port-error", default=0.02, low=None
+    )
+    resolution: Scalar = imperfection("Pa", "Step of the converter.", "barometer-quantisation", default=1.0)
+    period: int = period("Time between samples.", default=ms(20))
+
+    def init(self, key: Key) -> BarometerState:
+        """The run's zero drawn."""
+        bias = self.turn_on_bias * normals(key.at("unit"), 0, 1)[0]
+        return BarometerState(key.at("noise"), bias, jnp.zeros(()), jnp.zeros((), np.bool_))
+
+    def measure(self, motion: Motion) -> PressureReading:
+        """The measurement h(x) of a motion, without error."""
+        return _reading(standard_atmosphere(surrounding_air(motion).height).pressure)
+
+    def step(self, t: Any, state: BarometerState, motion: Motion) -> tuple[BarometerState, Sample]:
+        """The sample at integer time t."""
+        air, dt = surrounding_air(motion), to_seconds(self.period)
+        around = standard_atmosphere(air.height)
+        through = motion.v_WB_B - air.velocity
+        port = around.pressure + self.static_error * around.density * (through @ through) / 2
+        share = jnp.where(state.started, 1 - jnp.exp(-dt / jnp.maximum(self.lag, 1e-9)), 1.0)
+        felt = state.felt + share * (port - state.felt)
+        z = normals(state.key, t // self.period, 2)
+        offset = state.offset + self.drift * math.sqrt(dt) * z[0] * state.started
+        step = jnp.where(self.resolution > 0, self.resolution, 1.0)
+        raw = felt + offset + self.noise * z[1]
+        pressure = jnp.where(self.resolution > 0, jnp.floor(raw / step + 0.5) * step, raw)
+        new = BarometerState(state.key, offset, felt, jnp.ones((), np.bool_))
+        return new, new_sample(t, _reading(pressure))
+
+
+def _reading(pressure: Any) -> PressureReading:
+    return PressureReading(pressure=pressure, altitude=pressure_altitude(pressure))

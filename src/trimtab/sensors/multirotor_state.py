@@ -1,0 +1,56 @@
+"""The state of a multirotor as cameras on the ceiling, a gyro and the rotors' own controllers tell it, with noise."""
+
+from typing import Any, ClassVar
+
+import jax.numpy as jnp
+
+from trimtab.core import quaternion
+from trimtab.core.record import imperfection, period, record
+from trimtab.core.rng import Key, normals
+from trimtab.core.signals import Sample, new_sample
+from trimtab.core.time import ms
+from trimtab.vehicles.quadrotor import MultirotorState
+
+
+@record
+class MultirotorStateSensor:
+    """Position, velocity, attitude, rate and the rotors' speeds, each with white noise.
+
+        z = (p + n, v + n, q exp(n), w + n, w_i + n)
+
+    The attitude's noise turns the body about a random axis, so that a measured quaternion has length one.
+
+    Frames:  as the state's.    Not modelled: biases, lag of filters, cameras that lose sight.
+    Source:  docs page, Multirotor state; sizes are chosen, those of a hall with a motion capture system.
+    """
+
+    position_noise: Any = imperfection("m", "Standard deviation of each coordinate.", "position-noise", default=0.002)
+    velocity_noise: Any = imperfection("m/s", "Standard deviation of each number.", "velocity-noise", default=0.02)
+    attitude_noise: Any = imperfection("rad", "Standard deviation about each axis.", "attitude-noise", default=0.004)
+    rate_noise: Any = imperfection("rad/s", "Standard deviation of each number.", "rate-noise", default=0.02)
+    speed_noise: Any = imperfection("rad/s", "Standard deviation of each rotor's.", "rotor-speed-noise", default=2.0)
+    period: int = period("Time between samples.", default=ms(5))
+
+    FEELS: ClassVar[str] = "state"
+
+    def init(self, key: Key) -> Key:
+        """The noise's key is all that it keeps."""
+        return key
+
+    def measure(self, x: MultirotorState) -> MultirotorState:
+        """The measurement h(x): the state itself, its quaternion of length one."""
+        return MultirotorState(x.position, x.velocity, quaternion.normalise(x.attitude), x.rate, x.rotor_speed)
+
+    def step(self, t: Any, state: Key, x: MultirotorState) -> tuple[Key, Sample]:
+        """The sample at integer time t."""
+        true = self.measure(x)
+        n = jnp.shape(x.rotor_speed)[0]
+        noise = normals(state, t // self.period, 12 + n)
+        reading = MultirotorState(
+            position=true.position + self.position_noise * noise[0:3],
+            velocity=true.velocity + self.velocity_noise * noise[3:6],
+            attitude=quaternion.retract(true.attitude, self.attitude_noise * noise[6:9]),
+            rate=true.rate + self.rate_noise * noise[9:12],
+            rotor_speed=true.rotor_speed + self.speed_noise * noise[12:],
+        )
+        return state, new_sample(t, reading)

@@ -1,0 +1,99 @@
+"""Optical flow: how fast the ground passes below a camera, and the velocity that a height makes of it."""
+
+from typing import Any
+
+import jax.numpy as jnp
+
+from trimtab.core.record import Scalar, imperfection, part, period, quantity, record
+from trimtab.core.rng import Key, normals
+from trimtab.core.rotation import from_euler
+from trimtab.core.signals import Motion, Sample, new_sample
+from trimtab.core.time import ms
+
+LEAST_COSINE = 0.1
+"""Of the tilt: beyond 84° the ray to the ground is taken to be as long as there."""
+
+
+@record
+class FlowReading:
+    """What a camera that looks down gives. Source: docs page, Sensors in space."""
+
+    flow: Any = quantity("rad/s", "Of the ground's image along B's x and y axes, as seen.", frame="B", shape=(2,))
+    distance: Scalar = quantity("m", "To the ground along B's z axis.")
+    surge_velocity: Scalar = quantity("m/s", "With the body's own turning taken out.", frame="B")
+    sway_velocity: Scalar = quantity("m/s", "The same.", frame="B")
+    usable: Scalar = quantity("1", "Distance and flow are within what the camera and the ranger can.", kind="flag")
+
+
+@record
+class FlowState:
+    """What the unit remembers: the zero of its gyro in this run. Source: docs page, Sensors in space."""
+
+    key: Key = part("Of the noise.")
+    gyro_offset: Any = quantity("rad/s", "Roll, pitch rate.", frame="B", shape=(2,))
+
+
+@record
+class OpticalFlow:
+    """A camera with a gyro and a ranger, looking along the body's z axis at level ground.
+
+        flow = ( -u/d - q,  -v/d + p )        u = -d (flow_x + q_gyro),  v = -d (flow_y - p_gyro)
+
+    Frames:  B; the ground is the plane at `ground` in W.
+    Valid:   level ground, tilt below 84°. Not modelled: texture, light, vibration, the time of exposure, a lever arm.
+    Source:  Honegger et al., "An open source and open hardware embedded metric optical flow CMOS camera", ICRA 2013.
+             Sizes chosen.
+    """
+
+    noise: Scalar = imperfection("rad/s", "Standard deviation of each sample.", "optical-flow-noise", default=0.02)
+    scale_factor: Scalar = imperfection(
+        "1", "Error of the focal length.", "optical-flow-scale-factor", default=0.01, low=None
+    )
+    gyro_noise: Scalar = imperfection(
+        "rad/s", "Standard deviation of its gyro's samples.", "optical-flow-gyro-noise", default=0.005
+    )
+    gyro_bias: Scalar = imperfection(
+        "rad/s", "Standard deviation of its gyro's zero, drawn for each run.", "optical-flow-gyro-bias", default=0.005
+    )
+    range_noise: Scalar = imperfection(
+        "m", "Standard deviation of the ranger's samples.", "optical-flow-range-noise", default=0.01
+    )
+    ground: Scalar = quantity("m", "Where the ground lies, down.", frame="W", default=0.0)
+    nearest: Scalar = quantity("m", "Shortest distance at which the ranger reads.", default=0.08, low=0)
+    farthest: Scalar = quantity("m", "Longest.", default=10.0, above=0)
+    fastest: Scalar = quantity("rad/s", "Flow that the camera can follow.", default=7.4, above=0)
+    period: int = period("Time between samples.", default=ms(20))
+
+    def init(self, key: Key) -> FlowState:
+        """The run's zero drawn."""
+        return FlowState(key.at("noise"), self.gyro_bias * normals(key.at("unit"), 0, 2))
+
+    def measure(self, motion: Motion) -> FlowReading:
+        """The measurement h(x) of a motion, without error."""
+        p, q = motion.w_WB_B[0], motion.w_WB_B[1]
+        u, v = motion.v_WB_B[0], motion.v_WB_B[1]
+        d = self._distance(motion)
+        return self._reading(jnp.stack([-u / d - q, -v / d + p]), d, jnp.stack([p, q]), d)
+
+    def step(self, t: Any, state: FlowState, motion: Motion) -> tuple[FlowState, Sample]:
+        """The sample at integer time t."""
+        true, z = self.measure(motion), normals(state.key, t // self.period, 5)
+        flow = (1 + self.scale_factor) * true.flow + self.noise * z[:2]
+        gyro = motion.w_WB_B[:2] + state.gyro_offset + self.gyro_noise * z[2:4]
+        distance = true.distance + self.range_noise * z[4]
+        return state, new_sample(t, self._reading(flow, distance, gyro, true.distance))
+
+    def _distance(self, motion: Motion) -> Any:
+        """Along B's z axis to the ground (m); at least a millimetre."""
+        cosine = jnp.maximum(from_euler(*motion.attitude)[2, 2], LEAST_COSINE)
+        return jnp.maximum((self.ground - motion.p_WB[2]) / cosine, 1e-3)
+
+    def _reading(self, flow: Any, distance: Any, gyro: Any, true_distance: Any) -> FlowReading:
+        within = (true_distance >= self.nearest) & (true_distance <= self.farthest)
+        return FlowReading(
+            flow=flow,
+            distance=distance,
+            surge_velocity=-distance * (flow[0] + gyro[1]),
+            sway_velocity=-distance * (flow[1] - gyro[0]),
+            usable=within & jnp.all(jnp.abs(flow) <= self.fastest),
+        )

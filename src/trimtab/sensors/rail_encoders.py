@@ -1,0 +1,55 @@
+"""Encoders of a cart on a rail and of the hinge on it.
+
+Source: docs page, Cart-pole.
+"""
+
+from typing import Any
+
+import jax.numpy as jnp
+
+from trimtab.core.record import Scalar, imperfection, period, record
+from trimtab.core.rng import Key
+from trimtab.core.signals import Motion, Sample, new_sample
+from trimtab.core.time import ms
+from trimtab.vehicles.cart_pole import CartPoleState
+
+
+@record
+class RailEncoders:
+    """Position of the cart and angle of the hinge, each in steps of its encoder, and their rates from tachometers.
+
+    Frames:  the rail lies north in W; the hinge's angle is minus the pitch of what hangs on it, from upright.
+    Not modelled: noise of the tachometers, a hinge that isn't level.
+    Source:  docs page, Cart-pole.
+    """
+
+    position_step: Scalar = imperfection("m", "Of the cart's encoder; 0: none.", "encoder-steps", default=1e-3)
+    angle_step: Scalar = imperfection("rad", "Of the hinge's; 0: none.", "encoder-steps", default=1.5e-3)
+    period: int = period("Time between samples.", default=ms(10))
+
+    def init(self, key: Key) -> tuple[()]:
+        """No state."""
+        return ()
+
+    def measure(self, motion: Motion) -> CartPoleState:
+        """The measurement h(x) of a motion, without steps."""
+        pitch = motion.attitude[1]
+        speed = jnp.cos(pitch) * motion.v_WB_B[0] + jnp.sin(pitch) * motion.v_WB_B[2]
+        return CartPoleState(position=motion.p_WB[0], speed=speed, angle=-pitch, angle_rate=-motion.w_WB_B[1])
+
+    def step(self, t: Any, state: tuple[()], motion: Motion) -> tuple[tuple[()], Sample]:
+        """The sample at integer time t."""
+        true = self.measure(motion)
+        reading = CartPoleState(
+            position=_round_to(true.position, self.position_step),
+            speed=true.speed,
+            angle=_round_to(true.angle, self.angle_step),
+            angle_rate=true.angle_rate,
+        )
+        return state, new_sample(t, reading)
+
+
+def _round_to(value: Any, step: Any) -> Any:
+    """The nearest whole number of steps; the value itself where the step is 0."""
+    some = jnp.where(step > 0, step, 1.0)
+    return jnp.where(step > 0, jnp.round(value / some) * some, value)

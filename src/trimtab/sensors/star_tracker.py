@@ -1,0 +1,119 @@
+"""A star tracker: the attitude itself, late, and only while stars stand still enough to be seen."""
+
+from typing import Any, ClassVar
+
+import jax.numpy as jnp
+import numpy as np
+
+from trimtab.core import quaternion
+from trimtab.core.record import Scalar, imperfection, part, period, quantity, record, replace, tree_where
+from trimtab.core.rng import Key, normals
+from trimtab.core.rotation import DEG, from_euler
+from trimtab.core.signals import Motion, Sample
+from trimtab.core.time import ms
+from trimtab.sensors.late_fix import LateFix, LateState
+
+ZERO = (0.0, 0.0, 0.0)
+ARC_SECOND = DEG / 3600
+
+
+@record
+class AttitudeReading:
+    """A measured attitude. Source: docs page, Sensors in space."""
+
+    attitude: Any = quantity("1", "Quaternion q_WB, scalar first; either sign.", frame="WB", shape=(4,))
+    tracking: Scalar = quantity("1", "Stars were seen; else the attitude is the last that was.", kind="flag")
+
+
+@record
+class StarTrackerState:
+    """What a star tracker remembers. Source: docs page, Sensors in space."""
+
+    key: Key = part("Of the noise.")
+    alignment: Any = quantity("rad", "How the unit is mounted other than believed, in S.", kind="angle", shape=(3,))
+    last: AttitudeReading = part("The last that was measured.")
+    late: LateState = part("What is on its way.")
+
+
+@record
+class StarTracker:
+    """A camera that knows the stars: noise is small across its boresight and large about it.
+
+        q_WS = q_WB q_BS retract(misalignment) retract(w),  w ~ (cross, cross, roll);     q_WB = q_WS conj(q_BS)
+
+    No fix while the body turns faster than `rate_limit`, or the sun stands within `exclusion` of the boresight.
+
+    Frames:  W; S is the camera, its z axis the boresight, `mounting` its roll, pitch, yaw in B.
+    Not modelled: that W turns among the stars, distortion, radiation, aberration, the time of exposure.
+    Source:  Liebe, "Accuracy performance of star trackers: a tutorial", IEEE Trans. AES 38 (2002): a roll error some 6
+             to 16 times the cross-boresight one. Sizes chosen.
+    """
+
+    cross_noise: Scalar = imperfection(
+        "rad", "Standard deviation about each axis across the boresight.", "star-tracker-noise", default=5 * ARC_SECOND
+    )
+    roll_noise: Scalar = imperfection(
+        "rad", "Standard deviation about the boresight.", "star-tracker-roll-noise", default=50 * ARC_SECOND
+    )
+    misalignment: Scalar = imperfection(
+        "rad",
+        "Standard deviation of the mounting, drawn for each run.",
+        "star-tracker-misalignment",
+        default=20 * ARC_SECOND,
+    )
+    rate_limit: Scalar = quantity(
+        "rad/s",
+        "Fastest turn at which stars are found.",
+        default=2 * DEG,
+        above=0,
+        off={"star-tracker-rate-limit": 1e9},
+    )
+    exclusion: Scalar = imperfection(
+        "rad", "Half angle in which the sun blinds it.", "star-tracker-blinding", default=30 * DEG, high=np.pi
+    )
+    sun: Any = quantity("1", "Direction of the sun.", frame="W", default=(1.0, 0.0, 0.0), shape=(3,))
+    mounting: Any = quantity("rad", "Roll, pitch, yaw in B.", default=(np.pi, 0.0, 0.0), kind="angle", shape=(3,))
+    timing: LateFix = part(
+        "When it is measured and comes out.",
+        default=LateFix(latency=0.1, interval=ms(200)),
+        off={"star-tracker-latency": lambda sensor: replace(sensor.timing, latency=0.0)},
+    )
+    period: int = period("How often it is looked whether one has come out.", default=ms(10))
+
+    LATE: ClassVar[bool] = True
+
+    def check(self) -> None:
+        """Refuse a period at which measurements would be missed."""
+        self.timing.check_period(self.period)
+
+    def init(self, key: Key) -> StarTrackerState:
+        """Nothing measured; the run's mounting drawn."""
+        none = AttitudeReading(jnp.array([1.0, 0.0, 0.0, 0.0]), jnp.zeros((), np.bool_))
+        alignment = self.misalignment * normals(key.at("unit"), 0, 3)
+        return StarTrackerState(key.at("noise"), alignment, none, self.timing.initial_state(none))
+
+    def measure(self, motion: Motion) -> AttitudeReading:
+        """The measurement h(x) of a motion, without error."""
+        return AttitudeReading(quaternion.from_euler(*motion.attitude), self.sees(motion))
+
+    def sees(self, motion: Motion) -> Any:
+        """Whether it turns slowly enough, and looks far enough from the sun."""
+        w = motion.w_WB_B
+        boresight = from_euler(*motion.attitude) @ from_euler(*jnp.asarray(self.mounting))[:, 2]
+        sun = jnp.asarray(self.sun)
+        from_sun = (boresight @ sun) < jnp.cos(self.exclusion) * jnp.sqrt(sun @ sun)
+        return (w @ w <= self.rate_limit * self.rate_limit) & (from_sun | (self.exclusion == 0))
+
+    def step(self, t: Any, state: StarTrackerState, motion: Motion) -> tuple[StarTrackerState, Sample]:
+        """The newest attitude that is out at integer time t."""
+        true, z = self.measure(motion), normals(state.key, self.timing.measurement_number(t), 3)
+        q_BS = quaternion.from_euler(*jnp.asarray(self.mounting))
+        noise = jnp.stack([self.cross_noise, self.cross_noise, self.roll_noise]) * z
+        q_WS = quaternion.multiply(true.attitude, q_BS)
+        q_WS = quaternion.retract(quaternion.retract(q_WS, state.alignment), noise)
+        seen = AttitudeReading(quaternion.multiply(q_WS, quaternion.conjugate(q_BS)), true.tracking)
+        value = tree_where(true.tracking, seen, replace(state.last, tracking=jnp.zeros((), np.bool_)))
+        makes = (jnp.asarray(t, np.int64) % self.timing.interval) == self.timing.offset
+        last = tree_where(makes & true.tracking, seen, state.last)
+        late, sample = self.timing.deliver(t, state.late, value)
+        return StarTrackerState(state.key, state.alignment, last, late), sample

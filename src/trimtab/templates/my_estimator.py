@@ -1,0 +1,57 @@
+"""An estimator of your own: trimtab run my_estimator.py:scenario"""
+
+from typing import Any
+
+import jax.numpy as jnp
+
+from trimtab import Scenario, build, option, part, quantity, record, replace, seconds
+from trimtab.core.record import tree_where
+from trimtab.core.signals import Estimate, Frame
+from trimtab.core.time import to_seconds
+from trimtab.sensors.planar_pose import PlanarPoseState
+
+
+@record
+class MyEstimatorState:  # what it remembers from one step to the next
+    """The last estimate. Source: this file."""
+
+    pose: PlanarPoseState = part("Velocity in B, rate of turn, heading and place.")
+    begun: Any = quantity("1", "Whether there was a measurement.", kind="flag")
+
+
+@record
+class MyEstimator:  # its fields are settings: --set autopilot.estimator.share=1
+    """Takes noise out of measured velocities by a low-pass filter; the rest it believes. Source: this file."""
+
+    sensor: str = option("Whose samples it reads.", default="navigation")
+    share: Any = quantity("1", "Of a new measurement; 1: no filter.", default=0.3, above=0, high=1)
+
+    @property
+    def listens(self) -> tuple[str, ...]:
+        """The sensors whose samples it needs."""
+        return (self.sensor,)
+
+    def init(self, key: Any) -> MyEstimatorState:
+        """Nothing measured yet."""
+        return MyEstimatorState(PlanarPoseState(0.0, 0.0, 0.0, 0.0, 0.0, 0.0), jnp.zeros((), bool))
+
+    def step(self, t: Any, state: Any, frame: Frame) -> tuple[MyEstimatorState, Estimate]:
+        """The estimate at integer time t (100 ns). No Python `if` on a sample: jnp.where, or tree_where of a record."""
+        sample = frame.samples[self.sensor]  # with .fresh: seen for the first time; .valid: there was one at all
+        z, x, share = sample.value, state.pose, jnp.where(state.begun, self.share, 1.0)
+        filtered = replace(
+            z,
+            surge_velocity=x.surge_velocity + share * (z.surge_velocity - x.surge_velocity),  # m/s, in B
+            sway_velocity=x.sway_velocity + share * (z.sway_velocity - x.sway_velocity),
+            yaw_rate=x.yaw_rate + share * (z.yaw_rate - x.yaw_rate),  # rad/s
+        )
+        new = MyEstimatorState(tree_where(sample.fresh, filtered, x), state.begun | sample.valid)
+        age = to_seconds(t - sample.t)  # s
+        return new, Estimate(t=t, age=age, fresh=sample.fresh, valid=new.begun, state=new.pose)
+
+
+def scenario() -> Scenario:
+    """A model ship along way-points, in a current; this filter takes the place of what believes every sample."""
+    base = build("vessel/path")
+    autopilot = replace(base.autopilot, estimator=MyEstimator())
+    return replace(base, autopilot=autopilot, duration=seconds(20), name="my_estimator")

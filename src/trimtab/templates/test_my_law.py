@@ -1,0 +1,43 @@
+"""What must hold of the law, and a flight: pytest test_my_law.py"""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from trimtab import build, replace, simulate
+from trimtab.core.signals import Estimate, PlanarState
+
+FLOWN = build(f"{Path(__file__).with_name('my_law.py')}:scenario")
+LAW = FLOWN.autopilot.law
+
+
+def step(heading: float, yaw_rate: float = 0.0) -> Any:
+    """What the law gives for a heading (rad) and a rate of turn (rad/s)."""
+    x = PlanarState(surge_velocity=0.5, sway_velocity=0.0, yaw_rate=yaw_rate, heading=heading)
+    return LAW.step(0, LAW.init(None), Estimate(t=0, age=0.0, fresh=True, valid=True, state=x))[1]
+
+
+def test_on_course_it_keeps_the_rudder_amidships():
+    """An equilibrium."""
+    assert float(step(LAW.heading).demand.rudder) == 0.0
+
+
+def test_it_turns_the_shorter_way():
+    """Off to starboard, a positive rudder pushes the stern to starboard and the bow back; a full turn is no error."""
+    assert float(step(LAW.heading + 0.1).demand.rudder) > 0
+    np.testing.assert_allclose(float(step(LAW.heading + 0.1 + 2 * np.pi).off_course), 0.1, atol=1e-9)
+    np.testing.assert_allclose(float(step(LAW.heading + np.pi + 0.1).off_course), 0.1 - np.pi, atol=1e-9)
+
+
+def test_it_asks_for_no_more_than_the_rudder_has():
+    """Held within ± most."""
+    assert float(step(LAW.heading + 3.0, yaw_rate=5.0).demand.rudder) == LAW.most
+
+
+def test_the_ship_comes_to_its_heading():
+    """A flight, compiled to C, to 0.1 rad; without the law's push it does not."""
+    log = simulate(FLOWN)
+    assert abs(log.final["truth.heading"] - LAW.heading) < 0.1
+    idle = replace(FLOWN, autopilot=replace(FLOWN.autopilot, law=replace(LAW, k_heading=0.0, k_rate=0.0)))
+    assert abs(simulate(idle).final["truth.heading"] - LAW.heading) > 0.5

@@ -1,0 +1,51 @@
+"""What must hold of the link, and a flight: pytest test_my_link.py"""
+
+from pathlib import Path
+from typing import Any
+
+import jax
+import numpy as np
+
+from trimtab import build, replace, simulate
+from trimtab.core.rng import key
+from trimtab.core.signals import new_sample
+
+FLOWN = build(f"{Path(__file__).with_name('my_link.py')}:scenario")
+LINK = FLOWN.world.uplink
+
+
+def carry(link: Any, n: int) -> Any:
+    """Samples at the far end, fields (n,), where the number of the packet is sent each period."""
+
+    def step(state: Any, k: Any) -> Any:
+        return link.step(k * link.period, state, new_sample(k * link.period, 1.0 * k))
+
+    return jax.lax.scan(step, link.init(key(0), new_sample(np.int64(0), np.float64(0.0))), np.arange(n))[1]
+
+
+def test_without_loss_each_packet_comes_after_its_delay():
+    """What comes out was sent `steps` periods ago; before the first there is nothing."""
+    out = carry(replace(LINK, loss=0.0), 20)
+    assert not out.valid[: LINK.steps].any()
+    np.testing.assert_array_equal(out.value[LINK.steps :], np.arange(20 - LINK.steps))
+    np.testing.assert_allclose(out.age[LINK.steps :], LINK.steps * LINK.period * 1e-7)
+
+
+def test_as_many_are_lost_as_it_says():
+    """Within four standard errors of a share of 4000."""
+    share = 1 - np.mean(carry(LINK, 4000).fresh)
+    assert abs(share - LINK.loss) < 4 * np.sqrt(LINK.loss * (1 - LINK.loss) / 4000) + LINK.steps / 4000
+
+
+def test_when_all_are_lost_nothing_comes():
+    """The far end then knows that it has nothing."""
+    assert not carry(replace(LINK, loss=1.0), 20).valid.any()
+
+
+def test_the_hovercraft_flies_over_it():
+    """A flight, compiled to C, to within 0.1 m/s of 2.8 kg m/s; commands are at least as old as the delay."""
+    log = simulate(FLOWN)
+    assert abs(log.final["truth.surge_velocity"] - 2.8 / 2.6) < 0.1
+    old = log["uplink.age"][log["uplink.valid"]]
+    assert old.min() >= 0.04 - 1e-9
+    assert old.max() > 0.06

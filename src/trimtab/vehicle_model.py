@@ -1,0 +1,69 @@
+"""Trim and linear model of any vehicle, for a program: what ``trimtab trim`` and ``trimtab linearise`` print."""
+
+from collections.abc import Iterable, Mapping
+from typing import Any
+
+from trimtab.design.linearise import LinearModel
+from trimtab.design.trim import Trim
+from trimtab.loop.scenario import Scenario
+from trimtab.run.design_point import find_point, linearise_at
+from trimtab.run.plant import Plant, load_plant, plant_of_vehicle
+
+At = Mapping[str, float | str]
+
+
+def trim(vehicle: str | Scenario, at: At | None = None, *, settings: Mapping[str, str] | None = None) -> Trim:
+    """The states and inputs at which a vehicle stays as it is.
+
+    >>> from trimtab import trim
+    >>> point = trim("hovercraft/forward", {"surge_velocity": "3.6 km/h", "yaw_rate": 0})
+    >>> bool(point.is_found), round(float(point.x[0]), 6)
+    (True, 1.0)
+
+    Args:
+        vehicle: a scenario, or what ``trimtab trim`` takes: its name, a model's, ``file.py:function``.
+        at: name of a state, input or output -> number, in the vehicle's unit or with one; also "free", "fixed" and
+            "LOW..HIGH". Of a name with ' behind it the rate: {"yaw'": 0.3}. All else as ``trimtab trim --at``.
+        settings: as after ``--set``; for a vehicle that is named.
+
+    Raises: InputError for a name that there is none of. Where there is no such point the result says why.
+    """
+    return find_point(_find_plant(vehicle, settings), _words(at))
+
+
+def linearise(
+    vehicle: str | Scenario,
+    at: At | None = None,
+    *,
+    states: Iterable[str] = (),
+    inputs: Iterable[str] = (),
+    outputs: Iterable[str] = (),
+    settings: Mapping[str, str] | None = None,
+) -> LinearModel:
+    """The linear model of a vehicle about a trim: A, B, C, D, with names, and `modes()`.
+
+    >>> from trimtab import linearise
+    >>> linear = linearise("hovercraft/forward", {"surge_velocity": "1 m/s"}, states=["surge_velocity", "yaw_rate"])
+    >>> linear.A.shape, linear.inputs
+    ((2, 2), ('FX', 'FY'))
+
+    Args:
+        vehicle, at, settings: as of `trim`.
+        states, inputs, outputs: which are kept; all when empty.
+
+    Raises: InputError where there is no such trim, with the reasons.
+    """
+    plant = _find_plant(vehicle, settings)
+    linear = linearise_at(plant, find_point(plant, _words(at)).require_trim("trim"))
+    return linear.part(tuple(states) or None, tuple(inputs) or None, tuple(outputs) or None)
+
+
+def _find_plant(vehicle: Any, settings: Mapping[str, str] | None) -> Plant:
+    if isinstance(vehicle, Scenario):
+        neutral = vehicle.world.actuators.neutral().u
+        return plant_of_vehicle(vehicle.name, vehicle.world.vehicle, vehicle.initial, neutral)
+    return load_plant(vehicle, settings)
+
+
+def _words(at: At | None) -> tuple[str, ...]:
+    return tuple(f"{name}={value}" for name, value in (at or {}).items())

@@ -1,0 +1,91 @@
+"""Cart and pole: a pole that hinges on a cart, which a force pushes along a rail. To learn from.
+
+[1] is A. G. Barto, R. S. Sutton, C. W. Anderson, "Neuronlike adaptive elements that can solve difficult learning
+control problems", IEEE Trans. Systems, Man, and Cybernetics 13 (1983), appendix.
+"""
+
+from typing import Any, ClassVar
+
+import jax.numpy as jnp
+
+from trimtab.core.record import Scalar, quantity, record
+from trimtab.core.signals import Motion
+
+
+@record
+class CartPoleState:
+    """Where the cart stands and how the pole leans. Frames: rail to the north of W. Source: [1]."""
+
+    position: Scalar = quantity("m", "Of the cart along the rail.", frame="W", default=0.0)
+    speed: Scalar = quantity("m/s", "Its rate.", frame="W", default=0.0)
+    angle: Scalar = quantity("rad", "Of the pole from upright, to the front; counts full turns.", default=0.0)
+    angle_rate: Scalar = quantity("rad/s", "Its rate.", default=0.0)
+
+
+@record
+class CartForce:
+    """What pushes the cart. Frames: along the rail. Source: [1]."""
+
+    force: Scalar = quantity("N", "On the cart, positive to the front.")
+
+
+@record
+class CartPole:
+    """A uniform pole on a cart without friction.
+
+        J q'' = m l (g sin q - a cos q)        J = 4/3 m l^2
+        F = (M + m) a + m l (q'' cos q - q'^2 sin q)
+
+    Frames:  the rail lies north in W; B is the pole, its z axis from top to hinge, so that upright it is W.
+    Valid:   any angle. Not modelled: the rail's ends; friction of the cart and of the hinge, which are small in [1].
+    Source:  [1]: masses, half-length, gravity.
+    """
+
+    cart_mass: Scalar = quantity("kg", "M.", default=1.0, above=0, source="[1]")
+    pole_mass: Scalar = quantity("kg", "m.", default=0.1, above=0, source="[1]")
+    half_length: Scalar = quantity("m", "Hinge to the pole's centre of mass, l.", default=0.5, above=0, source="[1]")
+    gravity: Scalar = quantity("m/s^2", "g.", default=9.8, above=0, source="[1]")
+
+    MAV_TYPE: ClassVar[str] = "GENERIC"
+    """What it says it is to ground stations, see `wire.telemetry`."""
+
+    def angle_acceleration(self, x: CartPoleState, a: Any) -> Any:
+        """Of the pole (rad/s^2) where its hinge accelerates by a (m/s^2)."""
+        return 3 / (4 * self.half_length) * (self.gravity * jnp.sin(x.angle) - a * jnp.cos(x.angle))
+
+    def force(self, x: CartPoleState, a: Any) -> Any:
+        """That accelerates the cart by a (m/s^2), N: the inverse of the dynamics."""
+        pole = self.angle_acceleration(x, a) * jnp.cos(x.angle) - x.angle_rate**2 * jnp.sin(x.angle)
+        return (self.cart_mass + self.pole_mass) * a + self.pole_mass * self.half_length * pole
+
+    def energy(self, x: CartPoleState) -> Any:
+        """Of the pole as if its hinge stood still (J): 0 where it stands upright at rest, -2 m g l where it hangs."""
+        ml = self.pole_mass * self.half_length
+        return 2 / 3 * ml * self.half_length * x.angle_rate**2 + ml * self.gravity * (jnp.cos(x.angle) - 1)
+
+    def dynamics(self, t: Any, x: CartPoleState, u: CartForce) -> CartPoleState:
+        """The derivative of x under the force u."""
+        still = self.force(x, 0.0)
+        a = (u.force - still) / (self.force(x, 1.0) - still)  # the force is linear in the acceleration
+        return CartPoleState(x.speed, a, x.angle_rate, self.angle_acceleration(x, a))
+
+    def motion(self, t: Any, x: CartPoleState, u: CartForce) -> Motion:
+        """All that a sensor at the hinge, on the pole, can feel; t: integer time."""
+        rate, zero = self.dynamics(t, x, u), 0.0 * x.angle
+        cosine, sine = jnp.cos(x.angle), jnp.sin(x.angle)
+
+        def along_rail(v: Any) -> Any:
+            return jnp.stack([v * cosine, zero, -v * sine])
+
+        def turning(w: Any) -> Any:
+            return jnp.stack([zero, -w, zero])
+
+        return Motion(
+            t,
+            p_WB=jnp.stack([x.position, zero, zero]),
+            attitude=turning(x.angle),
+            v_WB_B=along_rail(x.speed),
+            w_WB_B=turning(x.angle_rate),
+            a_WB_B=along_rail(rate.speed),
+            alpha_WB_B=turning(rate.angle_rate),
+        )

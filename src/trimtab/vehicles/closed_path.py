@@ -1,0 +1,128 @@
+"""A body carried round a closed path in the air: motion of which every derivative is known, to test navigation on."""
+
+from typing import Any, ClassVar
+
+import jax
+import jax.numpy as jnp
+
+from trimtab.core import quaternion
+from trimtab.core.record import Scalar, quantity, record
+from trimtab.core.rotation import to_euler, wrap
+from trimtab.core.signals import Motion
+from trimtab.environment.geodetic import STANDARD
+from trimtab.vehicles.rotating_platform import PlatformDrive
+
+MIDDLE = -jnp.pi / 2
+"""Yaw (rad) in the middle of what a figure of eight needs, 2 (90° + atan(2 width/length)), less than a turn."""
+
+
+@record
+class ClosedPathState:
+    """Angle round the path and its rate, and the motion that follows from them.
+
+    Only angle and rate count for the motion; the rest is integrated along, so that a log has the truth of all that
+    navigation estimates. `ClosedPath.at` gives a state in which all fit. Source: this module.
+    """
+
+    angle: Scalar = quantity("rad", "Round the path: a lap is a full turn; unwrapped.", kind="angle")
+    rate: Scalar = quantity("rad/s", "Its rate.")
+    position: Any = quantity("m", "North, east, down.", frame="W", shape=(3,))
+    velocity: Any = quantity("m/s", "North, east, down.", frame="W", shape=(3,))
+    attitude: Any = quantity("1", "Quaternion q_WB, scalar first.", frame="WB", shape=(4,))
+
+
+@record
+class ClosedPath:
+    """A figure of eight that climbs and falls, flown as an aircraft does: along its path, banked so that nothing slips.
+
+        p = (length sin al, width sin 2 al, -height - climb sin al)
+        x_B along p',   z_B against the part of f = p'' W^2 - g that is across x_B,   W the `coordinated` rate
+        al'' = (rate - al')/tau
+
+    The attitude is a function of the angle alone, so that velocity, acceleration, angular velocity and angular
+    acceleration are its derivatives exactly, whatever the rate; at another rate than `coordinated` it slips.
+
+    Frames:  W north-east-down, B forward, starboard, down, at the body's centre of mass.
+    Not modelled: air, thrust, the vehicle's dynamics: it is where the path says.
+    Valid:   length > 0; the path never points straight down or up.
+    Source:  turns without slip: Stevens, Lewis, Johnson, "Aircraft control and simulation", 3rd ed., section 3.6.
+    """
+
+    length: Scalar = quantity("m", "Half the path's extent to the north.", default=60.0, above=0)
+    width: Scalar = quantity("m", "Half of that to the east.", default=20.0, low=0)
+    climb: Scalar = quantity("m", "Half of that upwards.", default=8.0, low=0)
+    height: Scalar = quantity("m", "Of the path's middle.", default=50.0)
+    coordinated: Scalar = quantity("rad/s", "Rate at which the bank is right.", default=0.3, low=0)
+    time_constant: Scalar = quantity("s", "Of the rate's answer to the command.", default=0.5, above=0)
+
+    MAV_TYPE: ClassVar[str] = "FIXED_WING"
+    """What it says it is to ground stations, see `wire.telemetry`."""
+
+    def place(self, angle: Any) -> Any:
+        """Position p (3,) (m, W) at an angle (rad)."""
+        return jnp.stack(
+            [
+                self.length * jnp.sin(angle),
+                self.width * jnp.sin(2 * angle),
+                -self.height - self.climb * jnp.sin(angle),
+            ]
+        )
+
+    def tangent(self, angle: Any) -> Any:
+        """p' (3,) (m/rad, W)."""
+        c, c2 = jnp.cos(angle), jnp.cos(2 * angle)
+        return jnp.stack([self.length * c, 2 * self.width * c2, -self.climb * c])
+
+    def curvature(self, angle: Any) -> Any:
+        """p'' (3,) (m/rad², W)."""
+        s, s2 = jnp.sin(angle), jnp.sin(2 * angle)
+        return jnp.stack([-self.length * s, -4 * self.width * s2, self.climb * s])
+
+    def rotation(self, angle: Any) -> Any:
+        """R_WB (3, 3) at an angle (rad)."""
+        along = self.tangent(angle)
+        x = along / jnp.sqrt(along @ along)
+        force = self.curvature(angle) * self.coordinated**2 - jnp.array([0.0, 0.0, STANDARD])
+        across = force - (force @ x) * x
+        z = -across / jnp.sqrt(across @ across)
+        return jnp.stack([x, jnp.cross(z, x), z], axis=1)
+
+    def turn(self, angle: Any) -> Any:
+        """Angular velocity per rate (3,) (B)."""
+        R, dR = jax.jvp(self.rotation, (angle,), (jnp.ones_like(angle),))
+        S = R.T @ dR
+        return jnp.stack([S[2, 1], S[0, 2], S[1, 0]])
+
+    def dynamics(self, t: Any, x: ClosedPathState, u: PlatformDrive) -> ClosedPathState:
+        """The derivative of x (SI) under the commanded rate."""
+        acceleration = (u.rate - x.rate) / self.time_constant
+        along = self.tangent(x.angle)
+        return ClosedPathState(
+            angle=x.rate,
+            rate=acceleration,
+            position=along * x.rate,
+            velocity=self.curvature(x.angle) * x.rate**2 + along * acceleration,
+            attitude=quaternion.rate(x.attitude, self.turn(x.angle) * x.rate),
+        )
+
+    def motion(self, t: Any, x: ClosedPathState, u: PlatformDrive) -> Motion:
+        """All that a sensor can feel, out of angle, rate and command; t: integer time."""
+        acceleration = (u.rate - x.rate) / self.time_constant
+        R_WB, along = self.rotation(x.angle), self.tangent(x.angle)
+        turn, change = jax.jvp(self.turn, (x.angle,), (jnp.ones_like(x.angle),))
+        roll, pitch, yaw = to_euler(R_WB)
+        return Motion(
+            t=t,
+            p_WB=self.place(x.angle),
+            attitude=jnp.stack([roll, pitch, MIDDLE + wrap(yaw - MIDDLE)]),
+            v_WB_B=R_WB.T @ along * x.rate,
+            w_WB_B=turn * x.rate,
+            a_WB_B=R_WB.T @ (self.curvature(x.angle) * x.rate**2 + along * acceleration),
+            alpha_WB_B=change * x.rate**2 + turn * acceleration,
+        )
+
+    def at(self, angle: float, rate: float) -> ClosedPathState:
+        """Under way at an angle (rad), with its rate (rad/s)."""
+        a = jnp.asarray(angle, float)
+        q = quaternion.from_matrix(self.rotation(a))
+        return ClosedPathState(a, jnp.asarray(rate, float), self.place(a), self.tangent(a) * rate, q)

@@ -1,0 +1,72 @@
+"""Dubins' car: it goes ahead at one speed, and can't turn more tightly than on a circle. To learn from.
+
+[1] is L. E. Dubins, "On curves of minimal length with a constraint on average curvature, and with prescribed initial
+and terminal positions and tangents", American Journal of Mathematics 79 (1957) 497-516.
+"""
+
+from typing import Any, ClassVar
+
+import jax.numpy as jnp
+
+from trimtab.core.record import Scalar, quantity, record
+from trimtab.core.signals import Motion
+
+
+@record
+class DubinsCarState:
+    """Where the car is and where it points. Source: [1]."""
+
+    north: Scalar = quantity("m", "Position along the world's x axis.", frame="W", default=0.0)
+    east: Scalar = quantity("m", "Position along the world's y axis.", frame="W", default=0.0)
+    heading: Scalar = quantity("rad", "From north, clockwise; counts full turns.", kind="angle", default=0.0)
+
+
+@record
+class CarTurn:
+    """What steers the car. Frames: clockwise seen from above, to the right. Source: [1]."""
+
+    turn_rate: Scalar = quantity("rad/s", "Rate of turn, positive to the right.")
+
+
+@record
+class DubinsCar:
+    """A point that moves where it looks, at constant speed.
+
+        north' = V cos psi     east' = V sin psi     psi' = r,   |r| <= V/R
+
+    Frames:  W north, east; B ahead, to the right, down.
+    Valid:   any turn rate: a greater one than V/R turns as V/R does. Not modelled: slip, steering that takes time,
+             reverse; with reverse the shortest paths are others (Reeds and Shepp, 1990).
+    Source:  [1]; speed and radius are this project's.
+    """
+
+    speed: Scalar = quantity("m/s", "V.", default=1.0, above=0)
+    radius: Scalar = quantity("m", "R, of its tightest circle.", default=0.8, above=0)
+
+    MAV_TYPE: ClassVar[str] = "GROUND_ROVER"
+    """What it says it is to ground stations, see `wire.telemetry`."""
+
+    def limit(self, turn_rate: Any) -> Any:
+        """The turn rate (rad/s) that the car has where it is told one."""
+        most = self.speed / self.radius
+        return jnp.clip(turn_rate, -most, most)
+
+    def dynamics(self, t: Any, x: DubinsCarState, u: CarTurn) -> DubinsCarState:
+        """The derivative of x under the turn rate u."""
+        return DubinsCarState(
+            self.speed * jnp.cos(x.heading), self.speed * jnp.sin(x.heading), self.limit(u.turn_rate) + 0.0 * x.heading
+        )
+
+    def motion(self, t: Any, x: DubinsCarState, u: CarTurn) -> Motion:
+        """All that a sensor on the car can feel; t: integer time."""
+        rate, zero = self.limit(u.turn_rate), 0.0 * x.heading
+        nothing = jnp.stack([zero, zero, zero])
+        return Motion(
+            t,
+            p_WB=jnp.stack([x.north, x.east, zero]),
+            attitude=jnp.stack([zero, zero, x.heading]),
+            v_WB_B=jnp.stack([self.speed + zero, zero, zero]),
+            w_WB_B=jnp.stack([zero, zero, rate + zero]),
+            a_WB_B=jnp.stack([zero, self.speed * rate + zero, zero]),
+            alpha_WB_B=nothing,
+        )

@@ -1,0 +1,156 @@
+"""The F-16 below Mach 0.6, in six degrees of freedom over the turning earth, by tables from the wind tunnel."""
+
+from typing import Any, ClassVar
+
+import jax.numpy as jnp
+import numpy as np
+from jax import lax
+
+from trimtab.core.record import Scalar, part, quantity, record, replace
+from trimtab.core.rotation import DEG
+from trimtab.core.signals import Gust, Motion
+from trimtab.vehicles import f16_tables as tables
+from trimtab.vehicles.imperial import FOOT, POUND_FORCE, SLUG
+from trimtab.vehicles.rigid_body import Airflow, FlightCondition, RigidBody, RigidBodyState, Wrench
+
+AREA, SPAN, CHORD = 300 * FOOT**2, 30 * FOOT, 11.32 * FOOT
+REFERENCE = 0.35
+"""Of the moments, behind the chord's leading edge (chords)."""
+INERTIA = SLUG * FOOT**2
+EVERY_BETA = np.concatenate([-tables.SIZE_OF_BETA[:0:-1], tables.SIZE_OF_BETA])
+_OVER_ELEVATOR = np.stack([tables.CX, tables.CM], axis=-1)
+_OVER_EVERY_BETA = np.stack([np.concatenate([-t[:0:-1], t]) for t in (tables.CL, tables.CN)], axis=-1)
+"""Over the sideslip itself, not its size, so that there is a slope where there is none of it."""
+_OVER_BETA = np.stack([tables.CL_AILERON, tables.CL_RUDDER, tables.CN_AILERON, tables.CN_RUDDER], axis=-1)
+_OVER_ALPHA = np.stack([tables.CZ, *tables.DAMPING.values()], axis=-1)
+_THRUST = np.stack([tables.IDLE, tables.MILITARY, tables.MAXIMUM], axis=-1) * POUND_FORCE
+MILITARY = 0.5
+"""Throttle beyond which the afterburner burns."""
+
+
+@record
+class F16Controls:
+    """What a pilot moves. Source: F16_aero.dml and F16_prop.dml of NASA/TM-2015-218675."""
+
+    elevator: Scalar = quantity("rad", "Trailing edge down.", kind="angle")
+    aileron: Scalar = quantity("rad", "Rolls to the left.", kind="angle")
+    rudder: Scalar = quantity("rad", "Trailing edge left.", kind="angle")
+    throttle: Scalar = quantity("1", "0 idle, 0.5 military power, 1 full afterburner.")
+
+
+@record
+class F16:
+    """The F-16 with its tables of Stevens and Lewis; its engine follows the throttle at once.
+
+        F = q S (CX, CY, CZ) + (T, 0, 0)        M = q S (b Cl, c Cm, b Cn) + (r_ref - r_cm) × F
+
+    Coefficients over angle of attack, sideslip and rates, thrust over Mach number and altitude: all bilinear, and held
+    at the tables' ends.
+
+    Frames:  as of `RigidBody`; x forward from the centre of mass.
+    Valid:   -10 to 45 degrees of attack, sideslip within 30 degrees, Mach 0.6. Not modelled: lag of engine and
+             actuators, the engine's turning, the leading-edge flap, compressibility.
+    Source:  Stevens, Lewis, Johnson, "Aircraft control and simulation", 3rd ed., appendix A; F16_aero.dml, F16_prop.dml
+             and F16_inertia.dml of NASA/TM-2015-218675.
+    """
+
+    body: RigidBody = part(
+        "Mass, inertia, earth and wind.",
+        default=RigidBody(
+            mass=637.1595 * SLUG,
+            inertia=np.array([9496.0, 55814.0, 63100.0]) * INERTIA,
+            products=np.array([0.0, 0.0, 982.0]) * INERTIA,
+        ),
+    )
+    centre: Scalar = quantity("1", "Centre of mass behind the leading edge (chords).", default=0.25, low=0.1, high=0.4)
+
+    MAV_TYPE: ClassVar[str] = "FIXED_WING"
+    """What it says it is to ground stations, see `wire.telemetry`."""
+
+    def in_gust(self, gust: Gust) -> "F16":
+        """The aeroplane in air that has this gust besides the wind."""
+        return replace(self, body=self.body.in_gust(gust))
+
+    def flight(self, t: Any, x: RigidBodyState) -> FlightCondition:
+        """The state as one flies by it; t: seconds."""
+        return self.body.flight(t, x)
+
+    def dynamics(self, t: Any, x: RigidBodyState, u: F16Controls) -> RigidBodyState:
+        """The derivative of x; t: seconds."""
+        return self.body.dynamics(t, x, self.wrench(self.flight(t, x), u))
+
+    def motion(self, t: Any, x: RigidBodyState, u: F16Controls) -> Motion:
+        """All that a sensor at the centre of mass can feel; t: integer time."""
+        return self.body.motion(t, x, self.wrench(self.flight(t * 1e-7, x), u))
+
+    def wrench(self, flight: FlightCondition, u: F16Controls) -> Wrench:
+        """Force and moment about the centre of mass, of air and engine."""
+        air = self.air_wrench(flight.flow, u)
+        thrust = engine_thrust(u.throttle, flight.flow.mach, flight.height)
+        return Wrench(air.force + jnp.stack([thrust, 0 * thrust, 0 * thrust]), air.moment)
+
+    def air_wrench(self, flow: Airflow, u: F16Controls) -> Wrench:
+        """Of the air alone, about the centre of mass."""
+        C = coefficients(flow, u)
+        qS = flow.pressure * AREA
+        force = qS * C[:3]
+        arm = (self.centre - REFERENCE) * CHORD  # from the centre of mass to the reference, forward
+        moment = qS * C[3:] * jnp.array([SPAN, CHORD, SPAN]) + jnp.stack([0 * arm, -arm * force[2], arm * force[1]])
+        return Wrench(force, moment)
+
+
+def flow_angles(flow: Airflow) -> tuple[Any, Any]:
+    """Angle of attack and sideslip (rad)."""
+    u, v, w = flow.velocity
+    return jnp.arctan2(w, u), jnp.arcsin(jnp.clip(v / jnp.maximum(flow.speed, 1e-9), -1, 1))
+
+
+def coefficients(flow: Airflow, u: F16Controls) -> Any:
+    """CX, CY, CZ, Cl, Cm, Cn (6,) about the reference."""
+    alpha, beta = flow_angles(flow)
+    a, b = alpha / DEG, beta / DEG
+    elevator, aileron, rudder = u.elevator / DEG, u.aileron / (20 * DEG), u.rudder / (30 * DEG)
+    twice = 2 * jnp.maximum(flow.speed, 1e-9)
+    p, q, r = flow.rate * jnp.array([SPAN, CHORD, SPAN]) / twice
+    CZ, CXq, CYr, CYp, CZq, Clr, Clp, Cmq, Cnr, Cnp = interpolate_line(a, tables.ALPHA, _OVER_ALPHA)
+    CX, Cm = interpolate_plane(elevator, a, tables.ELEVATOR, tables.ALPHA, _OVER_ELEVATOR)
+    Cl, Cn = interpolate_plane(b, a, EVERY_BETA, tables.ALPHA, _OVER_EVERY_BETA)
+    Cl_a, Cl_r, Cn_a, Cn_r = interpolate_plane(b, a, tables.BETA, tables.ALPHA, _OVER_BETA)
+    CX = CX + CXq * q
+    CY = -0.02 * b + 0.021 * aileron + 0.086 * rudder + CYp * p + CYr * r
+    CZ = CZ * (1 - beta**2) - 0.19 * elevator / 25 + CZq * q
+    Cl = Cl + Cl_a * aileron + Cl_r * rudder + Clp * p + Clr * r
+    Cm = Cm + Cmq * q
+    Cn = Cn + Cn_a * aileron + Cn_r * rudder + Cnp * p + Cnr * r
+    return jnp.stack([CX, CY, CZ, Cl, Cm, Cn])
+
+
+def engine_thrust(throttle: Any, mach: Any, height: Any) -> Any:
+    """Thrust (N) at a throttle, a Mach number and a height (m)."""
+    idle, military, maximum = interpolate_plane(mach, height / FOOT, tables.MACH, tables.ALTITUDE, _THRUST)
+    dry = idle + (military - idle) * throttle / MILITARY
+    wet = military + (maximum - military) * (throttle - MILITARY) / (1 - MILITARY)
+    return jnp.where(throttle < MILITARY, dry, wet)
+
+
+def interpolate_line(x: Any, grid: Any, values: Any) -> Any:
+    """Values (n, k) at even grid points, at x: (k,), straight between, held beyond."""
+    i, part = _cell(x, grid)
+    ends = lax.dynamic_slice(jnp.asarray(values), (i, np.uint32(0)), (2, values.shape[1]))
+    return ends[0] * (1 - part) + ends[1] * part
+
+
+def interpolate_plane(y: Any, x: Any, rows: Any, columns: Any, values: Any) -> Any:
+    """Values (rows, columns, k) at even grid points, at y, x: (k,), bilinear, held beyond."""
+    i, up = _cell(y, rows)
+    j, along = _cell(x, columns)
+    corners = lax.dynamic_slice(jnp.asarray(values), (i, j, np.uint32(0)), (2, 2, values.shape[2]))
+    ends = corners[:, 0] * (1 - along) + corners[:, 1] * along
+    return ends[0] * (1 - up) + ends[1] * up
+
+
+def _cell(x: Any, grid: Any) -> tuple[Any, Any]:
+    """Which cell of an even grid, and where in it, 0 to 1."""
+    place = jnp.clip((x - grid[0]) / (grid[1] - grid[0]), 0.0, len(grid) - 1.0)
+    i = jnp.clip(jnp.floor(place), 0, len(grid) - 2).astype(np.uint32)
+    return i, place - i

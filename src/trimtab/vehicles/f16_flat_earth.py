@@ -1,0 +1,193 @@
+"""The F-16 of Stevens and Lewis: thirteen states over a flat earth, with the lag of its engine.
+
+[1] is B. L. Stevens, F. L. Lewis, E. N. Johnson, "Aircraft control and simulation", 3rd ed., Wiley 2015.
+"""
+
+from typing import Any, ClassVar, NamedTuple
+
+import jax.numpy as jnp
+import numpy as np
+
+from trimtab.core.errors import InputError
+from trimtab.core.record import Scalar, quantity, record
+from trimtab.core.rotation import from_euler
+from trimtab.core.signals import Motion
+from trimtab.environment.atmosphere import AirProperties
+from trimtab.vehicles.f16 import AREA, CHORD, INERTIA, REFERENCE, SPAN, F16Controls, coefficients, engine_thrust
+from trimtab.vehicles.imperial import FOOT, SLUG
+from trimtab.vehicles.rigid_body import Airflow, Wrench
+
+GRAVITY = 32.17 * FOOT
+"""m/s²."""
+SEA_DENSITY = 2.377e-3 * SLUG / FOOT**3
+RANKINE = 5 / 9
+"""K."""
+GAS_CONSTANT = 1716.3 * FOOT**2 / RANKINE
+"""Of air (J/(kg K))."""
+GEAR_KNEE = 0.77
+"""Throttle of military power."""
+
+
+@record
+class F16State:
+    """Flight by the air, attitude, place and engine. Frames: W north-east-down; rates in B. Source: [1] table 3.5-2."""
+
+    speed: Scalar = quantity("m/s", "Through the air.", above=0)
+    alpha: Scalar = quantity("rad", "Angle of attack.", kind="angle")
+    beta: Scalar = quantity("rad", "Sideslip, wind from starboard.", kind="angle")
+    roll: Scalar = quantity("rad", "Bank, starboard wing down.", frame="WB", kind="angle")
+    pitch: Scalar = quantity("rad", "Nose up.", frame="WB", kind="angle")
+    yaw: Scalar = quantity("rad", "Clockwise from north.", frame="WB", kind="angle")
+    roll_rate: Scalar = quantity("rad/s", "P.", frame="B")
+    pitch_rate: Scalar = quantity("rad/s", "Q.", frame="B")
+    yaw_rate: Scalar = quantity("rad/s", "R.", frame="B")
+    north: Scalar = quantity("m", "Place.", frame="W")
+    east: Scalar = quantity("m", "Place.", frame="W")
+    altitude: Scalar = quantity("m", "Above the ground, which is the sea's level.", frame="W")
+    power: Scalar = quantity("1", "Of the engine: 0 idle, 0.5 military, 1 full afterburner.")
+
+
+class Loads(NamedTuple):
+    """velocity: in B (3,) (m/s).  wrench: of air and engine.  acceleration: in W, resolved in B (3,) (m/s²).
+
+    turn: angular acceleration in B (3,) (rad/s²).
+    """
+
+    velocity: Any
+    wrench: Wrench
+    acceleration: Any
+    turn: Any
+
+
+@record
+class F16FlatEarth:
+    """The F-16 with its tables, over a flat earth that stands still, by the equations of the book.
+
+        m (v' + w × v) = F + m R_WB' g        J w' + w × (J w + h) = M        h: of the turning engine, along x
+        power' = (wanted - power)/T(power, wanted)        wanted: `engine_command` of the throttle
+
+    The state is the book's own: speed, angle of attack, sideslip and Euler angles for velocity and attitude.
+
+    Frames:  W north-east-down, its origin on the ground; B at the centre of mass, x forward, y starboard, z down.
+    Valid:   -10 to 45 degrees of attack, sideslip within 30 degrees, Mach 0.6, and pitch off the vertical, where Euler
+             angles fail. Not modelled: wind, lag of the surfaces (`actuators.bank`), the leading-edge flap.
+    Source:  [1] sections 3.5 and 3.6 and appendix A; tables as in `vehicles.f16`, which names where they differ.
+    """
+
+    mass: Scalar = quantity("kg", "Mass.", default=SLUG / 1.57e-3, above=0, source="[1] fig. 3.5-1, RM")
+    inertia: Any = quantity(
+        "kg m^2",
+        "Moments Jx, Jy, Jz.",
+        frame="B",
+        shape=(3,),
+        default=np.array([9496.0, 55814.0, 63100.0]) * INERTIA,
+        source="[1] table 3.5-1",
+    )
+    product: Scalar = quantity("kg m^2", "Product Jzx.", frame="B", default=982.0 * INERTIA, source="[1] table 3.5-1")
+    engine_momentum: Scalar = quantity(
+        "kg m^2/s", "Angular momentum of the engine, along x.", frame="B", default=160.0 * INERTIA, source="[1] 3.5"
+    )
+    centre: Scalar = quantity("1", "Centre of mass behind the leading edge (chords).", default=0.35, low=0.1, high=0.45)
+    gravity: Scalar = quantity("m/s^2", "Gravity.", default=GRAVITY, source="[1] fig. 3.5-1, GD")
+
+    MAV_TYPE: ClassVar[str] = "FIXED_WING"
+    """What it says it is to ground stations, see `wire.telemetry`."""
+
+    def check(self) -> None:
+        """Refuse an inertia that no body has."""
+        x, y, z = np.asarray(self.inertia, float)
+        moments = np.linalg.eigvalsh([[x, 0, -self.product], [0, y, 0], [-self.product, 0, z]])
+        if moments[0] <= 0 or moments[0] + moments[1] < moments[2]:
+            problem = f"principal moments of inertia of {np.round(moments, 6).tolist()} belong to no body"
+            raise InputError("inertia", problem, fix="each must be above 0, and none greater than the two others' sum")
+
+    def loads(self, x: F16State, u: F16Controls) -> Loads:
+        """Velocity, force and moment, and what they do."""
+        ca, sa, cb, sb = jnp.cos(x.alpha), jnp.sin(x.alpha), jnp.cos(x.beta), jnp.sin(x.beta)
+        velocity = x.speed * jnp.stack([ca * cb, sb, sa * cb])
+        rate = jnp.stack([x.roll_rate, x.pitch_rate, x.yaw_rate])
+        flow = Airflow(velocity, x.speed, rate, air_data(x.altitude))
+        qS = flow.pressure * AREA
+        C = coefficients(flow, u)
+        thrust = engine_thrust(x.power, flow.mach, x.altitude)
+        aero = qS * C[:3]
+        arm = (self.centre - REFERENCE) * CHORD
+        moment = qS * C[3:] * jnp.array([SPAN, CHORD, SPAN]) + arm * jnp.stack([0 * aero[0], -aero[2], aero[1]])
+        force = aero + jnp.stack([thrust, 0 * thrust, 0 * thrust])
+        down = jnp.stack([-jnp.sin(x.pitch), jnp.cos(x.pitch) * jnp.sin(x.roll), jnp.cos(x.pitch) * jnp.cos(x.roll)])
+        return Loads(velocity, Wrench(force, moment), force / self.mass + self.gravity * down, self._turn(rate, moment))
+
+    def _turn(self, w: Any, moment: Any) -> Any:
+        """w' of J w' = M - w × (J w + h)."""
+        (jx, jy, jz), jxz = self.inertia, self.product
+        p, q, r = w
+        hx, hy, hz = jx * p - jxz * r + self.engine_momentum, jy * q, jz * r - jxz * p
+        tx, ty, tz = moment - jnp.stack([q * hz - r * hy, r * hx - p * hz, p * hy - q * hx])
+        size = jx * jz - jxz**2
+        return jnp.stack([(jz * tx + jxz * tz) / size, ty / jy, (jxz * tx + jx * tz) / size])
+
+    def dynamics(self, t: Any, x: F16State, u: F16Controls) -> F16State:
+        """The derivative of x."""
+        f = self.loads(x, u)
+        p, q, r = x.roll_rate, x.pitch_rate, x.yaw_rate
+        ub, vb, wb = f.velocity
+        du, dv, dw = f.acceleration - jnp.cross(jnp.stack([p, q, r]), f.velocity)
+        along = (ub * du + vb * dv + wb * dw) / x.speed
+        forward2 = ub * ub + wb * wb
+        turning = q * jnp.sin(x.roll) + r * jnp.cos(x.roll)
+        over_ground = from_euler(x.roll, x.pitch, x.yaw) @ f.velocity
+        return F16State(
+            speed=along,
+            alpha=(ub * dw - wb * du) / forward2,
+            beta=(x.speed * dv - vb * along) * jnp.cos(x.beta) / forward2,
+            roll=p + jnp.tan(x.pitch) * turning,
+            pitch=q * jnp.cos(x.roll) - r * jnp.sin(x.roll),
+            yaw=turning / jnp.cos(x.pitch),
+            roll_rate=f.turn[0],
+            pitch_rate=f.turn[1],
+            yaw_rate=f.turn[2],
+            north=over_ground[0],
+            east=over_ground[1],
+            altitude=-over_ground[2],
+            power=power_rate(x.power, engine_command(u.throttle)),
+        )
+
+    def motion(self, t: Any, x: F16State, u: F16Controls) -> Motion:
+        """All that a sensor at the centre of mass can feel; t: integer time."""
+        f = self.loads(x, u)
+        return Motion(
+            t=t,
+            p_WB=jnp.stack([x.north, x.east, -x.altitude]),
+            attitude=jnp.stack([x.roll, x.pitch, x.yaw]),
+            v_WB_B=f.velocity,
+            w_WB_B=jnp.stack([x.roll_rate, x.pitch_rate, x.yaw_rate]),
+            a_WB_B=f.acceleration,
+            alpha_WB_B=f.turn,
+        )
+
+
+def air_data(height: Any) -> AirProperties:
+    """The air at a height (m), by the book's short formulas. Source: [1] fig. A-2, ADC. Viscosity is not given: 0."""
+    altitude = height / FOOT
+    share = 1 - 0.703e-5 * altitude
+    temperature = jnp.where(altitude >= 35_000, 390.0, 519 * share) * RANKINE
+    density = SEA_DENSITY * jnp.exp(4.14 * jnp.log(share))
+    sound = jnp.sqrt(1.4 * GAS_CONSTANT * temperature)
+    return AirProperties(temperature, density * GAS_CONSTANT * temperature, density, sound, 0 * sound)
+
+
+def engine_command(throttle: Any) -> Any:
+    """Power that a throttle asks for, 0 to 1. Source: [1] appendix A, TGEAR."""
+    return jnp.where(throttle <= GEAR_KNEE, 0.6494 * throttle, 2.1738 * throttle - 1.1738)
+
+
+def power_rate(power: Any, wanted: Any) -> Any:
+    """Rate (1/s) at which the power follows: slower the further it has to go, through the afterburner's ignition.
+
+    Source: [1] appendix A, PDOT and RTAU.
+    """
+    burns, shall_burn = power >= 0.5, wanted >= 0.5
+    towards = jnp.where(shall_burn, jnp.where(burns, wanted, 0.6), jnp.where(burns, 0.4, wanted))
+    gap = 100 * (towards - power)
+    dry = jnp.clip(1.9 - 0.036 * gap, 0.1, 1.0)
+    return jnp.where(burns, 5.0, dry) * (towards - power)

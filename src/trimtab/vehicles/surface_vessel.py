@@ -1,0 +1,265 @@
+"""An underactuated surface vessel in three degrees of freedom: screws and rudders aft, nothing that pushes sideways.
+
+[1] is R. Skjetne, Ø. N. Smogeli, T. I. Fossen, "A nonlinear ship manoeuvering model: identification and adaptive
+control with experiments for a model ship", Modeling, Identification and Control 25 (2004) 3-27.
+"""
+
+from typing import Any, ClassVar
+
+import jax.numpy as jnp
+import numpy as np
+
+from trimtab.core.record import Scalar, part, quantity, record
+from trimtab.core.rotation import DEG
+from trimtab.core.signals import Motion
+from trimtab.environment.current import Current
+from trimtab.environment.wind import Wind
+
+TURN = 2 * np.pi
+"""Of a shaft (rad)."""
+TABLE_1, TABLE_2, TABLE_4 = "[1] table 1", "[1] table 2", "[1] table 4"
+AIR = 1.225
+"""Density of air (kg/m^3)."""
+
+
+@record
+class VesselControls:
+    """What the servos are told. Source: [1] section 2."""
+
+    rudder: Scalar = quantity("rad", "Both rudders; positive pushes the stern to starboard.", kind="angle")
+    shaft_speed: Scalar = quantity("rad/s", "Both propellers; positive drives ahead.")
+
+
+@record
+class VesselState:
+    """Velocity over the ground at the centre of mass, pose, and where rudders and shafts are. Source: [1] section 2."""
+
+    surge_velocity: Scalar = quantity("m/s", "Velocity along the body's x axis.", frame="B", default=0.0)
+    sway_velocity: Scalar = quantity("m/s", "Velocity along the body's y axis, to starboard.", frame="B", default=0.0)
+    yaw_rate: Scalar = quantity("rad/s", "Rate of turn, clockwise from above.", frame="B", default=0.0)
+    north: Scalar = quantity("m", "Position along the world's x axis.", frame="W", default=0.0)
+    east: Scalar = quantity("m", "Position along the world's y axis.", frame="W", default=0.0)
+    heading: Scalar = quantity("rad", "Angle from north to the body's x axis; unwrapped.", kind="angle", default=0.0)
+    rudder: Scalar = quantity("rad", "Angle of both rudders.", kind="angle", default=0.0)
+    shaft_speed: Scalar = quantity("rad/s", "Of both propellers.", default=0.0)
+
+
+@record
+class HullDamping:
+    """Forces of the water on a hull that moves through it, about the origin of [1]: D(nu) nu with its sign turned.
+
+        X = Xu u + Xuu |u| u + Xuuu u^3
+        Y = (Yv + Yvv |v| + Yrv |r|) v + (Yr + Yvr |v| + Yrr |r|) r        N the same
+
+    Frames:  B, through the water.    Valid: up to about 1 m/s for the default, by towing and by adaptation.
+    Source:  [1] tables 2 and 4, in the letters of SNAME.
+    """
+
+    Xu: Scalar = quantity("kg/s", "Surge.", default=-0.72253, source=TABLE_2)
+    Xuu: Scalar = quantity("kg/m", "Surge.", default=-1.32742, source=TABLE_2)
+    Xuuu: Scalar = quantity("kg s/m^2", "Surge.", default=-5.86643, source=TABLE_2)
+    Yv: Scalar = quantity("kg/s", "Sway.", default=-0.88965, source=TABLE_2)
+    Yvv: Scalar = quantity("kg/m", "Sway.", default=-36.47287, source=TABLE_2)
+    Yrv: Scalar = quantity("kg", "Sway.", default=-0.805, source=TABLE_4)
+    Yr: Scalar = quantity("kg m/s", "Sway.", default=-7.250, source=TABLE_4)
+    Yvr: Scalar = quantity("kg", "Sway.", default=-0.845, source=TABLE_4)
+    Yrr: Scalar = quantity("kg m", "Sway.", default=-3.450, source=TABLE_4)
+    Nv: Scalar = quantity("kg m/s", "Yaw.", default=0.03130, source=TABLE_2)
+    Nvv: Scalar = quantity("kg", "Yaw.", default=3.95645, source=TABLE_2)
+    Nrv: Scalar = quantity("kg m", "Yaw.", default=0.130, source=TABLE_4)
+    Nr: Scalar = quantity("kg m^2/s", "Yaw.", default=-1.900, source=TABLE_4)
+    Nvr: Scalar = quantity("kg m", "Yaw.", default=0.080, source=TABLE_4)
+    Nrr: Scalar = quantity("kg m^2", "Yaw.", default=-0.750, source=TABLE_4)
+
+    def wrench(self, u: Any, v: Any, r: Any) -> tuple[Any, Any, Any]:
+        """X, Y (N) and N (N m) at velocities through the water (m/s, rad/s)."""
+        av, ar = jnp.abs(v), jnp.abs(r)
+        X = (self.Xu + self.Xuu * jnp.abs(u) + self.Xuuu * u**2) * u
+        Y = (self.Yv + self.Yvv * av + self.Yrv * ar) * v + (self.Yr + self.Yvr * av + self.Yrr * ar) * r
+        N = (self.Nv + self.Nvv * av + self.Nrv * ar) * v + (self.Nr + self.Nvr * av + self.Nrr * ar) * r
+        return X, Y, N
+
+
+@record
+class TwinScrew:
+    """Two propellers side by side, turning alike, each with a rudder in its stream.
+
+        T = Tnn |n| n - Tnu |n| u        n in turns per second, other numbers astern, none between the two
+        U = u + k (sqrt(8 T/(pi rho d^2) + u^2) - u)      past the rudder; U = u where u < 0
+        L = (Ld delta - Ldd |delta| delta) |U| U          other numbers where U < 0
+
+    Not modelled: drag of the rudders, the bow thruster of [1], which lies still.
+    Source:  [1]; thrust of its table 2. Reconstructed: the propeller's diameter and k, from public programs of [1].
+    """
+
+    ahead_thrust: Scalar = quantity(
+        "N s^2", "Tnn of one propeller, ahead.", default=3.65034e-3, above=0, source=TABLE_2
+    )
+    ahead_inflow: Scalar = quantity("N s^2/m", "Tnu, ahead.", default=1.52468e-4, low=0, source=TABLE_2)
+    astern_thrust: Scalar = quantity("N s^2", "Tnn, astern.", default=5.10256e-3, above=0, source=TABLE_2)
+    astern_inflow: Scalar = quantity("N s^2/m", "Tnu, astern.", default=4.55822e-2, low=0, source=TABLE_2)
+    ahead_lift: Scalar = quantity("kg/m", "Ld of one rudder, flow from ahead.", default=6.43306, source="[1]")
+    ahead_stall: Scalar = quantity("kg/m", "Ldd, flow from ahead.", default=5.83594, source="[1]")
+    astern_lift: Scalar = quantity("kg/m", "Ld, flow from astern.", default=3.19573, source="[1]")
+    astern_stall: Scalar = quantity("kg/m", "Ldd, flow from astern.", default=2.34356, source="[1]")
+    rudder_arm: Scalar = quantity("m", "Origin to the rudders, aft.", default=0.549, above=0, source=TABLE_1)
+    diameter: Scalar = quantity("m", "Of a propeller.", default=0.06, above=0)
+    induced: Scalar = quantity("1", "k: share of the stream's gain that a rudder feels.", default=0.5, low=0, high=1)
+    density: Scalar = quantity("kg/m^3", "Of the water.", default=1014.0, above=0)
+
+    def thrust(self, shaft_speed: Any, u: Any) -> Any:
+        """Of one propeller (N) at a shaft speed (rad/s) and a velocity through the water (m/s)."""
+        n = shaft_speed / TURN
+        ahead = jnp.abs(n) * (self.ahead_thrust * n - self.ahead_inflow * u)
+        astern = jnp.abs(n) * (self.astern_thrust * n - self.astern_inflow * u)
+        return jnp.where(n > 0, jnp.maximum(ahead, 0.0), jnp.minimum(astern, 0.0))
+
+    def lift(self, rudder: Any, thrust: Any, u: Any) -> Any:
+        """Of one rudder (N), to starboard, at an angle (rad) behind a propeller with a thrust (N)."""
+        stream = 8 * thrust / (np.pi * self.density * self.diameter**2) + u**2
+        flows = stream > 0
+        gain = jnp.where(flows, jnp.sqrt(jnp.where(flows, stream, 1.0)), 0.0) - u
+        past = jnp.where(u < 0, u, u + self.induced * gain)
+        ahead = self.ahead_lift * rudder - self.ahead_stall * jnp.abs(rudder) * rudder
+        astern = self.astern_lift * rudder - self.astern_stall * jnp.abs(rudder) * rudder
+        return jnp.where(past < 0, astern, ahead) * jnp.abs(past) * past
+
+    def wrench(self, rudder: Any, shaft_speed: Any, u: Any) -> tuple[Any, Any, Any]:
+        """X, Y (N) and N (N m) of both, about the origin of [1]."""
+        T = self.thrust(shaft_speed, u)
+        L = self.lift(rudder, T, u)
+        return 2 * T, 2 * L, -2 * self.rudder_arm * L
+
+
+@record
+class WindLoad:
+    """Force of the wind on what stands above the water, about the origin of [1].
+
+        (X, Y, N) = rho V^2/2 (cx A cos(g), cy B sin(g), cn B L sin(2 g))      g: where the relative wind goes, from x
+
+    Source:  Fossen, "Handbook", 2021, section 10.1, for a vessel that is alike to port and starboard; areas and
+             coefficients are this project's, the coefficients in the middle of the ranges given there.
+    """
+
+    wind: Wind = part("Over the ground; its height is the water's.", default=Wind())
+    frontal_area: Scalar = quantity("m^2", "A, seen from ahead.", default=0.04, low=0)
+    lateral_area: Scalar = quantity("m^2", "B, seen from the side.", default=0.16, low=0)
+    length: Scalar = quantity("m", "L over all.", default=1.255, above=0, source=TABLE_1)
+    cx: Scalar = quantity("1", "Along.", default=0.7, low=0)
+    cy: Scalar = quantity("1", "Across.", default=0.85, low=0)
+    cn: Scalar = quantity("1", "Turning.", default=0.1)
+
+    def wrench(self, x: VesselState) -> tuple[Any, Any, Any]:
+        """X, Y (N) and N (N m) on a vessel."""
+        north, east, _ = self.wind.velocity(0.0)
+        c, s = jnp.cos(x.heading), jnp.sin(x.heading)
+        along = c * north + s * east - x.surge_velocity
+        across = c * east - s * north - x.sway_velocity
+        speed2 = along**2 + across**2
+        blows = speed2 > 0
+        speed = jnp.where(blows, jnp.sqrt(jnp.where(blows, speed2, 1.0)), 0.0)
+        q = AIR / 2
+        turning = 2 * along * across  # V^2 sin(2 g)
+        return (
+            q * self.cx * self.frontal_area * speed * along,
+            q * self.cy * self.lateral_area * speed * across,
+            q * self.cn * self.lateral_area * self.length * turning,
+        )
+
+
+@record
+class SurfaceVessel:
+    """Manoeuvring model of a vessel in the plane, CyberShip II by default; sway has no actuator.
+
+        M nu_r' + C(nu_r) nu_r + D(nu_r) nu_r = tau        nu_r = nu - nu_c: through the water         [1]
+        delta' = limit((delta_c - delta)/T_d, rate)        n' = (n_c - n)/T_n
+
+    M holds mass and added mass, C follows from M. [1] writes all this about a point amidships; here the state is that
+    of the centre of mass, x_g ahead of it, and only forces are worked out about that point.
+
+    Frames:  W north-east-down, B at the centre of mass, x forward, y starboard.
+    Valid:   calm water without waves; roll, pitch and heave follow no one. Rudders to 35 degrees.
+    Not modelled: waves, shallow water, the propellers' side force.
+    Source:  [1]; current and relative velocity as in Fossen, "Handbook of marine craft hydrodynamics and motion
+             control", 2nd ed., 2021, section 10.3. Rates and lags of the actuators are this project's.
+    """
+
+    mass: Scalar = quantity("kg", "Total mass.", default=23.8, above=0, source=TABLE_1)
+    inertia: Scalar = quantity("kg m^2", "About z, at the origin of [1].", default=1.76, above=0, source=TABLE_1)
+    centre: Scalar = quantity("m", "x_g: the centre of mass ahead of that origin.", default=0.046, source=TABLE_1)
+    added_surge: Scalar = quantity("kg", "Added mass, -X_u'.", default=2.0, low=0, source=TABLE_1)
+    added_sway: Scalar = quantity("kg", "Added mass, -Y_v'.", default=10.0, low=0, source=TABLE_1)
+    added_coupling: Scalar = quantity("kg m", "Added mass, -Y_r' = -N_v'.", default=0.0, source=TABLE_1)
+    added_yaw: Scalar = quantity("kg m^2", "Added inertia, -N_r'.", default=1.0, low=0, source=TABLE_1)
+    damping: HullDamping = part("Of the hull.", default=HullDamping())
+    propulsion: TwinScrew = part("Propellers and rudders.", default=TwinScrew())
+    current: Current = part("Of the water.", default=Current())
+    wind: Any = part("Load of the wind, or None.", default=None, optional=WindLoad())
+    rudder_limit: Scalar = quantity("rad", "Stop of the rudders.", default=35 * DEG, above=0)
+    rudder_rate: Scalar = quantity("rad/s", "Fastest they move.", default=30 * DEG, above=0)
+    rudder_lag: Scalar = quantity("s", "Time constant of their servo.", default=0.1, above=0)
+    shaft_limit: Scalar = quantity("rad/s", "Fastest the shafts turn.", default=2000 / 60 * TURN, above=0)
+    shaft_lag: Scalar = quantity("s", "Time constant of their drive.", default=0.3, above=0)
+
+    MAV_TYPE: ClassVar[str] = "SURFACE_BOAT"
+    """What it says it is to ground stations, see `wire.telemetry`."""
+
+    def input_limits(self) -> dict[str, tuple[Any, Any]]:
+        """Stops of the rudders (rad), limits of the shafts (rad/s)."""
+        rudder, shaft = self.rudder_limit, self.shaft_limit
+        return {"rudder": (-rudder, rudder), "shaft_speed": (-shaft, shaft)}
+
+    def dynamics(self, t: Any, x: VesselState, u: VesselControls) -> VesselState:
+        """The derivative of x (SI) under what the servos are told."""
+        du, dv, dr = self.accelerations(x)
+        c, s = jnp.cos(x.heading), jnp.sin(x.heading)
+        asked = jnp.clip(u.rudder, -self.rudder_limit, self.rudder_limit)
+        shaft = jnp.clip(u.shaft_speed, -self.shaft_limit, self.shaft_limit)
+        return VesselState(
+            surge_velocity=du,
+            sway_velocity=dv,
+            yaw_rate=dr,
+            north=c * x.surge_velocity - s * x.sway_velocity,
+            east=s * x.surge_velocity + c * x.sway_velocity,
+            heading=x.yaw_rate,
+            rudder=jnp.clip((asked - x.rudder) / self.rudder_lag, -self.rudder_rate, self.rudder_rate),
+            shaft_speed=(shaft - x.shaft_speed) / self.shaft_lag,
+        )
+
+    def accelerations(self, x: VesselState) -> tuple[Any, Any, Any]:
+        """Derivatives of surge and sway velocity (m/s^2) and of the yaw rate (rad/s^2)."""
+        r = x.yaw_rate
+        along, across = self.current.in_plane(x.heading)
+        u, v = x.surge_velocity - along, x.sway_velocity - self.centre * r - across
+        X, Y, N = self.wrench(x, u, v)
+        m11, m22 = self.mass + self.added_surge, self.mass + self.added_sway
+        m23, m33 = self.mass * self.centre + self.added_coupling, self.inertia + self.added_yaw
+        momentum = m22 * v + m23 * r
+        X, Y, N = X + momentum * r, Y - m11 * u * r, N - momentum * u + m11 * u * v
+        determinant = m22 * m33 - m23**2
+        dr = (m22 * N - m23 * Y) / determinant
+        dv = (m33 * Y - m23 * N) / determinant - r * along
+        return X / m11 + r * across, dv + self.centre * dr, dr
+
+    def wrench(self, x: VesselState, u: Any, v: Any) -> tuple[Any, Any, Any]:
+        """X, Y (N) and N (N m) of all that acts, about the origin of [1], at its velocity through the water (m/s)."""
+        forces = [self.damping.wrench(u, v, x.yaw_rate), self.propulsion.wrench(x.rudder, x.shaft_speed, u)]
+        if self.wind is not None:
+            forces.append(self.wind.wrench(x))
+        X, Y, N = (sum(axis[1:], axis[0]) for axis in zip(*forces, strict=True))
+        return X, Y, N
+
+    def motion(self, t: Any, x: VesselState, u: VesselControls) -> Motion:
+        """All that a sensor at the centre of mass can feel; t: integer time."""
+        du, dv, dr = self.accelerations(x)
+        o, r = jnp.zeros_like(du), x.yaw_rate
+        stack = jnp.stack
+        return Motion(
+            t=t,
+            p_WB=stack([x.north, x.east, o]),
+            attitude=stack([o, o, x.heading]),
+            v_WB_B=stack([x.surge_velocity, x.sway_velocity, o]),
+            w_WB_B=stack([o, o, r]),
+            a_WB_B=stack([du - r * x.sway_velocity, dv + r * x.surge_velocity, o]),
+            alpha_WB_B=stack([o, o, dr]),
+        )

@@ -1,0 +1,83 @@
+"""What ArduPilot's SITL and its physics tell each other: servo pulses as a packet, the motion as a line of JSON.
+
+    uint16 magic, 18458 with 16 channels or 29569 with 32      uint16 frame rate (Hz)      uint32 frame count
+    uint16 pulse of each channel (µs)                          all little-endian
+
+The answer is a line of JSON between two line feeds. ArduPilot looks for its keys as text, so that there is no blank
+after a colon, and no key that begins like another one before it.
+
+Source: https://github.com/ArduPilot/ardupilot/blob/master/libraries/SITL/examples/JSON/readme.md.
+"""
+
+import json
+import math
+import struct
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+CHANNELS_OF: Mapping[int, int] = {18458: 16, 29569: 32}
+"""Magic number -> channels."""
+MOST_CHANNELS = 32
+HEAD = struct.Struct("<HHI")
+COUNTS = 2**32
+"""Of frames, before their number is zero again."""
+
+
+class PulsePacket(NamedTuple):
+    """What ArduPilot sends. rate: of frames (Hz); number: of this one; pulses: of each channel (µs), 0: none."""
+
+    rate: int
+    number: int
+    pulses: tuple[int, ...]
+
+
+class PhysicsState(NamedTuple):
+    """What ArduPilot is told. Position and velocity in W, attitude roll, pitch, yaw (rad), the rest in B; SI units."""
+
+    specific_force: Sequence[float]
+    angular_rate: Sequence[float]
+    position: Sequence[float]
+    attitude: Sequence[float]
+    velocity: Sequence[float]
+    airspeed: float
+
+    @property
+    def is_finite(self) -> bool:
+        """Whether all of it are numbers."""
+        vectors = self.specific_force, self.angular_rate, self.position, self.attitude, self.velocity
+        return all(math.isfinite(x) for v in (*vectors, (self.airspeed,)) for x in v)
+
+
+def parse_servos(packet: bytes) -> PulsePacket | str:
+    """A packet of ArduPilot's, or in words why it is none."""
+    if len(packet) < HEAD.size:
+        return f"{len(packet)} bytes are too few for a frame of ArduPilot's"
+    magic, rate, count = HEAD.unpack_from(packet)
+    channels = CHANNELS_OF.get(magic)
+    if channels is None:
+        return f"it begins with {magic}; ArduPilot's frames begin with {' or '.join(map(str, CHANNELS_OF))}"
+    length = HEAD.size + 2 * channels
+    if len(packet) != length:
+        return f"{len(packet)} bytes; a frame of {channels} channels has {length}"
+    if rate == 0:
+        return "its frame rate is zero; SIM_RATE_HZ of ArduPilot sets it"
+    return PulsePacket(rate, count, struct.unpack_from(f"<{channels}H", packet, HEAD.size))
+
+
+def format_state(t: float, state: PhysicsState) -> bytes:
+    """The answer: how it moves at t (s)."""
+    roll, pitch, yaw = state.attitude
+    content = {
+        "timestamp": t,
+        "imu": {"gyro": [*state.angular_rate], "accel_body": [*state.specific_force]},
+        "position": [*state.position],
+        "attitude": [wrap_turn(roll), pitch, wrap_turn(yaw)],
+        "velocity": [*state.velocity],
+        "airspeed": state.airspeed,
+    }
+    return b"\n" + json.dumps(content, separators=(",", ":")).encode() + b"\n"
+
+
+def wrap_turn(angle: float) -> float:
+    """An angle between minus and plus half a turn."""
+    return math.remainder(angle, 2 * math.pi)

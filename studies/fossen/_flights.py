@@ -1,0 +1,58 @@
+"""REMUS flown with its fins set by hand, as in the simulations of [1] chapter 8."""
+
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+from trimtab.core import quaternion
+from trimtab.core.integrate import rk4
+from trimtab.core.record import replace, to_arrays
+from trimtab.core.rotation import DEG, to_euler
+from trimtab.vehicles.torpedo import CRUISE, Torpedo, TorpedoControls, TorpedoState
+
+STEP = 0.02
+SPEED, ROLL = 1.54, -5 * DEG
+"""At the start of each flight of [1] table 8.1 (m/s, rad)."""
+
+
+class Flight(NamedTuple):
+    """Rows in time: s, m, rad, m/s and rad/s; velocity at the centre of buoyancy, as [1] has it."""
+
+    t: Any
+    place: Any
+    angles: Any
+    velocity: Any
+    rate: Any
+
+    def at(self, t: float, values: Any) -> float:
+        """A column of values at a time (s)."""
+        return float(np.interp(t, self.t, values))
+
+
+def fly_fins(torpedo: Torpedo, rudder: Any, stern: Any, seconds: float) -> Flight:
+    """A flight from [1]'s start; rudder, stern: angle (rad) at times (s), set at once."""
+    attitude = np.array(quaternion.from_euler(jnp.asarray(ROLL), jnp.asarray(0.0), jnp.asarray(0.0)))
+    x = to_arrays(TorpedoState(attitude=attitude, velocity=np.array([SPEED, 0, 0]), shaft_speed=CRUISE))
+    times = STEP * np.arange(round(seconds / STEP) + 1)
+    fins = jnp.asarray(np.stack([np.vectorize(rudder)(times), np.vectorize(stern)(times)], axis=1))
+
+    rows = _scan(to_arrays(torpedo), x, fins)
+    angles = np.array(jax.vmap(lambda q: to_euler(quaternion.to_matrix(q)))(rows.attitude))
+    angles[:, 2] = np.unwrap(angles[:, 2])
+    rate = np.array(rows.rate)
+    velocity = np.array(rows.velocity) - np.cross(rate, [0, 0, float(torpedo.lowered)])
+    return Flight(times, np.array(rows.position), angles, velocity, rate)
+
+
+@jax.jit
+def _scan(torpedo: Torpedo, x: TorpedoState, fins: Any) -> Any:
+    """The states at each step; a torpedo with other numbers compiles nothing anew."""
+
+    def step(x: Any, fin: Any) -> Any:
+        x = replace(x, rudder=fin[0], stern=fin[1])
+        told = TorpedoControls(fin[0], fin[1], CRUISE)
+        return torpedo.after_step(0.0, rk4(lambda t, x: torpedo.dynamics(t, x, told), 0.0, x, STEP)), x
+
+    return jax.lax.scan(step, x, fins)[1]

@@ -1,0 +1,131 @@
+"""The cases flown: bodies, earths, winds and starts of the report, and our signals by NASA's names."""
+
+import functools
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+
+import trimtab
+from studies.nesc2015._data import FOOT, SLUG
+from trimtab.core.integrate import rk4
+from trimtab.core.record import replace
+from trimtab.core.rotation import DEG
+from trimtab.environment.earth import Earth, round_earth
+from trimtab.environment.wind import Wind
+from trimtab.vehicles.rigid_body import NO_WRENCH, BluntBody, FlightCondition, RigidBody, RigidBodyState, Wrench
+
+STEP = 0.01
+"""Of RK4 (s): halved, no signal moves by more than a part in 1e9 of its size (test)."""
+BALL = RigidBody(mass=SLUG, inertia=np.full(3, 3.6 * SLUG * FOOT**2))
+DRAG = BluntBody(area=0.1963495 * FOOT**2, drag=0.1, span=FOOT, chord=FOOT)
+"""A ball of half a foot across, whose inertia is not that of a solid one: 3.6 slug ft²."""
+DRAGGED_BALL = replace(BALL, aerodynamics=DRAG)
+BRICK = RigidBody(mass=0.155404754 * SLUG, inertia=np.array([0.00189422, 0.006211019, 0.007194665]) * SLUG * FOOT**2)
+DAMPING = BluntBody(
+    area=0.22222 * FOOT**2,
+    drag=0.0,
+    span=0.33333 * FOOT,
+    chord=0.66667 * FOOT,
+    roll_damping=-1.0,
+    pitch_damping=-1.0,
+    yaw_damping=-1.0,
+)
+"""Of the brick; its file has a drag of 0.01 which, as their forces show, NASA's simulations left out."""
+
+
+class Case(NamedTuple):
+    """One case. body: what flies.  start: its state.  title: what it shows.  where: of the report."""
+
+    body: RigidBody
+    start: RigidBodyState
+    title: str
+
+
+def _drop(body: RigidBody, rate: Any = (0.0, 0.0, 0.0)) -> RigidBodyState:
+    """Let go 30 000 ft above the sea, at latitude and longitude zero, level, nose to the north; rate: in I (rad/s)."""
+    none = np.zeros(3)
+    return body.start(0.0, 0.0, 30_000 * FOOT, velocity=none, angles=none, rate=rate, over_ground=False)
+
+
+def _shoot(body: RigidBody, course: float) -> RigidBodyState:
+    """From the sea, up at 45°, level and turning with the earth, at a course (rad) from north."""
+    speed = 1000 * FOOT
+    velocity = speed * np.array([np.cos(course), np.sin(course), -1.0])
+    angles, none = np.array([0.0, 0.0, course]), np.zeros(3)
+    return body.start(0.0, 0.0, 0.0, velocity=velocity, angles=angles, rate=none, over_ground=True)
+
+
+@functools.cache
+def cases() -> Mapping[str, Case]:
+    """NASA's number -> the case."""
+    tumbling = np.array([10.0, 20.0, 30.0]) * DEG
+    damped = replace(BRICK, aerodynamics=DAMPING)
+    still, turning = (replace(DRAGGED_BALL, earth=round_earth(rate)) for rate in (0.0, Earth().rate))
+    breeze = replace(DRAGGED_BALL, wind=Wind(east=20 * FOOT))
+    shear = replace(DRAGGED_BALL, wind=Wind(east=-20 * FOOT, east_shear=0.003))
+    return {
+        "01": Case(BALL, _drop(BALL), "a ball dropped, without drag"),
+        "02": Case(BRICK, _drop(BRICK, tumbling), "a brick that tumbles"),
+        "03": Case(damped, _drop(damped, tumbling), "a brick that tumbles, damped by the air"),
+        "04": Case(still, _drop(still, tumbling), "a ball with drag over a round earth that stands still"),
+        "05": Case(turning, _drop(turning, tumbling), "a ball with drag over a round earth that turns"),
+        "06": Case(DRAGGED_BALL, _drop(DRAGGED_BALL), "a ball with drag over the ellipsoid"),
+        "07": Case(breeze, _drop(breeze), "the same in a steady wind"),
+        "08": Case(shear, _drop(shear), "the same in a wind that grows with the height"),
+        "09": Case(DRAGGED_BALL, _shoot(DRAGGED_BALL, 90 * DEG), "a ball shot eastward"),
+        "10": Case(DRAGGED_BALL, _shoot(DRAGGED_BALL, 0.0), "a ball shot northward"),
+    }
+
+
+def name_signals(flight: FlightCondition, rate: Any, wrench: Wrench) -> dict[str, Any]:
+    """Ours of each of NASA's signals, SI: of a flight, its rate in I (3,) (rad/s) and what the air does."""
+    air = flight.flow.air
+    return {
+        **{f"feVelocity_ft_s_{axis}": flight.velocity[i] for i, axis in enumerate("XYZ")},
+        "altitudeMsl_ft": flight.height,
+        "longitude_deg": flight.longitude,
+        "latitude_deg": flight.latitude,
+        "localGravity_ft_s2": flight.gravity,
+        **{f"eulerAngle_deg_{name}": flight.angles[i] for i, name in enumerate(("Roll", "Pitch", "Yaw"))},
+        **{f"bodyAngularRateWrtEi_deg_s_{name}": rate[i] for i, name in enumerate(("Roll", "Pitch", "Yaw"))},
+        "speedOfSound_ft_s": air.sound_speed,
+        "airDensity_slug_ft3": air.density,
+        "ambientPressure_lbf_ft2": air.pressure,
+        "ambientTemperature_dgR": air.temperature,
+        **{f"aero_bodyForce_lbf_{axis}": wrench.force[i] for i, axis in enumerate("XYZ")},
+        **{f"aero_bodyMoment_ftlbf_{axis}": wrench.moment[i] for i, axis in enumerate("LMN")},
+        "mach": flight.flow.mach,
+        "trueAirspeed_nmi_h": flight.flow.speed,
+    }
+
+
+def signals(body: RigidBody, t: Any, x: RigidBodyState) -> dict[str, Any]:
+    """Ours of each of NASA's signals, SI, of a body in the air."""
+    flight = body.flight(t, x)
+    wrench = body.aerodynamics.wrench(flight.flow) if body.aerodynamics is not None else NO_WRENCH
+    return name_signals(flight, x.rate, wrench)
+
+
+@functools.cache
+def fly(case: str, seconds: int = 30, step: float = STEP) -> dict[str, Any]:
+    """NASA's name of a signal -> ours each second (seconds + 1,), "time" too; compiled to C."""
+    body, start, _ = cases()[case]
+    n = round(1 / step)
+
+    def go(body: RigidBody, x: RigidBodyState) -> dict[str, Any]:
+        def advance(i: Any, carry: Any) -> Any:
+            k, x = carry
+            t = k * 1.0 + i * step
+            return k, rk4(lambda s, y: body.dynamics(s, y, NO_WRENCH), t, x, step)
+
+        def second(x: RigidBodyState, k: Any) -> Any:
+            row = signals(body, k * 1.0, x)
+            return jax.lax.fori_loop(0, n, advance, (k, x))[1], row
+
+        return jax.lax.scan(second, x, jnp.arange(seconds + 1))[1]
+
+    rows = trimtab.compile(go, body, start)(body, start)
+    return {"time": np.arange(seconds + 1.0), **{name: np.asarray(row) for name, row in rows.items()}}

@@ -1,0 +1,110 @@
+"""Rows and pictures of a case: how far each of our signals is outside of what NASA's simulations span."""
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from studies.nesc2015._data import SIGNALS, Band, band_of, turn_near
+from studies.nesc2015._flights import cases, fly
+from studies.nesc2015._jet import fly_jet, jet_cases
+from trimtab.plots.style import BLUE, GREY, VERMILION, new_figure, save_figure, style_axes
+from trimtab.study import Row, at_most
+
+OF_BAND, OF_SIZE, OF_FEW = 0.01, 1e-6, 0.1
+"""Margin of a band: of its own greatest width, and of the signal's greatest size (units were rounded: feet, slugs).
+Three simulations span less than six would, so that of their band it is a tenth."""
+FEW = 3
+JUMPS = {"13p1": 5, "13p2": 5, "13p3": 15, "13p4": 20}
+"""When a command jumps (s): there and at the start surfaces have two places, and what the air does with them too."""
+OPEN = {
+    ("13p4", "aero_bodyForce_lbf_Y"): "A second after the jump the force falls from 44 to 20 kN; ours is 50 ms ahead.",
+    ("13p4", "airDensity_slug_ft3"): "By 6e-8 more: our air is a millionth thinner, our height 1 cm more than theirs.",
+}
+"""Signals that leave their band by a little more than its margin, and why."""
+DRAWN = ("altitudeMsl_ft", "feVelocity_ft_s_Y", "eulerAngle_deg_Yaw", "bodyAngularRateWrtEi_deg_s_Pitch", "mach")
+
+
+def ours_in(band: Band, case: str, signal: str) -> Any:
+    """Our signal (n,) at the band's instants, an angle by the turn of the band's."""
+    flight = fly_jet(case) if case in jet_cases() else fly(case)
+    ours = flight[signal][np.isin(flight["time"], band.t)]
+    return band.middle + turn_near(ours - band.middle) if SIGNALS[signal].unit == "rad" else ours
+
+
+def title_of(case: str) -> str:
+    """What a case shows."""
+    return (jet_cases()[case] if case in jet_cases() else cases()[case]).title
+
+
+def margin_of(band: Band) -> float:
+    """How far outside a signal may be."""
+    of_band = OF_FEW if len(band.simulations) <= FEW else OF_BAND
+    return float(of_band * np.max(band.high - band.low) + OF_SIZE * np.max(np.abs(band.values)))
+
+
+def outside(band: Band, ours: Any, leave_out: tuple[float, ...] = ()) -> float:
+    """How far a signal gets outside of a band, but at some instants (s)."""
+    off = np.maximum(np.maximum(band.low - ours, ours - band.high), 0.0)
+    return float(np.max(off[~np.isin(band.t, leave_out)]))
+
+
+def rows_of(numbers: tuple[str, ...]) -> Iterator[Row]:
+    """Of each case: each signal against its band; of what falls, the height against the nearest simulation."""
+    for case in numbers:
+        title = title_of(case)
+        for signal, (name, unit, _) in SIGNALS.items():
+            band = band_of(case, signal)
+            yield at_most(
+                f"{case}/{signal}",
+                f"{title}: {name}",
+                float(np.max(band.high - band.low)),
+                outside(band, ours_in(band, case, signal), _jumps(case, signal)),
+                f"[1] case {case.lstrip('0').replace('p', '.')}, its data",
+                high=margin_of(band),
+                unit=unit,
+                must_hold=(case, signal) not in OPEN,
+                note=OPEN.get((case, signal), "")
+                or f"Printed: how far {len(band.simulations)} simulations are apart; computed: ours outside of them.",
+            )
+        if case in jet_cases():
+            continue
+        band = band_of(case, "altitudeMsl_ft")
+        away = np.max(np.abs(band.values - ours_in(band, case, "altitudeMsl_ft")), axis=1)
+        nearest = int(np.argmin(away))
+        yield at_most(
+            f"{case}/nearest",
+            f"{title}: height, from simulation {band.simulations[nearest]}",
+            float(np.median(away)),
+            float(away[nearest]),
+            f"[1] case {case.lstrip('0').replace('p', '.')}, its data",
+            high=OF_SIZE * float(np.max(np.abs(band.values))),
+            unit="m",
+            note="The nearest of them. Printed: the median of their distances from ours.",
+        )
+
+
+def _jumps(case: str, signal: str) -> tuple[float, ...]:
+    """Instants at which a signal of a case jumps."""
+    return (0.0, JUMPS.get(case, 0.0)) if case in jet_cases() and signal.startswith("aero") else ()
+
+
+def draw_cases(folder: Path, numbers: tuple[str, ...]) -> Iterator[Path]:
+    """A picture a case: differences from the median of NASA's simulations; theirs, their band, ours."""
+    folder.mkdir(parents=True, exist_ok=True)
+    for case in numbers:
+        figure = new_figure(15.0, 3.4)
+        for axes, signal in zip(np.ravel(figure.subplots(1, len(DRAWN))), DRAWN, strict=True):
+            band, (name, unit, _) = band_of(case, signal), SIGNALS[signal]
+            axes.fill_between(band.t, band.low - band.middle, band.high - band.middle, color=GREY, alpha=0.3, lw=0)
+            for theirs in band.values:
+                axes.plot(band.t, theirs - band.middle, color=BLUE, lw=0.8)
+            axes.plot(band.t, ours_in(band, case, signal) - band.middle, color=VERMILION, lw=1.4, ls="--")
+            style_axes(axes, name, f"size {np.max(np.abs(band.values)):.4g} {unit}", unit)
+            axes.set_xlabel("s", fontsize=9)
+        path = folder / f"case-{case}.png"
+        title = f"case {case.lstrip('0').replace('p', '.')}, {title_of(case)}"
+        figure.suptitle(f"{title}: off the median of NASA's simulations (blue); ours red, dashed", fontsize=10)
+        save_figure(figure, path)
+        yield path

@@ -1,0 +1,23 @@
+"""Balls that fall: gravity, rotation, drag and wind, one after the other.
+
+Over a round earth and an ellipsoid, still and turning, in still air and in wind.
+"""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+from studies.nesc2015._rows import draw_cases, rows_of
+from trimtab.study import Row
+
+SECTION = "check-cases 1, 4, 5, 6, 7, 8"
+CASES = ("01", "04", "05", "06", "07", "08")
+
+
+def rows() -> Iterator[Row]:
+    """Each signal against the band of NASA's simulations."""
+    yield from rows_of(CASES)
+
+
+def figures(folder: Path) -> Iterator[Path]:
+    """A picture a case."""
+    yield from draw_cases(folder, CASES)

@@ -1,0 +1,23 @@
+"""Balls shot from the sea: eastward and northward.
+
+The turning earth takes the northward one aside.
+"""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+from studies.nesc2015._rows import draw_cases, rows_of
+from trimtab.study import Row
+
+SECTION = "check-cases 9, 10"
+CASES = ("09", "10")
+
+
+def rows() -> Iterator[Row]:
+    """Each signal against the band of NASA's simulations."""
+    yield from rows_of(CASES)
+
+
+def figures(folder: Path) -> Iterator[Path]:
+    """A picture a case."""
+    yield from draw_cases(folder, CASES)

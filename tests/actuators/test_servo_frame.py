@@ -1,0 +1,104 @@
+"""A servo's frame against numpy's sample and hold, in a bank, in lanes, and on a board."""
+
+import jax
+import numpy as np
+import pytest
+
+import trimtab
+from trimtab.actuators.bank import ActuatorBank
+from trimtab.actuators.servo_frame import ServoFrame
+from trimtab.core.errors import InputError
+from trimtab.core.imperfections import without
+from trimtab.core.record import replace
+from trimtab.core.rng import key
+from trimtab.core.signals import PlanarForce, Sample
+from trimtab.core.time import ms
+from trimtab.export.firmware_folder import replace_hardware
+from trimtab.export.pulse_outputs import frame_of
+from trimtab.scenarios.build import build
+
+DT = 1e-3
+COMMAND = np.random.default_rng(0).normal(0, 1, 200)
+
+
+def fly(stage, command=COMMAND, rest=0.25):
+    return np.asarray(
+        jax.jit(lambda u: jax.lax.scan(lambda s, v: stage.step(s, v, DT), stage.init(rest), u)[1].value)(command)
+    )
+
+
+def sample_and_hold(command, frame, phase, rest):
+    """What numpy makes of it, frame and phase in periods."""
+    k = np.arange(len(command))
+    last = (k - phase) // frame * frame + phase
+    return np.where(last >= 0, command[np.maximum(last, 0)], rest)
+
+
+@pytest.mark.parametrize(("frame", "phase"), [(20, 0), (20, 7), (20, 19), (1, 0), (3, 2)])
+def test_it_is_sample_and_hold_to_the_bit(frame, phase):
+    got = fly(ServoFrame(frame=ms(frame), phase=ms(phase)))
+    np.testing.assert_array_equal(got, sample_and_hold(COMMAND, frame, phase, 0.25))
+
+
+def test_frames_shorter_than_a_millisecond_and_of_2_5_ms():
+    stage = ServoFrame(frame=25_000, phase=5_000)
+    state, out = stage.init(0.0), []
+    for value in COMMAND[:50]:
+        state, said = stage.step(state, value, 5e-4)
+        out.append(float(said.value))
+    np.testing.assert_array_equal(out, sample_and_hold(COMMAND[:50], 5, 1, 0.0))
+
+
+def test_switched_off_it_is_a_wire():
+    np.testing.assert_array_equal(fly(without(ServoFrame(phase=ms(3)), "servo-frame")), COMMAND)
+
+
+def test_compiled_to_c_alone_and_in_lanes_it_is_the_same():
+    stage = ServoFrame(frame=ms(4), phase=ms(1))
+
+    def hold(u):
+        return jax.lax.scan(lambda s, v: stage.step(s, v, DT), stage.init(0.25), u)[1].value
+
+    many = COMMAND.reshape(8, 25)
+    compiled = trimtab.compile(hold, many[0])
+    wanted = [sample_and_hold(u, 4, 1, 0.25) for u in many]
+    np.testing.assert_array_equal(compiled(many[0]), wanted[0])
+    np.testing.assert_array_equal(compiled.lanes(many), wanted)
+
+
+def test_in_a_bank_each_field_has_its_own_frame():
+    bank = ActuatorBank(
+        PlanarForce(0.0, 0.0), {"FX": ServoFrame(frame=ms(5)), "FY": ServoFrame(frame=ms(5), phase=ms(2))}
+    )
+    bank.check()
+    state, got = bank.init(key(0, 0)), []
+    for k in range(20):
+        value = PlanarForce(FX=COMMAND[k], FY=COMMAND[k])
+        said = Sample(value=value, t=np.int64(0), age=np.float64(0), fresh=np.bool_(True), valid=np.bool_(True))
+        state, out = bank.step(ms(k), state, said)
+        got.append((float(out.u.FX), float(out.u.FY)))
+    held = [sample_and_hold(COMMAND[:20], 5, phase, 0.0) for phase in (0, 2)]
+    np.testing.assert_array_equal(np.transpose(got), held)
+
+
+@pytest.mark.parametrize(
+    ("stage", "words"),
+    [
+        (ServoFrame(frame=25_000), r"2\.5 ms is no multiple of the actuators' period of 1 ms"),
+        (ServoFrame(phase=5_000), "0.5 ms is no multiple"),
+        (ServoFrame(phase=ms(20)), "not within the frame"),
+    ],
+)
+def test_frames_between_two_periods_are_refused(stage, words):
+    with pytest.raises(InputError, match=words):
+        ActuatorBank(PlanarForce(0.0, 0.0), {"FX": stage}).check()
+
+
+def test_a_board_sends_pulses_at_the_servos_frame_and_its_world_does_not_hold_them_again():
+    scenario = build("examples/my_boat.py:scenario")
+    bank = scenario.world.actuators
+    bank = replace(bank, stages=bank.stages | {"rudder": (ServoFrame(frame=ms(20)), *bank.stages["rudder"])})
+    framed = replace(scenario, world=replace(scenario.world, actuators=bank))
+    assert frame_of(scenario) == bank.period == ms(10)
+    assert frame_of(framed) == ms(20)
+    assert replace_hardware(framed).world.actuators.stages["rudder"][0].frame == 0

@@ -1,0 +1,163 @@
+"""What a person's measurements may have wrong, by procedure: named by line and column, nothing silent.
+
+The data are those of the virtual bench, which are fitted as they are, with one thing changed.
+"""
+
+import re
+
+import pytest
+from click.testing import CliRunner
+
+from trimtab.cli import main
+from trimtab.run.virtual_bench import draw_craft, run_bench, write_bench
+
+FILES = {
+    "rudder": "servo.csv",
+    "hull": "hull.csv",
+    "thrust": "thrust.csv",
+    "reverse": "reverse.csv",
+    "inertia": "trials.csv",
+    "spin-up": "spin-up.csv",
+    "friction": "coast.csv",
+    "gyro": "sweep.csv",
+    "link": "up.csv",
+}
+OPTIONS = {"link": ("--way", "up"), "spin-up": ("--force", "1.1 N", "--rudder", "-20 deg")}
+
+
+@pytest.fixture(scope="module")
+def bench(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("bench")
+    write_bench(folder, run_bench(draw_craft(3), 3))
+    return {name: (folder / file).read_text().splitlines() for name, file in FILES.items()}
+
+
+def calibrate(procedure, lines, folder):
+    file = folder / FILES[procedure]
+    file.write_text("\n".join(lines) + "\n")
+    verb = "inertia" if procedure == "spin-up" else procedure
+    return CliRunner().invoke(main, ["calibrate", verb, str(file), *OPTIONS.get(procedure, ())])
+
+
+def swap(lines, a, b):
+    head = lines[0].split(",")
+    head[a], head[b] = head[b], head[a]
+    return [",".join(head), *lines[1:]]
+
+
+def put(lines, line, column, value):
+    """The lines with another cell in a line, counted from 1, and column, from 0."""
+    cells = lines[line - 1].split(",")
+    cells[column] = value
+    return [*lines[: line - 1], ",".join(cells), *lines[line:]]
+
+
+def alter(lines, column, change):
+    """The lines with every number of a column changed."""
+    rows = [line.split(",") for line in lines[1:]]
+    return [lines[0], *(",".join([*r[:column], str(change(float(r[column]))), *r[column + 1 :]]) for r in rows)]
+
+
+EVERY = {
+    "empty": (lambda x: [], "empty"),
+    "headings only": (lambda x: x[:1], "no measurement|packets in the file: 0"),
+    "a column is missing": (lambda x: [line.partition(",")[2] for line in x], "no column|line 1: the header is"),
+    "semicolons and commas": (
+        lambda x: [line.replace(",", ";").replace(".", ",") for line in x],
+        "line 1 is divided by semicolons|line 1: the header is",
+    ),
+    "decimal commas": (lambda x: [x[0], *(line.replace(".", ",") for line in x[1:])], r"line \d+ has|line \d+: fields"),
+    "a word": (lambda x: put(x, 8, 1, "n/a"), "line 8.*'n/a'"),
+    "not finite": (lambda x: put(x, 8, 1, "nan"), "line 8.*finite"),
+    "a line twice": (
+        lambda x: [*x[:5], x[4], *x[5:]],
+        "lines 5 and 6 are the same|line 6, column 'time'|stands there twice",
+    ),
+    "three lines": (
+        lambda x: x[:4],
+        "no angle was measured|readings|has 3 readings|nothing is above|2 packets arrived|samples are too few",
+    ),
+}
+
+
+@pytest.mark.parametrize("procedure", FILES)
+@pytest.mark.parametrize("what", EVERY)
+def test_what_every_procedure_refuses(procedure, what, bench, tmp_path):
+    change, said = EVERY[what]
+    done = calibrate(procedure, change(bench[procedure]), tmp_path)
+    if what == "three lines" and done.exit_code == 0:
+        assert procedure in ("hull", "thrust", "inertia")  # one or two numbers: the interval says how little that is
+        return
+    assert done.exit_code == 2, done.output
+    assert re.search(said, done.output), done.output
+    assert "Fix: " in done.output
+    assert "Traceback" not in done.output
+
+
+OWN = {
+    "the force turns with the hull": ("hull", lambda x: swap(x, 0, 1), "'rudder' and 'hull' swapped"),
+    "force and speed swapped": ("thrust", lambda x: swap(x, 1, 2), "line 2, column 'force'.*headings that are swapped"),
+    "forward and reverse swapped": ("reverse", lambda x: swap(x, 1, 2), "reverse is more than forward in lines 2,"),
+    "force and slope swapped": ("inertia", lambda x: swap(x, 1, 2), "'force' and 'slope' swapped"),
+    "reference and gyro swapped": ("gyro", lambda x: swap(x, 1, 2), "the same axis, with the same sign"),
+    "time and rate swapped": ("friction", lambda x: swap(x, 0, 1), "trial '1', line 3, column 'time'.*swapped"),
+    "degrees under radians": ("friction", lambda x: put(x, 1, 1, "yaw_rate [deg/s]"), "nothing is above"),
+    "grams under newtons": (
+        "thrust",
+        lambda x: alter(x, 2, lambda force: 102 * force),
+        "column 'force'.*is not in -0.5 to 100 N",
+    ),
+    "a spike": ("spin-up", lambda x: put(x, 8, 1, "3"), "line 8, column 'yaw_rate': 3 is"),
+    "a spike in a coast-down": ("friction", lambda x: put(x, 40, 1, "9"), "line 40, column 'yaw_rate': 9 is"),
+    "two spikes": ("friction", lambda x: put(put(x, 40, 1, "9"), 60, 1, "-8"), "others in lines 40 and 60"),
+    "a wrong sample of a gyro": ("gyro", lambda x: put(x, 900, 2, "4"), "line 900: the gyro is"),
+    "a run under another's number": (
+        "friction",
+        lambda x: [x[0], *(line.rpartition(",")[0] + ",1" for line in x[1:])],
+        "trial '1', line 242, column 'time'",
+    ),
+    "a gauge at its end, in reverse": (
+        "reverse",
+        lambda x: alter(x, 2, lambda force: min(force, 0.4)),
+        "column 'reverse' reads 0.4 each time",
+    ),
+    "milliseconds": (
+        "link",
+        lambda x: [x[0], *(f"{a},{1e3 * float(b) if b else ''}" for a, b in (line.split(",") for line in x[1:]))],
+        "are they milliseconds",
+    ),
+}
+
+
+@pytest.mark.parametrize("what", OWN)
+def test_what_a_procedure_refuses(what, bench, tmp_path):
+    procedure, change, said = OWN[what]
+    done = calibrate(procedure, change(bench[procedure]), tmp_path)
+    assert done.exit_code == 2, done.output
+    assert re.search(said, done.output, re.DOTALL), done.output
+
+
+NAMED = {
+    "an angle that is off": ("rudder", lambda x: put(x, 8, 1, "12"), "left out: line 8, column 'angle'"),
+    "a force that is off": ("thrust", lambda x: put(x, 8, 2, "3"), "left out: line 8, column 'force'"),
+    "a slope that is off": ("inertia", lambda x: put(x, 8, 2, "9"), "left out: line 8, column 'slope'"),
+    "one rudder angle": ("thrust", lambda x: x[:9], "the rudder stood at -40° only"),
+    "a packet that took long": ("link", lambda x: put(x, 8, 1, "3.6"), "sent at 0.6 s took 3.6 s"),
+}
+
+
+@pytest.mark.parametrize("what", NAMED)
+def test_what_is_fitted_and_named(what, bench, tmp_path):
+    procedure, change, said = NAMED[what]
+    done = calibrate(procedure, change(bench[procedure]), tmp_path)
+    assert done.exit_code == 0, done.output
+    assert said in " ".join(done.output.split())
+
+
+@pytest.mark.parametrize("procedure", FILES)
+def test_what_is_right_is_fitted(procedure, bench, tmp_path):
+    """Also below a comment, but for what a program records; nothing is left out of it, and nothing is wild."""
+    lines = bench[procedure] if procedure == "link" else ["# an afternoon", *bench[procedure]]
+    done = calibrate(procedure, lines, tmp_path)
+    assert done.exit_code == 0, done.output
+    assert "left out" not in done.output

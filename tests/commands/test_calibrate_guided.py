@@ -1,0 +1,50 @@
+"""The guided bench: each entry is checked as it is typed, saved at once, and gone on from."""
+
+from pathlib import Path
+
+from click.testing import CliRunner
+
+from trimtab.cli import main
+
+
+def walk(file: Path, procedure: str, *entries: str) -> str:
+    typed = "".join(f"{entry}\n" for entry in entries)
+    result = CliRunner().invoke(main, ["calibrate", "measure", procedure, str(file)], input=typed)
+    assert result.exit_code == 0, result.output
+    return result.output
+
+
+def test_it_checks_saves_and_goes_on(tmp_path: Path) -> None:
+    file = tmp_path / "reverse.csv"
+    shown = walk(file, "reverse", "0,4", "0.4", "400", "0.1", "q")
+    assert "'0,4' is no number: write 0.4" in shown
+    assert "400 N is not in 0 to 100 N" in shown
+    assert "Rudder straight" in shown
+    assert file.read_text().splitlines() == ["speed [rpm],forward [N],reverse [N],trial", "6000,0.4,0.1,1"]
+    again = walk(file, "reverse", "0.55", "0.15", "u", "0.5", "0.16", "q")
+    assert "1 of 14 measurements; going on" in again
+    assert file.read_text().splitlines()[1:] == ["6000,0.4,0.1,1", "7000,0.5,0.16,1"]
+
+
+def test_what_falls_where_it_should_rise_is_asked_again(tmp_path: Path) -> None:
+    file = tmp_path / "reverse.csv"
+    shown = walk(file, "reverse", "0.4", "0.30", "0.5", "0.05", "n", "0.5", "0.35", "q")
+    assert "far from its neighbours" in shown
+    assert file.read_text().splitlines()[-1] == "7000,0.5,0.35,1"
+
+
+def test_what_is_measured_is_calibrated(tmp_path: Path) -> None:
+    file = tmp_path / "trials.csv"
+    entries = [e for k in range(6) for e in ("1.1", f"{(0.94 + 0.003 * k) * (1 if k % 2 == 0 else -1.2):.4f}")]
+    shown = walk(file, "inertia", *entries)
+    assert f"now: trimtab calibrate inertia {file} --out boat.toml" in shown
+    found = CliRunner().invoke(main, ["calibrate", "inertia", str(file), "--json"])
+    assert found.exit_code == 0, found.output
+
+
+def test_another_s_file_is_left_alone(tmp_path: Path) -> None:
+    file = tmp_path / "other.csv"
+    file.write_text("a,b\n1,2\n")
+    result = CliRunner().invoke(main, ["calibrate", "measure", "thrust", str(file)])
+    assert result.exit_code == 2
+    assert file.read_text() == "a,b\n1,2\n"

@@ -1,0 +1,65 @@
+"""`trimtab export --verify`: what is typed beside it is heeded or refused, and never left out silently."""
+
+import json
+import shutil
+
+import pytest
+from click.testing import CliRunner
+
+from trimtab.cli import main
+
+NAME = "hovercraft/zero-velocity"
+needs_board = pytest.mark.skipif(
+    not (shutil.which("arm-none-eabi-gcc") and shutil.which("qemu-system-arm")), reason="no emulated board here"
+)
+
+
+def call(*words):
+    return CliRunner().invoke(main, ["export", *map(str, words)])
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    out = tmp_path_factory.mktemp("export") / "c"
+    assert call(NAME, "--out", out, "--steps", 200).exit_code == 0
+    return out
+
+
+@pytest.mark.parametrize(
+    "more", [(NAME,), ("--float", "single"), ("--fly",), ("--part", "loop"), ("--out", "x"), ("--steps", "5")]
+)
+def test_what_says_how_to_write_is_refused(more, folder):
+    done = call("--verify", folder, *more)
+    assert done.exit_code != 0
+    word = "a scenario" if more[0] == NAME else more[0]
+    assert f"{word} says what to write" in (done.output + str(done.exception))
+
+
+def test_a_folder_that_is_for_no_board_is_refused_on_one(folder, tmp_path):
+    other = tmp_path / "elsewhere"
+    shutil.copytree(folder, other)
+    (other / "autopilot.c").rename(other / "other.c")
+    done = call("--verify", other, "--target", "cortex-m7")
+    assert done.exit_code != 0
+    assert "was not exported for a board" in (done.output + str(done.exception))
+
+
+@needs_board
+def test_the_vectors_are_flown_on_the_board_that_is_the_target(folder):
+    plain = json.loads(call("--verify", folder, "--json").output)
+    assert "board" not in plain
+    there = json.loads(call("--verify", folder, "--target", "cortex-m7", "--json").output)
+    assert there["board"]["target"] == "cortex-m7"
+    assert there["board"]["instructions_per_step"]["median"] > 100
+    assert there["board"]["first_difference"] is None
+
+
+@needs_board
+def test_a_difference_on_the_board_is_a_failure(folder, tmp_path):
+    wrong = tmp_path / "wrong"
+    shutil.copytree(folder, wrong)
+    lines = (wrong / "vectors.csv").read_text().splitlines()
+    cells = lines[3].split(",")
+    cells[-1] = repr(float(cells[-1]) + 1.0)
+    (wrong / "vectors.csv").write_text("\n".join([*lines[:3], ",".join(cells), *lines[4:]]) + "\n")
+    assert call("--verify", wrong, "--target", "cortex-m7").exit_code != 0

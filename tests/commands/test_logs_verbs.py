@@ -1,0 +1,89 @@
+"""`trimtab plot`, `compare` and `completion`, as they are typed."""
+
+import json
+import os
+import subprocess
+import sys
+
+import pytest
+from click.testing import CliRunner
+
+from trimtab.cli import main
+
+REST = "hovercraft/zero-velocity"
+
+
+@pytest.fixture(scope="module")
+def flights(tmp_path_factory):
+    """A flight, and one of another mass."""
+    folder = tmp_path_factory.mktemp("flights")
+    for name, more in (("a", ()), ("b", ("--set", "world.vehicle.mass=2.7 kg"))):
+        done = call("run", REST, "--duration", "1", "--no-ideal", *more, "--out", str(folder / name))
+        assert done.exit_code == 0, done.output
+    return folder
+
+
+def call(*words):
+    return CliRunner().invoke(main, [str(word) for word in words])
+
+
+@pytest.mark.slow
+def test_plot_draws_the_signals_that_are_named(flights):
+    log, picture = flights / "a" / "run.mcap", flights / "some.svg"
+    done = call("plot", log, "truth.yaw_rate", "actuators.*", "--until", "500 ms", "--plot", picture, "--json")
+    assert done.exit_code == 0, done.output
+    said = json.loads(done.stdout)
+    assert said["signals"][0] == "truth.yaw_rate"
+    assert len(said["signals"]) > 2
+    assert said["rows"] == 500
+    assert "truth.yaw_rate" in picture.read_text()
+
+
+def test_plot_without_signals_draws_all_beside_the_log(flights):
+    assert call("plot", flights / "b" / "run.mcap").exit_code == 0  # the run's own picture lies there: it is trimtab's
+    refused = call("plot", flights / "b" / "run.mcap", "truth.yaw_rat")
+    assert refused.exit_code == 2
+    assert "truth.yaw_rate" in refused.stderr
+
+
+def test_compare_says_where_two_flights_differ(flights, tmp_path):
+    logs = (flights / "a" / "run.mcap", flights / "b" / "run.mcap")
+    done = call("compare", *logs, "--plot", tmp_path / "both.png")
+    assert done.exit_code == 1
+    assert done.stdout.startswith("DIFFERENT from 0.0")
+    assert (tmp_path / "both.png").is_file()
+    same = call("compare", logs[0], logs[0], "--json")
+    assert same.exit_code == 0
+    assert json.loads(same.stdout)["equal"] is True
+
+
+def test_compare_of_one_log_flies_it_again(flights):
+    done = call("compare", flights / "b" / "run.mcap", "--json")
+    assert done.exit_code == 0, done.output
+    said = json.loads(done.stdout)
+    assert said["equal"]
+    assert said["instants"] == 1000
+    assert said["compared"] > 40
+
+
+def complete(*words):
+    """What a shell is offered for the last word."""
+    given = {"_TRIMTAB_COMPLETE": "bash_complete", "COMP_WORDS": " ".join(words), "COMP_CWORD": str(len(words) - 1)}
+    code = "from trimtab.cli import main; main(prog_name='trimtab')"
+    done = subprocess.run([sys.executable, "-c", code], env=os.environ | given, capture_output=True, text=True)
+    return [line.partition(",")[2] for line in done.stdout.splitlines()]
+
+
+@pytest.mark.slow
+def test_a_shell_completes_verbs_scenarios_and_settings():
+    assert set(complete("trimtab", "com")) == {"compare", "completion"}
+    assert complete("trimtab", "run", "hovercraft/zero") == [REST]
+    assert call("list", REST).exit_code == 0
+    assert complete("trimtab", "run", REST, "--set", "world.vehicle.ma") == ["world.vehicle.mass="]
+
+
+@pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
+def test_completion_prints_a_script_of_the_shell(shell):
+    done = call("completion", shell)
+    assert done.exit_code == 0
+    assert "_TRIMTAB_COMPLETE" in done.stdout

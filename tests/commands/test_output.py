@@ -1,0 +1,114 @@
+"""What is printed: no number is cut however narrow the screen, what takes long says so, a typo is answered at once."""
+
+import os
+import re
+import subprocess
+import sys
+
+import pytest
+from click.testing import CliRunner
+
+from trimtab.cli import main
+from trimtab.commands import output
+
+REST = "hovercraft/zero-velocity"
+HEADINGS = ("signal", ">final", ">settled (s)", "meaning")
+CELLS = ("truth.yaw_rate", "-0.0123456789", "12345.678", "Rate of turn, which is long enough to be broken in lines.")
+
+
+@pytest.mark.parametrize("columns", [20, 40, 60, 80, 140, None])
+def test_no_number_is_cut_however_narrow_it_is(columns, monkeypatch, capsys):
+    monkeypatch.delenv("COLUMNS", raising=False)
+    monkeypatch.setenv("NO_COLOR", "1")
+    if columns is not None:
+        monkeypatch.setenv("COLUMNS", str(columns))
+    table = output.new_table(*HEADINGS, title="a table", unwrapped=("signal",))
+    table.add_row(*CELLS)
+    output.print_table(table)
+    said = capsys.readouterr().out
+    assert all(cell in said for cell in CELLS[:3])
+    assert " ".join(CELLS[3].split()) in " ".join(re.sub(r"\s+", " ", said).split()) or columns in (60, 80)
+    assert "…" not in said
+    assert "\x1b" not in said
+    assert max(map(len, said.splitlines())) <= (columns or 140) or columns == 20
+
+
+@pytest.mark.parametrize("columns", ["60", "80"])
+def test_a_run_on_a_narrow_screen_shows_what_a_wide_one_shows(columns, monkeypatch):
+    words = ["run", REST, "--duration", "1", "--no-ideal"]
+    monkeypatch.setenv("COLUMNS", "160")
+    wide = CliRunner().invoke(main, words).stdout
+    monkeypatch.setenv("COLUMNS", columns)
+    narrow = CliRunner().invoke(main, words).stdout
+    assert set(re.findall(r"-?\d+\.\d+", wide)) == set(re.findall(r"-?\d+\.\d+", narrow))
+    assert ("────" in narrow) == (columns == "80")  # a table still, on a terminal as it opens
+
+
+@pytest.mark.parametrize("columns", [58, 66, 80, 97, 110])
+def test_words_break_where_a_table_is_too_wide_and_are_never_cut(columns, monkeypatch, capsys):
+    monkeypatch.setenv("COLUMNS", str(columns))
+    monkeypatch.setenv("NO_COLOR", "1")
+    table = output.new_table("what", ">first in band (s)", ">settled (s)", "verdict", "meaning", unwrapped=("what",))
+    rows = [
+        ("yaw rate (rad/s)", "0.123", "12345.678", "pessimistic, on the whole", "how fast it turns round and round")
+    ]
+    rows += [("heading", "-", "-6.79e-05", "undecided", "")]
+    for row in rows:
+        table.add_row(*row)
+    output.print_table(table)
+    lines = capsys.readouterr().out.splitlines()
+    assert max(map(len, lines)) <= columns
+    assert any("──" in line for line in lines)
+    said = set(" ".join(lines).replace("─", "").split())
+    assert said == set(" ".join([*(c.header for c in table.columns), *(cell for row in rows for cell in row)]).split())
+    for row in rows:  # what stays on one line does
+        assert any(all(cell in line for cell in row[:3]) for line in lines)
+
+
+def test_a_flight_that_is_lost_ends_with_1_and_says_so_first():
+    words = ["run", REST, "--duration", "1", "--no-ideal", "--set", "initial.yaw_rate=1e200"]
+    done = CliRunner().invoke(main, words)
+    assert done.exit_code == 1, done.output
+    assert done.stdout.startswith("real:  LOST")
+
+
+def test_python_m_is_called_trimtab_too():
+    done = subprocess.run([sys.executable, "-m", "trimtab", "run", "--nothing"], capture_output=True, text=True)
+    assert done.returncode == 2
+    assert done.stderr.startswith("Usage: trimtab run ")
+    assert "-m trimtab" not in done.stderr
+    assert "\nFix: trimtab run " in done.stderr
+
+
+@pytest.mark.parametrize(
+    "words",
+    [("rum",), ("run", "hovercraft/spinn"), ("campaign", "hovercraft/spinn"), ("run", REST, "--set", "wrld.mass=3")],
+    ids=" ".join,
+)
+def test_a_typo_is_answered_before_anything_heavy_is_imported(words):
+    code = f"""
+import sys
+from click.testing import CliRunner
+from trimtab.cli import main
+done = CliRunner().invoke(main, {words!r})
+assert done.exit_code == 2, done.output
+assert "Fix: " in done.stderr, done.stderr
+print([name for name in ("jax", "numpy", "scipy", "rich") if name in sys.modules])
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert done.stdout == "[]\n", done.stderr
+
+
+def test_a_path_that_was_wrong_once_is_answered_at_once(tmp_path):
+    code = """
+import sys
+from click.testing import CliRunner
+from trimtab.cli import main
+done = CliRunner().invoke(main, ["run", "hovercraft/spin", "--set", "world.vehicle.mas=3"])
+assert done.exit_code == 2, done.output
+assert "world.vehicle.mass" in done.stderr
+print("jax" in sys.modules)
+"""
+    env = os.environ | {"TRIMTAB_CACHE": str(tmp_path)}
+    run = [subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=env) for _ in range(2)]
+    assert [done.stdout for done in run] == ["True\n", "False\n"], run[0].stderr + run[1].stderr

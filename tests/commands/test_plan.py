@@ -1,0 +1,50 @@
+"""`trimtab plan`: what it prints and writes, and refusals with exit code 2."""
+
+import json
+from pathlib import Path
+
+import pytest
+from click.testing import CliRunner
+
+from trimtab.cli import main
+
+HALL = Path(__file__).parents[2] / "examples" / "hall.toml"
+
+
+@pytest.mark.slow
+def test_it_writes_a_table_and_a_picture_and_says_how_to_fly(tmp_path):
+    table, picture = tmp_path / "plan.csv", tmp_path / "plan.png"
+    done = CliRunner().invoke(main, ["plan", str(HALL), "--out", str(table), "--plot", str(picture)])
+    assert done.exit_code == 0, done.output
+    assert f"trimtab run hovercraft/track --reference {table} --set law=horizon" in done.output
+    assert table.read_text().splitlines()[0] == "time [s],north [m],east [m],heading [deg]"
+    assert picture.read_bytes().startswith(b"\x89PNG")
+
+
+@pytest.mark.slow
+def test_json_has_what_matters(tmp_path):
+    done = CliRunner().invoke(main, ["plan", str(HALL), "--speed", "0.4", "--json"])
+    result = json.loads(done.output)
+    assert done.exit_code == 0
+    assert result["clearance_m"] >= 0.05
+    assert 20 < result["duration_s"] < 120
+    assert 9 < result["length_m"] < 18
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "says"),
+    [
+        ("radius = 0.35 ", "radius = 1.2 ", "is 0.80 m from what is nearest"),
+        ("north = -3\n", "north = -9\n", "lies in an obstacle or beyond the floor"),
+        ("[craft]", "[ship]", "nothing is called [ship]"),
+    ],
+)
+def test_it_is_refused_with_the_reason(old, new, says, tmp_path):
+    file = tmp_path / "hall.toml"
+    text = HALL.read_text()
+    assert old in text
+    file.write_text(text.replace(old, new, 1))
+    done = CliRunner().invoke(main, ["plan", str(file)])
+    assert done.exit_code == 2
+    assert says in done.output
+    assert "Fix:" in done.output

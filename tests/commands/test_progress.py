@@ -1,0 +1,131 @@
+"""What is said on standard error of how far a verb is, how long it takes and how large it gets."""
+
+import contextlib
+import os
+import pty
+import re
+import subprocess
+import sys
+import time
+from types import SimpleNamespace
+
+import pytest
+from click.testing import CliRunner
+
+from trimtab.cli import main
+from trimtab.commands import console, progress
+from trimtab.core.errors import InputError
+
+INLINE = "module://matplotlib_inline.backend_inline"
+"""What a notebook sets, whoever started it."""
+
+
+@pytest.mark.parametrize(
+    ("variables", "is_drawn"),
+    [({}, True), ({"JPY_PARENT_PID": "1"}, False), ({"TERM": "dumb"}, False), ({"MPLBACKEND": INLINE}, False)],
+)
+def test_a_spinner_turns_on_a_terminal_and_not_in_a_notebook(variables, is_drawn):
+    """A notebook's `!` gives a command a terminal, whose frames would all stand in the page."""
+    code = "import time\nfrom trimtab.commands.progress import show_spinner as show\n"
+    code += "with show('compiling'): time.sleep(0.2)"
+    own = (
+        {k: v for k, v in os.environ.items() if k not in ("JPY_PARENT_PID", "MPLBACKEND")}
+        | {"TERM": "xterm"}
+        | variables
+    )
+    screen, end = pty.openpty()
+    try:
+        subprocess.run([sys.executable, "-c", code], stderr=end, env=own, check=True)
+        os.write(end, b".")
+        said = os.read(screen, 100_000)
+    finally:
+        os.close(screen)
+        os.close(end)
+    assert (b"compiling" in said) == is_drawn, said
+    assert is_drawn or said == b"."
+
+
+def test_a_page_of_recorded_flights_says_which_logs_are_read(monkeypatch, tmp_path):
+    def refuse(file):
+        raise InputError("the log", "is read", fix="none")
+
+    said = []
+    monkeypatch.setattr(console, "show_spinner", lambda text: said.append(text) or contextlib.nullcontext())
+    monkeypatch.setattr("trimtab.console.recordings.load_recording", refuse)
+    files = [tmp_path / "flight.mcap", tmp_path / "vehicle.mcap"]
+    for file in files:
+        file.touch()
+    done = CliRunner().invoke(main, ["console", *map(str, files)])
+    assert done.exit_code == 2, done.output
+    assert said == [f"reading {files[0]} and {files[1]}"]
+
+
+def test_what_takes_long_says_how_long(monkeypatch, capsys):
+    clock = iter([10.0, 20.0, 30.0, 200.0, 201.0])
+    monkeypatch.setattr(progress.time, "monotonic", lambda: next(clock))
+    with progress.show_progress(1000) as tell:
+        for _ in range(4):
+            tell("flying", 10)
+    said = capsys.readouterr().err.splitlines()
+    assert re.fullmatch(r"flying: 20 of 1000, about 16 min more on \d+ cores?", said[0])
+    assert len(said) == 2  # not at 30 s, but at 200 s once more
+    with progress.show_progress(10) as tell:
+        tell("flying", 10)
+    assert capsys.readouterr().err == ""
+
+
+def test_how_long_it_takes_is_said_by_what_is_done_and_comes_true(capsys):
+    """400 pieces of 20 ms, told five at a time: 8 s are said from the first second on, within a factor of two."""
+    lines = progress._ProgressLines(400, lambda line: print(line, file=sys.stderr))
+    for _ in range(15):
+        time.sleep(0.1)
+        lines.add("flying", 5)
+    said = capsys.readouterr().err.splitlines()
+    assert len(said) == 1
+    seconds = re.fullmatch(r"flying: \d+ of 400, about (\d+) s more on \d+ cores?", said[0])
+    assert seconds, said
+    assert 3 < float(seconds[1]) < 14
+
+
+def fly_on_a_screen(total, monkeypatch):
+    """Five pieces of a second each, on a clock that is made up and a screen that can be drawn over."""
+    now = [100.0]
+    monkeypatch.setattr(progress.time, "monotonic", lambda: now[0])
+    monkeypatch.setattr(progress, "_can_redraw", lambda: True)
+    with progress.show_progress(total) as tell:
+        for _ in range(5):
+            tell("flying", 1)
+            now[0] += 1.0
+
+
+def test_what_takes_hours_is_said_once_on_a_screen_too(monkeypatch, capsys):
+    fly_on_a_screen(86_400, monkeypatch)
+    said = capsys.readouterr().err
+    assert len(re.findall(r"flying: 2 of 86400, about 24\.0 h more on \d+ cores?", said)) == 1
+    assert said.count(" more on ") == 1
+
+
+def test_what_takes_less_than_an_hour_leaves_no_line_on_a_screen(monkeypatch, capsys):
+    fly_on_a_screen(3500, monkeypatch)
+    assert " more on " not in capsys.readouterr().err
+
+
+@pytest.mark.parametrize(("seconds", "text"), [(89, "89 s"), (119, "119 s"), (180, "3 min"), (5401, "1.5 h")])
+def test_a_wait_is_said_in_what_people_count_in(seconds, text):
+    assert progress.format_wait(seconds) == text
+
+
+def test_a_short_campaign_says_nothing_of_time_or_room(tmp_path):
+    words = ("campaign", "hovercraft/spin", "--set", "duration=1", "--runs", "70", "--store", str(tmp_path / "a.zarr"))
+    done = CliRunner().invoke(main, words)
+    assert done.exit_code == 0, done.output
+    assert " more" not in done.stderr
+
+
+def test_a_disk_that_may_not_hold_the_rows_is_said_before_they_fly(tmp_path, monkeypatch):
+    """1000 rows of six numbers, two yes or no and that they are done: 51 bytes each; what is there counts no more."""
+    monkeypatch.setattr(progress.shutil, "disk_usage", lambda there: SimpleNamespace(free=50_000) if there else None)
+    words = ("campaign", "hovercraft/spin", "--set", "duration=1", "--store", str(tmp_path / "a.zarr"), "--runs")
+    said = "store: up to 51 kB more, but only 50 kB are free on the disk of"
+    assert said in CliRunner().invoke(main, [*words, "1000"]).stderr
+    assert "store: up to" not in CliRunner().invoke(main, [*words, "1000"]).stderr

@@ -1,0 +1,296 @@
+"""`trimtab trim`, `linearise` and `zeros`: points by words, tables, files, and refusals that say what to type."""
+
+import json
+from pathlib import Path
+
+import jax.numpy as jnp
+import numpy as np
+import pytest
+from click.testing import CliRunner
+
+from trimtab.cli import main
+from trimtab.core.errors import InputError
+from trimtab.core.record import Scalar, quantity, record, replace
+from trimtab.core.signals import Motion
+from trimtab.design.linear_file import read_linear
+from trimtab.run.design_point import find_point, smooth_model
+from trimtab.run.plant import load_plant, plant_of_vehicle
+
+CART = "examples/my_cart.py:scenario"
+OWN = """
+import jax.numpy as jnp
+from trimtab.design.model import model_of_functions
+
+def system():
+    return model_of_functions(lambda x, u: jnp.stack([x[1], -x[0] - x[1]**3 + u[0]]), ("x", "v"), ("F",))
+
+def number():
+    return 3
+"""
+
+
+@pytest.fixture
+def own(tmp_path):
+    file = tmp_path / "my_system.py"
+    file.write_text(OWN, encoding="utf-8")
+    return file
+
+
+def call(*words):
+    return CliRunner().invoke(main, [str(w) for w in words])
+
+
+def data(*words, code=0):
+    done = call(*words, "--json")
+    assert done.exit_code == code, done.output
+    return json.loads(done.stdout)
+
+
+def test_a_turn_with_friction_by_words():
+    """Conditions by name, units, a state that is free, a place that moves."""
+    friction = (
+        "--set",
+        "world.vehicle.friction.force_viscous=0.8",
+        "--set",
+        "world.vehicle.friction.torque_viscous=0.05",
+    )
+    at = ("--at", "surge_velocity=100 cm/s", "--at", "yaw_rate=10 deg/s")
+    found = data("trim", "hovercraft/forward", *at, *friction)
+    assert found["is_found"]
+    assert found["states"]["yaw_rate"] == pytest.approx(np.radians(10))
+    assert found["rates"]["heading"] == pytest.approx(np.radians(10))
+    assert found["rates"]["north"] != 0
+    moving = {"north", "east", "heading"}
+    assert all(abs(v) < 1e-12 for n, v in found["rates"].items() if n not in moving)
+    # the force at the tail turns against friction: -d FY = D r
+    assert found["inputs"]["FY"] == pytest.approx(-0.05 * np.radians(10) / 0.32)
+
+
+def test_there_is_none_and_it_says_why():
+    done = call("trim", "hovercraft/forward", "--at", "surge_velocity=1", "--at", "yaw_rate=0.2")
+    assert done.exit_code == 1
+    assert "NO trim" in done.output
+    assert "sway_velocity'" in done.output
+
+
+def test_rates_bounds_and_what_may_be_anything(own):
+    found = data("trim", own, "--at", "v'=0.5", "--at", "x'=any", "--at", "v=2", "--at", "x=0", "--at", "F=-100..100")
+    assert found["inputs"]["F"] == pytest.approx(8.5)
+    bound = data("trim", own, "--at", "v=0", "--at", "x=2", "--at", "F=0..1", code=1)
+    assert bound["at_bound"] == {"F": "high"}
+
+
+def test_poles_of_a_cart_and_its_file(tmp_path):
+    file = tmp_path / "model.json"
+    found = data("linearise", CART, "--out", file)
+    fast = max(m["pole"][0] for m in found["modes"])
+    g, length, bob, cart = 9.80665, 0.5, 0.1, 1.0
+    assert fast == pytest.approx(np.sqrt(g / length * (1 + bob / cart)), rel=5e-3)  # no drag
+    linear, about = read_linear(file)
+    assert about["vehicle"] == CART
+    np.testing.assert_array_equal(linear.A, found["A"])
+    assert found["files"] == [str(file)]
+    held = data("linearise", CART, "--state", "lean", "--state", "lean_rate")
+    assert np.shape(held["A"]) == (2, 2)
+
+
+@pytest.mark.slow
+def test_zeros_of_the_cart():
+    """Cart from force: the pole runs away at sqrt(g/l). Source: any book."""
+    found = data("zeros", CART, "--output", "position")
+    assert found["verdict"] == "non-minimum phase"
+    assert sorted(z["zero"][0] for z in found["zeros"]) == pytest.approx(
+        [-np.sqrt(9.80665 / 0.5), np.sqrt(9.80665 / 0.5)]
+    )
+    assert [z["is_right"] for z in found["zeros"]] == [True, False]
+    assert data("zeros", CART, "--output", "lean")["verdict"] != "non-minimum phase"
+    assert "1 inputs and 4 outputs" in call("zeros", CART).output
+
+
+@pytest.mark.slow
+def test_the_hypersonic_vehicle_by_name():
+    text = call("zeros", "hypersonic", "--output", "h", "--output", "V").output
+    assert "RIGHT: non-minimum phase" in text
+    assert "+3.2894" in text
+
+
+@pytest.mark.slow
+def test_the_loop_of_the_cart(tmp_path):
+    picture = tmp_path / "bode.png"
+    found = data("linearise", CART, "--closed-loop", "--plot", picture)
+    assert picture.stat().st_size > 5000
+    assert found["is_stable"]
+    assert found["delay"] == pytest.approx(0.04)
+    text = call("linearise", CART, "--closed-loop").output
+    assert "delay of the command 40 ms more, not 45 ms" in text
+    assert "force alone: crosses 1 at" in text
+    grown = call("linearise", CART, "--closed-loop", "--set", "autopilot.law.K=[[1,1,1,1]]", "--settle", "0.05")
+    assert "NOT stable" in grown.output or "does not rest" in grown.output
+
+
+@pytest.mark.slow
+def test_refusals_say_what_to_type(own):
+    for words, wanted in (
+        (("trim", "hovercraft/forwrd"), "trimtab trim hovercraft/forward"),
+        (("trim", CART, "--at", "leen=1"), "--at lean=1"),
+        (("trim", CART, "--at", "lean"), "--at force=free"),
+        (("trim", CART, "--at", "lean=much"), "NUMBER"),
+        (("trim", CART, "--at", "lean=1 kg"), "does not measure"),
+        (("trim", f"{own}:number"), "model_of_functions"),
+        (("trim", own, "--set", "a.b=1"), "leave --set out"),
+        (("linearise", CART, "--direct"), "add --closed-loop"),
+        (("linearise", CART, "--closed-loop", "--at", "lean=0"), "leave --at out"),
+        (("linearise", CART, "--closed-loop", "--round", "5", "--plot", "bode.png"), "leave --plot out"),
+        (("linearise", CART, "--round", "5"), "add --closed-loop"),
+        (("linearise", own, "--closed-loop"), "hovercraft/forward --closed-loop"),
+        (("linearise", "hovercraft/forward", "--closed-loop"), "--direct"),
+        (("linearise", CART, "--horizon", "0"), "above 0"),
+    ):
+        done = call(*words)
+        assert done.exit_code == 2, (words, done.output)
+        assert wanted in done.output, (words, done.output)
+
+
+def test_a_boat_without_a_place_is_at_rest_only_where_its_velocities_are_zero():
+    boat = str(Path(__file__).parents[2] / "examples" / "my_boat.py")
+    assert "\nat rest\n" in call("trim", boat, "--at", "surge_velocity=0").output
+    assert "in steady motion at surge_velocity 1 m/s" in call("trim", boat, "--at", "surge_velocity=1").output
+
+
+@pytest.mark.slow
+def test_a_quadrotor_hovers_unless_a_motion_is_asked_for():
+    """Its lift is its weight, and from rotors that stand it does not begin to fall. Weight: 4.34 kg by 9.81 m/s^2."""
+    plant = load_plant("quadrotor/track")
+    point = find_point(plant, ())
+    hover = dict(zip((*plant.model.states, *plant.model.inputs), (*point.x, *point.u), strict=True))
+    assert point.is_found
+    assert [hover[f"velocity.{n}"] for n in ("forward", "starboard", "down")] == pytest.approx([0, 0, 0], abs=1e-9)
+    assert 8e-5 * sum(hover[f"speed[{i}]"] ** 2 for i in range(4)) == pytest.approx(4.34 * 9.81)
+
+
+@pytest.mark.slow
+def test_at_rest_what_has_no_slope_is_left_out_and_refused_where_asked_for():
+    plant = load_plant("quadrotor/track")
+    point = find_point(plant, ())
+    model = smooth_model(plant, point)
+    assert not {"speed", "climb", "angle_of_attack", "sideslip"} & set(model.outputs)
+    with pytest.raises(InputError, match="stands still"):
+        smooth_model(plant, point, ("climb",))
+
+
+@pytest.mark.slow
+def test_a_quadrotor_moves_on_where_that_is_asked_for():
+    """Drag of 0.3 N s/m across tilts it, by drag over weight; it neither falls nor climbs to speak of."""
+    plant = load_plant("quadrotor/track")
+    point = find_point(plant, ("velocity.forward=1", "velocity.starboard=0", "velocity.down=0"))
+    flown = dict(zip(plant.model.states, point.x, strict=True))
+    assert flown["attitude.pitch"] == pytest.approx(-0.3 / (4.34 * 9.81), rel=1e-3)
+
+
+def test_a_servo_in_the_state_and_its_command_have_two_names():
+    done = call("trim", "vessel/path", "--at", "surge_velocity=0.5", "--at", "u.rudder=free", "--at", "heading=0.5")
+    assert done.exit_code == 0, done.output
+    assert "u.rudder" in done.output
+    assert "in steady motion: north by" in done.output
+    assert "--at surge_velocity" not in done.output
+
+
+@record
+class GliderState:
+    """A mass in the air, by speed, path angle, bank and course. Frames: W north-east-down. Source: this test."""
+
+    V: Scalar = quantity("m/s", "Speed.", default=50.0)
+    gamma: Scalar = quantity("rad", "Path, up.", default=-0.2, kind="angle")
+    bank: Scalar = quantity("rad", "Starboard wing down.", default=0.4, kind="angle")
+    course: Scalar = quantity("rad", "Clockwise from north.", default=0.3, kind="angle")
+    height: Scalar = quantity("m", "Over ground.", default=100.0)
+
+
+@record
+class GliderControls:
+    """Thrust and lift over mass, roll rate. Source: this test."""
+
+    thrust: Scalar = quantity("m/s^2", "Thrust over mass.", default=0.0)
+    lift: Scalar = quantity("m/s^2", "Lift over mass.", default=0.0)
+    roll: Scalar = quantity("rad/s", "Roll rate.", default=0.0)
+
+
+class Glider:
+    """Drag is V^2/1000 of its mass."""
+
+    def dynamics(self, t, x, u):
+        return GliderState(
+            V=u.thrust - x.V**2 / 1000 - 9.81 * jnp.sin(x.gamma),
+            gamma=(u.lift * jnp.cos(x.bank) - 9.81 * jnp.cos(x.gamma)) / x.V,
+            bank=u.roll,
+            course=u.lift * jnp.sin(x.bank) / (x.V * jnp.cos(x.gamma)),
+            height=x.V * jnp.sin(x.gamma),
+        )
+
+    def motion(self, t, x, u):
+        still, ahead = jnp.zeros(3), jnp.array([1.0, 0.0, 0.0])
+        angles = jnp.stack([x.bank, x.gamma, x.course])
+        return Motion(t, jnp.stack([0.0, 0.0, -x.height]), angles, x.V * ahead, still, still, still)
+
+
+def test_what_can_t_rest_flies_level_at_the_start_s_speed_height_and_course():
+    """A dive in a bank is no trim; level at 50 m/s drag takes 2.5 m/s^2 of thrust, and weight is lift."""
+    plant = plant_of_vehicle("glider", Glider(), GliderState(), GliderControls(lift=9.81))
+    point = find_point(plant, ()).require_trim()
+    assert dict(point.taken) == {"V": 50.0, "course": 0.3, "gamma": 0.0, "bank": 0.0}
+    assert point.undetermined_unknowns == ()
+    np.testing.assert_allclose(point.x, [50.0, 0.0, 0.0, 0.3, 100.0], atol=1e-9)
+    np.testing.assert_allclose(point.u, [2.5, 9.81, 0.0], atol=1e-9)
+    turn = find_point(plant, ("course'=0.1", "V=40")).require_trim()
+    assert turn.taken == {"course": 0.3, "gamma": 0.0}, "what is said is not taken, and a turn needs its bank"
+    assert turn.x[2] == pytest.approx(np.arctan(40 * 0.1 / 9.81))
+    assert find_point(plant, ("V=40", "bank=0", "course=0", "gamma=0")).taken == {}
+
+
+def test_of_what_stands_nothing_is_taken():
+    plant = plant_of_vehicle("glider", Glider(), replace(GliderState(), V=0.0), GliderControls(0.0, 9.81, 0.0))
+    assert "V" not in find_point(plant, ("V=30",)).taken
+
+
+@pytest.mark.slow
+def test_what_is_carried_along_a_path_rests_where_its_rate_is_zero():
+    """Velocity and attitude record its motion: as fast as you like they would leave every equation zero."""
+    plant = load_plant("navigation/aerial")
+    point = find_point(plant, ()).require_trim()
+    x = dict(zip(plant.model.states, point.x, strict=True))
+    assert point.taken == {}
+    assert [x[n] for n in ("velocity.forward", "velocity.starboard", "velocity.down")] == [0.0] * 3
+    assert x["attitude.roll"] == pytest.approx(0.0, abs=1e-9)
+    assert x["rate"] == pytest.approx(0.0, abs=1e-9)
+    for words in ("speed=30", "velocity.forward=free", "attitude.yaw'=0.1"):
+        with pytest.raises(InputError, match="is carried along") as said:
+            find_point(plant, (words,))
+        assert '"rate"' in str(said.value)
+
+
+def test_several_vehicles_together_have_a_trim():
+    point = find_point(load_plant("swarm/formation"), ()).require_trim()
+    assert point.taken == {}
+    assert not point.x[:15].any(), "all fifteen velocities"
+
+
+@pytest.mark.slow
+def test_the_f16_of_a_dive_is_trimmed_level():
+    """As its gains' own trim, which names what is free; the table says what was taken."""
+    from trimtab.scenarios.f16._gains import level_flight
+    from trimtab.vehicles.f16_flat_earth import F16FlatEarth
+    from trimtab.vehicles.imperial import FOOT
+
+    found = data("trim", "f16/gcas")
+    wanted = level_flight(F16FlatEarth(), 540 * FOOT, 1000 * FOOT)
+    np.testing.assert_allclose(list(found["states"].values()), wanted.x, atol=1e-8)
+    np.testing.assert_allclose(list(found["inputs"].values()), wanted.u, atol=1e-8)
+    assert found["taken"] == {"speed": 540 * FOOT, "yaw": 0.0, "beta": 0.0, "roll": 0.0}
+    assert found["undetermined"] == []
+    text = " ".join(call("trim", "f16/gcas", "--at", "speed=150").output.split())
+    assert "taken, as it can't rest: yaw 0 deg, beta 0 deg, roll 0 deg" in text
+    assert "--at yaw=free" in text
+    turn = data("trim", "f16/gcas", "--at", "yaw'=6 deg/s")
+    assert set(turn["taken"]) == {"speed", "yaw", "beta"}
+    coordinated = np.arctan(540 * FOOT * np.radians(6) / 9.80665)
+    assert turn["states"]["roll"] == pytest.approx(coordinated, abs=0.05)

@@ -1,0 +1,119 @@
+"""What is wrong, out of rows."""
+
+import math
+
+import pytest
+from console.flight import HELLO, SIGNALS
+
+from trimtab.console.alarms import ALARM, WARNING, Flight
+from trimtab.loop.supervisor_modes import (
+    CAUSES,
+    ENDED,
+    ENDED_BY,
+    FAULT,
+    FLYING,
+    HOLD,
+    LOST,
+    SPEED,
+    STANDBY,
+    explain_requests,
+)
+
+
+def flight(clock=100.0, **changed):
+    found = Flight(HELLO)
+    values = SIGNALS | {path.replace("__", "."): value for path, value in changed.items()}
+    found.take_row(1.0, clock, list(values.values()))
+    return found
+
+
+def alarms(found, now=100.0):
+    return {a.id: (a.level, a.text) for a in found.list_alarms(now)}
+
+
+def test_nothing_is_wrong_in_a_good_flight_nor_before_the_first_row():
+    assert alarms(flight()) == {}
+    assert alarms(Flight(HELLO)) == {}
+
+
+def test_an_autopilot_that_gives_no_rows_does_not_answer():
+    assert alarms(flight(), now=100.4) == {}
+    assert alarms(flight(), now=100.7) == {"mute": (ALARM, "the autopilot does not answer for 0.7 s")}
+
+
+@pytest.mark.parametrize(("age", "level"), [(0.27, None), (0.29, WARNING), (0.41, ALARM)])
+def test_an_age_is_warned_of_before_it_trips(age, level):
+    found = alarms(flight(estimate__age=age))
+    assert found.get("age-estimate", (None,))[0] == level
+
+
+@pytest.mark.parametrize(
+    ("mode", "cause", "level"), [(LOST, 12, ALARM), (FAULT, SPEED, ALARM), (ENDED, ENDED_BY, WARNING)]
+)
+def test_the_supervisors_mode(mode, cause, level):
+    found = alarms(flight(supervisor__mode=mode, supervisor__cause=cause))
+    ((shown, text),) = found.values()
+    assert shown == level
+    assert CAUSES[cause] in text
+
+
+def test_a_vehicle_that_was_armed_and_is_not():
+    found = flight()
+    found.take_row(2.0, 100.0, list((SIGNALS | {"vehicle.armed": 0.0}).values()))
+    assert "disarmed" in alarms(found)
+    assert "disarmed" not in alarms(flight(vehicle__armed=0.0))
+
+
+def test_many_overruns_at_a_time_are_shown_and_a_few_are_not():
+    found = flight(loop__overruns=3.0)
+    assert "overrun" not in alarms(found, 100.3)
+    for clock, overruns, is_warned in ((101.0, 23.0, False), (101.5, 24.0, True), (103.6, 24.0, False)):
+        found.take_row(3.0, clock, list((SIGNALS | {"loop.overruns": overruns}).values()))
+        assert ("overrun" in alarms(found, clock)) == is_warned, clock
+
+
+def test_requests_say_why_not():
+    requests = flight().explain_requests()
+    assert requests["hold"] == {"allowed": True, "why": ""}
+    assert requests["resume"] == {"allowed": False, "why": "it is flying, not on hold"}
+    assert flight(supervisor__mode=STANDBY, supervisor__check=1.0).explain_requests()["arm"] == {
+        "allowed": False,
+        "why": "estimate not valid",
+    }
+    assert flight(vehicle__armed=0.0).explain_requests()["arm"]["allowed"]
+    assert flight(vehicle__armed=0.0, supervisor__mode=ENDED).explain_requests()["arm"]["why"] == "clear it first"
+
+
+@pytest.mark.parametrize("mode", [STANDBY, FLYING, HOLD, LOST, FAULT, ENDED])
+def test_each_mode_explains_each_request(mode):
+    why = explain_requests(mode, 0)
+    assert set(why) == {"arm", "hold", "resume", "end", "clear"}
+    assert any(not text for text in why.values())
+
+
+def test_the_link_is_described_from_counts_and_ages():
+    found = flight(link__samples=100.0, link__lost=0.0)
+    found.describe_link({})
+    found.take_row(2.0, 101.0, list((SIGNALS | {"link.samples": 190.0, "link.lost": 10.0}).values()))
+    link = found.describe_link({"round_trip": 0.05})
+    assert link["rate"] == pytest.approx(90.0)
+    assert link["loss"] == pytest.approx(0.1)
+    assert link["down"] == pytest.approx(0.02)
+    assert link["up"] == pytest.approx(0.03)
+    assert flight().describe_link({})["loss"] is None
+    assert not any(isinstance(v, float) and math.isnan(v) for v in flight().describe_link({}).values())
+
+
+def test_a_formula_that_is_broken_is_an_alarm_as_long_as_it_is():
+    more = {"monitor.turn.robustness": 0.0, "monitor.turn.verdict": 0.0, "monitor.rest.verdict": 1.0}
+    hello = HELLO | {"signals": [*HELLO["signals"], *({"path": p, "modes": None} for p in more)]}
+    found = Flight(hello)
+    for verdict, robustness, wanted in (
+        (0.0, 0.0, {}),
+        (1.0, 0.5, {}),
+        (2.0, -0.125, {"monitor-turn": (ALARM, "turn is violated, robustness -0.125")}),
+        (1.0, 0.5, {}),
+    ):
+        values = SIGNALS | more | {"monitor.turn.verdict": verdict, "monitor.turn.robustness": robustness}
+        found.take_row(1.0, 100.0, list(values.values()))
+        assert alarms(found) == wanted

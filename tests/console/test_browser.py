@@ -1,0 +1,299 @@
+"""A person at the page: the real command, the real vehicle, and Chromium; screenshots are kept where CI is told to.
+
+TRIMTAB_SCREENSHOTS=shots pytest tests/console/test_browser.py
+"""
+
+import contextlib
+import os
+import re
+import shutil
+import subprocess
+import sys
+import time
+import urllib.error
+import urllib.request
+from pathlib import Path
+
+import pytest
+from live.pair import make_key
+
+from trimtab.native.compiler import find_compiler
+
+pytestmark = [
+    pytest.mark.alone,
+    pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here"),
+    pytest.mark.timeout(600),
+]
+START_S, PATIENCE_S = 280, 60
+SIZES = {"desk": (1280, 720), "tablet": (820, 1180)}
+THEMES = ("dark", "light")
+GAMEPAD = """
+window.pad = {connected: true, mapping: 'standard', id: 'a stub', index: 0, timestamp: 0, axes: [0, 0, 0, 0],
+              buttons: Array.from({length: 17}, () => ({pressed: false, value: 0}))};
+navigator.getGamepads = () => [window.pad];
+"""
+KEEP_BANNERS = """() => {
+    const banner = document.getElementById("banner"), text = document.getElementById("banner-text");
+    window.banners = [];
+    const keep = () => window.banners.push([banner.dataset.level, text.textContent]);
+    new MutationObserver(keep).observe(banner, {attributes: true, childList: true, characterData: true, subtree: true});
+}"""
+"""All that the banner says from here on: the link comes back before a slow machine has looked twice."""
+
+
+class Started:
+    """`trimtab console …` as a person starts it."""
+
+    def __init__(self, folder, *words):
+        if not (folder / "config").exists():
+            make_key(folder)
+        self._said = folder / "said.txt"
+        self.environment = {**os.environ, "TRIMTAB_CONFIG": str(folder / "config"), "PYTHONUNBUFFERED": "1"}
+        with self._said.open("w") as said:
+            command = [sys.executable, "-m", "trimtab", "console", *words]
+            self.process = subprocess.Popen(command, env=self.environment, stdout=said, stderr=subprocess.STDOUT)
+        self.url = self.find(r"console: (http\S+)")
+
+    def find(self, pattern):
+        end = time.monotonic() + START_S
+        while not (found := re.search(pattern, self._said.read_text())):
+            assert self.process.poll() is None, self._said.read_text()
+            assert time.monotonic() < end, self._said.read_text()
+            time.sleep(0.1)
+        return found[1]
+
+    def end(self):
+        self.process.terminate()
+        with contextlib.suppress(subprocess.TimeoutExpired):
+            self.process.wait(30)
+        self.process.kill()
+        return self._said.read_text()
+
+
+@pytest.fixture(scope="module")
+def browser():
+    """Chromium, Debian's; skipped without it, but awaited where continuous integration installs it."""
+    installing = os.environ.get("TRIMTAB_CI_TOOLS")
+    deadline = time.monotonic() + START_S
+    while installing and not Path(installing).exists() and time.monotonic() < deadline:
+        time.sleep(0.5)
+    path = shutil.which("chromium")
+    if path is None:
+        assert not installing
+        pytest.skip("needs Debian's chromium")
+    from playwright.sync_api import sync_playwright
+
+    with sync_playwright() as play:
+        started = play.chromium.launch(executable_path=path, args=["--no-sandbox"])
+        yield started
+        started.close()
+
+
+@pytest.fixture(scope="module")
+def flight(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("console")
+    started = Started(folder, "hovercraft/pilot", "--out", str(folder / "flown"))
+    started.folder = folder
+    yield started
+    started.end()
+
+
+@pytest.fixture(scope="module")
+def page(browser, flight):
+    """A page with a gamepad that the test moves."""
+    context = browser.new_context(viewport={"width": 1280, "height": 720}, color_scheme="dark")
+    context.add_init_script(GAMEPAD)
+    opened = context.new_page()
+    opened.set_default_timeout(PATIENCE_S * 1e3)
+    opened.problems = []
+    opened.on("pageerror", lambda error: opened.problems.append(str(error)))
+    opened.on("console", lambda m: opened.problems.append(m.text) if m.type == "error" else None)
+    opened.outside = []
+    opened.on("request", lambda request: opened.outside.append(request.url))
+    opened.goto(flight.url)
+    wait(opened, "trimtab.state.status && trimtab.source")
+    yield opened
+    context.close()
+
+
+def read(page, path):
+    """JavaScript: the newest value of a signal."""
+    return f"trimtab.source.rows.value('{path}', trimtab.source.row)"
+
+
+def wait(page, condition):
+    """Until it holds; asked from outside, for the page's own policy lets nobody evaluate texts in it."""
+    end = time.monotonic() + PATIENCE_S
+    while not page.evaluate(condition):
+        state = "JSON.stringify([trimtab.state.status, trimtab.state.stick, trimtab.state.failures])"
+        assert time.monotonic() < end, (condition, page.evaluate(state))
+        page.wait_for_timeout(50)
+
+
+def keep_picture(page, name):
+    folder = os.environ.get("TRIMTAB_SCREENSHOTS")
+    if folder:
+        page.screenshot(path=str(Path(folder) / f"{name}.png"))
+
+
+def test_without_the_token_there_is_no_page(flight):
+    for address in (flight.url.partition("?")[0], re.sub("token=.*", "token=guess", flight.url)):
+        with pytest.raises(urllib.error.HTTPError, match="403"):
+            urllib.request.urlopen(address, timeout=10)
+
+
+def test_the_page_is_at_an_address_without_the_token_and_asks_nobody_outside(page, flight):
+    assert "token" not in page.url
+    host = flight.url.partition("/?")[0]
+    assert all(url.startswith((host, host.replace("http", "ws"))) for url in page.outside), page.outside
+
+
+def test_a_flight_from_arming_to_the_space_bar(page, flight):
+    """Arm, forward by the gamepad, another gain and its effect, a lost link and its alarm, stop."""
+    assert not page.evaluate("trimtab.state.status.armed")
+    wait(page, "trimtab.state.status.requests.arm.allowed")
+    page.click("[data-request=arm]")
+    wait(page, "trimtab.state.status.armed")
+    page.keyboard.press("t")
+    wait(page, "trimtab.state.status.pilot === 'you'")
+    page.select_option("#stick-mode", "damped")
+    page.evaluate("window.pad.axes[1] = -1")
+    wait(page, f"{read(page, 'estimate.state.surge_velocity')} > 0.4")
+    keep_picture(page, "forward")
+
+    page.click("#tab-tune")
+    page.fill("#parameter-search", "law.surge_range")
+    field = page.locator("#parameters input[type=number]").first
+    field.fill("0.3")
+    field.press("Enter")
+    wait(page, f"{read(page, 'law.speed_reference')} < 0.31")
+    wait(page, f"{read(page, 'estimate.state.surge_velocity')} < 0.36")
+    keep_picture(page, "tuned")
+
+    link = flight.find(r"--link (\S+)")
+    words = ["inject", "hovercraft/pilot", "downlink off for 1500 ms", "--link", link, "--set", "navigation=ins"]
+    page.evaluate(KEEP_BANNERS)
+    subprocess.run([sys.executable, "-m", "trimtab", *words], env=flight.environment, check=True, capture_output=True)
+    wait(page, "window.banners.some(([level, text]) => level === 'alarm' && text.includes(' old, limit '))")
+    keep_picture(page, "link-lost")
+
+    page.keyboard.press("Space")
+    wait(page, "!trimtab.state.status.armed")
+    wait(page, f"{read(page, 'supervisor.mode')} === 5")
+    page.evaluate("window.pad.axes[1] = 0")
+    assert page.problems == []
+
+
+def test_it_flies_again_after_a_stop(page):
+    wait(page, "trimtab.state.status.requests.clear.allowed")
+    page.click("[data-request=clear]")
+    wait(page, "trimtab.state.status.requests.arm.allowed")
+    wait(page, "trimtab.state.status.checks.length && trimtab.state.status.checks.every((check) => check.ok)")
+    page.click("[data-request=arm]")
+    wait(page, "trimtab.state.status.armed")
+
+
+def test_a_page_that_hangs_holds_and_stops(page):
+    """Its thread stands still for five seconds, as in a debugger: the dead man's rule is in the other process."""
+    assert page.evaluate("trimtab.state.status.pilot") == "you"  # since before the stop
+    page.evaluate("() => { const end = performance.now() + 5000; while (performance.now() < end); }")
+    wait(page, "!trimtab.state.status.armed")
+    texts = page.locator("#events").all_inner_texts()
+    assert any("the flight is ended" in text for text in texts) or "ended" in page.content()
+
+
+@pytest.mark.parametrize("theme", THEMES)
+@pytest.mark.parametrize("size", SIZES)
+def test_nothing_is_cut_off_or_jumps(browser, flight, size, theme):
+    width, height = SIZES[size]
+    context = browser.new_context(viewport={"width": width, "height": height}, color_scheme=theme)
+    page = context.new_page()
+    page.goto(flight.url)
+    wait(page, "trimtab.state.status && trimtab.source && trimtab.source.rows.count > 20")
+    assert page.evaluate("document.documentElement.scrollWidth <= innerWidth")
+    stop = page.locator("#stop").bounding_box()
+    assert stop["y"] >= 0
+    assert stop["y"] + stop["height"] <= height
+    assert stop["x"] + stop["width"] <= width
+    assert min(stop["width"], stop["height"]) >= 60
+    time.sleep(1.0)
+    assert page.locator("#stop").bounding_box() == stop
+    keep_picture(page, f"{size}-{theme}")
+    context.close()
+
+
+def test_the_logs_say_what_was_done(flight):
+    from trimtab.logs.mcap import read_mcap
+
+    flight.end()
+    log = read_mcap(flight.folder / "flown" / "flight.mcap")
+    told = "\n".join(event["text"] for event in log.metadata["events"])
+    for text in ("has the stick", "parameter autopilot.law.surge_range[0] = 0.3", "console: alarm", "stopped from the"):
+        assert text in told, text
+
+
+@pytest.fixture(scope="module")
+def recorded(flight):
+    logs = [flight.folder / "flown" / name for name in ("flight.mcap", "vehicle.mcap")]
+    started = Started(flight.folder, *map(str, logs))
+    yield started
+    started.end()
+
+
+def test_a_recorded_flight_plays(browser, recorded):
+    page = browser.new_page(viewport={"width": 1280, "height": 720})
+    page.goto(recorded.url)
+    wait(page, "trimtab.source && trimtab.source.rows.count > 100")
+    first = page.evaluate("trimtab.source.time")
+    page.keyboard.press("Space")
+    wait(page, f"trimtab.source.time > {first} + 1")
+    keep_picture(page, "recording")
+    page.close()
+
+
+def test_a_hypersonic_flight_is_drawn_from_the_side(browser, tmp_path):
+    from trimtab.core.record import replace
+    from trimtab.core.time import ms, seconds
+    from trimtab.logs.mcap import write_mcap
+    from trimtab.run.simulate import simulate
+    from trimtab.scenarios.build import build
+
+    flown = replace(build("hypersonic/impulse"), duration=seconds(3))
+    write_mcap(simulate(flown, log_period=ms(5)), tmp_path / "run.mcap")
+    started = Started(tmp_path, str(tmp_path / "run.mcap"))
+    page = browser.new_page(viewport={"width": 1280, "height": 720})
+    page.goto(started.url)
+    wait(page, "trimtab.source && trimtab.source.rows.count > 100")
+    wait(page, "document.querySelectorAll('#readouts dd').length === 3")
+    texts = page.locator("#readouts dd").all_inner_texts()
+    assert all(re.fullmatch(r"[−-]?\d+\.\d+", text) for text in texts), texts
+    keep_picture(page, "hypersonic")
+    assert page.evaluate("trimtab.state.failures") == []
+    page.close()
+    started.end()
+
+
+@pytest.mark.parametrize("theme", THEMES)
+def test_a_flight_in_space_is_drawn_against_the_horizon(browser, tmp_path, theme):
+    from loop.lander import hover
+
+    from trimtab.core.time import ms
+    from trimtab.logs.mcap import write_mcap
+    from trimtab.run.simulate import simulate
+
+    write_mcap(simulate(hover(), log_period=ms(5), backend="jax"), tmp_path / "run.mcap")
+    started = Started(tmp_path, str(tmp_path / "run.mcap"))
+    page = browser.new_page(viewport={"width": 1280, "height": 720}, color_scheme=theme)
+    page.goto(started.url)
+    wait(page, "trimtab.source && trimtab.source.rows.count > 100")
+    wait(page, "document.querySelectorAll('#readouts dd').length === 3")
+    page.evaluate("trimtab.source.goTo(1)")
+    wait(page, "document.querySelector('#readouts').innerText.includes('climb')")
+    assert page.evaluate("trimtab.state.hello.view.kind") == "spatial"
+    assert page.locator("#attitude").bounding_box()["height"] > 100
+    rows = "[...document.querySelector('#attitude').getContext('2d').getImageData(100, 20, 1, 200).data]"
+    assert len(set(page.evaluate(rows))) > 3  # sky and earth
+    keep_picture(page, f"space-{theme}")
+    assert page.evaluate("trimtab.state.failures") == []
+    page.close()
+    started.end()

@@ -1,0 +1,105 @@
+"""A fix is in its reader's language: the library names arguments, and only the command line writes them as options."""
+
+import ast
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+import trimtab
+from trimtab.commands.verbs import OPTIONS, spell_option
+from trimtab.core.errors import InputError, argument, argument_name, spell_with, unknown_setting
+
+SOURCE = Path(trimtab.__file__).parent
+SAID_AT_A_TERMINAL = ("live/arming.py", "live/connection_problem.py", "live/preflight.py", "live/remote.py")
+SAID_AT_A_TERMINAL += ("wire/parameters.py",)
+"""What `trimtab fly` and `trimtab vehicle` say to those who typed them; it is on the line, too."""
+OF_COMPILERS = ("native/", "export/boards.py", "compiler/")
+COMMAND = r"(trimtab|export|python|dask|docker|typed|_command|link-test|vehicle and fly with)\b"
+OPTION = re.compile(r"(?<![\w,-])--[a-z{]")
+
+
+def option_texts(text: str) -> Iterator[tuple[int, str]]:
+    """Line and text of each string, no docstring, that has an option which stands in no whole command."""
+    if not OPTION.search(text):
+        return
+    tree = ast.parse(text)
+    docs = {id(n.value) for n in ast.walk(tree) if isinstance(n, ast.Expr)}
+    inner = {id(v) for n in ast.walk(tree) if isinstance(n, ast.JoinedStr) for v in n.values}
+    for node in ast.walk(tree):
+        if isinstance(node, ast.JoinedStr):
+            said = "".join(v.value if isinstance(v, ast.Constant) else ast.unparse(v) for v in node.values)  # pyright: ignore[reportCallIssue, reportArgumentType]
+        elif isinstance(node, ast.Constant) and isinstance(node.value, str) and id(node) not in docs | inner:
+            said = node.value
+        else:
+            continue
+        found = OPTION.search(said)
+        if found and not re.search(COMMAND, said[: found.start()]):
+            yield node.lineno, said
+
+
+LIBRARY = [
+    file
+    for file in sorted(SOURCE.rglob("*.py"))
+    if not file.relative_to(SOURCE).as_posix().startswith(("cli.py", "commands/", *OF_COMPILERS, *SAID_AT_A_TERMINAL))
+]
+
+
+def test_no_text_of_the_library_has_an_option_of_the_command_line():
+    wrong = [
+        f"{file.relative_to(SOURCE)}:{line}: {said}"
+        for file in LIBRARY
+        for line, said in option_texts(file.read_text("utf-8"))
+        if not said.startswith(("--target=wasm32", "-Wl", "As after --fault"))
+    ]
+    assert not wrong, "say argument(…), core/errors.py:\n" + "\n".join(wrong)
+
+
+@pytest.mark.parametrize(
+    "text",
+    ['fix = "--seed 0"', 'fix = f"try {x} --set {y}=1"', 'fix = f"--{name} 3"', "raise InputError('--runs', 'x')"],
+)
+def test_what_is_looked_for_is_found(text):
+    assert list(option_texts(text))
+
+
+@pytest.mark.parametrize("text", ['"""As after --set."""', 'fix = "trimtab run X --out DIR"', 'x = "-Wl,--entry=y"'])
+def test_what_may_be_said_is_not(text):
+    assert not list(option_texts(text))
+
+
+CASES = [
+    (("runs", 1000), "runs=1000", "--runs 1000"),
+    (("success", ["peak:yaw_rate <= 4"]), 'success=["peak:yaw_rate <= 4"]', "--success 'peak:yaw_rate <= 4'"),
+    (("faults", ["a", "b c"]), 'faults=["a", "b c"]', "--fault a --fault 'b c'"),
+    (("settings", "3.2", "a.mass"), 'settings={"a.mass": "3.2"}', "--set a.mass=3.2"),
+    (("settings", "20 ms", "a.period"), 'settings={"a.period": "20 ms"}', "--set a.period='20 ms'"),
+    (("settings", "[1,2]", "x[0]"), 'settings={"x[0]": "[1,2]"}', "--set 'x[0]=[1,2]'"),
+    (("spread", "normal(100%, 5%)", "m"), 'spread={"m": "normal(100%, 5%)"}', "--spread 'm=normal(100%, 5%)'"),
+    (("theory", False), "theory=False", "--no-theory"),
+    (("direct", True), "direct=True", "--direct"),
+    (("log_limit", None), "log_limit", "--log-limit"),
+    (("settings", None, "world.vehicle.mass"), "settings world.vehicle.mass", "--set world.vehicle.mass"),
+]
+
+
+@pytest.mark.parametrize(("given", "python", "option"), CASES)
+def test_each_reader_sees_its_own_language(given, python, option):
+    assert argument(*given) == python
+    with spell_with(spell_option):
+        assert argument(*given) == option
+        with spell_with(lambda outer, *rest: outer(*rest).upper()):
+            assert argument(*given) == option.upper()
+    assert argument(*given) == python
+
+
+def test_a_spelling_ends_with_what_was_run_in_it():
+    with pytest.raises(InputError, match="--set x"), spell_with(spell_option):
+        raise unknown_setting("settings", "x", ["y"])
+    assert argument_name("settings", "x") == "settings x"
+
+
+def test_options_that_are_named_otherwise_exist():
+    verbs = "".join(file.read_text("utf-8") for file in (SOURCE / "commands").glob("*.py") if file.stem != "verbs")
+    assert [option for option in OPTIONS.values() if f'"{option}"' not in verbs and f'("{option}' not in verbs] == []

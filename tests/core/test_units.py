@@ -1,0 +1,94 @@
+"""Units that people and loggers write, in SI and radians."""
+
+import math
+
+import pytest
+
+from trimtab.core.errors import InputError
+from trimtab.core.quantity import quantity
+from trimtab.core.units import NAMES, UNITS, check_symbols, find_size, find_unit
+
+DEG = math.pi / 180
+
+
+@pytest.mark.parametrize(
+    ("unit", "si", "size"),
+    [
+        ("deg", "rad", DEG),
+        ("dps", "rad/s", DEG),
+        ("rpm", "rad/s", 0.10471975511965977),
+        ("g", "m/s^2", 9.80665),
+        ("m/s/s", "m/s^2", 1),
+        ("gauss", "T", 1e-4),
+        ("mGauss", "T", 1e-7),
+        ("mT", "T", 1e-3),
+        ("cm", "m", 1e-2),
+        ("mm", "m", 1e-3),
+        ("us", "s", 1e-6),
+        ("µs", "s", 1e-6),
+        ("1e-7 deg", "rad", 1e-7 * DEG),
+        ("°/s", "rad/s", DEG),
+        ("gf", "N", 0.00980665),
+        ("lbf", "N", 4.4482216152605),
+    ],
+)
+def test_units(unit, si, size):
+    found = find_unit("here", unit)
+    assert found.name == si
+    assert found.scale == pytest.approx(size, rel=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("unit", "kept", "size"),
+    [
+        ("g", "kg", 1e-3),
+        ("g", "m/s^2", 9.80665),
+        ("krpm", "rpm", 1000),
+        ("Hz", "rpm", 60),
+        ("rad/s", "rpm", 9.549296585513721),
+        ("", "1", 1),
+        ("ozf", "N", 0.27801385095378125),
+        ("kg", "N", None),
+        ("", "N", None),
+    ],
+)
+def test_a_unit_of_what_is_measured(unit, kept, size):
+    """A gram where a mass is asked for; a fan's speed stays in rpm; no unit is none of a force."""
+    assert find_size(unit, kept) == (None if size is None else pytest.approx(size, rel=1e-12))
+
+
+def test_each_quantity_is_kept_in_a_unit_of_its_own_list():
+    assert {kept: sizes.get(kept) for kept, sizes in UNITS.items()} == dict.fromkeys(UNITS, 1.0)
+
+
+@pytest.mark.parametrize(
+    ("text", "said"), [("furlong", "no unit(.|\n)*Choices: 1, %"), ("1e- m", "begins with no number")]
+)
+def test_an_unknown_unit_is_refused(text, said):
+    with pytest.raises(InputError, match=said):
+        find_unit("here", text)
+
+
+def test_the_nearest_unit_is_offered():
+    with pytest.raises(InputError, match='Fix: unit = "rad/s"'):
+        find_unit("here", "rads/s")
+
+
+@pytest.mark.parametrize(
+    ("unit", "fix"), [("metre", '"m"'), ("Metres/s", '"m/s"'), ("kg/second^2", '"kg/s^2"'), ("N metres", '"N m"')]
+)
+def test_a_unit_that_is_spelled_out_is_refused_where_it_is_declared(unit, fix):
+    with pytest.raises(InputError, match="spelled out") as refused:
+        quantity(unit, "Of a vehicle.")
+    assert fix in refused.value.fix
+
+
+def test_symbols_are_not_taken_for_names():
+    for unit in [
+        *(u for sizes in UNITS.values() for u in sizes),
+        *NAMES.values(),
+        "1",
+        "(slug ft)^1/2/s",
+        "N m s^2/rad",
+    ]:
+        check_symbols(unit)

@@ -1,0 +1,40 @@
+"""Gramians against Lyapunov's equation and by hand, and the weakest direction in words."""
+
+import numpy as np
+import pytest
+from scipy.linalg import solve_continuous_lyapunov
+
+from trimtab.core.errors import InputError
+from trimtab.design.gramians import find_gramians, integrate_gramian
+from trimtab.design.linearise import linearise
+from trimtab.design.model import model_of_functions
+
+
+def linear(A, B, C, states):
+    A, B, C = (np.array(M, float) for M in (A, B, C))
+    return linearise(model_of_functions(lambda x, u: A @ x + B @ u, states, ("u",), h=lambda x, u: C @ x))
+
+
+def test_a_stable_one_over_a_long_time_solves_lyapunov():
+    A = np.array([[-1.0, 3.0, 0], [-2, -0.7, 1], [0, 0.5, -4]])
+    B = np.array([[1.0], [0.3], [-2]])
+    np.testing.assert_allclose(integrate_gramian(A, B, 60.0), solve_continuous_lyapunov(A, -B @ B.T), rtol=1e-10)
+
+
+def test_a_double_integrator_by_hand():
+    T = 3.0
+    W = integrate_gramian(np.array([[0.0, 1], [0, 0]]), np.array([[0.0], [1]]), T)
+    np.testing.assert_allclose(W, [[T**3 / 3, T**2 / 2], [T**2 / 2, T]], rtol=1e-12)
+
+
+def test_what_nothing_moves_or_sees_is_named():
+    found = find_gramians(linear([[-1, 0], [0, -2]], [[1], [0]], [[0, 1]], ("moved", "seen")), 2.0)
+    assert (found.hardly_moved.words, found.hardly_seen.words) == ("seen", "moved")
+    assert found.hardly_moved.size == 0
+    found = find_gramians(linear([[-1, 1], [0, -2]], [[0], [1]], [[1, 0]], ("a", "b")), 2.0)
+    assert found.hardly_moved.size > 1e-3
+
+
+def test_a_time_that_is_none_is_refused():
+    with pytest.raises(InputError, match="above 0"):
+        find_gramians(linear([[-1]], [[1]], [[1]], ("a",)), 0.0)

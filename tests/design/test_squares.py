@@ -1,0 +1,104 @@
+"""Sums of squares: completed, checked, and refused where they are none."""
+
+from fractions import Fraction
+
+import numpy as np
+import pytest
+
+from trimtab.design.polynomial import constant, symbol
+from trimtab.design.squares import (
+    DEFINITE,
+    NONNEGATIVE,
+    POSITIVE,
+    Claim,
+    GramForm,
+    Region,
+    SquaresProof,
+    WeightedSquares,
+    complete_squares,
+    find_fault,
+    has_growing_forms,
+)
+
+x, y, a, b = (symbol(n) for n in "xyab")
+ONE = constant(1)
+PLANE = Region(("x", "y"), ("a", "b"), {"x": constant(0), "y": constant(0)})
+
+
+def fraction_matrix(rows):
+    return np.array([[Fraction(v) for v in row] for row in rows], object)
+
+
+def by_squares(*pairs, times=""):
+    return WeightedSquares(times, *(tuple(column) for column in zip(*pairs, strict=True)))
+
+
+def proof(*terms, scale=ONE):
+    return SquaresProof(scale, terms)
+
+
+def test_squares_are_completed_exactly():
+    p = a * x**2 + 2 * a * x * y + (a + b) * y**2 + 3
+    squares = complete_squares(p, PLANE)
+    assert squares.value() == p
+    claim = Claim("p", p, {}, POSITIVE)
+    assert find_fault(claim, proof(squares), PLANE) == ""
+    for indefinite in (x**2 - y**2, x * y, x**2 + 3 * x * y + y**2, x**3, x**2 - 1):
+        with pytest.raises(ArithmeticError):
+            complete_squares(indefinite, PLANE)
+
+
+def test_squares_about_another_point():
+    there = Region(("x", "y"), ("a",), {"x": a, "y": constant(2)})
+    p = (x - a) ** 2 + a * (y - 2 + x - a) ** 2
+    squares = complete_squares(p, there)
+    assert squares.value() == p
+    assert find_fault(Claim("p", p, {}, DEFINITE), proof(squares), there) == ""
+    assert "elsewhere" in find_fault(Claim("p", p, {}, DEFINITE), proof(squares), PLANE)
+
+
+def test_definite_means_at_rest_only():
+    flat = Claim("flat", (x - y) ** 2, {}, DEFINITE)
+    whole = proof(by_squares((ONE, x - y)))
+    assert find_fault(flat, whole, PLANE) == "the sum vanishes elsewhere than at rest: y = x"
+    assert find_fault(flat._replace(says=NONNEGATIVE), whole, PLANE) == ""
+    assert not has_growing_forms(whole, PLANE)
+
+
+def test_what_does_not_grow_in_every_direction():
+    """x^2 + (x y - 1)^2 is known to be positive everywhere, but comes as near to zero as one likes."""
+    assert not has_growing_forms(proof(by_squares((ONE, x), (ONE, x * y - 1))), PLANE)
+    assert has_growing_forms(proof(by_squares((ONE, x + y), (a, y), (ONE, x**3))), PLANE)
+
+
+def test_a_quartic_by_its_gram_matrix():
+    """Parrilo 2003, example 3.5: 2 x^4 + 2 x^3 y - x^2 y^2 + 5 y^4."""
+    p = 2 * x**4 + 2 * x**3 * y - x**2 * y**2 + 5 * y**4
+    z = (x * x, y * y, x * y)
+    good = GramForm(
+        "", z, fraction_matrix([[2, -3 + Fraction(1, 10), 1], [-3 + Fraction(1, 10), 5, 0], [1, 0, "24/5"]])
+    )
+    assert good.value() == p
+    assert find_fault(Claim("p", p, {}, DEFINITE), proof(good), PLANE) == ""
+    bad = GramForm("", z, fraction_matrix([[2, 0, 1], [0, 5, 0], [1, 0, -1]]))
+    assert bad.value() == p
+    assert "not positive definite" in find_fault(Claim("p", p, {}, DEFINITE), proof(bad), PLANE)
+
+
+def test_hypotheses_are_used_as_they_are_given():
+    """1 - x > 0 and 1 + x > 0 imply 1 - x^2 > 0: (1 - x)^2 (1 + x) + (1 + x)^2 (1 - x) = 2 (1 - x^2)."""
+    claim = Claim("inside", 1 - x * x, {"right": 1 - x, "left": 1 + x}, NONNEGATIVE)
+    terms = (by_squares((ONE, 1 - x), times="left"), by_squares((ONE, 1 + x), times="right"))
+    assert find_fault(claim, proof(*terms, scale=constant(2)), PLANE) == ""
+    assert "differs from the claim" in find_fault(claim, proof(*terms), PLANE)
+    assert "no hypothesis" in find_fault(claim._replace(hypotheses={"left": 1 + x}), proof(*terms), PLANE)
+    assert "no term" in find_fault(claim._replace(says=POSITIVE), proof(*terms, scale=constant(2)), PLANE)
+
+
+def test_weights_and_scales_are_positive_or_refused():
+    claim = Claim("p", a * x**2, {}, NONNEGATIVE)
+    assert find_fault(claim, proof(by_squares((a, x))), PLANE) == ""
+    assert "weight" in find_fault(claim, proof(by_squares((a + b, x), (-b, x))), PLANE)
+    assert "weight" in find_fault(claim, proof(by_squares((a * x**2, ONE))), PLANE)
+    assert "scale" in find_fault(claim, proof(by_squares((a, x)), scale=constant(0)), PLANE)
+    assert "not known" in find_fault(claim, proof(by_squares((a, symbol("z")))), PLANE)

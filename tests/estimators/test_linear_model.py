@@ -1,0 +1,72 @@
+"""The filter of a linear model, instant by instant: samples that are late, not finite or old; disturbance."""
+
+import jax
+import numpy as np
+import pytest
+
+from examples.my_tank import FIRST, Push, Tank, TankState
+from trimtab.core.record import replace
+from trimtab.core.signals import Frame, new_sample
+from trimtab.core.time import ms
+from trimtab.loop.linear_filter import design_filter
+from trimtab.sensors.planar_pose import NoisyPlanarPose, PlanarPoseState
+
+T = ms(10)
+
+
+@pytest.fixture(scope="module")
+def estimator():
+    words = (Tank(), TankState(), Push(), {"pose": NoisyPlanarPose()}, {"pose.north": 0.002}, FIRST)
+    return design_filter(*words, {"slosh_rate": 0.3}, period=T)
+
+
+def frame(t, north, measured=None, force=0.0):
+    pose = new_sample(t if measured is None else measured, PlanarPoseState(0.0, 0.0, 0.0, 0.0, north, 0.0))
+    return Frame(t=t, samples={"pose": pose, "actuators": new_sample(t, Push(np.float64(force)))})
+
+
+def fly(estimator, *frames):
+    state, step = estimator.init(None), jax.jit(estimator.step)
+    for one in frames:
+        state, estimate = step(one.t, state, one)
+    return state, estimate
+
+
+def test_a_sample_is_used_once_and_only_while_it_is_new(estimator):
+    state, first = fly(estimator, frame(0, 0.1))
+    assert (int(first.used), bool(first.valid), bool(first.fresh)) == (1, True, True)
+    assert float(first.state.position) == pytest.approx(0.1, abs=1e-4)
+    _, again = estimator.step(T, state, frame(T, 0.3, measured=0))
+    assert (int(again.used), float(again.nis), float(again.age)) == (0, 0.0, 0.01)
+    _, late = estimator.step(5 * T, state, frame(5 * T, 0.3, measured=T))
+    assert int(late.used) == 0
+    _, new = estimator.step(T, state, frame(T, 0.3))
+    assert int(new.used) == 1
+
+
+def test_what_is_not_finite_is_not_used(estimator):
+    state, before = fly(estimator, frame(0, 0.1))
+    _, after = estimator.step(T, state, frame(T, np.nan, force=np.nan))
+    assert int(after.used) == 0
+    assert np.isfinite(np.asarray(after.P)).all()
+    assert np.isfinite(float(after.state.velocity))
+    assert float(after.P[0]) > float(before.P[0])
+
+
+def test_between_its_periods_the_estimate_is_held(estimator):
+    state, before = fly(estimator, frame(0, 0.1))
+    _, held = estimator.step(T // 2, state, frame(T // 2, 0.3))
+    assert (int(held.used), float(held.state.position)) == (0, float(before.state.position))
+    np.testing.assert_array_equal(held.P, before.P)
+
+
+def test_nothing_is_valid_before_a_measurement(estimator):
+    _, estimate = fly(estimator, frame(0, np.nan))
+    assert not bool(estimate.valid)
+
+
+def test_a_disturbance_keeps_the_filter_awake(estimator):
+    still = replace(estimator, Qd=np.zeros((4, 4)))
+    frames = [frame(k * T, 0.0) for k in range(300)]
+    awake, asleep = (fly(one, *frames)[1].P[-1] for one in (estimator, still))
+    assert float(awake) > 4 * float(asleep)

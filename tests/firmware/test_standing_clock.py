@@ -1,0 +1,52 @@
+"""An emulated board in lockstep: its time stands still until the command of an instant has come."""
+
+import shutil
+from contextlib import closing
+
+import pytest
+from firmware.board import emulator
+from firmware.conftest import build_elf
+from firmware.host import KEY
+from firmware.peer import Peer
+
+
+@pytest.fixture(scope="module")
+def peer(written, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("lockstep")
+    shutil.copytree(written.folder, folder / "board")
+    image = build_elf(folder / "board", "LOCKSTEP=1")
+    with emulator(image, folder) as port, closing(Peer(port, written.dialect, KEY)) as other:
+        yield other
+
+
+def instants(heard):
+    return [m.get("t") for _, m in heard if m.name == "INSTANT"]
+
+
+def command(peer, t):
+    peer.send("COMMAND", t=t, valid=True, rudder_pulse=1.5e-3, speed_rpm=6000.0)
+
+
+def test_time_goes_on_with_the_command_of_the_instant_and_with_no_other(peer):
+    assert instants(peer.listen(0.2)) == []  # nobody with the key has spoken
+    peer.send("COMMAND_LONG", target_system=1, command=400, param1=1.0)
+    first = peer.listen(5.0, lambda m: m.name == "INSTANT") + peer.listen(0.2)
+    assert instants(first) == [0]
+    counted = [m.get("samples") for _, m in first if m.name == "INSTANT"]
+    assert counted == [sum(m.name.startswith("SAMPLE_") for _, m in first)] == [1]
+    command(peer, 10_000)  # of an instant that has not come
+    peer.heartbeat()
+    assert instants(peer.listen(0.2)) == []
+    command(peer, 0)
+    assert instants(peer.listen(5.0, lambda m: m.name == "INSTANT")) == [10_000]
+    assert instants(peer.listen(0.2)) == []
+
+
+def test_commands_reach_the_pulses_a_tick_later_by_the_boards_time(peer):
+    heard = peer.listen(0.1)
+    for t in range(10_000, 300_000, 10_000):
+        command(peer, t)
+        heard += peer.listen(5.0, lambda m: m.name == "INSTANT")
+    assert instants(heard)[-1] == 300_000
+    servos = [(m.get("time_usec"), m.get("servo3_raw")) for _, m in heard if m.name == "SERVO_OUTPUT_RAW"]
+    assert servos[-1] == (20_000, 2000)  # the lift fan turns from the first frame on

@@ -1,0 +1,131 @@
+"""Virtual target: V falls as the proof says, the car comes to the path from everywhere, and what is refused."""
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+import pytest
+
+from trimtab.core.errors import InputError
+from trimtab.core.record import replace
+from trimtab.core.reference import Circle, FigureEight, pass_waypoints
+from trimtab.core.signals import Estimate
+from trimtab.laws.virtual_target import BEGIN, VirtualTarget, VirtualTargetState
+from trimtab.run.simulate import simulate_batch
+from trimtab.scenarios.build import build
+from trimtab.scenarios.dubins.path import GOALS
+from trimtab.vehicles.dubins_car import DubinsCar, DubinsCarState
+
+NIMBLE = DubinsCar(speed=1.2, radius=1e-3)
+"""Turns as tightly as it is told: with it the law is never at its limit."""
+LAW = VirtualTarget(reference=FigureEight(ease=0.0), craft=NIMBLE)
+RNG = np.random.default_rng(3)
+CASES = [(DubinsCarState(*RNG.normal(0, [2, 2, 2])), RNG.uniform(0, 25)) for _ in range(12)]
+
+
+def ask(law, x, progress, valid=True, dt=0.01):
+    estimate = Estimate(t=0, age=0.0, fresh=True, valid=jnp.asarray(valid), state=x, stick=None, dt=dt)
+    return law.step(0, VirtualTargetState(progress), estimate)
+
+
+@pytest.mark.parametrize(("x", "progress"), CASES)
+def test_its_lyapunov_function_falls_as_the_proof_says(x, progress):
+    """V' = -k1 a^2 - k2 q^2/g along the closed loop, of which only the car's equations are known here."""
+    new, out = ask(LAW, x, progress)
+    rates = NIMBLE.dynamics(0.0, x, out.demand), (new.progress - progress) / 0.01
+    start = jax.tree.map(jnp.asarray, (x, progress))
+    _, slope = jax.jvp(lambda x, s: ask(LAW, x, s)[1].lyapunov, start, jax.tree.map(jnp.asarray, rates))
+    a, q = float(out.along_track), float(out.heading_error)
+    assert not out.saturated
+    assert float(slope) == pytest.approx(-LAW.k1 * a**2 - LAW.k2 * q**2 / LAW.g, rel=1e-9, abs=1e-9)
+
+
+CIRCLE = Circle(radius=2.0, period=12.0, ease=0.0)
+
+
+def test_on_the_path_it_turns_as_the_path_does():
+    """A quarter of the way round, heading south."""
+    out = ask(replace(LAW, reference=CIRCLE), DubinsCarState(0.0, 2.0, np.pi), 3.0)[1]
+    assert float(out.demand.turn_rate) == pytest.approx(1.2 / 2.0)
+    assert [out.cross_track, out.along_track, out.heading_error] == pytest.approx([0.0, 0.0, 0.0], abs=1e-12)
+
+
+def test_it_steers_back_and_asks_no_more_than_the_car_has():
+    law = VirtualTarget(reference=CIRCLE)
+    outside, far = (ask(law, DubinsCarState(0.0, e, np.pi), 3.0)[1] for e in (2.1, 4.0))
+    assert outside.cross_track < 0  # to the left of a path that turns to the right
+    assert outside.demand.turn_rate > 1.0 / 2.0
+    assert far.saturated
+    assert float(far.demand.turn_rate) == pytest.approx(1.0 / 0.8)
+
+
+def test_before_its_beginning_the_path_is_straight():
+    """The target runs back along the first tangent, as far as it is behind, and doesn't turn yet."""
+    law, x, w = replace(LAW, reference=CIRCLE), np.array([2.0, -3.0]), 2 * np.pi / 12
+    angle, pace = w * BEGIN, 2.0 * w
+    ahead, right = np.array([-np.sin(angle), np.cos(angle)]), -np.array([np.cos(angle), np.sin(angle)])
+    target = 2.0 * np.array([np.cos(angle), np.sin(angle)]) + (-2.0 - BEGIN) * pace * ahead
+    new, out = ask(law, DubinsCarState(*x, np.pi / 2 + angle), -2.0)
+    assert [out.north_reference, out.east_reference] == pytest.approx(target, abs=1e-12)
+    along, across = (x - target) @ ahead, (x - target) @ right
+    assert [out.along_track, out.cross_track] == pytest.approx([along, across], abs=1e-12)
+    assert float(out.demand.turn_rate) == pytest.approx(-law.g * across * 1.2, abs=1e-12)
+    assert float(new.progress) == pytest.approx(-2.0 + 0.01 * (1.2 + law.k1 * along) / pace)
+    away = ask(law, DubinsCarState(2.0, -1.0, -np.pi / 2), 0.0)[0]
+    assert away.progress < 0.0
+
+
+def test_the_target_stands_still_without_an_estimate():
+    assert ask(LAW, CASES[0][0], 3.0, valid=False)[0].progress == 3.0
+
+
+def drive(law, x, seconds, dt=0.05):
+    """Where the car is after so long, and what the law said last."""
+    state = law.init(None)
+
+    def step(x, state):
+        estimate = Estimate(t=0, age=0.0, fresh=True, valid=jnp.asarray(True), state=x, stick=None, dt=dt)
+        state, out = law.step(0, state, estimate)
+        x = jax.tree.map(lambda v, d: v + dt * d, x, law.craft.dynamics(0.0, x, out.demand))
+        return x, state, out
+
+    step, out = jax.jit(step), None
+    x, state = jax.tree.map(jnp.float64, (x, state))
+    for _ in range(int(seconds / dt)):
+        x, state, out = step(x, state)
+    return x, out
+
+
+def test_from_rest_to_rest_it_goes_straight_on_beyond_the_end():
+    """A path that begins and ends at rest has a direction there: that which it sets out in, and that which it had."""
+    law = VirtualTarget(reference=pass_waypoints(((0.0, 0.0), (4.0, 0.0), (8.0, 3.0)), 0.5))
+    x, out = drive(law, DubinsCarState(-1.0, 0.1, 0.0), 6.0)
+    assert abs(float(out.cross_track)) < 0.02
+    assert float(x.north) > 3.0
+    x, out = drive(law, DubinsCarState(-1.0, 0.1, 0.0), 20.0)
+    last = law.reference.at(law.reference.times[-1] - 0.1).velocity
+    assert float(x.heading) == pytest.approx(float(np.arctan2(last[1], last[0])), abs=0.02)
+    assert np.hypot(x.north - 8.0, x.east - 3.0) > 5.0
+    assert abs(float(out.cross_track)) < 0.02
+    assert out.along_track == 0.0
+
+
+@pytest.mark.parametrize("runs", [100, pytest.param(1000, marks=pytest.mark.slow)])
+def test_the_car_comes_to_the_path_from_everywhere(runs):
+    """From within 2 m of its beginning, at any heading, turned away too."""
+    rng = np.random.default_rng(5)
+    spread = {f"initial.{name}": rng.uniform(-2, 2, runs) for name in ("north", "east")}
+    spread["initial.heading"] = rng.uniform(-np.pi, np.pi, runs)
+    batch = simulate_batch(build("dubins/path", {"duration": "20 s"}).ideal(), seeds=[0] * runs, spread=spread)
+    north, east, heading = GOALS["LSR"]
+    h = np.deg2rad(heading)
+    across = np.cos(h) * (batch.final["truth.east"] - east) - np.sin(h) * (batch.final["truth.north"] - north)
+    assert np.abs(across).max() < 2e-3  # off the line on which it goes on beyond the goal
+    assert np.abs(np.sin(batch.final["truth.heading"] - h)).max() < 2e-3
+    assert np.cos(batch.final["truth.heading"] - h).min() > 0
+
+
+def test_a_path_with_bends_too_tight_is_refused():
+    tight = VirtualTarget(reference=Circle(radius=0.5, period=6.0, ease=0.0))
+    with pytest.raises(InputError, match=r"circle of 0\.50 m"):
+        tight.check_duration(10.0)
+    replace(tight, craft=DubinsCar(radius=0.5)).check_duration(10.0)

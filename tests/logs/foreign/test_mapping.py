@@ -1,0 +1,42 @@
+"""Mapping files: what they cannot say is refused."""
+
+import pytest
+from logs.foreign.written import gyro
+
+from trimtab.core.errors import InputError
+from trimtab.logs.foreign import read_foreign
+from trimtab.logs.foreign.mapping import parse_mapping
+
+WRONG_MAPPINGS = {
+    "nothing": ({}, r"names no sensor(.|\n)*\[sensor.imu\]"),
+    "key": ({"sensors": {}}, r"'sensors' is no key(.|\n)*write sensor"),
+    "section": ({"sensor": {"imu": 3}}, r"it is a table"),
+    "field": ({"sensor": {"imu": {"fields": {"w": {"column": "x"}}}}}, r"'column' is no key(.|\n)*from, unit"),
+    "source": ({"sensor": {"imu": {"fields": {"w": {"unit": "m"}}}}}, r"does not say where it comes from"),
+    "unit": ({"sensor": {"imu": {"fields": {"w": gyro("x", "degs/s")}}}}, r"\[sensor.imu\], w, unit: 'degs/s' is no"),
+    "near unit": ({"sensor": {"imu": {"fields": {"w": gyro("x", "degs/s")}}}}, r"Fix: unit = \"deg/s\""),
+    "sign": ({"sensor": {"imu": {"fields": {"w": gyro(["x", "y"], sign=[1, 1, 1])}}}}, r"sign has 3 numbers"),
+    "sign of text": ({"sensor": {"imu": {"fields": {"w": gyro("x", sign="-")}}}}, r"is no list of numbers"),
+    "quaternion": ({"sensor": {"imu": {"fields": {"w": {"quaternion": ["x"]}}}}}, r"w, x, y, z in this order"),
+    "no columns": ({"sensor": {"imu": {"fields": {"w": gyro([])}}}}, r"names no columns"),
+    "no fields": ({"sensor": {"imu": {"topic": "x"}}}, r"has no fields"),
+    "where": ({"sensor": {"imu": {"where": {"I": "0"}}}}, r"where: I = '0' is no number"),
+    "place": ({"sensor": {"gps": {"geodetic": {"latitude": "Lat"}}}}, r"does not say longitude"),
+    "truth": ({"sensor": {"imu": {"fields": {"w": gyro("x")}}}, "truth": 1}, r"it is a table"),
+}
+
+
+@pytest.mark.parametrize("name", WRONG_MAPPINGS)
+def test_a_mapping_that_says_something_else_is_refused(name):
+    content, said = WRONG_MAPPINGS[name]
+    with pytest.raises(InputError, match=said):
+        parse_mapping(content)
+
+
+def test_a_mapping_that_is_no_toml_is_refused(tmp_path, ulog):
+    file = tmp_path / "map.toml"
+    file.write_text("[sensor.imu\n")
+    with pytest.raises(InputError, match=r"map.toml': is not TOML: .*line 1"):
+        read_foreign(ulog, file)
+    with pytest.raises(InputError, match="cannot be read"):
+        read_foreign(ulog, tmp_path / "none.toml")

@@ -1,0 +1,82 @@
+"""Which format a file has, and which is ours; CSV: units in its line of names, gaps, and what is no log."""
+
+import numpy as np
+import pytest
+from logs.foreign.ros_files import write_json_mcap
+from logs.foreign.written import DEG, GYRO, mapping
+
+from trimtab.core.errors import InputError
+from trimtab.logs.foreign import is_own_log, list_topics, read_foreign
+from trimtab.logs.foreign.mapping import parse_mapping
+from trimtab.logs.mcap import read_mcap, write_mcap
+
+WRONG_FILES = {
+    "empty": ("a.ulg", b"", "is empty"),
+    "not that": ("a.ulg", b"hello, world, hello", "is no ULog file, though its name ends so(.|\n)*Choices: ULog"),
+    "nothing known": ("a.dat", b"hello, world, hello", r"has none of the known formats(.|\n)*\.csv"),
+    "damaged ulog": ("a.ulg", b"ULog\x01\x12\x35\x01" + b"\xff" * 4, "a.ulg': begins as ULog, but can't be read"),
+    "damaged mcap": ("a.mcap", b"\x89MCAP0\r\n" + b"\x07" * 90, "begins as MCAP, but can't be read"),
+    "damaged bag": ("a.bag", b"#ROSBAG V2.0\n" + b"\x07" * 90, "begins as a ROS bag, but can't be read"),
+    "part of a bag": ("a.db3", b"SQLite format 3\0" + b"\x07" * 90, "is one part of a rosbag2(.|\n)*its folder"),
+}
+
+
+@pytest.mark.parametrize("name", WRONG_FILES)
+def test_a_file_that_is_none_is_refused(tmp_path, name):
+    file, content, said = WRONG_FILES[name]
+    (tmp_path / file).write_bytes(content)
+    with pytest.raises(InputError, match=said):
+        list_topics(tmp_path / file)
+
+
+def test_no_file_and_a_folder_are_refused(tmp_path):
+    with pytest.raises(InputError, match="cannot be read"):
+        list_topics(tmp_path / "none.ulg")
+    with pytest.raises(InputError, match=r"without metadata\.yaml"):
+        list_topics(tmp_path)
+
+
+def test_a_log_of_ours_is_known(tmp_path, ulog, write):
+    own = write_mcap(read_foreign(ulog, mapping("sensor_gyro", angular_rate=GYRO)), tmp_path / "own.mcap")
+    assert is_own_log(own)
+    assert is_own_log(tmp_path / "none.mcap")
+    assert not is_own_log(ulog)
+    assert not is_own_log(write("t,x\n0,1\n"))
+    assert not is_own_log(write_json_mcap(tmp_path / "a.mcap", "/gyro", [(0, 1)]))
+    assert len(read_mcap(own)) == 50
+
+
+def test_csv_says_its_units_and_two_sensors_share_it(write):
+    file = write("time [ms],gyro (deg/s),field_x,range\n0,90,1,\n10,,3,250\n20,45,5,\n")
+    content = {
+        "imu": {"fields": {"yaw_rate": {"from": "gyro"}}},
+        "depth": {"fields": {"range": {"from": "range", "unit": "cm"}}},
+        "compass": {"fields": {"field": {"from": ["field_x"], "unit": "mT", "offset": -1}}},
+    }
+    log = read_foreign(file, parse_mapping({"sensor": content}))
+    np.testing.assert_array_equal(log.ticks, [0, 100_000, 200_000])
+    np.testing.assert_allclose(log["downlink.imu.value.yaw_rate"], np.array([90, 90, 45]) * DEG)
+    assert log["downlink.imu.fresh"].tolist() == [True, False, True]
+    assert log["downlink.depth.valid"].tolist() == [False, True, True]
+    assert log["downlink.depth.value.range"][1] == pytest.approx(2.5)
+    np.testing.assert_allclose(log["downlink.compass.value.field"], [[0], [0.002], [0.004]])
+
+
+WRONG_CSV = {
+    "semicolons": ("t;x\n0,5;1,5\n", r"semicolons(.|\n)*decimal point"),
+    "decimal commas": ("t,x\n0,5,1,5\n", r"line 2 has 4 columns, the names are 2: it seems to have decimal commas"),
+    "words": ("t,x\n0,up\n", r"no number: .*up"),
+    "no rows": ("t,x\n", r"has no rows"),
+    "no time": ("when,x\n0,1\n", r"does not say which column the time is(.|\n)*Choices: when, x(.|\n)*time = \{field"),
+    "all gaps": ("t,x\n0,\n1,\n", r"in no row all values are finite: x"),
+    "two of one time": ("t,x\n0,1\n1,2\n1,3\n", r"have the time of another(.|\n)*1\.0000000 s: 2\.0, then 3\.0"),
+    "clock anew": ("t,x\n7,1\n8,2\n0,3\n", r"jump back by 8 s at row 3"),
+    "a time that is none": ("t,x\n0,1\n,3\n", r"row 2 of 't' is nan"),
+}
+
+
+@pytest.mark.parametrize("name", WRONG_CSV)
+def test_csv_that_is_no_log_is_refused(write, name):
+    text, said = WRONG_CSV[name]
+    with pytest.raises(InputError, match=said):
+        read_foreign(write(text), mapping(x={"from": "x", "unit": "1"}))

@@ -1,0 +1,119 @@
+"""References as they are typed: what each text means, what is refused, and how it comes into a scenario and a log."""
+
+import numpy as np
+import pytest
+
+from trimtab.core.errors import InputError
+from trimtab.core.reference import Circle, FigureEight, interpolate_path, pass_waypoints
+from trimtab.core.time import ms, seconds
+from trimtab.loop.reference_text import parse_reference, plain_text, start_pose
+from trimtab.run.simulate import simulate
+from trimtab.scenarios.build import build
+from trimtab.scenarios.recorded import rebuild_scenario
+
+TABLE = """time [s],north [cm],east [m],heading [deg]
+0,0,0,0
+2,10,0.1,10
+4,30,0.3,20
+6,60,0.4,30
+8,90,0.5,40
+10,120,0.7,50
+"""
+
+
+def assert_same(a, b):
+    for t in (0.0, 1.7, 6.0, 30.0):
+        for name in ("place", "velocity", "acceleration", "jerk", "snap", "heading"):
+            np.testing.assert_allclose(getattr(a.at(t), name), getattr(b.at(t), name), atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("text", "same"),
+    [
+        ("circle", Circle()),
+        ("circle()", Circle()),
+        ("circle(radius=150 cm, period=0.5 min, clockwise=false)", Circle(1.5, 30.0, clockwise=False)),
+        ("eight(length=6, axis=90 deg)", FigureEight(length=6.0, axis=np.pi / 2)),
+        ("waypoints(0 0, 3 0, 3 3; speed=0.5)", pass_waypoints([[0, 0], [3, 0], [3, 3]], 0.5)),
+        ("waypoints(0 0, 3 0, 3 3 0.3)", pass_waypoints([[0, 0], [3, 0], [3, 3]], [0.4, 0.3])),
+    ],
+)
+def test_a_text_means_that(text, same):
+    assert_same(parse_reference(text), same)
+
+
+def test_a_table_is_read_with_its_units(tmp_path):
+    file = tmp_path / "path.csv"
+    file.write_text(TABLE)
+    places = np.array([[0, 0], [0.1, 0.1], [0.3, 0.3], [0.6, 0.4], [0.9, 0.5], [1.2, 0.7]])
+    same = interpolate_path(np.arange(6) * 2.0, places, np.radians(np.arange(6) * 10.0))
+    assert_same(parse_reference(str(file)), same)
+    assert_same(parse_reference(plain_text(str(file))), same)
+    assert bool(parse_reference(str(file)).has_heading)
+
+
+@pytest.mark.parametrize(
+    ("text", "problem"),
+    [
+        ("square(side=3)", "is no reference"),
+        ("circle(", "is no reference"),
+        ("waypoints", "is no reference"),
+        ("circle(radios=3)", "sets nothing of a Circle"),
+        ("circle(radius=three)", "'three' is no number"),
+        ("circle(radius=3 kg)", "no unit of it"),
+        ("circle(clockwise=perhaps)", "neither true nor false"),
+        ("waypoints(0 0, 3)", "has 1 numbers, wanted are 2 or 3"),
+        ("waypoints(0 0, 3 0; tempo=3)", "is not speed=NUMBER"),
+        ("places(0 s: 0 0, 3 0)", "is not TIME: NORTH EAST"),
+        ("places(0: 0 0 1, 1: 1 0)", "some places have a heading"),
+        ("nowhere.csv", "nowhere.csv"),
+    ],
+)
+def test_what_means_nothing_is_refused(text, problem):
+    with pytest.raises(InputError, match=problem) as refused:
+        parse_reference(text)
+    assert refused.value.fix
+
+
+def test_it_begins_at_rest_where_the_path_does():
+    built = build("hovercraft/track", {"reference": "waypoints(1 2, 1 5; speed=0.3)"})
+    arm = float(built.autopilot.law.model.percussion_arm)
+    x = built.initial
+    np.testing.assert_allclose([x.north, x.east + arm, x.heading, x.yaw_rate], [1, 2, np.pi / 2, 0], atol=1e-6)
+    there = build("hovercraft/track", {"reference": "circle()", "initial.north": "0.5"}).initial
+    assert float(there.north) == 0.5
+    assert start_pose(Circle(), 0.0)[:2] == pytest.approx((1.5, 0.0))
+
+
+def test_a_choice_of_the_scenario_stays_one():
+    assert build("hovercraft/track", {"reference": "eight"}).choices["arguments"] == {"reference": "eight"}
+    own = build("hovercraft/track", {"reference": "eight(length=6)"})
+    assert own.choices["settings"] == {"reference": "eight(length=6)"}
+    assert float(own.autopilot.law.reference.length) == 6.0
+
+
+def test_a_law_that_follows_none_says_so():
+    for name in ("hovercraft/forward", "hovercraft/spin"):  # of which one has a number of that name
+        with pytest.raises(InputError, match="follows no path") as refused:
+            build(name, {"reference": "circle()"})
+        assert "hovercraft/track" in refused.value.fix
+
+
+def test_an_infeasible_one_is_refused_before_the_run():
+    with pytest.raises(InputError, match=r"2\.60 N forward"):
+        build("hovercraft/track", {"reference": "circle(period=8 s)"})
+
+
+@pytest.mark.slow
+def test_a_log_knows_it_without_its_file(tmp_path):
+    file = tmp_path / "path.csv"
+    rows = [f"{t},{np.sin(t / 8)},{1 - np.cos(t / 8)}" for t in range(0, 40, 4)]
+    file.write_text("\n".join(["time [s],north [m],east [m]", *rows]))
+    built = build("hovercraft/track", {"reference": str(file), "duration": "1 s"})
+    log = simulate(built, log_period=ms(50))
+    file.unlink()
+    again = rebuild_scenario(log)
+    assert again.duration == seconds(1)
+    np.testing.assert_array_equal(
+        again.autopilot.law.reference.coefficients, built.autopilot.law.reference.coefficients
+    )

@@ -1,0 +1,102 @@
+"""Numbers with units after --set, and the three numbers of a link."""
+
+import numpy as np
+import pytest
+
+from trimtab.core.errors import InputError
+from trimtab.core.record import leaves
+from trimtab.links.latency import MeasuredLatency, interpolate_latency
+from trimtab.loop.settings import setting_paths, with_settings
+from trimtab.scenarios.build import build
+
+NAME = "hovercraft/forward"
+
+
+@pytest.fixture(scope="module")
+def forward():
+    return build(NAME)
+
+
+def read(scenario, path):
+    return next(value for p, value, _ in leaves(scenario) if p == path)
+
+
+@pytest.mark.parametrize(
+    ("path", "text", "value"),
+    [
+        ("world.vehicle.mass", "3 kg", 3.0),
+        ("world.vehicle.mass", "3000g", 3.0),
+        ("world.vehicle.mass", "3e0", 3.0),
+        ("world.vehicle.mass", " 2.5e-1 kg ", 0.25),
+        ("world.vehicle.arm", "32 cm", 0.32),
+        ("initial.heading", "90 deg", np.pi / 2),
+        ("initial.heading", "-90°", -np.pi / 2),
+        ("initial.surge_velocity", "3.6 km/h", 1.0),
+        ("autopilot.law.k1", "2 kg/s", 2.0),
+        ("autopilot.period", "20 ms", 200_000),
+    ],
+)
+def test_a_number_may_have_its_unit(path, text, value, forward):
+    assert read(with_settings(forward, {path: text}), path) == pytest.approx(value, rel=1e-14)
+
+
+def test_one_number_of_an_array_is_set_by_its_index():
+    quadrotor, path = build("quadrotor/track"), "world.vehicle.rotors.places"
+    own, changed = (read(s, path) for s in (quadrotor, with_settings(quadrotor, {f"{path}[2,0]": "-32 cm"})))
+    assert (own[2, 0], changed[2, 0]) == (-0.315, -0.32)
+    np.testing.assert_array_equal(np.delete(changed, 6), np.delete(own, 6))
+    for wrong, says, fix in (
+        (f"{path}[2]", r"has shape \(4, 3\)", f'settings={{"{path}[0,0]": '),
+        ("world.vehicle.mass[0]", r"has shape \(\)", 'settings={"world.vehicle.mass": '),
+        ("autopilot.period[0]", "no array of numbers", 'settings={"autopilot.period": '),
+    ):
+        with pytest.raises(InputError, match=says) as refused:
+            with_settings(quadrotor, {wrong: "1"})
+        assert refused.value.fix.startswith(fix)
+
+
+@pytest.mark.parametrize(
+    ("path", "text", "says"),
+    [
+        ("world.vehicle.mass", "3 m", "is in kg"),
+        ("world.vehicle.mass", "3 stone", "is in kg"),
+        ("world.vehicle.mass", "kg", "is no number"),
+        ("initial.heading", "1 rad/s", "is in rad"),
+    ],
+)
+def test_another_unit_is_refused_with_what_fits(path, text, says, forward):
+    with pytest.raises(InputError, match=says) as refused:
+        with_settings(forward, {path: text})
+    assert f'settings={{"{path}": ' in refused.value.fix
+
+
+def test_every_path_can_be_set_and_those_of_absent_parts_are_among_them(forward):
+    paths = setting_paths(forward)
+    assert {p for p, _, _ in leaves(forward)} < set(paths)
+    assert "world.vehicle.friction.torque_viscous" in paths
+
+
+def test_a_links_delay_jitter_and_loss_are_set_by_name():
+    settings = {"downlink.delay": "80 ms", "downlink.jitter": "0.02", "downlink.loss": "5 %"}
+    link = build(NAME, settings).world.downlink
+    assert isinstance(link, MeasuredLatency)
+    assert float(link.loss) == pytest.approx(0.05)
+    spread = np.asarray(interpolate_latency(link.latency, np.array([-6.0, 0.0, 6.0])))
+    np.testing.assert_allclose(spread, [0.08, 0.09, 0.1], atol=2e-4)
+
+
+@pytest.mark.parametrize(
+    ("path", "text"),
+    [("uplink.delay", "soon"), ("uplink.delay", "-1 ms"), ("uplink.loss", "120 %"), ("uplink.loss", "x")],
+)
+def test_what_no_link_can_be_is_refused(path, text):
+    with pytest.raises(InputError, match=path):
+        build(NAME, {path: text})
+
+
+def test_a_predictor_is_told_of_the_delay():
+    without, late = (
+        build(NAME, {"predictor": "on"} | more).autopilot.predictor for more in ({}, {"uplink.delay": "120 ms"})
+    )
+    assert float(late.uplink_delay) == pytest.approx(0.12)
+    assert float(late.uplink_delay) > float(without.uplink_delay)

@@ -1,0 +1,36 @@
+"""What flies in a scenario, short enough to be read."""
+
+import numpy as np
+import pytest
+
+from trimtab.loop.summary import describe_part, summarise_scenario
+from trimtab.scenarios import catalogue
+from trimtab.scenarios.build import find_scenario
+from trimtab.vehicles.hovercraft import Hovercraft
+
+
+def test_a_scenario_is_said_in_a_few_lines_with_numbers():
+    text = repr(find_scenario("hovercraft/spin"))
+    assert text.startswith("Scenario hovercraft/spin, 22 s\n")
+    for said in ("mass 2.6 kg", "yaw_rate 0.1 rad/s", "yaw_rate 3 ± 0.15", "NavigationErrors", "period 20 ms"):
+        assert said in text
+    assert "<b>hovercraft/spin, 22 s</b>" in find_scenario("hovercraft/spin")._repr_html_()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", catalogue.scenario_names())
+def test_every_scenario_is_said_in_under_twenty_lines(name):
+    lines = repr(find_scenario(name)).splitlines()
+    assert 10 <= len(lines) < 20
+    assert max(map(len, lines)) <= 130
+
+
+def test_a_part_is_its_class_and_its_first_numbers():
+    assert describe_part(Hovercraft(mass=3.0)) == "Hovercraft: mass 3 kg, inertia 0.096 kg m^2, arm 0.32 m"
+    assert describe_part(None) == "none"
+    assert describe_part(np.zeros(3)) == "ndarray"
+
+
+def test_what_is_zero_of_a_first_state_is_not_said():
+    rows = dict(summarise_scenario(find_scenario("hovercraft/spin")))
+    assert rows["initial"] == "HovercraftState: yaw_rate 0.1 rad/s"

@@ -1,0 +1,23 @@
+"""What may be sought, and what is refused."""
+
+import math
+
+import pytest
+
+from trimtab.core.errors import InputError
+from trimtab.run.fit_parameters import DELAY, FitParameter, find_parameters, find_scale
+from trimtab.scenarios.build import build
+
+NAME = "hovercraft/spin"
+
+
+def test_a_path_that_is_no_number_is_refused() -> None:
+    with pytest.raises(InputError, match=r"paths world.vehicle.mas: is no number[\s\S]*world.vehicle.mass"):
+        find_parameters(build(NAME), ["world.vehicle.mas"])
+
+
+def test_settings_have_their_bounds_and_the_search_its_scale() -> None:
+    _, (mass, delay) = find_parameters(build(NAME), ["world.vehicle.mass", DELAY])
+    assert mass == FitParameter("world.vehicle.mass", "kg", 2.6, 1e-6, math.inf)
+    assert (find_scale(mass), find_scale(delay)) == (0.1 * 2.6, 0.01)
+    assert (delay.low, delay.high) == (-0.5, 0.5)

@@ -1,0 +1,40 @@
+"""`dubins/path`: each goal's shortest way has its word, the car gets there, and what the links cost."""
+
+import numpy as np
+import pytest
+
+from trimtab import simulate
+from trimtab.design.dubins_paths import WORDS, word_of
+from trimtab.scenarios.build import build
+from trimtab.scenarios.dubins.path import GOALS
+
+
+def at_goal(log, scenario, word):
+    """Distance (m) and turn (rad) from the goal, where the target has come to it."""
+    path = scenario.autopilot.law.reference
+    k = int(np.argmax(log["law.progress"] >= path.length / path.speed))
+    north, east, heading = GOALS[word]
+    turn = log["truth.heading"][k] - np.deg2rad(heading)
+    away = np.hypot(log["truth.north"][k] - north, log["truth.east"][k] - east)
+    return away, abs((turn + np.pi) % (2 * np.pi) - np.pi)
+
+
+@pytest.mark.parametrize("word", WORDS)
+def test_the_car_gets_there_by_the_shortest_word(word):
+    scenario = build("dubins/path", {"word": word})
+    assert word_of(scenario.autopilot.law.reference) == word
+    away, turn = at_goal(simulate(scenario.ideal()), scenario, word)
+    assert away < 0.06  # of a step's 5 cm
+    assert turn < 0.06
+    away, turn = at_goal(simulate(scenario), scenario, word)
+    assert away < 0.25
+    assert turn < 0.35
+
+
+@pytest.mark.parametrize("word", ["RLR", "LRL"])
+def test_a_predictor_makes_up_for_the_links(word):
+    """From one turn into the other, where a delay costs most."""
+    late, on = (simulate(build("dubins/path", {"word": word, "predictor": p})) for p in ("off", "on"))
+    rms = [np.sqrt(np.mean(log["law.cross_track"][log.t > 3] ** 2)) for log in (late, on)]
+    assert 0.04 < rms[0] < 0.1
+    assert rms[1] < rms[0] / 2

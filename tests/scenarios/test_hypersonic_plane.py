@@ -1,0 +1,41 @@
+"""The less kind truth: what is in it, that it is off by default, and that each of it can be switched off."""
+
+import numpy as np
+import pytest
+
+from trimtab import build
+from trimtab.core.time import seconds
+from trimtab.environment.turbulence import Turbulence
+from trimtab.native.compiler import find_compiler
+from trimtab.run.simulate import simulate
+from trimtab.scenarios.hypersonic.modal_mismatch import scenario
+
+NAMES = ("turbulence", "actuator-lag", "rate-limit")
+PARTS = ("noise", "offset", "scale-factor", "bandwidth", "delay", "place")
+
+
+@pytest.mark.slow
+def test_the_paper_has_none_of_it():
+    world = build("hypersonic/noise").world
+    assert world.turbulence is None
+    assert not set(NAMES) & set(build("hypersonic/noise").imperfections())
+
+
+def test_it_is_a_choice_and_each_of_it_can_be_switched_off():
+    plane = build("hypersonic/noise", {"truth": "plane"})
+    assert isinstance(plane.world.turbulence, Turbulence)
+    assert {*NAMES, *(f"angular-accelerometer-{n}" for n in PARTS)} <= set(plane.imperfections())
+    plane.check()
+
+
+@pytest.mark.slow
+@pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here")
+def test_servos_and_air_are_in_the_flight():
+    """The elevator lags by what a servo of 100 rad/s does, 2 z/w, and the air is as rough as the specification says."""
+    log = simulate(scenario(truth="plane"), duration=seconds(20))
+    asked, done = log["law.demand.delta_e"], log["actuators.u.delta_e"]
+    lag = np.array([np.std(done[k:] - asked[: len(asked) - k]) for k in range(60)])
+    assert 8 <= np.argmin(lag) <= 20  # ms
+    gust = log["gust.velocity"] / 0.3048
+    assert 3 < gust.std() < 8
+    assert np.abs(log["law.h_error"]).max() < 10

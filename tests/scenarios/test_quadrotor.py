@@ -1,0 +1,104 @@
+"""quadrotor/track, whole flights: paths, upright again from upside down, and without each of its rotors."""
+
+import numpy as np
+import pytest
+
+from trimtab.core.errors import InputError
+from trimtab.core.time import ms
+from trimtab.loop.fault_text import inject_faults
+from trimtab.run.simulate import simulate, simulate_many
+from trimtab.scenarios.build import build
+
+ROTORS = range(1, 5)
+
+
+def fly(seed=0, faults=(), **choices):
+    scenario = build("quadrotor/track", choices)
+    return simulate(inject_faults(scenario, list(faults)) if faults else scenario, seed=seed)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("trajectory", "most"), [("circle", 0.1), ("eight", 0.1), ("helix", 0.05)])
+def test_it_stays_on_its_path(trajectory, most):
+    log = fly(trajectory=trajectory)
+    assert log["law.distance"][log.t > 5].max() < most
+    assert log["law.attitude_error"].max() < 0.2
+    assert not log["law.lost"].any()
+    np.testing.assert_allclose(np.linalg.norm(log["truth.attitude"], axis=1), 1, atol=1e-12)
+
+
+@pytest.mark.slow
+def test_a_place_is_reached_and_kept():
+    log = fly(trajectory="place")
+    assert log["law.distance"][log.t > 3].max() < 0.05
+
+
+def test_from_upside_down_it_is_upright_again():
+    log = fly(trajectory="recovery")
+    assert log["law.attitude_error"].max() > 1.8
+    assert log["law.attitude_error"][log.t > 2].max() < 0.5
+    assert log["law.distance"][-1] < 6
+    assert log["law.distance"][-1] < log["law.distance"].max() / 2, "it falls, and comes back"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("rotor", ROTORS)
+def test_without_a_rotor_it_stays_near_its_place(rotor):
+    """Within 3 m of it in the first seconds, within 0.1 m from 6 s after the loss on, spinning 3 times a second."""
+    log = fly(trajectory="place", motor=f"{rotor}-fails")
+    after = log.t > 2
+    assert log.t[np.argmax(log["law.lost"])] < 2.1
+    assert (log["law.rotor"][log["law.lost"] > 0] == rotor - 1).all()
+    assert log["law.distance"][after].max() < 3
+    assert log["law.distance"][log.t > 8].max() < 0.1
+    assert 2.5 < abs(log["truth.rate"][-1, 2]) / (2 * np.pi) < 4
+    assert (log["truth.rotor_speed"][after & (log.t > 2.2), rotor - 1] < 1).all()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("rotor", ROTORS)
+def test_with_other_noise_too(rotor):
+    for seed in range(1, 26):
+        log = fly(seed, trajectory="place", motor=f"{rotor}-fails")
+        assert log["law.distance"][log.t > 2].max() < 3, seed
+        assert log["law.distance"][log.t > 8].max() < 0.15, seed
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("rotor", ROTORS)
+def test_it_comes_back_from_a_turn_whichever_rotor_stops_and_whatever_the_noise(rotor):
+    """On the circle the third tips it over: with most seeds it is upside down a second later."""
+    scenario = build("quadrotor/track", {"motor": f"{rotor}-fails"})
+    logs = simulate_many(scenario, seeds=range(20), log_period=ms(20), signals=("law.distance",))
+    assert max(log.between(2, 10)["law.distance"].max() for log in logs) < 5
+    assert max(log.between(8, 10)["law.distance"].max() for log in logs) < 0.1
+
+
+def test_the_fault_is_one_of_the_loops():
+    log = fly(trajectory="place", faults=["actuators:speed[1] off @ 2 s"])
+    same = fly(trajectory="place", motor="2-fails")
+    np.testing.assert_array_equal(log["truth.position"], same["truth.position"])
+
+
+def test_a_rotor_that_loses_a_part_of_its_speed_is_no_lost_one():
+    log = fly(trajectory="place", faults=["actuators:speed[0] wrong by -0.1 @ 2 s"])
+    assert not log["law.lost"].any()
+    assert log["actuators.u.speed"][-1, 0] == pytest.approx(0.9 * log["command.value.speed"][-1, 0], abs=20)
+    assert log["law.distance"][log.t > 8].max() < 0.3
+
+
+def test_the_network_is_not_flown_without_a_rotor():
+    with pytest.raises(InputError, match="never saw a lost rotor"):
+        build("quadrotor/track", {"law": "neural", "motor": "1-fails"})
+
+
+def test_an_ideal_twin_keeps_the_vehicle_and_what_is_believed_of_it():
+    """Drag and the motors' lag are the vehicle's; steps of the speeds and their limits are faults of its drives."""
+    flown = build("quadrotor/track")
+    ideal = flown.ideal()
+    ideal.check()
+    assert ideal.world.vehicle.lag == flown.world.vehicle.lag
+    np.testing.assert_array_equal(ideal.autopilot.allocation.craft.drag, flown.world.vehicle.drag)
+    assert flown.world.actuators.resolution > 0
+    assert ideal.world.actuators.resolution == 0
+    assert not ideal.world.actuators.saturation
