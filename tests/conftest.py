@@ -1,12 +1,17 @@
-"""Property tests: no deadline (first calls compile), and the same examples each time in CI. Memory: file by file.
+"""Settings of all tests: property tests without deadline, a runtime folder for each process, memory freed file by file.
+
+Property tests have no deadline, because first calls compile, and draw the same examples each time where CI is set.
 
 What XLA compiles is kept beside pytest's own cache, so that after an edit only what it touched is compiled again; and
 XLA's older emitters, which compile in half the time; XLA_FLAGS= (empty) leaves it as users have it.
 """
 
 import os
+import socket
 import sys
+import tempfile
 from pathlib import Path
+from typing import Any
 
 import answers
 import emitters
@@ -25,6 +30,35 @@ settings.load_profile("trimtab")
 
 SLOW_S = 900
 """After which a slow test is given up, where it doesn't say otherwise: a busy machine takes five times as long."""
+
+
+@pytest.fixture(autouse=True, scope="session")
+def _own_runtime_folder():
+    """Give each process of pytest its own folder for sockets: otherwise all of a user share the names of links."""
+    with tempfile.TemporaryDirectory(prefix="trimtab-") as folder, pytest.MonkeyPatch.context() as patch:
+        patch.setenv("XDG_RUNTIME_DIR", folder)
+        yield
+
+
+BOUND: list[Any] = []
+"""Addresses of network sockets that this process has bound."""
+
+
+def _note_address(event: str, arguments: tuple[Any, ...]) -> None:
+    if event == "socket.bind" and arguments[0].family in (socket.AF_INET, socket.AF_INET6):
+        BOUND.append(arguments[1])
+
+
+sys.addaudithook(_note_address)
+
+
+@pytest.fixture(autouse=True)
+def _ports_are_for_real_time_tests(request: pytest.FixtureRequest):
+    """Fail a test that opens a network port without the mark real_time: two runs at once may want the same port."""
+    before = len(BOUND)
+    yield
+    if not request.node.get_closest_marker("real_time"):
+        assert BOUND[before:] == [], "mark this test real_time: it opens a network port"
 
 
 @pytest.fixture(autouse=True, scope="module")

@@ -1,6 +1,6 @@
 """Slow tests in sixteen parts: which tests are in which, whose turn it is, and when each last ran.
 
-    python tests/slow_parts.py choose                     part and slice of this commit, as `.ci/run` takes them
+    python tests/slow_parts.py choose                     part and slice whose turn it is
     python tests/slow_parts.py record PART COMMIT RESULT  that a part ran: into slow_parts.json and docs/slow-tests.md
     python tests/slow_parts.py deal RESULTS.xml           all parts anew, from times of tests (pytest --junitxml)
 

@@ -13,6 +13,8 @@ from links.namespaces import FAR, NEAR, Hosts, why_not
 
 from trimtab.campaign.store.store import read_store
 
+pytestmark = pytest.mark.real_time
+
 RUNS = 12 * BLOCK - 9
 
 
@@ -52,7 +54,6 @@ print(context.wrap_socket(socket.create_connection((sys.argv[2], 8786))).recv(1)
 """
 
 
-@pytest.mark.slow
 @pytest.mark.skipif(bool(why_not()), reason=why_not())
 def test_two_hosts(folder, whole, tmp_path):
     """Half a minute: scheduler and a worker on one host, a worker and the client on the other."""
@@ -98,7 +99,6 @@ except InputError as error:
 """
 
 
-@pytest.mark.slow
 @pytest.mark.skipif(bool(why_not()), reason=why_not())
 def test_cable_that_is_cut(folder, whole, tmp_path):
     """A minute: the client's host is cut off in the middle of the campaign."""

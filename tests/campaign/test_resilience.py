@@ -63,7 +63,7 @@ def kept(store):
     return len(read_store(store)[1]["run"])
 
 
-@pytest.mark.slow
+@pytest.mark.real_time
 def test_killed_and_started_again_flies_what_is_missing(store, whole):
     child = flying(store, 4 * BLOCK)
     child.kill()
@@ -78,7 +78,7 @@ def test_killed_and_started_again_flies_what_is_missing(store, whole):
     assert small(RUNS).run(store).flown_runs == 0
 
 
-@pytest.mark.slow
+@pytest.mark.real_time
 def test_killed_at_any_moment(store, whole):
     """A minute: forty kills, from the store's first file to the last row."""
     rng, before = np.random.default_rng(0), 0
@@ -101,7 +101,7 @@ def test_killed_at_any_moment(store, whole):
     assert_same(again.columns, whole)
 
 
-@pytest.mark.slow
+@pytest.mark.real_time
 def test_interrupted_it_ends_soon_and_keeps_its_rows(store, whole):
     child = flying(store, 3 * BLOCK)
     child.send_signal(signal.SIGINT)
@@ -133,7 +133,7 @@ small(4096, block=2048, settings=settings).run(sys.argv[1])
 """
 
 
-@pytest.mark.slow
+@pytest.mark.real_time
 def test_interrupted_in_a_block_of_minutes(store):
     child = start(store, script=LONG)
     assert child.stdout.readline() == "flies\n"
@@ -145,7 +145,7 @@ def test_interrupted_in_a_block_of_minutes(store):
     assert kept(store) == 0
 
 
-@pytest.mark.slow
+@pytest.mark.real_time
 def test_second_campaign_on_a_store_that_is_being_written(store, whole):
     child = flying(store, BLOCK)
     with pytest.raises(InputError, match=r"another campaign is writing it") as refused:

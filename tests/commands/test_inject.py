@@ -77,6 +77,7 @@ def numbers(played):
     return dict(played.set), list(dict.fromkeys(path for path, _ in played.set))
 
 
+@pytest.mark.real_time
 def test_a_fault_is_set_from_now_on_and_its_word_last(played):
     done = inject("sensor:navigation stuck @ 2 s for 500 ms", "--json")
     assert done.exit_code == 0, done.output
@@ -95,6 +96,7 @@ def test_a_fault_is_set_from_now_on_and_its_word_last(played):
     }
 
 
+@pytest.mark.real_time
 def test_what_is_lost_on_the_way_is_asked_again(played):
     played.loses = 2
     done = inject("uplink off")
@@ -103,6 +105,7 @@ def test_what_is_lost_on_the_way_is_asked_again(played):
     assert "uplink off: from 123 s on, until the end" in done.stdout
 
 
+@pytest.mark.real_time
 @pytest.mark.parametrize(
     ("fault", "said"),
     [
@@ -118,6 +121,7 @@ def test_what_cannot_be_set_is_refused_before_anything_is_sent(played, fault, sa
     assert played.set == []
 
 
+@pytest.mark.real_time
 def test_where_nobody_answers_it_says_what_to_give(monkeypatch):
     monkeypatch.setattr("trimtab.live.injector.PATIENCE", 0.3)
     done = inject("uplink off")

@@ -19,6 +19,14 @@ from trimtab.links.open_link import open_link
 from trimtab.live.link_test import echo_requests
 from trimtab.scenarios.build import build
 
+HEARS_CTRL_C = """
+import signal
+signal.signal(signal.SIGINT, signal.default_int_handler)
+from trimtab.cli import main
+main()
+"""
+"""The command line. A process that a shell put into the background would ignore SIGINT otherwise."""
+
 
 def call(*words):
     return CliRunner().invoke(main, ["link-test", *map(str, words)])
@@ -38,6 +46,7 @@ def echoing(tmp_path, monkeypatch):
     link.close()
 
 
+@pytest.mark.real_time
 def test_table_recordings_picture_and_settings(echoing, tmp_path):
     done = call(echoing, "--load", "2.9/22.0", "--requests", 12, "--rate", 100, "--out", tmp_path / "found")
     assert done.exit_code == 0, done.output
@@ -52,6 +61,7 @@ def test_table_recordings_picture_and_settings(echoing, tmp_path):
     assert words[1] == "links=measured"
 
 
+@pytest.mark.real_time
 def test_what_is_written_can_be_typed_after_run(echoing, tmp_path):
     done = call(echoing, "--load", "2.9/22.0", "--requests", 12, "--rate", 100, "--out", tmp_path / "found")
     assert done.exit_code == 0, done.output
@@ -74,6 +84,7 @@ def test_how_long_it_takes_is_said_before_the_first_request(monkeypatch):
     assert said.startswith("takes about 60 s; the other end must answer within 30 s\nerror: ")
 
 
+@pytest.mark.real_time
 def test_json(echoing):
     found = json.loads(
         call(echoing, "--load", "1/8", "--load", "2/16", "--requests", 10, "--rate", 100, "--json").stdout
@@ -137,9 +148,10 @@ def test_nobody_answers(tmp_path, monkeypatch):
     assert "--echo" in done.stderr
 
 
+@pytest.mark.real_time
 @pytest.mark.parametrize("scheme", ["udp", "tcp"])
 def test_the_echo_at_port_0_says_which_port_the_system_gave_it(scheme):
-    words = [sys.executable, "-m", "trimtab", "link-test", f"{scheme}://:0", "--echo"]
+    words = [sys.executable, "-c", HEARS_CTRL_C, "link-test", f"{scheme}://:0", "--echo"]
     with subprocess.Popen(words, stderr=subprocess.PIPE, text=True) as far:
         try:
             line = far.stderr.readline()

@@ -55,7 +55,7 @@ def test_a_console_passes_on_what_its_vehicle_refused_with_that_fix_alone(tmp_pa
     assert "--listen" in silent.fix
 
 
-@pytest.mark.slow
+@pytest.mark.real_time
 @pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here")
 def test_without_a_folder_nothing_is_written(tmp_path, monkeypatch):
     """The vehicle's log of 191 kB/s had lain in the temporary folder."""

@@ -36,7 +36,7 @@ WRITES = {
     "plan --plot": (("plan", HALL, "--plot", "mine.png"), "mine.png"),
     "reproduce": (("reproduce", "hovercraft2006", "--report", "."), "index.html"),
     "link-test": (("link-test", "udp://127.0.0.1:9", "--out", "."), "link-test.json"),
-    "vehicle": (("vehicle", SPIN, "--listen", "udp://127.0.0.1:9", "--unsigned", "--out", "."), "vehicle.mcap"),
+    "vehicle": (("vehicle", SPIN, "--listen", "loopback://written-files", "--unsigned", "--out", "."), "vehicle.mcap"),
 }
 """Verb -> what is typed, and the file of one's own that lies there."""
 SLOW = ("export", "firmware")

@@ -267,6 +267,7 @@ def test_results_do_not_share_memory_and_nothing_leaks() -> None:
     assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 4000  # 320 MB, were one result kept
 
 
+@pytest.mark.real_time
 @pytest.mark.parametrize("number", [1.0, np.float64(1.0), np.array(1.0)], ids=["Python", "numpy", "array"])
 def test_a_call_costs_less_than_numpys_product_of_two_numbers(number: Any) -> None:
     compiled = trimtab.compile(lambda x: x * 2.0, 1.0)

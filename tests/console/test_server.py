@@ -90,6 +90,7 @@ async def _collect(socket, kinds, seconds=10.0):
     return found
 
 
+@pytest.mark.real_time
 def test_without_the_cookie_nothing_is_given(site):
     for path in ("/", "/main.js", "/console.css", "/../server.py", "/live", "/flights/0/rows"):
         status, _, body = site.get(path)
@@ -97,6 +98,7 @@ def test_without_the_cookie_nothing_is_given(site):
     assert site.get("/?token=wrong")[0] == 403
 
 
+@pytest.mark.real_time
 def test_the_page_loads_with_it_and_nothing_outside_its_folder(site):
     cookie = site.cookie()
     status, headers, body = site.get("/", Cookie=cookie)
@@ -107,6 +109,7 @@ def test_the_page_loads_with_it_and_nothing_outside_its_folder(site):
         assert site.get(path, Cookie=cookie)[0] == 404, path
 
 
+@pytest.mark.real_time
 def test_another_host_is_refused_and_noted(site):
     assert site.get("/", Cookie=site.cookie(), Host="evil.example")[0] == 403
     assert any("evil.example" in note for note in _notes(site))
@@ -117,6 +120,7 @@ def _notes(site):
     return site.flight.notes()
 
 
+@pytest.mark.real_time
 @pytest.mark.parametrize("case", ["no cookie", "wrong cookie", "cross origin", "no origin"])
 def test_sockets_of_strangers_are_refused_and_noted(site, case):
     async def attempt():
@@ -130,6 +134,7 @@ def test_sockets_of_strangers_are_refused_and_noted(site, case):
     assert any("refused" in note for note in _notes(site))
 
 
+@pytest.mark.real_time
 def test_rows_status_and_events_come(site):
     async def look():
         async with site.connect() as page:
@@ -149,6 +154,7 @@ def test_rows_status_and_events_come(site):
     asyncio.run(look())
 
 
+@pytest.mark.real_time
 def test_wishes_reach_the_flight_and_answers_the_page_that_wished(site):
     async def wish():
         async with site.connect() as page, site.connect() as other:
@@ -168,7 +174,7 @@ def test_wishes_reach_the_flight_and_answers_the_page_that_wished(site):
     asyncio.run(wish())
 
 
-@pytest.mark.slow
+@pytest.mark.real_time
 def test_one_page_has_the_stick_and_its_silence_is_not_made_up_for(site):
     async def steer():
         async with site.connect() as second:
@@ -194,7 +200,7 @@ def test_one_page_has_the_stick_and_its_silence_is_not_made_up_for(site):
     asyncio.run(steer())
 
 
-@pytest.mark.slow
+@pytest.mark.real_time
 def test_a_page_that_hangs_with_the_stick_does_not_keep_it(site):
     """The flight's dead man has ended the flight by then."""
 
@@ -215,6 +221,7 @@ def test_a_page_that_hangs_with_the_stick_does_not_keep_it(site):
     asyncio.run(take())
 
 
+@pytest.mark.real_time
 def test_observers_see_and_are_not_heard(site):
     async def look():
         async with site.connect(site.cookie(site.console.observer)) as page:
@@ -244,6 +251,7 @@ async def _send_and_listen(page, packets):
     await _collect(page, ["never"])
 
 
+@pytest.mark.real_time
 @pytest.mark.parametrize("case", HOSTILE)
 def test_hostile_pages_are_closed_and_noted_and_the_others_go_on(site, case):
     async def attack():
@@ -258,7 +266,7 @@ def test_hostile_pages_are_closed_and_noted_and_the_others_go_on(site, case):
     assert all(w["type"] in ("note", "ping") for w in site.flight.wishes)
 
 
-@pytest.mark.slow
+@pytest.mark.real_time
 def test_a_slow_page_misses_rows_and_gets_the_newest(site):
     """It reads nothing for seconds, over a socket that holds little; others get every row meanwhile."""
 
@@ -284,7 +292,7 @@ def test_a_slow_page_misses_rows_and_gets_the_newest(site):
     asyncio.run(crawl())
 
 
-@pytest.mark.slow
+@pytest.mark.real_time
 def test_alarms_are_shown_acknowledged_and_noted_for_the_log(site):
     async def alarm():
         async with site.connect() as page:
@@ -302,6 +310,7 @@ def test_alarms_are_shown_acknowledged_and_noted_for_the_log(site):
     asyncio.run(alarm())
 
 
+@pytest.mark.real_time
 def test_it_ends_with_the_flight_and_says_so():
     with open_console(ConsoleAddress(), lambda line: HELLO) as console:
         site = Site(console)
@@ -315,6 +324,7 @@ def test_it_ends_with_the_flight_and_says_so():
         asyncio.run(end())
 
 
+@pytest.mark.real_time
 def test_a_page_that_is_not_there_keeps_no_flight_waiting(site):
     """A stopped server: sending rows takes no time, and what it has no room for is dropped."""
     began = time.monotonic()
@@ -329,6 +339,7 @@ def test_beyond_this_machine_it_demands_tls(host):
         ConsoleAddress(host=host).check()
 
 
+@pytest.mark.real_time
 def test_a_port_that_is_taken_is_refused():
     with socket.socket() as taken:
         taken.bind(("127.0.0.1", 0))

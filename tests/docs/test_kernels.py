@@ -15,7 +15,10 @@ from nbclient.exceptions import CellExecutionError, CellTimeoutError
 from nbformat.v4 import new_code_cell, new_notebook
 from traitlets.config import Config
 
-pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="elsewhere each page starts a kernel of its own")
+pytestmark = [
+    pytest.mark.real_time,
+    pytest.mark.skipif(sys.platform != "linux", reason="elsewhere each page starts a kernel of its own"),
+]
 FILE = Path(__file__).parents[2] / "docs" / "kernels.py"
 spec = importlib.util.spec_from_file_location("kernels", FILE)
 kernels = importlib.util.module_from_spec(spec)
@@ -53,7 +56,6 @@ print(json.dumps([os.getpid(), os.getppid(), "left" in globals(), "left" in os.e
 LEAVE = "left = 1; os.environ['left'] = '1'; sys.modules['trimtab'] = 1; sys.modules.pop('jax'); os.chdir('/')"
 
 
-@pytest.mark.slow
 def test_each_is_a_new_process_that_has_seen_no_other_page(folder):
     first, _, after = execute(folder, ABOUT, LEAVE, ABOUT)
     first, after = printed(first), printed(after)

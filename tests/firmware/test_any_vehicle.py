@@ -144,7 +144,7 @@ MORE = 0.1
 """By so much it may differ from a simulation without links: a command acts a tick later, at the next servo frame."""
 
 
-@pytest.mark.slow
+@pytest.mark.real_time
 @pytest.mark.parametrize("name", FLIGHTS)
 def test_a_microcontrollers_vehicle_flies_as_in_the_simulation(name, tmp_path):
     """In lockstep, whatever this machine has to do besides."""
@@ -165,7 +165,7 @@ INSTRUCTIONS = {"cart-pole/swing-up": 6_000, "f16/gcas": 16_000, "quadrotor/trac
 """Scenario -> bound of the instructions a millisecond, world included; a Cortex-M7 has 200 000 cycles or more."""
 
 
-@pytest.mark.slow
+@pytest.mark.real_time
 @pytest.mark.parametrize("name", INSTRUCTIONS)
 def test_a_board_has_time_for_its_vehicle(name, tmp_path):
     """By QEMU's count, 16 ns an instruction: as in test_board."""
@@ -182,7 +182,7 @@ def test_a_board_has_time_for_its_vehicle(name, tmp_path):
     assert 1000 < loads[-1] < INSTRUCTIONS[name]
 
 
-@pytest.mark.slow
+@pytest.mark.real_time
 def test_a_flight_in_lockstep_is_the_same_twice(tmp_path):
     scenario = replace(build("torpedo/depth"), duration=seconds(4))
     image = build_elf(write_firmware(build("torpedo/depth"), tmp_path / "board", KEY).folder, "LOCKSTEP=1")

@@ -17,6 +17,8 @@ from trimtab.scenarios import catalogue
 from trimtab.wire.keys import passphrase_key
 from trimtab.wire.mavlink import Endpoint
 
+pytestmark = pytest.mark.real_time
+
 NEUTRAL, LIFT_ON, LIFT_OFF = 1500, 2000, 1000
 SAFE = b"".join((2 * us).to_bytes(2, "little") for us in (NEUTRAL, NEUTRAL, LIFT_OFF))
 """Rudder, thrust and lift as the emulated servo timers hold them, in half microseconds."""
@@ -73,7 +75,6 @@ def stop_commanding(peer, offset):
     return came, after
 
 
-@pytest.mark.slow
 def test_arms_drives_and_becomes_safe_when_the_commands_stop(peer):
     offset = peer.offset()
     for _ in range(5):  # a loaded machine may hold the commands up for 250 ms before they stop
@@ -97,7 +98,6 @@ def test_arms_drives_and_becomes_safe_when_the_commands_stop(peer):
     peer.arm(False)
 
 
-@pytest.mark.slow
 def test_unsigned_forged_replayed_frames_and_garbage_are_dropped_and_counted(peer, written):
     before = status(peer)
     recorded = [peer.heartbeat() for _ in range(7)]
@@ -174,7 +174,6 @@ def test_costs_of_the_firmware(elf, written, tmp_path):
     assert load * 62.5 < 8_000
 
 
-@pytest.mark.slow
 def test_a_loop_that_hangs_is_ended_by_the_watchdog_and_the_outputs_are_safe(elf, written, tmp_path):
     """The loop's code is overwritten, by the emulator's debugger, with a branch to itself while the fan turns.
 
@@ -216,7 +215,6 @@ def test_a_loop_that_hangs_is_ended_by_the_watchdog_and_the_outputs_are_safe(elf
         assert set(seen(only(peer.listen(0.3)), "servo2_raw")[1]) == {NEUTRAL}
 
 
-@pytest.mark.slow
 def test_drift_of_the_boards_clock(peer):
     """Less than 200 parts in a million over 20 s; the two offsets are each good to about a millisecond."""
     first = peer.offset()
@@ -229,7 +227,6 @@ def test_drift_of_the_boards_clock(peer):
     assert abs(drift) < 4e-3
 
 
-@pytest.mark.slow
 @pytest.mark.usefixtures("elf")
 @pytest.mark.parametrize(("board", "option"), [("cortex-m4", ""), ("stm32f405", "EMULATED=1")])
 def test_the_smaller_boards_drive_in_single_precision(tmp_path, board, option):

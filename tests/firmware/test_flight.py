@@ -18,6 +18,8 @@ from trimtab.run.blocks import compile_autopilot
 from trimtab.scenarios import catalogue
 from trimtab.wire.mavlink import Endpoint
 
+pytestmark = pytest.mark.real_time
+
 ATTEMPTS = 3
 NEEDED = 8.0
 """kB/s that the emulated UART must take: three times what a flight sends, since its commands must not wait."""
@@ -49,7 +51,6 @@ def flown(scenario, step, port, file):
     return read_mcap(file), min(rates)
 
 
-@pytest.mark.slow
 def test_the_microcontrollers_vehicle_is_flown_to_its_target(elf, tmp_path):
     """Forward at 1.08 m/s. Band 0.15 m/s on the mean of the last 3 s: slow navigation errors of 0.03 m/s and gusts of
     late commands; the motor and its regulator are in the loop, which the scenario's own vehicle has not.

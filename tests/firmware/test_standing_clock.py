@@ -9,6 +9,8 @@ from firmware.conftest import build_elf
 from firmware.host import KEY
 from firmware.peer import Peer
 
+pytestmark = pytest.mark.real_time
+
 
 @pytest.fixture(scope="module")
 def peer(written, tmp_path_factory):

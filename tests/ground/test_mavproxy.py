@@ -13,7 +13,7 @@ import pytest
 from ground.serving import PATIENCE, served
 
 pytestmark = [
-    pytest.mark.slow,
+    pytest.mark.real_time,
     pytest.mark.skipif(importlib.util.find_spec("MAVProxy") is None, reason="pip install --no-deps MAVProxy"),
 ]
 AGAIN = 3.0

@@ -10,7 +10,7 @@ from ground.serving import PATIENCE, served
 
 mavsdk = pytest.importorskip("mavsdk", reason='pip install "mavsdk>=4.1"')
 pytestmark = [
-    pytest.mark.slow,
+    pytest.mark.real_time,
     pytest.mark.skipif(not hasattr(mavsdk, "Configuration"), reason='pip install "mavsdk>=4.1"'),
 ]
 STATION = Path(__file__).with_name("mavsdk_station.py")

@@ -8,6 +8,8 @@ import time
 import pytest
 from ground.serving import served
 
+pytestmark = pytest.mark.real_time
+
 common = pytest.importorskip("pymavlink.dialects.v20.common", reason="pip install pymavlink")
 
 PATIENCE = 30.0
@@ -99,7 +101,6 @@ class Peer:
         self._socket.close()
 
 
-@pytest.mark.slow
 def test_a_station_with_the_key_reads_arms_and_changes(tmp_path):
     with served(tmp_path, "--origin", "38.9897,-76.9378,20") as vehicle:
         peer = Peer(vehicle.port, vehicle.passphrase)
@@ -137,7 +138,6 @@ def test_a_station_with_the_key_reads_arms_and_changes(tmp_path):
         peer.close()
 
 
-@pytest.mark.slow
 def test_what_a_vehicle_has_not_is_refused_at_once_and_its_log_can_be_read(tmp_path, monkeypatch):
     """Reads the log that is being written, by pymavlink's client, signed, from a vehicle that runs."""
     mavftp, mavutil = (pytest.importorskip(f"pymavlink.{name}") for name in ("mavftp", "mavutil"))
@@ -172,7 +172,6 @@ def test_what_a_vehicle_has_not_is_refused_at_once_and_its_log_can_be_read(tmp_p
     assert report["wire"]["wrong_signature"] == report["wire"]["unsigned"] == 0
 
 
-@pytest.mark.slow
 def test_without_the_key_nothing_is_done_and_nothing_is_told(tmp_path):
     with served(tmp_path) as vehicle:
         port = vehicle.port

@@ -18,7 +18,7 @@ from trimtab.run.parameter_changes import read_changes
 from trimtab.run.replay import replay
 from trimtab.scenarios.recorded import rebuild_scenario
 
-pytestmark = pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here")
+pytestmark = [pytest.mark.real_time, pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here")]
 GUIDED, HOLD = 15, 4
 LAND, PAUSE_CONTINUE, OVERRIDE_GOTO = 21, 193, 252
 ACCEPTED, TEMPORARILY_REJECTED = 0, 1
@@ -66,7 +66,6 @@ def ask(peer):
     peer.await_("HEARTBEAT", lambda m: m.system_status == CRITICAL and not m.base_mode & ARMED)
 
 
-@pytest.mark.slow
 def test_a_station_has_the_autopilot_hold_go_on_and_end(tmp_path):
     with served(tmp_path / "config") as vehicle:
         peer = Peer(vehicle.port, vehicle.passphrase)

@@ -8,6 +8,8 @@ from pathlib import Path
 import pytest
 from links.namespaces import NEAR, Hosts, why_not
 
+pytestmark = pytest.mark.real_time
+
 DELAY, JITTER, LOSS, SEED, PACKETS = 0.040, 0.015, 0.02, 7, 400
 ECHO = """
 from trimtab.links.open_link import open_link
@@ -49,7 +51,6 @@ def survivors(side, n):
     return kept
 
 
-@pytest.mark.slow
 def test_two_hosts_with_delay_jitter_and_loss():
     if reason := why_not():
         pytest.skip(reason)

@@ -39,6 +39,7 @@ def pair(request, tmp_path):
         end.close()
 
 
+@pytest.mark.real_time
 def test_every_byte_passes_both_ways_and_is_counted(pair):
     a, b = pair
     before = a.statistics, b.statistics
@@ -53,6 +54,7 @@ def test_every_byte_passes_both_ways_and_is_counted(pair):
         assert new.reconnects == old.reconnects
 
 
+@pytest.mark.real_time
 def test_receive_waits_for_its_deadline_and_no_longer_than_it_must(pair):
     a, b = pair
     start = time.monotonic()
@@ -67,6 +69,7 @@ def test_receive_waits_for_its_deadline_and_no_longer_than_it_must(pair):
     later.join()
 
 
+@pytest.mark.real_time
 def test_who_selects_on_the_descriptor_is_told(pair):
     a, b = pair
     assert select.select([a.fileno()], [], [], 0)[0] == []
@@ -75,6 +78,7 @@ def test_who_selects_on_the_descriptor_is_told(pair):
     assert a.receive(0) == b"x"
 
 
+@pytest.mark.real_time
 def test_sending_to_who_does_not_read_drops_and_never_waits(pair, request):
     """4000 packets of 1000 bytes are more than any buffer here; what was taken arrives whole and in order."""
     a, b = pair
@@ -93,6 +97,7 @@ def test_sending_to_who_does_not_read_drops_and_never_waits(pair, request):
     assert got == whole
 
 
+@pytest.mark.real_time
 def test_after_closing_nothing_raises(pair):
     a, b = pair
     a.close()
@@ -107,6 +112,7 @@ def test_after_closing_nothing_raises(pair):
     b.receive(0.05)
 
 
+@pytest.mark.real_time
 @pytest.mark.parametrize("scheme", ["tcp", "loopback"])
 def test_a_peer_that_restarts_is_found_again(scheme):
     uri = "loopback://again" if scheme == "loopback" else f"tcp://127.0.0.1:{free_port()}"
@@ -125,6 +131,7 @@ def test_a_peer_that_restarts_is_found_again(scheme):
     client.close()
 
 
+@pytest.mark.real_time
 @pytest.mark.parametrize("scheme", ["tcp", "loopback"])
 def test_a_client_that_restarts_is_taken_again(scheme):
     uri = "loopback://again" if scheme == "loopback" else f"tcp://127.0.0.1:{free_port()}"
@@ -175,6 +182,7 @@ def test_attempts_become_rarer_up_to_two_seconds():
     assert len(gaps) == 14
 
 
+@pytest.mark.real_time
 def test_packets_stay_apart_on_loopback_and_udp():
     for uri in ("loopback://apart", f"udp://127.0.0.1:{free_port(socket.SOCK_DGRAM)}"):
         a, b = open_link(uri, listen=True), open_link(uri)
@@ -185,6 +193,7 @@ def test_packets_stay_apart_on_loopback_and_udp():
         b.close()
 
 
+@pytest.mark.real_time
 @pytest.mark.parametrize("scheme", ["udp", "tcp"])
 def test_listening_is_for_this_machine_unless_a_host_is_written(scheme):
     for place, want in (("", "127.0.0.1"), ("0.0.0.0", "0.0.0.0")):
@@ -234,6 +243,7 @@ def test_what_cannot_be_opened_is_refused_with_what_to_type(uri, why):
         assert {c.split("://")[0] for c in caught.value.choices} == {"serial", "udp", "tcp", "rfcomm", "loopback"}
 
 
+@pytest.mark.real_time
 def test_a_port_that_is_taken_is_refused():
     for scheme, kind in (("tcp", socket.SOCK_STREAM), ("udp", socket.SOCK_DGRAM)):
         uri = f"{scheme}://127.0.0.1:{free_port(kind)}"

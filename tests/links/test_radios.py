@@ -12,6 +12,8 @@ from links.radios import VEHICLE, Radios
 from trimtab.links.open_link import parse_uri
 from trimtab.links.rfcomm import open_rfcomm
 
+pytestmark = pytest.mark.real_time
+
 URI = f"rfcomm://{VEHICLE}/1"
 
 

@@ -4,7 +4,11 @@ import os
 import select
 import time
 
+import pytest
+
 from trimtab.links.stream import wait_until_ready
+
+pytestmark = pytest.mark.real_time
 
 
 def test_it_tells_what_has_come():

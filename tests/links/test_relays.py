@@ -51,6 +51,7 @@ def test_order_rate_and_cut():
     assert slow.passes(LEFT, 0.0, b"x") is None
 
 
+@pytest.mark.real_time
 def test_a_serial_pair_delays_and_can_be_cut(tmp_path):
     with SerialPair(tmp_path) as cable:
         a, b = (open_link(uri) for uri in cable.uris)
@@ -69,6 +70,7 @@ def test_a_serial_pair_delays_and_can_be_cut(tmp_path):
         b.close()
 
 
+@pytest.mark.real_time
 def test_a_udp_relay_passes_both_ways_and_notes_what_it_did():
     import socket
 

@@ -1,7 +1,10 @@
+import pytest
 from links.ends import EVERY_BYTE, deliver, meet
 from links.relays import LEFT, SerialPair
 
 from trimtab.links.open_link import open_link
+
+pytestmark = pytest.mark.real_time
 
 
 def test_a_device_that_is_unplugged_is_opened_again(tmp_path):

@@ -8,6 +8,8 @@ from trimtab.links import stream
 from trimtab.links.open_link import open_link
 from trimtab.links.stream import ConnectingDialer
 
+pytestmark = pytest.mark.real_time
+
 
 def test_a_call_to_a_port_at_which_nobody_listens_does_not_meet_itself():
     """The system may give the calling socket the very port that it calls: TCP then connects it to itself."""

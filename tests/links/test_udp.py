@@ -1,11 +1,14 @@
 import socket
 import time
 
+import pytest
 from links.ends import PATIENCE, free_port
 
 from trimtab.links import udp
 from trimtab.links.open_link import open_link
 from trimtab.links.udp import MOST_PEERS
+
+pytestmark = pytest.mark.real_time
 
 
 def test_udp_answers_those_it_has_heard_lately_and_nobody_else(monkeypatch):

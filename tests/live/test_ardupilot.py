@@ -76,7 +76,7 @@ def bench(boat):
     made.close()
 
 
-@pytest.mark.slow
+@pytest.mark.real_time
 def test_each_frame_is_a_step_and_the_vehicle_waits_for_its_pulses(bench):
     states = [bench.exchange(REST) for _ in range(3)]
     assert [s["timestamp"] for s in states] == [0.0, 0.0025, 0.005]
@@ -90,7 +90,7 @@ def test_each_frame_is_a_step_and_the_vehicle_waits_for_its_pulses(bench):
     assert pushed[-1]["airspeed"] == pytest.approx(np.linalg.norm(pushed[-1]["velocity"]), rel=1e-9)
 
 
-@pytest.mark.slow
+@pytest.mark.real_time
 def test_its_course_is_that_of_the_compiled_world_under_the_same_command(bench, boat):
     """By hand: the world's own step, with the command that 1800 µs stands for."""
     scenario, vehicle = boat
@@ -110,6 +110,7 @@ def test_its_course_is_that_of_the_compiled_world_under_the_same_command(bench, 
     assert state["position"][:2] == pytest.approx(truth, rel=1e-12)
 
 
+@pytest.mark.real_time
 def test_a_frame_that_comes_again_is_answered_as_before_and_flown_once(bench):
     first = [bench.exchange(PUSH) for _ in range(5)][-1]
     assert bench.exchange(REST, count=4) == first
@@ -117,7 +118,7 @@ def test_a_frame_that_comes_again_is_answered_as_before_and_flown_once(bench):
     assert bench.exchange(PUSH)["timestamp"] == pytest.approx(first["timestamp"] + 0.0025, rel=1e-12)
 
 
-@pytest.mark.slow
+@pytest.mark.real_time
 def test_frames_that_were_lost_are_flown_under_the_pulses_of_before(bench, boat):
     for count in range(400):
         bench.exchange(PUSH, count)
@@ -134,17 +135,20 @@ def test_frames_that_were_lost_are_flown_under_the_pulses_of_before(bench, boat)
     assert sum("were lost" in text for text in bench.said) == 1
 
 
+@pytest.mark.real_time
 def test_a_gap_of_more_than_a_second_is_flown_for_one(bench):
     bench.exchange(PUSH, count=0)
     assert bench.exchange(PUSH, count=1_000_000)["timestamp"] == pytest.approx(1.0 + 0.0025)
 
 
+@pytest.mark.real_time
 def test_a_count_beyond_32_bits_begins_again_at_zero_and_is_the_next_one(bench):
     bench.exchange(PUSH, count=2**32 - 1)
     assert bench.exchange(PUSH, count=0)["timestamp"] == 0.0025
     assert bench.physics.tally.missed == 0
 
 
+@pytest.mark.real_time
 def test_a_frame_that_comes_too_late_is_left_alone(bench):
     for count in range(20):
         bench.exchange(PUSH, count)
@@ -153,6 +157,7 @@ def test_a_frame_that_comes_too_late_is_left_alone(bench):
     assert bench.exchange(PUSH, count=20)["timestamp"] == pytest.approx(20 * 0.0025)
 
 
+@pytest.mark.real_time
 @pytest.mark.parametrize(("last", "count"), [(5, 0), (3000, 0), (3000, 40)])
 def test_a_count_that_goes_back_begins_another_flight(bench, last, count):
     for k in range(last - 3, last + 1):
@@ -164,6 +169,7 @@ def test_a_count_that_goes_back_begins_another_flight(bench, last, count):
     assert sum("flight 2" in text for text in bench.said) == 1
 
 
+@pytest.mark.real_time
 def test_another_sender_is_not_answered_and_the_first_flies_on(bench, monkeypatch):
     bench.exchange(PUSH)
     other = FakeArduPilot(bench.port)
@@ -180,6 +186,7 @@ def test_another_sender_is_not_answered_and_the_first_flies_on(bench, monkeypatc
         other.close()
 
 
+@pytest.mark.real_time
 def test_what_is_no_frame_is_counted_told_once_and_not_answered(bench):
     bench.exchange(PUSH)
     for _ in range(3):
@@ -226,7 +233,7 @@ def test_what_does_not_go_together_is_refused_before_anything_is_compiled(words,
     assert said in " ".join(refused.output.split())
 
 
-@pytest.mark.slow
+@pytest.mark.real_time
 def test_an_autopilot_written_from_ardupilots_pages_hovers_with_the_quadrotor(tmp_path):
     """It stands at idle, is let go as its pulses pass 1.5 ms, and flies to a place; then it is started again."""
     port = free_port()

@@ -54,6 +54,7 @@ def line(dialect):
         end.close()
 
 
+@pytest.mark.real_time
 def test_samples_are_the_autopilots_and_all_have_the_rest_without_a_gap(line):
     broadcast, endpoint, take, (autopilot, *stations) = line
     for peer in (autopilot, *stations):
@@ -71,6 +72,7 @@ def test_samples_are_the_autopilots_and_all_have_the_rest_without_a_gap(line):
     assert endpoint.counts.sent == 1200  # numbered anew is not sent anew
 
 
+@pytest.mark.real_time
 def test_a_lost_sample_is_counted_by_the_autopilot_alone(line):
     broadcast, endpoint, take, (autopilot, station, _) = line
     for peer in (autopilot, station):
@@ -84,6 +86,7 @@ def test_a_lost_sample_is_counted_by_the_autopilot_alone(line):
     assert (autopilot.endpoint.counts.lost, station.endpoint.counts.lost) == (4, 0)
 
 
+@pytest.mark.real_time
 def test_without_an_autopilot_nobody_gets_samples(line):
     broadcast, endpoint, take, (autopilot, station, _) = line
     station.say()
@@ -101,6 +104,7 @@ def test_without_an_autopilot_nobody_gets_samples(line):
     assert autopilot.hear() == ["SAMPLE_EVERY"]
 
 
+@pytest.mark.real_time
 def test_nothing_is_sent_to_who_was_not_accepted(line):
     broadcast, endpoint, take, (_, station, _) = line
     station.link.send(b"\xfd garbage")

@@ -14,6 +14,8 @@ from trimtab.live.remote import RemoteVehicle
 from trimtab.wire.keys import passphrase_key
 from trimtab.wire.mavlink import Endpoint
 
+pytestmark = pytest.mark.real_time
+
 _, DIALECT = dialect({"compass": every()}, every())
 DAY = 86_400.0
 OTHER_KEY = passphrase_key("another-passphrase-than-that")

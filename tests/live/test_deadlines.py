@@ -14,10 +14,7 @@ from live import pair
 from trimtab.logs.mcap import read_mcap
 from trimtab.native.compiler import find_compiler
 
-pytestmark = [
-    pytest.mark.slow,
-    pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here"),
-]
+pytestmark = [pytest.mark.real_time, pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here")]
 MINUTES = float(os.environ.get("TRIMTAB_DEADLINE_MINUTES", "1"))
 PERIOD = 1e-3
 SHARE = 0.1

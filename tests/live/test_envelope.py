@@ -9,7 +9,7 @@ from live.pair import fly_pair
 from trimtab.logs.mcap import read_mcap
 from trimtab.native.compiler import find_compiler
 
-pytestmark = [pytest.mark.slow, pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here")]
+pytestmark = [pytest.mark.real_time, pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here")]
 FASTEST = 0.5
 """m/s, of the 1.08 that the flight would reach."""
 

@@ -279,7 +279,7 @@ def campaign(*words, timeout):
     return done, found
 
 
-@pytest.mark.slow
+@pytest.mark.real_time
 @pytest.mark.timeout(900)
 def test_three_cases_hold(tmp_path):
     done, found = campaign(*(w for name in QUICK for w in ("--only", name)), "--out", str(tmp_path), timeout=880)
@@ -288,7 +288,7 @@ def test_three_cases_hold(tmp_path):
     assert all("failsafe (no command)" in case["happened"] for case in found["cases"])
 
 
-@pytest.mark.slow
+@pytest.mark.real_time
 @pytest.mark.timeout(3600)
 def test_all_cases_hold():
     """Some ten minutes on a machine that has nothing else to do."""

@@ -60,6 +60,7 @@ def test_rows_are_the_vectors_as_they_were(tmp_path):
     assert [(e["text"], e["t"]) for e in found.metadata["events"]] == [("half of it", 0.15)]
 
 
+@pytest.mark.real_time
 def test_a_writer_that_dies_costs_the_log_and_nothing_else(tmp_path):
     log, _given, _ = book(tmp_path / "a.mcap")
     for k in range(100):
@@ -73,7 +74,7 @@ def test_a_writer_that_dies_costs_the_log_and_nothing_else(tmp_path):
     assert log.close() is None
 
 
-@pytest.mark.slow
+@pytest.mark.real_time
 def test_a_flight_in_virtual_time_waits_for_its_log_and_for_no_dead_writer(tmp_path):
     log, _given, _ = book(tmp_path / "a.mcap")
     rows = 20_000  # more than the ring holds

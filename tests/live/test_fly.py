@@ -22,7 +22,7 @@ from trimtab.run.replay import replay
 from trimtab.scenarios import catalogue
 from trimtab.wire.mavlink import Endpoint
 
-pytestmark = pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here")
+pytestmark = [pytest.mark.real_time, pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here")]
 LENGTH = seconds("1.5")
 
 
@@ -83,7 +83,6 @@ def flown(scenario, tmp_path_factory):
     )
 
 
-@pytest.mark.slow
 def test_it_was_armed_flew_its_time_and_was_disarmed(flown):
     assert flown.flight.arming_time is not None
     assert flown.flight.t - flown.flight.arming_time >= LENGTH
@@ -97,13 +96,11 @@ def test_it_was_armed_flew_its_time_and_was_disarmed(flown):
     assert any("computer: arm request" in line for line in flown.said)
 
 
-@pytest.mark.slow
 def test_what_came_before_the_flight_and_was_thrown_away_is_no_loss(flown):
     assert flown.flight.log.whole
     assert not flown.log["link.lost"][:100].any()
 
 
-@pytest.mark.slow
 def test_the_vehicle_is_held_until_then_and_moves_after(flown):
     """The scenario stops a craft that slides and spins."""
     truth, held = flown.truth, flown.truth["firmware.held"].astype(bool)
@@ -167,7 +164,6 @@ def test_commands_reach_the_actuators_as_they_were_sent(flown):
     assert {tuple(v) for v in obeyed.tolist()} <= sent
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize("overrun", ["halt", "count"])
 def test_a_late_period_halts_the_flight_or_is_counted(scenario, step, tmp_path, overrun):
     pair, said, asked = Pair(scenario, f"test-fly-{overrun}", step), [], []
@@ -271,7 +267,6 @@ def test_a_vehicle_with_other_sensors_is_refused_before_it_is_armed(scenario, st
         link.close()
 
 
-@pytest.mark.slow
 def test_a_vehicle_of_another_mass_is_refused_by_path_and_flown_where_that_is_meant(scenario, step):
     heavier = replace(scenario, world=replace(scenario.world, vehicle=replace(scenario.world.vehicle, mass=2.8)))
     there, here = open_link("loopback://test-fly-mass", listen=True), open_link("loopback://test-fly-mass")

@@ -175,7 +175,7 @@ def test_the_far_end_makes_the_load_it_is_asked_for_and_stops_by_itself(monkeypa
     assert gaps.max() < 0.013  # 25 bytes at 2200 byte/s: each 11.4 ms
 
 
-@pytest.mark.slow
+@pytest.mark.real_time
 def test_over_a_relay_the_figures_are_what_the_relay_put_in():
     """40 ± 15 ms, 2 % lost. Band: mean within 3 ms and sd within 3 ms of what the relay did to these packets.
 

@@ -22,7 +22,7 @@ from trimtab.scenarios.build import build
 from trimtab.wire.keys import passphrase_key
 from trimtab.wire.mavlink import Endpoint
 
-pytestmark = pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here")
+pytestmark = [pytest.mark.real_time, pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here")]
 SEEDS = {"errors": 1, "ins": 2}
 """Worlds in which every law reaches its targets."""
 HOVERCRAFT = sorted(n for n in catalogue.scenario_names() if n.startswith("hovercraft/"))
@@ -40,7 +40,6 @@ def same(log, simulated, *, age=True):
         np.testing.assert_array_equal(log[path], simulated[path][rows], err_msg=path)
 
 
-@pytest.mark.slow
 def test_over_a_serial_cable(tmp_path):
     with SerialPair(tmp_path) as cable:
         left, right = cable.uris
@@ -56,7 +55,6 @@ def test_over_a_serial_cable(tmp_path):
     assert dict(logs[0].final) == {p: simulated.final[p] for p in logs[0].final}
 
 
-@pytest.mark.slow
 def test_over_udp_that_loses_and_delays(tmp_path):
     """One packet in fifty is lost, and all are late: what comes is the same, only later."""
     port = free_port()
@@ -134,7 +132,6 @@ def test_a_predictor_is_the_autopilots_own_business(tmp_path):
         same(log, simulated)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(("name", "navigation"), NAVIGATED)
 def test_every_hovercraft_scenario_meets_its_targets_in_step(name, navigation, tmp_path):
     """Whole flights: each number is that of `simulate`, so the targets are reached when and as it says."""
@@ -153,7 +150,6 @@ def test_every_hovercraft_scenario_meets_its_targets_in_step(name, navigation, t
         assert found[path]["first_reach_s"] is not None, path
 
 
-@pytest.mark.slow
 def test_with_a_bus_on_the_vehicle(tmp_path):
     """The bus is the vehicle's own: a real line takes the place of the radio alone. A minute, to compile."""
     line, chosen = f"udp://127.0.0.1:{free_port()}", {"navigation": "ins", "bus": "slave"}

@@ -51,7 +51,7 @@ def test_without_a_monitor_nothing_is_told():
     assert CompiledMonitor(scenario, compile_autopilot(scenario)).describe_changes() == []
 
 
-@pytest.mark.slow
+@pytest.mark.real_time
 def test_in_a_flight_it_is_told_logged_and_replayed(tmp_path):
     line = f"udp://127.0.0.1:{free_port()}"
     formulas = "autopilot.monitor.formulas=still: always(abs(estimate.state.yaw_rate) < 0.5 rad/s)"

@@ -25,7 +25,7 @@ from trimtab.logs.mcap import read_mcap
 from trimtab.native.compiler import find_compiler
 from trimtab.scenarios import catalogue
 
-pytestmark = pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here")
+pytestmark = [pytest.mark.real_time, pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here")]
 DELAY, JITTER, LOSS, SEED = 0.040, 0.015, 0.02, 11
 MEAN = 0.003
 """Three standard deviations of a mean of some 350 delays and of one of some 550, together."""
@@ -54,7 +54,6 @@ def unfit():
     return why_not()
 
 
-@pytest.mark.slow
 def test_forward_reaches_its_speed_over_a_line_that_delays_and_loses(tmp_path):
     if reason := unfit():
         pytest.skip(reason)

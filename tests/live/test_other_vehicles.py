@@ -9,10 +9,7 @@ from trimtab.native.compiler import find_compiler
 from trimtab.run.simulate import simulate
 from trimtab.scenarios import catalogue
 
-pytestmark = [
-    pytest.mark.slow,
-    pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here"),
-]
+pytestmark = [pytest.mark.real_time, pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here")]
 NAMES = ["f16/gcas", "hypersonic/noise", "navigation/platform-cricket", "navigation/platform-ranging"]
 NAMES += ["navigation/still", "quadrotor/track", "torpedo/depth", "vessel/path"]
 

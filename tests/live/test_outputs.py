@@ -50,6 +50,7 @@ def await_row(port, holds):
     return port.read()
 
 
+@pytest.mark.real_time
 @pytest.mark.parametrize(
     ("number", "cause"), [(signal.SIGKILL, "process is gone"), (signal.SIGSTOP, "process is stopped")]
 )
@@ -67,6 +68,7 @@ def test_outputs_go_safe_when_the_vehicle_is_killed_or_stopped(feeder, number, c
     assert cause in log.read_text()
 
 
+@pytest.mark.real_time
 def test_no_room_for_the_outputs_own_log_stops_nothing(feeder):
     process, port, log = feeder
     outputs = int(Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()[0])
@@ -78,6 +80,7 @@ def test_no_room_for_the_outputs_own_log_stops_nothing(feeder):
     assert log.read_text() == ""
 
 
+@pytest.mark.real_time
 def test_a_vehicle_that_wakes_drives_nothing_until_it_is_disarmed(feeder):
     process, port, log = feeder
     os.kill(process.pid, signal.SIGSTOP)
@@ -107,6 +110,7 @@ def test_a_short_silence_is_safe_and_ends_by_itself_and_a_long_one_only_by_disar
     assert watchdog.row == OutputRow(DRIVEN, True, (8.0,))
 
 
+@pytest.mark.real_time
 def test_the_vehicle_hears_of_a_latched_silence_and_of_the_death_of_its_outputs():
     outputs = Outputs([0.0], timeout=30 * MS, lift_delay=0, latch=60 * MS)
     try:
@@ -127,7 +131,7 @@ def test_the_vehicle_hears_of_a_latched_silence_and_of_the_death_of_its_outputs(
         outputs.close()
 
 
-@pytest.mark.slow
+@pytest.mark.real_time
 def test_a_vehicle_killed_in_flight_leaves_its_outputs_safe_and_says_why(tmp_path):
     make_key(tmp_path)
     scenario, out = "hovercraft/zero-velocity", tmp_path / "there"
@@ -165,7 +169,7 @@ def test_nobody_else_writes_what_acts_whatever_the_mask(tmp_path):
         OutputPort(tmp_path / "outputs.bin", 2, create=True)
 
 
-@pytest.mark.slow
+@pytest.mark.real_time
 def test_a_vehicle_that_ends_in_order_is_not_taken_for_one_that_hangs(tmp_path):
     make_key(tmp_path)
     out = tmp_path / "there"

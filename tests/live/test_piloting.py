@@ -23,7 +23,7 @@ from trimtab.run.replay import replay
 from trimtab.scenarios import catalogue
 from trimtab.scenarios.recorded import rebuild_scenario
 
-pytestmark = pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here")
+pytestmark = [pytest.mark.real_time, pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here")]
 PATIENCE = 60.0
 GAIN = "autopilot.law.k1"
 
@@ -137,13 +137,11 @@ def flown(tmp_path_factory):
     return SimpleNamespace(page=page, log=log, held=held, flight=flight[0])
 
 
-@pytest.mark.slow
 def test_the_vehicle_waits_for_its_pilot(flown):
     assert flown.held == 0
     assert "the vehicle was never armed" not in flown.flight.problems
 
 
-@pytest.mark.slow
 def test_the_stick_moved_it_and_the_log_has_the_stick(flown):
     log = flown.log
     assert log["downlink.stick.value.forward"].max() == 1.0
@@ -153,7 +151,6 @@ def test_the_stick_moved_it_and_the_log_has_the_stick(flown):
     assert log["estimate.state.surge_velocity"].max() > 0.3
 
 
-@pytest.mark.slow
 def test_a_gain_is_changed_within_its_bounds_and_the_change_is_in_the_log(flown):
     good, bad, unknown = (flown.page.answer(k) for k in (7, 8, 9))
     assert (good["ok"], bad["ok"], unknown["ok"]) == (True, False, False)

@@ -75,7 +75,7 @@ def fly(pilot, controls, samples, *, armed=True):
     return seen
 
 
-@pytest.mark.slow
+@pytest.mark.real_time
 def test_each_answer_is_a_step_and_what_is_not_armed_stands_still(bench):
     pilot = FakePx4(bench.port)
     while "PX4 is disarmed" not in bench.said:
@@ -100,6 +100,7 @@ def test_each_answer_is_a_step_and_what_is_not_armed_stands_still(bench):
     assert [text for text in bench.said if "armed" in text] == ["PX4 is disarmed", "PX4 is armed"]
 
 
+@pytest.mark.real_time
 def test_field_and_pressure_are_those_of_the_place_it_says(bench):
     pilot = FakePx4(bench.port)
     first = pilot.receive()
@@ -114,12 +115,14 @@ def test_field_and_pressure_are_those_of_the_place_it_says(bench):
     assert first.abs_pressure == pytest.approx(1013.25 * (1 - 2.25577e-5 * height) ** 5.25588, abs=0.06)
 
 
+@pytest.mark.real_time
 def test_a_control_is_as_far_from_rest_as_its_pulse(boat):
     _, vehicle = boat
     spans = [px4.pulse_span(o) for o in vehicle.outputs]
     assert spans == [(pytest.approx(1.5e-3), pytest.approx(1e-3), pytest.approx(2e-3))] * 2
 
 
+@pytest.mark.real_time
 def test_answers_to_samples_from_before_it_waited_are_passed_over(bench):
     """Who answers late at first is not a sample behind for ever."""
     pilot = FakePx4(bench.port)
@@ -143,6 +146,7 @@ def test_answers_to_samples_from_before_it_waited_are_passed_over(bench):
     pilot.close()
 
 
+@pytest.mark.real_time
 def test_a_connection_made_anew_begins_another_flight(bench):
     first = FakePx4(bench.port)
     fly(first, PUSH, 50)
@@ -157,6 +161,7 @@ def test_a_connection_made_anew_begins_another_flight(bench):
     assert bench.finish().flights == 2
 
 
+@pytest.mark.real_time
 def test_an_answer_that_does_not_come_is_counted_and_time_goes_on(bench, monkeypatch):
     monkeypatch.setattr(px4, "SILENCE_S", 0.05)
     pilot = FakePx4(bench.port)
@@ -168,6 +173,7 @@ def test_an_answer_that_does_not_come_is_counted_and_time_goes_on(bench, monkeyp
     assert sum("did not answer a sample" in text for text in bench.said) == 1
 
 
+@pytest.mark.real_time
 def test_a_px4_that_runs_by_the_clock_gets_samples_in_real_time(bench):
     pilot = FakePx4(bench.port, is_locked=False)
     begin = px4.monotonic()
@@ -180,6 +186,7 @@ def test_a_px4_that_runs_by_the_clock_gets_samples_in_real_time(bench):
     assert bench.simulator.tally.unanswered == 0
 
 
+@pytest.mark.real_time
 def test_what_is_no_mavlink_2_and_no_number_is_refused_in_words(bench):
     pilot = FakePx4(bench.port)
     fly(pilot, REST, 2)
@@ -212,7 +219,7 @@ def test_what_does_not_go_together_is_refused_before_anything_is_compiled(words,
     assert said in " ".join(refused.output.split())
 
 
-@pytest.mark.slow
+@pytest.mark.real_time
 def test_an_autopilot_written_from_px4s_pages_hovers_with_the_quadrotor_by_its_sensors(tmp_path):
     """It stands disarmed and at idle, is let go as its pulses pass 1.5 ms, and flies a metre north and two up."""
     port = free_port()

@@ -15,7 +15,7 @@ from trimtab.native.compiler import find_compiler
 from trimtab.run.simulate import simulate
 from trimtab.scenarios import catalogue
 
-pytestmark = pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here")
+pytestmark = [pytest.mark.real_time, pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here")]
 URI = f"rfcomm://{VEHICLE}/1"
 
 

@@ -20,6 +20,7 @@ class Processor:
         return self.ns
 
 
+@pytest.mark.real_time
 def test_overruns_are_put_down_to_their_cause():
     """Period k is said to have woken `late` and worked for `work` periods, of which the thread had `busy`."""
     processor = Processor()
@@ -54,12 +55,13 @@ def test_overruns_are_put_down_to_their_cause():
     assert kept.step.summary().n == 9
 
 
+@pytest.mark.real_time
 def test_deadlines_do_not_drift():
     kept = Deadlines(ms(1))
     assert abs(kept.remaining(1000) - kept.remaining(500) - 0.5) < 0.05
 
 
-@pytest.mark.slow
+@pytest.mark.real_time
 def test_what_was_granted_is_given_back():
     before = os.sched_getscheduler(0)
     with real_time(False) as granted:

@@ -13,10 +13,7 @@ from trimtab.native.compiler import find_compiler
 from trimtab.wire.keys import create_key
 from trimtab.wire.stamps import DIGITS, EPOCH, PER_SECOND
 
-pytestmark = [
-    pytest.mark.slow,
-    pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here"),
-]
+pytestmark = [pytest.mark.real_time, pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here")]
 NAME = "hovercraft/forward"
 SHORT = ("--duration", "1 s", "--no-real-time")
 PATIENT = ("--set", "failsafe.timeout=5 s", "--set", "failsafe.age_max=5")

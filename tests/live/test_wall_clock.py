@@ -2,7 +2,11 @@
 
 from time import monotonic_ns
 
+import pytest
+
 from trimtab.live.real_time import MOST_PACKETS, NS, WallClock
+
+pytestmark = pytest.mark.real_time
 
 
 class Packets:

@@ -24,10 +24,7 @@ from trimtab.logs.mcap import read_mcap
 from trimtab.native.compiler import find_compiler
 from trimtab.scenarios import catalogue
 
-pytestmark = [
-    pytest.mark.slow,
-    pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here"),
-]
+pytestmark = [pytest.mark.real_time, pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here")]
 HOVERCRAFT = sorted(n for n in catalogue.scenario_names() if n.startswith("hovercraft/"))
 KINDS = ("errors", "ins")
 NAVIGATED = [(n, kind) for n in HOVERCRAFT for kind in KINDS if kind in catalogue.scenario_choices(n)["navigation"]]

@@ -139,6 +139,7 @@ def test_runs_side_by_side_are_each_alone_also_where_rows_are_not_even():
         assert np.array_equal(always[:, i], wanted)
 
 
+@pytest.mark.real_time
 def test_a_window_takes_as_long_as_its_rows_whatever_its_length():
     x = np.random.default_rng(0).normal(size=(200_000, 1))
     rows = np.arange(len(x))

@@ -92,10 +92,9 @@ def ring():
     made.unlink()
 
 
-def until(condition, seconds: float = 20.0) -> None:
-    limit = time.monotonic() + seconds
+def until(condition) -> None:
+    """Wait for the writer's process; pytest's own time limit ends a wait for something that never comes."""
     while not condition():
-        assert time.monotonic() < limit, "it did not come"
         time.sleep(0.02)
 
 
@@ -198,6 +197,7 @@ def test_a_refusal_says_what_is_left(tmp_path, data):
         read_mcap(tmp_path / "cut.mcap")
 
 
+@pytest.mark.real_time
 @pytest.mark.parametrize("victim", ["flight", "writer"])
 def test_what_is_killed_leaves_all_but_the_last_half_second(tmp_path, victim):
     path = tmp_path / "flight.mcap"
@@ -229,6 +229,7 @@ def test_what_is_killed_leaves_all_but_the_last_half_second(tmp_path, victim):
         assert log.metadata["truncated"] is True
 
 
+@pytest.mark.real_time
 def test_a_full_disk_leaves_a_gap_that_is_counted(tmp_path, ring, capfd):
     """The room for the file is bounded from outside, then given back."""
     rows = rows_of(3000)
@@ -260,6 +261,7 @@ def test_a_full_disk_leaves_a_gap_that_is_counted(tmp_path, ring, capfd):
     assert log.metadata["log"] == {"rows": written.rows, "dropped": 0, "unwritten": written.unwritten}
 
 
+@pytest.mark.real_time
 def test_what_the_ring_dropped_is_in_the_log(tmp_path, ring):
     rows = rows_of(2000)
     stream = start_writer(tmp_path / "flight.mcap", ring, signals=SIGNALS, metadata={})

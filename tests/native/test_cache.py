@@ -198,7 +198,7 @@ if os.fork() == 0:
 os.wait()
 print(folder, folder.is_dir())
 """
-    said, trouble = elsewhere(text).communicate(timeout=30)
+    said, trouble = elsewhere(text).communicate()
     folder, there = said.split()
     assert there == "True", trouble
     assert not Path(folder).exists()
@@ -236,6 +236,7 @@ def test_noexec_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:
         cached_library_folder()
 
 
+@pytest.mark.real_time
 def test_one_at_a_time_and_no_lock_is_left() -> None:
     inside, most = 0, 0
 
@@ -256,6 +257,7 @@ def test_one_at_a_time_and_no_lock_is_left() -> None:
     assert list(cached_library_folder().iterdir()) == []
 
 
+@pytest.mark.real_time
 def test_waiting_has_an_end(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(module, "PATIENCE", 0.1)
     with lock_key(cached_library_folder(), "one"):

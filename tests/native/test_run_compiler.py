@@ -33,6 +33,7 @@ def test_works_in_the_folder_without_input_and_speaks_english(tmp_path: Path) ->
     assert shell('pwd; echo "$TMPDIR $LC_ALL"; cat', tmp_path).text.split() == [str(tmp_path), str(tmp_path), "C"]
 
 
+@pytest.mark.real_time
 @pytest.mark.skipif(not Path("/proc/self").exists(), reason="no /proc")
 def test_one_that_hangs_is_stopped_with_its_children(tmp_path: Path) -> None:
     began = time.monotonic()

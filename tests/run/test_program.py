@@ -56,6 +56,7 @@ def interruptible():
     signal.signal(signal.SIGINT, before)
 
 
+@pytest.mark.real_time
 @needs_c
 def test_ctrl_c_ends_it(short, interruptible):
     simulate_batch(short, seeds=range(2), signals=("truth",))  # compiled before the clock starts

@@ -54,7 +54,7 @@ def test_they_form_and_keep_apart(craft):
     assert 0.02 < log["law.oldest"][log.t > 1].max() < 1.0
 
 
-@pytest.mark.slow
+@pytest.mark.real_time
 def test_a_hundred_craft_form_too_and_faster_than_real_time():
     import time
 

@@ -152,7 +152,7 @@ def test_a_law_flies_it_to_the_same_bits_as_its_own_vehicle(tmp_path):
         assert np.ptp(ours[f"truth.{n}"]) > 0.1
 
 
-@pytest.mark.slow
+@pytest.mark.real_time
 def test_it_is_flown_over_a_line_in_step(tmp_path):
     _, flown = flown_fmu(tmp_path, 1)
     key, name = passphrase_key("correct-horse-battery-staple"), f"loopback://{tmp_path.name}"
@@ -187,6 +187,7 @@ def line(tmp_path):
     link.close()
 
 
+@pytest.mark.real_time
 def test_what_is_measured_of_its_steps_is_undone(tmp_path):
     world = SteppedWorld(build(str(build_reference("VanDerPol", 3, tmp_path)), TRUST))
     assert 0 < world.measure_steps(ms(10)) < 0.1
@@ -196,13 +197,14 @@ def test_what_is_measured_of_its_steps_is_undone(tmp_path):
         assert bool(world.outputs[world.writes["truth.x1"]] == 0.0) is first
 
 
+@pytest.mark.real_time
 def test_by_a_clock_a_step_must_take_less_than_half_of_its_time(tmp_path, line):
     file = build_reference("VanDerPol", 3, tmp_path)
     with pytest.raises(InputError, match=r"a step of the FMU takes .* ms here, and there is one each 0.01 ms"):
         live_vehicle(file, tmp_path, line, **{"world.max_step": "10 us"})
 
 
-@pytest.mark.slow
+@pytest.mark.real_time
 def test_one_that_refuses_a_step_in_flight_ends_it_as_a_problem(tmp_path, line, monkeypatch):
     live = live_vehicle(build_reference("VanDerPol", 3, tmp_path), tmp_path, line)
     live.release_time = 0  # as if it had been armed
@@ -216,7 +218,7 @@ def test_one_that_refuses_a_step_in_flight_ends_it_as_a_problem(tmp_path, line, 
     assert service.t < seconds(1)
 
 
-@pytest.mark.slow
+@pytest.mark.real_time
 def test_it_is_flown_by_a_clock_signed_by_a_key_of_its_own_name(tmp_path):
     """As its own maker's steps have it, from where it was let go on: VanDerPol has no input to differ by."""
     file = build_reference("VanDerPol", 3, tmp_path)

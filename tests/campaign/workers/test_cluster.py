@@ -70,6 +70,7 @@ def test_addresses_and_files_that_are_none(folder):
     cluster_workers("tcp://localhost:8786")
 
 
+@pytest.mark.real_time
 def test_nobody_listens(folder):
     with pytest.raises(InputError, match="no scheduler is reached there: Connection refused") as refused:
         small(BLOCK).run(workers=cluster_workers("tls://127.0.0.1:9", **files(folder)))
@@ -89,7 +90,7 @@ def test_worker_whose_rows_would_be_others():
         assert ("a C compiler" in refused.value.fix) == (name == "backend")
 
 
-@pytest.mark.slow
+@pytest.mark.real_time
 def test_campaign_on_two_workers_and_who_is_refused(folder, processes, whole, tmp_path, monkeypatch):
     _, uri = processes.scheduler()
     for host in ("one", "two"):
@@ -142,7 +143,7 @@ def test_a_plan_has_the_calibration_and_a_worker_needs_no_file(tmp_path):
     assert machine_identity(with_boat(file, BLOCK).ready, "jax")["campaign"] != told["campaign"]
 
 
-@pytest.mark.slow
+@pytest.mark.real_time
 def test_workers_elsewhere_fly_a_calibrated_craft(folder, processes, tmp_path):
     """Processes of another folder, and the file gone before they begin."""
     file = tmp_path / "boat.toml"
@@ -169,7 +170,7 @@ class Slowly:
         time.sleep(0.1)
 
 
-@pytest.mark.slow
+@pytest.mark.real_time
 def test_worker_killed_in_the_middle(folder, processes, whole, tmp_path):
     """Ten seconds."""
     _, uri = processes.scheduler()
@@ -182,7 +183,7 @@ def test_worker_killed_in_the_middle(folder, processes, whole, tmp_path):
     assert_same(found.columns, whole)
 
 
-@pytest.mark.slow
+@pytest.mark.real_time
 def test_scheduler_killed_in_the_middle(folder, processes, whole, tmp_path):
     """Ten seconds."""
     scheduler, uri = processes.scheduler()
@@ -202,7 +203,7 @@ def test_scheduler_killed_in_the_middle(folder, processes, whole, tmp_path):
     assert_same(again.columns, whole)
 
 
-@pytest.mark.slow
+@pytest.mark.real_time
 def test_scheduler_that_hangs(folder, processes, tmp_path):
     """A minute."""
     scheduler, uri = processes.scheduler()
@@ -214,7 +215,7 @@ def test_scheduler_that_hangs(folder, processes, tmp_path):
     assert time.monotonic() - watch.when < 60
 
 
-@pytest.mark.slow
+@pytest.mark.real_time
 def test_last_worker_killed(folder, processes, whole, tmp_path, monkeypatch):
     """Half a minute."""
     monkeypatch.setattr(of_cluster, "WORKER_TIMEOUT", 4.0)
