@@ -105,6 +105,42 @@ def test_weights_that_are_given_are_turned_before_a_loop():
     assert source.index("< 64; ") < source.index("< 50; ")
 
 
+def in_a_scan(W, x):
+    """A flat vector of numbers taken as two matrices, again and again."""
+
+    def body(x, _):
+        return W.reshape(48, 24) @ jnp.tanh(W.reshape(24, 48) @ x), None
+
+    return jax.lax.scan(body, x, None, length=3)[0]
+
+
+SHAPES = {
+    "tied weights": ((24, 48), (48,), lambda W, x: W.reshape(48, 24) @ (W @ x)),
+    "heads": (
+        (4, 6, 48),
+        (4, 48),
+        lambda W, x: (
+            jnp.einsum("bi,hdi->bhd", x, W).ravel() + jnp.einsum("bi,hdi->bhd", x, W.reshape(2, 12, 48)).ravel()
+        ),
+    ),
+    "three shapes": (
+        (2, 12, 48),
+        (5, 48),
+        lambda W, x: [jnp.einsum("bi,hdi->bhd", x, W.reshape(n, 24 // n, 48)) for n in (2, 4, 8)],
+    ),
+    "scan": ((24 * 48,), (48,), in_a_scan),
+}
+
+
+@pytest.mark.parametrize("name", SHAPES)
+@pytest.mark.parametrize("dtype", [np.float64, np.float32])
+def test_products_of_one_array_at_several_shapes(name, dtype):
+    shape, other, function = SHAPES[name]
+    W, x = numbers(*shape).astype(dtype), numbers(*other, seed=1).astype(dtype)
+    agree(function, W, x)
+    agree(lambda x: function(jnp.asarray(W), x), x)
+
+
 def test_neighbours_are_in_the_innermost_loop(monkeypatch):
     a = numbers(60, 60)
     for width in (4, 8):

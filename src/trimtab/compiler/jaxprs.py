@@ -1,17 +1,20 @@
 """The one place that reads what a jaxpr says: names and parameters of primitives as this version of JAX writes them."""
 
 import os
+from importlib import import_module
 from typing import Any, NamedTuple
 
 import jax
 import numpy as np
 from jax import lax
-from jax._src import core, source_info_util
+from jax._src import core, random, source_info_util
 from jax._src.lax import special
-from jax._src.random import core as random_core
 from jax.extend.core import ClosedJaxpr, Literal
 
 jax.config.update("jax_enable_x64", True)
+
+RANDOM = import_module("jax._src.random.core" if hasattr(random, "__path__") else "jax._src.random")
+"""JAX's random numbers: one module up to JAX 0.10.1, a package in later versions."""
 
 OWN_FOLDER = os.path.dirname(__file__)
 CALLS = {
@@ -89,7 +92,7 @@ def special_function(name: str) -> Any:
 
 def draw_gamma(key: Any, shape: Any, *, log_space: bool) -> Any:
     """JAX's own program of random_gamma: Marsaglia and Tsang's method, one number after the other."""
-    return random_core._gamma_impl(key, shape, log_space=log_space)
+    return RANDOM._gamma_impl(key, shape, log_space=log_space)
 
 
 def raises_of_equinox(equation: Any) -> bool:

@@ -89,7 +89,8 @@ class _Factor:
         if array.items is not None:
             packed = Array(shape, array.dtype, array.items.transpose(order))
         elif self.is_constant:
-            packed = b.before_all(("packed", array.buffer, tuple(order)), move)
+            # The key holds all that the copy depends on: reshaped, the same numbers are another matrix.
+            packed = b.before_all(("packed", array.buffer, array.shape, array.dtype, tuple(order)), move)
         else:
             packed = move()
         first, last = len(self.batch), len(self.batch) + len(self.along)
