@@ -3,18 +3,17 @@
 import random
 import signal
 from collections.abc import Callable
-from time import monotonic, sleep
 
 from studies.live_faults.flight import INJECTOR, FaultFlight
 from studies.live_faults.relay import DOWN, UP, Bend, Terminals
-from trimtab.links.open_link import open_link
 from trimtab.wire.keys import passphrase_key
-from trimtab.wire.mavlink import Endpoint
 from trimtab.wire.protocol import CommandCode
 
 TICK_S = 0.01
 DATAGRAM = 1000
 Act = Callable[[FaultFlight], None]
+Prepare = Callable[[FaultFlight], dict[str, dict[str, str]]]
+"""Prepares a flight; gives environments, by process: "vehicle" or "autopilot"."""
 
 
 def inject_fault(text: str) -> Act:
@@ -47,6 +46,34 @@ def bend_packets(direction: int, make: Callable[[random.Random], Bend], seconds:
         flight.relay.bend.pop(direction)
 
     return act
+
+
+def bend_both_ways(make: Callable[[random.Random], Bend], seconds: float) -> Act:
+    """Each packet either way becomes something else for a while."""
+
+    def act(flight: FaultFlight) -> None:
+        flight.let_fly(flight.undisturbed_s)
+        for direction in (UP, DOWN):
+            flight.relay.bend[direction] = make(random.Random(direction))
+        flight.let_fly(seconds)
+        for direction in (UP, DOWN):
+            flight.relay.bend.pop(direction)
+
+    return act
+
+
+def spoil_packets(loss: float, late: float) -> Callable[[random.Random], Bend]:
+    """Packets are lost, one in twenty comes twice, and each comes up to `late` seconds later."""
+
+    def make(draw: random.Random) -> Bend:
+        def bend(data: bytes) -> list[tuple[float, bytes]]:
+            if draw.random() < loss:
+                return []
+            return [(draw.uniform(0.0, late), data) for _ in range(2 if draw.random() < 0.05 else 1)]
+
+        return bend
+
+    return make
 
 
 def truncate_packets(draw: random.Random) -> Bend:
@@ -91,7 +118,7 @@ def replay_packets(flight: FaultFlight) -> None:
     flight.let_fly(flight.undisturbed_s)
     for packet in list(flight.relay.recent_packets[UP]):
         flight.relay.send_bytes(UP, packet)
-        sleep(0.002)
+        flight.pause(0.002)
 
 
 def replay_after_cut(flight: FaultFlight) -> None:
@@ -102,7 +129,7 @@ def replay_after_cut(flight: FaultFlight) -> None:
     flight.let_fly(0.6)
     for packet in recorded * 2:
         flight.relay.send_bytes(UP, packet)
-        sleep(0.005)
+        flight.pause(0.005)
 
 
 def pour_garbage(direction: int, total: int, seconds: float) -> Act:
@@ -117,14 +144,14 @@ def pour_garbage(direction: int, total: int, seconds: float) -> Act:
 
 def send_stream(flight: FaultFlight, direction: int, total: int, seconds: float, real: tuple[bytes, ...] = ()) -> int:
     """Random bytes, or packets that were real ones, in datagrams; returns how many bytes."""
-    draw, began, done, k = random.Random(2), monotonic(), 0, 0
+    draw, began, done, k = random.Random(2), flight.now(), 0, 0
     while done < total:
-        due = total * min((monotonic() - began) / seconds, 1.0)
+        due = total * min((flight.now() - began) / seconds, 1.0)
         while done < due:
             packet = real[k % len(real)] if real else draw.randbytes(min(DATAGRAM, total - done))
             flight.relay.send_bytes(direction, packet)
             done, k = done + len(packet), k + 1
-        sleep(TICK_S)
+        flight.pause(TICK_S)
     return done
 
 
@@ -132,9 +159,9 @@ def flood_line(direction: int, times: float = 10.0, seconds: float = 1.5) -> Act
     """Frames of a recording, as many as make up a multiple of the line's usual load."""
 
     def act(flight: FaultFlight) -> None:
-        before, began = flight.relay.byte_counts[direction], monotonic()
+        before, began = flight.relay.byte_counts[direction], flight.now()
         flight.let_fly(flight.undisturbed_s)
-        rate = (flight.relay.byte_counts[direction] - before) / (monotonic() - began)
+        rate = (flight.relay.byte_counts[direction] - before) / (flight.now() - began)
         send_stream(
             flight, direction, int(times * rate * seconds), seconds, tuple(flight.relay.recent_packets[direction])
         )
@@ -178,13 +205,52 @@ def restart_vehicle(flight: FaultFlight) -> None:
         one.send(signal.SIGINT)
 
 
-def kill_writer(who: str) -> Act:
-    """The process that writes a log is killed."""
+def kill_child(who: str, word: str) -> Act:
+    """A process that an end has started is killed. word: in its command line."""
 
     def act(flight: FaultFlight) -> None:
         flight.let_fly(flight.undisturbed_s)
         process = flight.vehicle if who == "vehicle" else flight.autopilot
-        process.kill_child("stream_writer")
+        process.kill_child(word)
+
+    return act
+
+
+def kill_writer(who: str) -> Act:
+    """The process that writes a log is killed."""
+    return kill_child(who, "stream_writer")
+
+
+def prepare_clock(who: str, seconds: int) -> Prepare:
+    """A process whose wall clock jumps at `step_clocks`."""
+    return lambda flight: {who: flight.prepare_clock(seconds)}
+
+
+def step_clocks(flight: FaultFlight) -> None:
+    """The wall clock jumps, and stays there."""
+    flight.let_fly(flight.undisturbed_s)
+    flight.step_clocks()
+
+
+def prepare_disk(name: str) -> Prepare:
+    """A small disk, where a process writes its log."""
+
+    def prepare(flight: FaultFlight) -> dict[str, dict[str, str]]:
+        flight.prepare_disk(name)
+        return {}
+
+    return prepare
+
+
+def fill_disk(name: str, free_after: float | None) -> Act:
+    """All that is left of the small disk is taken, and perhaps given back."""
+
+    def act(flight: FaultFlight) -> None:
+        flight.let_fly(flight.undisturbed_s)
+        flight.fill_disk(name)
+        if free_after is not None:
+            flight.let_fly(free_after)
+            flight.free_disk(name)
 
     return act
 
@@ -208,12 +274,11 @@ def disarm_without_key(signed: bool) -> Act:
     def act(flight: FaultFlight) -> None:
         flight.let_fly(flight.undisturbed_s)
         key = passphrase_key("another-key-than-that-of-the-vehicle") if signed else None
-        link = open_link(flight.ends.listen)
-        end = Endpoint(flight.knowledge.dialect, *INJECTOR, key, unsigned=not signed, datagrams=True)
+        link, end = flight.join_line(*INJECTOR, key)
         asked = {"command": CommandCode.ARM, "param1": 0.0, "target_system": 1, "target_component": 1}
         for _ in range(100):
             link.send(end.pack("COMMAND_LONG", asked))
-            sleep(0.01)
+            flight.pause(0.01)
         link.close()
 
     return act

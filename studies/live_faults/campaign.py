@@ -19,6 +19,9 @@ from studies.live_faults.processes_at_0_1 import NOT_FLOWN, try_process_case
 from trimtab.core.errors import InputError, closest
 from trimtab.scenarios import catalogue
 
+SHARE_FLOWN_TWICE = 0.05
+"""Share of the flights in virtual time that are flown twice: both must be the same, bit for bit."""
+
 
 def select_cases(names: Sequence[str]) -> list[str]:
     """The names of these cases, or of all; refused where there is no such case."""
@@ -38,6 +41,8 @@ def fly_cases(
     *,
     out: Path | None = None,
     jobs: int = 2,
+    is_real: bool = False,
+    seed: int = 1,
     tell: Callable[[CaseOutcome], None] = lambda _: None,
 ) -> list[CaseOutcome]:
     """Fly cases of the campaign.
@@ -46,25 +51,49 @@ def fly_cases(
         names: which.
         out: a folder that gets one of each case, with both logs and all that was said; kept nowhere when None.
         jobs: how many at a time.
+        is_real: by processes in real time; else in virtual time.
+        seed: of virtual time.
         tell: is given each outcome as it comes.
     """
     apart = multiprocessing.get_context("spawn")
     with tempfile.TemporaryDirectory() as scratch, ProcessPoolExecutor(jobs, apart) as pool:
         where = out or Path(scratch)
-        flown = {pool.submit(_fly_named_case, name, where / name): name for name in names}
+        fly = _fly_named_case if is_real else functools.partial(_fly_virtual_case, seed, keeps_logs=out is not None)
+        flown = {pool.submit(fly, name, where / name): name for name in names}
+        again = [] if is_real else names[:: round(1 / SHARE_FLOWN_TWICE)]
+        twins = {name: pool.submit(_fly_virtual_case, seed, name, Path(scratch) / f"{name}-again") for name in again}
         for one in as_completed(flown):
             tell(one.result())
         found = {name: one.result() for one, name in flown.items()}
+        for name, twin in twins.items():
+            if twin.result().digest != found[name].digest:
+                both = f"{found[name].digest[:12]} and {twin.result().digest[:12]}"
+                problem = f"flown twice, it was not the same flight: {both}"
+                found[name] = found[name]._replace(problems=(*found[name].problems, problem))
+                tell(found[name])
     return [found[name] for name in names]
+
+
+def _find_case(name: str) -> Case:
+    if name.startswith(DRAWN):
+        return flight_case(read_name(name))
+    return next(case for case in all_cases() if case.name == name)
 
 
 def _fly_named_case(name: str, folder: Path) -> CaseOutcome:
     """In a process of the pool."""
-    if name.startswith(DRAWN):
-        return fly_twice(flight_case(read_name(name)), folder)
     if name in (apart := {case.name: case for case in NOT_FLOWN}):
         return try_process_case(apart[name], folder)
-    return fly_twice(next(case for case in all_cases() if case.name == name), folder)
+    return fly_twice(_find_case(name), folder)
+
+
+def _fly_virtual_case(seed: int, name: str, folder: Path, *, keeps_logs: bool = False) -> CaseOutcome:
+    """In a process of the pool, in virtual time."""
+    if name in (apart := {case.name: case for case in NOT_FLOWN}):
+        return CaseOutcome(name, apart[name].does, "", (), (), "it is no flight: --real-time")
+    from studies.live_faults.virtual_flight import fly_in_virtual_time
+
+    return fly_in_virtual_time(_find_case(name), _cached_ground(), folder, seed, keeps_logs=keeps_logs)
 
 
 def fly_twice(case: Case, folder: Path) -> CaseOutcome:

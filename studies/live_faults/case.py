@@ -5,7 +5,7 @@ import re
 import signal
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
@@ -15,7 +15,6 @@ from studies.live_faults.verdict import describe_course, failsafe_causes, find_v
 from studies.live_faults.words import Evidence, EvidenceCheck, list_unexplained, logged_event, printed_line
 from trimtab.core.errors import InputError
 from trimtab.logs.log import Log
-from trimtab.logs.mcap import read_mcap
 from trimtab.run.replay import describe_replay, replay
 from trimtab.scenarios.recorded import rebuild_scenario
 
@@ -36,6 +35,14 @@ WAITING_S = 0.1
 """What was kept waiting for longer (s), a process, the line or the campaign itself, may have failed by that alone."""
 UNHEARD_S = 0.04
 """A vehicle that is later by this (s) may have made its own outputs safe: they wait for 50 ms, armed or not."""
+
+
+class OpenFlight(Protocol):
+    """Opens a flight, by real processes or in virtual time."""
+
+    def __call__(self, folder: Path, known: VehicleKnowledge, *, serial: bool = False) -> FaultFlight:
+        """Open the line of a flight. serial: over a pair of serial devices."""
+        ...
 
 
 class RefusedStart(NamedTuple):
@@ -88,6 +95,7 @@ class CaseOutcome(NamedTuple):
     problems: empty where it holds.  skipped: why it was not done.  waited: what was kept waiting, for how long; empty
     where nothing was.  replays: bit by bit, of those of the autopilots' logs that hold a step.  repeated: this is the
     second flight, for in the first one something was kept waiting.
+    digest: hash of all packets, log rows and events of a flight in virtual time.
     """
 
     name: str
@@ -99,6 +107,7 @@ class CaseOutcome(NamedTuple):
     waited: str = ""
     replays: tuple[bool, ...] = ()
     repeated: bool = False
+    digest: str = ""
 
     def has_problem(self, kind: str | None) -> bool:
         """Whether one is of a kind; None: of none of them, so that the vehicle was not safe, or a process crashed."""
@@ -113,14 +122,14 @@ class CaseOutcome(NamedTuple):
         return "kept waiting" if self.waited else "fails"
 
 
-def fly_case(case: Case, known: VehicleKnowledge, folder: Path) -> CaseOutcome:
-    """Do it, and judge it; nothing that goes wrong in it is raised."""
+def fly_case(case: Case, known: VehicleKnowledge, folder: Path, open_flight: OpenFlight = FaultFlight) -> CaseOutcome:
+    """Do it, and judge it; nothing that goes wrong in it is raised. open_flight: real processes, or virtual time."""
     why = case.missing_requirement()
     if why:
         return CaseOutcome(case.name, case.does, "", (), (), why)
     try:
         folder.mkdir(parents=True)
-        flight = FaultFlight(folder, known, serial=case.serial)
+        flight = open_flight(folder, known, serial=case.serial)
         try:
             given = case.prepare(flight)
             flight.start_vehicle(case.fly + AFTER_S, *case.vehicle_options, **given.get("vehicle", {}))
@@ -174,7 +183,7 @@ def evaluate_flight(case: Case, ended: list[ProcessResult]) -> CaseOutcome:
         if "Traceback" in one.output_text:
             problems.append(f"{one.name} crashed: {one.output_text.strip()[-300:]}")
         try:
-            logs[one.name] = read_mcap(one.log)
+            logs[one.name] = one.read_log()
         except (InputError, OSError) as error:
             problems.append(f"the log of {one.name} can't be read: {error}")
     happened = "; ".join(_describe_course(n, log) for n, log in logs.items() if n.startswith("vehicle"))

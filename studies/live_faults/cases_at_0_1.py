@@ -4,7 +4,6 @@ import hashlib
 import signal
 import struct
 from collections.abc import Mapping
-from time import sleep
 
 from studies.live_faults import acts
 from studies.live_faults.acts import Act
@@ -61,7 +60,7 @@ def set_mode(main: float, part: float) -> Act:
             to = {"target_system": 1, "target_component": 1}
             for _ in range(3):
                 injector.link.send(injector.endpoint.pack("COMMAND_LONG", asked | to))
-                sleep(0.1)
+                flight.pause(0.1)
 
     return act
 
@@ -72,7 +71,7 @@ def ask_to_arm(flight: FaultFlight) -> None:
         asked = {"command": CommandCode.ARM, "param1": 1.0, "target_system": 1, "target_component": 1}
         for _ in range(3):
             injector.link.send(injector.endpoint.pack("COMMAND_LONG", asked))
-            sleep(0.1)
+            flight.pause(0.1)
 
 
 def arm_in_failsafe(flight: FaultFlight) -> None:
@@ -92,7 +91,7 @@ def send_samples_back(flight: FaultFlight) -> None:
     for k in range(50):
         times = {"t": now - 5_000_000 - 10_000 * k, "valid": 1}
         flight.relay.send_bytes(DOWN, vehicle.pack("SAMPLE_NAVIGATION", times))
-        sleep(0.005)
+        flight.pause(0.005)
 
 
 def renumber_frames(direction: int) -> Act:
@@ -137,12 +136,6 @@ def arm_at_once(flight: FaultFlight) -> None:
     flight.let_fly(1.0)
     ask_to_arm(flight)
     flight.let_fly(0.5)
-
-
-def kill_outputs(flight: FaultFlight) -> None:
-    """The process that applies the outputs is killed."""
-    flight.let_fly(flight.undisturbed_s)
-    flight.vehicle.kill_child("trimtab.live.outputs")
 
 
 def _cut_one_way_case(direction: int, seconds: float) -> Case:
@@ -207,7 +200,7 @@ def _signal_cases() -> list[Case]:
         Case(
             "outputs-killed",
             "the process that applies the vehicle's outputs is killed",
-            kill_outputs,
+            acts.kill_child("vehicle", "trimtab.live.outputs"),
             EITHER,
             (logged_event(VEHICLE, "the outputs' process died"), exit_status(VEHICLE, 1), exit_status(AUTOPILOT, 1)),
         ),

@@ -2,15 +2,12 @@
 
 from collections.abc import Iterator
 from contextlib import contextmanager
-from time import sleep
 
 from studies.live_faults.acts import Act
 from studies.live_faults.case import AUTOPILOT, FLIES, VEHICLE, Case
-from studies.live_faults.flight import NAME, FaultFlight
-from studies.live_faults.process import Process
+from studies.live_faults.flight import FaultFlight
 from studies.live_faults.relay import DOWN
 from studies.live_faults.words import counter_rise, logged_event, printed_line
-from trimtab.links.open_link import open_link
 from trimtab.live.injector import Injector
 from trimtab.wire.keys import SigningKey
 from trimtab.wire.mavlink import Endpoint
@@ -28,10 +25,9 @@ FULL_RUDDER = {"valid": 1, "rudder_pulse": 2.1e-3, "speed_rpm": 9000.0}
 @contextmanager
 def other_system(flight: FaultFlight) -> Iterator[tuple[Injector, Endpoint]]:
     """Another system that has the key, past the relay."""
-    link = open_link(flight.ends.listen)
-    endpoint = Endpoint(flight.knowledge.dialect, OTHER_SYSTEM, COMPUTER, flight.key, datagrams=True)
+    link, endpoint = flight.join_line(OTHER_SYSTEM, COMPUTER, flight.key)
     try:
-        yield Injector(link, endpoint), endpoint
+        yield Injector(link, endpoint, flight.clock), endpoint
     finally:
         endpoint.close()
         link.close()
@@ -46,7 +42,7 @@ def send_commands(count: int, ahead: int = 0) -> Act:
             for _ in range(count):
                 t = injector.read_vehicle_time() + ahead
                 injector.link.send(endpoint.pack("COMMAND", {"t": t, "session": endpoint.session} | FULL_RUDDER))
-                sleep(0.01)
+                flight.pause(0.01)
 
     return act
 
@@ -58,7 +54,7 @@ def ask_to_disarm(flight: FaultFlight) -> None:
         asked = {"command": CommandCode.ARM, "param3": endpoint.session, "target_system": 1, "target_component": 1}
         for _ in range(10):
             injector.link.send(endpoint.pack("COMMAND_LONG", asked))
-            sleep(0.02)
+            flight.pause(0.02)
 
 
 def start_second(*options: str) -> Act:
@@ -66,18 +62,7 @@ def start_second(*options: str) -> Act:
 
     def act(flight: FaultFlight) -> None:
         flight.let_fly(flight.undisturbed_s)
-        words = (
-            "fly",
-            NAME,
-            "--link",
-            flight.ends.listen,
-            "--duration",
-            "1 s",
-            "--out",
-            str(flight.log_folder(SECOND)),
-        )
-        environment = {"TRIMTAB_CONFIG": str(flight.copy_key("second"))}
-        flight.autopilots.append(Process(*words, *options, folder=flight.folder, name=SECOND, environment=environment))
+        flight.start_second(SECOND, *options)
 
     return act
 

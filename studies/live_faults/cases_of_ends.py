@@ -95,10 +95,10 @@ CLOCKS: list[Case] = [
     Case(
         f"{who}-clock-{'on' if seconds > 0 else 'back'}",
         f"{who}'s wall clock stepped {'on' if seconds > 0 else 'back'} by an hour",
-        machine.step_clock,
+        acts.step_clocks,
         FLIES,
         (logged_event(VEHICLE, "disarmed: disarm request"),),
-        prepare=machine.prepare_clock_step(who, seconds),
+        prepare=acts.prepare_clock(who, seconds),
         missing_requirement=machine.explain_no_compiler,
     )
     for who in ("vehicle", "autopilot")
@@ -109,10 +109,10 @@ DISKS: list[Case] = [
     Case(
         f"{name.partition('-')[0]}-disk-full{'-again' if after else ''}",
         f"disk full below the {name.partition('-')[0]}'s log" + (f", {after:g} s later free again" if after else ""),
-        machine.fill_disk(name, after),
+        acts.fill_disk(name, after),
         FLIES,
         (printed_line(name, "can't be written"), *([logged_event(name, "the log has a gap")] if after else [])),
-        prepare=machine.prepare_small_disk(name),
+        prepare=acts.prepare_disk(name),
         missing_requirement=machine.explain_no_mount,
         partial=(name,),
         statuses={} if name == VEHICLE else {AUTOPILOT: (1,)},

@@ -39,6 +39,7 @@ from studies.live_faults.words import (
     flag_gap,
     logged_event,
     outputs_safe,
+    printed_line,
 )
 from trimtab.wire.keys import create_key
 
@@ -68,7 +69,8 @@ class Disturbance(NamedTuple):
 
     act: does it, its waits with it.  ends: how the flight must end, as of Case.  lasts: s.  evidence: what the
     logs must say.  explains: patterns of lines in either log that it is a reason for.  fly: seconds of flight it needs.
-    is_last: nobody flies on as before, so that nothing may be drawn after it.
+    is_last: nobody flies on as before, so that nothing may be drawn after it.  partial: whose log can't be whole.
+    missing_requirement: why it can't be done on this machine, in real time.
     """
 
     kind: str
@@ -85,6 +87,8 @@ class Disturbance(NamedTuple):
     fly: float = 4.0
     is_last: bool = False
     actuator_fault_s: float = 0.0
+    partial: tuple[str, ...] = ()
+    missing_requirement: Callable[[], str] = lambda: ""
 
 
 def kill_autopilot(_: random.Random) -> Disturbance:
@@ -199,10 +203,10 @@ def shift_clock(draw: random.Random) -> Disturbance:
         return Disturbance(
             "autopilot mis-clocked",
             f"autopilot's wall clock steps by {seconds} s in flight",
-            machine.step_clock,
+            acts.step_clocks,
             FLIES,
             evidence=(logged_event(VEHICLE, "disarmed: disarm request"),),
-            prepare=machine.prepare_clock_step("autopilot", seconds),
+            prepare=acts.prepare_clock("autopilot", seconds),
         )
     if way == 1:
         return Disturbance(
@@ -298,6 +302,24 @@ def freeze_vehicle(draw: random.Random) -> Disturbance:
         (*LOST, *STALE, *NO_COMMAND, "outputs were safe"),
         stopped_s={VEHICLE: seconds},
         fly=4.5,
+        is_last=True,
+    )
+
+
+def kill_outputs(_: random.Random) -> Disturbance:
+    """The process that applies the vehicle's outputs."""
+    return Disturbance(
+        "outputs killed",
+        "the process of the vehicle's outputs killed",
+        acts.kill_child("vehicle", "trimtab.live.outputs"),
+        EITHER,
+        evidence=(
+            logged_event(VEHICLE, "the outputs' process died"),
+            logged_event(VEHICLE, "ended: the outputs' process died"),
+            exit_status(VEHICLE, 1),
+            exit_status(AUTOPILOT, 1),
+        ),
+        explains=("the outputs' process died", *LOST, *STALE, *NO_COMMAND),
         is_last=True,
     )
 
@@ -400,18 +422,66 @@ def break_line(draw: random.Random) -> Disturbance:
     )
 
 
-LAST = (kill_autopilot, freeze_autopilot, replace_autopilot, kill_vehicle, freeze_vehicle, restart_vehicle)
+def spoil_network(draw: random.Random) -> Disturbance:
+    """A bad network both ways: packets are lost, doubled, late, and overtake each other."""
+    loss, late = round(draw.uniform(0.05, 0.3), 2), round(draw.uniform(0.01, 0.1), 3)
+    seconds = round(draw.uniform(0.5, 1.4), 2)
+    return Disturbance(
+        "bad network",
+        f"{loss:.0%} of the packets lost, others up to {late * 1e3:.0f} ms late, {seconds} s",
+        acts.bend_both_ways(acts.spoil_packets(loss, late), seconds),
+        FLIES,
+        seconds,
+        (counter_rise(VEHICLE, "wire.lost"), counter_rise(AUTOPILOT, "link.lost")),
+        STALE,
+    )
+
+
+def fill_disk(draw: random.Random) -> Disturbance:
+    """A disk that is full for a while below one of the logs."""
+    who = draw.choice((VEHICLE, AUTOPILOT))
+    seconds = round(draw.uniform(0.3, 1.0), 2)
+    return Disturbance(
+        "disk full",
+        f"disk full below the log of {who} for {seconds} s",
+        acts.fill_disk(who, seconds),
+        FLIES,
+        seconds,
+        (printed_line(who, "can't be written"), logged_event(who, "the log has a gap"), exit_status(who, 1)),
+        ("the log has a gap", "the log lacks"),
+        prepare=acts.prepare_disk(who),
+        partial=(who,),
+        missing_requirement=machine.explain_no_mount,
+    )
+
+
+LAST = (
+    kill_autopilot,
+    freeze_autopilot,
+    replace_autopilot,
+    kill_vehicle,
+    freeze_vehicle,
+    restart_vehicle,
+    kill_outputs,
+)
 STARTS = (shift_clock, misconfigure)
-PASSING = (impersonate, break_sensor, break_uplink, break_actuators, break_line)
+PASSING = (
+    impersonate,
+    break_sensor,
+    break_uplink,
+    break_actuators,
+    break_line,
+    spoil_network,
+    fill_disk,
+)
 
 
 def wrong_clock(seconds: int) -> Callable[[FaultFlight], dict[str, str]]:
     """Surroundings of an autopilot in which it is another time of day."""
 
     def environment(flight: FaultFlight) -> dict[str, str]:
-        given = machine.prepare_clock_step("autopilot", seconds)(flight)["autopilot"]
-        (flight.folder / "stepped").touch()
-        return given
+        flight.step_clocks()
+        return flight.prepare_clock(seconds)
 
     return environment
 

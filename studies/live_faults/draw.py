@@ -5,15 +5,15 @@ How such a flight must end, and what its logs may and must say, is put together 
 
 import random
 import re
-import threading
 from collections.abc import Mapping, Sequence
+from functools import partial
 from typing import NamedTuple
 
 from studies.live_faults import acts
+from studies.live_faults.acts import Prepare
 from studies.live_faults.case import AUTOPILOT, CAUSE, EITHER, FLIES, STOPS, UNEXPLAINED, VEHICLE, Case, CaseOutcome
 from studies.live_faults.disturbances import LAST, PASSING, STARTS, TOLD, Disturbance
 from studies.live_faults.flight import FaultFlight
-from studies.live_faults.machine import Prepare
 from studies.live_faults.words import EvidenceCheck, exit_status
 from trimtab.core.errors import InputError
 
@@ -72,7 +72,8 @@ def flight_case(flight: DrawnFlight) -> Case:
         evidence = [check for check in evidence if check is not TOLD]  # it may be lost on the way, by the other one
     ending = _expected_ending(several)
     if ending == FLIES and not last.is_last:
-        evidence += [exit_status(who, 0) for who in (VEHICLE, AUTOPILOT)]
+        partial = {who for d in several for who in d.partial}
+        evidence += [exit_status(who, 0) for who in (VEHICLE, AUTOPILOT) if who not in partial]
     explains = tuple(pattern for d in several for pattern in d.explains)
     stopped = {who: s for d in several for who, s in d.stopped_s.items()}
     statuses = {who: s for d in several for who, s in d.statuses.items()}
@@ -89,6 +90,8 @@ def flight_case(flight: DrawnFlight) -> Case:
         prepare=_prepare_all(several),
         stopped_s=stopped,
         refused_start=start,
+        partial=tuple(who for d in several for who in d.partial),
+        missing_requirement=lambda: next((why for d in several if (why := d.missing_requirement())), ""),
         explains=explains,
     )
 
@@ -121,23 +124,13 @@ def _act_in_order(drawn: DrawnFlight) -> acts.Act:
 
     def act(flight: FaultFlight) -> None:
         flight.undisturbed_s = 0.0
-        problems: list[BaseException] = []
 
         def run(disturbance: Disturbance, time: float) -> None:
             flight.let_fly(time)
-            try:
-                disturbance.act(flight)
-            except Exception as error:  # raised again below, in the campaign's own thread
-                problems.append(error)
+            disturbance.act(flight)
 
         pairs = zip(drawn.disturbances, drawn.times, strict=True)
-        threads = [threading.Thread(target=run, args=pair) for pair in pairs]
-        for one in threads:
-            one.start()
-        for one in threads:
-            one.join()
-        if problems:
-            raise problems[0]
+        flight.act_together([partial(run, *pair) for pair in pairs])
 
     return act
 

@@ -6,16 +6,22 @@ import shlex
 import shutil
 import signal
 import threading
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
+from functools import partial
 from pathlib import Path
 from time import monotonic, sleep
 from typing import Any, NamedTuple
 
+from studies.live_faults import machine
 from studies.live_faults.process import Process
 from studies.live_faults.relay import Datagrams, Relay, Terminals
+from trimtab.core.clock import SYSTEM_CLOCK, Clock
+from trimtab.core.interfaces import Link
 from trimtab.links.open_link import open_link
 from trimtab.live.autopilot_end import scenario_dialect
 from trimtab.live.injector import Injector, fault_parameter_names, plan_fault
+from trimtab.logs.log import Log
+from trimtab.logs.mcap import read_mcap
 from trimtab.loop.scenario import Scenario
 from trimtab.wire.dialect import Dialect
 from trimtab.wire.keys import SigningKey, create_key, load_key
@@ -41,13 +47,14 @@ def collect_knowledge(scenario: Scenario) -> VehicleKnowledge:
 
 
 class ProcessResult(NamedTuple):
-    """What a process left. log: path of its log, which may be missing."""
+    """What a process left. log: path of its log, which may be missing.  read_log: reads it."""
 
     name: str
     status: int | None
     output_text: str
     result: dict[str, Any] | None
     log: Path
+    read_log: Callable[[], Log]
 
 
 class FaultFlight:
@@ -87,6 +94,63 @@ class FaultFlight:
     def log_folder(self, name: str) -> Path:
         """The folder of a process's log."""
         return self.folder / name
+
+    @property
+    def clock(self) -> Clock:
+        """The clock of the campaign."""
+        return SYSTEM_CLOCK
+
+    def now(self) -> float:
+        """The monotonic time of the campaign (s)."""
+        return monotonic()
+
+    def pause(self, seconds: float) -> None:
+        """Wait between two packets of an attacker."""
+        sleep(seconds)
+
+    def act_together(self, acts: Sequence[Callable[[], None]]) -> None:
+        """Do several things side by side, and wait for all."""
+        problems: list[BaseException] = []
+
+        def run(act: Callable[[], None]) -> None:
+            try:
+                act()
+            except Exception as error:  # raised again below, in the campaign's own thread
+                problems.append(error)
+
+        threads = [threading.Thread(target=run, args=(act,)) for act in acts]
+        for one in threads:
+            one.start()
+        for one in threads:
+            one.join()
+        if problems:
+            raise problems[0]
+
+    def prepare_clock(self, seconds: int) -> dict[str, str]:
+        """Return the environment of a process whose wall clock jumps by some seconds at `step_clocks`."""
+        return machine.build_clock(self.folder, seconds)
+
+    def step_clocks(self) -> None:
+        """Let the wall clocks of all processes jump that were prepared for it, also of those that start later."""
+        (self.folder / "stepped").touch()
+
+    def prepare_disk(self, name: str) -> None:
+        """Put a small disk where a process writes its log."""
+        machine.mount_small_disk(self.log_folder(name))
+        self.cleanups.append(lambda: machine.unmount(self.log_folder(name)))
+
+    def fill_disk(self, name: str) -> None:
+        """Take all that is left of a small disk."""
+        machine.fill_disk(self.log_folder(name) / "ballast")
+
+    def free_disk(self, name: str) -> None:
+        """Give back what `fill_disk` took."""
+        (self.log_folder(name) / "ballast").unlink()
+
+    def join_line(self, system: int, component: int, key: SigningKey | None) -> tuple[Link, Endpoint]:
+        """Another end that reaches the vehicle past the relay, signed by a key or by none."""
+        endpoint = Endpoint(self.knowledge.dialect, system, component, key, unsigned=key is None, datagrams=True)
+        return open_link(self.ends.listen), endpoint
 
     def let_fly(self, seconds: float) -> None:
         """Let it fly, and remember how much longer that was."""
@@ -158,13 +222,19 @@ class FaultFlight:
     def open_injector(self) -> Iterator[Injector]:
         """Another end that speaks to the vehicle, past the relay: one at a time, for all are one sender."""
         with self._injecting:
-            link = open_link(self.ends.listen)
-            endpoint = Endpoint(self.knowledge.dialect, *INJECTOR, self.key, datagrams=True)
+            link, endpoint = self.join_line(*INJECTOR, self.key)
             try:
                 yield Injector(link, endpoint)
             finally:
                 endpoint.close()
                 link.close()
+
+    def start_second(self, name: str, *options: str) -> None:
+        """A second `trimtab fly` with the same key, of another computer's folder, past the relay."""
+        line = ("--link", self.ends.listen, "--duration", "1 s", "--out", str(self.log_folder(name)))
+        environment = {"TRIMTAB_CONFIG": str(self.copy_key("second"))}
+        words = ("fly", NAME, *line, *options)
+        self.autopilots.append(Process(*words, folder=self.folder, name=name, environment=environment))
 
     def finish(self) -> list[ProcessResult]:
         """Wait for all ends, and gather what they left."""
@@ -175,9 +245,9 @@ class FaultFlight:
         ]
 
     def _process_result(self, process: Process, log: str) -> ProcessResult:
-        return ProcessResult(
-            process.name, process.status, process.output_text, process.result, self.log_folder(process.name) / log
-        )
+        file = self.log_folder(process.name) / log
+        said = process.output_text
+        return ProcessResult(process.name, process.status, said, process.result, file, partial(read_mcap, file))
 
     def end_vehicles(self) -> None:
         """Ask all of them to end, as a person would."""

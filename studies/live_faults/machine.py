@@ -4,11 +4,7 @@ import contextlib
 import os
 import shutil
 import subprocess
-from collections.abc import Callable
 from pathlib import Path
-from time import sleep
-
-from studies.live_faults.flight import FaultFlight
 
 DISK = 160_000_000
 """Bytes of the small disk: a vehicle is armed with 100 MB and more for its log."""
@@ -53,7 +49,6 @@ time_t time(time_t *where)
     return t.tv_sec;
 }
 """
-Prepare = Callable[[FaultFlight], dict[str, dict[str, str]]]
 
 
 def explain_no_compiler() -> str:
@@ -61,23 +56,15 @@ def explain_no_compiler() -> str:
     return "" if shutil.which("cc") else "there is no C compiler to build a wall clock with"
 
 
-def prepare_clock_step(who: str, seconds: int) -> Prepare:
-    """A process whose wall clock jumps when `step_clock` says so: a library put in front of the C library's."""
+def build_clock(folder: Path, seconds: int) -> dict[str, str]:
+    """Return the environment of a process whose wall clock jumps when the file `stepped` is in the folder.
 
-    def prepare(flight: FaultFlight) -> dict[str, dict[str, str]]:
-        source, library = flight.folder / "clock.c", flight.folder / "clock.so"
-        source.write_text(CLOCK, "ascii")
-        subprocess.run(["cc", "-O1", "-fPIC", "-shared", "-o", library, source, "-ldl"], check=True)
-        when = flight.folder / "stepped"
-        return {who: {"LD_PRELOAD": str(library), "STEP_S": str(seconds), "STEP_WHEN": str(when)}}
-
-    return prepare
-
-
-def step_clock(flight: FaultFlight) -> None:
-    """The wall clock jumps, and stays there."""
-    flight.let_fly(flight.undisturbed_s)
-    (flight.folder / "stepped").touch()
+    A library is put in front of the C library's.
+    """
+    source, library = folder / "clock.c", folder / "clock.so"
+    source.write_text(CLOCK, "ascii")
+    subprocess.run(["cc", "-O1", "-fPIC", "-shared", "-o", library, source, "-ldl"], check=True)
+    return {"LD_PRELOAD": str(library), "STEP_S": str(seconds), "STEP_WHEN": str(folder / "stepped")}
 
 
 def explain_no_mount() -> str:
@@ -87,41 +74,26 @@ def explain_no_mount() -> str:
     return "" if shutil.which("mount") else "there is no mount"
 
 
-def prepare_small_disk(name: str) -> Prepare:
-    """A small disk, where a process writes its log."""
-
-    def prepare(flight: FaultFlight) -> dict[str, dict[str, str]]:
-        where = flight.log_folder(name)
-        where.mkdir()
-        try:
-            subprocess.run(
-                ["mount", "-t", "tmpfs", "-o", f"size={DISK}", "trimtab", where], check=True, capture_output=True
-            )
-        except subprocess.CalledProcessError as error:
-            raise OSError(f"mount: {error.stderr.decode().strip()}") from None
-        flight.cleanups.append(lambda: _unmount(where))
-        return {}
-
-    return prepare
+def mount_small_disk(where: Path) -> None:
+    """Mount a small disk at a new folder."""
+    where.mkdir()
+    try:
+        subprocess.run(
+            ["mount", "-t", "tmpfs", "-o", f"size={DISK}", "trimtab", where], check=True, capture_output=True
+        )
+    except subprocess.CalledProcessError as error:
+        raise OSError(f"mount: {error.stderr.decode().strip()}") from None
 
 
-def _unmount(where: Path) -> None:
+def unmount(where: Path) -> None:
+    """Take a small disk away."""
     subprocess.run(["umount", "-l", where], check=False, capture_output=True)
 
 
-def fill_disk(name: str, free_after: float | None) -> Callable[[FaultFlight], None]:
-    """All that is left of the small disk is taken, and perhaps given back."""
-
-    def act(flight: FaultFlight) -> None:
-        flight.let_fly(flight.undisturbed_s)
-        ballast = flight.log_folder(name) / "ballast"
-        with ballast.open("wb", 0) as file:
-            for size in (1_000_000, 4096):
-                with contextlib.suppress(OSError):
-                    while True:
-                        file.write(bytes(size))
-        if free_after is not None:
-            sleep(free_after)
-            ballast.unlink()
-
-    return act
+def fill_disk(ballast: Path) -> None:
+    """Fill all that is left of a small disk with one file."""
+    with ballast.open("wb", 0) as file:
+        for size in (1_000_000, 4096):
+            with contextlib.suppress(OSError):
+                while True:
+                    file.write(bytes(size))

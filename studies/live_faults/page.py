@@ -14,12 +14,24 @@ A vehicle and an autopilot as two processes (`trimtab vehicle hovercraft/forward
 datagrams or a pair of serial devices, and between them a line that is ours to spoil. Each case is a flight of its own:
 a second after arming something goes wrong. This page is made by
 
-    trimtab live-faults --page docs/studies/live-faults.md
+    trimtab live-faults --real-time --page docs/studies/live-faults.md
 
 and shows the campaign as it ran: {cases} cases, {held} hold, {skipped} skipped, {failed} fail.
 With `--only CASE` the command flies that case and puts its row into a page that is there; `--out DIR` keeps its logs.
 
 Flown: {runs}.
+
+## In virtual time
+
+    trimtab live-faults                                every case, in a few minutes
+    trimtab live-faults --draw 1000 --seed 1           flights drawn at random
+    trimtab live-faults --only drawn-1-17              one of them once more, the same bit for bit
+
+Without `--real-time` the same cases are flown in one process on one virtual clock ([Testing](../testing.md)): the same
+commands, with the clock, disk, network and processes of `trimtab.live.virtual_machine`. The flight takes no longer than
+its computation, no other program can disturb it, and the seed decides every packet. The printed verdicts are the same.
+`--json` gives the hash of all packets, log rows and events as `digest`. One flight in twenty is flown twice, in two
+processes, and the two hashes must be equal. Serial devices, and the cases that are no flight, need `--real-time`.
 
 ## What holds means
 
@@ -60,7 +72,8 @@ fails where it doesn't.
 
 ## Flights drawn at random
 
-    trimtab live-faults --draw 200 --seed 1 --jobs 3
+    trimtab live-faults --draw 200 --seed 1                     in virtual time
+    trimtab live-faults --real-time --draw 200 --seed 1 --jobs 3
 
 draws, by number and seed alone, an autopilot killed, frozen, replaced, impersonated, mis-clocked or mis-configured, a
 vehicle killed, frozen or restarted, a word on sensor, uplink, downlink or actuators, or a bad line; in half of the
@@ -71,7 +84,7 @@ type. `--only drawn-1-17` flies one of them again.
 
 ## What was found at version 0.1
 
-    trimtab live-faults --findings
+    trimtab live-faults --real-time --findings
 
 tries each again, flights and what is no flight (logs that name code, exported C at the least time, the key in firmware,
 a mute client, a ground station), and prints what was seen now beside what it was: "mended", "as before", or "kept

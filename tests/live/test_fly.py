@@ -1,86 +1,33 @@
-"""A whole flight in one process: a vehicle in a thread, an autopilot, a loopback line, two logs."""
-
-import threading
-from time import monotonic, sleep
-from types import SimpleNamespace
+"""Whole flights in virtual time: a vehicle, its outputs, an autopilot, a network, two logs."""
 
 import numpy as np
 import pytest
-from run.stand_ins import KEY, dialect
+from live.virtual_pair import LISTEN, VirtualPair, events, fly_pair
+from run.stand_ins import dialect
 from wire.line import every
 
 from trimtab.core.errors import InputError
 from trimtab.core.record import replace
 from trimtab.core.time import ms, seconds
-from trimtab.links.open_link import open_link
-from trimtab.live.fly import LiveAutopilot
-from trimtab.live.vehicle import LiveVehicle
-from trimtab.logs.mcap import read_mcap
+from trimtab.live.fly import SERVO_FRAME
+from trimtab.live.virtual_machine import VirtualMachine
 from trimtab.native.compiler import find_compiler
-from trimtab.run.blocks import replace_links
 from trimtab.run.replay import replay
 from trimtab.scenarios import catalogue
-from trimtab.wire.mavlink import Endpoint
 
-pytestmark = [pytest.mark.real_time, pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here")]
+pytestmark = pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here")
 LENGTH = seconds("1.5")
-
-
-class Pair:
-    """A vehicle that serves in a thread, and an autopilot that may fly it."""
-
-    def __init__(self, scenario, name, step=None):
-        self.there, self.here = open_link(f"loopback://{name}", listen=True), open_link(f"loopback://{name}")
-        self.vehicle = LiveVehicle(replace_links(scenario), self.there, lambda d: Endpoint(d, 1, 1, KEY))
-        self.flyer = LiveAutopilot(scenario, self.here, lambda d: Endpoint(d, 1, 191, KEY), step=step)
-        self._ended, self.served = threading.Event(), []
-        self.thread = threading.Thread(target=self._serve)
-
-    def _serve(self):
-        self.served.append(self.vehicle.serve(log=self.log, stop=self._ended.is_set))
-
-    def start(self, log=None):
-        self.log = log
-        self.thread.start()
-
-    def end(self):
-        self._ended.set()
-        self.thread.join(20)
-        self.here.close()
-        self.there.close()
-        assert not self.thread.is_alive()
-        return self.served[0] if self.served else None
 
 
 @pytest.fixture(scope="module")
 def scenario():
-    """Its failsafe waits for longer than a busy machine may keep one of the two threads from running."""
-    found = catalogue.load_scenario("hovercraft/zero-velocity")[0]
-    return replace(found, failsafe=replace(found.failsafe, timeout=seconds(8), age_max=8.0))
-
-
-@pytest.fixture
-def step(flown):
-    flown.pair.flyer.autopilot_end.step.reset()
-    return flown.pair.flyer.autopilot_end.step
+    return catalogue.load_scenario("hovercraft/zero-velocity")[0]
 
 
 @pytest.fixture(scope="module")
-def flown(scenario, tmp_path_factory):
-    """One flight that every test below looks at."""
-    folder, said = tmp_path_factory.mktemp("flown"), []
-    pair = Pair(scenario, "test-fly")
-    pair.start(folder / "vehicle.mcap")
-    try:
-        pair.flyer.connect()
-        sleep(0.3)  # what comes in that time is thrown away
-        flight = pair.flyer.fly(duration=LENGTH, log=folder / "flight.mcap", wanted_real_time=False, tell=said.append)
-    finally:
-        served = pair.end()
-    logs = [read_mcap(folder / f"{name}.mcap") for name in ("flight", "vehicle")]
-    return SimpleNamespace(
-        flight=flight, served=served, log=logs[0], truth=logs[1], said=said, scenario=scenario, pair=pair
-    )
+def flown(scenario):
+    """One flight that every test below looks at. What comes in the pause before it is thrown away."""
+    return fly_pair(scenario, pause=0.3, duration=LENGTH)
 
 
 def test_it_was_armed_flew_its_time_and_was_disarmed(flown):
@@ -90,7 +37,7 @@ def test_it_was_armed_flew_its_time_and_was_disarmed(flown):
     assert flown.served.disarm_time - flown.served.release_time >= LENGTH
     assert flown.served.disarm_time < flown.served.t
     assert (flown.flight.problems, flown.served.problems) == ((), ())
-    told = [event["text"] for event in flown.truth.metadata["events"]]
+    told = events(flown.truth)
     armed, disarmed, ended = map(told.index, ("computer: arm request", "disarmed: disarm request", "ended by request"))
     assert armed < disarmed < ended
     assert any("computer: arm request" in line for line in flown.said)
@@ -164,98 +111,186 @@ def test_commands_reach_the_actuators_as_they_were_sent(flown):
     assert {tuple(v) for v in obeyed.tolist()} <= sent
 
 
+def test_a_quiet_network_keeps_every_deadline(flown):
+    kept = flown.flight.deadlines
+    assert (kept.own, kept.scheduler, flown.pair.flyer.skipped) == (0, 0, 0)
+    assert kept.late.longest == 0
+    assert np.ptp(flown.log["link.implausible"][flown.log["vehicle.armed"].astype(bool)]) == 0
+    assert flown.pair.outputs_said[0].endswith("safe, 0.0 ms after the last row: the vehicle has ended")
+
+
+def test_commands_leave_once_in_a_servo_frame(flown):
+    sent = np.diff(flown.truth.t[flown.truth["firmware.command.fresh"].astype(bool)])
+    assert sent.min() > 0.9e-7 * SERVO_FRAME
+    assert sent.max() < 1.1e-7 * SERVO_FRAME
+
+
+def test_one_seed_gives_one_hash_and_another_seed_another(scenario, flown):
+    assert fly_pair(scenario, pause=0.3, duration=LENGTH).digest == flown.digest
+    assert fly_pair(scenario, 2, pause=0.3, duration=LENGTH).digest != flown.digest
+
+
 @pytest.mark.parametrize("overrun", ["halt", "count"])
-def test_a_late_period_halts_the_flight_or_is_counted(scenario, step, tmp_path, overrun):
-    pair, said, asked = Pair(scenario, f"test-fly-{overrun}", step), [], []
-    pair.start()
+def test_a_late_period_halts_the_flight_or_is_counted(scenario, overrun):
+    def work(pair):
+        pair.time.keep_busy(pair.flying, 0.2)
 
-    def sleep_once_armed():
-        asked.append(pair.flyer.arming_time is not None)
-        if asked.count(True) == 3:
-            sleep(0.2)
-        return False
-
-    try:
-        pair.flyer.connect()
-        flight = pair.flyer.fly(
-            duration=LENGTH,
-            log=tmp_path / "flight.mcap",
-            wanted_real_time=False,
-            overrun=overrun,
-            stop=sleep_once_armed,
-            tell=said.append,
-        )
-    finally:
-        pair.end()
-    assert flight.deadlines.own + flight.deadlines.scheduler >= 1
-    halted, log = overrun == "halt", read_mcap(tmp_path / "flight.mcap")
-    assert ("an overrun: the work of period" in flight.cause) == halted == (flight.cause in flight.problems)
-    assert (f"ended: {flight.cause}" in said) == halted == (flight.t < LENGTH)
-    assert (f"ended: {flight.cause}" in [e["text"] for e in log.metadata["events"]]) == halted
-    assert pair.vehicle.duties.mode.mode == "disarmed"
+    one = fly_pair(scenario, act=work, duration=LENGTH, overrun=overrun)
+    halted = overrun == "halt"
+    assert one.flight.deadlines.scheduler == 0
+    assert one.flight.deadlines.own == 1 if halted else one.flight.deadlines.own > 150
+    assert ("an overrun: the work of period" in one.flight.cause) == halted == (one.flight.cause in one.flight.problems)
+    assert (f"ended: {one.flight.cause}" in one.said) == halted == (one.flight.t < LENGTH)
+    assert (f"ended: {one.flight.cause}" in events(one.log)) == halted
+    assert one.pair.vehicle.duties.mode.mode == "disarmed"
 
 
-def test_interrupted_before_it_was_armed_it_disarms_nobody(scenario, step):
+def test_a_process_that_got_no_processor_is_not_blamed(scenario):
+    one = fly_pair(scenario, act=lambda pair: pair.here.freeze(0.2), duration=LENGTH)
+    assert one.flight.deadlines.own == 0
+    assert one.flight.deadlines.scheduler > 150
+    assert one.flight.deadlines.late.longest == pytest.approx(0.2e9, rel=0.01)
+
+
+def test_an_autopilot_that_stood_still_goes_on_from_now(scenario):
+    one = fly_pair(scenario, act=lambda pair: pair.here.freeze(1.0), duration=seconds(3))
+    assert one.pair.flyer.skipped == pytest.approx(1000, abs=2)
+    assert any(
+        text.startswith(("this end stood still for 0.99", "this end stood still for 1.0")) for text in events(one.log)
+    )
+    assert any(text.startswith("failsafe: no command") for text in events(one.truth))
+    t = one.truth.t[one.truth["firmware.mode"] == 3][0]
+    last = one.truth.t[one.truth["firmware.command.fresh"].astype(bool) & (one.truth.t < t)][-1]
+    assert t - last == pytest.approx(0.25, abs=0.0015)
+
+
+def test_a_flood_does_not_delay_a_period(scenario):
+    """Sixty packets a millisecond, none of them signed, are refused; samples and commands go on."""
+
+    def pour(pair):
+        def flood(machine):
+            link = machine.open_link("udp://127.0.0.1:14550")
+            for k in range(300):
+                for _ in range(60):
+                    link.send(bytes([k % 256]) * 40)
+                machine.clock.wait(None, 0.001)
+
+        VirtualMachine(pair.time, pair.network, "attacker").start(flood)
+
+    one = fly_pair(scenario, act=pour, duration=LENGTH)
+    assert one.truth["wire.garbage"][-1] > 300 * 60 * 30
+    assert "failsafe:" not in " ".join(events(one.truth))
+    assert one.served.lateness.longest == 0
+
+
+def test_a_lost_command_is_counted_and_flown_on(scenario):
+    def drop(pair):
+        pair.network.path("autopilot", "vehicle").cut_until = pair.time.now + 50_000_000
+
+    one = fly_pair(scenario, act=drop, duration=LENGTH)
+    assert 2 <= one.truth["wire.lost"][-1] <= 5
+    assert "failsafe:" not in " ".join(events(one.truth))
+
+
+@pytest.mark.parametrize("kind", ["kill", "freeze"])
+def test_outputs_go_safe_50_ms_after_the_last_row(scenario, kind):
+    def stop(pair):
+        getattr(pair.there, kind)(*([] if kind == "kill" else [0.1]))
+
+    pair = VirtualPair(scenario)
+    pair.start_vehicle(until=lambda: pair.time.seconds > 4.0)
+    pair.start_autopilot(duration=LENGTH)
+    pair.when_armed(lambda: stop(pair))
+    pair.run()
+    first = pair.outputs_said[0]
+    if kind == "kill":
+        assert first.endswith(": the vehicle's process is gone")
+        assert float(first.split("safe, ")[1].split(" ms")[0]) <= 5.1
+    else:
+        assert "safe, 50.0 ms after the last row: the vehicle's process is stopped" in first
+        truth = pair.logs()[1]
+        assert "outputs were safe: no row for" in " ".join(events(truth))
+        assert truth["firmware.late"].max() == pytest.approx(0.1, abs=0.001)
+    assert pair.outputs_said[-1].endswith(("at rest; the vehicle's process is gone", "at rest; the vehicle has ended"))
+
+
+def test_a_vehicle_whose_outputs_died_ends_and_says_so(scenario):
+    one = fly_pair(scenario, act=lambda pair: pair.time.kill(pair.there.outputs[-1]), duration=seconds(3))
+    assert "the outputs' process died" in one.served.problems
+    assert "ended: the outputs' process died" in events(one.truth)
+
+
+def test_a_wall_clock_that_is_an_hour_ahead_is_refused_with_the_difference(scenario):
+    pair = VirtualPair(scenario)
+    pair.start_vehicle()
+    pair.there.step_clock(3600.0)
+    pair.start_autopilot(duration=LENGTH)
+    with pytest.raises(InputError, match=r"wrong clock: clocks differ by 3600\.\d s"):
+        pair.run()
+
+
+def test_interrupted_before_it_was_armed_it_disarms_nobody(scenario):
     """Somebody else may be flying the vehicle."""
-    pair = Pair(scenario, "test-fly-stopped", step)
-    said = []
-    pair.start()
-    try:
-        pair.flyer.connect()
-        pair.here.send(pair.flyer.endpoint.pack("COMMAND_LONG", {"command": 400, "param1": 1.0}))
-        end = monotonic() + 10
-        while pair.vehicle.release_time is None and monotonic() < end:
-            pair.here.receive(0.01)
-        flight = pair.flyer.fly(wanted_real_time=False, stop=lambda: True, tell=said.append)
-        end = monotonic() + 0.1
-        while monotonic() < end:
-            pair.here.receive(0.01)
-        flown_by = pair.vehicle.duties.mode
-    finally:
-        pair.end()
+
+    def fly(flyer, machine):
+        flyer.link.send(flyer.endpoint.pack("COMMAND_LONG", {"command": 400, "param1": 1.0}))
+        while pair.vehicle.release_time is None:
+            flyer.link.receive(0.01)
+        flight = flyer.fly(stop=lambda: True)
+        machine.clock.wait(None, 0.1)
+        return flight, pair.vehicle.duties.mode
+
+    pair = VirtualPair(scenario)
+    pair.start_vehicle()
+    pair.start_autopilot(fly)
+    pair.run()
+    flight, mode = pair.flying.result
     assert (flight.arming_time, flight.t, flight.log) == (None, 0, None)
-    assert flown_by == ("computer", "arm request")
+    assert mode == ("computer", "arm request")
 
 
-def test_where_nobody_answers_it_says_what_to_type(scenario, step):
-    link = open_link("loopback://test-fly-nobody")
-    try:
-        flyer = LiveAutopilot(scenario, link, lambda d: Endpoint(d, 1, 191, KEY), step=step)
+def test_where_nobody_answers_it_says_what_to_type(scenario):
+    def run(machine):
+        flyer = pair.make_autopilot(machine)
         with pytest.raises(InputError, match="no vehicle answers") as refused:
             flyer.connect(patience=0.1)
         assert f"trimtab vehicle {scenario.name} --listen" in refused.value.fix
-        began = monotonic()
+        assert pair.time.seconds == pytest.approx(0.12, abs=0.021)
         flyer.connect(patience=30.0, stop=lambda: True)
-        assert monotonic() - began < 5
-    finally:
-        link.close()
+        assert pair.time.seconds < 0.2
+
+    pair = VirtualPair(scenario)
+    pair.flying = pair.here.start(run)
+    pair.run()
 
 
-def test_where_frames_come_it_waits_longer_for_the_clock(scenario, step):
-    """Heartbeats and nothing else: the clock is never known, and the answer names it, after three times as long."""
-    there, link = open_link("loopback://test-fly-deaf", listen=True), open_link("loopback://test-fly-deaf")
-    try:
-        flyer = LiveAutopilot(scenario, link, lambda d: Endpoint(d, 1, 191, KEY), step=step)
-        theirs = Endpoint(flyer.endpoint.dialect, 1, 1, KEY)
-        while link.receive(0.0) is None:  # until both ends have met
-            there.receive(0.0)
-            there.send(b"?")
-        there.send(theirs.pack("HEARTBEAT", {"autopilot": 0}))
-        began = monotonic()
+def test_where_frames_come_it_waits_three_times_as_long_for_the_clock(scenario):
+    """Heartbeats and nothing else: the clock is never known, and the answer names it."""
+
+    def beat(machine):
+        link = machine.open_link(LISTEN, listen=True)
+        theirs = pair.endpoint(machine, pair.flyer.endpoint.dialect, 1)
+        link.receive(1.0)
+        link.accept_sender()
+        link.send(theirs.pack("HEARTBEAT", {"autopilot": 0}))
+        machine.clock.wait(None, 5.0)
+
+    def run(machine):
+        flyer = pair.make_autopilot(machine)
+        pair.there.start(beat)
         with pytest.raises(InputError, match="its clock is not known yet"):
             flyer.connect(patience=0.1)
-        assert monotonic() - began >= 0.3
-    finally:
-        link.close()
-        there.close()
+        assert pair.time.seconds == pytest.approx(0.32, abs=0.021)
+
+    pair = VirtualPair(scenario)
+    pair.flying = pair.here.start(run)
+    pair.run()
 
 
-def test_a_vehicle_with_other_sensors_is_refused_before_it_is_armed(scenario, step):
-    _, other = dialect({"compass": every()}, every())
-    link = open_link("loopback://test-fly-other")
-    try:
-        flyer = LiveAutopilot(scenario, link, lambda d: Endpoint(d, 1, 191, KEY), step=step)
-        theirs = Endpoint(other, 1, 1, KEY)
+def test_a_vehicle_with_other_sensors_is_refused_before_it_is_armed(scenario):
+    def run(machine):
+        _, other = dialect({"compass": every()}, every())
+        flyer, theirs = pair.make_autopilot(machine), pair.endpoint(machine, other, 1)
         beat = theirs.pack("HEARTBEAT", {"autopilot": 0})
         version = theirs.pack("AUTOPILOT_VERSION", {"flight_custom_version": theirs.dialect.fingerprint})
         for packet in (beat, version):
@@ -263,33 +298,28 @@ def test_a_vehicle_with_other_sensors_is_refused_before_it_is_armed(scenario, st
         with pytest.raises(InputError, match="other sensors") as refused:
             flyer.connect(patience=30.0)
         assert "the same --set on both ends" in refused.value.fix
-    finally:
-        link.close()
+
+    pair = VirtualPair(scenario)
+    pair.flying = pair.here.start(run)
+    pair.run()
 
 
-def test_a_vehicle_of_another_mass_is_refused_by_path_and_flown_where_that_is_meant(scenario, step):
-    heavier = replace(scenario, world=replace(scenario.world, vehicle=replace(scenario.world.vehicle, mass=2.8)))
-    there, here = open_link("loopback://test-fly-mass", listen=True), open_link("loopback://test-fly-mass")
-    vehicle = LiveVehicle(replace_links(heavier), there, lambda d: Endpoint(d, 1, 1, KEY))
-    ended, said = threading.Event(), []
-    serving = threading.Thread(target=vehicle.serve, kwargs={"stop": ended.is_set})
-    serving.start()
-    try:
-        flyer = LiveAutopilot(scenario, here, lambda d: Endpoint(d, 1, 191, KEY), step=step)
+def test_a_vehicle_of_another_mass_is_refused_by_path_and_flown_where_that_is_meant(scenario):
+    def run(machine):
+        flyer = pair.make_autopilot(machine)
         with pytest.raises(
             InputError, match=r"wrong scenario: .*\n  world\.vehicle\.mass: 2\.8 there, 2\.6 here"
         ) as refused:
             flyer.connect()
         assert "--accept world.vehicle.mass" in refused.value.fix
-        meant = LiveAutopilot(
-            scenario, here, lambda d: Endpoint(d, 1, 191, KEY), step=step, accepts=["world.vehicle.mass"]
-        )
-        meant.remote.tell = said.append
+        meant = pair.make_autopilot(machine, accepts=["world.vehicle.mass"])
+        meant.remote.tell = pair.said.append
         meant.connect()
         assert meant.remote.is_ready
-        assert "accepted: world.vehicle.mass: 2.8 there, 2.6 here" in said
-    finally:
-        ended.set()
-        serving.join(20)
-        here.close()
-        there.close()
+        assert "accepted: world.vehicle.mass: 2.8 there, 2.6 here" in pair.said
+
+    heavier = replace(scenario, world=replace(scenario.world, vehicle=replace(scenario.world.vehicle, mass=2.8)))
+    pair = VirtualPair(scenario)
+    pair.start_vehicle(heavier)
+    pair.flying = pair.here.start(run)
+    pair.run()

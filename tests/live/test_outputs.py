@@ -13,7 +13,8 @@ import pytest
 from links.ends import free_port
 from live.pair import Program, make_key
 
-from trimtab.live.outputs import DRIVEN, LATCHED, SAFE, OutputPort, OutputRow, Outputs, Watchdog
+from trimtab.live.outputs import Outputs
+from trimtab.live.watchdog import DRIVEN, LATCHED, SAFE, OutputPort, OutputRow, Watchdog
 
 MS = 1_000_000
 BUSY_BOUND = 2_000 * MS
@@ -122,8 +123,7 @@ def test_the_vehicle_hears_of_a_latched_silence_and_of_the_death_of_its_outputs(
             silences.append(outputs.hand_over(True, False, [1.0]))
             time.sleep(0.006)
         assert max(silences) >= 150 * MS
-        outputs.process.kill()
-        outputs.process.wait()
+        os.kill(outputs.process.pid, signal.SIGKILL)
         time.sleep(0.01)
         outputs.hand_over(True, False, [0.0])
         assert not outputs.is_alive

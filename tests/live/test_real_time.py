@@ -2,7 +2,6 @@
 
 import gc
 import os
-from time import monotonic_ns
 
 import pytest
 
@@ -10,27 +9,29 @@ from trimtab.core.time import ms
 from trimtab.live.real_time import NS, Deadlines, real_time
 
 
-class Processor:
-    """Processor time of the thread, as a test says."""
+class HandClock:
+    """A clock that a test sets: monotonic time, and processor time of the thread."""
 
     def __init__(self):
-        self.ns = 0
+        self.now = self.busy = 0
 
-    def __call__(self):
-        return self.ns
+    def monotonic_ns(self):
+        return self.now
+
+    def thread_ns(self):
+        return self.busy
 
 
-@pytest.mark.real_time
 def test_overruns_are_put_down_to_their_cause():
-    """Period k is said to have woken `late` and worked for `work` periods, of which the thread had `busy`."""
-    processor = Processor()
-    kept = Deadlines(ms(1), processor)
+    """Period k woke `late` and worked for `work` periods, of which the thread was busy for `busy`."""
+    clock = HandClock()
+    kept = Deadlines(ms(1), clock)
     period = ms(1) * NS
 
     def done(late, work, busy):
-        now = monotonic_ns()
+        clock.now = now = clock.now + 100 * period
         kept.start = now - round((late + work) * period) - 10 * period
-        processor.ns += round(busy * period)
+        clock.busy += round(busy * period)
         woke = now - round(work * period)
         return kept.record_period(10, woke, woke + 100, woke + 700)
 
@@ -55,10 +56,20 @@ def test_overruns_are_put_down_to_their_cause():
     assert kept.step.summary().n == 9
 
 
-@pytest.mark.real_time
 def test_deadlines_do_not_drift():
-    kept = Deadlines(ms(1))
-    assert abs(kept.remaining(1000) - kept.remaining(500) - 0.5) < 0.05
+    clock = HandClock()
+    kept = Deadlines(ms(1), clock)
+    clock.now = 12_345
+    assert kept.remaining(1000) == pytest.approx(1.0 - 12_345e-9, abs=1e-12)
+    assert kept.remaining(500) == pytest.approx(0.5 - 12_345e-9, abs=1e-12)
+
+
+@pytest.mark.parametrize(("late", "passed"), [(0.499, 0), (0.5, 500), (1.2345, 1234)])
+def test_a_loop_that_stood_still_passes_over_periods(late, passed):
+    clock = HandClock()
+    kept = Deadlines(ms(1), clock)
+    clock.now = round((0.01 + late) * 1e9)
+    assert kept.count_passed(10) == (passed, round(late * 1e7))
 
 
 @pytest.mark.real_time

@@ -10,7 +10,7 @@ import click
 from click.core import ParameterSource
 
 from trimtab.commands.flight_summary import print_truth, summarise_truth
-from trimtab.commands.line import catch_interrupts, is_local
+from trimtab.commands.line import current_machine, is_local
 from trimtab.commands.output import new_log, print_json, print_log_size
 from trimtab.commands.progress import show_spinner
 from trimtab.core.errors import InputError
@@ -163,7 +163,7 @@ def serve_stack(
         vehicle = _compile_vehicle(scenario, seed, channels, release, option, stack.channels, tell)
         physics = stack.physics(scenario, vehicle, link, seed=seed)
         tell(f"{scenario.name} waits on {line} for  {stack.begin}   Ctrl-C ends it.")
-        with catch_interrupts() as stop:
+        with current_machine().catch_interrupts() as stop:
             summary = physics.serve(duration=duration, log=log, stop=stop, tell=tell)
     finally:
         link.close()

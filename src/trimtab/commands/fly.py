@@ -14,12 +14,11 @@ import click
 from trimtab.commands.kept_programs import enable_cache
 from trimtab.commands.line import (
     AUTOPILOT,
-    catch_interrupts,
+    current_machine,
     endpoint_factory,
     find_key,
     live_settings,
     open_line,
-    store_stamps_ahead,
 )
 from trimtab.commands.options import (
     JSON,
@@ -147,7 +146,7 @@ def command(
             if not as_json:
                 click.echo(f"flew {to_seconds(built.duration):g} s of {built.name} in lockstep")
         else:
-            typed = f"trimtab {shlex.join(sys.argv[1:])}"
+            typed = f"trimtab {shlex.join(current_machine().typed_words())}"
             with show_spinner(f"compiling {built.name}"):
                 autopilot = LiveAutopilot(
                     built,
@@ -159,6 +158,7 @@ def command(
                     confirms=rearm,
                     accepts=accepts,
                     store=ParameterStore(parameters, scenario),
+                    machine=current_machine(),
                 )
             follows = clock == VEHICLE_CLOCK
             address = ConsoleAddress(bind, port, certificate, private_key, opens) if with_console else None
@@ -203,7 +203,8 @@ def _fly_real_time(
     def tell(text: str) -> None:
         click.echo(text, err=quiet)
 
-    with catch_interrupts() as stop, store_stamps_ahead(autopilot.endpoint):
+    machine = current_machine()
+    with machine.catch_interrupts() as stop, machine.store_stamps_ahead(autopilot.endpoint):
         autopilot.remote.tell = tell
         autopilot.connect(stop=stop, follows_clock=follows_clock)
         fly = partial(

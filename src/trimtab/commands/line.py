@@ -3,8 +3,6 @@
 import contextlib
 import ipaddress
 import shlex
-import signal
-import threading
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
@@ -12,22 +10,29 @@ import click
 
 from trimtab.core.errors import InputError
 from trimtab.core.interfaces import Link
-from trimtab.links.open_link import open_link, parse_uri
+from trimtab.links.open_link import parse_uri
 from trimtab.live.connection_problem import COMPUTER_CLOCK, STORED_CLOCK
+from trimtab.live.machine import SYSTEM_MACHINE, Machine
 from trimtab.scenarios import catalogue
 from trimtab.wire.dialect import Dialect
 from trimtab.wire.keys import SigningKey, create_key, key_path, load_key
 from trimtab.wire.mavlink import Endpoint
+from trimtab.wire.stamps import running_clock
 
 VEHICLE, AUTOPILOT, INJECTOR = (1, 1), (1, 191), (1, 192)
 """System and component of the ends."""
-STORE_PERIOD_S = 1.0
 LIVE_CHOICES = {"supervisor": "automatic", "stick": "console"}
 """What a scenario's settings are in real time, unless something else is asked for."""
 DATAGRAMS = ("udp",)
 QUICK_LINES = ("udp", "tcp", "loopback")
 QUICK_TRANSFER, SLOW_TRANSFER = 200e3, 4e3
 """Bytes a second of a file at most, over a network, and over a radio or a serial line, a third of 115200 baud."""
+
+
+def current_machine() -> Machine:
+    """Return the computer that the command runs on: this one, unless the command was handed another."""
+    context = click.get_current_context(silent=True)
+    return (None if context is None else context.find_object(Machine)) or SYSTEM_MACHINE
 
 
 def is_local(uri: str) -> bool:
@@ -96,11 +101,19 @@ def endpoint_factory(
     line: str, who: tuple[int, int], key: SigningKey | None, clock: str = STORED_CLOCK
 ) -> Callable[[Dialect], Endpoint]:
     """What makes one end's endpoint of a line. clock: by which it signs."""
-    datagrams = parse_uri(line).scheme in DATAGRAMS
+    datagrams, machine = parse_uri(line).scheme in DATAGRAMS, current_machine()
 
     def make(dialect: Dialect) -> Endpoint:
-        reset = clock == COMPUTER_CLOCK
-        return Endpoint(dialect, *who, key, unsigned=key is None, datagrams=datagrams, is_reset=reset)
+        return Endpoint(
+            dialect,
+            *who,
+            key,
+            unsigned=key is None,
+            datagrams=datagrams,
+            clock=running_clock(machine.clock),
+            is_reset=clock == COMPUTER_CLOCK,
+            session=machine.draw_session(),
+        )
 
     return make
 
@@ -108,45 +121,8 @@ def endpoint_factory(
 @contextlib.contextmanager
 def open_line(uri: str, *, listen: bool) -> Iterator[Link]:
     """A link, closed at the end."""
-    link = open_link(uri, listen=listen)
+    link = current_machine().open_link(uri, listen=listen)
     try:
         yield link
     finally:
         link.close()
-
-
-@contextlib.contextmanager
-def store_stamps_ahead(endpoint: Endpoint) -> Iterator[None]:
-    """Within it the endpoint's time stamps are stored ahead by another thread, so that the loop waits for no disk."""
-    done = threading.Event()
-
-    def keep() -> None:
-        while not done.wait(STORE_PERIOD_S):
-            endpoint.store_stamps()
-
-    thread = threading.Thread(target=keep, daemon=True)
-    thread.start()
-    try:
-        yield
-    finally:
-        done.set()
-        thread.join()
-        endpoint.close()
-
-
-@contextlib.contextmanager
-def catch_interrupts() -> Iterator[Callable[[], bool]]:
-    """Within it Ctrl-C and a request to terminate only raise a flag, so that logs get their end; a second one kills."""
-    asked: list[int] = []
-
-    def note(number: int, _: object) -> None:
-        if asked:
-            raise KeyboardInterrupt
-        asked.append(number)
-
-    before = {number: signal.signal(number, note) for number in (signal.SIGINT, signal.SIGTERM)}
-    try:
-        yield lambda: bool(asked)
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)

@@ -1,4 +1,4 @@
-"""`trimtab live-faults`: a vehicle and an autopilot as two processes, and all that can go wrong between them."""
+"""`trimtab live-faults`: a vehicle and an autopilot, and all that can go wrong between them."""
 
 import os
 import sys
@@ -27,9 +27,10 @@ if TYPE_CHECKING:
     type=click.IntRange(0),
     default=1,
     show_default=True,
-    help="Of the random numbers by which flights are drawn.",
+    help="Seed of the flights that are drawn, and of virtual time.",
 )
 @click.option("--findings", is_flag=True, help="What was found at version 0.1: each tried again, beside what it was.")
+@click.option("--real-time", "is_real", is_flag=True, help="Fly with real processes and sockets, in real time.")
 @click.option("--jobs", type=click.IntRange(1, 16), default=2, show_default=True, help="How many at a time.")
 @OUT("DIR", "Write logs, and all that was said, in this folder, a folder a case.")
 @click.option("--page", type=FILE, metavar="FILE", help="Write the docs page with the table; with --only, into it.")
@@ -39,6 +40,7 @@ def command(
     draw: int | None,
     seed: int,
     findings: bool,
+    is_real: bool,
     jobs: int,
     out: Path | None,
     page: Path | None,
@@ -46,17 +48,23 @@ def command(
 ) -> None:
     """Spoil the line, the processes and the machine of a vehicle and an autopilot that fly, in over a hundred ways.
 
-    Each case is a short flight of two processes. Exit code 1 where a vehicle was not safe, a process crashed, or a log
-    doesn't say what happened. All of it takes some twenty minutes; disks and clocks are spoilt for the processes alone.
+    Each case is a short flight in virtual time: vehicle, outputs, autopilots and attackers run in one process on one
+    clock, and one seed gives one flight, bit for bit. Exit code 1: a vehicle was not safe, a program crashed, or a log
+    does not say what happened. One flight in twenty is flown twice and must be the same. All cases take a few minutes.
+
+    With --real-time each case is a flight of real processes over real sockets. All cases then take some twenty minutes.
     A flight that failed while one of its processes was kept waiting is flown once more.
 
     \b
     trimtab live-faults --only cut-1 --only autopilot-killed
-    trimtab live-faults --jobs 3 --out campaign --json
-    trimtab live-faults --draw 200 --seed 1 --jobs 3
-    trimtab live-faults --findings
+    trimtab live-faults --draw 1000 --seed 1
+    trimtab live-faults --only drawn-1-17
+    trimtab live-faults --real-time --out campaign --json
+    trimtab live-faults --real-time --findings
     """
     campaign = _import_module("campaign")
+    if page is not None and not is_real:
+        raise InputError("--page", "the page shows flights in real time", fix="--real-time --page FILE")
     if draw is not None:
         if only or page is not None:
             raise InputError("--draw", "goes with neither --only nor --page", fix=f"--draw {draw} alone")
@@ -87,7 +95,7 @@ def command(
         for problem in outcome.problems:
             click.echo(f"        {outcome.name}: {problem}", err=True)
 
-    outcomes = campaign.fly_cases(cases, out=out, jobs=jobs, tell=tell)
+    outcomes = campaign.fly_cases(cases, out=out, jobs=jobs, is_real=is_real, seed=seed, tell=tell)
     wall = monotonic() - began
     if page is not None:
         _write_page(page, outcomes, wall, apart=bool(only))
@@ -100,8 +108,13 @@ def command(
             _print_findings(outcomes)
         if draw is not None:
             _print_kinds(_count_kinds(outcomes))
+        flights = sum(not one.skipped for one in outcomes)
         count = {v: sum(one.verdict == v for one in outcomes) for v in ("holds", "fails", "kept waiting", "skipped")}
-        click.echo(f"{len(outcomes)} cases in {wall:.0f} s: " + ", ".join(f"{n} {v}" for v, n in count.items() if n))
+        click.echo(
+            f"{len(outcomes)} cases in {wall:.0f} s: "
+            + ", ".join(f"{n} {v}" for v, n in count.items() if n)
+            + f"; {60 * flights / wall:.0f} flights per minute"
+        )
         if page is not None:
             click.echo(f"wrote {page}")
     sys.exit(0 if all(one.verdict in ("holds", "skipped") for one in outcomes) else 1)

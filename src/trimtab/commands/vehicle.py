@@ -14,12 +14,11 @@ from trimtab.commands.flight_summary import print_truth, summarise_truth
 from trimtab.commands.kept_programs import enable_cache
 from trimtab.commands.line import (
     VEHICLE,
-    catch_interrupts,
+    current_machine,
     endpoint_factory,
     find_key,
     live_settings,
     open_line,
-    store_stamps_ahead,
     transfer_rate,
 )
 from trimtab.commands.options import (
@@ -144,6 +143,7 @@ def command(
     limit, silence = None if duration is None else parse_time(duration), _parse_watchdog(watchdog)
     place, tell = None if origin is None else parse_origin(origin), partial(click.echo, err=as_json)
     enable_cache()
+    machine = current_machine()
     if stack := "ardupilot" if ardupilot is not None else "px4" if px4 is not None else None:
         return serve_stack(stack, built, line_uri, channels, release, seed, limit, out, tell, as_json)
     signing_key = find_key(scenario, key, unsigned, line_uri, create=True)
@@ -158,9 +158,11 @@ def command(
             kept = ParameterStore(parameters, scenario, setting_path)
             options = StationOptions(out, transfer_rate(line_uri), place, kept)
             with show_spinner(f"compiling {built.name}"):
-                live = LiveVehicle(add_idle_faults(built), line, endpoint, seed=seed, station_options=options)
+                live = LiveVehicle(
+                    add_idle_faults(built), line, endpoint, seed=seed, station_options=options, machine=machine
+                )
             tell(f"{built.name} listens on {line_uri}; held until it is armed. Ctrl-C ends it.")
-            with catch_interrupts() as stop, store_stamps_ahead(live.endpoint):
+            with machine.catch_interrupts() as stop, machine.store_stamps_ahead(live.endpoint):
                 service = live.serve(
                     duration=limit,
                     log=log,

@@ -6,16 +6,14 @@ import os
 import select
 import socket
 import threading
-import time
 from collections.abc import Callable
 from typing import Any, Protocol
 
+from trimtab.core.clock import NS_PER_SECOND, SYSTEM_CLOCK, Clock, wait_until_ready
 from trimtab.core.interfaces import Audience, LinkStatistics
 
 SEND_BUFFER_BYTES = 32 * 1024
 """Bytes under way at most: what a slow link can't carry is dropped here and now, not seconds later."""
-SELECTABLE = 1024
-"""Descriptors from here on are beyond what select() can take."""
 FIRST_WAIT, LONGEST_WAIT = 0.05, 2.0
 """Seconds between two attempts to connect: doubled after each that failed."""
 STEADY = 1.0
@@ -53,8 +51,9 @@ class StreamLink:
     dropped: what the system's buffer doesn't take is not queued here.
     """
 
-    def __init__(self, dialer: Dialer) -> None:
+    def __init__(self, dialer: Dialer, clock: Clock = SYSTEM_CLOCK) -> None:
         self._dialer, self._counts, self._lock = dialer, LinkCounters(), threading.RLock()
+        self._clock = clock
         self._fd, self._rest, self._closed = -1, b"", False
         self._wait, self._next, self._since, self._vouched = FIRST_WAIT, 0.0, 0.0, 0.0
         self._connect()
@@ -66,18 +65,18 @@ class StreamLink:
 
     def receive(self, timeout: float) -> bytes | None:
         """The next piece of the stream; None when `timeout` seconds have passed without one."""
-        deadline = time.monotonic() + timeout
+        deadline = self._seconds() + timeout
         while not self._closed:
             self._dismiss_mute()
             connection = self._connect()
-            left = min(max(deadline - time.monotonic(), 0.0), SLICE)
+            left = min(max(deadline - self._seconds(), 0.0), SLICE)
             if connection < 0:
                 self._pause(left)
             elif wait_until_ready(connection, select.POLLIN | (select.POLLOUT if self._rest else 0), left):
                 piece = self._read(self._counts.connections)
                 if piece:
                     return piece
-            if time.monotonic() >= deadline:
+            if self._seconds() >= deadline:
                 return None
         return None
 
@@ -100,7 +99,7 @@ class StreamLink:
 
     def accept_sender(self, *, is_private: bool = False) -> None:
         """The one peer that is connected has said something good: it may stay, whoever else waits."""
-        self._vouched = time.monotonic()
+        self._vouched = self._seconds()
 
     def reply(self, packet: bytes) -> bool:
         """To the one peer there is."""
@@ -119,10 +118,13 @@ class StreamLink:
             self._hang_up()
             self._dialer.close()
 
+    def _seconds(self) -> float:
+        return self._clock.monotonic_ns() / NS_PER_SECOND
+
     def _connect(self) -> int:
         """The descriptor of the connection, made now if it is due; -1: none."""
         with self._lock:
-            now = time.monotonic()
+            now = self._seconds()
             if self._fd >= 0 or self._closed or now < self._next:
                 return self._fd
             try:
@@ -138,7 +140,7 @@ class StreamLink:
 
     def _dismiss_mute(self) -> None:
         """End a connection that has brought nothing good for long, if somebody waits for its place."""
-        if self._fd < 0 or time.monotonic() - self._vouched < LONGEST_MUTE:
+        if self._fd < 0 or self._seconds() - self._vouched < LONGEST_MUTE:
             return
         fd, mask = self._dialer.wait_event()
         if fd >= 0 and wait_until_ready(fd, mask, 0.0):
@@ -148,11 +150,11 @@ class StreamLink:
     def _pause(self, left: float) -> None:
         """Wait until it may be worth while to dial again, `left` seconds at most."""
         fd, mask = self._dialer.wait_event()
-        due = self._next - time.monotonic()
+        due = self._next - self._seconds()
         if fd >= 0 and due <= 0:
             wait_until_ready(fd, mask, left)
         else:
-            time.sleep(min(left, max(due, 0.001)))
+            self._clock.wait(None, min(left, max(due, 0.001)))
 
     def _hang_up(self) -> None:
         if self._fd < 0:
@@ -162,7 +164,7 @@ class StreamLink:
         if self._rest:
             self._counts.count_dropped()
         self._fd, self._rest = -1, b""
-        now = time.monotonic()
+        now = self._seconds()
         if now - self._since >= STEADY:
             self._wait, self._next = FIRST_WAIT, now
         else:
@@ -321,27 +323,6 @@ def _is_self_connection(s: socket.socket) -> bool:
     try:
         return s.family in (socket.AF_INET, socket.AF_INET6) and s.getsockname() == s.getpeername()
     except OSError:
-        return True
-
-
-def wait_until_ready(fd: int, mask: int, timeout: float) -> bool:
-    """Whether something happens to a descriptor within `timeout` seconds; an error is something.
-
-    To the microsecond where select() can: poll() counts in milliseconds, which is a whole control period.
-
-    Args:
-        fd: the descriptor.
-        mask: select.POLLIN, select.POLLOUT, or both.
-        timeout: seconds, not negative.
-    """
-    try:
-        if fd < SELECTABLE:
-            reads, writes = [fd] if mask & select.POLLIN else [], [fd] if mask & select.POLLOUT else []
-            return any(select.select(reads, writes, [], timeout))
-        poll = select.poll()
-        poll.register(fd, mask)
-        return bool(poll.poll(timeout * 1e3))
-    except (OSError, ValueError):
         return True
 
 

@@ -1,18 +1,17 @@
 """Datagrams: ``udp://HOST:PORT``; the listening end answers those who were vouched for within ten seconds."""
 
 import contextlib
-import select
 import socket
-import time
-from typing import Any
+from typing import Any, Protocol
 
+from trimtab.core.clock import NS_PER_SECOND, SYSTEM_CLOCK, Clock
 from trimtab.core.interfaces import Audience, LinkStatistics
 from trimtab.links.open_link import Address
-from trimtab.links.stream import LinkCounters, configure_socket, wait_until_ready
+from trimtab.links.stream import LinkCounters, configure_socket
 from trimtab.links.tcp import bind_socket, resolve_host
 
-HEARD_WITHIN = 10.0
-"""A peer of which nothing was good for longer (s) is not answered, and not connected."""
+HEARD_WITHIN = 10 * NS_PER_SECOND
+"""Time (ns) without an accepted packet after which a peer is no longer answered and counts as not connected."""
 MOST_PEERS = 16
 """At once; a flood of senders can't push out those who were there before."""
 LARGEST = 65535
@@ -33,6 +32,30 @@ def open_udp(address: Address, *, listen: bool = False) -> "UdpLink":
     return UdpLink(connected, place)
 
 
+class DatagramSocket(Protocol):
+    """The part of a socket that a UdpLink uses: the kernel's, or one of a virtual network."""
+
+    def fileno(self) -> int:
+        """Return the descriptor, -1 once the socket is closed."""
+        ...
+
+    def recvfrom(self, size: int, /) -> tuple[bytes, Any]:
+        """Return the next packet and the address of its sender; BlockingIOError: there is none."""
+        ...
+
+    def send(self, packet: bytes, /) -> int:
+        """Send to the peer that the socket is connected to; return the number of bytes."""
+        ...
+
+    def sendto(self, packet: bytes, address: Any, /) -> int:
+        """Send to an address; return the number of bytes."""
+        ...
+
+    def close(self) -> None:
+        """Close the socket."""
+        ...
+
+
 class UdpLink:
     """Packets to and from one peer, or all who were vouched for lately. One thread receives, another may send.
 
@@ -42,12 +65,14 @@ class UdpLink:
     Args:
         endpoint: bound, or connected to `peer`; it doesn't block.
         peer: the one to send to, heard or not; None: those who are vouched for.
+        clock: clock by which the link waits.
     """
 
-    def __init__(self, endpoint: socket.socket, peer: Any = None) -> None:
+    def __init__(self, endpoint: DatagramSocket, peer: Any = None, clock: Clock = SYSTEM_CLOCK) -> None:
         self._socket, self._counts, self._fixed = endpoint, LinkCounters(), peer is not None
-        self._heard: dict[Any, float] = {}
-        self._private: dict[Any, float] = {}
+        self._clock = clock
+        self._heard: dict[Any, int] = {}
+        self._private: dict[Any, int] = {}
         self._latest: Any = None
         self._sender: Any = None
 
@@ -59,7 +84,7 @@ class UdpLink:
     @property
     def peers(self) -> tuple[Any, ...]:
         """The addresses of those who were heard and believed within ten seconds."""
-        oldest = time.monotonic() - HEARD_WITHIN
+        oldest = self._clock.monotonic_ns() - HEARD_WITHIN
         return tuple(peer for peer, at in list(self._heard.items()) if at >= oldest)
 
     @property
@@ -69,18 +94,18 @@ class UdpLink:
 
     def receive(self, timeout: float) -> bytes | None:
         """The next packet; None when `timeout` seconds have passed without one."""
-        deadline = time.monotonic() + timeout
+        deadline = self._clock.monotonic_ns() + timeout * NS_PER_SECOND
         while self._socket.fileno() >= 0:
-            left = max(deadline - time.monotonic(), 0.0)
+            left = max((deadline - self._clock.monotonic_ns()) / NS_PER_SECOND, 0.0)
             with contextlib.suppress(OSError):
-                if wait_until_ready(self._socket.fileno(), select.POLLIN, left):
+                if self._clock.wait(self._socket, left):
                     packet, peer = self._socket.recvfrom(LARGEST)
                     if packet:
                         self._latest = self._sender = peer
                         if self._fixed:  # the system lets nobody else through
                             self.accept_sender()
                         return self._counts.count_received(packet)
-            if time.monotonic() >= deadline:
+            if self._clock.monotonic_ns() >= deadline:
                 return None
         return None
 
@@ -99,7 +124,7 @@ class UdpLink:
             return () if audience is Audience.PUBLIC else (None,)
         if audience is Audience.ALL:
             return self.peers
-        oldest = time.monotonic() - HEARD_WITHIN
+        oldest = self._clock.monotonic_ns() - HEARD_WITHIN
         private = {peer for peer, at in list(self._private.items()) if at >= oldest}
         return tuple(peer for peer in self.peers if (peer in private) == (audience is Audience.PRIVATE))
 
@@ -108,7 +133,7 @@ class UdpLink:
         peer, self._latest = self._latest, None
         if peer is None:
             return
-        now, live = time.monotonic(), self.peers
+        now, live = self._clock.monotonic_ns(), self.peers
         if peer not in live:
             if len(live) >= MOST_PEERS:
                 return

@@ -9,9 +9,9 @@ Source: docs page, ArduPilot.
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from time import monotonic
 from typing import Any
 
+from trimtab.core.clock import NS_PER_SECOND, SYSTEM_CLOCK, Clock
 from trimtab.core.record import Quantity
 from trimtab.core.time import UNITS_PER_SECOND, ms, to_seconds
 from trimtab.links.udp import UdpLink
@@ -52,9 +52,19 @@ class FrameTally:
 class ArduPilotPhysics:
     """A vehicle that answers ArduPilot's frames; `serve` runs it."""
 
-    def __init__(self, scenario: Scenario, vehicle: PulsedVehicle, link: UdpLink, *, seed: int = 0) -> None:
-        """For one `serve`. scenario, seed: of the vehicle, for its log.  link: that ArduPilot sends to."""
-        self.scenario, self.vehicle, self.link, self.seed = scenario, vehicle, link, seed
+    def __init__(
+        self, scenario: Scenario, vehicle: PulsedVehicle, link: UdpLink, *, seed: int = 0, clock: Clock = SYSTEM_CLOCK
+    ) -> None:
+        """Prepare one `serve`.
+
+        Args:
+            scenario: of the vehicle, for its log.
+            vehicle: the vehicle.
+            link: that ArduPilot sends to.
+            seed: of the vehicle, for its log.
+            clock: clock of this process.
+        """
+        self.scenario, self.vehicle, self.link, self.seed, self._clock = scenario, vehicle, link, seed, clock
         self.tally = FrameTally()
         self._flights = PhysicsFlights(scenario, vehicle, OWN_SIGNALS, seed=seed)
         self._owner, self._heard = None, 0.0
@@ -95,7 +105,7 @@ class ArduPilotPhysics:
         return duration is not None and release is not None and self.vehicle.body.t - release >= duration
 
     def _handle_packet(self, packet: bytes) -> None:
-        frame, now, sender = parse_servos(packet), monotonic(), self.link.sender
+        frame, now, sender = parse_servos(packet), self._clock.monotonic_ns() / NS_PER_SECOND, self.link.sender
         if isinstance(frame, str):
             self.tally.malformed += 1
             self._flights.report_once(f"refused a packet: {frame}")

@@ -6,7 +6,6 @@ Source: docs page, Arming.
 """
 
 import math
-import shutil
 from collections import deque
 from collections.abc import Callable
 from pathlib import Path
@@ -17,6 +16,7 @@ import numpy as np
 from trimtab.actuators.failsafe import COMPUTER, FAILSAFE, MODES, Failsafe
 from trimtab.core.interfaces import optional_member
 from trimtab.core.time import SECONDS_PER_UNIT, ms, seconds, to_seconds
+from trimtab.live.flight_log import SYSTEM_DISK, Disk
 from trimtab.live.sensed_motion import QUANTITIES, Breach, SensedMotion
 from trimtab.live.virtual_vehicle import VirtualVehicle
 from trimtab.loop.faults import FaultyPart
@@ -121,6 +121,7 @@ class ArmingGuard:
         failsafe: Failsafe,
         counts: FrameCounts,
         radio_silence: Callable[[int], int | None],
+        disk: Disk = SYSTEM_DISK,
     ) -> None:
         """Nothing watched yet.
 
@@ -130,8 +131,9 @@ class ArmingGuard:
             failsafe: its time-out is checked.
             counts: frames of the vehicle's end.
             radio_silence: time since the safety pilot's receiver was heard, None if it never was.
+            disk: where the log is written.
         """
-        self._body, self._failsafe = body, failsafe
+        self._body, self._failsafe, self._disk = body, failsafe, disk
         self.motion, self._limits = SensedMotion(body, limits), limits
         self._counts, self._loss, self._radio_silence = counts, FrameLoss(counts), radio_silence
         self._accepted, self._frame_time = 0, 0
@@ -199,7 +201,7 @@ class ArmingGuard:
 
     def _check_program(self, t: int) -> list[ArmingCheck]:
         silence, folder = self._radio_silence(t), self.log_folder
-        space = math.nan if folder is None else shutil.disk_usage(folder).free / MEGABYTE
+        space = math.nan if folder is None else self._disk.free_bytes(folder) / MEGABYTE
         radio = math.nan if silence is None else to_seconds(silence)
         time_out = to_seconds(self._failsafe.timeout)
         line_silence = (t - self._frame_time) * SECONDS_PER_UNIT

@@ -8,11 +8,11 @@ import contextlib
 import json
 import socket
 from collections.abc import Mapping, Sequence
-from time import monotonic_ns
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from trimtab.core.clock import NS_PER_SECOND, SYSTEM_CLOCK, Clock
 from trimtab.core.quantity import Quantity
 from trimtab.live.console_packets import HEAD, LARGEST_PACKET, LONGEST_VECTOR, ROW, TEXT
 from trimtab.live.flight_log import FlightRows
@@ -44,10 +44,10 @@ def list_shown(rows: FlightRows) -> list[ShownSignal]:
 class ConsoleLine:
     """Rows and messages of one flight to its console, and the console's messages to it."""
 
-    def __init__(self, end: socket.socket) -> None:
-        """end: of a pair of sockets that keep packets apart; the console has the other."""
+    def __init__(self, end: socket.socket, clock: Clock = SYSTEM_CLOCK) -> None:
+        """end: of a pair of sockets that keep packets apart; the console has the other.  clock: of this process."""
         end.setblocking(False)
-        self._end = end
+        self._end, self._clock = end, clock
         self._rows: FlightRows | None = None
         self.dropped = 0
         """Packets for which the console had no room."""
@@ -65,7 +65,7 @@ class ConsoleLine:
         """A row of the time t (s); own: the numbers that come with it."""
         assert self._rows is not None
         self._rows.fill(self._numbers, own)
-        HEAD.pack_into(self._packet, len(ROW), t, monotonic_ns() * 1e-9)
+        HEAD.pack_into(self._packet, len(ROW), t, self._clock.monotonic_ns() / NS_PER_SECOND)
         with np.errstate(over="ignore"):
             self._packet[len(ROW) + HEAD.size :] = self._numbers[self._slots].astype("<f4").tobytes()
         self._send(self._packet)

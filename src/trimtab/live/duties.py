@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from trimtab.actuators.failsafe import BREACHES, CAUSES, MODES, Failsafe
-from trimtab.compiler.compiled_block import CompiledBlock, compile_block
+from trimtab.compiler.compiled_block import CompiledBlock
 from trimtab.core.record import leaves
 from trimtab.core.signals import Command
 from trimtab.core.time import SECONDS_PER_UNIT, ms, seconds
@@ -20,6 +20,7 @@ from trimtab.live.exchange import GroupSample, slot_indices
 from trimtab.loop import supervisor
 from trimtab.loop.supervisor import HOLD as HOLDS
 from trimtab.run.blocks import failsafe_block
+from trimtab.run.kept_blocks import compile_kept
 from trimtab.wire.definitions import Message
 from trimtab.wire.mavlink import Endpoint
 from trimtab.wire.protocol import (
@@ -79,7 +80,7 @@ class Duties:
             uplink: what commands pass before the failsafe sees them, e.g. one with a fault.
         """
         self.failsafe = failsafe
-        self.step = compile_block(failsafe_block(failsafe, command))
+        self.step = compile_kept(failsafe_block, failsafe, command)
         writes = self.step.writes
         self._inputs = _input_slots(self.step)
         shared = [p for p in writes if p.startswith("command.") and p in world.reads]

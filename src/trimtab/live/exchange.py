@@ -4,11 +4,11 @@ Source: docs page, Exchange.
 """
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from time import monotonic
 from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 
+from trimtab.core.clock import NS_PER_SECOND, SYSTEM_CLOCK, Clock
 from trimtab.core.interfaces import Link
 from trimtab.wire.authority import SESSION
 from trimtab.wire.definitions import Message
@@ -123,17 +123,18 @@ def request_answer(
     *,
     patience: float,
     resend_period: float,
+    clock: Clock = SYSTEM_CLOCK,
 ) -> T | None:
     """Send packets, made anew each time, until a message is their answer; None after `patience` seconds.
 
     answer: what a message says; None where it is no answer.
     """
-    deadline = monotonic() + patience
-    while monotonic() < deadline:
+    deadline = clock.monotonic_ns() + patience * NS_PER_SECOND
+    while clock.monotonic_ns() < deadline:
         for packet in packets():
             link.send(packet)
-        resend_time = monotonic() + resend_period
-        while (left := resend_time - monotonic()) > 0:
+        resend_time = clock.monotonic_ns() + resend_period * NS_PER_SECOND
+        while (left := (resend_time - clock.monotonic_ns()) / NS_PER_SECOND) > 0:
             for message in receive_messages(link, endpoint, left):
                 result = answer(message)
                 if result is not None:

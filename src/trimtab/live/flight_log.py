@@ -3,14 +3,15 @@
 Source: docs page, Fly.
 """
 
+import shutil
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
-from time import monotonic_ns, sleep, time_ns
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 
 from trimtab.compiler.structs import Member
+from trimtab.core.clock import NS_PER_SECOND, SYSTEM_CLOCK, Clock
 from trimtab.core.record import Quantity
 from trimtab.core.time import to_seconds
 from trimtab.logs.frames import no_pose
@@ -78,6 +79,29 @@ class FlightRows:
         row[self._own] = own
 
 
+class FlightRecorder(Protocol):
+    """What a live end writes its log to. Nothing of it waits."""
+
+    pose: Any
+    """Pose of the vehicle, as `logs.frames` has it. Each row holds the pose that was set last."""
+
+    def start_clock(self, start: int, clock: Clock) -> None:
+        """Set time zero to a time of the monotonic clock (ns). Call it before the first row."""
+        ...
+
+    def write_row(self, t: int, own: Sequence[float] = ()) -> None:
+        """Write a row: the vectors as they are now, and the numbers that come with each row."""
+        ...
+
+    def write_event(self, text: str) -> None:
+        """Write a line of text between rows."""
+        ...
+
+    def close(self, final: Mapping[str, Any] | None = None) -> LogFileSummary | None:
+        """End the log. None: the process that wrote it had died."""
+        ...
+
+
 class FlightLog:
     """Rows into a ring: a few microseconds each, and never a wait but in `await_room`."""
 
@@ -121,11 +145,11 @@ class FlightLog:
     def await_room(self) -> None:
         """Wait until a row fits, or the writer has died: for flights in virtual time, which may outrun the disk."""
         while self._ring.waiting_rows >= self._ring.rows and self._stream.is_alive:
-            sleep(1e-3)
+            SYSTEM_CLOCK.wait(None, 1e-3)
 
-    def start_clock(self, start: int) -> None:
-        """Time zero is at this time of the monotonic clock (ns). Before the first row."""
-        self._stream.set_epoch(time_ns() - monotonic_ns() + start)
+    def start_clock(self, start: int, clock: Clock = SYSTEM_CLOCK) -> None:
+        """Set time zero to a time of the monotonic clock (ns). Call it before the first row."""
+        self._stream.set_epoch(round(clock.unix() * NS_PER_SECOND) - clock.monotonic_ns() + start)
 
     def write_event(self, text: str) -> None:
         """A line of text between rows."""
@@ -151,28 +175,78 @@ def list_log_problems(summary: LogFileSummary | None) -> list[str]:
     return [f"the log lacks {count} rows"] if count else []
 
 
-def open_flight_log(
-    path: Path | None,
-    sources: Sequence[LogSource],
-    own: Mapping[str, tuple[str, Quantity]],
-    scenario: Scenario,
-    *,
-    side: str,
-    seed: int,
-    log_period: int,
-    is_live: bool = False,
-    limit: int | None = None,
-) -> FlightLog | None:
-    """The log of one side of a flight, "autopilot" or "vehicle"; None without a path.
+class Disk(Protocol):
+    """Where a live end keeps its log: this machine's disk, or one of virtual time."""
 
-    is_live: its clock is started.  limit: bytes that it may take; a vehicle's goes on at the cost of its oldest files.
-    """
-    if path is None:
-        return None
-    bound = None if limit is None else LogLimit(limit, rolls=side == "vehicle")
+    def free_bytes(self, folder: Path) -> int:
+        """Return the free space (bytes) where a folder lies."""
+        ...
+
+    def open_log(
+        self,
+        path: Path | None,
+        sources: Sequence[LogSource],
+        own: Mapping[str, tuple[str, Quantity]],
+        scenario: Scenario,
+        *,
+        side: str,
+        seed: int,
+        log_period: int,
+        is_live: bool = False,
+        limit: int | None = None,
+    ) -> FlightRecorder | None:
+        """Open the log of one side of a flight; return None without a path. Arguments as of `open_flight_log`."""
+        ...
+
+
+class SystemDisk:
+    """The disk of this machine."""
+
+    def free_bytes(self, folder: Path) -> int:
+        """Return the free space (bytes) where a folder lies."""
+        return shutil.disk_usage(folder).free
+
+    def open_log(
+        self,
+        path: Path | None,
+        sources: Sequence[LogSource],
+        own: Mapping[str, tuple[str, Quantity]],
+        scenario: Scenario,
+        *,
+        side: str,
+        seed: int,
+        log_period: int,
+        is_live: bool = False,
+        limit: int | None = None,
+    ) -> FlightLog | None:
+        """Open the log of one side of a flight, written by a process of its own; return None without a path.
+
+        Args:
+            path: file of the log.
+            sources: vectors whose numbers go into each row.
+            own: path -> (type, declaration) of the numbers that come with each row.
+            scenario: the scenario that is flown.
+            side: "autopilot" or "vehicle".
+            seed: seed of the random numbers.
+            log_period: time between rows (100 ns).
+            is_live: whether the flight runs by a clock, so that `start_clock` will be called.
+            limit: maximum size (bytes). A vehicle's log then drops its oldest files.
+        """
+        if path is None:
+            return None
+        bound = None if limit is None else LogLimit(limit, rolls=side == "vehicle")
+        rows, frame = FlightRows(sources, own), FRAMES[side] if is_live else ""
+        return FlightLog(path, rows, describe_log(scenario, side, seed, log_period), frame, bound)
+
+
+SYSTEM_DISK = SystemDisk()
+open_flight_log = SYSTEM_DISK.open_log
+
+
+def describe_log(scenario: Scenario, side: str, seed: int, log_period: int) -> dict[str, Any]:
+    """Return the metadata of the log of one side of a flight."""
     about = {"side": side, "seed": seed, "run": 0, "backend": "c", "log_period_s": to_seconds(log_period)}
-    metadata, frame = describe_scenario(scenario) | about, FRAMES[side] if is_live else ""
-    return FlightLog(path, FlightRows(sources, own), metadata, frame, bound)
+    return describe_scenario(scenario) | about
 
 
 def _select_numbers(source: LogSource, signals: list[Signal]) -> list[int]:

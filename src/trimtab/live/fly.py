@@ -10,7 +10,6 @@ Source: docs pages, Fly and Supervisor.
 
 from collections.abc import Callable, Sequence
 from pathlib import Path
-from time import monotonic_ns
 
 from trimtab.compiler.compiled_block import CompiledBlock
 from trimtab.core.errors import InputError, argument_name
@@ -20,12 +19,13 @@ from trimtab.live.autopilot_end import LONGEST_SAMPLE_AGE, MOST_SAMPLE_LEAD, Aut
 from trimtab.live.autopilot_parameters import AutopilotParameters
 from trimtab.live.connection_problem import owner_problem
 from trimtab.live.console_line import ConsoleLine
-from trimtab.live.flight_log import FlightLog, count_frames, list_log_problems, open_flight_log
+from trimtab.live.flight_log import FlightRecorder, count_frames, list_log_problems
 from trimtab.live.flight_signals import FLIGHT_SIGNALS, LiveFlightSummary
+from trimtab.live.machine import SYSTEM_MACHINE, Machine
 from trimtab.live.parameter_store import ParameterStore
 from trimtab.live.piloting import NoPilot, Piloting
 from trimtab.live.preflight import Preflight
-from trimtab.live.real_time import NS, Deadlines, discard_packets, real_time
+from trimtab.live.real_time import NS, Deadlines, discard_packets
 from trimtab.live.remote import RemoteVehicle
 from trimtab.live.silence import SilenceWatch
 from trimtab.live.stick import CompiledStick
@@ -45,8 +45,6 @@ from trimtab.wire.streams import pack_text
 COUNT, HALT = "count", "halt"
 OVERRUN_POLICIES = (COUNT, HALT)
 """What becomes of a flight when the work of a period ends after the next deadline."""
-LONGEST_DELAY = seconds("0.5")
-"""How far behind the loop may be before it gives up catching up and goes on from now."""
 MOST_PACKETS = 64
 """Packets taken in one period, so that a flood can't stop the loop."""
 SERVO_FRAME = ms(20)
@@ -75,6 +73,7 @@ class LiveAutopilot:
         confirms: bool = False,
         accepts: Sequence[str] = (),
         store: ParameterStore | None = None,
+        machine: Machine = SYSTEM_MACHINE,
     ) -> None:
         """Compile it.
 
@@ -89,8 +88,9 @@ class LiveAutopilot:
             store: where parameters are stored when a ground station asks for it; None: nowhere.
             confirms: that the vehicle may be armed again after a failsafe.
             takes_over: have the vehicle handed over where another autopilot flies it; refused without.
+            machine: the computer that it runs on.
         """
-        self._takes_over = takes_over
+        self._takes_over, self._machine, self._clock = takes_over, machine, machine.clock
         scenario.check()
         dialect = scenario_dialect(scenario)
         self.scenario, self.link, self.seed = add_stick_sensor(add_pilot_sensor(scenario)), link, seed
@@ -105,8 +105,8 @@ class LiveAutopilot:
         typed = typed or f"trimtab fly {scenario.name} --link URI"
         self.remote = RemoteVehicle(self.endpoint, link, typed, identity, accepts)
         self.remote.confirms = confirms
-        self.preflight = Preflight(self.scenario, self.autopilot_end, self.remote, self.endpoint.counts)
-        self.deadlines = Deadlines(scenario.autopilot.period)
+        self.preflight = Preflight(self.scenario, self.autopilot_end, self.remote, self.endpoint.counts, machine.disk)
+        self.deadlines = Deadlines(scenario.autopilot.period, machine.clock)
         self.skipped = 0
         self.arming_time: int | None = None
         self._sent = self._jumps = self._sample_report_time = 0
@@ -114,7 +114,7 @@ class LiveAutopilot:
         self._pilot: Piloting | NoPilot = NoPilot()
         self._halts, self._overrun = False, ""
         self._backward_sensors: list[str] = []
-        self._flight_log: FlightLog | None = None
+        self._flight_log: FlightRecorder | None = None
         self._tell: Callable[[str], None] = lambda _: None
 
     def connect(
@@ -125,9 +125,9 @@ class LiveAutopilot:
         A line over which frames do come may be a bad one, that loses most heartbeats: it has three times as long.
         follows_clock: sign by the vehicle's clock where the two differ by too much.
         """
-        began = monotonic_ns()
+        began = self._clock.monotonic_ns()
         while not self.remote.is_ready and not stop():
-            now = monotonic_ns()
+            now = self._clock.monotonic_ns()
             waits = patience * (PATIENCE_FACTOR if self.endpoint.counts.accepted else 1)
             if self.remote.untimely is not None and follows_clock:
                 self.remote.follow_clock()
@@ -140,7 +140,7 @@ class LiveAutopilot:
                 self._handle_data(data)
 
     def _handle_data(self, data: bytes) -> None:
-        now = monotonic_ns() // NS
+        now = self._clock.monotonic_ns() // NS
         for message in self.endpoint.feed(data):
             is_sample = self.remote.is_of_vehicle(message) and self.autopilot_end.handle_message(message)
             if not is_sample and not self.parameters.handle_message(message):
@@ -176,7 +176,7 @@ class LiveAutopilot:
         self._halts, self._overrun = overrun == HALT, ""
         length = self.scenario.duration if duration is None else duration
         sources, log_period = self.autopilot_end.log_sources(), self.scenario.autopilot.period
-        flight_log = self._flight_log = open_flight_log(
+        flight_log = self._flight_log = self._machine.disk.open_log(
             log,
             sources,
             FLIGHT_SIGNALS,
@@ -190,13 +190,13 @@ class LiveAutopilot:
         self._tell, self.remote.tell = tell, self._report
         if console is not None:
             stick, parts = CompiledStick(self.scenario, self.autopilot_end.step), (self.supervised, self.parameters)
-            self._pilot = Piloting(console, stick, *parts, self.remote, self.preflight, self._report)
+            self._pilot = Piloting(console, stick, *parts, self.remote, self.preflight, self._report, self._clock)
         self.preflight.log_folder = None if log is None else log.parent
         if flight_log is not None:
             for remark in self.remote.remarks:
                 flight_log.write_event(remark)
         try:
-            with real_time(wanted_real_time) as grant:
+            with self._machine.real_time(wanted_real_time) as grant:
                 discard_packets(self.link)  # of all that came until now, and while memory was locked
                 self.endpoint.begin_anew()
                 self.autopilot_end.drop_samples()
@@ -207,7 +207,9 @@ class LiveAutopilot:
                     ended = "the supervisor had ended the flight" if self.supervised.mode == ENDED else ""
                     was_armed = self.arming_time is not None
                     is_silent, has_stopped = self._silence.is_silent, self._pilot.has_stopped
-                    remote = self.remote.list_problems(was_armed, is_silent, monotonic_ns() // NS, has_stopped)
+                    remote = self.remote.list_problems(
+                        was_armed, is_silent, self._clock.monotonic_ns() // NS, has_stopped
+                    )
                     problems = [p for p in (cause, stopped, ended, *remote) if p]
                     is_ours = self.remote.has_authority or self.remote.is_asking
                     if is_ours and not self.remote.is_taken:  # else it is none of this end's business
@@ -223,9 +225,9 @@ class LiveAutopilot:
     def _run_loop(self, length: int, stop: Callable[[], bool]) -> int:
         flight_log, period = self._flight_log, self.scenario.autopilot.period
         every = -(-max(period, SERVO_FRAME) // period)
-        deadlines = self.deadlines = Deadlines(period)
+        deadlines = self.deadlines = Deadlines(period, self._clock)
         if flight_log is not None:
-            flight_log.start_clock(deadlines.start)
+            flight_log.start_clock(deadlines.start, self._clock)
         self._silence.restart(deadlines.start // NS)
         k = t = 0
         while not stop() and (self.arming_time is None or t - self.arming_time < length):
@@ -241,9 +243,9 @@ class LiveAutopilot:
                 self._report(str(change))
             self.autopilot_end.set_inputs(t, self._to_local)
             self.supervised.set_inputs(t)
-            began = monotonic_ns()
+            began = self._clock.monotonic_ns()
             self.autopilot_end.step.step()
-            stepped = monotonic_ns()
+            stepped = self._clock.monotonic_ns()
             if k % every == 0 and deadlines.remaining(k + every) > 0:  # else there are newer ones soon
                 self._send_command(t, ahead)
             self._update_line(t, now)
@@ -278,12 +280,12 @@ class LiveAutopilot:
     def _disarm(self) -> None:
         """Ask until it is acknowledged, for half a second: soon after the vehicle's failsafe does it by itself."""
         self.remote.disarm()
-        deadline = monotonic_ns() + DISARM_TIMEOUT * NS
-        while self.remote.is_asking and monotonic_ns() < deadline:
+        deadline = self._clock.monotonic_ns() + DISARM_TIMEOUT * NS
+        while self.remote.is_asking and self._clock.monotonic_ns() < deadline:
             data = self.link.receive(0.02)
             if data is not None:
                 self._handle_data(data)
-            self.remote.due(monotonic_ns() // NS)
+            self.remote.due(self._clock.monotonic_ns() // NS)
 
     def _to_local(self, t: int) -> int:
         """The vehicle's time as the loop's."""
@@ -291,7 +293,7 @@ class LiveAutopilot:
 
     def _is_believable(self, t: int) -> bool:
         """Whether a sample of the vehicle's time t can be of now."""
-        now = monotonic_ns() // NS
+        now = self._clock.monotonic_ns() // NS
         lead = self.remote.sync.show_local(t) - now
         is_believable = -LONGEST_SAMPLE_AGE <= lead <= MOST_SAMPLE_LEAD
         if self._flight_log is not None and not is_believable and now >= self._sample_report_time:
@@ -310,16 +312,14 @@ class LiveAutopilot:
                 self._handle_data(data)
             packets += 1
             if left <= 0 and (data is None or packets > MOST_PACKETS):
-                return monotonic_ns()
+                return self._clock.monotonic_ns()
 
     def _next_period(self, k: int) -> int:
         """The period after k: the next one, or, far behind, the one that is due now."""
-        behind = -round(self.deadlines.remaining(k + 1) * UNITS_PER_SECOND)
-        if behind < LONGEST_DELAY:
-            return k + 1
-        passed = behind // self.deadlines.period
-        self.skipped += passed
-        self._report(f"this end stood still for {to_seconds(behind):.3f} s: {passed} periods are passed over")
+        passed, behind = self.deadlines.count_passed(k + 1)
+        if passed:
+            self.skipped += passed
+            self._report(f"this end stood still for {to_seconds(behind):.3f} s: {passed} periods are passed over")
         return k + 1 + passed
 
     def _update_line(self, t: int, now: int) -> None:
@@ -337,7 +337,7 @@ class LiveAutopilot:
         self._report_supervisor(now)
         for news in self.autopilot_end.monitored.describe_changes():
             self._report(news)
-        now = monotonic_ns() // NS  # not the deadline, which may be long past: its answer is timed
+        now = self._clock.monotonic_ns() // NS  # not the deadline, which may be long past: its answer is timed
         self.remote.due(now)
         for packet in self.parameters.due(now):
             self.link.send(packet)

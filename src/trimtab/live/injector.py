@@ -4,9 +4,9 @@ Source: docs page, Faults.
 """
 
 from collections.abc import Callable, Mapping
-from time import monotonic_ns
 from typing import NamedTuple, TypeVar
 
+from trimtab.core.clock import SYSTEM_CLOCK, Clock
 from trimtab.core.errors import InputError, argument_name
 from trimtab.core.interfaces import Link
 from trimtab.core.record import Quantity, leaves
@@ -70,8 +70,8 @@ def plan_fault(scenario: Scenario, text: str, names: Mapping[str, str] | None = 
 class Injector:
     """Questions to a vehicle, and their answers."""
 
-    def __init__(self, link: Link, endpoint: Endpoint) -> None:
-        self.link, self.endpoint = link, endpoint
+    def __init__(self, link: Link, endpoint: Endpoint, clock: Clock = SYSTEM_CLOCK) -> None:
+        self.link, self.endpoint, self._clock = link, endpoint, clock
 
     def inject(self, plan: FaultPlan) -> int:
         """Set all of a fault; its start counts from now. Returns when it begins by the vehicle's clock (100 ns)."""
@@ -82,7 +82,13 @@ class Injector:
 
     def _request(self, what: str, packet: Callable[[], bytes], answer: Callable[[Message], T | None]) -> T:
         result = request_answer(
-            self.link, self.endpoint, lambda: [packet()], answer, patience=PATIENCE, resend_period=RESEND_PERIOD
+            self.link,
+            self.endpoint,
+            lambda: [packet()],
+            answer,
+            patience=PATIENCE,
+            resend_period=RESEND_PERIOD,
+            clock=self._clock,
         )
         if result is not None:
             return result
@@ -98,7 +104,9 @@ class Injector:
             mine = message.name == "TIMESYNC" and message.get("tc1") > 0
             return message.get("tc1") // 100 if mine else None
 
-        return self._request("time", lambda: self.endpoint.pack("TIMESYNC", {"ts1": monotonic_ns()}), answer)
+        return self._request(
+            "time", lambda: self.endpoint.pack("TIMESYNC", {"ts1": self._clock.monotonic_ns()}), answer
+        )
 
     def set(self, name: str, value: float) -> None:
         """Set a parameter, until the vehicle has said that it holds."""

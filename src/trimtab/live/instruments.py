@@ -5,14 +5,13 @@ Source: docs page, Telemetry.
 """
 
 import math
-import time
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from trimtab.actuators.failsafe import Failsafe
-from trimtab.compiler.compiled_block import compile_block
+from trimtab.core.clock import SYSTEM_CLOCK, Clock
 from trimtab.core.record import leaves
 from trimtab.core.time import ms, seconds
 from trimtab.live.duties import RADIO_TIMEOUT, command_ranges
@@ -20,6 +19,7 @@ from trimtab.live.exchange import slot_indices
 from trimtab.live.globe import Globe
 from trimtab.live.virtual_vehicle import VirtualVehicle
 from trimtab.run.blocks import motion_block
+from trimtab.run.kept_blocks import compile_kept
 from trimtab.wire import telemetry
 from trimtab.wire.mavlink import Endpoint
 from trimtab.wire.protocol import ArmRequest, ReceiverChannels, VehicleEvent
@@ -40,10 +40,20 @@ class Instruments:
         endpoint: Endpoint,
         flying: Callable[[], bool],
         origin: Place | None = None,
+        clock: Clock = SYSTEM_CLOCK,
     ) -> None:
-        """Compile what is needed. flying: whether somebody commands it.  origin: where W is on the globe."""
-        self._body, self._endpoint, self._flying = body, endpoint, flying
-        self._motion = compile_block(motion_block(body.scenario))
+        """Compile what is needed.
+
+        Args:
+            body: whose motion.
+            failsafe: its safe command names the outputs.
+            endpoint: the vehicle's.
+            flying: whether somebody commands it.
+            origin: where W is on the globe.
+            clock: its wall clock is sent as SYSTEM_TIME.
+        """
+        self._body, self._endpoint, self._flying, self._clock = body, endpoint, flying, clock
+        self._motion = compile_kept(motion_block, body.scenario)
         self._pairs = pair_slots(self._motion.reads, body.world.writes)
         self.globe = Globe(endpoint, self.vehicle_motion, origin)
         paths = [f"command.value.{p}" for p, _, _ in leaves(failsafe.safe)]
@@ -72,7 +82,7 @@ class Instruments:
             "GPS_GLOBAL_ORIGIN": TelemetryStream(self.globe.origin_fields, VERY_SLOW),
             "HOME_POSITION": TelemetryStream(self.globe.home_fields, VERY_SLOW),
             "BATTERY_STATUS": TelemetryStream(lambda now: telemetry.battery_status(), VERY_SLOW),
-            "SYSTEM_TIME": TelemetryStream(lambda now: telemetry.system_time(now, time.time()), SLOW),
+            "SYSTEM_TIME": TelemetryStream(lambda now: telemetry.system_time(now, self._clock.unix()), SLOW),
         }
         if self._imu is not None:
             streams["HIGHRES_IMU"] = TelemetryStream(self._inertial_fields, MEDIUM)

@@ -10,12 +10,12 @@ Source: [1] Z. Kulis, "Feedback control of a hovercraft over a wireless link", U
 """
 
 import random
-import time
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
 
+from trimtab.core.clock import NS_PER_SECOND, SYSTEM_CLOCK, Clock
 from trimtab.core.interfaces import Link
 from trimtab.core.time import ms, to_seconds
 from trimtab.links.fifo import required_slots
@@ -33,6 +33,7 @@ from trimtab.live.clock_time import (
     echo_request,
     parse_hello,
 )
+from trimtab.live.real_time import NS
 
 MOST_LOAD = 125_000
 """Bytes per second that it will send, whoever asks."""
@@ -87,11 +88,6 @@ class Delays(NamedTuple):
         return np.isfinite(self.up)
 
 
-def monotonic_time() -> int:
-    """The time of this machine's monotonic clock, which all its processes share, in 100 ns."""
-    return time.monotonic_ns() // 100
-
-
 class LoadPace:
     """Says when a message of load is due, so that all that is sent makes a rate (byte/s)."""
 
@@ -120,7 +116,7 @@ def echo_requests(
     link: Link,
     *,
     stop: Callable[[], bool] = lambda: False,
-    clock: Callable[[], int] = monotonic_time,
+    clock: Clock = SYSTEM_CLOCK,
     boot: bytes | None = None,
 ) -> int:
     """Answer until `stop`, looked at ten times a second. Returns the number of requests echoed.
@@ -128,36 +124,40 @@ def echo_requests(
     Args:
         link: to the measuring end.
         stop: whether to end.
-        clock: in 100 ns.
+        clock: clock of this end.
         boot: what tells whose clock it is; None: this machine's.
     """
     parser, pace, boot = ClockMessageParser(UP), LoadPace(len(LOAD_DOWN)), boot_digest() if boot is None else boot
     session, heard, echoed, until = -1, 0, 0, 0.0
+
+    def now() -> float:
+        return clock.monotonic_ns() / NS_PER_SECOND
+
     while not stop():
-        data = link.receive(min(0.1, pace.wait(time.monotonic())))
-        arrived = clock()
+        data = link.receive(min(0.1, pace.wait(now())))
+        arrived = clock.monotonic_ns() // NS
         for message in parser.feed(data) if data else ():
             link.accept_sender()
             answer = echo_request(message, arrived)
             hello = parse_hello(message.data) if message.id == STATUS else None
             if hello is not None:
                 heard = heard if hello.session == session else 0
-                session, pace.rate, until = hello.session, min(hello.number, MOST_LOAD), time.monotonic() + LOAD_TIMEOUT
+                session, pace.rate, until = hello.session, min(hello.number, MOST_LOAD), now() + LOAD_TIMEOUT
                 answer = Hello(boot, session, heard).pack()
             elif answer:
                 heard, echoed = heard + 1, echoed + 1
             if answer:
                 link.send(answer)
-                pace.count_bytes(len(answer), time.monotonic())
-        if time.monotonic() > until:
+                pace.count_bytes(len(answer), now())
+        if now() > until:
             pace.rate = 0.0
-        if pace.due(time.monotonic()):
+        if pace.due(now()):
             link.send(LOAD_DOWN)
     return echoed
 
 
 def measure_delays(
-    link: Link, exchange: ClockTimeExchange, plan: LinkTestPlan, clock: Callable[[], int] = monotonic_time
+    link: Link, exchange: ClockTimeExchange, plan: LinkTestPlan, clock: Clock = SYSTEM_CLOCK
 ) -> Delays | None:
     """Send requests under load and gather the replies; None where nobody answers.
 
@@ -165,14 +165,14 @@ def measure_delays(
         link: to an end that echoes.
         exchange: makes and reads the bytes.
         plan: load and number of requests.
-        clock: in 100 ns.
+        clock: clock of this end.
     """
     session = _DelayMeasurement(link, exchange, plan, clock)
     if not session.await_far_end():
         return None
-    before, start = link.statistics, time.monotonic()
+    before, start = link.statistics, clock.monotonic_ns()
     session.ask()
-    after, took = link.statistics, time.monotonic() - start
+    after, took = link.statistics, (clock.monotonic_ns() - start) / NS_PER_SECOND
     session.finish()
     counts = (after.bytes_out - before.bytes_out, after.bytes_in - before.bytes_in)
     up, down = (1e-3 * BITS_PER_BYTE * n / took for n in counts)
@@ -182,16 +182,19 @@ def measure_delays(
 class _DelayMeasurement:
     """One measurement: when each request left and, by its key, what the reply to it said and when it came."""
 
-    def __init__(self, link: Link, exchange: ClockTimeExchange, plan: LinkTestPlan, clock: Callable[[], int]) -> None:
+    def __init__(self, link: Link, exchange: ClockTimeExchange, plan: LinkTestPlan, clock: Clock) -> None:
         self._link, self._exchange, self._plan, self._clock = link, exchange, plan, clock
         self._sent: dict[int, int] = {}
         self._back: dict[int, tuple[int, int]] = {}
         self._hello = exchange.pack_hello(round(plan.down * 1e3 / BITS_PER_BYTE))
 
+    def _seconds(self) -> float:
+        return self._clock.monotonic_ns() / NS_PER_SECOND
+
     def await_far_end(self) -> bool:
         """Speak until the far end answers."""
-        end = time.monotonic() + self._plan.first_patience
-        while self._exchange.shared is None and time.monotonic() < end:
+        end = self._seconds() + self._plan.first_patience
+        while self._exchange.shared is None and self._seconds() < end:
             self._link.send(self._hello)
             self._gather_replies(0.2)
         return self._exchange.shared is not None
@@ -200,11 +203,11 @@ class _DelayMeasurement:
         """Send the requests, out of step with whatever else is periodic, and the load between them."""
         draw, pace = random.Random(self._plan.seed), LoadPace(len(LOAD_UP))
         pace.rate = self._plan.up * 1e3 / BITS_PER_BYTE
-        at = hello_at = time.monotonic()
+        at = hello_at = self._seconds()
         while len(self._sent) < self._plan.requests:
-            t = time.monotonic()
+            t = self._seconds()
             if t >= at:
-                departed = self._clock()
+                departed = self._clock.monotonic_ns() // NS
                 key, packet = self._exchange.request(departed)
                 self._link.send(packet)
                 self._sent[key] = departed
@@ -220,17 +223,17 @@ class _DelayMeasurement:
 
     def finish(self) -> None:
         """Wait for the last replies, with the load going on, and hear how many requests arrived."""
-        end = time.monotonic() + self._plan.patience
-        while time.monotonic() < end and len(self._back) < len(self._sent):
+        end = self._seconds() + self._plan.patience
+        while self._seconds() < end and len(self._back) < len(self._sent):
             self._link.send(self._hello)
-            until = time.monotonic() + 0.1
-            while (left := until - time.monotonic()) > 0:
+            until = self._seconds() + 0.1
+            while (left := until - self._seconds()) > 0:
                 self._gather_replies(left)
 
     def _gather_replies(self, wait: float) -> None:
         """Take what comes within `wait` seconds; of two replies to one request the first counts."""
         data = self._link.receive(max(wait, 0.0))
-        arrived = self._clock()
+        arrived = self._clock.monotonic_ns() // NS
         for key, uplink in self._exchange.read_replies(data) if data else ():
             if key in self._sent:
                 self._back.setdefault(key, (uplink, arrived))

@@ -9,8 +9,8 @@ Source: docs page, Lockstep.
 
 from collections.abc import Callable, Iterator
 from pathlib import Path
-from time import monotonic
 
+from trimtab.core.clock import NS_PER_SECOND, SYSTEM_CLOCK, Clock
 from trimtab.core.interfaces import Link
 from trimtab.core.time import ms
 from trimtab.live.autopilot_end import AutopilotEnd, scenario_dialect
@@ -39,7 +39,9 @@ class NoAnswerError(Exception):
     """The other end has not answered for too long."""
 
 
-def lead_lockstep(vehicle: VirtualVehicle, link: Link, endpoint: Endpoint) -> Iterator[int]:
+def lead_lockstep(
+    vehicle: VirtualVehicle, link: Link, endpoint: Endpoint, clock: Clock = SYSTEM_CLOCK
+) -> Iterator[int]:
     """The vehicle's end, for the scenario's duration: yields each instant after its command has come, and the end.
 
     Raises NoAnswerError when nobody answers.
@@ -53,11 +55,11 @@ def lead_lockstep(vehicle: VirtualVehicle, link: Link, endpoint: Endpoint) -> It
             return
         fresh = t % period == 0
         if fresh:
-            _await_command(vehicle, link, endpoint, t).write(vehicle.world.inputs)
+            _await_command(vehicle, link, endpoint, t, clock).write(vehicle.world.inputs)
         yield t
 
 
-def _await_command(vehicle: VirtualVehicle, link: Link, endpoint: Endpoint, t: int) -> GroupSample:
+def _await_command(vehicle: VirtualVehicle, link: Link, endpoint: Endpoint, t: int, clock: Clock) -> GroupSample:
     """The command for instant t."""
     changed = vehicle.changed_sensors()
     patience = PATIENCE if t else START_PATIENCE
@@ -70,14 +72,21 @@ def _await_command(vehicle: VirtualVehicle, link: Link, endpoint: Endpoint, t: i
         command = vehicle.command.assemble(message) if message.name in vehicle.command.names else None
         return command if command is not None and command.t == t else None
 
-    command = request_answer(link, endpoint, packets, answer, patience=patience, resend_period=RESEND_PERIOD)
+    command = request_answer(
+        link, endpoint, packets, answer, patience=patience, resend_period=RESEND_PERIOD, clock=clock
+    )
     if command is None:
         raise NoAnswerError(f"no command for {patience:g} s")
     return command
 
 
 def follow_lockstep(
-    autopilot_end: AutopilotEnd, link: Link, endpoint: Endpoint, duration: int, period: int
+    autopilot_end: AutopilotEnd,
+    link: Link,
+    endpoint: Endpoint,
+    duration: int,
+    period: int,
+    clock: Clock = SYSTEM_CLOCK,
 ) -> Iterator[int]:
     """The autopilot's end, for a duration: yields each instant after its step, before it is answered.
 
@@ -86,13 +95,17 @@ def follow_lockstep(
     instant = endpoint.dialect.groups[INSTANT][0]
     arming = {"command": CommandCode.ARM, "param1": 1.0, "param3": endpoint.session, "target_system": endpoint.system}
     done = -period
-    deadline, heartbeat_time = monotonic() + START_PATIENCE, 0.0
+
+    def now() -> float:
+        return clock.monotonic_ns() / NS_PER_SECOND
+
+    deadline, heartbeat_time = now() + START_PATIENCE, 0.0
     while done + period < duration:
-        if monotonic() > heartbeat_time:  # on some lines the vehicle knows only those ends that it hears
+        if now() > heartbeat_time:  # on some lines the vehicle knows only those ends that it hears
             link.send(endpoint.pack("HEARTBEAT", HEARTBEAT))
             if done < 0:  # firmware does nothing before it is armed; a virtual vehicle passes over the request
                 link.send(endpoint.pack("COMMAND_LONG", arming))
-            heartbeat_time = monotonic() + RESEND_PERIOD
+            heartbeat_time = now() + RESEND_PERIOD
         for message in receive_messages(link, endpoint, RESEND_PERIOD):
             if message.name != instant:
                 autopilot_end.handle_message(message)
@@ -102,10 +115,10 @@ def follow_lockstep(
                 autopilot_end.fly_period(t)
                 yield t
                 done = t
-            deadline, heartbeat_time = monotonic() + PATIENCE, monotonic() + RESEND_PERIOD
+            deadline, heartbeat_time = now() + PATIENCE, now() + RESEND_PERIOD
             for packet in autopilot_end.command_packets(endpoint) if t == done else ():
                 link.send(packet)
-        if monotonic() > deadline:
+        if now() > deadline:
             raise NoAnswerError(f"no instant after {done * 1e-7:g} s")
 
 

@@ -8,9 +8,9 @@ Source: docs page, Console.
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from time import monotonic_ns
 from typing import Any
 
+from trimtab.core.clock import NS_PER_SECOND, SYSTEM_CLOCK, Clock
 from trimtab.core.time import ms, seconds, to_seconds
 from trimtab.live.autopilot_parameters import AutopilotParameters
 from trimtab.live.console_line import ConsoleLine
@@ -62,8 +62,10 @@ class Piloting:
         remote: RemoteVehicle,
         preflight: Preflight,
         report: Callable[[str], None],
+        clock: Clock = SYSTEM_CLOCK,
     ) -> None:
-        """report: is given lines for people and for the log."""
+        """report: is given lines for people and for the log.  clock: of this process."""
+        self._clock = clock
         self._line, self._stick, self._supervised, self._parameters = line, stick, supervised, parameters
         self._remote, self._preflight, self._report = remote, preflight, report
         self.wants_arming, self.shows_checks, self.has_stopped = False, True, False
@@ -101,7 +103,7 @@ class Piloting:
 
     def note_command(self) -> None:
         """A command was sent: so long it took from the console's server to the wire."""
-        now = monotonic_ns() * 1e-9
+        now = self._clock.monotonic_ns() / NS_PER_SECOND
         self._latencies += [now - clock for clock in self._stick_clocks]
         self._stick_clocks.clear()
 

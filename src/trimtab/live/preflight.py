@@ -6,7 +6,6 @@ Source: docs page, Arming.
 """
 
 import math
-import shutil
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
@@ -14,6 +13,7 @@ from typing import Any
 from trimtab.core.time import ms, seconds, to_seconds
 from trimtab.live.arming import CONFIRMATION_CHECK, LEAST_SPACE, LOSS_WINDOW, MEGABYTE, MOST_LOSS, FrameLoss
 from trimtab.live.autopilot_end import AutopilotEnd
+from trimtab.live.flight_log import SYSTEM_DISK, Disk
 from trimtab.live.remote import QUICK_ROUND_TRIP, RemoteVehicle
 from trimtab.loop.scenario import Scenario
 from trimtab.loop.supervisor import CHECKS
@@ -33,9 +33,16 @@ STATE = "estimate.state."
 class Preflight:
     """The checks of a flight that has not been armed yet. Times `now` are this end's, in 100 ns."""
 
-    def __init__(self, scenario: Scenario, end: AutopilotEnd, remote: RemoteVehicle, counts: FrameCounts) -> None:
-        """Nothing looked at yet. counts: of the frames that this end hears."""
-        self._end, self._remote, self._loss = end, remote, FrameLoss(counts)
+    def __init__(
+        self,
+        scenario: Scenario,
+        end: AutopilotEnd,
+        remote: RemoteVehicle,
+        counts: FrameCounts,
+        disk: Disk = SYSTEM_DISK,
+    ) -> None:
+        """Nothing looked at yet. counts: of the frames that this end hears.  disk: where the log is written."""
+        self._end, self._remote, self._loss, self._disk = end, remote, FrameLoss(counts), disk
         supervisor = scenario.autopilot.supervisor
         self._stale_age = STALE_AGE if supervisor is None else float(supervisor.stale_age)
         step = end.step
@@ -130,7 +137,7 @@ class Preflight:
             return float(step.outputs[step.writes[path]])
 
         check = int(read("supervisor.check")) if "supervisor.check" in step.writes else 0
-        space = math.nan if folder is None else shutil.disk_usage(folder).free / MEGABYTE
+        space = math.nan if folder is None else self._disk.free_bytes(folder) / MEGABYTE
         sigmas = [
             ArmingCheck(name, float(step.outputs[at]), MOST_SIGMA[unit], unit, "wait until the estimator has settled")
             for name, (at, unit) in self._sigmas.items()

@@ -9,7 +9,6 @@ Source: docs page, PX4.
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from time import monotonic
 from typing import Any
 
 import jax.numpy as jnp
@@ -17,6 +16,7 @@ import numpy as np
 
 from trimtab.compiler.block import BlockDefinition
 from trimtab.compiler.compiled_block import compile_block
+from trimtab.core.clock import NS_PER_SECOND, SYSTEM_CLOCK, Clock
 from trimtab.core.record import Quantity, to_arrays
 from trimtab.core.rotation import from_euler
 from trimtab.core.time import ms, to_seconds
@@ -80,20 +80,39 @@ class AnswerTally:
 class Px4Simulator:
     """A vehicle that PX4 flies; `serve` runs it."""
 
-    def __init__(self, scenario: Scenario, vehicle: PulsedVehicle, link: StreamLink, *, seed: int = 0) -> None:
-        """For one `serve`. scenario, seed: of the vehicle, for its log and noise.  link: that PX4 connects to."""
-        self.scenario, self.vehicle, self.link, self.seed = scenario, vehicle, link, seed
+    def __init__(
+        self,
+        scenario: Scenario,
+        vehicle: PulsedVehicle,
+        link: StreamLink,
+        *,
+        seed: int = 0,
+        clock: Clock = SYSTEM_CLOCK,
+    ) -> None:
+        """Prepare one `serve`.
+
+        Args:
+            scenario: of the vehicle, for its log.
+            vehicle: the vehicle.
+            link: that PX4 connects to.
+            seed: of the noise.
+            clock: clock of this process.
+        """
+        self.scenario, self.vehicle, self.link, self.seed, self._clock = scenario, vehicle, link, seed, clock
         self.tally = AnswerTally()
         self._flights = PhysicsFlights(scenario, vehicle, OWN_SIGNALS, seed=seed, period=STEP)
         self._around = compile_block(_surroundings_block())
         self._spans = {c: pulse_span(o) for c, o in zip(vehicle.channels, vehicle.outputs, strict=True)}
         self._begin_connection()
 
+    def _seconds(self) -> float:
+        return self._clock.monotonic_ns() / NS_PER_SECOND
+
     def _begin_connection(self) -> None:
         self._endpoint = Endpoint(simulator_dialect(), SYSTEM, COMPONENT, unsigned=True)
         self._noise = np.random.default_rng(self.seed)
         self._last: ControlFrame | None = None
-        self._samples, self._due, self._is_in_step = 0, monotonic(), False
+        self._samples, self._due, self._is_in_step = 0, self._seconds(), False
 
     def serve(
         self,
@@ -176,9 +195,9 @@ class Px4Simulator:
         Answers to samples that went before PX4 waited for any are passed over, so that it is not a sample behind.
         """
         sent, is_locked = self._now() // PER_MICROSECOND, self._last is not None and self._last.is_locked
-        self._due = max(self._due + to_seconds(STEP), monotonic() - SILENCE_S)
-        until, newest = monotonic() + SILENCE_S if is_locked else self._due, None
-        while not stop() and self.link.statistics.connected and (left := until - monotonic()) > 0:
+        self._due = max(self._due + to_seconds(STEP), self._seconds() - SILENCE_S)
+        until, newest = self._seconds() + SILENCE_S if is_locked else self._due, None
+        while not stop() and self.link.statistics.connected and (left := until - self._seconds()) > 0:
             answer = self._take(self.link.receive(min(left, LISTEN_S)))
             newest = answer or newest
             if answer is None or not answer.is_locked:
@@ -186,7 +205,7 @@ class Px4Simulator:
             if self._is_in_step or answer.time >= sent:
                 self._is_in_step = True
                 return answer
-            until, is_locked = monotonic() + SILENCE_S, True
+            until, is_locked = self._seconds() + SILENCE_S, True
         self._is_in_step = newest is not None and newest.is_locked
         if is_locked and newest is None and self.link.statistics.connected and not stop():
             self.tally.unanswered += 1

@@ -15,11 +15,11 @@ import gc
 import itertools
 import os
 from collections.abc import Callable, Iterator
-from time import monotonic_ns, thread_time_ns
 from typing import NamedTuple
 
+from trimtab.core.clock import SYSTEM_CLOCK, Clock
 from trimtab.core.interfaces import Link
-from trimtab.core.time import format_time
+from trimtab.core.time import UNITS_PER_SECOND, format_time, seconds
 
 NS = 100
 """Nanoseconds in a unit of time."""
@@ -27,6 +27,8 @@ MOST_PACKETS = 64
 """Packets taken at one instant, so that a flood can't stop the clock."""
 DISCARD_LIMIT = 10_000
 """Packets thrown away at most."""
+LONGEST_DELAY = seconds("0.5")
+"""How far behind a loop may be before it gives up catching up and goes on from now."""
 SUB_BUCKET_BITS = 5
 """Each doubling is cut into 2**SUB_BUCKET_BITS buckets: 3 % wide."""
 BUCKETS = (64 - SUB_BUCKET_BITS) << SUB_BUCKET_BITS
@@ -39,25 +41,25 @@ MCL_CURRENT_AND_FUTURE = 3
 class WallClock:
     """Integer time (100 ns) since it was made."""
 
-    def __init__(self) -> None:
-        self.start = monotonic_ns()
+    def __init__(self, clock: Clock = SYSTEM_CLOCK) -> None:
+        self._clock, self.start = clock, clock.monotonic_ns()
 
     def now(self) -> int:
         """Now."""
-        return (monotonic_ns() - self.start) // NS
+        return (self._clock.monotonic_ns() - self.start) // NS
 
     def wait(self, t: int, link: Link, hear: Callable[[bytes], None]) -> int:
         """Take what comes until integer time t, at least once and at most MOST_PACKETS late; returns now (ns)."""
         due = self.start + t * NS
         late = 0
         while True:
-            left = (due - monotonic_ns()) * 1e-9
+            left = (due - self._clock.monotonic_ns()) * 1e-9
             data = link.receive(max(left, 0.0))
             if data is not None:
                 hear(data)
             late += left <= 0
             if (left <= 0 and data is None) or late > MOST_PACKETS:
-                return monotonic_ns()
+                return self._clock.monotonic_ns()
 
 
 def discard_packets(link: Link) -> int:
@@ -164,26 +166,31 @@ class Deadlines:
     late: from deadline to wake-up.  step: the compiled step alone.  work: from wake-up to the end of the period's work.
     """
 
-    def __init__(self, period: int, spent: Callable[[], int] = thread_time_ns) -> None:
-        """Begin now. spent: processor time of this thread (ns)."""
-        self.period, self._spent = period, spent
-        self._before, self._over, self._blamed = spent(), False, False
-        self.start = monotonic_ns()
+    def __init__(self, period: int, clock: Clock = SYSTEM_CLOCK) -> None:
+        """Begin now. clock: clock of this process; its processor time tells own work from waiting for a processor."""
+        self.period, self._clock = period, clock
+        self._before, self._over, self._blamed = clock.thread_ns(), False, False
+        self.start = clock.monotonic_ns()
         self.late, self.step, self.work = Histogram(), Histogram(), Histogram()
         self.own = self.scheduler = 0
 
     def remaining(self, k: int) -> float:
         """Seconds until deadline k; negative when it has passed."""
-        return (self.start + k * self.period * NS - monotonic_ns()) * 1e-9
+        return (self.start + k * self.period * NS - self._clock.monotonic_ns()) * 1e-9
+
+    def count_passed(self, k: int) -> tuple[int, int]:
+        """Return how many periods to pass over before period k, none unless it is LONGEST_DELAY late, and how late."""
+        behind = -round(self.remaining(k) * UNITS_PER_SECOND)
+        return (behind // self.period if behind >= LONGEST_DELAY else 0), behind
 
     def record_period(self, k: int, woke: int, began: int, stepped: int) -> bool:
         """Account for period k: when it woke, and when the step began and ended (ns). Returns whether it overran."""
         deadline = self.start + k * self.period * NS
-        ended = monotonic_ns()
+        ended = self._clock.monotonic_ns()
         self.late.add(woke - deadline)
         self.step.add(stepped - began)
         self.work.add(ended - woke)
-        spent = self._spent()
+        spent = self._clock.thread_ns()
         busy, self._before = spent - self._before, spent
         over = ended - deadline > self.period * NS
         if over and not self._over:

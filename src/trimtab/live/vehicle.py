@@ -3,19 +3,17 @@
 Source: docs page, Vehicle.
 """
 
-import itertools
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
 from trimtab.actuators.failsafe import BREACHES
-from trimtab.compiler.compiled_block import compile_block
-from trimtab.core.errors import InputError, argument
+from trimtab.core.errors import InputError
 from trimtab.core.interfaces import Link
 from trimtab.core.record import Quantity, leaves, replace
-from trimtab.core.time import format_time, ms, to_seconds
+from trimtab.core.time import ms
 from trimtab.links.wire import Wire
 from trimtab.live.arming import ArmingGuard
 from trimtab.live.authority import AUTHORITY_SIGNALS, CommandGate
@@ -25,26 +23,27 @@ from trimtab.live.clocks import RefusalAnswers
 from trimtab.live.duties import STATION_MODES, Duties, FlightRequests
 from trimtab.live.exchange import GroupSample, command_group, slot_indices
 from trimtab.live.flight_log import (
-    FlightLog,
+    FlightRecorder,
     LogSource,
     count_frames,
     frame_signals,
     list_log_problems,
-    open_flight_log,
 )
 from trimtab.live.injector import format_value
 from trimtab.live.instruments import Instruments
+from trimtab.live.machine import SYSTEM_MACHINE, Machine
 from trimtab.live.outputs import Outputs
 from trimtab.live.parameter_store import ParameterStore
-from trimtab.live.real_time import NS, Histogram, WallClock, discard_packets, real_time
+from trimtab.live.real_time import NS, Histogram, WallClock, discard_packets
 from trimtab.live.station_options import StationOptions, station_services
-from trimtab.live.virtual_vehicle import VirtualVehicle, instants
+from trimtab.live.virtual_vehicle import VirtualVehicle, check_pace
 from trimtab.logs.frames import TRANSFORM_PERIOD
 from trimtab.logs.stream import LogFileSummary
 from trimtab.loop.scenario import Scenario
 from trimtab.run.blocks import choose_failsafe, uplink_block
-from trimtab.run.cosimulation import SteppedWorld, prepare_world
+from trimtab.run.cosimulation import prepare_world
 from trimtab.run.identity import identity_path, scenario_identity
+from trimtab.run.kept_blocks import compile_kept
 from trimtab.wire.dialect import Dialect, derive_dialect
 from trimtab.wire.identity import IdentityService
 from trimtab.wire.mavlink import Endpoint
@@ -61,8 +60,6 @@ OWN_SIGNALS: Mapping[str, tuple[str, Quantity]] = {
     **AUTHORITY_SIGNALS,
 }
 """What a row of the vehicle's log has besides the world's and the failsafe's."""
-PACE, PACED_INSTANTS = 0.5, 200
-"""What an FMU's step may take of the shortest time between two of the first instants."""
 OUTPUTS_DIED = "the outputs' process died"
 DISARM_DELAY = ms(50)
 """How long it goes on after it was disarmed at its end: two frames of its servos and a little."""
@@ -93,6 +90,7 @@ class LiveVehicle:
         *,
         seed: int = 0,
         station_options: StationOptions | None = None,
+        machine: Machine = SYSTEM_MACHINE,
     ) -> None:
         """Compile it.
 
@@ -102,20 +100,22 @@ class LiveVehicle:
             endpoint: makes the vehicle's end for a dialect.
             seed: of the random numbers.
             station_options: what ground stations get of it.
+            machine: the computer that it runs on.
         """
         options = station_options or StationOptions()
         self.scenario, self.link, self.seed = scenario, link, seed
+        self._machine = machine
         uplink, bare = scenario.world.uplink, replace(scenario, world=replace(scenario.world, uplink=Wire()))
         world, frame, command = prepare_world(bare, seed=seed)
-        _check_pace(world, bare)
+        check_pace(world, bare)
         dialect = derive_dialect(frame, command)
         self.endpoint = endpoint(dialect)
         self.body = VirtualVehicle(bare, dialect, world)
         failsafe = choose_failsafe(scenario, command)
-        received = None if isinstance(uplink, Wire) else compile_block(uplink_block(uplink, command, seed=seed))
+        received = None if isinstance(uplink, Wire) else compile_kept(uplink_block, uplink, command, seed=seed)
         self.duties = Duties(failsafe, command, world, received)
         self.instruments = Instruments(
-            self.body, failsafe, self.endpoint, lambda: self.duties.is_commanded, options.origin
+            self.body, failsafe, self.endpoint, lambda: self.duties.is_commanded, options.origin, machine.clock
         )
         self._command = command_group(dialect, self.duties.slot)
         safe = [(f"command.value.{p}", v) for p, v, _ in leaves(failsafe.safe)]
@@ -123,7 +123,12 @@ class LiveVehicle:
         self._row_slots = slot_indices(self.body.world.reads, [p for p, _ in safe], len(self.body.world.inputs))
         self._failsafe, self._problems = failsafe, list[str]()
         self.guard = ArmingGuard(
-            self.body, scenario.limits, failsafe, self.endpoint.counts, lambda now: self.duties.radio_silence(now)
+            self.body,
+            scenario.limits,
+            failsafe,
+            self.endpoint.counts,
+            lambda now: self.duties.radio_silence(now),
+            machine.disk,
         )
         self._outputs: Outputs | None = None
         parameters = Parameters(scenario.world, "world")
@@ -151,12 +156,12 @@ class LiveVehicle:
         self.relay = AutopilotRelay(self.endpoint, self.broadcast)
         self.gate = CommandGate(self.station, self.broadcast, lambda text: self._announce(Severity.WARNING, text))
         self.refusals = RefusalAnswers(self.endpoint, link, self._report)
-        self.clock, self.lateness = WallClock(), Histogram()
+        self.clock, self.lateness = WallClock(machine.clock), Histogram()
         self.release_time: int | None = None
         self.disarm_time: int | None = None
         self._newest_command: GroupSample | None = None
         self._pose_time = 0
-        self._flight_log: FlightLog | None = None
+        self._flight_log: FlightRecorder | None = None
         self._tell: Callable[[str], None] = lambda _: None
 
     def _handle_data(self, data: bytes) -> None:
@@ -241,7 +246,7 @@ class LiveVehicle:
         failsafe = self.duties.step
         decisions = LogSource(failsafe.outputs, failsafe.text.outputs, lambda p: f"firmware.{p}")
         sources = [*self.body.log_sources(), decisions]
-        flight_log = self._flight_log = open_flight_log(
+        flight_log = self._flight_log = self._machine.disk.open_log(
             log,
             sources,
             OWN_SIGNALS,
@@ -260,7 +265,7 @@ class LiveVehicle:
                 self._outputs = self._start_outputs(watchdog, outputs_folder, wanted_real_time)
             discard_packets(self.link)
             self.endpoint.begin_anew()
-            with real_time(wanted_real_time):
+            with self._machine.real_time(wanted_real_time):
                 try:
                     self._run_loop(duration, log_period, stop)
                 finally:  # before real time ends, which takes longer than the watchdog waits
@@ -286,6 +291,8 @@ class LiveVehicle:
             latch=max(latch, watchdog * NS),
             folder=folder,
             wanted_real_time=wanted_real_time,
+            clock=self._machine.clock,
+            start=self._machine.start_outputs,
         )
 
     def _hand_over(self, t: int) -> None:
@@ -305,9 +312,9 @@ class LiveVehicle:
             self._announce(Severity.CRITICAL, OUTPUTS_DIED)
 
     def _run_loop(self, duration: int | None, log_period: int, stop: Callable[[], bool]) -> None:
-        self.clock, last = WallClock(), None
+        self.clock, last = WallClock(self._machine.clock), None
         if self._flight_log is not None:
-            self._flight_log.start_clock(self.clock.start)
+            self._flight_log.start_clock(self.clock.start, self._machine.clock)
         for t in self.body.instants():
             why = self._end_reason(t, duration, stop) if last is None else ""
             if why:
@@ -384,17 +391,3 @@ class LiveVehicle:
         """A line to ground stations, into the log and to people."""
         self.station.queue_text(severity, text)
         self._report(text)
-
-
-def _check_pace(world: Any, scenario: Scenario) -> None:
-    """Refuse an FMU whose steps take longer than half of the time that there is for them; its program runs for it."""
-    if not isinstance(world, SteppedWorld):
-        return
-    periods = [*scenario.world.periods(), scenario.autopilot.period]
-    times = list(itertools.islice(instants(periods, scenario.world.max_step), PACED_INSTANTS))
-    shortest = min(b - a for a, b in itertools.pairwise(times))
-    took = world.measure_steps(shortest)
-    if took > PACE * to_seconds(shortest):
-        problem = f"a step of the FMU takes {took * 1e3:.3g} ms here, and there is one each {format_time(shortest)}"
-        fix = f"{argument('lockstep', True)} on both sides, or {argument('settings', '50 ms', 'world.max_step')}"
-        raise InputError(f"{scenario.name} by a clock", problem, fix=fix)

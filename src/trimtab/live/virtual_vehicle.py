@@ -3,21 +3,27 @@
 Source: docs page, Vehicle.
 """
 
+import itertools
 from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
 
 from trimtab.compiler.compiled_block import CompiledBlock
+from trimtab.core.errors import InputError, argument
+from trimtab.core.time import format_time, to_seconds
 from trimtab.live.exchange import MessageGroup, command_group, sample_groups, slot_indices
 from trimtab.live.flight_log import LogSource
 from trimtab.loop.scenario import Scenario
+from trimtab.run.cosimulation import SteppedWorld
 from trimtab.wire.dialect import Dialect
 from trimtab.wire.mavlink import Endpoint
 
 ACTUATION_PREFIXES = ("uplink.", "actuators.")
 """Outputs of a world that tell of the time before an instant."""
 NO_TIME = np.iinfo(np.int64).min
+PACE, PACED_INSTANTS = 0.5, 200
+"""Largest share of the shortest time between two of the first instants that a step of an FMU may take."""
 
 
 class VirtualVehicle:
@@ -95,3 +101,17 @@ def instants(periods: list[int], max_step: int) -> Iterator[int]:
         for k in range(1, parts + 1):
             yield t + k * (due - t) // parts
         t = due
+
+
+def check_pace(world: Any, scenario: Scenario) -> None:
+    """Refuse an FMU whose steps take longer than half of the time that there is for them; its program runs for it."""
+    if not isinstance(world, SteppedWorld):
+        return
+    periods = [*scenario.world.periods(), scenario.autopilot.period]
+    times = list(itertools.islice(instants(periods, scenario.world.max_step), PACED_INSTANTS))
+    shortest = min(b - a for a, b in itertools.pairwise(times))
+    took = world.measure_steps(shortest)
+    if took > PACE * to_seconds(shortest):
+        problem = f"a step of the FMU takes {took * 1e3:.3g} ms here, and there is one each {format_time(shortest)}"
+        fix = f"{argument('lockstep', True)} on both sides, or {argument('settings', '50 ms', 'world.max_step')}"
+        raise InputError(f"{scenario.name} by a clock", problem, fix=fix)

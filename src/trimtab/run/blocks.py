@@ -4,6 +4,7 @@ Autopilot and world are `simulate` taken apart at the two messages: same order o
 Time). The vehicle's own, which a virtual vehicle runs and a microcontroller too: uplink, failsafe and motion.
 """
 
+import functools
 from typing import Any
 
 import jax
@@ -12,7 +13,7 @@ import numpy as np
 from trimtab.actuators.drive import DriveCommand, drive_failsafe
 from trimtab.actuators.failsafe import Failsafe, FailsafeInput
 from trimtab.compiler.block import BlockDefinition
-from trimtab.compiler.compiled_block import CompiledBlock, compile_block
+from trimtab.compiler.compiled_block import CompiledBlock
 from trimtab.core.errors import InputError
 from trimtab.core.interfaces import optional_member
 from trimtab.core.record import part, quantity, record, replace, to_arrays, tree_where
@@ -28,6 +29,7 @@ from trimtab.loop.structure import cast_like, zeros_like
 from trimtab.loop.swarm import Swarm
 from trimtab.loop.walk import Signals, instant, logged_signals
 from trimtab.run.inputs import RunInputs, leaf_paths, run_inputs
+from trimtab.run.kept_blocks import MOST_KEPT, Content, compile_kept
 
 UNLIMITED = 3e38
 """Any number that a float holds is believed, of a command about which nothing is known."""
@@ -125,7 +127,13 @@ def refuse_swarm(scenario: Scenario, end: str) -> None:
 
 def message_structures(scenario: Scenario) -> tuple[Frame, Command]:
     """The structures of a scenario's frame and command, every number zero; refuses parts that don't fit each other."""
-    s, a = jax.eval_shape(lambda: run_inputs(hold_vehicle(scenario)).initial_states())
+    return _keep_structures(Content(hold_vehicle(scenario)))
+
+
+@functools.lru_cache(MOST_KEPT)
+def _keep_structures(content: Content) -> tuple[Frame, Command]:
+    (scenario,) = content.records
+    s, a = jax.eval_shape(lambda: run_inputs(scenario).initial_states())
     return zeros_like((Frame(t=np.int64(0), samples=s.received), a.command))
 
 
@@ -159,7 +167,7 @@ def autopilot_block(scenario: Scenario, *, seed: int = 0, run: int = 0) -> Block
 def compile_autopilot(scenario: Scenario, *, seed: int = 0) -> CompiledBlock:
     """The autopilot of a scenario as a compiled step; refused as `export_c` refuses, or without a C compiler."""
     scenario.check()
-    return compile_block(autopilot_block(scenario, seed=seed))
+    return compile_kept(autopilot_block, scenario, seed=seed)
 
 
 def loop_block(scenario: Scenario, always: frozenset[int], *, seed: int = 0) -> BlockDefinition:
@@ -225,7 +233,7 @@ def world_block(scenario: Scenario, *, seed: int = 0) -> BlockDefinition:
 
 def compile_world(scenario: Scenario, *, seed: int = 0) -> tuple[CompiledBlock, Frame, Command]:
     """The compiled world of a scenario, and the structures of its messages on a line; refused without a C compiler."""
-    return compile_block(world_block(scenario, seed=seed)), *carried_structures(scenario)
+    return compile_kept(world_block, scenario, seed=seed), *carried_structures(scenario)
 
 
 def timed_block(name: str, doc: str, block: Any, input: Any) -> BlockDefinition:

@@ -12,7 +12,7 @@ import jax
 import numpy as np
 
 from trimtab.compiler.block import BlockDefinition
-from trimtab.compiler.compiled_block import CompiledBlock, compile_block
+from trimtab.compiler.compiled_block import CompiledBlock
 from trimtab.compiler.folder import ROUNDINGS
 from trimtab.core.errors import InputError, argument
 from trimtab.core.record import replace
@@ -21,8 +21,9 @@ from trimtab.core.time import format_time, to_seconds
 from trimtab.logs.log import Log, provenance
 from trimtab.loop.scenario import Scenario
 from trimtab.loop.structure import cast_like, strengthen_types
-from trimtab.run.blocks import autopilot_block
+from trimtab.run.blocks import autopilot_block, message_structures
 from trimtab.run.inputs import leaf_paths
+from trimtab.run.kept_blocks import compile_kept
 from trimtab.run.parameter_changes import AutopilotChange, read_changes, with_changes
 from trimtab.run.program import check_seed
 from trimtab.run.runner import choose_c
@@ -92,11 +93,13 @@ def replay(log: Log, scenario: Scenario | str | None = None, *, autopilot: Any =
     seed, run = (int(log.metadata.get(name, 0)) for name in ("seed", "run"))
     check_seed(seed)
     check_seed(run)
-    block = autopilot_block(flown, seed=seed, run=run)
-    compiled = choose_c(backend, lambda: compile_block(block))
-    steps = find_steps(log, leaf_paths(block.input), flown.autopilot.period)
+    compiled = choose_c(backend, lambda: compile_kept(autopilot_block, flown, seed=seed, run=run))
+    steps = find_steps(log, leaf_paths(message_structures(flown)[0]), flown.autopilot.period)
     changes = read_changes(log) if autopilot is None else []
-    outputs = step_jax(block, steps, changes) if compiled is None else step_c(compiled, steps, changes)
+    if compiled is None:
+        outputs = step_jax(autopilot_block(flown, seed=seed, run=run), steps, changes)
+    else:
+        outputs = step_c(compiled, steps, changes)
     return _compare_outputs(log, steps, outputs, "jax" if compiled is None else "c", changed=autopilot is not None)
 
 

@@ -52,9 +52,14 @@ def key_path(vehicle: str) -> Path:
     return Path(os.environ.get("TRIMTAB_CONFIG") or default).absolute() / "keys" / f"{vehicle}.key"
 
 
-def create_key(path: Path) -> SigningKey:
-    """Make a new key of 256 random bits and write its file, owner-only; a file that is there is never overwritten."""
-    passphrase = secrets.token_urlsafe(32)
+def create_key(path: Path, passphrase: str = "") -> SigningKey:
+    """Make a new key and write its file, readable by its owner only; a file that exists is never overwritten.
+
+    Args:
+        path: of the file.
+        passphrase: line of the file; empty: 256 random bits.
+    """
+    passphrase = passphrase or secrets.token_urlsafe(32)
     try:
         path.parent.mkdir(mode=0o700, parents=True, exist_ok=True)
         with os.fdopen(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "w", encoding="ascii") as file:

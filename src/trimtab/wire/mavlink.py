@@ -111,14 +111,16 @@ class Endpoint:
         datagrams: bool = False,
         clock: Callable[[], float] | None = None,
         is_reset: bool = False,
+        session: int | None = None,
     ) -> None:
         """Open one end; with a key that has a file, its time stamps are kept beside it until close().
 
         is_reset: the time stamps begin with this computer's clock, whatever is kept.
+        session: number of this end's session; None: drawn by the system's generator.
         """
         _check_arguments(system, component, link, key, unsigned)
         self.dialect, self.system, self.component, self.link = dialect, system, component, link
-        self.session = draw_session()
+        self.session = draw_session() if session is None else session
         """Tells this end from others of its system and component, also from itself before a restart."""
         self.counts = FrameCounts()
         self._datagrams = datagrams
@@ -327,6 +329,11 @@ class Endpoint:
         """Give back what the endpoint holds on disk."""
         if self.stamps is not None:
             self.stamps.close()
+
+    def abandon(self) -> None:
+        """Give back what the endpoint holds on disk and store nothing, as the system does when a process dies."""
+        if self.stamps is not None:
+            self.stamps.abandon()
 
 
 def checksum(data: bytes, extra: int) -> bytes:

@@ -17,12 +17,12 @@ payload", RFC 4303 (2005), section 3.4.3: packets that overtake one another, eac
 
 import contextlib
 import os
-import time
 from collections import deque
 from collections.abc import Callable
 from enum import Enum
 from pathlib import Path
 
+from trimtab.core.clock import NS_PER_SECOND, SYSTEM_CLOCK, Clock
 from trimtab.core.errors import InputError
 
 try:
@@ -53,10 +53,10 @@ class Refusal(Enum):
     LEADING = "leading"
 
 
-def running_clock() -> Callable[[], float]:
-    """Unix time now, carried on by the monotonic clock."""
-    began, at = time.time(), time.monotonic()
-    return lambda: began + time.monotonic() - at
+def running_clock(clock: Clock = SYSTEM_CLOCK) -> Callable[[], float]:
+    """Return a function for the Unix time (s): the wall clock now, continued by the monotonic clock."""
+    began, start = clock.unix(), clock.monotonic_ns()
+    return lambda: began + (clock.monotonic_ns() - start) / NS_PER_SECOND
 
 
 class _Stream:
@@ -160,6 +160,10 @@ class Stamps:
         """Store exactly where the stamps stand, and give the file back."""
         if self._file is not None:
             self._write_store(0)
+        self._close_file()
+
+    def abandon(self) -> None:
+        """Give the file back and store nothing, as the system does when a process dies."""
         self._close_file()
 
     def _close_file(self) -> None:

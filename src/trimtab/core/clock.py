@@ -1,0 +1,95 @@
+"""Clocks: code that waits or reads the time is handed a Clock, so that it also runs in virtual time.
+
+The system's clock is `SYSTEM_CLOCK`. The virtual clock is `trimtab.live.virtual_time`.
+Source: docs page, Testing.
+"""
+
+import select
+import time
+from typing import Protocol
+
+NS_PER_SECOND = 1_000_000_000
+SELECTABLE = 1024
+"""Descriptors from this number on are too large for select()."""
+
+
+class Waitable(Protocol):
+    """An object that can become ready to read, such as a socket."""
+
+    def fileno(self) -> int:
+        """Return the descriptor of the object, -1 once it is closed."""
+        ...
+
+
+class Clock(Protocol):
+    """The time of one process, and the only call by which live code waits."""
+
+    def monotonic_ns(self) -> int:
+        """Return the monotonic time (ns)."""
+        ...
+
+    def unix(self) -> float:
+        """Return the wall clock's time (s since 1970). A wall clock may be stepped."""
+        ...
+
+    def thread_ns(self) -> int:
+        """Return the processor time of the calling thread (ns)."""
+        ...
+
+    def wait(self, ready: Waitable | None, timeout: float) -> bool:
+        """Wait until an object is ready to read; return False when `timeout` seconds have passed before.
+
+        Args:
+            ready: object to wait for. None: wait for the timeout only.
+            timeout: seconds; infinite: no limit.
+        """
+        ...
+
+
+class SystemClock:
+    """The clocks of this machine."""
+
+    def monotonic_ns(self) -> int:
+        """Return the monotonic time (ns)."""
+        return time.monotonic_ns()
+
+    def unix(self) -> float:
+        """Return the wall clock's time (s since 1970)."""
+        return time.time()
+
+    def thread_ns(self) -> int:
+        """Return the processor time of the calling thread (ns)."""
+        return time.thread_time_ns()
+
+    def wait(self, ready: Waitable | None, timeout: float) -> bool:
+        """Wait until an object is ready to read; return False when `timeout` seconds have passed before."""
+        if ready is None:
+            time.sleep(max(timeout, 0.0))
+            return False
+        return wait_until_ready(ready.fileno(), select.POLLIN, max(timeout, 0.0))
+
+
+SYSTEM_CLOCK = SystemClock()
+
+
+def wait_until_ready(fd: int, mask: int, timeout: float) -> bool:
+    """Wait for a descriptor; return False when `timeout` seconds have passed without an event. An error is an event.
+
+    select() waits to the microsecond. poll() counts in milliseconds, which is a whole control period, but takes any
+    descriptor.
+
+    Args:
+        fd: the descriptor.
+        mask: select.POLLIN, select.POLLOUT, or both.
+        timeout: seconds, not negative; infinite: no limit.
+    """
+    is_limited = timeout != float("inf")
+    try:
+        if fd < SELECTABLE:
+            reads, writes = [fd] if mask & select.POLLIN else [], [fd] if mask & select.POLLOUT else []
+            return any(select.select(reads, writes, [], timeout if is_limited else None))
+        poll = select.poll()
+        poll.register(fd, mask)
+        return bool(poll.poll(timeout * 1e3 if is_limited else None))
+    except (OSError, ValueError):
+        return True

@@ -1,0 +1,339 @@
+"""Virtual time: live programs on one clock that advances only when all of them wait.
+
+Each program (vehicle, outputs, autopilot, ground station, injector, attacker) is a thread. A thread runs only while it
+holds the baton. It hands the baton over when it waits, in `Clock.wait`. The earliest packet, deadline or action is
+next; ties are broken by kind and by the order in which the programs joined. So one seed gives one course of events,
+however fast the machine is.
+
+A program can be frozen, killed, kept busy, and its wall clock stepped, while it runs.
+Source: docs page, Testing; J. Zhou et al., "FoundationDB", SIGMOD 2021, section 4 (simulation of a whole system).
+"""
+
+import hashlib
+import heapq
+import math
+import random
+import threading
+from collections.abc import Callable
+from typing import Any, Protocol
+
+from trimtab.core.clock import NS_PER_SECOND, Waitable
+
+ACTION, PACKET, WAKE = range(3)
+"""Kinds of events, in the order in which those of one instant happen."""
+UNIX_START = 1_780_000_000.0
+"""Wall-clock time at the start of virtual time (s since 1970)."""
+LONGEST_BOOT = 100 * NS_PER_SECOND
+"""Largest monotonic time of a program at the start of virtual time (ns): each machine was booted at another time."""
+MOST_HAND_OVERS = 1_000_000
+"""Hand-overs at one instant after which a program counts as hanging."""
+MOST_TIME = 3600 * NS_PER_SECOND
+"""Virtual time (ns) after which a run counts as hanging."""
+
+
+class KilledError(BaseException):
+    """Ends the thread of a program that was killed. No handler of ordinary errors catches it."""
+
+
+class VirtualTimeError(Exception):
+    """Nobody can wake, or a program hangs."""
+
+
+class Readable(Protocol):
+    """An object of virtual time that a program can wait for."""
+
+    def has_data(self) -> bool:
+        """Return whether a read would give something, be it the end."""
+        ...
+
+
+class Program:
+    """A program that runs in virtual time: a thread with a clock."""
+
+    def __init__(self, name: str, number: int, run: Callable[["VirtualClock"], Any], clock: "VirtualClock") -> None:
+        self.name, self.number, self.clock = name, number, clock
+        self.result: Any = None
+        """What its function returned."""
+        self.error: BaseException | None = None
+        """What its function raised."""
+        self.has_ended = self.is_killed = False
+        self.is_waiting, self.ready, self.deadline, self.turn = False, None, math.inf, 0
+        self.ready: Any
+        self.frozen_until: float = 0
+        self.work = self.cpu = 0
+        """Own work that is still to be done, and processor time so far (ns)."""
+        self.closers: list[Callable[[], None]] = []
+        """Close its sockets, as the system does when a process dies."""
+        self.gate = threading.Lock()
+        self.gate.acquire()
+        self.run = run
+
+    @property
+    def exit_reason(self) -> str:
+        """How it ended: "killed", "failed", "ended", or "running"."""
+        if self.is_killed:
+            return "killed"
+        return "failed" if self.error else "ended" if self.has_ended else "running"
+
+
+class VirtualClock:
+    """The clock of one program."""
+
+    def __init__(self, time: "VirtualTime", boot: int) -> None:
+        """boot: monotonic time (ns) at the start of virtual time."""
+        self._time, self._boot, self.unix_offset = time, boot, 0.0
+        self.program: Program
+
+    def monotonic_ns(self) -> int:
+        """Return the monotonic time (ns)."""
+        self._time.pass_work(self.program)
+        return self._boot + self._time.now
+
+    def unix(self) -> float:
+        """Return the wall clock's time (s since 1970)."""
+        return UNIX_START + self._time.now / NS_PER_SECOND + self.unix_offset
+
+    def thread_ns(self) -> int:
+        """Return the processor time of the program (ns): the work it was kept busy with."""
+        return self.program.cpu
+
+    def wait(self, ready: Waitable | None, timeout: float) -> bool:
+        """Wait until an object is ready to read; return False when `timeout` seconds have passed before."""
+        return self._time.wait(self.program, ready, timeout)
+
+
+class VirtualTime:
+    """Programs on one virtual clock. Make it, `start` programs, then `run`."""
+
+    def __init__(self, seed: int, *, hand_over: Callable[[], None] = lambda: None) -> None:
+        """Start at time zero.
+
+        Args:
+            seed: seed of all random numbers of the run.
+            hand_over: called at each hand-over, e.g. to sleep for a random time in a test.
+        """
+        self.seed, self.now, self._hand_over = seed, 0, hand_over
+        self.programs: list[Program] = []
+        self.running: Program
+        """The program that holds the baton."""
+        self._events: list[tuple[int, int, int, int, Callable[[], Program | None]]] = []
+        self._count = self._spins = self._spin_time = 0
+        self._trace = hashlib.sha256()
+        self._error: BaseException | None = None
+        self._awaited: tuple[Program, ...] = ()
+        self._done = threading.Lock()
+        self._done.acquire()
+
+    def random(self, name: str) -> random.Random:
+        """Return a random generator of this run. The name tells it from others; draws of one change no other."""
+        return random.Random(f"{self.seed}/{name}")
+
+    def note(self, *fields: Any) -> None:
+        """Add what happens now to the trace."""
+        self._trace.update(repr((self.now, *fields)).encode())
+
+    @property
+    def digest(self) -> str:
+        """Hash of all packets, log rows and events so far."""
+        return self._trace.hexdigest()
+
+    @property
+    def seconds(self) -> float:
+        """Virtual time now (s)."""
+        return self.now / NS_PER_SECOND
+
+    def start(self, name: str, run: Callable[[VirtualClock], Any], *, clock: VirtualClock | None = None) -> Program:
+        """Start a program now.
+
+        Args:
+            name: name of the program.
+            run: its function, called with its clock in a thread of its own.
+            clock: clock of a program that ran on the same machine before; None: of a machine with a clock of its own.
+        """
+        own = clock or VirtualClock(self, self.random(f"boot of {name}").randrange(LONGEST_BOOT))
+        if clock is not None:
+            own = VirtualClock(self, clock._boot)
+            own.unix_offset = clock.unix_offset
+        program = Program(name, len(self.programs), run, own)
+        own.program = program
+        self.programs.append(program)
+        threading.Thread(target=self._run_program, args=(program,), name=name, daemon=True).start()
+        self._wait_until(program, None, self.now)
+        return program
+
+    def call_at(self, seconds: float, action: Callable[[], Any]) -> None:
+        """Call a function at a virtual time (s). It must not wait."""
+
+        def act() -> None:
+            action()
+
+        self.add_event(round(seconds * NS_PER_SECOND), ACTION, 0, act)
+
+    def add_event(self, time: int, kind: int, order: int, action: Callable[[], Program | None]) -> None:
+        """Call a function at a virtual time (ns). It returns the program that wakes, if one does.
+
+        Args:
+            time: not before now.
+            kind: ACTION, PACKET or WAKE.
+            order: number of the program that is concerned.
+            action: the function.
+        """
+        self._count += 1
+        heapq.heappush(self._events, (max(time, self.now), kind, order, self._count, action))
+
+    def run(self, *awaited: Program) -> None:
+        """Run until these programs have ended, all by default; then kill those that still run.
+
+        Raises:
+            VirtualTimeError: nobody can wake, or a program hangs.
+        """
+        self._awaited = awaited or tuple(self.programs)
+        self._pass_on(None)
+        self._done.acquire()
+        for program in self.programs:
+            if not program.has_ended:
+                self._awaited = ()
+                self.kill(program)
+                program.gate.release()
+                self._done.acquire()
+        if self._error is not None:
+            raise self._error
+
+    def freeze(self, program: Program, seconds: float = math.inf) -> None:
+        """Stop a program for some seconds, or until `thaw`, as SIGSTOP does. Packets go on arriving."""
+        program.frozen_until = self.now + seconds * NS_PER_SECOND
+        if seconds < math.inf:
+            self.add_event(round(program.frozen_until), WAKE, program.number, lambda: self._thaw(program))
+
+    def thaw(self, program: Program) -> None:
+        """Let a frozen program go on, as SIGCONT does."""
+        program.frozen_until = self.now
+        self.add_event(self.now, WAKE, program.number, lambda: self._thaw(program))
+
+    def kill(self, program: Program) -> None:
+        """End a program without a word, as SIGKILL does."""
+        if program.has_ended or program.is_killed:
+            return
+        program.is_killed, program.frozen_until = True, 0
+        for close in program.closers:
+            close()
+        self._wait_until(program, None, self.now)
+
+    def keep_busy(self, program: Program, seconds: float) -> None:
+        """Have a program work for some seconds from its next look at the clock on."""
+        program.work += round(seconds * NS_PER_SECOND)
+
+    def step_clock(self, program: Program, seconds: float) -> None:
+        """Step the wall clock of a program's machine."""
+        program.clock.unix_offset += seconds
+
+    def wait(self, program: Program, ready: Any, timeout: float) -> bool:
+        """Wait in a program, see `Clock.wait`."""
+        self.pass_work(program)
+        if ready is not None and ready.has_data():
+            return True
+        if timeout <= 0:
+            self._count_hand_over(program)
+            return False
+        self._suspend(program, ready, self.now + max(timeout * NS_PER_SECOND, 1))
+        return ready is not None and ready.has_data()
+
+    def pass_work(self, program: Program) -> None:
+        """Let the time pass for which a program is kept busy or frozen."""
+        if program.is_killed:
+            raise KilledError
+        while program.work or program.frozen_until > self.now:
+            work, program.work = program.work, 0
+            program.cpu += work
+            self._suspend(program, None, self.now + work)
+
+    def is_blocked(self, program: Program, ready: Any) -> bool:
+        """Return whether a program waits for an object, and would go on if that became ready."""
+        return program.is_waiting and program.ready is ready and program.frozen_until <= self.now
+
+    def wake(self, program: Program) -> Program:
+        """Let a program that waits go on. It holds the baton then."""
+        program.is_waiting, program.turn = False, program.turn + 1
+        self.running = program
+        return program
+
+    def _wait_until(self, program: Program, ready: Any, deadline: float) -> None:
+        program.is_waiting, program.ready, program.deadline, program.turn = True, ready, deadline, program.turn + 1
+        turn = program.turn
+        if deadline < math.inf:
+            self.add_event(math.ceil(deadline), WAKE, program.number, lambda: self._meet_deadline(program, turn))
+
+    def _meet_deadline(self, program: Program, turn: int) -> Program | None:
+        if program.turn != turn or not program.is_waiting or program.frozen_until > self.now:
+            return None
+        return self.wake(program)
+
+    def _thaw(self, program: Program) -> Program | None:
+        is_due = program.deadline <= self.now or (program.ready is not None and program.ready.has_data())
+        if not program.is_waiting or program.frozen_until > self.now or not is_due:
+            return None
+        return self.wake(program)
+
+    def _suspend(self, program: Program, ready: Any, deadline: float) -> None:
+        self._count_hand_over(program)
+        self._wait_until(program, ready, deadline)
+        self._pass_on(program)
+        if program.is_killed:
+            raise KilledError
+
+    def _count_hand_over(self, program: Program) -> None:
+        self._spins = self._spins + 1 if self._spin_time == self.now else 0
+        self._spin_time = self.now
+        if self._spins > MOST_HAND_OVERS:
+            self._error = VirtualTimeError(f"{program.name} hangs at {self.seconds:.6f} s: it never waits")
+            program.is_killed = True
+            raise KilledError
+
+    def _pass_on(self, program: Program | None) -> None:
+        """Hand the baton to whoever is next, and wait for it."""
+        self._hand_over()
+        following = self._next_program()
+        if following is program and program is not None:
+            return
+        if following is None:
+            self._done.release()
+        else:
+            following.gate.release()
+        if program is not None:
+            program.gate.acquire()
+
+    def _next_program(self) -> Program | None:
+        """Let events happen until a program wakes. None: the run is over."""
+        try:
+            while not all(one.has_ended for one in self._awaited) and self._error is None:
+                if not self._events:
+                    waiting = ", ".join(p.name for p in self.programs if not p.has_ended)
+                    raise VirtualTimeError(f"nobody can wake at {self.seconds:.6f} s: {waiting}")
+                self.now, _, _, _, action = heapq.heappop(self._events)
+                if self.now > MOST_TIME:
+                    raise VirtualTimeError(f"the run goes on after {self.seconds:.0f} s")
+                program = action()
+                if program is not None:
+                    return program
+        except BaseException as error:
+            self._error = error
+        return None
+
+    def _run_program(self, program: Program) -> None:
+        program.gate.acquire()
+        try:
+            if not program.is_killed:
+                program.result = program.run(program.clock)
+        except KilledError:
+            pass
+        except BaseException as error:
+            program.error = error
+        program.has_ended = True
+        for close in program.closers:
+            close()
+        self.note("end", program.name, program.exit_reason)
+        self._pass_on_for_good()
+
+    def _pass_on_for_good(self) -> None:
+        following = self._next_program()
+        (self._done if following is None else following.gate).release()

@@ -1,0 +1,65 @@
+"""Compiled blocks whose text is kept: a second one of the same content is loaded without being traced again.
+
+Tracing takes a second or more, loading a few milliseconds. Each block has a memory of its own.
+"""
+
+import functools
+from collections.abc import Callable
+from typing import Any
+
+import jax
+import numpy as np
+
+from trimtab.compiler.block import BlockDefinition, BlockText, block_text
+from trimtab.compiler.compiled_block import CompiledBlock
+
+MOST_KEPT = 64
+"""Texts that are kept."""
+
+
+class Content:
+    """A record, or several, that equals every other of the same structure, types and numbers."""
+
+    def __init__(self, *records: Any) -> None:
+        self.records = records
+        leaves, self._tree = jax.tree.flatten(records)
+        self._numbers = tuple(_describe_leaf(leaf) for leaf in leaves)
+
+    def __hash__(self) -> int:
+        return hash((self._tree, self._numbers))
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Content) and (self._tree, self._numbers) == (other._tree, other._numbers)
+
+
+def _describe_leaf(leaf: Any) -> Any:
+    """Return type, shape and bytes of an array; of any other object the object, or its number if it has no hash."""
+    array = np.asarray(leaf)
+    if array.dtype != np.dtype(object):
+        return str(array.dtype), array.shape, array.tobytes()
+    try:
+        hash(leaf)
+    except TypeError:
+        return id(leaf)  # the record is kept, so no other object gets this number
+    return leaf
+
+
+@functools.lru_cache(MOST_KEPT)
+def _keep_text(
+    make: Callable[..., BlockDefinition], content: Content, numbers: tuple[tuple[str, int], ...]
+) -> BlockText:
+    return block_text(make(*content.records, **dict(numbers)))
+
+
+def compile_kept(make: Callable[..., BlockDefinition], *records: Any, **numbers: int) -> CompiledBlock:
+    """Compile a block, or load it where a block of the same content was compiled before.
+
+    Args:
+        make: a function of a module that gives the block of the records and numbers.
+        records: what the block is made of.
+        numbers: seed and run, by name.
+
+    Raises:
+        InputError: a primitive without C text, naming the line that made it; or no C compiler.
+    """
+    return CompiledBlock(_keep_text(make, Content(*records), tuple(sorted(numbers.items()))))

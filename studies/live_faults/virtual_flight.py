@@ -1,0 +1,351 @@
+"""A vehicle, its autopilots and the line between them in virtual time, from one seed.
+
+It has the methods of `flight.FaultFlight`, so the same cases are flown.
+"""
+
+import re
+import shlex
+import shutil
+import signal
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+from studies.live_faults.case import Case, CaseOutcome, fly_case
+from studies.live_faults.flight import INJECTOR, NAME, UNDISTURBED_S, ProcessResult, VehicleKnowledge
+from studies.live_faults.relay import DOWN, MOST_RECENT, UP, Bend
+from studies.live_faults.virtual_process import VirtualProcess, own_streams
+from trimtab.core.clock import NS_PER_SECOND
+from trimtab.core.interfaces import Link
+from trimtab.links.udp import UdpLink
+from trimtab.live.injector import Injector, plan_fault
+from trimtab.live.virtual_machine import VirtualMachine
+from trimtab.live.virtual_network import Host, VirtualNetwork
+from trimtab.live.virtual_time import ACTION, Program, VirtualClock, VirtualTime
+from trimtab.logs.mcap import write_mcap
+from trimtab.wire.authority import MOST_SESSIONS
+from trimtab.wire.keys import SigningKey, create_key, load_key
+from trimtab.wire.mavlink import Endpoint
+from trimtab.wire.stamps import running_clock
+
+VEHICLE_PORT, RELAY_PORT = 14550, 14551
+RELAY, CAMPAIGN = "relay", "campaign"
+STEP = "STEP_S"
+"""Name in an environment of the seconds by which a wall clock jumps."""
+
+
+class VirtualEnds:
+    """Addresses of a line in virtual time."""
+
+    listen, link = f"udp://127.0.0.1:{VEHICLE_PORT}", f"udp://127.0.0.1:{RELAY_PORT}"
+
+
+class VirtualRelay:
+    """Passes on what comes, at once and as it is, until told otherwise. It has the attributes of `relay.Relay`."""
+
+    def __init__(self, time: VirtualTime, network: VirtualNetwork) -> None:
+        self._time, self._network = time, network
+        self.bend: dict[int, Bend] = {}
+        self.recent_packets: tuple[deque[bytes], deque[bytes]] = deque(maxlen=MOST_RECENT), deque(maxlen=MOST_RECENT)
+        self.byte_counts = [0, 0]
+        self.longest_wait_s = 0.0
+        self.vehicles = [Host("vehicle-1", VEHICLE_PORT)]
+        self._cut_until = [0.0, 0.0]
+        self._near, self._far = Host(RELAY, RELAY_PORT), Host(RELAY, RELAY_PORT + 1)
+        self._pilot: Host | None = None
+        network.names[RELAY_PORT] = RELAY
+        network.answer_at(self._near, self._take_from_pilot)
+        network.answer_at(self._far, lambda data, _: self._forward(DOWN, data))
+
+    def cut_line(self, seconds: float, directions: tuple[int, ...] = (UP, DOWN)) -> None:
+        """Nothing passes for this long."""
+        for direction in directions:
+            self._cut_until[direction] = self._time.seconds + seconds
+
+    def send_bytes(self, direction: int, data: bytes) -> None:
+        """Bytes of ours, to an end."""
+        if direction == UP:
+            for vehicle in self.vehicles:
+                self._network.send(self._far, vehicle, data)
+        elif self._pilot is not None:
+            self._network.send(self._near, self._pilot, data)
+
+    def close(self) -> None:
+        """Nothing is held."""
+
+    def _take_from_pilot(self, data: bytes, sender: Host) -> None:
+        self._pilot = sender
+        self._forward(UP, data)
+
+    def _forward(self, direction: int, data: bytes) -> None:
+        self.recent_packets[direction].append(data)
+        self.byte_counts[direction] += len(data)
+        if self._time.seconds < self._cut_until[direction]:
+            return
+        bend = self.bend.get(direction)
+        for delay, bent in [(0.0, data)] if bend is None else bend(data):
+            if delay > 0:
+                at = self._time.now + round(delay * NS_PER_SECOND)
+                self._time.add_event(at, ACTION, 0, lambda bent=bent: self.send_bytes(direction, bent))
+            else:
+                self.send_bytes(direction, bent)
+
+
+class VirtualFaultFlight:
+    """One vehicle, the autopilots that fly it one after the other, and the line, in virtual time."""
+
+    def __init__(
+        self, folder: Path, known: VehicleKnowledge, clock: VirtualClock, time: VirtualTime, *, keeps_logs: bool
+    ) -> None:
+        """For the program of the campaign.
+
+        Args:
+            folder: for keys, and for what the outputs write.
+            known: what is known of the vehicle on the ground.
+            clock: of the campaign's program.
+            time: in which all happens.
+            keeps_logs: write the logs into the folder, and what was said.
+        """
+        self.folder, self.knowledge, self.undisturbed_s = folder, known, UNDISTURBED_S
+        self.clock, self._time, self._network = clock, time, VirtualNetwork(time)
+        self._keeps_logs = keeps_logs
+        self.ends, self.relay = VirtualEnds(), VirtualRelay(time, self._network)
+        self._network.names[VEHICLE_PORT] = "vehicle-1"
+        self._key = folder / "config" / "keys" / "hovercraft.key"
+        create_key(self._key, f"{time.random('key').getrandbits(128):032x}")
+        self._draw = time.random(CAMPAIGN)
+        self._is_stepped = False
+        self._injecting = False
+        self.overslept_s = 0.0
+        self.vehicles: list[VirtualProcess] = []
+        self.autopilots: list[VirtualProcess] = []
+        self.refused: list[VirtualProcess] = []
+        self.cleanups: list[Callable[[], Any]] = []
+        self._machines: dict[str, VirtualMachine] = {}
+        self._steps: list[tuple[VirtualMachine, float]] = []
+
+    @property
+    def vehicle(self) -> VirtualProcess:
+        """The newest."""
+        return self.vehicles[-1]
+
+    @property
+    def autopilot(self) -> VirtualProcess:
+        """The newest."""
+        return self.autopilots[-1]
+
+    @property
+    def key(self) -> SigningKey:
+        """That of the vehicle."""
+        return load_key(self._key)
+
+    def log_folder(self, name: str) -> Path:
+        """The folder of a process's log."""
+        return self.folder / name
+
+    def now(self) -> float:
+        """The monotonic time of the campaign (s)."""
+        return self._time.seconds
+
+    def pause(self, seconds: float) -> None:
+        """Let virtual time pass for who calls: the campaign, or one of the acts of `act_together`."""
+        self._clock_of_caller().wait(None, seconds)
+
+    def let_fly(self, seconds: float) -> None:
+        """Let it fly."""
+        self.pause(max(seconds, 0.0))
+
+    def _clock_of_caller(self) -> VirtualClock:
+        return self._time.running.clock
+
+    def act_together(self, acts: Sequence[Callable[[], None]]) -> None:
+        """Do several things side by side, and wait for all."""
+        started = [self._time.start(f"act {k}", lambda _, act=act: act()) for k, act in enumerate(acts)]
+        self._await(started)
+        for program in started:
+            if program.error is not None:
+                raise program.error
+
+    def _await(self, programs: Sequence[Program]) -> None:
+        while not all(one.has_ended for one in programs):
+            self.pause(0.001)
+
+    def start_vehicle(self, duration: float, *options: str, **environment: str) -> None:
+        """Start it, and wait until it listens."""
+        name = f"vehicle-{len(self.vehicles) + 1}"
+        words = ("vehicle", NAME, "--listen", self.ends.listen, "--duration", f"{duration} s", *options)
+        self.vehicles.append(self._start_process(name, words, environment, host="vehicle-1"))
+        self.vehicle.wait_for("listens on")
+
+    def start_twin(self) -> None:
+        """Start another vehicle on the same line, and wait until it listens."""
+        name, config = f"vehicle-{len(self.vehicles) + 1}", {"TRIMTAB_CONFIG": str(self.copy_key("twin"))}
+        self.relay.vehicles.append(Host(name, VEHICLE_PORT))
+        self.vehicles.append(self._start_process(name, ("vehicle", NAME, "--listen", self.ends.listen), config))
+        self.vehicle.wait_for("listens on")
+
+    def copy_key(self, name: str) -> Path:
+        """A folder of another computer's, with the vehicle's key."""
+        keys = self.folder / name / "keys"
+        keys.mkdir(parents=True)
+        shutil.copy(self._key, keys)
+        return keys.parent
+
+    def start_autopilot(self, duration: float, *options: str, scenario: str = NAME, **environment: str) -> None:
+        """Start it; it arms the vehicle by itself, once."""
+        name = f"autopilot-{len(self.autopilots) + 1}"
+        words = ("fly", scenario, "--link", self.ends.link, "--duration", f"{duration} s", *options)
+        self.autopilots.append(self._start_process(name, words, environment))
+
+    def start_second(self, name: str, *options: str) -> None:
+        """A second `trimtab fly` with the same key, of another computer's folder, past the relay."""
+        words = ("fly", NAME, "--link", self.ends.listen, "--duration", "1 s", *options)
+        config = {"TRIMTAB_CONFIG": str(self.copy_key("second"))}
+        self.autopilots.append(self._start_process(name, words, config))
+
+    def start_refused(self, *options: str, scenario: str = NAME, **environment: str) -> str:
+        """Start an autopilot that must be turned away; returns what it is told to type instead, or nothing."""
+        name = f"refused-{len(self.refused) + 1}"
+        words = ("fly", scenario, "--link", self.ends.link, "--duration", "1 s", *options)
+        self.refused.append(self._start_process(name, words, environment))
+        self.refused[-1].finish()
+        fix = re.search(r"^Fix: trimtab (.*?)(?:   .*)?$", self.refused[-1].output_text, re.MULTILINE)
+        return fix[1] if fix else ""
+
+    def start_as_told(self, typed: str, duration: float, **environment: str) -> None:
+        """Start an autopilot by what another one was told to type; a key's FILE is the vehicle's."""
+        words = shlex.split(typed.replace("--key FILE", f"--key {shlex.quote(str(self._key))}"))
+        for option, value in (("--out", None), ("--duration", f"{duration} s")):
+            at = words.index(option)
+            words[at : at + 2] = [] if value is None else [option, value]
+        name = f"autopilot-{len(self.autopilots) + 1}"
+        self.autopilots.append(self._start_process(name, tuple(w for w in words if w != "--json"), environment))
+
+    def _start_process(
+        self, name: str, words: tuple[str, ...], environment: dict[str, str], *, host: str = ""
+    ) -> VirtualProcess:
+        """host: name of the computer, where it is not the process's own."""
+        where = host or name
+        machine = self._machines.setdefault(where, VirtualMachine(self._time, self._network, where))
+        config = Path(environment.get("TRIMTAB_CONFIG", self.folder / "config"))
+        signed = () if {"--key", "--unsigned"} & set(words) else ("--key", str(config / "keys" / "hovercraft.key"))
+        given = (*words, *signed, "--out", str(self.log_folder(name)))
+        process = VirtualProcess(*given, name=name, machine=machine, pause=self.pause)
+        if STEP in environment:
+            self._steps.append((machine, float(environment[STEP])))
+            if self._is_stepped:
+                machine.step_clock(float(environment[STEP]))
+        return process
+
+    def prepare_clock(self, seconds: int) -> dict[str, str]:
+        """Return the environment of a process whose wall clock jumps by some seconds at `step_clocks`."""
+        return {STEP: str(seconds)}
+
+    def step_clocks(self) -> None:
+        """Let the wall clocks of all processes jump that were prepared for it, also of those that start later."""
+        if not self._is_stepped:
+            self._is_stepped = True
+            for machine, seconds in self._steps:
+                machine.step_clock(seconds)
+
+    def prepare_disk(self, name: str) -> None:
+        """Every disk of virtual time can be filled."""
+
+    def fill_disk(self, name: str) -> None:
+        """Take all that is left of the disk below a log."""
+        self._machines[name].disk.is_full = True
+
+    def free_disk(self, name: str) -> None:
+        """Give back what `fill_disk` took."""
+        self._machines[name].disk.is_full = False
+
+    def wait_for_arming(self, times: int = 1) -> None:
+        """Wait until the vehicle has been armed this often."""
+        self.vehicle.wait_for("computer: arm request", times)
+
+    def inject_fault(self, text: str) -> None:
+        """A fault, as `trimtab inject` puts it."""
+        with self.open_injector() as injector:
+            injector.inject(plan_fault(self.knowledge.scenario, text, self.knowledge.names))
+
+    def join_line(self, system: int, component: int, key: SigningKey | None) -> tuple[Link, Endpoint]:
+        """Another end that reaches the vehicle past the relay, signed by a key or by none."""
+        clock, peer = self._clock_of_caller(), Host("vehicle-1", VEHICLE_PORT)
+        socket = self._network.open_socket(clock.program, f"system {system}/{component}", peer=peer)
+        endpoint = Endpoint(
+            self.knowledge.dialect,
+            system,
+            component,
+            key,
+            unsigned=key is None,
+            datagrams=True,
+            clock=running_clock(clock),
+            session=self._draw.randrange(1, MOST_SESSIONS),
+        )
+        return UdpLink(socket, peer, clock), endpoint
+
+    @contextmanager
+    def open_injector(self) -> Iterator[Injector]:
+        """Another end that speaks to the vehicle, past the relay: one at a time, for all are one sender."""
+        while self._injecting:
+            self.pause(0.001)
+        self._injecting = True
+        link, endpoint = self.join_line(*INJECTOR, self.key)
+        try:
+            yield Injector(link, endpoint, self._clock_of_caller())
+        finally:
+            endpoint.close()
+            link.close()
+            self._injecting = False
+
+    def finish(self) -> list[ProcessResult]:
+        """Wait for all ends, and gather what they left."""
+        for one in (*self.autopilots, *self.vehicles):
+            one.finish()
+        return [self._process_result(p, "vehicle.mcap") for p in self.vehicles] + [
+            self._process_result(p, "flight.mcap") for p in (*self.autopilots, *self.refused)
+        ]
+
+    def _process_result(self, process: VirtualProcess, log: str) -> ProcessResult:
+        file = self.log_folder(process.name) / log
+        if self._keeps_logs:
+            (self.folder / f"{process.name}.said").write_text(process.output_text, "utf-8")
+            if process.machine.disk.logs:
+                write_mcap(process.read_log(), file)
+        return ProcessResult(process.name, process.status, process.output_text, process.result, file, process.read_log)
+
+    def end_vehicles(self) -> None:
+        """Ask all of them to end, as a person would."""
+        for vehicle in self.vehicles:
+            vehicle.send(signal.SIGINT)
+
+    def close(self) -> None:
+        """End everything."""
+        for one in (*self.autopilots, *self.vehicles, *self.refused):
+            if one.status is None:
+                one.kill()
+
+
+def fly_in_virtual_time(
+    case: Case, known: VehicleKnowledge, folder: Path, seed: int, *, keeps_logs: bool = False
+) -> CaseOutcome:
+    """Fly a case in virtual time, and judge it. keeps_logs: write the logs into the folder."""
+    if case.serial:
+        why = "a serial device is not there in virtual time: --real-time"
+        return CaseOutcome(case.name, case.does, "", (), (), why)
+    time = VirtualTime(seed)
+
+    def run(clock: VirtualClock) -> CaseOutcome:
+        def open_flight(folder: Path, known: VehicleKnowledge, *, serial: bool = False) -> Any:
+            return VirtualFaultFlight(folder, known, clock, time, keeps_logs=keeps_logs)
+
+        return fly_case(case._replace(missing_requirement=lambda: ""), known, folder, open_flight)
+
+    campaign = time.start(CAMPAIGN, run)
+    with own_streams():
+        time.run(campaign)
+    if campaign.error is not None:
+        raise campaign.error
+    return campaign.result._replace(digest=time.digest)

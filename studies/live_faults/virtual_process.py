@@ -1,0 +1,161 @@
+"""`trimtab …` as a program in virtual time: the same command, with its output kept apart from that of the others."""
+
+import contextlib
+import io
+import json
+import signal
+import sys
+import threading
+import traceback
+from collections.abc import Callable, Iterator
+from typing import Any
+
+from studies.live_faults.process import NotReady
+from trimtab.cli import main
+from trimtab.live.machine import Machine
+from trimtab.live.virtual_machine import VirtualMachine
+from trimtab.live.virtual_time import KilledError
+from trimtab.logs.log import Log
+
+LOOK_S = 0.02
+START_S, END_S = 240.0, 120.0
+"""Virtual time that a program may take to be ready, and to end after it was told (s)."""
+REFUSED, CRASHED = 2, 1
+OUTPUTS, WRITER = "outputs", "writer"
+"""Words of the command lines of the processes that a program starts."""
+_STREAMS = threading.local()
+Pause = Callable[[float], None]
+
+
+class _OwnStream(io.TextIOBase):
+    """Standard output or error: of a thread of virtual time its own, of others the usual one."""
+
+    encoding, errors = "utf-8", "replace"
+
+    def __init__(self, name: str, usual: Any) -> None:
+        self._name, self._usual = name, usual
+
+    def write(self, text: str, /) -> int:
+        return getattr(_STREAMS, self._name, self._usual).write(text)
+
+    def flush(self) -> None:
+        getattr(_STREAMS, self._name, self._usual).flush()
+
+    def fileno(self) -> int:
+        return self._usual.fileno()
+
+
+@contextlib.contextmanager
+def own_streams() -> Iterator[None]:
+    """Within it each program of virtual time has its own standard output and error."""
+    usual = sys.stdout, sys.stderr
+    sys.stdout, sys.stderr = _OwnStream("out", usual[0]), _OwnStream("said", usual[1])
+    try:
+        yield
+    finally:
+        sys.stdout, sys.stderr = usual
+
+
+class VirtualProcess:
+    """A program that runs a command of trimtab. It has the methods of `process.Process`."""
+
+    def __init__(self, *words: str, name: str, machine: VirtualMachine, pause: Pause) -> None:
+        """Start it.
+
+        Args:
+            words: of the command line.
+            name: name of the process.
+            machine: the computer that it runs on.
+            pause: lets virtual time pass for the caller.
+        """
+        self.name, self.machine, self._pause = name, machine, pause
+        self._said, self._out = io.StringIO(), io.StringIO()
+        self._signal = 0
+        machine.tell = lambda line: self._say(f"{line}\n")
+        self._program = machine.start(lambda own: self._run([*words, "--json"], own), [*words, "--json"])
+
+    def _say(self, text: str) -> None:
+        self._said.write(text)
+
+    def _run(self, words: list[str], machine: Machine) -> int:
+        _STREAMS.out, _STREAMS.said = self._out, self._said
+        try:
+            main.main(words, prog_name="trimtab", obj=machine)
+        except SystemExit as end:
+            return end.code if isinstance(end.code, int) else CRASHED
+        except KilledError:
+            raise
+        except BaseException:
+            self._said.write(traceback.format_exc())
+            return CRASHED
+        return 0
+
+    @property
+    def status(self) -> int | None:
+        """Exit status; None while it runs."""
+        if self._program.is_killed:
+            return -self._signal
+        return self._program.result if self._program.has_ended else None
+
+    @property
+    def output_text(self) -> str:
+        """What it has said to people so far."""
+        return self._said.getvalue()
+
+    @property
+    def result(self) -> dict[str, Any] | None:
+        """What it printed as JSON, at its end."""
+        lines = self._out.getvalue().strip().splitlines()
+        with contextlib.suppress(ValueError, IndexError):
+            return json.loads(lines[-1])
+        return None
+
+    def wait_for(self, text: str, count: int = 1, patience: float = START_S) -> None:
+        """Until it has said a text; NotReady where it ends or keeps silent."""
+        time = self.machine.time
+        given_up = time.seconds + patience
+        while self.output_text.count(text) < count:
+            if self.status is not None or time.seconds > given_up:
+                raise NotReady(f"{self.name} did not say {text!r}: {self.output_text.strip()[-300:]}", False)
+            self._pause(LOOK_S)
+
+    def send(self, number: int) -> None:
+        """A signal."""
+        if self._program.has_ended:
+            return
+        if number in (signal.SIGINT, signal.SIGTERM):
+            self.machine.interrupt()
+        elif number == signal.SIGSTOP:
+            self.machine.time.freeze(self._program)
+        elif number == signal.SIGCONT:
+            self.machine.time.thaw(self._program)
+        else:
+            self._signal = number
+            self.machine.kill()
+
+    def kill_child(self, word: str) -> None:
+        """A process that it started, by a word of its command line, without a word."""
+        if OUTPUTS in word:
+            self.machine.time.kill(self.machine.outputs[-1])
+        elif WRITER in word:
+            self.machine.disk.is_writer_dead = True
+
+    def finish(self, patience: float = END_S) -> None:
+        """Wait for its end; NotReady, and killed, where there is none."""
+        time = self.machine.time
+        given_up = time.seconds + patience
+        while self.status is None:
+            if time.seconds > given_up:
+                self.kill()
+                raise NotReady(f"{self.name} did not end: {self.output_text.strip()[-300:]}", False)
+            self._pause(LOOK_S)
+
+    def kill(self) -> None:
+        """Without a word."""
+        self.send(signal.SIGKILL)
+
+    def read_log(self) -> Log:
+        """Its log. FileNotFoundError: it has none."""
+        if not self.machine.disk.logs:
+            raise FileNotFoundError(f"{self.name} has no log")
+        return self.machine.disk.logs[-1].read()
