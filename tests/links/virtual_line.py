@@ -23,6 +23,12 @@ class VirtualLine:
         self.clock.wait(None, seconds)
 
 
+def open_virtual_line(seed=1):
+    """A VirtualLine whose links belong to the calling thread."""
+    time = VirtualTime(seed)
+    return VirtualLine(time, time.adopt("test").clock)
+
+
 def run_in_virtual_time(body, seed=1):
     """Run a test's body, called with a VirtualLine; return what it returns."""
     time = VirtualTime(seed)

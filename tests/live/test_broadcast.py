@@ -1,9 +1,7 @@
 """Samples go to the autopilot alone, and neither it nor a ground station sees a gap in the numbers."""
 
-import socket
-
 import pytest
-from links.ends import free_port
+from links.virtual_line import open_virtual_line
 
 from trimtab.core.time import seconds
 from trimtab.links.open_link import open_link
@@ -16,9 +14,9 @@ HEARTBEAT = {"type": 18, "autopilot": 8}
 
 
 class Peer:
-    def __init__(self, dialect, port, system, component):
-        self.endpoint = Endpoint(dialect, system, component, KEY)
-        self.link = open_link(f"udp://127.0.0.1:{port}")
+    def __init__(self, dialect, line, system, component):
+        self.endpoint = Endpoint(dialect, system, component, KEY, clock=line.clock.unix)
+        self.link = line.call()
 
     def say(self, name="HEARTBEAT"):
         self.link.send(self.endpoint.pack(name, HEARTBEAT if name == "HEARTBEAT" else {}))
@@ -39,10 +37,10 @@ def dialect():
 
 @pytest.fixture
 def line(dialect):
-    port = free_port(socket.SOCK_DGRAM)
-    link = open_link(f"udp://127.0.0.1:{port}", listen=True)
-    endpoint = Endpoint(dialect, 1, 1, KEY)
-    peers = Peer(dialect, port, 1, 191), Peer(dialect, port, 255, 190), Peer(dialect, port, 254, 190)
+    opened = open_virtual_line()
+    link = opened.listen()
+    endpoint = Endpoint(dialect, 1, 1, KEY, clock=opened.clock.unix)
+    peers = tuple(Peer(dialect, opened, *who) for who in ((1, 191), (255, 190), (254, 190)))
     broadcast = Broadcast(endpoint, link, ("COMMAND",))
 
     def take(now=0):
@@ -54,7 +52,6 @@ def line(dialect):
         end.close()
 
 
-@pytest.mark.real_time
 def test_samples_are_the_autopilots_and_all_have_the_rest_without_a_gap(line):
     broadcast, endpoint, take, (autopilot, *stations) = line
     for peer in (autopilot, *stations):
@@ -72,7 +69,6 @@ def test_samples_are_the_autopilots_and_all_have_the_rest_without_a_gap(line):
     assert endpoint.counts.sent == 1200  # numbered anew is not sent anew
 
 
-@pytest.mark.real_time
 def test_a_lost_sample_is_counted_by_the_autopilot_alone(line):
     broadcast, endpoint, take, (autopilot, station, _) = line
     for peer in (autopilot, station):
@@ -86,7 +82,6 @@ def test_a_lost_sample_is_counted_by_the_autopilot_alone(line):
     assert (autopilot.endpoint.counts.lost, station.endpoint.counts.lost) == (4, 0)
 
 
-@pytest.mark.real_time
 def test_without_an_autopilot_nobody_gets_samples(line):
     broadcast, endpoint, take, (autopilot, station, _) = line
     station.say()
@@ -104,7 +99,6 @@ def test_without_an_autopilot_nobody_gets_samples(line):
     assert autopilot.hear() == ["SAMPLE_EVERY"]
 
 
-@pytest.mark.real_time
 def test_nothing_is_sent_to_who_was_not_accepted(line):
     broadcast, endpoint, take, (_, station, _) = line
     station.link.send(b"\xfd garbage")

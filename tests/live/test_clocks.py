@@ -1,20 +1,14 @@
-"""A vehicle's answer to wrong clocks and wrong keys, over real sockets: who is behind catches up, or is told."""
-
-import socket
-import time
+"""A vehicle's answer to wrong clocks and wrong keys, on a virtual network: who is behind catches up, or is told."""
 
 import pytest
-from links.ends import free_port
+from links.virtual_line import open_virtual_line
 from run.stand_ins import KEY, dialect
 from wire.line import every
 
-from trimtab.links.open_link import open_link
 from trimtab.live.clocks import ANSWER_PERIOD, REPORT_PERIOD, RefusalAnswers
 from trimtab.live.remote import RemoteVehicle
 from trimtab.wire.keys import passphrase_key
 from trimtab.wire.mavlink import Endpoint
-
-pytestmark = pytest.mark.real_time
 
 _, DIALECT = dialect({"compass": every()}, every())
 DAY = 86_400.0
@@ -34,10 +28,11 @@ class Line:
     """A vehicle that refuses, and an autopilot whose clock or key may be another, on one UDP port."""
 
     def __init__(self, difference=0.0, key=KEY):
-        uri = f"udp://:{free_port(socket.SOCK_DGRAM)}"
-        self.there, self.here = open_link(uri, listen=True), open_link(uri)
-        self.vehicle = Endpoint(DIALECT, 1, 1, KEY)
-        self.pilot = Endpoint(DIALECT, 1, 191, key, clock=lambda: time.time() + difference)
+        line = open_virtual_line()
+        self.there, self.here, self.unix = line.listen(), line.call(), line.clock.unix
+        self.pause = line.pause
+        self.vehicle = Endpoint(DIALECT, 1, 1, KEY, clock=self.unix)
+        self.pilot = Endpoint(DIALECT, 1, 191, key, clock=lambda: self.unix() + difference)
         self.said, self.heard, self.now = [], [], 0
         self.answers = RefusalAnswers(self.vehicle, self.there, self.said.append)
         self.remote = RemoteVehicle(self.pilot, self.here, typed="trimtab fly it --link there")
@@ -48,6 +43,7 @@ class Line:
         accepted = []
         for _ in range(0, ms, 10):
             self.now += 100_000
+            self.pause(0.01)
             self.remote.due(self.now)
             while (data := self.there.receive(0.0)) is not None:
                 accepted += self.vehicle.feed(data)
@@ -117,7 +113,7 @@ def test_another_key_is_answered_so_that_it_is_known_for_what_it_is(opened):
 
 def test_an_end_without_a_key_is_told_that_it_needs_one(opened):
     line = opened()
-    line.pilot = Endpoint(DIALECT, 1, 191, unsigned=True)
+    line.pilot = Endpoint(DIALECT, 1, 191, unsigned=True, clock=line.unix)
     line.remote = RemoteVehicle(line.pilot, line.here, typed="trimtab fly it --link there --unsigned")
     assert line.run(500) == []
     problem = line.remote.find_problem("it")
@@ -129,7 +125,7 @@ def test_answers_and_reports_are_rare_however_many_ask(opened):
     line = opened(-120.0)
     for _ in range(200):
         line.vehicle.feed(line.pilot.pack("TIMESYNC", {"ts1": 5}))
-        line.there._sender = line.here._socket.getsockname()
+        line.there._sender = line.here._socket.address
         line.answers.handle_refusals(line.now)
         line.now += ANSWER_PERIOD // 20
     assert line.there.statistics.packets_out == 10
@@ -143,7 +139,7 @@ def test_answers_and_reports_are_rare_however_many_ask(opened):
 def test_only_an_answer_to_what_was_asked_counts_as_the_vehicles_clock(opened):
     """Frames recorded yesterday and sent again must not say what the time is."""
     line = opened()
-    old = Endpoint(DIALECT, 1, 1, KEY, clock=lambda: time.time() - DAY)
+    old = Endpoint(DIALECT, 1, 1, KEY, clock=lambda: line.unix() - DAY)
     line.remote.due(0)
     for fields in ({"tc1": 5, "ts1": 12345}, {"ts1": 0}):
         line.pilot.feed(old.pack("TIMESYNC", fields))
@@ -156,15 +152,15 @@ def test_only_an_answer_to_what_was_asked_counts_as_the_vehicles_clock(opened):
 
 def test_a_clock_that_was_wrong_once_is_reset_by_what_the_message_says(opened, tmp_path):
     key = passphrase_key("correct-horse-battery-staple", tmp_path / "a.key")
-    Endpoint(DIALECT, 1, 191, key, clock=lambda: time.time() + DAY).close()
     line = opened()
-    line.pilot = line.remote._endpoint = Endpoint(DIALECT, 1, 191, key)
+    Endpoint(DIALECT, 1, 191, key, clock=lambda: line.unix() + DAY).close()
+    line.pilot = line.remote._endpoint = Endpoint(DIALECT, 1, 191, key, clock=line.unix)
     assert line.run(300) == []
     problem = line.remote.find_problem("it")
     assert problem.fix == "trimtab fly it --link there --clock computer"
     assert seconds_of(problem.problem, "wrong clock: an earlier flight's was {} s ahead, ") == pytest.approx(DAY, abs=2)
     line.pilot.close()
-    line.pilot = line.remote._endpoint = Endpoint(DIALECT, 1, 191, key, is_reset=True)
+    line.pilot = line.remote._endpoint = Endpoint(DIALECT, 1, 191, key, clock=line.unix, is_reset=True)
     assert len(line.run(300)) > 3
     line.pilot.close()
 

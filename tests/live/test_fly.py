@@ -1,8 +1,12 @@
 """Whole flights in virtual time: a vehicle, its outputs, an autopilot, a network, two logs."""
 
+import random
+import time
+
 import numpy as np
 import pytest
 from live.virtual_pair import LISTEN, VirtualPair, events, fly_pair
+from repeat import busy_loops
 from run.stand_ins import dialect
 from wire.line import every
 
@@ -323,3 +327,22 @@ def test_a_vehicle_of_another_mass_is_refused_by_path_and_flown_where_that_is_me
     pair.start_vehicle(heavier)
     pair.flying = pair.here.start(run)
     pair.run()
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(3600)
+def test_a_hundred_seeds_give_the_same_hash_on_a_disturbed_machine(scenario):
+    """Random sleeps at one hand-over in a thousand, and a busy loop beside the second flight of each seed."""
+    draw, digests = random.Random(), set()
+    for seed in range(100):
+        quiet = fly_pair(scenario, seed, duration=seconds("0.5")).digest
+        with busy_loops(1):
+            other = fly_pair(
+                scenario,
+                seed,
+                duration=seconds("0.5"),
+                hand_over=lambda: time.sleep(draw.uniform(0.0, 1e-3)) if draw.random() < 1e-3 else None,
+            )
+        assert other.digest == quiet
+        digests.add(quiet)
+    assert len(digests) == 100

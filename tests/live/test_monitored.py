@@ -1,12 +1,10 @@
 """The monitor of a compiled step: what is said when a formula is broken, in a flight too, and in its log."""
 
 import pytest
-from links.ends import free_port
-from live.pair import fly_pair
+from live.virtual_programs import fly_pair
 
 from trimtab.core.time import ms
 from trimtab.live.monitored import CompiledMonitor
-from trimtab.logs.mcap import read_mcap
 from trimtab.logs.robustness import VIOLATED
 from trimtab.native.compiler import find_compiler
 from trimtab.run.blocks import compile_autopilot
@@ -51,13 +49,11 @@ def test_without_a_monitor_nothing_is_told():
     assert CompiledMonitor(scenario, compile_autopilot(scenario)).describe_changes() == []
 
 
-@pytest.mark.real_time
 def test_in_a_flight_it_is_told_logged_and_replayed(tmp_path):
-    line = f"udp://127.0.0.1:{free_port()}"
     formulas = "autopilot.monitor.formulas=still: always(abs(estimate.state.yaw_rate) < 0.5 rad/s)"
-    there, here = fly_pair(tmp_path, "hovercraft/spin", line, line, "--duration", "2", pilot=("--set", formulas))
+    programs, there, here = fly_pair(tmp_path, "hovercraft/spin", "--duration", "2", pilot=("--set", formulas))
     assert "monitor: still VIOLATED, robustness -" in here.said
-    log = read_mcap(tmp_path / "here" / "flight.mcap")
+    log = programs.read_log("autopilot")
     told = [e for e in log.metadata["events"] if e["text"].startswith("monitor: still VIOLATED")]
     assert len(told) == 1
     first = log.t[(log["monitor.still.verdict"] == VIOLATED).argmax()]

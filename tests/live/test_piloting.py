@@ -8,7 +8,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from live.test_fly import Pair
+from live.wall_clock_pair import Pair
 
 from trimtab.console.hello import describe_flight
 from trimtab.core.record import replace

@@ -1,9 +1,9 @@
 """What `fly` looks at before it asks a vehicle to arm: alone with a vehicle that a test plays, and with a whole one."""
 
 import re
-import threading
 
 import pytest
+from live.virtual_pair import LOG, VirtualPair, events
 from run.stand_ins import KEY
 
 from trimtab.core.time import ms, seconds
@@ -11,8 +11,6 @@ from trimtab.links.open_link import open_link
 from trimtab.live import preflight
 from trimtab.live.fly import LiveAutopilot
 from trimtab.live.injector import add_idle_faults
-from trimtab.live.vehicle import LiveVehicle
-from trimtab.logs.mcap import read_mcap
 from trimtab.loop.faults import WORDS
 from trimtab.native.compiler import find_compiler
 from trimtab.scenarios.build import build
@@ -112,34 +110,25 @@ def test_what_a_person_has_to_confirm_is_refused_at_once_and_flown_with_the_opti
     assert "confirmed" in flyer.preflight.table
 
 
-@pytest.mark.real_time
-def test_with_the_only_sensor_off_a_whole_vehicle_is_not_armed_and_all_are_told_why(tmp_path, monkeypatch):
+def test_with_the_only_sensor_off_a_whole_vehicle_is_not_armed_and_all_are_told_why():
     """It had been armed: pilot, ground station and both logs get the same sentence now."""
-    monkeypatch.setattr(preflight, "PATIENCE", seconds("1.5"))
-    line, said, ended = "loopback://test-preflight", [], threading.Event()
     scenario = build("hovercraft/zero-velocity", {})
-    there, here = open_link(line, listen=True), open_link(line)
-    vehicle = LiveVehicle(add_idle_faults(scenario), there, lambda d: Endpoint(d, 1, 1, KEY))
-    vehicle.body.world.parameters["world.sensors.navigation.fault.word"].flat[0] = WORDS.index("off")
-    options = {"stop": ended.is_set, "log": tmp_path / "vehicle.mcap"}
-    serving = threading.Thread(target=vehicle.serve, kwargs=options)
-    serving.start()
-    try:
-        live = LiveAutopilot(scenario, here, lambda d: Endpoint(d, 1, 191, KEY))
-        live.connect()
-        flight = live.fly(log=tmp_path / "flight.mcap", wanted_real_time=False, tell=said.append)
-    finally:
-        ended.set()
-        serving.join(20)
-        here.close()
-        there.close()
-    assert (flight.arming_time, vehicle.release_time) == (None, None)
+    pair = VirtualPair(scenario)
+
+    def serve(machine):
+        vehicle = pair.make_vehicle(machine, add_idle_faults(scenario))
+        vehicle.body.world.parameters["world.sensors.navigation.fault.word"].flat[0] = WORDS.index("off")
+        return vehicle.serve(log=LOG, stop=lambda: pair.flying.has_ended, tell=pair.told.append)
+
+    pair.serving = pair.there.start(serve)
+    pair.start_autopilot()
+    pair.run()
+    flight, said = pair.flying.result, pair.said
+    assert (flight.arming_time, pair.vehicle.release_time) == (None, None)
+    assert 10.0 < pair.time.seconds < 13.0
     sentence = "arming refused: navigation age: ∞ s, at most 0.28 s; switch navigation on"
     assert flight.problems == (sentence, "the vehicle was never armed")
     assert f"ended: {sentence}" in said
-    events = {
-        name: [e["text"] for e in read_mcap(tmp_path / f"{name}.mcap").metadata["events"]]
-        for name in ("flight", "vehicle")
-    }
-    assert any(re.fullmatch(r"vehicle +navigation age +∞ s +at most 0.28 s +REFUSED", e) for e in events["flight"])
-    assert f"autopilot: {sentence}" in events["vehicle"]
+    here, there = map(events, pair.logs())
+    assert any(re.fullmatch(r"vehicle +navigation age +∞ s +at most 0.28 s +REFUSED", e) for e in here)
+    assert f"autopilot: {sentence}" in there

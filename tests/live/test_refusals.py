@@ -1,56 +1,59 @@
-"""Wrong key, clock, scenario and owner between real programs: four sentences, and what each says flies, in one step."""
+"""Wrong key, clock, scenario and owner: four sentences, and what each says flies, in one step. In virtual time."""
 
 import json
 import shutil
-import socket
-import time
 
 import pytest
-from links.ends import free_port
-from live.pair import WATCHED, Program, make_key
+from live.pair import make_key
+from live.virtual_programs import LINK, LISTEN, VirtualPrograms
 
+from trimtab.live.virtual_time import UNIX_START
 from trimtab.native.compiler import find_compiler
 from trimtab.wire.keys import create_key
 from trimtab.wire.stamps import DIGITS, EPOCH, PER_SECOND
 
-pytestmark = [pytest.mark.real_time, pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here")]
+pytestmark = pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here")
 NAME = "hovercraft/forward"
-SHORT = ("--duration", "1 s", "--no-real-time")
-PATIENT = ("--set", "failsafe.timeout=5 s", "--set", "failsafe.age_max=5")
-"""The same at both ends: a busy machine that keeps a process waiting ends no flight here."""
+SHORT = ("--duration", "1 s")
+NOW = int((UNIX_START - EPOCH) * PER_SECOND)
+"""Stamp of the start of virtual time."""
 
 
 class Ends:
     """A vehicle that waits, and autopilots that are started against it, each with a folder of its own keys."""
 
     def __init__(self, folder, *options):
-        self.folder, self.port = folder, free_port(socket.SOCK_DGRAM)
-        if not (folder / "config").exists():
+        self.folder, self.programs = folder, VirtualPrograms(folder)
+        self.key = folder / "config" / "keys" / "hovercraft.key"
+        if not self.key.exists():
             make_key(folder)
-        words = ("vehicle", NAME, "--listen", f"udp://:{self.port}", "--json", *PATIENT, *WATCHED, *options)
-        self.vehicle = Program(*words, folder=folder)
+        words = ("vehicle", NAME, "--listen", LISTEN, "--key", str(self.key), *options)
+        self.vehicle = self.programs.start("vehicle", *words)
         self.vehicle.wait_for("listens on")
 
     def start(self, name, *options, scenario=NAME):
-        own = self.folder / name
-        (own / "config" / "keys").mkdir(parents=True, exist_ok=True)
-        shutil.copy(self.folder / "config" / "keys" / "hovercraft.key", own / "config" / "keys")
-        words = ("fly", scenario, "--link", f"udp://127.0.0.1:{self.port}", "--json", *SHORT, *PATIENT, *options)
-        return Program(*words, folder=own)
+        own = self.folder / name / "config" / "keys"
+        own.mkdir(parents=True, exist_ok=True)
+        shutil.copy(self.key, own)
+        signed = () if "--key" in options else ("--key", str(own / self.key.name))
+        return self.programs.start(name, "fly", scenario, "--link", LINK, *signed, *SHORT, *options)
 
     def fly(self, name, *options, **kinds):
-        return self.start(name, *options, **kinds).finished()
+        return self.programs.finish(self.start(name, *options, **kinds))
 
     def close(self):
-        self.vehicle.process.terminate()
-        return self.vehicle.finished()
+        self.programs.machines["vehicle"].interrupt()
+        try:
+            return self.programs.finish(self.vehicle)
+        finally:
+            self.programs.close()
 
 
 @pytest.fixture
 def ends(tmp_path):
     started = Ends(tmp_path)
     yield started
-    if started.vehicle.process.poll() is None:
+    if started.vehicle.status is None:
         started.close()
 
 
@@ -69,7 +72,7 @@ def test_four_sentences_and_one_step_from_each(ends):
 
     stored = ends.folder / "clock" / "config" / "keys" / "hovercraft.key.1-191-0.time"
     stored.parent.mkdir(parents=True)
-    ahead = int((time.time() + 86_400 - EPOCH) * PER_SECOND)
+    ahead = NOW + 86_400 * PER_SECOND
     stored.write_text(f"{ahead:0{DIGITS}d}\n")
     refused = ends.fly("clock")
     assert refused.status == 2
@@ -95,7 +98,7 @@ def test_four_sentences_and_one_step_from_each(ends):
 def test_a_vehicle_whose_clock_was_a_day_ahead_once_is_flown_by_its_clock_or_reset(tmp_path):
     make_key(tmp_path)
     store = tmp_path / "config" / "keys" / "hovercraft.key.1-1-0.time"
-    store.write_text(f"{int((time.time() + 86_400 - EPOCH) * PER_SECOND):0{DIGITS}d}\n")
+    store.write_text(f"{NOW + 86_400 * PER_SECOND:0{DIGITS}d}\n")
     ends = Ends(tmp_path)
     try:
         refused = ends.fly("clock")
@@ -121,10 +124,10 @@ def test_of_two_autopilots_one_flies_and_the_other_takes_over_only_where_it_asks
     assert second.status == 2
     assert "wrong owner: the vehicle is flown by another autopilot" in second.said
     assert fix(second).partition("   ")[0].endswith("--take-over")
-    assert first.process.poll() is None
+    assert first.status is None
     third = ends.fly("third", "--take-over")
     assert third.status == 0
-    ended = first.finished()
+    ended = ends.programs.finish(first)
     assert ended.status == 1
     assert ended.result is not None
     assert ended.result["cause"].startswith("the vehicle was taken over by session ")

@@ -292,6 +292,18 @@ def test_a_cut_path_passes_nothing_until_its_time():
     assert (path.transit(999), path.transit(1000)) == ([], [201_000])
 
 
+def test_the_calling_thread_can_be_a_program():
+    time, said = VirtualTime(1), []
+    clock = time.adopt("test").clock
+    time.start("a", sleeper(said, "a", 0.1, 0.1))
+    clock.wait(None, 0.15)
+    assert said == [("a", 0.1)]
+    clock.wait(None, 0.15)
+    assert (said[1:], time.seconds) == ([("a", 0.2)], pytest.approx(0.3))
+    with pytest.raises(VirtualTimeError, match="nobody can wake"):
+        clock.wait(None, float("inf"))
+
+
 def test_an_address_is_taken_once():
     time = VirtualTime(1)
     network = VirtualNetwork(time)

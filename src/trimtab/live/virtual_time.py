@@ -56,7 +56,7 @@ class Program:
         """What its function returned."""
         self.error: BaseException | None = None
         """What its function raised."""
-        self.has_ended = self.is_killed = False
+        self.has_ended = self.is_killed = self.is_adopted = False
         self.is_waiting, self.ready, self.deadline, self.turn = False, None, math.inf, 0
         self.ready: Any
         self.frozen_until: float = 0
@@ -159,6 +159,15 @@ class VirtualTime:
         self.programs.append(program)
         threading.Thread(target=self._run_program, args=(program,), name=name, daemon=True).start()
         self._wait_until(program, None, self.now)
+        return program
+
+    def adopt(self, name: str) -> Program:
+        """Make the calling thread a program, which holds the baton until it waits. `run` is not called then."""
+        clock = VirtualClock(self, self.random(f"boot of {name}").randrange(LONGEST_BOOT))
+        clock.program = program = Program(name, len(self.programs), lambda _: None, clock)
+        program.is_adopted = True
+        self.programs.append(program)
+        self._awaited, self.running = (program,), program
         return program
 
     def call_at(self, seconds: float, action: Callable[[], Any]) -> None:
@@ -296,11 +305,16 @@ class VirtualTime:
         if following is program and program is not None:
             return
         if following is None:
-            self._done.release()
+            adopted = next((one for one in self.programs if one.is_adopted), None)
+            if adopted is not None and program is adopted:
+                raise self._error or VirtualTimeError("the run is over")
+            (adopted.gate if adopted is not None else self._done).release()
         else:
             following.gate.release()
         if program is not None:
             program.gate.acquire()
+            if program.is_adopted and self._error is not None:
+                raise self._error
 
     def _next_program(self) -> Program | None:
         """Let events happen until a program wakes. None: the run is over."""
@@ -335,5 +349,5 @@ class VirtualTime:
         self._pass_on_for_good()
 
     def _pass_on_for_good(self) -> None:
-        following = self._next_program()
+        following = self._next_program() or next((one for one in self.programs if one.is_adopted), None)
         (self._done if following is None else following.gate).release()
