@@ -1,4 +1,4 @@
-"""Faults over a live pair: three cases in every run, all of them when slow tests are asked for.
+"""Faults over a live pair: three cases, and all of them in one long test.
 
 The verdict is tested by logs of vehicles that were not safe.
 """
