@@ -18,7 +18,9 @@ from typing import Any
 import answers
 import emitters
 import pytest
+from host_witness import HostWitness
 from hypothesis import settings
+from verdicts import Verdicts
 
 if emitters.HAS_OLDER:  # an unknown flag ends the process
     os.environ.setdefault("XLA_FLAGS", f"--{emitters.OPTION}=false")
@@ -98,7 +100,8 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Draw the random seed. Workers of xdist receive it with the other options."""
+    """Draw the random seed, which workers of xdist receive with the other options, and register the verdicts."""
+    config.pluginmanager.register(Verdicts(), "verdicts")
     if config.option.random_seed is None:
         config.option.random_seed = secrets.randbelow(10**8) * 10
     if _names(config, "thorough"):
@@ -116,6 +119,14 @@ def pytest_report_header(config: pytest.Config) -> str | None:
     return (
         f"random examples: --random-examples {config.option.random_examples} --random-seed {config.option.random_seed}"
     )
+
+
+@pytest.fixture
+def host_witness(pytestconfig: pytest.Config) -> HostWitness:
+    """Return the witness of the host beside this process. Skip the test where the kernel gives no evidence."""
+    verdicts = pytestconfig.pluginmanager.get_plugin("verdicts")
+    assert isinstance(verdicts, Verdicts)
+    return verdicts.witness() or pytest.skip("no /proc/self/schedstat here")
 
 
 @pytest.fixture
