@@ -35,6 +35,9 @@ settings.load_profile("gate")
 THOROUGH_TIMEOUT_S = 900
 """Timeout of a thorough test that states none. A busy machine takes five times as long as a quiet one."""
 
+EXAMPLE_TIMEOUT_S = 6
+"""Additional timeout for each random example of a test."""
+
 RANDOM_EXAMPLES = 300
 """Number of random examples of each test that takes the fixture random_examples, where no other number is given."""
 
@@ -146,9 +149,10 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
         config.hook.pytest_deselected(items=timed)
         items[:] = [item for item in items if not item.get_closest_marker("real_time")]
     for item in items:
-        is_thorough, has_timeout = item.get_closest_marker("thorough"), item.get_closest_marker("timeout")
-        if is_thorough and not has_timeout and config.getoption("timeout") is None:
-            item.add_marker(pytest.mark.timeout(THOROUGH_TIMEOUT_S))
+        if item.get_closest_marker("thorough") and not item.get_closest_marker("timeout"):
+            draws = "random_examples" in getattr(item, "fixturenames", ())
+            more = config.option.random_examples * EXAMPLE_TIMEOUT_S if draws else 0
+            item.add_marker(pytest.mark.timeout(THOROUGH_TIMEOUT_S + more))
 
 
 @pytest.fixture

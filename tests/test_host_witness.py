@@ -145,6 +145,7 @@ def test_three_void_attempts_are_not_judged_and_not_a_pass(tmp_path: Path) -> No
     assert ran.status == 1
     assert "1 not judged" in ran.closing
     assert "2 void" in ran.closing
+    assert ran.text.count("Captured stdout call") == 3  # one of each attempt
     assert "failed" not in ran.closing
     assert "passed" not in ran.closing
     assert "test_it.py::test_deadline, attempt 3: CPU 0 ran other programs" in ran.text

@@ -117,7 +117,8 @@ class Verdicts:
 
 
 def _prepare_repeat(item: pytest.Item) -> None:
-    """Tear down all fixtures below the session and give the test its whole timeout again."""
+    """Tear down all fixtures below the session, drop captured output, and start the timeout again."""
+    item._report_sections.clear()
     try:
         item.session._setupstate.teardown_exact(item.session)  # pyright: ignore[reportArgumentType]
     except Exception as problem:

@@ -1,6 +1,6 @@
 """Random functions through `trimtab.compile`: JAX's numbers, the same bits in lanes and threads, no death of Python.
 
-10 000 functions take about 100 minutes: `pytest -n 0 -m thorough --random-examples 10000 --timeout 0` and this file.
+10 000 functions take about 100 minutes: `pytest -n 0 -m thorough --random-examples 10000` and this file.
 """
 
 import argparse

@@ -1,6 +1,6 @@
 """Random programs: the same numbers from JAX, scalar C and C++ over lanes. A failure prints the smallest program.
 
-10 000 programs take about 30 minutes: `pytest -n 0 -m thorough --random-examples 10000 --timeout 0` and this file.
+10 000 programs take about 30 minutes: `pytest -n 0 -m thorough --random-examples 10000` and this file.
 """
 
 from concurrent.futures import ThreadPoolExecutor
