@@ -1,12 +1,14 @@
-"""Settings of all tests: property tests without deadline, a runtime folder for each process, memory freed file by file.
+"""Settings of all tests: the three tiers, a runtime folder for each process, memory freed file by file.
 
-Property tests have no deadline, because first calls compile, and draw the same examples each time where CI is set.
+Property tests have no deadline, because first calls compile. At the gate they draw the same examples in every run.
 
 What XLA compiles is kept beside pytest's own cache, so that after an edit only what it touched is compiled again; and
 XLA's older emitters, which compile in half the time; XLA_FLAGS= (empty) leaves it as users have it.
 """
 
 import os
+import re
+import secrets
 import socket
 import sys
 import tempfile
@@ -16,8 +18,9 @@ from typing import Any
 import answers
 import emitters
 import pytest
-import slow_parts
+from host_witness import HostWitness
 from hypothesis import settings
+from verdicts import Verdicts
 
 if emitters.HAS_OLDER:  # an unknown flag ends the process
     os.environ.setdefault("XLA_FLAGS", f"--{emitters.OPTION}=false")
@@ -25,11 +28,18 @@ os.environ.setdefault("JAX_COMPILATION_CACHE_DIR", str(Path(__file__).parents[1]
 os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_COMPILE_TIME_SECS", "0")
 os.environ.setdefault("JAX_PERSISTENT_CACHE_MIN_ENTRY_SIZE_BYTES", "-1")
 
-settings.register_profile("trimtab", deadline=None, derandomize=bool(os.environ.get("CI")))
-settings.load_profile("trimtab")
+settings.register_profile("gate", deadline=None, derandomize=True)
+settings.register_profile("thorough", deadline=None, derandomize=False, print_blob=True)
+settings.load_profile("gate")
 
-SLOW_S = 900
-"""After which a slow test is given up, where it doesn't say otherwise: a busy machine takes five times as long."""
+THOROUGH_TIMEOUT_S = 900
+"""Timeout of a thorough test that states none. A busy machine takes five times as long as a quiet one."""
+
+EXAMPLE_TIMEOUT_S = 6
+"""Additional timeout for each random example of a test."""
+
+RANDOM_EXAMPLES = 300
+"""Number of random examples of each test that takes the fixture random_examples, where no other number is given."""
 
 
 @pytest.fixture(autouse=True, scope="session")
@@ -80,45 +90,69 @@ def _answers_are_as_published():
 
 
 def pytest_addoption(parser: pytest.Parser) -> None:
-    parser.addoption("--part", type=int, metavar="K", help=f"only the part K of {slow_parts.PARTS} of the slow tests")
-    parser.addoption("--slice", type=int, default=0, metavar="N", help="and slice N of those that are cut in slices")
+    parser.addoption(
+        "--random-seed", type=int, metavar="SEED", help="first seed of the random examples; default: drawn"
+    )
+    parser.addoption(
+        "--random-examples",
+        type=int,
+        metavar="N",
+        default=RANDOM_EXAMPLES,
+        help=f"number of random examples in each of the tests that draw them; default: {RANDOM_EXAMPLES}",
+    )
+
+
+def pytest_configure(config: pytest.Config) -> None:
+    """Draw the random seed, which workers of xdist receive with the other options, and register the verdicts."""
+    config.pluginmanager.register(Verdicts(), "verdicts")
+    if config.option.random_seed is None:
+        config.option.random_seed = secrets.randbelow(10**8) * 10
+    if _names(config, "thorough"):
+        settings.load_profile("thorough")
+
+
+def _names(config: pytest.Config, mark: str) -> bool:
+    """Return True if the user asked for this mark by -m."""
+    return re.search(rf"(?<!not ){mark}\b", config.option.markexpr) is not None
 
 
 def pytest_report_header(config: pytest.Config) -> str | None:
-    part = config.getoption("part")
-    return part and f"slow tests: part {part} of {slow_parts.PARTS}, slice {config.getoption('slice')}"
-
-
-def pytest_ignore_collect(collection_path: Path, config: pytest.Config) -> bool | None:
-    """Files that have nothing of the part are not read: collecting all takes each process 15 s."""
-    part = config.getoption("part")
-    if not part or not collection_path.name.startswith("test_"):
+    if not _names(config, "thorough"):
         return None
-    text = collection_path.read_text(encoding="utf-8")
-    file = collection_path.relative_to(config.rootpath).as_posix()
-    own = slow_parts.read_table()["files"].get(file, [0])[0]
-    return ("slow" not in text or (own not in (0, part) and "slow(of" not in text)) or None
+    return (
+        f"random examples: --random-examples {config.option.random_examples} --random-seed {config.option.random_seed}"
+    )
 
 
+@pytest.fixture
+def host_witness(pytestconfig: pytest.Config) -> HostWitness:
+    """Return the witness of the host beside this process. Skip the test where the kernel gives no evidence."""
+    verdicts = pytestconfig.pluginmanager.get_plugin("verdicts")
+    assert isinstance(verdicts, Verdicts)
+    return verdicts.witness() or pytest.skip("no /proc/self/schedstat here")
+
+
+@pytest.fixture
+def random_examples(request: pytest.FixtureRequest) -> range:
+    """Seeds of the random examples: as many as --random-examples says, from --random-seed on."""
+    first = request.config.option.random_seed
+    print(f"seeds {first} to {first + request.config.option.random_examples - 1}")
+    print(f"run again: pytest -m thorough --random-seed {first} {request.node.nodeid}")
+    return range(first, first + request.config.option.random_examples)
+
+
+@pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Of slow tests those of the part that was asked for, if one was; they may take longer than others."""
+    """Deselect real-time tests unless -m names them, and give thorough tests a longer timeout."""
+    if config.option.markexpr and "real_time" not in config.option.markexpr:
+        timed = [item for item in items if item.get_closest_marker("real_time")]
+        config.hook.pytest_deselected(items=timed)
+        items[:] = [item for item in items if not item.get_closest_marker("real_time")]
     for item in items:
-        if item.get_closest_marker("slow") and not item.get_closest_marker("timeout"):
-            item.add_marker(pytest.mark.timeout(SLOW_S))
-    part = config.getoption("part")
-    if not part:
-        return
-    files = slow_parts.read_table()["files"]
-
-    def is_due(item: pytest.Item) -> bool:
-        mark = item.get_closest_marker("slow")
-        if mark and "of" in mark.kwargs:
-            return sum(item.callspec.indices.values()) % mark.kwargs["of"] == config.getoption("slice")  # pyright: ignore[reportAttributeAccessIssue]
-        return mark is not None and slow_parts.part_of(item.nodeid, files) == part
-
-    due = [item for item in items if is_due(item)]
-    config.hook.pytest_deselected(items=[item for item in items if item not in due])
-    items[:] = due
+        if item.get_closest_marker("thorough") and not item.get_closest_marker("timeout"):
+            draws = "random_examples" in getattr(item, "fixturenames", ())
+            more = config.option.random_examples * EXAMPLE_TIMEOUT_S if draws else 0
+            item.add_marker(pytest.mark.timeout(THOROUGH_TIMEOUT_S + more))
 
 
 @pytest.fixture

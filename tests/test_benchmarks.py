@@ -34,7 +34,7 @@ def printed_numbers():
     return np.array([float(x) for x in block.split()])
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @needs_compilers
 def test_all_programs_of_the_comparison_agree(tmp_path):
     done = python(BENCHMARKS / "compare.py", "--quick", "--json", tmp_path / "found.json")
@@ -165,7 +165,7 @@ def test_every_command_of_the_page_is_there():
     assert [name for name in named if not (ROOT / name).is_file()] == []
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @needs_compilers
 @pytest.mark.skipif(not shutil.which("valgrind"), reason="no valgrind")
 def test_instructions_are_counted_on_programs_whose_results_agree():
@@ -174,7 +174,7 @@ def test_instructions_are_counted_on_programs_whose_results_agree():
     assert "all results agree to 1e-09" in done.stdout
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @needs_compilers
 def test_a_flight_is_timed_with_and_without_its_log():
     done = python(BENCHMARKS / "deadlines.py", "--quick", "--markdown")
@@ -186,7 +186,7 @@ def test_a_flight_is_timed_with_and_without_its_log():
         assert len(rows) == 3
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @needs_compilers
 def test_simulate_is_held_against_its_flight():
     done = python(BENCHMARKS / "simulate.py", "--rounds", "1", "--markdown")
@@ -195,7 +195,7 @@ def test_simulate_is_held_against_its_flight():
 
 
 @needs_compilers
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_a_campaign_is_held_against_one_call_of_the_simulator():
     done = python(BENCHMARKS / "campaign.py", "--quick", "--markdown")
     assert done.returncode == 0, done.stdout + done.stderr
@@ -205,7 +205,7 @@ def test_a_campaign_is_held_against_one_call_of_the_simulator():
     assert re.search(r"100: \d+ MB, 300: \d+ MB", lines[1])
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @needs_compilers
 def test_functions_of_other_libraries_are_as_listed_and_casadi_computes_the_same():
     pytest.importorskip("jaxlie")

@@ -74,7 +74,7 @@ def test_its_example_does_what_it_says(name):
     run_example(name)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", FLIES)
 def test_its_example_flies(name):
     run_example(name)
@@ -126,7 +126,7 @@ def of(scenario: Scenario[Hovercraft], any_one: Scenario, world: World[Hovercraf
 """
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_a_type_checker_knows_the_vehicle(tmp_path):
     (tmp_path / "sample.py").write_text(SAMPLE)
     package = Path(trimtab.__file__).parent

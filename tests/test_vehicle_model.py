@@ -7,7 +7,7 @@ from trimtab.core.errors import InputError
 from trimtab.scenarios.build import build
 from trimtab.vehicle_model import linearise, trim
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.thorough
 
 
 def test_a_trim_of_a_name_and_of_a_scenario():

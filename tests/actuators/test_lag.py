@@ -151,7 +151,7 @@ def test_its_c_computes_the_same_for_vectors_too(stage):
     np.testing.assert_allclose(compile(run, stage, command)(stage, command), jax.jit(run)(stage, command), atol=1e-12)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_it_differentiates():
     stage = SecondOrderLag(rate_limit=1.0)
     slope = jax.grad(lambda w: fly(replace(stage, frequency=w), np.ones(60)).value[-1])(60.0)

@@ -29,7 +29,7 @@ def fly(scenario, metrics, **spread):
     return Campaign(scenario, runs=RUNS, seed=3, spread=spread or None, metrics=metrics, log_period=ms(20))
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @needs_c
 @pytest.mark.parametrize("name", ["quadrotor/track", "f16/gcas"])  # a state with a quaternion, and one with angles
 def test_a_metric_is_that_of_the_log_of_the_same_run(name):
@@ -60,7 +60,7 @@ def test_rows_work_out_each_run_with_its_own_parameters():
     assert np.ptp(rows["flight.air_speed"], axis=0).max() > 1
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_over_the_turning_earth_each_run_has_its_own_wind():
     scenario = replace(throw(None), duration=seconds(1))
     wind = {"world.vehicle.wind.north": "uniform(0, 40)", "world.vehicle.wind.east_shear": "uniform(0, 0.1)"}
@@ -74,7 +74,7 @@ def test_over_the_turning_earth_each_run_has_its_own_wind():
 
 
 @needs_c
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_targets_searches_and_maps_take_them():
     scenario = replace(build("quadrotor/track"), duration=seconds(1), targets=(Target("flight.roll", 0.0, 0.2),))
     assert np.isfinite(fly(scenario, ("error_rms:flight.roll",)).run().columns["error_rms:flight.roll"]).all()

@@ -187,7 +187,7 @@ np.savez(sys.argv[4], **found.columns)
 """
 
 
-@pytest.mark.parametrize("size", [pytest.param("8k", marks=pytest.mark.slow), "200k"])
+@pytest.mark.parametrize("size", [pytest.param("8k", marks=pytest.mark.thorough), "200k"])
 def test_disk_that_is_full(tmp_path, whole, size):
     (tmp_path / "disk").mkdir()
     own = ["unshare", "--mount"] if os.getuid() == 0 else ["unshare", "-rm"]

@@ -26,7 +26,7 @@ def test_same_rows_bit_for_bit(how, whole, store):
     assert_same(of.run(store if "store" in how else None, threads=how.get("threads")).columns, whole)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_same_rows_of_jax_in_any_blocks():
     """Half a minute: four programs are compiled."""
     wanted = small(130, block=2048).run(backend="jax").columns

@@ -75,7 +75,7 @@ def test_an_answer_is_as_published(case, tmp_path):
     assert given["answer"] == ("error/1" if "refused" in case else f"{QUICK[case][0]}/1")
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.parametrize("case", SLOW)
 def test_an_answer_that_takes_its_time_is_as_published(case, tmp_path):
     given = answer(SLOW[case], tmp_path)

@@ -74,7 +74,7 @@ def test_a_bag_has_what_the_log_has_as_another_library_reads_it(flight, tmp_path
     assert found["/imu"][-1].linear_acceleration.z == pytest.approx(9.80665)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_imus_are_told_as_they_measured(tmp_path):
     flight = fly(tmp_path, "hovercraft/forward", "--navigation", "ins")
     assert call("convert", flight, "--as", "ros2", "--out", tmp_path / "bag").exit_code == 0

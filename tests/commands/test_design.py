@@ -25,7 +25,7 @@ def file(tmp_path_factory):
     return made
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_designed_and_proved(file):
     done = call("--check", file)
     assert done.exit_code == 0, done.output
@@ -37,7 +37,7 @@ def test_designed_and_proved(file):
     assert plain["poles"][0][0] == pytest.approx(-0.2266, abs=1e-4)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_a_changed_file_fails_with_the_number(file, tmp_path):
     content = json.loads(file.read_text())
     content["K"][0][4] *= -1
@@ -52,7 +52,7 @@ def test_a_changed_file_fails_with_the_number(file, tmp_path):
     assert broken["A + B K Hurwitz"] < 0
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_compared_with_the_system_it_names(file, tmp_path):
     for words in (("--check", file), ("hypersonic", "--check", file)):
         done = call(*words, "--json")
@@ -67,7 +67,7 @@ def test_compared_with_the_system_it_names(file, tmp_path):
     assert "A is that of hypersonic: at q, alpha" in done.output
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_a_setting_and_another_place(tmp_path):
     made = tmp_path / "gain.json"
     done = call("hypersonic", "--set", "h_ft=90000", "--set", "uncertainty=0.5", "--out", made, "--json")
@@ -109,7 +109,7 @@ def test_a_system_of_your_own(place, tmp_path):
     assert "B is that of ball and beam: at theta', w: 1.01, now 1.0" in done.output
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_the_proof_needs_no_solver(file):
     text = (
         "import sys; from click.testing import CliRunner; from trimtab.cli import main\n"

@@ -15,7 +15,7 @@ def call(*words):
     return CliRunner().invoke(main, ["design", *[str(w) for w in words]])
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_a_cart_goes_where_it_is_told_and_the_pole_leans_before(tmp_path):
     file, picture = tmp_path / "course.json", tmp_path / "course.png"
     words = ("--inversion", "--output", "position", "--to", "50 cm", "--in", "2", "--out", file, "--plot", picture)
@@ -37,7 +37,7 @@ def test_a_cart_goes_where_it_is_told_and_the_pole_leans_before(tmp_path):
     assert (said["places"], said["slow"], said["x"]) == ([], [], course["x"])
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_an_f16_climbs_by_its_elevator_and_its_places_go_on(tmp_path):
     """North, east and heading are integrals; the elevator moves before the altitude does, and it is a motion of it."""
     file = tmp_path / "climb.json"

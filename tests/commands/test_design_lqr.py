@@ -32,7 +32,7 @@ def file(tmp_path_factory):
     return file
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_a_gain_is_proved_and_proved_again(file):
     done = call(CART, "--lqr", "--check", file)
     assert done.exit_code == 0, done.output
@@ -48,14 +48,14 @@ def test_a_gain_that_was_changed_is_not(file, tmp_path):
     assert "NOT: A + B K Hurwitz" in done.output
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_the_vehicle_as_it_is_believed_makes_another_gain():
     own, heavy = data(CART, "--lqr", *WORDS), data(CART, "--lqr", *WORDS, "--believed", "bob=0.5")
     assert heavy["about"]["believed"] == "bob=0.5"
     assert not np.allclose(own["K"], heavy["K"], rtol=1e-3)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_refusals():
     for words, wanted in (
         ((CART, "--lqr"), "--limit force=NUMBER"),

@@ -48,7 +48,7 @@ def verdicts(*words):
     return json.loads(done.stdout)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_the_hovercraft_is_excluded_by_both_and_can_be_driven_everywhere():
     found = verdicts("hovercraft")
     assert found["is_excluded"]
@@ -61,14 +61,14 @@ def test_the_hovercraft_is_excluded_by_both_and_can_be_driven_everywhere():
     assert (reach["rank"], reach["is_accessible"], reach["is_stlc"]) == (6, True, True)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_a_file_of_ones_own_without_the_third(own):
     text = call(f"{own}:tail").output
     for word in ("EXCLUDED", "[FY, [f, FX]]", "6 of 6 directions", "2 independent inputs for 3 states", "Sussmann"):
         assert word in text
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_with_all_axes_actuated_nothing_is_excluded(own):
     found = verdicts(own)
     assert not found["is_excluded"]
@@ -79,7 +79,7 @@ def test_with_all_axes_actuated_nothing_is_excluded(own):
     assert "EXCLUDED" not in call(own).output
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_the_hypersonic_vehicle_passes():
     found = verdicts("hypersonic")
     assert not found["is_excluded"]

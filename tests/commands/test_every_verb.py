@@ -339,7 +339,7 @@ CASES = [
         scenario,
         verb,
         id=f"{scenario.replace('/', '-').replace(', ', '-').replace(' ', '-')}-{verb}",
-        marks=() if verb in QUICK else pytest.mark.real_time if verb in REAL_TIME else pytest.mark.slow,
+        marks=() if verb in QUICK else pytest.mark.real_time if verb in REAL_TIME else pytest.mark.thorough,
     )
     for scenario in SCENARIOS
     for verb in VERBS

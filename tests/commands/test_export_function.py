@@ -59,7 +59,7 @@ def test_an_example_that_is_no_tuple_is_refused(tmp_path: Path) -> None:
         find_function(f"{path}:f")
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_any_function_is_written_and_verified(file: Path, tmp_path: Path) -> None:
     out = tmp_path / "c"
     command = [sys.executable, "-m", "trimtab", "export"]
@@ -71,7 +71,7 @@ def test_any_function_is_written_and_verified(file: Path, tmp_path: Path) -> Non
     assert done.returncode == 0, done.stdout + done.stderr
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_a_function_without_an_example_is_refused_with_what_to_write(tmp_path: Path) -> None:
     path = tmp_path / "own_bare.py"
     path.write_text("def f(x):\n    return x\n")

@@ -75,7 +75,7 @@ def kept(tmp_path):
     return sorted((tmp_path / "cache" / "programs").glob("*"))
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_second_run_needs_no_jax_and_is_equal(run):
     first, jax = run(*WORDS, "--seed", "4")
     assert jax
@@ -89,7 +89,7 @@ def test_second_run_needs_no_jax_and_is_equal(run):
     assert run(*WORDS, "--seed", "4", "--set", "world.vehicle.mass=3")[1]
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_scenarios_of_the_user_are_not_kept(run, tmp_path):
     file = tmp_path / "boat.py"
     for duration in (200, 300):
@@ -100,7 +100,7 @@ def test_scenarios_of_the_user_are_not_kept(run, tmp_path):
     assert kept(tmp_path) == []
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_damaged_entries_are_made_again(run, tmp_path):
     first, _ = run(*WORDS, "--no-ideal")
     (file,) = kept(tmp_path)
@@ -115,7 +115,7 @@ def test_damaged_entries_are_made_again(run, tmp_path):
     assert not run(*WORDS, "--no-ideal")[1]
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_a_library_that_is_gone_or_damaged_is_made_again(run, tmp_path):
     first, _ = run(*WORDS, "--no-ideal")
     [library] = (tmp_path / "cache" / "c").glob("*.so")

@@ -27,7 +27,7 @@ def call(*words):
     return CliRunner().invoke(main, [str(word) for word in words])
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_plot_draws_the_signals_that_are_named(flights):
     log, picture = flights / "a" / "run.mcap", flights / "some.svg"
     done = call("plot", log, "truth.yaw_rate", "actuators.*", "--until", "500 ms", "--plot", picture, "--json")
@@ -74,7 +74,7 @@ def complete(*words):
     return [line.partition(",")[2] for line in done.stdout.splitlines()]
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_a_shell_completes_verbs_scenarios_and_settings():
     assert set(complete("trimtab", "com")) == {"compare", "completion"}
     assert complete("trimtab", "run", "hovercraft/zero") == [REST]

@@ -148,7 +148,7 @@ def test_the_nearest_name_is_one(text):
     assert len(name) <= LONGEST
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.timeout(1800)
 @pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here")
 @pytest.mark.parametrize("kind", KINDS)
@@ -167,7 +167,7 @@ def test_what_is_made_is_tested_and_flown_as_it_says(kind, tmp_path, monkeypatch
     assert main_file(kind).removeprefix(f"my_{kind}") == Path(said["files"][0]).suffix
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_what_is_made_passes_the_type_checker(tmp_path):
     for kind in KINDS:
         make(kind, "my_own", tmp_path / kind)

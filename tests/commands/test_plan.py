@@ -11,7 +11,7 @@ from trimtab.cli import main
 HALL = Path(__file__).parents[2] / "examples" / "hall.toml"
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_it_writes_a_table_and_a_picture_and_says_how_to_fly(tmp_path):
     table, picture = tmp_path / "plan.csv", tmp_path / "plan.png"
     done = CliRunner().invoke(main, ["plan", str(HALL), "--out", str(table), "--plot", str(picture)])
@@ -21,7 +21,7 @@ def test_it_writes_a_table_and_a_picture_and_says_how_to_fly(tmp_path):
     assert picture.read_bytes().startswith(b"\x89PNG")
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_json_has_what_matters(tmp_path):
     done = CliRunner().invoke(main, ["plan", str(HALL), "--speed", "0.4", "--json"])
     result = json.loads(done.output)

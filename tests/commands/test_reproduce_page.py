@@ -116,7 +116,7 @@ def test_environment_tells_versions_and_no_place_of_this_machine():
     assert not any(str(Path.home()) in value or str(Path.cwd()) in value for value in found.values())
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_a_group_of_a_real_study_becomes_a_small_page(tmp_path):
     words = ["reproduce", "hypersonic2022", "--only", "printed-matrices", "--report", str(tmp_path / "new"), "--json"]
     done = CliRunner().invoke(main, words)

@@ -155,7 +155,7 @@ def test_what_a_monitor_said_stands_below_the_table():
     assert "monitor quick (real): pending at the end\n" in done.output
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_the_size_of_large_logs_is_said_before_they_are_written(tmp_path):
     words = ["run", "hovercraft/zero-velocity", "--duration", "25", "--out", str(tmp_path), "--json"]
     done = CliRunner().invoke(main, words)
@@ -166,7 +166,7 @@ def test_the_size_of_large_logs_is_said_before_they_are_written(tmp_path):
     assert "\n" not in done.stdout.strip()
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_that_of_small_ones_is_not(tmp_path):
     done = CliRunner().invoke(main, ["run", "hovercraft/spin", "--duration", "1", "--out", str(tmp_path)])
     assert done.exit_code == 0, done.output

@@ -94,7 +94,7 @@ def test_poles_of_a_cart_and_its_file(tmp_path):
     assert np.shape(held["A"]) == (2, 2)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_zeros_of_the_cart():
     """Cart from force: the pole runs away at sqrt(g/l). Source: any book."""
     found = data("zeros", CART, "--output", "position")
@@ -107,14 +107,14 @@ def test_zeros_of_the_cart():
     assert "1 inputs and 4 outputs" in call("zeros", CART).output
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_the_hypersonic_vehicle_by_name():
     text = call("zeros", "hypersonic", "--output", "h", "--output", "V").output
     assert "RIGHT: non-minimum phase" in text
     assert "+3.2894" in text
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_the_loop_of_the_cart(tmp_path):
     picture = tmp_path / "bode.png"
     found = data("linearise", CART, "--closed-loop", "--plot", picture)
@@ -128,7 +128,7 @@ def test_the_loop_of_the_cart(tmp_path):
     assert "NOT stable" in grown.output or "does not rest" in grown.output
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_refusals_say_what_to_type(own):
     for words, wanted in (
         (("trim", "hovercraft/forwrd"), "trimtab trim hovercraft/forward"),
@@ -157,7 +157,7 @@ def test_a_boat_without_a_place_is_at_rest_only_where_its_velocities_are_zero():
     assert "in steady motion at surge_velocity 1 m/s" in call("trim", boat, "--at", "surge_velocity=1").output
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_a_quadrotor_hovers_unless_a_motion_is_asked_for():
     """Its lift is its weight, and from rotors that stand it does not begin to fall. Weight: 4.34 kg by 9.81 m/s^2."""
     plant = load_plant("quadrotor/track")
@@ -168,7 +168,7 @@ def test_a_quadrotor_hovers_unless_a_motion_is_asked_for():
     assert 8e-5 * sum(hover[f"speed[{i}]"] ** 2 for i in range(4)) == pytest.approx(4.34 * 9.81)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_at_rest_what_has_no_slope_is_left_out_and_refused_where_asked_for():
     plant = load_plant("quadrotor/track")
     point = find_point(plant, ())
@@ -178,7 +178,7 @@ def test_at_rest_what_has_no_slope_is_left_out_and_refused_where_asked_for():
         smooth_model(plant, point, ("climb",))
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_a_quadrotor_moves_on_where_that_is_asked_for():
     """Drag of 0.3 N s/m across tilts it, by drag over weight; it neither falls nor climbs to speak of."""
     plant = load_plant("quadrotor/track")
@@ -252,7 +252,7 @@ def test_of_what_stands_nothing_is_taken():
     assert "V" not in find_point(plant, ("V=30",)).taken
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_what_is_carried_along_a_path_rests_where_its_rate_is_zero():
     """Velocity and attitude record its motion: as fast as you like they would leave every equation zero."""
     plant = load_plant("navigation/aerial")
@@ -274,7 +274,7 @@ def test_several_vehicles_together_have_a_trim():
     assert not point.x[:15].any(), "all fifteen velocities"
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_the_f16_of_a_dive_is_trimmed_level():
     """As its gains' own trim, which names what is free; the table says what was taken."""
     from trimtab.scenarios.f16._gains import level_flight

@@ -64,7 +64,7 @@ def test_a_file_of_ones_own_stays_as_it_is(words, name):
     assert [file.name for file in Path().iterdir()] == [name]
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.parametrize("words", [("export", SPIN), ("firmware", "hovercraft/forward")], ids=SLOW)
 def test_an_exported_folder_leaves_ones_own_files(words, tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "config"))

@@ -13,7 +13,7 @@ from trimtab.cli import main
 LISTED = tomllib.loads(Path(__file__).with_name("wrong_inputs.toml").read_text("utf-8"))
 CASES = [(line, words) for group in LISTED.values() for line, words in group.items()]
 QUICK = 10
-"""Each so-manieth is tried with every change, all of them with the slow tests."""
+"""Each so-manieth is tried with every change, all of them with the thorough tests."""
 OWN = {
     "own.py": "number = 3\n\n\ndef mine():\n    return 3\n",
     "syntax.py": "import trimtab\ndef scenario(:\n",
@@ -59,7 +59,7 @@ def test_a_wrong_input_is_answered(line, words, here):
     check_answer(line, words, here)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.parametrize(("line", "words"), CASES, ids=[line for line, _ in CASES])
 def test_every_wrong_input_is_answered(line, words, here):
     check_answer(line, words, here)

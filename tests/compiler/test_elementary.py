@@ -167,7 +167,7 @@ def ulps(y, exact):
     return np.where(np.isfinite(y) & np.isfinite(rounded), error, np.where(same, 0.0, np.inf))
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @needs_compiler
 @pytest.mark.parametrize("name", REFERENCE)
 def test_accuracy(call, name):
@@ -393,7 +393,7 @@ def test_vectors_give_the_same_bits(call, variant):
         assert not differ.size, f"{name}: {differ.size} differ, first at {x[differ[0][-1]]!r}"
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @needs_compiler
 @pytest.mark.sanitizer
 @pytest.mark.parametrize("lanes", [0, 4])

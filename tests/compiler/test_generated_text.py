@@ -24,7 +24,7 @@ def same_bits(a: Any, b: Any) -> bool:
 
 @pytest.mark.parametrize(
     "cases",
-    [pytest.param(g, marks=[] if g.__name__ in QUICK else pytest.mark.slow) for g in primitive_groups.ALL],
+    [pytest.param(g, marks=[] if g.__name__ in QUICK else pytest.mark.thorough) for g in primitive_groups.ALL],
     ids=lambda g: g.__name__,
 )
 def test_text_read_is_text_compiled_is_jax(cases: Any) -> None:

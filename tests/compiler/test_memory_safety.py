@@ -83,7 +83,7 @@ def test_blocks_get_their_workspace_from_python() -> None:
         assert block.outputs[0] == pytest.approx(float(step((), float(k), 0.001)[1]), rel=1e-11)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_28_beacons_in_lanes_and_from_python() -> None:
     """gcc 12 vectorised what a loop left over with an alignment that its own stack did not have."""
     from trimtab.core.record import to_arrays
@@ -201,13 +201,13 @@ int main(void)
 SLOWEST = ("ends", 4)
 """As slow as all others together."""
 CASES = [
-    pytest.param(name, lanes, marks=pytest.mark.slow if (name, lanes) == SLOWEST else ())
+    pytest.param(name, lanes, marks=pytest.mark.thorough if (name, lanes) == SLOWEST else ())
     for name in programs()
     for lanes in (0, 4)
 ]
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.parametrize(("name", "lanes"), CASES)
 def test_clean_under_sanitizers_from_three_threads(name: str, lanes: int, tmp_path: Path) -> None:
     function, arguments = programs()[name]

@@ -89,6 +89,6 @@ def test_each_of_100_mutants_is_rejected() -> None:
     reject(100, seed=1)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_each_of_1000_mutants_is_rejected() -> None:
     reject(1000, seed=2)

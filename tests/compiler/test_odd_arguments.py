@@ -230,7 +230,7 @@ def test_python_lives(name: str) -> None:
     run_script(PROLOGUE + textwrap.dedent(SCRIPTS[name]))
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_libraries_that_were_cut_are_built_again(tmp_path: Path) -> None:
     script = "import trimtab; print(trimtab.compile(lambda x: x * 3 + 0.25, 1.0)(2.0))"
     for size in (None, 0, 6000):

@@ -40,7 +40,7 @@ def bound_pieces(monkeypatch: pytest.MonkeyPatch, whole: int = 100, piece: int =
         monkeypatch.setattr(pieces, bound, size)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.parametrize("lanes", [0, 4])
 @pytest.mark.parametrize("name", ["hovercraft/zero-velocity", "hypersonic/climb-small"])
 def test_pieces_fly_the_same_bits(monkeypatch: pytest.MonkeyPatch, name: str, lanes: int) -> None:

@@ -1,7 +1,6 @@
 """Random functions through `trimtab.compile`: JAX's numbers, the same bits in lanes and threads, no death of Python.
 
-All 10 000, or an eighth of them, in processes of their own: `python tests/compiler/test_random_calls.py --part 3/8`.
-CI tries a fiftieth each time (tests/slow_parts.py).
+10 000 functions take about 100 minutes: `pytest -n 0 -m thorough --random-examples 10000` and this file.
 """
 
 import argparse
@@ -21,7 +20,6 @@ from contracts.random_calls import RandomCall, random_call
 from trimtab.compiler import text
 from trimtab.core.errors import InputError
 
-MANY = 10_000
 BATCH = 10
 """Functions that are compiled as one."""
 SETS = 3
@@ -110,7 +108,7 @@ def check(first: int) -> list[str]:
         return found
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.parametrize("first", [0, 30])
 def test_some_functions(first: int) -> None:
     assert not check(first)
@@ -124,16 +122,14 @@ def test_a_wrong_number_would_be_seen(monkeypatch: pytest.MonkeyPatch) -> None:
     assert any(f"seed {call.seed}" in line for line in differences([call], {}))
 
 
-@pytest.mark.slow(of=50)
-@pytest.mark.timeout(900)
-@pytest.mark.parametrize("part", range(1, 51))
-def test_ten_thousand_functions(part: int) -> None:
-    assert not run_part(part, 50)
+@pytest.mark.thorough
+def test_functions_of_random_seeds(random_examples: range) -> None:
+    assert not check_in_processes(random_examples)
 
 
-def run_part(part: int, parts: int, chunk: int = 10) -> list[str]:
-    """What is found in a part of all; a process dies with a chunk of batches only, and its death is a line too."""
-    firsts = list(range(0, MANY, BATCH))[part - 1 :: parts]
+def check_in_processes(seeds: range, chunk: int = 10) -> list[str]:
+    """Return the differences of all batches. A crash ends only its own process, and is one line of the result."""
+    firsts = list(range(seeds.start // BATCH * BATCH, seeds.stop, BATCH))
     found = []
     for k in range(0, len(firsts), chunk):
         some = ",".join(map(str, firsts[k : k + chunk]))
@@ -155,22 +151,19 @@ def run_part(part: int, parts: int, chunk: int = 10) -> list[str]:
 def main() -> int:
     """The command."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--part", default="1/1", help="such as 3/8")
-    parser.add_argument("--batches", help="only these, in this process: first numbers, with commas")
-    parser.add_argument("--show", type=int, help="the text of one function")
+    chosen = parser.add_mutually_exclusive_group(required=True)
+    chosen.add_argument("--batches", help="first seeds of the batches to check in this process, separated by commas")
+    chosen.add_argument("--show", type=int, help="seed of the function to print")
     given = parser.parse_args()
     if given.show is not None:
         calls, options = batch_of(given.show // BATCH * BATCH)
         print(calls[given.show % BATCH].text(), options)
         return 0
-    if given.batches:
-        for first in map(int, given.batches.split(",")):
-            print("batch", first, flush=True)
-            for line in check(first):
-                print(line.replace("\n", " "), flush=True)
-        return 0
-    part, parts = map(int, given.part.split("/"))
-    return 1 if run_part(part, parts) else 0
+    for first in map(int, given.batches.split(",")):
+        print("batch", first, flush=True)
+        for line in check(first):
+            print(line.replace("\n", " "), flush=True)
+    return 0
 
 
 if __name__ == "__main__":

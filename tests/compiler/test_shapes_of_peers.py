@@ -97,7 +97,7 @@ def test_draws_in_a_branch_and_after_it(hover):
     check_one_and_many(step, (np.array([0.002, 0.03, -0.02]), np.array([0.5, -1.8]), np.zeros((64, 2))), 60)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_the_whole_tick_as_one_function_and_the_whole_run(hover):
     gains, key = np.array(hover.GAINS), np.array([hover.KEY0, 0], np.uint32)
     jitted = jax.jit(hover.step)

@@ -22,9 +22,9 @@ FOLDERS = parts.FOLDERS[1:]
 BLOCKS = every(blocks, FOLDERS)
 
 
-def slow(found, which):
-    """The same, with those marked slow for which which(folder, cls) holds."""
-    marks = ([pytest.mark.slow] if which(*one.values) else [] for one in found)
+def mark_thorough(found, which):
+    """Mark as thorough the blocks for which which(folder, cls) holds."""
+    marks = ([pytest.mark.thorough] if which(*one.values) else [] for one in found)
     return [pytest.param(*one.values, id=one.id, marks=m) for one, m in zip(found, marks, strict=True)]
 
 
@@ -33,8 +33,8 @@ def fuses(folder, cls):
     return folder == "estimators" and (len(made(cls).listens) > 1 or cls.__name__ == "Particle")
 
 
-QUICKER = slow(BLOCKS, fuses)
-WRITTEN = slow(BLOCKS, lambda folder, cls: fuses(folder, cls) and cls.__name__ != "UltrasonicInertial")
+QUICKER = mark_thorough(BLOCKS, fuses)
+WRITTEN = mark_thorough(BLOCKS, lambda folder, cls: fuses(folder, cls) and cls.__name__ != "UltrasonicInertial")
 """Of those whose C takes half a minute, the one that has the parts of the others in it."""
 
 
@@ -63,7 +63,7 @@ def test_output_is_finite(folder, cls):
         checks.assert_finite(outputs)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.parametrize(("folder", "cls"), QUICKER)
 def test_compiled_is_the_same_as_step_by_step(folder, cls):
     one = made(cls)
@@ -86,7 +86,7 @@ def test_a_batch_is_the_same_as_its_runs_alone(folder, cls):
         checks.assert_near(jax.tree.map(lambda a, run=run: a[run], both), alone)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here")
 @pytest.mark.parametrize(("folder", "cls"), WRITTEN)
 def test_its_c_computes_the_same(folder, cls):
@@ -202,7 +202,7 @@ def test_each_imperfection_can_be_switched_off(folder, cls):
         assert jax.tree.structure(without(without(one, name), name)) == jax.tree.structure(without(one, name))
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.parametrize("cls", [pytest.param(c, id=c.__name__) for c in parts.vehicles()])
 def test_vehicle_is_pure_finite_differentiable_and_batches(cls):
     one = made(cls)

@@ -107,7 +107,7 @@ def test_programs_without_a_solution_are_told_and_nothing_raises():
     assert infeasible >= 0.95
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.timeout(1800)
 @pytest.mark.parametrize(("n", "m"), [(3, 9), (8, 20), (26, 52)])
 def test_thousands_of_programs(n, m):

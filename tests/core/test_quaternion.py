@@ -19,7 +19,7 @@ def theirs(q):
     return Rotation.from_quat(np.asarray(q), scalar_first=True)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_products_matrices_and_inverses_are_scipys():
     for p, q in zip(FIRST, SECOND, strict=True):
         np.testing.assert_allclose(Q.to_matrix(p), theirs(p).as_matrix(), atol=1e-14)
@@ -67,7 +67,7 @@ def test_exponential_and_logarithm_undo_each_other(size):
         np.testing.assert_allclose(Q.logarithm(-q), v, atol=1e-14 * max(1, size), rtol=1e-13)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_local_is_what_retract_adds():
     for p, q in zip(FIRST, SECOND, strict=True):
         v = Q.local(p, q)
@@ -75,13 +75,13 @@ def test_local_is_what_retract_adds():
         np.testing.assert_allclose(Q.to_matrix(Q.retract(p, v)), Q.to_matrix(q), atol=1e-13)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_derivatives_are_finite_where_nothing_turns():
     J = jax.jacfwd(lambda v: Q.local(jnp.asarray(FIRST[0]), Q.retract(jnp.asarray(FIRST[0]), v)))(jnp.zeros(3))
     np.testing.assert_allclose(J, np.eye(3), atol=1e-14)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_rate_is_the_derivative_of_a_steady_turn():
     w, q = jnp.array([0.3, -0.8, 0.5]), jnp.asarray(FIRST[0])
     along = jax.jacfwd(lambda t: Q.retract(q, w * t))(0.0)

@@ -70,7 +70,7 @@ def test_eight_turns_its_acceleration_only_where_there_is_some():
     np.testing.assert_allclose(np.abs(places).max(0), [2.0, 1.0], rtol=3e-3)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_waypoints_are_passed_from_rest_to_rest():
     path = pass_waypoints(CORNERS, (0.4, 0.3, 0.4))
     for t, corner in zip(path.times, [path.at(t).place for t in path.times], strict=True):

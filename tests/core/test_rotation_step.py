@@ -52,7 +52,7 @@ def test_a_constant_rate_is_exact_in_one_step():
     assert np.abs(by_numbers.q - x.q).max() > 1e-3
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.parametrize(("step", "order"), [(rk4_with_error, 4), (dormand_prince, 5), (rodas, 4)])
 def test_it_keeps_the_order_of_its_step_and_the_length_of_a_quaternion(step, order):
     y0 = np.r_[START.q, START.w]

@@ -116,7 +116,7 @@ def test_matrices_that_differ_by_rounding_are_told_apart(certificate, tmp_path):
 
 
 @needs_coq
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_the_shipped_vehicle_s_certificate_is_proved(tmp_path):
     """Through the command line, from the file: nine states, integers of thousands of bits; 20 s."""
     made, theorem = tmp_path / "gain.json", tmp_path / "certificate.v"

@@ -85,7 +85,7 @@ def test_every_word_leads_to_the_goal(goal):
 
 
 @pytest.mark.parametrize(
-    "goal", [NEAR[0], FAR[0], *(pytest.param(g, marks=pytest.mark.slow) for g in NEAR[1:6] + FAR[1:3])]
+    "goal", [NEAR[0], FAR[0], *(pytest.param(g, marks=pytest.mark.thorough) for g in NEAR[1:6] + FAR[1:3])]
 )
 def test_brute_force_over_words_finds_none_shorter(goal):
     """All lengths of each word's pieces that lead there, by Newton's method from everywhere: dumb, and no geometry."""
@@ -116,7 +116,7 @@ def wrapped(error):
     return error
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.parametrize("goal", [NEAR[0], NEAR[3], FAR[1]])
 def test_an_optimiser_that_knows_no_words_finds_none_shorter(goal):
     """Six pieces of any length, each on any circle of radius 1 or more: SLSQP from two hundred starts."""

@@ -77,7 +77,7 @@ def test_a_trim_that_does_not_exist_says_why(model):
     assert "at a bound are" in found.why[1]
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_lie_derivatives(model, level):
     """[1] eqs. 4-8, off the trim, for the field expanded about the actual elevator: f = x'(u) - g u, g = dx'/du."""
     x = jnp.asarray(model.point({"theta": 0.05, "alpha": 0.03, "q": 0.01})[0])
@@ -104,7 +104,7 @@ def test_lie_derivatives(model, level):
     assert all(float(lie_derivative(altitude, gj)(x)) == 0.0 for gj in g)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_relative_degree_and_decoupling(model, form):
     """[1] eqs. 4-8: degrees 2 and 1, dv/du and its determinant at the trim; what is not affine."""
     found = form.degree
@@ -114,7 +114,7 @@ def test_relative_degree_and_decoupling(model, form):
     assert curved_inputs(model, form.x0, form.u0, radius=RADIUS) == {"delta_e": ("V",)}
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_extended_by_the_elevator_it_is_affine(model, form):
     longer = extend_inputs(model, ("delta_e",))
     x, u = np.append(form.x0, form.u0[1]), np.array([form.u0[0], 0.0])
@@ -128,7 +128,7 @@ def test_extended_by_the_elevator_it_is_affine(model, form):
     np.testing.assert_allclose(found.determinant, -2152.4612, rtol=1e-6)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_check_04_exact_linearisation(form):
     """[1] eqs. 4-8: A[4,:] = e_Q and B[4,:] = [-1/V, 0] to 1e-9; and the oracle's rows."""
     linear = linearise(form.model())
@@ -145,7 +145,7 @@ def test_check_04_exact_linearisation(form):
     np.testing.assert_allclose(linear.A[[5, 7]], np.eye(9)[[6, 8]], atol=1e-9)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("kmode", "unstable", "rest", "digits"),
     [
@@ -170,7 +170,7 @@ def test_check_05_internal_dynamics(kmode, unstable, rest, digits, level):
     assert found.why[0].endswith((", in alpha, q", ", in q, alpha"))
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_check_06_inversion(form, model):
     """[1] eqs. 4-8: |(h'', V') - v| below 1e-9 over the grid, with the general inversion."""
     grid = [(h, V, a * DEG) for h in (80e3, 95e3) for V in (7e3, 9e3) for a in (0.0, 2.0, 4.0)]

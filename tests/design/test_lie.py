@@ -51,7 +51,7 @@ def test_the_ball_and_beam_elsewhere_and_approximated():
     np.testing.assert_allclose(rough.matrix, [[-BALL * G]], rtol=1e-14)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_the_planar_vtol():
     """Hauser, Sastry, Meyer 1992, section 2: determinant -eps; without the coupling, singular, and (4, 4) extended."""
     x = {"theta": 0.3}
@@ -73,7 +73,7 @@ def test_the_planar_vtol():
     np.testing.assert_allclose(longer.determinant, G, rtol=1e-12)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_the_hovercraft_is_flat_from_its_centre_of_oscillation():
     """There the sideways force cancels, two terms of opposite sign: no input, but for rounding."""
     craft = Hovercraft()

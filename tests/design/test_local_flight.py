@@ -35,7 +35,7 @@ def values(plant, point):
     )
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_level_flight_as_printed(level):
     """Stevens, Lewis, Johnson, table 3.6-3, nominal: 502 ft/s at sea level, over a flat earth that stands still.
 
@@ -47,7 +47,7 @@ def test_level_flight_as_printed(level):
     assert np.degrees(found["elevator"]) == pytest.approx(-0.7588, rel=1e-3)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_its_modes(level):
     linear = linearise_at(*level)
     assert len(linear.states) == 12
@@ -58,7 +58,7 @@ def test_its_modes(level):
     assert min(linear.poles().real) == pytest.approx(-3.616, rel=2e-3)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_a_steady_turn_as_printed():
     """The same, fourth column: 0.3 rad/s, 4.5 g, centre of mass at 0.30."""
     plant = jet(0.30)

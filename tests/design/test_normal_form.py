@@ -34,7 +34,7 @@ def test_names_and_point_of_the_vtol(form):
     assert form.condition < 1.01
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_internal_dynamics_of_the_vtol_by_hand(form):
     """Hauser, Sastry, Meyer 1992, section 2: eps theta'' = v1 cos theta + (v2 + g) sin theta."""
     v, zeta = jnp.array([0.7, -0.4]), jnp.array([0.5, -0.6])
@@ -49,7 +49,7 @@ def test_internal_dynamics_of_the_vtol_by_hand(form):
     np.testing.assert_allclose(slope[1], [[0, 0], [np.cos(0.5) / EPS, np.sin(0.5) / EPS]], rtol=1e-12)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_the_model_in_new_coordinates_has_chains_of_integrators(form):
     linear = linearise(form.model())
     assert linear.states == (*form.external, *form.internals)
@@ -60,7 +60,7 @@ def test_the_model_in_new_coordinates_has_chains_of_integrators(form):
     np.testing.assert_allclose(linear.C, np.eye(6)[[0, 2]])
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_there_and_back_and_an_input_that_is_not_affine():
     model = model_of_functions(
         lambda x, u: jnp.stack([x[1], jnp.tanh(x[0]) + u[0] + 0.3 * u[0] ** 2, x[0] * x[1] - x[2] ** 3]),
@@ -83,7 +83,7 @@ def test_there_and_back_and_an_input_that_is_not_affine():
     np.testing.assert_allclose(got, [0.3 * -0.2 - 0.125 + 2 * 0.3 * -0.2], rtol=1e-12)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_states_are_chosen_and_feedthrough_has_no_chain():
     chosen = normal_form(vtol(EPS)).internals
     assert chosen == ("theta", "w")

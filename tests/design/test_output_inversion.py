@@ -25,7 +25,7 @@ def inversion(model):
     return course, invert_output(model, course, end=end)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_it_is_a_motion_of_the_vehicle_itself(model, inversion):
     course, found = inversion
     np.testing.assert_allclose(found.x[:, 0], course.derivatives["position"][0], atol=1e-9)
@@ -35,7 +35,7 @@ def test_it_is_a_motion_of_the_vehicle_itself(model, inversion):
     assert np.abs(found.x[:, 2]).max() > 0.02
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_the_pole_leans_before_the_cart_goes(inversion):
     """Zeros at ±sqrt(g/l): before anything is to be seen of the output it grows with that exponent."""
     _, found = inversion
@@ -45,7 +45,7 @@ def test_the_pole_leans_before_the_cart_goes(inversion):
     assert found.x[TIMES == 2.0, 2].item() > 1e-3
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_flown_open_loop_over_a_short_way_it_stays_on_it(model, inversion):
     _, found = inversion
     part = slice(900, 1301)  # 0.8 s of an unstable vehicle
@@ -104,7 +104,7 @@ def inside(slow):
     return f
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.parametrize("slow", [-0.02, 0.02])
 def test_places_go_forward_from_their_start_as_a_collocation_has_them(slow):
     """scipy's solve_bvp: what runs away by its end, though it takes 50 s to; all else by its start."""

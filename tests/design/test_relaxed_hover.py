@@ -11,7 +11,7 @@ from trimtab.scenarios.quadrotor.track import CRAFT
 from trimtab.vehicles.quadrotor import Multirotor, MultirotorState, RotorSpeeds
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.parametrize("lost", range(4))
 def test_it_spins_on_without_falling(lost):
     hover = find_relaxed_hover(CRAFT, lost, 0.3)

@@ -39,7 +39,7 @@ def test_nothing_in_the_way_is_a_straight_line():
     assert length == pytest.approx(np.sqrt(32), rel=1e-3)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_random_floors():
     """Every way that is given keeps its room; a floor without one is refused."""
     rng = np.random.default_rng(4)

@@ -131,7 +131,7 @@ def test_the_cascade_takes_in_what_the_rates_depend_on():
     assert cascade(lambda x, u: jnp.stack([u[0] * (1 + x[0]), x[0]]), "a b") is None  # B is not constant
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_smooth_feedback_of_models():
     """One input for two states that drive two others is too few; a chain of two integrators is fine."""
     lacking = model_of_functions(lambda x, u: jnp.stack([u[0] + x[1], -x[1], x[0], x[1]]), ("a", "b", "c", "d"), ("u",))

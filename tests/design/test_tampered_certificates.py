@@ -252,7 +252,7 @@ def test_there_are_enough_of_them():
     assert len(CASES) + len(TEXTS) >= 100
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.parametrize("case", CASES)
 def test_a_tampered_file_is_refused(text, case, tmp_path):
     change, words = CASES[case]
@@ -296,7 +296,7 @@ HONEST += [
 ]
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.parametrize("settings", HONEST, ids=lambda s: " ".join(map(str, s.values())))
 def test_an_honest_file_is_accepted(settings, tmp_path):
     answer = check(certificate_json(hypersonic.certificate(**settings)), tmp_path)

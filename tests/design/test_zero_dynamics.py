@@ -25,7 +25,7 @@ def of_transfer(numerator, denominator):
     return linear(A, B, C, D)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_the_cart_under_an_upright_pole():
     """Zeros of force to cart position: +-sqrt(g/l), the pole pivoting about a cart that stands still."""
     found = zero_dynamics(cart_pole("p"))
@@ -41,7 +41,7 @@ def test_the_cart_under_an_upright_pole():
     np.testing.assert_allclose(swing.poles, [0, 0], atol=1e-9)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.parametrize("eps", [0.01, 1.0])
 def test_the_planar_vtol_is_non_minimum_phase(eps):
     """Hauser, Sastry, Meyer 1992, section 2: theta'' = (g/eps) sin theta."""
@@ -110,7 +110,7 @@ def test_systems_that_are_not_square_and_modes_that_are_hidden():
     assert len(wide.zeros) == 0
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_travelling_and_no_equilibrium():
     with pytest.raises(InputError, match=r"no equilibrium: north' = 0\.5"):
         zero_dynamics(hovercraft(surge_velocity=0.5))

@@ -39,7 +39,7 @@ def test_the_page_types_every_verb_and_says_what_it_prints():
     assert all(shown for words, shown in commands if words[0] not in OF_SEVERAL_TERMINALS and "--emulate" not in words)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.timeout(1800)
 @pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here")
 def test_each_command_prints_what_the_page_says(tmp_path, monkeypatch):

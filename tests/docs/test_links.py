@@ -66,7 +66,7 @@ def site(tmp_path_factory):
     return made / "html"
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.timeout(1200)
 def test_every_link_of_the_pages_leads_somewhere(site):
     dead, count = dead_links(site)
@@ -88,7 +88,7 @@ SEARCHED = {
 }
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.parametrize("words", SEARCHED)
 def test_the_search_finds_a_message_by_its_words(words, site):
     """As the search does: a page is found that has every word's stem in its text or a title, but for stop words."""

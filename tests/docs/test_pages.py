@@ -14,7 +14,7 @@ CELL = re.compile(r"^```\{code-cell\}[^\n]*\n(?::[^\n]*\n)*(.*?)^```$", re.MULTI
 TAGGED_CELL = re.compile(r"^```\{code-cell\}[^\n]*\n((?::[^\n]*\n)*)\s*(.*?)^```$", re.MULTILINE | re.DOTALL)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.timeout(3600)
 def test_all_pages_build_with_their_cells(tmp_path):
     command = [sys.executable, "-m", "sphinx", "-j", "auto", "-W", "-b", "html", str(DOCS), str(tmp_path / "html")]

@@ -13,7 +13,7 @@ def test_it_is_the_axis_of_the_earth_in_local_axes():
         np.testing.assert_allclose(earth_rate(latitude), axis, atol=1e-19)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_coriolis_is_what_a_straight_line_in_space_shows_in_the_turning_frame():
     """A free body in inertial space, seen from axes that turn: x'' = -2 W × x' - W × (W × x)."""
     W, p0, v0 = np.array([0.2, -0.1, 0.3]), np.array([1.0, 2.0, -1.0]), np.array([0.5, -0.4, 0.2])

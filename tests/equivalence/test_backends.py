@@ -31,8 +31,8 @@ COSTLY = ("navigation/platform-ranging",)
 """So are these, though they are as short: a hundred of them on JAX outlast 900 s on a slow machine."""
 NAMES = list(catalogue.scenario_names())
 HERE = ("hovercraft/zero-velocity", "hovercraft/forward", "hovercraft/heading-bang-bang", "navigation/still")
-"""Between them they have the laws' switches, links, actuators and filters; the others are with the slow tests."""
-QUICK = [n if n in HERE else pytest.param(n, marks=pytest.mark.slow) for n in NAMES]
+"""Between them they have the laws' switches, links, actuators and filters; the others are with the thorough tests."""
+QUICK = [n if n in HERE else pytest.param(n, marks=pytest.mark.thorough) for n in NAMES]
 
 
 def round_the_start(scenario, seeds):
@@ -104,13 +104,13 @@ def agree(name, duration, ideal, seeds=SEEDS):
     return switches
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", QUICK)
 def test_backends_agree(name):
     agree(name, seconds(1), ideal=False)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.timeout(900)
 @pytest.mark.parametrize("ideal", [False, True])
 @pytest.mark.parametrize("name", NAMES)

@@ -14,7 +14,7 @@ from trimtab.sensors.imu import Imu
 PARTS = (("sensors", Imu), ("links", DelayChain), ("laws", StableInversion), ("actuators", FanDrive))
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.skipif(not HAS_OLDER, reason="this JAX has the newer emitters only")
 @pytest.mark.parametrize(("folder", "cls"), PARTS, ids=[cls.__name__ for _, cls in PARTS])
 def test_emitters_of_either_kind_give_the_same_numbers(folder, cls):

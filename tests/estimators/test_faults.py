@@ -192,7 +192,9 @@ def sigmas_off(state, fault):
 
 
 @pytest.mark.parametrize("name", FAULTS)
-@pytest.mark.parametrize("form", ["AidedInertialFeedback", *(pytest.param(f, marks=pytest.mark.slow) for f in OTHERS)])
+@pytest.mark.parametrize(
+    "form", ["AidedInertialFeedback", *(pytest.param(f, marks=pytest.mark.thorough) for f in OTHERS)]
+)
 def test_it_is_flagged_and_the_sigmas_stay_honest(form, name):
     fault = FAULTS[name]
     state = flown(FORMS[form], fault)

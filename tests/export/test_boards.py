@@ -24,7 +24,7 @@ def on_the_board(scenario, target, folder, steps=500):
     return flown
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.usefixtures("board_tools")
 @pytest.mark.parametrize("target", sorted(TARGETS))
 @pytest.mark.parametrize("name", ["hovercraft/zero-velocity", "hovercraft/heading-proportional"])
@@ -45,7 +45,7 @@ def flight(name):
     return module
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.timeout(300)
 @pytest.mark.usefixtures("board_tools")
 @pytest.mark.parametrize("target", ["cortex-m7", "cortex-m4"])
@@ -64,7 +64,7 @@ def test_autopilot_with_its_aided_ins_flies_on_the_board(target, tmp_path):
     assert flown.stack_bytes < 8_740
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.timeout(600)
 @pytest.mark.usefixtures("board_tools")
 @pytest.mark.parametrize("target", sorted(TARGETS))
@@ -82,7 +82,7 @@ def test_autopilot_on_raw_ranges_flies_on_the_board(target, tmp_path):
     assert flown.stack_bytes < 32_768
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.timeout(600)
 @pytest.mark.usefixtures("board_tools")
 @pytest.mark.parametrize(("gnss", "mean", "most"), [("fixes", 8_250, 99_960), ("ranges", 11_190, 249_900)])
@@ -101,7 +101,7 @@ def test_autopilot_with_gnss_and_inertial_flies_on_the_board(gnss, mean, most, t
     assert flown.ram_bytes < 65_536
 
 
-HEAVY = [pytest.mark.slow, pytest.mark.timeout(600)]
+HEAVY = [pytest.mark.thorough, pytest.mark.timeout(600)]
 
 
 @pytest.mark.usefixtures("board_tools")

@@ -38,11 +38,11 @@ LARGE |= dict.fromkeys(("hovercraft/pose", "hovercraft/track"), 75_776)
 of 36 covariances lie in memory, as all rows over 24 do (`compiler.arrays`)."""
 BOTH = [(name, "double") for name in NAMES] + [(name, "single") for name in SINGLE]
 HERE = ("hovercraft/forward", "hovercraft/heading-bang-bang", "navigation/still")
-"""The others are of the same parts, or flown on the emulated board (tests/export): with the slow tests."""
-MARKED = [b if b[0] in HERE else pytest.param(*b, marks=pytest.mark.slow) for b in BOTH]
+"""The others are of the same parts, or flown on the emulated board (tests/export): with the thorough tests."""
+MARKED = [b if b[0] in HERE else pytest.param(*b, marks=pytest.mark.thorough) for b in BOTH]
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.sanitizer
 @pytest.mark.parametrize(("name", "real"), MARKED)
 def test_autopilot_computes_what_was_simulated(name, real, tmp_path):
@@ -55,7 +55,7 @@ def test_autopilot_computes_what_was_simulated(name, real, tmp_path):
     assert 0 < verdict.stack_bytes < LARGE.get(name, 4096)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.sanitizer
 def test_whole_loop_computes_what_was_simulated(tmp_path):
     exported("hovercraft/zero-velocity", tmp_path, part="loop", steps=1000)
@@ -64,7 +64,7 @@ def test_whole_loop_computes_what_was_simulated(tmp_path):
     assert verdict.sanitized
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.sanitizer
 @pytest.mark.parametrize("part", ["autopilot", "loop"])
 def test_a_monitor_is_exported_with_the_rest_and_says_the_same_of_a_frame_to_the_bit(part, tmp_path):
@@ -82,7 +82,7 @@ def test_a_monitor_is_exported_with_the_rest_and_says_the_same_of_a_frame_to_the
     assert "monitor" in (tmp_path / f"{part}.h").read_text()
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_ideal_loop_too(tmp_path):
     scenario, _ = catalogue.load_scenario("hovercraft/spin")
     export_c(scenario.ideal(), tmp_path, part="loop", steps=500)
@@ -153,7 +153,7 @@ SIMPLE = ("WORKSPACE=", "LEAST=0", "FIRST=navigation", "SECOND=navigation")
 INERTIAL = ("WORKSPACE=,memory", "LEAST=AUTOPILOT_WORKSPACE", "FIRST=imu", "SECOND=ranging")
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.sanitizer
 @pytest.mark.parametrize(("navigation", "names"), [("errors", SIMPLE), ("ins", INERTIAL)])
 def test_times_overflow_nothing_whatever_they_are(navigation, names, tmp_path):

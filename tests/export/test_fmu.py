@@ -114,10 +114,10 @@ def fly_coupled(scenario, autopilot, vehicle, loop, steps):
         loop.fmu.doStep(k * h, h)
 
 
-SLOW_2 = pytest.param(2, marks=pytest.mark.slow)
+SLOW_2 = pytest.param(2, marks=pytest.mark.thorough)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.parametrize("version", [SLOW_2, 3])
 def test_fmpy_flies_it_to_the_same_bits(fmus, version):
     parts = [Instance(fmus[part, version]) for part in FMU_PARTS]
@@ -314,7 +314,7 @@ def test_what_is_not_one_is_refused(tmp_path):
         export_fmu(build(NAME), tmp_path)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", NAMES)
 def test_every_scenario_flies_as_fmus_to_the_same_bits(name, tmp_path):
     scenario, _ = catalogue.load_scenario(name)

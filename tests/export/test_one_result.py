@@ -32,7 +32,7 @@ from trimtab.scenarios import catalogue
 HASHES = Path(__file__).parents[1] / "golden" / "hashes.json"
 NAMES = list(catalogue.scenario_names())
 QUICK = ("hovercraft/zero-velocity", "navigation/still")
-EVERY = [n if n in QUICK else pytest.param(n, marks=pytest.mark.slow) for n in NAMES]
+EVERY = [n if n in QUICK else pytest.param(n, marks=pytest.mark.thorough) for n in NAMES]
 STEPS = 300
 RUNS = 65
 """So many fly over lanes, and one is left over."""
@@ -78,7 +78,7 @@ def fly(name, whole=False):
     return hash_rows(stack_signals(log))
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @needs_compiler
 @pytest.mark.parametrize("name", NAMES)
 def test_the_flight_is_the_recorded_one(name):
@@ -86,7 +86,7 @@ def test_the_flight_is_the_recorded_one(name):
 
 
 @needs_compiler
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", NAMES)
 def test_the_whole_flight_is_the_recorded_one(name):
     assert fly(name, whole=True) == recorded(name, "flight")
@@ -168,7 +168,7 @@ def loop_of(tmp_path_factory):
     return export
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.usefixtures("board_tools", "platform_tools")
 @pytest.mark.parametrize("name", EVERY)
 @pytest.mark.parametrize("which", PLATFORMS)
@@ -282,7 +282,7 @@ def grid(tmp_path_factory, loop_of):
     return folder, names, len(rows), replay(folder, "gcc", len(rows), folder)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.usefixtures("board_tools", "platform_tools")
 @pytest.mark.parametrize("which", PLATFORMS)
 def test_platforms_give_the_same_functions(which, grid, tmp_path):

@@ -8,7 +8,7 @@ from contracts import primitive_groups
 from contracts.compiled import Case, differences
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.parametrize("make", primitive_groups.ARRAYS + primitive_groups.CONTROL, ids=lambda make: make.__name__)
 def test_agrees_with_jax(make: Callable[[], list[Case]]) -> None:
     assert not (wrong := differences(make())), "\n".join(wrong)

@@ -85,7 +85,7 @@ def differing(page, flight, log):
     return others
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_a_page_flies_what_the_package_flies_wherever_its_sliders_are(page, tmp_path):
     shipped = build("hovercraft/zero-velocity", {"links": "measured"})
     scenario, delay = delay_slider(shipped, 0.3)
@@ -116,7 +116,7 @@ def test_a_page_flies_what_the_package_flies_wherever_its_sliders_are(page, tmp_
     assert min(took) < 100
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", ["cart-pole/swing-up", "quadrotor/track", "torpedo/depth"])
 def test_other_loops_fly_in_a_page_as_in_the_package(page, name, tmp_path):
     scenario = build(name, {"duration": "2 s"})

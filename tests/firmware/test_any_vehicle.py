@@ -56,7 +56,7 @@ def flying(host, thrust=2.0, rudder=0.0, times=10):
         host.run(20, command(host, thrust, rudder))
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_a_pulse_for_each_number_of_the_command_by_its_table(host):
     for thrust, rudder, counts in (
         (-3.0, 0.0, [2000, 3040]),
@@ -68,7 +68,7 @@ def test_a_pulse_for_each_number_of_the_command_by_its_table(host):
         assert host.pulses(2) == counts
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_nothing_moves_before_arming(host):
     for _ in range(20):
         host.run(20, command(host, 5.0, 0.5))

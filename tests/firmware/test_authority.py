@@ -28,7 +28,7 @@ def two(host):
     return [host.other(system=1, component=191) for _ in range(2)]
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_the_board_is_flown_by_who_armed_it_and_the_other_is_told(host):
     first, second = two(host)
     assert [(m.get("result"), m.get("result_param2")) for m in arm(host, first)] == [(ACCEPTED, first.session)]
@@ -49,7 +49,7 @@ def test_the_board_is_flown_by_who_armed_it_and_the_other_is_told(host):
     assert [m.get("result") for m in arm(host, second)] == [ACCEPTED]
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_the_board_is_handed_over_where_that_is_asked_for(host):
     first, second = two(host)
     arm(host, first)

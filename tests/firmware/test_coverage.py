@@ -80,7 +80,7 @@ def coverage_fuzzer(written, tmp_path_factory):
 
 
 @pytest.mark.timeout(1200)
-@pytest.mark.parametrize("runs", [20_000, pytest.param(1_000_000, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("runs", [20_000, pytest.param(1_000_000, marks=pytest.mark.thorough)])
 def test_whatever_happens_outputs_stay_in_their_limits_and_safe_where_nothing_is_commanded(
     coverage_fuzzer, tmp_path, runs
 ):
@@ -89,7 +89,7 @@ def test_whatever_happens_outputs_stay_in_their_limits_and_safe_where_nothing_is
     assert status == 0, text[-4000:]
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_a_fault_would_be_found(coverage_fuzzer, written, tmp_path):
     """A failsafe that does not stop the fan at once: found by the kept inputs alone."""
     broken = tmp_path / "firmware"

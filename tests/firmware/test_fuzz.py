@@ -9,7 +9,11 @@ pytestmark = pytest.mark.sanitizer
 
 @pytest.mark.parametrize(
     ("seed", "size"),
-    [(1, 10**6), pytest.param(2, 10**7, marks=pytest.mark.slow), pytest.param(3, 10**7, marks=pytest.mark.slow)],
+    [
+        (1, 10**6),
+        pytest.param(2, 10**7, marks=pytest.mark.thorough),
+        pytest.param(3, 10**7, marks=pytest.mark.thorough),
+    ],
 )
 def test_takes_every_good_frame_and_nothing_else(fuzzer, seed, size):
     done = subprocess.run([fuzzer, str(seed), str(size)], capture_output=True, text=True, timeout=200)

@@ -14,7 +14,7 @@ def test_each_rule_on_the_page_is_argued_as_in_the_list():
     assert set(DEVIATIONS) == {rule for rule, *_ in rows}  # nothing is argued that is not broken
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.skipif(not shutil.which("cppcheck"), reason="needs Debian's cppcheck")
 def test_nothing_is_broken_that_is_not_argued():
     violations = find_violations()

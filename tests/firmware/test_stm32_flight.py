@@ -14,7 +14,7 @@ from trimtab.export.black_box import SECTOR, read_black_box
 from trimtab.export.firmware_folder import write_firmware
 from trimtab.scenarios.build import build
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.thorough
 
 NEUTRAL = 1.5e-3
 IMU_PERIOD = 65_536

@@ -9,7 +9,7 @@ from firmware.i2c import Device, Master
 from firmware.test_stm32 import BOARD, FIRMWARE, compile_drivers
 from firmware.test_stm32_flight import MS, Craft, program  # noqa: F401
 
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.thorough
 
 USART = 0x40004400, 0x40004800
 RXNE, TXE = 1 << 5, 1 << 7

@@ -116,7 +116,7 @@ def test_a_clock_that_stands_still_is_of_an_emulated_board(tmp_path):
         assert not (tmp_path / "out").exists()
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_the_command_writes_a_folder_with_a_new_key(tmp_path, monkeypatch):
     monkeypatch.setenv("TRIMTAB_CONFIG", str(tmp_path / "config"))
     monkeypatch.setenv("TRIMTAB_CACHE", str(tmp_path / "cache"))

@@ -33,7 +33,7 @@ def calibrate_all(folder: Path) -> Path:
     return out
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_intervals_hold_what_is_true(tmp_path: Path) -> None:
     inside: dict[str, int] = {}
     count: dict[str, int] = {}

@@ -75,7 +75,7 @@ def test_the_gradient_is_that_of_differences() -> None:
     assert np.linalg.eigvalsh(information).min() > 0
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_intervals_hold_what_is_true() -> None:
     inside, likelihood = 0, compile_likelihood(model())
     for seed in range(12):

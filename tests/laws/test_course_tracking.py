@@ -43,7 +43,7 @@ def test_a_course_that_does_not_fit_its_gain_is_refused():
         replace(LAW, x=np.zeros((1, 4)), du=np.zeros((1, 2))).check()
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_flown_it_follows_within_millimetres_what_a_change_of_the_set_point_misses_by_far():
     """Half a metre in 1.5 s, against a zero of +4.4 1/s, over 10 ms of delay, which are most of what is left."""
     flown = scenario()
@@ -65,7 +65,7 @@ def test_flown_it_follows_within_millimetres_what_a_change_of_the_set_point_miss
     assert alone > 0.2  # the same course, of the place alone
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_an_f16_climbs_by_its_elevator_as_computed_and_not_so_by_its_altitude_alone():
     """30 m in 4 s, a zero of +13.8 1/s, instruments without errors; surfaces lag, and the loop is 10 ms late."""
     from examples import f16_climb

@@ -56,7 +56,7 @@ def test_signs():
     assert ask(Diving(), q=0.1)[1].demand.stern > 0, "damps"
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_reference_goes_no_faster_than_it_may_and_starts_where_it_is():
     _, out = ask(Diving(depth=5.0, climb=0.25), depth=3.0, steps=40)
     assert float(out.depth_reference) == pytest.approx(3.0 + 40 * 0.25 * DT), "of a reading that stands still"
@@ -64,7 +64,7 @@ def test_reference_goes_no_faster_than_it_may_and_starts_where_it_is():
     np.testing.assert_allclose(np.diff(rows[:, 3]), 0.25 * DT, rtol=1e-9)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_depth_and_heading_are_reached_though_it_is_lighter_than_water():
     rows = dive(Diving(depth=5.0, heading=0.5), 80)
     assert rows[-1, 0] == pytest.approx(5.0, abs=0.02)

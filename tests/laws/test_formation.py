@@ -96,7 +96,7 @@ def test_nothing_moves_before_everybody_is_heard_or_while_the_craft_lags():
     assert out.off_point == pytest.approx(0.6)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_a_command_depends_on_the_craft_s_own_estimate_and_messages_alone():
     """The derivative of each one's demand by each one's estimate and messages: a block for each craft, else zeros."""
     n, rng = 4, np.random.default_rng(5)

@@ -88,7 +88,7 @@ def along_flow(law, t, x):
     return jax.jvp(at, (0.0,), (1.0,))
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.parametrize("law", [HELIX, GeometricTracking(reference=LevelPath())], ids=["helix", "circle"])
 def test_errors_of_attitude_obey_the_equations_of_the_proof(law):
     """J eW' = -kR eR - kW eW and Psi' = eR·eW [eqs. 12, 17]: so all of Rc' and Rc'' is right."""
@@ -102,7 +102,7 @@ def test_errors_of_attitude_obey_the_equations_of_the_proof(law):
         assert psi_rate == pytest.approx(float(eR @ eW), abs=1e-10)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_the_helix_of_the_publication():
     """From rest at the origin, 0.6 m off: Psi below 1 from the start, all errors gone exponentially."""
     _, out = flights()(HELIX, CRAFT.hover())
@@ -116,7 +116,7 @@ def test_the_helix_of_the_publication():
     assert psi[-1] < 1e-12
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_the_recovery_of_the_publication():
     """From upside down, Psi = 1.9995: upright in under two seconds, and back at its place. It falls in between."""
     x, out = flights()(GeometricTracking(reference=FixedPlace()), upside_down())
@@ -143,7 +143,7 @@ def test_psi_decays_as_the_first_proposition_bounds_it():
     assert slope == pytest.approx(2 * roots.max().real, rel=0.02)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_the_command_is_a_rotation_with_its_rates():
     rng, law = np.random.default_rng(4), HELIX
     x = draw_state(rng, law, 1.0)
@@ -177,7 +177,7 @@ def test_the_longest_correction_bounds_the_force():
         np.testing.assert_allclose(a, b, atol=1e-12)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_flown_angles_are_those_of_the_command_in_the_end():
     x, _ = flights()(HELIX, CRAFT.hover())
     heading = np.asarray(to_euler(quaternion.to_matrix(x.attitude[-1])))[2]

@@ -98,7 +98,7 @@ def test_integrals_gather_errors():
     assert float(output.load_error) == pytest.approx(0.5)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.parametrize(("weights", "law"), [("published", LAW), ("actuators", FOR_ACTUATORS)])
 def test_gains_are_those_of_the_design(weights, law):
     """Trim, linear model and Riccati equation, from the vehicle: to the figures that the law has."""

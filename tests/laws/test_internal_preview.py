@@ -43,7 +43,7 @@ def test_it_moves_before_the_command_does(default):
     assert CLIMB.at(4.76).h == H0
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_a_shorter_horizon_costs_what_the_unstable_mode_says():
     """What is wrong at its end comes back times e^(-3.289 H): 1 s more is 27 times less, until other errors show."""
     one, two = (
@@ -91,7 +91,7 @@ def test_no_nodes_is_refused_and_so_is_no_horizon():
         preview_internal(CRAFT, level_trim(CRAFT, H0, V0), horizon=0.0)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here")
 def test_its_c_computes_the_same():
     f = form(intervals=10)

@@ -60,7 +60,7 @@ def test_on_a_straight_path_in_a_current_it_is_the_publications_equations():
     np.testing.assert_allclose(rows[20:, 4], exact.sol(t[20:])[1], atol=0.15)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_only_with_the_integral_it_ends_on_the_path():
     law = replace(LineOfSight(), reference=EAST)
     with_integral = sail(replace(law, integral_gain=0.1), 250, current=(-0.2, 0.0))

@@ -91,7 +91,7 @@ PATHS = {"circle": Circle(), "eight": FigureEight(), "way-points": pass_waypoint
 PATHS |= {f"random {k}": random_path(k) for k in range(3)}
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", PATHS)
 def test_V_changes_as_the_docstring_says(name):
     path, draw = PATHS[name], np.random.default_rng(7)
@@ -184,7 +184,7 @@ def fly(law, x, plant):
     return flown(structure, plant)(numbers, jax.tree.map(jnp.asarray, x))
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", ["circle", "eight", "way-points"])
 def test_it_follows_within_its_limits(name):
     """From 1 m off, any heading, half a metre a second: with the forces that fan and rudder give."""
@@ -201,7 +201,7 @@ def test_it_follows_within_its_limits(name):
         assert ((FX[:, 4000:] < -0.1).any(axis=1) & (FX[:, 4000:] > 0.1).any(axis=1)).all()  # it backs, and pushes
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_it_knows_of_friction():
     plant = Hovercraft(friction=Friction(force_viscous=0.4, torque_viscous=0.02, force_quadratic=0.2))
     x = HovercraftState(*(np.array([v]) for v in (0.0, 0.0, 0.0, 1.5, -A, np.pi / 2)))
@@ -213,7 +213,7 @@ def test_it_knows_of_friction():
     assert errors[1] > 4 * errors[0]
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_along_the_path_it_waits():
     """Progress along the path: a craft that starts a metre behind doesn't cut across, and then keeps the tempo."""
     behind = HovercraftState(*(np.array([v]) for v in (0.0, 0.0, 0.0, 1.5, -1.0, np.pi / 2)))

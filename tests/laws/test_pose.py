@@ -119,7 +119,7 @@ def test_it_comes_to_rest_there_and_stays(sampled):
     check_runs(sampled, 40, 1)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.timeout(1800)
 def test_it_does_so_from_a_thousand_starts(sampled):
     check_runs(sampled, 1000, 2)

@@ -71,7 +71,7 @@ def test_each_step_flies_the_law_that_it_says():
     assert float(step(x(-0.2), MOVE)[1].speed_reference) == 0.1
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_it_comes_near_and_has_to_go_round_for_ever(sampled):
     """20 starts at rest: all come near, none stays, as braking alone lets the heading drift."""
     rng = np.random.default_rng(5)

@@ -92,10 +92,10 @@ PATHS = {
 }
 
 
-SLOW = [pytest.param(name, marks=pytest.mark.slow) for name in ("eight", "waypoints")]
+SLOW = [pytest.param(name, marks=pytest.mark.thorough) for name in ("eight", "waypoints")]
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", ["circle", *SLOW])
 def test_it_follows_within_the_limits(name):
     """From any heading: within 15 s it is on the path; all the while thrust, angle and their rates keep the limits."""
@@ -218,7 +218,7 @@ def plan_cost(plan, x, law, before):
     return cost
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.timeout(1800)
 def test_repeated_steps_end_at_the_best_plan():
     """At one state and instant: its plan costs what scipy's SLSQP finds, from the same start, with the same limits."""

@@ -80,7 +80,7 @@ def test_points_that_chase_one_another_never_come_nearer_than_the_distance(seed)
     assert way > 0.2, "nobody moved: that proves nothing"
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.timeout(1800)
 def test_nor_do_they_in_three_hundred_other_starts():
     least = min(fly(seed, n=2 + seed % 6, steps=150)[0] for seed in range(100, 400))

@@ -40,7 +40,7 @@ def test_a_compass_that_jumps_at_south_does_not_matter():
     assert smooth[-1, 0] > np.pi
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_an_integral_finds_a_rudder_that_stands_askew():
     rows = turn_ship(Steering(ki=0.1), asked=0.5, seconds=150, bias=0.1)
     assert rows[-1, 0] == pytest.approx(0.5, abs=1e-3)

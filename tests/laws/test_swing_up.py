@@ -34,7 +34,7 @@ def linear_model():
     return np.asarray(jax.jacfwd(rates)(zero, 0.0)), np.asarray(jax.jacfwd(rates, 1)(zero, 0.0))[:, None]
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_its_gain_is_the_linear_regulators():
     A, B = linear_model()
     K = lqr(A, B, np.diag([1.0, 1.0, 10.0, 1.0]), np.array([[0.1]])).K[0]

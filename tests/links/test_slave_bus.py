@@ -84,7 +84,7 @@ CASES = {
 
 
 @pytest.mark.parametrize("made", CASES.values(), ids=CASES)
-@pytest.mark.parametrize("size", [0, pytest.param(10, marks=pytest.mark.slow), 37])
+@pytest.mark.parametrize("size", [0, pytest.param(10, marks=pytest.mark.thorough), 37])
 def test_arrivals_are_those_of_the_slots(made, size):
     n = 700
     state, out = flown(SlaveBus(size=size), made, n)

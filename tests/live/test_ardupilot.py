@@ -197,7 +197,7 @@ def test_what_is_no_frame_is_counted_told_once_and_not_answered(bench):
     assert sum("refused a packet" in text for text in bench.said) == 1
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_channels_may_be_thirty_two_in_another_order_and_without_a_pulse(boat):
     scenario, _ = boat
     vehicle = PulsedVehicle(scenario, seed=0, channels=(20, 3), release=1700e-6)

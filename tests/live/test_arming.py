@@ -68,7 +68,7 @@ def craft(compiled):
     return compiled
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_a_well_vehicle_may_be_armed_and_says_what_it_looked_at(craft):
     assert (craft.guard.problem, craft.guard.confirmation_problem) == ("", "")
     names = [c.name for c in craft.guard.checks]

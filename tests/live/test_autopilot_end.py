@@ -205,7 +205,7 @@ def test_a_few_that_overtook_one_another_are_no_clock_that_runs_backwards():
     assert line.pilot.backward_sensors == []
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here")
 def test_the_pose_of_an_estimate_in_space_is_its_place_and_its_angles():
     scenario = build("quadrotor/track")

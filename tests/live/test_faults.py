@@ -314,7 +314,7 @@ def test_a_flight_in_another_process_is_the_same_bit_for_bit(tmp_path):
     assert _fly_virtual_case(2, "taken-over", tmp_path / "other").digest != mine
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_all_cases_hold_in_virtual_time():
     done, found = campaign(timeout=880)
     print(f"{len(found['cases'])} cases in {found['wall_s']:.0f} s")
@@ -323,7 +323,7 @@ def test_all_cases_hold_in_virtual_time():
     assert sum(case["verdict"] == "holds" for case in found["cases"]) >= 100
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.timeout(7200)
 def test_a_thousand_drawn_flights_end_safe_with_the_right_cause():
     done, found = campaign("--draw", "1000", "--seed", "1", timeout=7000)

@@ -329,7 +329,7 @@ def test_a_vehicle_of_another_mass_is_refused_by_path_and_flown_where_that_is_me
     pair.run()
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.timeout(3600)
 def test_a_hundred_seeds_give_the_same_hash_on_a_disturbed_machine(scenario):
     """Random sleeps at one hand-over in a thousand, and a busy loop beside the second flight of each seed."""

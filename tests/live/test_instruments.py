@@ -90,7 +90,7 @@ def test_without_an_inertial_unit_there_is_no_such_message(hovercraft):
     assert not hovercraft.ask(1)["onboard_control_sensors_present"] & 0b111
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_an_inertial_unit_and_a_magnetometer_are_shown():
     told = Told("navigation/platform-magnetometer")
     found, world = told.ask(105), told.body.world
@@ -122,7 +122,7 @@ def quadrotor():
     return Told("quadrotor/track", **truth)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_in_space_posture_and_velocities_are_those_of_the_state(quadrotor):
     told = quadrotor
     truth = {n: told.body.world.result(f"truth.{n}").copy() for n in ("attitude", "position", "velocity", "rate")}

@@ -29,7 +29,7 @@ def test_instants_are_those_of_the_timetable(periods, max_step, duration):
     np.testing.assert_array_equal(found[found < duration], wanted[wanted < duration])
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here")
 def test_a_row_has_the_gust_that_a_simulation_logs():
     """A body that nobody steers, in turbulence: gust and truth of each row are those of the simulation, to the bit."""

@@ -41,7 +41,7 @@ heading = {from = "Yaw", unwrap = true}
 """
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_an_estimator_of_the_catalogue_goes_over_a_public_log(tmp_path):
     """A quadrotor that turns by most of a circle: with the gyro's axis turned over the filter says so."""
     scenario = ("--scenario", "navigation/platform-square-wave", "--set", "compensated=no", "--json")
@@ -104,7 +104,7 @@ UNITS = {
 }
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_a_hovercraft_recorded_elsewhere_flies_through_its_own_navigation(tmp_path):
     """What a simulation sensed, as a CSV file in other units: the INS of hovercraft/forward finds the same way."""
     scenario, _ = catalogue.load_scenario("hovercraft/forward", {"navigation": "ins"})

@@ -190,7 +190,7 @@ def test_a_simulated_flight_in_space_has_its_poses(tmp_path):
     assert all(np.array_equal(again[p], log[p]) for p in log.paths)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_over_the_turning_earth_it_has_its_place_on_the_map(tmp_path):
     start = BODY.start(
         0.7, -1.1, 2e3, velocity=[100.0, 50, 0], angles=[0.1, 0.2, 0.3], rate=[0, 0, 0], over_ground=True

@@ -62,7 +62,7 @@ def log_of(found, state):
     return Log(t=to_seconds(t), ticks=t, signals=signals)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.parametrize(("factor", "verdict"), [(0.5, "pessimistic"), (1.0, "consistent"), (2.0, "optimistic")])
 def test_verdict_is_right_in_nine_of_ten_runs(flown, factor, verdict):
     found = [assess_navigation(log) for log in flown[factor]]
@@ -74,7 +74,7 @@ def test_verdict_is_right_in_nine_of_ten_runs(flown, factor, verdict):
         assert np.mean([r.verdict == verdict for r in rows]) >= 0.9
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_errors_of_each_group_lie_within_their_interval(flown):
     """The interval says how sure one run can be: wide where errors hang together, and true to what it says."""
     found = [assess_navigation(log) for log in flown[1.0]]
@@ -84,7 +84,7 @@ def test_errors_of_each_group_lie_within_their_interval(flown):
         assert np.median([r.draws for r in rows]) < 40, "errors that last seconds are not that many draws in ten"
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_measurements_count_where_the_counter_rises(flown):
     """Rows of 1 ms hold each update six or seven times; the verdict is that of the updates, once each."""
     log = flown[1.0][0]
@@ -147,7 +147,7 @@ def test_what_is_learned_and_what_is_not():
     assert assess_navigation(log).errors == {}
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_a_log_without_sigmas_or_innovations_has_no_verdict(flown):
     log = flown[1.0][0]
     bare = {p: log[p] for p in log.paths if not p.startswith("estimate.")}

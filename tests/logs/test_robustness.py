@@ -27,7 +27,7 @@ def evaluate(text, signals, t=None):
     return rows[0] if np.ndim(signals["x"]) == 1 else rows
 
 
-@pytest.mark.parametrize("pairs", [range(2500), pytest.param(range(2500, PAIRS), marks=pytest.mark.slow)], ids=str)
+@pytest.mark.parametrize("pairs", [range(2500), pytest.param(range(2500, PAIRS), marks=pytest.mark.thorough)], ids=str)
 def test_equal_to_rtamt_at_all_rows(pairs):
     table = np.load(TABLE)
     for k in pairs:
@@ -37,7 +37,7 @@ def test_equal_to_rtamt_at_all_rows(pairs):
         assert checksum(rows) == table["checksums"][k], (k, write_formula(tree))
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_equal_to_the_definition_and_the_table_tells_much():
     table, words = np.load(TABLE), set()
     for k in range(400):

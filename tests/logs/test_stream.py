@@ -166,7 +166,7 @@ def data(tmp_path_factory) -> bytes:
     return path.read_bytes()
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @settings(max_examples=150)
 @given(share=st.floats(0, 1, exclude_max=True))
 def test_a_cut_anywhere_gives_all_up_to_the_cut(tmp_path_factory, data, share):

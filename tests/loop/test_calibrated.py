@@ -89,7 +89,7 @@ def test_a_log_holds_its_calibration_and_replays_without_the_file(tmp_path: Path
     assert replay(log, scenario).exact
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_the_verbs_take_it(tmp_path: Path) -> None:
     file, runner = tmp_path / "boat.toml", CliRunner()
     file.write_text(format_calibration(BOAT), encoding="utf-8")

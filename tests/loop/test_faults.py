@@ -309,7 +309,7 @@ def flight():
 @pytest.mark.parametrize(
     "backend",
     [
-        pytest.param("jax", marks=pytest.mark.slow),
+        pytest.param("jax", marks=pytest.mark.thorough),
         pytest.param("c", marks=pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here")),
     ],
 )

@@ -66,7 +66,7 @@ def drawn_formulas(n):
     return found
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.parametrize("compiler", [jax.jit, pytest.param(compile, marks=C)], ids=["jax", "c"])
 def test_at_every_row_it_says_what_the_log_will_say_of_the_row_that_it_is_of(compiler):
     trees = drawn_formulas(60)

@@ -316,7 +316,7 @@ def test_a_calibrated_boat_is_predicted_as_calibrated():
     np.testing.assert_allclose(made, came, rtol=0, atol=1e-6)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_the_hypersonic_vehicle_estimates_no_pitch_and_is_refused():
     with pytest.raises(InputError, match="depends on theta"):
         simulate(build("hypersonic/noise", {"predictor": "on"}), duration=seconds(1))
@@ -339,7 +339,7 @@ def test_what_it_believes_is_what_the_law_believes():
 
 @pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here")
 @pytest.mark.parametrize(
-    "settings", [{}, pytest.param({"links": "measured", "supervisor": "automatic"}, marks=pytest.mark.slow)]
+    "settings", [{}, pytest.param({"links": "measured", "supervisor": "automatic"}, marks=pytest.mark.thorough)]
 )
 def test_a_flight_replays_to_the_bit_and_both_backends_agree(settings):
     scenario = on("zero-velocity", settings, without=())
@@ -351,7 +351,7 @@ def test_a_flight_replays_to_the_bit_and_both_backends_agree(settings):
     np.testing.assert_allclose(columns(other, "predictor.state"), columns(log, "predictor.state"), rtol=0, atol=1e-9)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here")
 def test_its_export_is_verified(tmp_path):
     export_c(on("forward", without=()), tmp_path, steps=300)

@@ -104,7 +104,7 @@ def test_an_infeasible_one_is_refused_before_the_run():
         build("hovercraft/track", {"reference": "circle(period=8 s)"})
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_a_log_knows_it_without_its_file(tmp_path):
     file = tmp_path / "path.csv"
     rows = [f"{t},{np.sin(t / 8)},{1 - np.cos(t / 8)}" for t in range(0, 40, 4)]

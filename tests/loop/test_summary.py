@@ -17,7 +17,7 @@ def test_a_scenario_is_said_in_a_few_lines_with_numbers():
     assert "<b>hovercraft/spin, 22 s</b>" in find_scenario("hovercraft/spin")._repr_html_()
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", catalogue.scenario_names())
 def test_every_scenario_is_said_in_under_twenty_lines(name):
     lines = repr(find_scenario(name)).splitlines()

@@ -54,7 +54,7 @@ def test_a_craft_s_noise_does_not_hang_on_how_many_there_are():
     assert len(set(zip(many.seed.tolist(), many.run.tolist(), strict=True))) == 100
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_each_actuator_has_its_own_state():
     swarm = Each(FanDrive(period=ms(20)), N)
     commands = DriveCommand(rudder_pulse=np.array([1.4e-3, 1.5e-3, 1.6e-3]), speed_rpm=np.array([9e3, -7e3, 0.0]))

@@ -76,7 +76,7 @@ def throw(turbulence: Turbulence | None = TEN) -> Scenario:
     )
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_it_is_logged_and_held_for_its_period():
     log = simulate(throw(Turbulence(period=ms(20))))
     gust = log["gust.velocity"]
@@ -87,7 +87,7 @@ def test_it_is_logged_and_held_for_its_period():
     assert log["gust.rate"].std() > 0.01
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_it_moves_what_flies_and_can_be_switched_off():
     calm, rough = simulate(throw(None)), simulate(throw(TEN))
     assert not [p for p in calm.paths if p.startswith("gust")]
@@ -103,7 +103,7 @@ def test_it_moves_what_flies_and_can_be_switched_off():
     assert one[-1] == 0
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_each_run_has_its_own_and_it_is_the_same_in_lanes_alone_and_on_jax():
     batch = simulate_batch(throw(), seeds=range(9), log=True)
     for seed in (0, 8):
@@ -115,7 +115,7 @@ def test_each_run_has_its_own_and_it_is_the_same_in_lanes_alone_and_on_jax():
     np.testing.assert_allclose(on_jax["truth.velocity"], alone["truth.velocity"], rtol=1e-9, atol=1e-9)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_another_part_of_the_loop_does_not_change_it():
     """Its draws are its own: a sensor at another period makes other instants, and the same gusts at its own."""
     scenario = throw()
@@ -126,7 +126,7 @@ def test_another_part_of_the_loop_does_not_change_it():
     np.testing.assert_allclose(b["gust.velocity"][at][:100], a["gust.velocity"][:100], rtol=1e-3, atol=1e-3)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_any_scenario_whose_vehicle_feels_the_air_has_it_by_a_setting():
     scenario = with_settings(build("hypersonic/noise"), {"world.turbulence.exceedance": "1e-5"})
     assert scenario.world.turbulence.exceedance == 1e-5

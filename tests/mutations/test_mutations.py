@@ -11,7 +11,7 @@ ROOT = Path(__file__).parents[2]
 MUTATIONS = read_mutations()
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.parametrize("mutation", MUTATIONS, ids=[m.name for m in MUTATIONS])
 def test_a_mutation_changes_one_place_and_python_stays_valid(mutation):
     text = (ROOT / mutation.file).read_text(encoding="utf-8")

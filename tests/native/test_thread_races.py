@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-pytestmark = [pytest.mark.sanitizer, pytest.mark.slow]
+pytestmark = [pytest.mark.sanitizer, pytest.mark.thorough]
 FOUND = 66
 """The exit status where it found a race."""
 

@@ -42,7 +42,7 @@ def differences(table, values):
     return found
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_the_table_of_the_hypersonic_vehicle_is_what_the_oracle_gives():
     from oracles.hypersonic_values import quick_values
 
@@ -53,7 +53,7 @@ def test_the_table_of_the_hypersonic_vehicle_is_what_the_oracle_gives():
     assert differences(table, {name: value * (1 + 1e-5)}) == [name], "the comparison itself can fail"
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.timeout(1800)
 def test_the_flights_in_the_table_are_those_that_the_oracle_flies():
     from oracles.hypersonic_values import flown_values, quick_values

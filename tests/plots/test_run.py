@@ -299,7 +299,7 @@ def test_a_flag_of_several_numbers_is_drawn_number_by_number():
     assert labels == ["Working[0]", "Working[1]", "Working[2]"]
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_no_two_panels_have_one_title():
     log = simulate("hovercraft/pose", duration="100 ms")
     titles = [panel.title for panel in select_panels(log)]

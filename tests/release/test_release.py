@@ -75,7 +75,7 @@ def contents(path):
         return {m.name.partition("/")[2]: file.extractfile(m).read() for m in members}
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_both_are_small_and_hold_what_is_used_and_nothing_else(release):
     archive, wheel = release
     print({path.name: path.stat().st_size for path in release})
@@ -94,7 +94,7 @@ def test_both_are_small_and_hold_what_is_used_and_nothing_else(release):
         assert not MACHINE_PATH.search(text), name
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_their_metadata_is_whole(release):
     archive, wheel = release
     assert str(parse_sdist_filename(archive.name)[1]) == trimtab.__version__
@@ -112,7 +112,7 @@ def test_their_metadata_is_whole(release):
     assert "trimtab = trimtab.cli:main" in points
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.timeout(900)
 @pytest.mark.parametrize("python", find_pythons(), ids=lambda p: f"{p.parents[1].name}/{p.name}")
 def test_a_wheel_flies_where_nothing_else_is(python, release, tmp_path):

@@ -47,7 +47,7 @@ def with_words(scenario, words):
     return replace(scenario, words=tuple(int(word) for word in words))
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @needs_c
 def test_noise_of_a_scenario_s_own_is_the_same_in_a_batch_and_alone(short):
     """Words of each run; and one scenario's words, to which a run's number is added."""
@@ -85,7 +85,7 @@ def test_reductions_are_those_of_the_log(lanes):
         np.testing.assert_allclose(lanes.rms[path], np.sqrt((rows**2).mean(axis=1)), atol=1e-12)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_jax_draws_the_same_noise_of_a_scenario_s_own(short):
     own = with_words(short, WORDS[0])
     c, on_jax = simulate(own, seed=5), simulate(own, seed=5, backend="jax")
@@ -93,7 +93,7 @@ def test_jax_draws_the_same_noise_of_a_scenario_s_own(short):
         np.testing.assert_allclose(c[path], on_jax[path], atol=1e-11)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_jax_gives_the_same(short):
     chosen = {"seeds": range(5), "spread": {"world.vehicle.mass": MASSES[:5]}, "signals": ("truth",), "log": True}
     c, on_jax = simulate_batch(short, **chosen), simulate_batch(short, **chosen, backend="jax")

@@ -52,8 +52,8 @@ def _periods(scenario):
     [
         ("hovercraft/forward", {}),
         ("hovercraft/zero-velocity", {"links": "measured"}),
-        pytest.param("hovercraft/forward", {"navigation": "ins"}, marks=pytest.mark.slow),
-        pytest.param("hypersonic/noise", {}, marks=pytest.mark.slow),
+        pytest.param("hovercraft/forward", {"navigation": "ins"}, marks=pytest.mark.thorough),
+        pytest.param("hypersonic/noise", {}, marks=pytest.mark.thorough),
     ],
 )
 def test_two_steps_facing_each_other_are_the_simulation(name, choices):

@@ -73,7 +73,7 @@ def test_a_scenario_with_nothing_to_measure_is_refused_before_it_flies():
     assert told == []
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_navigation_is_measured_without_targets():
     scenario = replace(catalogue.load_scenario("navigation/platform-square-wave")[0], duration=seconds(1))
     assert not scenario.targets

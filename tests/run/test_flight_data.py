@@ -54,7 +54,7 @@ def test_the_actuators_do_what_they_did_in_flight_from_before_the_first_command_
         np.testing.assert_allclose(given, log[f"actuators.u.{axis}"], rtol=0, atol=1e-12)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_a_flight_of_others_is_identified(tmp_path: Path) -> None:
     log = capture_flight({"world.vehicle.inertia": "0.12"}, 1, 6.0)
     rows = zip(log.t, 1e6 * log["uplink.value.rudder_pulse"], log["uplink.value.speed_rpm"], strict=True)

@@ -43,7 +43,7 @@ def fit(settings: dict[str, str], paths: tuple[str, ...], duration: float = 60.0
     return identify(scenario, flights[:1], paths, held_out=flights[1:], **options)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.parametrize("what", CRAFT)
 def test_a_wrong_craft_is_found_out(what: str) -> None:
     settings, own = CRAFT[what]
@@ -62,7 +62,7 @@ def test_a_wrong_craft_is_found_out(what: str) -> None:
     assert found.noise["heading"] == pytest.approx(0.005, rel=0.1)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_what_can_not_be_told_apart_is_named() -> None:
     """A fan's coefficient and its effectiveness are one product in all that can be seen."""
     paths = ("world.actuators.effectiveness", "world.actuators.thruster.coefficient")
@@ -71,7 +71,7 @@ def test_what_can_not_be_told_apart_is_named() -> None:
     assert found.unidentifiable() == set(paths)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_a_flight_measured_without_error_gives_the_mass_that_flew() -> None:
     scenario = build(NAME)
     log = simulate(scenario.without("navigation-error"), seed=1, log_period=ms(20), duration="12 s")
@@ -82,7 +82,7 @@ def test_a_flight_measured_without_error_gives_the_mass_that_flew() -> None:
     assert found.unexplained == found.correlated == {}
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_errors_that_hang_together_are_named() -> None:
     """A navigation's, which grow for a second: its law answers them, so that the mass is not told."""
     scenario = build(NAME)
@@ -92,7 +92,7 @@ def test_errors_that_hang_together_are_named() -> None:
     assert found.correlated["heading"] > 0.8
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", [MY_BOAT, NAME])
 def test_intervals_hold_the_mass_that_flew_as_often_as_they_say(name: str) -> None:
     """100 flights each: a boat by its own noisy sensor, the hovercraft as a motion capture sees it.
@@ -126,7 +126,7 @@ def test_a_log_of_another_vehicle_is_refused() -> None:
         read_flight(log, build("hovercraft/spin").ideal(), name="flight.mcap")
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_the_verb_writes_a_calibration(tmp_path: Any) -> None:
     write_mcap(capture_flight({"world.vehicle.inertia": "0.12"}, 1, 6.0), tmp_path / "flight.mcap")
     words = ["identify", NAME, str(tmp_path / "flight.mcap"), "--fit", "world.vehicle.inertia", "--fit", "delay"]
@@ -138,7 +138,7 @@ def test_the_verb_writes_a_calibration(tmp_path: Any) -> None:
     assert np.isfinite(entry.value)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_a_heading_of_the_wrong_sign_is_not_explained_and_not_written(tmp_path: Any) -> None:
     log, name = capture_flight({"world.vehicle.inertia": "0.12"}, 1, 6.0), "sensors.mocap.value.heading"
     turned = Log(log.t, log.ticks, {p: -log[p] if p == name else log[p] for p in log.paths}, log.declarations)

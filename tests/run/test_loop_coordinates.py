@@ -24,7 +24,7 @@ def reference():
     return {"x": x, "ring": ring, "count": np.int64(3)}
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_a_quaternion_is_three_numbers_in_body_axes(reference):
     own = LoopCoordinates(reference)
     names = own.names(reference)

@@ -51,7 +51,7 @@ def test_its_poles_are_those_of_the_loop_by_hand(cart):
     assert cart.period == pytest.approx(0.005)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_its_margins_are_those_of_the_loop_by_hand(cart):
     margins = loop_margins(cart)
     size = {d: np.abs(np.linalg.eigvals(sampled_cart(d))).max() for d in range(2, 14)}
@@ -95,7 +95,7 @@ def fly_off_the_trim(scenario, delay):
     return np.abs(np.asarray(simulate(flown)["truth.yaw_rate"]))
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_the_largest_delay_is_that_of_flights_to_a_millisecond(boat):
     """Decay of a small deviation: between the largest delay of the poles and one instant more it turns to growth."""
     loop = linearise_loop(boat, direct=True)
@@ -112,7 +112,7 @@ def test_the_largest_delay_is_that_of_flights_to_a_millisecond(boat):
     assert last == pytest.approx(191 - 3, abs=1)  # 191 ms of a continuous loop, less half of what is held
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_the_sources_radio_costs_half_of_the_margin():
     """36 ms down and 40 ms up, in frames of 20 ms: the rings of both links are states, put back in place."""
     loop = linearise_loop(build("hovercraft/forward"), direct=True)
@@ -123,7 +123,7 @@ def test_the_sources_radio_costs_half_of_the_margin():
     assert crossing[0] == pytest.approx(6.24, rel=2e-3)  # docs, Margins: 6.244 rad/s of the continuous loop
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_a_loop_without_a_derivative_and_one_that_does_not_rest_are_refused(boat):
     with pytest.raises(InputError, match="a thrust of zero"):
         linearise_loop(boat)
@@ -148,7 +148,7 @@ def hover_by_hand():
     return whole
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_a_hover_has_no_pole_of_the_quaternions_length_and_those_of_its_height_by_hand():
     loop = linearise_loop(build("quadrotor/track", {"trajectory": "place"}))
     kept = [n for n, idle in zip(loop.states, loop.idle, strict=True) if not idle]
@@ -160,7 +160,7 @@ def test_a_hover_has_no_pole_of_the_quaternions_length_and_those_of_its_height_b
     assert loop_margins(loop).delay == pytest.approx(0.01)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_a_round_of_a_circle_is_a_map_whose_phase_is_no_state():
     """Once round in 5 s: nothing is left of a deviation but what the slowest pole leaves, which is no clock's."""
     scenario = build("quadrotor/track")

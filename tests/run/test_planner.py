@@ -44,7 +44,7 @@ def check_plan(task, plan, file):
     assert np.hypot(*(plan.places[-1] - task.goal)) < ARRIVED[0]
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_the_hall_is_crossed(hall, tmp_path):
     task, plan = hall
     check_plan(task, plan, tmp_path / "plan.csv")
@@ -52,7 +52,7 @@ def test_the_hall_is_crossed(hall, tmp_path):
     assert plan.length < 18
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_a_plan_is_a_flight_under_its_own_inputs(hall):
     """The source's equations by scipy, the inputs held as they were logged, from the first state to the last."""
     _, plan = hall
@@ -78,7 +78,7 @@ def test_a_nose_that_points_elsewhere_is_turned_on_the_way(tmp_path):
     check_plan(task, plan, tmp_path / "plan.csv")
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.timeout(1800)
 def test_random_floors(tmp_path):
     """Each is planned, or refused for its way or for its flight; a plan is right whenever there is one."""
@@ -104,7 +104,7 @@ def test_no_way_is_refused_with_the_gap_that_there_is():
         plan_path(task)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_a_way_that_cannot_be_flown_is_refused_with_the_place():
     """A gap with 6 cm to either side: the tail swings out by more than that."""
     low = np.array([[-1.0, -4], [1.0, -4], [1.0, -0.37], [-1.0, -0.37]])

@@ -80,7 +80,7 @@ def test_a_run_comes_again_bit_by_bit(tmp_path, name, settings):
 
 
 @compiled
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.parametrize("k", range(len(RUNS)))
 def test_twenty_runs_come_again_bit_by_bit(tmp_path, k):
     assert len(RUNS) == 20
@@ -139,7 +139,7 @@ def test_on_another_backend_it_agrees_within_the_tolerance_and_no_more(flight):
     assert (found.first.t, found.first.path) == (log.t[300], "law.demand.FX")
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_what_jax_recorded_jax_repeats(tmp_path):
     log = recorded(tmp_path, "hovercraft/spin", {}, duration=ms(200), backend="jax")
     found = replay(log, rebuild_scenario(log), backend="jax")

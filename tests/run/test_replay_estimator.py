@@ -36,7 +36,7 @@ def log(tmp_path_factory):
     return read_mcap(write_mcap(written, tmp_path_factory.mktemp("drive") / "drive.mcap"))
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.parametrize("backend", BACKENDS)
 def test_a_log_from_elsewhere_gives_what_its_frames_give(log, backend):
     """Row by row: there ranges came with the odometry's frame, here each sample has a row of its own."""
@@ -53,7 +53,7 @@ def test_a_log_from_elsewhere_gives_what_its_frames_give(log, backend):
     assert replayed.metadata["backend"] == backend
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_of_a_recorded_flight_it_gives_the_same_bits():
     scenario, _ = catalogue.load_scenario("hovercraft/zero-velocity", {"navigation": "ins"})
     flown = simulate(scenario, seed=3, duration=ms(500), log_period=scenario.autopilot.period, backend="jax")

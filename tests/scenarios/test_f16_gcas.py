@@ -36,7 +36,7 @@ def test_it_stays_above_the_ground(start):
         assert log["truth.altitude"][-1] > np.min(log["truth.altitude"]), "it climbs at the end"
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_it_stays_above_the_ground_on_its_own_navigation():
     """Fixes 120 ms late, and none from 2 s to 4.5 s; the law waits for the first, so that it gets a little lower."""
     scenario = build("f16/gcas", {"navigation": "gnss-inertial"})
@@ -60,7 +60,7 @@ def test_it_stays_above_the_ground_on_its_own_navigation():
     assert 0.7 < np.mean(squares) < 1.4
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_surfaces_that_lag_unsettle_the_published_roll_loop():
     """Poles of roll angle, roll loop and surfaces, linear: unstable with the published gains, not with ours."""
     lag = 20.2
@@ -92,7 +92,7 @@ def test_published_gains_miss_the_ground_only_without_lag():
     assert np.min(climbs["truth.altitude"]) > 100
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_a_steep_dive_from_the_deck_hits_the_ground():
     """Campaign: shallow dives all miss it, steep ones all hit, for no pull-up has the room."""
     for spread, success in (("uniform(-0.5, -0.1)", 1.0), ("uniform(-1.2, -1.0)", 0.0)):

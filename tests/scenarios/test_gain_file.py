@@ -123,7 +123,7 @@ def test_refusals(folder, tmp_path):
     assert "holds one state" in refusal("hovercraft/track", gain=str(file), reference="circle(radius=1, period=20)")
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_a_gain_of_states_that_nothing_estimates_says_which_settle_fast(folder):
     file = folder / "whole.json"
     words = DESIGNS["vessel/path"].replace(
@@ -145,7 +145,7 @@ def test_states_that_do_not_settle_are_not_fast():
     assert "no such state" in done.output
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_the_certificate_says_how_the_loop_fares_with_what_is_fast_in_it(folder):
     """A gain of a model without its fast states is proved for the loop that has them, or not proved."""
     file = design(folder, "vessel/path")
@@ -156,7 +156,7 @@ def test_the_certificate_says_how_the_loop_fares_with_what_is_fast_in_it(folder)
     assert "NOT: loop with what is fast" in done.output
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("name", "settings", "seconds", "within"),
     [
@@ -177,7 +177,7 @@ def test_vehicles_in_space_and_at_sea_come_to_their_trim(folder, name, settings,
     assert state == "altitude" or np.abs(first - np.asarray(begin)).max() > 5 * within
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_a_wrong_mass_costs_what_the_page_says(folder):
     """20 % more mass than believed: it hangs lower by the weight that the gain's own trim does not carry."""
     name, heavy = "quadrotor/track", {"trajectory": "place", "world.vehicle.mass": "5.208"}
@@ -194,7 +194,7 @@ def test_a_wrong_mass_costs_what_the_page_says(folder):
     assert heights["integral"] == pytest.approx(-3.0, abs=0.005)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_every_verb_flies_it(folder):
     file, name = design(folder, CART[0]), CART[0]
     words = [name, "--set", "start=leaning", "--set", f"gain={file}"]

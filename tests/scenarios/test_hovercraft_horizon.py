@@ -13,7 +13,7 @@ from trimtab.scenarios.build import build
 
 ARM = 0.096 / (2.6 * 0.32)
 HALL = Path(__file__).parents[2] / "examples" / "hall.toml"
-pytestmark = pytest.mark.slow
+pytestmark = pytest.mark.thorough
 
 
 def errors(log):

@@ -33,7 +33,7 @@ def check_accuracy(logs, heading=0.02):
         assert errors[name] < bound, (name, errors[name])
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_zero_velocity_is_flown_accurately_and_honestly():
     scenario, logs = flown("hovercraft/zero-velocity", navigation="ins")
     check_accuracy(logs)
@@ -53,7 +53,7 @@ def test_zero_velocity_is_flown_accurately_and_honestly():
     assert scenario.imperfections().keys() > {"imu-noise", "range-noise", "sound-speed", "uplink-delay", "saturation"}
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.timeout(600)
 @pytest.mark.parametrize("kind", ["ins", "ins-magnetometer", "ins-coupled"])
 @pytest.mark.parametrize("name", FLIGHTS)
@@ -66,7 +66,7 @@ def test_every_flight_is_flown_on_every_kind(name, kind):
     assert all(log["estimate.valid"][log.t > 1].all() for log in logs)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.timeout(600)
 def test_measured_links_are_survived():
     """Radio latencies that jitter: samples come in bursts, and are fused at their time."""

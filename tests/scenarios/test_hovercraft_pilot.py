@@ -42,7 +42,7 @@ def tracking(log, start, end):
     return error, np.hypot(north, east).mean(), turn
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.parametrize("links", ["chain", "measured"])
 def test_the_demonstration_on_the_navigation_system(links):
     """Ahead, turn, stop, spin: 36 and 40 ms of delay or the radio's own, all limits, 8 seeds."""
@@ -58,7 +58,7 @@ def test_the_demonstration_on_the_navigation_system(links):
         assert np.abs(log["truth.yaw_rate"][spin] - 0.9).max() < 0.05
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_the_demonstration_on_the_error_model():
     """The source's navigation errs by 0.1 m/s and more, and so does what is flown on it: wider bands, in the median."""
     logs = flown("errors")
@@ -77,7 +77,7 @@ def test_a_stick_that_nobody_holds_is_lost_and_the_craft_holds_still():
     assert np.hypot(log["truth.north"], log["truth.east"]).max() == 0.0
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_its_log_is_rebuilt_and_replayed(tmp_path):
     for stick in ("script", "console"):
         scenario = build("hovercraft/pilot", {"stick": stick, "supervisor": "automatic", "duration": "3 s"})

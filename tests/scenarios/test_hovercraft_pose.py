@@ -16,7 +16,7 @@ BANDS = {"swing": (0.10, 4.0), "steps": (0.30, 50.0)}
 """m and degrees: most, of the root mean square of a flight's rest."""
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.parametrize("law", BANDS)
 def test_it_stays_near(law):
     scenario, _ = catalogue.load_scenario("hovercraft/pose", {"law": law})

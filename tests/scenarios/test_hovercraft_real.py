@@ -102,14 +102,14 @@ def test_reverse_real_takes_about_five_seconds():
     assert 3.8 <= np.median(first(t, surge <= -0.74)) <= 6.2
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_spin_real_turns_at_three_radians_per_second():
     """Fig. 6.10: the mean over the last third of the 22 s."""
     t, rate = stacked("spin", "yaw_rate")
     assert 2.85 <= np.median(rate[:, t > 22 * 2 / 3].mean(axis=1)) <= 3.2
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", ["heading-bang-bang", "heading-proportional"])
 def test_headings_are_reached_by_the_shortest_way_unless_the_source_s_reading_is_asked_for(name):
     """From rest at most one run in sixty turns a whole circle; with fig. 6.11's plain difference every run does."""

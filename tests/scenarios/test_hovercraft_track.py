@@ -26,7 +26,7 @@ def place_errors(log):
     return np.hypot(north, log["truth.east"] + A * np.sin(heading) - log["law.east_reference"])
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.parametrize("reference", BANDS)
 def test_it_follows(reference):
     scenario, _ = catalogue.load_scenario("hovercraft/track", {"reference": reference})
@@ -43,13 +43,13 @@ def test_it_follows(reference):
     assert errors.max() < BANDS[reference][1]
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_what_the_law_logs_is_the_true_error_where_it_knows_the_truth():
     log = simulate(build("hovercraft/track").ideal(), duration=ms(3000), log_period=ms(100))
     np.testing.assert_allclose(log["law.position_error"], place_errors(log), atol=1e-6)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_along_the_path_it_waits_for_a_craft_that_starts_behind():
     """From 1.5 m behind: in time it cuts across; along the path that waits, and so is behind the clock ever after."""
     settings = {"initial.east": "-1.6", "duration": "40 s"}

@@ -72,7 +72,7 @@ def test_without_links_nothing_is_older_than_its_sample():
     assert log["uplink.age"].max() == 0
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_what_the_page_says_of_the_gains():
     """Medians of 40 flights: a fan without a brake stops the turn sooner; without links forward flight turns less."""
 

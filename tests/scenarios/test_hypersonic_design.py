@@ -44,7 +44,7 @@ def observer(linear, density):
     return composite.Observer(A, C, SMALL, found.P, found.L, np.array([[1 / density]]), np.arange(5, 9))
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_check_04_exact_linearisation(linear):
     """[1] eqs. 4-8, by the quick way: A[4,:] = e_Q, B[4,:] = [-1/V, 0] to 1e-9, and the printed rows."""
     assert linear.states == ("h", "h'", "V", "alpha", "q", "eta1", "eta1_rate", "eta2", "eta2_rate")
@@ -155,7 +155,7 @@ def test_modes_are_a_block_of_the_errors_and_observable(linear):
     assert constant_rank(A, C).rank == 4
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     "settings", [{}, {"method": "lmi", "filter": "accurate", "mode_error": 0.0}, {"integral": "true"}]
 )
@@ -186,7 +186,7 @@ def test_a_certificate_for_whole_numbers_of_altitude_and_speed_is_that_for_the_s
     assert not elsewhere.holds
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_weight_is_proved_at_1_01_and_refused_below(linear):
     """[1] eq. 15, with the filter as printed."""
     made = hypersonic.certificate(filter="printed")
@@ -198,7 +198,7 @@ def test_weight_is_proved_at_1_01_and_refused_below(linear):
     assert any(c.name.startswith("(15)") and c.number < 0 for c in broken)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_numbers_of_an_uncertain_plant_over_the_envelope(linear, monkeypatch):
     """kappa_G by hand for mass alone, 1/0.98 - 1; rho0 and rho1 against a loop over points."""
     K = hypersonic.feedback_gain(linear).K

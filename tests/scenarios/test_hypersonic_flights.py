@@ -64,7 +64,7 @@ def rms(x):
     return np.sqrt(np.mean(x**2, axis=-1))
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_check_11_large_climb_nominal(flights):
     """+5000 ft, +1000 ft/s, 200 s: no saturation; rms after 20 s below 0.05 ft and 0.01 ft/s."""
     assert rms(flights.rows("law.h_error", 0.0, 1.0)) < 0.05
@@ -73,7 +73,7 @@ def test_check_11_large_climb_nominal(flights):
     assert not flights.all["law.outside"].any()
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_noise_leaves_the_climb_within_half_a_tenth_of_a_foot_in_each_of_20_seeds(flights):
     """Better than 0.05 ft rms with 0.01 rad/s^2 over 20 seeds.
 
@@ -111,7 +111,7 @@ def test_elevator_moves_less_than_a_third_of_a_degree_for_the_noise(flights):
     assert 0.2 < activity.min() <= activity.max() < 0.22
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_check_10_only_the_nonlinear_internal_motion_leaves_no_steady_error():
     """Steady h error below 0.01 ft with the nonlinear internal motion, above 5 ft with the linear."""
     ends = {}
@@ -124,7 +124,7 @@ def test_check_10_only_the_nonlinear_internal_motion_leaves_no_steady_error():
     assert ends["linear"] > 5
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_printed_settings_lose_a_plant_whose_modes_are_two_percent_off():
     """With the printed Q and R 2 % already drives a saturated oscillation, h rms 1e2-4e2 ft; here 431 ft."""
     scenario, _ = catalogue.load_scenario(
@@ -156,7 +156,7 @@ def test_a_climb_that_the_engine_cannot_fly_is_refused_before_it_flies():
         hypersonic_scenario("mine", replace(climb, dh=5000.0), 60.0)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.parametrize("integral", ["on", "off"])
 def test_what_is_believed_is_believed_by_gain_filter_law_and_table(integral):
     """A vehicle 10 % heavier, believed in by all, is flown like the nominal one; believed in by none it is not."""
@@ -180,7 +180,7 @@ def test_a_run_that_outlasts_its_table_is_refused():
         replace(scenario, duration=seconds(200)).check()
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_modes_are_fed_back_at_the_frequency_that_is_estimated():
     """What a load does to a mode goes with 1/w^2; an estimate of w scales what is wanted of it."""
     scenario, _ = catalogue.load_scenario("hypersonic/modal-mismatch", {"filter": "adaptive", "frequency": "1.10"})

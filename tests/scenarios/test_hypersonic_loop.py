@@ -34,7 +34,7 @@ def proved(certificate, **settings):
     return {name: compute() for name, compute in system.loop_lines(certificate)}
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_the_loop_s_poles_are_those_of_gain_and_filter(certificate, at):
     """Separation, for the model itself: the thirteen poles of the whole loop are those of A + B K and A_eta - L C."""
     A = loop.continuous_loop(CRAFT, CRAFT, certificate.K, certificate.observer.L, at)
@@ -43,7 +43,7 @@ def test_the_loop_s_poles_are_those_of_gain_and_filter(certificate, at):
         assert np.abs(wanted - pole).min() < 1e-6 * abs(pole)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_the_sampled_loop_comes_to_the_continuous_one(certificate, at):
     """Its poles are exp(s T) of A + B K's, but for what holding an input delays: half of it with half the period."""
 
@@ -59,7 +59,7 @@ def test_the_sampled_loop_comes_to_the_continuous_one(certificate, at):
     np.testing.assert_allclose(coarse / fine, 2.0, rtol=0.1)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_vertices_hold_the_whole_box(certificate, at):
     """The loop is affine in each coefficient by itself: at random inside, it is the mean of the corners, weighted."""
     parts = np.random.default_rng(0).uniform(-1, 1, 5)
@@ -94,7 +94,7 @@ def test_boxes_of_modes_cover_their_range():
     assert damping == {round(0.97 * 0.9, 12), round(1.03 * 1.1, 12)}
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_what_is_proved_of_the_shipped_loop(certificate):
     lines = proved(certificate)
     assert all(line.holds for line in lines.values()), lines
@@ -107,7 +107,7 @@ def test_what_is_proved_of_the_shipped_loop(certificate):
     assert "h 11.5," in lines["inside a level of V no input saturates"].why
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_integral_action_is_part_of_the_loop(at):
     """As the scenarios fly it: 22 and 15 states; poles of the whole are again those of gain and filter."""
     c = hypersonic.certificate(integral="true")
@@ -134,7 +134,7 @@ def test_filters_that_modes_1_percent_off_defeat_are_not_proved(filter):
     assert box.number < -0.05  # grows, at a corner
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_the_shipped_filter_s_box_reaches_5_percent(certificate):
     lines = proved(certificate, mode_error=0.05)
     assert lines["every plant of the modes' box decays"].holds
@@ -157,7 +157,7 @@ def test_each_line_of_the_loop_is_broken_by_its_own_change(certificate, change, 
     assert condition.why
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_flights_from_the_level_s_edge_keep_the_inputs_and_come_home(certificate, at):
     """The vehicle itself, not its linear model, from 40 points where V is the proved level: no input reaches a limit,
     and V falls below a hundredth in 15 s."""

@@ -12,7 +12,7 @@ from trimtab.run.simulate import simulate, simulate_batch
 from trimtab.scenarios import catalogue
 
 pytestmark = [
-    pytest.mark.slow,
+    pytest.mark.thorough,
     pytest.mark.timeout(900),
     pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here"),
 ]

@@ -14,7 +14,7 @@ NAMES = ("turbulence", "actuator-lag", "rate-limit")
 PARTS = ("noise", "offset", "scale-factor", "bandwidth", "delay", "place")
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_the_paper_has_none_of_it():
     world = build("hypersonic/noise").world
     assert world.turbulence is None
@@ -28,7 +28,7 @@ def test_it_is_a_choice_and_each_of_it_can_be_switched_off():
     plane.check()
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here")
 def test_servos_and_air_are_in_the_flight():
     """The elevator lags by what a servo of 100 rad/s does, 2 z/w, and the air is as rough as the specification says."""

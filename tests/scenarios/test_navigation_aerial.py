@@ -31,7 +31,7 @@ def errors(log):
     return np.arange(len(log)) * 0.02, error, sigma
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.parametrize("gnss", ["fixes", "ranges"])
 def test_it_knows_where_it_is_and_how_well(logs, gnss):
     """From 3 s on, but for the outage: half a metre, a tenth of a metre a second, two degrees; four sigmas at most."""
@@ -45,7 +45,7 @@ def test_it_knows_where_it_is_and_how_well(logs, gnss):
     assert np.sqrt((error[2][late] ** 2).mean()) < 0.5 * DEG
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_in_the_outage_fixes_stop_and_two_satellites_still_hold_the_drift(logs):
     for gnss, log in logs.items():
         used = log["estimate.state.gnss_fix.used"]
@@ -57,7 +57,7 @@ def test_in_the_outage_fixes_stop_and_two_satellites_still_hold_the_drift(logs):
     assert grown["ranges"] < 0.6 * grown["fixes"]
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.parametrize("gnss", ["fixes", "ranges"])
 def test_nothing_is_lost_late_or_ill(logs, gnss):
     log = logs[gnss]
@@ -69,7 +69,7 @@ def test_nothing_is_lost_late_or_ill(logs, gnss):
     np.testing.assert_allclose(log["estimate.state.horizon"][10:], 0.15, atol=1e-9)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_the_start_is_off_and_imperfections_can_be_switched_off(logs):
     _, error, sigma = errors(logs["fixes"])
     assert (np.abs(error[0][0]) > 0.4 * sigma[0][0]).all()

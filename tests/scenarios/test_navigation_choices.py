@@ -1,7 +1,7 @@
 """Each `--navigation` of the hovercraft: built and traced, one line in `list`, named in `--help`; flown for its page.
 
 The table of docs/scenarios.md, Which navigation, is printed, and compared with the page, by
-`pytest -n0 -s -m slow tests/scenarios/test_navigation_choices.py`.
+`pytest -n0 -s -m thorough tests/scenarios/test_navigation_choices.py`.
 """
 
 import functools
@@ -66,7 +66,7 @@ def flown(kind):
     return rms, {group: np.mean(squares) for group, squares in normalised.items()}
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.timeout(1800)
 @pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here")
 @pytest.mark.parametrize("kind", [k for k in KINDS if k != "errors"])

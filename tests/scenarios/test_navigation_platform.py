@@ -57,7 +57,7 @@ def rms_errors(batch):
     return np.array(found)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_heading_of_the_magnetometer():
     """[1] table 6.7: 0.5 deg at -166 deg/s; 0.45 to 0.70. Its rate error with the tachometer's noise: 3.7 deg/s."""
     heading, rate, *_ = np.median(rms_errors(flown("platform-magnetometer")), axis=0)
@@ -66,7 +66,7 @@ def test_heading_of_the_magnetometer():
     assert rate < 1.1, "the navigation is less noisy than the tachometer that it is held against"
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_heading_of_the_crickets():
     """[1] section 6.2.1: about 5, 9.8 and about 20 deg at -57, -115 and -230 deg/s; 4.5-6, 9-11, 18-22."""
     errors = rms_errors(flown("platform-cricket", RATES)).reshape(len(RATES), RUNS, 4)
@@ -75,7 +75,7 @@ def test_heading_of_the_crickets():
         assert low <= got <= high
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_position_and_velocity_with_the_encoder():
     """[1] table 6.7: 3.4 cm, 7.5 cm/s at -166 deg/s; 3.0-3.9 and 6.5-8.3."""
     _, _, position, velocity = np.median(rms_errors(flown("platform-encoder")), axis=0)
@@ -83,7 +83,7 @@ def test_position_and_velocity_with_the_encoder():
     assert 6.5 <= velocity <= 8.3
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_position_and_velocity_with_the_crickets():
     """[1] table 6.7: 8.1 cm, 16.8 cm/s at -115 deg/s; 6-10.5 and 12-21."""
     errors = rms_errors(flown("platform-cricket", RATES)).reshape(len(RATES), RUNS, 4)
@@ -92,7 +92,7 @@ def test_position_and_velocity_with_the_crickets():
     assert 12.0 <= velocity <= 21.0
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_heading_of_two_units_raw_and_assisted():
     """[1] section 6.2.1: about 25 deg, with inertial assistance about 10; 22-30 and 8-13."""
     scenario, _ = catalogue.load_scenario("navigation/platform-cricket", {"covariance": "literal"})
@@ -112,7 +112,7 @@ def test_heading_of_two_units_raw_and_assisted():
     assert 8 <= np.degrees(np.sqrt(np.mean(np.square(assisted)))) <= 13
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_table_6_6_compensation_helps():
     """[1] table 6.6, its direction only: rate and heading errors are smaller with the gyro's inverse."""
     with_it, without = (rms_errors(flown("platform-square-wave", compensated=c)) for c in ("yes", "no"))
@@ -122,7 +122,7 @@ def test_table_6_6_compensation_helps():
 
 @pytest.mark.parametrize("name", ["magnetometer", "encoder", "cricket", "square-wave"])
 @pytest.mark.parametrize(
-    "form", ["feedforward", *(pytest.param(f, marks=pytest.mark.slow) for f in ("feedback", "direct", "coupled"))]
+    "form", ["feedforward", *(pytest.param(f, marks=pytest.mark.thorough) for f in ("feedback", "direct", "coupled"))]
 )
 def test_every_form_fits_every_experiment(name, form):
     scenario, rest = catalogue.load_scenario(f"navigation/platform-{name}", {"form": form})
@@ -142,7 +142,7 @@ def test_the_rig_turns_as_told_and_its_ideal_twin_too():
         np.testing.assert_allclose(radius, scenario.world.vehicle.arm, atol=1.2e-5)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.timeout(600)
 @pytest.mark.parametrize(("beacons", "heading", "place"), [("4", 1.1, 0.95), ("2", 1.0, 1.05)])
 def test_single_ranges_beat_fixes(beacons, heading, place):

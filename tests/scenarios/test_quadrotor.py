@@ -17,7 +17,7 @@ def fly(seed=0, faults=(), **choices):
     return simulate(inject_faults(scenario, list(faults)) if faults else scenario, seed=seed)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.parametrize(("trajectory", "most"), [("circle", 0.1), ("eight", 0.1), ("helix", 0.05)])
 def test_it_stays_on_its_path(trajectory, most):
     log = fly(trajectory=trajectory)
@@ -27,7 +27,7 @@ def test_it_stays_on_its_path(trajectory, most):
     np.testing.assert_allclose(np.linalg.norm(log["truth.attitude"], axis=1), 1, atol=1e-12)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_a_place_is_reached_and_kept():
     log = fly(trajectory="place")
     assert log["law.distance"][log.t > 3].max() < 0.05
@@ -41,7 +41,7 @@ def test_from_upside_down_it_is_upright_again():
     assert log["law.distance"][-1] < log["law.distance"].max() / 2, "it falls, and comes back"
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.parametrize("rotor", ROTORS)
 def test_without_a_rotor_it_stays_near_its_place(rotor):
     """Within 3 m of it in the first seconds, within 0.1 m from 6 s after the loss on, spinning 3 times a second."""
@@ -55,7 +55,7 @@ def test_without_a_rotor_it_stays_near_its_place(rotor):
     assert (log["truth.rotor_speed"][after & (log.t > 2.2), rotor - 1] < 1).all()
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.parametrize("rotor", ROTORS)
 def test_with_other_noise_too(rotor):
     for seed in range(1, 26):
@@ -64,7 +64,7 @@ def test_with_other_noise_too(rotor):
         assert log["law.distance"][log.t > 8].max() < 0.15, seed
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.parametrize("rotor", ROTORS)
 def test_it_comes_back_from_a_turn_whichever_rotor_stops_and_whatever_the_noise(rotor):
     """On the circle the third tips it over: with most seeds it is upside down a second later."""

@@ -41,7 +41,7 @@ def arrivals(log, end):
 
 
 @compiled
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_forward_reaches_its_targets(forward):
     scenario, log = forward
     assert all(time is not None for time in reached(scenario, log).values())
@@ -51,7 +51,7 @@ def test_forward_reaches_its_targets(forward):
 
 
 @compiled
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_each_ping_is_later_by_the_way_over_the_bus(forward):
     """24 bytes: three slots of 10 ms, the last with 4 bytes and an address, 0.45 ms; seen at the millisecond after."""
     _, log = forward
@@ -72,7 +72,7 @@ def test_each_ping_is_later_by_the_way_over_the_bus(forward):
 
 
 @compiled
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_nothing_is_dropped(forward):
     _, log = forward
     pings = sorted(arrivals(log, "sensors"))
@@ -93,7 +93,7 @@ def test_the_error_model_has_no_units_to_put_on_a_bus():
 
 
 @compiled
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", HOVERCRAFT)
 def test_every_hovercraft_scenario_reaches_its_targets(name):
     """Half a minute each, to compile."""

@@ -42,7 +42,7 @@ def nearest(log):
     return apart[:, *np.triu_indices(n, 1)].min(axis=1)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.parametrize("craft", ["3", "10"])
 def test_they_form_and_keep_apart(craft):
     log = fly(build("swarm/formation", {"craft": craft}))
@@ -70,7 +70,7 @@ def test_a_hundred_craft_form_too_and_faster_than_real_time():
     assert factor > 1
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_the_ideal_twin_flies_and_is_observed():
     log = fly(build("swarm/formation").ideal())
     assert log["sensors.arena.value.spacing"].min() > 1.0
@@ -94,14 +94,14 @@ def test_without_messages_each_flies_alone_and_what_others_do_changes_no_bit():
     assert (one["truth.north"][-1, 1:] != other["truth.north"][-1, 1:]).all(), "what is heard does change them"
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_those_that_have_to_pass_each_other_do():
     log = fly(build("swarm/formation", {"start": "swapped", "route": "fixed"}), seconds(100))
     assert log["sensors.arena.value.spacing"].min() > TOUCH
     assert log["sensors.arena.value.astray"][-1] < 0.6
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_random_starts_never_collide():
     scenario = build("swarm/formation")
     metrics = ["least:sensors.arena.value.spacing", "final:sensors.arena.value.astray"]
@@ -115,7 +115,7 @@ def test_random_starts_never_collide():
     assert (found.columns[metrics[1]] < 1).mean() > 0.95
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.timeout(1800)
 def test_ten_thousand_random_starts_never_collide(capsys):
     benchmark().fly_campaign(10_000)
@@ -124,7 +124,7 @@ def test_ten_thousand_random_starts_never_collide(capsys):
     assert "never nearer than 0.64 m: 10000 of 10000" in text
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_jax_and_c_agree():
     scenario = replace(build("swarm/formation", {"craft": "3"}), duration=ms(600))
     logs = [simulate(scenario, backend=b, signals=SEEN) for b in ("jax", "c")]

@@ -106,7 +106,7 @@ def test_a_scenario_is_put_together_from_parts_alone(tmp_path):
     assert scenario.initial.yaw_rate == pytest.approx(np.radians(20))
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.parametrize("text", [SPIN, WHOLE])
 def test_its_flight_is_rebuilt_from_the_log_without_the_file(tmp_path, text):
     name = write(tmp_path, text)
@@ -124,13 +124,13 @@ def test_what_is_written_is_the_same_scenario_to_the_bit(tmp_path, name):
     assert again.targets == scenario.targets
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", catalogue.scenario_names())
 def test_every_scenario_is_written_to_the_bit(tmp_path, name):
     test_what_is_written_is_the_same_scenario_to_the_bit(tmp_path, name)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_the_schema_knows_what_is_written_and_refuses_another_field():
     import tomllib
 

@@ -37,7 +37,7 @@ def test_depth_and_heading_are_reached(links):
     assert np.abs(np.asarray(log["truth.stern"])).max() <= np.radians(13.6) + 1e-9
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_the_current_carries_it_along():
     with_current = simulate(build("torpedo/depth").ideal())
     calm = build("torpedo/depth", {"world.vehicle.current.north": "0", "world.vehicle.current.east": "0"})
@@ -46,7 +46,7 @@ def test_the_current_carries_it_along():
     assert gap[:2] == pytest.approx([-6.0, 6.0], abs=0.05), "30 s of it"
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_too_late_a_link_loses_it():
     """Open-loop it doubles its yaw rate in 0.6 s: half a second each way is too much."""
     late = {"world.downlink.steps": "10", "world.uplink.steps": "10"}

@@ -35,7 +35,7 @@ def test_without_its_integral_the_current_sets_it_off_the_last_leg():
     assert abs(end["0.1"]) < 0.1 * abs(end["0"])
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("settings", "since", "most"),
     [

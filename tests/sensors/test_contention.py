@@ -54,7 +54,7 @@ def event_list(number, ready):
     return end, got
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_against_a_list_of_events():
     ready, found = exchanges(6, 40)
     for number in range(40):

@@ -43,7 +43,7 @@ def test_noise_is_as_declared_and_does_not_depend_on_the_latency():
     np.testing.assert_array_equal(slow.value.heading[slow.fresh], errors[: slow.fresh.sum()])
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_compass_reads_the_heading_with_the_printed_variance():
     """[1] section 6.2.1: R1 = 1.6e-4 rad²."""
     _, out = flown(Compass(), 4000)

@@ -42,7 +42,7 @@ def test_late_position_is_where_the_point_was(inward):
     np.testing.assert_allclose(out.value.east[out.fresh], R * np.sin(angle), atol=1e-12)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_noise_of_both_coordinates_is_as_declared():
     clean, noisy = (PositionSensor(noise=s, timing=LateFix(interval=ms(5))) for s in (0.0, 0.02))
     a, b = flown(clean, 20000)[1], flown(noisy, 20000)[1]

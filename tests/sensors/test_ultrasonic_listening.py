@@ -83,7 +83,7 @@ def test_error_grows_with_speed(speed, listening, pinging):
     assert later == pytest.approx(pinging, rel=0.15)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_each_range_is_of_its_own_time():
     """Ranges without noise are the distances at the chirp, also between two instants."""
     course, samples = windows(1.0, replace(SENSOR, errors=RangeErrors(noise=0.0)), 100)

@@ -128,7 +128,7 @@ def test_a_flight_may_be_asked_at_any_time():
     assert flight.at(0.01, flight.t) == pytest.approx(0.01)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_the_manoeuvres_are_those_of_the_oracle_and_of_no_other_ship(monkeypatch):
     from oracles import mariner
 

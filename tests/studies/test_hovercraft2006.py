@@ -25,7 +25,7 @@ PICTURES = {
     "velocity-position-filter": {"rig-encoder.png"},
 }
 """Group -> the pictures that it must draw."""
-CASES = [pytest.param(g, id=g.name, marks=[pytest.mark.slow] if g.name in DEAR else []) for g in GROUPS]
+CASES = [pytest.param(g, id=g.name, marks=[pytest.mark.thorough] if g.name in DEAR else []) for g in GROUPS]
 
 
 @cache
@@ -54,7 +54,7 @@ def test_every_printed_latency_has_its_row():
     assert rows["table-5.1/free2move/free2move 2.9/22.0 round trip/sd"].printed == 16.58
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.timeout(1800)
 def test_the_front_page_counts_what_the_rows_say():
     rows = [row for group in GROUPS for row in rows_of(group)]
@@ -62,7 +62,7 @@ def test_the_front_page_counts_what_the_rows_say():
 
 
 QUICK = [pytest.param(g, id=g.name) for g in GROUPS if g.has_figures and g.name not in DEAR]
-LONG = [pytest.param(g, id=g.name, marks=pytest.mark.slow) for g in GROUPS if g.has_figures and g.name in DEAR]
+LONG = [pytest.param(g, id=g.name, marks=pytest.mark.thorough) for g in GROUPS if g.has_figures and g.name in DEAR]
 
 
 @pytest.mark.parametrize("group", [*QUICK, *LONG])

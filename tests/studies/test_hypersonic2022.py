@@ -18,7 +18,7 @@ NAME = "hypersonic2022"
 QUICK = ("printed-matrices", "gains")
 """Groups without a flight; the others compile several."""
 GROUPS = list_groups(NAME)
-CASES = [pytest.param(g, id=g.name, marks=[] if g.name in QUICK else [pytest.mark.slow]) for g in GROUPS]
+CASES = [pytest.param(g, id=g.name, marks=[] if g.name in QUICK else [pytest.mark.thorough]) for g in GROUPS]
 PAGES = Path(__file__).parents[2] / "docs"
 
 
@@ -39,7 +39,7 @@ def test_rows_hold_or_say_why_not(group):
     assert needless == [], "said not to be reproduced, but it is"
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.timeout(1800)
 def test_the_front_page_counts_what_the_rows_say():
     assert stated_counts(NAME) == row_counts([row for group in GROUPS for row in rows_of(group.name)])
@@ -75,7 +75,7 @@ def test_what_is_compared_with_the_oracle_comes_from_its_table():
                 assert np.isclose(numbers, float(row.printed), rtol=1e-12, atol=0.0).any(), row.id
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_every_printed_entry_of_the_gain_has_its_row():
     """[1] printed K: 18 entries, none reproduced, for its weights are not printed; lost with either sign."""
     rows = {r.id: r for r in rows_of("printed-gain")}
@@ -85,7 +85,7 @@ def test_every_printed_entry_of_the_gain_has_its_row():
     assert rows["flight/plus"].computed < 10
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_every_setting_of_the_filter_stands_beside_no_measurement():
     """An error that vanishes proves nothing by itself."""
     rows = [r for r in rows_of("filter") if r.id.startswith("table/")]
@@ -95,7 +95,7 @@ def test_every_setting_of_the_filter_stands_beside_no_measurement():
     assert claims["claim/none"].holds, "the claim proves nothing: no measurement meets it too"
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_pictures_of_the_closed_loop(tmp_path):
     (group,) = list_groups(NAME, ["closed-loop"])
     files = list(group.figures(tmp_path))

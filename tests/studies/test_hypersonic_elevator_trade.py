@@ -61,7 +61,7 @@ def test_noise_in_the_long_run_is_that_of_stepping_the_loop():
     assert np.sqrt(total / count) == pytest.approx(loop.loop_quality().elevator, rel=0.02)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_verdicts_on_ten_per_cent_off():
     """The shipped filter holds errors of 10 %, one with Qacc = 1 is marginal at 0.90, the printed one fails."""
     assert loop.loop_quality().worst < -0.1
@@ -70,7 +70,7 @@ def test_verdicts_on_ten_per_cent_off():
     assert 0.14 < loop.widest_error(EQUAL_Q, 1e-4) < 0.15
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_two_seeds_with_modes_ten_per_cent_off():
     shipped, printed = trade.fly_detuned((trade.EQUAL, trade.PRINTED), seeds=2)
     assert not shipped.lost.any()
@@ -78,7 +78,7 @@ def test_two_seeds_with_modes_ten_per_cent_off():
     assert printed.lost.all()
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_growth_is_that_of_a_flight():
     """Qacc = 1 on both modes, both frequencies 0.90: the oscillation of eta1's error, logarithm of its size by time."""
     setting = trade.TOGETHER[0]
@@ -94,7 +94,7 @@ def test_growth_is_that_of_a_flight():
     assert rate == pytest.approx(loop.growth_rate(setting.Q, setting.R, detuned=(0.9, 0.9)), abs=0.03)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.timeout(1200)
 def test_rows_hold_and_the_picture_is_drawn(tmp_path):
     rows = list(elevator_trade.rows())

@@ -70,7 +70,7 @@ def ends():
     return float(last.h), float(last.V)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_what_fails_and_why():
     """Mode 2 at 0.75 is beyond the filter; a moment 10 % off leaves an offset that integral action removes."""
     factors = np.concatenate([only(), only(w2=0.75), only(CM_0=1.1), only(CM_0=1.1, ce=0.45)])
@@ -86,7 +86,7 @@ def test_what_fails_and_why():
     assert (share.successes, share.trials) == (2, 3)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_a_run_is_that_of_the_same_plant_flown_alone():
     factors, kind = campaign.draw_factors(0.1, 3, 5), campaign.KINDS.index("lift step")
     craft = numbers_of(campaign.build_plants(factors[2:]))
@@ -161,7 +161,7 @@ def test_agreement_of_rankings():
     assert ranking.rank_correlation([1.0, 2.0, 3.0], np.array([0.1, 0.2, np.inf])) == pytest.approx(-1.0)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.timeout(1200)
 def test_rows_hold_and_the_pictures_are_drawn(tmp_path):
     rows = list(further_work.rows())

@@ -284,7 +284,7 @@ PERTURBATIONS = {
 }
 """Group -> what is changed; each row that holds must fail under one of these."""
 QUICK = ("trim-and-model",)
-CASES = [pytest.param(name, id=name, marks=[] if name in QUICK else [pytest.mark.slow]) for name in PERTURBATIONS]
+CASES = [pytest.param(name, id=name, marks=[] if name in QUICK else [pytest.mark.thorough]) for name in PERTURBATIONS]
 
 
 @pytest.fixture(autouse=True)
@@ -332,7 +332,7 @@ def surviving_rows(name):
     return left
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.timeout(3600)
 @pytest.mark.parametrize("name", CASES)
 def test_each_row_that_holds_fails_under_a_perturbation(name):

@@ -15,10 +15,10 @@ GROUPS = {group.name: group for group in list_groups("nesc2015")}
 
 
 SLOW = ("jets",)
-CASES = [pytest.param(name, marks=[pytest.mark.slow] if name in SLOW else []) for name in GROUPS]
+CASES = [pytest.param(name, marks=[pytest.mark.thorough] if name in SLOW else []) for name in GROUPS]
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", CASES)
 @pytest.mark.timeout(900)
 def test_rows_hold(name):
@@ -28,7 +28,7 @@ def test_rows_hold(name):
     assert [r.id for r in rows if not r.must_hold and r.holds] == [], "said not to be reproduced, but it is"
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", [case for case in CASES if case.values[0] != "f16-model"])
 def test_pictures_are_written(name, tmp_path):
     files = list(GROUPS[name].figures(tmp_path / "new"))
@@ -45,7 +45,7 @@ def test_all_cases_and_their_terms_are_there():
         assert all(len(x["time"]) == 31 for x in given.values())
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_half_the_step_changes_nothing_that_a_band_could_see():
     for case in ("02", "03", "10"):
         fine = _flights.fly(case, 30, _flights.STEP / 2)

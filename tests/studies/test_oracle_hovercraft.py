@@ -23,7 +23,7 @@ def test_the_table_is_what_the_program_gives_but_for_headings():
     assert all(name.startswith(("fig-6.11/", "fig-6.12/", "heading/")) for name in rest)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_the_whole_table_is_what_the_program_gives():
     """Runs that switch at every sample part at the last digit in the end: so the shares of frozen ones."""
     table, values = read_table(), hovercraft.compute()
@@ -38,7 +38,7 @@ def test_the_program_imports_nothing_of_the_package():
     assert "jax" not in source
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_every_value_has_its_row():
     quick = [g for g in list_groups("hovercraft2006") if g.name in ("control-laws", "rudder-and-thrust", "inertia")]
     rows = {r.id: r for g in quick for r in g.rows() if r.basis == "reference"}

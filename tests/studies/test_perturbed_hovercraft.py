@@ -220,7 +220,7 @@ LONG = (
     "gyro-square-wave",
 )
 GROUPS = list_groups("hovercraft2006")
-CASES = [pytest.param(g, id=g.name, marks=[pytest.mark.slow] if g.name in LONG else []) for g in GROUPS]
+CASES = [pytest.param(g, id=g.name, marks=[pytest.mark.thorough] if g.name in LONG else []) for g in GROUPS]
 
 
 def holding_rows(group):
@@ -234,7 +234,7 @@ def test_every_group_has_its_worlds():
     assert set(WORLDS) == {group.name for group in GROUPS}
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.timeout(1800)
 @pytest.mark.parametrize("group", CASES)
 def test_every_row_fails_in_some_other_world(group, monkeypatch):

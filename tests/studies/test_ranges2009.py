@@ -20,7 +20,7 @@ if importlib.util.find_spec("gtsam") is None:
 GROUPS = {group.name: group for group in list_groups("ranges2009")}
 FLOWN = ("accuracy", "consistency")
 """Groups that step three filters over both logs."""
-CASES = [pytest.param(n, marks=[pytest.mark.slow] if n in FLOWN else []) for n in GROUPS]
+CASES = [pytest.param(n, marks=[pytest.mark.thorough] if n in FLOWN else []) for n in GROUPS]
 
 
 @cache
@@ -88,7 +88,7 @@ def test_what_it_believes_matters(changes):
     assert fly_with(**changes)[1] > 2.41
 
 
-LOGS = [pytest.param("Plaza1", marks=pytest.mark.slow), "Plaza2"]
+LOGS = [pytest.param("Plaza1", marks=pytest.mark.thorough), "Plaza2"]
 
 
 @pytest.mark.parametrize("name", LOGS)
@@ -167,7 +167,7 @@ def patched_filters(change):
     return {"tight": tight, "particle": particle, "lagged": lagged}
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.timeout(1800)
 def test_every_row_of_the_filters_that_holds_fails_for_some_other_filter(monkeypatch):
     """Too sure of its ranges, or taking them as they are; and gtsam's plain solution as good as the other."""

@@ -12,7 +12,7 @@ from trimtab.vehicles.f16_flat_earth import F16FlatEarth
 GROUPS = {group.name: group for group in list_groups("stevens_lewis")}
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", GROUPS)
 def test_rows_hold(name):
     rows = list(GROUPS[name].rows())
@@ -53,13 +53,13 @@ def test_another_craft_fails_the_check_case(monkeypatch, changes, fails):
     assert fails in broken(check_case, monkeypatch, **changes)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_another_craft_has_other_trims_and_models(monkeypatch):
     assert {"nominal/alpha", "aft/throttle"} <= set(broken(trims, monkeypatch, mass=9400.0))
     assert any("roll_rate" in id for id in broken(linear, monkeypatch, inertia=F16FlatEarth().inertia * 1.01))
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_the_printed_gains_are_least_with_the_misprint_and_with_one_sign():
     """The cost by quadrature of the free response, and not by the equation that the study solves."""
     loop = lateral_regulator.lateral_loop()
@@ -94,7 +94,7 @@ def test_both_open_rows_of_the_check_case_have_one_cause():
     np.testing.assert_allclose(corrected, printed, rtol=1e-5)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.parametrize(("start", "aerobench"), [("dive", 406.93), ("inverted", 960.87)])
 def test_the_oracle_flies_as_low_as_the_study_says_and_as_aerobench(start, aerobench):
     """The last number was printed by AeroBenchVV 2 itself, whose tables have a few slips."""

@@ -31,7 +31,7 @@ def test_a_template_passes_its_own_test(kind):
         test()
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here")
 @pytest.mark.parametrize("kind", KINDS)
 def test_its_test_notices_a_slip(kind, tmp_path):

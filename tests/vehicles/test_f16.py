@@ -88,7 +88,7 @@ def test_moments_are_about_the_centre_of_mass():
     np.testing.assert_allclose(here.moment - there.moment, np.cross(arm, here.force), rtol=1e-12)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_slopes_at_no_sideslip_are_those_beside_it():
     """Of roll and yaw over sideslip, by automatic differentiation where the tables are mirrored."""
 

@@ -52,7 +52,7 @@ def test_fans_without_a_curve_are_refused() -> None:
         replace(CRAFT, thrust_linear=np.ones(3)).check()
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_its_numbers_come_from_a_flight() -> None:
     """Thrust of either fan, damping and inertia, from half a minute of pose at 50 Hz under changing throttles."""
     true = replace(CRAFT, inertia=0.05, thrust_quadratic=np.array([0.6, 0.45]), yaw_damping=0.03)

@@ -38,7 +38,7 @@ TRUST = {"trust_code": "yes"}
 MODELS = ("Dahlquist", "VanDerPol", "BouncingBall", "Stair", "Feedthrough")
 HERE = {("Dahlquist", 3), ("Stair", 2)}
 ALL = [(name, version) for name in MODELS for version in (3, 2)]
-BOTH = [b if b in HERE else pytest.param(*b, marks=pytest.mark.slow) for b in ALL]
+BOTH = [b if b in HERE else pytest.param(*b, marks=pytest.mark.thorough) for b in ALL]
 
 
 @pytest.mark.parametrize(("name", "version"), BOTH)
@@ -58,7 +58,8 @@ def test_it_flies_as_fmpy_flies_it(name, version, tmp_path):
 
 
 @pytest.mark.parametrize(
-    "name", ["Dahlquist", *(pytest.param(n, marks=pytest.mark.slow) for n in ("VanDerPol", "BouncingBall", "Stair"))]
+    "name",
+    ["Dahlquist", *(pytest.param(n, marks=pytest.mark.thorough) for n in ("VanDerPol", "BouncingBall", "Stair"))],
 )
 def test_it_flies_as_its_makers_publish(name, tmp_path):
     header, *rows = reference_rows(name)
@@ -84,7 +85,7 @@ def test_its_description_makes_the_signals(tmp_path):
     assert np.asarray(motion.v_WB_B).tolist() == [0.0, 0.0, -2.0]
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_parameters_and_inputs_reach_it(tmp_path):
     ball = build_reference("BouncingBall", 3, tmp_path)
     scenario = build(str(ball), TRUST)
@@ -143,7 +144,7 @@ def flown_fmu(folder, duration):
     return own, replace(own, world=world, autopilot=autopilot, initial=first_state(vehicle))
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_a_law_flies_it_to_the_same_bits_as_its_own_vehicle(tmp_path):
     own, flown = flown_fmu(tmp_path, 4)
     ours, log = simulate(own, log_period=ms(10), backend="c"), simulate(flown, log_period=ms(10))

@@ -37,7 +37,7 @@ def _entries(matrix, places):
     return np.array([matrix[i - 1, j - 1] for i, j in places])
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_check_03_emulation_meets_the_print():
     """32 magnitudes within 1.1 %, A[7,4] and A[9,4] within 1e-5; B[9,:] excluded."""
     A, B = _emulated()

@@ -28,7 +28,7 @@ def motion(t, rig=RIG):
     return rig.motion(0, state(t, rig), COMMAND)
 
 
-@pytest.mark.parametrize("t", [0.05, 3.0, *(pytest.param(t, marks=pytest.mark.slow) for t in (0.0, 0.4))])
+@pytest.mark.parametrize("t", [0.05, 3.0, *(pytest.param(t, marks=pytest.mark.thorough) for t in (0.0, 0.4))])
 def test_velocities_and_accelerations_are_derivatives_of_the_pose(t):
     m = motion(t)
     R = from_euler(*m.attitude)

@@ -103,7 +103,7 @@ def test_nothing_gets_through_and_what_is_true_does(dialect, signed, datagrams):
     check(dialect, QUICK, signed, datagrams)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.timeout(1800)
 @pytest.mark.parametrize("datagrams", [True, False])
 def test_ten_million_bytes(dialect, datagrams):

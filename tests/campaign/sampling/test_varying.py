@@ -56,7 +56,7 @@ def values_at(plan, u):
     return ready, spread_arrays(spread, ready.scenario, values)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_times_and_sizes_fly_as_if_they_had_been_written():
     """Two faults of one part, one of another, and one that stands still; in one program."""
     texts = ("uplink off @ 100..300 ms for 50..150 ms", "uplink delayed by 0.01..0.05 @ 500 ms")

@@ -210,7 +210,7 @@ def falsify_plan(text, success):
     )
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_the_worst_hand_on_a_stick_flies_again(tmp_path):
     file = tmp_path / "hand.py"
     words = ["hovercraft/pilot", "--vary", "stick.turn=pieces(4, -1:1)", "--set", "duration=4 s", "--runs", "320"]
@@ -249,7 +249,7 @@ def test_a_file_that_is_no_scenario_is_refused():
     assert "Python file" in done.stderr
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_a_failure_that_random_runs_miss_is_found():
     """10 000 random runs: no failure. The falsifier: found for three seeds, in less than 2 000 runs. A minute."""
     import importlib.util

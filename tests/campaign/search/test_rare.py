@@ -53,7 +53,7 @@ def test_a_run_at_rest_has_as_many_samples_as_its_truth_counts():
     assert rate.mean(axis=1).std() == pytest.approx(np.sqrt(still.SIGMA**2 - still.BIAS**2), rel=0.06)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_a_gaussian_of_parameter_and_noise(kept):
     _, found = kept
     assert found.has_noise
@@ -63,7 +63,7 @@ def test_a_gaussian_of_parameter_and_noise(kept):
     assert found.ladder.estimate == pytest.approx(1e-4, rel=3)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_a_session_that_goes_on_is_one_that_was_not_broken_off(kept, tmp_path):
     folder, found = kept
     state = json.loads((folder / "rare.json").read_text())
@@ -83,7 +83,7 @@ def test_a_session_that_goes_on_is_one_that_was_not_broken_off(kept, tmp_path):
     assert more.probability.trials > found.probability.trials
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_a_folder_of_another_failure_is_refused(kept, tmp_path):
     folder, _ = kept
     with pytest.raises(InputError, match="another failure"):
@@ -120,7 +120,7 @@ def test_the_command_writes_failures_that_fail_again(tmp_path):
     assert log.metadata["words"] == said["worst"]["words"]
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_what_can_not_be_estimated_is_refused():
     for change, message in (
         ({"runs": 100}, "too few"),
@@ -137,7 +137,7 @@ def test_what_can_not_be_estimated_is_refused():
 MILLIONTH = 1e-6
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.timeout(1800)
 def test_one_in_a_million_of_parameter_and_noise(capsys):
     """A Gaussian bias and the white noise of an IMU, against the normal distribution."""
@@ -148,7 +148,7 @@ def test_one_in_a_million_of_parameter_and_noise(capsys):
     assert (found.high - found.low) / 2 < 0.25 * found.value
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.timeout(1800)
 def test_coverage_of_flights_at_one_in_a_million(capsys):
     """Of 100 intervals of 95 %, each of 20 000 flights, as many hold the truth as fits 95 %."""
@@ -200,7 +200,7 @@ def quadrature(n=161, halvings=26):
     return float(weights @ special.ndtr(-high))
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.timeout(1800)
 def test_one_in_a_million_of_a_hovercraft(capsys):
     """A hovercraft that brakes, against a quadrature."""
@@ -215,7 +215,7 @@ def test_one_in_a_million_of_a_hovercraft(capsys):
     assert (p.high - p.low) / 2 < 0.25 * p.value
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.timeout(1800)
 def test_noise_of_a_hovercraft_against_a_plain_campaign(capsys):
     """Navigation errors alone make it spin too fast: what words of groups draw is as probable as what runs draw."""

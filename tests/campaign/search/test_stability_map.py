@@ -169,7 +169,7 @@ def test_a_condition_on_what_there_is_not_is_refused():
         parse_success(scenario, ["settling:heading <= 3"])
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_a_predictor_moves_the_largest_delay_out_four_times():
     """Forward flight with the source's navigation errors on the same 16 seeds; sway calm to 0.2 m/s over the end."""
     edges = {}

@@ -60,7 +60,7 @@ def test_intervals_hold_the_indices_at_least_as_often_as_they_say():
     np.testing.assert_allclose(np.mean(spread, axis=0), [first, total], atol=0.02)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_intervals_are_right_for_independent_base_samples():
     """What the bootstrap assumes: 200 repetitions of 256 random base samples, 95 ± 4.6 % (3 sigma)."""
     first, total = ishigami_indices()

@@ -132,7 +132,7 @@ def test_no_failure_gives_no_bound():
     assert (found.value, found.low, found.high) == (0.0, 0.0, np.inf)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.timeout(1800)
 @pytest.mark.parametrize("name", ["two parameters", "noise alone", "both", "two corners"])
 def test_coverage_at_one_in_a_million(name, capsys):

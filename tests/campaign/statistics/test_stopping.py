@@ -113,7 +113,7 @@ def stopped_at_width(rows, p, width, block, bounds):
     return np.mean(held), np.mean(runs)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_plain_band_of_a_quantile_stopped_at_a_width_fails():
     """The numbers of docs/campaign/metrics.md: it stops while it happens to lie below the cliff. About 10 s."""
     rows = cliff(np.random.default_rng(6), (2000, 4000))
@@ -123,7 +123,7 @@ def test_plain_band_of_a_quantile_stopped_at_a_width_fails():
     assert anytime > 0.95 - 0.015
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_stopping_when_a_requirement_is_met():
     """The numbers of docs/campaign/metrics.md: success is exactly 0.9, demanded is more than that. About a minute."""
     wanted = parse_requirement("success >= 0.9 @ 95%")

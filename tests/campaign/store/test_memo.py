@@ -111,7 +111,7 @@ def fly_map(store=None, progress=lambda more: None):
     return stability_map(scenario, *axes, runs=2, depth=2, progress=progress, memo=memo).share
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.parametrize("fly", [fly_falsify, fly_tune, fly_map])
 def test_a_search_that_was_stopped_goes_on_to_the_same_end(fly, tmp_path):
     with pytest.raises(KeyboardInterrupt):

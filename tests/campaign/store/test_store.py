@@ -23,7 +23,7 @@ def store(tmp_path):
     return tmp_path / "rows.zarr"
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_store_of_another_campaign(store):
     small(2 * BLOCK).run(store)
     for other in ({"seed": 4}, {"metrics": ["peak:yaw_rate"]}, {"spread": {"world.vehicle.mass": "normal(100%, 5%)"}}):
@@ -38,7 +38,7 @@ def test_store_of_another_campaign(store):
     assert (folder / "2024" / "cat.png").read_bytes() == b"cat"
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_metric_of_a_file_that_was_changed(store, tmp_path):
     file = tmp_path / "mine.py"
     file.write_text("def worst(rows):\n    return rows['yaw_rate'].max(axis=1)\n")
@@ -54,7 +54,7 @@ TORN = {"half": lambda b: b[: len(b) // 2], "empty": lambda b: b"", "zeros": lam
 CHUNKS = [(column, torn) for column in ("error_rms:yaw_rate", "success", "done") for torn in TORN]
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.parametrize(("column", "torn"), CHUNKS)
 def test_chunk_that_a_crash_of_the_machine_tore(store, whole, column, torn):
     small(4 * BLOCK).run(store)
@@ -110,7 +110,7 @@ def test_a_metric_with_a_name_longer_than_a_file_may_have(store):
     assert found[other].tobytes() == read[other].tobytes()
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_the_size_of_a_store_is_known_by_its_first_block(store):
     runs = RUNS + BLOCK // 2
     assert estimate_store_size(store, runs) is None

@@ -41,7 +41,7 @@ def whole():
     return small(RUNS).run().columns
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_addresses_and_files_that_are_none(folder):
     good = files(folder)
     for uri in (
@@ -125,7 +125,7 @@ def with_boat(file, runs):
     return small(runs, settings=settings)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_a_plan_has_the_calibration_and_a_worker_needs_no_file(tmp_path):
     file = tmp_path / "boat.toml"
     file.write_text(format_calibration(BOAT), encoding="utf-8")

@@ -55,14 +55,14 @@ def differences(cases: list[Case]) -> list[str]:
     return lines
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.parametrize("library", LIBRARIES)
 @pytest.mark.filterwarnings("ignore")
 def test_first_functions_agree_with_jax(library: str) -> None:
     assert differences([c for c in load_cases(library) if not c.refused][:QUICK]) == []
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.timeout(1800)
 @pytest.mark.parametrize("library", LIBRARIES)
 @pytest.mark.filterwarnings("ignore")

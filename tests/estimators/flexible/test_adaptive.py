@@ -1,7 +1,7 @@
 """The filter that learns the modal frequencies: its coordinates, what it learns from and what not, and its price.
 
 Defaults were chosen on seeds 100-111 and 200-205; here seeds start at 300. The tables of the docs page:
-pytest -n0 -s -m slow tests/estimators/flexible/test_adaptive.py
+pytest -n0 -s -m thorough tests/estimators/flexible/test_adaptive.py
 """
 
 import functools
@@ -93,7 +93,7 @@ def test_stretched_motion_is_that_of_the_modes_with_other_frequencies(kmode):
     np.testing.assert_array_equal(got[4:], X[4:])
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_at_rest_the_frequencies_act_on_nothing():
     """The trap and the way round it: in eta the measurement depends on w and on eta, in s on s alone, everywhere."""
     craft, x, u = trim()
@@ -164,7 +164,7 @@ def test_it_tells_all_that_the_fixed_filter_tells():
     np.testing.assert_allclose(np.sqrt(np.diag(state.spread)[4:]), 0.1, rtol=1e-12)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_at_rest_nothing_is_learnt_and_nothing_drifts():
     """No excitation: after ten seconds frequencies and their deviations are what they were, within 1 % of 10 %."""
     flown = _resting()
@@ -175,7 +175,7 @@ def test_at_rest_nothing_is_learnt_and_nothing_drifts():
     assert (np.abs(flown.error[:, -1]) < 3 * flown.estimate.sigma[:, -1]).all()  # and it knows what it does not know
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_steps_of_the_elevator_teach_it():
     """From 10 % off, printed first estimate, sigma 0.01: the frequency that sounds loudest within 1 % after 10 s."""
     flown = _learning()
@@ -201,7 +201,7 @@ def _frame(t, x, u, acceleration, **changes):
     return Frame(t, samples | {"actuators": new_sample(t, u)})
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_what_is_not_finite_is_not_used():
     _, x, u = (jax.tree.map(float, part) for part in trim())
     one = to_arrays(AdaptiveFlexibleModeFilter(bound=1.12))
@@ -253,7 +253,7 @@ def _rows(title, move, disturbance=None, seeds=range(300, 304)):
     return found
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("title", "move", "knock"), [("steps", steps, None), ("buzz", buzz, None), ("knock", rest, KNOCK)]
 )
@@ -271,7 +271,7 @@ def test_where_the_modes_sound_it_beats_the_fixed_filters(title, move, knock):
                 assert errors["adaptive"][loudest] < errors[other][loudest], (case, other)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.parametrize(("title", "move"), [("rest", rest), ("weave", weave)])
 def test_where_they_do_not_it_is_no_better_than_others(title, move):
     """Displacements are where N/w^2 of the believed w is: that is the error, and sigma says so; no worse than 1.5 x."""
@@ -280,7 +280,7 @@ def test_where_they_do_not_it_is_no_better_than_others(title, move):
             assert (errors["adaptive"] < 1.5 * errors["tuned"] + 0.05).all(), case
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_a_minute_of_rest_changes_nothing():
     flown = fly_many([(1, 1)] * 6, AdaptiveFlexibleModeFilter(), range(310, 316), rest, 60)
     wrong, believed = _wrong(flown, [(1, 1)] * 6)[:, -1], flown.estimate.frequencies.w2_sigma[:, -1] / 20
@@ -289,7 +289,7 @@ def test_a_minute_of_rest_changes_nothing():
     assert believed.min() > 0.095
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_consistent_where_the_plant_has_the_noise_that_it_believes():
     """NEES of (eta, ln w) over 96 runs, frequencies anywhere within 10 %, process noise as in Q, elevator steps.
 
@@ -313,7 +313,7 @@ def test_consistent_where_the_plant_has_the_noise_that_it_believes():
     assert nees.mean() > low
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.parametrize("move", [steps, buzz])
 def test_a_single_extended_filter_settles_on_the_wrong_mode(move):
     """Why nine: from nominal frequencies, all of the deviation in one filter, both modes 10 % low, modes shaken."""

@@ -21,7 +21,7 @@ def _model():
     return np.asarray(A), np.asarray(C)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_it_is_the_differential_equation_at_the_trim():
     """Oracle: eta and the Riccati equation in one by scipy, where flight, input and measurement stand still."""
     _, x, _ = trim()
@@ -56,7 +56,7 @@ def test_its_covariance_settles_at_the_algebraic_equation():
     assert np.linalg.eigvalsh(np.asarray(P)).min() > 0
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_printed_setting_is_the_observer_without_measurement():
     """Oracle, filter: with R = 10 as a density the gain is all but nothing: errors within 1 % of no-update."""
     none = np.asarray(fly(*trim(), FlexibleModeFilter(corrects=False), noise=0.0)[0])
@@ -66,7 +66,7 @@ def test_printed_setting_is_the_observer_without_measurement():
     assert (rms(printed, 9, 10) < 0.08 * rms(printed, 0, 1)).all()  # and yet it "converges in ten seconds"
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_as_flown_is_the_limit_of_as_published():
     """The same densities in both: R of a sample is R/dt. Errors after the start agree to the length of the step."""
     continuous = ContinuousModeFilter(Q=(1e-4, 1.0, 1e-4, 1.0), R=0.02)

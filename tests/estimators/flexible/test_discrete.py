@@ -112,7 +112,7 @@ def test_how_much_the_noise_must_fall_for_the_filter_to_matter(R, constant):
     assert _slowest(np.linalg.eigvals(A - P @ C.T @ C / R)) == pytest.approx(constant, abs=6e-3)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_check_07_printed_setting_beside_no_update():
     """Error at 9-10 s below 8 % of that at 0-1 s. **No measurement at all passes it too.**"""
     for name in ("printed", "none"):

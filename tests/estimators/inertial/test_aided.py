@@ -65,7 +65,7 @@ def test_the_estimate_is_good_and_its_sigmas_are_honest(undisturbed):
     np.testing.assert_allclose(told.age, 0.0, atol=1e-12)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_all_forms_agree_where_the_model_is_linear():
     """To 1e-9: the three of the dual filter on any flight, the coupled one once its Jacobian's force is 0."""
     decoupled = AidedInertialCoupled(**PARTS, smoothing=1e15, rest="correct")
@@ -81,7 +81,7 @@ def test_all_forms_agree_where_the_model_is_linear():
 FORMS = (AidedInertialFeedback, AidedInertialFeedforward, AidedInertialDirect, AidedInertialCoupled)
 
 
-@pytest.mark.parametrize("made", [FORMS[0], *(pytest.param(f, marks=pytest.mark.slow) for f in FORMS[1:])])
+@pytest.mark.parametrize("made", [FORMS[0], *(pytest.param(f, marks=pytest.mark.thorough) for f in FORMS[1:])])
 def test_late_positions_are_fused_when_they_were_measured(made):
     """Delays of 20 to 22 ticks, two of them swapped in order; heading too comes 3 ticks late. Equal to 1e-9."""
     sent = good()

@@ -14,7 +14,7 @@ from trimtab.sensors.flight_instruments import FlightInstruments
 from trimtab.vehicles.f16 import F16Controls
 from trimtab.vehicles.f16_flat_earth import GRAVITY, F16State
 
-pytestmark = [pytest.mark.slow, pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here")]
+pytestmark = [pytest.mark.thorough, pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here")]
 NUMBERS = {
     "alpha": 1e-9,
     "beta": 1e-9,

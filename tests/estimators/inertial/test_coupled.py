@@ -29,7 +29,7 @@ def test_the_transition_is_a_matrix_exponential():
     np.testing.assert_allclose(coupled_transition(0.3, 0.7, f), expm(0.3 * A), atol=1e-14)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_the_transition_is_the_derivative_of_the_process():
     """To the order of what a step turns; errors of biases are true minus estimated."""
     felt = np.array([0.4, 1.5, -0.4])
@@ -46,7 +46,7 @@ def test_its_noise_is_that_of_the_dual_filters():
     np.testing.assert_allclose(Q, np.diag([9.0, 1, 1, 0, 0, 8, 3, 4]), atol=1e-14)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_a_lever_arm_shows_the_heading():
     """The aided point 1 m ahead: its position to the side says how the vehicle points."""
     form = replace(FORM, arms=LeverArms(aiding=np.array([1.0, 0.0])), rest_sigmas=np.float64(0.0))
@@ -56,7 +56,7 @@ def test_a_lever_arm_shows_the_heading():
     assert node.x[0] == pytest.approx(0.02**2 / s * 0.02, rel=1e-9)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_nees_over_500_seeds_is_within_the_95_percent_bounds():
     """Positions only, 10 Hz, an accelerating vehicle; on its own model."""
     nees, _, _ = monte_carlo(FORM, weave(ticks(300)), n=300, every=15, reads=False, runs=500)
@@ -70,7 +70,7 @@ def accelerating():
     return monte_carlo(FORM, weave(ticks(n)), n=n, every=HERTZ, reads=False, runs=60, keep=50)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_heading_from_positions_at_one_hertz(accelerating):
     """Heading 0.64 deg rms, NEES 7.1 of 8 from a 0.02 rad start error, on its own trajectory."""
     nees, flown, _ = accelerating
@@ -90,7 +90,7 @@ def resting():
     return found
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_at_rest_the_heading_drifts_and_the_filter_says_so(resting):
     """30 deg in 60 s, and overconfidence; considered instead of corrected it stays honest."""
     own = {}
@@ -105,7 +105,7 @@ def test_at_rest_the_heading_drifts_and_the_filter_says_so(resting):
     assert nees_verdict(np.asarray(resting["consider"][0]), 8).verdict == CONSISTENT
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_giving_in_finds_back_what_the_gate_had_shut_out():
     """0.5 rad start error at 1 Hz: linearisation throws some runs off so far that all positions are refused."""
     n = int(24 / DT)
@@ -119,7 +119,7 @@ def test_giving_in_finds_back_what_the_gate_had_shut_out():
     assert lost[1] == 0
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_a_large_first_error_makes_it_too_sure():
     """NEES 11 from 0.5 rad, linearisation."""
     n = int(24 / DT)
@@ -130,7 +130,7 @@ def test_a_large_first_error_makes_it_too_sure():
     assert verdict.mean > 9
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_nees_over_500_seeds_for_forty_seconds():
     n = int(40 / DT)
     nees, _, _ = monte_carlo(FORM, weave(ticks(n)), n=n, every=15, reads=False, runs=500, keep=100)

@@ -15,7 +15,7 @@ from trimtab.logs.consistency import CONSISTENT, nees_verdict
 FORM = to_arrays(AidedInertialDirect(noise=MEMS, start=NEAR))
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_covariances_move_with_the_derivative_of_the_process():
     """Against automatic derivatives of propagate() itself, with the heading held for the second filter."""
     g = np.random.default_rng(0)
@@ -35,7 +35,7 @@ def test_covariances_move_with_the_derivative_of_the_process():
     np.testing.assert_allclose(got.P2, F2 @ node.P2 @ F2.T + none.P2, rtol=1e-11, atol=1e-14)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_innovations_are_measured_minus_predicted():
     node = FORM.correct_heading(FORM.first(), np.float64(0.01))
     assert node.heading_fix.innovation[0] == np.float64(0.01)
@@ -55,7 +55,7 @@ def test_a_position_is_that_of_the_aided_point():
     np.testing.assert_allclose(told.innovation, z - np.array([1.0 - 0.4, 0.2]), atol=1e-15)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_nees_over_500_seeds_is_within_the_95_percent_bounds():
     nees, _, _ = monte_carlo(FORM, turn(ticks(250)), n=250, every=15, reads=True, runs=500)
     verdict = nees_verdict(np.asarray(nees), 8)

@@ -66,7 +66,7 @@ def jacobian():
     return np.asarray(jax.jit(jax.jacfwd(lambda e: error_between(ride(x), ride(with_error(x, e)))))(jnp.zeros(15)))
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_transition_is_the_derivative_of_the_mechanisation(jacobian):
     """Of attitude, velocity, position to rounding; of biases as for a constant rate, of the place a constant force."""
     x = first_nominal(START, 15)

@@ -35,7 +35,7 @@ def turning():
     return found
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.parametrize(("covariance", "heading", "nis"), [("literal", 0.58, 0.34), ("consistent", 0.13, 0.98)])
 def test_heading_error_and_nis_of_both_covariances(turning, covariance, heading, nis):
     """Heading 0.58 deg and NIS 0.34 as printed, 0.13 deg and 0.98 with the unit error mended."""
@@ -44,7 +44,7 @@ def test_heading_error_and_nis_of_both_covariances(turning, covariance, heading,
     assert told.mean() == pytest.approx(nis, abs=0.02)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_heading_of_the_magnetometer(turning):
     """Magnetometer: 0.45 to 0.70 deg, with the printed covariance ([1] table 6.7)."""
     error = turning["literal"][0]
@@ -59,7 +59,7 @@ def test_the_verdict_tells_the_printed_covariance_from_the_mended(turning):
     assert mended.verdict != OPTIMISTIC
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_nees_over_500_seeds_is_within_the_95_percent_bounds():
     """On its own model: turning without force, so that heading errors do nothing to velocity."""
     form = to_arrays(AidedInertialFeedforward(noise=MEMS, start=NEAR))
@@ -70,7 +70,7 @@ def test_nees_over_500_seeds_is_within_the_95_percent_bounds():
     assert nis_verdict(np.asarray(nis), 2).verdict == CONSISTENT
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.parametrize("form", ["feedforward", "feedback", "direct"])
 def test_nees_over_500_seeds_of_each_dual_form_for_half_a_minute(form):
     from trimtab.estimators.inertial.direct import AidedInertialDirect

@@ -136,7 +136,7 @@ def recorded_flight(form, steps, latency):
     return form, state, estimate, samples, fixes
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_late_fixes_give_what_a_filter_gives_that_had_them_in_time():
     """0.8 s, four fixes that come 120 ms late: at the horizon the state and P of the dense filter, up to how often P
     is carried on; and now, 150 ms later, the state of one that went on from there."""
@@ -190,7 +190,7 @@ def outside(values, n, flights):
 
 
 @needs_compiler
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_errors_are_what_the_filter_believes_over_two_hundred_flights(flights):
     """NEES of all 15 and of each block of three; a mean lies outside by chance one time in twenty."""
     world, compiled = flights
@@ -211,7 +211,7 @@ def test_errors_are_what_the_filter_believes_over_two_hundred_flights(flights):
 
 
 @needs_compiler
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_what_two_hundred_flights_say_of_the_gyros_biases_is_chance(flights):
     """Twelve looks at one flight are hardly twelve: a bias changes slowly. The sample is the mean over a flight.
 
@@ -232,7 +232,7 @@ def test_what_two_hundred_flights_say_of_the_gyros_biases_is_chance(flights):
 
 
 @needs_compiler
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_a_wrong_lever_arm_is_seen_in_the_errors(flights):
     """0.5 m off: far outside of the band, by which the test above could fail. So are gyros ten times noisier."""
     world, compiled = flights
@@ -255,7 +255,7 @@ def turn_sigma(rate):
     return float(o.sigma[-1, 2])
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_heading_is_seen_in_a_turn_and_not_along_a_straight_line():
     first = SpatialStart().sigma_heading
     straight, turning = turn_sigma(0.01), turn_sigma(LAP)
@@ -301,7 +301,7 @@ class Bench:
         return self.estimate.state
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_it_rests_where_the_fixes_say_and_is_valid_after_the_first():
     bench = Bench()
     told = bench.step(10)

@@ -42,7 +42,7 @@ def measured(x, aiding):
     return jnp.concatenate([*clocked, value.satellites, value.satellite_velocities, seen])
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.parametrize(("aiding", "n", "expect"), [("fixes", 15, expect_fix), ("ranges", 17, expect_ranges)])
 def test_expected_is_what_the_sensor_measures_and_its_derivative(aiding, n, expect):
     """Of a state with an error put in; a gyro's bias that is missing turns the antenna too slowly."""

@@ -49,7 +49,7 @@ def rates_told(given):
     return np.asarray(flown(given.frames(PLAIN))[0])[:, 2]
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_it_undoes_the_identified_gyro_and_the_navigation_sees_the_truth():
     truth = turn(ticks(N))
     given = ride(truth, InertialNoise(gyro=1e-30, forward=1e-30, starboard=1e-30, heading=1e-12, position=1e-12))
@@ -64,7 +64,7 @@ def test_it_undoes_the_identified_gyro_and_the_navigation_sees_the_truth():
     np.testing.assert_allclose(got.state.yaw_rate, wanted.state.yaw_rate, atol=1e-9)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_rates_are_the_difference_equation():
     y = np.random.default_rng(0).normal(size=N)
     got = rates_told(sampled(y))

@@ -114,7 +114,7 @@ def flight(seed, n=24):
     return imu, headings, positions
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_an_increment_is_what_the_imu_feels_and_not_the_jump_of_a_fix():
     """Feedback form at rest that believes to move: a fix between the two times moves the place, and is no motion."""
     form = AidedInertialFeedback(start=InertialStart(velocity_north=0.5, velocity_east=-0.2))

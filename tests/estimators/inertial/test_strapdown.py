@@ -114,7 +114,7 @@ def coning_error(n, *, corrected):
     return np.linalg.norm(quaternion.local(total.turn, q)), np.linalg.norm(total.velocity - v)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_coning_and_sculling_between_samples_are_followed():
     """A cone's drift about z, and sculling: samples with a straight line between leave less than their means do."""
     with_it, without = coning_error(200, corrected=True), coning_error(200, corrected=False)

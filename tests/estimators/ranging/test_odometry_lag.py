@@ -45,7 +45,7 @@ def test_the_present_is_as_without_the_kept_poses():
     np.testing.assert_allclose(lagged.drive.P[:n, :n], plain.P, atol=1e-10)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_it_is_so_old_and_better_and_knows_it():
     better, squares = [], []
     for seed in range(30):

@@ -64,7 +64,7 @@ def silent(begin, end, who=True):
     return spoil
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.parametrize("run", range(2))
 def test_it_starts_from_any_heading_and_is_good(run):
     told = flown(run)
@@ -80,7 +80,7 @@ def test_it_starts_from_any_heading_and_is_good(run):
     assert told.state.covariance.positive[100:].all()
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.parametrize("run", range(2))
 def test_two_beacons_do_for_a_start(run):
     """Each of them sees two places; what the gyro feels tells which. A fix has nothing here."""
@@ -92,7 +92,7 @@ def test_two_beacons_do_for_a_start(run):
     assert place.max() < 0.08
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_outliers_do_not_throw_it_off():
     """10 % of the ranges wrong by up to 3 m."""
     for run in (0, 1):
@@ -101,7 +101,7 @@ def test_outliers_do_not_throw_it_off():
         assert place.max() < 0.04
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_silence_widens_it_and_leaves_nothing_behind():
     """2.5 s without ranges: the cloud follows the IMU, also where that is longer than what is remembered of it."""
     told = flown(0, spoil=silent(2.0, 4.5))
@@ -114,7 +114,7 @@ def test_silence_widens_it_and_leaves_nothing_behind():
     assert (off[gap] < 4 * np.hypot(wide, told.state.sigma_east)[gap]).all()
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_nan_doubled_and_backward_samples_are_flagged():
     def spoil(frames):
         ping = frames.samples["ranging"]
@@ -139,7 +139,7 @@ def test_nan_doubled_and_backward_samples_are_flagged():
     assert errors(told, 2)[1].max() < 0.03
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_it_exports():
     form = to_arrays(replace(FORM, N=8, intake=replace(FORM.intake, slots=8)))
     frame = jax.tree.map(

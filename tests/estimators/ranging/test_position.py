@@ -73,7 +73,7 @@ def test_default_beacons_are_the_sensors():
     np.testing.assert_array_equal(SQUARE, CEILING_SQUARE)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_perfect_ranges_give_the_place_and_the_heading():
     samples = {0: (0, *exact(), 0), ms(150): (ms(100), *exact(unit=1), 1)}
     first, second = feed(TWO, samples)
@@ -90,7 +90,7 @@ def test_perfect_ranges_give_the_place_and_the_heading():
     assert second.state.residual < 1e-5
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_the_gain_is_how_range_errors_move_the_fix():
     """By finite differences; three beacons and four, and what of each error gets into the place."""
     form = replace(ONE, cone=False)
@@ -135,7 +135,7 @@ def located(sensor, place, near=(0.0, 0.0), known=False):
     return jax.tree.map(np.asarray, (replies, _located(replies, np.array(near), np.bool_(known))))
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_network_at_rest():
     """0.47 to 0.57 cm half of the time, with ranges off the axis, compensated: [1] figure 5.8, 0.52 cm."""
     _, found = located(ALONE, (0.0, 0.0))
@@ -196,7 +196,7 @@ def test_nan_old_and_doubled_pings_change_nothing():
     assert found[-1].state.used == 3
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_beacons_in_a_row_are_too_diluted_to_be_believed():
     row = np.array([[0.0, y, -2.7] for y in (-1.5, -0.5, 0.5, 1.5)])
     at = np.array([0.002, 0.3])
@@ -206,7 +206,7 @@ def test_beacons_in_a_row_are_too_diluted_to_be_believed():
     assert not found.valid
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_in_flight_with_collisions():
     """Turning slowly: fixes within their noise, heading within that of the base; collisions cost fixes only."""
     sensor = replace(SENSOR, collisions=True)
@@ -260,7 +260,7 @@ def as_c(estimator, *example):
     return call
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler")
 def test_exported_c_is_the_same():
     """Sixty pings of two units with missing, stray and NaN ranges: states and estimates within rounding."""

@@ -1,4 +1,4 @@
-"""The tables of the page of tightly coupled ranging, printed: pytest -s -m slow, and this file."""
+"""The tables of the page of tightly coupled ranging, printed: pytest -s -m thorough, and this file."""
 
 import jax
 import numpy as np
@@ -20,7 +20,7 @@ from estimators.ranging.test_tightly_coupled import (
 
 from trimtab.core.record import replace, to_arrays
 
-pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]
+pytestmark = [pytest.mark.thorough, pytest.mark.timeout(900)]
 ONE_LEFT = rf.spoil(LONG, 3.0, who=[False, True, True, True])
 
 

@@ -43,7 +43,7 @@ def fly(heading, rate, force, v, p, pings=4, noise=0.0, steps=50):
     return start, state
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.parametrize("heading", [-3.0, -1.0, 0.0, 2.0])
 def test_four_pings_of_two_units_give_all(heading):
     """Turning and accelerating, from any heading: exact."""
@@ -53,7 +53,7 @@ def test_four_pings_of_two_units_give_all(heading):
     np.testing.assert_allclose(found.x, truth, atol=1e-9)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_three_pings_are_refused_and_nonsense_is_refuted():
     start, _ = fly(0.5, 0.1, (0, 0), (0, 0), (0, 0), pings=3)
     assert not rs.solve_start(start, np.zeros(2), **LIMITS).usable

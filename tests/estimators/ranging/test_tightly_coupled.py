@@ -77,7 +77,7 @@ LINEAR = replace(TIGHT, errors=replace(TIGHT.errors, second_order=False))
 in_time = jax.jit(rf.flown, compiler_options=rf.SWIFT)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.parametrize(("path", "place", "heading"), [(still, 1e-5, 1e-5), (rf.platform, 1e-4, 1e-4)])
 def test_perfect_ranges_give_the_truth(path, place, heading):
     """From nothing. On the platform the trapezoid of the IMU's tick is what is left: 22 um a lap."""
@@ -152,7 +152,7 @@ def test_with_linear_geometry_it_is_the_kalman_filter():
     np.testing.assert_allclose(node.P[np.ix_(keep, keep)], P, rtol=2e-4, atol=1e-9)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_nees_over_500_seeds_is_within_the_95_percent_bounds():
     """On its own model, with scale and beacons' errors drawn: [4] section 5.4."""
     start = replace(START, sigma_heading=0.05, sigma_position=0.05, sigma_velocity=0.1)
@@ -162,7 +162,7 @@ def test_nees_over_500_seeds_is_within_the_95_percent_bounds():
     assert verdict.verdict == CONSISTENT, verdict
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_it_stays_honest_on_the_network(usual):
     """Errors that hang together in time: considering them gives 8 to 9.2 of 8, ignoring them three times that."""
     assert nees_verdict(rf.nees_of(usual)[:, FROM:], 8).mean < 9.2
@@ -170,7 +170,7 @@ def test_it_stays_honest_on_the_network(usual):
     assert rf.nees_of(flown(ignoring))[:, FROM:].mean() > 24
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_it_starts_by_itself_within_a_second(usual):
     fix = usual.node.position_fix
     assert fix.tracking[:, 9:].all()
@@ -202,7 +202,7 @@ def loose(unit):
     return to_arrays(rf.Loose(form, RangingPosition(units=rf.LEVERS), np.bool_(unit)))
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_it_beats_loosely_coupled_on_the_platform(usual):
     """RangingPosition into the coupled form, which starts at the truth. Stated: heading 10 times better than the chain
     with fix and heading; place 1.2 times better than the best use of fixes, 3 times with three beacons and 2 with two,
@@ -217,7 +217,7 @@ def test_it_beats_loosely_coupled_on_the_platform(usual):
     assert rms(flown(loose(True), spoilt=THREE_LEFT))[1] > 3 * rms(flown(spoilt=THREE_LEFT))[1]
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_two_beacons_are_enough():
     out = flown(spoilt=TWO_LEFT)
     heading, place, worst = rms(out)
@@ -227,7 +227,7 @@ def test_two_beacons_are_enough():
     assert rf.nees_of(out)[:, FROM:].mean() < 9.2
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_outliers_do_not_throw_it_off(usual):
     """10 % of the ranges wrong by up to 3 m, from the start on."""
     out = flown(sensor=rf.strays())
@@ -241,7 +241,7 @@ def test_outliers_do_not_throw_it_off(usual):
     assert worst < 0.06
 
 
-@pytest.mark.parametrize("probability", [0.0, pytest.param(0.1, marks=pytest.mark.slow)])
+@pytest.mark.parametrize("probability", [0.0, pytest.param(0.1, marks=pytest.mark.thorough)])
 def test_five_seconds_without_ranges_leave_nothing_behind(probability):
     out = flown(sensor=rf.strays(probability), spoilt=GAP)
     sigma = np.sqrt(out.node.P[:, :, 3, 3])
@@ -264,7 +264,7 @@ def test_a_moved_beacon_is_found_and_the_rest_carries_on():
     assert rf.nees_of(out)[:, 60:].mean() < 9.5
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_a_beacon_that_was_hidden_for_a_while_is_believed_again():
     out = flown(spoilt=HIDDEN)
     fix = out.node.position_fix
@@ -274,7 +274,7 @@ def test_a_beacon_that_was_hidden_for_a_while_is_believed_again():
     assert rms(out)[2] < 0.05
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_a_filter_that_is_lost_starts_again():
     """Three beacons of four contradict it for 1.5 s; what they say can't be, so it waits until it can."""
     out = flown(spoilt=LIES)
@@ -304,7 +304,7 @@ def _fly(form, frames):
     return told, newest_node(state.history)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_pings_that_come_late_are_fused_when_they_were_sent(ride):
     """Replies come up to 100 ms after the ping: equal to the filter that got all in time, to 1e-9."""
     flight, felt, off, replies, last = ride
@@ -324,7 +324,7 @@ def test_pings_that_come_late_are_fused_when_they_were_sent(ride):
     assert np.asarray(told.state.covariance.positive)[100:].all()
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_nan_doubled_and_backward_samples_are_flagged_and_change_nothing(ride):
     flight, felt, _, replies, last = ride
     frames = rf.late_frames(LINEAR, flight, felt, replies, last)
@@ -353,7 +353,7 @@ def test_nan_doubled_and_backward_samples_are_flagged_and_change_nothing(ride):
     np.testing.assert_allclose(state.heading[-1], np.asarray(good.state.heading)[-1], atol=0.005)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_a_heading_sensor_helps_to_start_and_later():
     """One unit at rest: ranges tell no heading, the sensor does."""
     form = to_arrays(replace(TIGHT, units=np.zeros((1, 3)), intake=replace(TIGHT.intake, heading="compass")))

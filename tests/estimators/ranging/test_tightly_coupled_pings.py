@@ -43,7 +43,7 @@ def least(P):
     return np.linalg.eigvalsh(np.asarray(P)).min()
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_a_moved_beacon_is_doubted_and_forgiven_and_the_covariance_stays_one():
     n, seen = node(), []
     for k in range(70):
@@ -57,7 +57,7 @@ def test_a_moved_beacon_is_doubted_and_forgiven_and_the_covariance_stays_one():
     assert n.position_fix.tracking
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_contradiction_by_most_ends_the_run():
     n = node()
     for _ in range(8):

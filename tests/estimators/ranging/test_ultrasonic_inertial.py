@@ -57,7 +57,7 @@ def faultless(scenario):
     return scenario
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_with_perfect_sensors_it_finds_the_truth(scenario):
     """What is left: the way from a start that knows nothing, which the filter's own noise takes seconds to forget."""
     (log,) = flown(replace(faultless(scenario), duration=seconds(12)), [3])
@@ -67,7 +67,7 @@ def test_with_perfect_sensors_it_finds_the_truth(scenario):
         assert np.abs(errors(log, signal)[0][late]).max() < bound, signal
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_errors_are_as_large_as_it_says(scenario):
     """On sensors with all their faults, errors of survey and temperature constant over a flight among them.
 
@@ -81,7 +81,7 @@ def test_errors_are_as_large_as_it_says(scenario):
         assert np.quantile(normalised, 0.9) < 2.5, signal
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_innovations_are_as_large_as_it_says_and_without_a_tail():
     """Of six flights: NIS near 1 a number, and no heading far out where one unit's beacons lie badly."""
     made, _ = catalogue.load_scenario("hovercraft/forward", {"navigation": "ins"})
@@ -94,7 +94,7 @@ def test_innovations_are_as_large_as_it_says_and_without_a_tail():
         assert np.mean(late > 9) < 0.005, name
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_it_starts_by_itself(scenario):
     """Heading and position unknown, turning at 2 rad/s: both fixes within 0.3 s, a hundredth of a turn within 3 s."""
     for log in flown(scenario, range(4)):
@@ -102,7 +102,7 @@ def test_it_starts_by_itself(scenario):
         assert np.abs(errors(log, "heading")[0][log.t > 3]).max() < 0.06
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_a_beacon_moved_by_half_a_metre_is_left_out(scenario):
     n = len(scenario.world.sensors["ranging"].beacons.map)
     moved = np.zeros((n, 3))
@@ -155,7 +155,7 @@ class Spoiled:
         return (inner, strengthen_types(value)), replace(sample, value=value, t=sample.t + shift, fresh=fresh)
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 @pytest.mark.parametrize("fault", FAULTS)
 def test_faults_of_the_ranging_end_in_a_signal_and_an_honest_sigma(scenario, fault):
     ranging = Spoiled(scenario.world.sensors["ranging"], np.float64(FAULTS.index(fault)))
@@ -183,7 +183,7 @@ def test_faults_of_the_ranging_end_in_a_signal_and_an_honest_sigma(scenario, fau
     assert (watch["disordered"][-1] > 0) == (fault in ("ahead", "back", "twice"))
 
 
-@pytest.mark.slow
+@pytest.mark.thorough
 def test_one_unit_on_a_lever_is_as_honest_as_at_the_centre(scenario):
     """Heading unknown at first, and no sensor for it: what the lever arm hides is not noise that averages away."""
     made = scenario.autopilot.estimator
