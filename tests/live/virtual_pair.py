@@ -30,6 +30,7 @@ class VirtualPair:
         self.network.names[PORT] = "vehicle"
         self.there, self.here = (VirtualMachine(self.time, self.network, name) for name in ("vehicle", "autopilot"))
         self.said, self.told, self.outputs_said = [], [], []
+        self._end = None
         self.there.tell = self.outputs_said.append
 
     @property
@@ -68,14 +69,7 @@ class VirtualPair:
 
     def start_vehicle(self, scenario=None, *, until=None, **options):
         """Serve until a tenth of a second after the autopilot has ended, or until `until` says so."""
-        ended = []
-
-        def stop():
-            if until:
-                return until()
-            if not ended and any(p.has_ended for p in self.here.programs[-1:]):
-                ended.append(self.time.seconds)
-            return bool(ended) and self.time.seconds >= ended[0] + 0.1
+        stop = until or self.has_autopilot_ended
 
         def serve(machine):
             vehicle = self.make_vehicle(machine, scenario)
@@ -103,6 +97,12 @@ class VirtualPair:
         for program in self.time.programs:
             if program.error is not None:
                 raise program.error
+
+    def has_autopilot_ended(self):
+        """Whether the autopilot has ended, a tenth of a second ago or longer."""
+        if self._end is None and any(program.has_ended for program in self.here.programs[-1:]):
+            self._end = self.time.seconds
+        return self._end is not None and self.time.seconds >= self._end + 0.1
 
     def when_armed(self, act, later=0.5):
         """Call a function some seconds after the vehicle was armed."""

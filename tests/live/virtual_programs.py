@@ -1,5 +1,7 @@
 """`trimtab vehicle` and `trimtab fly` in virtual time, with the interface of `pair.fly_pair`."""
 
+from contextlib import ExitStack
+
 from live.pair import DISARMED_S, Ended, make_key
 
 from studies.live_faults.virtual_process import VirtualProcess, own_streams
@@ -19,8 +21,7 @@ class VirtualPrograms:
         self.network = VirtualNetwork(self.time)
         self.network.names[PORT] = "vehicle"
         self._clock = self.time.adopt("user").clock
-        self._streams = own_streams()
-        self._streams.__enter__()
+        self._streams = ExitStack()
         self.machines = {}
 
     def pause(self, seconds):
@@ -28,6 +29,8 @@ class VirtualPrograms:
 
     def start(self, host, *words):
         """Start a command on a computer; the same computer keeps its clock."""
+        self._streams.close()  # pytest sets the usual streams anew when a fixture is ready
+        self._streams.enter_context(own_streams())
         machine = self.machines.setdefault(host, VirtualMachine(self.time, self.network, host))
         return VirtualProcess(*words, name=host, machine=machine, pause=self.pause)
 
@@ -42,7 +45,7 @@ class VirtualPrograms:
         for program in self.time.programs[1:]:
             self.time.kill(program)
         self.pause(0.001)
-        self._streams.__exit__(None, None, None)
+        self._streams.close()
 
 
 def fly_pair(folder, scenario, *both, vehicle=(), pilot=(), key="hovercraft"):

@@ -51,6 +51,10 @@ class _OutputsLog:
                 self._file.write(f"{line}\n".encode())
         self._tell(line)
 
+    def close(self) -> None:
+        if self._file is not None:
+            self._file.close()
+
 
 class OutputsLoop:
     """Applies the rows that come, until nobody is left to send any and everything is at rest."""
@@ -85,13 +89,16 @@ class OutputsLoop:
 
     def serve(self) -> None:
         """Run until the vehicle is gone and everything is at rest."""
-        while True:
-            due = self.step()
-            if self._is_gone and not self.watchdog.row.lift:
-                break
-            left = math.inf if due is None else max(due - self._clock.monotonic_ns(), 0) / NS_PER_SECOND
-            self._clock.wait(None if self._is_gone else self._line, left)
-        self._log.write("at rest; " + ("the vehicle has ended" if self._has_ended else GONE))
+        try:
+            while True:
+                due = self.step()
+                if self._is_gone and not self.watchdog.row.lift:
+                    break
+                left = math.inf if due is None else max(due - self._clock.monotonic_ns(), 0) / NS_PER_SECOND
+                self._clock.wait(None if self._is_gone else self._line, left)
+            self._log.write("at rest; " + ("the vehicle has ended" if self._has_ended else GONE))
+        finally:
+            self._log.close()
 
     def step(self) -> int | None:
         """Take the rows that have come and let time pass to now; return when to look again (ns), None: at a row."""
