@@ -6,13 +6,15 @@ Offline code: scipy.
 three propellers", ICRA 2014.
 """
 
+from functools import partial
 from typing import Any, NamedTuple
 
+import jax
 import numpy as np
 from scipy.optimize import root
 
 from trimtab.core.errors import InputError
-from trimtab.core.record import to_arrays
+from trimtab.core.record import FAST_COMPILE_OPTIONS, to_arrays
 from trimtab.vehicles.quadrotor import Multirotor, MultirotorState, RotorSpeeds
 
 RESIDUAL = 1e-9
@@ -56,8 +58,7 @@ def find_relaxed_hover(craft: Multirotor, lost: int, ratio: float = 0.5) -> Rela
         rate, thrust = unknown[:3], unknown[3]
         down = np.sign(rate[2]) * rate / np.linalg.norm(rate)
         speed = np.asarray(craft.rotors.speeds(shares * thrust))
-        x = MultirotorState(np.zeros(3), np.zeros(3), np.array([1.0, 0, 0, 0]), rate, speed)
-        turn = np.asarray(craft.accelerations(x, RotorSpeeds(speed))[1])
+        turn = np.asarray(_angular_acceleration(craft, rate, speed))
         lift = shares.sum() * thrust * down[2] / weight - 1
         return np.append(turn * np.asarray(craft.inertia) / (weight * arm), lift)
 
@@ -69,6 +70,13 @@ def find_relaxed_hover(craft: Multirotor, lost: int, ratio: float = 0.5) -> Rela
         raise InputError("relaxed hover", problem, fix=f"try another ratio than {ratio:g}, e.g. 0.3")
     rate = found.x[:3]
     return RelaxedHover(np.sign(rate[2]) * rate / np.linalg.norm(rate), rate, shares * found.x[3])
+
+
+@partial(jax.jit, compiler_options=FAST_COMPILE_OPTIONS)
+def _angular_acceleration(craft: Multirotor, rate: Any, speed: Any) -> Any:
+    """Angular acceleration in B (3,) of a level craft at rest that turns at `rate` with rotors at `speed`."""
+    x = MultirotorState(np.zeros(3), np.zeros(3), np.array([1.0, 0, 0, 0]), rate, speed)
+    return craft.accelerations(x, RotorSpeeds(speed))[1]
 
 
 def relaxed_axes(craft: Multirotor, ratio: float = 0.5) -> Any:

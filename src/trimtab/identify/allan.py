@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 from scipy.optimize import nnls
-from scipy.stats import chi2
+from scipy.special import gammaincinv
 
 from trimtab.core.errors import InputError, argument
 from trimtab.core.record import Scalar, part, quantity, record
@@ -138,7 +138,7 @@ def fit_allan(y: Any, sampling_period: float, averages: tuple[int, ...] | None =
 def confidence_interval(fit: AllanFit) -> tuple[Any, Any]:
     """Lower and upper end (n,) of the 95 % confidence interval of each Allan deviation: the bars of the plot."""
     tail = (1 - 0.95) / 2
-    low, high = chi2.ppf(1 - tail, fit.freedom), chi2.ppf(tail, fit.freedom)
+    low, high = (2 * gammaincinv(fit.freedom / 2, part) for part in (1 - tail, tail))  # quantiles of chi squared
     return fit.deviation * np.sqrt(fit.freedom / low), fit.deviation * np.sqrt(fit.freedom / high)
 
 

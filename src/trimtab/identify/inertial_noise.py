@@ -9,7 +9,7 @@ import math
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
-from scipy.stats import chi2
+from scipy.special import chdtrc
 
 from trimtab.identify.allan import FLICKER, NORMAL95, AllanFit, Coefficient, filter_noise
 from trimtab.identify.calibration import Calibration, Entry
@@ -147,7 +147,7 @@ def _compare_axes(triad: str, axes: Mapping[int, AllanFit]) -> list[str]:
     squares = {AXES[i]: _square(fit.white) for i, fit in axes.items()}
     mean = _mean(list(squares.values()))[0]
     misfit = sum(((s - mean) / e) ** 2 for s, e in squares.values())
-    if len(squares) < 2 or float(chi2.sf(misfit, len(squares) - 1)) > UNLIKELY:
+    if len(squares) < 2 or float(chdtrc(len(squares) - 1, misfit)) > UNLIKELY:
         return []
     each = ", ".join(f"{axis} {math.sqrt(s):.4g}" for axis, (s, _) in squares.items())
     return [f"the {triad}'s axes differ in white noise ({each}): the sensor gets the root of their mean square"]

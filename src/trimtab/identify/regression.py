@@ -12,7 +12,7 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.stats import t as student
+from scipy.special import stdtrit  # scipy.stats takes a second to import
 
 CHANCE = 0.01
 """Probability that of a list of good readings any is left out."""
@@ -45,7 +45,7 @@ class LinearFit(NamedTuple):
 
 def student_reach(freedom: float) -> float:
     """Standard errors from the estimate to either end of its 95 % interval."""
-    return float(student.ppf(0.975, freedom)) if math.isfinite(freedom) else 1.959963984540054
+    return float(stdtrit(freedom, 0.975)) if math.isfinite(freedom) else 1.959963984540054
 
 
 def fit_linear(A: Any, y: Any, floor: float = 0.0) -> LinearFit:
@@ -92,7 +92,7 @@ def _select_consistent(A: Any, y: Any, floor: float) -> Any:
         z = np.abs(y - A @ value) / (max(deviation, 1e-300) * alone)
         inside = kept & (freedom > 1)
         t = z * np.sqrt(np.where(inside, np.maximum(freedom - 1, 1) / np.maximum(freedom - z**2, 1e-9), 1.0))
-        limit = student.ppf(1 - CHANCE / (2 * n), np.where(inside, max(freedom - 1, 1), max(freedom, 1)))
+        limit = stdtrit(np.where(inside, max(freedom - 1, 1), max(freedom, 1)), 1 - CHANCE / (2 * n))
         new = t <= limit
         if new.sum() < least:
             new = t <= np.sort(t)[least - 1]

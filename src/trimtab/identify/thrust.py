@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.stats import chi2
+from scipy.special import chdtrc
 
 from trimtab.core.errors import InputError
 from trimtab.core.rotation import DEG
@@ -87,7 +87,7 @@ def fit_thrust(data: Measurements, offset: float) -> ThrustFit:
         errors.append(error)
         expected = float(fit.value[0]) * np.cos(angle - offset)
         misfit, freedom = misfit + ((c - expected) / error) ** 2, freedom + 1
-    chance = float(chi2.sf(misfit, freedom - 1)) if freedom > 1 else 1.0
+    chance = float(chdtrc(freedom - 1, misfit)) if freedom > 1 else 1.0
     c, error = float(fit.value[0]), float(fit.standard_errors()[0])
     return ThrustFit(angles, np.array(by_angle), np.array(errors), c, error, chance, fit)
 
