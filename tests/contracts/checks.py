@@ -33,9 +33,9 @@ def assert_finite(tree: Any) -> None:
         assert np.isfinite(np.asarray(leaf)).all(), jax.tree_util.keystr(path)
 
 
-def assert_stable(folder: str, one: Any, given: Any = None) -> None:
+def assert_stable(folder: str, one: Any) -> None:
     """A step gives back a state of the structure, the shapes and the kinds of number that it took."""
-    given = given or example(folder, one)
+    given = example(folder, one)
     state = first_state(folder, one, given, 0)
     now = np.int64(0)
     new, _ = jax.eval_shape(lambda t: one.step(t, state, strengthen_types(given(t))), now)
@@ -46,13 +46,13 @@ def assert_stable(folder: str, one: Any, given: Any = None) -> None:
         assert np.dtype(a.dtype).kind == np.dtype(b.dtype).kind, f"{where}: {a.dtype} became {b.dtype}"
 
 
-def assert_pure(folder: str, one: Any, given: Any = None) -> None:
+def assert_pure(folder: str, one: Any) -> None:
     """Two calls compute the same, and no input is changed on the way.
 
     Traced, not run: what is not traced (numbers of the part, the state and the input) is there as it is, and whatever
     else a step could depend on shows as another program.
     """
-    given = given or example(folder, one)
+    given = example(folder, one)
     state = first_state(folder, one, given, 0)
     x = strengthen_types(given(np.int64(0)))
     before = jax.tree.map(np.array, (one, state, x))

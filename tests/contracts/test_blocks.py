@@ -1,7 +1,6 @@
 """Every part that steps does so as the loop needs it: pure, finite, of stable structure, compiled and in batches."""
 
 import functools
-import os
 
 import jax
 import jax.numpy as jnp
@@ -12,7 +11,7 @@ from contracts import checks, parts
 from contracts.parts import blocks, every, example, made, rollout
 from trimtab.compiler.compiled_function import compile
 from trimtab.core.imperfections import imperfections, without
-from trimtab.core.record import FAST_COMPILE_OPTIONS, declarations, part, period, record, replace, to_arrays
+from trimtab.core.record import declarations, part, period, record, replace, to_arrays
 from trimtab.core.signals import Motion, new_sample
 from trimtab.core.time import ms, to_seconds
 from trimtab.native.compiler import find_compiler
@@ -39,33 +38,23 @@ WRITTEN = mark_thorough(BLOCKS, lambda folder, cls: fuses(folder, cls) and cls._
 """Of those whose C takes half a minute, the one that has the parts of the others in it."""
 
 
-OPTIONS = FAST_COMPILE_OPTIONS if os.environ.get("XLA_FLAGS") else {}
-"""Half of the time to compile; an empty XLA_FLAGS leaves XLA as users have it."""
-
-
-@functools.cache
-def _example(folder, cls):
-    """Inputs that fit: finding them takes as long as a test does."""
-    return example(folder, made(cls))
-
-
 @functools.cache
 def _alone(folder, cls):
     """State and outputs of each run by itself, compiled once."""
     one = made(cls)
-    given = _example(folder, cls)
-    compiled = jax.jit(lambda one, run: rollout(folder, one, given, run, STEPS), compiler_options=OPTIONS)
+    given = example(folder, one)
+    compiled = jax.jit(lambda one, run: rollout(folder, one, given, run, STEPS))
     return [compiled(one, np.uint32(run)) for run in range(RUNS)]
 
 
 @pytest.mark.parametrize(("folder", "cls"), BLOCKS)
 def test_state_keeps_its_structure(folder, cls):
-    checks.assert_stable(folder, made(cls), _example(folder, cls))
+    checks.assert_stable(folder, made(cls))
 
 
 @pytest.mark.parametrize(("folder", "cls"), QUICKER)
 def test_step_is_pure(folder, cls):
-    checks.assert_pure(folder, made(cls), _example(folder, cls))
+    checks.assert_pure(folder, made(cls))
 
 
 @pytest.mark.parametrize(("folder", "cls"), QUICKER)
@@ -78,7 +67,7 @@ def test_output_is_finite(folder, cls):
 @pytest.mark.parametrize(("folder", "cls"), QUICKER)
 def test_compiled_is_the_same_as_step_by_step(folder, cls):
     one = made(cls)
-    given = _example(folder, cls)
+    given = example(folder, one)
     state = parts.first_state(folder, one, given, 1)
     for k in range(3):
         t = np.int64(k * parts.period(one))
@@ -90,10 +79,9 @@ def test_compiled_is_the_same_as_step_by_step(folder, cls):
 def test_a_batch_is_the_same_as_its_runs_alone(folder, cls):
     """Over a batch of keys and of parameters at once: every quantity has a leading axis."""
     one = made(cls)
-    given = _example(folder, cls)
+    given = example(folder, one)
     batch = jax.tree.map(lambda leaf: np.stack([leaf] * RUNS), one)
-    together = jax.vmap(lambda one, run: rollout(folder, one, given, run, STEPS))
-    both = jax.jit(together, compiler_options=OPTIONS)(batch, jnp.arange(RUNS))
+    both = jax.jit(jax.vmap(lambda one, run: rollout(folder, one, given, run, STEPS)))(batch, jnp.arange(RUNS))
     for run, alone in enumerate(_alone(folder, cls)):
         checks.assert_near(jax.tree.map(lambda a, run=run: a[run], both), alone)
 
@@ -104,7 +92,7 @@ def test_a_batch_is_the_same_as_its_runs_alone(folder, cls):
 def test_its_c_computes_the_same(folder, cls):
     """Exportable: the generator writes C for it, and the C gives what JAX gives."""
     one = made(cls)
-    given = _example(folder, cls)
+    given = example(folder, one)
     run = compile(lambda one, run: rollout(folder, one, given, run, STEPS), one, np.uint32(0))
     for seed, (state, outputs) in enumerate(_alone(folder, cls)):
         checks.assert_near((state, outputs), run(one, np.uint32(seed)))
@@ -149,7 +137,7 @@ def test_channel_gives_what_was_sent_at_the_time_it_says(folder, cls):
     """Nothing from the future, nothing altered; the age is the time since the measurement."""
     one = made(cls)
     n = int(2 / to_seconds(one.period))
-    given = _example(folder, cls)
+    given = example(folder, one)
     _, out = jax.jit(lambda one: rollout(folder, one, given, 1, n))(one)
     now = np.arange(n) * one.period
     valid = np.asarray(out.valid)
@@ -183,7 +171,7 @@ def test_law_gives_a_demand_and_reads_only_what_it_says(folder, cls):
     one = made(cls)
     _, out = _alone(folder, cls)[0]
     assert hasattr(out, "demand")
-    known = set(declarations(_example(folder, cls)(np.int64(0)).state))
+    known = set(declarations(example(folder, one)(np.int64(0)).state))
     assert set(one.reads) <= known
 
 
@@ -192,7 +180,7 @@ def test_law_gives_a_demand_and_reads_only_what_it_says(folder, cls):
 )
 def test_actuators_stay_neutral_until_a_command_is_valid(folder, cls):
     one = made(cls)
-    given = _example(folder, cls)
+    given = example(folder, one)
 
     def invalid(t):
         return replace(given(t), valid=False, fresh=False)
