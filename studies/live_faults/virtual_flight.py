@@ -23,7 +23,7 @@ from trimtab.links.udp import UdpLink
 from trimtab.live.injector import Injector, plan_fault
 from trimtab.live.virtual_machine import VirtualMachine
 from trimtab.live.virtual_network import Host, VirtualNetwork
-from trimtab.live.virtual_time import ACTION, Program, VirtualClock, VirtualTime
+from trimtab.live.virtual_time import ACTION, VirtualClock, VirtualProgram, VirtualTime
 from trimtab.logs.mcap import write_mcap
 from trimtab.wire.authority import MOST_SESSIONS
 from trimtab.wire.keys import SigningKey, create_key, load_key
@@ -168,7 +168,7 @@ class VirtualFaultFlight:
             if program.error is not None:
                 raise program.error
 
-    def _await(self, programs: Sequence[Program]) -> None:
+    def _await(self, programs: Sequence[VirtualProgram]) -> None:
         while not all(one.has_ended for one in programs):
             self.pause(0.001)
 

@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from trimtab.core.errors import InputError
-from trimtab.core.time import Clock, format_time, ms, parse_time, seconds, timetable, to_seconds
+from trimtab.core.time import Instant, format_time, ms, parse_time, seconds, timetable, to_seconds
 
 
 def test_the_three_periods_of_the_loop_are_exact():
@@ -140,7 +140,7 @@ def test_half_open_duration_is_not_an_instant():
 
 
 def test_clock_is_a_python_true_only_where_certain():
-    clock = Clock(np.int64(20), frozenset({10}))
+    clock = Instant(np.int64(20), frozenset({10}))
     assert clock.due(10) is True
     assert bool(clock.due(20))
     assert not bool(clock.due(15))

@@ -5,7 +5,7 @@ import pytest
 from loop.cart import SECOND, Place, Ruler, cart_autopilot, cart_world
 
 from trimtab.core.rng import key
-from trimtab.core.time import Clock, ms, timetable
+from trimtab.core.time import Instant, ms, timetable
 from trimtab.links.wire import DelayChain
 from trimtab.loop.walk import instant, logged_signals, pack_row, signals, start, walk
 
@@ -108,7 +108,7 @@ def test_one_instant_by_hand():
     s, a = start(world, autopilot, Place(3.0), key(0))
     assert not bool(s.received["ruler"].valid)
     assert not bool(a.command.valid)
-    s, a, seen = instant(world, autopilot, Clock(np.int64(0), frozenset({SECOND})), np.int64(SECOND), s, a)
+    s, a, seen = instant(world, autopilot, Instant(np.int64(0), frozenset({SECOND})), np.int64(SECOND), s, a)
     assert (float(seen.truth.x), float(seen.command.value.v), float(seen.actuators.u.v)) == (3.0, 4.0, 4.0)
     assert bool(seen.command.valid)
     assert float(s.x.x) == pytest.approx(7.0, abs=1e-12)

@@ -10,7 +10,7 @@ from trimtab.core.errors import InputError
 from trimtab.core.record import period, quantity, record, replace
 from trimtab.core.rng import key
 from trimtab.core.signals import Command
-from trimtab.core.time import Clock, ms
+from trimtab.core.time import Instant, ms
 from trimtab.links.wire import DelayChain, Wire
 from trimtab.loop.structure import strengthen_types
 
@@ -38,9 +38,9 @@ def test_at_first_nothing_is_measured_received_or_commanded():
 
 def test_a_frame_has_the_newest_sample_of_each_sensor():
     world = cart_world(sensors={"ruler": Ruler(), "slow": Ruler(period=2 * SECOND)})
-    s, frame = world.sense(Clock(np.int64(0), ALL), started(world, 2.0))
+    s, frame = world.sense(Instant(np.int64(0), ALL), started(world, 2.0))
     s = replace(s, x=Place(np.float64(5.0)))
-    s, frame = world.sense(Clock(np.int64(SECOND), ALL), s)
+    s, frame = world.sense(Instant(np.int64(SECOND), ALL), s)
     assert int(frame.t) == SECOND
     assert list(frame.samples) == ["ruler", "slow"]
     new, held = frame.samples["ruler"], frame.samples["slow"]
@@ -51,42 +51,42 @@ def test_a_frame_has_the_newest_sample_of_each_sensor():
 
 def test_a_downlink_that_is_not_due_holds_what_it_gave():
     world = cart_world(downlink=Wire(period=2 * SECOND))
-    s, _ = world.sense(Clock(np.int64(0)), started(world, 2.0))
-    s, frame = world.sense(Clock(np.int64(SECOND)), replace(s, x=Place(np.float64(5.0))))
+    s, _ = world.sense(Instant(np.int64(0)), started(world, 2.0))
+    s, frame = world.sense(Instant(np.int64(SECOND)), replace(s, x=Place(np.float64(5.0))))
     assert float(s.sampled["ruler"].value.x) == 5.0
     received = frame.samples["ruler"]
     assert (float(received.value.x), float(received.age), bool(received.fresh)) == (2.0, 1.0, False)
-    _, frame = world.sense(Clock(np.int64(2 * SECOND)), replace(s, x=Place(np.float64(6.0))))
+    _, frame = world.sense(Instant(np.int64(2 * SECOND)), replace(s, x=Place(np.float64(6.0))))
     assert (float(frame.samples["ruler"].value.x), bool(frame.samples["ruler"].fresh)) == (6.0, True)
 
 
 def test_a_command_acts_from_the_instant_at_which_it_comes_out_of_the_uplink():
     world = cart_world(uplink=DelayChain(SECOND, 1))
-    s = world.act(Clock(np.int64(0), ALL), started(world), command(0, 3.0), True)
+    s = world.act(Instant(np.int64(0), ALL), started(world), command(0, 3.0), True)
     assert float(s.u.v) == 0.0
-    s = world.act(Clock(np.int64(SECOND), ALL), s, command(SECOND, 4.0), True)
+    s = world.act(Instant(np.int64(SECOND), ALL), s, command(SECOND, 4.0), True)
     assert float(s.u.v) == 3.0
     assert (int(s.commanded.t), float(s.commanded.age)) == (0, 1.0)
 
 
 def test_actuators_that_are_not_due_hold_their_output():
     world = cart_world(actuators=Drive(period=2 * SECOND))
-    s = world.act(Clock(np.int64(0)), started(world), command(0, 3.0), True)
-    s = world.act(Clock(np.int64(SECOND)), s, command(SECOND, 4.0), True)
+    s = world.act(Instant(np.int64(0)), started(world), command(0, 3.0), True)
+    s = world.act(Instant(np.int64(SECOND)), s, command(SECOND, 4.0), True)
     assert (float(s.commanded.value.v), float(s.u.v), float(s.actuated.u.v)) == (4.0, 3.0, 3.0)
-    s = world.act(Clock(np.int64(2 * SECOND)), s, command(SECOND, 4.0), False)
+    s = world.act(Instant(np.int64(2 * SECOND)), s, command(SECOND, 4.0), False)
     assert float(s.u.v) == 4.0
 
 
 def test_a_command_that_is_not_valid_leaves_the_actuators_neutral():
     world = cart_world()
-    s = world.act(Clock(np.int64(0), ALL), started(world), command(0, 3.0, valid=False), True)
+    s = world.act(Instant(np.int64(0), ALL), started(world), command(0, 3.0, valid=False), True)
     assert float(s.u.v) == 0.0
 
 
 def test_the_truth_moves_with_the_output_held():
     world = cart_world()
-    s = world.act(Clock(np.int64(0), ALL), started(world, 1.0), command(0, 3.0), True)
+    s = world.act(Instant(np.int64(0), ALL), started(world, 1.0), command(0, 3.0), True)
     assert float(world.advance(np.int64(0), s, np.int64(ms(500))).x.x) == pytest.approx(2.5, abs=1e-12)
     assert float(world.advance(np.int64(0), s, np.int64(0)).x.x) == 1.0
 

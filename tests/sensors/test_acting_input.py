@@ -8,7 +8,7 @@ from trimtab.core.errors import InputError
 from trimtab.core.record import replace
 from trimtab.core.rng import key
 from trimtab.core.signals import Command
-from trimtab.core.time import Clock, ms
+from trimtab.core.time import Instant, ms
 from trimtab.links.wire import Wire
 from trimtab.loop.world import World
 from trimtab.sensors.angular_accelerometer import AngularAccelerometer
@@ -35,7 +35,7 @@ def test_truth_is_the_state_with_the_climb_for_the_pitch_angle():
 
 def test_the_true_state_is_the_state_whatever_it_is():
     made = world({"truth": TrueState(period=TICK)})
-    _, frame = made.sense(Clock(0), made.init(key(0), X))
+    _, frame = made.sense(Instant(0), made.init(key(0), X))
     seen = frame.samples["truth"].value
     assert type(seen) is HypersonicState
     assert (float(seen.h), float(seen.eta2_rate)) == (85000.0, -0.2)
@@ -44,7 +44,7 @@ def test_the_true_state_is_the_state_whatever_it_is():
 def test_a_sample_tells_what_acted_before_the_command_of_the_same_instant():
     """[1] eq. 9: the acceleration is sampled while u(k-1) acts, and the filter needs that u."""
     made = world()
-    clock = [Clock(k * TICK, frozenset((TICK,))) for k in range(2)]
+    clock = [Instant(k * TICK, frozenset((TICK,))) for k in range(2)]
     s = made.init(key(0), X)
     s, frame = made.sense(clock[0], s)
     asked = Command(t=0, valid=np.asarray(True), value=HypersonicInput(0.5, 0.1))
@@ -68,6 +68,6 @@ def test_a_sensor_that_feels_what_no_world_has_is_refused():
 
 def test_motion_sensors_are_fed_as_before():
     made = world({"felt": AngularAccelerometer(noise=0.0)})
-    _, frame = made.sense(Clock(0, frozenset((TICK,))), made.init(key(0), replace(X, q=0.0)))
+    _, frame = made.sense(Instant(0, frozenset((TICK,))), made.init(key(0), replace(X, q=0.0)))
     wanted = made.vehicle.coupled_accelerations(0.0, replace(X, q=0.0), NEUTRAL)[0]
     np.testing.assert_allclose(frame.samples["felt"].value.pitch_acceleration, wanted, rtol=1e-12)

@@ -27,10 +27,10 @@ if TYPE_CHECKING:
     type=click.IntRange(0),
     default=1,
     show_default=True,
-    help="Seed of the flights that are drawn, and of virtual time.",
+    help="Of the random numbers by which flights are drawn, and of virtual time.",
 )
 @click.option("--findings", is_flag=True, help="What was found at version 0.1: each tried again, beside what it was.")
-@click.option("--real-time", "is_real", is_flag=True, help="Fly with real processes and sockets, in real time.")
+@click.option("--real-time", "is_real", is_flag=True, help="Ask for flights of real processes, in real time.")
 @click.option("--jobs", type=click.IntRange(1, 16), default=2, show_default=True, help="How many at a time.")
 @OUT("DIR", "Write logs, and all that was said, in this folder, a folder a case.")
 @click.option("--page", type=FILE, metavar="FILE", help="Write the docs page with the table; with --only, into it.")
@@ -65,15 +65,7 @@ def command(
     campaign = _import_module("campaign")
     if page is not None and not is_real:
         raise InputError("--page", "the page shows flights in real time", fix="--real-time --page FILE")
-    if draw is not None:
-        if only or page is not None:
-            raise InputError("--draw", "goes with neither --only nor --page", fix=f"--draw {draw} alone")
-        only = tuple(f"{_import_module('draw').DRAWN}{seed}-{k}" for k in range(draw))
-    if findings:
-        if only or draw is not None or page is not None:
-            raise InputError("--findings", "goes with neither --only nor --draw nor --page", fix="--findings alone")
-        only = tuple(_import_module("found_at_0_1").list_case_names())
-    cases = campaign.select_cases(only)
+    cases = campaign.select_cases(_choose_names(only, draw, seed, findings, page))
     if out is not None:
         check_folder("--out", out)
         for name in cases:
@@ -118,6 +110,21 @@ def command(
         if page is not None:
             click.echo(f"wrote {page}")
     sys.exit(0 if all(one.verdict in ("holds", "skipped") for one in outcomes) else 1)
+
+
+def _choose_names(
+    only: tuple[str, ...], draw: int | None, seed: int, findings: bool, page: Path | None
+) -> tuple[str, ...]:
+    """Names of the cases that were asked for; none: all."""
+    if draw is not None:
+        if only or page is not None:
+            raise InputError("--draw", "goes with neither --only nor --page", fix=f"--draw {draw} alone")
+        only = tuple(f"{_import_module('draw').DRAWN}{seed}-{k}" for k in range(draw))
+    if findings:
+        if only or draw is not None or page is not None:
+            raise InputError("--findings", "goes with neither --only nor --draw nor --page", fix="--findings alone")
+        only = tuple(_import_module("found_at_0_1").list_case_names())
+    return only
 
 
 def _print_findings(outcomes: "Sequence[CaseOutcome]") -> None:

@@ -143,24 +143,21 @@ def command(
     limit, silence = None if duration is None else parse_time(duration), _parse_watchdog(watchdog)
     place, tell = None if origin is None else parse_origin(origin), partial(click.echo, err=as_json)
     enable_cache()
-    machine = current_machine()
     if stack := "ardupilot" if ardupilot is not None else "px4" if px4 is not None else None:
         return serve_stack(stack, built, line_uri, channels, release, seed, limit, out, tell, as_json)
     signing_key = find_key(scenario, key, unsigned, line_uri, create=True)
     with open_line(line_uri, listen=True) as line:
-        log = None if out is None else new_log(out, "vehicle.mcap")
+        machine, log = current_machine(), None if out is None else new_log(out, "vehicle.mcap")
         endpoint = endpoint_factory(line_uri, VEHICLE, signing_key, clock)
         if lockstep:
             built = built if limit is None else replace(built, duration=limit)
             _lead_lockstep(built, line, endpoint, seed, log, tell, f"trimtab fly {scenario} --lockstep --link …")
             release_time, end, service_facts = 0, built.duration, {}
         else:
-            kept = ParameterStore(parameters, scenario, setting_path)
-            options = StationOptions(out, transfer_rate(line_uri), place, kept)
+            store = ParameterStore(parameters, scenario, setting_path)
             with show_spinner(f"compiling {built.name}"):
-                live = LiveVehicle(
-                    add_idle_faults(built), line, endpoint, seed=seed, station_options=options, machine=machine
-                )
+                options = StationOptions(out, transfer_rate(line_uri), place, store)
+                live = _build_vehicle(built, line, endpoint, seed, options)
             tell(f"{built.name} listens on {line_uri}; held until it is armed. Ctrl-C ends it.")
             with machine.catch_interrupts() as stop, machine.store_stamps_ahead(live.endpoint):
                 service = live.serve(
@@ -182,6 +179,14 @@ def command(
     else:
         _print_service(result, out)
     sys.exit(1 if result.get("problems") else 0)
+
+
+def _build_vehicle(
+    scenario: Scenario, line: Link, endpoint: Callable[[Dialect], Endpoint], seed: int, options: StationOptions
+) -> LiveVehicle:
+    """The vehicle that flies a scenario by a clock, with a fault in every part that does nothing yet."""
+    idle, machine = add_idle_faults(scenario), current_machine()
+    return LiveVehicle(idle, line, endpoint, seed=seed, station_options=options, machine=machine)
 
 
 def _build_one(name: str, settings: Mapping[str, str], faults: Iterable[str]) -> Scenario:

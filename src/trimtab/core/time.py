@@ -101,7 +101,7 @@ def to_seconds(units: Any) -> Any:
     return units * SECONDS_PER_UNIT
 
 
-class Clock(NamedTuple):
+class Instant(NamedTuple):
     """Now, and which periods are known to be due at every instant of this walk."""
 
     t: Any

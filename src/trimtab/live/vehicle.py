@@ -122,14 +122,8 @@ class LiveVehicle:
         self._safe_row = [float(x) for _, v in safe for x in np.ravel(np.asarray(v, float))]
         self._row_slots = slot_indices(self.body.world.reads, [p for p, _ in safe], len(self.body.world.inputs))
         self._failsafe, self._problems = failsafe, list[str]()
-        self.guard = ArmingGuard(
-            self.body,
-            scenario.limits,
-            failsafe,
-            self.endpoint.counts,
-            lambda now: self.duties.radio_silence(now),
-            machine.disk,
-        )
+        heard, radio_silence = self.endpoint.counts, self.duties.radio_silence
+        self.guard = ArmingGuard(self.body, scenario.limits, failsafe, heard, radio_silence, machine.disk)
         self._outputs: Outputs | None = None
         parameters = Parameters(scenario.world, "world")
         self._declared = {p.path: p.declaration for p in parameters.listed}

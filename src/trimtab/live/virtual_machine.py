@@ -15,7 +15,7 @@ from trimtab.live.outputs_process import GONE, HANGS, STOPPED, OutputsLoop
 from trimtab.live.real_time import RealTimeGrant
 from trimtab.live.virtual_disk import VirtualDisk
 from trimtab.live.virtual_network import Host, VirtualNetwork
-from trimtab.live.virtual_time import Program, VirtualClock, VirtualTime
+from trimtab.live.virtual_time import VirtualClock, VirtualProgram, VirtualTime
 from trimtab.wire.authority import MOST_SESSIONS
 from trimtab.wire.mavlink import Endpoint
 
@@ -30,8 +30,8 @@ class VirtualMachine:
         """name: name of the computer on the network."""
         self.time, self.network, self.name = time, network, name
         self.disks: list[VirtualDisk] = []
-        self.programs: list[Program] = []
-        self.outputs: list[Program] = []
+        self.programs: list[VirtualProgram] = []
+        self.outputs: list[VirtualProgram] = []
         """Programs of outputs that were started here."""
         self.interrupts = 0
         """How often the running program was asked to end."""
@@ -40,7 +40,7 @@ class VirtualMachine:
         self._sessions = time.random(f"sessions of {name}")
 
     @property
-    def program(self) -> Program:
+    def program(self) -> VirtualProgram:
         """The program that was started last."""
         return self.programs[-1]
 
@@ -49,7 +49,7 @@ class VirtualMachine:
         """The disk as the program that was started last sees it."""
         return self.disks[-1]
 
-    def start(self, run: Callable[[Machine], Any], words: Sequence[str] = ()) -> Program:
+    def start(self, run: Callable[[Machine], Any], words: Sequence[str] = ()) -> VirtualProgram:
         """Start a program now. run: its function, called with this computer.  words: of its command line."""
         self.interrupts = 0
         self.disks.append(VirtualDisk(self.time, self.name, lambda line: self.tell(line)))
@@ -134,7 +134,7 @@ def _schedule(is_wanted: bool = True) -> Iterator[RealTimeGrant]:
 
 
 @contextlib.contextmanager
-def _keep_stamps(program: Program, endpoint: Endpoint) -> Iterator[None]:
+def _keep_stamps(program: VirtualProgram, endpoint: Endpoint) -> Iterator[None]:
     """Close the endpoint at the end. Where its program was killed, nothing more is stored."""
     try:
         yield

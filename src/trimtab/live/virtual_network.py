@@ -10,7 +10,7 @@ from collections.abc import Callable
 from typing import NamedTuple
 
 from trimtab.core.clock import NS_PER_SECOND
-from trimtab.live.virtual_time import PACKET, Program, VirtualTime
+from trimtab.live.virtual_time import PACKET, VirtualProgram, VirtualTime
 
 MOST_WAITING = 256
 """Packets that wait in a socket. A kernel of Linux keeps about as many small ones; more are lost."""
@@ -73,7 +73,7 @@ class VirtualNetwork:
         return self._paths[key]
 
     def open_socket(
-        self, program: Program, host: str, port: int | None = None, peer: Host | None = None
+        self, program: VirtualProgram, host: str, port: int | None = None, peer: Host | None = None
     ) -> "VirtualSocket":
         """Open a datagram socket.
 
@@ -98,7 +98,7 @@ class VirtualNetwork:
         """Have a function called with each packet that arrives at an address, and its sender: a relay, say."""
         self._sockets[address] = _Answerer(take)
 
-    def connect_pair(self, near: Program) -> tuple["VirtualPair", "VirtualPair"]:
+    def connect_pair(self, near: VirtualProgram) -> tuple["VirtualPair", "VirtualPair"]:
         """Return two ends of a connection that keeps packets apart and takes no time. The far one has no owner yet."""
         a, b = (VirtualPair(self.time, next(self._descriptors)) for _ in range(2))
         a.other, b.other = b, a
@@ -113,7 +113,7 @@ class VirtualNetwork:
             self._deliver_at(at, sender, receiver, packet)
 
     def _deliver_at(self, at: int, sender: Host, receiver: Host, packet: bytes) -> None:
-        def arrive() -> Program | None:
+        def arrive() -> VirtualProgram | None:
             socket = self._sockets.get(receiver)
             return None if socket is None else socket.take_packet(packet, sender)
 
@@ -140,7 +140,7 @@ class VirtualSocket:
     """A datagram socket, as a UdpLink uses it. It never blocks."""
 
     def __init__(
-        self, network: VirtualNetwork, program: Program, address: Host, peer: Host | None, descriptor: int
+        self, network: VirtualNetwork, program: VirtualProgram, address: Host, peer: Host | None, descriptor: int
     ) -> None:
         self._network, self.program, self.address, self._peer = network, program, address, peer
         self.number = program.number
@@ -153,7 +153,7 @@ class VirtualSocket:
         """Return whether a packet waits."""
         return bool(self._waiting) or self._descriptor < 0
 
-    def take_packet(self, packet: bytes, sender: Host) -> Program | None:
+    def take_packet(self, packet: bytes, sender: Host) -> VirtualProgram | None:
         """Take a packet that arrives now; return the program that it wakes."""
         if self._peer is not None and sender != self._peer:
             return None
@@ -201,10 +201,10 @@ class VirtualPair:
 
     def __init__(self, time: VirtualTime, descriptor: int) -> None:
         self._time, self._descriptor = time, descriptor
-        self._program: Program | None = None
+        self._program: VirtualProgram | None = None
         self._waiting: deque[bytes] = deque()
 
-    def give_to(self, program: Program) -> None:
+    def give_to(self, program: VirtualProgram) -> None:
         """Make a program the owner, with whom the end is closed."""
         self._program = program
         program.closers.append(self.close)
@@ -247,7 +247,7 @@ class VirtualPair:
         program, time = self._program, self._time
         if program is not None:
 
-            def wake() -> Program | None:
+            def wake() -> VirtualProgram | None:
                 return time.wake(program) if time.is_blocked(program, self) and self.has_data() else None
 
             time.add_event(time.now, PACKET, program.number, wake)

@@ -47,7 +47,7 @@ class Readable(Protocol):
         ...
 
 
-class Program:
+class VirtualProgram:
     """A program that runs in virtual time: a thread with a clock."""
 
     def __init__(self, name: str, number: int, run: Callable[["VirtualClock"], Any], clock: "VirtualClock") -> None:
@@ -82,7 +82,7 @@ class VirtualClock:
     def __init__(self, time: "VirtualTime", boot: int) -> None:
         """boot: monotonic time (ns) at the start of virtual time."""
         self._time, self._boot, self.unix_offset = time, boot, 0.0
-        self.program: Program
+        self.program: VirtualProgram
 
     def monotonic_ns(self) -> int:
         """Return the monotonic time (ns)."""
@@ -113,14 +113,14 @@ class VirtualTime:
             hand_over: called at each hand-over, e.g. to sleep for a random time in a test.
         """
         self.seed, self.now, self._hand_over = seed, 0, hand_over
-        self.programs: list[Program] = []
-        self.running: Program
+        self.programs: list[VirtualProgram] = []
+        self.running: VirtualProgram
         """The program that holds the baton."""
-        self._events: list[tuple[int, int, int, int, Callable[[], Program | None]]] = []
+        self._events: list[tuple[int, int, int, int, Callable[[], VirtualProgram | None]]] = []
         self._count = self._spins = self._spin_time = 0
         self._trace = hashlib.sha256()
         self._error: BaseException | None = None
-        self._awaited: tuple[Program, ...] = ()
+        self._awaited: tuple[VirtualProgram, ...] = ()
         self._done = threading.Lock()
         self._done.acquire()
 
@@ -142,7 +142,9 @@ class VirtualTime:
         """Virtual time now (s)."""
         return self.now / NS_PER_SECOND
 
-    def start(self, name: str, run: Callable[[VirtualClock], Any], *, clock: VirtualClock | None = None) -> Program:
+    def start(
+        self, name: str, run: Callable[[VirtualClock], Any], *, clock: VirtualClock | None = None
+    ) -> VirtualProgram:
         """Start a program now.
 
         Args:
@@ -154,17 +156,17 @@ class VirtualTime:
         if clock is not None:
             own = VirtualClock(self, clock._boot)
             own.unix_offset = clock.unix_offset
-        program = Program(name, len(self.programs), run, own)
+        program = VirtualProgram(name, len(self.programs), run, own)
         own.program = program
         self.programs.append(program)
         threading.Thread(target=self._run_program, args=(program,), name=name, daemon=True).start()
         self._wait_until(program, None, self.now)
         return program
 
-    def adopt(self, name: str) -> Program:
+    def adopt(self, name: str) -> VirtualProgram:
         """Make the calling thread a program, which holds the baton until it waits. `run` is not called then."""
         clock = VirtualClock(self, self.random(f"boot of {name}").randrange(LONGEST_BOOT))
-        clock.program = program = Program(name, len(self.programs), lambda _: None, clock)
+        clock.program = program = VirtualProgram(name, len(self.programs), lambda _: None, clock)
         program.is_adopted = True
         self.programs.append(program)
         self._awaited, self.running = (program,), program
@@ -178,7 +180,7 @@ class VirtualTime:
 
         self.add_event(round(seconds * NS_PER_SECOND), ACTION, 0, act)
 
-    def add_event(self, time: int, kind: int, order: int, action: Callable[[], Program | None]) -> None:
+    def add_event(self, time: int, kind: int, order: int, action: Callable[[], VirtualProgram | None]) -> None:
         """Call a function at a virtual time (ns). It returns the program that wakes, if one does.
 
         Args:
@@ -190,7 +192,7 @@ class VirtualTime:
         self._count += 1
         heapq.heappush(self._events, (max(time, self.now), kind, order, self._count, action))
 
-    def run(self, *awaited: Program) -> None:
+    def run(self, *awaited: VirtualProgram) -> None:
         """Run until these programs have ended, all by default; then kill those that still run.
 
         Raises:
@@ -208,18 +210,18 @@ class VirtualTime:
         if self._error is not None:
             raise self._error
 
-    def freeze(self, program: Program, seconds: float = math.inf) -> None:
+    def freeze(self, program: VirtualProgram, seconds: float = math.inf) -> None:
         """Stop a program for some seconds, or until `thaw`, as SIGSTOP does. Packets go on arriving."""
         program.frozen_until = self.now + seconds * NS_PER_SECOND
         if seconds < math.inf:
             self.add_event(round(program.frozen_until), WAKE, program.number, lambda: self._thaw(program))
 
-    def thaw(self, program: Program) -> None:
+    def thaw(self, program: VirtualProgram) -> None:
         """Let a frozen program go on, as SIGCONT does."""
         program.frozen_until = self.now
         self.add_event(self.now, WAKE, program.number, lambda: self._thaw(program))
 
-    def kill(self, program: Program) -> None:
+    def kill(self, program: VirtualProgram) -> None:
         """End a program without a word, as SIGKILL does."""
         if program.has_ended or program.is_killed:
             return
@@ -228,15 +230,15 @@ class VirtualTime:
             close()
         self._wait_until(program, None, self.now)
 
-    def keep_busy(self, program: Program, seconds: float) -> None:
+    def keep_busy(self, program: VirtualProgram, seconds: float) -> None:
         """Have a program work for some seconds from its next look at the clock on."""
         program.work += round(seconds * NS_PER_SECOND)
 
-    def step_clock(self, program: Program, seconds: float) -> None:
+    def step_clock(self, program: VirtualProgram, seconds: float) -> None:
         """Step the wall clock of a program's machine."""
         program.clock.unix_offset += seconds
 
-    def wait(self, program: Program, ready: Any, timeout: float) -> bool:
+    def wait(self, program: VirtualProgram, ready: Any, timeout: float) -> bool:
         """Wait in a program, see `Clock.wait`."""
         self.pass_work(program)
         if ready is not None and ready.has_data():
@@ -247,7 +249,7 @@ class VirtualTime:
         self._suspend(program, ready, self.now + max(timeout * NS_PER_SECOND, 1))
         return ready is not None and ready.has_data()
 
-    def pass_work(self, program: Program) -> None:
+    def pass_work(self, program: VirtualProgram) -> None:
         """Let the time pass for which a program is kept busy or frozen."""
         if program.is_killed:
             raise KilledError
@@ -256,41 +258,41 @@ class VirtualTime:
             program.cpu += work
             self._suspend(program, None, self.now + work)
 
-    def is_blocked(self, program: Program, ready: Any) -> bool:
+    def is_blocked(self, program: VirtualProgram, ready: Any) -> bool:
         """Return whether a program waits for an object, and would go on if that became ready."""
         return program.is_waiting and program.ready is ready and program.frozen_until <= self.now
 
-    def wake(self, program: Program) -> Program:
+    def wake(self, program: VirtualProgram) -> VirtualProgram:
         """Let a program that waits go on. It holds the baton then."""
         program.is_waiting, program.turn = False, program.turn + 1
         self.running = program
         return program
 
-    def _wait_until(self, program: Program, ready: Any, deadline: float) -> None:
+    def _wait_until(self, program: VirtualProgram, ready: Any, deadline: float) -> None:
         program.is_waiting, program.ready, program.deadline, program.turn = True, ready, deadline, program.turn + 1
         turn = program.turn
         if deadline < math.inf:
             self.add_event(math.ceil(deadline), WAKE, program.number, lambda: self._meet_deadline(program, turn))
 
-    def _meet_deadline(self, program: Program, turn: int) -> Program | None:
+    def _meet_deadline(self, program: VirtualProgram, turn: int) -> VirtualProgram | None:
         if program.turn != turn or not program.is_waiting or program.frozen_until > self.now:
             return None
         return self.wake(program)
 
-    def _thaw(self, program: Program) -> Program | None:
+    def _thaw(self, program: VirtualProgram) -> VirtualProgram | None:
         is_due = program.deadline <= self.now or (program.ready is not None and program.ready.has_data())
         if not program.is_waiting or program.frozen_until > self.now or not is_due:
             return None
         return self.wake(program)
 
-    def _suspend(self, program: Program, ready: Any, deadline: float) -> None:
+    def _suspend(self, program: VirtualProgram, ready: Any, deadline: float) -> None:
         self._count_hand_over(program)
         self._wait_until(program, ready, deadline)
         self._pass_on(program)
         if program.is_killed:
             raise KilledError
 
-    def _count_hand_over(self, program: Program) -> None:
+    def _count_hand_over(self, program: VirtualProgram) -> None:
         self._spins = self._spins + 1 if self._spin_time == self.now else 0
         self._spin_time = self.now
         if self._spins > MOST_HAND_OVERS:
@@ -298,7 +300,7 @@ class VirtualTime:
             program.is_killed = True
             raise KilledError
 
-    def _pass_on(self, program: Program | None) -> None:
+    def _pass_on(self, program: VirtualProgram | None) -> None:
         """Hand the baton to whoever is next, and wait for it."""
         self._hand_over()
         following = self._next_program()
@@ -316,7 +318,7 @@ class VirtualTime:
             if program.is_adopted and self._error is not None:
                 raise self._error
 
-    def _next_program(self) -> Program | None:
+    def _next_program(self) -> VirtualProgram | None:
         """Let events happen until a program wakes. None: the run is over."""
         try:
             while not all(one.has_ended for one in self._awaited) and self._error is None:
@@ -333,7 +335,7 @@ class VirtualTime:
             self._error = error
         return None
 
-    def _run_program(self, program: Program) -> None:
+    def _run_program(self, program: VirtualProgram) -> None:
         program.gate.acquire()
         try:
             if not program.is_killed:

@@ -13,7 +13,7 @@ import numpy as np
 from trimtab.core.record import Quantity, leaves, part, record
 from trimtab.core.rng import Key
 from trimtab.core.signals import Frame
-from trimtab.core.time import Clock
+from trimtab.core.time import Instant
 from trimtab.loop.autopilot import Autopilot, AutopilotState
 from trimtab.loop.structure import cast_like, step_if, strengthen_types
 from trimtab.loop.world import World, WorldState
@@ -60,7 +60,7 @@ def start(world: World, autopilot: Autopilot, x: Any, key: Key) -> tuple[WorldSt
 
 
 def instant(
-    world: World, autopilot: Autopilot, clock: Clock, h: Any, s: WorldState, a: AutopilotState
+    world: World, autopilot: Autopilot, clock: Instant, h: Any, s: WorldState, a: AutopilotState
 ) -> tuple[WorldState, AutopilotState, Signals]:
     """Everything that happens at one instant, then the truth up to the next, h later."""
     s, frame = world.sense(clock, s)
@@ -124,7 +124,7 @@ def walk(
     def body(carry: Any, at: Any) -> Any:
         s, a, log = carry
         t, h, row = at
-        new_s, new_a, seen = instant(world, autopilot, Clock(t, always), h, s, a)
+        new_s, new_a, seen = instant(world, autopilot, Instant(t, always), h, s, a)
         log = jax.lax.dynamic_update_slice(log, pack_row(seen, wanted)[None], (row, jnp.zeros_like(row)))
         new_s, new_a = drop_derived_outputs(world, autopilot, new_s, new_a, always)
         return (cast_like(new_s, s), cast_like(new_a, a), log), None

@@ -9,7 +9,7 @@ from trimtab.core.interfaces import optional_member
 from trimtab.core.record import part, period, record, replace
 from trimtab.core.rng import Key
 from trimtab.core.signals import NO_GUST, Command, Frame, Sample, hold_sample
-from trimtab.core.time import Clock, ms, to_seconds
+from trimtab.core.time import Instant, ms, to_seconds
 from trimtab.environment.turbulence import Turbulence
 from trimtab.loop.integration import Integration, integrate_truth
 from trimtab.loop.structure import cast_like, check_alike, step_if, zeros_of, zeros_of_step
@@ -132,7 +132,7 @@ class World(Generic[V]):
         vehicle: Any = self.vehicle
         return vehicle if self.turbulence is None else vehicle.in_gust(gust)
 
-    def _meet_gust(self, clock: Clock, s: WorldState) -> WorldState:
+    def _meet_gust(self, clock: Instant, s: WorldState) -> WorldState:
         """The state with the gust of this instant, which the turbulence makes of where the vehicle is."""
         if self.turbulence is None:
             return s
@@ -157,7 +157,7 @@ class World(Generic[V]):
         actuated = cast_like(s.actuated, actuated)
         return replace(s, uplink=link, commanded=commanded, actuated=actuated, u=actuated.u)
 
-    def sense(self, clock: Clock, s: WorldState) -> tuple[WorldState, Frame]:
+    def sense(self, clock: Instant, s: WorldState) -> tuple[WorldState, Frame]:
         """Truth, sensors, downlink: the frame that the autopilot holds at this instant."""
         t = clock.t
         s = self._meet_gust(clock, s)
@@ -182,7 +182,7 @@ class World(Generic[V]):
         s = replace(s, sensors=states, sampled=samples, downlink=links, received=received)
         return s, Frame(t=t, samples=received)
 
-    def act(self, clock: Clock, s: WorldState, command: Command, fresh: Any) -> WorldState:
+    def act(self, clock: Instant, s: WorldState, command: Command, fresh: Any) -> WorldState:
         """Uplink and actuators, from this instant on."""
         t = clock.t
         sent = hold_sample(t, as_sample(command, fresh), fresh=fresh)

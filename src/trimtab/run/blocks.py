@@ -19,7 +19,7 @@ from trimtab.core.interfaces import optional_member
 from trimtab.core.record import part, quantity, record, replace, to_arrays, tree_where
 from trimtab.core.rng import key as root_key
 from trimtab.core.signals import Command, Frame, Sample
-from trimtab.core.time import Clock, to_seconds
+from trimtab.core.time import Instant, to_seconds
 from trimtab.environment.geodetic import TangentPlane
 from trimtab.links.wire import Wire
 from trimtab.loop.faults import DELAYED, FaultyChannel, delay_slots
@@ -180,7 +180,7 @@ def loop_block(scenario: Scenario, always: frozenset[int], *, seed: int = 0) -> 
         return p.drop_derived_outputs(*p.initial_states(), always)
 
     def step(p: RunInputs, state: Any, now: LoopInput) -> Any:
-        s, a, seen = instant(p.world, p.autopilot, Clock(now.t, always), now.h, *state)
+        s, a, seen = instant(p.world, p.autopilot, Instant(now.t, always), now.h, *state)
         return cast_like(p.drop_derived_outputs(s, a, always), state), _keep_logged(seen)
 
     doc = f"Closed loop of {scenario.name}: world and autopilot, one step an instant."
@@ -207,13 +207,13 @@ def world_block(scenario: Scenario, *, seed: int = 0) -> BlockDefinition:
         return p.initial_states()[0]
 
     def advance(p: RunInputs, s: Any, now: WorldInput) -> Any:
-        s = p.world.act(Clock(now.t), s, now.command, now.fresh)
+        s = p.world.act(Instant(now.t), s, now.command, now.fresh)
         after = p.world.advance(now.t, s, now.h)
         return replace(after, x=tree_where(now.is_held, s.x, after.x))
 
     def step(p: RunInputs, s: Any, now: WorldInput) -> Any:
         after = jax.lax.cond(now.first, lambda: s, lambda: cast_like(advance(p, s, now), s))
-        after, _ = p.world.sense(Clock(now.t + now.h), after)
+        after, _ = p.world.sense(Instant(now.t + now.h), after)
         output = WorldOutput(
             truth=after.x,
             sensors=after.sampled,

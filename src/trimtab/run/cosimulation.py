@@ -15,7 +15,7 @@ from trimtab.compiler.block import BlockDefinition
 from trimtab.compiler.compiled_block import CompiledBlock, compile_block
 from trimtab.core.record import part, quantity, record, replace, to_arrays
 from trimtab.core.signals import Command, Frame
-from trimtab.core.time import Clock, Timetable, ms, to_seconds
+from trimtab.core.time import Instant, Timetable, ms, to_seconds
 from trimtab.logs.log import Log
 from trimtab.loop.scenario import Scenario
 from trimtab.loop.stick_script import add_stick_sensor
@@ -120,7 +120,7 @@ def _host_block(inputs: RunInputs, always: frozenset[int]) -> BlockDefinition:
 
     def step(p: RunInputs, state: Any, now: HostInput) -> Any:
         s, a = state
-        clock = Clock(now.t, always)
+        clock = Instant(now.t, always)
         s, frame = p.world.sense(clock, replace(s, x=now.truth))
         due = clock.due(p.autopilot.period)
         a = step_if(due, lambda: p.autopilot.step(now.t, a, frame)[0], lambda: p.autopilot.hold(now.t, a))
@@ -204,10 +204,10 @@ def _stepped_block(scenario: Scenario, seed: int) -> BlockDefinition:
 
     def step(p: RunInputs, s: Any, now: SteppedWorldInput) -> Any:
         def act() -> Any:
-            return cast_like(p.world.act(Clock(now.t), s, now.command, now.fresh), s)
+            return cast_like(p.world.act(Instant(now.t), s, now.command, now.fresh), s)
 
         def sense() -> Any:
-            return cast_like(p.world.sense(Clock(now.t + now.h), replace(s, x=now.truth))[0], s)
+            return cast_like(p.world.sense(Instant(now.t + now.h), replace(s, x=now.truth))[0], s)
 
         after = jax.lax.cond(now.acts, act, sense)
         seen = WorldOutput(after.x, after.sampled, after.received, after.commanded, after.actuated)

@@ -8,7 +8,7 @@ import jax
 import numpy as np
 
 from trimtab.core.errors import InputError, closest
-from trimtab.core.time import Clock, Timetable, ms, to_seconds
+from trimtab.core.time import Instant, Timetable, ms, to_seconds
 from trimtab.loop.scenario import Scenario
 from trimtab.loop.walk import Signals, instant
 from trimtab.native.compiler import find_compiler, lane_count
@@ -198,7 +198,7 @@ class _DualRun:
         def one(chosen: list[Any], reals: list[Any]) -> Any:
             inputs = self.insert_values(leaves, chosen)
             s, a = self.join_leaves(reals, others)
-            s, a, seen = instant(inputs.world, inputs.autopilot, Clock(t, self.always), h, s, a)
+            s, a, seen = instant(inputs.world, inputs.autopilot, Instant(t, self.always), h, s, a)
             rate = jax.numpy.ravel(jax.numpy.asarray(self.cost(seen), np.float64)) * to_seconds(h)
             now = [jax.numpy.where(t >= first, rate[i], 0.0) for i, first in enumerate(self.since)]
             new, rest = self.split(inputs.drop_derived_outputs(s, a, self.always))

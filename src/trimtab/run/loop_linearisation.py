@@ -21,7 +21,7 @@ from trimtab.core.imperfections import imperfections, without, without_any
 from trimtab.core.interfaces import optional_member
 from trimtab.core.record import FAST_COMPILE_OPTIONS, replace, to_arrays
 from trimtab.core.rng import Key
-from trimtab.core.time import Clock, format_time, seconds, to_seconds
+from trimtab.core.time import Instant, format_time, seconds, to_seconds
 from trimtab.design.loop_map import STABLE, LoopMap
 from trimtab.links.fifo import Fifo, required_slots
 from trimtab.links.wire import DelayLine
@@ -177,7 +177,7 @@ class _Tick:
 
     def _step(self, s: Any, a: Any, t: Any, v: Any = None) -> tuple[Any, Any, Any]:
         """One instant; v: the command sent in place of the one issued (m,)."""
-        world, autopilot, clock = self.loop.world, self.loop.autopilot, Clock(t)
+        world, autopilot, clock = self.loop.world, self.loop.autopilot, Instant(t)
         seen, frame = world.sense(clock, s)
         due = clock.due(autopilot.period)
         new = step_if(due, lambda: autopilot.step(t, a, frame)[0], lambda: autopilot.hold(t, a))

@@ -20,7 +20,7 @@ from trimtab.compiler.rules.control import LoopCarries
 from trimtab.compiler.text import C_TYPES
 from trimtab.compiler.workspace import plan_workspace
 from trimtab.compiler.writer import Writer
-from trimtab.core.time import Clock
+from trimtab.core.time import Instant
 from trimtab.loop.structure import cast_like
 from trimtab.loop.walk import Signals, instant, logged_signals, signals
 from trimtab.loop.world import WorldState
@@ -193,7 +193,7 @@ def _trace_closed_loop(inputs: RunInputs, always: frozenset[int], names: tuple[s
 
     def step(inputs: RunInputs, state: Any, t: Any, h: Any) -> Any:
         _, s, a = state
-        new_s, new_a, seen = instant(inputs.world, inputs.autopilot, Clock(t, always), h, s, a)
+        new_s, new_a, seen = instant(inputs.world, inputs.autopilot, Instant(t, always), h, s, a)
         seen = jax.tree.map(jax.numpy.asarray, seen)
         row = [value.astype(np.float64) for _, value, _ in logged_signals(seen, names)]
         return cast_like(flat(inputs, new_s, new_a), state), row
