@@ -6,15 +6,9 @@ import stat
 
 import pytest
 
-from trimtab.commands.line import (
-    catch_interrupts,
-    endpoint_factory,
-    find_key,
-    is_local,
-    store_stamps_ahead,
-    vehicle_name,
-)
+from trimtab.commands.line import endpoint_factory, find_key, is_local, vehicle_name
 from trimtab.core.errors import InputError
+from trimtab.live.machine import catch_interrupts, store_stamps_ahead
 
 
 @pytest.fixture(autouse=True)

@@ -5,6 +5,7 @@ import time as wall
 
 import pytest
 
+from trimtab.core.errors import argument, spell_with
 from trimtab.live import virtual_time
 from trimtab.live.virtual_network import Host, VirtualNetwork
 from trimtab.live.virtual_time import KilledError, VirtualTime, VirtualTimeError
@@ -315,3 +316,22 @@ def test_an_address_is_taken_once():
     program = time.start("a", run)
     time.run()
     assert "is taken" in str(program.error)
+
+
+def test_each_program_spells_arguments_for_its_own_reader():
+    """Two commands that overlap: the first ends before the second, which must not bring its spelling back."""
+    time, seen = VirtualTime(1), []
+
+    def command(name, seconds):
+        def run(clock):
+            with spell_with(lambda before, option, value, path: f"{name} {option}"):
+                clock.wait(None, seconds)
+                seen.append(argument("runs", 3))
+
+        return run
+
+    for name, seconds in (("first", 1.0), ("second", 2.0)):
+        time.start(name, command(name, seconds))
+    time.run()
+    assert seen == ["first runs", "second runs"]
+    assert argument("runs", 3) == "runs=3"

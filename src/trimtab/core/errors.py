@@ -10,6 +10,7 @@ import shlex
 import sys
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
+from contextvars import ContextVar
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -61,24 +62,22 @@ def argument(name: str, value: Any, path: str | None = None) -> str:
         value: a number, True or False, a text, or a list of texts where it may be given several times.
         path: where the argument has a value for each path, that one.
     """
-    return _spelling(name, value, path)
+    return _SPELLING.get()(name, value, path)
 
 
 def argument_name(name: str, of: str | None = None) -> str:
     """The argument itself, for the part that refuses. of: which of several, by its path or its text."""
-    return _spelling(name, None, of)
+    return _SPELLING.get()(name, None, of)
 
 
 @contextmanager
 def spell_with(spelling: Callable[[Spelling, str, Any, str | None], str]) -> Iterator[None]:
-    """Within it arguments are written so. It is given how they are written without it, too, first."""
-    global _spelling
-    before = _spelling
-    _spelling = partial(spelling, before)
+    """Within it, in this thread, arguments are written so. It is given how they are written without it, too, first."""
+    token = _SPELLING.set(partial(spelling, _SPELLING.get()))
     try:
         yield
     finally:
-        _spelling = before
+        _SPELLING.reset(token)
 
 
 def spell_python(name: str, value: Any, path: str | None) -> str:
@@ -94,7 +93,8 @@ def _quote(value: Any) -> str:
     return (f'"{value}"' if '"' not in value else repr(value)) if isinstance(value, str) else str(value)
 
 
-_spelling: Spelling = spell_python
+_SPELLING: ContextVar[Spelling] = ContextVar("spelling", default=spell_python)
+"""How arguments are written. Each thread has its own, for in virtual time several commands run side by side."""
 
 
 def install_command(extra: str = "", package: str = "trimtab") -> str:
