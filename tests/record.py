@@ -109,7 +109,8 @@ def record_tier(tier: str) -> int:
     commit, began, start = ask_git("rev-parse", "HEAD"), datetime.now(UTC), time.monotonic()
     os.chdir(ROOT)
     os.environ.pop("PYTEST_ADDOPTS", None)  # these options could leave tests out
-    signal.signal(signal.SIGTERM, signal.default_int_handler)
+    for number in (signal.SIGINT, signal.SIGTERM):  # a shell has programs in the background ignore SIGINT
+        signal.signal(number, signal.default_int_handler)
     recorder = Recorder()
     try:
         status = pytest.main(TIERS[tier], plugins=[recorder])

@@ -16,6 +16,9 @@ from typing import Any, NamedTuple
 ENTRY = "import sys; from trimtab.cli import main; sys.exit(main())"
 """What the installed command `trimtab` runs; see project.scripts in pyproject.toml."""
 
+INTERRUPTIBLE = "import signal; signal.signal(signal.SIGINT, signal.default_int_handler); "
+"""Put before ENTRY, makes Ctrl-C end the command also in the background, where a shell has it ignored."""
+
 TIMED = ("wall_s", "cpu_s")
 """Keys, at any depth, whose values are durations on this machine's clock."""
 
@@ -84,14 +87,13 @@ def both(server: tuple[str, ...], client: tuple[str, ...], *, folder: Path, read
     said = folder / "server-said.txt"
     with said.open("w") as errors:
         one = subprocess.Popen(
-            [sys.executable, "-c", ENTRY, *server],
+            [sys.executable, "-c", INTERRUPTIBLE + ENTRY, *server],
             cwd=folder,
             env=environment(folder),
             stdin=subprocess.DEVNULL,
             stdout=subprocess.PIPE,
             stderr=errors,
             text=True,
-            preexec_fn=_interruptible,
         )
         try:
             end = time.monotonic() + 120
@@ -108,11 +110,6 @@ def both(server: tuple[str, ...], client: tuple[str, ...], *, folder: Path, read
                 one.kill()
                 one.wait()
     return Ended(one.returncode, out, said.read_text()), other
-
-
-def _interruptible() -> None:
-    """Ctrl-C is heard by what is started in the background too, where a shell has it ignored."""
-    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 def masked(value: Any) -> Any:
