@@ -31,7 +31,7 @@ Without `--real-time` the same cases are flown in one process on one virtual clo
 commands, with the clock, disk, network and processes of `trimtab.live.virtual_machine`. The flight takes no longer than
 its computation, no other program can disturb it, and the seed decides every packet. The printed verdicts are the same.
 `--json` gives the hash of all packets, log rows and events as `digest`. One flight in twenty is flown twice, in two
-processes, and the two hashes must be equal. Serial devices, and the cases that are no flight, need `--real-time`.
+processes, and the two hashes must be equal. Cases with serial devices and cases without a flight need `--real-time`.
 
 ## What holds means
 

@@ -29,8 +29,9 @@ def scenario():
 def open_memory_log(scenario, path=Path("/virtual/x.mcap")):
     said = []
     disk = VirtualDisk(VirtualTime(1), "vehicle", said.append)
+    sources = [LogSource(np.zeros(0), [], lambda p: p)]
     options = {"side": "vehicle", "seed": 3, "log_period": 10_000, "is_live": True}
-    return disk, disk.open_log(path, [LogSource(np.zeros(0), [], lambda p: p)], OWN, scenario, **options), said
+    return disk, open_flight_log(path, sources, OWN, scenario, disk=disk, **options), said
 
 
 def write_rows(log):

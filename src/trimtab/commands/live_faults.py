@@ -115,7 +115,7 @@ def command(
 def _choose_names(
     only: tuple[str, ...], draw: int | None, seed: int, findings: bool, page: Path | None
 ) -> tuple[str, ...]:
-    """Names of the cases that were asked for; none: all."""
+    """Return the names of the cases that the options ask for; empty: all cases."""
     if draw is not None:
         if only or page is not None:
             raise InputError("--draw", "goes with neither --only nor --page", fix=f"--draw {draw} alone")

@@ -44,7 +44,7 @@ class InputError(ValueError):
 
     def __reduce__(self) -> tuple[Any, ...]:
         """Rebuild from the parts, so that it passes from a worker process whole."""
-        return partial(InputError, choices=self.choices, fix=self.fix), (self.part, self.problem)
+        return partial(type(self), choices=self.choices, fix=self.fix), (self.part, self.problem)
 
 
 Spelling = Callable[[str, Any, str | None], str]
@@ -94,7 +94,7 @@ def _quote(value: Any) -> str:
 
 
 _SPELLING: ContextVar[Spelling] = ContextVar("spelling", default=spell_python)
-"""How arguments are written. Each thread has its own, for in virtual time several commands run side by side."""
+"""Spelling of arguments in messages. Each thread has its own: several commands run side by side in virtual time."""
 
 
 def install_command(extra: str = "", package: str = "trimtab") -> str:

@@ -11,7 +11,7 @@ from trimtab.links.stream import LinkCounters, configure_socket
 from trimtab.links.tcp import bind_socket, resolve_host
 
 HEARD_WITHIN = 10 * NS_PER_SECOND
-"""Time (ns) without an accepted packet after which a peer is no longer answered and counts as not connected."""
+"""Timeout of a peer (ns): without an accepted packet for longer, nothing is sent to it, and it is not connected."""
 MOST_PEERS = 16
 """At once; a flood of senders can't push out those who were there before."""
 LARGEST = 65535
@@ -40,7 +40,7 @@ class DatagramSocket(Protocol):
         ...
 
     def recvfrom(self, size: int, /) -> tuple[bytes, Any]:
-        """Return the next packet and the address of its sender; BlockingIOError: there is none."""
+        """Return the next packet and the address of its sender. BlockingIOError: no packet waits."""
         ...
 
     def send(self, packet: bytes, /) -> int:

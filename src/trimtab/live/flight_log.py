@@ -80,7 +80,7 @@ class FlightRows:
 
 
 class FlightRecorder(Protocol):
-    """What a live end writes its log to. Nothing of it waits."""
+    """The log of a live end. Only `await_room` waits."""
 
     pose: Any
     """Pose of the vehicle, as `logs.frames` has it. Each row holds the pose that was set last."""
@@ -91,6 +91,10 @@ class FlightRecorder(Protocol):
 
     def write_row(self, t: int, own: Sequence[float] = ()) -> None:
         """Write a row: the vectors as they are now, and the numbers that come with each row."""
+        ...
+
+    def await_room(self) -> None:
+        """Wait until a row fits: for flights in lockstep, which may outrun the disk."""
         ...
 
     def write_event(self, text: str) -> None:
@@ -176,77 +180,69 @@ def list_log_problems(summary: LogFileSummary | None) -> list[str]:
 
 
 class Disk(Protocol):
-    """Where a live end keeps its log: this machine's disk, or one of virtual time."""
+    """A disk for the logs of live ends: this machine's, or one of virtual time."""
 
     def free_bytes(self, folder: Path) -> int:
-        """Return the free space (bytes) where a folder lies."""
+        """Return the free space (bytes) on the disk of a folder."""
         ...
 
     def open_log(
-        self,
-        path: Path | None,
-        sources: Sequence[LogSource],
-        own: Mapping[str, tuple[str, Quantity]],
-        scenario: Scenario,
-        *,
-        side: str,
-        seed: int,
-        log_period: int,
-        is_live: bool = False,
-        limit: int | None = None,
-    ) -> FlightRecorder | None:
-        """Open the log of one side of a flight; return None without a path. Arguments as of `open_flight_log`."""
+        self, path: Path, rows: FlightRows, metadata: Mapping[str, Any], frame: str, limit: LogLimit | None
+    ) -> FlightRecorder:
+        """Open a log. Arguments as of `FlightLog`."""
         ...
 
 
 class SystemDisk:
-    """The disk of this machine."""
+    """The disk of this machine. A process of its own writes each log."""
 
     def free_bytes(self, folder: Path) -> int:
-        """Return the free space (bytes) where a folder lies."""
+        """Return the free space (bytes) on the disk of a folder."""
         return shutil.disk_usage(folder).free
 
     def open_log(
-        self,
-        path: Path | None,
-        sources: Sequence[LogSource],
-        own: Mapping[str, tuple[str, Quantity]],
-        scenario: Scenario,
-        *,
-        side: str,
-        seed: int,
-        log_period: int,
-        is_live: bool = False,
-        limit: int | None = None,
-    ) -> FlightLog | None:
-        """Open the log of one side of a flight, written by a process of its own; return None without a path.
-
-        Args:
-            path: file of the log.
-            sources: vectors whose numbers go into each row.
-            own: path -> (type, declaration) of the numbers that come with each row.
-            scenario: the scenario that is flown.
-            side: "autopilot" or "vehicle".
-            seed: seed of the random numbers.
-            log_period: time between rows (100 ns).
-            is_live: whether the flight runs by a clock, so that `start_clock` will be called.
-            limit: maximum size (bytes). A vehicle's log then drops its oldest files.
-        """
-        if path is None:
-            return None
-        bound = None if limit is None else LogLimit(limit, rolls=side == "vehicle")
-        rows, frame = FlightRows(sources, own), FRAMES[side] if is_live else ""
-        return FlightLog(path, rows, describe_log(scenario, side, seed, log_period), frame, bound)
+        self, path: Path, rows: FlightRows, metadata: Mapping[str, Any], frame: str, limit: LogLimit | None
+    ) -> FlightLog:
+        """Open a log. Arguments as of `FlightLog`."""
+        return FlightLog(path, rows, metadata, frame, limit)
 
 
 SYSTEM_DISK = SystemDisk()
-open_flight_log = SYSTEM_DISK.open_log
 
 
-def describe_log(scenario: Scenario, side: str, seed: int, log_period: int) -> dict[str, Any]:
-    """Return the metadata of the log of one side of a flight."""
+def open_flight_log(
+    path: Path | None,
+    sources: Sequence[LogSource],
+    own: Mapping[str, tuple[str, Quantity]],
+    scenario: Scenario,
+    *,
+    side: str,
+    seed: int,
+    log_period: int,
+    is_live: bool = False,
+    limit: int | None = None,
+    disk: Disk = SYSTEM_DISK,
+) -> FlightRecorder | None:
+    """Open the log of one side of a flight; return None without a path.
+
+    Args:
+        path: file of the log.
+        sources: vectors whose numbers go into each row.
+        own: path -> (type, declaration) of the numbers that come with each row.
+        scenario: the scenario that is flown.
+        side: "autopilot" or "vehicle".
+        seed: seed of the random numbers.
+        log_period: time between rows (100 ns).
+        is_live: whether the flight runs by a clock, so that `start_clock` will be called.
+        limit: maximum size (bytes). A vehicle's log then drops its oldest files.
+        disk: disk of the log.
+    """
+    if path is None:
+        return None
+    bound = None if limit is None else LogLimit(limit, rolls=side == "vehicle")
     about = {"side": side, "seed": seed, "run": 0, "backend": "c", "log_period_s": to_seconds(log_period)}
-    return describe_scenario(scenario) | about
+    metadata, frame = describe_scenario(scenario) | about, FRAMES[side] if is_live else ""
+    return disk.open_log(path, FlightRows(sources, own), metadata, frame, bound)
 
 
 def _select_numbers(source: LogSource, signals: list[Signal]) -> list[int]:

@@ -19,7 +19,7 @@ from trimtab.live.autopilot_end import LONGEST_SAMPLE_AGE, MOST_SAMPLE_LEAD, Aut
 from trimtab.live.autopilot_parameters import AutopilotParameters
 from trimtab.live.connection_problem import owner_problem
 from trimtab.live.console_line import ConsoleLine
-from trimtab.live.flight_log import FlightRecorder, count_frames, list_log_problems
+from trimtab.live.flight_log import FlightRecorder, count_frames, list_log_problems, open_flight_log
 from trimtab.live.flight_signals import FLIGHT_SIGNALS, LiveFlightSummary
 from trimtab.live.machine import SYSTEM_MACHINE, Machine
 from trimtab.live.parameter_store import ParameterStore
@@ -175,17 +175,17 @@ class LiveAutopilot:
             raise InputError("overrun", f"{overrun!r} is no policy", choices=OVERRUN_POLICIES, fix=f'overrun="{HALT}"')
         self._halts, self._overrun = overrun == HALT, ""
         length = self.scenario.duration if duration is None else duration
-        sources, log_period = self.autopilot_end.log_sources(), self.scenario.autopilot.period
-        flight_log = self._flight_log = self._machine.disk.open_log(
+        flight_log = self._flight_log = open_flight_log(
             log,
-            sources,
+            self.autopilot_end.log_sources(),
             FLIGHT_SIGNALS,
             self.scenario,
             side="autopilot",
             seed=self.seed,
-            log_period=log_period,
+            log_period=self.scenario.autopilot.period,
             is_live=True,
             limit=log_limit,
+            disk=self._machine.disk,
         )
         self._tell, self.remote.tell = tell, self._report
         if console is not None:

@@ -23,12 +23,12 @@ from trimtab.wire.authority import draw_session
 from trimtab.wire.mavlink import Endpoint
 
 STORE_PERIOD_S = 1.0
-"""Time between two looks at whether time stamps have to be stored ahead (s)."""
+"""Period of storing time stamps ahead (s)."""
 
 
 @contextlib.contextmanager
 def catch_interrupts() -> Iterator[Callable[[], bool]]:
-    """Within it Ctrl-C and a request to terminate only raise a flag, so that logs get their end; a second one kills."""
+    """Turn Ctrl-C and SIGTERM into a flag, so that logs are closed. The second one ends the program at once."""
     asked: list[int] = []
 
     def note(number: int, _: object) -> None:
@@ -46,7 +46,7 @@ def catch_interrupts() -> Iterator[Callable[[], bool]]:
 
 @contextlib.contextmanager
 def store_stamps_ahead(endpoint: Endpoint) -> Iterator[None]:
-    """Within it the endpoint's time stamps are stored ahead by another thread, so that the loop waits for no disk."""
+    """Store the time stamps of an endpoint ahead, in another thread, so that the loop waits for no disk."""
     done = threading.Event()
 
     def keep() -> None:
@@ -72,7 +72,7 @@ class OpenLink(Protocol):
 
 
 class Machine(NamedTuple):
-    """What a live program uses of its computer. The default is the computer that runs Python."""
+    """The parts of a computer that a live program uses. The default is the computer that runs Python."""
 
     clock: Clock = SYSTEM_CLOCK
     disk: Disk = SYSTEM_DISK
@@ -82,9 +82,9 @@ class Machine(NamedTuple):
     real_time: Callable[[bool], AbstractContextManager[RealTimeGrant]] = real_time
     """Asks for real-time scheduling and locked memory."""
     catch_interrupts: Callable[[], AbstractContextManager[Callable[[], bool]]] = catch_interrupts
-    """Within it a request to end only raises a flag."""
+    """Turns a request to end into a flag."""
     store_stamps_ahead: Callable[[Endpoint], AbstractContextManager[None]] = store_stamps_ahead
-    """Within it the time stamps of an endpoint are stored ahead; it closes the endpoint."""
+    """Stores the time stamps of an endpoint ahead, and closes the endpoint at the end."""
     typed_words: Callable[[], Sequence[str]] = lambda: sys.argv[1:]
     """Returns the words of the command line after the program's name."""
     draw_session: Callable[[], int] = draw_session

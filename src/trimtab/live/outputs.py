@@ -37,11 +37,11 @@ class RowSocket(Protocol):
         ...
 
     def send(self, packet: bytes, /) -> int:
-        """Send a packet. BlockingIOError: there is no room; OSError: the other end is closed."""
+        """Send a packet. BlockingIOError: the buffer is full; OSError: the other end is closed."""
         ...
 
     def recv(self, size: int, /) -> bytes:
-        """Return the next packet, empty where the other end is closed. BlockingIOError: there is none."""
+        """Return the next packet, empty if the other end is closed. BlockingIOError: no packet waits."""
         ...
 
     def close(self) -> None:
@@ -59,14 +59,14 @@ class OutputsProcess(NamedTuple):
 
 
 class OutputsOrders(NamedTuple):
-    """What the process of outputs is told at its start. Times in ns, see `Watchdog`."""
+    """Orders for the process of outputs at its start. Times are in ns, see `Watchdog`."""
 
     safe: tuple[float, ...]
     timeout: int
     lift_delay: int
     latch: int
     folder: str | None
-    """Where the port and the log of the outputs are kept."""
+    """Folder of the port and of the log of the outputs; None: neither is written."""
     real_time: bool
     vehicle: int
     """Process number of the vehicle."""

@@ -22,9 +22,9 @@ from trimtab.live.outputs import END, HEAD, LOG_FILE, PORT_FILE, READY, TRIPPED,
 from trimtab.live.watchdog import DRIVEN, LATCHED, SAFE, WAITING, OutputPort, OutputRow, Watchdog
 
 PRIORITY = 41
-"""Above that of the vehicle's loop."""
+"""Real-time priority, above that of the vehicle's loop."""
 EXITING = 0x4
-"""Among Linux's flags of a process: it is on its way out."""
+"""Flag of a process that is ending, as Linux shows it in /proc."""
 GONE = "the vehicle's process is gone"
 STOPPED = "the vehicle's process is stopped"
 HANGS = "the vehicle's process hangs or is starved"
@@ -37,7 +37,7 @@ def write_error_line(text: str) -> None:
 
 
 class _OutputsLog:
-    """Lines of when and why, in a file that outlives the vehicle's process, and to the user."""
+    """Log of the outputs: lines in a file that outlives the vehicle's process, and to the user."""
 
     def __init__(self, folder: Path | None, clock: Clock, tell: Callable[[str], None]) -> None:
         self._clock, self._tell = clock, tell
@@ -57,7 +57,7 @@ class _OutputsLog:
 
 
 class OutputsLoop:
-    """Applies the rows that come, until nobody is left to send any and everything is at rest."""
+    """Loop of the outputs. It applies the rows that come, until the vehicle is gone and everything is at rest."""
 
     def __init__(
         self,

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 from trimtab.core.record import Quantity
 from trimtab.core.time import ms
-from trimtab.live.flight_log import FlightLog, list_log_problems, open_flight_log
+from trimtab.live.flight_log import FlightRecorder, list_log_problems, open_flight_log
 from trimtab.live.pulsed_vehicle import PulsedVehicle
 from trimtab.logs.stream import LogFileSummary
 from trimtab.loop.scenario import Scenario
@@ -49,7 +49,7 @@ class PhysicsFlights:
         self.file, self.period, self.tell = file, period, tell
         self.count = 0
         self.problems, self._told = list[str](), set[str]()
-        self._log: FlightLog | None = None
+        self._log: FlightRecorder | None = None
         self.summary: LogFileSummary | None = None
 
     def begin(self, text: str) -> None:

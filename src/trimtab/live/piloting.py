@@ -64,7 +64,7 @@ class Piloting:
         report: Callable[[str], None],
         clock: Clock = SYSTEM_CLOCK,
     ) -> None:
-        """report: is given lines for people and for the log.  clock: of this process."""
+        """report: takes lines for the user and for the log.  clock: clock of this process."""
         self._clock = clock
         self._line, self._stick, self._supervised, self._parameters = line, stick, supervised, parameters
         self._remote, self._preflight, self._report = remote, preflight, report

@@ -28,6 +28,7 @@ from trimtab.live.flight_log import (
     count_frames,
     frame_signals,
     list_log_problems,
+    open_flight_log,
 )
 from trimtab.live.injector import format_value
 from trimtab.live.instruments import Instruments
@@ -240,7 +241,7 @@ class LiveVehicle:
         failsafe = self.duties.step
         decisions = LogSource(failsafe.outputs, failsafe.text.outputs, lambda p: f"firmware.{p}")
         sources = [*self.body.log_sources(), decisions]
-        flight_log = self._flight_log = self._machine.disk.open_log(
+        flight_log = self._flight_log = open_flight_log(
             log,
             sources,
             OWN_SIGNALS,
@@ -250,6 +251,7 @@ class LiveVehicle:
             log_period=log_period,
             is_live=True,
             limit=log_limit,
+            disk=self._machine.disk,
         )
         self._problems.clear()
         self.duties.is_ending = False

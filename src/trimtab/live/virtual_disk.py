@@ -14,15 +14,14 @@ from typing import Any
 import numpy as np
 
 from trimtab.core.clock import NS_PER_SECOND, Clock
-from trimtab.core.record import Quantity
 from trimtab.core.time import to_seconds
-from trimtab.live.flight_log import FlightRows, LogSource, describe_log
+from trimtab.live.flight_log import FlightRows
 from trimtab.live.virtual_time import VirtualTime
 from trimtab.logs.frames import no_pose
 from trimtab.logs.log import Log
+from trimtab.logs.log_limit import LogLimit
 from trimtab.logs.messages import EPOCH
 from trimtab.logs.stream import COUNTER_SIGNALS, LogFileSummary
-from trimtab.loop.scenario import Scenario
 
 FREE_BYTES = 10_000_000_000
 NUMBER_BYTES = 8
@@ -47,23 +46,10 @@ class VirtualDisk:
         return 0 if self.is_full else FREE_BYTES
 
     def open_log(
-        self,
-        path: Path | None,
-        sources: Sequence[LogSource],
-        own: Mapping[str, tuple[str, Quantity]],
-        scenario: Scenario,
-        *,
-        side: str,
-        seed: int,
-        log_period: int,
-        is_live: bool = False,
-        limit: int | None = None,
-    ) -> "MemoryLog | None":
-        """Open the log of one side of a flight; return None without a path. Arguments as of `SystemDisk.open_log`."""
-        if path is None:
-            return None
-        metadata = describe_log(scenario, side, seed, log_period)
-        log = MemoryLog(self, self._time, FlightRows(sources, own), metadata)
+        self, path: Path, rows: FlightRows, metadata: Mapping[str, Any], frame: str, limit: LogLimit | None
+    ) -> "MemoryLog":
+        """Open a log. Arguments as of `flight_log.FlightLog`; a limit has no effect in memory."""
+        log = MemoryLog(self, self._time, rows, metadata)
         self.logs.append(log)
         return log
 
@@ -106,6 +92,9 @@ class MemoryLog:
         self._ticks.append(t)
         self._numbers.append(row)
         self._unwritten_before.append(self._unwritten)
+
+    def await_room(self) -> None:
+        """A row always fits."""
 
     def _note_gap(self) -> None:
         if self._disk.is_full:
