@@ -1,5 +1,7 @@
 """Every primitive that is said to be covered, compared with JAX; every other one refused with a way out."""
 
+from typing import Any
+
 import jax
 import jax.extend
 import jax.numpy as jnp
@@ -30,6 +32,7 @@ def test_table_has_a_row_for_each() -> None:
     assert len(coverage_table().splitlines()) == len(COVERED_PRIMITIVES) + 2
 
 
+@pytest.mark.thorough
 def test_subnormal_numbers_are_kept() -> None:
     # JAX on the CPU takes them as zero; here it is IEEE 754, as numpy does
     tiny = np.array([5e-324, -1e-310, 2.2250738585072014e-308, 1e-320])
@@ -43,13 +46,28 @@ def test_subnormal_numbers_are_kept() -> None:
             assert all(np.array_equal(g, w) for g, w in zip(got, wanted, strict=True))
 
 
-def test_the_largest_begin_with_nan_of_either_sign() -> None:
-    numbers = np.array([1.0, -np.inf, np.nan, np.inf])
-    for sign in (1, -1):  # which sign a NaN has is the processor's choice: the order must not depend on it
-        given = np.copysign(np.abs(numbers), [1, -1, sign, 1])
-        top, places = trimtab.compile(lambda x: jax.lax.top_k(x, 3), given)(given)
-        np.testing.assert_array_equal(top, [np.nan, np.inf, 1.0])
-        np.testing.assert_array_equal(places, [2, 3, 0])
+SIGNED = np.array([np.nan, -np.nan, np.inf, -np.inf, 0.0, -0.0, 1.0, -1.0, 5e-324])
+
+
+@pytest.mark.parametrize("dtype", [np.float64, np.float32])
+@pytest.mark.parametrize("count", [5, 50])
+def test_top_k_takes_nan_and_zeros_in_order_of_their_signs(dtype: Any, count: int) -> None:
+    def top(x: jax.Array) -> Any:
+        return [jax.lax.top_k(y, k) for y in (x, -x) for k in (1, count)]
+
+    rng = np.random.default_rng(count)
+    given = [rng.choice(SIGNED, count).astype(dtype) for _ in range(40)]
+    function, traced = trimtab.compile(top, given[0]), jax.jit(top)
+    for x in given:
+        for got, wanted in zip(jax.tree.leaves(function(x)), jax.tree.leaves(traced(x)), strict=True):
+            np.testing.assert_array_equal(got, wanted)
+            assert np.array_equal(np.signbit(got), np.signbit(wanted))
+
+
+def test_top_k_of_a_table_with_a_negative_nan() -> None:
+    table = np.array([1.0, -np.nan, 2.0])
+    top = trimtab.compile(lambda x: jax.lax.top_k(jnp.where(x > 0, table, x), 2), 1.0)
+    np.testing.assert_array_equal(top(1.0)[1], [2, 0])
 
 
 def test_sums_of_negative_zeros_are_negative_zero() -> None:

@@ -16,7 +16,7 @@ from trimtab.compiler.block import BlockDefinition, block_text
 from trimtab.compiler.compiled_block import CompiledBlock
 from trimtab.compiler.function import Function, lower_function
 from trimtab.compiler.ir import TYPES
-from trimtab.compiler.workspace import STACK
+from trimtab.compiler.workspace import CALL_STACK, STACK
 from trimtab.native.compiler import find_compiler
 
 pytestmark = pytest.mark.sanitizer
@@ -36,6 +36,7 @@ def test_large_arrays_do_not_lie_on_the_stack(n: int) -> None:
     assert (compiled.workspace > 0) == (n >= 10**5)
 
 
+@pytest.mark.thorough
 def test_ten_million() -> None:
     x = np.linspace(0.0, 1.0, 10**7)
     assert trimtab.compile(long_sum, x)(x) == pytest.approx(float(long_sum(x)), rel=1e-10)
@@ -48,6 +49,7 @@ def test_large_arrays_in_lanes_and_threads() -> None:
     assert all(got[k] == compiled(k * x) for k in range(20))
 
 
+@pytest.mark.thorough
 def test_arrays_share_a_place_when_one_is_done() -> None:
     x = np.linspace(0.0, 1.0, 50_000)
 
@@ -62,7 +64,7 @@ def test_arrays_share_a_place_when_one_is_done() -> None:
 
 
 def test_small_programs_take_no_workspace() -> None:
-    small = STACK // 8 // 4
+    small = CALL_STACK // 8 // 4
     assert trimtab.compile(lambda x: jnp.cumsum(x)[::-1].sum(), np.zeros(small)).workspace == 0
     for carried in (np.zeros(3), np.zeros(STACK)):
         block = BlockDefinition("b", "B.", lambda p, s, u: (s.at[0].add(u), u), lambda p, c=carried: c + 0.0, (), 0.0)

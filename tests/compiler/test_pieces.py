@@ -59,7 +59,6 @@ def test_pieces_share_arrays_of_the_workspace(monkeypatch: pytest.MonkeyPatch, l
     whole, expected = flights("hovercraft/zero-velocity", lanes)
     bound_pieces(monkeypatch)
     monkeypatch.setattr(workspace, "STACK", 64)
-    monkeypatch.setattr(workspace, "LARGE", 16)
     divided, flown = flights("hovercraft/zero-velocity", lanes)
     assert "workspace" not in whole
     assert "(f, workspace);" in divided, "pieces are given the workspace"
@@ -145,6 +144,7 @@ def test_blocks_in_pieces_step_the_same_bits(monkeypatch: pytest.MonkeyPatch, st
     assert flown == expected
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("stack", [1 << 20, 64], ids=["stack", "workspace"])
 def test_an_exported_function_in_pieces_passes_its_own_test(
     monkeypatch: pytest.MonkeyPatch, stack: int, tmp_path: Path

@@ -8,7 +8,7 @@ import pytest
 
 import trimtab
 from trimtab.compiler.ir import TYPES, Builder, Value
-from trimtab.compiler.ranges import certain_result, integer_bounds
+from trimtab.compiler.ranges import certain_result, integer_bounds, never_wraps
 
 TYPE = "i32"
 OPERATIONS = {
@@ -83,12 +83,16 @@ def test_an_index_of_a_ring_needs_no_test():
     assert b.op("min", b.op("max", slot, b.const(0, "i64"), dtype="i64"), b.const(63, "i64"), dtype="i64") is slot
 
 
-def test_sums_that_may_overflow_have_no_bounds():
+def test_sums_that_may_overflow_have_the_bounds_of_their_type():
     b = Builder()
     least = b.op("max", Value("input", (), "i32"), b.const(0, "i32"), dtype="i32")
-    assert integer_bounds(least) is None
+    assert integer_bounds(least) == (0, 2**31 - 1)
     large = b.op("and", Value("input", (), "i32"), b.const(2**31 - 1, "i32"), dtype="i32")
-    assert integer_bounds(b.op("add", large, b.const(1, "i32"), dtype="i32")) is None
+    total = b.op("add", large, b.const(1, "i32"), dtype="i32")
+    assert integer_bounds(total) == (-(2**31), 2**31 - 1)
+    assert not never_wraps(total)
+    slot = b.op("and", Value("input", (), "i32"), b.const(63, "i32"), dtype="i32")
+    assert never_wraps(b.op("mul", slot, b.const(1000, "i32"), dtype="i32"))
 
 
 def test_indices_in_range_are_not_clamped():

@@ -52,7 +52,7 @@ def zero(x: Any) -> Any:
 
 
 def unsigned(x: Any) -> Any:
-    """Numbers, and NaN without a sign: by top_k, a negated NaN is XLA's last, and bits of a NaN are not promised."""
+    """Numbers, and NaN without a sign: top_k depends on the sign of a NaN, which is not promised."""
     return jnp.where(x != x, jnp.abs(x), x) if x.dtype.kind == "f" else x
 
 

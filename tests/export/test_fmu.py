@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from fmpy.validation import validate_fmu
 
-from trimtab.compiler.structs import identifier
+from trimtab.compiler.identifiers import identifier
 from trimtab.core.errors import InputError
 from trimtab.export.fmu import FMU_PARTS, OPTIONS, export_fmu
 from trimtab.export.fmu_description import unit_in_si
@@ -125,6 +125,7 @@ def test_fmpy_flies_it_to_the_same_bits(fmus, version):
     fly_coupled(build(NAME), *parts, steps=120)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("part", FMU_PARTS)
 @pytest.mark.parametrize("version", [SLOW_2, 3])
 def test_the_schema_and_the_rules_find_no_fault(fmus, part, version):

@@ -15,10 +15,10 @@ from trimtab.compiler.arrays import Array, copy_array, copy_into, is_small, scal
 from trimtab.compiler.c_functions import helper_texts
 from trimtab.compiler.elementary import INCLUDES, LICENCE_NOTE, used_elementary_text
 from trimtab.compiler.ir import Block, Buffer, Builder, If, Local, Loop, Value
-from trimtab.compiler.lower import Lowering
+from trimtab.compiler.lower import Lowering, report_fault
 from trimtab.compiler.pieces import PieceFrame, build_level, plan_pieces
 from trimtab.compiler.rules import RULES
-from trimtab.compiler.structs import Member, members, struct_text
+from trimtab.compiler.structs import Member, comment_text, members, struct_text
 from trimtab.compiler.text import C_TYPES, number_literal
 from trimtab.compiler.workspace import plan_workspace
 from trimtab.compiler.writer import Writer
@@ -84,9 +84,15 @@ def function_block(
 
 def block_text(block: BlockDefinition, real: str = "f64") -> BlockText:
     """The C of a block. real: "f64" computes in double, "f32" in float."""
-    name = block.name
     begin, state = jax.make_jaxpr(block.init, return_shape=True)(block.parameters)
     each, shapes = jax.make_jaxpr(block.step, return_shape=True)(block.parameters, state, block.input)
+    with report_fault(f"block {block.name!r}"):
+        return _traced_block_text(block, real, (begin, state), (each, shapes))
+
+
+def _traced_block_text(block: BlockDefinition, real: str, init: tuple[Any, Any], step: tuple[Any, Any]) -> BlockText:
+    """The C of a block whose functions are traced, each with the shapes of its results."""
+    name, (begin, state), (each, shapes) = block.name, init, step
     P, S = members(block.parameters, real), members(state, real)
     IN, OUT = members(block.input, real), members(shapes[1], real)
     starting = _Routine(begin, [StructPlace("p->", P)], [StructPlace("s->", S)], real)
@@ -178,7 +184,7 @@ def _header_text(
     plus = '#ifdef __cplusplus\nextern "C" {\n#endif\n', "#ifdef __cplusplus\n}\n#endif\n"
     top = [f"#ifndef {guard}", f"#define {guard}\n", "#include <stdbool.h>", "#include <stdint.h>\n", plus[0]]
     number = f"/* What real numbers are computed in. */\ntypedef {C_TYPES[real]} {name}_real;\n"
-    return "\n".join([LICENCE_NOTE, f"/* {doc} */", *top, number, *typedefs, *calls, plus[1], "#endif\n"])
+    return "\n".join([LICENCE_NOTE, f"/* {comment_text(doc)} */", *top, number, *typedefs, *calls, plus[1], "#endif\n"])
 
 
 def _default_lines(parameters: list[Member], values: list[Any]) -> tuple[list[str], list[str]]:

@@ -16,7 +16,7 @@ EXCHANGES = ("tv_gather", "tv_scatter")
 _TWO_OPERANDS = {
     "div": "return b == 0 ? (T)-1 : SIGNED b == (T)-1 ? (T)(0u - (U)a) : ELSE (T)(a / b);",
     "rem": "return b == 0 ? a : SIGNED b == (T)-1 ? (T)0 : ELSE (T)(a % b);",
-    "shl": "return (U)b < BITS ? (T)((U)a << b) : (T)0;",
+    "shl": "return (U)b < BITS ? (T)((W)a << b) : (T)0;",
     "shr": "return (U)b < BITS ? (T)((U)a >> b) : (T)0;",
     "sar": "return (T)((S)a >> ((U)b < BITS ? b : (T)(BITS - 1)));",
     "nextafter": "U u = 1; T y; if (a != a || b != b) return a + b; if (a == b) return b; "
@@ -55,12 +55,13 @@ def _scalar_helper(name: str) -> str:
         "T": T,
         "S": T.removeprefix("u"),
         "U": C_TYPES[f"u{bits}"],
+        "W": C_TYPES[f"u{max(int(bits), 32)}"],
         "BITS": bits,
         "ZERO": "a" if t[0] == "f" else "0",
     }
     body = _TWO_OPERANDS.get(op) or _ONE_OPERAND[op]
     body = re.sub(r"SIGNED (.*?) : ELSE", r"\1 :" if t[0] == "i" else "", body)
-    body = re.sub(r"\b(T|S|U|BITS|ZERO)\b", lambda m: words[m[1]], body)
+    body = re.sub(r"\b(T|S|U|W|BITS|ZERO)\b", lambda m: words[m[1]], body)
     if t[0] == "u":
         body = body.replace(" : a < 0 ? -1", "")
     return _function_text(T, name, f"{T} a, {T} b" if op in _TWO_OPERANDS else f"{T} a", body)

@@ -1,7 +1,6 @@
 """Any function of JAX as a compiled one: `trimtab.compile`, the door to the compiler."""
 
 import inspect
-import re
 import threading
 from collections.abc import Callable, Sequence
 from pathlib import Path
@@ -12,11 +11,12 @@ import numpy as np
 from jax.core import Tracer
 
 from trimtab.compiler.block import function_block
-from trimtab.compiler.example import check_example, check_results, is_key, trace_example
+from trimtab.compiler.example import check_results, is_key, trace_example
 from trimtab.compiler.folder import ExportedFolder, export_function
 from trimtab.compiler.function import Function, FunctionText
+from trimtab.compiler.identifiers import distinct, function_identifier, identifier
 from trimtab.compiler.ir import TYPES
-from trimtab.compiler.structs import identifier
+from trimtab.compiler.lower import CompilerFaultError, report_fault
 from trimtab.core.errors import InputError
 from trimtab.core.quantity import Option, declarations, is_record
 from trimtab.native.build import build_library, load_library
@@ -53,7 +53,7 @@ def compile(
 
     Raises:
         InputError: a primitive without C text, naming the line that made it; an example of other things than arrays;
-            no C compiler.
+            no C compiler. A fault of the compiler itself is an InputError too; its message says what to report.
     """
     return CompiledFunction(function, example, lanes, threads)
 
@@ -75,31 +75,33 @@ class CompiledFunction:
         if not isinstance(threads, int) or isinstance(threads, bool) or threads < 1:  # pyright: ignore[reportUnnecessaryIsInstance]
             raise InputError(PART, f"threads = {threads!r}", fix="threads=1 or more")
         self.name = _function_name(function)
+        self._symbol = f"trimtab_{identifier(self.name)}"  # no library and no language has this name
         self._function, self._example, self._threads, self._lanes = function, example, threads, lanes
         self._names = _argument_names(function, len(example))
         program, shapes = trace_example(function, example, self.name)
         check_results(shapes, self.name)
-        self._lowered = Function(program)
-        self._structure = jax.tree.structure(example)
-        leaves, self._gives = jax.tree.flatten(shapes)
-        self._inputs = [ArrayType(a.shape, np.dtype(TYPES[a.dtype])) for a in self._lowered.inputs]
-        self._outputs = [ArrayType(a.shape, np.dtype(a.dtype)) for a in leaves]
-        self._lock = threading.Lock()
-        self._batch: tuple[int, LoadedFunction] | None = None
-        text = self._lowered.program_text(self.name, large_as_data=True)
-        self.c_source, self.workspace = text.text, text.workspace
-        self._program = self._load(text, 0)
-        self._call = make_callable(self._program)
+        with report_fault(f"function {self.name!r}"):
+            self._lowered = Function(program)
+            self._structure = jax.tree.structure(example)
+            leaves, self._gives = jax.tree.flatten(shapes)
+            self._inputs = [ArrayType(a.shape, np.dtype(TYPES[a.dtype])) for a in self._lowered.inputs]
+            self._outputs = [ArrayType(a.shape, np.dtype(a.dtype)) for a in leaves]
+            self._lock = threading.Lock()
+            self._batch: tuple[int, LoadedFunction] | None = None
+            text = self._lowered.program_text(self._symbol, large_as_data=True)
+            self.c_source, self.workspace = text.text, text.workspace
+            self._program = self._load(text, 0)
+            self._call = make_callable(self._program)
         if lanes is not None:
             self._lanes_program()
 
     def _load(self, text: FunctionText, lanes: int) -> LoadedFunction:
         library = load_library(build_library(text.text, "c++" if lanes else "c", extra=text.flags))
         if text.tables:
-            library[f"{self.name}_tables"](array_addresses(text.tables))
+            library[f"{self._symbol}_tables"](array_addresses(text.tables))
         takes = _tree_nodes(self._example)
         return LoadedFunction(
-            library[self.name],
+            library[self._symbol],
             text.workspace,
             self._inputs,
             self._outputs,
@@ -164,7 +166,10 @@ class CompiledFunction:
         if lanes == 1:
             return 1, self._program
         try:
-            text = self._lowered.program_text(self.name, lanes, large_as_data=True)
+            with report_fault(f"function {self.name!r} over lanes"):
+                text = self._lowered.program_text(self._symbol, lanes, large_as_data=True)
+        except CompilerFaultError:
+            raise
         except InputError:
             if self._lanes is not None:
                 raise
@@ -262,30 +267,17 @@ def export_callable(
     function: Callable[..., Any], example: tuple[Any, ...], folder: Path, *, name: str | None = None
 ) -> ExportedFolder:
     """Write a function of JAX as C99, without compiling it here; see `CompiledFunction.export`."""
-    name = _function_name(function) if name is None else identifier(name)
-    check_example(example, name)
+    name = function_identifier(_function_name(function) if name is None else name)
+    trace_example(function, example, name)  # refuses what cannot be traced
     arguments = jax.tree.map(_example_numbers, example)
     block = function_block(function, arguments, name, _argument_names(function, len(example)))
     return export_function(folder, block, function, arguments)
 
 
-_OF_NUMBERS = """acos acosh asin asinh atan atan2 atanh cbrt ceil copysign cos cosh erf erfc exp exp2 expm1 fabs fdim
-floor fma fmax fmin fmod frexp hypot ilogb ldexp lgamma llrint llround log log10 log1p log2 logb lrint lround modf nan
-nearbyint nextafter nexttoward pow remainder remquo rint round scalbln scalbn sin sinh sqrt tan tanh tgamma trunc"""
-_OTHERS = """fpclassify isfinite isgreater isgreaterequal isinf isless islessequal islessgreater isnan isnormal
-isunordered signbit j0 j1 jn y0 y1 yn gamma drem significand abs labs llabs div ldiv lldiv abort atexit atof atoi atol
-atoll bsearch calloc exit free getenv malloc mblen qsort rand random realloc select srand system memchr memcmp memcpy
-memmove memset index printf puts putchar getchar remove rename signal time clock main bool true false pipe read write
-close link open access dup wait sleep pause nice sync"""
-C_LIBRARY = {name + kind for name in _OF_NUMBERS.split() for kind in ("", "f", "l")} | set(_OTHERS.split())
-"""Names that a function in C cannot have, because the library has them."""
-
-
 def _function_name(function: Callable[..., Any]) -> str:
-    name = identifier(getattr(function, "__name__", ""))
-    if name in C_LIBRARY:
-        name += "_"
-    return name if name.isascii() and re.fullmatch("[a-z_][A-Za-z0-9_]*", name) and name != "_lambda_" else "function"
+    """The name of a function for messages; "function" where it has none."""
+    name = getattr(function, "__name__", "")
+    return name if isinstance(name, str) and name.isidentifier() else "function"
 
 
 def _argument_names(function: Callable[..., Any], count: int) -> list[str]:
@@ -294,7 +286,9 @@ def _argument_names(function: Callable[..., Any], count: int) -> list[str]:
     except (TypeError, ValueError):
         parameters = ()
     names = [p.name for p in parameters if p.kind in (p.POSITIONAL_ONLY, p.POSITIONAL_OR_KEYWORD)][:count]
-    return names + [f"argument{i}" for i in range(len(names), count)]
+    for i in range(len(names), count):
+        names.append(distinct(f"argument{i}", names))
+    return names
 
 
 def _example_numbers(leaf: Any) -> Any:

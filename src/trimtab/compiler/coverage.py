@@ -123,7 +123,10 @@ COVERED_PRIMITIVES: dict[str, tuple[str, str]] = {
     "tridiagonal_solve": (FLOATS, "with exchange of rows; batches too"),
     "eigh": (FLOATS, "by Jacobi's rotations; signs of eigenvectors are not JAX's; batches too"),
     "sort": (ANY, "stable, several keys, NaN last; argsort, median, percentile"),
-    "top_k": (NUMBERS, "of equals the first; NaN first, of whatever sign (XLA: a negated one last)"),
+    "top_k": (
+        NUMBERS,
+        "of equals the first; NaN first, a negated NaN last; of an operation's NaN the sign is open",
+    ),
     "cumlogsumexp": (FLOATS, "both ways"),
     "erf_inv": (FLOATS, "also jax.random.normal"),
     "lgamma": (FLOATS, "by Lanczos"),

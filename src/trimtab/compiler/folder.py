@@ -24,7 +24,10 @@ Most seen in the hypersonic climb: 5, in 100 runs of a second and 6 whole ones."
 
 
 class SampleVectors(NamedTuple):
-    """Steps of a simulated run: inputs (n, VECTORS_IN) and outputs (n, VECTORS_OUT), every number as float64."""
+    """Steps of a simulated run: inputs (n, VECTORS_IN) and outputs (n, VECTORS_OUT).
+
+    Arrays of float64, or of Python's own numbers, which hold 64-bit integers exactly (`exact_numbers`).
+    """
 
     inputs: Any
     outputs: Any
@@ -47,7 +50,7 @@ def write_folder(
     names = [f"in.{n}" for n in column_names(block.inputs)] + [f"out.{n}" for n in column_names(block.outputs)]
     rows = np.concatenate([vectors.inputs, vectors.outputs], axis=1)
     lines = [",".join(names), *(",".join(_format_number(x) for x in row) for row in rows)]
-    tolerance = tolerances(block.outputs, vectors.outputs, real)
+    tolerance = tolerances(block.outputs, vectors.outputs)
     manifest = about | {
         "name": block.name,
         "real": "single" if real == "f32" else "double",
@@ -88,7 +91,12 @@ def column_names(members: list[Member]) -> list[str]:
     return [m.path if not m.shape else f"{m.path}[{k}]" for m in members for k in range(m.size)]
 
 
-def tolerances(members: list[Member], outputs: Any, real: str) -> list[float]:
+def exact_numbers(array: Any) -> Any:
+    """An array with Python's own numbers, as they are written into vectors."""
+    return np.asarray(array).astype(object)
+
+
+def tolerances(members: list[Member], outputs: Any) -> list[float]:
     """How far each output may be from the simulated one; whole numbers and truth values not at all.
 
     The elements of an array are one signal and have one tolerance, and a signal may be off by ROUNDINGS of the largest
@@ -96,21 +104,23 @@ def tolerances(members: list[Member], outputs: Any, real: str) -> list[float]:
     """
     sizes, k = [], 0
     for m in members:
-        column = np.abs(outputs[:, k : k + m.size])
+        column = np.abs(np.asarray(outputs[:, k : k + m.size], np.float64))
         sizes.append(float(column[np.isfinite(column)].max(initial=0.0)))
         k += m.size
     units = [m.declaration.unit if m.declaration is not None else "" for m in members]
-    kind = TYPES[real]
     each = []
     for m, size, unit in zip(members, sizes, units, strict=True):
+        if m.dtype not in TOLERANCE:
+            each += [0.0] * m.size
+            continue
         largest = max(s for s, u in zip(sizes, units, strict=True) if u == unit)
-        off = max(TOLERANCE[real] * max(size, 1e-3), ROUNDINGS * float(np.spacing(kind(largest))))
-        each += [off if m.dtype[0] == "f" else 0.0] * m.size
+        off = max(TOLERANCE[m.dtype] * max(size, 1e-3), ROUNDINGS * float(np.spacing(TYPES[m.dtype](largest))))
+        each += [off] * m.size
     return each
 
 
-def _format_number(x: float) -> str:
-    return f"{x:.17g}"
+def _format_number(x: Any) -> str:
+    return str(int(x)) if isinstance(x, int) else f"{x:.17g}"
 
 
 def _vectors_header(block: BlockText) -> str:
@@ -143,6 +153,7 @@ def _replay_source(block: BlockText) -> str:
  *
  *     ./replay vectors.csv > outputs.csv
  */
+#include <inttypes.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -151,11 +162,12 @@ def _replay_source(block: BlockText) -> str:
 #include "vectors.h"
 
 static char line[{32 * (len(column_names(block.inputs)) + len(column_names(block.outputs))) + 4096}];
-
+static char *cells[VECTORS_IN + 1];
+static double inputs[VECTORS_IN + 1], outputs[VECTORS_OUT + 1];
+{_row_texts(block)}
 int main(int count, char **arguments)
 {{
 {declarations}
-    double inputs[VECTORS_IN], outputs[VECTORS_OUT];
     FILE *file = fopen(count > 1 ? arguments[1] : "vectors.csv", "r");
     if (!file || !fgets(line, sizeof line, file)) {{
         fprintf(stderr, "cannot read vectors.csv: give its path\\n");
@@ -164,18 +176,59 @@ int main(int count, char **arguments)
 {begin}    memset(&in, 0, sizeof in);
     while (fgets(line, sizeof line, file)) {{
         char *at = line;
-        for (int i = 0; i < VECTORS_IN; i++, at++)
+        for (int32_t i = 0; i < VECTORS_IN; i++, at++) {{
+            cells[i] = at;
             inputs[i] = strtod(at, &at);
-        vectors_set_in(inputs, &in);
+        }}
+        set_inputs(&in);
         {step}
         vectors_get_out(&out, outputs);
-        for (int i = 0; i < VECTORS_OUT; i++)
-            printf("%.17g%c", outputs[i], i + 1 < VECTORS_OUT ? ',' : '\\n');
+        print_outputs(&out);
     }}
     fclose(file);
     return 0;
 }}
 """
+
+
+WIDE = {"i64": ("(int64_t)strtoll", "PRId64"), "u64": ("(uint64_t)strtoull", "PRIu64")}
+"""Integers that a double does not hold: the functions that read their text, and the format that prints them."""
+
+
+def _row_texts(block: BlockText) -> str:
+    """Functions that set the inputs from a row of text, and print the outputs as one; 64-bit integers exactly."""
+    clear, read, k = [], [], 0
+    for m in block.inputs:
+        if m.dtype in WIDE:
+            parse = WIDE[m.dtype][0]
+            loop = f"    for (int32_t i = 0; i < {m.size}; i++) "
+            at = m.at("in->", "i")
+            clear.append(f"{loop}inputs[{k} + i] = 0.0;")
+            read.append(f"{loop}{at} = {parse}(cells[{k} + i], NULL, 10);")
+        k += m.size
+    lines, start, k = list[str](), 0, 0
+    for m in block.outputs:
+        if m.dtype in WIDE:
+            lines.append(f"    print_numbers({start}, {k});")
+            text = f'printf("%s%" {WIDE[m.dtype][1]}, {k} + i ? "," : "", {m.at("out->", "i")});'
+            lines.append(f"    for (int32_t i = 0; i < {m.size}; i++) {text}")
+            start = k + m.size
+        k += m.size
+    lines.append(f"    print_numbers({start}, {k});")
+    n, set_in = block.name, ["    vectors_set_in(inputs, in);"]
+    return "\n".join(
+        [
+            f"\nstatic void set_inputs({n}_in *in)\n{{",
+            *[*clear, *set_in, *read],
+            "}\n\nstatic void print_numbers(int32_t from, int32_t to)\n{",
+            "    for (int32_t i = from; i < to; i++)",
+            '        printf("%s%.17g", i ? "," : "", outputs[i]);',
+            f"}}\n\nstatic void print_outputs(const {n}_out *out)\n{{",
+            "    (void)out;",
+            *lines,
+            "    putchar('\\n');\n}\n",
+        ]
+    )
 
 
 CMAKE = """cmake_minimum_required(VERSION 3.13)
@@ -278,5 +331,5 @@ def export_function(
 
 
 def _row(tree: Any) -> Any:
-    """All numbers of a tree, as float64 in a row."""
-    return np.concatenate([np.zeros(0), *(np.asarray(v, np.float64).ravel() for v in jax.tree.leaves(tree))])
+    """All numbers of a tree in a row."""
+    return np.concatenate([np.zeros(0, object), *(exact_numbers(v).ravel() for v in jax.tree.leaves(tree))])

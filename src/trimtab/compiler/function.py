@@ -16,7 +16,7 @@ from trimtab.compiler.pieces import PieceFrame, build_level, plan_pieces
 from trimtab.compiler.rules import RULES
 from trimtab.compiler.tables import filling_text, table_numbers
 from trimtab.compiler.text import C_TYPES
-from trimtab.compiler.workspace import plan_workspace
+from trimtab.compiler.workspace import CALL_STACK, plan_workspace
 from trimtab.compiler.writer import Writer
 
 
@@ -48,7 +48,7 @@ class Function:
         names = {} if lanes else self._result_names()
         operands = [a.buffer for a in self.inputs if a.buffer is not None] if lanes else []
         results = [a.buffer for a in self.outputs if a.buffer is not None]
-        workspace = plan_workspace(blocks, operands, results, lanes, varying, names)
+        workspace = plan_workspace(blocks, operands, results, lanes, varying, names, CALL_STACK)
         w = Writer(names, self.live, varying, workspace)
         w.data = [] if large_as_data else None
         w.note_sincos(blocks)

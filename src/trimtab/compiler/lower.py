@@ -4,12 +4,15 @@ A primitive that has no rule is refused with its name, the Python line that made
 """
 
 import math
-from collections.abc import Callable
+import platform
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import jax
 import numpy as np
 
+from trimtab import __version__
 from trimtab.compiler import jaxprs
 from trimtab.compiler.arrays import Array, apply_updates, constant, is_small, store_in_memory, type_name
 from trimtab.compiler.ir import TYPES, Builder
@@ -36,6 +39,33 @@ CONTROL = ("cond", "scan", "while")
 
 UPDATING = ("dynamic_update_slice", "scatter")
 """Primitives that write elements of their first operand."""
+
+CALLBACKS = ("pure_callback", "io_callback", "debug_callback", "debug_print")
+"""Primitives that run Python, which must not run while a program is lowered."""
+
+
+class CompilerFaultError(InputError):
+    """The compiler failed on a program that it should have compiled or refused."""
+
+
+@contextmanager
+def report_fault(what: str, where: Callable[[], str] | None = None) -> Iterator[None]:
+    """Report an unexpected exception once, as a fault of trimtab, with what to send.
+
+    Args:
+        what: is being compiled, for the message.
+        where: gives the user's line from which the failing program comes.
+    """
+    try:
+        yield
+    except (InputError, MemoryError):
+        raise
+    except Exception as reason:
+        line = f" at {where()}" if where else ""
+        versions = f"trimtab {__version__}, JAX {jax.__version__}, Python {platform.python_version()}"
+        problem = f"trimtab failed on {what}{line} with {type(reason).__name__}: {reason} ({versions})"
+        fix = "report this fault of trimtab: send this message, the function, and the shapes and types of its example"
+        raise CompilerFaultError("compiler", problem, fix=fix) from reason
 
 
 class Site:
@@ -148,6 +178,10 @@ class Lowering:
         return all(last.get(v, -1) <= k and doomed.get(v, True) for v in names)
 
     def _lower_equation(self, equation: Any, operands: list[Array], dying: list[bool]) -> list[Array]:
+        with report_fault(f"primitive {equation.primitive.name!r}", self.source_line):
+            return self._lower_checked(equation, operands, dying)
+
+    def _lower_checked(self, equation: Any, operands: list[Array], dying: list[bool]) -> list[Array]:
         inner = jaxprs.program_of_call(equation)
         if inner is not None:
             return [array for array, _ in self._lower_equations(inner, operands, dying)]
@@ -157,35 +191,37 @@ class Lowering:
             return self._lower_foreign(equation, operands, dying)
         if rule is None:
             raise self.refusal(name)
-        known = self._known_result(equation, operands)
+        known = self._known_results(equation, operands)
         if known is not None:
-            return [known]
+            return known
         site = Site(self, equation, operands, dying)
         if name not in CONTROL:
             self._store_operands(equation, operands)
         return rule(site)
 
-    def _known_result(self, equation: Any, operands: list[Array]) -> Array | None:
-        """The result where it is a table of integers or truth values that follows from such tables: indices, mostly.
+    def _known_results(self, equation: Any, operands: list[Array]) -> list[Array] | None:
+        """The results where they are tables of integers or truth values that follow from such tables: indices, mostly.
 
         Floats are left to the code, whose elementary functions are not quite JAX's; so are results of a few scalars,
         which are known one by one.
         """
-        if len(equation.outvars) != 1 or not operands or equation.primitive.name in CONTROL:
+        name = equation.primitive.name
+        if not operands or not equation.outvars or name in CONTROL or name in CALLBACKS:
             return None
-        shape = equation.outvars[0].aval.shape
-        if is_small(shape) or math.prod(shape) > LONGEST_TABLE:
+        shapes = [v.aval.shape for v in equation.outvars]
+        if all(map(is_small, shapes)) or max(map(math.prod, shapes)) > LONGEST_TABLE:
             return None
         types = [getattr(v.aval, "dtype", None) for v in [*equation.outvars, *equation.invars]]
-        if not all(
-            isinstance(kind, np.dtype) and kind.kind in "biu" for kind in types
-        ):  # of keys it is none of numpy's
+        if not all(isinstance(t, np.dtype) and t.kind in "biu" for t in types):  # the type of a key is JAX's own
             return None
         tables = [_known_data(a) for a in operands]
         if any(t is None for t in tables):
             return None
-        shaped = [np.reshape(t, a.shape).astype(TYPES[a.dtype]) for t, a in zip(tables, operands, strict=True)]
-        return constant(self.b, np.asarray(equation.primitive.bind(*shaped, **equation.params)))
+        given = [np.reshape(t, a.shape).astype(TYPES[a.dtype]) for t, a in zip(tables, operands, strict=True)]
+        with jax.ensure_compile_time_eval():  # also where compile is called while JAX traces
+            found = equation.primitive.bind(*given, **equation.params)
+        each = found if equation.primitive.multiple_results else [found]
+        return [constant(self.b, np.asarray(x)) for x in each]
 
     def refusal(self, name: str) -> InputError:
         """Of a primitive without C text."""

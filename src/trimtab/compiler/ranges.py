@@ -49,11 +49,19 @@ def integer_bounds(v: "Value", depth: int = DEPTH) -> tuple[int, int] | None:
     if v.op == "load" and v.attr.data is not None and 0 < v.attr.size <= LONGEST_TABLE:
         return int(np.min(v.attr.data)), int(np.max(v.attr.data))
     if v.op == "index":
-        return (0, max(v.attr - 1, 0)) if isinstance(v.attr, int) else None
+        return 0, max(v.attr - 1, 0) if isinstance(v.attr, int) else 2**31 - 1
     found = _bounds_of_operation(v, depth - 1) if depth and v.args else None
-    if found is None and v.dtype in ("u8", "u16", "u32"):
-        return 0, 2 ** int(v.dtype[1:]) - 1
-    return found
+    return _type_bounds(v.dtype) if found is None else found
+
+
+def never_wraps(v: "Value") -> bool:
+    """Whether the result of a sum, difference or product of integers certainly fits its type without wrapping."""
+    return v.op in ("add", "sub", "mul") and _bounds_of_operation(v, DEPTH - 1) is not None
+
+
+def _type_bounds(dtype: str) -> tuple[int, int]:
+    bits = int(dtype[1:])
+    return (0, 2**bits - 1) if dtype[0] == "u" else (-(2 ** (bits - 1)), 2 ** (bits - 1) - 1)
 
 
 def _bounds_of_operation(v: "Value", depth: int) -> tuple[int, int] | None:
@@ -79,6 +87,9 @@ def _bounds_of_operation(v: "Value", depth: int) -> tuple[int, int] | None:
         return _inside(v, low + others[0][0], high + others[0][1])
     if v.op == "sub":
         return _inside(v, low - others[0][1], high - others[0][0])
+    if v.op == "mul":
+        ends = [x * y for x in (low, high) for y in others[0]]
+        return _inside(v, min(ends), max(ends))
     return None
 
 
@@ -97,6 +108,5 @@ def _join(x: tuple[int, int] | None, y: tuple[int, int] | None) -> tuple[int, in
 
 def _inside(v: "Value", low: int, high: int) -> tuple[int, int] | None:
     """These bounds, where no number between them is outside of the type."""
-    bits = int(v.dtype[1:])
-    least, most = (0, 2**bits - 1) if v.dtype[0] == "u" else (-(2 ** (bits - 1)), 2 ** (bits - 1) - 1)
+    least, most = _type_bounds(v.dtype)
     return (low, high) if least <= low and high <= most else None

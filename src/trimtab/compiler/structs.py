@@ -1,8 +1,6 @@
 """C structs from trees of records: the same dotted paths, with unit and meaning as comments; and rows of numbers."""
 
-import keyword
 import math
-import re
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
@@ -10,14 +8,10 @@ import jax
 import numpy as np
 
 from trimtab.compiler.arrays import type_name
+from trimtab.compiler.identifiers import distinct, identifier
 from trimtab.compiler.ir import TYPES
 from trimtab.compiler.text import C_TYPES
 from trimtab.core.record import Quantity, leaves
-
-RESERVED = {*keyword.kwlist, "main", "bool", "true", "false"}
-RESERVED |= {"auto", "break", "case", "char", "const", "continue", "default", "do", "double", "else", "enum", "extern"}
-RESERVED |= {"float", "for", "goto", "if", "inline", "int", "long", "register", "restrict", "return", "short", "signed"}
-RESERVED |= {"sizeof", "static", "struct", "switch", "typedef", "union", "unsigned", "void", "volatile", "while"}
 
 
 class Member(NamedTuple):
@@ -47,22 +41,25 @@ class Member(NamedTuple):
 def members(tree: Any, real: str) -> list[Member]:
     """The leaves of a tree of records, in the order of JAX; real: "f64", or "f32" for every float64."""
     declared = {path: d for path, _, d in leaves(tree) if isinstance(d, Quantity)}
-    found = []
+    found, paths = [], dict[tuple[str, ...], str]()
     for keys, value in jax.tree_util.tree_flatten_with_path(tree)[0]:
         names = [str(getattr(k, "name", getattr(k, "key", getattr(k, "idx", "")))) for k in keys]
         dtype = type_name(value.dtype if hasattr(value, "dtype") else np.asarray(value).dtype)
-        path, name = ".".join(map(identifier, names)) or "value", ".".join(names) or "value"
+        path, name = _member_path(tuple(names), paths) or "value", ".".join(names) or "value"
         kept = real if dtype == "f64" else dtype
         found.append(Member(path, np.shape(value), kept, declared.get(name), name))
     return found
 
 
-def identifier(name: str) -> str:
-    """A name that C takes: numbers get an underscore before them, words of the language one behind."""
-    made = re.sub(r"\W", "_", name)
-    if made[:1].isdigit():
-        return f"_{made}"
-    return f"{made}_" if made in RESERVED else made
+def _member_path(names: tuple[str, ...], paths: dict[tuple[str, ...], str]) -> str:
+    """The C path of a member. paths: those of all so far, of which no two are the same; this one is added."""
+    if not names:
+        return ""
+    if names not in paths:
+        above = _member_path(names[:-1], paths)
+        path = f"{above}.{identifier(names[-1])}" if above else identifier(names[-1])
+        paths[names] = distinct(path, paths.values())
+    return paths[names]
 
 
 def struct_text(name: str, held: list[Member], doc: str) -> str:
@@ -75,7 +72,7 @@ def struct_text(name: str, held: list[Member], doc: str) -> str:
             node = node.setdefault(group, {})
         node[last] = m
     body = _field_text(tree, 1) or "    char nothing;  /* C has no empty structs */\n"
-    return f"/* {doc} */\ntypedef struct {{\n{body}}} {name};\n"
+    return f"/* {comment_text(doc)} */\ntypedef struct {{\n{body}}} {name};\n"
 
 
 def _field_text(tree: dict[str, Any], depth: int) -> str:
@@ -97,8 +94,12 @@ def _comment_text(m: Member) -> str:
     frame = f" Frame {d.frame}." if d.frame else ""
     modes = f" {', '.join(f'{i} {n}' for i, n in enumerate(d.modes))}." if d.modes else ""
     shape = f" {' x '.join(map(str, m.shape))}, row-major." if len(m.shape) > 1 else ""
-    text = f"{unit}{d.doc}{frame}{modes}{shape}".replace("*/", "* /").replace("\n", " ")
-    return f"  /* {text} */"
+    return f"  /* {comment_text(f'{unit}{d.doc}{frame}{modes}{shape}')} */"
+
+
+def comment_text(text: str) -> str:
+    """Text that can stand in a comment of C: one line, neither opening nor ending a comment."""
+    return " ".join(text.replace("*/", "* /").replace("/*", "/ *").replace("??/", "?? /").split())
 
 
 def row_declarations(name: str, inputs: list[Member], outputs: list[Member]) -> str:
@@ -115,6 +116,7 @@ def row_functions(name: str, inputs: list[Member], outputs: list[Member]) -> str
     """Bodies of the functions between rows of numbers and the structs of a block of this name."""
     sets = _row_lines(inputs, lambda m, i, k: f"{m.at('in->', i)} = {_from_double(m, f'row[{k}]')};")
     gets = _row_lines(outputs, lambda m, i, k: f"row[{k}] = (double){m.at('out->', i)};")
+    sets, gets = sets or ["    (void)row; (void)in;"], gets or ["    (void)out; (void)row;"]
     lines = [f"void vectors_set_in(const double *row, {name}_in *in)", "{", *sets, "}", ""]
     lines += [f"void vectors_get_out(const {name}_out *out, double *row)", "{", *gets, "}", ""]
     return "\n".join(lines)

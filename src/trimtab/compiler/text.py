@@ -9,6 +9,7 @@ from collections.abc import Callable
 from typing import Any, NamedTuple
 
 from trimtab.compiler.ir import TYPES, Buffer, Value, is_float
+from trimtab.compiler.ranges import never_wraps
 from trimtab.core.errors import InputError
 
 C_TYPES = {
@@ -41,7 +42,7 @@ def number_literal(number: Any, dtype: str) -> str:
     if is_float(dtype):
         x, suffix = float(number), "f" if dtype == "f32" else ""
         if math.isnan(x):
-            return "NAN"
+            return "(-NAN)" if math.copysign(1.0, x) < 0 else "NAN"
         if math.isinf(x):
             return "INFINITY" if x > 0 else "(-INFINITY)"
         text = repr(x) if dtype == "f64" else repr(number).split("(")[-1].rstrip(")")
@@ -145,9 +146,12 @@ def _full_mask(o: _Operation, text: str) -> str:
 
 def _infix(o: _Operation) -> str:
     first, second = o.operands
-    if o.t == "i64" and not o.lanes and o.value.op in ("add", "sub", "mul"):  # times wrap, also without -fwrapv
-        return f"(int64_t)((uint64_t){first} {INFIX[o.value.op]} (uint64_t){second})"
-    return o.narrow(f"{first} {INFIX[o.value.op]} {second}")
+    sign, wraps = INFIX[o.value.op], o.value.op in ("add", "sub", "mul")
+    if wraps and not o.lanes and o.t in ("i32", "i64", "u16") and not never_wraps(o.value):
+        # signed integers wrap, also without -fwrapv; so does the int in which C multiplies uint16_t
+        wide = "uint64_t" if o.t == "i64" else "uint32_t"
+        return f"({C_TYPES[o.t]})(({wide}){first} {sign} ({wide}){second})"
+    return o.narrow(f"{first} {sign} {second}")
 
 
 def _division(o: _Operation) -> str:
@@ -163,6 +167,8 @@ def _shift(o: _Operation) -> str:
     if by.op != "const" or not 0 <= int(by.const) < bits:
         return o.call(f"{helper}_{o.t}")
     own = "i" if helper == "sar" else "u"  # in JAX the top bit is a sign, of unsigned numbers too
+    if helper == "shl" and bits < 32 and not o.lanes:  # in int, to which C widens them, the result may not fit
+        return f"({C_TYPES[o.t]})((uint32_t){o.operands[0]} {sign} {int(by.const)})"
     if o.t[0] == own:
         return o.narrow(f"{o.operands[0]} {sign} {int(by.const)}")
     return f"({o.type(o.t)})(({o.type(f'{own}{bits}')}){o.operands[0]} {sign} {int(by.const)})"

@@ -12,9 +12,9 @@ from trimtab.compiler.analysis import VaryingValues
 from trimtab.compiler.ir import TYPES, Block, Buffer, Define, If, Local, Loop, Store
 
 STACK = 1 << 17
-"""Bytes of arrays that a function keeps on the stack at most."""
-LARGE = 1 << 10
-"""Bytes from which an array leaves the stack where all of them do not fit."""
+"""Bytes of arrays that an exported block or a loop keeps on the stack at most."""
+CALL_STACK = 1 << 15
+"""The same of a function that Python calls, perhaps from a thread with a small stack."""
 ALIGNMENT = 64
 """Of a workspace and of every array in it, bytes."""
 
@@ -40,6 +40,7 @@ def plan_workspace(
     lanes: int = 0,
     varying: VaryingValues | None = None,
     elsewhere: Collection[int] = (),
+    stack: int | None = None,
 ) -> Workspace:
     """The places of a program's large arrays.
 
@@ -50,6 +51,7 @@ def plan_workspace(
         lanes: how many runs there are side by side; 0 for one.
         varying: what differs between them.
         elsewhere: ids of buffers that begin in the blocks, but lie where the caller keeps them.
+        stack: bytes of arrays that stay on the stack at most; STACK when None.
     """
     items, first = [item for block in blocks for item in block.items], list(operands)
     sizes: dict[int, int] = {}
@@ -59,7 +61,7 @@ def plan_workspace(
         sizes[id(buffer)] = _byte_count(buffer, lanes if varying is not None and varying(buffer) else 0)
     total, large = sum(sizes.values()), dict[int, int]()
     for key, size in sorted(sizes.items(), key=lambda pair: -pair[1]):
-        if total <= STACK or size < LARGE:
+        if total <= (STACK if stack is None else stack):
             break
         large[key] = -(-size // ALIGNMENT) * ALIGNMENT
         total -= size

@@ -10,7 +10,7 @@ import numpy as np
 
 from trimtab import __version__
 from trimtab.compiler.block import BlockDefinition, block_text
-from trimtab.compiler.folder import ExportedFolder, SampleVectors, write_folder
+from trimtab.compiler.folder import ExportedFolder, SampleVectors, exact_numbers, write_folder
 from trimtab.core.errors import InputError, argument
 from trimtab.core.time import timetable, to_seconds
 from trimtab.logs.log import Log
@@ -124,5 +124,5 @@ def _export_loop(scenario: Scenario, steps: int, seed: int) -> tuple[BlockDefini
 
 
 def _stack_columns(columns: list[Any]) -> Any:
-    """Arrays (n, …) side by side as float64 (n, numbers)."""
-    return np.concatenate([np.asarray(c, np.float64).reshape(len(c), -1) for c in columns], axis=1)
+    """Arrays (n, …) side by side as numbers (n, VECTORS)."""
+    return np.concatenate([exact_numbers(c).reshape(len(c), -1) for c in columns], axis=1)

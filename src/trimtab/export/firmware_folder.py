@@ -23,7 +23,7 @@ from trimtab.actuators.servo_frame import SERVO_FRAME
 from trimtab.actuators.speed_regulator import SpeedRegulatorInput
 from trimtab.compiler.block import BlockDefinition, BlockText, block_text
 from trimtab.compiler.elementary import LICENCE_NOTE
-from trimtab.compiler.structs import identifier
+from trimtab.compiler.identifiers import identifier
 from trimtab.core.errors import InputError, argument, argument_name
 from trimtab.core.imperfections import imperfections, without
 from trimtab.core.record import replace, to_arrays

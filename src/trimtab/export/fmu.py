@@ -15,7 +15,7 @@ from typing import NamedTuple
 from uuid import UUID
 
 from trimtab.compiler.block import BlockText, block_text
-from trimtab.compiler.structs import identifier
+from trimtab.compiler.identifiers import identifier
 from trimtab.core.errors import InputError, argument, argument_name
 from trimtab.core.time import to_seconds
 from trimtab.export.fmu_description import FmuIdentity, build_description_xml, description_xml

@@ -7,7 +7,7 @@ import numpy as np
 from trimtab.actuators.bank import ActuatorBank
 from trimtab.actuators.servo_frame import ServoFrame
 from trimtab.compiler.elementary import LICENCE_NOTE
-from trimtab.compiler.structs import identifier
+from trimtab.compiler.identifiers import identifier
 from trimtab.core.errors import InputError
 from trimtab.core.interfaces import optional_member
 from trimtab.core.time import ms

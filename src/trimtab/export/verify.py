@@ -29,7 +29,7 @@ class VerificationReport(NamedTuple):
     good: bool
     steps: int
     worst: dict[str, tuple[float, float]]
-    first: tuple[int, str, float, float] | None
+    first: tuple[int, str, Any, Any] | None
     stack_bytes: int
     sanitized: bool
 
@@ -44,7 +44,8 @@ def verify_folder(folder: Path) -> VerificationReport:
     if compiler is None:
         raise InputError("export --verify", "there is no C compiler", fix="install gcc or clang, or name one in CC")
     cc = [compiler.path, *compiler.options]
-    wanted = np.loadtxt(folder / "vectors.csv", delimiter=",", skiprows=1, ndmin=2)[:, len(about["inputs"]) :]
+    _check_header(folder / f"{about['name']}.h")
+    wanted = _read_rows((folder / "vectors.csv").read_text().splitlines()[1:])[:, len(about["inputs"]) :]
     with tempfile.TemporaryDirectory() as scratch:
         got = _run_replay(cc, folder, about["name"], Path(scratch), ())
         stack = _deepest_stack(Path(scratch))
@@ -56,21 +57,41 @@ def verify_folder(folder: Path) -> VerificationReport:
 
 def compare_samples(
     got: Any, wanted: Any, names: list[str], tolerance: Any
-) -> tuple[dict[str, tuple[float, float]], tuple[int, str, float, float] | None]:
+) -> tuple[dict[str, tuple[float, float]], tuple[int, str, Any, Any] | None]:
     """Largest difference of each output, and the first sample that is too far off; NaN equals NaN."""
     if got.shape != wanted.shape:
         problem = f"the replay printed {got.shape[0]} x {got.shape[1]} numbers, wanted are {wanted.shape}"
         raise InputError("export --verify", problem, fix="export the folder again")
-    same = (got == wanted) | (np.isnan(got) & np.isnan(wanted))
-    with np.errstate(invalid="ignore"):  # of two infinities
-        off = np.where(same, 0.0, np.abs(got - wanted))
-    off = np.where(np.isnan(off), np.inf, off)
+    columns = [_differences(got[:, k], wanted[:, k], exact=tolerance[k] == 0) for k in range(len(names))]
+    off = np.array(columns).reshape(len(names), len(wanted)).T
     worst = {n: (float(off[:, k].max(initial=0.0)), float(tolerance[k])) for k, n in enumerate(names)}
     bad = np.argwhere(off > tolerance)
     if not len(bad):
         return worst, None
     step, k = bad[0]
-    return worst, (int(step), names[k], float(got[step, k]), float(wanted[step, k]))
+    return worst, (int(step), names[k], got[step, k], wanted[step, k])
+
+
+def _differences(got: Any, wanted: Any, exact: bool) -> Any:
+    """How far each sample is off; 0 where both are NaN. exact: integers of 64 bits, which float64 does not hold."""
+    kind = object if exact else np.float64
+    got, wanted = np.asarray(got, kind), np.asarray(wanted, kind)
+    with np.errstate(invalid="ignore"):  # of two infinities
+        off = np.abs(got - wanted).astype(np.float64)
+    same = (got == wanted) | ((got != got) & (wanted != wanted))
+    return np.where(same, 0.0, np.where(np.isnan(off), np.inf, off))
+
+
+def _read_rows(lines: list[str]) -> Any:
+    """Rows of numbers as text, integers exactly: an array of Python's own numbers."""
+    rows = [line.split(",") if line else [] for line in lines]
+    width = max(map(len, rows), default=0)
+    if any(len(row) != width for row in rows):
+        raise InputError("export --verify", "rows of vectors differ in length", fix="export the folder again")
+    numbers = [float(cell) if set(cell) & set(".en") else int(cell) for row in rows for cell in row]
+    made = np.empty(len(numbers), object)
+    made[:] = numbers
+    return made.reshape(len(rows), width)
 
 
 def _read_manifest(folder: Path) -> dict[str, Any]:
@@ -84,6 +105,21 @@ def _read_manifest(folder: Path) -> dict[str, Any]:
     except (OSError, ValueError, KeyError, TypeError) as error:
         problem = f"{str(folder)!r} is not a folder that trimtab export wrote ({error})"
         raise InputError("export --verify", problem, fix="trimtab export SCENARIO --out DIR") from None
+
+
+def _check_header(header: Path) -> None:
+    """Refuse a header that a C++ program cannot include; does nothing where there is no C++ compiler."""
+    compiler = find_compiler("c++")
+    if compiler is None:
+        return
+    checks = ["-std=c++11", "-pedantic", "-Wall", "-Wextra", "-Werror", "-fsyntax-only", "-x", "c++", "-"]
+    includes = "".join(f"#include <{name}>\n" for name in ("cmath", "complex", "cstdio", "ctime", "string"))
+    text = f'{includes}#include "{header.resolve()}"\n'
+    command = [compiler.path, *compiler.options, *checks]
+    ran = subprocess.run(command, input=text, capture_output=True, text=True, check=False)
+    if ran.returncode:
+        said = "\n".join(ran.stderr.splitlines()[:20])
+        raise InputError("export --verify", f"a C++ compiler refused {header.name}:\n{said}", fix="report it")
 
 
 def _run_replay(cc: list[str], folder: Path, name: str, scratch: Path, extra: tuple[str, ...]) -> Any:
@@ -100,7 +136,7 @@ def _run_replay(cc: list[str], folder: Path, name: str, scratch: Path, extra: tu
     if ran.returncode:
         said = "\n".join(ran.stderr.splitlines()[:20])
         raise InputError("export --verify", f"the replay stopped with {ran.returncode}:\n{said}", fix="report it")
-    return np.array([[float(x) for x in line.split(",")] for line in ran.stdout.splitlines()], ndmin=2)
+    return _read_rows(ran.stdout.splitlines())
 
 
 def _run_sanitizers(cc: list[str], folder: Path, name: str, scratch: Path, got: Any) -> bool:
@@ -111,8 +147,7 @@ def _run_sanitizers(cc: list[str], folder: Path, name: str, scratch: Path, got: 
     if subprocess.run(command, capture_output=True, stdin=subprocess.DEVNULL, check=False).returncode:
         return False
     again = _run_replay(cc, folder, name, scratch, SANITIZERS)
-    same = (again == got) | (np.isnan(again) & np.isnan(got))
-    if not same.all():
+    if not ((again == got) | ((again != again) & (got != got))).all():
         raise InputError("export --verify", "it computes otherwise under the sanitizers", fix="report it")
     return True
 

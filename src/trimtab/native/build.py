@@ -4,7 +4,7 @@ import functools
 import os
 from hashlib import sha256
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 from trimtab.core.errors import InputError
 from trimtab.native.cache import (
@@ -66,10 +66,6 @@ LINES, WIDTH = 20, 160
 
 class BuildError(InputError):
     """A compiler is there, but no library could be had; the problem has the first lines of what it said."""
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        """Rebuild from the parts, so that it passes from a worker process whole."""
-        return functools.partial(BuildError, choices=self.choices, fix=self.fix), (self.part, self.problem)
 
 
 class _BuildJob(NamedTuple):

@@ -303,10 +303,28 @@ static void return_workspace(Program *p, void *memory)
         free(__atomic_exchange_n(&p->spare, memory, __ATOMIC_ACQ_REL));
 }
 
-static PyObject *run(Program *p, Taking *t)
+/* Arguments or results of which the pointers lie on the stack. */
+enum { FEW = 32 };
+
+/* What is given where `count` fits it, else new memory of these bytes for each; NULL, with an error set, where there is
+ * none. */
+static void *room(int64_t count, size_t each, void *few)
 {
-    PyObject *results[p->n_out + 1], *made = NULL;
-    void *out[p->n_out + 1];
+    void *memory = count <= FEW ? few : malloc((size_t)count * each);
+    if (!memory)
+        PyErr_NoMemory();
+    return memory;
+}
+
+static void leave(void *memory, void *few)
+{
+    if (memory != few)
+        free(memory);
+}
+
+static PyObject *run_into(Program *p, Taking *t, PyObject **results, void **out)
+{
+    PyObject *made = NULL;
     int64_t ready = 0;
     for (; ready < p->n_out; ready++) {
         results[ready] = PyObject_CallObject(p->empty, p->out[ready].empty);
@@ -329,20 +347,45 @@ static PyObject *run(Program *p, Taking *t)
     return made;
 }
 
+static PyObject *run(Program *p, Taking *t)
+{
+    struct {
+        PyObject *results[FEW];
+        void *out[FEW];
+    } few;
+    char *memory = room(p->n_out, sizeof(PyObject *) + sizeof(void *), &few);
+    if (!memory)
+        return NULL;
+    int64_t most = p->n_out > FEW ? p->n_out : FEW;
+    PyObject **results = (PyObject **)memory;
+    PyObject *made = run_into(p, t, results, (void **)(results + most));
+    leave(memory, &few);
+    return made;
+}
+
 static PyObject *call(PyObject *self, PyObject *const *arguments, Py_ssize_t count)
 {
     Program *p = PyCapsule_GetPointer(self, NULL);
-    const void *in[p->n_in + 1];
-    PyObject *held[p->n_in + 1];
-    Number numbers[p->n_in + 1];
-    memset(held, 0, sizeof held);
-    Taking t = {p, p->takes + 1, 0, in, held, numbers};
+    struct {
+        const void *in[FEW];
+        PyObject *held[FEW];
+        Number numbers[FEW];
+    } few;
+    char *memory = room(p->n_in, sizeof(void *) + sizeof(PyObject *) + sizeof(Number), &few);
+    if (!memory)
+        return NULL;
+    int64_t most = p->n_in > FEW ? p->n_in : FEW;
+    const void **in = (const void **)memory;
+    PyObject **held = (PyObject **)(in + most);
+    memset(held, 0, (size_t)most * sizeof *held);
+    Taking t = {p, p->takes + 1, 0, in, held, (Number *)(held + most)};
     bool good = count == p->takes[0].count;
     for (Py_ssize_t i = 0; good && i < count; i++)
         good = take(&t, arguments[i]);
     good = good || take_normalised(&t, arguments, count);
     PyObject *made = good ? run(p, &t) : NULL;
     let_go(&t);
+    leave(memory, &few);
     return made;
 }
 
@@ -373,52 +416,4 @@ int trimtab_knows_arrays(
     memcpy(&behind, (char *)pi + HEAD, sizeof behind);
     return behind == 3.141592653589793 && type_of(array) == array_type && a->type == type && a->data == data && a->axes == 2 && a->shape[0] == rows
         && a->shape[1] == columns && (a->flags & NATIVE_AND_ALIGNED) == NATIVE_AND_ALIGNED;
-}
-
-/* Many runs, which several threads share. Widths: bytes of one run in each array. */
-typedef struct {
-    Function function;
-    int64_t workspace, n_in, n_out, lanes, runs;
-    char **in, **out;
-    int64_t *width_in, *width_out;
-    int64_t next;
-    int failed;
-} Batch;
-
-static void *run_batch(void *pointer)
-{
-    Batch *b = pointer;
-    const void *in[b->n_in + 1];
-    void *out[b->n_out + 1], *memory = new_workspace(b->workspace);
-    if (b->workspace && !memory) {
-        __atomic_store_n(&b->failed, 1, __ATOMIC_RELEASE);
-        return NULL;
-    }
-    for (;;) {
-        int64_t first = __atomic_fetch_add(&b->next, b->lanes, __ATOMIC_RELAXED);
-        if (first >= b->runs)
-            break;
-        for (int64_t i = 0; i < b->n_in; i++)
-            in[i] = b->in[i] + first * b->width_in[i];
-        for (int64_t i = 0; i < b->n_out; i++)
-            out[i] = b->out[i] + first * b->width_out[i];
-        b->function(in, out, memory, (int32_t)(b->runs - first < b->lanes ? b->runs - first : b->lanes));
-    }
-    free(memory);
-    return NULL;
-}
-
-/* 0, or 1 where there was not enough memory. */
-int trimtab_batch(Batch *b, int64_t threads)
-{
-    pthread_t *others = threads > 1 ? malloc((size_t)(threads - 1) * sizeof *others) : NULL;
-    int64_t started = 0;
-    for (; others && started < threads - 1; started++)
-        if (pthread_create(&others[started], NULL, run_batch, b))
-            break;
-    run_batch(b);
-    while (started)
-        pthread_join(others[--started], NULL);
-    free(others);
-    return b->failed;
 }

@@ -107,7 +107,7 @@ class _Batch(ctypes.Structure):
 @functools.cache
 def _libraries() -> tuple[Any, Any]:
     """The library of calls: as it is called with Python's lock held, and without."""
-    text = files("trimtab.native").joinpath("call.c").read_text("utf-8")
+    text = "\n".join(files("trimtab.native").joinpath(name).read_text("utf-8") for name in ("call.c", "batch.c"))
     extra = ("-pthread", *(("-undefined", "dynamic_lookup") if sys.platform == "darwin" else ()))
     path = str(build_library(f"#define HEAD {object.__basicsize__}\n{text}", extra=extra))
     locked, free = ctypes.PyDLL(path), ctypes.CDLL(path)

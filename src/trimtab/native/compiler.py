@@ -9,7 +9,7 @@ import functools
 import os
 from hashlib import sha256
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from trimtab.core.errors import InputError
 from trimtab.native.cache import (
@@ -116,10 +116,6 @@ PROBE_LIMIT = 30.0
 
 class NoCompilerError(InputError):
     """There is no compiler that works; the problem says what was tried, the fix what to install."""
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        """Rebuild from the parts, so that it passes from a worker process whole."""
-        return functools.partial(NoCompilerError, choices=self.choices, fix=self.fix), (self.part, self.problem)
 
 
 class Compiler(NamedTuple):

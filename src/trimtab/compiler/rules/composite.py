@@ -73,14 +73,19 @@ def _sort(*operands: Any, dimension: int, num_keys: int, **_: Any) -> Any:
 
 def _top_k(operand: Any, *, k: int, axis: int = -1, **_: Any) -> Any:
     def single(row: Any) -> Any:
-        keys = (row,)
-        if jnp.issubdtype(row.dtype, jnp.floating):  # here, not in a sort, JAX puts 0.0 before -0.0
-            keys += (jnp.where(row == 0, 1 - jnp.signbit(row).astype(jnp.int32), 0),)
-        order = sorting_order(keys, reverse=True)[:k]
+        order = sorting_order((_total_order(row),), reverse=True)[:k]
         return row[order], order
 
     found = each_matrix(single, 1, jnp.moveaxis(operand, axis, -1))
     return [jnp.moveaxis(x, -1, axis) for x in found]
+
+
+def _total_order(x: Any) -> Any:
+    """Integers in the order in which JAX takes numbers in top_k: -NaN, -inf, ..., -0, 0, ..., inf, NaN."""
+    if not jnp.issubdtype(x.dtype, jnp.floating):
+        return x
+    bits = lax.bitcast_convert_type(x, {4: jnp.int32, 8: jnp.int64}[x.dtype.itemsize])
+    return jnp.where(bits < 0, bits ^ jnp.iinfo(bits.dtype).max, bits)
 
 
 def _comes_before(x: tuple[Any, ...], y: tuple[Any, ...]) -> Any:

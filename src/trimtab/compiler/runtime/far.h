@@ -89,10 +89,10 @@ TT_COLD double tt_fused_any(double a, double b, double c)
  * added with rounding to odd. Boldo & Melquiond, IEEE Trans. Computers 57 (2008), 462. */
 TT_CALLED double tt_fused(double a, double b, double c)
 {
-    double p = a * b, size = tt_abs(p), ah, bh, al, bl, e, t, tl, v, vl, z, y;
+    double p = a * b, size = tt_abs(p), sa = tt_abs(a), sb = tt_abs(b), sc = tt_abs(c), ah, bh, al, bl, e, t, tl, v, vl, z, y;
     uint64_t half = UINT64_C(0x4000000), head = UINT64_C(0xfffffffff8000000);
-    if (!TT_DOUBLE_FPU || !((size >= 0x1p-900) & (size <= 0x1p1000) & (tt_abs(c) <= 0x1p1000) & (tt_abs(a) <= 0x1p1000)
-            & (tt_abs(b) <= 0x1p1000)))
+    if (!TT_DOUBLE_FPU || !((size >= 0x1p-900) & (size <= 0x1p1000) & (sc <= 0x1p1000) & (sa <= 0x1p1000)
+            & (sb <= 0x1p1000)))
         return tt_fused_any(a, b, c);
     ah = tt_from_bits((tt_bits(a) + half) & head), al = a - ah; /* halves of 26 bits */
     bh = tt_from_bits((tt_bits(b) + half) & head), bl = b - bh;
