@@ -53,6 +53,7 @@ def test_all_programs_of_the_comparison_agree(tmp_path):
     assert {r["target"] for r in found["ratios"].values()} == {"≤ 1.1", "≥ 0.95", "≥ 8", "≥ 20", "≤ 1.3", ""}
 
 
+@pytest.mark.thorough
 @needs_compilers
 def test_a_program_that_is_wrong_is_named():
     text = """
@@ -71,6 +72,7 @@ with tempfile.TemporaryDirectory() as folder:
     assert done.stdout.splitlines() == ["['wrong (one run)', 'not a number (one run)']", "['hand C']"], done.stderr
 
 
+@pytest.mark.thorough
 @needs_compilers
 def test_filters_in_c_numpy_and_where_it_is_installed_filterpy_agree():
     done = python(BENCHMARKS / "filters.py", "--quick")
@@ -81,6 +83,7 @@ def test_filters_in_c_numpy_and_where_it_is_installed_filterpy_agree():
     assert ('pip install "trimtab[bench]"' in done.stderr) != there
 
 
+@pytest.mark.thorough
 @needs_compilers
 def test_a_filter_that_is_wrong_fails_the_command():
     text = """
@@ -150,6 +153,7 @@ def test_several_runs_of_a_short_program_give_the_first_and_the_time_of_one():
     assert (keys, program.runs) == ([[7, 5], [7, 6], [7, 7]], 3)
 
 
+@pytest.mark.thorough
 def test_a_peers_worker_answers_with_the_numbers_of_the_definition():
     asked = json.dumps(["peer", [1.0, 2.5], [7, 0]]) + "\n"
     done = python(BENCHMARKS / "peers" / "worker.py", "hover_np", input=asked)

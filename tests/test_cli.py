@@ -43,6 +43,7 @@ def test_list_of_a_scenario_shows_settings_with_units():
     assert "navigation-error" in found["imperfections"]
 
 
+@pytest.mark.thorough
 def test_friction_is_reached_by_its_path_and_listed():
     assert "torque_viscous" in json.loads(call("list", NAME, "--json").stdout)["optional"]["world.vehicle.friction"]
     path = "world.vehicle.friction.torque_viscous"
@@ -52,6 +53,7 @@ def test_friction_is_reached_by_its_path_and_listed():
     assert path in call("run", NAME, "--set", "world.vehicle.friction.torque=1").output
 
 
+@pytest.mark.thorough
 def test_list_shows_numbers_vectors_and_tables():
     done = call("list", "hypersonic/impulse")
     assert done.exit_code == 0, done.output
@@ -91,6 +93,7 @@ def test_a_setting_changes_the_flight_and_without_a_fault_it_is_nearer_to_ideal(
     assert rms[0] < rms[1]
 
 
+@pytest.mark.thorough
 def test_scenario_choice_is_a_setting():
     words = ("run", "hovercraft/heading-bang-bang", "--duration", "3", "--json")
     rest, moving = (json.loads(call(*words, *more).stdout)["ideal"] for more in ((), ("--set", "initial=moving")))
@@ -98,6 +101,7 @@ def test_scenario_choice_is_a_setting():
     assert moving["metrics"]["heading"]["first_reach_s"] is None
 
 
+@pytest.mark.thorough
 def test_out_writes_log_and_picture_that_open(tmp_path):
     out = tmp_path / "new" / "flight"
     done = call("run", NAME, "--duration", "1", "--out", out)
@@ -130,6 +134,7 @@ def test_demo_says_where_its_picture_is(tmp_path):
     assert "look at" in done.stdout
 
 
+@pytest.mark.thorough
 def test_the_demos_verdict_is_that_of_its_flight(tmp_path):
     """What it says to look at: both come to the place, the real one later."""
     flown, latest = json.loads(call("demo", "--out", tmp_path, "--json").stdout), {}
@@ -210,6 +215,7 @@ def test_what_cannot_be_done_is_refused_with_what_to_type(words, says):
     assert says in done.stderr
 
 
+@pytest.mark.thorough
 def test_backend_can_be_chosen():
     words = ("run", NAME, "--duration", "1", "--no-ideal", "--json")
     found = [json.loads(call(*words, "--backend", b).stdout) for b in ("c", "jax")]

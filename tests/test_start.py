@@ -62,6 +62,7 @@ def run(text, *words):
     return subprocess.run([sys.executable, "-c", text, *words], env=environment, capture_output=True, text=True)
 
 
+@pytest.mark.thorough
 def test_logs_metrics_tables_and_pictures_do_without_jax(tmp_path):
     done = run(USE, str(tmp_path))
     assert done.returncode == 0, done.stderr

@@ -159,6 +159,7 @@ def test_dead_zone_on_the_size_of_the_force():
     assert np.array_equal(np.asarray(dead.speed_rpm) > 0, [False, True, True, True, True])
 
 
+@pytest.mark.thorough
 def test_no_demand_gives_no_thrust_and_finite_slopes():
     for faults in ((), FAULTS):
         _, out = _through(0.0, 0.0, *faults)

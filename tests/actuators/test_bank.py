@@ -60,6 +60,7 @@ def test_stages_follow_each_other():
     assert out.limited
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("row", [ROW, (SecondOrderLag(rate_limit=100.0), Backlash(0.1))], ids=["first", "second"])
 def test_it_flies_in_c_as_on_jax(row):
     logs = [simulate(lander(row), duration=seconds(1), backend=b) for b in ("c", "jax")]
@@ -97,6 +98,7 @@ def planar():
     return replace(scenario, world=replace(scenario.world, actuators=BOTH))
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("word", "gives"),
     [

@@ -89,6 +89,7 @@ def test_agrees_with_the_plain_simulation(seed):
     assert np.array_equal(out.rudder_saturated, (theta < -35 * DEG + 1e-9) | (theta > 30 * DEG - 1e-9))
 
 
+@pytest.mark.thorough
 def test_nothing_happens_before_the_first_valid_command():
     pulse, speed = _commands()
     out = _simulate(to_arrays(DRIVE), pulse[:60], speed[:60], np.zeros(60, bool))

@@ -234,6 +234,7 @@ FLAGS = st.tuples(*[st.booleans()] * 5)
 EVENTS = st.lists(st.tuples(st.sampled_from([1, 20, 249, 250, 9000]), FLAGS), min_size=1, max_size=30)
 
 
+@pytest.mark.thorough
 @settings(max_examples=150, deadline=None)
 @given(EVENTS)
 def test_equals_a_plain_machine(events):
@@ -247,6 +248,7 @@ def test_equals_a_plain_machine(events):
     assert rows == _plain(told)
 
 
+@pytest.mark.thorough
 @pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here")
 def test_its_c_computes_the_same():
     given = at(0, "arm", command=GOOD)

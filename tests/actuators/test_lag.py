@@ -48,6 +48,7 @@ def test_a_first_order_lag_is_its_exponential():
     np.testing.assert_allclose(out, 1 - np.exp(-DT * np.arange(1, 51) / 0.03), rtol=1e-13)
 
 
+@pytest.mark.thorough
 def test_a_first_order_lag_with_a_rate_limit_is_a_dumb_integrators():
     command, stage = steps_of(200), FirstOrderLag(time_constant=0.04, rate_limit=12.0)
     wanted = by_small_steps(lambda y, u: np.clip((u - y) / 0.04, -12, 12), command, [0.0])
@@ -106,6 +107,7 @@ def test_a_second_order_lag_with_a_rate_limit_is_a_dumb_integrators(damping):
     assert 20 < out.limited.sum() < 140
 
 
+@pytest.mark.thorough
 def test_the_limits_instants_are_found_whatever_the_period():
     """Eight times as many periods give the same: the instants at which the limit is met and left are not rounded."""
     stage = SecondOrderLag(frequency=60.0, damping=0.7, rate_limit=6.0)
@@ -114,6 +116,7 @@ def test_the_limits_instants_are_found_whatever_the_period():
     np.testing.assert_allclose(fly(stage, command).value, fine, atol=1e-9)
 
 
+@pytest.mark.thorough
 def test_at_a_stop_it_stands_and_leaves_at_once():
     stage = SecondOrderLag(frequency=60.0, damping=0.5, low=-1.0, high=1.0)
     out = fly(stage, np.r_[np.full(100, 3.0), np.full(5, 0.5)])

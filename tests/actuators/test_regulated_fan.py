@@ -143,6 +143,7 @@ def test_the_firmwares_blocks_give_the_same_bits(wanted, tmp_path):
     np.testing.assert_array_equal(duty[drives], np.asarray(out.fan.duty)[drives])
 
 
+@pytest.mark.thorough
 @no_compiler
 def test_forward_flies_on_an_empty_battery():
     """A setting brings the part with its defaults, and its signals are logged."""

@@ -35,6 +35,7 @@ def give(allocation, thrust, moment, working):
     return found, np.asarray(allocation.craft.rotors.effectiveness()) @ found
 
 
+@pytest.mark.thorough
 def test_what_can_be_done_is_done():
     rng = np.random.default_rng(1)
     B = np.asarray(QUAD.craft.rotors.effectiveness())
@@ -46,6 +47,7 @@ def test_what_can_be_done_is_done():
         np.testing.assert_allclose(made, want, atol=1e-4)
 
 
+@pytest.mark.thorough
 def test_what_cannot_be_done_is_the_weighted_least_squares_of_scipy():
     rng = np.random.default_rng(2)
     B = np.asarray(QUAD.craft.rotors.effectiveness())
@@ -90,6 +92,7 @@ def reachable(allocation, lost, size=0.3):
     return all(linprog(np.zeros(B.shape[1]), A_eq=B, b_eq=v, bounds=bounds).status == 0 for v in demands)
 
 
+@pytest.mark.thorough
 def test_a_hexarotor_keeps_control_without_a_rotor_where_its_order_allows_it():
     """PPNNPN keeps it where any of four rotors is lost, PNPNPN never: G.-X. Du, Q. Quan, B. Yang, K.-Y. Cai,
     "Controllability analysis for multirotor helicopter rotor degradation and failure", JGCD 38 (2015)."""

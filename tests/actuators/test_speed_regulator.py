@@ -49,6 +49,7 @@ def closed(wanted, voltage=None, wire=None, block=regulator, speed_rpm=0.0):
     return np.asarray(speeds).ravel(), out
 
 
+@pytest.mark.thorough
 def test_6_to_9_krpm_settles_in_0_89_s_with_8_8_percent_overshoot():
     """By the reconstructed gains; where the encoder stands between two counts moves it by some tenths of a percent."""
     speeds, _ = closed([6000.0] * 300 + [9000.0] * 300)
@@ -60,6 +61,7 @@ def test_6_to_9_krpm_settles_in_0_89_s_with_8_8_percent_overshoot():
     assert overshoot == pytest.approx(0.088, abs=0.002)
 
 
+@pytest.mark.thorough
 def test_a_sag_of_1_v_costs_1_rpm():
     """7.2 to 6.2 V, with the reconstructed gains."""
     speeds, _ = closed([9000.0] * 800, np.where(np.arange(800) < 400, 7.2, 6.2))

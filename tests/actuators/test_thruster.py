@@ -73,6 +73,7 @@ def test_any_force_is_realised_at_any_rudder_angle(wanted, theta):
     assert float(force(speed_rpm(wanted, theta), theta)) == pytest.approx(wanted, rel=1e-11, abs=1e-15)
 
 
+@pytest.mark.thorough
 def test_differentiable_also_at_rest():
     for wanted in (-0.3, -0.05, 0.0, 0.2):
         slopes = jax.grad(lambda f: FAN.speed_rpm(f, 0.1))(wanted)

@@ -31,6 +31,7 @@ def flown():
     return made, made.run()
 
 
+@pytest.mark.thorough
 def test_rows_hold_what_differs_and_what_came_of_it(flown):
     _, found = flown
     names = {*SPREAD, "run", "settling:yaw_rate", "peak:truth.sway_velocity", "error_rms:yaw_rate", "success", "lost"}
@@ -98,6 +99,7 @@ def test_a_scenario_itself_and_a_function_of_rows(flown):
     assert not mine.by_name
 
 
+@pytest.mark.thorough
 def test_choices_of_an_option_fly_their_own_programs():
     made = campaign(runs=12, spread={PERIOD: "choice(1 ms, 4 ms)", **SPREAD}, settings={"duration": "2"})
     rows = made.run().columns

@@ -47,6 +47,7 @@ def test_a_metric_is_that_of_the_log_of_the_same_run(name):
         assert row[FORMULA] == pytest.approx(flight["flight.altitude"].min() - 2)
 
 
+@pytest.mark.thorough
 def test_rows_work_out_each_run_with_its_own_parameters():
     log, _ = over_the_earth()
     parameters = log.metadata["parameters"]

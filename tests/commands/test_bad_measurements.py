@@ -129,6 +129,7 @@ OWN = {
 }
 
 
+@pytest.mark.thorough("reference and gyro swapped")
 @pytest.mark.parametrize("what", OWN)
 def test_what_a_procedure_refuses(what, bench, tmp_path):
     procedure, change, said = OWN[what]

@@ -15,6 +15,7 @@ def call(*arguments):
     return CliRunner().invoke(main, ["budget", *arguments])
 
 
+@pytest.mark.thorough
 def test_numbers_as_json_and_a_picture(tmp_path):
     picture = tmp_path / "made" / "budget.png"
     result = call(NAME, *FEW, "--plot", str(picture), "--json")

@@ -44,6 +44,7 @@ def folder(tmp_path_factory):
     return out
 
 
+@pytest.mark.thorough
 def test_every_sample_of_the_unit_is_in_the_log(still):
     """Rows of 5 ms hold each sample of 6.5536 ms once or twice; none is missed but one after the last row."""
     found = samples(still, RATE)
@@ -65,6 +66,7 @@ def test_coefficients_lie_in_their_intervals(still):
     assert sum(inside) >= 16
 
 
+@pytest.mark.thorough
 def test_a_calibration_holds_what_the_sensor_has(folder, tmp_path):
     """What made the log is within three standard errors of the file; the walk can not be told, and that is said."""
     file = tmp_path / "boat.toml"
@@ -86,6 +88,7 @@ def test_a_calibration_holds_what_the_sensor_has(folder, tmp_path):
     assert believes.autopilot.estimator.noise.starboard == entries["InertialNoise.starboard"].value
 
 
+@pytest.mark.thorough
 def test_a_flight_has_the_noise_of_the_file_and_a_filter_of_another_step_is_refused(tmp_path):
     """A gyro of three times the noise, at rest, in deg/s; flown again, its samples scatter by what was measured."""
     g, n = np.random.default_rng(2), 8192
@@ -125,6 +128,7 @@ def test_json_of_a_log_that_run_wrote(folder):
         assert axis["noise"]["integral_variance"] == pytest.approx(axis["white"]["value"] ** 2 * dt)
 
 
+@pytest.mark.thorough
 def test_table_and_picture(folder, tmp_path):
     words = ("--signal", RATE, "--tick", "10 ms", "--plot", tmp_path / "noise.png")
     done = call("calibrate", "noise", folder / "run.mcap", *words)
@@ -153,6 +157,7 @@ def test_csv_of_another_logger(tmp_path):
     assert found["csv.gyro_z"]["tau_s"][0] == pytest.approx(0.02)
 
 
+@pytest.mark.thorough
 def test_a_log_that_is_too_short_or_moves_or_has_gaps_is_refused(folder, tmp_path):
     from trimtab.logs.log import Log
 
@@ -203,6 +208,7 @@ def test_refused(folder, name):
     assert "Traceback" not in done.output
 
 
+@pytest.mark.thorough
 def test_nothing_in_the_still_scenario_moves():
     log = simulate(replace(scenario(), duration=ms(500)), signals=("truth", "actuators"))
     assert all(not log[p].any() for p in log.paths)

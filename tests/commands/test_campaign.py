@@ -35,6 +35,7 @@ def kept(tmp_path_factory):
     return folder, typed("--store", str(folder / "a.zarr"), "--out", str(folder / "pictures"), "--json")
 
 
+@pytest.mark.thorough
 def test_json_says_what_came_of_it(kept):
     folder, result = kept
     assert result.exit_code == 0, result.output
@@ -65,6 +66,7 @@ def test_what_a_large_store_takes_is_said_while_it_is_written(tmp_path, monkeypa
     assert float(said) == pytest.approx(size, rel=0.1)
 
 
+@pytest.mark.thorough
 def test_a_run_once_more_is_equal_to_its_row(kept):
     folder, _ = kept
     once = typed("--store", str(folder / "a.zarr"), "--rerun", "41", "--out", str(folder / "41"))

@@ -44,6 +44,7 @@ def test_a_folder_that_is_for_no_board_is_refused_on_one(folder, tmp_path):
     assert "was not exported for a board" in (done.output + str(done.exception))
 
 
+@pytest.mark.thorough
 @needs_board
 def test_the_vectors_are_flown_on_the_board_that_is_the_target(folder):
     plain = json.loads(call("--verify", folder, "--json").output)
@@ -54,6 +55,7 @@ def test_the_vectors_are_flown_on_the_board_that_is_the_target(folder):
     assert there["board"]["first_difference"] is None
 
 
+@pytest.mark.thorough
 @needs_board
 def test_a_difference_on_the_board_is_a_failure(folder, tmp_path):
     wrong = tmp_path / "wrong"

@@ -39,6 +39,7 @@ def test_plot_draws_the_signals_that_are_named(flights):
     assert "truth.yaw_rate" in picture.read_text()
 
 
+@pytest.mark.thorough
 def test_plot_without_signals_draws_all_beside_the_log(flights):
     assert call("plot", flights / "b" / "run.mcap").exit_code == 0  # the run's own picture lies there: it is trimtab's
     refused = call("plot", flights / "b" / "run.mcap", "truth.yaw_rat")
@@ -46,6 +47,7 @@ def test_plot_without_signals_draws_all_beside_the_log(flights):
     assert "truth.yaw_rate" in refused.stderr
 
 
+@pytest.mark.thorough
 def test_compare_says_where_two_flights_differ(flights, tmp_path):
     logs = (flights / "a" / "run.mcap", flights / "b" / "run.mcap")
     done = call("compare", *logs, "--plot", tmp_path / "both.png")

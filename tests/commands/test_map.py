@@ -19,6 +19,7 @@ def call(*words, **changes):
     return CliRunner().invoke(main, ["map", NAME, "--without", "navigation-error", *options, *words])
 
 
+@pytest.mark.thorough
 def test_numbers_as_json_and_a_picture(tmp_path):
     picture = tmp_path / "made" / "map.png"
     done = call("--json", plot=picture)
@@ -43,6 +44,7 @@ def test_words_for_people():
         assert text in done.stdout
 
 
+@pytest.mark.thorough("peak:yaw_rate <= 0.001-fails everywhere")
 @pytest.mark.parametrize(
     ("success", "said"),
     [("peak:yaw_rate <= 0.001", "fails everywhere.*--success 'error_rms:"), ("peak:yaw_rate <= 100", "--x or --y")],

@@ -99,6 +99,7 @@ print([name for name in ("jax", "numpy", "scipy", "rich") if name in sys.modules
     assert done.stdout == "[]\n", done.stderr
 
 
+@pytest.mark.thorough
 def test_a_path_that_was_wrong_once_is_answered_at_once(tmp_path):
     code = """
 import sys

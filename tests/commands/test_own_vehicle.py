@@ -40,6 +40,7 @@ def flight(tmp_path_factory):
     return folder, json.loads(said.output)
 
 
+@pytest.mark.thorough
 def test_a_state_with_vectors_is_summarised_number_by_number(flight):
     folder, said = flight
     assert {"r[0]", "r[2]", "v[1]", "q[3]", "t", "x", "altitude"} <= set(said["real"]["final"])
@@ -93,6 +94,7 @@ def test_final_is_the_end_of_the_run_and_not_its_last_row():
     assert campaign.run().columns["final:truth.t"] == pytest.approx(0.506)  # the last row is at 0.5 s
 
 
+@pytest.mark.thorough
 def test_a_budget_takes_a_target_of_the_law_and_one_number_of_a_vector():
     budget = error_budget(hover(), seeds=range(2), names=["uplink-delay"])
     assert budget.units == {"r[2]": "m", "altitude": "m", "law.climb_error": "m"}
@@ -100,6 +102,7 @@ def test_a_budget_takes_a_target_of_the_law_and_one_number_of_a_vector():
     assert budget.whole["r[2]"][0] == pytest.approx(budget.whole["altitude"][0])
 
 
+@pytest.mark.thorough
 def test_the_ideal_twin_keeps_what_turns_a_demand_into_the_input():
     scenario = engines()
     real, twin = simulate(scenario), simulate(scenario.ideal())
@@ -153,6 +156,7 @@ def test_integers_are_numbers_wherever_a_vehicle_goes():
     assert json.loads(said.output)["real"]["final"]["altitude"] == pytest.approx(20, abs=0.01)
 
 
+@pytest.mark.thorough
 def test_a_files_flight_is_replayed_by_naming_the_file(flight):
     folder, _ = flight
     refused = call("replay", folder / "run.mcap")

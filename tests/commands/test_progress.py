@@ -115,6 +115,7 @@ def test_a_wait_is_said_in_what_people_count_in(seconds, text):
     assert progress.format_wait(seconds) == text
 
 
+@pytest.mark.thorough
 def test_a_short_campaign_says_nothing_of_time_or_room(tmp_path):
     words = ("campaign", "hovercraft/spin", "--set", "duration=1", "--runs", "70", "--store", str(tmp_path / "a.zarr"))
     done = CliRunner().invoke(main, words)

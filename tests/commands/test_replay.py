@@ -71,6 +71,7 @@ def test_one_that_does_not_ends_with_1_and_the_first_difference(wrong):
     assert first["recorded"] == np.nextafter(first["replayed"], np.inf)
 
 
+@pytest.mark.thorough
 def test_another_estimator_and_another_gain_are_flown_and_drawn(file, tmp_path):
     picture = tmp_path / "made" / "replay.png"
     done = call(file, "--with", f"estimator={__name__}:blind", "--with", "law.spinning.k2=5", "--plot", picture)

@@ -76,6 +76,7 @@ def call(*words):
     return done.stdout
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("sigma", "verdict"), [(0.005, "pessimistic"), (0.01, "consistent"), (0.02, "optimistic")])
 def test_json_says_the_verdict(boat, sigma, verdict):
     words = ("--no-ideal", "--json", "--set", f"autopilot.estimator.sigma={sigma}", "--backend", "jax")
@@ -88,6 +89,7 @@ def test_json_says_the_verdict(boat, sigma, verdict):
     assert found["errors"]["heading"]["verdict"] == verdict
 
 
+@pytest.mark.thorough
 def test_table_and_second_picture(boat, tmp_path, wide_screen):
     text = call(boat, "--no-ideal", "--plot", tmp_path / "flight.png", "--backend", "jax")
     assert "heading innovations" in text
@@ -97,6 +99,7 @@ def test_table_and_second_picture(boat, tmp_path, wide_screen):
     assert "flight-navigation.png" in text.replace("\n", "")
 
 
+@pytest.mark.thorough
 def test_a_run_too_short_for_an_estimate_ends_with_its_pictures(boat, tmp_path):
     """Its sensor's samples come after 60 ms of Bluetooth: no estimate becomes valid in 30 ms."""
     (tmp_path / "boat.py").write_text(BOAT.replace("downlink=Wire()", "downlink=made.world.downlink"))
@@ -147,6 +150,7 @@ def test_what_is_required_is_told_and_decides_the_exit_code():
         assert says in refused.output
 
 
+@pytest.mark.thorough
 def test_what_a_monitor_said_stands_below_the_table():
     monitor = "autopilot.monitor.formulas=quick: eventually(estimate.state.surge_velocity > 100 m/s)"
     command = ["run", "hovercraft/zero-velocity", "--duration", "1 s", "--no-ideal", "--set", monitor]

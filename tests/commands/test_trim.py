@@ -46,6 +46,7 @@ def data(*words, code=0):
     return json.loads(done.stdout)
 
 
+@pytest.mark.thorough
 def test_a_turn_with_friction_by_words():
     """Conditions by name, units, a state that is free, a place that moves."""
     friction = (
@@ -80,6 +81,7 @@ def test_rates_bounds_and_what_may_be_anything(own):
     assert bound["at_bound"] == {"F": "high"}
 
 
+@pytest.mark.thorough
 def test_poles_of_a_cart_and_its_file(tmp_path):
     file = tmp_path / "model.json"
     found = data("linearise", CART, "--out", file)
@@ -187,6 +189,7 @@ def test_a_quadrotor_moves_on_where_that_is_asked_for():
     assert flown["attitude.pitch"] == pytest.approx(-0.3 / (4.34 * 9.81), rel=1e-3)
 
 
+@pytest.mark.thorough
 def test_a_servo_in_the_state_and_its_command_have_two_names():
     done = call("trim", "vessel/path", "--at", "surge_velocity=0.5", "--at", "u.rudder=free", "--at", "heading=0.5")
     assert done.exit_code == 0, done.output
@@ -268,6 +271,7 @@ def test_what_is_carried_along_a_path_rests_where_its_rate_is_zero():
         assert '"rate"' in str(said.value)
 
 
+@pytest.mark.thorough
 def test_several_vehicles_together_have_a_trim():
     point = find_point(load_plant("swarm/formation"), ()).require_trim()
     assert point.taken == {}

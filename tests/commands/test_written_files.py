@@ -83,6 +83,7 @@ def test_an_exported_folder_leaves_ones_own_files(words, tmp_path, monkeypatch):
     assert main_c.read_bytes() != MINE
 
 
+@pytest.mark.thorough
 def test_what_trimtab_wrote_is_replaced_until_somebody_edits_it():
     words = ("trim", "hovercraft/forward", "--at", "surge_velocity=1", "--at", "yaw_rate=0", "--out", "point.json")
     assert call(*words).exit_code == 0

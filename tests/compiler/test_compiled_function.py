@@ -96,6 +96,7 @@ def waves(x, y):
     return wild, whole, loop, jnp.maximum(x, y), jnp.nextafter(x, y), jnp.cumsum(x), jnp.abs(x), jnp.round(x)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("dtype", [np.float32, np.float64])
 @pytest.mark.parametrize("lanes", [1, 4, 8])
 def test_lanes_and_threads_give_the_bits_of_single_calls(dtype: Any, lanes: int) -> None:
@@ -301,6 +302,7 @@ def test_exported_folder_computes_what_jax_does(tmp_path: Any) -> None:
         compiled.export("/proc/nowhere")
 
 
+@pytest.mark.thorough
 def test_exported_function_declares_its_workspace(tmp_path: Any) -> None:
     compiled = trimtab.compile(lambda x: jnp.cumsum(jnp.sin(x))[::-1].sum(), np.linspace(0, 1, 20_000))
     compiled.export(tmp_path, name="long_sum")
@@ -311,6 +313,7 @@ def test_exported_function_declares_its_workspace(tmp_path: Any) -> None:
     assert verify_folder(tmp_path).good
 
 
+@pytest.mark.thorough
 def test_large_weights_are_data_not_text():
     rng = np.random.default_rng(3)
     first, second = rng.normal(size=(2, 60, 60))

@@ -180,6 +180,7 @@ def test_accuracy(call, name):
             assert error[worst] <= BOUND[name], f"{variant}: {error[worst]:.3f} ulp at {x[worst]!r}"
 
 
+@pytest.mark.thorough
 @needs_compiler
 @pytest.mark.parametrize("variant", ["scalar", "scalar, no FMA"])
 def test_accuracy_of_atan2(call, variant):
@@ -422,6 +423,7 @@ def test_clang_takes_all_vectors(tmp_path, lanes):
     subprocess.run(["clang++", *VECTOR, "-fsyntax-only", str(source)], check=True)
 
 
+@pytest.mark.thorough
 def test_only_what_is_wanted(tmp_path):
     """Every function compiles alone and brings no other with it but what it needs."""
     text = elementary_text(names=["atan"])

@@ -199,6 +199,7 @@ def test_results_outlive_the_function():
     assert all(np.array_equal(v, X[1:] * 2 + 1) for v in views)
 
 
+@pytest.mark.thorough
 def test_eight_threads_call_and_compile():
     shared, problems = trimtab.compile(lambda x: jnp.sin(x) + 1, np.ones(3), threads=2), []
 

@@ -142,6 +142,7 @@ def test_copies_and_pickles_compute_the_same() -> None:
         assert np.array_equal(other(np.ones(3), 2.0)[0], np.full(3, 2.0))
 
 
+@pytest.mark.thorough
 def test_calls_while_others_compile() -> None:
     x = np.linspace(0.0, 1.0, 9000)
     first = trimtab.compile(lambda x: jnp.cumsum(jnp.sin(x))[::-1], x)
@@ -225,6 +226,7 @@ def run_script(text: str, **environment: str) -> str:
     return ran.stdout
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", SCRIPTS)
 def test_python_lives(name: str) -> None:
     run_script(PROLOGUE + textwrap.dedent(SCRIPTS[name]))
@@ -240,6 +242,7 @@ def test_libraries_that_were_cut_are_built_again(tmp_path: Path) -> None:
         assert "6.25" in run_script(script, TRIMTAB_CACHE=str(tmp_path))
 
 
+@pytest.mark.thorough
 def test_a_cache_that_cannot_be_written() -> None:
     script = "import trimtab; print(trimtab.compile(lambda x: x * 3 + 0.25, 1.0)(2.0))"
     assert "6.25" in run_script(script, TRIMTAB_CACHE="/proc/nowhere")

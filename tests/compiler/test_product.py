@@ -1,5 +1,6 @@
 """Products of arrays and factorisations of matrices: numbers of JAX, the same bits in lanes, sums in order."""
 
+import itertools
 import re
 
 import jax
@@ -21,10 +22,10 @@ def agree(function, *arguments):
     """Compare one call with JAX, and lanes with single calls; gives what was compiled."""
     compiled = trimtab.compile(function, *arguments, lanes=4)
     leaves, wanted = jax.tree.leaves(compiled(*arguments)), jax.tree.leaves(jax.jit(function)(*arguments))
-    for result, number in zip(leaves, wanted, strict=True):
+    for k, (result, number) in enumerate(zip(leaves, wanted, strict=True)):
         scale = max(1.0, float(np.max(np.abs(number), initial=0)))
         tolerance = 1e-13 if result.dtype == np.float64 else 2e-6
-        np.testing.assert_allclose(result, number, rtol=0, atol=tolerance * scale)
+        np.testing.assert_allclose(result, number, rtol=0, atol=tolerance * scale, err_msg=f"result {k}")
     many = [np.stack([a + 0.01 * k for k in range(RUNS)]).astype(a.dtype) for a in arguments]
     together = jax.tree.leaves(compiled.lanes(*many))
     for k in range(RUNS):
@@ -33,30 +34,39 @@ def agree(function, *arguments):
     return compiled
 
 
-@pytest.mark.parametrize(
-    ("formula", "x", "y"),
-    [
-        ("ij,jk->ik", (7, 7), (7, 7)),
-        ("ij,jk->ik", (9, 50), (50, 17)),  # more terms than are unrolled, neighbours in tiles and a rest
-        ("ij,jk->ik", (64, 64), (64, 64)),  # tiles that are copied
-        ("ij,jk->ik", (30, 60), (60, 2)),  # few columns: the rows are the neighbours
-        ("ij,kj->ik", (9, 20), (11, 20)),
-        ("ij,kj->ik", (2, 60), (70, 60)),  # few rows, columns that lie apart
-        ("ij,j->i", (60, 51), (51,)),
-        ("ij,j->i", (3, 70), (70,)),
-        ("ji,j->i", (51, 60), (51,)),
-        ("bij,bjk->bik", (5, 8, 9), (5, 9, 10)),
-        ("ijk,jkl->il", (6, 12, 7), (12, 7, 9)),
-        ("ijk,ljk->li", (6, 12, 7), (9, 12, 7)),
-        ("i,j->ij", (20,), (30,)),
-        ("ij,ij->", (20, 30), (20, 30)),
-        ("bi,bi->b", (60, 9), (60, 9)),
-        ("ij,jk->ik", (60, 0), (0, 3)),
-    ],
+FORMULAS = (
+    ("ij,jk->ik", (7, 7), (7, 7)),
+    ("ij,jk->ik", (9, 50), (50, 17)),  # more terms than are unrolled, neighbours in tiles and a rest
+    ("ij,jk->ik", (64, 64), (64, 64)),  # tiles that are copied
+    ("ij,jk->ik", (30, 60), (60, 2)),  # few columns: the rows are the neighbours
+    ("ij,kj->ik", (9, 20), (11, 20)),
+    ("ij,kj->ik", (2, 60), (70, 60)),  # few rows, columns that lie apart
+    ("ij,j->i", (60, 51), (51,)),
+    ("ij,j->i", (3, 70), (70,)),
+    ("ji,j->i", (51, 60), (51,)),
+    ("bij,bjk->bik", (5, 8, 9), (5, 9, 10)),
+    ("ijk,jkl->il", (6, 12, 7), (12, 7, 9)),
+    ("ijk,ljk->li", (6, 12, 7), (9, 12, 7)),
+    ("i,j->ij", (20,), (30,)),
+    ("ij,ij->", (20, 30), (20, 30)),
+    ("bi,bi->b", (60, 9), (60, 9)),
+    ("ij,jk->ik", (60, 0), (0, 3)),
 )
+"""Formula, and the shapes of its two arrays."""
+
+
 @pytest.mark.parametrize("dtype", [np.float64, np.float32])
-def test_products_are_those_of_jax(formula, x, y, dtype):
-    agree(lambda a, b: jnp.einsum(formula, a, b), numbers(*x).astype(dtype), numbers(*y, seed=1).astype(dtype))
+def test_products_are_those_of_jax(dtype):
+    """All formulas in one program: one call of each compiler."""
+    arrays = [numbers(*shape, seed=k).astype(dtype) for _, *shapes in FORMULAS for k, shape in enumerate(shapes)]
+
+    def multiply(*arrays):
+        return [
+            jnp.einsum(f, *pair)
+            for (f, _, _), pair in zip(FORMULAS, zip(arrays[::2], arrays[1::2], strict=True), strict=True)
+        ]
+
+    agree(multiply, *arrays)
 
 
 def test_integers_are_exact():
@@ -151,11 +161,15 @@ def test_neighbours_are_in_the_innermost_loop(monkeypatch):
 
 @pytest.mark.parametrize("n", [2, 5, 7, 24, 50])
 def test_factors_and_solutions_are_those_of_jax(n):
-    a, b = numbers(n, n), numbers(n, 3, seed=1)
-    agree(lambda a: jnp.linalg.cholesky(a @ a.T + jnp.eye(n)), a)
-    agree(lambda a: jax.lax.linalg.lu(a + 3 * jnp.eye(n)[::-1]), a)
-    agree(lambda a, b: jnp.linalg.solve(a + 3 * jnp.eye(n), b), a, b)
-    agree(lambda a, b: jnp.linalg.solve(a + 3 * jnp.eye(n), b[:, 0]), a, b)
+    def factors(a, b):
+        return [
+            jnp.linalg.cholesky(a @ a.T + jnp.eye(n)),
+            jax.lax.linalg.lu(a + 3 * jnp.eye(n)[::-1]),
+            jnp.linalg.solve(a + 3 * jnp.eye(n), b),
+            jnp.linalg.solve(a + 3 * jnp.eye(n), b[:, 0]),
+        ]
+
+    agree(factors, numbers(n, n), numbers(n, 3, seed=1))
 
 
 @pytest.mark.parametrize("shape", [(9, 6), (6, 9), (60, 8)])
@@ -178,20 +192,20 @@ def test_a_matrix_that_is_not_positive_definite_has_no_factor():
     assert np.all(np.isnan(np.tril(trimtab.compile(jnp.linalg.cholesky, a)(a))[np.tril_indices(9)]))
 
 
-@pytest.mark.parametrize("lower", [False, True])
-@pytest.mark.parametrize("transpose_a", [False, True])
-@pytest.mark.parametrize("left_side", [False, True])
 @pytest.mark.parametrize("sides", [1, 2, 12])
-def test_triangular_systems(lower, transpose_a, left_side, sides):
+def test_triangular_systems(sides):
+    """All kinds in one program: one call of each compiler."""
     a, b = numbers(20, 20), numbers(20, sides, seed=1)
-    b = b if left_side else b.T.copy()
 
-    def solve(a, b):
-        return jax.lax.linalg.triangular_solve(
-            a + 3 * jnp.eye(20), b, left_side=left_side, lower=lower, transpose_a=transpose_a
-        )
+    def solve(a, columns, rows):
+        return [
+            jax.lax.linalg.triangular_solve(
+                a + 3 * jnp.eye(20), columns if left else rows, left_side=left, lower=lower, transpose_a=transpose
+            )
+            for lower, transpose, left in itertools.product([False, True], repeat=3)
+        ]
 
-    agree(solve, a, b)
+    agree(solve, a, b, b.T.copy())
 
 
 def test_batches_of_matrices():

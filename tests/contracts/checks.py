@@ -33,12 +33,11 @@ def assert_finite(tree: Any) -> None:
         assert np.isfinite(np.asarray(leaf)).all(), jax.tree_util.keystr(path)
 
 
-def assert_stable(folder: str, one: Any) -> None:
+def assert_stable(folder: str, one: Any, given: Any = None) -> None:
     """A step gives back a state of the structure, the shapes and the kinds of number that it took."""
-    given = example(folder, one)
-    state = first_state(folder, one, given, 0)
-    now = np.int64(0)
-    new, _ = jax.eval_shape(lambda t: one.step(t, state, strengthen_types(given(t))), now)
+    given = given or example(folder, one)
+    state = jax.eval_shape(lambda: first_state(folder, one, given, 0))
+    new, _ = jax.eval_shape(lambda t, x: one.step(t, x, strengthen_types(given(t))), np.int64(0), state)
     assert jax.tree.structure(new) == jax.tree.structure(state)
     for (path, a), b in zip(jax.tree_util.tree_leaves_with_path(state), jax.tree.leaves(new), strict=True):
         where = jax.tree_util.keystr(path)
@@ -46,13 +45,13 @@ def assert_stable(folder: str, one: Any) -> None:
         assert np.dtype(a.dtype).kind == np.dtype(b.dtype).kind, f"{where}: {a.dtype} became {b.dtype}"
 
 
-def assert_pure(folder: str, one: Any) -> None:
+def assert_pure(folder: str, one: Any, given: Any = None) -> None:
     """Two calls compute the same, and no input is changed on the way.
 
     Traced, not run: what is not traced (numbers of the part, the state and the input) is there as it is, and whatever
     else a step could depend on shows as another program.
     """
-    given = example(folder, one)
+    given = given or example(folder, one)
     state = first_state(folder, one, given, 0)
     x = strengthen_types(given(np.int64(0)))
     before = jax.tree.map(np.array, (one, state, x))

@@ -265,6 +265,7 @@ def felt(one: Any) -> Any:
     return planar_state if state is Any else _of(state)
 
 
+@functools.cache
 def sensed() -> list[Any]:
     """Functions of time, one for each kind of measurement that some sensor gives."""
     sensors = [made(cls) for cls in blocks("sensors")]
@@ -287,15 +288,18 @@ def example(folder: str, one: Any) -> Any:
         def estimate(t: Any, f: Any) -> Estimate:
             return Estimate(t=t, age=0.01, fresh=True, valid=True, state=f(t), stick=hand(t), dt=1e-3)
 
-        chosen = next(f for f in fits if _is_taken(one, lambda t, f=f: estimate(t, f)))
+        state = jax.eval_shape(lambda: one.init(key(0)))
+        chosen = next(f for f in fits if _is_taken(one, lambda t, f=f: estimate(t, f), state))
         return lambda t: estimate(t, chosen)
 
     def takes(wrap: Any, candidates: list[Any]) -> Any:
+        state = jax.eval_shape(lambda: one.init(key(0)))
+
         def shaped(candidate: Any) -> Any:
             return lambda t: wrap(t, candidate(t))
 
         for candidate in candidates:
-            if _is_taken(one, shaped(candidate)):
+            if _is_taken(one, shaped(candidate), state):
                 return shaped(candidate)
         raise AssertionError(f"{type(one).__name__}: no input that the contract tests know fits its step()")
 
@@ -308,10 +312,10 @@ def example(folder: str, one: Any) -> Any:
     return takes(lambda t, v: v, [*demands, planar_force, *states()])
 
 
-def _is_taken(one: Any, given: Any) -> bool:
-    """Whether a block's step works with these inputs."""
+def _is_taken(one: Any, given: Any, state: Any) -> bool:
+    """Whether a block's step works with these inputs. state: shapes of its first state."""
     try:
-        jax.eval_shape(lambda t: one.step(t, one.init(key(0)), given(t)), np.int64(0))
+        jax.eval_shape(lambda t, state: one.step(t, state, given(t)), np.int64(0), state)
     except UNFIT:
         return False
     return True

@@ -1,6 +1,7 @@
 """Every part that steps does so as the loop needs it: pure, finite, of stable structure, compiled and in batches."""
 
 import functools
+import os
 
 import jax
 import jax.numpy as jnp
@@ -11,7 +12,7 @@ from contracts import checks, parts
 from contracts.parts import blocks, every, example, made, rollout
 from trimtab.compiler.compiled_function import compile
 from trimtab.core.imperfections import imperfections, without
-from trimtab.core.record import declarations, part, period, record, replace, to_arrays
+from trimtab.core.record import FAST_COMPILE_OPTIONS, declarations, part, period, record, replace, to_arrays
 from trimtab.core.signals import Motion, new_sample
 from trimtab.core.time import ms, to_seconds
 from trimtab.native.compiler import find_compiler
@@ -28,46 +29,62 @@ def mark_thorough(found, which):
     return [pytest.param(*one.values, id=one.id, marks=m) for one, m in zip(found, marks, strict=True)]
 
 
-def fuses(folder, cls):
-    """Whether it is an estimator that fuses several sensors: their programs take half a minute to compile."""
-    return folder == "estimators" and (len(made(cls).listens) > 1 or cls.__name__ == "Particle")
+LONG_PROGRAMS = {
+    *("RecedingHorizon", "RotorLossTracking", "PathTracking", "StableInversion", "Formation", "GeometricTracking"),
+    *("UltrasonicRanging", "UltrasonicListening", "GnssRanges", "AnchorRanging", "StarTracker"),
+    *("MeasuredLatency", "SlaveBus", "RangingPosition", "Particle"),
+}
+"""Blocks that take several seconds to compile."""
 
 
-QUICKER = mark_thorough(BLOCKS, fuses)
-WRITTEN = mark_thorough(BLOCKS, lambda folder, cls: fuses(folder, cls) and cls.__name__ != "UltrasonicInertial")
-"""Of those whose C takes half a minute, the one that has the parts of the others in it."""
+def is_long(folder, cls):
+    """Whether the program of a block takes seconds to compile, as those of estimators that fuse several sensors do."""
+    return cls.__name__ in LONG_PROGRAMS or (folder == "estimators" and len(made(cls).listens) > 1)
+
+
+QUICK = mark_thorough(BLOCKS, is_long)
+
+
+OPTIONS = FAST_COMPILE_OPTIONS if os.environ.get("XLA_FLAGS") else {}
+"""Half of the time to compile; an empty XLA_FLAGS leaves XLA as users have it."""
+
+
+@functools.cache
+def _example(folder, cls):
+    """Inputs that fit: finding them takes as long as a test does."""
+    return example(folder, made(cls))
 
 
 @functools.cache
 def _alone(folder, cls):
     """State and outputs of each run by itself, compiled once."""
     one = made(cls)
-    given = example(folder, one)
-    compiled = jax.jit(lambda one, run: rollout(folder, one, given, run, STEPS))
+    given = _example(folder, cls)
+    compiled = jax.jit(lambda one, run: rollout(folder, one, given, run, STEPS), compiler_options=OPTIONS)
     return [compiled(one, np.uint32(run)) for run in range(RUNS)]
 
 
 @pytest.mark.parametrize(("folder", "cls"), BLOCKS)
 def test_state_keeps_its_structure(folder, cls):
-    checks.assert_stable(folder, made(cls))
+    checks.assert_stable(folder, made(cls), _example(folder, cls))
 
 
-@pytest.mark.parametrize(("folder", "cls"), QUICKER)
+@pytest.mark.parametrize(("folder", "cls"), QUICK)
 def test_step_is_pure(folder, cls):
-    checks.assert_pure(folder, made(cls))
+    checks.assert_pure(folder, made(cls), _example(folder, cls))
 
 
-@pytest.mark.parametrize(("folder", "cls"), QUICKER)
+@pytest.mark.parametrize(("folder", "cls"), QUICK)
 def test_output_is_finite(folder, cls):
     for _, outputs in _alone(folder, cls):
         checks.assert_finite(outputs)
 
 
 @pytest.mark.thorough
-@pytest.mark.parametrize(("folder", "cls"), QUICKER)
+@pytest.mark.parametrize(("folder", "cls"), BLOCKS)
 def test_compiled_is_the_same_as_step_by_step(folder, cls):
     one = made(cls)
-    given = example(folder, one)
+    given = _example(folder, cls)
     state = parts.first_state(folder, one, given, 1)
     for k in range(3):
         t = np.int64(k * parts.period(one))
@@ -75,24 +92,25 @@ def test_compiled_is_the_same_as_step_by_step(folder, cls):
         checks.assert_near(out, jax.tree.map(lambda a, k=k: a[k], _alone(folder, cls)[1][1]))
 
 
-@pytest.mark.parametrize(("folder", "cls"), QUICKER)
+@pytest.mark.parametrize(("folder", "cls"), QUICK)
 def test_a_batch_is_the_same_as_its_runs_alone(folder, cls):
     """Over a batch of keys and of parameters at once: every quantity has a leading axis."""
     one = made(cls)
-    given = example(folder, one)
+    given = _example(folder, cls)
     batch = jax.tree.map(lambda leaf: np.stack([leaf] * RUNS), one)
-    both = jax.jit(jax.vmap(lambda one, run: rollout(folder, one, given, run, STEPS)))(batch, jnp.arange(RUNS))
+    together = jax.vmap(lambda one, run: rollout(folder, one, given, run, STEPS))
+    both = jax.jit(together, compiler_options=OPTIONS)(batch, jnp.arange(RUNS))
     for run, alone in enumerate(_alone(folder, cls)):
         checks.assert_near(jax.tree.map(lambda a, run=run: a[run], both), alone)
 
 
 @pytest.mark.thorough
 @pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here")
-@pytest.mark.parametrize(("folder", "cls"), WRITTEN)
+@pytest.mark.parametrize(("folder", "cls"), BLOCKS)
 def test_its_c_computes_the_same(folder, cls):
     """Exportable: the generator writes C for it, and the C gives what JAX gives."""
     one = made(cls)
-    given = example(folder, one)
+    given = _example(folder, cls)
     run = compile(lambda one, run: rollout(folder, one, given, run, STEPS), one, np.uint32(0))
     for seed, (state, outputs) in enumerate(_alone(folder, cls)):
         checks.assert_near((state, outputs), run(one, np.uint32(seed)))
@@ -115,7 +133,7 @@ def test_sensor_says_now_and_gives_what_measure_gives(folder, cls):
     assert jax.tree.structure(samples.value) == jax.tree.structure(measured_there)
 
 
-@pytest.mark.parametrize(("folder", "cls"), sensors(late=True))
+@pytest.mark.parametrize(("folder", "cls"), mark_thorough(sensors(late=True), is_long))
 def test_late_sensor_says_when_it_measured_and_gives_what_measure_gives(folder, cls):
     """Nothing from the future; fresh when it comes out, once; as old as it says. Two seconds, 10 ms a step."""
     one = replace(made(cls), period=ms(10))
@@ -132,12 +150,12 @@ def test_late_sensor_says_when_it_measured_and_gives_what_measure_gives(folder, 
     assert jax.tree.structure(samples.value) == jax.tree.structure(measured_there)
 
 
-@pytest.mark.parametrize(("folder", "cls"), every(blocks, ("links",)))
+@pytest.mark.parametrize(("folder", "cls"), mark_thorough(every(blocks, ("links",)), is_long))
 def test_channel_gives_what_was_sent_at_the_time_it_says(folder, cls):
     """Nothing from the future, nothing altered; the age is the time since the measurement."""
     one = made(cls)
     n = int(2 / to_seconds(one.period))
-    given = example(folder, one)
+    given = _example(folder, cls)
     _, out = jax.jit(lambda one: rollout(folder, one, given, 1, n))(one)
     now = np.arange(n) * one.period
     valid = np.asarray(out.valid)
@@ -166,12 +184,12 @@ def test_channel_is_not_valid_before_a_valid_sample(folder, cls):
     checks.assert_finite(out)
 
 
-@pytest.mark.parametrize(("folder", "cls"), every(blocks, ("laws",)))
+@pytest.mark.parametrize(("folder", "cls"), mark_thorough(every(blocks, ("laws",)), is_long))
 def test_law_gives_a_demand_and_reads_only_what_it_says(folder, cls):
     one = made(cls)
     _, out = _alone(folder, cls)[0]
     assert hasattr(out, "demand")
-    known = set(declarations(example(folder, one)(np.int64(0)).state))
+    known = set(declarations(_example(folder, cls)(np.int64(0)).state))
     assert set(one.reads) <= known
 
 
@@ -180,7 +198,7 @@ def test_law_gives_a_demand_and_reads_only_what_it_says(folder, cls):
 )
 def test_actuators_stay_neutral_until_a_command_is_valid(folder, cls):
     one = made(cls)
-    given = example(folder, one)
+    given = _example(folder, cls)
 
     def invalid(t):
         return replace(given(t), valid=False, fresh=False)

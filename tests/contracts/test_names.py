@@ -2,6 +2,7 @@
 
 import ast
 from collections import defaultdict
+from functools import cache
 from pathlib import Path
 
 SOURCE = Path(__file__).parents[2] / "src" / "trimtab"
@@ -23,12 +24,12 @@ def is_participle(name):
     return past and (not rest or rest[0] in FUNCTION_WORDS)
 
 
+@cache
 def definitions():
     """Module, and definition of each class and function in it, nested ones too."""
-    for path in sorted(SOURCE.rglob("*.py")):
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-            if isinstance(node, ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef):
-                yield str(path.relative_to(SOURCE)), node
+    kinds = ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef
+    trees = {str(path.relative_to(SOURCE)): ast.parse(path.read_text("utf-8")) for path in sorted(SOURCE.rglob("*.py"))}
+    return [(name, node) for name, tree in trees.items() for node in ast.walk(tree) if isinstance(node, kinds)]
 
 
 def test_a_class_name_exists_once():

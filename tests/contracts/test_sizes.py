@@ -1,6 +1,7 @@
 """Files hold one concept each and stay small enough to read; what is public says what it is."""
 
 import ast
+from functools import cache
 from pathlib import Path
 
 SOURCE = Path(__file__).parents[2] / "src" / "trimtab"
@@ -8,6 +9,7 @@ FILES = sorted(SOURCE.rglob("*.py"))
 FILE_LINES, FUNCTION_LINES = 400, 80
 
 
+@cache
 def parse_files():
     """Path below the package -> its lines and its tree."""
     texts = {str(path.relative_to(SOURCE)): path.read_text(encoding="utf-8") for path in FILES}

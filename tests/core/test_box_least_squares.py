@@ -21,6 +21,7 @@ def draw(rng, n):
     return A, b, low, low + rng.uniform(0.1, 1.5, n)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("n", [2, 4, 6, 8])
 def test_it_finds_what_scipy_finds(n):
     rng = np.random.default_rng(n)

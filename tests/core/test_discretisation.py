@@ -33,6 +33,7 @@ def test_discrete_model_is_the_integral(dt):
     np.testing.assert_array_equal(Qd, np.asarray(Qd).T)
 
 
+@pytest.mark.thorough
 def test_two_half_steps_are_one():
     Q = np.diag([1e-5, 100.0, 1e-5, 100.0])
     half, whole = discretise(PENDULUM, Q, 2.5e-3), discretise(PENDULUM, Q, 5e-3)

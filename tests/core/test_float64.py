@@ -86,6 +86,7 @@ ORDERS = {
 }
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("text", ORDERS.values(), ids=ORDERS)
 def test_every_order_gives_float64_and_pytrees(text):
     done = subprocess.run([sys.executable, "-c", text], capture_output=True, text=True)

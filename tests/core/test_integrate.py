@@ -117,6 +117,7 @@ def test_dormand_and_prince_is_scipys():
     assert [float(x["p"]), float(x["v"])] == pytest.approx(step.y.tolist(), rel=1e-14)
 
 
+@pytest.mark.thorough
 def test_the_implicit_step_damps_what_is_infinitely_fast():
     def error(rate):
         x, _ = rodas(lambda t, x: -rate * (x - jnp.cos(t)), 0.0, jnp.asarray(5.0), 0.1)

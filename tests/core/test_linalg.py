@@ -60,6 +60,7 @@ def test_semidefinite_first_pivot_spoils_only_what_depends_on_it():
     assert np.isnan(L[1, 1])
 
 
+@pytest.mark.thorough
 def test_batches_and_differentiates():
     A = jnp.stack([jnp.asarray(_spd(3, s)) for s in range(4)])
     b = jnp.arange(3.0)
@@ -79,6 +80,7 @@ def test_calls_no_lapack():
     assert not any(word in text for word in ("cholesky", "triangular_solve", "lu", "custom_call"))
 
 
+@pytest.mark.thorough("9", "5")
 @pytest.mark.parametrize("n", [1, 2, 5, 9])
 def test_inverse_of_any_matrix(n):
     A = np.random.default_rng(n).normal(size=(n, n))

@@ -93,6 +93,7 @@ def compare(kind, n, m, count, seed):
     return known / count, solved / count, infeasible / count
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("kind", "wanted"), [("plain", (1, 0.99, 0)), ("degenerate", (1, 0.95, 0))])
 def test_programs_with_a_solution(kind, wanted):
     known, solved, infeasible = compare(kind, 8, 20, 300, 1)
@@ -101,6 +102,7 @@ def test_programs_with_a_solution(kind, wanted):
     assert infeasible == wanted[2]
 
 
+@pytest.mark.thorough
 def test_programs_without_a_solution_are_told_and_nothing_raises():
     known, solved, infeasible = compare("infeasible", 8, 20, 300, 2)
     assert known == solved == 0
@@ -117,6 +119,7 @@ def test_thousands_of_programs(n, m):
     assert compare("infeasible", n, m, count, 5)[2] >= 0.95
 
 
+@pytest.mark.thorough
 def test_a_known_one():
     """Nocedal & Wright, "Numerical optimization", example 16.4: x = (1.4, 1.7)."""
     A = np.array([[1.0, -2], [-1, -2], [-1, 2], [1, 0], [0, 1]])
@@ -127,6 +130,7 @@ def test_a_known_one():
     np.testing.assert_allclose(found.y, [-0.8, 0, 0, 0, 0], atol=1e-5)
 
 
+@pytest.mark.thorough
 def test_a_start_near_the_solution_needs_fewer_iterations():
     p = draw_program(np.random.default_rng(7), 8, 20, "plain")
     far = compiled(8, 20, 40, 50)(p, start_of(8, 20))

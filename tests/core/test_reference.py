@@ -58,6 +58,7 @@ def test_circle_is_one_and_sets_out_from_rest():
     assert late.velocity[0] * (late.place[1] + 0.3) < 0  # clockwise from above: on the east side it goes south
 
 
+@pytest.mark.thorough
 def test_eight_turns_its_acceleration_only_where_there_is_some():
     """In the crossing the line along which it accelerates stands still, so that no torque is needed without thrust."""
     path = FigureEight(length=4.0, width=2.0, period=40.0, ease=0.0)

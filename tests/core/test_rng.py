@@ -135,6 +135,7 @@ def grouped(words, stream=5):
     return Key(np.uint32(1), jnp.asarray(words, np.uint32), stream)
 
 
+@pytest.mark.thorough
 def test_words_of_groups_draw_normals_that_are_as_normal():
     words = np.random.default_rng(3).integers(0, 2**32, GROUPS, dtype=np.uint32)
     z = np.asarray(jax.jit(jax.vmap(lambda i: normals(grouped(words), i, 4)))(jnp.arange(50_000)))
@@ -148,6 +149,7 @@ def test_words_of_groups_draw_normals_that_are_as_normal():
     np.testing.assert_array_equal(normals(grouped(words), 9, 2), jnp.stack(normal2(grouped(words), 9)))
 
 
+@pytest.mark.thorough
 def test_another_word_of_one_group_changes_its_share_of_the_draws():
     """A normal is a sum of eight terms in eight groups: a quarter of them change, each by an eighth of its variance."""
     rng = np.random.default_rng(4)

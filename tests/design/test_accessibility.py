@@ -39,6 +39,7 @@ def test_the_linear_model_decides_where_it_is_controllable():
     np.testing.assert_allclose([b.value for b in found.basis], [[0, 0, 1], [0, -1, 0], [1, 0, 0]])
 
 
+@pytest.mark.thorough
 def test_without_drift_the_rank_is_enough():
     """The nonholonomic integrator and the unicycle: driftless, so that Chow's theorem holds."""
     for system in (
@@ -70,6 +71,7 @@ def test_a_state_that_nothing_moves():
     assert (found.is_accessible, found.rank, found.is_stlc) == (False, 1, False)
 
 
+@pytest.mark.thorough
 def test_the_hovercraft_needs_brackets_of_degree_four():
     """Lewis and Murray 1997 (planar body): sideways by [FY, [f, FX]] = -d/(m J) e_v; the bad bracket is along surge."""
     found = find_accessibility(hovercraft())
@@ -84,6 +86,7 @@ def test_the_hovercraft_needs_brackets_of_degree_four():
     assert max(b.degree for b in found.basis) == 4
 
 
+@pytest.mark.thorough
 def test_without_surge_force_the_bad_bracket_stays_bad():
     whole = hovercraft()
     turned = model(lambda x, u: whole.f(x, jnp.stack([0.0, u[0]])), " ".join(whole.states), "FY")

@@ -40,6 +40,7 @@ def test_a_line_whose_region_is_known():
     assert 0.98 < region.extents["x"] < 1
 
 
+@pytest.mark.thorough
 def test_van_der_pol_backwards():
     """The limit cycle bounds the true region; Khalil, example 8.9, has a smaller one by hand (V <= 2.25)."""
     t = theorem({"x": -y, "y": x - y + x**2 * y})

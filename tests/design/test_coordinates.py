@@ -61,6 +61,7 @@ def steady_turn():
     return DartState(np.array([1.0, 2, 3]), v_W, np.asarray(q), w, 0.0), DartInput(force, moment)
 
 
+@pytest.mark.thorough
 def test_a_steady_turn_is_at_rest_in_both():
     x, u = steady_turn()
     errors = error_model(Dart(), x, u)
@@ -72,6 +73,7 @@ def test_a_steady_turn_is_at_rest_in_both():
     assert moving == {"q_WB.yaw", "p_W[0]", "p_W[1]"}
 
 
+@pytest.mark.thorough
 def test_thirteen_and_one_numbers_are_thirteen_states_and_no_pole_is_of_the_quaternion_s_length():
     x, u = steady_turn()
     linear = linearise(error_model(Dart(), x, u))
@@ -81,6 +83,7 @@ def test_thirteen_and_one_numbers_are_thirteen_states_and_no_pole_is_of_the_quat
     np.testing.assert_allclose(on_axis, [-0.4, 0, 0, 0.4], atol=1e-6)
 
 
+@pytest.mark.thorough
 def test_deviations_from_a_steady_turn_go_as_the_linear_model_says():
     """The vehicle itself, with and without a small deviation, 2 s on: attitude, velocity and place in body axes."""
     x, u = steady_turn()
@@ -109,6 +112,7 @@ def test_deviations_from_a_steady_turn_go_as_the_linear_model_says():
     assert np.abs(end).max() > 5e-6
 
 
+@pytest.mark.thorough
 def test_the_nutation_of_a_spinning_top():
     """Torque-free and symmetrical: rates turn at (J3 - J1)/J1 times the spin in body axes. Source: Euler."""
 

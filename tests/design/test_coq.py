@@ -105,6 +105,7 @@ def test_what_is_not_so_is_not_proved(certificate, change, theorem, tmp_path):
     assert f"Theorem {theorem} " in text.splitlines()[line - 2]
 
 
+@pytest.mark.thorough
 @needs_coq
 def test_matrices_that_differ_by_rounding_are_told_apart(certificate, tmp_path):
     """A matrix of determinant 2^-52, and one of determinant 0, which no float tells from it."""

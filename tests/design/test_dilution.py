@@ -19,6 +19,7 @@ def test_under_the_middle_of_a_square():
     assert float(with_error.dilution[0, 0]) == pytest.approx(float(found.dilution[0, 0]))  # symmetry parts them
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("common_error", [False, True])
 def test_against_the_spread_of_fixes(common_error):
     """Fixes from noisy ranges spread by dilution times noise, at a place off the middle."""

@@ -147,6 +147,7 @@ def test_in_a_mirror_it_is_the_mirrored_path(goal):
             np.testing.assert_allclose(other.lengths, path.lengths, atol=1e-9)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("word", WORDS)
 def test_each_derivative_is_that_of_the_one_before(word):
     path = DubinsPath(1.0, -2.0, 0.4, 0.8, 1.7, np.array([TURNS[c] for c in word]), np.array([1.1, 2.3, 0.9]))

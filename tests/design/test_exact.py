@@ -48,6 +48,7 @@ def test_rejects_what_is_indefinite_by_1e_13_relative():
     assert exact.prove_definite(M + 3e-13 * np.eye(2)).holds
 
 
+@pytest.mark.thorough("60")
 @pytest.mark.parametrize("n", [33, 47, 60])
 def test_nearly_singular_matrices_of_any_size_are_told_apart(n):
     """A Laplacian of integers, singular by construction: more by 2^-60 proves it, the same less makes it indefinite.

@@ -42,6 +42,7 @@ def test_the_ball_and_beam_has_no_relative_degree_where_r_w_is_zero(x):
     assert "around the point, but not at it" in found.why[0]
 
 
+@pytest.mark.thorough
 def test_the_ball_and_beam_elsewhere_and_approximated():
     found = relative_degree(ball_and_beam(), X)
     assert (found.degrees, found.is_defined, found.total, found.why) == ({"r": 3}, True, 3, ())
@@ -94,6 +95,7 @@ def test_the_hovercraft_is_flat_from_its_centre_of_oscillation():
     assert "at the point only" in coasting.why[0]  # without thrust the rudder turns nothing that moves
 
 
+@pytest.mark.thorough
 def test_systems_that_are_not_affine():
     model = model_of_functions(
         lambda x, u: jnp.stack([x[1], x[0] + u[0] + u[0] ** 2]), ("a", "b"), ("u",), h=lambda x, u: x[:1]

@@ -110,6 +110,7 @@ def test_first_and_second_order_by_hand():
     assert jitter_margin(loop_of_polynomials([w * w], [1.0, 2 * z * w, 0.0])) == pytest.approx(2 * z / w, rel=1e-9)
 
 
+@pytest.mark.thorough
 def test_with_a_constant_delay_it_falls_to_nothing_at_the_delay_margin():
     loop = loops.forward()
     limit = delay_margin(loop).delay

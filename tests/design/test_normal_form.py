@@ -25,6 +25,7 @@ def form():
     return normal_form(vtol(EPS), {"theta": 0.2, "w": 0.4, "vx": 1.0}, internal=("theta", "w"))
 
 
+@pytest.mark.thorough
 def test_names_and_point_of_the_vtol(form):
     assert form.external == ("x", "x'", "y", "y'")
     assert (form.internals, form.virtual) == (("theta", "w"), ("x''", "y''"))
@@ -94,6 +95,7 @@ def test_states_are_chosen_and_feedthrough_has_no_chain():
     np.testing.assert_allclose([linear.A[0, 0], linear.B[0, 0], linear.D[0, 0]], [-3, 1, 1], rtol=1e-12)
 
 
+@pytest.mark.thorough
 def test_solve_is_differentiable_and_says_when_there_is_no_root():
     cube = lambda a: solve_root(lambda z: z**3 - a, jnp.array([1.0]))[0]  # noqa: E731
     np.testing.assert_allclose([cube(8.0), jax.grad(cube)(8.0)], [2.0, 1 / 12], rtol=1e-12)
@@ -101,6 +103,7 @@ def test_solve_is_differentiable_and_says_when_there_is_no_root():
     assert np.isnan(solve_root(lambda z: z**2 + 1, jnp.array([0.7]))).all()
 
 
+@pytest.mark.thorough
 def test_wrong_input_is_refused():
     with pytest.raises(InputError, match="no relative degree here: the inputs enter derivative 3"):
         normal_form(ball_and_beam())
@@ -144,6 +147,7 @@ def test_away_from_the_origin_curvature_of_the_coordinates_counts():
     np.testing.assert_allclose(got.B, [[0], [1], [1 / Wu]], atol=1e-9)
 
 
+@pytest.mark.thorough
 def test_what_does_not_fit_is_refused():
     model = curved()
     with pytest.raises(InputError, match=r"no trim: b' = 1\.1"):

@@ -40,6 +40,7 @@ def along(truth):
     return observability(F, H, np.tile(5.6e-4 * np.eye(2), (len(phi), 1, 1)), SIGMAS)
 
 
+@pytest.mark.thorough
 def test_positions_show_the_heading_of_a_vehicle_that_accelerates_and_not_at_rest():
     still, moving = along(rest(ticks(1000))), along(weave(ticks(1000)))
     assert still.rank == 6

@@ -62,6 +62,7 @@ def test_brockett_is_solvable_only_on_a_line(scale):
         assert not is_reachable(turning, [b1, b2, -D * b2 + off, 0.0], 2)
 
 
+@pytest.mark.thorough
 def test_brockett_verdict():
     """Controllability rank 3 of 4 with the eigenvalue 0 left over, and the image has holes."""
     v = brockett(turning, 4, 2)
@@ -98,6 +99,7 @@ def test_h1_and_h2_fail_where_they_should():
     assert (line.h1, line.h2, line.is_excluded) == (False, True, False)
 
 
+@pytest.mark.thorough
 def test_brockett_on_systems_with_a_known_verdict():
     # Brockett 1983: the nonholonomic integrator, and the unicycle, fail; a double integrator passes;
     # x' = u^3 has no slope but reaches everything; x' = x with a useless input is unstable for ever

@@ -133,6 +133,7 @@ def call(*words):
     return CliRunner().invoke(main, ["design", *map(str, words)])
 
 
+@pytest.mark.thorough
 def test_a_law_of_ones_own(tmp_path):
     """Without a V in the code: a region is found, written, and proved again with the file beside it."""
     own, out = tmp_path / "my_law.py", tmp_path / "law.json"

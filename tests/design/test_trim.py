@@ -32,6 +32,7 @@ def vtol(eps):
     return model_of_functions(f, ("x", "vx", "y", "vy", "theta", "w"), ("u1", "u2"))
 
 
+@pytest.mark.thorough
 def test_a_straight_run_needs_the_force_of_friction():
     found = trim(hovercraft(), x={"surge_velocity": 0.5}, free=("FX", "FY"), loose=PLACE)
     assert found.is_found

@@ -52,6 +52,7 @@ def test_the_planar_vtol_is_non_minimum_phase(eps):
     np.testing.assert_allclose(found.zeros.zeros, found.poles, rtol=1e-9)
 
 
+@pytest.mark.thorough
 def test_the_hovercraft_may_spin():
     """psi'' = -(d/J) FY with FY = 0 is all that is left: a double zero at 0."""
     found = zero_dynamics(hovercraft(heading=0.4))

@@ -59,6 +59,7 @@ def test_water_vapour_against_magnus(celsius):
     assert float(water_vapour(air)) == pytest.approx(0.7 * magnus / 101325, rel=4e-3)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("celsius", [1, 15, 30])
 @pytest.mark.parametrize("pressure", [85e3, 101325.0])
 def test_dry_air_against_coolprop(celsius, pressure):

@@ -66,6 +66,7 @@ def bands(f, *spectra):
     return [np.stack([s[..., c].mean(-1) for c in cells], -1) for s in spectra], np.array([c.sum() for c in cells])
 
 
+@pytest.mark.thorough
 def test_the_spectra_are_those_of_the_specification():
     """Within four standard deviations of what 64 flights of 164 s can tell; Hann's window makes 1.9 cells one."""
     model = to_arrays(Turbulence(period=ms(20), span=12.0))
@@ -78,6 +79,7 @@ def test_the_spectra_are_those_of_the_specification():
     assert (doubt < 0.11).all()
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("form", list(FILTERS))
 @pytest.mark.parametrize("period", [ms(5), ms(50)])
 def test_the_deviation_is_that_of_the_height_at_any_step(form, period):
@@ -122,6 +124,7 @@ def test_lengths_and_deviations_are_the_printed_ones():
         np.testing.assert_array_equal(model.at(height).lengths, model.at(10 * FOOT).lengths)
 
 
+@pytest.mark.thorough
 def test_a_step_is_the_exact_one():
     """The mean follows scipy's exponential; what noise adds keeps the steady covariance."""
     filter = FILTERS["von-karman"]["across"]
@@ -140,6 +143,7 @@ def test_a_step_is_the_exact_one():
     np.testing.assert_allclose(F @ P @ F.T + noise @ noise.T, P, rtol=1e-9, atol=1e-12)
 
 
+@pytest.mark.thorough
 def test_two_half_steps_have_the_covariance_of_a_whole_one():
     """Of the component, its rate and the time between them: 4 % is four times what 20 000 pairs can tell."""
     half, whole = (to_arrays(Turbulence(period=p)) for p in (ms(50), ms(100)))
@@ -151,6 +155,7 @@ def test_two_half_steps_have_the_covariance_of_a_whole_one():
         assert (np.abs(one - two) < 0.08 * scale).all(), (one - two) / scale
 
 
+@pytest.mark.thorough
 def test_rates_are_those_of_the_air_itself():
     """A gust down that grows along the way lifts the tail: slowly, q = -dw/dx and r = dv/dx."""
     model = to_arrays(Turbulence(period=ms(1), span=1.0))
@@ -163,6 +168,7 @@ def test_rates_are_those_of_the_air_itself():
         assert np.std(turn) == pytest.approx(np.std(of_air), rel=0.1)
 
 
+@pytest.mark.thorough
 def test_it_is_the_same_for_a_seed_and_none_when_switched_off():
     model = to_arrays(Turbulence())
     a, b = gusts(model, motion(), runs=2, n=50)
@@ -172,6 +178,7 @@ def test_it_is_the_same_for_a_seed_and_none_when_switched_off():
     assert not gusts(without(model, "turbulence"), motion(), runs=1, n=50).any()
 
 
+@pytest.mark.thorough
 def test_it_is_the_mean_wind_that_does_not_count_as_airspeed():
     """In a wind along with it, a vehicle meets the waves more seldom; without a vehicle's word the air is still."""
     wind = np.array([V - 40.0, 0.0, 0.0])
@@ -182,6 +189,7 @@ def test_it_is_the_mean_wind_that_does_not_count_as_airspeed():
     )
 
 
+@pytest.mark.thorough
 @pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here")
 @pytest.mark.parametrize("form", list(FILTERS))
 def test_its_c_computes_the_same(form):

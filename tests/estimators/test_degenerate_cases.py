@@ -92,6 +92,7 @@ def test_perfect_sensors_close_a_lap_from_rest_to_rest(cls, shape):
     assert x[-1, 0] == pytest.approx(0.4 + 6 * np.pi, abs=1e-10)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("shape", ["circle", "eight"])
 def test_a_lap_at_speed_misses_by_the_trapezoids_error(shape):
     """By dt² T/12 of the force's rate of change where it begins: to close to 1e-8 m it needs a shorter tick."""

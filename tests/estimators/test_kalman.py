@@ -67,6 +67,7 @@ def test_inflated_an_innovation_is_a_usual_one(m):
         np.testing.assert_array_equal(kalman.inflate_covariance(P, small, H, none), P)
 
 
+@pytest.mark.thorough
 def test_one_scalar_after_another_is_the_same():
     x, P, y, H, _ = case(4)
     variances = np.array([0.5, 1.0, 2.0])

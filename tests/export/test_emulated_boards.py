@@ -131,6 +131,7 @@ def test_instructions_that_depend_on_the_input(tmp_path):
     assert board.instructions_per_step == (5, (3 + 6 + 3 + 200) // 2, 3 + 2 * 2046)
 
 
+@pytest.mark.thorough
 @needs_board
 def test_counts_and_sizes(tmp_path):
     folder = exported(tmp_path / "sample")

@@ -28,6 +28,7 @@ def test_stops_of_a_bank_are_one_and_two_milliseconds_and_rest_lies_between():
     assert rudder.safe == pytest.approx(1.5e-3)
 
 
+@pytest.mark.thorough
 def test_rotors_go_from_standing_still_to_their_fastest_and_rest_still():
     outputs = outputs_of(build("quadrotor/track"))
     assert [o.name for o in outputs] == [f"speed[{k}]" for k in range(4)]

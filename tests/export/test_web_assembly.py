@@ -126,6 +126,7 @@ def test_other_loops_fly_in_a_page_as_in_the_package(page, name, tmp_path):
     assert differing(page, flight, simulate(scenario, seed=0, log_period=1)) == []
 
 
+@pytest.mark.thorough
 @pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here")
 def test_what_a_page_calls_flies_a_table_of_uneven_instants(tmp_path):
     """The same text as a library of this machine, where no browser and no clang is needed."""

@@ -75,6 +75,7 @@ def test_nothing_moves_before_arming(host):
     assert host.pulses(2) == [SAFE_THRUST, 3040]
 
 
+@pytest.mark.thorough
 def test_safe_pulses_the_millisecond_the_silence_is_too_long(host):
     flying(host, 5.0, 0.5)
     host.run(1, command(host, 5.0, 0.5))

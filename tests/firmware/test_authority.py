@@ -61,6 +61,7 @@ def test_the_board_is_handed_over_where_that_is_asked_for(host):
     assert host.counts()["foreign"] == 1
 
 
+@pytest.mark.thorough
 def test_what_a_ground_station_arms_is_flown_by_who_commands_first_and_it_may_disarm(host):
     first, second = two(host)
     host.arm()

@@ -25,6 +25,7 @@ def flying(host, ms=500, speed_rpm=6000.0):
     host.run(1, host.command(speed_rpm=speed_rpm))
 
 
+@pytest.mark.thorough
 def test_silent_until_somebody_with_the_key_has_spoken(host):
     assert host.run(1500) == []
     said = host.run(2000, host.pack("HEARTBEAT", type=6))
@@ -69,6 +70,7 @@ def test_the_fan_is_regulated_to_the_speed_commanded_and_the_vehicle_moves(host)
     assert host.library.host_truth()[0] > 0.3  # 0.4 N on 2.6 kg for over two seconds
 
 
+@pytest.mark.thorough
 def test_an_emulated_fan_on_an_empty_battery_needs_the_more_duty(tmp_path):
     """6.2 V empty, less what 0.03 ohm takes of the other 3 A and of the fan's own current: the battery's page."""
     scenario = build("hovercraft/forward", {"world.actuators.fan.battery.initial": "0"})
@@ -186,6 +188,7 @@ def test_nothing_recorded_before_a_restart_gets_in(library, written):
     assert second.counts()["accepted"] == 1
 
 
+@pytest.mark.thorough
 def test_the_c_library_lets_in_only_what_ours_does(host):
     """Frames of several senders, stale, repeated and out of order, through both ends: whatever C takes, ours takes."""
     rng = np.random.default_rng(7)

@@ -94,6 +94,7 @@ def content(message):
     return bytes(message.data[: message.n])
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("size", [6, 10, 11, 23, 24, 45])
 def test_messages_arrive_when_the_scenarios_bus_says(library, size):
     """Offered at drawn milliseconds, seldom and in crowds: when each is there, and which are dropped."""

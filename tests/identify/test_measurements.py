@@ -97,6 +97,7 @@ def test_forces_within_a_division_of_the_gauge_may_read_alike(tmp_path: Path) ->
     assert thrust.fit_reverse(read_measurements(file, thrust.REVERSE_COLUMNS), 0.03).slowest == 6000
 
 
+@pytest.mark.thorough
 def test_a_gyro_of_another_axis_is_refused(tmp_path: Path) -> None:
     g, file = np.random.default_rng(0), tmp_path / "sweep.csv"
     t = 0.01 * np.arange(400)

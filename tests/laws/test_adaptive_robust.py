@@ -46,6 +46,7 @@ def test_sign_takes_the_whole_bound_in_each_direction():
     np.testing.assert_array_equal(np.sign(terms.u_s), -np.sign(terms.s))
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("sigma", [0.0, 0.5])
 def test_bounds_follow_their_differential_equation(sigma):
     """[1] eqs. 16-18, mended; scipy integrates the same with a fading error."""

@@ -46,6 +46,7 @@ def follow(law, lead, lateness, seconds):
     return np.array(ways)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("lateness", [0, ms(700)])
 def test_behind_a_steady_leader_the_way_to_the_place_dies_away_however_late_messages_are(lateness):
     def lead(t):
@@ -59,6 +60,7 @@ def test_behind_a_steady_leader_the_way_to_the_place_dies_away_however_late_mess
     )
 
 
+@pytest.mark.thorough
 def test_a_leader_on_a_circle_is_followed_to_the_bound_of_the_page():
     pace, radius, age = 0.1, 4.0, 0.5
 
@@ -71,6 +73,7 @@ def test_a_leader_on_a_circle_is_followed_to_the_bound_of_the_page():
     assert 0.3 * bound < late.max() <= 1.05 * bound
 
 
+@pytest.mark.thorough
 def test_the_leader_goes_round_and_tells_where_its_point_is():
     law = Formation(radius=3.0, pace=0.15)
     state, step = law.init(None), jax.jit(law.step)
@@ -85,6 +88,7 @@ def test_the_leader_goes_round_and_tells_where_its_point_is():
             assert out.demand.say.t == t
 
 
+@pytest.mark.thorough
 def test_nothing_moves_before_everybody_is_heard_or_while_the_craft_lags():
     law = replace(ALONE, leash=0.5)
     state, _ = law.step(np.int64(0), law.init(None), estimate(0, view((1, 1), [NEVER, NEVER], np.zeros((2, 2)))))

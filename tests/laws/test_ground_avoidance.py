@@ -49,6 +49,7 @@ def test_it_acts_below_the_deck_and_nose_down_only():
     assert LAW.deck == pytest.approx(1000 * FOOT)
 
 
+@pytest.mark.thorough
 def test_it_pulls_once_the_wings_are_level_and_stops_when_the_nose_is_up():
     dive = {"altitude": 200.0, "pitch": -0.3}
     banked, rolling = {"roll": 0.5}, {"roll_rate": 0.3}

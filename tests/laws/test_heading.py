@@ -184,6 +184,7 @@ def test_ideal_literal_freezes_at_the_bad_limit_point(sampled, starts):
     assert np.argmax(np.abs(e) <= TOL) * 0.005 == pytest.approx(3.3, abs=0.1)
 
 
+@pytest.mark.thorough
 def test_literal_freezes_nearly_always(sampled, random_starts):
     """At 60 s most runs turn no more, far from the target (tests/oracles/hovercraft.py: 97 %, median 16 degrees)."""
     x, o = sampled(HeadingProportional(form="literal"), random_starts, 60.0, every=10)

@@ -29,6 +29,7 @@ def default():
     return run(form())
 
 
+@pytest.mark.thorough
 def test_four_seconds_give_the_bounded_solution(default):
     """Large climb, 5 ms: largest differences in scales, over all of it and the step too; all below 4e-6."""
     state, zeta = default
@@ -69,6 +70,7 @@ def test_weights_integrate_a_ramp_exactly():
     assert not np.any(modes.weights(0.0))
 
 
+@pytest.mark.thorough
 def test_asked_twice_at_one_instant_it_says_the_same():
     f = form(intervals=10)
     state, _ = STEP(f, 5.2, f.init(None), CLIMB)

@@ -26,6 +26,7 @@ def test_hermite_between_and_held_outside(table):
     np.testing.assert_allclose(got, spline(np.clip(t, 2.0, 4.0)), rtol=1e-12, atol=1e-12)
 
 
+@pytest.mark.thorough
 def test_is_smooth_across_nodes(table):
     """Value and rate agree on both sides of each node inside."""
     nodes, small = 2.0 + 0.25 * np.arange(1, 8), 1e-6

@@ -44,6 +44,7 @@ def sail(law, seconds, *, speed=0.58, current=(0.0, 0.0), start=(0.0, 0.0), vali
     return np.array(rows, float)
 
 
+@pytest.mark.thorough
 def test_on_a_straight_path_in_a_current_it_is_the_publications_equations():
     """[1] eq. 12 with heading and speed as asked: e' = U sin(psi - chi) + V_y, I' = D e/((e + s I)² + D²)."""
     law = replace(LineOfSight(), reference=EAST, far=3.0, near=3.0, integral_gain=0.2)
@@ -71,6 +72,7 @@ def test_only_with_the_integral_it_ends_on_the_path():
     assert without[-1, 2] == pytest.approx(2.0 * np.tan(crab), rel=0.01), "D tan(crab), where it settles"
 
 
+@pytest.mark.thorough
 def test_the_paths_point_stays_abreast_at_the_vessels_own_pace():
     rows = sail(replace(LineOfSight(), reference=EAST), 60)
     assert np.abs(rows[100:, 3]).max() < 0.1
@@ -78,6 +80,7 @@ def test_the_paths_point_stays_abreast_at_the_vessels_own_pace():
     assert pace == pytest.approx(0.58 / 0.5, rel=0.02), "the path's own is 0.5 m/s"
 
 
+@pytest.mark.thorough
 def test_beyond_the_end_it_goes_straight_on():
     short = eastward(10.0)
     rows = sail(replace(LineOfSight(), reference=short), 40, start=(0.3, 0.0))
@@ -86,6 +89,7 @@ def test_beyond_the_end_it_goes_straight_on():
     assert np.isfinite(rows).all()
 
 
+@pytest.mark.thorough
 def test_a_circle_is_held_on_its_outside_by_no_more_than_the_geometry():
     """A point D ahead on a bend of radius R lies D²/(2 R) off its tangent; the chord about it has that in it."""
     law = replace(LineOfSight(), reference=Circle(radius=8.0, period=87.0, ease=0.0), integral_gain=0.0)
@@ -111,6 +115,7 @@ def test_shafts_hold_the_speed_within_their_limits():
     assert float(law._drive(jnp.asarray(0.0), jnp.asarray(5.0), DT)[0]) == 0.0
 
 
+@pytest.mark.thorough
 def test_nothing_moves_without_an_estimate():
     law = replace(LineOfSight(), reference=EAST)
     rows = sail(law, 1, start=(2.0, 0.0), valid=False)

@@ -76,6 +76,7 @@ def test_where_it_is_and_where_north_is_do_not_matter():
     np.testing.assert_allclose(observe(there, other, 9.81), observe(wanted, x, 9.81), atol=1e-9)
 
 
+@pytest.mark.thorough
 def test_near_the_reference_it_does_what_its_teacher_does():
     """Within some tenths of what it was trained on: thrust to a thirtieth of the teacher's, moments to a seventh."""
     rng, teacher, policy = np.random.default_rng(2), GeometricTracking(craft=CRAFT), NeuralPolicy(craft=CRAFT)
@@ -104,6 +105,7 @@ def test_beyond_what_it_was_trained_on_inputs_are_held_and_told():
     assert abs(float(policy.track(wanted, farther).demand.thrust) - network.centre[0]) <= network.span[0]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("trajectory", ["circle", "helix"])
 def test_it_flies_along_a_path_over_the_radio(trajectory):
     log = simulate(build("quadrotor/track", {"law": "neural", "trajectory": trajectory}), seed=2)
@@ -111,6 +113,7 @@ def test_it_flies_along_a_path_over_the_radio(trajectory):
     assert log.between(2, 10)["law.stretch"].max() < 1.05
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("half_tilt", "returns"), [(0.52, True), (0.79, False)])
 def test_it_returns_from_sixty_degrees_and_not_from_ninety(half_tilt, returns):
     """What it was shown ends at 1.2 rad about each axis; what its teacher does beyond, it doesn't know."""
@@ -146,6 +149,7 @@ def test_a_policy_that_is_not_there_is_refused_with_those_that_are():
         NeuralPolicy(policy="hexarotor").check()
 
 
+@pytest.mark.thorough
 def test_a_file_of_ones_own_flies(tmp_path):
     (tmp_path / "own.json").write_text(json.dumps(change("nothing")))
     own = build(

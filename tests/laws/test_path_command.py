@@ -42,6 +42,7 @@ def test_the_printed_polynomials():
     np.testing.assert_allclose(filtered_step(a, 3), wanted, atol=1e-15)
 
 
+@pytest.mark.thorough
 def test_each_field_is_the_derivative_of_the_one_before():
     t = np.array([0.0, 4.0, 5.5, 20.0, 60.0, 200.0])
     derivative = jax.vmap(jax.jacfwd(CLIMB.at))(t)

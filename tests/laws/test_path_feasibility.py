@@ -77,6 +77,7 @@ REFUSED = {
 }
 
 
+@pytest.mark.thorough("wide eight", "fast circle", "slow large circle")
 @pytest.mark.parametrize("name", REFUSED)
 def test_what_can_not_be_followed_is_refused(name):
     path, problem = REFUSED[name]
@@ -88,6 +89,7 @@ def test_what_can_not_be_followed_is_refused(name):
     assert error.fix
 
 
+@pytest.mark.thorough
 def test_what_the_fix_says_is_feasible():
     """And hardly slower than it has to be."""
     path = Circle(radius=1.5, period=8.0)
@@ -100,6 +102,7 @@ def test_what_the_fix_says_is_feasible():
     assert values["period"] >= least
 
 
+@pytest.mark.thorough
 def test_a_path_without_period_says_how_much_slower():
     with pytest.raises(InputError, match=r"let it take 1\.\d\d times as long") as refused:
         refuse_infeasible(REFUSED["fast way-points"][0], PLANT, LIMITS, 40.0)
@@ -107,6 +110,7 @@ def test_a_path_without_period_says_how_much_slower():
     refuse_infeasible(pass_waypoints([[0, 0], [3, 0], [3, 3], [0, 4]], 0.9 / factor), PLANT, LIMITS, 40.0 * factor)
 
 
+@pytest.mark.thorough
 def test_a_path_that_no_tempo_makes_feasible_says_so():
     zigzag = interpolate_path(np.arange(12) * 0.5, [[k % 2 * 0.3, k * 0.02] for k in range(12)])
     with pytest.raises(InputError, match="make the path larger"):

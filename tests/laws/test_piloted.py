@@ -87,6 +87,7 @@ def steering(speed, k2=2.5):
     return np.asarray(jax.jacfwd(rate)(jnp.zeros(2)))
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("speed", [-0.8, -0.3, -0.1, 0.1, 0.4, 0.8])
 def test_damped_straight_drives_are_stable_and_their_sway_has_the_sign_of_surge(speed):
     """det = d k2 s u_r/J, so that s u_r > 0 is necessary; with trace < 0 sufficient."""
@@ -178,6 +179,7 @@ def test_assisted_turns_the_nose_by_a_linear_loop():
     assert (np.abs(np.asarray(found.heading_reference) - psi) <= np.pi + 1e-9).all()
 
 
+@pytest.mark.thorough
 def test_without_a_stick_it_is_let_go_in_the_mode_that_it_had():
     x, full = STATES[3], {"forward": 0.7, "turn": 0.4}
     for mode in (MANUAL, DAMPED, ASSISTED):
@@ -269,6 +271,7 @@ def motion(log):
     return np.hypot(north, east), course, np.mod(psi - course + np.pi, 2 * np.pi) - np.pi, r
 
 
+@pytest.mark.thorough
 def test_damped_tracks_surge_and_yaw_rate():
     """Ideal: ahead at 0.6 m/s, then a spin on the spot at 0.9 rad/s, to 0.02 m/s and 1e-3 rad/s; sway is gone."""
     (log,) = flown((0, 0.75, 0.0, "damped"), (12, 0.0, 0.0, "damped"), (18, 0.0, 0.6, "damped"))
@@ -301,6 +304,7 @@ def test_assisted_turns_at_speed(turn):
     assert np.abs(nose[held] - np.sign(turn) * np.pi / 2).max() < 0.4
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("turn", [-0.6, 0.6])
 def test_assisted_turns_at_speed_over_the_radio(turn):
     """Delays of 76 ms, rudder and fan with their limits, sensors exact: 0.05 m/s and 0.02 rad/s about the same."""
@@ -321,6 +325,7 @@ def test_assisted_stops_and_stays():
     assert not log["law.stick_lost"].any()
 
 
+@pytest.mark.thorough
 def test_the_dead_man_stops_it():
     """The stick falls silent at 8 s: lost 0.3 s after its last sample came, and the craft comes to rest by itself."""
     script = (0, 0.75, 0.0, "assisted"), (29, 0.75, 0.0, "assisted"), (29.5, 0.75, 0.0, "assisted")
@@ -335,6 +340,7 @@ def test_the_dead_man_stops_it():
     assert speed[log.t > 16].max() < 0.03
 
 
+@pytest.mark.thorough
 def test_both_backends_fly_alike():
     """JAX and C: 8 s in all three modes, to 1e-9 of each signal's size."""
     scenario, _ = catalogue.load_scenario("hovercraft/pilot")

@@ -36,6 +36,7 @@ def at(way, v=(0.0, 0.0), heading=0.0, r=0.0, law=LAW):
     return HovercraftState(u, side - A * r, r, *place, heading)
 
 
+@pytest.mark.thorough
 def test_the_force_never_accelerates_the_point_across_the_nose():
     rng = np.random.default_rng(3)
     for mode in (BRAKE, AIM, GO, HOLD):
@@ -115,6 +116,7 @@ def check_runs(sampled, n, seed):
     assert np.asarray(output.speed)[:, -1].max() < 2e-4
 
 
+@pytest.mark.thorough
 def test_it_comes_to_rest_there_and_stays(sampled):
     check_runs(sampled, 40, 1)
 

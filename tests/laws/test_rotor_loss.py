@@ -38,6 +38,7 @@ def run(law, speeds, x=None, dt=0.005):
     return outputs, state
 
 
+@pytest.mark.thorough
 def test_while_all_turn_it_is_the_law_for_all():
     x = replace(CRAFT.hover(PLACE + np.array([0.2, -0.1, 0.3])), velocity=np.array([0.1, 0.0, -0.2]))
     (out,), _ = run(LAW, [TURNS], x)
@@ -65,6 +66,7 @@ def test_a_short_pause_is_none_and_of_two_only_the_first_counts():
     np.testing.assert_array_equal(later[-1].demand.working, [False, True, True, True])
 
 
+@pytest.mark.thorough
 def test_its_reference_stands_still_from_then_on():
     law = build("quadrotor/track", {"trajectory": "helix"}).autopilot.law
     stands = [0.0, 365.0, 365.0, 365.0]
@@ -76,6 +78,7 @@ def test_its_reference_stands_still_from_then_on():
     np.testing.assert_allclose(outputs[-1].velocity_error, 0, atol=1e-12)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("rotor", range(4))
 def test_in_relaxed_hover_it_asks_for_what_the_hover_gives(rotor):
     hover = find_relaxed_hover(CRAFT, rotor, 0.3)

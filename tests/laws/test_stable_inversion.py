@@ -32,6 +32,7 @@ def flown(law=LAW, x=TRIM, times=(0,)):
     return state, out
 
 
+@pytest.mark.thorough
 def test_at_the_trim_it_asks_for_the_trim():
     """Oracle, trim."""
     _, out = flown()

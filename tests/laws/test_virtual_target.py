@@ -124,6 +124,7 @@ def test_the_car_comes_to_the_path_from_everywhere(runs):
     assert np.cos(batch.final["truth.heading"] - h).min() > 0
 
 
+@pytest.mark.thorough
 def test_a_path_with_bends_too_tight_is_refused():
     tight = VirtualTarget(reference=Circle(radius=0.5, period=6.0, ease=0.0))
     with pytest.raises(InputError, match=r"circle of 0\.50 m"):

@@ -78,6 +78,7 @@ def test_loss_is_drawn_apart_from_latency():
     np.testing.assert_array_equal(draws(without(LINK, "jitter"), 1)[1], lost)
 
 
+@pytest.mark.thorough
 def test_a_packet_takes_exactly_the_latency_drawn_for_it(drive):
     t, out, state = drive(SPARSE, key(3), 20_000)
     latency, lost = draws(SPARSE, 3, 100)
@@ -88,6 +89,7 @@ def test_a_packet_takes_exactly_the_latency_drawn_for_it(drive):
     assert lost.sum() > 3
 
 
+@pytest.mark.thorough
 def test_packets_never_overtake_and_never_arrive_early(drive):
     t, out, state = drive(LINK, key(4), 6_000, sensor_period=ms(6))
     latency, lost = draws(LINK, 4, 1_000)

@@ -294,6 +294,7 @@ def campaign(*words, timeout):
     return done, found
 
 
+@pytest.mark.thorough("drawn-1-8", "autopilot-killed", "vehicle-frozen")
 @pytest.mark.parametrize("name", IN_VIRTUAL_TIME)
 def test_a_case_holds_in_virtual_time(name, tmp_path):
     outcome = _fly_virtual_case(1, name, tmp_path / "flight", keeps_logs=name == "cut-0.3")
@@ -304,6 +305,7 @@ def test_a_case_holds_in_virtual_time(name, tmp_path):
         assert failsafe_causes(read_mcap(tmp_path / "flight" / "vehicle-1" / "vehicle.mcap")) == ["no command"]
 
 
+@pytest.mark.thorough
 def test_a_flight_in_another_process_is_the_same_bit_for_bit(tmp_path):
     """Another process hashes texts in another way, so that sets have another order."""
     mine = _fly_virtual_case(1, "taken-over", tmp_path / "flight").digest

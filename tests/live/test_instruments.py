@@ -54,6 +54,7 @@ def hovercraft():
     return Told("hovercraft/forward", failsafe, **truth)
 
 
+@pytest.mark.thorough
 def test_posture_is_that_of_the_state(hovercraft):
     attitude, place = hovercraft.ask(30), hovercraft.ask(32)
     assert (attitude["yaw"], attitude["yawspeed"]) == pytest.approx((1.2, 0.5))
@@ -140,6 +141,7 @@ def test_in_space_posture_and_velocities_are_those_of_the_state(quadrotor):
     assert hud["groundspeed"] == pytest.approx(np.hypot(*truth["velocity"][:2]), rel=1e-5)
 
 
+@pytest.mark.thorough
 def test_in_space_a_pose_is_that_of_the_state_and_it_is_a_quadrotor(quadrotor):
     told = quadrotor
     pose = told.instruments.pose()

@@ -69,6 +69,7 @@ def log(tmp_path_factory):
     return write(tmp_path_factory.mktemp("log"))
 
 
+@pytest.mark.thorough
 def test_each_fits_its_own_schema_and_has_what_the_published_one_requires(log):
     found = messages(log)
     for topic, title in TOPICS.items():
@@ -143,6 +144,7 @@ def test_it_turns_as_scipy_turns_and_the_map_has_east_first_and_up():
     np.testing.assert_allclose(turn.apply([1.0, 2.0, 3.0]), [2.0, 1.0, -3.0], atol=1e-12)
 
 
+@pytest.mark.thorough
 def test_they_cost_little(tmp_path):
     """Beside rows of a hundred numbers that change."""
     sizes, rng = [], np.random.default_rng(1)
@@ -171,6 +173,7 @@ def test_angles_of_a_quaternion_and_back():
     assert np.isnan(roll_pitch_yaw([np.nan] * 4)).all()
 
 
+@pytest.mark.thorough
 def test_a_simulated_flight_in_space_has_its_poses(tmp_path):
     log = simulate(hover(), log_period=ms(10), backend="jax")
     found = messages(write_mcap(log, tmp_path / "run.mcap"))

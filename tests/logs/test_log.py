@@ -194,6 +194,7 @@ def test_repr_teaches():
     assert "0 samples" in repr(small().between(5, 6))
 
 
+@pytest.mark.thorough
 def test_to_xarray_carries_units_and_meaning():
     data = small().to_xarray()
     assert data["truth.heading"].dims == ("time",)

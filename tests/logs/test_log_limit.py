@@ -56,6 +56,7 @@ def test_it_goes_on_in_numbered_files_each_a_log_and_all_rows_are_there(tmp_path
     assert b'"/scene"'.strip(b'"') in files[-1].read_bytes()
 
 
+@pytest.mark.thorough
 def test_the_oldest_go_and_the_disk_keeps_its_room(tmp_path):
     limit = LogLimit(2_000_000, rolls=True)
     path, summary, rows = record(tmp_path, 60, limit)
@@ -79,6 +80,7 @@ def test_one_that_does_not_roll_ends_at_its_limit_and_counts_the_rest(tmp_path):
     assert summary["unwritten"] == len(rows) - len(log)
 
 
+@pytest.mark.thorough
 def test_what_a_minute_takes_counts_the_files_that_had_to_go(tmp_path):
     """Rows of 1 ms: the whole log, less what stands in it once, against the same rows where the oldest files go."""
     (tmp_path / "whole").mkdir()

@@ -87,6 +87,7 @@ def test_an_empty_log_comes_back(tmp_path):
     same(log, read_mcap(tmp_path / "run.mcap"))
 
 
+@pytest.mark.thorough
 def test_more_rows_than_one_block_come_back(tmp_path):
     log = made(n=9001)
     write_mcap(log, tmp_path / "run.mcap")
@@ -96,6 +97,7 @@ def test_more_rows_than_one_block_come_back(tmp_path):
 FLOATS = hnp.arrays(np.float64, hnp.array_shapes(min_dims=2, max_dims=2, min_side=1, max_side=6), elements=st.floats())
 
 
+@pytest.mark.thorough
 @settings(max_examples=60, deadline=None)
 @given(values=FLOATS, single=st.lists(st.floats(width=32), min_size=1, max_size=6))
 def test_every_float_survives(tmp_path_factory, values, single):
@@ -113,6 +115,7 @@ def messages(path: Path) -> list:
         return list(make_reader(stream, validate_crcs=True).iter_messages())
 
 
+@pytest.mark.thorough
 def test_others_can_read_it(tmp_path):
     """Read by the mcap library alone: topics, times in ns, JSON that fits its own schema."""
     log = made()
@@ -292,6 +295,7 @@ def test_a_new_file_has_the_usual_rights(tmp_path):
     assert (tmp_path / "new").stat().st_mode == (tmp_path / "usual").stat().st_mode
 
 
+@pytest.mark.thorough("30000")
 @pytest.mark.parametrize("rows", [0, 1, 900, 30_000])
 def test_the_size_of_a_log_is_known_before_it_is_written(tmp_path, rows):
     """Of one that is at rest at first: its first rows alone would say a fraction."""

@@ -39,6 +39,7 @@ def over_the_earth() -> tuple[Log, list]:
     return Log(to_seconds(ticks), ticks, signals, declared, {"parameters": parameters}), states
 
 
+@pytest.mark.thorough
 def test_over_the_turning_earth_it_is_what_the_body_says_of_its_flight():
     log, states = over_the_earth()
     flight = with_flight(log)
@@ -116,6 +117,7 @@ def test_a_vehicle_in_the_plane_stays_as_it_is():
     assert with_flight(log) is log
 
 
+@pytest.mark.thorough
 def test_a_flight_that_is_lost_is_no_error():
     log = simulate(hover(), backend="jax")
     q = np.array(log["truth.q"])

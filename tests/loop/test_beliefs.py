@@ -21,6 +21,7 @@ def mismatches(scenario):
     return belief_mismatches(scenario.autopilot, scenario.world.vehicle)
 
 
+@pytest.mark.thorough
 def test_every_copy_of_the_vehicle_is_found():
     for name, settings, copies in (
         ("hovercraft/forward", {}, ["law.model"]),
@@ -49,6 +50,7 @@ def test_a_craft_that_differs_inside_the_autopilot_is_refused_with_both_values_a
     assert [m.path for m in mismatches(build(CLIMB, {**PREVIEW, **alike}))] == ["m"]
 
 
+@pytest.mark.thorough
 def test_a_difference_that_is_named_flies_and_is_told_with_its_path():
     path = "autopilot.law.internal.craft"
     scenario = build(CLIMB, {**PREVIEW, f"{path}.m": "301", "mismatch": path})
@@ -68,6 +70,7 @@ def test_laws_of_one_state_machine_believe_in_one_vehicle():
     assert build(SPIN, {f"autopilot.law.{law}.model.mass": "3" for law in ("spinning", "braking")})
 
 
+@pytest.mark.thorough
 def test_a_vehicle_that_differs_is_allowed_and_told():
     heavy = build(SPIN, {"world.vehicle.mass": "3", "world.vehicle.friction.torque_viscous": "0.02"})
     assert [tuple(m) for m in mismatches(heavy)] == [("friction", "none", "there"), ("mass", "2.6", "3")]
@@ -107,6 +110,7 @@ def test_many_differences_are_counted():
     assert line.endswith(" and 1 more (intended)")
 
 
+@pytest.mark.thorough
 def test_the_command_line_tells_it():
     words = ["run", SPIN, "--set", "world.vehicle.mass=3", "--set", "duration=1", "--no-ideal"]
     assert "believed ≠ world: mass 2.6 vs 3 (intended)" in CliRunner().invoke(main, words).output

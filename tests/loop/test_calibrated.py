@@ -76,6 +76,7 @@ def test_what_does_not_fit_is_refused(name: str, entry: Entry, words: str) -> No
     assert words in str(refused.value)
 
 
+@pytest.mark.thorough
 def test_a_log_holds_its_calibration_and_replays_without_the_file(tmp_path: Path) -> None:
     file = tmp_path / "boat.toml"
     file.write_text(format_calibration(BOAT), encoding="utf-8")

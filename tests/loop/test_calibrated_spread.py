@@ -103,6 +103,7 @@ def test_a_cubic_that_would_not_rise_is_taken_back():
     assert any("taken back" in note for note in found.notes)
 
 
+@pytest.mark.thorough
 def test_latencies_are_drawn_by_the_errors_of_mean_and_deviation():
     calibration = link_calibration()
     scenario = with_calibration(build(NAME, {"links": "measured"}), calibration).scenario

@@ -252,6 +252,7 @@ def test_intermittent_actuators_are_neutral_by_chance():
     assert 0 < dead.all(axis=1).sum() < 10
 
 
+@pytest.mark.thorough
 def test_a_fault_waits_for_what_it_watches():
     out = sensor("off", start=50 * STEP, duration=20 * STEP, watch="p_WB.0", level=250.0)
     acts = (K >= 151) & (K < 171)
@@ -320,6 +321,7 @@ def test_a_run_with_no_fault_acting_is_the_same_bit_for_bit(flight, backend):
         assert plain[path].tobytes() == wrapped[path].tobytes(), path
 
 
+@pytest.mark.thorough
 @pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here")
 def test_garbage_does_not_reach_the_actuators(flight):
     """A NaN in what the law reads makes the command invalid, for as long as it is there."""

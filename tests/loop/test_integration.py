@@ -33,6 +33,7 @@ def numpy_rates(t, y):
     return [y[1], -G + push / FLOOR.mass]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("backend", ["c", "jax"])
 @pytest.mark.parametrize("vehicle", [StiffFloor(), Touching()], ids=["plain", "with events"])
 @pytest.mark.parametrize("method", ["rk45", "rosenbrock"])
@@ -101,6 +102,7 @@ def test_bounces_are_located_to_rounding(method):
     assert log["truth.z"].min() >= -1e-12
 
 
+@pytest.mark.thorough
 def test_a_world_without_an_integration_locates_events_too():
     log = simulate(fall(Ball(), START, s=2), backend="jax")
     assert log.final["truth.z"] == pytest.approx(bounces(0.8, 2.0)[0], abs=1e-12)
@@ -186,6 +188,7 @@ def test_settings_put_an_integration_where_there_is_none():
     assert (put.world.integration.method, put.world.integration.relative) == ("rosenbrock", 1e-7)
 
 
+@pytest.mark.thorough
 def test_time_dependence_is_seen_by_the_implicit_step():
     """A vehicle's dynamics at t, not at the instant: forced in time, against its closed form."""
 

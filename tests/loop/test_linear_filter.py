@@ -44,6 +44,7 @@ def band(times, degrees):
     return scipy.stats.chi2.ppf([p, 1 - p], degrees * RUNS) / RUNS
 
 
+@pytest.mark.thorough
 def test_the_error_is_as_large_as_the_filter_believes():
     e, P, nis = fly_many(scenario())
     low, high = band(e.shape[1], 4)
@@ -112,6 +113,7 @@ def twin_filter(vehicle, sensors, noise):
     return design_filter(vehicle, TwinState(), Push(), sensors, noise, first, period=ms(10))
 
 
+@pytest.mark.thorough
 def test_a_mode_that_no_sensor_sees_is_refused_by_name():
     sensors = {"pose": POSE, "state": TrueState(), "actuators": ActingInput()}
     with pytest.raises(InputError) as refused:

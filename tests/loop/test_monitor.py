@@ -187,6 +187,7 @@ def flights():
     return {b: simulate(spin(), seed=3, duration=seconds(8), backend=b) for b in backends}
 
 
+@pytest.mark.thorough("jax")
 @pytest.mark.parametrize("backend", ["jax", pytest.param("c", marks=C)])
 def test_a_flight_has_in_its_log_what_the_log_itself_says(flights, backend):
     log = flights[backend]
@@ -214,6 +215,7 @@ def test_a_flight_with_a_monitor_is_the_flight_without_it_and_replays_to_the_bit
     assert not replay(replace_signals(log, changed), spin()).exact
 
 
+@pytest.mark.thorough
 @C
 def test_in_a_batch_each_run_says_what_it_says_alone():
     batch = simulate_batch(spin(), seeds=[3] * 11, runs=range(11), signals=("monitor",), log=True, log_period=ms(10))

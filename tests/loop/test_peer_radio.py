@@ -37,6 +37,7 @@ def test_each_speaks_in_its_slot_and_is_heard_after_the_delay(delay):
                 assert heard[k, receiver, sender] == (spoken[-1] if spoken else NEVER)
 
 
+@pytest.mark.thorough
 def test_messages_get_rarer_with_more_craft():
     for n in (3, 12):
         heard = listen(PeerRadio(count=n, delay=0, loss=0.0), 5 * n)
@@ -44,6 +45,7 @@ def test_messages_get_rarer_with_more_craft():
         np.testing.assert_array_equal(np.diff(fresh), n)
 
 
+@pytest.mark.thorough
 def test_losses_are_as_many_as_said_and_each_receiver_has_its_own():
     n, slots, loss = 5, 4000, 0.3
     heard = listen(PeerRadio(count=n, delay=2, loss=loss), slots)

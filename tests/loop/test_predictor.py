@@ -88,6 +88,7 @@ def integrate(x, begin, end, changes, craft=CRAFT):
     return x
 
 
+@pytest.mark.thorough
 def test_it_integrates_the_craft_over_the_commands_under_way():
     """Commands each 20 ms, two of them never made: the force before is held; age and delay fit no grid."""
     predictor, rng = direct(), np.random.default_rng(3)
@@ -197,6 +198,7 @@ def test_periods_that_do_not_fit_are_refused(change, part):
 # In a flight
 
 
+@pytest.mark.thorough
 def test_what_is_predicted_is_what_comes():
     """Without noise, the vehicle as believed: the state 40 ms later, over stops, tables, dead zone and brake."""
     log = simulate(on("zero-velocity", {"duration": "6 s"}), seed=0, log_period=ms(20))
@@ -210,6 +212,7 @@ def test_what_is_predicted_is_what_comes():
     assert np.abs(plain[5:] - came[5:]).max() > 0.1
 
 
+@pytest.mark.thorough
 def test_it_knows_the_brake_to_the_tick():
     """The drive's own brake, put off by half a tick, is missed by its thrust: the test above can fail."""
     scenario = on("zero-velocity", {"duration": "6 s"})
@@ -225,6 +228,7 @@ def with_brake(scenario, brake):
     return replace(scenario, autopilot=replace(scenario.autopilot, predictor=predictor))
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("steps", [3, 18])
 def test_a_delayed_loop_is_the_loop_without_delay_only_later(steps):
     """Over 60 and 360 ms: from when the first command acts on it flies as if it had begun there, without a link."""
@@ -245,6 +249,7 @@ def test_a_delayed_loop_is_the_loop_without_delay_only_later(steps):
     np.testing.assert_allclose(columns(far, "truth")[steps:], columns(near, "truth"), rtol=0, atol=1e-5)
 
 
+@pytest.mark.thorough
 def test_what_acts_is_what_the_supervisor_lets_through():
     """Nobody arms: the fan stays still, whatever the law would want, and the craft coasts on as predicted."""
     scenario = on("forward", {"supervisor": "automatic", "initial.yaw_rate": "0.8", "initial.sway_velocity": "0.3"})
@@ -256,6 +261,7 @@ def test_what_acts_is_what_the_supervisor_lets_through():
     np.testing.assert_allclose(made, came, rtol=0, atol=1e-6)
 
 
+@pytest.mark.thorough
 def test_the_innovation_is_what_was_missed():
     """A vehicle heavier than believed: measured minus what was predicted for the last command, carried on by SciPy."""
     scenario = on("forward", {"world.vehicle.mass": "3.2", "initial.yaw_rate": "0.8", "duration": "4 s"})
@@ -274,11 +280,13 @@ def test_the_innovation_is_what_was_missed():
     assert np.abs(columns(log, "predictor.innovation")[1000:]).max() > 1e-3
 
 
+@pytest.mark.thorough
 def test_the_innovation_is_told_without_links_too():
     log = simulate(on("forward", {"links": "none", "world.vehicle.mass": "3.2"}), seed=0, duration=seconds(1))
     assert np.abs(log["predictor.innovation.surge_velocity"]).max() > 1e-4
 
 
+@pytest.mark.thorough
 def test_a_silent_downlink_ends_its_reach_and_begins_it_anew():
     log = simulate(on("forward", {"duration": "5 s"}, faults=["downlink off @ 2 s for 1 s"]), seed=0, log_period=ms(20))
     limited = log["predictor.limited"].astype(bool)
@@ -288,6 +296,7 @@ def test_a_silent_downlink_ends_its_reach_and_begins_it_anew():
     assert log["predictor.resets"][-1] == 1
 
 
+@pytest.mark.thorough
 def test_without_the_uplinks_delay_it_counts_on_none():
     scenario = on("forward", without=(*NO_NOISE, "uplink-delay"))
     assert float(scenario.autopilot.predictor.uplink_delay) == 0
@@ -305,6 +314,7 @@ def test_links_of_which_no_latency_is_known_and_other_choices_are_refused():
     assert refused.value.fix == 'settings={"predictor": "on"}'
 
 
+@pytest.mark.thorough
 def test_a_calibrated_boat_is_predicted_as_calibrated():
     entries = {"Hovercraft.inertia": 0.11, "Thruster.coefficient": 0.0125, "Friction.torque_viscous": 0.02}
     units = ("kg m^2", "N/krpm^2", "N m s")

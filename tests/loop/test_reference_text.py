@@ -42,6 +42,7 @@ def test_a_text_means_that(text, same):
     assert_same(parse_reference(text), same)
 
 
+@pytest.mark.thorough
 def test_a_table_is_read_with_its_units(tmp_path):
     file = tmp_path / "path.csv"
     file.write_text(TABLE)
@@ -75,6 +76,7 @@ def test_what_means_nothing_is_refused(text, problem):
     assert refused.value.fix
 
 
+@pytest.mark.thorough
 def test_it_begins_at_rest_where_the_path_does():
     built = build("hovercraft/track", {"reference": "waypoints(1 2, 1 5; speed=0.3)"})
     arm = float(built.autopilot.law.model.percussion_arm)

@@ -94,6 +94,7 @@ def test_a_stick_without_a_script_does_not_cross_the_line():
     assert [*carried_structures(bare)[0].samples] == ["navigation"]
 
 
+@pytest.mark.thorough
 def test_the_law_flies_what_the_frame_holds_and_a_replay_repeats_it():
     """Over the radio: 36 ms late, aged so, fresh once a look; nothing of it is in the estimate that is logged."""
     scenario = with_stick(load(), stick_script((0, 0.2, 0.3, "manual"), (ms(400), 0.6, 0.5, "damped")))

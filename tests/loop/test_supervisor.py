@@ -175,6 +175,7 @@ def sequences():
     return all_of_them, jax.tree.map(np.asarray, many(block, all_of_them))
 
 
+@pytest.mark.thorough
 def test_every_sequence_equals_the_plain_machine(sequences):
     events, out = sequences
     seen = set()
@@ -289,6 +290,7 @@ def _with(scenario, supervisor, sensors=None):
     return replace(scenario, world=world, autopilot=replace(scenario.autopilot, supervisor=supervisor))
 
 
+@pytest.mark.thorough
 def test_a_supervisor_that_arms_at_once_changes_nothing(flight):
     plain, watched = simulate(flight), simulate(_with(flight, Supervisor(neutral=NEUTRAL_COMMAND, automatic=True)))
     added = [p for p in watched.paths if p not in plain.paths]
@@ -321,6 +323,7 @@ def test_a_flight_by_request(flight):
     assert log["truth.north"][:300].max() == log["truth.north"][0]
 
 
+@pytest.mark.thorough
 def test_an_envelope_stops_the_craft(flight):
     slow = Limit(fields=("surge_velocity",), high=0.3, kind="envelope")
     log = simulate(_with(flight, Supervisor(neutral=NEUTRAL_COMMAND, automatic=True, limits=(slow,))))

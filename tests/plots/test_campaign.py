@@ -55,6 +55,7 @@ def test_convergence_of_a_quantile_starts_without_a_bound(tmp_path):
     plot_convergence(np.full(30, np.nan), 0.95, tmp_path / "n.png")
 
 
+@pytest.mark.thorough
 def test_bars_are_the_indices_largest_first(tmp_path):
     names = ("world.vehicle.mass", "world.uplink.delay", "law.gain")
     rows = saltelli_rows(0, 0, 256 * 6, 3)

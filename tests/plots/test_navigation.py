@@ -25,6 +25,7 @@ def log():
     return Log(t=to_seconds(T), ticks=T, signals=signals | {f"{BASE}.heading_fix.{k}": v for k, v in fix.items()})
 
 
+@pytest.mark.thorough
 def test_panels_show_error_bias_and_nis(log, tmp_path):
     figure = plot_navigation(log, tmp_path / "n.png", title="Test")
     titles = [axes.get_title("left") for axes in figure.axes]
@@ -48,6 +49,7 @@ def changed(log, **signals):
     )
 
 
+@pytest.mark.thorough
 def test_a_run_without_a_valid_estimate_is_drawn_without_states(log, tmp_path):
     never = changed(log, estimate__valid=np.zeros(len(T), bool))
     figure = plot_navigation(never, tmp_path / "n.png")
@@ -58,6 +60,7 @@ def test_a_run_without_a_valid_estimate_is_drawn_without_states(log, tmp_path):
     assert not [axes for axes in plot_navigation(silent, tmp_path / "m.png").axes if axes.axison]
 
 
+@pytest.mark.thorough
 def test_one_valid_estimate_is_enough_for_a_picture(log, tmp_path):
     once = changed(log, estimate__valid=np.arange(len(T)) == len(T) - 1)
     assert "Heading error" in [axes.get_title("left") for axes in plot_navigation(once, tmp_path / "n.png").axes]

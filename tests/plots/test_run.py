@@ -261,6 +261,7 @@ def test_decimation_keeps_extremes_ends_gaps_and_order(values, bins):
             assert np.nanmax(inside) == np.nanmax(stretch)
 
 
+@pytest.mark.thorough
 def test_a_flight_in_space_has_angles_in_degrees_and_its_track_beside_them():
     log = simulate(hover(), log_period=ms(20), backend="jax")
     figure = plot_run(log, log, targets=hover().targets)

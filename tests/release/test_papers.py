@@ -54,6 +54,7 @@ def test_every_extra_is_explained(extra):
     assert re.search(rf"^\| `{extra}` \| .+ \|$", page, re.MULTILINE), extra
 
 
+@pytest.mark.thorough
 def test_an_extra_is_a_door_that_the_package_opens():
     """What a user's extra brings is imported somewhere in the package or by a study."""
     text = "\n".join(p.read_text(encoding="utf-8") for d in ("src", "studies") for p in (ROOT / d).rglob("*.py"))

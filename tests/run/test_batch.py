@@ -106,6 +106,7 @@ def test_jax_gives_the_same(short):
         np.testing.assert_allclose(c.final[path], on_jax.final[path], atol=1e-11)
 
 
+@pytest.mark.thorough
 def test_without_a_log_nothing_is_kept(short):
     batch = simulate_batch(short, seeds=[1, 2], signals=("truth.yaw_rate",))
     assert batch.log == {}

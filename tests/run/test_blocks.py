@@ -89,6 +89,7 @@ def thrust(world):
     return float(world.result("truth.surge_velocity"))
 
 
+@pytest.mark.thorough
 def test_parameters_are_read_in_place():
     scenario, _ = catalogue.load_scenario("hovercraft/forward", {})
     scenario = replace(scenario, duration=seconds(0.1))
@@ -102,6 +103,7 @@ def test_parameters_are_read_in_place():
     assert thrust(world) == light
 
 
+@pytest.mark.thorough
 def test_a_vehicle_that_is_held_stays():
     scenario, _ = catalogue.load_scenario("hovercraft/forward", {})
     initial = replace(scenario.initial, surge_velocity=1.0)

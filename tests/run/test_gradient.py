@@ -36,6 +36,7 @@ def integral(scenario):
     return float((running * np.diff(np.append(log.t, to_seconds(scenario.duration)))).sum())
 
 
+@pytest.mark.thorough
 def test_cost_is_the_integral_of_the_log(ideal):
     assert gradient(ideal, cost, PATHS[:1]).cost == pytest.approx(integral(ideal), rel=1e-12)
 
@@ -60,6 +61,7 @@ def test_a_cost_counts_from_its_time_on(ideal):
         assert cost_since == pytest.approx((log["truth.yaw_rate"] ** 2 * steps)[log.ticks >= first].sum(), rel=1e-9)
 
 
+@pytest.mark.thorough
 def test_real_scenario_has_a_gradient_too():
     scenario, _ = catalogue.load_scenario("hovercraft/zero-velocity")
     found = gradient(replace(scenario, duration=seconds(1)), cost, ("autopilot.law.k2",))

@@ -87,6 +87,7 @@ def test_twenty_runs_come_again_bit_by_bit(tmp_path, k):
     check_exact(tmp_path, *RUNS[k], seed=k)
 
 
+@pytest.mark.thorough
 @compiled
 @pytest.mark.parametrize(
     ("path", "row", "bit"),

@@ -62,6 +62,7 @@ def compiled_count(monkeypatch):
     return count
 
 
+@pytest.mark.thorough
 @needs_c
 def test_a_scenario_is_prepared_once(short, compiled_count):
     scenario = replace(short, duration=seconds("0.2"))
@@ -76,6 +77,7 @@ def test_a_scenario_is_prepared_once(short, compiled_count):
     assert len(compiled_count) == 4
 
 
+@pytest.mark.thorough
 @needs_c
 def test_what_was_changed_in_a_scenario_is_flown(short, compiled_count):
     angles = np.array(short.world.actuators.rudder.angles)
@@ -129,6 +131,7 @@ def test_batch_is_the_same_as_its_runs_alone(short):
         assert log.metadata["seed"] == seed
 
 
+@pytest.mark.thorough
 def test_switching_one_fault_off_leaves_the_noise_of_the_others(short):
     """Streams belong to the path of a part, so two runs differ by the fault alone."""
     real, prompt = simulate(short), simulate(short.without("uplink-delay"))
@@ -166,6 +169,7 @@ def test_final_is_the_truth_after_the_last_step(short):
     assert log.t[-1] == pytest.approx(0.999)
 
 
+@pytest.mark.thorough
 def test_instants_without_a_common_divisor_are_all_walked(short):
     """1 ms control, 6.5536 ms sampling, 20 ms frames."""
     sensors = {"navigation": NavigationErrors(period=65536)}
@@ -207,6 +211,7 @@ class Counting:
         return state, Estimate(t=t, age=sample.age, fresh=sample.fresh, valid=sample.valid, state=told)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("backend", ["c", "jax"])
 @pytest.mark.parametrize("wire", [ms(1), 65536, ms(3)])
 def test_each_sample_is_fresh_to_the_estimator_once(short, wire, backend):
@@ -265,6 +270,7 @@ def test_parts_that_do_not_fit_are_refused_with_both_names(short):
         simulate(crooked)
 
 
+@pytest.mark.thorough
 def test_a_recorded_trace_is_replayed_from_its_file(short, tmp_path):
     file = tmp_path / "trace.csv"
     file.write_text("sent_s,latency_s\n0.0,0.010\n0.02,0.025\n0.04,0.015\n")

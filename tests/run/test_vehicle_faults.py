@@ -58,6 +58,7 @@ def driven(parts, step, word, severity=1.0):
     return np.array(speeds), modes
 
 
+@pytest.mark.thorough
 def test_without_a_fault_commands_pass_as_they_are(parts, step):
     speeds, modes = driven(parts, step, "none")
     assert set(modes) == {"computer"}

@@ -23,6 +23,7 @@ def file(tmp_path):
     return str(path)
 
 
+@pytest.mark.thorough
 def test_packets_take_the_recorded_latencies_in_turn(file):
     scenario = build(NAME, {"uplink": file, "duration": "2"}, without=["navigation-error"])
     log = simulate(scenario, log_period=ms(1))

@@ -31,6 +31,7 @@ def test_the_car_gets_there_by_the_shortest_word(word):
     assert turn < 0.35
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("word", ["RLR", "LRL"])
 def test_a_predictor_makes_up_for_the_links(word):
     """From one turn into the other, where a delay costs most."""

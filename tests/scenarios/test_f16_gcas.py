@@ -23,6 +23,7 @@ LOWEST = {"dive": (360, 410), "inverted": (800, 960)}
 """ft: of eight flights with errors, the lowest and the highest least altitude lie in here."""
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("start", LOWEST)
 def test_it_stays_above_the_ground(start):
     logs = simulate_many(build("f16/gcas", {"start": start}), seeds=range(8), log_period=ms(20))
@@ -107,6 +108,7 @@ def test_a_steep_dive_from_the_deck_hits_the_ground():
         assert result.columns["success"].mean() == success
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("name", "most", "rate"), [("elevator", 25, 60), ("aileron", 21.5, 80), ("rudder", 30, 120)])
 @pytest.mark.parametrize("side", [1.0, -1.0])
 def test_stops_and_rates_of_the_surfaces_are_the_book_s(name, most, rate, side):

@@ -231,6 +231,7 @@ def rates(law):
     return f
 
 
+@pytest.mark.thorough
 def test_reverse_comes_to_rest_from_the_edge_of_its_region():
     """The shipped law and vehicle in floats, from V = c: V falls all the way. And the region is of a useful size."""
     certificate, _ = read("reverse")
@@ -294,6 +295,7 @@ def fly_zero_velocity(start, ends):
     return [float(path.t[np.argmax(end > V)]) for end in ends]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("changes", "ends"),
     [({}, (0.5, 0.2, 0.1)), ({"level": 0.2, "rate": 1.0, "slip_cross": 0.4, "turn_cross": 0.12}, (0.1, 0.05, 0.02446))],
@@ -323,6 +325,7 @@ def test_a_faster_rate_than_is_true_is_not_proved():
             settling_bound(theorem, start, end)
 
 
+@pytest.mark.thorough
 def test_a_monitor_holds_a_flight_to_the_time_that_braking_may_take():
     """21 s from 1 J to 0.2 J: kept in flight with all the faults; a hundredth of it is not."""
     bound = settling_bound(THEOREMS["hovercraft/zero-velocity-time"](), 1.0, 0.2)

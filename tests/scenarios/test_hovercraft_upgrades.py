@@ -23,6 +23,7 @@ def changed_paths(one, other):
     return {p for p in a.keys() | b.keys() if p not in a or p not in b or not np.array_equal(a[p], b[p])}
 
 
+@pytest.mark.thorough("hovercraft/track")
 @pytest.mark.parametrize("name", HOVERCRAFT)
 def test_the_lighter_craft_is_believed_by_all_and_has_the_same_radius_of_gyration(name):
     own, lighter = build(name), build(name, {"craft": "lighter"})
@@ -66,6 +67,7 @@ def test_only_fan_and_allocation_change_with_the_fan_and_only_links_with_the_lin
     assert all(p.startswith(("world.uplink.", "world.downlink.")) for p in links)
 
 
+@pytest.mark.thorough
 def test_without_links_nothing_is_older_than_its_sample():
     log = simulate(build("hovercraft/spin", {"links": "none"}), seed=0, duration=seconds(1), log_period=ms(1))
     assert log["downlink.navigation.age"].max() == pytest.approx(0.005)

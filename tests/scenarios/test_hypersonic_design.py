@@ -59,6 +59,7 @@ def test_check_04_exact_linearisation(linear):
     np.testing.assert_allclose(linear.B[[4, 6, 8]], rows, rtol=1e-6)
 
 
+@pytest.mark.thorough
 def test_reference_gain(linear):
     """The oracle's gain and poles; and that feedback of the estimated modes is required."""
     K = [
@@ -145,6 +146,7 @@ def test_printed_form_holds_where_weight_1_fails(linear):
     assert got[1] < -1.4e-3 < got[0]
 
 
+@pytest.mark.thorough
 def test_modes_are_a_block_of_the_errors_and_observable(linear):
     """[1] eq. 9: A_eta, C, poles, rank 4."""
     system = hypersonic.certified_system()
@@ -173,6 +175,7 @@ def test_certificates_are_proved_exactly(settings):
         assert numbers["(14)"].number == pytest.approx(0.0099, rel=1e-3)
 
 
+@pytest.mark.thorough
 def test_a_certificate_for_whole_numbers_of_altitude_and_speed_is_that_for_the_same_floats():
     """h_ft=90000 as Python or JSON has it, not 90000.0."""
     whole, real = ({"filter": "none", "h_ft": h, "V_ft_per_s": V} for h, V in ((90_000, 8_000), (90e3, 8e3)))

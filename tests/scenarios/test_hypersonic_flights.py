@@ -86,6 +86,7 @@ def test_noise_leaves_the_climb_within_half_a_tenth_of_a_foot_in_each_of_20_seed
     assert V.max() < 0.0011
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("factor", [0.9, 1.1])
 def test_frequencies_ten_percent_off_leave_every_seed_inside_the_envelope(flights, factor):
     """Required of the shipped setting, with noise: h rms 0.008-0.027 ft, as without mismatch.
@@ -137,6 +138,7 @@ def test_printed_settings_lose_a_plant_whose_modes_are_two_percent_off():
     assert 400 < h < 460
 
 
+@pytest.mark.thorough
 def test_a_table_of_another_climb_or_vehicle_is_refused():
     scenario, _ = catalogue.load_scenario("hypersonic/climb-small")
     law = scenario.autopilot.law
@@ -147,6 +149,7 @@ def test_a_table_of_another_climb_or_vehicle_is_refused():
     law.check()
 
 
+@pytest.mark.thorough
 def test_a_climb_that_the_engine_cannot_fly_is_refused_before_it_flies():
     """The issue: commands that saturate the engine are refused with the number that broke it."""
     climb = FilteredClimb(dh=1000.0, dV=200.0, wh=0.5, wV=0.5)

@@ -36,6 +36,7 @@ def test_linearisation_of_the_internal_dynamics():
     np.testing.assert_allclose(A[1], Q, rtol=1e-6, atol=1e-12)
 
 
+@pytest.mark.thorough
 def test_check_10_reference_values():
     """[1] eq. 7: at 30 s of +5000 ft, +1000 ft/s, the oracle's, to its digits."""
     table, report, _ = noncausal()
@@ -57,6 +58,7 @@ def test_check_10_residual_and_ends():
     np.testing.assert_allclose(report.solution.zeta[0] / SCALES, start / SCALES, atol=1e-9)
 
 
+@pytest.mark.thorough
 def test_check_10_the_right_end_is_its_trim_once_the_climb_is_over():
     """A small quick climb, whose command has arrived."""
     table, report = noncausal_table(CRAFT, FilteredClimb(dh=200.0, dV=40.0, wh=0.25, wV=0.25), 150.0, dt=0.01)
@@ -127,6 +129,7 @@ def test_linear_and_exact_are_the_same_for_a_small_climb_only():
     assert linear()[1].residual < 1e-5
 
 
+@pytest.mark.thorough
 def test_other_readings_of_the_coupling_work_too():
     for kmode in ("paper", "author"):
         craft = replace(CRAFT, modes=FlexibleModes(kmode=kmode))

@@ -123,6 +123,7 @@ def test_integral_action_is_part_of_the_loop(at):
     assert sampled.number == pytest.approx(-0.9 * c.poles.real.max(), rel=2e-3)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("filter", ["accurate", "printed"])
 def test_filters_that_modes_1_percent_off_defeat_are_not_proved(filter):
     """They lose the vehicle, as flights do; the sampled loop of the exact model decays with each."""
@@ -142,6 +143,7 @@ def test_the_shipped_filter_s_box_reaches_5_percent(certificate):
     assert not lines["every plant of the modes' box decays"].holds
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("change", "line"),
     [

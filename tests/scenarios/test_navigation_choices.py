@@ -41,6 +41,7 @@ def test_every_kind_has_its_line_in_list_and_its_name_in_help():
         assert kind in help
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("kind", KINDS)
 def test_every_kind_gives_the_law_its_state(kind):
     """The whole loop is traced, nothing flies: parts that don't fit each other are refused here."""

@@ -126,6 +126,7 @@ def craft():
     assert mark.exists()
 
 
+@pytest.mark.thorough
 def test_a_scenario_that_is_built_otherwise_is_refused(tmp_path):
     for scenario in (build("hovercraft/zero-velocity"), catalogue.load_scenario("hovercraft/zero-velocity")[0]):
         parts = part_classes(scenario) | {"autopilot.law": "AnotherLaw"}

@@ -157,6 +157,7 @@ def test_a_file_on_a_file(tmp_path):
     assert scenario.name == "slow-spin"
 
 
+@pytest.mark.thorough
 def test_files_that_it_names_are_looked_for_beside_it(tmp_path, monkeypatch):
     (tmp_path / "path.csv").write_text(
         "\n".join(["time [s],north [m],east [m]", *(f"{2 * k},{0.6 * k},0" for k in range(6))])

@@ -63,6 +63,7 @@ def rollout(sensor, key, at, k):
     return jax.vmap(lambda k: sensor.step(k * sensor.period, state, at)[1].value)(k)
 
 
+@pytest.mark.thorough
 def test_each_error_is_as_large_as_said():
     at = motion([60.0, 4.0, 3.0])
     true = IDEAL.measure(at)

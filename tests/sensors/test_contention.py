@@ -115,6 +115,7 @@ def test_waits_are_whole_bytes_up_to_the_longest():
     assert chi2 < 103.4  # 0.1 % of chi-squared with 63 degrees
 
 
+@pytest.mark.thorough
 def test_attempts_are_enough():
     """Eight stations come to an end long before the attempts do; more of them change nothing."""
     _, found = exchanges(8, 2000)

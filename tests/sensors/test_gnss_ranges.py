@@ -88,6 +88,7 @@ def test_the_clock_wanders_as_its_noise_says():
     assert distance > 2e7
 
 
+@pytest.mark.thorough
 def test_in_an_outage_so_many_remain_and_without_any_nothing_comes():
     hidden = Outages(start=seconds(1), length=seconds(1))
     s = samples(replace(QUIET, outages=hidden, remaining=3), 300)

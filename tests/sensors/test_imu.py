@@ -73,6 +73,7 @@ COUNT = np.arange(N)
 YAW = np.array([0.0, 0.0, 1.0])
 
 
+@pytest.mark.thorough
 def test_it_feels_the_acceleration_of_its_own_place():
     """Lever arm and gravity: the place l of the body, followed along a path in space and differentiated twice."""
     arm, s = np.array([0.4, -0.3, 0.2]), 1.3
@@ -119,6 +120,7 @@ def test_on_the_turning_earth():
     assert np.linalg.norm(earth_rate(0.68)) == pytest.approx(15.04 * DEG / 3600, rel=1e-3)
 
 
+@pytest.mark.thorough
 def test_the_unit_of_the_source():
     """The 3DM-GX1: 0.72 deg/s and 0.082 m/s² a sample, 0.7 deg/s and 10 mg of bias, ±300 deg/s and ±1.7 g, tick."""
     imu = Imu.microstrain_3dm_gx1()
@@ -136,6 +138,7 @@ def test_the_unit_of_the_source():
     assert imu.accelerometer.range == pytest.approx(1.7 * 9.80665)
 
 
+@pytest.mark.thorough
 def test_the_bias_walks():
     """After n ticks the bias has the variance K² n dt; different seeds, axes alike."""
     K, n = 0.01, 400
@@ -145,6 +148,7 @@ def test_the_bias_walks():
     assert np.abs(end).max() < 5 * K * np.sqrt(n * DT)
 
 
+@pytest.mark.thorough
 def test_scale_factor_and_misalignment_are_one_matrix_a_run():
     imu = Imu(gyro=GyroErrors(scale_factor=0.01, misalignment=0.02), gravity=(0.0, 0.0, 0.0))
 
@@ -155,6 +159,7 @@ def test_scale_factor_and_misalignment_are_one_matrix_a_run():
     np.testing.assert_allclose(columns[:, 3], columns[:, 0] + columns[:, 1], atol=1e-14)
 
 
+@pytest.mark.thorough
 def test_saturation_is_flagged_and_only_that_triad():
     imu = without(without(without(Imu.microstrain_3dm_gx1(), "imu-noise"), "imu-turn-on-bias"), "imu-scale-factor")
     imu = without(without(without(imu, "imu-misalignment"), "imu-bias-walk"), "imu-quantisation")
@@ -180,6 +185,7 @@ def test_quantisation():
     assert np.abs(got - wanted).max() <= step / 2 + 1e-12
 
 
+@pytest.mark.thorough
 def test_bandwidth_is_the_3_db_frequency():
     """A sine at the bandwidth, after its transient: projected on sine and cosine."""
     phase = 2 * np.pi * 12.0 * np.arange(400) * DT
@@ -219,6 +225,7 @@ def test_what_a_tick_cannot_carry_is_refused():
         Imu(gyro=GyroErrors(response=DelayedGyro()), period=ms(6)).check()
 
 
+@pytest.mark.thorough
 def test_an_estimator_can_differentiate_it():
     """The derivative of h by the attitude against central differences."""
 

@@ -74,6 +74,7 @@ def test_readings_are_those_of_the_printed_numbers():
         NavigationErrors.reading("D")
 
 
+@pytest.mark.thorough
 def test_errors_grow_in_proportion_to_time_and_start_again_each_second():
     times = np.arange(0, seconds(3), ms(6))
     tau = (times % seconds(1)) * 1e-7
@@ -97,6 +98,7 @@ def test_each_second_and_each_sample_are_drawn_anew():
         assert abs(np.corrcoef(a, b)[0, 1]) < 4 / np.sqrt(RUNS)
 
 
+@pytest.mark.thorough
 def test_the_same_key_gives_the_same_bits_and_others_differ():
     times = np.arange(1, 50) * ms(6)
     first = errors(SENSOR, times, runs=10)
@@ -122,6 +124,7 @@ def test_without_errors_the_truth_is_still_sampled_and_held():
         without(SENSOR, "bias")
 
 
+@pytest.mark.thorough
 def test_heading_is_unwrapped_or_positive():
     sensor = replace(SENSOR, heading_range="positive")
     keys = Key(np.full(200, 1, np.uint32), np.arange(200, dtype=np.uint32))

@@ -187,6 +187,12 @@ def ranging_of(o):
     return UltrasonicRanging(beacons=beacons, errors=quiet, medium=medium, clock=clock, collisions=False, **own)
 
 
+SLOW_PAIRS = (
+    *("lever-tilt", "lever-moved", "lever-dead", "lever-no cone error"),
+    *("dead-no cone error", "moved-no cone error", "moved-dead"),
+)
+
+
 def ranges_by_hand(o):
     happened = MOTION.t >= o.get("fault_time", 0)
     beacons = CEILING_SQUARE + (o.get("moved", 0.0) if happened else 0.0)
@@ -201,6 +207,7 @@ def ranges_by_hand(o):
     return np.where(hears, told * assumed / actual, 0.0), hears
 
 
+@pytest.mark.thorough(*SLOW_PAIRS)
 @pytest.mark.parametrize(("one", "other"), list(combinations(RANGING, 2)))
 def test_options_of_ultrasonic_ranging_in_pairs(one, other):
     options = RANGING[one] | RANGING[other]

@@ -36,6 +36,7 @@ def rollout(sensor, key, rates):
     return jax.lax.scan(one, sensor.init(key), (times, rates))[1]
 
 
+@pytest.mark.thorough
 def test_noise_is_small_across_the_boresight_and_large_about_it():
     sensor = replace(without(StarTracker(), "star-tracker-misalignment"), period=ms(200))
     seen = fly(sensor, np.zeros((3000, 3))).value.attitude[5:]
@@ -46,6 +47,7 @@ def test_noise_is_small_across_the_boresight_and_large_about_it():
     np.testing.assert_allclose(np.linalg.norm(seen, axis=1), 1.0, rtol=1e-12)
 
 
+@pytest.mark.thorough
 def test_the_mounting_is_another_in_each_run_and_stays():
     sensor = without(without(StarTracker(), "star-tracker-noise"), "star-tracker-roll-noise")
     runs = [fly(sensor, np.zeros((60, 3)), seed).value.attitude[25:] for seed in range(60)]

@@ -67,6 +67,7 @@ def test_speed_of_sound_scales_ranges():
     assert float(ratio) == pytest.approx(np.sqrt(288.15 / 293.15), abs=1e-4)
 
 
+@pytest.mark.thorough
 def test_errors_have_the_spread_and_the_rates_that_they_say():
     errors = RangeErrors(noise=0.004, stray_probability=0.1, stray_size=3.0, echo_probability=0.2, echo_size=1.0)
     ranges = jnp.full(4, 5.0)
@@ -89,6 +90,7 @@ def test_errors_have_the_spread_and_the_rates_that_they_say():
     assert echo[hit].mean() == pytest.approx(0.5, abs=0.03)
 
 
+@pytest.mark.thorough
 def test_unit_in_a_turning_vehicle():
     """Position and velocity of a unit, against differences of the position."""
     lever = np.array([0.3, 0.1, -0.2])

@@ -61,6 +61,7 @@ def fix(ranges, used, start):
     return x
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("speed", "listening", "pinging"), [(0, AT_REST, AT_REST), (0.5, 27, 5), (1, 55, 10), (2, 114, 20)]
 )
@@ -108,6 +109,7 @@ def test_samples_come_out_when_a_message_is_over_and_carry_the_newest_time():
     assert counts.mean() > 0.95
 
 
+@pytest.mark.thorough
 def test_chirps_are_spread_over_the_window_and_never_overlap():
     begins, ends = jax.vmap(lambda k: SENSOR.chirps(np.int64(0), Key(np.uint32(1), k)))(
         np.arange(3000, dtype=np.uint32)
@@ -120,6 +122,7 @@ def test_chirps_are_spread_over_the_window_and_never_overlap():
     assert min(g.min() for g in gaps if len(g)) >= 0.01 - 1e-6
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", imperfections(UltrasonicListening()))
 def test_each_imperfection_alone_makes_a_difference(name):
     everything = replace(

@@ -45,6 +45,7 @@ def run():
     return flown(TWO)
 
 
+@pytest.mark.thorough
 def test_pings_at_slots_and_hands_out_when_the_last_reply_is_in(run):
     times, samples = run
     new = samples.fresh
@@ -63,11 +64,13 @@ def test_units_take_turns(run):
     np.testing.assert_array_equal(samples.value.unit[new], np.arange(new.sum()) % 2)
 
 
+@pytest.mark.thorough
 def test_foreign_clients_have_their_slots():
     _, samples = flown(replace(TWO, clients=10, period=ms(10)), ms(3000))
     np.testing.assert_array_equal(samples.t[samples.fresh], np.array([0, 1, 10, 11, 20, 21]) * ms(100))
 
 
+@pytest.mark.thorough
 def test_without_errors_it_measures_what_measure_says():
     """At the time of the ping, not of the reply: the ranges that h(x) has there."""
     _, samples = flown(replace(PERFECT, collisions=False))
@@ -81,6 +84,7 @@ def test_without_errors_it_measures_what_measure_says():
     np.testing.assert_allclose(straight.range, np.linalg.norm(CEILING_SQUARE - at, axis=1), atol=1e-12)
 
 
+@pytest.mark.thorough
 def test_measure_differentiates():
     slope = jax.jacfwd(lambda p: PERFECT.measure(replace(motion(0), p_WB=p)).range)(jnp.zeros(3))
     assert np.isfinite(slope).all()
@@ -102,6 +106,7 @@ def pings(sensor, runs=4000):
     return jax.tree.map(np.asarray, _pings(to_arrays(sensor), np.arange(runs, dtype=np.uint32)))
 
 
+@pytest.mark.thorough
 def test_ranges_spread_as_the_noise():
     replies, last = pings(replace(PERFECT, errors=RangeErrors(noise=0.01)))
     error = np.where(replies.arrived, replies.range - np.asarray(PERFECT.measure(motion(0)).range), np.nan)
@@ -111,6 +116,7 @@ def test_ranges_spread_as_the_noise():
     assert (replies.arrived.sum(1) >= 3).mean() == pytest.approx(0.85, abs=0.03)
 
 
+@pytest.mark.thorough
 def test_clock_shifts_the_ping_along_the_motion():
     """A ping 10 ms late is made 5 mm further on."""
     late = replace(PERFECT, clock=UnitClock(residual=0.0, drift=0.0, tick=0.02), collisions=False)
@@ -131,6 +137,7 @@ def test_clock_between_settings():
         assert float(jnp.std(errors)) == pytest.approx(expected, rel=0.05)
 
 
+@pytest.mark.thorough
 def test_no_reply_is_a_sample_too():
     """All beacons dead: at the end of the slot comes a sample that says so."""
     silent = replace(ONE, beacons=Beacons(dead=True), period=ms(10))
@@ -141,6 +148,7 @@ def test_no_reply_is_a_sample_too():
     assert not samples.value.arrived.any()
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", imperfections(UltrasonicRanging()))
 def test_each_imperfection_alone_makes_a_difference(name):
     everything = replace(

@@ -22,6 +22,7 @@ def rows_of(name):
     return list(GROUPS[name].rows())
 
 
+@pytest.mark.thorough("remus-flights", "manoeuvres")
 @pytest.mark.parametrize("name", GROUPS)
 def test_rows_hold_or_say_why_not(name):
     rows = rows_of(name)
@@ -34,6 +35,7 @@ def test_the_front_page_counts_what_the_rows_say():
     assert stated_counts("fossen") == row_counts([row for name in GROUPS for row in rows_of(name)])
 
 
+@pytest.mark.thorough("ships", "manoeuvres")
 @pytest.mark.parametrize("name", GROUPS)
 def test_pictures_are_written(name, tmp_path):
     files = list(GROUPS[name].figures(tmp_path / "new"))
@@ -123,6 +125,7 @@ def test_cyberships_straight_run_is_the_oracles():
         assert max(np.linalg.eigvals(A).real) == pytest.approx(root, abs=1e-5)
 
 
+@pytest.mark.thorough
 def test_a_flight_may_be_asked_at_any_time():
     flight = _flights.fly_fins(Torpedo(buoyancy=299.0), lambda t: 0.0, lambda t: 0.0, 1.0)
     assert flight.at(0.01, flight.t) == pytest.approx(0.01)

@@ -33,6 +33,7 @@ def rows_of(group):
     return list(group.rows())
 
 
+@pytest.mark.thorough("stabilisability", "control-laws", "radio-links", "ultrasonic-cone")
 @pytest.mark.parametrize("group", CASES)
 def test_rows_hold_or_say_why_not(group):
     rows = rows_of(group)
@@ -65,6 +66,7 @@ QUICK = [pytest.param(g, id=g.name) for g in GROUPS if g.has_figures and g.name 
 LONG = [pytest.param(g, id=g.name, marks=pytest.mark.thorough) for g in GROUPS if g.has_figures and g.name in DEAR]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("group", [*QUICK, *LONG])
 def test_pictures_are_written_under_their_figures_names(group, tmp_path):
     files = list(group.figures(tmp_path))

@@ -28,6 +28,7 @@ def rows_of(name):
     return list(group.rows())
 
 
+@pytest.mark.thorough("printed-matrices")
 @pytest.mark.parametrize("group", CASES)
 def test_rows_hold_or_say_why_not(group):
     rows = rows_of(group.name)

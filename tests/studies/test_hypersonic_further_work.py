@@ -41,6 +41,7 @@ def test_draws_are_uniform_independent_and_repeatable():
     assert np.abs(np.corrcoef(factors.T) - np.eye(COUNT)).max() < 0.08
 
 
+@pytest.mark.thorough
 def test_plants_without_level_flight_are_those_that_the_search_for_a_trim_refuses():
     """A quick search over many plants beside the thorough one, plant by plant."""
     rows = [only(), only(ce=0.45), only(m=2.5), only(CM_0=1.2), only(b7=0.2, b5=0.2)]
@@ -137,6 +138,7 @@ def test_thresholds_are_found_from_both_sides(monkeypatch, unremembered):
     assert np.isinf(np.delete(found.least, [at("m"), at("ce"), at("w2")])).all()
 
 
+@pytest.mark.thorough
 def test_indices_are_those_of_a_success_that_is_known(monkeypatch, unremembered):
     """Success is that two factors uniform in 0.7 to 1.3 exceed 0.9 and 0.8: p = 2/3 and 5/6, in closed form.
 

@@ -76,6 +76,7 @@ WORLDS = {
 }
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("world", WORLDS)
 def test_in_another_world_a_signal_leaves_the_band(world, monkeypatch):
     case, change, signal = WORLDS[world]

@@ -37,6 +37,7 @@ def test_rows_hold_or_say_why_not(name):
     assert [r.id for r in rows if not r.must_hold and r.holds] == [], "said not to be reproduced, but it is"
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", CASES)
 @pytest.mark.timeout(900)
 def test_pictures_are_written(name, tmp_path):
@@ -75,6 +76,7 @@ def fly_with(**changes):
     return float(np.sqrt(np.mean(np.sum(e * e, axis=0)))), float(np.mean(squares))
 
 
+@pytest.mark.thorough
 def test_tuned_on_the_other_log_it_is_as_good_and_as_sure_as_it_says():
     rms, nees = fly_with()
     batch = _flights.read_batch()["Plaza2"]
@@ -82,6 +84,7 @@ def test_tuned_on_the_other_log_it_is_as_good_and_as_sure_as_it_says():
     assert 1.63 < nees < 2.41, "the band of 95 % that the study finds"
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("changes", [{"slip": 0.02}, {"noise": 0.3}, {"scale": 0.0}])
 def test_what_it_believes_matters(changes):
     """Too little of any one error, and it is too sure."""
@@ -91,6 +94,7 @@ def test_what_it_believes_matters(changes):
 LOGS = [pytest.param("Plaza1", marks=pytest.mark.thorough), "Plaza2"]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", LOGS)
 @pytest.mark.timeout(900)
 def test_the_batch_in_the_file_is_what_gtsam_solves(name):
@@ -106,6 +110,7 @@ def test_the_batch_in_the_file_is_what_gtsam_solves(name):
     assert ranges2009.rms(way, ranges2009.read(name)[0]) == pytest.approx(held["rms"], abs=1e-5)
 
 
+@pytest.mark.thorough
 def test_the_batch_is_the_least_of_what_it_makes_least():
     """Its cost grows whichever way the solution is moved."""
     from oracles import ranges2009

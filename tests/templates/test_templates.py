@@ -21,6 +21,7 @@ SLIPS = {
 """Kind -> a slip that somebody could make when they change the file."""
 
 
+@pytest.mark.thorough("sensor", "scenario", "estimator", "link", "law")
 @pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here")
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_template_passes_its_own_test(kind):

@@ -68,6 +68,7 @@ def test_a_lap_ends_where_it_began_and_yaw_never_jumps():
     assert np.abs(np.diff(yaw)).max() < 0.1
 
 
+@pytest.mark.thorough
 def test_what_is_integrated_along_stays_with_the_motion():
     """A lap and a half in steps of 5 ms, the rate changed on the way: position, velocity, attitude are the motion's."""
     x, h = PATH.at(0.3, RATE), 0.005
@@ -87,6 +88,7 @@ def test_what_is_integrated_along_stays_with_the_motion():
     assert float(x.rate) == pytest.approx(0.7 * RATE, rel=1e-3)
 
 
+@pytest.mark.thorough
 def test_acceleration_follows_the_rate_on_the_way_to_its_command():
     """Above the commanded rate it slows down, along its path."""
     slower = np.asarray(motion(1.0, RATE, 0.5 * RATE).a_WB_B) - np.asarray(motion(1.0).a_WB_B)

@@ -69,6 +69,7 @@ def test_thrust_at_the_tables_corner(throttle, mach, altitude, pounds):
     assert float(engine_thrust(throttle, mach, altitude * FOOT)) == pytest.approx(pounds * POUND_FORCE, rel=1e-12)
 
 
+@pytest.mark.thorough
 def test_it_flies_level_where_nasas_simulations_do():
     """Pitch, elevator, throttle of the trim: README of NASA's F-16 package, table 11, with a constant gravitation."""
     level = trim(KITTY_HAWK, NORTH_EAST)

@@ -22,6 +22,7 @@ def velocity_over_ground(x):
     return from_euler(x.roll, x.pitch, x.yaw) @ CRAFT.loads(x, CONTROLS).velocity
 
 
+@pytest.mark.thorough
 def test_acceleration_is_the_change_of_velocity():
     """Of the motion, against the derivative of the state through every angle."""
     rate = CRAFT.dynamics(0.0, SOME, CONTROLS)
@@ -91,6 +92,7 @@ def test_air_is_the_book_s():
     np.testing.assert_allclose(high.density / sea.density, (1 - 0.703e-5 * 35_000) ** 4.14, rtol=1e-12)
 
 
+@pytest.mark.thorough
 def test_left_and_right_fly_mirrored():
     """Without the turning engine, surfaces and sideslip's own tables: a second of flight."""
     craft = replace(CRAFT, engine_momentum=0.0)

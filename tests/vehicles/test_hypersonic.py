@@ -165,6 +165,7 @@ def test_modes_alter_no_force_and_no_path():
     assert abs(float(craft.dynamics(0.0, bent, u).q) - float(craft.dynamics(0.0, x, u).q)) > 0.1
 
 
+@pytest.mark.thorough
 def test_what_is_affine_and_what_is_not():
     """[1] eq. 4: everything in Phi; in the elevator all but V', whose slope of drag is 40.34, not 20.19."""
     x, u = _at_trim()

@@ -50,6 +50,7 @@ def test_check_03_emulation_meets_the_print():
     assert A[8, 3] == pytest.approx(printed.A_PRINTED[8, 3], rel=1e-5)
 
 
+@pytest.mark.thorough
 def test_check_03_nothing_else_is_printed():
     """The 34 places of rows 4, 5, 7 and 9 are all that the print has there; the emulation has no others either."""
     for matrix, places in ((printed.A_PRINTED, EMULATED_A), (printed.B_PRINTED, EMULATED_B)):

@@ -35,6 +35,7 @@ def flown(body, x, wrench, duration, steps):
     return x
 
 
+@pytest.mark.thorough
 def test_untouched_it_keeps_its_energy_and_its_momenta():
     J = np.asarray(BODY.inertia_matrix())
     x = flown(BODY, START, NO_WRENCH, 10.0, 2000)
@@ -62,6 +63,7 @@ def test_the_inertia_is_a_symmetric_matrix_with_its_products_subtracted():
     np.testing.assert_allclose(turn, np.linalg.solve(J, b), rtol=1e-13)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("body", [BODY, DRAGGED], ids=["in a vacuum", "in the air"])
 def test_what_is_felt_is_the_derivative_of_the_pose_against_the_ground(body):
     def advance(x):
@@ -88,6 +90,7 @@ def test_what_is_felt_is_the_derivative_of_the_pose_against_the_ground(body):
     np.testing.assert_allclose(alpha, m.alpha_WB_B, atol=1e-6)
 
 
+@pytest.mark.thorough
 def test_held_up_against_gravity_it_stays_where_the_ground_is():
     """Over the turning earth a body at rest is pushed by its weight, with the centrifugal force in it."""
     x = BODY.start(0.7, -1.2, 100.0, velocity=np.zeros(3), angles=np.zeros(3), rate=np.zeros(3), over_ground=True)
@@ -106,6 +109,7 @@ def test_the_quaternions_length_does_not_matter():
     np.testing.assert_allclose(other.rate, one.rate, rtol=1e-14)
 
 
+@pytest.mark.thorough
 def test_drag_is_against_the_way_through_the_air_and_nothing_in_the_wind_itself():
     flow = DRAGGED.flight(0.0, START).flow
     force = DRAGGED.aerodynamics.wrench(flow).force

@@ -34,6 +34,7 @@ def test_accelerations_are_those_of_the_publications_matrices():
         np.testing.assert_allclose(np.array(accelerations(to_arrays(x))), want, rtol=1e-9, atol=1e-12)
 
 
+@pytest.mark.thorough
 def test_a_current_is_a_moving_world():
     """A constant current is a frame that moves along: the same motion, seen from a drifting raft."""
     current, flow = Current(north=0.15, east=-0.25), np.array([0.15, -0.25])

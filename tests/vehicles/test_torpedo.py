@@ -65,6 +65,7 @@ def test_level_flight_at_1500_rpm_is_that_of_the_publications_sums():
     assert y[0] == pytest.approx(1.4766, abs=1e-4)
 
 
+@pytest.mark.thorough
 def test_a_current_is_a_moving_world():
     current = Current(north=0.15, east=-0.25)
     u, still, moving = TorpedoControls(0.05, -0.1, CRUISE), Torpedo(), Torpedo(current=current)
@@ -78,6 +79,7 @@ def test_a_current_is_a_moving_world():
     np.testing.assert_allclose(np.array(b.attitude), np.array(a.attitude), atol=1e-7)
 
 
+@pytest.mark.thorough
 def test_a_rigid_body_without_water_keeps_energy_and_angular_momentum():
     dry = TorpedoHull(**dict.fromkeys(TorpedoHull.__dataclass_fields__, 0.0))
     free = Torpedo(buoyancy=299.0, lowered=0.0, hull=dry, thrust=0.0, torque=0.0)

@@ -177,6 +177,7 @@ def test_nobody_reads_in_anothers_session(dialect, folder):
     assert ask(master, READ, number=11, size=10)[0][1] == ACK
 
 
+@pytest.mark.thorough
 @settings(max_examples=200, deadline=None)
 @given(st.lists(st.tuples(st.integers(0, 255), st.integers(0, 4), st.integers(0, 2**32 - 1), st.binary(max_size=239))))
 def test_no_request_makes_it_fail_and_each_but_a_burst_is_answered(dialect, tmp_path_factory, requests):

@@ -92,6 +92,7 @@ def test_points_are_inside_and_evenly_spread():
     assert np.abs(np.corrcoef(both.T) - np.eye(10)).max() < 0.05
 
 
+@pytest.mark.thorough
 def test_seeds_give_other_points_each_of_them_uniform():
     first = np.array([saltelli_rows(seed, 0, 1, 2).u[0] for seed in range(300)])
     for axis in first.T:

@@ -81,6 +81,7 @@ def test_times_and_sizes_fly_as_if_they_had_been_written():
         np.testing.assert_array_equal(batch.log[path][0], log[path], err_msg=path)
 
 
+@pytest.mark.thorough
 def test_pieces_hold_the_stick_and_keep_what_does_not_vary():
     texts = ("stick.turn=pieces(4, -1:0.5)",)
     plan = plan_search(

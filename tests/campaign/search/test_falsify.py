@@ -60,6 +60,7 @@ def test_a_formula_is_searched_by_its_robustness():
     assert found == pytest.approx(robustness / (1 + np.abs(robustness)))
 
 
+@pytest.mark.thorough
 def test_falsify_finds_the_world_that_breaks_a_formula_worst():
     formula = "always[1 s, 2.9 s](truth.surge_velocity > -0.2 m/s)"
     spread = {"world.vehicle.mass": "uniform(60%, 160%)"}
@@ -111,6 +112,7 @@ def worst(tmp_path_factory):
     return file, falsify(NAME, spread=SPREAD, success=(success,), runs=1200, seed=3, settings=SHORT, backend="auto")
 
 
+@pytest.mark.thorough
 def test_search_is_no_better_than_a_grid_says(worst):
     _, found = worst
     ready = with_margin(prepare_campaign(found.plan))
@@ -153,6 +155,7 @@ def test_the_file_fails_as_found(worst):
     assert float(margins(columns)[0]) == found.margin == pytest.approx(found.candidate_margins.min(), rel=1e-9)
 
 
+@pytest.mark.thorough
 def test_command_says_what_it_found(tmp_path):
     picture, file = tmp_path / "made" / "worst.png", tmp_path / "w.py"
     done = call(SPREAD, "peak:yaw_rate <= 50", "--runs", 300, "--plot", picture, "--json")
@@ -167,6 +170,7 @@ def test_command_says_what_it_found(tmp_path):
     assert f"trimtab run {file}:scenario --seed 0 --run" in done.stdout
 
 
+@pytest.mark.thorough
 def test_a_fault_s_times_are_searched_in_one_program_and_the_worst_flies_again(tmp_path):
     """The worst cut of the uplink is no better than any of a grid, and its file gives the same margin."""
     file, success = tmp_path / "cut.py", "error_rms:yaw_rate <= 4.5"

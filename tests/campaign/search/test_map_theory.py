@@ -40,6 +40,7 @@ def law_loop(k2):
     return loop_of_law(Hovercraft(), law, law.equilibrium())
 
 
+@pytest.mark.thorough
 def test_delay_and_jitter_lines_are_where_the_loop_meets_its_margins(forward):
     found = unflown(
         forward, axis_of_link("delay", np.linspace(0, 0.2, 3)), axis_of_link("jitter", np.linspace(0, 0.2, 3))
@@ -64,6 +65,7 @@ def test_the_loop_of_a_scenario_is_that_of_its_law(forward):
     np.testing.assert_allclose(linear_loop(forward).frequency_response(w), law_loop(4.0).frequency_response(w))
 
 
+@pytest.mark.thorough
 def test_a_gain_axis_has_a_loop_for_each_value(forward):
     found = unflown(forward, axis_of_link("delay", [0.0, 0.3]), axis_of_path("autopilot.law.k2", [2.0, 8.0], "kg/s"))
     one, _ = stability_criteria(found, lambda s: loops.lateral(float(s.autopilot.law.k2), 2.8 / 2.6))

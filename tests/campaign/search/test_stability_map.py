@@ -40,6 +40,7 @@ def mean_delay(diagram, delay, y=0.0):
     return loop_delay(with_values(diagram.scenario, values)).mean
 
 
+@pytest.mark.thorough
 def test_without_jitter_the_boundary_is_the_delay_margin(found):
     """The mean delay of the loop on both sides of it, 191.2 ms, within a step of the map."""
     law = found.scenario.autopilot.law
@@ -50,6 +51,7 @@ def test_without_jitter_the_boundary_is_the_delay_margin(found):
     assert mean_delay(found, low) - step < limit < mean_delay(found, high) + step
 
 
+@pytest.mark.thorough
 def test_a_limit_cycle_inside_the_bands_is_no_success():
     """Forward flight on its own drive: beyond the delay margin it swings for ever, by 12 % of the band of sway.
 
@@ -81,6 +83,7 @@ def dies_away(x, small):
     return last < 0.9 * before or last / 2 <= small
 
 
+@pytest.mark.thorough
 def test_a_point_is_the_share_of_its_flights_one_by_one(found):
     edge = np.flatnonzero((found.share > 0) & (found.share < 1))
     for n in edge[:1] if len(edge) else [len(found.share) - 1]:
@@ -184,6 +187,7 @@ def test_a_predictor_moves_the_largest_delay_out_four_times():
     assert edges["on"] >= 4 * edges["off"]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("name", "start"), [("forward", 2.8 / 2.6), ("reverse", -1.98 / 2.6)])
 def test_linear_loops_turn_within_two_percent_of_the_delay_margin(name, start):
     """A small error dies away where the mean delay of the loop is 2 % below the margin, and grows 2 % above it."""

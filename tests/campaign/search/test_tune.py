@@ -112,6 +112,7 @@ def test_a_gain_that_ends_at_an_end_of_its_range_is_told():
     assert gains.at_bounds(np.array([0.00004, 0.02, 0.995])) == ("low", "high")
 
 
+@pytest.mark.thorough
 @needs_c
 def test_slopes_of_a_cost_are_those_of_differences():
     """Ideal twin, smooth: derivative of the metric over integrals against central differences of logged runs."""
@@ -141,6 +142,7 @@ def test_slopes_of_a_cost_are_those_of_differences():
         assert slopes[i] == pytest.approx([by_k1, by_k2], rel=1e-5, abs=1e-8)
 
 
+@pytest.mark.thorough
 @needs_c
 def test_many_gradients_are_each_that_of_one_run():
     scenario = replace(build(NAME), duration=seconds(1))
@@ -155,6 +157,7 @@ def test_many_gradients_are_each_that_of_one_run():
         assert many.slopes[i, 0, 0] == pytest.approx(float(one.slope["autopilot.law.k2"]), rel=1e-9)
 
 
+@pytest.mark.thorough
 @needs_c
 def test_cost_of_one_run_jumps_where_its_derivative_sees_nothing():
     """What the page says of one noisy run: over k2 = 2.5 … 2.6, steps a hundred times what the derivatives tell."""
@@ -175,6 +178,7 @@ def test_cost_of_one_run_jumps_where_its_derivative_sees_nothing():
     assert (np.abs(step - told) > 10 * usual).sum() >= 3
 
 
+@pytest.mark.thorough
 @needs_c
 @pytest.mark.parametrize("method", ["search", "gradient"])
 def test_tuning_helps_in_runs_flown_beside_it(method, tmp_path):
@@ -213,6 +217,7 @@ def test_tuning_helps_in_runs_flown_beside_it(method, tmp_path):
     assert (tmp_path / "tune.png").stat().st_size > 5000
 
 
+@pytest.mark.thorough
 def test_a_tuning_of_few_runs_that_does_not_help_says_so(tmp_path):
     """From gains that are good already, on four runs: better in these, worse in others."""
     good = {"autopilot.law.k1": "0.5", "autopilot.law.k2": "2"}

@@ -95,11 +95,13 @@ def coverage(function, parameters, count):
     return np.mean(held, axis=0)
 
 
+@pytest.mark.thorough
 def test_intervals_of_mu_hold_what_they_say():
     """Ishigami, 20 trajectories; mu* of its second factor has no spread at all; 3 sigma of 120 below 95 %."""
     assert coverage(ishigami, 3, 20)[:2].min() > 0.89
 
 
+@pytest.mark.thorough
 def test_interval_of_sigma_holds_where_effects_are_graded():
     """A product of four factors, 100 trajectories: 94 % (4000 repetitions), 3 sigma of 120 below it.
 

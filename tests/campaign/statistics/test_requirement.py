@@ -102,6 +102,7 @@ def test_which_bound_decided_is_said():
     assert "one-sided" in str(judged("success >= 0.99", success=trials(998, 1000)))
 
 
+@pytest.mark.thorough
 def test_it_is_wrongly_met_in_at_most_5_per_cent():
     """True probability exactly at the limit, and at the limit's quantile: 2000 campaigns each."""
     rng = np.random.default_rng(9)

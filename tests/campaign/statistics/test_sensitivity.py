@@ -46,6 +46,7 @@ def test_ishigami():
     assert (found.base, found.rows) == (4096, 4096 * 5)
 
 
+@pytest.mark.thorough
 def test_intervals_hold_the_indices_at_least_as_often_as_they_say():
     """100 seeds of 256 base samples; 3 sigma of 100 repetitions."""
     first, total = ishigami_indices()

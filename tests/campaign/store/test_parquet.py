@@ -20,6 +20,7 @@ COLUMNS = {
 }
 
 
+@pytest.mark.thorough
 def test_rows_of_a_store_come_back_bit_for_bit(tmp_path):
     of = small(2 * BLOCK)
     of.run(tmp_path / "rows.zarr")

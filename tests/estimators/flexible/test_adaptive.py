@@ -121,6 +121,7 @@ def test_a_moment_jolts_the_modes_as_in_the_vehicle():
     )
 
 
+@pytest.mark.thorough
 def test_mixture_is_mean_and_covariance_of_its_samples():
     """Oracle: half a million draws of two hypotheses, unstretched one by one without linearising."""
     rng = np.random.default_rng(0)
@@ -154,6 +155,7 @@ def test_hypotheses_are_weighed_by_the_density_of_what_was_measured():
     np.testing.assert_allclose(np.diff([float(one[4]) for one in found]), np.diff(log), rtol=1e-9)
 
 
+@pytest.mark.thorough
 def test_it_tells_all_that_the_fixed_filter_tells():
     one = AdaptiveFlexibleModeFilter()
     assert isinstance(one, Estimator)

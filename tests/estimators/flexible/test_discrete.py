@@ -122,6 +122,7 @@ def test_check_07_printed_setting_beside_no_update():
     assert (printed > 0.75 * none).all()  # of what is gone at 10 s the printed filter has done less than a quarter
 
 
+@pytest.mark.thorough
 def test_without_update_the_error_is_that_of_the_damping():
     """The observer switched off has the error expm(A t) e0 and nothing else: its convergence is no one's merit."""
     craft, x, _ = trim()
@@ -131,6 +132,7 @@ def test_without_update_the_error_is_that_of_the_damping():
     np.testing.assert_allclose(_errors("none", 0.0)[0][::50], want, atol=2e-6)
 
 
+@pytest.mark.thorough
 def test_check_08_filter_does_work():
     """At 4-5 s 10 times (mode 1) and 8 times (mode 2) below no-update, each of 8 seeds."""
     none = rms(_errors("none", 0.0)[0], 4, 5)
@@ -188,6 +190,7 @@ def test_innovation_needs_the_affine_part():
     assert np.abs(_errors("accurate", 0.0)[0][1800:].mean(0)[[1, 3]]).max() < 2e-3
 
 
+@pytest.mark.thorough
 def test_filter_is_the_dense_one():
     """Oracle: predict and update as in a textbook, scipy's exponentials, on a flight that shakes, noise and all."""
     craft, x, u = trim()
@@ -217,6 +220,7 @@ def test_filter_is_the_dense_one():
         assert s.S[k] == pytest.approx(S, rel=1e-8)
 
 
+@pytest.mark.thorough
 def test_innovation_is_measured_minus_expected():
     """On the flight that shakes, without noise: Q' of the vehicle under the input that acted, minus that of eta_hat."""
     craft, x, u = trim()
@@ -234,6 +238,7 @@ def test_it_follows_modes_that_are_shaken():
     assert (error < 0.2 * alone).all()
 
 
+@pytest.mark.thorough
 def test_consistent_where_the_plant_has_the_noise_that_it_believes():
     """NEES and NIS inside their chi-square bounds over 48 runs, process noise on the modes as in Q, for 2.5 s."""
     craft, x, u = trim()
@@ -296,6 +301,7 @@ def _frame(t, x, u, acceleration, **changes):
     return Frame(t, samples | {"actuators": new_sample(t, u)})
 
 
+@pytest.mark.thorough
 def test_what_is_not_finite_is_not_used():
     _, x, u = trim()
     one = FlexibleModeFilter()
@@ -316,6 +322,7 @@ def test_what_is_not_finite_is_not_used():
         assert np.isfinite(np.asarray(leaf)).all()
 
 
+@pytest.mark.thorough
 def test_an_acceleration_that_stays_is_used_once():
     _, x, u = trim()
     one = FlexibleModeFilter()
@@ -330,6 +337,7 @@ def test_an_acceleration_that_stays_is_used_once():
     np.testing.assert_allclose(after.P, P, rtol=1e-12)
 
 
+@pytest.mark.thorough
 def test_nothing_is_valid_before_flight_and_input_are_known():
     _, x, u = trim()
     one = FlexibleModeFilter()

@@ -79,6 +79,7 @@ def test_transition_is_the_derivative_of_the_mechanisation(jacobian):
     np.testing.assert_allclose(jacobian[9:], np.eye(15)[9:], atol=1e-12)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("n", [15, 17])
 def test_the_covariance_is_carried_as_by_dense_matrices(n):
     rng = np.random.default_rng(3)
@@ -107,6 +108,7 @@ def test_noise_of_the_force_becomes_velocity_and_place():
     assert process_noise(noise, 2.0, 0.5, 15)[0, 0] == pytest.approx(0.08 + 1.5**2)
 
 
+@pytest.mark.thorough
 def test_catching_up_at_once_or_sample_by_sample_is_nearly_the_same():
     x, noise = first_nominal(START, 15), SpatialNoise()
     often = x
@@ -124,6 +126,7 @@ def random_update(seed, m=6):
     return A @ A.T + np.eye(15), rng.normal(size=m), rng.normal(size=(m, 15)), rng.uniform(0.1, 2.0, size=m)
 
 
+@pytest.mark.thorough
 def test_scalars_in_turn_do_what_the_dense_update_does():
     P, y, H, R = random_update(5)
     f = fuse_scalars(jnp.asarray(P), jnp.asarray(y), jnp.asarray(H), jnp.asarray(R), jnp.ones(6, bool), jnp.inf)
@@ -148,6 +151,7 @@ def test_what_is_not_wanted_not_finite_or_outside_the_gate_changes_nothing():
     assert np.isfinite(f.nis).all()
 
 
+@pytest.mark.thorough
 def test_the_covariance_stays_one_through_two_hundred_sharp_measurements():
     """Known to a millimetre, from a hundred metres: symmetric and positive."""
     P = jnp.diag(jnp.asarray(START.sigmas(15)) ** 2).at[6, 6].set(1e4)
@@ -159,6 +163,7 @@ def test_the_covariance_stays_one_through_two_hundred_sharp_measurements():
     np.testing.assert_array_equal(P, P.T)
 
 
+@pytest.mark.thorough
 def test_the_reset_has_the_derivative_of_the_group():
     """What is missing after a turn was put in: d log(Exp(-a) Exp(a + e)), to first order in a."""
     x = first_nominal(START, 15)

@@ -59,6 +59,7 @@ def test_without_aiding_variances_grow_as_the_theorys_polynomials():
     np.testing.assert_allclose(P[:, 4, 4], position, rtol=1e-9)
 
 
+@pytest.mark.thorough
 def test_nees_over_500_seeds_is_within_the_95_percent_bounds():
     nees, _, _ = monte_carlo(FORM, turn(ticks(250)), n=250, every=15, reads=True, runs=500)
     verdict = nees_verdict(np.asarray(nees), 8)
@@ -71,6 +72,7 @@ def test_a_heading_is_taken_the_short_way_round(turns):
     assert 0 < node.heading < 0.01
 
 
+@pytest.mark.thorough
 def test_the_first_fix_takes_over_from_an_unknown_start():
     """As [1] does, which starts at the first measurement with its variance."""
     form = to_arrays(AidedInertialFeedback())
@@ -80,6 +82,7 @@ def test_the_first_fix_takes_over_from_an_unknown_start():
     np.testing.assert_allclose([P[0, 0], P[3, 3]], [1.6e-4, 5.6e-4], rtol=1e-4)
 
 
+@pytest.mark.thorough
 def test_its_step_exports():
     form = to_arrays(AidedInertialFeedback())
     state, now = form.init(key(0)), np.int64(TICK)

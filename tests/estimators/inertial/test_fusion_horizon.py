@@ -55,6 +55,7 @@ def by_hand(window, bias):
     return total
 
 
+@pytest.mark.thorough
 def test_what_went_in_and_out_leaves_only_what_waits():
     """After 480 samples have left at the front: to rounding."""
     window = run(jnp.zeros(6))

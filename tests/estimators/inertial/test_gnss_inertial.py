@@ -316,6 +316,7 @@ def test_it_rests_where_the_fixes_say_and_is_valid_after_the_first():
     assert (np.asarray(told.sigma_position) < 0.5).all()
 
 
+@pytest.mark.thorough
 def test_a_fix_older_than_the_horizon_is_late_and_changes_nothing():
     bench = Bench()
     bench.step(100)
@@ -326,6 +327,7 @@ def test_a_fix_older_than_the_horizon_is_late_and_changes_nothing():
     np.testing.assert_allclose(told.position, before, atol=0.05)
 
 
+@pytest.mark.thorough
 def test_an_outlier_is_refused_and_the_filter_gives_in_to_many():
     bench = Bench(replace(STILL, patience=3))
     for _ in range(5):
@@ -402,6 +404,7 @@ def test_what_can_not_work_is_refused(changes, part):
     assert e.value.part == part
 
 
+@pytest.mark.thorough
 def test_the_parts_of_the_flights_are_what_they_say():
     """The truth of the statistics: its start is off by the sigmas that are drawn, and nothing else."""
     motion = truth(ClosedPath(coordinated=LAP), LAP, ms(1234))

@@ -74,6 +74,7 @@ def test_rates_are_the_difference_equation():
     np.testing.assert_allclose(got, wanted, atol=1e-12)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("spoilt", ["nan", "stale", "gap"])
 def test_spoilt_samples_do_not_stay_in_its_memory(spoilt):
     y = np.full(N, 0.7)

@@ -147,6 +147,7 @@ def _take(form, h, event):
     return ring.replay_events(form, put, now)[0]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("seed", range(4))
 def test_late_and_disordered_is_as_in_time(seed):
     """Positions come up to 15 samples late, in any order; the result is the sorted filter's (1e-9)."""
@@ -167,6 +168,7 @@ def test_late_and_disordered_is_as_in_time(seed):
     np.testing.assert_allclose(node.x, in_time.x, atol=1e-12)
 
 
+@pytest.mark.thorough
 def test_an_aiding_measurement_waits_for_the_imu():
     imu, *_ = flight(9, n=4)
     early = [(int(2.5 * TICK), POSITION, np.array([3.0, 0.0])), (int(2.2 * TICK), HEADING, np.array([1.0]))]
@@ -179,6 +181,7 @@ def test_an_aiding_measurement_waits_for_the_imu():
     np.testing.assert_allclose(node.P, P, rtol=1e-12)
 
 
+@pytest.mark.thorough
 def test_what_is_older_than_the_ring_or_the_first_sample_is_refused():
     imu, *_ = flight(10, n=20)
     node, used, _ = play([*imu, (2 * TICK, POSITION, np.ones(2))], slots=8)
@@ -215,6 +218,7 @@ def test_doubt_holds_on_both_sides_of_a_sample():
     np.testing.assert_allclose(node.P, 1 + 0.3 * (2 * 2 + 1) * TICK * 1e-7, rtol=1e-12)
 
 
+@pytest.mark.thorough
 def test_it_exports():
     h = ring.empty_history(FORM.first(), 8)
     assert lower_function(lambda h, r: ring.replay_events(FORM, h, r), (h, np.int32(3))).text("f")

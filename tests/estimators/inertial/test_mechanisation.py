@@ -43,6 +43,7 @@ def test_it_is_exact_for_force_that_runs_straight():
         np.testing.assert_allclose(r, r0 + v0 * T + a * T**2 / 2 + b * T**3 / 6, rtol=1e-14)
 
 
+@pytest.mark.thorough
 def test_perfect_sensors_close_a_lap_from_rest_to_rest():
     """A circle of 2 m, spinning the while, at the IMU's own tick: to 1e-8 m."""
     n = 3000

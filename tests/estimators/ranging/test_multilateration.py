@@ -42,6 +42,7 @@ def test_bancroft_is_exact(plan, bias):
     assert np.asarray(found.residual).max() < 1e-9
 
 
+@pytest.mark.thorough
 def test_bancroft_is_exact_with_three():
     """Any three of five; the far ranges are nonsense and must not matter."""
     true = UNEVEN.mean(0) + places(400)
@@ -55,6 +56,7 @@ def test_bancroft_is_exact_with_three():
     assert abs(np.asarray(found.bias)).max() < 1e-9
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("solve", [CLOSED, FITTED], ids=["closed form", "least squares"])
 def test_circular_error(solve):
     """Half of the static fixes lie within 0.47 to 0.57 cm, with 0.4 cm range noise, four beacons 3 m apart.
@@ -76,6 +78,7 @@ def oracle(plan, height, ranges, with_bias):
     return scipy_least_squares(f, np.append(plan.mean(0), [0.0] * with_bias), xtol=1e-14, ftol=1e-14, gtol=1e-14)
 
 
+@pytest.mark.thorough
 def test_least_squares_is_scipys():
     true = UNEVEN.mean(0) + places(30)
     ranges = exact(UNEVEN, H, true) + np.random.default_rng(3).normal(0, 0.02, (30, 5))
@@ -89,6 +92,7 @@ def test_least_squares_is_scipys():
         assert float(found.residual[i]) == pytest.approx(np.sqrt((best.fun**2).mean()), abs=1e-9)
 
 
+@pytest.mark.thorough
 def test_closed_form_differs_from_least_squares_by_a_fraction_of_a_millimetre():
     """About 0.03 cm, both with a common range error, at 0.4 cm noise, some 0.2 m from the middle of the square.
 
@@ -102,6 +106,7 @@ def test_closed_form_differs_from_least_squares_by_a_fraction_of_a_millimetre():
     assert 2e-4 < off < 4.5e-4
 
 
+@pytest.mark.thorough
 def test_leave_one_out_finds_the_wrong_range():
     true = UNEVEN.mean(0) + places(50, size=1.0)
     rng = np.random.default_rng(5)

@@ -87,6 +87,7 @@ def dense(frames, f):
     return x, P
 
 
+@pytest.mark.thorough
 def test_it_computes_what_a_dense_filter_computes():
     """Derivatives by differences, covariance by its shortest formula: nothing is shared but the model."""
     frames = frames_of(drive(seed=1))
@@ -104,6 +105,7 @@ def nees(world, estimates):
     return np.asarray((c * e[0] ** 2 - 2 * b * e[0] * e[1] + a * e[1] ** 2) / (a * c - b * b))
 
 
+@pytest.mark.thorough
 def test_it_knows_how_wrong_it_is():
     """Drives whose errors are those that it believes, at four instants far from each other."""
     values = []
@@ -139,6 +141,7 @@ def test_wild_ranges_are_refused():
     assert np.max(error) < 1.5
 
 
+@pytest.mark.thorough
 def test_it_gives_in_to_ranges_that_insist():
     """Put down elsewhere, it refuses eight ranges, then believes them, and is honest about where it is."""
     lost = replace(FILTER, start=replace(FILTER.start, north=15.0))
@@ -193,6 +196,7 @@ def test_beacons_that_are_no_list_of_positions_are_refused():
         OdometryRanging(beacons=np.zeros((4, 2))).check()
 
 
+@pytest.mark.thorough
 def test_a_way_that_no_wheel_can_drive_is_doubted_whole():
     """A counter jumps by 0.8 m in a tenth of a second: the filter says so, instead of being wrong and sure."""
     world = drive(7)

@@ -41,6 +41,7 @@ def errors(world, estimates):
     return np.hypot(s.north - world.north, s.east - world.east), np.asarray(wrap(s.heading - world.heading))
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("seed", range(3))
 def test_it_finds_its_way_without_being_told_where_it_begins(seed):
     world = drive(seed)
@@ -71,6 +72,7 @@ def test_a_tenth_of_wild_ranges_is_borne():
     assert int(state.drive.fix.rejected) >= 0.7 * wild.sum()
 
 
+@pytest.mark.thorough
 def test_with_the_same_seed_it_is_the_same_and_with_another_nearly():
     world = drive(2)
     one, again, other = (np.asarray(run(world, seed)[1].state.north) for seed in (5, 5, 6))

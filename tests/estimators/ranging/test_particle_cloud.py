@@ -47,6 +47,7 @@ def test_one_particle_with_all_the_weight_is_all_that_is_left():
     assert float(pc.effective_sample_size(np.full(50, 0.02))) == pytest.approx(50)
 
 
+@pytest.mark.thorough
 def test_redrawing_keeps_mean_and_covariance():
     """One Gaussian made 20000 particles: half of its heading variance is spread, and the sum is what it was."""
     one = cloud(1)
@@ -83,6 +84,7 @@ def test_the_predicted_covariance_is_that_of_the_predicted_state():
     np.testing.assert_allclose(F[0], np.eye(13)[0] - 0.1 * np.eye(13)[5], atol=1e-14)
 
 
+@pytest.mark.thorough
 def test_weights_are_likelihoods():
     """Particles without spread: Gauss and a floor, as scipy has them."""
     c = replace(cloud(20), P=np.zeros((20, 13, 13)))
@@ -114,6 +116,7 @@ def test_it_exports():
 PARTICLES = to_arrays(Particle(N=120))
 
 
+@pytest.mark.thorough
 def test_first_particles_are_where_two_ranges_meet():
     """Half of the particles of each pair on either side of it, headings all around."""
     place = np.array([0.3, -0.2])
@@ -130,6 +133,7 @@ def test_first_particles_are_where_two_ranges_meet():
     assert np.diff(heading).max() < 3 * 2 * np.pi / 120
 
 
+@pytest.mark.thorough
 def test_a_wrong_range_spoils_only_its_pairs():
     """Of four ranges one is wrong: three of the six pairs are not, so a quarter of the particles is right."""
     place = np.array([0.3, -0.2])

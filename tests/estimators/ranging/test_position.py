@@ -105,6 +105,7 @@ def test_the_gain_is_how_range_errors_move_the_fix():
         assert dilution == pytest.approx(np.sqrt(np.sum(np.asarray(gain) ** 2)))
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("side", [1, -1])
 def test_beacons_on_one_line_leave_two_places_and_the_last_one_decides(side):
     line = np.array([[-3.4, 0.0, -4.0], [0.0, 0.0, -4.0], [3.4, 0.0, -4.0], [0.0, 3.4, -4.0]])
@@ -142,6 +143,7 @@ def test_network_at_rest():
     assert 0.0047 <= np.median(np.linalg.norm(found.place, axis=1)) <= 0.0057
 
 
+@pytest.mark.thorough
 def test_one_wrong_range_is_left_out_and_named():
     ranges, arrived = exact(sensor=ALONE)
     for wrong in range(4):
@@ -220,6 +222,7 @@ def test_in_flight_with_collisions():
     assert np.sqrt(np.mean(error**2)) < 0.015
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("known", [False, True], ids=["first fix", "fix before"])
 def test_strays_do_not_throw_it_off(known):
     """A tenth of the ranges wrong by up to 3 m: a single one is found, with a fix before always. Two at once, in a

@@ -43,6 +43,7 @@ def test_its_slope_is_its_derivative(place, cone):
     np.testing.assert_allclose(at.slope, want, atol=1e-12)
 
 
+@pytest.mark.thorough
 def test_its_curvature_is_that_of_the_distance():
     place = np.array([0.3, -0.2])
     want = jax.hessian(lambda p: predict_range(BEACON, p, 0.0, cone=False).range)(place)
@@ -183,6 +184,7 @@ def test_noise_and_other_heights_stay_finite():
     np.testing.assert_allclose((np.asarray(r) * np.cos(beta))[solved], height[solved], rtol=2e-6)
 
 
+@pytest.mark.thorough
 def test_the_compensation_exports_and_differentiates():
     assert lower_function(compensate_range, [np.zeros(4), np.ones(4)]).outputs
     slope = jax.vmap(jax.grad(lambda rho: compensate_range(rho, HEIGHT)[0]))(np.array([2.5, 2.71, 3.0, 4.0]))
