@@ -52,6 +52,7 @@ def _demands(n, size, seed=0):
     return f * np.cos(psi), -f * np.sin(psi)
 
 
+@pytest.mark.thorough
 @settings(deadline=None)
 @given(st.floats(-2, 2), st.floats(-2, 2))
 def test_polar_is_the_printed_form_and_back(FX, FY):

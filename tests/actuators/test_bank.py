@@ -69,6 +69,7 @@ def test_it_flies_in_c_as_on_jax(row):
     assert np.ptp(logs[0]["actuators.u.F"][:, 2]) > 1
 
 
+@pytest.mark.thorough
 def test_its_fields_are_settings_and_its_imperfections_are_switched_off():
     scenario = with_settings(lander(ROW), {"world.actuators.stages.F.2.time_constant": "0.2"})
     assert scenario.world.actuators.stages["F"][2].time_constant == 0.2
@@ -80,6 +81,7 @@ def test_its_fields_are_settings_and_its_imperfections_are_switched_off():
     np.testing.assert_allclose(free["truth.r"], direct["truth.r"], atol=1e-9)  # the same as without actuators
 
 
+@pytest.mark.thorough
 def test_an_actuator_is_stuck_in_the_middle_of_its_way():
     log = simulate(
         inject_faults(lander(FirstOrderLag(0.05)), ["actuators stuck @ 1 s for 500 ms"]), duration=seconds(2)

@@ -53,6 +53,7 @@ def test_every_sample_of_the_unit_is_in_the_log(still):
     assert len(found.ticks) >= 1200 / 0.0065536 - 1
 
 
+@pytest.mark.thorough
 def test_coefficients_lie_in_their_intervals(still):
     """White noise and walk of each axis, and no flicker, as the unit has none; 95 % each, so 16 of 18 at least."""
     inside = []

@@ -65,6 +65,7 @@ def test_words_break_where_a_table_is_too_wide_and_are_never_cut(columns, monkey
         assert any(all(cell in line for cell in row[:3]) for line in lines)
 
 
+@pytest.mark.thorough
 def test_a_flight_that_is_lost_ends_with_1_and_says_so_first():
     words = ["run", REST, "--duration", "1", "--no-ideal", "--set", "initial.yaw_rate=1e200"]
     done = CliRunner().invoke(main, words)

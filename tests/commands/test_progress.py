@@ -123,6 +123,7 @@ def test_a_short_campaign_says_nothing_of_time_or_room(tmp_path):
     assert " more" not in done.stderr
 
 
+@pytest.mark.thorough
 def test_a_disk_that_may_not_hold_the_rows_is_said_before_they_fly(tmp_path, monkeypatch):
     """1000 rows of six numbers, two yes or no and that they are done: 51 bytes each; what is there counts no more."""
     monkeypatch.setattr(progress.shutil, "disk_usage", lambda there: SimpleNamespace(free=50_000) if there else None)

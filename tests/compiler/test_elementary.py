@@ -180,7 +180,6 @@ def test_accuracy(call, name):
             assert error[worst] <= BOUND[name], f"{variant}: {error[worst]:.3f} ulp at {x[worst]!r}"
 
 
-@pytest.mark.thorough
 @needs_compiler
 @pytest.mark.parametrize("variant", ["scalar", "scalar, no FMA"])
 def test_accuracy_of_atan2(call, variant):
@@ -439,6 +438,7 @@ def test_only_what_is_wanted(tmp_path):
     subprocess.run(["g++", *VECTOR, *FLAGS, "-fsyntax-only", str(tmp_path / "one.cpp")], check=True)
 
 
+@pytest.mark.thorough
 @needs_compiler
 def test_single_precision_is_double_rounded(tmp_path):
     """So it is right but for one rounding in 10^8; where TT_SINGLE is 0, it is the C library's."""

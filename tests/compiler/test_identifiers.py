@@ -59,6 +59,7 @@ def test_reserved_words_are_avoided(compiler: str, language: str, standard: str)
     compile_text(compiler, declarations(language), "-x", language, standard, "-D_GNU_SOURCE")
 
 
+@pytest.mark.thorough
 def test_names_that_become_one_stay_apart(tmp_path: Path) -> None:
     def f(x: Any, argument1: Any, *rest: Any) -> Any:
         first = x["a b"] + 10 * x["a_b"] + 100 * x["a_b_2"] + 1000 * x["a"]["b"] + 1e4 * x["a "]["b"]

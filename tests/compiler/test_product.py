@@ -142,6 +142,7 @@ SHAPES = {
 }
 
 
+@pytest.mark.thorough("float32-scan", "float32-three shapes", "float32-heads", "float64-heads")
 @pytest.mark.parametrize("name", SHAPES)
 @pytest.mark.parametrize("dtype", [np.float64, np.float32])
 def test_products_of_one_array_at_several_shapes(name, dtype):
@@ -159,6 +160,7 @@ def test_neighbours_are_in_the_innermost_loop(monkeypatch):
         assert f"< {width}; " in source
 
 
+@pytest.mark.thorough("7", "24", "50")
 @pytest.mark.parametrize("n", [2, 5, 7, 24, 50])
 def test_factors_and_solutions_are_those_of_jax(n):
     def factors(a, b):

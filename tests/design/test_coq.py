@@ -62,6 +62,7 @@ def test_the_file_holds_the_floats_themselves(certificate):
     assert "P_eta" not in coq_text(design_certificate(ball_system(observer=False)))
 
 
+@pytest.mark.thorough
 def test_sums_are_of_like_powers():
     """A and B K are integers times different powers of two: each is raised to the greater."""
     text = coq_text(hypersonic.certificate())
@@ -86,6 +87,7 @@ def test_it_is_proved(certificate, tmp_path):
     assert assumed(done.stdout) == AXIOMS
 
 
+@pytest.mark.thorough("<lambda>-V_eta_falls", "<lambda>-P_is_positive_definite1", "<lambda>-P_eta_is_positive_definite")
 @needs_coq
 @pytest.mark.parametrize(
     ("change", "theorem"),

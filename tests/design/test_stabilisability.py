@@ -44,6 +44,7 @@ def turning(x, u):
     return jnp.concatenate([x1, x2[:1]])
 
 
+@pytest.mark.thorough
 def test_byrnes_isidori_excludes_a_smooth_stabiliser():
     """Ranks 3 and 2 < n1 = 3. [1] section 2.3."""
     v = byrnes_isidori(f1, f2, 3, 3, 2)

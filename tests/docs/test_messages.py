@@ -62,7 +62,7 @@ def matching(text):
     return max(found, key=lambda m: len(re.findall(r"\w+", m.text)), default=None)
 
 
-@pytest.mark.thorough("a mass in a unit of length")
+@pytest.mark.thorough
 @pytest.mark.parametrize("what", WRONG)
 def test_what_python_refuses_is_on_the_page(what):
     assert matching(refusal(WRONG[what]))

@@ -70,6 +70,7 @@ def test_dry_air_against_coolprop(celsius, pressure):
     assert float(speed_of_sound(air)) == pytest.approx(expected, rel=3e-4)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("celsius", [5, 20, 30])
 def test_saturated_vapour_against_coolprop(celsius):
     """Its humid-air formulation (Herrmann et al., 2009), where CoolProp is installed."""

@@ -101,6 +101,7 @@ def test_a_measurement_that_is_no_number_changes_nothing(bad):
     assert np.isfinite(done.nis)
 
 
+@pytest.mark.thorough
 def test_the_gate_is_on_the_nis():
     x, P, y, H, R = case(7)
     nis = float(update(x, P, y, H, R).nis)

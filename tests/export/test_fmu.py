@@ -132,6 +132,7 @@ def test_the_schema_and_the_rules_find_no_fault(fmus, part, version):
     assert validate_fmu(str(fmus[part, version])) == []
 
 
+@pytest.mark.thorough
 def test_the_validation_finds_what_it_is_for(fmus, tmp_path):
     with zipfile.ZipFile(fmus["autopilot", 3]) as archive:
         text = archive.read("modelDescription.xml").decode()

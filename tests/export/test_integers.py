@@ -36,6 +36,7 @@ def extremes(dtype: str) -> Any:
     return x, np.tile(x, 10)
 
 
+@pytest.mark.thorough("int8", "int16", "int64", "uint8", "uint32", "uint64")
 @pytest.mark.parametrize("dtype", TYPES)
 def test_integers_never_overflow_undefined(dtype: str, tmp_path: Path) -> None:
     given = extremes(dtype)
@@ -49,6 +50,7 @@ def test_integers_never_overflow_undefined(dtype: str, tmp_path: Path) -> None:
     assert {tuple(map(int, line.split(","))) for line in done.stdout.splitlines()} == {tuple(wanted)}
 
 
+@pytest.mark.thorough("int8", "int16", "uint8", "uint16", "uint32")
 @pytest.mark.parametrize("dtype", TYPES)
 def test_vectors_hold_integers_exactly(dtype: str, tmp_path: Path) -> None:
     export_callable(lambda x, y: (x + x.dtype.type(1), x[1] - x[0], y), extremes(dtype), tmp_path, name="numbers")
@@ -72,12 +74,14 @@ def without_results(x: Any) -> Any:
     return ()
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("f", "example"), [(without_arguments, ()), (without_results, (1.5,))])
 def test_verifies_functions_without_arguments_or_results(f: Any, example: tuple[Any, ...], tmp_path: Path) -> None:
     export_callable(f, example, tmp_path)
     assert verify_folder(tmp_path).good
 
 
+@pytest.mark.thorough
 def test_judges_float32_results_at_their_own_precision(tmp_path: Path) -> None:
     exported = export_callable(lambda x: (jnp.cumsum(jnp.sin(x)), x.sum()), (np.ones(300, np.float32),), tmp_path)
     verdict = verify_folder(tmp_path)
@@ -86,6 +90,7 @@ def test_judges_float32_results_at_their_own_precision(tmp_path: Path) -> None:
     assert min(tolerance for _, tolerance in verdict.worst.values()) > 1e-5
 
 
+@pytest.mark.thorough
 @pytest.mark.skipif(shutil.which("clang") is None, reason="clang is not installed")
 def test_clang_accepts_elementary_functions(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     functions = (jnp.sin, jnp.exp, jnp.log1p, jnp.tan, jnp.arctan2, jnp.power, lax.erf, jnp.tanh, jnp.cbrt)

@@ -72,6 +72,7 @@ def test_a_range_that_the_command_declares_counts_and_none_is_refused_with_what_
         find_outputs(scenario, replace(command, value=PlanarForce(np.float64(0.0), np.float64(0.0))))
 
 
+@pytest.mark.thorough
 def test_more_numbers_than_a_board_has_outputs_are_refused_with_their_names():
     scenario = build("quadrotor/track")
     with pytest.raises(InputError, match=r"(?s)4 numbers \(speed\[0\], .*3 outputs.*board=\"cortex-m7\""):

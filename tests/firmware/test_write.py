@@ -63,6 +63,7 @@ def test_the_links_of_the_scenario_are_left_out_and_servo_frames_are_the_firmwar
     assert world.actuators.frame == world.actuators.period == 10_000
 
 
+@pytest.mark.thorough
 def test_the_instants_are_those_of_the_world(written):
     text = (written.folder / "emulated" / "instants.h").read_text()
     assert re.search(r"PERIODS\[\] = {10000, 60000}", text)

@@ -85,6 +85,7 @@ def test_what_is_put_in_comes_out_within_the_interval(N, B, K):
     assert np.mean([f.misfit for f in fits]) == pytest.approx(1, abs=0.25)
 
 
+@pytest.mark.thorough
 def test_the_simulated_unit_gives_back_its_parameters():
     """Six axes of two simulated 3DM-GX1, still; its quantisation's step²/12 is below the interval of the noise.
 

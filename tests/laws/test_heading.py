@@ -171,6 +171,7 @@ def test_ideal_bang_bang_chatters_at_the_tolerance(sampled, starts):
     assert int(o.switches[0, -1]) > 300
 
 
+@pytest.mark.thorough
 def test_ideal_literal_freezes_at_the_bad_limit_point(sampled, starts):
     """Ideal: e in 0.055 to 0.085 rad for good, sliding at v = -d r_ref without turning."""
     x, o = sampled(HeadingProportional(target=1.0, form="literal"), starts(0.0, 0.0, 0.0), 30.0, every=5)

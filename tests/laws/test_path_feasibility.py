@@ -27,6 +27,7 @@ PATHS = {
 }
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", PATHS)
 def test_its_forces_fly_the_path(name):
     """Open loop, from the state that the path asks for at its begin: nothing corrects a force that is wrong."""
@@ -54,6 +55,7 @@ def test_its_forces_fly_the_path(name):
     np.testing.assert_allclose(end.heading, motion.heading[k + round(seconds / 0.02)], atol=0.03)
 
 
+@pytest.mark.thorough
 def test_a_circle_needs_what_the_centripetal_force_is():
     """FX = m w^2 (R + a), no FY, and the nose looks at the centre."""
     motion = path_motion(Circle(radius=1.5, period=15.0, ease=0.0), PLANT, 30.0)
@@ -77,7 +79,7 @@ REFUSED = {
 }
 
 
-@pytest.mark.thorough("wide eight", "fast circle", "slow large circle")
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", REFUSED)
 def test_what_can_not_be_followed_is_refused(name):
     path, problem = REFUSED[name]

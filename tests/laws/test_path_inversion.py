@@ -119,6 +119,7 @@ def test_limits_clip_and_say_so():
     assert np.asarray(moved).all()
 
 
+@pytest.mark.thorough
 def test_internal_rates_are_the_vehicles_with_that_input():
     """[1] eqs. 4-8: Psi is the rows of alpha, Q and the modes of the vehicle itself."""
     draws = np.random.default_rng(2)
@@ -133,6 +134,7 @@ def test_internal_rates_are_the_vehicles_with_that_input():
     np.testing.assert_allclose(np.asarray(got), np.asarray(wanted), rtol=1e-10, atol=1e-11)
 
 
+@pytest.mark.thorough
 def test_is_differentiable_at_the_trim():
     """[1] eqs. 4-8: du/dv is the inverse of dv/du = [0.685649, 86.387771; 24.596085, -40.341697]."""
 

@@ -283,6 +283,7 @@ def test_damped_tracks_surge_and_yaw_rate():
     assert np.abs(spin["truth.surge_velocity"]).max() < 0.02
 
 
+@pytest.mark.thorough
 def test_a_long_damped_turn_ends_with_the_nose_to_the_centre():
     """u -> 0 and v -> -k1 u_r/(m r_r), 1 %, with the yaw rate held: physics, not a choice."""
     (log,) = flown((0, 0.5, 0.0, "damped"), (3, 0.5, 0.4, "damped"), (29, 0.5, 0.4, "damped"))

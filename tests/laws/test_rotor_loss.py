@@ -59,6 +59,7 @@ def test_one_that_stands_is_found_after_its_patience_and_for_ever(rotor):
     np.testing.assert_array_equal(outputs[-1].demand.working, np.arange(4) != rotor)
 
 
+@pytest.mark.thorough
 def test_a_short_pause_is_none_and_of_two_only_the_first_counts():
     pause = [0.0, *TURNS[1:]]
     assert not run(LAW, [pause, pause, TURNS, pause, pause])[0][-1].lost
@@ -96,6 +97,7 @@ def test_in_relaxed_hover_it_asks_for_what_the_hover_gives(rotor):
     assert out.attitude_error == pytest.approx(0, abs=1e-9)
 
 
+@pytest.mark.thorough
 def test_roll_and_pitch_bring_the_axis_to_the_direction_as_its_gains_say():
     """d'' = -ks (d - axis) - kd d', in x and y, along the motion that the demanded moment makes."""
     rng, law = np.random.default_rng(0), replace(LAW, lead=0.0)

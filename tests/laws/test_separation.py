@@ -110,6 +110,7 @@ def test_what_is_allowed_holds_for_every_place_where_the_neighbour_may_be():
     assert tight > 5, "the bound is never near: the test is too easy"
 
 
+@pytest.mark.thorough
 def test_who_was_never_heard_stops_everybody_and_so_does_one_who_may_be_anywhere():
     wanted = np.array([0.3, 0.0])
     for stamp in (NEVER, -ms(20_000)):

@@ -138,6 +138,7 @@ def test_reverse_is_stable_exactly_above_the_least_theta():
     assert eigenvalues(ReverseMomentum(theta=least * 0.99)).real.max() > 0
 
 
+@pytest.mark.thorough
 def test_slow_manifold_slope(continuous, starts):
     """The slope of 1/(2 r^2) over 1000 to 2000 s is 1.911 within 1 %.
 

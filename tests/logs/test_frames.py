@@ -89,6 +89,7 @@ def test_each_fits_its_own_schema_and_has_what_the_published_one_requires(log):
     assert entity["frame_locked"]
 
 
+@pytest.mark.thorough
 def test_poses_are_thinned_out_and_stand_at_the_time_of_day(log):
     found = messages(log)
     (world, *moves) = found["/tf"]

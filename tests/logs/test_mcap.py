@@ -173,6 +173,7 @@ def test_a_cut_file_is_read_up_to_the_cut(tmp_path, share):
         same_bits(cut[path], log[path][: len(cut)])
 
 
+@pytest.mark.thorough
 def test_a_cut_anywhere_gives_a_log_or_a_refusal(tmp_path):
     log = made(n=30)
     write_mcap(log, tmp_path / "run.mcap")

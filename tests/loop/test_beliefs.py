@@ -98,6 +98,7 @@ def test_an_autopilot_without_copies_is_fine():
     assert describe_mismatches([]) == ""
 
 
+@pytest.mark.thorough
 def test_many_differences_are_counted():
     craft = build(CLIMB).world.vehicle
     air = {name: 1.1 * getattr(craft.forces.aerodynamics, name) for name in ("CL_a", "CL_0", "CD_a", "CM_a", "CM_0")}

@@ -49,6 +49,7 @@ def test_stiff_contact_is_radaus(method, vehicle, backend):
     )  # two contacts, two events at each end
 
 
+@pytest.mark.thorough
 def test_one_step_of_order_four_is_lost_in_the_contact_and_says_so():
     log = simulate(fall(FLOOR, START, PLAIN_STEP))
     assert abs(log.final["truth.z"] - radau(1.0)[0]) > 100
@@ -140,6 +141,7 @@ class NamedTop(Top):
     QUATERNIONS = ("q",)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("backend", ["c", "jax"])
 def test_an_attitude_on_the_group_turns_exactly_and_keeps_its_length(backend):
     method = Integration(attitude="group")

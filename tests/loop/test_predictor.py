@@ -107,6 +107,7 @@ def test_it_integrates_the_craft_over_the_commands_under_way():
     assert float(ahead.age) == age
 
 
+@pytest.mark.thorough
 def test_beyond_its_horizon_it_stops_and_says_so():
     predictor, x = direct(), [0.8, -0.3, 2.5, 0.7]
     state = send(predictor, first(predictor), 0, (1.0, 0.2))

@@ -87,6 +87,7 @@ def test_it_begins_at_rest_where_the_path_does():
     assert start_pose(Circle(), 0.0)[:2] == pytest.approx((1.5, 0.0))
 
 
+@pytest.mark.thorough
 def test_a_choice_of_the_scenario_stays_one():
     assert build("hovercraft/track", {"reference": "eight"}).choices["arguments"] == {"reference": "eight"}
     own = build("hovercraft/track", {"reference": "eight(length=6)"})

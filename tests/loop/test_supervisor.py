@@ -187,6 +187,7 @@ def test_every_sequence_equals_the_plain_machine(sequences):
     assert {cause for _, _, cause in seen} == set(CAUSES) - {"automatic"}, "all but one cause have been seen"
 
 
+@pytest.mark.thorough
 def test_what_holds_in_every_sequence(sequences):
     _, out = sequences
     mode = out.mode

@@ -240,6 +240,7 @@ def test_long_lines_are_thinned_to_what_can_be_seen():
     assert (values.min(), values.max()) == (-50.0, 50.0)
 
 
+@pytest.mark.thorough
 @settings(max_examples=100, deadline=None)
 @given(st.lists(st.floats(-10, 10) | st.just(np.nan), min_size=1, max_size=60), st.integers(1, 5))
 def test_decimation_keeps_extremes_ends_gaps_and_order(values, bins):

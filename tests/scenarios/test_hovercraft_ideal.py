@@ -28,6 +28,7 @@ def first(log, signal, holds):
     return log.t[holds(log[signal]).argmax()]
 
 
+@pytest.mark.thorough
 def test_zero_velocity_extremes():
     """Fig. 6.7: extremes within 2 %, the turn stopped at 4.09 s."""
     log = ideal("zero-velocity")

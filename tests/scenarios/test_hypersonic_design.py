@@ -76,6 +76,7 @@ def test_reference_gain(linear):
     assert np.linalg.eigvals(linear.A + linear.B @ blind).real.max() == pytest.approx(2.05, abs=5e-3)
 
 
+@pytest.mark.thorough
 def test_robust_term_of_either_sign(linear):
     """[1] eqs. 16-18: the published u_h makes K/2 of K, the minus sign 1.5 K."""
     K = hypersonic.feedback_gain(linear, strict=1.0).K
@@ -216,6 +217,7 @@ def test_numbers_of_an_uncertain_plant_over_the_envelope(linear, monkeypatch):
     assert (kappa.low, kappa.high) == (0.0, 1.0)
 
 
+@pytest.mark.thorough
 def test_bounds_of_the_uncertainty_hold_for_any_plant_inside_and_are_reached(linear):
     """|M_F| <= rho0 + rho1 |e/scale| at random points, errors and plants of the box; the scenario's own plant too."""
     K, craft, rng = hypersonic.feedback_gain(linear).K, Hypersonic(), np.random.default_rng(0)
@@ -247,6 +249,7 @@ def test_the_declared_uncertainty_has_the_scenario_s_plant_at_a_corner():
     np.testing.assert_allclose(jax.tree.leaves(corner), jax.tree.leaves(flown), rtol=1e-15)
 
 
+@pytest.mark.thorough
 def test_what_is_not_offered_is_refused(linear):
     with pytest.raises(InputError, match="'magic'"):
         hypersonic.feedback_gain(linear, method="magic")

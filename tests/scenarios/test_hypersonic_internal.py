@@ -48,6 +48,7 @@ def test_check_10_reference_values():
     assert (np.abs(np.asarray(table.at(30.0)) - wanted) <= digits).all()
 
 
+@pytest.mark.thorough
 def test_check_10_residual_and_ends():
     """[1] eq. 7: below 1e-5 per unit scale, and 4e-6 in each component; ends are the trims."""
     _, report, _ = noncausal()
@@ -84,6 +85,7 @@ def test_it_moves_before_the_command_does():
     np.testing.assert_allclose(np.log(early[1:] / early[:-1]) / 0.25, 3.2894, rtol=1e-3)
 
 
+@pytest.mark.thorough
 def test_forward_integration_goes_away():
     """[1] eqs. 4-8: the exact internal dynamics integrated forward from the exact start leave at e^(3.289 t)."""
     report = noncausal()[1]
@@ -111,6 +113,7 @@ def test_forward_integration_goes_away():
     assert gone
 
 
+@pytest.mark.thorough
 def test_nodes_a_tenth_apart_keep_the_solution():
     """Largest error between nodes, in scales: 2.7e-7, a tenth of it in alpha; half the spacing: a sixteenth."""
     _, report, _ = noncausal()

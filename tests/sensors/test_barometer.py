@@ -57,6 +57,7 @@ def test_the_height_is_that_over_the_sea_where_the_vehicle_knows_it():
     assert float(IDEAL.measure(over).altitude) == pytest.approx(1500.0)
 
 
+@pytest.mark.thorough
 def test_noise_bias_drift_and_steps_are_as_large_as_said():
     still = [motion(100.0)] * 4000
     true = float(IDEAL.measure(still[0]).pressure)

@@ -52,6 +52,7 @@ def test_ranges_are_distances_and_rates_their_derivatives():
     assert reading.received.all()
 
 
+@pytest.mark.thorough
 def test_place_velocity_and_clock_can_be_found_again():
     """By SciPy's least squares from the sample alone: the clock at 1 s has run on by its drift."""
     s = samples(QUIET, 120)

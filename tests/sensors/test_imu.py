@@ -93,6 +93,7 @@ def test_at_rest_it_feels_the_floor_pushing_up():
     np.testing.assert_allclose(reading.specific_force, [G * np.sin(0.1), 0, -G * np.cos(0.1)], atol=1e-14)
 
 
+@pytest.mark.thorough
 def test_a_mounting_turns_both():
     mounted = Imu(mounting=(0.0, 0.0, 0.3)).measure(motion(0.7))
     plain = Imu().measure(motion(0.7))
@@ -176,6 +177,7 @@ def test_saturation_is_flagged_and_only_that_triad():
     assert not np.asarray(free.gyro_saturated).any()
 
 
+@pytest.mark.thorough
 def test_quantisation():
     step = 0.01
     imu = Imu(gyro=GyroErrors(resolution=step))
@@ -194,6 +196,7 @@ def test_bandwidth_is_the_3_db_frequency():
     assert np.linalg.norm(np.linalg.lstsq(basis, y, rcond=None)[0]) == pytest.approx(np.sqrt(0.5), abs=1e-6)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("response", [IdentifiedGyro(), DelayedGyro()], ids=["identified", "delayed"])
 def test_gyro_dynamics_take_the_place_of_the_low_pass(response):
     u = np.sin(0.3 * COUNT)

@@ -31,6 +31,7 @@ def test_rows_hold_or_say_why_not(name):
     assert [r.id for r in rows if not r.must_hold and r.holds] == [], "said not to be reproduced, but it is"
 
 
+@pytest.mark.thorough
 def test_the_front_page_counts_what_the_rows_say():
     assert stated_counts("fossen") == row_counts([row for name in GROUPS for row in rows_of(name)])
 

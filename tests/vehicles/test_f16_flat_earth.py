@@ -32,6 +32,7 @@ def test_acceleration_is_the_change_of_velocity():
     np.testing.assert_allclose(velocity_over_ground(SOME), [rate.north, rate.east, -rate.altitude], rtol=1e-13)
 
 
+@pytest.mark.thorough
 def test_angles_turn_as_the_body_does():
     """R' = R [w]×, by the derivative of the Euler angles."""
     rate = CRAFT.dynamics(0.0, SOME, CONTROLS)

@@ -187,6 +187,7 @@ def test_friction_of_zeros_is_no_friction():
     np.testing.assert_array_equal(with_zeros, _row(Hovercraft().dynamics(0.0, TUMBLING, u)))
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("x", [HovercraftState(), TUMBLING], ids=["rest", "tumbling"])
 def test_differentiates_at_rest_and_in_motion(x):
     craft = to_arrays(Hovercraft(friction=FRICTION))
@@ -197,6 +198,7 @@ def test_differentiates_at_rest_and_in_motion(x):
     assert all(np.isfinite(leaf).all() for leaf in jax.tree.leaves(by_mass))
 
 
+@pytest.mark.thorough
 def test_slope_of_friction_at_rest():
     """Towards rest the force is -(c0/v0 + c1) v: the derivative at rest must say so, not drop the dry part."""
     small = 1e-7

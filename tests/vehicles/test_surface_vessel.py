@@ -136,6 +136,7 @@ def test_steady_speed_is_where_thrust_is_resistance():
     assert float(SurfaceVessel().accelerations(x)[0]) == pytest.approx(0.0, abs=1e-12)
 
 
+@pytest.mark.thorough
 def test_it_does_not_keep_its_course_by_itself():
     """The linear model of sway and yaw at 1000 rpm has a root on the right: damping cannot hold Munk's moment."""
     vessel, n = SurfaceVessel(), 1000 / 60 * TURN

@@ -21,7 +21,7 @@ WANTED = {
 }
 
 
-@pytest.mark.thorough("hypersonic/climb-large", "hypersonic/climb-small", "hypersonic/printed-gains")
+@pytest.mark.thorough(*(name for name in catalogue.scenario_names() if name.startswith("hypersonic/")))
 @pytest.mark.parametrize("name", catalogue.scenario_names())
 def test_every_scenarios_vehicle_is_of_its_type(name):
     common = pytest.importorskip("pymavlink.dialects.v20.common")

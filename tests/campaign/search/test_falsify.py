@@ -130,6 +130,7 @@ def test_search_is_no_better_than_a_grid_says(worst):
     assert found.flown_runs <= 1200
 
 
+@pytest.mark.thorough
 def test_bounds_are_those_of_the_spread_and_common_random_numbers_repeat(worst):
     _, found = worst
     mass, k2 = found.values["world.vehicle.mass"] / 2.6, found.values["autopilot.law.k2"] / 2.5

@@ -37,6 +37,7 @@ def test_an_ideal_loop_holds_for_one_period(forward):
     assert loop_delay(forward.ideal()) == pytest.approx((0.0, 0.0005, 0.001))
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("latency", [0.05, 0.0635])
 def test_the_age_of_what_acts_is_what_a_flight_shows(forward, latency):
     """Read off a flight: which earlier surge velocity makes the force that acts now, at every millisecond."""

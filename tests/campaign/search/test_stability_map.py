@@ -71,6 +71,7 @@ def test_a_limit_cycle_inside_the_bands_is_no_success():
     assert stability_map(real, *axes, runs=1, depth=0, swing=1.0).share.all()
 
 
+@pytest.mark.thorough
 def test_jitter_moves_it_to_shorter_delays(found):
     ends = [found.crossings(j)[0][1] for j in (0.0, 0.08)]
     assert 0.02 < ends[0] - ends[1] < 0.08
@@ -151,6 +152,7 @@ def test_a_scenario_without_targets_needs_a_success_function(linear):
         target_success(replace(linear, targets=()))
 
 
+@pytest.mark.thorough
 def test_conditions_are_those_of_each_log():
     scenario = build("hovercraft/zero-velocity", {"duration": "4"})
     judge, signals = parse_success(scenario, ["peak:truth.surge_velocity <= 0.75", "error_rms:yaw_rate < 3.5"])

@@ -84,6 +84,7 @@ def test_refused_functions_say_where_and_what_to_write(library: str) -> None:
         assert caught.value.fix
 
 
+@pytest.mark.thorough
 def test_there_are_77_and_65_of_them_agree() -> None:
     installed = [n for n, needs in LIBRARIES.items() if all(importlib.util.find_spec(p.split(".")[0]) for p in needs)]
     if len(installed) < len(LIBRARIES):

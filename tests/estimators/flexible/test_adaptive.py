@@ -145,6 +145,7 @@ def test_probabilities_are_those_of_bayes_with_a_floor():
     assert pytest.approx(APART**2) == 1.5 * (1 - SHARE**2)  # of three a third each: 2/3 APART^2 + SHARE^2 = 1
 
 
+@pytest.mark.thorough
 def test_hypotheses_are_weighed_by_the_density_of_what_was_measured():
     """A surer one that is off counts less than one that had expected to be: Gauss, as scipy has it."""
     one, b = AdaptiveFlexibleModeFilter(), np.array([0.0, 150.0, 0.0, 240.0])

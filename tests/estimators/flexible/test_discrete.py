@@ -143,6 +143,7 @@ def test_check_08_filter_does_work():
     assert (gain[:, 2:] >= 8).all()
 
 
+@pytest.mark.thorough
 def test_the_trap_an_observer_switched_off_fails_check_08():
     """What only a filter that uses its measurements does; the printed setting is not one that does."""
     none = rms(_errors("none", 0.0)[0], 4, 5)
@@ -351,6 +352,7 @@ def test_nothing_is_valid_before_flight_and_input_are_known():
     assert int(state.t) == ms(7)
 
 
+@pytest.mark.thorough
 def test_an_autopilot_of_1_ms_changes_nothing():
     """Between its instants the filter holds; a sample is used once."""
     _, x, u = trim()

@@ -172,6 +172,7 @@ def test_below_two_degrees_where_the_slope_vanishes():
     assert np.asarray(iterations).max() < 8
 
 
+@pytest.mark.thorough
 def test_noise_and_other_heights_stay_finite():
     rng = np.random.default_rng(0)
     height = rng.uniform(-1, 9, 5000)
