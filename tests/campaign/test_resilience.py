@@ -155,6 +155,7 @@ def test_second_campaign_on_a_store_that_is_being_written(store, whole):
     assert_same(read_store(store)[1], whole)
 
 
+@pytest.mark.thorough
 def test_more_runs_and_fewer(store, whole):
     first = small(5 * BLOCK + 7).run(store)
     assert_same(first.columns, {n: c[: 5 * BLOCK + 7] for n, c in whole.items()})

@@ -41,6 +41,7 @@ def test_rows_are_a_period_apart():
     assert choose_rows(np.array([0, 1, 5, 6, 11, 30]) * ms(1), ms(5)).tolist() == [0, 2, 4, 5]
 
 
+@pytest.mark.thorough
 def test_a_bag_has_what_the_log_has_as_another_library_reads_it(flight, tmp_path):
     done = call("convert", flight, "--as", "ros2", "--out", tmp_path / "bag", "--json")
     assert done.exit_code == 0, done.output

@@ -59,6 +59,7 @@ def test_compare_says_where_two_flights_differ(flights, tmp_path):
     assert json.loads(same.stdout)["equal"] is True
 
 
+@pytest.mark.thorough
 def test_compare_of_one_log_flies_it_again(flights):
     done = call("compare", flights / "b" / "run.mcap", "--json")
     assert done.exit_code == 0, done.output

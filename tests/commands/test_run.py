@@ -108,11 +108,13 @@ def test_a_run_too_short_for_an_estimate_ends_with_its_pictures(boat, tmp_path):
     assert {f.name for f in (tmp_path / "out").iterdir()} == {"run.mcap", "run.png", "run-navigation.png"}
 
 
+@pytest.mark.thorough
 def test_other_scenarios_say_nothing_of_navigation(tmp_path, monkeypatch):
     monkeypatch.setenv("TRIMTAB_CACHE", str(tmp_path))
     assert "navigation" not in json.loads(call("hovercraft/spin", "--duration", "0.2", "--no-ideal", "--json"))
 
 
+@pytest.mark.thorough
 def test_a_scenario_without_a_choice_of_navigation_says_so():
     done = CliRunner().invoke(main, ["run", "navigation/platform-encoder", "--navigation", "ins"])
     assert done.exit_code == 2

@@ -67,6 +67,7 @@ def test_a_turn_with_friction_by_words():
     assert found["inputs"]["FY"] == pytest.approx(-0.05 * np.radians(10) / 0.32)
 
 
+@pytest.mark.thorough
 def test_there_is_none_and_it_says_why():
     done = call("trim", "hovercraft/forward", "--at", "surge_velocity=1", "--at", "yaw_rate=0.2")
     assert done.exit_code == 1
@@ -153,6 +154,7 @@ def test_refusals_say_what_to_type(own):
         assert wanted in done.output, (words, done.output)
 
 
+@pytest.mark.thorough
 def test_a_boat_without_a_place_is_at_rest_only_where_its_velocities_are_zero():
     boat = str(Path(__file__).parents[2] / "examples" / "my_boat.py")
     assert "\nat rest\n" in call("trim", boat, "--at", "surge_velocity=0").output
@@ -236,6 +238,7 @@ class Glider:
         return Motion(t, jnp.stack([0.0, 0.0, -x.height]), angles, x.V * ahead, still, still, still)
 
 
+@pytest.mark.thorough
 def test_what_can_t_rest_flies_level_at_the_start_s_speed_height_and_course():
     """A dive in a bank is no trim; level at 50 m/s drag takes 2.5 m/s^2 of thrust, and weight is lift."""
     plant = plant_of_vehicle("glider", Glider(), GliderState(), GliderControls(lift=9.81))

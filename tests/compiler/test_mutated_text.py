@@ -85,6 +85,7 @@ def reject(count: int, seed: int) -> None:
     assert results.total() == count
 
 
+@pytest.mark.thorough
 def test_each_of_100_mutants_is_rejected() -> None:
     reject(100, seed=1)
 

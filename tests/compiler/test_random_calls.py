@@ -114,6 +114,7 @@ def test_some_functions(first: int) -> None:
     assert not check(first)
 
 
+@pytest.mark.thorough
 def test_a_wrong_number_would_be_seen(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setitem(text.INFIX, "xor", "|")
     call = next(

@@ -68,6 +68,7 @@ def test_rings_that_each_craft_reads_at_a_place_of_its_own(hover):
     check_one_and_many(step, (np.zeros((64, 3)), np.array([1.0, 2.0, 3.0])), 90)
 
 
+@pytest.mark.thorough
 def test_a_vector_chosen_by_one_truth_value_after_a_drawn_delay(hover):
     key = jnp.array([7, 0], jnp.uint32)
 
@@ -79,6 +80,7 @@ def test_a_vector_chosen_by_one_truth_value_after_a_drawn_delay(hover):
     check_one_and_many(step, (np.zeros((64, 2)), np.array([1.0, 2.0]), np.zeros(2)), 45)
 
 
+@pytest.mark.thorough
 def test_draws_in_a_branch_and_after_it(hover):
     key = jnp.array([7, 0], jnp.uint32)
 

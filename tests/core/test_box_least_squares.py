@@ -43,6 +43,7 @@ def test_sides_say_which_bound_holds():
     np.testing.assert_allclose(found.x, [1, -1, -0.1])
 
 
+@pytest.mark.thorough
 def test_an_unknown_without_room_is_held():
     low, high = np.array([0.0, -1.0]), np.array([0.0, 1.0])
     found = solver(6)(np.array([[2.0, 1.0], [1.0, 2.0]]), np.array([-3.0, -1.0]), low, high, np.ones(2))

@@ -140,6 +140,7 @@ def test_a_start_near_the_solution_needs_fewer_iterations():
     assert not few(p, start_of(8, 20)).solved
 
 
+@pytest.mark.thorough
 def test_not_even_nonsense_raises():
     p = draw_program(np.random.default_rng(8), 8, 20, "plain")
     for broken in (p._replace(P=-p.P), p._replace(q=p.q * np.nan), p._replace(l=p.u, u=p.l)):
@@ -148,6 +149,7 @@ def test_not_even_nonsense_raises():
         assert not found.infeasible or broken.l is p.u
 
 
+@pytest.mark.thorough
 def test_what_is_only_unfinished_is_not_called_infeasible():
     rng = np.random.default_rng(9)
     for _ in range(200):

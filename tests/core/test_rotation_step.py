@@ -73,6 +73,7 @@ def test_it_keeps_the_order_of_its_step_and_the_length_of_a_quaternion(step, ord
     assert abs(float(drift @ drift) - 1) > 1e-8
 
 
+@pytest.mark.thorough
 def test_a_term_that_brings_the_length_back_is_left_out():
     def corrected(t, x):
         dx = free(t, x)
@@ -85,6 +86,7 @@ def test_a_term_that_brings_the_length_back_is_left_out():
     assert float(x.q @ x.q) == pytest.approx(2.25, abs=1e-13)  # the length is what it was
 
 
+@pytest.mark.thorough
 def test_what_it_says_of_its_error_is_of_the_quaternion():
     step = jax.jit(rotation_step(rk4_with_error, ("q",)), static_argnums=0)
     sizes = [float(jnp.abs(step(free, 0.0, START, h)[1].q).max()) for h in (0.2, 0.1)]

@@ -57,6 +57,7 @@ def test_check_02_trim(model, level):
     assert np.abs(model.f(level.x, level.u)).max() < 1e-10
 
 
+@pytest.mark.thorough
 def test_trim_is_the_same_in_all_readings_and_another_with_the_gravity_of_the_ground(level):
     """Oracle, trim."""
     for kmode in ("paper", "author"):

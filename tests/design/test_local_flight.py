@@ -71,6 +71,7 @@ def test_a_steady_turn_as_printed():
     assert np.degrees(found["elevator"]) == pytest.approx(-6.256, rel=1e-3)
 
 
+@pytest.mark.thorough
 def test_the_derivative_is_that_of_the_vehicle_itself():
     body = RigidBody(mass=2.0, inertia=np.array([0.1, 0.2, 0.25]))
     start = body.start(

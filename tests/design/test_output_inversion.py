@@ -58,6 +58,7 @@ def test_flown_open_loop_over_a_short_way_it_stays_on_it(model, inversion):
     np.testing.assert_allclose(end, found.x[part][-1], atol=1e-4)
 
 
+@pytest.mark.thorough
 def test_a_course_is_smooth_and_is_refused_where_it_is_short(model):
     course = smooth_course(TIMES, {"position": (1.0, 3.0)}, 1.0, 5.0, order=3)
     y = course.derivatives["position"]
@@ -71,6 +72,7 @@ def test_a_course_is_smooth_and_is_refused_where_it_is_short(model):
         smooth_course(TIMES, {"position": (0, 1)}, 1.0, 9.0, order=2)
 
 
+@pytest.mark.thorough
 def test_it_is_what_a_collocation_of_the_boundary_value_problem_finds(inversion):
     """Lean of the pole over an acceleration of its cart that is given: scipy's solve_bvp, bounded by its ends.
 

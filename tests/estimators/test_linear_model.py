@@ -32,6 +32,7 @@ def fly(estimator, *frames):
     return state, estimate
 
 
+@pytest.mark.thorough
 def test_a_sample_is_used_once_and_only_while_it_is_new(estimator):
     state, first = fly(estimator, frame(0, 0.1))
     assert (int(first.used), bool(first.valid), bool(first.fresh)) == (1, True, True)

@@ -89,6 +89,7 @@ def test_ideal_loop_too(tmp_path):
     assert verify_folder(tmp_path).good
 
 
+@pytest.mark.thorough
 def test_the_text_says_what_it_is(tmp_path):
     written = exported("hovercraft/spin", tmp_path, steps=10)
     names = {f.name for f in written.files}
@@ -114,6 +115,7 @@ def test_wrong_options_are_refused(options, says, tmp_path):
         exported("hovercraft/spin", tmp_path, **options)
 
 
+@pytest.mark.thorough
 def test_a_folder_that_cannot_be_written_is_refused(tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(InputError, match="out"):

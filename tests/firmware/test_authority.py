@@ -72,6 +72,7 @@ def test_what_a_ground_station_arms_is_flown_by_who_commands_first_and_it_may_di
     assert host.pulses()[1] == NEUTRAL
 
 
+@pytest.mark.thorough
 def test_a_command_that_leads_costs_itself_alone(host):
     first, _ = two(host)
     arm(host, first)

@@ -1,6 +1,7 @@
 """Least squares without the readings that don't belong."""
 
 import numpy as np
+import pytest
 
 from trimtab.identify.regression import fit_linear
 
@@ -28,6 +29,7 @@ def test_wild_readings_are_left_out_and_only_they() -> None:
         np.testing.assert_allclose(fit.value, [2, 1], atol=0.15)
 
 
+@pytest.mark.thorough
 def test_good_lists_lose_a_reading_once_in_a_hundred() -> None:
     lost = 0
     for seed in range(400):
@@ -37,6 +39,7 @@ def test_good_lists_lose_a_reading_once_in_a_hundred() -> None:
     assert lost <= 14  # 4 expected; 14 or more by chance 1e-4
 
 
+@pytest.mark.thorough
 def test_intervals_hold_the_truth() -> None:
     inside = 0
     for seed in range(400):

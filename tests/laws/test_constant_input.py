@@ -1,6 +1,7 @@
 """The law that wants the same input all the time."""
 
 import numpy as np
+import pytest
 
 from trimtab.core.record import replace
 from trimtab.core.signals import PlanarForce
@@ -18,6 +19,7 @@ def test_it_wants_what_it_was_given_whatever_is_estimated():
         assert (state, output.demand.FX, output.demand.FY) == ((), 1.5, -0.5)
 
 
+@pytest.mark.thorough
 def test_a_schedule_changes_it_in_flight():
     own = build("hovercraft/forward", {"duration": "0.4"})
     held = replace(own, autopilot=replace(own.autopilot, law=ConstantInput(PlanarForce(0.0, 0.0)), schedules=()))

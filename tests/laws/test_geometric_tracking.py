@@ -131,6 +131,7 @@ def test_the_recovery_of_the_publication():
     assert first < 1500
 
 
+@pytest.mark.thorough
 def test_psi_decays_as_the_first_proposition_bounds_it():
     """A place, so that position and attitude part: log Psi falls on the whole at a rate of its own linear modes."""
     law = GeometricTracking(reference=FixedPlace())

@@ -38,6 +38,7 @@ def test_four_seconds_give_the_bounded_solution(default):
     assert (got < [1.2e-6, 4e-6, 2e-7, 5e-8, 2.2e-7, 9e-8]).all()
 
 
+@pytest.mark.thorough
 def test_it_moves_before_the_command_does(default):
     zeta = default[1]
     assert abs(zeta[950, 0] - zeta[0, 0]) > 3e-7
@@ -79,6 +80,7 @@ def test_asked_twice_at_one_instant_it_says_the_same():
     np.testing.assert_allclose(again.q, state.q, rtol=1e-12, atol=1e-15)
 
 
+@pytest.mark.thorough
 def test_what_it_cannot_fly_is_said_and_stays_finite():
     f = form(intervals=10)
     state, zeta = STEP(f, 6.0, f.init(None), to_arrays(FilteredClimb(dh=-1e6, wh=3.0)))

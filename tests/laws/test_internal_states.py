@@ -56,6 +56,7 @@ def test_is_the_root_of_an_independent_search():
         np.testing.assert_allclose(got, [alpha, Q, eta1, 0, eta2, 0], rtol=1e-9, atol=1e-12)
 
 
+@pytest.mark.thorough
 def test_error_against_the_bounded_solution():
     """Large climb, largest differences in scales: 1.6e-4 in alpha, 3.3e-2 in Q, which it takes for gamma'."""
     _, zeta = run(FORM)
@@ -64,6 +65,7 @@ def test_error_against_the_bounded_solution():
     assert got[1] > 1e-2
 
 
+@pytest.mark.thorough
 def test_the_search_starts_where_it_ended():
     """Two Newton steps each time are enough once it has begun, from anywhere; not found yet at the first."""
     right = run(FORM, every=10)[1]
@@ -75,6 +77,7 @@ def test_the_search_starts_where_it_ended():
         assert not bool(first.step(0.0, first.init(None), CLIMB)[0].found)
 
 
+@pytest.mark.thorough
 def test_where_there_is_none_it_says_so_and_stays_finite():
     """A fall faster than the vehicle, hardly any air; a command that is not a number leaves the angle where it was."""
     for climb in (FilteredClimb(dh=-1e6, wh=3.0), FilteredClimb(V0=1000.0), FilteredClimb(h0=400e3)):
@@ -86,6 +89,7 @@ def test_where_there_is_none_it_says_so_and_stays_finite():
     assert float(state.alpha) == 0.02
 
 
+@pytest.mark.thorough
 @pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here")
 def test_its_c_computes_the_same():
     climb, state = to_arrays(CLIMB), to_arrays(FORM.init(None))

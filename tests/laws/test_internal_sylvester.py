@@ -23,6 +23,7 @@ def ran(form):
     return run(form)[1]
 
 
+@pytest.mark.thorough
 def test_after_the_step_it_is_the_linear_solution_up_to_what_fades(ran):
     """[1] eq. 7: the difference is made of the stable modes; after 20 s it is below 1e-7, in scales."""
     off = np.abs(ran - linear()[1].solution.zeta[: len(T)]) / SCALES

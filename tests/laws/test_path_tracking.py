@@ -110,6 +110,7 @@ def test_V_changes_as_the_docstring_says(name):
     assert within > 120
 
 
+@pytest.mark.thorough
 def test_the_end_is_the_one_with_less_V():
     """Turning the craft round changes which end leads, not what P does."""
     law, draw = replace(LAW, reference=Circle()), np.random.default_rng(8)
@@ -149,6 +150,7 @@ def starts(n, seed, place, spread=1.0):
     return HovercraftState(u, v, r, north, east, draw.uniform(-np.pi, np.pi, n))
 
 
+@pytest.mark.thorough
 def test_V_falls_to_a_neighbourhood_from_anywhere(sampled):
     """On a circle, where thrust is always wanted: exponentially, and it stays small. Limits out of the way."""
     law = replace(LAW, reference=Circle(ease=0.0))

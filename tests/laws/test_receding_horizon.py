@@ -113,6 +113,7 @@ def test_it_follows_within_the_limits(name):
         np.testing.assert_allclose(output.demand.FY, -output.thrust * np.sin(output.force_angle), rtol=1e-12)
 
 
+@pytest.mark.thorough
 def test_tighter_limits_are_kept_too():
     law = replace(LAW, push=0.5, pull=0.3, deflection=0.2, thrust_rate=1.0, angle_rate=0.5)
     _, output = fly(Circle(), at_rest(Circle(), 1.0), 10, law)
@@ -134,6 +135,7 @@ def first_state():
     return jax.tree.map(np.asarray, LAW.init(key(0)))
 
 
+@pytest.mark.thorough
 def test_the_demand_is_held_between_its_periods():
     x = at_rest(Circle(), 0.5)
     state, output = steps()(LAW, np.int64(0), first_state(), x, 0.0, True)

@@ -2,6 +2,7 @@
 
 import jax.numpy as jnp
 import numpy as np
+import pytest
 from design.test_coordinates import Dart, DartInput, steady_turn
 
 from trimtab.core.record import replace
@@ -16,6 +17,7 @@ def test_plain_fields_in_the_order_of_their_names():
     np.testing.assert_array_equal(state_error(state, ("heading", "surge_velocity"), np.array([0.5, 3.0])), [3.5, -2])
 
 
+@pytest.mark.thorough
 def test_a_vehicle_in_space_has_the_error_of_its_linear_model():
     """What `design.coordinates` calls the deviation, the law finds again in the record."""
     x, u = steady_turn()

@@ -27,12 +27,14 @@ def turn_ship(steering, asked, seconds, *, speed=0.58, heading=0.0, gain=0.5, la
     return np.array(rows)
 
 
+@pytest.mark.thorough
 def test_it_turns_to_the_heading_the_shorter_way():
     rows = turn_ship(Steering(), asked=3.0, heading=-3.0, seconds=60)
     assert np.all(np.diff(rows[:150, 0]) <= 0), "from -3 down to 3 - 2 pi"
     assert rows[-1, 0] == pytest.approx(3.0 - 2 * np.pi, abs=0.02)
 
 
+@pytest.mark.thorough
 def test_a_compass_that_jumps_at_south_does_not_matter():
     smooth = turn_ship(Steering(), asked=3.6, heading=2.8, seconds=30)
     jumping = turn_ship(Steering(), asked=3.6, heading=2.8, seconds=30, read=wrap)

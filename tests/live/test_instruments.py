@@ -63,6 +63,7 @@ def test_posture_is_that_of_the_state(hovercraft):
     assert (place["vx"], place["vy"]) == pytest.approx((0.8 * c + 0.3 * s, 0.8 * s - 0.3 * c), rel=1e-6)
 
 
+@pytest.mark.thorough
 def test_servos_show_the_command_between_its_bounds(hovercraft):
     world = hovercraft.body.world
     world.inputs[world.reads["command.value.rudder_pulse"]] = 1.25e-3

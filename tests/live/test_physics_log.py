@@ -38,6 +38,7 @@ def fly(flights, steps):
         flights.vehicle.advance(k * ms(1), lambda t, k=k: flights.write_row(t, (k,)))
 
 
+@pytest.mark.thorough
 def test_each_flight_begins_anew_in_a_log_of_its_own(flights, tmp_path):
     flights.begin("somebody came")
     fly(flights, 20)

@@ -155,6 +155,7 @@ def test_a_log_without_sigmas_or_innovations_has_no_verdict(flown):
     assert state_series(Log(t=log.t, ticks=log.ticks, signals=bare)) == {}
 
 
+@pytest.mark.thorough
 def test_few_draws_decide_nothing(flown):
     """Half a second: a verdict would be a guess; ten times the believed noise is seen all the same."""
     short = assess_navigation(flown[1.0][3].between(0.0, 0.3))

@@ -58,6 +58,7 @@ def test_over_the_turning_earth_it_is_what_the_body_says_of_its_flight():
         np.testing.assert_allclose(got, place[:2], atol=1e-4)
 
 
+@pytest.mark.thorough
 def test_the_origin_and_the_earth_of_the_run_count():
     log, _ = over_the_earth()
     parameters = dict(log.metadata["parameters"])
@@ -80,6 +81,7 @@ def test_angles_are_scipys_whatever_the_quaternions_length():
     np.testing.assert_allclose(np.exp(1j * got), np.exp(1j * want), atol=1e-9)
 
 
+@pytest.mark.thorough
 def test_a_lander_turns_through_without_a_jump_and_ends_where_it_ends():
     log = simulate(replace(hover(), duration=seconds(9)), backend="jax")
     flight = with_flight(log)

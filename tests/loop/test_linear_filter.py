@@ -55,6 +55,7 @@ def test_the_error_is_as_large_as_the_filter_believes():
     assert np.sqrt(P[0, -1, 2, 2]) < 0.01 * FIRST["slosh"]
 
 
+@pytest.mark.thorough
 def test_a_filter_that_believes_other_water_is_found_out():
     wrong = design_filter(
         Tank(water=0.4), TankState(), Push(), {"pose": POSE}, {"pose.north": 0.002}, FIRST, period=ms(10)

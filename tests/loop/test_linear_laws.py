@@ -36,6 +36,7 @@ def test_a_gain_comes_back_from_its_file_into_its_columns(certificate, tmp_path)
         read_feedback(file, CartState(), PlanarForce(0.0, 0.0))
 
 
+@pytest.mark.thorough
 def test_in_space_a_law_stands_for_the_linear_feedback():
     """u of the law for a state off the steady turn is u0 + K e, e of `design.coordinates`."""
     x, u = steady_turn()
@@ -72,6 +73,7 @@ def test_what_the_law_believes_is_told_beside_what_flies():
     assert belief_mismatches(other.autopilot, heavier.vehicle) == []
 
 
+@pytest.mark.thorough
 def test_a_controller_of_python_control_flies(certificate):
     """Kalman filter and gain of python-control, from position and lean alone, in the place of the state feedback."""
     linear = linearise(error_model(Cart(), CartState(), Push()))

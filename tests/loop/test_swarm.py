@@ -33,6 +33,7 @@ def same(a, b, rtol=1e-13):
         np.testing.assert_allclose(x, y, rtol=rtol, atol=1e-13)
 
 
+@pytest.mark.thorough
 def test_each_sensor_measures_its_own_motion_with_its_own_noise():
     swarm, keys, motion = Each(NoisyPlanarPose(), N), split(key(3), N), motions()
     state = swarm.init(key(3))
@@ -70,6 +71,7 @@ def test_each_actuator_has_its_own_state():
         same(row(out, i), expected)
 
 
+@pytest.mark.thorough
 def test_fields_of_its_own_differ_from_craft_to_craft_and_others_do_not():
     zones = np.array([0.05, 0.5, 2.0])
     swarm = Each(replace(ThrustVectorAllocation(), dead_zone=zones), N, ("dead_zone",))

@@ -135,6 +135,7 @@ def test_any_scenario_whose_vehicle_feels_the_air_has_it_by_a_setting():
         simulate(with_settings(build("hovercraft/forward"), {"world.turbulence.wind": "5"}), duration=ms(50))
 
 
+@pytest.mark.thorough
 def test_a_gust_is_wind_to_a_body_and_to_an_aeroplane():
     """The same air, once as wind and once as a gust, gives the same forces."""
     air = np.array([4.0, -7.0, 0.0])

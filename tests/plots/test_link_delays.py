@@ -7,6 +7,7 @@ from trimtab.live.link_test import DelayModel, Delays, LinkTestPlan
 from trimtab.plots.link_delays import gamma_density, plot_link_delays
 
 
+@pytest.mark.thorough
 def test_picture_has_a_row_of_three_histograms_for_each_load(tmp_path):
     g = np.random.default_rng(0)
     up, down = 0.02 + g.gamma(4, 0.005, 300), 0.017 + g.gamma(4, 0.004, 300)

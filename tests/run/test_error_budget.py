@@ -24,6 +24,7 @@ def found(forward):
     return budget, told
 
 
+@pytest.mark.thorough
 def test_noise_of_navigation_is_what_limits_the_vehicle(found):
     """[1] section 6.1, text of fig. 6.8: the INS noise is the primary cause."""
     budget, _ = found

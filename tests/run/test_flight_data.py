@@ -34,6 +34,7 @@ heading = { from = "yaw", unit = "deg", sign = -1, offset = 90 }
 """
 
 
+@pytest.mark.thorough
 def test_the_actuators_do_what_they_did_in_flight_from_before_the_first_command_on() -> None:
     """80 ms pass until one has come over the radio; the fan stands still, as it does in what drives the fit."""
     scenario = build(NAME)

@@ -40,6 +40,7 @@ def test_a_quaternion_is_three_numbers_in_body_axes(reference):
     np.testing.assert_array_equal(turned["x"].position, reference["x"].position)
 
 
+@pytest.mark.thorough
 def test_there_and_back(reference):
     own = LoopCoordinates(reference)
     z = np.random.default_rng(0).uniform(-0.5, 0.5, len(own.names(reference)))

@@ -43,6 +43,7 @@ def sampled_cart(delay):
     return whole
 
 
+@pytest.mark.thorough
 def test_its_poles_are_those_of_the_loop_by_hand(cart):
     wanted = np.linalg.eigvals(sampled_cart(2))
     found = cart.poles()[: len(wanted)]
@@ -61,6 +62,7 @@ def test_its_margins_are_those_of_the_loop_by_hand(cart):
     assert 0.1 < margins.gain_down < 0.5  # with too little gain the pole falls
 
 
+@pytest.mark.thorough
 def test_the_bode_plot_is_that_of_the_loop_by_hand(cart):
     """Broken at the command: two steps of delay, the plant with a hold, gain and sum."""
     w = np.array([0.7, 5.0, 22.0, 90.0])

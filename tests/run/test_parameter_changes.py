@@ -38,6 +38,7 @@ def test_other_events_are_none():
     assert read_changes(Log(np.zeros(1), np.zeros(1, int), {"a.b": np.zeros(1)})) == []
 
 
+@pytest.mark.thorough
 @pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here")
 def test_both_replays_apply_it_from_its_step_on_and_not_before():
     scenario, _ = catalogue.load_scenario("hovercraft/forward")

@@ -71,6 +71,7 @@ def test_a_plan_is_a_flight_under_its_own_inputs(hall):
     np.testing.assert_allclose(x, [flown[name][-1] for name in STATE], atol=1e-5)
 
 
+@pytest.mark.thorough
 def test_a_nose_that_points_elsewhere_is_turned_on_the_way(tmp_path):
     task = PlanTask(EMPTY, (-2, -2), (2, 2), 0.35, heading=2.4)
     plan = plan_path(task)

@@ -83,6 +83,7 @@ def test_surfaces_that_lag_unsettle_the_published_roll_loop():
     assert rightmost("actuators", 2.0, 0.0) < -0.5
 
 
+@pytest.mark.thorough
 def test_published_gains_miss_the_ground_only_without_lag():
     """The dive, by AeroBenchVV's own gains: with lag it stalls, without lag and rate limit it climbs away."""
     lagged = build("f16/gcas", {"gains": "published"})

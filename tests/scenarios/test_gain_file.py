@@ -49,6 +49,7 @@ def design(folder, name, *more):
     return file
 
 
+@pytest.mark.thorough
 def test_the_gain_takes_the_place_of_the_law_about_its_trim(folder):
     file = design(folder, CART[0])
     certificate, _ = read_certificate(file)
@@ -65,6 +66,7 @@ def test_the_gain_takes_the_place_of_the_law_about_its_trim(folder):
     assert np.abs(log["truth.angle"][-100:]).max() < 0.01
 
 
+@pytest.mark.thorough
 def test_what_it_was_designed_for_is_believed_while_the_world_flies_its_own(folder):
     file = design(folder, CART[0], "--believed", "world.vehicle.pole_mass=0.15")
     name, settings = CART
@@ -135,6 +137,7 @@ def test_a_gain_of_states_that_nothing_estimates_says_which_settle_fast(folder):
     assert "--fast rudder --fast shaft_speed" in str(refused.value)
 
 
+@pytest.mark.thorough
 def test_states_that_do_not_settle_are_not_fast():
     words = DESIGNS["cart-pole/swing-up"].split()
     done = call("design", "cart-pole/swing-up", "--lqr", "--fast", "angle", "--fast", "angle_rate", *words[:6])

@@ -65,6 +65,7 @@ def first(t, holds):
     return np.where(holds.any(axis=1), t[holds.argmax(axis=1)], np.inf)
 
 
+@pytest.mark.thorough
 def test_zero_velocity_real_is_oscillatory_and_stops_later():
     """Fig. 6.7 and the text: large overshoot; "5 s longer" to stop turning, of which the model gives 2.5 … 6 s."""
     _, surge = stacked("zero-velocity", "surge_velocity")
@@ -86,6 +87,7 @@ def test_forward_real_rises_in_five_seconds_and_wanders():
     assert 0.06 <= np.median(sway[:, late].std(axis=1)) <= 0.15
 
 
+@pytest.mark.thorough
 def test_navigation_noise_is_the_main_cause_of_the_oscillation():
     """Text: "INS noise is the primary cause": without it nothing wanders, without delays nearly all of it stays."""
     t, quiet = stacked("forward", "sway_velocity", without=("navigation-error",))
@@ -96,6 +98,7 @@ def test_navigation_noise_is_the_main_cause_of_the_oscillation():
     assert 0.7 <= np.median(prompt[:, late].std(axis=1)) / np.median(full[:, late].std(axis=1)) <= 1.2
 
 
+@pytest.mark.thorough
 def test_reverse_real_takes_about_five_seconds():
     """Fig. 6.9 and the text: roughly five seconds."""
     t, surge = stacked("reverse", "surge_velocity")
@@ -138,6 +141,7 @@ def overlapping(reading="C"):
     return hits, misses
 
 
+@pytest.mark.thorough
 def test_run_extremes_overlap_the_axes_of_the_figures():
     """Figs. 6.7 to 6.10: at least 20 of 22 axis bands with the adopted reading of the noise, few with reading A."""
     hits, misses = overlapping()

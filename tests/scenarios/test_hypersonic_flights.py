@@ -104,6 +104,7 @@ def test_frequencies_ten_percent_off_leave_every_seed_inside_the_envelope(flight
     assert off.max() < 0.65
 
 
+@pytest.mark.thorough
 def test_elevator_moves_less_than_a_third_of_a_degree_for_the_noise(flights):
     """The issue: below 0.3 deg rms. What noise adds is told by the same climb without it."""
     moved = flights.rows("actuators.u.delta_e", 0.01, 1.0) - flights.rows("actuators.u.delta_e", 0.0, 1.0)
@@ -177,6 +178,7 @@ def test_what_is_believed_is_believed_by_gain_filter_law_and_table(integral):
     assert off[1] < off[0] / 10
 
 
+@pytest.mark.thorough
 def test_a_run_that_outlasts_its_table_is_refused():
     scenario, _ = catalogue.load_scenario("hypersonic/climb-small")
     with pytest.raises(InputError, match=r"autopilot\.law\.internal.*ends at 150 s, the run at 200 s"):

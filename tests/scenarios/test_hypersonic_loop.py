@@ -207,6 +207,7 @@ def test_flights_from_the_level_s_edge_keep_the_inputs_and_come_home(certificate
     assert float(V[:, -1].max()) < 0.01 * line.number
 
 
+@pytest.mark.thorough
 def test_the_plant_may_be_another(at, certificate):
     heavy = replace(Hypersonic(), m=330.0)
     A = loop.continuous_loop(heavy, CRAFT, certificate.K, certificate.observer.L, at)

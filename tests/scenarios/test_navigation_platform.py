@@ -131,6 +131,7 @@ def test_every_form_fits_every_experiment(name, form):
     jax.eval_shape(lambda x: start(scenario.world, scenario.autopilot, x, key(0)), to_arrays(scenario.initial))
 
 
+@pytest.mark.thorough
 def test_the_rig_turns_as_told_and_its_ideal_twin_too():
     for name, rate in (("platform-magnetometer", -166.0), ("platform-cricket", -115.0)):
         scenario, _ = catalogue.load_scenario(f"navigation/{name}")

@@ -33,6 +33,7 @@ def test_a_place_is_reached_and_kept():
     assert log["law.distance"][log.t > 3].max() < 0.05
 
 
+@pytest.mark.thorough
 def test_from_upside_down_it_is_upright_again():
     log = fly(trajectory="recovery")
     assert log["law.attitude_error"].max() > 1.8
@@ -74,12 +75,14 @@ def test_it_comes_back_from_a_turn_whichever_rotor_stops_and_whatever_the_noise(
     assert max(log.between(8, 10)["law.distance"].max() for log in logs) < 0.1
 
 
+@pytest.mark.thorough
 def test_the_fault_is_one_of_the_loops():
     log = fly(trajectory="place", faults=["actuators:speed[1] off @ 2 s"])
     same = fly(trajectory="place", motor="2-fails")
     np.testing.assert_array_equal(log["truth.position"], same["truth.position"])
 
 
+@pytest.mark.thorough
 def test_a_rotor_that_loses_a_part_of_its_speed_is_no_lost_one():
     log = fly(trajectory="place", faults=["actuators:speed[0] wrong by -0.1 @ 2 s"])
     assert not log["law.lost"].any()

@@ -78,6 +78,7 @@ def test_the_ideal_twin_flies_and_is_observed():
     assert log["law.oldest"][log.t > 1].max() <= 0.02 + 1e-9, "messages come within one control period"
 
 
+@pytest.mark.thorough
 def test_without_messages_each_flies_alone_and_what_others_do_changes_no_bit():
     """The proof that the command is decentralised, on the whole loop: what is lost cannot be known."""
     deaf = build("swarm/formation", {"craft": "3", "world.sensors.craft.radio.loss": "1"})

@@ -28,6 +28,7 @@ def test_it_starts_level():
     assert float(climb) == pytest.approx(0.0, abs=1e-5)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("links", ["aboard", "acoustic"])
 def test_depth_and_heading_are_reached(links):
     log = simulate(build("torpedo/depth", {"links": links}), seed=0)

@@ -11,6 +11,7 @@ def cross_track(log, start=0.0):
     return np.asarray(log["law.cross_track"])[log.t >= start]
 
 
+@pytest.mark.thorough
 def test_it_sails_past_all_way_points_at_its_speed():
     log = simulate(build("vessel/path"), seed=0)
     north, east = log["truth.north"], log["truth.east"]
@@ -22,6 +23,7 @@ def test_it_sails_past_all_way_points_at_its_speed():
     assert log["truth.surge_velocity"][-1] == pytest.approx(0.58, abs=0.05)
 
 
+@pytest.mark.thorough
 def test_without_its_integral_the_current_sets_it_off_the_last_leg():
     """By D tan(crab), crab the angle at which the vessel has to meet the current."""
     settings = {"duration": "125"}
@@ -58,6 +60,7 @@ def test_it_needs_a_rudder_that_is_quick_enough():
     assert weave[0] > 1.5 * weave[1]
 
 
+@pytest.mark.thorough
 def test_seeds_differ_by_noise_and_losses_alone():
     logs = simulate_many(build("vessel/path"), seeds=range(20))
     errors = [np.sqrt(np.mean(cross_track(log, 20) ** 2)) for log in logs]

@@ -37,6 +37,7 @@ def test_ranges_are_distances_of_the_antenna():
     assert np.asarray(seen.heard).all()
 
 
+@pytest.mark.thorough
 def test_noise_bias_losses_and_late_paths_are_as_said():
     true = np.asarray(IDEAL.measure(STILL).range)
     assert (samples(replace(IDEAL, noise=0.05), 3000).range - true).std() == pytest.approx(0.05, rel=0.05)
@@ -56,6 +57,7 @@ def test_what_is_out_of_reach_is_not_heard_and_keeps_its_last_range():
     np.testing.assert_array_equal(np.asarray(short.range)[1][~np.asarray(short.heard)[1]], 0.0)
 
 
+@pytest.mark.thorough
 def test_a_place_in_space_comes_out_of_them():
     """Exactly without noise; with it as well as the geometry lets it: the covariance of least squares."""
     anchors, used = np.array(HALL), np.ones(6, bool)

@@ -3,6 +3,7 @@
 import jax
 import jax.numpy as jnp
 import numpy as np
+import pytest
 
 from trimtab.core import quaternion
 from trimtab.core.imperfections import imperfections, without
@@ -30,6 +31,7 @@ def test_it_gives_the_vehicles_state():
     np.testing.assert_allclose(values(seen), [7.0, 0.1, -0.2, 0.9, 1.5, 0.4, 0.5], rtol=1e-12)
 
 
+@pytest.mark.thorough
 def test_noises_are_independent_and_as_said():
     sigmas = {
         "depth_noise": 0.05,

@@ -2,6 +2,7 @@
 
 import jax
 import numpy as np
+import pytest
 
 from trimtab.core import quaternion
 from trimtab.core.record import replace
@@ -24,6 +25,7 @@ def readings(sensor, n=20_000):
     return take(np.arange(n, dtype=np.int64) * sensor.period)
 
 
+@pytest.mark.thorough
 def test_noise_has_the_sizes_that_it_says():
     z = readings(SENSOR)
     for name, size in (("position", 0.002), ("velocity", 0.02), ("rate", 0.02), ("rotor_speed", 2.0)):

@@ -28,6 +28,7 @@ def test_it_has_no_imperfections():
     assert jax.tree.leaves(PlanarPose().init(key(0))) == []
 
 
+@pytest.mark.thorough
 def test_the_noisy_one_has_noise_of_the_sizes_said_and_none_without():
     sensor, motion = NoisyPlanarPose(), Hovercraft().motion(0, HovercraftState(), PlanarForce(0.0, 0.0))
     instants = np.arange(4000) * sensor.period

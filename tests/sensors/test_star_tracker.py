@@ -57,6 +57,7 @@ def test_the_mounting_is_another_in_each_run_and_stays():
     assert errors.std() / ARC_SECOND == pytest.approx(20, rel=0.2)
 
 
+@pytest.mark.thorough
 def test_it_comes_out_late_with_the_time_it_was_measured_at():
     seen = fly(StarTracker(), np.zeros((100, 3)))
     fresh = np.flatnonzero(np.asarray(seen.fresh))
@@ -87,6 +88,7 @@ def test_the_sun_blinds_it():
     assert bool(without(replace(sensor, sun=boresight), "star-tracker-blinding").sees(motion(0)))
 
 
+@pytest.mark.thorough
 def test_without_its_faults_it_is_the_attitude():
     seen = fly(without_any(StarTracker()), np.zeros((5, 3)))
     np.testing.assert_allclose(seen.value.attitude[0], quaternion.from_euler(*ATTITUDE), atol=1e-15)

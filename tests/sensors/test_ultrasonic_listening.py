@@ -96,6 +96,7 @@ def test_each_range_is_of_its_own_time():
     assert (t[r > 0] % ms(10) != 0).any()
 
 
+@pytest.mark.thorough
 def test_samples_come_out_when_a_message_is_over_and_carry_the_newest_time():
     _, samples = windows(0.0)
     fresh = samples.fresh

@@ -58,6 +58,7 @@ def test_pings_at_slots_and_hands_out_when_the_last_reply_is_in(run):
     assert not samples.valid[: ms(20) // TWO.period].any()
 
 
+@pytest.mark.thorough
 def test_units_take_turns(run):
     _, samples = run
     new = samples.fresh
@@ -128,6 +129,7 @@ def test_clock_shifts_the_ping_along_the_motion():
     assert lateness.mean() == pytest.approx(0.01, rel=0.05)
 
 
+@pytest.mark.thorough
 def test_clock_between_settings():
     """A microsecond after setting; a crystal that is 20 ppm off makes 18 us by the last slot of the second."""
     clock = UnitClock(tick=0.0)

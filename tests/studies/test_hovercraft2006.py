@@ -45,6 +45,7 @@ def test_rows_hold_or_say_why_not(group):
     assert needless == [], "said not to be reproduced, but it is"
 
 
+@pytest.mark.thorough
 def test_every_printed_latency_has_its_row():
     """Table 5.1: five pairs, three paths; mean and deviation of each, and the greatest of the single paths."""
     (group,) = list_groups("hovercraft2006", ["radio-links"])

@@ -54,6 +54,7 @@ def test_groups_are_in_the_order_of_the_equations():
     assert {g.name for g in GROUPS if g.has_figures} >= {"closed-loop"}
 
 
+@pytest.mark.thorough
 def test_every_printed_number_of_the_matrices_has_its_row():
     """[1] eq. 10: 34 numbers in rows 4, 5, 7 and 9; eight fixed a constant and one is 1 in any model: 25 are left."""
     rows = {r.id: r for r in rows_of("printed-matrices")}

@@ -18,6 +18,7 @@ from trimtab.scenarios.hypersonic._internal import level_trim
 from trimtab.vehicles.hypersonic import Hypersonic
 
 
+@pytest.mark.thorough
 def test_level_flight_stays_also_where_the_plants_modes_are_others():
     believed = Hypersonic()
     at = level_trim(believed, loop.H, loop.V)
@@ -28,6 +29,7 @@ def test_level_flight_stays_also_where_the_plants_modes_are_others():
     assert np.abs(np.asarray(moved) - z).max() < 1e-11
 
 
+@pytest.mark.thorough
 def test_motions_are_those_of_the_gain_and_of_the_filter(monkeypatch):
     """The oracle's poles in continuous time: near them every 1 ms, with an exact model."""
     monkeypatch.setattr(loop, "TICK", ms(1))
@@ -38,6 +40,7 @@ def test_motions_are_those_of_the_gain_and_of_the_filter(monkeypatch):
         assert np.abs(motions - pole).min() < 0.01 * abs(pole)
 
 
+@pytest.mark.thorough
 def test_slowest_motion():
     """The oracle's slowest pole."""
     assert loop.growth_rate(EQUAL_Q, 1e-4) == pytest.approx(-0.2266, abs=1e-4)

@@ -15,6 +15,7 @@ def read_table():
     return json.loads(hovercraft.TABLE.read_text(encoding="utf-8"))
 
 
+@pytest.mark.thorough
 def test_the_table_is_what_the_program_gives_but_for_headings():
     table, values = read_table(), hovercraft.compute(headings=False)
     assert values == {name: pytest.approx(table[name], rel=1e-9, abs=1e-12) for name in values}

@@ -21,6 +21,7 @@ def test_rows_hold(name):
     assert [r.id for r in rows if not r.must_hold and r.holds] == [], "said not to be reproduced, but it is"
 
 
+@pytest.mark.thorough
 def test_picture_is_written(tmp_path):
     (file,) = ground_avoidance.figures(tmp_path / "new")
     assert file.read_bytes().startswith(b"\x89PNG")

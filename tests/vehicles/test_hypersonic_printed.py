@@ -65,6 +65,7 @@ def test_check_03_nothing_else_is_printed():
     np.testing.assert_array_equal(B[[0, 1, 2, 5, 7]], printed.B_PRINTED[[0, 1, 2, 5, 7]])
 
 
+@pytest.mark.thorough
 def test_emulation_meets_the_prototype_with_signs():
     """To these digits, B[9,:] included."""
     A, B = _emulated()

@@ -28,6 +28,7 @@ def test_derivatives_are_the_oracle_s(x, told):
     np.testing.assert_allclose(vector(rate), mariner.rates(np.array(x), told), rtol=1e-12, atol=1e-15)
 
 
+@pytest.mark.thorough
 def test_a_positive_rudder_turns_to_port_and_it_keeps_its_course():
     """Both roots of sway and yaw are on the left, and slow: those of Nomoto's 118 and 7.8 s."""
     ship = Mariner()

@@ -102,6 +102,7 @@ def test_held_up_against_gravity_it_stays_where_the_ground_is():
     np.testing.assert_allclose(m.a_WB_B, 0, atol=5 * 2.37e-6 * 9.84)  # the field's higher harmonics
 
 
+@pytest.mark.thorough
 def test_the_quaternions_length_does_not_matter():
     longer = replace(START, attitude=2.5 * START.attitude)
     one, other = (DRAGGED.dynamics(0.0, x, PUSH) for x in (START, longer))

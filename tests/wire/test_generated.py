@@ -115,6 +115,7 @@ def test_the_module_is_made_once_and_two_threads_may_ask_at_once(dialect, monkey
     assert [str(p) for p in (tmp_path / "dialects").iterdir() if p.suffix == ".py"] == [first.__file__]
 
 
+@pytest.mark.thorough
 def test_two_processes_may_make_it_at_once(tmp_path):
     """Each finds the file whole or makes it; nothing is left beside it."""
     code = "import sys; from wire.conftest import made; from trimtab.wire.generated import load_python_module;"

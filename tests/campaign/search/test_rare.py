@@ -44,6 +44,7 @@ def kept(tmp_path_factory):
     return folder, at_rest(1e-4, runs=RUNS, folder=folder)
 
 
+@pytest.mark.thorough
 def test_a_run_at_rest_has_as_many_samples_as_its_truth_counts():
     signal = "sensors.imu.value.angular_rate"
     batch = simulate_batch(still.scenario(), seeds=range(2000), log=True, signals=(signal,))
@@ -93,6 +94,7 @@ def test_a_folder_of_another_failure_is_refused(kept, tmp_path):
         at_rest(1e-4, runs=RUNS, folder=tmp_path)
 
 
+@pytest.mark.thorough
 def test_failures_fly_again_to_the_bit(kept):
     _, found = kept
     for failure in (found.worst, found.likeliest):
@@ -102,6 +104,7 @@ def test_failures_fly_again_to_the_bit(kept):
     assert abs(found.likeliest.z[0]) <= abs(found.worst.z[0])
 
 
+@pytest.mark.thorough
 def test_the_command_writes_failures_that_fail_again(tmp_path):
     words = ["rare", f"{STILL}:scenario", "--runs", str(RUNS), "--out", str(tmp_path), "--json", "--seed", "2"]
     words += [w for path, text in still.SPREAD.items() for w in ("--spread", f"{path}={text}")]

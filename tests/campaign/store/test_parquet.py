@@ -72,6 +72,7 @@ def test_files_that_are_none(tmp_path):
         write_columns(COLUMNS, {}, tmp_path / "no" / "c.parquet")
 
 
+@pytest.mark.thorough
 def test_dataset_over_runs():
     made = as_dataset(COLUMNS, {"seed": 1})
     assert dict(made.sizes) == {"run": 5}

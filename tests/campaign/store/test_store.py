@@ -70,6 +70,7 @@ def test_chunk_that_a_crash_of_the_machine_tore(store, whole, column, torn):
     assert_same(again.columns, {n: c[: 4 * BLOCK] for n, c in whole.items()})
 
 
+@pytest.mark.thorough
 def test_a_description_is_whole_or_not_there_whenever_its_process_is_killed(store, monkeypatch):
     seen, write = [], LocalStore.set
 

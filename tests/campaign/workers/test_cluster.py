@@ -77,6 +77,7 @@ def test_nobody_listens(folder):
     assert "dask scheduler --protocol tls --port 9" in refused.value.fix
 
 
+@pytest.mark.thorough
 def test_worker_whose_rows_would_be_others():
     ready = small(BLOCK).ready
     told = machine_identity(ready, "c")

@@ -137,6 +137,7 @@ def test_nees_over_500_seeds_for_forty_seconds():
     assert nees_verdict(np.asarray(nees), 8).verdict == CONSISTENT
 
 
+@pytest.mark.thorough
 def test_its_step_exports():
     form = to_arrays(AidedInertialCoupled())
     state, now = form.init(key(0)), np.int64(TICK)

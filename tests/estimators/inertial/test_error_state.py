@@ -178,6 +178,7 @@ def test_the_reset_has_the_derivative_of_the_group():
     assert np.abs(moved - P).max() > 10 * np.abs(moved - G_exact @ P @ G_exact.T).max()
 
 
+@pytest.mark.thorough
 def test_a_state_takes_the_error_that_is_put_in():
     x = first_nominal(START, 17)
     e = jnp.asarray(np.linspace(-0.1, 0.2, 17))

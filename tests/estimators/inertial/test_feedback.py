@@ -27,6 +27,7 @@ def alone(form, felt, n):
     return jax.jit(lambda first: jax.lax.scan(step, first, None, length=n)[1], compiler_options=QUICK)(first)
 
 
+@pytest.mark.thorough
 def test_without_aiding_errors_grow_as_the_theorys_polynomials():
     """At rest with biases: heading b t, velocity and position of a force that turns away with it."""
     n = 1500  # 9.8 s; the first term left out, a b^3 t^4/24, stays below 4e-8

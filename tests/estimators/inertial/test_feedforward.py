@@ -51,6 +51,7 @@ def test_heading_of_the_magnetometer(turning):
     assert 0.45 <= np.rad2deg(np.sqrt(np.mean(error**2))) <= 0.70
 
 
+@pytest.mark.thorough
 def test_the_verdict_tells_the_printed_covariance_from_the_mended(turning):
     assert nis_verdict(turning["literal"][1], 1).verdict == PESSIMISTIC
     assert not whiteness(turning["literal"][2][0]).white
@@ -85,6 +86,7 @@ def test_nees_over_500_seeds_of_each_dual_form_for_half_a_minute(form):
     assert nis_verdict(np.asarray(nis), 2).verdict == CONSISTENT
 
 
+@pytest.mark.thorough
 def test_the_ins_itself_is_never_reset():
     """Without noise or aiding errors the INS drifts with its biases while the output does not."""
     form = to_arrays(AidedInertialFeedforward(noise=MEMS, start=NEAR))

@@ -345,6 +345,7 @@ def test_an_outlier_is_refused_and_the_filter_gives_in_to_many():
     assert told.healthy
 
 
+@pytest.mark.thorough
 def test_a_saturated_unit_is_doubted():
     """A gyro at its limit says nothing: sigma of the attitude grows as `doubtful_rate` says."""
     sure, unsure = Bench(), Bench()

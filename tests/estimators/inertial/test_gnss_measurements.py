@@ -60,6 +60,7 @@ def test_expected_is_what_the_sensor_measures_and_its_derivative(aiding, n, expe
     assert e.wanted.all()
 
 
+@pytest.mark.thorough
 def test_a_fix_from_a_little_earlier_is_expected_there():
     x = state(15)
     value = measured(x, "fixes")
@@ -73,6 +74,7 @@ def test_variances_are_those_of_the_receiver_and_down_has_its_own():
     np.testing.assert_allclose(e.R, [4, 4, 9, 0.01, 0.01, 0.08**2])
 
 
+@pytest.mark.thorough
 def test_satellites_that_are_not_received_are_not_wanted():
     x = state(17)
     value = measured(x, "ranges").at[-8].set(0.0)

@@ -191,6 +191,7 @@ def test_what_is_older_than_the_ring_or_the_first_sample_is_refused():
     assert used == [False, True, True, False]
 
 
+@pytest.mark.thorough
 def test_the_same_event_twice_is_known():
     imu, *_ = flight(11, n=6)
     fix = (2 * TICK, POSITION, np.ones(2))
@@ -199,6 +200,7 @@ def test_the_same_event_twice_is_known():
     np.testing.assert_allclose(node.x, plain([*imu, fix])[0], atol=1e-12)
 
 
+@pytest.mark.thorough
 def test_aiding_without_an_imu_does_not_push_the_last_state_out():
     """Ten times more fixes than slots while the IMU is silent: those that fit wait, and the IMU still gets in."""
     imu, *_ = flight(12, n=3)

@@ -1,6 +1,7 @@
 """What is told about the reference point: values and sigmas against a Monte-Carlo of the geometry."""
 
 import numpy as np
+import pytest
 
 from trimtab.compiler.function import lower_function
 from trimtab.estimators.inertial.mechanisation import Belief, LeverArms
@@ -26,6 +27,7 @@ def geometry(x, rate, arm):
     return np.stack([surge + w * arm[1], sway - w * arm[0], w, north, east], axis=1)
 
 
+@pytest.mark.thorough
 def test_values_and_sigmas_of_the_reference_point():
     g = np.random.default_rng(0)
     x = np.array([0.7, 1.2, -0.4, 3.0, 4.0, 0.02, 0.1, -0.1])
@@ -61,6 +63,7 @@ def test_fixes_are_counted():
     assert no_position_fix().innovation.shape == (2,)
 
 
+@pytest.mark.thorough
 def test_after_so_many_refused_in_a_row_the_filter_gives_in():
     """The covariance grows until the innovation is a usual one; then the measurement counts, once."""
     x, P, R, y = np.zeros(2), np.diag([1e-4, 1e-4]), 1e-6 * np.eye(2), np.array([1.0, 0.5])

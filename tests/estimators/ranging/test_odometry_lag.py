@@ -35,6 +35,7 @@ def place_error(world, estimates, rows):
     return np.stack([s.north[rows] - world.north[k], s.east[rows] - world.east[k]], axis=1)
 
 
+@pytest.mark.thorough
 def test_the_present_is_as_without_the_kept_poses():
     """They hang on the filter, and change nothing of it."""
     world = drive(1)

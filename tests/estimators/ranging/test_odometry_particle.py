@@ -55,6 +55,7 @@ def test_it_finds_its_way_without_being_told_where_it_begins(seed):
     assert np.mean(np.square(normalised)) < 3.0
 
 
+@pytest.mark.thorough
 def test_it_is_not_sure_before_it_can_be():
     """Two places and every heading fit the first two ranges."""
     _, estimates = run(drive(1))

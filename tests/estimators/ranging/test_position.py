@@ -156,6 +156,7 @@ def test_one_wrong_range_is_left_out_and_named():
             assert (found.state.north, found.state.east) == pytest.approx((0.3, -0.2), abs=1e-4)
 
 
+@pytest.mark.thorough
 def test_two_wrong_ranges_give_no_fix_and_say_so():
     ranges, arrived = exact(sensor=ALONE)
     good, bad = feed(

@@ -63,6 +63,7 @@ def test_three_pings_are_refused_and_nonsense_is_refuted():
     assert found.inconsistent
 
 
+@pytest.mark.thorough
 def test_the_covariance_is_that_of_least_squares():
     """Errors of 400 noisy starts, against the covariance that each tells: NEES 5 of 5."""
     total = []
@@ -83,6 +84,7 @@ def vars_of(start):
     return {name: getattr(start, name) for name in start.__dataclass_fields__}
 
 
+@pytest.mark.thorough
 def test_what_the_biases_do_in_the_elapsed_time_is_added():
     """A constant rate error turns by its time, a constant force error moves by half its time squared."""
     start, _ = fly(0.7, 0.0, (0, 0), (0.1, 0.2), (1.0, 2.0), pings=6)

@@ -94,6 +94,7 @@ def test_perfect_ranges_give_the_truth(path, place, heading):
     assert np.asarray(out.node.position_fix.rejected)[-1] == 0
 
 
+@pytest.mark.thorough
 def test_with_linear_geometry_it_is_the_kalman_filter():
     """Beacons 1000 km away, heading known, no force: against a dense filter of 10 states."""
     far, s = 1e6, 1e-9
@@ -373,6 +374,7 @@ def test_a_heading_sensor_helps_to_start_and_later():
     assert np.asarray(aided.node.heading_fix.used)[-1] == len(flight.times)
 
 
+@pytest.mark.thorough
 def test_it_exports():
     form = to_arrays(replace(TIGHT, intake=replace(TIGHT.intake, slots=24)))
     node = form.first()

@@ -69,6 +69,7 @@ def test_contradiction_by_most_ends_the_run():
     assert least(n.P) > 0
 
 
+@pytest.mark.thorough
 def test_ranges_must_agree_with_each_other_while_it_is_unsure():
     agree, place, good = _agreeing(node(sure=False), ranges())
     assert good
