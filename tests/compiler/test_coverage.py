@@ -49,6 +49,7 @@ def test_subnormal_numbers_are_kept() -> None:
 SIGNED = np.array([np.nan, -np.nan, np.inf, -np.inf, 0.0, -0.0, 1.0, -1.0, 5e-324])
 
 
+@pytest.mark.thorough("50-float64", "50-float32")
 @pytest.mark.parametrize("dtype", [np.float64, np.float32])
 @pytest.mark.parametrize("count", [5, 50])
 def test_top_k_takes_nan_and_zeros_in_order_of_their_signs(dtype: Any, count: int) -> None:

@@ -27,6 +27,7 @@ def evaluate(text, signals, t=None):
     return rows[0] if np.ndim(signals["x"]) == 1 else rows
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("pairs", [range(2500), pytest.param(range(2500, PAIRS), marks=pytest.mark.thorough)], ids=str)
 def test_equal_to_rtamt_at_all_rows(pairs):
     table = np.load(TABLE)

@@ -36,7 +36,7 @@ def test_the_front_page_counts_what_the_rows_say():
     assert stated_counts("fossen") == row_counts([row for name in GROUPS for row in rows_of(name)])
 
 
-@pytest.mark.thorough("ships", "manoeuvres")
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", GROUPS)
 def test_pictures_are_written(name, tmp_path):
     files = list(GROUPS[name].figures(tmp_path / "new"))

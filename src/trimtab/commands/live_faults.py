@@ -20,17 +20,17 @@ if TYPE_CHECKING:
 
 
 @click.command()
-@click.option("--only", multiple=True, metavar="CASE", help="Fly only this case; repeatable.  [default: all cases]")
+@click.option("--only", multiple=True, metavar="CASE", help="Only this case; repeatable.  [default: all cases]")
 @click.option("--draw", type=click.IntRange(1), metavar="N", help="Fly N flights drawn at random instead of the cases.")
 @click.option(
     "--seed",
     type=click.IntRange(0),
     default=1,
     show_default=True,
-    help="Seed of the drawn flights, and of each flight in virtual time.",
+    help="Of the random numbers by which flights are drawn, and of virtual time.",
 )
 @click.option("--findings", is_flag=True, help="Try each fault found in version 0.1 again, and print both results.")
-@click.option("--real-time", "is_real", is_flag=True, help="Fly with real processes, sockets and clocks.")
+@click.option("--real-time", "is_real", is_flag=True, help="Ask for flights of real processes, in real time.")
 @click.option("--jobs", type=click.IntRange(1, 16), default=2, show_default=True, help="Number of flights at a time.")
 @OUT("DIR", "Write logs and printed text in this folder, one folder per case.")
 @click.option("--page", type=FILE, metavar="FILE", help="Write the docs page with the results; with --only, add to it.")
