@@ -20,6 +20,7 @@ import emitters
 import pytest
 from host_witness import HostWitness
 from hypothesis import settings
+from thorough_cases import keep_quick_cases
 from verdicts import Verdicts
 
 if emitters.FLAGS:
@@ -141,10 +142,13 @@ def random_examples(request: pytest.FixtureRequest) -> range:
     return range(first, first + request.config.option.random_examples)
 
 
-def _keep_quick_cases(item: pytest.Item) -> None:
-    """Remove the mark thorough("a", "b") from all cases of a test but "a" and "b"."""
-    case = item.name.partition("[")[2].removesuffix("]")
-    item.own_markers[:] = [m for m in item.own_markers if m.name != "thorough" or not m.args or case in m.args]
+@pytest.hookimpl(wrapper=True)
+def pytest_pycollect_makeitem():
+    """Let the mark thorough hold for the cases alone that it names."""
+    made = yield
+    if isinstance(made, list):
+        keep_quick_cases(made)
+    return made
 
 
 @pytest.hookimpl(tryfirst=True)
@@ -155,7 +159,6 @@ def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item
         config.hook.pytest_deselected(items=timed)
         items[:] = [item for item in items if not item.get_closest_marker("real_time")]
     for item in items:
-        _keep_quick_cases(item)
         if item.get_closest_marker("thorough") and not item.get_closest_marker("timeout"):
             draws = "random_examples" in getattr(item, "fixturenames", ())
             more = config.option.random_examples * EXAMPLE_TIMEOUT_S if draws else 0

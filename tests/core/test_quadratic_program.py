@@ -102,7 +102,6 @@ def test_programs_with_a_solution(kind, wanted):
     assert infeasible == wanted[2]
 
 
-@pytest.mark.thorough
 def test_programs_without_a_solution_are_told_and_nothing_raises():
     known, solved, infeasible = compare("infeasible", 8, 20, 300, 2)
     assert known == solved == 0
@@ -119,7 +118,6 @@ def test_thousands_of_programs(n, m):
     assert compare("infeasible", n, m, count, 5)[2] >= 0.95
 
 
-@pytest.mark.thorough
 def test_a_known_one():
     """Nocedal & Wright, "Numerical optimization", example 16.4: x = (1.4, 1.7)."""
     A = np.array([[1.0, -2], [-1, -2], [-1, 2], [1, 0], [0, 1]])
@@ -140,7 +138,6 @@ def test_a_start_near_the_solution_needs_fewer_iterations():
     assert not few(p, start_of(8, 20)).solved
 
 
-@pytest.mark.thorough
 def test_not_even_nonsense_raises():
     p = draw_program(np.random.default_rng(8), 8, 20, "plain")
     for broken in (p._replace(P=-p.P), p._replace(q=p.q * np.nan), p._replace(l=p.u, u=p.l)):

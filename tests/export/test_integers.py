@@ -9,6 +9,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 import pytest
+from export.conftest import require
 from jax import lax
 
 from trimtab.compiler.compiled_function import export_callable
@@ -91,8 +92,8 @@ def test_judges_float32_results_at_their_own_precision(tmp_path: Path) -> None:
 
 
 @pytest.mark.thorough
-@pytest.mark.skipif(shutil.which("clang") is None, reason="clang is not installed")
 def test_clang_accepts_elementary_functions(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    require(lambda: [] if shutil.which("clang") else ["clang"])
     functions = (jnp.sin, jnp.exp, jnp.log1p, jnp.tan, jnp.arctan2, jnp.power, lax.erf, jnp.tanh, jnp.cbrt)
     two = (jnp.arctan2, jnp.power)
     export_callable(lambda x: [f(x, x) if f in two else f(x) for f in functions], (0.5,), tmp_path, name="many")

@@ -1,12 +1,10 @@
 import numpy as np
-import pytest
 from matplotlib.image import imread
 
 from trimtab.identify.allan import fit_allan
 from trimtab.plots.allan import plot_allan
 
 
-@pytest.mark.thorough
 def test_picture_shows_deviations_bars_and_the_fitted_model(tmp_path):
     g, dt = np.random.default_rng(0), 0.01
     white = g.standard_normal(20_000)

@@ -43,7 +43,6 @@ def sampled_cart(delay):
     return whole
 
 
-@pytest.mark.thorough
 def test_its_poles_are_those_of_the_loop_by_hand(cart):
     wanted = np.linalg.eigvals(sampled_cart(2))
     found = cart.poles()[: len(wanted)]

@@ -139,7 +139,6 @@ def test_printed_settings_lose_a_plant_whose_modes_are_two_percent_off():
     assert 400 < h < 460
 
 
-@pytest.mark.thorough
 def test_a_table_of_another_climb_or_vehicle_is_refused():
     scenario, _ = catalogue.load_scenario("hypersonic/climb-small")
     law = scenario.autopilot.law
@@ -150,7 +149,6 @@ def test_a_table_of_another_climb_or_vehicle_is_refused():
     law.check()
 
 
-@pytest.mark.thorough
 def test_a_climb_that_the_engine_cannot_fly_is_refused_before_it_flies():
     """The issue: commands that saturate the engine are refused with the number that broke it."""
     climb = FilteredClimb(dh=1000.0, dV=200.0, wh=0.5, wV=0.5)

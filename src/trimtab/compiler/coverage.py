@@ -125,7 +125,7 @@ COVERED_PRIMITIVES: dict[str, tuple[str, str]] = {
     "sort": (ANY, "stable, several keys, NaN last; argsort, median, percentile"),
     "top_k": (
         NUMBERS,
-        "of equals the first; NaN first, a negated NaN last; of an operation's NaN the sign is open",
+        "the first of equal elements; NaN first, a negated NaN last; the sign of a computed NaN is not defined",
     ),
     "cumlogsumexp": (FLOATS, "both ways"),
     "erf_inv": (FLOATS, "also jax.random.normal"),

@@ -55,7 +55,7 @@ def integer_bounds(v: "Value", depth: int = DEPTH) -> tuple[int, int] | None:
 
 
 def never_wraps(v: "Value") -> bool:
-    """Whether the result of a sum, difference or product of integers certainly fits its type without wrapping."""
+    """Return True if a sum, difference or product of integers is known to fit its type without wrapping."""
     return v.op in ("add", "sub", "mul") and _bounds_of_operation(v, DEPTH - 1) is not None
 
 

@@ -73,7 +73,7 @@ def compare_samples(
 
 
 def _differences(got: Any, wanted: Any, exact: bool) -> Any:
-    """How far each sample is off; 0 where both are NaN. exact: integers of 64 bits, which float64 does not hold."""
+    """Return the error of each sample; 0 where both are NaN. exact: compare as integers, which float64 may not hold."""
     kind = object if exact else np.float64
     got, wanted = np.asarray(got, kind), np.asarray(wanted, kind)
     with np.errstate(invalid="ignore"):  # of two infinities

@@ -28,7 +28,7 @@ MOST_PACKETS = 64
 DISCARD_LIMIT = 10_000
 """Packets thrown away at most."""
 LONGEST_DELAY = seconds("0.5")
-"""Largest delay of a loop that it makes up for. A loop that is later passes over periods."""
+"""A loop that is late by less than this catches up. A loop that is later skips periods."""
 SUB_BUCKET_BITS = 5
 """Each doubling is cut into 2**SUB_BUCKET_BITS buckets: 3 % wide."""
 BUCKETS = (64 - SUB_BUCKET_BITS) << SUB_BUCKET_BITS
@@ -179,7 +179,10 @@ class Deadlines:
         return (self.start + k * self.period * NS - self._clock.monotonic_ns()) * 1e-9
 
     def count_passed(self, k: int) -> tuple[int, int]:
-        """Return the number of periods to pass over before period k, and its delay. It is 0 below LONGEST_DELAY."""
+        """Return the number of periods to skip before period k, and the delay of period k (100 ns).
+
+        No period is skipped while the delay is below LONGEST_DELAY.
+        """
         behind = -round(self.remaining(k) * UNITS_PER_SECOND)
         return (behind // self.period if behind >= LONGEST_DELAY else 0), behind
 

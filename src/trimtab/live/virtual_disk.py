@@ -94,7 +94,7 @@ class MemoryLog:
         self._unwritten_before.append(self._unwritten)
 
     def await_room(self) -> None:
-        """A row always fits."""
+        """Return at once: memory always has room for a row."""
 
     def _note_gap(self) -> None:
         if self._disk.is_full:

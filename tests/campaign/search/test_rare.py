@@ -104,7 +104,6 @@ def test_failures_fly_again_to_the_bit(kept):
     assert abs(found.likeliest.z[0]) <= abs(found.worst.z[0])
 
 
-@pytest.mark.thorough
 def test_the_command_writes_failures_that_fail_again(tmp_path):
     words = ["rare", f"{STILL}:scenario", "--runs", str(RUNS), "--out", str(tmp_path), "--json", "--seed", "2"]
     words += [w for path, text in still.SPREAD.items() for w in ("--spread", f"{path}={text}")]

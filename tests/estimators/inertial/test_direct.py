@@ -46,7 +46,6 @@ def test_innovations_are_measured_minus_predicted():
     assert (refused.used, refused.rejected, refused.rejected_in_a_row) == (1, 1, 1)
 
 
-@pytest.mark.thorough
 def test_a_position_is_that_of_the_aided_point():
     """What is predicted is the IMU's position and the lever arm, turned by the heading."""
     form = replace(FORM, arms=replace(FORM.arms, imu=np.array([0.1, 0.0]), aiding=np.array([0.3, 0.4])))
