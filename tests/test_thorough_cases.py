@@ -32,9 +32,15 @@ def test_some(case):
 def test_all(case):
     pass
 
+@pytest.mark.thorough("1")
+@pytest.mark.parametrize("case", ["1", pytest.param("2", marks=pytest.mark.thorough), "3"])
+def test_both(case):
+    pass
+
 def test_none():
     pass
 """
+THOROUGH = ["test_some[2]", "test_some[a-b]", "test_all[1]", "test_all[2]", "test_both[1]", "test_both[2]"]
 
 
 def collect(folder: Path, tests: str, expression: str) -> tuple[list[str], str]:
@@ -55,8 +61,8 @@ def collect(folder: Path, tests: str, expression: str) -> tuple[list[str], str]:
 @pytest.mark.parametrize(
     ("expression", "wanted"),
     [
-        ("not thorough", ["test_some[1]", "test_none"]),
-        ("thorough", ["test_some[2]", "test_some[a-b]", "test_all[1]", "test_all[2]"]),
+        ("not thorough", ["test_some[1]", "test_both[3]", "test_none"]),
+        ("thorough", THOROUGH),
     ],
 )
 def test_the_mark_holds_for_the_cases_that_it_names(tmp_path: Path, expression: str, wanted: list[str]) -> None:

@@ -6,7 +6,9 @@ import pytest
 
 
 def keep_quick_cases(tests: Sequence[pytest.Item]) -> None:
-    """Remove the mark from all cases of one test but those that it names.
+    """Remove a mark that names cases from all other cases of one test.
+
+    A mark without names stays: of the whole test, or of a case that has it from pytest.param.
 
     Args:
         tests: all cases of the test.
@@ -22,5 +24,4 @@ def keep_quick_cases(tests: Sequence[pytest.Item]) -> None:
         what = f"{tests[0].nodeid.partition('[')[0]}: the mark thorough names {unknown}, which are no cases of the test"
         raise pytest.Collector.CollectError(f"{what}. Its cases: {cases}")
     for test, case in zip(tests, cases, strict=True):
-        if case not in named:
-            test.own_markers[:] = [mark for mark in test.own_markers if mark.name != "thorough"]
+        test.own_markers[:] = [m for m in test.own_markers if m.name != "thorough" or not m.args or case in m.args]
