@@ -1,4 +1,4 @@
-"""Settings of all tests: the three tiers, a runtime folder for each process, memory freed file by file.
+"""Settings of all tests: the three tiers, and a runtime folder for each process.
 
 Property tests have no deadline, because first calls compile. At the gate they draw the same examples in every run.
 
@@ -20,6 +20,7 @@ import emitters
 import pytest
 from host_witness import HostWitness
 from hypothesis import settings
+from memory import Memory
 from thorough_cases import keep_quick_cases
 from verdicts import Verdicts
 
@@ -72,14 +73,6 @@ def _ports_are_for_real_time_tests(request: pytest.FixtureRequest):
         assert BOUND[before:] == [], "mark this test real_time: it opens a network port"
 
 
-@pytest.fixture(autouse=True, scope="module")
-def _compiled_programs_are_dropped():
-    """What one file compiled is of no use to the next, and takes gigabytes in the end."""
-    yield
-    if "jax" in sys.modules:
-        sys.modules["jax"].clear_caches()
-
-
 @pytest.fixture(autouse=True, scope="session")
 def _answers_are_as_published():
     """Every answer that a command prints in a test's own process is held to the schema of answers."""
@@ -104,8 +97,9 @@ def pytest_addoption(parser: pytest.Parser) -> None:
 
 
 def pytest_configure(config: pytest.Config) -> None:
-    """Draw the random seed, which workers of xdist receive with the other options, and register the verdicts."""
+    """Draw the random seed, which workers of xdist receive with the other options, and register the plugins."""
     config.pluginmanager.register(Verdicts(), "verdicts")
+    config.pluginmanager.register(Memory(), "memory")
     if config.option.random_seed is None:
         config.option.random_seed = secrets.randbelow(10**8) * 10
     if _names(config, "thorough"):

@@ -272,16 +272,20 @@ def sensed() -> list[Any]:
     return [planar_state, *(lambda t, one=one: one.measure(felt(one)(t)) for one in sensors), everything]
 
 
+@functools.cache
+def known() -> list[tuple[Any, set[str]]]:
+    """Functions of time and the names of what they give: states, and measurements, which an estimator may pass on."""
+    return [(f, set(declarations(jax.eval_shape(f, np.int64(0))))) for f in (*states(), *sensed())]
+
+
 def example(folder: str, one: Any) -> Any:
     """A function of time that gives inputs for a block."""
-    now = np.int64(0)
     if folder == "sensors":
         return felt(one)
     if folder == "links":
         return lambda t: new_sample(t, planar_state(t))
     if folder == "laws":
-        known = [*states(), *sensed()]  # an estimator may pass on what a sensor says
-        fits = [f for f in known if set(one.reads) <= set(declarations(f(now)))]
+        fits = [f for f, names in known() if set(one.reads) <= names]
         assert fits, f"{type(one).__name__} reads {one.reads}, which no state known here has"
         hand = held_stick if optional_member(one, "stick") else lambda t: None
 
