@@ -114,6 +114,7 @@ def test_a_flight_has_the_noise_of_the_file_and_a_filter_of_another_step_is_refu
     assert noise.gyro == pytest.approx((3 * GYRO_N) ** 2 / TICK_S, rel=0.06)
 
 
+@pytest.mark.thorough
 def test_json_of_a_log_that_run_wrote(folder):
     done = call("calibrate", "noise", folder / "run.mcap", "--json")
     assert done.exit_code == 0, done.output

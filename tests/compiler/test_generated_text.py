@@ -12,7 +12,7 @@ from compiler.reader.c_machine import Program
 from contracts import compiled, primitive_groups
 from trimtab.compiler import pieces
 
-QUICK = ("conversions", "branches", "whiles", "reductions")
+QUICK = ("branches", "whiles")
 
 
 def same_bits(a: Any, b: Any) -> bool:

@@ -194,6 +194,7 @@ def test_a_matrix_that_is_not_positive_definite_has_no_factor():
     assert np.all(np.isnan(np.tril(trimtab.compile(jnp.linalg.cholesky, a)(a))[np.tril_indices(9)]))
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("sides", [1, 2, 12])
 def test_triangular_systems(sides):
     """All kinds in one program: one call of each compiler."""
@@ -210,6 +211,7 @@ def test_triangular_systems(sides):
     agree(solve, a, b, b.T.copy())
 
 
+@pytest.mark.thorough
 def test_batches_of_matrices():
     agree(jnp.linalg.solve, numbers(4, 8, 8) + 2 * np.eye(8), numbers(4, 8, 2, seed=1))
     agree(lambda a: jnp.linalg.cholesky(a @ jnp.swapaxes(a, 1, 2) + jnp.eye(8)), numbers(3, 8, 8))

@@ -102,6 +102,7 @@ def test_programs_with_a_solution(kind, wanted):
     assert infeasible == wanted[2]
 
 
+@pytest.mark.thorough
 def test_programs_without_a_solution_are_told_and_nothing_raises():
     known, solved, infeasible = compare("infeasible", 8, 20, 300, 2)
     assert known == solved == 0

@@ -84,9 +84,8 @@ def test_every_word_leads_to_the_goal(goal):
         assert path.lengths[np.asarray(path.turns) != 0].max() < 2 * np.pi * radius
 
 
-@pytest.mark.parametrize(
-    "goal", [NEAR[0], FAR[0], *(pytest.param(g, marks=pytest.mark.thorough) for g in NEAR[1:6] + FAR[1:3])]
-)
+@pytest.mark.thorough
+@pytest.mark.parametrize("goal", [NEAR[0], FAR[0], *NEAR[1:6], *FAR[1:3]])
 def test_brute_force_over_words_finds_none_shorter(goal):
     """All lengths of each word's pieces that lead there, by Newton's method from everywhere: dumb, and no geometry."""
     grid = np.stack(np.meshgrid(*[np.linspace(0.1, 6.2, 9)] * 3), axis=-1).reshape(-1, 3)

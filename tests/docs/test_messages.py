@@ -68,6 +68,7 @@ def test_what_python_refuses_is_on_the_page(what):
     assert matching(refusal(WRONG[what]))
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("what", TYPED)
 def test_what_the_command_line_refuses_is_on_the_page(what):
     answer = CliRunner().invoke(main, TYPED[what].split())
@@ -75,6 +76,7 @@ def test_what_the_command_line_refuses_is_on_the_page(what):
     assert matching(answer.stderr.splitlines()[0].removeprefix("Error: ")), answer.stderr
 
 
+@pytest.mark.thorough
 def test_a_message_that_the_program_has_not_is_not_on_the_page():
     assert matching("world.vehicle.mass: the moon is in its way") is None
 

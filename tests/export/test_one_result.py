@@ -102,7 +102,9 @@ COMPILERS = {
 """C and C++ compiler, and options beside those that flights are built with."""
 
 
-@pytest.mark.thorough("gcc-navigation/still")
+@pytest.mark.thorough(
+    "gcc-navigation/still", "gcc without AVX-512-navigation/still", "gcc without FMA-navigation/still"
+)
 @pytest.mark.parametrize("name", EVERY)
 @pytest.mark.parametrize("which", COMPILERS)
 def test_lanes_threads_and_compilers_change_no_bit(name, which, monkeypatch, request):

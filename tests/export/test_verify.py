@@ -27,6 +27,7 @@ def edit(file, old, new):
     file.write_text(text.replace(old, new, 1))
 
 
+@pytest.mark.thorough
 def test_a_changed_gain_is_found_with_step_and_name(folder):
     edit(folder / "autopilot.c", "p->law.k2 = ", "p->law.k2 = 1.001 * ")
     verdict = verify_folder(folder)

@@ -89,6 +89,7 @@ def test_safe_pulses_the_millisecond_the_silence_is_too_long(host):
     assert host.pulses(2) == [SAFE_THRUST, 3040]
 
 
+@pytest.mark.thorough
 def test_safe_at_once_when_disarmed_or_taken_over(host):
     flying(host, 5.0, 0.5)
     host.arm(False)

@@ -82,6 +82,7 @@ def test_a_command_that_leads_costs_itself_alone(host):
     assert host.pulses()[1] > NEUTRAL
 
 
+@pytest.mark.thorough
 def test_a_clock_that_is_behind_is_answered_and_one_a_day_ahead_moves_nothing(host):
     host.run(10, host.pack("HEARTBEAT", type=6))
     host.run(2000)

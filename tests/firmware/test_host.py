@@ -38,6 +38,7 @@ def test_silent_until_somebody_with_the_key_has_spoken(host):
     np.testing.assert_array_equal(np.diff(frames), 20_000)
 
 
+@pytest.mark.thorough
 def test_time_synchronisation_gives_the_boards_clock(host):
     host.run(37)
     host.now += 4321

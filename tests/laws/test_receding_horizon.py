@@ -147,6 +147,7 @@ def test_the_demand_is_held_between_its_periods():
     assert float(other.thrust) != float(output.thrust)
 
 
+@pytest.mark.thorough
 def test_it_begins_with_the_first_valid_estimate():
     x, late = at_rest(Circle(), 0.0), np.int64(1234 * MS)
     state, _ = steps()(LAW, late, first_state(), x, 0.0, False)

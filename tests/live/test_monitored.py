@@ -49,6 +49,7 @@ def test_without_a_monitor_nothing_is_told():
     assert CompiledMonitor(scenario, compile_autopilot(scenario)).describe_changes() == []
 
 
+@pytest.mark.thorough
 def test_in_a_flight_it_is_told_logged_and_replayed(tmp_path):
     formulas = "autopilot.monitor.formulas=still: always(abs(estimate.state.yaw_rate) < 0.5 rad/s)"
     programs, there, here = fly_pair(tmp_path, "hovercraft/spin", "--duration", "2", pilot=("--set", formulas))

@@ -110,6 +110,7 @@ def test_what_a_person_has_to_confirm_is_refused_at_once_and_flown_with_the_opti
     assert "confirmed" in flyer.preflight.table
 
 
+@pytest.mark.thorough
 def test_with_the_only_sensor_off_a_whole_vehicle_is_not_armed_and_all_are_told_why():
     """It had been armed: pilot, ground station and both logs get the same sentence now."""
     scenario = build("hovercraft/zero-velocity", {})

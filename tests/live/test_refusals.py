@@ -62,6 +62,7 @@ def fix(ended):
     return ended.said.partition("Fix: ")[2].strip()
 
 
+@pytest.mark.thorough
 def test_four_sentences_and_one_step_from_each(ends):
     other = create_key(ends.folder / "other.key")
     refused = ends.fly("key", "--key", str(other.path))

@@ -166,6 +166,7 @@ def test_few_draws_decide_nothing(flown):
     assert found.errors["velocity"].verdict == found.verdict == "optimistic"
 
 
+@pytest.mark.thorough
 def test_numbers_survive_json(flown):
     found = assess_navigation(flown[1.0][0])
     again = json.loads(json.dumps(found.plain()))

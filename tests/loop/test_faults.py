@@ -307,10 +307,11 @@ def flight():
     return replace(scenario, duration=seconds(1))
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     "backend",
     [
-        pytest.param("jax", marks=pytest.mark.thorough),
+        "jax",
         pytest.param("c", marks=pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here")),
     ],
 )

@@ -65,6 +65,7 @@ def test_a_filter_that_believes_other_water_is_found_out():
     assert (mean_nees(e, P)[3:] > band(1, 4)[1]).all()
 
 
+@pytest.mark.thorough
 def test_an_estimate_is_that_of_a_dense_filter():
     flown = scenario()
     log, s = simulate(flown, duration="300 ms", seed=3), flown.autopilot.estimator

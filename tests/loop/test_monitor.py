@@ -187,7 +187,7 @@ def flights():
     return {b: simulate(spin(), seed=3, duration=seconds(8), backend=b) for b in backends}
 
 
-@pytest.mark.thorough("jax")
+@pytest.mark.thorough
 @pytest.mark.parametrize("backend", ["jax", pytest.param("c", marks=C)])
 def test_a_flight_has_in_its_log_what_the_log_itself_says(flights, backend):
     log = flights[backend]

@@ -348,10 +348,9 @@ def test_what_it_believes_is_what_the_law_believes():
     assert float(lighter.predictor.craft.mass) == float(lighter.law.model.mass) < 2.4
 
 
+@pytest.mark.thorough
 @pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here")
-@pytest.mark.parametrize(
-    "settings", [{}, pytest.param({"links": "measured", "supervisor": "automatic"}, marks=pytest.mark.thorough)]
-)
+@pytest.mark.parametrize("settings", [{}, {"links": "measured", "supervisor": "automatic"}])
 def test_a_flight_replays_to_the_bit_and_both_backends_agree(settings):
     scenario = on("zero-velocity", settings, without=())
     log = simulate(scenario, seed=2, log_period=ms(1), duration=seconds(2), backend="c")

@@ -47,13 +47,14 @@ def _periods(scenario):
     return [*scenario.world.periods(), scenario.autopilot.period]
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("name", "choices"),
     [
         ("hovercraft/forward", {}),
         ("hovercraft/zero-velocity", {"links": "measured"}),
-        pytest.param("hovercraft/forward", {"navigation": "ins"}, marks=pytest.mark.thorough),
-        pytest.param("hypersonic/noise", {}, marks=pytest.mark.thorough),
+        ("hovercraft/forward", {"navigation": "ins"}),
+        ("hypersonic/noise", {}),
     ],
 )
 def test_two_steps_facing_each_other_are_the_simulation(name, choices):

@@ -36,6 +36,7 @@ def test_noise_of_navigation_is_what_limits_the_vehicle(found):
         assert budget.least[measure][0] < 1e-9
 
 
+@pytest.mark.thorough
 def test_rows_are_what_the_same_flights_give(forward, found):
     budget, told = found
     assert told == ["all", "none"] + [

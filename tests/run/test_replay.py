@@ -105,6 +105,7 @@ def test_a_bit_changed_in_an_output_is_named(flight, path, row, bit):
     assert path in describe_replay(found)
 
 
+@pytest.mark.thorough
 @compiled
 def test_a_bit_changed_in_an_input_is_found_where_it_is_first_used(flight):
     log, scenario = flight

@@ -261,6 +261,7 @@ def test_what_is_not_offered_is_refused(linear):
             hypersonic.certificate(**{name: value})
 
 
+@pytest.mark.thorough
 def test_the_certified_gain_is_the_one_that_flies():
     linear, _ = hypersonic.error_model()
     np.testing.assert_allclose(hypersonic.feedback_gain(linear).K, np.array(K_FLOWN), rtol=5e-6)

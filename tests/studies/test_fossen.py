@@ -44,6 +44,7 @@ def test_pictures_are_written(name, tmp_path):
     assert all(f.read_bytes().startswith(b"\x89PNG") for f in files)
 
 
+@pytest.mark.thorough
 def test_the_flights_are_those_of_the_oracle():
     """Quaternions about the centre of mass here, Euler angles about that of buoyancy there."""
     flight = remus_flights.turn()

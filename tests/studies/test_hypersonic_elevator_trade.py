@@ -46,6 +46,7 @@ def test_slowest_motion():
     assert loop.growth_rate(EQUAL_Q, 1e-4) == pytest.approx(-0.2266, abs=1e-4)
 
 
+@pytest.mark.thorough
 def test_without_feedback_of_the_modes_all_is_lost():
     """The oracle's `gain/blind`: the columns of the modes set to zero, the fastest growth is +2.05 1/s."""
     K = np.array(K_FLOWN)

@@ -142,6 +142,7 @@ def test_bounds_are_those_of_the_spread_and_common_random_numbers_repeat(worst):
     assert np.array_equal(again.candidate_margins, found.candidate_margins)
 
 
+@pytest.mark.thorough
 def test_the_file_fails_as_found(worst):
     file, found = worst
     text = file.read_text(encoding="utf-8")

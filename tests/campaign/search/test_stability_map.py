@@ -99,6 +99,7 @@ def test_a_point_is_the_share_of_its_flights_one_by_one(found):
         assert found.share[n] == pytest.approx(np.mean(ok))
 
 
+@pytest.mark.thorough
 def test_two_maps_are_the_same_whatever_their_order_of_axes(linear, found):
     turned = stability_map(linear, found.y, found.x, runs=3, depth=1)
     shares = {tuple(p): s for p, s in zip(found.sample_points.tolist(), found.share, strict=True)}

@@ -151,6 +151,7 @@ def test_the_trap_an_observer_switched_off_fails_check_08():
         assert (none / rms(_errors(name, 0.0)[0], 4, 5)).max() < 1.5, name
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("name", "noise", "early", "late"),
     [
@@ -231,6 +232,7 @@ def test_innovation_is_measured_minus_expected():
     np.testing.assert_allclose(estimate.state.innovation, want, rtol=1e-6, atol=1e-9)
 
 
+@pytest.mark.thorough
 def test_it_follows_modes_that_are_shaken():
     """Forcing by elevator and angle of attack is known: without noise the error vanishes on a flight that shakes."""
     craft, x, u = trim()

@@ -53,6 +53,7 @@ def undisturbed():
     return flown(good())
 
 
+@pytest.mark.thorough
 def test_the_estimate_is_good_and_its_sigmas_are_honest(undisturbed):
     state, (told, _) = undisturbed
     assert sigmas_off(state) < 4.5

@@ -359,6 +359,7 @@ def test_a_saturated_unit_is_doubted():
     assert (grown > 0.004).all()
 
 
+@pytest.mark.thorough
 def test_a_silent_unit_makes_the_estimate_invalid_and_the_gap_is_doubted():
     bench = Bench()
     bench.step(30, fix=(0, 0, 0))

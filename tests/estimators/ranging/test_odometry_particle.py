@@ -64,6 +64,7 @@ def test_it_is_not_sure_before_it_can_be():
     assert valid.any()
 
 
+@pytest.mark.thorough
 def test_a_tenth_of_wild_ranges_is_borne():
     world = drive(3)
     wild = (np.random.default_rng(0).random(world.range.shape) < 0.1) & world.arrived

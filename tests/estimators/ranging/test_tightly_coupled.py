@@ -242,7 +242,8 @@ def test_outliers_do_not_throw_it_off(usual):
     assert worst < 0.06
 
 
-@pytest.mark.parametrize("probability", [0.0, pytest.param(0.1, marks=pytest.mark.thorough)])
+@pytest.mark.thorough
+@pytest.mark.parametrize("probability", [0.0, 0.1])
 def test_five_seconds_without_ranges_leave_nothing_behind(probability):
     out = flown(sensor=rf.strays(probability), spoilt=GAP)
     sigma = np.sqrt(out.node.P[:, :, 3, 3])
