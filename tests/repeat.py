@@ -3,6 +3,7 @@
     python tests/repeat.py                      20 runs of pytest, every second one beside two busy loops
     python tests/repeat.py --runs 4 tests/core  4 runs of some tests
     python tests/repeat.py --busy 0             20 runs with nothing beside them
+    python tests/repeat.py --folder results     20 runs; after an interruption, the same command does the missing runs
 
 Exit status 0: every test had the same verdict in all runs. 1: it had not; the tests and their verdicts are printed.
 """
@@ -57,6 +58,18 @@ def read_verdicts(file: Path) -> dict[str, str]:
     }
 
 
+def check_commit(folder: Path) -> None:
+    """Note the commit in a new folder of results. Raise SystemExit if the folder holds results of another commit."""
+    command = ["git", "rev-parse", "HEAD"]
+    commit = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False).stdout.strip()
+    folder.mkdir(parents=True, exist_ok=True)
+    file = folder / "commit"
+    if not file.exists():
+        file.write_text(commit, encoding="utf-8")
+    elif (other := file.read_text(encoding="utf-8")) != commit:
+        raise SystemExit(f"{folder} holds results of commit {other}, not of {commit}. Give another --folder")
+
+
 def list_differences(runs: list[dict[str, str]]) -> list[str]:
     """Return a line for each test whose verdicts differ between runs."""
     names = sorted({name for run in runs for name in run})
@@ -71,15 +84,25 @@ def main(words: list[str]) -> int:
     parser.add_argument(
         "--busy", type=int, default=BUSY, help="Busy loops beside every second run.  [default: %(default)s]"
     )
+    parser.add_argument(
+        "--folder", type=Path, help="Folder of results. Runs whose results are in the folder are not repeated."
+    )
     known, options = parser.parse_known_args(words)
     if known.runs < 2:
         parser.error(f"--runs must be at least 2, got {known.runs}")
     runs = []
-    with tempfile.TemporaryDirectory() as folder:
+    with tempfile.TemporaryDirectory() as temporary:
+        folder = known.folder or Path(temporary)
+        check_commit(folder)
         for k in range(known.runs):
             loops, began = known.busy * (k % 2), time.monotonic()
+            file = folder / f"{k + 1}.xml"
+            if file.exists():
+                runs.append(read_verdicts(file))
+                print(f"run {k + 1}: read from {file}", flush=True)
+                continue
             with busy_loops(loops):
-                runs.append(run_once(options, Path(folder) / f"{k}.xml"))
+                runs.append(run_once(options, file))
             counts = Counter(runs[-1].values())
             said = ", ".join(f"{n} {verdict}" for verdict, n in sorted(counts.items()))
             print(f"run {k + 1}, {loops} busy loops: {said} in {time.monotonic() - began:.0f} s", flush=True)

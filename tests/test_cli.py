@@ -241,6 +241,8 @@ def test_a_synonym_is_typed_as_it_stands():
         ("run HOVERCRAFT/SPIN", "Fix: trimtab run hovercraft/spin"),
         ("run nothing.py", "there is no such file"),
         ("run hovercraft/spin --without navigation", "--without navigation-error"),
+        ("run hovercraft/spin --seed", "Fix: trimtab run "),
+        ("export --verify", "Fix: trimtab export "),
     ],
 )
 def test_a_refusal_ends_with_what_to_type(line, fix):

@@ -1,5 +1,6 @@
 """The script that runs the tests again and again finds a test whose verdict changes."""
 
+import pytest
 import repeat
 
 STEADY = """
@@ -18,7 +19,13 @@ def test_alternates():
         assert False
     mark.touch()
 """
-ALONE = ("-n", "0", "-p", "no:cacheprovider", "-c", "/dev/null")
+ALONE = ("-p", "no:cacheprovider", "-c", "/dev/null")
+
+
+@pytest.fixture(autouse=True)
+def _without_plugins(monkeypatch):
+    """A run of pytest without the installed plugins starts ten times as fast."""
+    monkeypatch.setenv("PYTEST_DISABLE_PLUGIN_AUTOLOAD", "1")
 
 
 def test_reports_a_test_whose_verdict_changes(tmp_path, capsys):
@@ -39,3 +46,23 @@ def test_steady_verdicts_are_well(tmp_path, capsys):
 
 def test_a_test_that_is_missing_in_one_run_is_a_difference():
     assert repeat.list_differences([{"a": "passed", "b": "passed"}, {"a": "passed"}]) == ["b: passed, missing"]
+
+
+def test_continues_a_series_that_was_interrupted(tmp_path, capsys):
+    tests, results = tmp_path / "tests", tmp_path / "results"
+    tests.mkdir()
+    (tests / "test_unsteady.py").write_text(UNSTEADY)
+    words = ["--runs", "2", "--busy", "0", "--folder", str(results), *ALONE, str(tests)]
+    assert repeat.main(words) == 1
+    capsys.readouterr()
+    (results / "2.xml").unlink()
+    assert repeat.main(words) == 0
+    said = capsys.readouterr().out
+    assert f"run 1: read from {results / '1.xml'}" in said
+    assert "run 2, 0 busy loops: 1 passed" in said
+
+
+def test_refuses_results_of_another_commit(tmp_path):
+    (tmp_path / "commit").write_text("0123")
+    with pytest.raises(SystemExit, match="holds results of commit 0123"):
+        repeat.main(["--folder", str(tmp_path)])

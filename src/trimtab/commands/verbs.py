@@ -97,6 +97,12 @@ class Verbs(click.Group):
         typed_names.check_names(args)
         return super().resolve_command(ctx, args)
 
+    def _find_context(self, ctx: click.Context) -> click.Context:
+        """Return the context of the verb that was typed, which click does not say where an option lacks its value."""
+        name = ctx.invoked_subcommand or ""
+        verb = self.get_command(ctx, name)
+        return ctx if verb is None else click.Context(verb, parent=ctx, info_name=name)
+
     def invoke(self, ctx: click.Context) -> Any:
         """Run the verb that was typed."""
         try:
@@ -109,7 +115,8 @@ class Verbs(click.Group):
                 typed_names.learn_paths(ctx.meta[WORDS])
             ctx.exit(2)
         except click.UsageError as error:
-            where, fix = _find_example(error.ctx or ctx)
+            error.ctx = error.ctx or self._find_context(ctx)
+            where, fix = _find_example(error.ctx)
             _print_refusal(ctx, where, error.format_message(), (), fix)
             error.show()
             click.echo(f"Fix: {fix}", err=True)
