@@ -190,7 +190,7 @@ REFUSED = {
     "a flag": (("LOG", "--signal", "sensors.imu.fresh"), "no numbers that change"),
     "all too short": (("LOG", "--shortest", "50 s"), "--shortest"),
     "not a time": (("LOG", "--tick", "soon"), "not a time"),
-    "a step of zero": (("LOG", "--tick", "0"), "--tick: '0' is not longer than 0"),
+    "a step of zero": (("LOG", "--tick", "0"), "--tick: must be above 0, got '0'"),
     "a step backwards": (("LOG", "--tick", "-5ms"), "--tick '5 ms'"),
     "averages below zero": (("LOG", "--shortest", "-1"), "--shortest: '-1' is below 0"),
     "no file, what writes one": (("nowhere.mcap",), "trimtab run SCENARIO --out DIR"),

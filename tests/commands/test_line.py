@@ -73,7 +73,7 @@ def test_a_key_that_others_can_read_is_refused_with_what_to_type(keys):
 
 
 def test_a_key_with_unsigned_is_refused(keys):
-    with pytest.raises(InputError, match="there is a --key too"):
+    with pytest.raises(InputError, match="cannot be combined with --key"):
         find_key("hovercraft/forward", keys / "a.key", True, "udp://:1", create=False)
 
 

@@ -67,7 +67,7 @@ def test_axes_from_text():
         ({"x": "delay"}, "no name and range"),
         ({"x": "delay=0:fast"}, "no range of numbers"),
         ({"x": "delay=0.6:0"}, "no rising range"),
-        ({"x": "delay=0%:50%"}, "takes no percent"),
+        ({"x": "delay=0%:50%"}, "does not take a percentage"),
         ({"x": "lag=0:1"}, "downlink-jitter"),
         ({"x": "autopilot.law.k9=1:2"}, "autopilot.law.k2"),
         ({"y": "delay=0:0.3"}, "like --x"),

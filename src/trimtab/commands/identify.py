@@ -34,7 +34,7 @@ CHANGED = 3.0
 )
 @click.option("--sensor", metavar="NAME", help="What measured the vehicle's state.  [default: the only one that did]")
 @click.option("--map", "mapping", type=FILE, metavar="MAP.toml", help="What the columns of another system's log are.")
-@OUT("FILE.toml", "Write the numbers into this calibration file, beside those that it holds.")
+@OUT("FILE.toml", "Write the numbers to this calibration file; other numbers in it are kept.")
 @SET
 @NAVIGATION
 @JSON
