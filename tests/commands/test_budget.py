@@ -45,7 +45,7 @@ def test_a_table_for_people(wide_screen):
         (("--only", "wind"), ("no imperfection 'wind'", "uplink-delay", "Fix")),
         (("--only", "wind"), ("--only: ", "Fix: --only navigation-error")),
         (("--navigation", "gps"), ("'gps' is not a choice", "ins-magnetometer", "Fix")),
-        (("--plot", "budget.txt"), ("no picture's ending", ".png", "Fix")),
+        (("--plot", "budget.txt"), ("supported picture format", ".png", "Fix")),
         (("--set", "world.vehicle.mass=-1"), ("world.vehicle.mass", "Fix")),
     ],
 )

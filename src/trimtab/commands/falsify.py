@@ -39,7 +39,7 @@ from trimtab.commands.progress import show_progress
 @FAULT_RANGE
 @VARY
 @SUCCESS
-@RUNS(5000, "Maximum number of runs.")
+@RUNS(5000, "Number of runs, at most.")
 @click.option("--words", type=click.IntRange(1), default=4, show_default=True, help="Seeds per candidate.")
 @click.option(
     "--over",
