@@ -65,7 +65,7 @@ def test_an_f16_climbs_by_its_elevator_and_its_places_go_on(tmp_path):
     ("words", "wanted"),
     [
         ((CART, "--inversion"), "--output position --to 0.5 --in 2"),
-        ((CART, "--inversion", "--output", "position", "--in", "2"), "for each --output one --to"),
+        ((CART, "--inversion", "--output", "position", "--in", "2"), "one --to for each --output"),
         ((CART, "--output", "position"), "add --inversion"),
         ((CART, "--input", "force"), "add --inversion"),
         (

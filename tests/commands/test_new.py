@@ -73,12 +73,12 @@ def test_a_template_gives_itself_by_its_own_name(tmp_path):
 
 
 REFUSED = [
-    ("law", "my-law", "no name", "trimtab new law my_law"),
-    ("law", "MyLaw!", "no name", "trimtab new law my_law"),
-    ("law", "3d", "no name", "trimtab new law my_3d"),
-    ("law", "Größe", "no name", "trimtab new law grosse"),
-    ("law", "", "no name", "trimtab new law my_part"),
-    ("law", "x" * (LONGEST + 1), "24 at most", f"trimtab new law {'x' * LONGEST}"),
+    ("law", "my-law", "not a valid name", "trimtab new law my_law"),
+    ("law", "MyLaw!", "not a valid name", "trimtab new law my_law"),
+    ("law", "3d", "not a valid name", "trimtab new law my_3d"),
+    ("law", "Größe", "not a valid name", "trimtab new law grosse"),
+    ("law", "", "not a valid name", "trimtab new law my_part"),
+    ("law", "x" * (LONGEST + 1), "at most 24", f"trimtab new law {'x' * LONGEST}"),
     ("law", "class", "reserved word of Python", "trimtab new law my_class"),
     ("law", "numpy", "module 'numpy'", "trimtab new law my_numpy"),
     ("law", "trimtab", "module 'trimtab'", "trimtab new law my_trimtab"),

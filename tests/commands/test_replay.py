@@ -93,7 +93,7 @@ def test_choices_are_those_of_the_scenario(file):
 @pytest.mark.parametrize(
     ("choice", "said"),
     [
-        ("estimator=gps", r"no choice(.|\n)*ins-coupled"),
+        ("estimator=gps", r"not a choice(.|\n)*ins-coupled"),
         ("estimator=nowhere:make", "nowhere"),
         ("estimator=here/mine.py:make", r"name the module, from the folder that holds it: mine:make"),
         (f"estimator={__name__}:number", "returns int, which is not a record"),

@@ -108,7 +108,7 @@ def check_name(kind: str, name: str) -> None:
         problem = f"{name!r} is a path; give a name, and the folder after --out"
         raise InputError("NAME", problem, fix=f"{typed} {nearest_name(path.stem)}{folder}")
     if not re.fullmatch(r"[A-Za-z]\w*", name, re.ASCII) or len(name) > LONGEST:
-        problem = f"{name!r} is not a valid name: it must consist of letters, digits and _, at most {LONGEST}"
+        problem = f"{name!r} is not a valid name: it must consist of ASCII letters, digits and _, at most {LONGEST}"
         raise InputError("NAME", problem, fix=f"{typed} {nearest_name(name)}")
     if keyword.iskeyword(name) or keyword.issoftkeyword(name):
         raise InputError("NAME", f"{name!r} is a reserved word of Python", fix=f"{typed} {nearest_name(f'my_{name}')}")
@@ -119,7 +119,7 @@ def check_name(kind: str, name: str) -> None:
     for own in (word for word in words if word.startswith(f"My{kind.capitalize()}")):
         given = own.replace(f"My{kind.capitalize()}", class_name(name))
         if given != own and given in words:
-            problem = f"its class would be {given}, which the file already contains"
+            problem = f"the file already contains a class {given}, the name of the new class"
             raise InputError("NAME", problem, fix=f"{typed} {nearest_name(f'my_{name}')}")
 
 
