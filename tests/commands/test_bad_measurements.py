@@ -71,7 +71,7 @@ EVERY = {
     "not finite": (lambda x: put(x, 8, 1, "nan"), "line 8.*finite"),
     "a line twice": (
         lambda x: [*x[:5], x[4], *x[5:]],
-        "lines 5 and 6 are the same|line 6, column 'time'|stands there twice",
+        "lines 5 and 6 are the same|line 6, column 'time'|appears twice",
     ),
     "three lines": (
         lambda x: x[:4],
@@ -124,7 +124,7 @@ OWN = {
     "milliseconds": (
         "link",
         lambda x: [x[0], *(f"{a},{1e3 * float(b) if b else ''}" for a, b in (line.split(",") for line in x[1:]))],
-        "are they milliseconds",
+        "check the unit",
     ),
 }
 

@@ -44,7 +44,7 @@ def test_an_f16_climbs_by_its_elevator_and_its_places_go_on(tmp_path):
     words = ("--inversion", "--input", "elevator", "--output", "altitude", "--to", "330 m", "--in", "4", "--out", file)
     done = call("f16/gcas", *words)
     assert done.exit_code == 0, done.output
-    assert "places, integrated from their start: yaw, north, east" in done.output
+    assert "positions, integrated from their initial values: yaw, north, east" in done.output
     assert "in speed; stable, solved forwards" in done.output
     course = json.loads(file.read_text(encoding="utf-8"))
     assert (course["inputs"], course["unstable"]) == (["elevator"], 1)
