@@ -43,31 +43,11 @@ BOARDS = ("cortex-m4", "cortex-m7")
 )
 @click.option("--fmu", type=click.Choice(("2", "3")), help="Write an FMU for co-simulation, FMI 2.0 or 3.0.")
 @OUT("DIR", "Write the C code, its test and its test vectors to this folder; an FMU to this file.")
-@click.option(
-    "--steps",
-    type=click.IntRange(1),
-    default=2000,
-    show_default=True,
-    help="Number of simulated steps in the test vectors.",
-)
-@click.option(
-    "--seed",
-    type=click.IntRange(0),
-    default=0,
-    show_default=True,
-    help="Seed of the random numbers in the simulated steps.",
-)
+@click.option("--steps", type=click.IntRange(1), default=2000, show_default=True, help="Number of test vectors.")
+@click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Seed of the test vectors.")
 @click.option("--fly", is_flag=True, help="Run the code on the emulated board of --target.")
-@click.option(
-    "--wasm", "web", is_flag=True, help="Write the closed loop as a self-contained page that simulates it in a browser."
-)
-@click.option(
-    "--slider",
-    "sliders",
-    multiple=True,
-    metavar="NAME=LOW:HIGH",
-    help="Slider for a parameter on the page of --wasm. May be repeated.",
-)
+@click.option("--wasm", "web", is_flag=True, help="Write a self-contained page that simulates the loop in a browser.")
+@click.option("--slider", "sliders", multiple=True, metavar="NAME=LOW:HIGH", help="Slider on the page of --wasm.")
 @click.option("--verify", "check", type=FILE, metavar="DIR", help="Check an exported folder.")
 @SET
 @NAVIGATION
@@ -171,7 +151,7 @@ def _write_fmu(
 
     if target != "c" or fly:
         raise InputError(
-            "export --fmu", "an FMU is built for this machine, not for a board", fix="leave --target and --run out"
+            "export --fmu", "an FMU is built for this machine, not for a board", fix="leave --target and --fly out"
         )
     if out is None:
         raise InputError("export --fmu", "no file is named", fix=f"--out {part}.fmu")
