@@ -219,7 +219,7 @@ def calibrate_inertia(
 @DRAW
 @JSON
 def calibrate_friction(data: Path, mass: float | None, out: Path | None, plot: Path | None, as_json: bool) -> None:
-    """Calibrate friction from coast-downs: DATA has columns time [s] and yaw_rate [rad/s] or speed [m/s], and trial."""
+    """Calibrate friction from coast-downs: DATA has time [s], yaw_rate [rad/s] or speed [m/s], optionally trial."""
     head = data.read_text(encoding="utf-8-sig").splitlines()[:1] if data.is_file() else []
     kind, speed = ("force", "speed") if head and "speed" in head[0] else ("torque", "yaw_rate")
     columns = coast_down.GLIDE_COLUMNS if kind == "force" else coast_down.SPIN_COLUMNS

@@ -86,7 +86,7 @@ ARDUPILOT = click.option(
     is_flag=False,
     flag_value=PLACE,
     metavar="[HOST:PORT]",
-    help=f"Serve as physics of ArduPilot's SITL (--model JSON) at an address of this machine.  [default: {PLACE}]",
+    help=f"Serve as physics of ArduPilot's SITL (--model JSON) at a local address; as the last word, at {PLACE}.",
 )
 CHANNELS = click.option(
     "--channels",
@@ -107,7 +107,7 @@ PX4 = click.option(
     is_flag=False,
     flag_value=PX4_PLACE,
     metavar="[HOST:PORT]",
-    help=f"Serve as simulator of PX4's SITL at an address of this machine.  [default: {PX4_PLACE}]",
+    help=f"Serve as simulator of PX4's SITL at a local address; as the last word, at {PX4_PLACE}.",
 )
 
 

@@ -77,7 +77,7 @@ def command(
     plot: Path | None,
     as_json: bool,
 ) -> None:
-    """Replay a recorded flight's frames through its autopilot; the commands must be identical, bit for bit.
+    """Replay a recorded flight's frames through its autopilot; its outputs must be identical, bit for bit.
 
     Exit code 1, with the first difference, if they are not. --with replays the frames with another part instead, and
     prints the errors of both against the truth, if the log has it.
