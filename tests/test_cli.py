@@ -131,7 +131,7 @@ def test_demo_says_where_its_picture_is(tmp_path):
     assert str(tmp_path / "trimtab-demo.png") in done.stdout.replace("\n", "")
     assert (tmp_path / "trimtab-demo.png").stat().st_size > 20_000
     assert re.match(r"real:  on target after \d+\.\d s\nideal: on target after \d+ s\n", done.stdout)
-    assert "look at" in done.stdout
+    assert "its right side shows the path" in done.stdout
 
 
 @pytest.mark.thorough

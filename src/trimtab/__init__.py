@@ -1,6 +1,6 @@
 """trimtab: guidance, navigation and control of vehicles that are hard to steer.
 
-The front door: each name is imported when it is first used, so that ``import trimtab`` costs nothing.
+Each public name is imported when it is first used, so that ``import trimtab`` is fast.
 """
 
 import importlib
@@ -8,7 +8,7 @@ import importlib
 __version__ = "0.1.0"
 
 HOMES = {
-    # a vehicle, a part, a scenario of one's own
+    # to write your own vehicle, part or scenario
     "record": "core.record",
     "quantity": "core.quantity",
     "part": "core.quantity",
@@ -22,12 +22,12 @@ HOMES = {
     "Scenario": "loop.scenario",
     "Target": "logs.metrics",
     "InputError": "core.errors",
-    # scenarios by name, and what is in them
+    # scenarios of the catalogue, and their settings
     "scenario_names": "scenarios.catalogue",
     "build": "scenarios.build",
     "settings": "scenarios.settings_table",
     "with_settings": "loop.settings",
-    # flights
+    # simulation and logs
     "simulate": "run.simulate",
     "simulate_batch": "run.simulate",
     "plot_run": "plots.run",
@@ -35,18 +35,18 @@ HOMES = {
     "read_log": "logs.mcap:read_mcap",
     "write_log": "logs.mcap:write_mcap",
     "replay": "run.replay",
-    # thousands of them
+    # many runs
     "Campaign": "campaign.campaign",
     "error_budget": "run.error_budget",
     "falsify": "campaign.search.falsify",
     "tune": "campaign.search.tune",
-    # design, and what is shipped
+    # design and code generation
     "trim": "vehicle_model",
     "linearise": "vehicle_model",
     "compile": "compiler.compiled_function",
     "export_c": "export.export_c",
 }
-"""Where each name of the front door lives; ``module:name`` where it has another one there."""
+"""Module of each public name; ``module:name`` where the name in the module differs."""
 
 
 def __getattr__(name: str) -> object:

@@ -1,4 +1,4 @@
-"""`python -m trimtab` is the command `trimtab`."""
+"""Run the command `trimtab` as `python -m trimtab`."""
 
 from trimtab.cli import main
 

@@ -1,32 +1,32 @@
 """Guidance, navigation and control of vehicles that are hard to steer.
 
 \b
-trimtab demo                                     the first flight: a table and a picture
+trimtab demo                                     first flight: a table and a picture
 trimtab list                                     every scenario
-trimtab list hovercraft/spin                     every setting of one, with unit and meaning
-trimtab new vehicle my_bike                      a vehicle of your own, with test and page; also law, sensor …
-trimtab run hovercraft/spin --plot spin.png      fly it, ideal beside real
+trimtab list hovercraft/spin                     all settings of one scenario, with unit and meaning
+trimtab new vehicle my_bike                      a template of your own vehicle, with test and page; also law, sensor …
+trimtab run hovercraft/spin --plot spin.png      simulate it, ideal and real
 trimtab run hovercraft/spin --set world.vehicle.mass=3.2 --without navigation-error
-trimtab run hovercraft/forward --navigation ins  flown on IMU and ultrasonic network, not on an error model
-trimtab budget hovercraft/forward                what each imperfection costs
-trimtab campaign hovercraft/spin --runs 4000     how often it succeeds, with bounds
+trimtab run hovercraft/forward --navigation ins  navigate by IMU and ultrasonic network instead of an error model
+trimtab budget hovercraft/forward                cost of each imperfection
+trimtab campaign hovercraft/spin --runs 4000     success rate over many runs, with confidence bounds
 trimtab falsify hovercraft/zero-velocity --spread 'world.vehicle.mass=uniform(80%, 120%)'
 trimtab rare hovercraft/spin --spread 'world.vehicle.mass=normal(100%, 5%)' --success 'peak:yaw_rate <= 4'
 trimtab tune hovercraft/zero-velocity --gain autopilot.law.k1=0.5:3 --gain autopilot.law.k2=1:5
 trimtab map hovercraft/zero-velocity --x delay=0:0.6 --y loss=0:0.9 --success 'error_rms:yaw_rate <= 0.6'
-trimtab reproduce hovercraft2006                 a publication computed again, with verdicts
-trimtab calibrate noise still/run.mcap           noise of a sensor at rest, and a filter's Q and R
-trimtab calibrate thrust thrust.csv --out boat.toml  from a gauge's readings to numbers with their errors
-trimtab identify hovercraft/spin flight.mcap --fit world.vehicle.mass   the same from a flight
-trimtab linearise hypersonic --output h --output V     trim, poles, modes and zeros of any vehicle
-trimtab design hypersonic --out gain.json        a gain, and a certificate that proves it
-trimtab plan examples/hall.toml --out plan.csv   a path between obstacles that the hovercraft can fly
-trimtab vehicle hovercraft/forward --listen udp://:14550           a vehicle behind a real line
-trimtab fly hovercraft/forward --link udp://127.0.0.1:14550        and its autopilot in real time
+trimtab reproduce hovercraft2006                 recompute a publication's figures, with verdicts
+trimtab calibrate noise still/run.mcap           noise of a sensor at rest; Q and R of a filter
+trimtab calibrate thrust thrust.csv --out boat.toml  parameters from force readings, with their errors
+trimtab identify hovercraft/spin flight.mcap --fit world.vehicle.mass   parameters from a flight
+trimtab linearise hypersonic --output h --output V     trim, poles, modes and zeros of a vehicle
+trimtab design hypersonic --out gain.json        a gain, and a certificate that proves its stability
+trimtab plan examples/hall.toml --out plan.csv   a feasible path between obstacles
+trimtab vehicle hovercraft/forward --listen udp://:14550           a simulated vehicle behind a real link
+trimtab fly hovercraft/forward --link udp://127.0.0.1:14550        its autopilot, in real time
 trimtab console hovercraft/pilot                 fly a simulated craft from a page in a browser
-trimtab replay here/flight.mcap                  a log's frames once more: the same to the bit
-trimtab plot here/flight.mcap truth.yaw_rate     any signals of a log, by their paths
-trimtab compare a/run.mcap b/run.mcap            where two logs first differ; of one, where a rerun does
+trimtab replay here/flight.mcap                  replay a log's frames; the result is bit-identical
+trimtab plot here/flight.mcap truth.yaw_rate     signals of a log, by their paths
+trimtab compare a/run.mcap b/run.mcap            first difference of two logs; of one log, to its rerun
 trimtab convert there/vehicle.mcap --as ros2 --out bag   a flight for RViz; also for Rerun
 """
 

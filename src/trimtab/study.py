@@ -1,9 +1,9 @@
-"""Studies: publications computed again. A row is what a publication gives beside what is computed, with the verdict.
+"""Studies: recomputed publications. A row compares a printed value with the computed one and has a verdict.
 
-A study is a package of Python files: in a clone of trimtab those below `studies/`, or a folder of yours. Each file with
-a function ``rows`` is a group of it: its docstring's first line says what it holds, ``SECTION`` where that stands in
-the publication ("6.2.1", or in words, "eq. 9"), and ``rows()`` gives its rows. If it also has ``figures(folder)``, that
-draws pictures and gives their files.
+A study is a package of Python files: a folder of `studies/` in a clone of trimtab, or a folder of your own. Each file
+with a function ``rows`` is a group of the study. The first line of its docstring is the title, ``SECTION`` is the place
+in the publication ("6.2.1", or in words, "eq. 9"), and ``rows()`` yields its rows. An optional ``figures(folder)``
+draws pictures and yields their files.
 """
 
 import ast
@@ -25,31 +25,31 @@ Verdict = Literal["holds", "differs", "not reproduced"]
 INFINITY = math.inf
 BASES: dict[str, str] = {
     "printed": "a number that the publication prints",
-    "text": "a statement of its text",
+    "text": "a statement in its text",
     "axis": "read off the axis or a curve of one of its plots",
     "reference": "from its numbers, by a program in tests/oracles that shares no code with this package",
-    "own": "what this package gave before: shows that it still does, and nothing about the publication",
-    "input": "what the computation was given: shows that it was used rightly",
+    "own": "an earlier result of this package: a regression test, not evidence about the publication",
+    "input": "an input of the computation: shows that it was used correctly",
 }
-"""Where the compared value of a row comes from. The first three are the publication's own."""
+"""Sources of the compared value of a row. The first three are the publication's own."""
 PUBLISHED: tuple[Basis, ...] = ("printed", "text", "axis")
 
 
 @dataclasses.dataclass(frozen=True)
 class Row:
-    """One figure of a publication beside the same figure computed here. Build it with a function of this module.
+    """One figure of a publication compared with the computed one. Build it with a function of this module.
 
     id: unique in its study, ``place/what``.
     what: the figure in a few words.
     printed: number, pair (low, high) or words of the publication.
-    computed: number, pair, word or truth value; None where nothing here can give it.
-    citation: where it stands in the publication.
-    relation: how the two are compared.
-    accepted: (low, high) of what is accepted; infinite on an open side.
+    computed: number, pair, word or truth value; None if it cannot be computed here.
+    citation: place in the publication.
+    relation: of the comparison.
+    accepted: accepted range (low, high); infinite on an open side.
     unit: of printed, computed and accepted.
-    basis: where `printed` comes from, see BASES.
-    must_hold: whether the study fails without it.
-    note: what to know of it; of a row that need not hold, the reason.
+    basis: source of `printed`, see BASES.
+    must_hold: True if the study fails without this row.
+    note: remark; for a row that need not hold, the reason.
     """
 
     id: str
@@ -65,15 +65,15 @@ class Row:
     note: str = ""
 
     def __post_init__(self) -> None:
-        """Refuse a row without a citation, and one that may fail without a reason."""
+        """Raise ValueError for a row without a citation, or one that may fail without a reason."""
         if not (self.id and self.what and self.citation):
-            raise ValueError(f"row {self.id!r} lacks its id, its words or its citation")
+            raise ValueError(f"row {self.id!r} needs an id, a description and a citation")
         if not self.must_hold and not self.note:
-            raise ValueError(f"row {self.id!r} need not hold: say why in its note")
+            raise ValueError(f"row {self.id!r} need not hold: state the reason in its note")
 
     @property
     def holds(self) -> bool:
-        """Whether computed is what is accepted; what is not a number is not."""
+        """Return True if computed is accepted; NaN never is."""
         low, high = self.accepted
         if self.computed is None:
             return False
@@ -89,22 +89,22 @@ class Row:
 
     @property
     def verdict(self) -> Verdict:
-        """What is shown: a row that need not hold, and doesn't, is "not reproduced"."""
+        """Return the verdict; a row that need not hold, and does not, is "not reproduced"."""
         return "holds" if self.holds else "differs" if self.must_hold else "not reproduced"
 
     @property
     def confirms(self) -> bool:
-        """Whether it confirms something that the publication says: it holds, and what it is compared with is there."""
+        """Return True if the row confirms the publication: it holds, and its compared value is from there."""
         return self.holds and self.basis in PUBLISHED
 
     @property
     def fails(self) -> bool:
-        """Whether the study fails for it."""
+        """Return True if this row makes the study fail."""
         return self.must_hold and not self.holds
 
     @property
     def tolerance(self) -> str:
-        """What is accepted, in words."""
+        """Return the accepted range in words."""
         low, high = self.accepted
         if self.relation == "none":
             return ""
@@ -120,7 +120,7 @@ class Row:
         return f"{word}{low:g} … {high:g}"
 
     def as_json(self) -> dict[str, Any]:
-        """The row as plain values; what is infinite or not a number becomes null."""
+        """Return the row as plain values; non-finite numbers become null."""
         fields = {f.name: getattr(self, f.name) for f in dataclasses.fields(self)}
         return _replace_infinite(fields | {"tolerance": self.tolerance, "verdict": self.verdict})
 
@@ -136,7 +136,7 @@ def within(
     relative: float = 0.0,
     **about: Any,
 ) -> Row:
-    """Computed is the printed number up to `tolerance` (in its unit) and `relative` (a part of it) together."""
+    """Return a row: computed equals printed within `tolerance` (in its unit) plus `relative` (fraction of it)."""
     off = tolerance + relative * abs(printed)
     accepted = printed - off, printed + off
     return Row(id, what, printed, float(computed), citation, "within", accepted, **about)
@@ -145,23 +145,23 @@ def within(
 def band(
     id: str, what: str, printed: Any, computed: Any, citation: str, *, low: float, high: float, **about: Any
 ) -> Row:
-    """Computed lies in a band around what is printed, of which the publication says "about"."""
+    """Return a row: computed lies in a band around the printed value, which the publication gives as "about"."""
     return Row(id, what, printed, float(computed), citation, "band", (low, high), **about)
 
 
 def at_most(id: str, what: str, printed: Any, computed: Any, citation: str, *, high: float, **about: Any) -> Row:
-    """Computed is no more than `high`."""
+    """Return a row: computed is at most `high`."""
     return Row(id, what, printed, float(computed), citation, "at most", (-INFINITY, high), **about)
 
 
 def inside(id: str, what: str, axis: tuple[float, float], computed: Any, citation: str, **about: Any) -> Row:
-    """The least and greatest value of a run lie inside the ends of a plot's axis."""
+    """Return a row: the least and greatest value of a run lie within a plot's axis."""
     pair = float(computed[0]), float(computed[1])
     return Row(id, what, axis, pair, citation, "inside", axis, **{"basis": "axis", **about})
 
 
 def overlaps(id: str, what: str, interval: tuple[float, float], computed: Any, citation: str, **about: Any) -> Row:
-    """The range of an extreme over many runs meets the band in which the axis of a plot says that it lay."""
+    """Return a row: the range of an extreme over many runs overlaps the band given by a plot's axis."""
     pair = float(computed[0]), float(computed[1])
     return Row(id, what, interval, pair, citation, "overlaps", interval, **{"basis": "axis", **about})
 
@@ -177,22 +177,22 @@ def direction(
     below: float = INFINITY,
     **about: Any,
 ) -> Row:
-    """A statement of the text, such as "slower", holds: computed lies on the side that it says."""
+    """Return a row for a statement of the text, such as "slower": computed lies on the stated side."""
     return Row(id, what, printed, float(computed), citation, "direction", (above, below), **{"basis": "text", **about})
 
 
 def same(id: str, what: str, printed: Any, computed: Any, citation: str, **about: Any) -> Row:
-    """Computed is what is printed, exactly: counts, shapes, verdicts."""
+    """Return a row: computed equals printed exactly; for counts, shapes, verdicts."""
     return Row(id, what, printed, computed, citation, "same", **about)
 
 
 def missing_row(id: str, what: str, printed: Any, citation: str, *, note: str, **about: Any) -> Row:
-    """Nothing here can give this figure; the note says why."""
+    """Return a row for a figure that cannot be computed here; the note states the reason."""
     return Row(id, what, printed, None, citation, "none", must_hold=False, note=note, **about)
 
 
 def format_value(value: Any) -> str:
-    """A value as it stands in a table: four figures of a number, a pair as a range, - for none."""
+    """Format a value for a table: four digits of a number, a pair as a range, - for None."""
     if value is None:
         return "-"
     if isinstance(value, bool):
@@ -218,7 +218,7 @@ HEADINGS = ("figure", "printed", "computed", "accepted", "unit", "verdict", "whe
 
 
 def rows_table(rows: Iterable[Row]) -> str:
-    """One line a row; a star marks what is no number or statement of the publication itself (see BASES)."""
+    """Return a Markdown table of rows; a star marks values that are not from the publication itself (see BASES)."""
     lines = [_table_line(HEADINGS), _table_line("---" for _ in HEADINGS)]
     for row in rows:
         printed = format_value(row.printed) + ("" if row.basis in ("printed", "text") else " \\*")
@@ -234,15 +234,15 @@ def _table_line(cells: Iterable[str]) -> str:
 
 
 CLONE = Path(__file__).parents[2] / "studies"
-"""The studies of a clone of trimtab, which an installed package has not."""
-WHERE = "the studies are in trimtab's source repository: run in a clone of it, or give a study's folder"
+"""Folder of the studies in a clone of trimtab; an installed package does not contain it."""
+WHERE = "the studies are in trimtab's source repository: run in a clone of it, or name a study's folder"
 
 
 class StudyGroup(NamedTuple):
     """A group of a study's figures.
 
-    file: that computes it.  name: as on the command line.  title: its first line.
-    section: of the publication.  has_figures: whether it draws pictures.
+    file: that computes it.  name: as on the command line.  title: first line of its docstring.
+    section: of the publication.  has_figures: True if it draws pictures.
     """
 
     file: Path
@@ -253,21 +253,21 @@ class StudyGroup(NamedTuple):
 
     @property
     def place(self) -> str:
-        """Where it stands in the publication, in words."""
+        """Return its place in the publication, in words."""
         return f"section {self.section}" if self.section[:1].isdigit() else self.section
 
     def rows(self) -> Iterator[Row]:
-        """Its rows, each computed when it is asked for."""
+        """Yield its rows, each computed on demand."""
         yield from import_study(self.file).rows()
 
     def figures(self, folder: Path) -> Iterator[Path]:
-        """Draw its pictures into a folder."""
+        """Draw its pictures to a folder; yield the files."""
         if self.has_figures:
             yield from import_study(self.file).figures(folder)
 
 
 def find_studies() -> dict[str, Path]:
-    """Name -> folder of each study of this clone, or of the folder `studies` where the program runs; none elsewhere."""
+    """Return name -> folder of each study, in this clone or in `studies` below the working directory."""
     for folder in (CLONE, Path.cwd() / "studies"):
         studies = {file.parent.name: file.parent for file in sorted(folder.glob("*/__init__.py"))}
         if studies:
@@ -276,7 +276,7 @@ def find_studies() -> dict[str, Path]:
 
 
 def find_study(study: str) -> Path:
-    """The folder of a study given by its name or by its folder."""
+    """Return the folder of a study, given by name or by folder."""
     folder, studies = Path(study), find_studies()
     if study in studies:
         return studies[study]
@@ -287,11 +287,11 @@ def find_study(study: str) -> Path:
     if not studies:
         raise InputError(f"study {study!r}", f"not found: {WHERE}", fix="trimtab reproduce path/to/a/study")
     near = closest(study, studies, 1) or list(studies)
-    raise InputError(f"study {study!r}", "there is no such study", choices=studies, fix=f"trimtab reproduce {near[0]}")
+    raise InputError(f"study {study!r}", "no such study", choices=studies, fix=f"trimtab reproduce {near[0]}")
 
 
 def import_study(file: Path) -> Any:
-    """Import a study's package or one of its modules; its outermost package's folder joins the path of imports."""
+    """Import a study's package or one of its modules; adds the folder of its outermost package to sys.path."""
     parts, root = [file.stem], file.parent
     while (root / "__init__.py").is_file():
         parts.insert(0, root.name)
@@ -302,12 +302,12 @@ def import_study(file: Path) -> Any:
 
 
 def read_study_title(folder: Path) -> str:
-    """First line of a study's docstring; nothing is imported."""
+    """Return the first line of a study's docstring, without importing it."""
     return _read_title(ast.parse((folder / "__init__.py").read_text(encoding="utf-8")))
 
 
 def list_groups(study: str, only: Iterable[str] = ()) -> list[StudyGroup]:
-    """The groups of a study, by name or folder, in the order of the publication: all, or those named."""
+    """Return the groups of a study in the order of the publication: all, or those named."""
     files = sorted(find_study(study).glob("*.py"))
     groups = sorted((g for g in map(_read_group, files) if g is not None), key=_sort_key)
     names, chosen = [g.name for g in groups], list(only)
@@ -336,7 +336,7 @@ def _read_section(node: ast.stmt) -> str:
 
 
 def _sort_key(group: StudyGroup) -> tuple[list[float], str]:
-    """By the numbers of the section or equation; what has none comes last."""
+    """Return a sort key from the numbers of the section or equation; a group without any comes last."""
     return [float(n) for n in re.findall(r"\d+", group.section)] or [math.inf], group.name
 
 

@@ -71,7 +71,7 @@ EVERY = {
     "not finite": (lambda x: put(x, 8, 1, "nan"), "line 8.*finite"),
     "a line twice": (
         lambda x: [*x[:5], x[4], *x[5:]],
-        "lines 5 and 6 are the same|line 6, column 'time'|stands there twice",
+        "lines 5 and 6 are the same|line 6, column 'time'|appears twice",
     ),
     "three lines": (
         lambda x: x[:4],
@@ -124,7 +124,7 @@ OWN = {
     "milliseconds": (
         "link",
         lambda x: [x[0], *(f"{a},{1e3 * float(b) if b else ''}" for a, b in (line.split(",") for line in x[1:]))],
-        "are they milliseconds",
+        "check the unit",
     ),
 }
 
@@ -142,7 +142,7 @@ NAMED = {
     "an angle that is off": ("rudder", lambda x: put(x, 8, 1, "12"), "left out: line 8, column 'angle'"),
     "a force that is off": ("thrust", lambda x: put(x, 8, 2, "3"), "left out: line 8, column 'force'"),
     "a slope that is off": ("inertia", lambda x: put(x, 8, 2, "9"), "left out: line 8, column 'slope'"),
-    "one rudder angle": ("thrust", lambda x: x[:9], "the rudder stood at -40° only"),
+    "one rudder angle": ("thrust", lambda x: x[:9], "the rudder was only at -40°"),
     "a packet that took long": ("link", lambda x: put(x, 8, 1, "3.6"), "sent at 0.6 s took 3.6 s"),
 }
 

@@ -35,7 +35,7 @@ def test_numbers_as_json_and_a_picture(tmp_path):
 def test_a_table_for_people(wide_screen):
     result = call(NAME, *FEW)
     assert result.exit_code == 0, result.output
-    for text in ("navigation-error alone", "yaw rate (rad/s)", "Share of the mean square", "standard error"):
+    for text in ("navigation-error alone", "yaw rate (rad/s)", "Reduction of the mean square", "standard error"):
         assert text in result.stdout
 
 
@@ -45,7 +45,7 @@ def test_a_table_for_people(wide_screen):
         (("--only", "wind"), ("no imperfection 'wind'", "uplink-delay", "Fix")),
         (("--only", "wind"), ("--only: ", "Fix: --only navigation-error")),
         (("--navigation", "gps"), ("'gps' is not a choice", "ins-magnetometer", "Fix")),
-        (("--plot", "budget.txt"), ("no picture's ending", ".png", "Fix")),
+        (("--plot", "budget.txt"), ("supported picture format", ".png", "Fix")),
         (("--set", "world.vehicle.mass=-1"), ("world.vehicle.mass", "Fix")),
     ],
 )

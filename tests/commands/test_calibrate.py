@@ -188,16 +188,16 @@ def test_a_log_that_is_too_short_or_moves_or_has_gaps_is_refused(folder, tmp_pat
 REFUSED = {
     "no file": (("nowhere.mcap",), "nowhere.mcap"),
     "no such signal": (("LOG", "--signal", "sensors.imu.value.rate"), "sensors.imu.value.angular_rate"),
-    "a flag": (("LOG", "--signal", "sensors.imu.fresh"), "no numbers that change"),
+    "a flag": (("LOG", "--signal", "sensors.imu.fresh"), "contains no changing numbers"),
     "all too short": (("LOG", "--shortest", "50 s"), "--shortest"),
     "not a time": (("LOG", "--tick", "soon"), "not a time"),
-    "a step of zero": (("LOG", "--tick", "0"), "--tick: '0' is not longer than 0"),
+    "a step of zero": (("LOG", "--tick", "0"), "--tick: must be above 0, got '0'"),
     "a step backwards": (("LOG", "--tick", "-5ms"), "--tick '5 ms'"),
-    "averages below zero": (("LOG", "--shortest", "-1"), "--shortest: '-1' is below 0"),
+    "averages below zero": (("LOG", "--shortest", "-1"), "--shortest: must be at least 0, got '-1'"),
     "no file, what writes one": (("nowhere.mcap",), "trimtab run SCENARIO --out DIR"),
     "no such signal, what is": (("LOG", "--signal", "nope"), "Fix: --signal sensors.imu.value."),
     "not a calibration": (("LOG", "--out", "folder"), "Fix: --out folder.toml"),
-    "not a picture": (("LOG", "--plot", "a.txt"), "ending"),
+    "not a picture": (("LOG", "--plot", "a.txt"), "supported picture format"),
 }
 
 

@@ -100,7 +100,7 @@ def test_a_system_of_your_own(place, tmp_path):
     alone = call("--check", made)
     assert alone.exit_code == 2
     assert "trimtab design my_boat.py --check FILE" in alone.output
-    assert "it is a certificate for 'ball and beam'" in call("hypersonic", "--check", made).output
+    assert "the certificate is for 'ball and beam'" in call("hypersonic", "--check", made).output
     content = json.loads(made.read_text())
     content["B"][3][0] = 1.01
     made.write_text(json.dumps(content))
@@ -128,9 +128,9 @@ def test_the_proof_needs_no_solver(file):
         ((), "Choices: hypersonic"),
         (("hypersonc",), "Fix: trimtab design hypersonic"),
         (("--check", "nothing.json"), "cannot be read"),
-        (("--check", "x.json", "--method", "lqr"), "--method: a file is checked as it is"),
-        (("--check", "x.json", "--integral"), "--integral: a file is checked as it is"),
-        (("--check", "x.json", "--set", "h_ft=90000"), "--set: a file is checked as it is"),
+        (("--check", "x.json", "--method", "lqr"), "--method: cannot be combined with --check"),
+        (("--check", "x.json", "--integral"), "--integral: cannot be combined with --check"),
+        (("--check", "x.json", "--set", "h_ft=90000"), "--set: cannot be combined with --check"),
         (("hypersonic", "--filter", "best"), "Choices: tuned, equal, accurate, printed, none"),
         (("hypersonic", "--set", "height=1"), "there is no setting 'height'"),
         (("hypersonic", "--set", "h_ft=high"), "'high' is no number"),

@@ -44,8 +44,8 @@ def test_an_f16_climbs_by_its_elevator_and_its_places_go_on(tmp_path):
     words = ("--inversion", "--input", "elevator", "--output", "altitude", "--to", "330 m", "--in", "4", "--out", file)
     done = call("f16/gcas", *words)
     assert done.exit_code == 0, done.output
-    assert "places, integrated from their start: yaw, north, east" in done.output
-    assert "in speed; stable, from the past" in done.output
+    assert "positions, integrated from their initial values: yaw, north, east" in done.output
+    assert "in speed; stable, solved forwards" in done.output
     course = json.loads(file.read_text(encoding="utf-8"))
     assert (course["inputs"], course["unstable"]) == (["elevator"], 1)
     times = np.array(course["times"])
@@ -65,7 +65,7 @@ def test_an_f16_climbs_by_its_elevator_and_its_places_go_on(tmp_path):
     ("words", "wanted"),
     [
         ((CART, "--inversion"), "--output position --to 0.5 --in 2"),
-        ((CART, "--inversion", "--output", "position", "--in", "2"), "for each --output one --to"),
+        ((CART, "--inversion", "--output", "position", "--in", "2"), "one --to for each --output"),
         ((CART, "--output", "position"), "add --inversion"),
         ((CART, "--input", "force"), "add --inversion"),
         (

@@ -50,7 +50,7 @@ def test_the_vehicle_makes_a_key_and_the_autopilot_finds_it(keys, capsys):
 
 
 def test_without_a_key_the_autopilot_is_told_what_to_do(keys):
-    with pytest.raises(InputError, match="there is no key") as refused:
+    with pytest.raises(InputError, match="key not found") as refused:
         find_key("hovercraft/forward", None, False, "udp://:14550", create=False)
     assert refused.value.fix.startswith("trimtab vehicle hovercraft/forward --listen udp://:14550  ")
     assert "copy the file" in refused.value.fix
@@ -73,7 +73,7 @@ def test_a_key_that_others_can_read_is_refused_with_what_to_type(keys):
 
 
 def test_a_key_with_unsigned_is_refused(keys):
-    with pytest.raises(InputError, match="there is a --key too"):
+    with pytest.raises(InputError, match="cannot be combined with --key"):
         find_key("hovercraft/forward", keys / "a.key", True, "udp://:1", create=False)
 
 

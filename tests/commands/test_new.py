@@ -73,13 +73,13 @@ def test_a_template_gives_itself_by_its_own_name(tmp_path):
 
 
 REFUSED = [
-    ("law", "my-law", "no name", "trimtab new law my_law"),
-    ("law", "MyLaw!", "no name", "trimtab new law my_law"),
-    ("law", "3d", "no name", "trimtab new law my_3d"),
-    ("law", "Größe", "no name", "trimtab new law grosse"),
-    ("law", "", "no name", "trimtab new law my_part"),
-    ("law", "x" * (LONGEST + 1), "24 at most", f"trimtab new law {'x' * LONGEST}"),
-    ("law", "class", "word of Python", "trimtab new law my_class"),
+    ("law", "my-law", "not a valid name", "trimtab new law my_law"),
+    ("law", "MyLaw!", "not a valid name", "trimtab new law my_law"),
+    ("law", "3d", "not a valid name", "trimtab new law my_3d"),
+    ("law", "Größe", "not a valid name", "trimtab new law grosse"),
+    ("law", "", "not a valid name", "trimtab new law my_part"),
+    ("law", "x" * (LONGEST + 1), "at most 24", f"trimtab new law {'x' * LONGEST}"),
+    ("law", "class", "reserved word of Python", "trimtab new law my_class"),
     ("law", "numpy", "module 'numpy'", "trimtab new law my_numpy"),
     ("law", "trimtab", "module 'trimtab'", "trimtab new law my_trimtab"),
     ("vehicle", "test", "module 'test'", "trimtab new vehicle my_test"),
@@ -117,7 +117,7 @@ def test_nothing_of_ones_own_is_replaced(tmp_path):
     (tmp_path / "boat.md").write_text("mine")
     done = call("new", "vehicle", "boat", "--out", tmp_path)
     assert done.exit_code == 2
-    assert "boat.md' is there already" in done.output
+    assert "boat.md' is an existing file" in done.output
     assert "trimtab new vehicle boat_2, or --overwrite" in done.output
     assert [file.name for file in tmp_path.iterdir()] == ["boat.md"]
     make("vehicle", "boat_2", tmp_path)

@@ -67,7 +67,7 @@ def test_what_takes_long_says_how_long(monkeypatch, capsys):
         for _ in range(4):
             tell("flying", 10)
     said = capsys.readouterr().err.splitlines()
-    assert re.fullmatch(r"flying: 20 of 1000, about 16 min more on \d+ cores?", said[0])
+    assert re.fullmatch(r"flying: 20 of 1000, about 16 min left on \d+ cores?", said[0])
     assert len(said) == 2  # not at 30 s, but at 200 s once more
     with progress.show_progress(10) as tell:
         tell("flying", 10)
@@ -82,7 +82,7 @@ def test_how_long_it_takes_is_said_by_what_is_done_and_comes_true(capsys):
         lines.add("flying", 5)
     said = capsys.readouterr().err.splitlines()
     assert len(said) == 1
-    seconds = re.fullmatch(r"flying: \d+ of 400, about (\d+) s more on \d+ cores?", said[0])
+    seconds = re.fullmatch(r"flying: \d+ of 400, about (\d+) s left on \d+ cores?", said[0])
     assert seconds, said
     assert 3 < float(seconds[1]) < 14
 
@@ -101,13 +101,13 @@ def fly_on_a_screen(total, monkeypatch):
 def test_what_takes_hours_is_said_once_on_a_screen_too(monkeypatch, capsys):
     fly_on_a_screen(86_400, monkeypatch)
     said = capsys.readouterr().err
-    assert len(re.findall(r"flying: 2 of 86400, about 24\.0 h more on \d+ cores?", said)) == 1
-    assert said.count(" more on ") == 1
+    assert len(re.findall(r"flying: 2 of 86400, about 24\.0 h left on \d+ cores?", said)) == 1
+    assert said.count(" left on ") == 1
 
 
 def test_what_takes_less_than_an_hour_leaves_no_line_on_a_screen(monkeypatch, capsys):
     fly_on_a_screen(3500, monkeypatch)
-    assert " more on " not in capsys.readouterr().err
+    assert " left on " not in capsys.readouterr().err
 
 
 @pytest.mark.parametrize(("seconds", "text"), [(89, "89 s"), (119, "119 s"), (180, "3 min"), (5401, "1.5 h")])
@@ -120,7 +120,7 @@ def test_a_short_campaign_says_nothing_of_time_or_room(tmp_path):
     words = ("campaign", "hovercraft/spin", "--set", "duration=1", "--runs", "70", "--store", str(tmp_path / "a.zarr"))
     done = CliRunner().invoke(main, words)
     assert done.exit_code == 0, done.output
-    assert " more" not in done.stderr
+    assert " on " not in done.stderr
 
 
 @pytest.mark.thorough

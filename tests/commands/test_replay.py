@@ -77,7 +77,7 @@ def test_another_estimator_and_another_gain_are_flown_and_drawn(file, tmp_path):
     done = call(file, "--with", f"estimator={__name__}:blind", "--with", "law.spinning.k2=5", "--plot", picture)
     assert done.exit_code == 0, done.output
     assert "400 steps flown with another autopilot" in done.stdout
-    assert "yaw_rate: rms of its error" in done.stdout
+    assert "yaw_rate: rms error" in done.stdout
     assert picture.stat().st_size > 5000
 
 
@@ -93,10 +93,10 @@ def test_choices_are_those_of_the_scenario(file):
 @pytest.mark.parametrize(
     ("choice", "said"),
     [
-        ("estimator=gps", r"no choice(.|\n)*ins-coupled"),
+        ("estimator=gps", r"not a choice(.|\n)*ins-coupled"),
         ("estimator=nowhere:make", "nowhere"),
         ("estimator=here/mine.py:make", r"name the module, from the folder that holds it: mine:make"),
-        (f"estimator={__name__}:number", "gives int, which is no record"),
+        (f"estimator={__name__}:number", "returns int, which is not a record"),
         ("law.spinning.k3=5", "no such setting"),
         ("estimator=ins", r"reads sensor 'imu', of which this flight has nothing(.|\n)*--navigation ins"),
     ],
@@ -125,7 +125,7 @@ def test_an_estimator_alone_needs_no_scenario(foreign, tmp_path):
     done = call(foreign, "--estimator", "commands.test_replay:looking", "--out", tmp_path / "out.mcap")
     assert done.exit_code == 0, done.output
     assert "50 steps, 50 valid" in done.stdout
-    assert "weight: rms of its error 0.5" in done.stdout
+    assert "weight: rms error 0.5" in done.stdout
     np.testing.assert_array_equal(read_mcap(tmp_path / "out.mcap")["estimate.valid"], True)
     found = json.loads(call(foreign, "--estimator", "commands.test_replay:looking", "--json").stdout)
     assert found["errors"]["weight"] == pytest.approx(0.5)

@@ -108,7 +108,7 @@ def test_exit_code_is_1_exactly_when_a_row_that_must_hold_fails(made_up, value, 
     for text in ("[length]", "It was raining.", "Black and white.", "[1] Somebody"):
         assert text in table.stdout
     assert ("differs" in table.stdout) == bool(code)
-    assert f"{1 - code} of 3 rows confirm something that the publication prints" in table.stdout
+    assert f"{1 - code} of 3 rows confirm a value or statement of the publication" in table.stdout
 
 
 def test_out_draws_the_figures(made_up, tmp_path):

@@ -38,7 +38,7 @@ def test_nothing_is_wrong_in_a_good_flight_nor_before_the_first_row():
 
 def test_an_autopilot_that_gives_no_rows_does_not_answer():
     assert alarms(flight(), now=100.4) == {}
-    assert alarms(flight(), now=100.7) == {"mute": (ALARM, "the autopilot does not answer for 0.7 s")}
+    assert alarms(flight(), now=100.7) == {"mute": (ALARM, "no data from the autopilot for 0.7 s")}
 
 
 @pytest.mark.parametrize(("age", "level"), [(0.27, None), (0.29, WARNING), (0.41, ALARM)])

@@ -78,13 +78,13 @@ SEARCHED = {
     "there is no such setting": "reference/messages",
     "no number of runs shows a probability of": "reference/messages",
     "others can read or change it": "reference/messages",
-    "whoever is on the way to could read the token and fly the craft": "reference/messages",
+    "anyone on the network path to could read the token and fly the craft": "reference/messages",
     "is not HOST:PORT with a port from 1 to 65535": "reference/messages",
     "does not settle": "reference/messages",
     "the solver Clarabel is not installed": "reference/messages",
     "its ticks do not rise, or are no whole numbers": "reference/messages",
     "neither sector was ever used": "reference/messages",
-    "JAX sees no GPU here, only": "reference/messages",
+    "JAX finds no GPU, only": "reference/messages",
 }
 
 

@@ -219,11 +219,11 @@ def test_channels_may_be_thirty_two_in_another_order_and_without_a_pulse(boat):
     ("words", "said"),
     [
         ((), "Missing option '--listen'"),
-        (("--listen", "udp://:14550", "--channels", "1,2"), "--channels: is for ArduPilot's pulses"),
-        (("--listen", "udp://:14550", "--ardupilot"), "--listen: ArduPilot's physics have no use for it"),
-        (("--lockstep", "--ardupilot"), "--lockstep: ArduPilot's physics have no use for it"),
+        (("--listen", "udp://:14550", "--channels", "1,2"), "--channels: needs --ardupilot or --px4"),
+        (("--listen", "udp://:14550", "--ardupilot"), "--listen: does not apply to ArduPilot"),
+        (("--lockstep", "--ardupilot"), "--lockstep: does not apply to ArduPilot"),
         (("--channels", "one", "--ardupilot"), "'one' is not a list of channels"),
-        (("--ardupilot", "0.0.0.0:9002"), "whoever reaches 0.0.0.0:9002 could fly the vehicle"),
+        (("--ardupilot", "0.0.0.0:9002"), "anyone who reaches 0.0.0.0:9002 could fly the vehicle"),
         (("--ardupilot", "9002"), "is not HOST:PORT"),
     ],
 )

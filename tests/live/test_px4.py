@@ -206,10 +206,10 @@ def test_what_is_no_mavlink_2_and_no_number_is_refused_in_words(bench):
 @pytest.mark.parametrize(
     ("words", "said"),
     [
-        (("--listen", "udp://:14550", "--px4"), "--listen: PX4's physics have no use for it"),
-        (("--lockstep", "--px4"), "--lockstep: PX4's physics have no use for it"),
-        (("--px4", "0.0.0.0:4560"), "whoever reaches 0.0.0.0:4560 could fly the vehicle"),
-        (("--ardupilot", "127.0.0.1:9002", "--px4"), "--px4: one flight stack flies a vehicle"),
+        (("--listen", "udp://:14550", "--px4"), "--listen: does not apply to PX4"),
+        (("--lockstep", "--px4"), "--lockstep: does not apply to PX4"),
+        (("--px4", "0.0.0.0:4560"), "anyone who reaches 0.0.0.0:4560 could fly the vehicle"),
+        (("--ardupilot", "127.0.0.1:9002", "--px4"), "--px4: cannot be combined with --ardupilot"),
         (("--px4", "4560"), "is not HOST:PORT"),
     ],
 )

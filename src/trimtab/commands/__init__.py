@@ -1,1 +1,1 @@
-"""What the verbs of the command line do; imported only when a verb runs."""
+"""Implementation of the verbs of the command line; each is imported only when it runs."""

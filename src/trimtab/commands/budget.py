@@ -1,4 +1,4 @@
-"""`trimtab budget`: what each imperfection of a scenario costs."""
+"""`trimtab budget`: cost of each imperfection of a scenario."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -21,9 +21,16 @@ from trimtab.scenarios.build import build
 @click.command()
 @SCENARIO
 @FLIGHT
-@click.option("--without", multiple=True, metavar="FAULT", help="Switch one imperfection off in all of it; repeatable.")
-@click.option("--only", multiple=True, metavar="FAULT", help="Only what this one costs; repeatable.  [default: every]")
-@RUNS(20, "How many flights in each set.")
+@click.option(
+    "--without", multiple=True, metavar="FAULT", help="Switch one imperfection off in all runs. May be repeated."
+)
+@click.option(
+    "--only",
+    multiple=True,
+    metavar="FAULT",
+    help="Only the cost of this imperfection. May be repeated.  [default: all]",
+)
+@RUNS(20, "Number of flights in each set.")
 @SEED
 @PLOT("Picture of the costs.")
 @JSON
@@ -38,11 +45,11 @@ def command(
     plot: Path | None,
     as_json: bool,
 ) -> None:
-    """Say what each imperfection of a scenario costs.
+    """Compute the cost of each imperfection of a scenario.
 
-    The same flights with all imperfections, without each, with each alone, and with none: how far the vehicle is from
-    its targets in the second half, and how far its navigation from the truth.
-    With --navigation ins there are two dozen imperfections: some minutes the first time; --only takes a few of them.
+    Flies the same flights with all imperfections, without each one, with each one alone, and with none. Reports the
+    deviation from the targets and the navigation error in the second half of the flight. With --navigation ins there
+    are two dozen imperfections, and the first time takes some minutes; --only selects a few of them.
 
     \b
     trimtab budget hovercraft/forward
@@ -66,7 +73,7 @@ def command(
 
 
 def _check_only(scenario: Scenario, only: tuple[str, ...]) -> None:
-    """Refuse names of imperfections that the scenario does not have, or has no more."""
+    """Raise InputError for an imperfection that the scenario does not have or that is switched off."""
     known = scenario.imperfections()
     for name in only:
         if name not in known:
@@ -93,7 +100,7 @@ def _budget_json(budget: ErrorBudget) -> dict[str, Any]:
 
 
 def _print_budget(title: str, budget: ErrorBudget) -> None:
-    """What each imperfection costs: its share of each mean square, and each rms with it alone."""
+    """Print the share of each imperfection in each mean square, and the rms with it alone."""
     measures = list(budget.units)
     first, names = "imperfection", {m: m.replace("_", " ") for m in measures}
     headings = [f">{name} ({budget.units[m]})" for m, name in names.items()]
@@ -103,7 +110,7 @@ def _print_budget(title: str, budget: ErrorBudget) -> None:
     for cost in budget.costs:
         table.add_row(f"{cost.name} alone", *(_format_rms(*cost.alone[m]) for m in measures))
     print_table(table)
-    about = "Share of the mean square that goes when it is switched off"
+    about = "Reduction of the mean square when the imperfection is switched off"
     table = new_table(first, *(f">{name}" for name in names.values()), title=about, unwrapped=(first,))
     for cost in budget.costs:
         table.add_row(cost.name, *(f"{100 * cost_share(budget, cost, m):.1f} %" for m in measures))

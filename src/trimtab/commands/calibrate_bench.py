@@ -1,4 +1,4 @@
-"""`trimtab calibrate rudder|hull|thrust|reverse|inertia|friction|gyro`: from measurements on the bench."""
+"""`trimtab calibrate rudder|hull|thrust|reverse|inertia|friction|gyro`: calibrate from bench measurements."""
 
 import math
 from pathlib import Path
@@ -29,15 +29,15 @@ from trimtab.vehicles.hovercraft import Friction, Hovercraft
 
 SLIP = {"torque": float(Friction().slip_rate), "force": float(Friction().slip_speed)}
 ASSUMED = (Hovercraft(), RudderGeometry(), Thruster())
-"""The source's craft, for what neither an option nor the calibration says."""
+"""The thesis's craft: defaults for values that neither an option nor the calibration gives."""
 
 DATA = click.argument("data", type=FILE)
-ADD = OUT("FILE.toml", "Write the numbers into this calibration file, beside those that it holds.")
+ADD = OUT("FILE.toml", "Write the numbers to this calibration file; other numbers in it are kept.")
 DRAW = PLOT("Picture of the fit with its residuals.")
 
 
 def parse_amount(context: click.Context, parameter: click.Parameter, text: str | None) -> float | None:
-    """A number with its unit, e.g. '1.1 N', in SI; the option's name says what it measures."""
+    """Parse a number with its unit, e.g. '1.1 N', into SI; the option's name determines the quantity."""
     if text is None:
         return None
     kept = AMOUNTS[str(parameter.name)]
@@ -48,7 +48,7 @@ def parse_amount(context: click.Context, parameter: click.Parameter, text: str |
     except ValueError:
         amount = math.nan
     if not math.isfinite(amount):
-        where, problem = f"--{parameter.name}", f"{text!r} is no number with a unit"
+        where, problem = f"--{parameter.name}", f"{text!r} is not a number with a unit"
         raise InputError(where, problem, choices=UNITS[kept], fix=f"{where} '1.5 {kept}'")
     return amount
 
@@ -62,10 +62,10 @@ AMOUNTS = {"force": "N", "rudder": "rad", "arm": "m", "mass": "kg", "division": 
 @DRAW
 @JSON
 def calibrate_rudder(data: Path, out: Path | None, plot: Path | None, as_json: bool) -> None:
-    """The servo's table: DATA has columns pulse [us] and angle [deg].
+    """Calibrate the servo: DATA has columns pulse [us] and angle [deg].
 
-    Measure 1.00, 1.05 … 2.00 ms going up, and again coming down; a column way (1 and -1) tells them apart, so that the
-    play of the linkage is found and does not count as spread.
+    Measure 1.00, 1.05 … 2.00 ms upwards, and again downwards. A column way (1 and -1) marks the direction, so that the
+    play of the linkage is identified and does not count as scatter.
     """
     rows = read_measurements(data, rudder.SERVO_COLUMNS)
     servo = rudder.fit_servo(rows)
@@ -86,9 +86,9 @@ def calibrate_rudder(data: Path, out: Path | None, plot: Path | None, as_json: b
 @DRAW
 @JSON
 def calibrate_hull(data: Path, out: Path | None, plot: Path | None, as_json: bool) -> None:
-    """Where the force points: DATA has columns rudder [deg] and hull [deg].
+    """Calibrate the force direction: DATA has columns rudder [deg] and hull [deg].
 
-    Let the craft pull on a string: the angle from its nose to the string's line is that of the force.
+    Let the craft pull on a string: the angle from its nose to the string is the angle of the force.
     """
     rows = read_measurements(data, rudder.HULL_COLUMNS)
     hull = rudder.fit_hull_angle(rows)
@@ -111,9 +111,9 @@ def calibrate_hull(data: Path, out: Path | None, plot: Path | None, as_json: boo
 @DRAW
 @JSON
 def calibrate_thrust(data: Path, out: Path | None, plot: Path | None, as_json: bool) -> None:
-    """Thrust by speed and rudder: DATA has columns rudder [deg], speed [rpm] and force [N] (or gf, ozf).
+    """Calibrate thrust by speed and rudder: DATA has columns rudder [deg], speed [rpm] and force [N] (or gf, ozf).
 
-    The rudder angle of full thrust is that of the calibration in --out, where `trimtab calibrate hull` was there first.
+    The rudder angle of full thrust is read from the calibration in --out, if `trimtab calibrate hull` wrote it there.
     """
     rows = read_measurements(data, thrust.THRUST_COLUMNS)
     offset = _find_number(out, "Thruster.offset")
@@ -122,22 +122,24 @@ def calibrate_thrust(data: Path, out: Path | None, plot: Path | None, as_json: b
     report = _report(rows, fit.fit, "force", *panels)
     if len(fit.angles) < 3:
         angles = ", ".join(f"{a / DEG:.0f}°" for a in fit.angles)
-        text = f"the rudder stood at {angles} only: how thrust falls with it is taken from the formula, not tested"
+        text = f"the rudder was only at {angles}: the loss of thrust with it is taken from the formula, not tested"
         report = report._replace(notes=(*report.notes, text))
     if not fit.follows_formula():
         text = f"thrust does not fall with the rudder as cos(theta - offset) (chance {fit.chance:.1e}):"
-        report = report._replace(notes=(*report.notes, f"{text} tables of what was measured are used"))
+        report = report._replace(notes=(*report.notes, f"{text} tables of the measured values are used"))
     finish_calibration("thrust", thrust.thrust_calibration(rows, fit), report, out, plot, as_json)
 
 
 @click.command(name="reverse")
 @DATA
-@click.option("--division", callback=parse_amount, default="0.1 N", show_default=True, help="Of the gauge's scale.")
+@click.option(
+    "--division", callback=parse_amount, default="0.1 N", show_default=True, help="Scale division of the force gauge."
+)
 @ADD
 @DRAW
 @JSON
 def calibrate_reverse(data: Path, division: float, out: Path | None, plot: Path | None, as_json: bool) -> None:
-    """Reverse over forward thrust: DATA has columns speed [rpm], forward [N] and reverse [N]."""
+    """Calibrate reverse over forward thrust: DATA has columns speed [rpm], forward [N] and reverse [N]."""
     rows = read_measurements(data, thrust.REVERSE_COLUMNS)
     fit = thrust.fit_reverse(rows, division / np.sqrt(12))
     n = np.linspace(rows["speed"].min(), rows["speed"].max(), 100) * 1e-3
@@ -154,9 +156,11 @@ def calibrate_reverse(data: Path, division: float, out: Path | None, plot: Path 
 
 @click.command(name="inertia")
 @DATA
-@click.option("--force", callback=parse_amount, metavar="'1.1 N'", help="Thrust held, where DATA is a spin-up.")
-@click.option("--rudder", callback=parse_amount, metavar="'-20 deg'", help="Rudder angle held.")
-@click.option("--arm", callback=parse_amount, metavar="'0.32 m'", help="Centre of mass to rudder pivot.")
+@click.option("--force", callback=parse_amount, metavar="'1.1 N'", help="Constant thrust, if DATA is a spin-up.")
+@click.option(
+    "--rudder", callback=parse_amount, metavar="'-20 deg'", help="Constant rudder angle, if DATA is a spin-up."
+)
+@click.option("--arm", callback=parse_amount, metavar="'0.32 m'", help="Distance from centre of mass to rudder pivot.")
 @ADD
 @DRAW
 @JSON
@@ -169,15 +173,15 @@ def calibrate_inertia(
     plot: Path | None,
     as_json: bool,
 ) -> None:
-    """Moment of inertia: DATA is a table of trials, or the yaw rates of one with --force and --rudder.
+    """Calibrate the moment of inertia: DATA is a table of trials, or the log of one with --force and --rudder.
 
-    A table has columns rudder [deg], force [N] and slope [rad/s^2]; a trial's log time [s] and yaw_rate [deg/s], from
-    before the release; the straight part of its rise is found.
+    A table has columns rudder [deg], force [N] and slope [rad/s^2]. The log of a trial has columns time [s] and
+    yaw_rate [deg/s] and begins before the release; the linear part of its rise is found automatically.
     """
     geometry = _find_geometry(out, arm)
     if (force is None) != (rudder is None):
         raise InputError(
-            "calibrate inertia", "--force and --rudder belong together", fix="--force '1.1 N' --rudder '-20 deg'"
+            "calibrate inertia", "--force and --rudder must be given together", fix="--force '1.1 N' --rudder '-20 deg'"
         )
     if force is None:
         rows = read_measurements(data, spin_up.TRIAL_COLUMNS)
@@ -200,8 +204,8 @@ def calibrate_inertia(
     used = (since >= 0) & (since <= part.window)
     line = float(part.fit.offset) + float(part.fit.slope) * since
     curve = FitCurve(since, rows["yaw_rate"], np.where(used, line, np.nan), np.ones_like(used), since[used], line[used])
-    note = f"let go at {part.start:.2f} s, straight for {part.window:.2f} s"
-    panel = FitPanel("Spin-up", "since the release (s)", "yaw rate (rad/s)", [curve], note)
+    note = f"released at {part.start:.2f} s, linear for {part.window:.2f} s"
+    panel = FitPanel("Spin-up", "time since release (s)", "yaw rate (rad/s)", [curve], note)
     about: dict[str, Any] = {"source": f"{rows.file}: {note}", "procedure": "inertia", "freedom": freedom}
     calibration = Calibration({"Hovercraft.inertia": Entry(J, "kg m^2", error, **about)})
     report = CalibrationReport(rows.file, len(rows), (), (panel,), (note,))
@@ -210,12 +214,12 @@ def calibrate_inertia(
 
 @click.command(name="friction")
 @DATA
-@click.option("--mass", callback=parse_amount, metavar="'2.6 kg'", help="For a glide.")
+@click.option("--mass", callback=parse_amount, metavar="'2.6 kg'", help="Mass of the craft, for a glide.")
 @ADD
 @DRAW
 @JSON
 def calibrate_friction(data: Path, mass: float | None, out: Path | None, plot: Path | None, as_json: bool) -> None:
-    """Friction from coast-downs: DATA has columns time [s] and yaw_rate [rad/s], or speed [m/s]; trial numbers them."""
+    """Calibrate friction from coast-downs: DATA has time [s], yaw_rate [rad/s] or speed [m/s], optionally trial."""
     head = data.read_text(encoding="utf-8-sig").splitlines()[:1] if data.is_file() else []
     kind, speed = ("force", "speed") if head and "speed" in head[0] else ("torque", "yaw_rate")
     columns = coast_down.GLIDE_COLUMNS if kind == "force" else coast_down.SPIN_COLUMNS
@@ -232,7 +236,7 @@ def calibrate_friction(data: Path, mass: float | None, out: Path | None, plot: P
     unit = "m/s" if kind == "force" else "rad/s"
     panel = FitPanel(f"Coast-down: {kind}", "time (s)", f"{speed.replace('_', ' ')} ({unit})", curves)
     notes = [
-        f"{name} friction is not told apart from none by this data: at most {1.96 * error:.3g} {unit}"
+        f"{name} friction is not significantly different from zero in this data: at most {1.96 * error:.3g} {unit}"
         for name, value, error, unit in zip(
             coast_down.NAMES, fit.coefficients, fit.standard_errors(), coast_down.UNITS[kind], strict=True
         )
@@ -248,7 +252,7 @@ def calibrate_friction(data: Path, mass: float | None, out: Path | None, plot: P
 @DRAW
 @JSON
 def calibrate_gyro(data: Path, out: Path | None, plot: Path | None, as_json: bool) -> None:
-    """How a gyro follows: DATA has columns time [s], reference [rad/s] and gyro [rad/s], of a sweep."""
+    """Calibrate the gyro's dynamics: DATA has columns time [s], reference [rad/s] and gyro [rad/s], of a sweep."""
     rows = read_measurements(data, gyro_response.COLUMNS, series=True)
     fit = gyro_response.fit_gyro(rows)
     t, good = rows["time"] - rows["time"][0], np.ones(len(rows), bool)
@@ -261,7 +265,9 @@ def calibrate_gyro(data: Path, out: Path | None, plot: Path | None, as_json: boo
         FitPanel("Gyro and its model", "time (s)", "rate (rad/s)", [curve], note),
         FitPanel("Reference and the inverse", "time (s)", "rate (rad/s)", [inverse]),
     )
-    notes = (f"{note}; gain at rest {fit.gain():.4f}; the sweep reaches {fit.highest:.3g} Hz: no further is it known",)
+    notes = (
+        f"{note}; gain at rest {fit.gain():.4f}; the sweep reaches {fit.highest:.3g} Hz; the model is unknown beyond",
+    )
     report = CalibrationReport(rows.file, len(rows), (), panels, notes)
     finish_calibration("gyro", gyro_response.gyro_calibration(rows, fit), report, out, plot, as_json)
 
@@ -278,7 +284,7 @@ PROCEDURES = (
 
 
 def _find_number(out: Path | None, name: str) -> float:
-    """A number of the calibration that is being added to, or the source's."""
+    """Return a number of the calibration in --out, or the thesis's."""
     if out is not None and out.exists():
         entries = read_calibration(out).entries
         if name in entries:
@@ -288,13 +294,13 @@ def _find_number(out: Path | None, name: str) -> float:
 
 
 def _find_error(out: Path | None, name: str) -> float:
-    """Its standard error; 0 where it isn't of the calibration."""
+    """Return the standard error of a number; 0 if the calibration does not have it."""
     flat = flat_entries(read_calibration(out)) if out is not None and out.exists() else {}
     return flat[name][1] if name in flat else 0.0
 
 
 def _find_geometry(out: Path | None, arm: float | None) -> spin_up.ForceGeometry:
-    """Where the force points, with what isn't known of it."""
+    """Return the geometry of the force, with its covariance."""
     names = ("RudderGeometry.ratio", "RudderGeometry.offset")
     known = read_calibration(out) if out is not None and out.exists() else Calibration({})
     covariance = joint_covariance(known, names) if names[0] in known.entries else np.zeros((2, 2))
@@ -307,9 +313,9 @@ def _report(rows: Measurements, fit: LinearFit, column: str, *panels: FitPanel) 
 
 
 def _describe_outliers(rows: Measurements, fit: LinearFit, column: str, rest: Any) -> tuple[str, ...]:
-    """What was left out: line, column, value and how far it is off."""
+    """Describe the rejected readings: line, column, value and deviation."""
     return tuple(
-        f"line {rows.lines[i]}, column {column!r}: {rows[column][i]:.6g} is {abs(rest[i]):.3g} off the others"
+        f"line {rows.lines[i]}, column {column!r}: {rows[column][i]:.6g} deviates by {abs(rest[i]):.3g} from the fit"
         for i in np.flatnonzero(~fit.kept)
     )
 
@@ -319,7 +325,7 @@ def _curve(x: Any, y: Any, fit: LinearFit, line: tuple[Any, Any], scale: float) 
 
 
 def _band(A: Any, fit: LinearFit) -> Any:
-    """Half the 95 % interval of a fitted line at each row of A."""
+    """Return half the 95 % interval of a fitted line at each row of A."""
     P = fit.covariance[: A.shape[1], : A.shape[1]]
     return student_reach(fit.freedom) * np.sqrt(np.einsum("ij,jk,ik->i", A, P, A))
 
@@ -349,4 +355,4 @@ def _eta_panel(fit: thrust.ThrustFit, offset: float) -> FitPanel:
     line = np.linspace(fit.angles.min(), fit.angles.max(), 60)
     at_angles, at_line = (fit.coefficient * np.cos(a - offset) for a in (fit.angles, line))
     curve = FitCurve(fit.angles / DEG, fit.by_angle, at_angles, np.ones(len(fit.angles), bool), line / DEG, at_line)
-    return FitPanel("Loss with the rudder", "rudder (°)", "N/krpm²", [curve], f"chance {fit.chance:.2g}")
+    return FitPanel("Loss of thrust with the rudder", "rudder (°)", "N/krpm²", [curve], f"chance {fit.chance:.2g}")

@@ -1,4 +1,4 @@
-"""`trimtab calibrate show|compare`, and how each procedure ends: its numbers shown, added to a calibration, drawn."""
+"""`trimtab calibrate show|compare|simulate`, and the output of every procedure: numbers, calibration file, picture."""
 
 import math
 from pathlib import Path
@@ -33,11 +33,11 @@ from trimtab.identify.regression import student_reach
 from trimtab.plots.calibration import FitPanel, plot_fits
 
 SHOWN = 12
-"""Numbers of one array that a table shows."""
+"""Maximum size of an array that a table shows in full."""
 
 
 class CalibrationReport(NamedTuple):
-    """What a procedure shows besides its numbers. left_out: readings, each in words.  notes: what else to know."""
+    """Output of a procedure besides its numbers. left_out: descriptions of rejected readings.  notes: remarks."""
 
     file: str
     readings: int
@@ -54,7 +54,7 @@ def finish_calibration(
     plot: Path | None,
     as_json: bool,
 ) -> None:
-    """Show what was found, add it to the calibration file, and draw it."""
+    """Print the results, add them to the calibration file, and draw them."""
     check_picture(plot, None)
     whole, files = add_to_file(out, calibration)
     files += draw_plot(plot, plot_fits, report.panels, title=f"calibrate {procedure}: {report.file}")
@@ -79,7 +79,7 @@ def finish_calibration(
 
 
 def add_to_file(out: Path | None, calibration: Calibration) -> tuple[Calibration, list[Path]]:
-    """The calibration with what its file holds besides, and the files written: that, or none."""
+    """Merge the calibration into its file; return the result and the files written."""
     if out is None:
         return calibration, []
     check_calibration_file(out)
@@ -88,17 +88,19 @@ def add_to_file(out: Path | None, calibration: Calibration) -> tuple[Calibration
 
 
 def check_calibration_file(out: Path | None) -> None:
-    """Refuse what can't be a calibration file."""
+    """Raise InputError if the path cannot be a calibration file."""
     if out is not None:
         if out.suffix != ".toml":
-            raise InputError("--out", f"{str(out)!r} is no calibration file", fix=f"--out {out.stem or 'boat'}.toml")
+            raise InputError(
+                "--out", f"{str(out)!r} is not a calibration file (.toml)", fix=f"--out {out.stem or 'boat'}.toml"
+            )
         loses_nothing = out.is_file() and out.read_text("utf-8") == format_calibration(read_calibration(out))
-        if not loses_nothing:  # such a file is added to: it may have comments of somebody's own
+        if not loses_nothing:  # the file may contain the user's comments, which would be lost
             check_out("--out", out, "boat.toml")
 
 
 def print_entries(title: str, calibration: Calibration) -> None:
-    """Each single number with its 95 % interval and unit."""
+    """Print each number with its 95 % interval and unit."""
     table = new_table("number", ">value", ">95 % interval", "unit", "from", title=title, unwrapped=("number",))
     flat, more = flat_entries(calibration), dict[str, int]()
     for name, (value, error, freedom) in flat.items():
@@ -121,7 +123,7 @@ def print_entries(title: str, calibration: Calibration) -> None:
 @click.argument("file", type=FILE)
 @JSON
 def show(file: Path, as_json: bool) -> None:
-    """The numbers of a calibration file, their intervals, and what each came from."""
+    """Show the numbers of a calibration file, their intervals and their sources."""
     calibration = read_calibration(file)
     if as_json:
         print_json({"sha256": calibration.content_hash(), "entries": entries_json(calibration)})
@@ -136,7 +138,7 @@ def show(file: Path, as_json: bool) -> None:
 @SEED
 @JSON
 def compare(a: Path, b: Path, scenario: str | None, seed: int, as_json: bool) -> None:
-    """What differs between two calibration files, and what it does to a scenario."""
+    """Show the differences of two calibration files, and their effect on a scenario."""
     one, two = read_calibration(a), read_calibration(b)
     changes = compare_calibrations(one, two)
     flown = {} if scenario is None else _fly_both(scenario, a, b, seed)
@@ -146,9 +148,9 @@ def compare(a: Path, b: Path, scenario: str | None, seed: int, as_json: bool) ->
         return
     units = {n: e.unit for c in (one, two) for n, e in c.entries.items()}
     if not changes:
-        click.echo("the same numbers")
+        click.echo("the numbers are identical")
     else:
-        table = new_table("number", f">{a.name}", f">{b.name}", ">apart (sigma)", "unit", unwrapped=("number",))
+        table = new_table("number", f">{a.name}", f">{b.name}", ">difference (sigma)", "unit", unwrapped=("number",))
         for name, (x, y, apart) in changes.items():
             cells = ("-" if v is None else f"{v:.6g}" for v in (x, y))
             far = "-" if apart is None else f"{apart:.1f}"
@@ -168,7 +170,7 @@ def compare(a: Path, b: Path, scenario: str | None, seed: int, as_json: bool) ->
 @SEED
 @JSON
 def simulate_bench(folder: Path, seed: int, as_json: bool) -> None:
-    """An afternoon at the bench, rehearsed: FOLDER gets the data of every procedure, and in truth.toml what is true.
+    """Simulate an afternoon at the bench: write the data of every procedure, and the truth in truth.toml, to FOLDER.
 
     \b
     trimtab calibrate simulate bench --seed 3
@@ -181,7 +183,7 @@ def simulate_bench(folder: Path, seed: int, as_json: bool) -> None:
     existing = [f for f in sorted(folder.glob("*")) if f.suffix in (".csv", ".toml")]
     if existing:
         raise InputError(
-            "FOLDER", f"there is data already: {existing[0]}", fix=f"trimtab calibrate simulate {folder}-2"
+            "FOLDER", f"the folder already contains data: {existing[0]}", fix=f"trimtab calibrate simulate {folder}-2"
         )
     craft = draw_craft(seed)
     files = write_bench(folder, run_bench(craft, seed))
@@ -197,7 +199,7 @@ def _same(x: float | None, y: float | None) -> bool:
 
 
 def _fly_both(name: str, a: Path, b: Path, seed: int) -> dict[str, dict[str, list[float | None]]]:
-    """Signal -> metric -> its values with a and with b."""
+    """Return signal -> metric -> its values with a and with b."""
     from trimtab.run.simulate import simulate
     from trimtab.scenarios.build import build
 
@@ -212,7 +214,7 @@ def _digits(reach: float) -> int:
 
 
 def entries_json(calibration: Calibration) -> dict[str, Any]:
-    """The entries of a calibration as JSON has them."""
+    """Return the entries of a calibration as JSON data."""
     return {
         name: {"value": e.value, "unit": e.unit, "standard_error": e.standard_error, "source": e.source}
         | ({"freedom": e.freedom} if math.isfinite(e.freedom) else {})

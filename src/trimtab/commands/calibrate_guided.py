@@ -1,4 +1,4 @@
-"""`trimtab calibrate measure`: walks a person through a procedure, checks each entry as it is typed, and saves it."""
+"""`trimtab calibrate measure`: guide the user through a procedure, check each entry, and save it."""
 
 import itertools
 from collections.abc import Mapping, Sequence
@@ -16,13 +16,14 @@ from trimtab.identify.measurements import TRIAL as TRIAL_COLUMN
 from trimtab.identify.measurements import MeasuredColumn, read_measurements
 
 FAR = 0.25
-"""An entry is asked for once more where it is further from its neighbours' line than so much of the largest one."""
+"""Deviation from the neighbouring entries, as a fraction of the largest entry, above which an entry is questioned."""
 
 
 class GuidedProcedure(NamedTuple):
-    """columns: of the file, in the order asked for.  given: how many of them the plan sets.  plan: their values.
+    """Procedure of a guided measurement.
 
-    before: what to do first, a step a line.  rises: the columns of which the second rises with the first, for a check.
+    columns: of the file, in the order of the questions.  given: number of leading columns that the plan sets.  plan:
+    their values.  before: preparations, one step a line.  rises: two columns, the second rising with the first.
     """
 
     columns: tuple[MeasuredColumn, ...]
@@ -88,7 +89,7 @@ PROCEDURES: Mapping[str, GuidedProcedure] = {
 @click.argument("procedure", type=click.Choice(tuple(PROCEDURES)))
 @click.argument("file", type=FILE)
 def measure(procedure: str, file: Path) -> None:
-    """Walk through a procedure: FILE gets a line after each entry, and the next call goes on where this one stopped.
+    """Measure with guidance: FILE gets a line after each entry, and the next call continues where this one stopped.
 
     Type a number, u to undo the last line, or q to stop.
 
@@ -104,7 +105,7 @@ def measure(procedure: str, file: Path) -> None:
         for step in guide.before:
             click.echo(f"- {step}")
     elif len(lines) < len(guide.plan):
-        click.echo(f"{file.name} has {len(lines)} of {len(guide.plan)} measurements; going on")
+        click.echo(f"{file.name} has {len(lines)} of {len(guide.plan)} measurements; continuing")
     while len(lines) < len(guide.plan):
         setting = guide.plan[len(lines)]
         values = _ask_row(guide, setting, len(lines), lines)
@@ -112,7 +113,7 @@ def measure(procedure: str, file: Path) -> None:
             lines = lines[:-1]
         elif values == "q":
             click.echo(
-                f"saved {len(lines)} of {len(guide.plan)}; go on with: trimtab calibrate measure {procedure} {file}"
+                f"saved {len(lines)} of {len(guide.plan)}; continue with: trimtab calibrate measure {procedure} {file}"
             )
             return
         else:
@@ -122,12 +123,12 @@ def measure(procedure: str, file: Path) -> None:
 
 
 def _read_lines(file: Path, heading: str, columns: Sequence[MeasuredColumn]) -> list[str]:
-    """Lines that a former call wrote, checked."""
+    """Read and check the lines of an earlier call."""
     if not file.exists():
         return []
     lines = [line for line in file.read_text(encoding="utf-8").splitlines() if line.strip()]
     if lines[:1] != [heading]:
-        problem = f"{str(file)!r} is there, and its first line is not {heading}"
+        problem = f"{str(file)!r} exists, but its first line is not {heading}"
         raise InputError("FILE", problem, fix="name a new file, or one that this procedure wrote")
     if len(lines) > 1:
         read_measurements(file, [c._replace(most=0.0) for c in columns])
@@ -135,7 +136,7 @@ def _read_lines(file: Path, heading: str, columns: Sequence[MeasuredColumn]) -> 
 
 
 def _ask_row(guide: GuidedProcedure, setting: tuple[float, ...], number: int, lines: Sequence[str]) -> str:
-    """The next line of the file, or "u" or "q"."""
+    """Ask for the next line of the file; return it, or "u" or "q"."""
     given, trial = setting[:-1], setting[-1]
     names = [
         f"{c.name} {v:g} {c.usual or c.unit}".removesuffix(" 1") for c, v in zip(guide.columns, given, strict=False)
@@ -152,14 +153,14 @@ def _ask_row(guide: GuidedProcedure, setting: tuple[float, ...], number: int, li
         cells.append(cell)
     row = ",".join([*cells, f"{trial:g}"])
     if _stands_out(guide, [*lines, row]) and not click.confirm(
-        "  far from its neighbours; is it right?", default=False
+        "  far from its neighbours; is it correct?", default=False
     ):
         return _ask_row(guide, setting, number, lines)
     return row
 
 
 def _ask_number(column: MeasuredColumn) -> str:
-    """A number within what the column can hold, in its usual unit; "u" or "q"."""
+    """Ask for a number within the column's range, in its usual unit; return it, or "u" or "q"."""
     unit = column.usual or column.unit
     factor = UNITS[column.unit][unit]
     while True:
@@ -172,17 +173,17 @@ def _ask_number(column: MeasuredColumn) -> str:
             fix = (
                 f"write {text.replace(',', '.')}" if "," in text else "a number, u to undo the last line, or q to stop"
             )
-            click.echo(f"  {text!r} is no number: {fix}")
+            click.echo(f"  {text!r} is not a number: {fix}")
             continue
         if column.low <= value * factor <= column.high:
             return f"{value:.10g}"
         click.echo(
-            f"  {value:g} {unit} is not in {column.low / factor:.6g} to {column.high / factor:.6g} {unit}; again"
+            f"  {value:g} {unit} is outside {column.low / factor:.6g} to {column.high / factor:.6g} {unit}; try again"
         )
 
 
 def _stands_out(guide: GuidedProcedure, lines: Sequence[str]) -> bool:
-    """Whether the last line falls by far where it should rise with the one before it in its round and setting."""
+    """Return True if the last line falls strongly where it should rise, within its round and setting."""
     if guide.rises is None:
         return False
     names = [c.name for c in guide.columns]

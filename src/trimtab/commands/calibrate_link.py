@@ -1,4 +1,4 @@
-"""`trimtab calibrate link`: from the delays that a link test recorded to the table that a simulated line has."""
+"""`trimtab calibrate link`: latency table of a simulated link, from recorded delays."""
 
 from pathlib import Path
 from typing import Any
@@ -18,21 +18,23 @@ from trimtab.live.link_test import DelayModel, fit_delay_model
 from trimtab.plots.calibration import FitCurve, FitPanel
 
 FEWEST = 50
-"""Packets that must have arrived."""
+"""Minimum number of received packets."""
 LONGEST = 5.0
-"""A median latency (s) beyond this is no line that anything is flown over."""
+"""Maximum plausible median latency (s)."""
 FAR = 10.0
-"""Latencies of more than so many times that of 99 % of the packets are named."""
+"""Latencies above this multiple of the 99 % quantile are reported."""
 
 
 @click.command(name="link")
 @DATA
-@click.option("--way", type=click.Choice(("up", "down")), required=True, help="Ground to vehicle, or back.")
+@click.option(
+    "--way", type=click.Choice(("up", "down")), required=True, help="Direction: up to the vehicle, or down from it."
+)
 @ADD
 @DRAW
 @JSON
 def calibrate_link(data: Path, way: str, out: Path | None, plot: Path | None, as_json: bool) -> None:
-    """Delays of a line: DATA as `trimtab link-test --out` records them, with columns sent_s and latency_s."""
+    """Calibrate the delays of a link: DATA is a recording of `trimtab link-test --out` (sent_s, latency_s)."""
     trace = read_trace(data)
     notes = _check_trace(f"file {data.name!r}", trace)
     model = fit_delay_model(trace)
@@ -43,24 +45,24 @@ def calibrate_link(data: Path, way: str, out: Path | None, plot: Path | None, as
     fitted = np.interp(ndtri(share), normal_scores(), table)
     curve = FitCurve(100 * share, 1e3 * received, 1e3 * fitted, np.ones(n, bool), 100 * share, 1e3 * fitted)
     panel = FitPanel(f"{way}link", "of the packets (%)", "latency (ms)", [curve], f"{100 * model.loss:.2g} % lost")
-    notes = (*notes, "a scenario takes it with --set links=measured, where it has that choice")
+    notes = (*notes, "use it in a scenario with --set links=measured, if the scenario has that choice")
     report = CalibrationReport(data.name, len(trace.lost), (), (panel,), notes)
     finish_calibration("link", calibration, report, out, plot, as_json)
 
 
 def _check_trace(where: str, trace: Trace) -> tuple[str, ...]:
-    """What stands out; refuses what can't be meant."""
+    """Return notes on outliers; raise InputError for an implausible recording."""
     received = trace.latency_s[~trace.lost]
     if len(received) < FEWEST:
-        problem = f"{len(received)} packets arrived, which tell no distribution"
-        raise InputError(where, problem, fix=f"record {FEWEST} or more, best 300")
+        problem = f"{len(received)} packets arrived, too few for a distribution"
+        raise InputError(where, problem, fix=f"record at least {FEWEST}, preferably 300")
     if np.median(received) > LONGEST:
         problem = f"half of the packets took more than {np.median(received):.3g} s"
-        raise InputError(where, problem, fix="are they milliseconds? sent_s and latency_s are both in seconds")
+        raise InputError(where, problem, fix="check the unit: sent_s and latency_s are both in seconds")
     same = (np.diff(trace.sent_s) == 0) & (np.diff(trace.latency_s) == 0) & (np.diff(trace.lost.astype(int)) == 0)
     if same.any():
-        problem = f"the packet sent at {trace.sent_s[int(np.argmax(same))]:.9g} s stands there twice"
-        raise InputError(where, problem, fix="leave one of the lines out")
+        problem = f"the packet sent at {trace.sent_s[int(np.argmax(same))]:.9g} s appears twice"
+        raise InputError(where, problem, fix="remove one of the two lines")
     most = float(np.quantile(received, 0.99))
     wild = np.flatnonzero(~trace.lost & (trace.latency_s > FAR * most))
     if not len(wild):
@@ -68,12 +70,12 @@ def _check_trace(where: str, trace: Trace) -> tuple[str, ...]:
     k = int(wild[np.argmax(trace.latency_s[wild])])
     calm = np.delete(trace.latency_s, wild)[~np.delete(trace.lost, wild)]
     text = f"the packet sent at {trace.sent_s[k]:.6g} s took {trace.latency_s[k]:.3g} s, 99 % less than {most:.2g} s;"
-    text += f" {len(wild)} such make the deviation {np.std(received):.2g} s instead of {np.std(calm):.2g} s:"
-    return (f"{text} leave the lines out if the line did not do that",)
+    text += f" {len(wild)} such packets make the deviation {np.std(received):.2g} s instead of {np.std(calm):.2g} s:"
+    return (f"{text} remove these lines if the delays are not real",)
 
 
 def _calibrate_link(file: str, way: str, trace: Trace, model: DelayModel) -> Calibration:
-    """The table, what it is made of with its errors, and the share lost."""
+    """Return the latency table, its parameters with their errors, and the packet loss."""
     received = trace.latency_s[~trace.lost]
     n, packets, spread = len(received), len(trace.lost), max(float(np.std(received)), 1e-300)
     about: dict[str, Any] = {"source": f"{file}: {packets} packets", "procedure": f"{way}link"}

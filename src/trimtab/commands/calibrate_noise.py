@@ -1,4 +1,4 @@
-"""`trimtab calibrate noise`: from a log of a sensor at rest to its noise coefficients and a filter's Q and R."""
+"""`trimtab calibrate noise`: noise coefficients of a sensor, and a filter's Q and R, from a log at rest."""
 
 import re
 from collections.abc import Iterator, Mapping
@@ -31,15 +31,15 @@ from trimtab.logs.samples import read_csv, sample_path, samples
 from trimtab.plots.allan import plot_allan
 
 AT_REST = 1e-6
-"""A speed (m/s) or a rate (rad/s) in the truth of a simulated log above this means that it moved."""
+"""Speed (m/s) or rate (rad/s) in a simulated log's truth above which the vehicle counts as moving."""
 FEWEST = 1024
-"""Samples that a log must have."""
+"""Minimum number of samples."""
 
 
 class SensorAxis(NamedTuple):
-    """One axis of a sensor: what was fitted, the filter's noise, and how much log there was (samples, s).
+    """One axis of a sensor: the fit, the filter's noise, and the length of the log (samples, s).
 
-    place: "gyro" or "accelerometer" and 0, 1 or 2 for x, y, z; None of another sensor, or where no name says it.
+    place: "gyro" or "accelerometer" and 0, 1 or 2 for x, y, z; None for another sensor, or if the name is unclear.
     """
 
     unit: str
@@ -52,14 +52,14 @@ class SensorAxis(NamedTuple):
 
 @click.command(name="noise")
 @click.argument("log", metavar="DATA", type=FILE)
-@click.option("--signal", "signals", multiple=True, metavar="PATH", help="Only this signal; repeatable.")
+@click.option("--signal", "signals", multiple=True, metavar="PATH", help="Only this signal. May be repeated.")
 @click.option(
-    "--shortest", metavar="TIME", help="Leave shorter averages out, e.g. of a sensor that filters its output."
+    "--shortest", metavar="TIME", help="Shortest averaging time to use, e.g. if the sensor filters its output."
 )
-@click.option("--tick", metavar="TIME", help="Step of the filter.  [default: that of the sensor]")
-@click.option("--time", metavar="NAME", help="Column of times (s) of a CSV file.  [default: t, time, …]")
+@click.option("--tick", metavar="TIME", help="Step of the filter.  [default: period of the sensor]")
+@click.option("--time", metavar="NAME", help="Time column (s) of a CSV file.  [default: t, time, …]")
 @PLOT("Picture of the Allan deviations.")
-@OUT("FILE.toml", "Write the numbers into this calibration file, beside those that it holds.")
+@OUT("FILE.toml", "Write the numbers to this calibration file; other numbers in it are kept.")
 @JSON
 def calibrate_noise(
     log: Path,
@@ -71,11 +71,11 @@ def calibrate_noise(
     out: Path | None,
     as_json: bool,
 ) -> None:
-    """Noise coefficients of a sensor at rest: white, flicker and walk, with intervals, and a filter's Q and R.
+    """Estimate noise coefficients of a sensor at rest: white, flicker, walk, with intervals; and a filter's Q and R.
 
-    DATA is a log of `trimtab run … --out`, or a CSV file with a column of times and units in its headings. Axes of an
-    inertial unit are told by unit and name (gyro_z [deg/s], accel_x [g]), and go to the sensor's numbers and the
-    filter's; --tick is the step of that filter, its setting noise.tick.
+    DATA is a log of `trimtab run … --out`, or a CSV file with a time column and units in its headings. Axes of an
+    inertial unit are recognised by unit and name (gyro_z [deg/s], accel_x [g]), and are written as parameters of the
+    sensor and of the filter. --tick is the step of that filter, its setting noise.tick.
 
     \b
     trimtab run navigation/still --out still
@@ -90,7 +90,7 @@ def calibrate_noise(
     axes = {n: _fit_axis(n, still.unit(p), y, dt, least, step) for n, p, y, dt in _iterate_axes(still, signals)}
     calibration, notes = _calibrate_units(log.name, axes, step)
     if out is not None and not calibration.entries:
-        problem = f"none of {', '.join(axes)} is an axis of an inertial unit, so nothing of this log has a place in it"
+        problem = f"none of {', '.join(axes)} is an axis of an inertial unit, so there is nothing to write"
         fix = "name columns with their unit and axis, e.g. gyro_z [rad/s] and accel_x [m/s^2]; or leave --out out"
         raise InputError("--out", problem, fix=fix)
     whole, files = add_to_file(out, calibration)
@@ -114,7 +114,7 @@ def calibrate_noise(
 def _calibrate_units(
     file: str, axes: Mapping[str, SensorAxis], step: float | None
 ) -> tuple[Calibration, tuple[str, ...]]:
-    """Entries of the gyros and accelerometers among the axes, and what has no place in a calibration."""
+    """Return the calibration of the gyro and accelerometer axes, and notes on the other axes."""
     whole, notes = Calibration({}), list[str]()
     for triad in TRIADS:
         mine: dict[int, str] = {}
@@ -123,7 +123,7 @@ def _calibrate_units(
                 same = mine.setdefault(axis.place[1], name)
                 if same != name:
                     problem = f"{same} and {name} are both the {triad}'s {AXES[axis.place[1]]} axis"
-                    raise InputError("calibrate noise", problem, fix=f"choose one unit: --signal {same}")
+                    raise InputError("calibrate noise", problem, fix=f"choose one: --signal {same}")
         if mine:
             fits = {i: axes[name].fit for i, name in sorted(mine.items())}
             seconds = axes[mine[min(mine)]].duration
@@ -132,12 +132,12 @@ def _calibrate_units(
             whole, notes = whole.merge(found.calibration), [*notes, *found.notes]
     others = [name for name, a in axes.items() if a.place is None]
     if others:
-        notes.append(f"no axis of an inertial unit, so not for a calibration: {', '.join(others)}")
+        notes.append(f"not an axis of an inertial unit, so not part of the calibration: {', '.join(others)}")
     return whole, tuple(notes)
 
 
 def _find_place(path: str, unit: str) -> tuple[str, int] | None:
-    """Triad and axis of a signal, by its unit and by [0] to [2], or x, y or z at the end of its name."""
+    """Return triad and axis of a signal, by its unit and by [0] to [2] or x, y, z at the end of its name."""
     triad = next((n for n, t in TRIADS.items() if t.unit == unit), None)
     match = re.search(r"\[([012])\]$|([xyzXYZ])$", path)
     if triad is None or match is None:
@@ -146,20 +146,20 @@ def _find_place(path: str, unit: str) -> tuple[str, int] | None:
 
 
 def _parse_times(shortest: str | None, tick: str | None) -> tuple[float, float | None]:
-    """Shortest average and the filter's step, in s; refuses what is no stretch of time."""
+    """Parse the shortest average and the filter's step, in s; raise InputError if out of range."""
     least = 0 if shortest is None else parse_time(shortest)
     step = None if tick is None else parse_time(tick)
     if least < 0:
-        problem = f"{shortest!r} is below 0"
-        raise InputError("--shortest", problem, fix="--shortest '20 ms', or leave it out for every average")
+        problem = f"must be at least 0, got {shortest!r}"
+        raise InputError("--shortest", problem, fix="--shortest '20 ms', or leave it out to use all averages")
     if step is not None and step <= 0:
-        problem = f"{tick!r} is not longer than 0"
-        raise InputError("--tick", problem, fix="--tick '5 ms', or leave it out for the sensor's own")
+        problem = f"must be above 0, got {tick!r}"
+        raise InputError("--tick", problem, fix="--tick '5 ms', or leave it out for the sensor's period")
     return float(to_seconds(least)), None if step is None else float(to_seconds(step))
 
 
 def _refuse_moving(log: Log) -> None:
-    """A simulated log says itself whether the vehicle moved."""
+    """Raise InputError if the vehicle moves in a simulated log."""
     for path in log.paths:
         if path.startswith("truth.") and log.unit(path) in ("m/s", "rad/s") and len(log):
             most = float(np.max(np.abs(log[path])))
@@ -170,7 +170,7 @@ def _refuse_moving(log: Log) -> None:
 
 
 def _iterate_axes(log: Log, names: tuple[str, ...]) -> Iterator[tuple[str, str, Any, float]]:
-    """Name, path, samples (n,) and period (s) of each axis."""
+    """Yield name, path, samples (n,) and period (s) of each axis."""
     paths = [p for n in names for p in _matching_signals(log, n)] if names else _candidate_signals(log)
     for path in paths:
         measured = samples(log, path)
@@ -191,17 +191,17 @@ def _matching_signals(log: Log, name: str) -> list[str]:
     if not paths:
         measured = _candidate_signals(log)
         near = closest(name, measured) or measured
-        problem = "there is no such signal in this log"
+        problem = "not found in this log"
         raise InputError(f"--signal {name}", problem, choices=near, fix=f"--signal {near[0]}")
     noisy = [p for p in paths if _is_noisy(log, p)]
     if not noisy:
-        problem, fix = "holds no numbers that change", "name one of the choices"
+        problem, fix = "contains no changing numbers", "name one of the choices"
         raise InputError(f"--signal {name}", problem, choices=_candidate_signals(log), fix=fix)
     return noisy
 
 
 def _candidate_signals(log: Log) -> list[str]:
-    """What sensors measured: the values of samples, or in a log that has none every column; only what changes."""
+    """Return the paths of changing sensor samples; of all changing columns in a log without samples."""
     sampled = [p for p in log.paths if p.startswith("sensors.") and sample_path(log, p)]
     noisy = [p for p in sampled or log.paths if _is_noisy(log, p)]
     if not noisy:
@@ -220,7 +220,7 @@ def _is_noisy(log: Log, path: str) -> bool:
 def _fit_axis(name: str, unit: str, y: Any, dt: float, shortest: float, tick: float | None) -> SensorAxis:
     averages = tuple(m for m in octave_averages(len(y)) if m * dt >= shortest)
     if len(averages) < 4:
-        problem = f"{shortest:g} s leaves {len(averages)} averaging times of a log of {len(y) * dt:.3g} s"
+        problem = f"{shortest:g} s leaves only {len(averages)} averaging times of a log of {len(y) * dt:.3g} s"
         raise InputError("--shortest", problem, fix="take a shorter time, or a longer log")
     unit, scale = _si_unit(unit)
     y = y * scale
@@ -231,7 +231,7 @@ def _fit_axis(name: str, unit: str, y: Any, dt: float, shortest: float, tick: fl
 
 
 def _si_unit(text: str) -> tuple[str, float]:
-    """The unit in SI of a heading's, and the size of one there; an unknown one stays as it is."""
+    """Return the SI unit of a heading's unit, and the factor to it; an unknown unit is kept."""
     try:
         unit = find_unit("heading", text)
     except InputError:
@@ -252,23 +252,23 @@ def _axis_json(axis: SensorAxis) -> dict[str, Any]:
 
 
 def _print_noise(name: str, axes: Mapping[str, SensorAxis]) -> None:
-    """Noise coefficients of each axis with their intervals, and what a filter takes."""
+    """Print the noise coefficients of each axis with their intervals, and the filter's Q and R."""
     any_axis = next(iter(axes.values()))
     dt = any_axis.fit.sampling_period
     headings = ("axis", "U", ">white N (U/√Hz)", ">flicker B (U)", ">walk K (U/√s)", ">misfit")
-    table = new_table(*headings, title=f"{name}: {any_axis.duration:.4g} s, a sample each {1e3 * dt:.6g} ms")
+    table = new_table(*headings, title=f"{name}: {any_axis.duration:.4g} s, one sample every {1e3 * dt:.6g} ms")
     for axis, a in axes.items():
         cells = (_format_coefficient(c) for c in (a.fit.white, a.fit.flicker, a.fit.walk))
         table.add_row(axis.replace("[", r"\["), a.unit, *cells, f"{a.fit.misfit:.2f}")
     print_table(table)
     headings = ("axis", ">R of a sample (U²)", ">Q of the integral (U² s²)", ">Q of the bias (U²)")
-    table = new_table(*headings, title="For a filter that steps with the sensor, or with --tick")
+    table = new_table(*headings, title="For a filter with the sensor's period, or with --tick")
     for axis, a in axes.items():
         n = a.noise
         cells = (f"{v:.4g}" for v in (n.sample_variance, n.integral_variance, n.bias_variance))
         table.add_row(axis.replace("[", r"\["), *cells)
     print_table(table)
-    click.echo("intervals: 95 %; '<': the log shows none, up to that (docs, Noise from a still log)")
+    click.echo("intervals: 95 %; '<': not detected, upper bound (docs, Noise from a still log)")
 
 
 def _format_coefficient(c: Coefficient) -> str:

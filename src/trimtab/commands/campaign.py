@@ -1,4 +1,4 @@
-"""`trimtab campaign`: one scenario in thousands of worlds, what they say, and one of them once more."""
+"""`trimtab campaign`: thousands of runs of one scenario, their statistics, and the repetition of one run."""
 
 import importlib.util
 import math
@@ -47,7 +47,7 @@ Correlations = dict[tuple[str, str], float]
 
 
 def parse_correlations(context: click.Context, parameter: click.Parameter, values: tuple[str, ...]) -> Correlations:
-    """path,path=number texts as a mapping."""
+    """Parse path,path=number texts into a mapping."""
     correlations = {}
     for text in values:
         names, _, number = text.rpartition("=")
@@ -65,29 +65,36 @@ def parse_correlations(context: click.Context, parameter: click.Parameter, value
 
 @click.command()
 @SCENARIO
-@RUNS(1000, "How many worlds.")
+@RUNS(1000, "Number of runs.")
 @SPREAD
 @click.option(
     "--correlate",
     multiple=True,
     metavar="PATH,PATH=RHO",
     callback=parse_correlations,
-    help="Let two hang together; repeatable.",
+    help="Correlate two parameters. May be repeated.",
 )
-@click.option("--metric", "metrics", multiple=True, metavar="KIND:SIGNAL", help="What is kept of each run; repeatable.")
+@click.option(
+    "--metric", "metrics", multiple=True, metavar="KIND:SIGNAL", help="Metric to store for each run. May be repeated."
+)
 @SUCCESS
 @click.option(
     "--require",
     multiple=True,
     metavar="TEXT",
-    help="What must hold, else exit code 1, e.g. 'success >= 0.99 @ 95%'; repeatable.",
+    help="Requirement, e.g. 'success >= 0.99 @ 95%'. Exit code 1 if not met. May be repeated.",
 )
-@click.option("--stop", metavar="TEXT", help="Stop early, e.g. at 'width(success) <= 0.01 @ 95%'.")
+@click.option("--stop", metavar="TEXT", help="Stop early at a condition, e.g. 'width(success) <= 0.01 @ 95%'.")
 @click.option(
-    "--sampling", default="random", show_default=True, help="random, sobol, latin; saltelli or morris for what matters."
+    "--sampling",
+    default="random",
+    show_default=True,
+    help="Sampling: random, sobol, latin; saltelli or morris for a sensitivity analysis.",
 )
 @STORE
-@click.option("--rerun", type=click.IntRange(0), metavar="RUN", help="One run once more, held against its row.")
+@click.option(
+    "--rerun", type=click.IntRange(0), metavar="RUN", help="Repeat one run and compare it with its stored row."
+)
 @FLIGHT
 @WITHOUT
 @SEED
@@ -96,14 +103,14 @@ def parse_correlations(context: click.Context, parameter: click.Parameter, value
     type=click.Choice(("auto", "cpu", "gpu")),
     default="auto",
     show_default=True,
-    help="Where it is computed.",
+    help="Device that computes the runs.",
 )
 @THREADS
-@click.option("--cluster", metavar="URI", help="Fly on the workers of a scheduler, tls://HOST:8786.")
-@click.option("--tls-ca", type=FILE, metavar="FILE", help="Certificate of who signed the others'.")
-@click.option("--tls-cert", type=FILE, metavar="FILE", help="Own certificate.")
-@click.option("--tls-key", type=FILE, metavar="FILE", help="Own key.")
-@OUT("DIR", "Write pictures and table (Parquet) in this folder.")
+@click.option("--cluster", metavar="URI", help="Fly on the workers of a Dask scheduler, tls://HOST:8786.")
+@click.option("--tls-ca", type=FILE, metavar="FILE", help="CA certificate.")
+@click.option("--tls-cert", type=FILE, metavar="FILE", help="TLS certificate of this client.")
+@click.option("--tls-key", type=FILE, metavar="FILE", help="TLS key of this client.")
+@OUT("DIR", "Write pictures and table (Parquet) to this folder.")
 @JSON
 def command(
     scenario: str,
@@ -121,14 +128,16 @@ def command(
     as_json: bool,
     **plan: Any,
 ) -> None:
-    """Fly a scenario in thousands of worlds, and say how often it succeeds, with bounds.
+    """Estimate the success rate of a scenario over many runs, with confidence bounds.
 
-    A run's numbers depend on the seed and on its own number alone. Distributions: normal(MEAN, STD), truncated(MEAN,
-    STD, LOW, HIGH), lognormal(MEDIAN, STD_OF_LOG), uniform(LOW, HIGH), loguniform(LOW, HIGH), choice(A, B, …),
-    file(NAME.csv:COLUMN), along(V1, V2, …) of an array; a number with % is a share of the scenario's own value.
+    The parameters of a run depend only on the seed and on the run's number. Distributions: normal(MEAN, STD),
+    truncated(MEAN, STD, LOW, HIGH), lognormal(MEDIAN, STD_OF_LOG), uniform(LOW, HIGH), loguniform(LOW, HIGH),
+    choice(A, B, …), file(NAME.csv:COLUMN), along(V1, V2, …) for an array. A number with % is relative to the scenario's
+    value.
 
-    Metrics: settling, first_reach, overshoot, error_rms of what has a target; final, least, most, peak, mean, rms,
-    tail_mean, tail_rms, sustained (what goes on swinging at the end), changes (how many, of a mode) of any signal.
+    Metrics of a signal with a target: settling, first_reach, overshoot, error_rms. Metrics of any signal: final, least,
+    most, peak, mean, rms, tail_mean, tail_rms, sustained (remaining oscillation at the end), changes (number of mode
+    changes).
 
     \b
     trimtab campaign hovercraft/zero-velocity --spread 'world.vehicle.mass=normal(100%, 5%)' --store mass.zarr
@@ -149,8 +158,8 @@ def command(
         sys.exit(0 if _rerun_row(campaign, rerun, store, out, as_json) else 1)
     requirements = [parse_requirement(text) for text in require]
     if campaign.plan.sampling in DESIGNS and (requirements or stop):
-        problem = f"rows of a {campaign.plan.sampling} design are no independent worlds"
-        problem += ": they say what matters, not how often"
+        problem = f"rows of a {campaign.plan.sampling} design are not independent runs"
+        problem += ": they show sensitivities, not a success rate"
         raise InputError("--require, --stop", problem, fix="--sampling random")
     stops_at = _stopping_function(stop, campaign)
     for one in requirements:
@@ -171,7 +180,7 @@ def command(
 
 
 def _expand_calibrations(scenario: str, plan: dict[str, Any]) -> list[str]:
-    """Put the errors of a calibration file among the spreads in its place; gives what is not drawn of it, and why."""
+    """Replace a calibration file by the spreads of its errors; return what is not sampled of it, and why."""
     notes: list[str] = []
     for file in [text for text in plan["spread"] if is_calibration(text)]:
         calibration = read_calibration(file)
@@ -185,14 +194,14 @@ def _expand_calibrations(scenario: str, plan: dict[str, Any]) -> list[str]:
 
 
 def _typed_command() -> str:
-    """How to type it again."""
+    """Return the command as it was typed."""
     return shlex.join(["trimtab", *sys.argv[1:]])
 
 
 def _check_device(device: str) -> None:
     if device == "gpu" and jax.default_backend() != "gpu":
-        problem = f"JAX sees no GPU here, only {jax.default_backend()}"
-        fix = f"leave --device out; on a machine that has a GPU: {install_command('cuda12', 'jax')}"
+        problem = f"JAX finds no GPU, only {jax.default_backend()}"
+        fix = f"leave --device out, or on a machine with a GPU: {install_command('cuda12', 'jax')}"
         raise InputError("--device gpu", problem, fix=fix)
 
 
@@ -225,13 +234,13 @@ def _fly_campaign(campaign: Campaign, store: Path | None, **flight: Any) -> Camp
             progress = tell if store is None else _announcing(store, campaign.plan.runs, tell)
             return campaign.run(store, **flight, progress=progress, about={"command": _typed_command()})
         except KeyboardInterrupt:
-            kept = f"what was done is in {store}; the same command goes on from there"
-            click.echo(f"stopped; {kept if store else 'nothing is kept without --store NAME.zarr'}", err=True)
+            kept = f"completed runs are in {store}; the same command continues from there"
+            click.echo(f"stopped; {kept if store else 'runs are not stored without --store NAME.zarr'}", err=True)
             sys.exit(130)
 
 
 def _announcing(store: Path, runs: int, tell: Callable[[int], None]) -> Callable[[int], None]:
-    """The same, which says once what a large store will take, as soon as a block is in it."""
+    """Return `tell` that also prints the expected size of a large store once, after its first block."""
     is_known = False
 
     def tell_size(done: int) -> None:
@@ -251,7 +260,7 @@ def _write_files(campaign: Campaign, result: CampaignResult, out: Path | None) -
     out.mkdir(parents=True, exist_ok=True)
     files = write_pictures(campaign, result, out)
     if importlib.util.find_spec("pyarrow") is None:
-        click.echo(f"no campaign.parquet without pyarrow: {install_command('parquet')}", err=True)
+        click.echo(f"campaign.parquet needs pyarrow: {install_command('parquet')}", err=True)
         return [str(f) for f in files]
     from trimtab.campaign.store.parquet import write_parquet
 
@@ -280,7 +289,7 @@ def _result_json(
 
 
 def _rerun_row(campaign: Campaign, run: int, store: Path | None, out: Path | None, as_json: bool) -> bool:
-    """Fly a run again, with its whole log; whether it is equal to its row, where the store has it."""
+    """Repeat a run with its whole log; return False if it differs from its row in the store."""
     scenario = campaign.scenario(run)
     log = campaign.rerun(run)
     row = campaign.row(run, log)
@@ -300,16 +309,16 @@ def _rerun_row(campaign: Campaign, run: int, store: Path | None, out: Path | Non
     _print_row(campaign, run, row)
     print_files(files)
     if differs is None:
-        click.echo("no row to hold it against: name the campaign's store with --store")
+        click.echo("no stored row to compare with; name the campaign's store with --store")
     elif differs:
-        click.echo(f"DIFFERS from its row in {', '.join(differs)}")
+        click.echo(f"DIFFERS from its stored row in {', '.join(differs)}")
     else:
-        click.echo("equal to its row, to the bit")
+        click.echo("equal to its stored row, bit for bit")
     return not differs
 
 
 def _differing_columns(store: Path | None, run: int, row: dict[str, Any]) -> list[str] | None:
-    """Names of the columns that differ from the store's row; None where there is no such row."""
+    """Return the names of the columns that differ from the stored row; None without such a row."""
     if store is None:
         return None
     from trimtab.campaign.store.store import read_store

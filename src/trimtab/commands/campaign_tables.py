@@ -1,4 +1,4 @@
-"""What a campaign says, as a table, as numbers and as pictures."""
+"""Results of a campaign as tables, JSON numbers and pictures."""
 
 import re
 from collections.abc import Sequence
@@ -19,24 +19,24 @@ from trimtab.core.quantity import Quantity, leaves
 
 SHOWN_QUANTILES = {"p5": 0.05, "median": 0.5, "p95": 0.95}
 BANDS = ("median", "p95")
-"""Those of them that are shown with their bands."""
+"""Quantiles that are shown with their confidence bands."""
 SOBOL_COLUMNS = (("total", "total order"), ("first", "first order"))
 MORRIS_COLUMNS = (("mu_star", "mu*"), ("sigma", "sigma"))
-"""Fields of what each factor matters, with their headings."""
+"""Fields of a sensitivity analysis, with their headings."""
 TABLE_WIDTH = 105
-"""Columns of a terminal from which on the table has bands."""
+"""Minimum terminal width (characters) at which the table shows confidence bands."""
 MOST_FAILED_RUNS = 8
-"""How many failed runs are named."""
+"""Maximum number of failed runs that are listed."""
 
 
 def metric_names(result: CampaignResult) -> list[str]:
-    """The metrics of a result."""
+    """Return the names of the metrics of a result."""
     spread = {path for path, _ in result.plan.spread}
     return [n for n in result.columns if n not in spread and n not in ("run", "success", "lost")]
 
 
 def summarise_metrics(result: CampaignResult) -> dict[str, dict[str, float]]:
-    """By metric its SHOWN_QUANTILES, each with its band, the largest value, and how often there was none."""
+    """Return for each metric SHOWN_QUANTILES with their bands, the largest value, and the number of non-finite ones."""
     summary: dict[str, dict[str, float]] = {}
     for name in metric_names(result):
         x = result.columns[name]
@@ -54,7 +54,7 @@ def summarise_metrics(result: CampaignResult) -> dict[str, dict[str, float]]:
 def print_campaign(
     campaign: Campaign, result: CampaignResult, verdicts: Sequence[RequirementVerdict], command: str
 ) -> None:
-    """The table, the success, the requirements, and what to type to see one that failed."""
+    """Print the table, the success rate, the requirements, and the command that repeats a failed run."""
     n = len(result.columns["run"])
     table = new_table(title=f"{result.plan.scenario}, {n} runs of seed {result.plan.seed}")
     table.add_column("metric", no_wrap=True)
@@ -70,31 +70,31 @@ def print_campaign(
     print_table(table)
     conditions = [f"{c.metric} {c.compare} {c.bound:g}" for c in campaign.ready.success] or ["the state stays finite"]
     if result.plan.sampling in DESIGNS:
-        click.echo(f"success: {result.success.successes} of {n} rows of the design, which are no independent worlds")
+        click.echo(f"success: {result.success.successes} of {n} rows of the design, which are not independent runs")
         print_sensitivity(campaign, result)
     else:
         click.echo(f"success: {result.success}, {result.success.successes} of {n}: {' and '.join(conditions)}")
     lost = int(result.columns["lost"].sum())
     if lost:
-        click.echo(f"lost: {lost} runs, whose state ran away")
-    rate = f"{result.flown_runs / result.wall_s:.0f} runs/s" if result.flown_runs else "all were in the store"
+        click.echo(f"lost: {lost} runs whose state diverged")
+    rate = f"{result.flown_runs / result.wall_s:.0f} runs/s" if result.flown_runs else "all runs were in the store"
     click.echo(f"flown: {result.flown_runs} in {result.wall_s:.1f} s, {rate}")
     for verdict in verdicts:
         click.echo(str(verdict))
     failed = result.columns["run"][~result.columns["success"]]
     if len(failed):
         few = ", ".join(str(r) for r in failed[:MOST_FAILED_RUNS]) + (", …" if len(failed) > MOST_FAILED_RUNS else "")
-        click.echo(f"failed: {few}; one of them once more: {command} --rerun {failed[0]} --out run-{failed[0]}")
+        click.echo(f"failed: {few}; repeat one: {command} --rerun {failed[0]} --out run-{failed[0]}")
 
 
 def print_sensitivity(campaign: Campaign, result: CampaignResult) -> None:
-    """What each factor matters to each metric, largest first."""
+    """Print the sensitivity of each metric to each factor, largest first."""
     for metric, matters in sensitivities(campaign, result).items():
         if matters.note:
             click.echo(f"{metric}: {matters.note}")
             continue
         pair = SOBOL_COLUMNS if isinstance(matters, Sensitivity) else MORRIS_COLUMNS
-        table = new_table(title=f"{metric}: what matters, of {matters.rows} runs")
+        table = new_table(title=f"{metric}: sensitivity, from {matters.rows} runs")
         table.add_column("factor", no_wrap=True)
         for _, heading in pair:
             table.add_column(f"{heading} (95 %)", justify="right")
@@ -106,7 +106,7 @@ def print_sensitivity(campaign: Campaign, result: CampaignResult) -> None:
 
 
 def sensitivities(campaign: Campaign, result: CampaignResult) -> dict[str, Sensitivity | Morris]:
-    """Of each metric, and of the success, from the rows of a design; by rank where a metric was not always finite."""
+    """Return the sensitivities of each metric and of success; by rank if a metric was not always finite."""
     parameters = [f.text for f in campaign.ready.spread.factors]
     matters: dict[str, Any] = {}
     for name in [*metric_names(result), "success"]:
@@ -121,7 +121,7 @@ def sensitivities(campaign: Campaign, result: CampaignResult) -> dict[str, Sensi
 
 
 def write_pictures(campaign: Campaign, result: CampaignResult, folder: Path) -> list[Path]:
-    """Histograms, convergence, and what the failures have in common; or what matters, of a design."""
+    """Draw histograms, convergence and parallel coordinates; for a design, the sensitivities."""
     from trimtab.plots.campaign import plot_convergence, plot_histogram, plot_parallel, plot_sensitivity
 
     title, files = result.plan.scenario, []
@@ -146,5 +146,5 @@ def write_pictures(campaign: Campaign, result: CampaignResult, folder: Path) -> 
 
 
 def _file_stem(name: str) -> str:
-    """A metric's name as part of a file's."""
+    """Return a metric's name as part of a file name."""
     return re.sub(r"[^A-Za-z0-9_.-]+", "-", name).strip("-")

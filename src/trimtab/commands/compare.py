@@ -1,4 +1,4 @@
-"""`trimtab compare`: two logs, or a log and the same run flown again, held against each other."""
+"""`trimtab compare`: compare two logs, or a log and its rerun."""
 
 import sys
 from pathlib import Path
@@ -24,7 +24,7 @@ from trimtab.logs.difference import LogDifference, find_difference
 from trimtab.logs.log import Log
 
 SHOWN = 8
-"""Signals that differ, of a table and of a picture."""
+"""Maximum number of differing signals in the table and the picture."""
 MERITS = ("tail_mean", "tail_rms")
 AGAIN = "flown again"
 
@@ -35,13 +35,13 @@ AGAIN = "flown again"
 @PLOT("Picture of the signals that differ first.")
 @JSON
 def command(one: Path, other: Path | None, plot: Path | None, as_json: bool) -> None:
-    """Say where two logs first differ, with their numbers beside each other; of one log, where a rerun differs.
+    """Find where two logs first differ, and print their values; with one log, compare it with its rerun.
 
-    Instants and signals that both have are compared, exactly. Exit code 1 where they differ.
+    Compares the instants and signals that both logs have, exactly. Exit code 1 if they differ.
 
     \b
     trimtab compare before/run.mcap after/run.mcap --plot both.png
-    trimtab compare flight/run.mcap                  the scenario, seed and settings of the log, flown again
+    trimtab compare flight/run.mcap                  rerun with the scenario, seed and settings of the log
     """
     check_picture(plot, None)
     first = read_any_log(one, None, quiet=as_json)
@@ -66,7 +66,7 @@ def command(one: Path, other: Path | None, plot: Path | None, as_json: bool) -> 
 
 
 def _fly_again(log: Log) -> Log:
-    """The run of a log once more, by its scenario, settings, seed and number."""
+    """Repeat the run of a log with its scenario, settings, seed and number."""
     from trimtab.core.record import replace
     from trimtab.core.time import ms, seconds
     from trimtab.run.simulate import simulate
@@ -99,11 +99,11 @@ def _difference_json(
 def _print_difference(names: tuple[str, str], difference: LogDifference, summaries: list[dict[str, Any]]) -> None:
     of = f"{difference.compared} signals at {difference.instants} instants"
     if difference.equal:
-        click.echo(f"the same, to the bit: {of}")
+        click.echo(f"identical, bit for bit: {of}")
     else:
         first = difference.signals[0]
         click.echo(f"DIFFERENT from {first.first_s:.4f} s on: {first.path} is {first.one!r} and {first.other!r}")
-        click.echo(f"{len(difference.signals)} numbers differ, of {of}")
+        click.echo(f"{len(difference.signals)} numbers differ, out of {of}")
         table = new_table("signal", ">first (s)", ">largest difference", unwrapped=("signal",))
         for signal in difference.signals[:SHOWN]:
             table.add_row(signal.path.replace("[", r"\["), f"{signal.first_s:.4f}", f"{signal.largest:.6g}")
@@ -115,7 +115,7 @@ def _print_difference(names: tuple[str, str], difference: LogDifference, summari
 
 
 def _print_metrics(names: tuple[str, str], summaries: list[dict[str, Any]]) -> None:
-    """Last values and tails of both, of the signals that both have."""
+    """Print final values and tail metrics of the signals that both logs have."""
     table = new_table("signal", "log", ">final", ">tail mean", ">tail rms", unwrapped=("signal",))
     for signal in [name for name in summaries[0]["metrics"] if name in summaries[1]["metrics"]]:
         for i, (name, summary) in enumerate(zip(names, summaries, strict=True)):

@@ -1,4 +1,4 @@
-"""`trimtab completion`: what a shell needs to complete verbs, options, scenarios and setting paths."""
+"""`trimtab completion`: shell completion of verbs, options, scenarios and setting paths."""
 
 import click
 from click.shell_completion import get_completion_class
@@ -10,7 +10,7 @@ VARIABLE = "_TRIMTAB_COMPLETE"
 @click.command()
 @click.argument("shell", type=click.Choice(SHELLS))
 def command(shell: str) -> None:
-    """Print the script by which a shell completes trimtab: verbs, options, scenarios, paths of settings.
+    """Print the completion script of a shell: verbs, options, scenarios, paths of settings.
 
     \b
     trimtab completion bash >> ~/.bashrc

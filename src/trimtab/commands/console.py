@@ -1,4 +1,4 @@
-"""`trimtab console`: a pilot's page for a simulated craft, in one command; for recorded flights, and for campaigns."""
+"""`trimtab console`: a pilot's page in a browser, for a simulated craft, a recorded flight or a campaign."""
 
 import asyncio
 import contextlib
@@ -34,11 +34,11 @@ if TYPE_CHECKING:  # the extra "console" may be missing
     from trimtab.console.recordings import Recording
 
 START_S = 180.0
-"""How long a vehicle may compile."""
+"""Maximum time for the vehicle to compile and start (s)."""
 LONGEST = "28800 s"
-"""A flight that a person ends: as long as somebody may sit there. One whose law has a table ends with the table."""
+"""Duration of a flight that the pilot ends; a flight whose law follows a table ends with the table."""
 POSITION = {"navigation": "ins"}
-"""What finds the craft's position, so that it can be drawn where it is."""
+"""Navigation that estimates the position, so that the page can draw the craft on a map."""
 
 
 @click.command()
@@ -47,14 +47,14 @@ POSITION = {"navigation": "ins"}
 @NAVIGATION
 @FAULT
 @SEED
-@OUT("DIR", "Write the flight's logs in this folder.  [default: none]")
+@OUT("DIR", "Write the flight's logs to this folder.  [default: none]")
 @click.option(
     "--with",
     "parts",
     multiple=True,
     metavar="PART=CHOICE",
     callback=parse_parts,
-    help="Another estimator or law, beside what flew in a log, as for trimtab replay.",
+    help="Replace estimator or law, and show the replay beside the log, as in trimtab replay.",
 )
 @PLACE
 @click.pass_context
@@ -72,10 +72,11 @@ def command(
     private_key: Path | None,
     opens: bool,
 ) -> None:
-    """Fly a scenario's simulated craft from a page in a browser; or look at recorded flights, or at a campaign, there.
+    """Fly a scenario's simulated craft from a page in a browser, or view recorded flights or a campaign.
 
-    Starts the virtual vehicle, its autopilot and the page's server, and prints the page's address; Ctrl-C ends all.
-    Stick: arrow keys, a gamepad, or the pad on the page; the space bar stops. A real vehicle: trimtab fly --console.
+    Starts the simulated vehicle, its autopilot and the page's server, and prints the page's address; Ctrl-C ends all.
+    Stick: arrow keys, a gamepad, or the pad on the page; the space bar stops. For a real vehicle: trimtab fly
+    --console.
 
     \b
     trimtab console hovercraft/pilot
@@ -92,11 +93,11 @@ def command(
     signal.signal(signal.SIGTERM, _end)
     scenario, *others = subjects
     if others:
-        raise InputError("trimtab console", f"{len(subjects)} are named", fix="name one scenario")
+        raise InputError("trimtab console", f"takes one scenario, got {len(subjects)}", fix="name one scenario")
     chosen = _choose(scenario, settings)
     duration = _duration(scenario, chosen)
     with _vehicle(scenario, chosen, faults, seed, out) as link:
-        click.echo(f"the vehicle, for ground stations and trimtab inject: --link {link}")
+        click.echo(f"vehicle link for ground stations and trimtab inject: --link {link}")
         words = [scenario, "--link", link, "--seed", str(seed), "--console", *duration]
         words += ["--port", str(port), "--bind", bind, *(["--open"] if opens else [])]
         words += [word for path, value in chosen.items() for word in ("--set", f"{path}={value}")]
@@ -107,12 +108,12 @@ def command(
 
 
 def _end(number: int, _: object) -> NoReturn:
-    """Told to terminate: end as after Ctrl-C, so that the vehicle's process is ended too."""
+    """Handle SIGTERM like Ctrl-C, so that the vehicle's process ends too."""
     sys.exit(128 + number)
 
 
 def _show_recorded(subjects: Sequence[str], parts: Mapping[str, str], address: ConsoleAddress) -> bool:
-    """Serve a store or logs until that is interrupted; False for anything else."""
+    """Serve a store or logs until interrupted; return False for anything else."""
     from trimtab.console.campaigns import CampaignFeed
     from trimtab.console.recordings import RecordingFeed, describe_recordings, load_recording
     from trimtab.console.server import serve_here
@@ -120,12 +121,16 @@ def _show_recorded(subjects: Sequence[str], parts: Mapping[str, str], address: C
     files = [Path(text) for text in subjects]
     missing = [file for file in files if file.suffix in (".mcap", ".zarr") and not file.exists()]
     if missing:
-        raise InputError("trimtab console", f"there is no '{missing[0]}'", fix="trimtab fly … --out DIR writes logs")
+        raise InputError("trimtab console", f"not found: '{missing[0]}'", fix="trimtab fly … --out DIR writes logs")
     is_store = (files[0] / "zarr.json").exists()
     if not is_store and not all(file.suffix == ".mcap" for file in files):
         return False
     if len(files) > (1 if is_store else 2):
-        raise InputError("trimtab console", f"{len(files)} are named", fix="name one store, or one or two logs")
+        raise InputError(
+            "trimtab console",
+            f"takes one store, or one or two logs, got {len(files)}",
+            fix="name one store, or one or two logs",
+        )
     if is_store:
         campaign = CampaignFeed(files[0])
         asyncio.run(serve_here(address, campaign.feed, campaign.routes(), click.echo))
@@ -141,7 +146,7 @@ def _show_recorded(subjects: Sequence[str], parts: Mapping[str, str], address: C
 
 
 def _replay(file: Path, parts: Mapping[str, str]) -> "list[Recording]":
-    """A log, and what its autopilot with other parts makes of the same frames."""
+    """Return a recorded flight, and its replay with other parts of the autopilot."""
     from trimtab.console.recordings import load_recording, record_flight
 
     log = read_mcap(file)
@@ -154,14 +159,14 @@ def _replay(file: Path, parts: Mapping[str, str]) -> "list[Recording]":
 
 
 def _choose(scenario: str, settings: Mapping[str, str]) -> dict[str, str]:
-    """The settings, with a supervisor, a stick and a position where the scenario offers them."""
+    """Return the settings, with a supervisor, a stick and a position estimate if the scenario offers them."""
     offered = catalogue.scenario_choices(scenario)
     position = {name: value for name, value in POSITION.items() if value in offered.get(name, ())}
     return position | live_settings(scenario) | dict(settings)
 
 
 def _duration(scenario: str, settings: Mapping[str, str]) -> list[str]:
-    """Words for `fly`: the longest flight; none, so the scenario's own length, where a part doesn't last so long."""
+    """Return the duration option for `fly`; empty, for the scenario's own, if a part does not last that long."""
     built = build(scenario, settings)
     try:
         replace(built, duration=parse_time(LONGEST)).check()
@@ -174,7 +179,7 @@ def _duration(scenario: str, settings: Mapping[str, str]) -> list[str]:
 def _vehicle(
     scenario: str, settings: Mapping[str, str], faults: Sequence[str], seed: int, out: Path | None
 ) -> Iterator[str]:
-    """A virtual vehicle in a process of its own; gives the line to it."""
+    """Run a simulated vehicle in its own process, and yield the link to it."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
         free.bind(("127.0.0.1", 0))
         link = f"udp://127.0.0.1:{free.getsockname()[1]}"
@@ -196,7 +201,7 @@ def _vehicle(
 
 
 def _await_vehicle(process: "subprocess.Popen[bytes]", said: IO[str]) -> None:
-    """Until it listens; refused with what it said where it ends instead."""
+    """Wait until the vehicle listens; raise InputError with its output if it ends instead."""
     end = time.monotonic() + START_S
     while True:
         said.seek(0)
@@ -209,9 +214,9 @@ def _await_vehicle(process: "subprocess.Popen[bytes]", said: IO[str]) -> None:
 
 
 def _refuse_start(said: str) -> InputError:
-    """What a vehicle's process said before it ended, with its own fix where it gave one."""
+    """Return an InputError with the output of the vehicle's process, and its fix if there is one."""
     problem, _, fix = said.strip().partition("\nFix: ")
-    problem = problem.rpartition("error: ")[2] or "it said nothing"
+    problem = problem.rpartition("error: ")[2] or "no output"
     return InputError(
         "the vehicle", f"did not start: {problem}", fix=fix or "trimtab vehicle SCENARIO --listen udp://:14550"
     )

@@ -1,4 +1,4 @@
-"""`trimtab convert`: a log of ours as what other viewers read."""
+"""`trimtab convert`: convert a log for other viewers."""
 
 from pathlib import Path
 
@@ -14,24 +14,20 @@ from trimtab.logs.mcap import read_mcap
 from trimtab.logs.messages import EPOCH
 
 ENDING = ".rrd"
-"""Of Rerun's recordings."""
+"""Suffix of Rerun recordings."""
 
 
 @click.command()
 @click.argument("file", type=FILE, metavar="LOG")
-@click.option("--as", "kind", type=click.Choice(["ros2", "rerun"]), required=True, help="What is written.")
-@OUT(
-    "PATH", "Write a bag of ROS 2 in this new folder, or a recording for Rerun, whose name ends in .rrd.", required=True
-)
-@click.option("--scenario", metavar="SCENARIO", help="Scenario, where the log's is not in the catalogue.")
-@click.option(
-    "--period", metavar="TIME", default="10 ms", show_default=True, help="Between two rows of how the vehicle moved."
-)
+@click.option("--as", "kind", type=click.Choice(["ros2", "rerun"]), required=True, help="Format to write.")
+@OUT("PATH", "Write a ROS 2 bag to this new folder, or a Rerun recording to this .rrd file.", required=True)
+@click.option("--scenario", metavar="SCENARIO", help="Scenario of the log, if it is not in the catalogue.")
+@click.option("--period", metavar="TIME", default="10 ms", show_default=True, help="Period of the written motion.")
 @JSON
 def command(file: Path, kind: str, out: Path, scenario: str | None, period: str, as_json: bool) -> None:
-    """Write a flight for other viewers: a bag of ROS 2 with Odometry, Imu and tf, or a recording for Rerun.
+    """Convert a flight for other viewers: a ROS 2 bag with Odometry, Imu and tf, or a Rerun recording.
 
-    Axes become theirs: east, north, up and forward, left, up. Foxglove opens a log of trimtab as it is, and a bag too.
+    Converts the axes to east, north, up and forward, left, up. Foxglove opens trimtab logs directly, and ROS 2 bags.
 
     \b
     trimtab convert flight/run.mcap --as ros2 --out bag          and then:  ros2 bag play bag
@@ -45,11 +41,17 @@ def command(file: Path, kind: str, out: Path, scenario: str | None, period: str,
     apart = parse_time(period)
     if kind == "ros2":
         if out.exists():
-            raise InputError("--out", f"{str(out)!r} is there already", fix="a new folder: a bag is written whole")
+            raise InputError(
+                "--out", f"{str(out)!r} already exists", fix="name a new folder; a bag is written as a whole"
+            )
         check_folder("--out", out.parent)
     else:
         if out.suffix != ENDING:
-            raise InputError("--out", f"{str(out)!r} is no name for Rerun", fix=f"--out {out.with_suffix(ENDING)}")
+            raise InputError(
+                "--out",
+                f"{str(out)!r} is not a Rerun file; the name must end in .rrd",
+                fix=f"--out {out.with_suffix(ENDING)}",
+            )
         check_out("--out", out, f"flight{ENDING}")
     log = read_mcap(file)
     flown = rebuild_scenario(log, scenario)

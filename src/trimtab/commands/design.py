@@ -1,4 +1,4 @@
-"""`trimtab design`: a gain with its certificate, and the proof of a certificate."""
+"""`trimtab design`: design a gain with its certificate, and prove a certificate."""
 
 import importlib
 import sys
@@ -37,24 +37,32 @@ FUNCTION = "certified_system"
 @click.command()
 @click.argument("system", metavar="[SYSTEM]", required=False)
 @click.option(
-    "--method", type=click.Choice(("lqr", "lmi")), help="Method: Riccati equation, or a solver.  [default: lqr]"
+    "--method",
+    type=click.Choice(("lqr", "lmi")),
+    help="Method: Riccati equation (lqr), or a solver (lmi).  [default: lqr]",
 )
 @click.option("--filter", "filter_", metavar="KIND", help="Filter of the unmeasured states.  [default: tuned]")
-@click.option("--integral", is_flag=True, help="With integral action.")
+@click.option("--integral", is_flag=True, help="Add integral action.")
 @click.option(
     "--set",
     "settings",
     multiple=True,
     metavar="NAME=VALUE",
     callback=parse_settings,
-    help="Change a setting of the system, e.g. h_ft=90000; repeatable.",
+    help="Change a setting of the system, e.g. h_ft=90000. May be repeated.",
 )
 @OUT("FILE", "Write the certificate (JSON).")
 @click.option("--check", type=FILE, metavar="FILE", help="Prove a certificate again.")
-@click.option("--stabilisability", is_flag=True, help="Whether smooth feedback can hold SYSTEM, and where inputs lead.")
+@click.option(
+    "--stabilisability",
+    is_flag=True,
+    help="Analyse if smooth feedback can stabilise SYSTEM, and where inputs can steer it.",
+)
 @GAIN
 @INVERSION
-@click.option("--export-coq", "coq", type=FILE, metavar="FILE.v", help="Write the proof for the program coqc.")
+@click.option(
+    "--export-coq", "coq", type=FILE, metavar="FILE.v", help="Write the proof for the proof assistant Coq (coqc)."
+)
 @JSON
 def command(
     system: str | None,
@@ -71,15 +79,15 @@ def command(
 ) -> None:
     """Design a feedback gain, with a certificate that proves it; or prove a certificate again.
 
-    A certificate is of a named system with settings. --check builds that system anew, compares every matrix, weight and
-    number in the file with it, entry by entry, and proves each condition in exact arithmetic, without the solver that
-    found the gain; exit code 1 where a condition fails, with the number that broke it. SYSTEM is a name of the
+    A certificate belongs to a named system with settings. --check rebuilds that system from scratch, compares every
+    matrix, weight and number in the file with it, and proves each condition in exact arithmetic, without the solver
+    that found the gain. Exit code 1 if a condition fails, with the number that violates it. SYSTEM is a name of the
     package, or a file or folder of your own (docs, Certificate).
 
-    A law of the package has a theorem instead of a gain: where its loop ends up, from where, with a Lyapunov function
-    (docs, Theorem). It is made of the law's own code, run on polynomials. --stabilisability asks of a vehicle which
-    smooth feedback can't exist (Brockett; Byrnes and Isidori), and where its inputs can lead at all, with the Lie
-    brackets that do it (docs, Stabilisability).
+    A law of the package has a theorem instead of a gain: the set to which its loop converges, the region from which it
+    does, and a Lyapunov function (docs, Theorem). It is derived from the law's own code, run on polynomials.
+    --stabilisability tests if smooth feedback can exist for a vehicle (Brockett; Byrnes and Isidori), and where its
+    inputs can steer it, by Lie brackets (docs, Stabilisability).
 
     \b
     trimtab design hypersonic                        gain, poles and every condition
@@ -88,12 +96,12 @@ def command(
     trimtab design --check gain.json
     trimtab design hypersonic --method lmi --json
     trimtab design --check gain.json --export-coq gain.v     then: coqc gain.v
-    trimtab design my_boat.py --check gain.json              of a file of your own
+    trimtab design my_boat.py --check gain.json              for a system in your own file
     trimtab design hovercraft/forward --out law.json         a theorem about a law; --check law.json proves it again
     trimtab design hovercraft/reverse --set k1=2             a region from which it comes to rest
-    trimtab design my_law.py:theorem                         of a law of your own
-    trimtab design hovercraft --stabilisability              can smooth feedback hold it, and where can it be driven
-    trimtab design my_boat.py:system --stabilisability       of a model of your own
+    trimtab design my_law.py:theorem                         for your own law
+    trimtab design hovercraft --stabilisability              can smooth feedback stabilise it; where can it be steered
+    trimtab design my_boat.py:system --stabilisability       for your own model
     trimtab design my_cart.py:scenario --lqr --limit force=20 --limit angle='5 deg' --out gain.json     any vehicle
     trimtab design vessel/path --lqr --fast rudder …         then:  trimtab run vessel/path --set gain=gain.json
     trimtab design my_cart.py --inversion --output position --to 0.5 --in 2 --plot course.png     followed exactly
@@ -138,16 +146,16 @@ def command(
 
 
 def design_systems() -> tuple[str, ...]:
-    """What gains can be designed for: the folders of scenarios that have a design."""
+    """Return the systems with a design: the folders of scenarios that contain one."""
     files = sorted(Path(scenarios.__file__).parent.glob("*/_design.py"))
     return tuple(file.parent.name for file in files)
 
 
 def _find_function(system: str | None) -> SystemFunction:
-    """The function of a system of the package, or of a file or folder outside it."""
+    """Return the function of a system of the package, or of a file or folder."""
     if system is None:
         fix = f"trimtab design {design_systems()[0]}, or trimtab design --check FILE"
-        raise InputError("design", "no system and no file", choices=design_systems(), fix=fix)
+        raise InputError("design", "no system is named", choices=design_systems(), fix=fix)
     file = Path(system) / "_design.py" if Path(system).is_dir() else Path(system)
     if system not in design_systems() and file.suffix == ".py":
         try:
@@ -155,15 +163,15 @@ def _find_function(system: str | None) -> SystemFunction:
         except InputError as error:
             if "scenario" not in error.choices:
                 raise
-            fix = f"of a scenario's vehicle:  trimtab design {file} --lqr …, and  --lqr --check FILE"
+            fix = f"for a scenario's vehicle:  trimtab design {file} --lqr …, and  --lqr --check FILE"
             raise InputError(error.part, error.problem, choices=error.choices, fix=fix) from None
     if system not in design_systems():
         if system in scenario_names():
-            problem = f"there is no design of its own for scenario {system!r}"
-            fix = f"trimtab design {system} --lqr --limit NAME=NUMBER … --out gain.json  makes a gain by limits"
+            problem = f"no built-in design for scenario {system!r}"
+            fix = f"trimtab design {system} --lqr --limit NAME=NUMBER … --out gain.json  designs a gain from limits"
             raise InputError("design", problem, choices=(*design_systems(), *theorem_functions()), fix=fix)
         near = closest(system, (*design_systems(), *theorem_functions()), 1) or design_systems()[:1]
-        problem = f"there is no design for {system!r}"
+        problem = f"no built-in design for {system!r}"
         fix = f"trimtab design {near[0]}; your own is a file:  trimtab design my_boat.py"
         raise InputError("design", problem, choices=(*design_systems(), *theorem_functions()), fix=fix)
     return getattr(importlib.import_module(f"trimtab.scenarios.{system}._design"), FUNCTION)
@@ -175,19 +183,19 @@ def _build_system(system: str | None, settings: dict[str, str]) -> CertifiedSyst
 
 
 def _rebuild_system(certificate: Certificate, system: str | None) -> CertifiedSystem:
-    """The system that a certificate names, built anew with the settings in it."""
+    """Rebuild the system that a certificate names, with its settings."""
     if system is None and certificate.system not in design_systems():
-        problem = f"it is a certificate for {certificate.system!r}, which is not in the package"
+        problem = f"the certificate is for {certificate.system!r}, which is not in the package"
         fix = "give its file:  trimtab design my_boat.py --check FILE"
         raise InputError("--check", problem, choices=design_systems(), fix=fix)
     if system in design_systems() and certificate.system != system:
-        problem = f"it is a certificate for {certificate.system!r}"
+        problem = f"the certificate is for {certificate.system!r}"
         raise InputError("--check", problem, fix=f"trimtab design {certificate.system} --check FILE")
     function = _find_function(certificate.system if system is None else system)
     wanted = system_settings(function, {}, "--check")
     lacking = [name for name in wanted if name not in certificate.about]
     if lacking:
-        fix = f"trimtab design {certificate.system} --out FILE  makes it anew"
+        fix = f"trimtab design {certificate.system} --out FILE  writes a new one"
         raise InputError("--check", f"the file lacks about.{lacking[0]}", fix=fix)
     given = {name: certificate.about[name] for name in wanted}
     return function(**system_settings(function, given, "--check"))
@@ -202,7 +210,7 @@ def _check_files(files: dict[str, Path | None]) -> None:
 def _refuse_with_check(options: dict[str, Any]) -> None:
     for name, value in options.items():
         if value is not None:
-            raise InputError(name, "a file is checked as it is", fix=f"leave {name} out, or leave --check out")
+            raise InputError(name, "cannot be combined with --check", fix=f"leave {name} out, or leave --check out")
 
 
 def _proof_json(certificate: Certificate, proof: CertificateProof) -> dict[str, Any]:
@@ -225,6 +233,6 @@ def _print_design(certificate: Certificate, proof: CertificateProof, file: Path 
     click.echo("poles of A + B K: " + ", ".join(format_pole(p) for p in certificate.poles if p.imag >= 0))
     if certificate.observer is not None:
         o = certificate.observer
-        click.echo(f"least weight of the filter, lambda*: {o.least_weight:.6g}; taken {o.weight:.6g}")
+        click.echo(f"smallest weight of the filter, lambda*: {o.least_weight:.6g}; used {o.weight:.6g}")
     print_conditions(f"{file or certificate.system}: {'proved' if proof.holds else 'NOT proved'}", proof)
-    click.echo("what it says: " + "; ".join(SCOPE) + " (docs, Certificate)")
+    click.echo("scope of the proof: " + "; ".join(SCOPE) + " (docs, Certificate)")

@@ -1,4 +1,4 @@
-"""`trimtab design VEHICLE --inversion`: state and input with which outputs follow a course exactly."""
+"""`trimtab design VEHICLE --inversion`: states and inputs for which the outputs follow a course exactly."""
 
 import json
 import math
@@ -28,35 +28,44 @@ from trimtab.run.plant import load_plant
 
 OPTIONS = ("outputs", "inputs", "to", "seconds_long", "picture")
 FADES = math.log(1e4)
-"""What moves before and after the course is followed until it is a ten-thousandth."""
+"""Time constants of the motion before and after the course: until it has decayed to 1/10000."""
 LONGEST = 10.0
-"""Before and after, in parts of the course itself."""
+"""Maximum time before and after the course, relative to its duration."""
 SLOW = 0.1
-"""A mode that changes by less than this part while the course lasts is slow, and nobody waits for it."""
+"""Relative change over the course below which a mode is slow; its decay is not waited for."""
 NODES = 1200
 
 
 def INVERSION(function: Callable[..., Any]) -> Callable[..., Any]:
-    """``--inversion`` and what belongs to it."""
+    """Add ``--inversion`` and its options."""
     options = (
-        click.option("--inversion", is_flag=True, help="State and input along a course of outputs, by --output, --to."),
+        click.option(
+            "--inversion",
+            is_flag=True,
+            help="Compute states and inputs along a course of outputs, given by --output, --to and --in.",
+        ),
         click.option(
             "--output",
             "outputs",
             multiple=True,
             metavar="NAME",
-            help="Keep to these outputs, which move; with --inversion.",
+            help="Keep only these outputs, which move; with --inversion.",
         ),
         click.option(
             "--input",
             "inputs",
             multiple=True,
             metavar="NAME",
-            help="Keep to these inputs, the others held; with --inversion.  [default: all]",
+            help="Keep only these inputs; the others are held; with --inversion.  [default: all]",
         ),
-        click.option("--to", multiple=True, metavar="VALUE", help="With --inversion: of each --output, where to."),
         click.option(
-            "--in", "seconds_long", type=float, metavar="SECONDS", help="With --inversion: how long it takes."
+            "--to",
+            multiple=True,
+            metavar="VALUE",
+            help="With --inversion: final value of each --output, in the same order.",
+        ),
+        click.option(
+            "--in", "seconds_long", type=float, metavar="SECONDS", help="With --inversion: duration of the course."
         ),
         PLOT("Picture of the inversion; with --inversion.", "picture"),
     )
@@ -66,12 +75,12 @@ def INVERSION(function: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def refuse_inversion_options(words: Mapping[str, Any]) -> None:
-    """Refuse what is of ``--inversion`` where that is not given."""
+    """Raise InputError for options of ``--inversion`` without it."""
     shown = {"seconds_long": "in", "picture": "plot", "outputs": "output", "inputs": "input"}
     for name in OPTIONS:
         if words[name]:
             option = f"--{shown.get(name, name)}"
-            raise InputError(option, "is of --inversion", fix=f"add --inversion, or leave {option} out")
+            raise InputError(option, "needs --inversion", fix=f"add --inversion, or leave {option} out")
 
 
 def invert_vehicle(
@@ -79,21 +88,21 @@ def invert_vehicle(
 ) -> None:
     """Compute an inversion of a vehicle's outputs, and print, write or draw it.
 
-    words: all options of a gain and of OPTIONS, as typed.  settings: of the scenario.
+    words: options of a gain and OPTIONS, as typed.  settings: of the scenario.
     """
     for name in ("lqr", "limit", "integrate"):
         if words[name]:
-            raise InputError(f"--{name}", "means nothing beside --inversion", fix=f"leave --{name} out")
+            raise InputError(f"--{name}", "cannot be combined with --inversion", fix=f"leave --{name} out")
     outputs, to, length = words["outputs"], words["to"], words["seconds_long"]
     if vehicle is None or not outputs or len(to) != len(outputs) or not length or length <= 0:
         fix = "trimtab design examples/my_cart.py --inversion --output position --to 0.5 --in 2"
-        raise InputError("--inversion", "takes a vehicle, for each --output one --to, and --in above 0 s", fix=fix)
+        raise InputError("--inversion", "needs a vehicle, one --to for each --output, and --in above 0 s", fix=fix)
     check_picture(words["picture"], None)
     if out is not None:
         check_out("--out", out)
     believed = dict(text.split("=", 1) for text in words["believed"] if "=" in text)
     plant = load_plant(vehicle, settings, believed)
-    start = find_point(plant, words["at"]).require_trim("--inversion, at the beginning")
+    start = find_point(plant, words["at"]).require_trim("--inversion, at the start")
     held = [w for w in words["at"] if w.partition("=")[0].strip() not in outputs]
     held += _hold_inputs(plant.model.inputs, start.u, words["inputs"])
     ends = [f"{n}={v}" for n, v in zip(outputs, to, strict=True)]
@@ -131,7 +140,7 @@ def invert_vehicle(
 
 
 def find_lead_times(modes: tuple[InternalMode, ...], length: float) -> tuple[float, float]:
-    """How long before a course what is unstable inside begins to move, and after it what is stable ends (s)."""
+    """Return the time for unstable internal modes before a course, and for stable ones after it (s)."""
     real = np.array([m.pole.real for m in modes if not _is_slow(m, length)])
     right, left = real[real > 0], -real[real < 0]
     times = [FADES / side.min() if len(side) else 0.1 * length for side in (right, left)]
@@ -143,7 +152,7 @@ def _is_slow(mode: InternalMode, length: float) -> bool:
 
 
 def _hold_inputs(inputs: tuple[str, ...], u: Any, kept: tuple[str, ...]) -> list[str]:
-    """What ``--at`` says of the inputs that are held at their values at the beginning."""
+    """Return conditions ``--at`` that hold the unused inputs at their initial values."""
     unknown = [n for n in kept if n not in inputs]
     if unknown:
         near = closest(unknown[0], inputs, 1) or list(inputs)[:1]
@@ -153,22 +162,22 @@ def _hold_inputs(inputs: tuple[str, ...], u: Any, kept: tuple[str, ...]) -> list
 
 def _print_inversion(plant: Any, found: Inversion, states: Any, inputs: Any, span: tuple[float, float]) -> None:
     degrees = ", ".join(f"{n} {r}" for n, r in found.form.degree.degrees.items())
-    click.echo(f"{plant.name}: relative degree {degrees}; inside: {', '.join(found.form.internals) or 'nothing'}")
+    click.echo(f"{plant.name}: relative degree {degrees}; internal states: {', '.join(found.form.internals) or 'none'}")
     poles = [f"{p.real:+.4g}{f' ± {p.imag:.4g}i' if p.imag else ''}" for p in found.internal.poles if p.imag >= 0]
     click.echo(
-        f"zeros (1/s): {', '.join(poles) or 'none'}; {found.internal.unstable} run away and take it from the future"
+        f"zeros (1/s): {', '.join(poles) or 'none'}; {found.internal.unstable} unstable, solved backwards in time"
     )
     places, modes = internal_modes(found.form)
     if places:
-        click.echo(f"places, integrated from their start: {', '.join(places)}")
+        click.echo(f"positions, integrated from their initial values: {', '.join(places)}")
     for mode in modes:
         if _is_slow(mode, span[1] - span[0]) and mode.pole.imag >= 0:
-            side = "stable, from the past" if mode.pole.real < 0 else "unstable, from the future"
+            side = "stable, solved forwards" if mode.pole.real < 0 else "unstable, solved backwards"
             click.echo(f"slow: {mode.pole.real:+.4g} 1/s in {mode.states}; {side}")
     click.echo(
-        f"the course is from {span[0]:.3g} to {span[1]:.3g} s; settled after {found.internal.iterations} iterations"
+        f"the course is from {span[0]:.3g} to {span[1]:.3g} s; converged after {found.internal.iterations} iterations"
     )
-    table = new_table("", ">first", ">least", ">most", ">last", ">as it begins")
+    table = new_table("", ">first", ">least", ">most", ">last", ">at course start")
     begin = int(np.abs(found.times - span[0]).argmin())
     for name, column in zip((*states, *inputs), np.column_stack([found.x, found.u]).T, strict=True):
         picks = (column[0], column.min(), column.max(), column[-1], column[begin])

@@ -1,4 +1,4 @@
-"""`trimtab design VEHICLE --lqr`: a gain for any vehicle by stated limits, with a certificate that proves it."""
+"""`trimtab design VEHICLE --lqr`: a gain for any vehicle from limits, with a certificate that proves it."""
 
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
@@ -27,17 +27,41 @@ from trimtab.scenarios import catalogue
 from trimtab.scenarios.gain_file import vehicle_settings
 
 LISTS = ("at", "limit", "integrate", "believed", "fast")
-"""Settings of a certificate that are lists of words."""
+"""Settings of a certificate that are lists."""
 
 
 def GAIN(function: Callable[..., Any]) -> Callable[..., Any]:
-    """``--lqr`` and what belongs to it: LISTS, by name."""
+    """Add ``--lqr`` and the options LISTS."""
     options = (
-        click.option("--lqr", is_flag=True, help="A gain for any vehicle or scenario, by --limit of all."),
-        click.option("--limit", multiple=True, metavar="NAME=VALUE", help="With --lqr: how large it may become."),
-        click.option("--integrate", multiple=True, metavar="NAME=VALUE", help="With --lqr: integral, and its limit."),
-        click.option("--believed", multiple=True, metavar="NAME=VALUE", help="With --lqr: of the vehicle it is for."),
-        click.option("--fast", multiple=True, metavar="NAME", help="With --lqr: not fed back, for it settles fast."),
+        click.option(
+            "--lqr",
+            is_flag=True,
+            help="Design a gain for any vehicle or scenario, from a --limit for each state and input.",
+        ),
+        click.option(
+            "--limit",
+            multiple=True,
+            metavar="NAME=VALUE",
+            help="With --lqr: largest acceptable value of a state or input. May be repeated.",
+        ),
+        click.option(
+            "--integrate",
+            multiple=True,
+            metavar="NAME=VALUE",
+            help="With --lqr: state to integrate, and the limit of its integral. May be repeated.",
+        ),
+        click.option(
+            "--believed",
+            multiple=True,
+            metavar="NAME=VALUE",
+            help="With --lqr: setting of the vehicle model used for the design. May be repeated.",
+        ),
+        click.option(
+            "--fast",
+            multiple=True,
+            metavar="NAME",
+            help="With --lqr: fast state that is not fed back. May be repeated.",
+        ),
         AT,
     )
     for option in reversed(options):
@@ -46,10 +70,10 @@ def GAIN(function: Callable[..., Any]) -> Callable[..., Any]:
 
 
 def refuse_gain_options(gain: Mapping[str, Any]) -> None:
-    """Refuse what is of ``--lqr`` where that is not given."""
+    """Raise InputError for options of ``--lqr`` without it."""
     for name in LISTS:
         if gain[name]:
-            raise InputError(f"--{name}", "is of --lqr", fix=f"add --lqr, or leave --{name} out")
+            raise InputError(f"--{name}", "needs --lqr", fix=f"add --lqr, or leave --{name} out")
 
 
 def design_gain(
@@ -60,9 +84,9 @@ def design_gain(
     check: Path | None,
     as_json: bool,
 ) -> bool:
-    """Design a gain and prove it, or prove one again; whether every condition holds.
+    """Design a gain and prove it, or check an existing one; return True if every condition holds.
 
-    words: of LISTS, as typed.  settings: of the scenario.
+    words: values of LISTS, as typed.  settings: of the scenario.
     """
     if vehicle is None:
         raise InputError("design --lqr", "no vehicle is named", fix="trimtab design hovercraft/forward --lqr …")
@@ -78,7 +102,7 @@ def design_gain(
         ]
         if given:
             fix = f"leave --{given[0]} out, or leave --check out"
-            raise InputError(f"--{given[0]}", "a file is checked as it is", fix=fix)
+            raise InputError(f"--{given[0]}", "cannot be combined with --check", fix=fix)
         certificate, written = read_certificate(check)
         about = {n: _split(certificate.about.get(n, "")) for n in (*LISTS, "set")}
         own = dict(text.split("=", 1) for text in about.pop("set"))
@@ -93,7 +117,7 @@ def design_gain(
 
 
 def gain_vehicle(system: str | None, check: Path | None) -> str | None:
-    """The vehicle of a gain's file: as typed, else the scenario of the catalogue that it names; None: it is no gain."""
+    """Return the vehicle of a gain file: as typed, else the scenario that it names; None if it is not a gain file."""
     try:
         certificate = None if check is None else read_certificate(check)[0]
     except InputError:
@@ -102,17 +126,19 @@ def gain_vehicle(system: str | None, check: Path | None) -> str | None:
         return None
     named = certificate.system
     if system is None and named not in catalogue.scenario_names():
-        problem = f"it is a gain for {named!r}, which is not in the catalogue"
-        raise InputError("--check", problem, fix=f"name its file, if it is yours:  trimtab design {named} --check FILE")
+        problem = f"the gain is for {named!r}, which is not in the catalogue"
+        raise InputError(
+            "--check", problem, fix=f"if it is your own, name its file:  trimtab design {named} --check FILE"
+        )
     return system or named
 
 
 def build_gain_system(vehicle: str, words: Mapping[str, Iterable[str]], settings: Mapping[str, str]) -> CertifiedSystem:
-    """The certified system of a vehicle at a trim, with weights by limits.
+    """Return the certified system of a vehicle at a trim, with weights from limits.
 
-    words: "at", conditions of the trim; "limit", how large states and inputs may become; "integrate", likewise the
-    integrals of errors; "believed", settings of the vehicle that the gain is for; "fast", states that are not fed back,
-    for they settle fast.  settings: of the scenario.
+    words: "at", conditions of the trim; "limit", largest acceptable values of states and inputs; "integrate", likewise
+    of the integrals of errors; "believed", settings of the vehicle model for the design; "fast", fast states that are
+    not fed back.  settings: of the scenario.
     """
     lists = {n: tuple(words.get(n, ())) for n in LISTS}
     plant = load_plant(vehicle, dict(settings), believed=vehicle_settings(_pairs("--believed", lists["believed"])))
@@ -140,7 +166,7 @@ def build_gain_system(vehicle: str, words: Mapping[str, Iterable[str]], settings
 def fast_numbers(
     whole: LinearModel, slow: Sequence[str], fast: Sequence[str], integrals: Iterable[str], K: Any
 ) -> dict[str, LimitedNumber]:
-    """The slowest pole of the loop with the fast states in it, which the gain (m, n) does not feed back."""
+    """Return the slowest pole of the loop that includes the fast states, which the gain (m, n) does not feed back."""
     linear = whole.part(states=[*slow, *fast])
     A, B = augment_integrals(linear.A, linear.B, [linear.states.index(n) for n in integrals])
     gain = np.hstack([K[:, : len(slow)], np.zeros((len(K), len(fast))), K[:, len(slow) :]])
@@ -161,7 +187,7 @@ def _amounts(
 
 
 def _refuse_lacking_limits(names: Iterable[str], limits: Mapping[str, float]) -> None:
-    """Refuse where a limit is not stated; a field of which all numbers lack one is named as a whole."""
+    """Raise InputError for missing limits; a field without any limit is named as a whole."""
     names = tuple(names)
     fields = {n: re.sub(r"(\[\d+\]|\.\w+)$", "", n) for n in names if not n.startswith("u.")}
     lacking: list[str] = []
@@ -172,18 +198,18 @@ def _refuse_lacking_limits(names: Iterable[str], limits: Mapping[str, float]) ->
         lacking += [] if word in lacking else [word]
     if lacking:
         words = " ".join(f"--limit {n}=NUMBER" for n in lacking)
-        fix = f"{words}  (how large it may become; --fast NAME of a state that nothing measures and that settles)"
-        raise InputError("--limit", f"of {', '.join(lacking)} no limit is stated", fix=fix)
+        fix = f"{words}  (largest acceptable value); or --fast NAME for a fast, unmeasured state"
+        raise InputError("--limit", f"every state and input needs a limit; missing: {', '.join(lacking)}", fix=fix)
 
 
 def _expand(known: Iterable[str], option: str, words: Iterable[str]) -> list[str]:
-    """The names that words mean: each itself, or all numbers of a field, e.g. ``rate`` for ``rate[0]``, …"""
+    """Return the names meant by words: each itself, or all numbers of a field, e.g. ``rate`` for ``rate[0]``, …"""
     names: list[str] = []
     for word in words:
         meant = [n for n in known if n == word] or [n for n in known if n.startswith((f"{word}[", f"{word}."))]
         if not meant:
             fix = f"{option} NAME=…" if option != "--fast" else "--fast NAME"
-            raise InputError(f"{option} {word}", "there is no such state or input", choices=tuple(known), fix=fix)
+            raise InputError(f"{option} {word}", "no such state or input", choices=tuple(known), fix=fix)
         names += meant
     return names
 
@@ -225,6 +251,6 @@ def _print_gain(certificate: Certificate, proof: CertificateProof) -> None:
     texts = [f"{p.real:.4g}" + (f" ± {p.imag:.4g}i" if p.imag else "") for p in poles]
     click.echo("poles of A + B K (1/s): " + ", ".join(texts))
     failed = [c for c in proof.conditions if not c.holds]
-    click.echo(f"{len(proof.conditions) - len(failed)} of {len(proof.conditions)} conditions proved, exactly")
+    click.echo(f"{len(proof.conditions) - len(failed)} of {len(proof.conditions)} conditions proved exactly")
     for c in failed:
         click.echo(f"  NOT: {c.name}: {c.number:.6g} {c.meaning}; {c.why}")

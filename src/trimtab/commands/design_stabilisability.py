@@ -1,4 +1,4 @@
-"""`trimtab design VEHICLE --stabilisability`: what smooth feedback can't do, and where the inputs can lead."""
+"""`trimtab design VEHICLE --stabilisability`: limits of smooth feedback, and directions that inputs can reach."""
 
 import importlib
 from collections.abc import Callable
@@ -19,21 +19,21 @@ from trimtab.scenarios.catalogue import load_function
 
 FUNCTION = "system"
 UNSTABLE = 1e-9
-"""Real parts (1/s) above this are those of unstable poles; a double pole at zero is found with rounding."""
+"""Real part (1/s) above which a pole counts as unstable; a double pole at zero has rounding errors."""
 EXCLUDES = "EXCLUDED: no continuously differentiable feedback of the state makes this point asymptotically stable"
 
 
 def model_names() -> tuple[str, ...]:
-    """The vehicles of the package: the folders of scenarios that have a model."""
+    """Return the vehicles of the package: the folders of scenarios that have a model."""
     files = sorted(Path(scenarios.__file__).parent.glob("*/_models.py"))
     return tuple(file.parent.name for file in files)
 
 
 def print_stabilisability(system: str | None, as_json: bool) -> None:
-    """Print the verdicts on a vehicle, or on a model of a file: Brockett, Byrnes and Isidori, Lie brackets."""
+    """Print the verdicts on a vehicle or a model in a file: Brockett, Byrnes and Isidori, Lie brackets."""
     model = _find_model(system)()
     if not isinstance(model, StateSpaceModel):
-        problem = f"{system} gives a {type(model).__name__}"
+        problem = f"{system} returns a {type(model).__name__}, not a model"
         fix = "return trimtab.design.model.model_of_vehicle(…), or model_of_functions(…)"
         raise InputError("--stabilisability", problem, fix=fix)
     check_rest(model, *model.point())
@@ -55,7 +55,7 @@ def _find_model(system: str | None) -> Callable[[], Any]:
         return load_function(system if ".py:" in system else f"{system}:{FUNCTION}")
     if system not in model_names():
         near = closest(system or "", model_names(), 1) or model_names()[:1]
-        problem = "no vehicle and no file" if system is None else f"there is no model of {system!r}"
+        problem = "no vehicle is named" if system is None else f"no model of {system!r}"
         fix = f"trimtab design {near[0]} --stabilisability; your own:  my_boat.py:{FUNCTION}, which returns a model"
         raise InputError("--stabilisability", problem, choices=model_names(), fix=fix)
     return importlib.import_module(f"trimtab.scenarios.{system}._models").model
@@ -72,15 +72,15 @@ def _print_smooth(model: StateSpaceModel, smooth: SmoothFeedback) -> None:
     click.echo("smooth feedback of the state")
     click.echo(f"  Brockett: {EXCLUDES if b.is_excluded else 'not excluded'}")
     for s in b.uncontrollable_unstable:
-        click.echo(f"    no input moves the unstable eigenvalue {s:.4g}")
+        click.echo(f"    no input controls the unstable eigenvalue {s:.4g}")
     if not b.is_onto:
         for target in b.missed_targets[:1]:
             way = format_combination(target / np.linalg.norm(target), model.states)
-            click.echo(f"    no small state and input give the rates {way}, however little of it")
+            click.echo(f"    no small state and input give rates along {way}, however small")
     elif not b.is_excluded:
-        click.echo("    every small rate of the states is given by some small state and input")
+        click.echo("    every small rate of the states can be produced by some small state and input")
     if ranks is None or cascade is None:
-        click.echo("  Byrnes, Isidori: does not apply: no part of the states moves by itself and the inputs alone")
+        click.echo("  Byrnes, Isidori: does not apply: no subset of the states depends only on itself and the inputs")
         return
     x1, x2 = (", ".join(model.states[i] for i in places) for places in cascade)
     click.echo(f"  Byrnes, Isidori: {EXCLUDES if ranks.is_excluded else 'not excluded'}")
@@ -93,22 +93,24 @@ def _print_smooth(model: StateSpaceModel, smooth: SmoothFeedback) -> None:
 
 def _print_reach(model: StateSpaceModel, reach: Accessibility) -> None:
     if reach.curved:
-        click.echo(f"not affine in {', '.join(reach.curved)}: brackets are of its first-order part in the inputs")
-    click.echo("Lie brackets here, of the drift f and the inputs' fields, that give a new direction each")
+        click.echo(f"not affine in {', '.join(reach.curved)}: the brackets use the first-order part in the inputs")
+    click.echo("Lie brackets here, of the drift f and the input fields, each with a new direction")
     for bracket in reach.basis:
         click.echo(f"  {bracket.degree}  {_format_bracket(model, bracket)}")
     verdict = "accessible" if reach.is_accessible else "not shown to be accessible"
     click.echo(f"{verdict}: {reach.rank} of {reach.n} directions")
     for bracket in reach.bad:
         blocked = any(bracket is o for o in reach.obstructions)
-        word = "leads out of what lower brackets span" if blocked else "a combination of lower brackets"
+        word = "not in the span of lower brackets" if blocked else "in the span of lower brackets"
         click.echo(f"  bad: {_format_bracket(model, bracket)}: {word}")
     if reach.is_linear:
         click.echo("small-time locally controllable, as the linear model is controllable")
     elif reach.is_stlc:
-        click.echo("small-time locally controllable: every near state is reached in any short time (Sussmann)")
+        click.echo(
+            "small-time locally controllable: every nearby state is reached in arbitrarily short time (Sussmann)"
+        )
     elif reach.is_accessible:
-        click.echo("small-time local controllability is not decided: a bad bracket is not made good (Sussmann)")
+        click.echo("small-time local controllability is undecided: a bad bracket is not neutralised (Sussmann)")
 
 
 def _format_bracket(model: StateSpaceModel, bracket: LieBracket) -> str:

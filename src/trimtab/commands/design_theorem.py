@@ -1,4 +1,4 @@
-"""`trimtab design` of a law: a theorem about its loop, made, written and proved again."""
+"""`trimtab design` for a law: derive, write and check a theorem about its loop."""
 
 import importlib
 from collections.abc import Callable, Iterable, Mapping
@@ -30,7 +30,7 @@ TheoremFunction = Callable[..., LawTheorem]
 
 
 def theorem_functions() -> dict[str, TheoremFunction]:
-    """Name -> function of the settings, of every folder of scenarios that has theorems."""
+    """Return name -> theorem function, from every folder of scenarios that has theorems."""
     functions: dict[str, TheoremFunction] = {}
     for file in sorted(Path(scenarios.__file__).parent.glob("*/_theorems.py")):
         functions |= importlib.import_module(f"trimtab.scenarios.{file.parent.name}._theorems").THEOREMS
@@ -38,7 +38,7 @@ def theorem_functions() -> dict[str, TheoremFunction]:
 
 
 def is_theorem(system: str | None, check: Path | None) -> bool:
-    """Whether what is asked for is a theorem: by the file's format, or by the system's name."""
+    """Return True if a theorem is requested: by the file's format, or by the system's name."""
     if check is not None:
         return check.is_file() and f'"format": "{FORMAT}"' in check.read_bytes()[:200].decode(errors="replace")
     return system is not None and (".py:" in system or system in theorem_functions())
@@ -47,13 +47,13 @@ def is_theorem(system: str | None, check: Path | None) -> bool:
 def run_theorem(
     system: str | None, settings: Mapping[str, str], out: Path | None, check: Path | None, as_json: bool
 ) -> bool:
-    """Make or check a certificate, print what it says, and write it; whether every condition holds."""
+    """Make or check a certificate, print and write it; return True if every condition holds."""
     if check is None:
         theorem = _build_theorem(system or "", settings)
         certificate = _make_certificate(theorem)
         proof = prove_theorem(certificate, theorem)
     else:
-        refuse_options({"--out": out, "--set": settings or None}, "--check: a file is checked as it is")
+        refuse_options({"--out": out, "--set": settings or None}, "--check")
         certificate, written = parse_theorem(read_text(check), str(check))
         theorem = _build_theorem(system or certificate.theorem, certificate.about)
         proof = prove_theorem(certificate, theorem, (written, theorem_digest(certificate)))
@@ -66,28 +66,28 @@ def run_theorem(
         return proof.holds
     _print_theorem(theorem, certificate)
     print_conditions(f"{check or theorem.name}: {'proved' if proof.holds else 'NOT proved'}", proof)
-    click.echo("what it says: " + "; ".join(SCOPE) + " (docs, Theorem)")
+    click.echo("scope of the proof: " + "; ".join(SCOPE) + " (docs, Theorem)")
     print_files(files)
     print_unwritten((out,), proof)
     return proof.holds
 
 
 def refuse_options(options: Mapping[str, Any], beside: str) -> None:
-    """Refuse options that mean nothing here."""
+    """Raise InputError for options that do not apply here."""
     for name, value in options.items():
         if value is not None:
-            raise InputError(name, f"means nothing beside {beside}", fix=f"leave {name} out")
+            raise InputError(name, f"cannot be combined with {beside}", fix=f"leave {name} out")
 
 
 def print_unwritten(files: Iterable[Path | None], proof: CertificateProof) -> None:
-    """Say which files were not written, as the proof fails."""
+    """Print the files that were not written because the proof fails."""
     for file in files:
         if file is not None and not proof.holds:
-            click.echo(f"not written: {file}, since a condition fails")
+            click.echo(f"not written: {file}, because a condition fails")
 
 
 def print_conditions(title: str, proof: CertificateProof) -> None:
-    """Each condition of a certificate with its number and verdict."""
+    """Print each condition of a certificate with its number and verdict."""
     table = new_table("condition", "verdict", ">number", "of", "by", title=title)
     for c in proof.conditions:
         number = f"{c.number:.4g}" if c.number == c.number else "-"
@@ -102,18 +102,18 @@ def print_conditions(title: str, proof: CertificateProof) -> None:
 def _build_theorem(name: str, settings: Mapping[str, Any]) -> LawTheorem:
     functions = theorem_functions()
     if name not in functions and ".py:" not in name:
-        problem, fix = f"there is no theorem {name!r}", "give its file:  trimtab design my_law.py:theorem --check FILE"
+        problem, fix = f"unknown theorem {name!r}", "give its file:  trimtab design my_law.py:theorem --check FILE"
         raise InputError("design", problem, choices=tuple(functions), fix=fix)
     function = functions.get(name) or load_function(name)
     theorem = function(**system_settings(function, settings, f"trimtab design {name}"))
     if not isinstance(theorem, LawTheorem):
-        problem = f"{name} gives a {type(theorem).__name__}, not a LawTheorem"
+        problem = f"{name} returns a {type(theorem).__name__}, not a LawTheorem"
         raise InputError("design", problem, fix="return a trimtab.design.theorem.LawTheorem, or leave the function out")
     return theorem
 
 
 def _make_certificate(theorem: LawTheorem) -> TheoremCertificate:
-    """With the law's own V; else with one for the largest region that is found."""
+    """Make a certificate with the law's own V, or with one for the largest region found."""
     if not theorem.field or theorem.lyapunov is not None:
         return design_theorem(theorem)
     region = find_region(theorem)

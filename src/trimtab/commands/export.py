@@ -1,4 +1,4 @@
-"""`trimtab export`: a scenario as C, the check of an exported folder, and its flight on an emulated microcontroller."""
+"""`trimtab export`: export a scenario as C, check an exported folder, and run it on an emulated microcontroller."""
 
 import inspect
 import json
@@ -27,29 +27,27 @@ BOARDS = ("cortex-m4", "cortex-m7")
 
 @click.command()
 @click.argument("scenario", metavar="[SCENARIO|FILE.py:FUNCTION]", required=False)
-@click.option("--target", type=click.Choice(("c", *BOARDS)), default="c", show_default=True, help="What it is for.")
+@click.option("--target", type=click.Choice(("c", *BOARDS)), default="c", show_default=True, help="Target platform.")
 @click.option(
     "--float",
     "real",
     type=click.Choice(("double", "single")),
-    help="Precision.  [default: single on cortex-m4]",
+    help="Floating-point precision.  [default: single on cortex-m4, else double]",
 )
 @click.option(
     "--part",
     type=click.Choice(("autopilot", "loop", "vehicle")),
     default="autopilot",
     show_default=True,
-    help="What is written: the autopilot, the whole loop with its world, or, as an FMU, the vehicle.",
+    help="Part to write: the autopilot, the whole loop with its world, or, as an FMU only, the vehicle.",
 )
-@click.option("--fmu", type=click.Choice(("2", "3")), help="Write an FMU by FMI 2.0 or 3.0, for co-simulation.")
-@OUT("DIR", "Write the C, its test and its vectors in this folder; of an FMU the file.")
-@click.option("--steps", type=click.IntRange(1), default=2000, show_default=True, help="Simulated steps to test with.")
-@click.option(
-    "--seed", type=click.IntRange(0), default=0, show_default=True, help="Of the random numbers in the simulated steps."
-)
-@click.option("--fly", is_flag=True, help="Fly it on the emulated board of --target.")
-@click.option("--wasm", "web", is_flag=True, help="The closed loop as a page that flies it in a browser, by itself.")
-@click.option("--slider", "sliders", multiple=True, metavar="NAME=LOW:HIGH", help="Of --wasm: a number to move.")
+@click.option("--fmu", type=click.Choice(("2", "3")), help="Write an FMU for co-simulation, FMI 2.0 or 3.0.")
+@OUT("DIR", "Write the C code, its test and its test vectors to this folder; an FMU to this file.")
+@click.option("--steps", type=click.IntRange(1), default=2000, show_default=True, help="Number of test vectors.")
+@click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Seed of the test vectors.")
+@click.option("--fly", is_flag=True, help="Run the code on the emulated board of --target.")
+@click.option("--wasm", "web", is_flag=True, help="Write a self-contained page that simulates the loop in a browser.")
+@click.option("--slider", "sliders", multiple=True, metavar="NAME=LOW:HIGH", help="Slider on the page of --wasm.")
 @click.option("--verify", "check", type=FILE, metavar="DIR", help="Check an exported folder.")
 @SET
 @NAVIGATION
@@ -67,12 +65,12 @@ def command(
     as_json: bool,
     **options: Any,
 ) -> None:
-    """Write a scenario's autopilot as C for a microcontroller, and prove that it computes the same.
+    """Write a scenario's autopilot as C for a microcontroller, and verify that it computes the same results.
 
     \b
     trimtab export hovercraft/zero-velocity --out autopilot
     trimtab export --verify autopilot
-    trimtab export --verify flash --target cortex-m7      and fly its vectors on the emulated board
+    trimtab export --verify flash --target cortex-m7      and run its vectors on the emulated board
     trimtab export hovercraft/heading-bang-bang --float single --out flash/
     trimtab export hovercraft/zero-velocity --target cortex-m7 --fly
     trimtab export hovercraft/spin --part loop --out whole-loop
@@ -80,13 +78,13 @@ def command(
     trimtab export control.py:wrapped_error --out wrapped-error
     trimtab export hovercraft/spin --fmu 3 --out autopilot.fmu         an FMU; also --part vehicle, --part loop
 
-    --wasm writes the closed loop, whose sliders are delay, downlink-delay, loss, downlink-loss, or PATH of a quantity.
+    --wasm writes the closed loop. Its sliders are delay, downlink-delay, loss, downlink-loss, or a quantity's PATH.
 
-    FILE.py:FUNCTION may be any pure function of JAX instead of one that gives a Scenario. Its arguments' shapes and
-    types are those of the defaults of its parameters, or of a tuple of arguments named `example` beside it:
+    FILE.py:FUNCTION may also be any pure JAX function instead of one that returns a Scenario. The shapes and types of
+    its arguments are taken from the defaults of its parameters, or from a tuple `example` in the same file:
 
     
-    example = (np.zeros(3), np.float32(1.0))      or, by function,
+    example = (np.zeros(3), np.float32(1.0))      or, by function name,
     example = {"wrapped_error": (0.1, 6.2)}
     """
     if check is not None:
@@ -98,13 +96,13 @@ def command(
         _write_fmu(scenario, int(fmu), out, as_json, target, fly, **options)
         return
     if options["part"] == "vehicle":
-        problem = "a vehicle is written as an FMU, for others to fly; as C there are autopilot and loop"
+        problem = "a vehicle can only be written as an FMU; as C, write autopilot or loop"
         raise InputError("export --part vehicle", problem, fix="--fmu 3 --out vehicle.fmu")
     if web or sliders:
         write_web_flight(scenario, out, sliders, as_json, **options)
         return
     if fly and target not in BOARDS:
-        problem = f"--fly flies on a board, the target is {target!r}"
+        problem = f"--fly needs a board as target, got {target!r}"
         raise InputError("export", problem, choices=BOARDS, fix="--target cortex-m7 --fly")
     if fly:
         require_tools(target)
@@ -147,19 +145,19 @@ def _write_fmu(
     without: tuple[str, ...],
     **rest: Any,
 ) -> None:
-    """Write an FMU, and say what is in it."""
-    from trimtab.export.fmu import export_fmu  # these import JAX, which --verify does without
+    """Write an FMU, and print its contents."""
+    from trimtab.export.fmu import export_fmu  # these import JAX, which --verify does not need
     from trimtab.scenarios.build import build
 
     if target != "c" or fly:
         raise InputError(
-            "export --fmu", "an FMU is for this machine, not for a board", fix="leave --target and --run out"
+            "export --fmu", "an FMU is built for this machine, not for a board", fix="leave --target and --fly out"
         )
     if out is None:
         raise InputError("export --fmu", "no file is named", fix=f"--out {part}.fmu")
     if find_function(scenario) is not None:
         fix = "trimtab export hovercraft/spin --fmu 3 --out autopilot.fmu"
-        raise InputError("export --fmu", "a function has no time, and an FMU is a part of a scenario", fix=fix)
+        raise InputError("export --fmu", "an FMU is a part of a scenario, not a function", fix=fix)
     built = build(scenario, settings, without)
     enable_cache()
     written = export_fmu(built, out, version=version, part=part, real=real or "double", seed=seed)
@@ -182,20 +180,24 @@ def _write_fmu(
         f"{scenario}: {part} as an FMU by FMI {version}.0, {result['parameters']} parameters, "
         f"{result['inputs']} inputs, {result['outputs']} outputs"
     )
-    kept = f"with a binary for {written.platform}" if written.platform else "from source: there is no C compiler here"
+    kept = (
+        f"with a binary for {written.platform}"
+        if written.platform
+        else "as source code, because no C compiler was found"
+    )
     click.echo(f"wrote {out}, {result['bytes']} bytes, {kept}")
 
 
 def _refuse_choices_of_verify() -> None:
-    """Refuse what says how a folder is to be written, beside --verify of one that is."""
+    """Raise InputError for options of writing a folder together with --verify."""
     context = click.get_current_context()
     for parameter in context.command.params:
         name = str(parameter.name)
         is_typed = context.get_parameter_source(name) is ParameterSource.COMMANDLINE
         if is_typed and name not in ("check", "target", "as_json"):
             typed = "a scenario" if name == "scenario" else parameter.opts[0]
-            problem = f"{typed} says what to write, and --verify checks a folder as it was written"
-            raise InputError("export --verify", problem, fix="--verify DIR, and --target cortex-m7 to fly it there too")
+            problem = f"{typed} applies to writing, but --verify checks an existing folder"
+            raise InputError("export --verify", problem, fix="--verify DIR, and --target cortex-m7 to run it there too")
 
 
 def _write_export(
@@ -210,14 +212,14 @@ def _write_export(
     settings: Mapping[str, str],
     without: tuple[str, ...],
 ) -> tuple[dict[str, Any], list[Path]]:
-    """What was exported, in numbers, and the files."""
-    from trimtab.export.export_c import export_c  # these import JAX, which --verify does without
+    """Export a scenario; return its sizes and the files."""
+    from trimtab.export.export_c import export_c  # these import JAX, which --verify does not need
     from trimtab.scenarios.build import build
 
     built = build(scenario, settings, without)
     enable_cache()
     real = real or (TARGETS[target].real if target in BOARDS else "double")
-    # a board has one entry point: the autopilot's
+    # a board has one entry point, the autopilot's
     name = "autopilot" if target in BOARDS else None
     written = export_c(built, folder, part=part, real=real, steps=steps, seed=seed, name=name)
     exported = written.block
@@ -239,11 +241,13 @@ def _write_export(
 def _export_function(
     name: str, function: Callable[..., Any], example: tuple[Any, ...], out: Path | None, as_json: bool, fly: bool
 ) -> None:
-    """Write any function as C, and say what was written."""
+    """Write any function as C, and print the sizes."""
     from trimtab.compiler.compiled_function import export_callable
 
     if fly or out is None:
-        raise InputError(f"export {name!r}", "a function is written to a folder", fix="--out DIR, without --fly")
+        raise InputError(
+            f"export {name!r}", "a function can only be written to a folder", fix="--out DIR, without --fly"
+        )
     check_folder("--out", out)
     with tempfile.TemporaryDirectory() as scratch:
         exported = export_callable(function, example, Path(scratch))
@@ -262,7 +266,7 @@ def _export_function(
         print_json(result)
         return
     space = f", {block.workspace} bytes of workspace" if block.workspace else ""
-    space += f", {block.frame} bytes of stack between its pieces" if block.frame else ""
+    space += f", {block.frame} bytes of stack shared between its parts" if block.frame else ""
     click.echo(f"{name} as C, {result['lines']} lines, {result['inputs']} numbers in, {result['outputs']} out{space}")
     _print_files(files, out)
 
@@ -272,7 +276,7 @@ def _print_files(files: Sequence[Any], out: Path) -> None:
 
 
 def _fly_on_board(folder: Path, target: str) -> tuple[dict[str, Any], bool]:
-    """Fly the vectors on the emulated board: what it cost, and whether it computes what was simulated."""
+    """Run the test vectors on the emulated board; return the cost, and True if the outputs agree."""
     flight = emulate(folder, target)
     about = json.loads((folder / "export.json").read_text())
     tolerance = np.array([about["tolerance"][n] for n in about["outputs"]])
@@ -299,9 +303,9 @@ def _print_export(result: Mapping[str, Any], out: Path | None) -> None:
         f"{result['inputs']} numbers in, {result['outputs']} out"
     )
     if "workspace_bytes" in result:
-        click.echo(f"  workspace              {result['workspace_bytes']} bytes, which the caller gives")
+        click.echo(f"  workspace              {result['workspace_bytes']} bytes, provided by the caller")
     if "frame_bytes" in result:
-        click.echo(f"  frame                  {result['frame_bytes']} bytes of stack for what its pieces share")
+        click.echo(f"  frame                  {result['frame_bytes']} bytes of stack shared between its parts")
     if "target" in result:
         _print_board_flight(result)
     if out is not None:
@@ -323,11 +327,11 @@ def _print_worst(worst: Mapping[str, Any], first: Any) -> None:
         click.echo(f"  DIFFERS first at step {step}, {name}: {got!r}, wanted {expected!r}")
     else:
         text = f"within {worst['difference']:.2g}, allowed {worst['tolerance']:.2g}"
-        click.echo(f"  same outputs           the worst, {worst['output']}, {text}")
+        click.echo(f"  same outputs           largest difference: {worst['output']}, {text}")
 
 
 def _check_export(folder: Path, target: str, as_json: bool) -> bool:
-    """Compile and replay an exported folder, on a board too where one is the target; whether it computes the same."""
+    """Compile and replay an exported folder, also on a target board; return True if the outputs agree."""
     if target in BOARDS and not (folder / "autopilot.c").is_file():
         fix = f"trimtab export SCENARIO --target {target} --out DIR"
         raise InputError(f"--target {target}", f"{str(folder)!r} was not exported for a board", fix=fix)
@@ -340,7 +344,9 @@ def _check_export(folder: Path, target: str, as_json: bool) -> bool:
         board = {"board": flight} if flight else {}
         print_json(verdict._asdict() | {"folder": str(folder), "worst": worst, "all": verdict.worst} | board)
         return verdict.good and is_good_there
-    sanitized = "clean under address and undefined-behaviour sanitizers" if verdict.sanitized else "no sanitizers here"
+    sanitized = (
+        "clean under address and undefined-behaviour sanitizers" if verdict.sanitized else "sanitizers not available"
+    )
     click.echo(f"{folder}: compiled without a warning, {sanitized}")
     click.echo(f"  steps                  {verdict.steps}, stack of a step {verdict.stack_bytes} bytes")
     _print_worst(worst, verdict.first)
@@ -350,10 +356,10 @@ def _check_export(folder: Path, target: str, as_json: bool) -> bool:
 
 
 def find_function(name: str) -> tuple[Callable[..., Any], tuple[Any, ...]] | None:
-    """The function ``file.py:function`` and its example arguments, or None where it is a scenario.
+    """Return the function ``file.py:function`` and its example arguments, or None if it is a scenario.
 
-    The example is a tuple `example` of the file, or a dict of such tuples by function; else the parameters' defaults. A
-    function of a file without either is one that gives a scenario.
+    The example is the tuple `example` of the file, or a dict of such tuples by function name; else the parameters'
+    defaults. A function without either is taken as one that returns a scenario.
 
     Raises:
         InputError: an `example` that is neither a tuple nor a dict of tuples.

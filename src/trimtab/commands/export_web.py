@@ -1,4 +1,4 @@
-"""`trimtab export --wasm`: the closed loop of a scenario as a page that flies it, with sliders."""
+"""`trimtab export --wasm`: a page that simulates the closed loop of a scenario, with sliders."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 EXAMPLE = "--slider delay=0:0.3"
 OTHERS = ("target", "real", "part", "steps", "fly")
-"""Choices of an export that a page has none of."""
+"""Options of an export that do not apply to a page."""
 
 
 def write_web_flight(
@@ -32,7 +32,7 @@ def write_web_flight(
     without: tuple[str, ...],
     **_: Any,
 ) -> None:
-    """Write the page, its program and its description, and say what was written."""
+    """Write the page, its program and its description, and print the sizes."""
     from trimtab.export.web_assembly import export_web, write_web_page  # these import JAX
     from trimtab.scenarios.build import build
 
@@ -70,12 +70,12 @@ def _refuse_other_choices() -> None:
     for name in OTHERS:
         if context.get_parameter_source(name) is ParameterSource.COMMANDLINE and context.params[name] != "loop":
             option = next(p.opts[0] for p in context.command.params if p.name == name)
-            problem = f"a page flies the closed loop in double precision, {option} is for C"
+            problem = f"a page simulates the closed loop in double precision; {option} applies to C"
             raise InputError("export --wasm", problem, fix=f"leave {option} out")
 
 
 def _parse_slider(scenario: "Scenario", text: str) -> "tuple[Scenario, Slider]":
-    """A slider from `name=low:high`, and the scenario made ready for it."""
+    """Parse a slider `name=low:high`; return the scenario prepared for it, and the slider."""
     from trimtab.core.record import leaves
     from trimtab.export.web_assembly import Slider, delay_slider
 
@@ -85,11 +85,13 @@ def _parse_slider(scenario: "Scenario", text: str) -> "tuple[Scenario, Slider]":
     except ValueError:
         low = high = np.nan
     if not equals or not low < high:
-        raise InputError("--slider", f"{text!r} is no name and range", fix=EXAMPLE)
+        raise InputError("--slider", f"{text!r} is not a name and range", fix=EXAMPLE)
     link, _, kind = name.rpartition("-")
     if kind == "delay" and link in ("", "uplink", "downlink"):
         if low != 0:
-            raise InputError("--slider", f"delay is added to the link's own, from 0 on, not {low:g}", fix=EXAMPLE)
+            raise InputError(
+                "--slider", f"delay is added to the link's own and must start at 0, got {low:g}", fix=EXAMPLE
+            )
         return delay_slider(scenario, high, link or "uplink")
     path = f"world.{link or 'uplink'}.loss" if kind == "loss" and link in ("", "uplink", "downlink") else name
     declared = next((d for where, _, d in leaves(scenario) if where == path), None)

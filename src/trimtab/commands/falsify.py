@@ -1,4 +1,4 @@
-"""`trimtab falsify`: the worst case inside given bounds, and a file that flies it again."""
+"""`trimtab falsify`: search for the worst case within given bounds, and a file that repeats it."""
 
 import shlex
 import sys
@@ -39,29 +39,31 @@ from trimtab.commands.progress import show_progress
 @FAULT_RANGE
 @VARY
 @SUCCESS
-@RUNS(5000, "How many may fly.")
+@RUNS(5000, "Number of runs, at most.")
+@click.option("--words", type=click.IntRange(1), default=4, show_default=True, help="Seeds per candidate.")
 @click.option(
-    "--words", type=click.IntRange(1), default=4, show_default=True, help="Random numbers each point flies with."
+    "--over",
+    type=click.Choice(("worst", "mean")),
+    default="worst",
+    show_default=True,
+    help="Judge a candidate by its worst or its mean run.",
 )
-@click.option(
-    "--over", type=click.Choice(("worst", "mean")), default="worst", show_default=True, help="Which of these counts."
-)
-@click.option("--until-first", is_flag=True, help="End with the first failure.")
+@click.option("--until-first", is_flag=True, help="Stop at the first failure.")
 @FLIGHT
 @WITHOUT
 @SEED
 @THREADS
 @STORE
-@OUT("FILE", "Write a scenario file that flies the worst run again, e.g. worst.py.")
+@OUT("FILE", "Write a scenario file that repeats the worst run, e.g. worst.py.")
 @PLOT("Picture of the search.")
 @JSON
 def command(
     scenario: str, runs: int, store: Path | None, out: Path | None, plot: Path | None, as_json: bool, **options: Any
 ) -> None:
-    """Search for the worst world inside given bounds, instead of waiting for it.
+    """Search for the parameters within given bounds for which a scenario fails worst.
 
-    The bounds are those of the distributions. Exit code 1 when a failure was found, 0 when none was: none found is no
-    proof that there is none.
+    The bounds are those of the distributions. Exit code 1 if a failure was found, 0 if none was found. Finding no
+    failure does not prove that there is none.
 
     \b
     trimtab falsify hovercraft/zero-velocity --spread 'world.vehicle.mass=uniform(80%, 120%)' \\
@@ -82,7 +84,7 @@ def command(
         conditions = "; ".join(options["success"]) or "each target reached for good"
         about = (
             f"The worst run of {scenario} that a search found: margin {worst.margin:.6g}.\n\n"
-            f"Wanted: {conditions}.\n{worst.flown_runs} runs were flown. To fly it again:\n\n    {again}"
+            f"Wanted: {conditions}.\n{worst.flown_runs} runs were flown. To repeat it:\n\n    {again}"
         )
         write_scenario(out, worst.plan, worst.values, about)
     if plot is not None:
@@ -97,12 +99,12 @@ def command(
         _print_worst(scenario, worst)
         print_files(files)
         if again:
-            click.echo(f"fly it again:  {again}")
+            click.echo(f"repeat it:  {again}")
     sys.exit(1 if worst.fails else 0)
 
 
 def _replay_command(file: Path, seed: int, worst: FalsificationResult) -> str:
-    """The command that flies the worst run again."""
+    """Return the command that repeats the worst run."""
     return shlex.join(["trimtab", "run", f"{file}:scenario", "--seed", str(seed), "--run", str(worst.word)])
 
 
@@ -126,7 +128,7 @@ def _worst_json(scenario: str, settings: dict[str, Any], worst: FalsificationRes
 
 def _print_worst(scenario: str, worst: FalsificationResult) -> None:
     after = f"{worst.first} run{'s' * (worst.first != 1)}"
-    verdict = f"FAILS, the first after {after}" if worst.fails else "no failure found, which is no proof"
+    verdict = f"FAILS, first failure after {after}" if worst.fails else "no failure found, which proves nothing"
     click.echo(f"{scenario}: {verdict}")
     click.echo(f"margin of the worst run {worst.margin:.6g}; {worst.flown_runs} runs flown in {worst.wall_s:.1f} s")
     width = max(map(len, worst.values))

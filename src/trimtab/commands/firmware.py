@@ -1,4 +1,4 @@
-"""`trimtab firmware`: the vehicle's end of a scenario as C for a microcontroller, and its run on an emulated board."""
+"""`trimtab firmware`: a scenario's vehicle as C for a microcontroller, and its run on an emulated board."""
 
 import shutil
 import subprocess
@@ -21,9 +21,14 @@ from trimtab.scenarios.build import build
 
 @click.command()
 @SCENARIO
-@OUT("DIR", "Write the C in this folder.", required=True)
-@click.option("--board", default="cortex-m7", show_default=True, help="What it is built for.")
-@click.option("--emulate", type=click.IntRange(1, 65535), metavar="PORT", help="Build it and run it emulated.")
+@OUT("DIR", "Write the C code to this folder.", required=True)
+@click.option("--board", default="cortex-m7", show_default=True, help="Target board.")
+@click.option(
+    "--emulate",
+    type=click.IntRange(1, 65535),
+    metavar="PORT",
+    help="Build the firmware and run it on an emulated board, at this TCP port.",
+)
 @LOCKSTEP
 @SET
 @NAVIGATION
@@ -41,9 +46,9 @@ def command(
     key: Path | None,
     as_json: bool,
 ) -> None:
-    """Write a scenario's vehicle as firmware for a microcontroller: world, failsafe, wire, in C.
+    """Write a scenario's vehicle as C firmware for a microcontroller: world, failsafe, protocol.
 
-    On the emulated board the exported world takes the place of the hardware; the rest is what a craft would run.
+    On the emulated board the exported world replaces the hardware; the rest is the code that a craft would run.
 
     \b
     trimtab firmware hovercraft/forward --out board --emulate 5760
@@ -52,14 +57,14 @@ def command(
     trimtab fly f16/gcas --link tcp://127.0.0.1:5760 --lockstep
     """
     if lockstep and (emulate is None or board == "stm32f405"):
-        problem = "is of an emulated board whose clock can stand still: cortex-m4 or cortex-m7"
+        problem = "needs an emulated board whose clock can be stopped: cortex-m4 or cortex-m7"
         raise InputError("--lockstep", problem, fix="--board cortex-m7 --emulate 5760 --lockstep")
     if emulate is not None:
         require_tools(board)
         if not shutil.which("make"):
-            raise InputError("--emulate", "needs make, not found here", fix="apt-get install make")
+            raise InputError("--emulate", "needs make, which was not found", fix="apt-get install make")
     built = build(scenario, settings)
-    firmware_outputs(built, board)  # what the firmware can't drive is refused before a key is made
+    firmware_outputs(built, board)  # refuse outputs that the firmware cannot drive before a key is created
     check_folder("--out", out)
     line = f"tcp://127.0.0.1:{emulate or 5760}"
     signing_key = find_key(scenario, key, False, line, create=True)

@@ -1,4 +1,4 @@
-"""`trimtab vehicle --ardupilot` and `--px4`: a scenario's vehicle as what another flight stack flies, in its SITL."""
+"""`trimtab vehicle --ardupilot` and `--px4`: a scenario's vehicle as the simulator of another flight stack's SITL."""
 
 import dataclasses
 import sys
@@ -29,9 +29,9 @@ from trimtab.wire.px4_simulator import CHANNELS as PX4_CHANNELS
 
 
 class FlightStack(NamedTuple):
-    """Whose autopilot flies the vehicle. place: where it looks for its physics, unless it is told something else.
+    """Flight stack whose autopilot flies the vehicle. place: default address at which it looks for the simulator.
 
-    open_line, physics: what listens there, and what answers.  begin: what is typed at the other end.
+    open_line: opens the listening socket.  physics: class that serves it.  begin: command to type at the other end.
     """
 
     maker: str
@@ -55,7 +55,7 @@ STACKS: Mapping[str, FlightStack] = {
     ),
     "px4": FlightStack("PX4", "tcp", "127.0.0.1:4560", "make px4_sitl none_iris", PX4_CHANNELS, open_tcp, Px4Simulator),
 }
-"""By the option that asks for them, without its dashes."""
+"""Flight stacks by their option, without its dashes."""
 PLACE, PX4_PLACE = (stack.place for stack in STACKS.values())
 SIGNED = (
     "listen",
@@ -69,7 +69,7 @@ SIGNED = (
     "parameters",
     "log_limit",
 )
-"""Options of a vehicle that speaks signed MAVLink by a clock, which mean nothing to another flight stack."""
+"""Options for signed MAVLink in real time, which do not apply to another flight stack."""
 
 
 def _parse_channels(context: click.Context, option: click.Parameter, text: str | None) -> tuple[int, ...]:
@@ -86,19 +86,19 @@ ARDUPILOT = click.option(
     is_flag=False,
     flag_value=PLACE,
     metavar="[HOST:PORT]",
-    help=f"Be the physics of ArduPilot's SITL, --model JSON, at a place of this machine; last word: {PLACE}.",
+    help=f"Serve as physics of ArduPilot's SITL (--model JSON) at a local address; as the last word, at {PLACE}.",
 )
 CHANNELS = click.option(
     "--channels",
     metavar="N,N,…",
     callback=_parse_channels,
-    help="ArduPilot's channel, or PX4's output, for each number of a command.  [default: 1,2,… in their order]",
+    help="ArduPilot channel or PX4 output for each number of a command.  [default: 1,2,… in order]",
 )
 RELEASE = click.option(
     "--release",
     type=float,
     metavar="PULSE",
-    help="Held until a pulse of the flight stack's is as wide, in µs.  [default: until one leaves its rest]",
+    help="Hold the vehicle until a pulse reaches this width, in µs.  [default: until a pulse leaves its rest value]",
 )
 
 
@@ -107,7 +107,7 @@ PX4 = click.option(
     is_flag=False,
     flag_value=PX4_PLACE,
     metavar="[HOST:PORT]",
-    help=f"Be the simulator of PX4's SITL, at a place of this machine; last word: {PX4_PLACE}.",
+    help=f"Serve as simulator of PX4's SITL at a local address; as the last word, at {PX4_PLACE}.",
 )
 
 
@@ -119,26 +119,26 @@ def choose_line(
     channels: Sequence[int],
     release: float | None,
 ) -> str:
-    """The line that is listened on; refuses options that do not go together, and places beyond this machine."""
+    """Return the URI to listen on; raise InputError for conflicting options or an address beyond this machine."""
     if ardupilot is None and px4 is None:
         for option, value in (("--channels", channels), ("--release", release)):
             if value not in ((), None):
-                raise InputError(option, "is for ArduPilot's pulses", fix="add --ardupilot or --px4, or leave it out")
+                raise InputError(option, "needs --ardupilot or --px4", fix="add --ardupilot or --px4, or leave it out")
         if listen is None:
             raise click.MissingParameter(ctx=context, param_hint="'--listen'", param_type="option")
         return listen
     if ardupilot is not None and px4 is not None:
-        raise InputError("--px4", "one flight stack flies a vehicle", fix="leave out --px4, or --ardupilot")
+        raise InputError("--px4", "cannot be combined with --ardupilot", fix="leave out --px4, or --ardupilot")
     option, place = ("px4", px4) if ardupilot is None else ("ardupilot", ardupilot)
     stack, door = STACKS[option], f"--{option}"
     for name in SIGNED:
         if context.get_parameter_source(name) is ParameterSource.COMMANDLINE:
             refused = f"--{name.replace('_', '-')}"
-            problem = f"{stack.maker}'s physics have no use for it: their frames bring the time, and are not signed"
+            problem = f"does not apply to {stack.maker}, whose frames carry the time and are not signed"
             raise InputError(refused, problem, fix=f"leave it out, or leave {door} out")
     line = f"{stack.scheme}://{place}"
     if not is_local(line):
-        problem = f"whoever reaches {place} could fly the vehicle: {stack.maker}'s frames can't be signed"
+        problem = f"anyone who reaches {place} could fly the vehicle: {stack.maker}'s frames cannot be signed"
         raise InputError(door, problem, fix=f"{door} {stack.place}, with {stack.maker} on this machine")
     return line
 
@@ -155,7 +155,7 @@ def serve_stack(
     tell: Callable[[str], None],
     as_json: bool,
 ) -> None:
-    """Serve one of STACKS until it ends, and say what came of it; exits with the verb's code."""
+    """Serve one of STACKS until it ends, print the result, and exit with the verb's code."""
     stack = STACKS[option]
     link = stack.open_line(parse_uri(line), listen=True)
     try:
@@ -179,7 +179,7 @@ def _compile_vehicle(
     most_channels: int,
     tell: Callable[[str], None],
 ) -> PulsedVehicle:
-    """The vehicle behind a door, of which it is told what its channels do."""
+    """Compile the vehicle for a flight stack, and print the meaning of its channels."""
     width = None if release is None else release * 1e-6
     with show_spinner(f"compiling {scenario.name}"):
         vehicle = PulsedVehicle(
@@ -191,7 +191,7 @@ def _compile_vehicle(
 
 
 def _end(scenario: Scenario, seed: int, summary: PhysicsSummary, maker: str, out: Path | None, as_json: bool) -> None:
-    """Say what came of it, and exit."""
+    """Print the result, and exit."""
     result = _describe_result(scenario, seed, summary)
     result |= summarise_truth(summary.file, summary.release_time, scenario.targets)
     if as_json:
@@ -202,7 +202,7 @@ def _end(scenario: Scenario, seed: int, summary: PhysicsSummary, maker: str, out
 
 
 def _describe_vehicle(vehicle: PulsedVehicle) -> list[str]:
-    """A line for each channel, and one for the IMU."""
+    """Return a line for each channel, and one for the IMU."""
     lines = [text.partition(": ")[2] for text in describe_outputs(vehicle.outputs)]
     told = [f"channel {c}: {text}" for c, text in zip(vehicle.channels, lines, strict=True)]
     return [*told, f"gyro and accelerometer: {f'its sensor {vehicle.imu}' if vehicle.imu else 'true motion'}"]
@@ -225,7 +225,7 @@ def _describe_result(scenario: Scenario, seed: int, summary: PhysicsSummary) -> 
 
 
 def _print_physics(result: dict[str, Any], maker: str, out: Path | None) -> None:
-    never = f"no frame of {maker}'s came" if not result["flights"] else "its pulses never left their rest"
+    never = f"no frame received from {maker}" if not result["flights"] else "the pulses never left their rest values"
     print_truth(result, out, never)
     for problem in result["problems"]:
         click.echo(f"problem: {problem}")

@@ -1,4 +1,4 @@
-"""What came of a flight: metrics, last state, flags, and their table. Needs its log alone, and no JAX."""
+"""Summary of a flight: metrics, last state, flags, and their table. Needs only the log, and no JAX."""
 
 from collections.abc import Iterable, Mapping
 from math import degrees, isfinite
@@ -21,11 +21,11 @@ from trimtab.loop.beliefs import describe_mismatches
 
 ERROR = "world.integration_error"
 MOTIONS = ("velocity", "rate", "speed", "velocity[0]", "velocity[1]", "velocity[2]")
-"""How the path of a signal ends that is zero at rest."""
+"""Endings of the paths of signals that are zero at rest."""
 FEW = 6
-"""A signal of more numbers, such as one of each craft of a large swarm, is not told number by number."""
+"""Maximum size of a signal that is shown number by number; larger ones, as of a large swarm, are left out."""
 MOST_SUMMARISED = 200_000_000
-"""Bytes of a log that is read whole for its metrics: a quarter of an hour."""
+"""Maximum size (bytes) of a log that is read whole for its metrics: a quarter of an hour."""
 METRICS = {
     "first_reach_s": ("first in band", "s"),
     "settling_s": ("settled", "s"),
@@ -33,13 +33,13 @@ METRICS = {
     "tail_mean": ("tail mean", ""),
     "tail_rms": ("tail rms", ""),
 }
-"""Heading and unit of each metric's column; without a unit it has the signal's."""
+"""Heading and unit of each metric's column; an empty unit stands for the signal's."""
 
 
 def summarise_truth(
     file: Path | None, release: int | None, targets: Iterable[Target], end: int | None = None
 ) -> dict[str, Any]:
-    """`real` of a vehicle's own log since it was let go, until its end (100 ns), where one fits into memory."""
+    """Summarise a vehicle's log from its release to its end (100 ns), as `real`; None if the log is too large."""
     if release is None or file is None or list_files(file) != [file] or file.stat().st_size > MOST_SUMMARISED:
         return {"real": None}
     whole = read_mcap(file)
@@ -56,17 +56,17 @@ def summarise_truth(
 
 
 def print_truth(result: dict[str, Any], out: Path | None, never: str) -> None:
-    """What `summarise_truth` has; never: what is said of one that was not let go."""
+    """Print the result of `summarise_truth`. never: text for a vehicle that was not released."""
     if result["real"] is None and result.get("released_s", 0) is None:
         click.echo(never)
     elif result["real"] is None:
-        click.echo("no metrics: there is no log" if out is None else "no metrics: the log is too long to be read whole")
+        click.echo("no metrics: no log was written" if out is None else "no metrics: the log is too large")
     else:
         print_result(result, result["units"])
 
 
 def summarise_run(log: Log, targets: Iterable[Target]) -> dict[str, Any]:
-    """Metrics, last state and mode switches of one run; signals that have a target come with their path."""
+    """Return metrics, last state and mode switches of one run."""
     targets, log = tuple(targets), with_flight(log)
     shown = _choose_signals(log)
     final = {
@@ -94,9 +94,9 @@ def summarise_run(log: Log, targets: Iterable[Target]) -> dict[str, Any]:
 
 
 def assess_targets(log: Log, targets: Iterable[Target]) -> dict[str, Any] | None:
-    """Whether a flight ended on its targets, in words: on_target, says, and each target's number at the end.
+    """Return whether a flight ended on its targets (on_target), and the verdict in words (says).
 
-    None of a scenario without targets. A flight that is lost is on none.
+    None for a scenario without targets. A diverged flight is on no target.
     """
     targets, lost = tuple(targets), divergence_time(log)
     if lost is not None:
@@ -114,18 +114,20 @@ def assess_targets(log: Log, targets: Iterable[Target]) -> dict[str, Any] | None
 
 
 def _describe_miss(log: Log, target: Target) -> str:
-    """A target's signal at the end, with the band that it should be in."""
+    """Describe a target's signal at the end, with the target band."""
     path = full_path(target.path)
     unit, factor = display_unit(path, log.unit(path))
     value, wanted = float(log[path][-1]) * factor, nearest_target_value(log, target) * factor
     unit = "" if unit in ("", "1") else f" {unit}"
     is_inside = abs(value - wanted) <= target.band * factor
-    ends = f"{path.removeprefix('truth.')} ends at {value:.3g}{unit}" + (", not for good" if is_inside else "")
+    ends = f"{path.removeprefix('truth.')} ends at {value:.3g}{unit}" + (
+        " but did not stay in the band" if is_inside else ""
+    )
     return f"{ends}, wanted {wanted:.3g} within {target.band * factor:.3g}"
 
 
 def _choose_signals(log: Log) -> list[str]:
-    """Numbers that are shown without being aimed at: of a vehicle in space as people read them, without quaternion."""
+    """Return the signals to show besides the targets; for a vehicle in space, angles instead of a quaternion."""
     signals = [p.removeprefix("truth.") for p in log.paths if p.startswith("truth.") and np.size(log[p][:1]) <= FEW]
     flight, said = [p for p in log.paths if p.startswith(FLIGHT)], flight_sources(log)
     preferred = ["surge_velocity", "sway_velocity", "yaw_rate", "heading"]
@@ -136,10 +138,10 @@ def _choose_signals(log: Log) -> list[str]:
 
 
 def summarise_flight(log: Log, targets: Iterable[Target]) -> dict[str, Any] | None:
-    """Of a vehicle in space: least and greatest height (m), greatest speed over the ground (m/s) and tilt (rad).
+    """Return least and greatest height (m), greatest ground speed (m/s) and tilt (rad) of a vehicle in space.
 
-    Tilt is the angle from upright; settled_s says when each target was reached for good. None of any other vehicle;
-    what isn't known is left out.
+    Tilt is the angle from upright. settled_s is the settling time of each target. None for any other vehicle; unknown
+    values are left out.
     """
     if f"{FLIGHT}roll" not in log or not len(log):
         return None
@@ -160,7 +162,7 @@ def _greatest(x: Any) -> float:
 
 
 def closest_approach(log: Log) -> dict[str, float] | None:
-    """How near two craft of a swarm came (m), and when (s), as an observer saw it; None where there is none."""
+    """Return the smallest distance between two craft of a swarm (m) and its time (s); None without a spacing sensor."""
     path = next((p for p in log.paths if p.startswith("sensors.") and p.endswith(".spacing")), None)
     if path is None or not len(log):
         return None
@@ -169,7 +171,7 @@ def closest_approach(log: Log) -> dict[str, float] | None:
 
 
 def flag_times(log: Log) -> dict[str, dict[str, float]]:
-    """Flags of law and actuators that were up: for how long, and when first, in s."""
+    """Return for each raised flag of law and actuators its total time and its first time, in s."""
     times: dict[str, dict[str, float]] = {}
     signals = [p for p in log.paths if p.startswith(("law.", "actuators.")) and p in log.declarations]
     for path in [p for p in signals if log.declarations[p].kind == "flag" and log[p].ndim == 1]:
@@ -181,20 +183,20 @@ def flag_times(log: Log) -> dict[str, dict[str, float]]:
 
 
 def worst_step(log: Log) -> dict[str, float | None] | None:
-    """The largest estimated error of an integration step, in parts of what is allowed, and when one was first above 1.
+    """Return the largest estimated error of an integration step, relative to its tolerance, and when it exceeds 1.
 
-    None where the integration says nothing of its error.
+    None if the integration does not estimate its error.
     """
     if ERROR not in log:
         return None
-    errors = np.append(log[ERROR], log.final.get(ERROR, 0.0))  # what a row says is of the step that ended there
+    errors = np.append(log[ERROR], log.final.get(ERROR, 0.0))  # a row holds the error of the step that ended there
     too_large = ~(errors <= 1)
     first = float(np.append(log.t, log.metadata.get("duration_s", np.nan))[too_large.argmax()])
     return {"worst": float(errors.max()), "first_s": first if too_large.any() else None}
 
 
 def summarise_monitor(log: Log) -> dict[str, dict[str, Any]]:
-    """By formula of a monitor: how it stands at the end, its least robustness, and when it was first violated (s)."""
+    """Return for each monitored formula its final verdict, least robustness, and first violation (s)."""
     found: dict[str, dict[str, Any]] = {}
     for path in [p for p in log.paths if p.startswith("monitor.") and p.endswith(".verdict") and len(log)]:
         name, verdict = path.split(".")[1], log[path]
@@ -208,7 +210,7 @@ def summarise_monitor(log: Log) -> dict[str, dict[str, Any]]:
 
 
 def divergence_time(log: Log) -> float | None:
-    """When the truth stopped being finite (s), or None."""
+    """Return the time at which the truth stopped being finite (s), or None."""
     truth = [log[p] for p in log.paths if p.startswith("truth.")]
     if not truth or not len(log):
         return None
@@ -217,7 +219,7 @@ def divergence_time(log: Log) -> float | None:
 
 
 def metric_units(log: Log, names: Iterable[str]) -> dict[str, str]:
-    """The unit of each signal that a summary has metrics of, by the summary's name for it."""
+    """Return the unit of each signal of a summary, by the summary's name for the signal."""
     log = with_flight(log)
     return {name: log.unit(name if name in log else f"truth.{name}") for name in names}
 
@@ -227,7 +229,7 @@ def _scale(value: float | None, factor: float) -> float | None:
 
 
 def _describe_flight(summary: Mapping[str, Any]) -> str:
-    """In a line: how high, how fast, how far from upright, and what came of the targets."""
+    """Describe height, speed, tilt and settling of a flight in one line."""
     flight, said = summary["flight"], list[str]()
     if "lowest_m" in flight:
         low, high = flight["lowest_m"], flight["highest_m"]
@@ -247,7 +249,7 @@ def _describe_flight(summary: Mapping[str, Any]) -> str:
 
 
 def print_result(result: Mapping[str, Any], units: Mapping[str, str]) -> None:
-    """Metrics of a run, ideal beside real."""
+    """Print the metrics of a run, ideal and real."""
     sides = {side: result[side] for side in ("ideal", "real") if result[side] is not None}
     for side in [one for one in ("real", "ideal") if "verdict" in sides.get(one, {})]:
         click.echo(f"{f'{side}:':<7}{sides[side]['verdict']['says']}")
@@ -266,14 +268,16 @@ def print_result(result: Mapping[str, Any], units: Mapping[str, str]) -> None:
     if result.get("mismatch"):
         click.echo(describe_mismatches(result["mismatch"]))
     switches = ", ".join(f"{side} {summary['mode_switches']}" for side, summary in sides.items())
-    click.echo(f"mode switches: {switches}      what the columns mean: docs, Metrics")
+    click.echo(f"mode switches of the law: {switches}      columns: see docs, Metrics")
     for side, summary in sides.items():
         for path, flag in summary["flags"].items():
             click.echo(f"{path} ({side}): up for {flag['for_s']:.4g} s, first at {flag['first_s']:.4g} s")
         step = summary.get("integration")
         if step is not None and step["first_s"] is not None:
-            size, first = f"up to {step['worst']:.3g} times what is allowed", f"first at {step['first_s']:.4g} s"
-            click.echo(f"INTEGRATION ({side}): a step's estimated error is {size}, {first}: don't trust the numbers")
+            size, first = f"up to {step['worst']:.3g} times the tolerance", f"first at {step['first_s']:.4g} s"
+            click.echo(
+                f"INTEGRATION ({side}): the estimated error of a step is {size}, {first}: do not trust the results"
+            )
             click.echo("  Fix: --set world.integration.method=rosenbrock, or rk45, or a shorter --set world.max_step")
         for name, said in summary.get("monitor", {}).items():
             least, first = said["least_robustness"], said["violated_s"]

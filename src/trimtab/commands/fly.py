@@ -1,4 +1,4 @@
-"""`trimtab fly`: an autopilot in real time against the vehicle at the far end of a line."""
+"""`trimtab fly`: an autopilot in real time that flies the vehicle at the other end of a link."""
 
 import dataclasses
 import shlex
@@ -63,7 +63,7 @@ from trimtab.wire.mavlink import Endpoint
 @NAVIGATION
 @LOCKSTEP
 @SEED
-@click.option("--duration", metavar="TIME", help="How long it flies after arming.  [default: the scenario's]")
+@click.option("--duration", metavar="TIME", help="Duration of the flight after arming.  [default: the scenario's]")
 @KEY
 @UNSIGNED
 @click.option(
@@ -71,25 +71,29 @@ from trimtab.wire.mavlink import Endpoint
     type=click.Choice([STORED_CLOCK, COMPUTER_CLOCK, VEHICLE_CLOCK]),
     default=STORED_CLOCK,
     show_default=True,
-    help="What it signs by: on from what is stored; this computer's, where a wrong one was stored; the vehicle's.",
+    help="Clock for signatures: continue the stored one, reset it from this computer's, or follow the vehicle's.",
 )
 @click.option(
-    "--accept", "accepts", multiple=True, metavar="PATH", help="The vehicle may differ here, or below; repeatable."
+    "--accept",
+    "accepts",
+    multiple=True,
+    metavar="PATH",
+    help="Accept that the vehicle differs in this setting or group. May be repeated.",
 )
-@click.option("--take-over", is_flag=True, help="Have the vehicle handed over where another autopilot flies it.")
-@click.option("--rearm", is_flag=True, help="Confirm that it may be armed again after a failsafe; it must be at rest.")
+@click.option("--take-over", is_flag=True, help="Take over the vehicle if another autopilot flies it.")
+@click.option("--rearm", is_flag=True, help="Confirm arming again after a failsafe. The vehicle must be at rest.")
 @click.option(
     "--overrun",
     type=click.Choice(OVERRUN_POLICIES),
     default=COUNT,
     show_default=True,
-    help="When a period's work ends too late: count it and go on, or halt the flight.",
+    help="Action when a control period overruns: count it and continue, or halt the flight.",
 )
 @REAL_TIME
-@OUT("DIR", "Write the flight's log, flight.mcap, in this folder.")
+@OUT("DIR", "Write the flight's log, flight.mcap, to this folder.")
 @PARAMETERS
 @LOG_LIMIT
-@click.option("--console", "with_console", is_flag=True, help="Serve a pilot's page, whose address is printed.")
+@click.option("--console", "with_console", is_flag=True, help="Serve a pilot's page and print its address.")
 @PLACE
 @JSON
 def command(
@@ -118,12 +122,12 @@ def command(
     opens: bool,
     as_json: bool,
 ) -> None:
-    """Fly a vehicle over a real line with a scenario's autopilot, compiled, at its control period.
+    """Fly a vehicle over a real link with a scenario's compiled autopilot, in real time.
 
-    Waits for the vehicle, finds its clock, arms it as soon as there is an estimate, flies the scenario's duration and
-    disarms. A supervisor watches speeds, the line and the estimate's age; --set supervisor=none does without. Exit code
-    0: it flew to its end; 1: it was never armed, aborted, halted by an overrun, taken over, in failsafe or unheard, or
-    the log lost rows; 2: refused input, or nobody answered.
+    Waits for the vehicle, synchronises with its clock, arms it once there is an estimate, flies for the scenario's
+    duration and disarms. A supervisor monitors speeds, the link and the estimate's age; --set supervisor=none disables
+    it. Exit code 0: the flight was completed; 1: never armed, aborted, halted by an overrun, taken over, in failsafe,
+    link lost, or log rows lost; 2: invalid input, or no answer.
 
     \b
     trimtab fly hovercraft/forward --link udp://127.0.0.1:14550 --out here
@@ -133,7 +137,7 @@ def command(
     """
     settings = read_parameters(parameters, scenario) | settings
     built = build(scenario, settings if lockstep else live_settings(scenario) | settings)
-    refuse_swarm(built, "a line")
+    refuse_swarm(built, "a link")
     signing_key = find_key(scenario, key, unsigned, link, create=False)
     if duration is not None:
         built = replace(built, duration=parse_time(duration))
@@ -198,7 +202,7 @@ def _fly_real_time(
     follows_clock: bool,
     address: ConsoleAddress | None,
 ) -> tuple[dict[str, Any], str]:
-    """What came of the flight, and what scheduling the machine granted. address: of its console; None: it has none."""
+    """Fly, and return the result and the granted scheduling. address: of the console; None: no console."""
 
     def tell(text: str) -> None:
         click.echo(text, err=quiet)
@@ -220,7 +224,7 @@ def _fly_real_time(
             flight = fly()
         else:
             with open_console(address, lambda line: describe_flight(autopilot, line)) as console:
-                tell(f"console: {console.url}\nto look on: {console.observer}")
+                tell(f"console: {console.url}\nfor observers: {console.observer}")
                 if address.opens:
                     webbrowser.open(console.url)
                 flight = fly(console=console.line)
@@ -251,17 +255,17 @@ def _fly_real_time(
 def _print_flight(result: Mapping[str, Any], granted: str) -> None:
     _print_deadlines(result["deadlines"], granted)
     counts, log = result["wire"], result["log"]
-    click.echo(f"frames: {counts['sent']} sent, {counts['accepted']} taken, {counts['lost']} lost on the way")
+    click.echo(f"frames: {counts['sent']} sent, {counts['accepted']} accepted, {counts['lost']} lost in transit")
     if counts["disordered"]:
-        click.echo(f"{counts['disordered']} frames were numbered without order: what was lost of them is not known")
+        click.echo(f"{counts['disordered']} frames were numbered out of order: their losses are unknown")
     for problem in result["problems"]:
         click.echo(f"problem: {problem}")
     if log is not None and (log["dropped"] or log["unwritten"]):
-        click.echo(f"log: {log['dropped']} rows had no room in memory, {log['unwritten']} none on the disk")
+        click.echo(f"log: {log['dropped']} rows lost for lack of memory, {log['unwritten']} for lack of disk space")
 
 
 def _print_deadlines(deadlines: Mapping[str, Any], granted: str) -> None:
-    """How a flight's deadlines were kept."""
+    """Print the timing of the periods, and the overruns."""
     n = deadlines["work"]["n"]
     title, first = f"{n} periods of {deadlines['period']}, {granted}", "time (us)"
     table = new_table(first, ">median", ">99 %", ">99.9 %", ">longest", title=title, unwrapped=(first,))
@@ -271,4 +275,7 @@ def _print_deadlines(deadlines: Mapping[str, Any], granted: str) -> None:
         table.add_row(name, *cells)
     print_table(table)
     over, skipped = deadlines["overruns"], deadlines["skipped"]
-    click.echo(f"overruns: {over['own_work']} by own work, {over['scheduler']} by the scheduler; skipped {skipped}")
+    click.echo(
+        f"overruns: {over['own_work']} because of trimtab, {over['scheduler']} because of the operating system; "
+        f"skipped {skipped}"
+    )

@@ -1,4 +1,4 @@
-"""Logs of other systems in a verb: read by a mapping, listed without one, and the estimator that goes over them."""
+"""Logs of other systems: reading with a mapping, listing without one, and the estimator to run on them."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -13,19 +13,19 @@ from trimtab.logs.mcap import read_mcap
 from trimtab.scenarios.build import build
 
 FIELDS_SHOWN = 8
-"""Fields of a topic that the table has room for."""
+"""Maximum number of fields of a topic in the table."""
 
 
 def read_any_log(file: Path, mapping: Path | None, *, quiet: bool = False) -> Log:
-    """A log of ours, or a foreign one by its mapping.
+    """Read a log of trimtab, or a foreign one with its mapping.
 
     Args:
         file: to read.
-        mapping: None for a log of ours; for a foreign one its topics are then printed.
+        mapping: None for a log of trimtab; without a mapping the topics of a foreign log are printed.
         quiet: print nothing.
 
     Raises:
-        InputError: a foreign log without a mapping, and whatever reading refuses.
+        InputError: a foreign log without a mapping, or an unreadable log.
     """
     if mapping is not None:
         return read_foreign(file, mapping)
@@ -34,9 +34,11 @@ def read_any_log(file: Path, mapping: Path | None, *, quiet: bool = False) -> Lo
     kind, topics = detect_format(file).name, list_topics(file)
     if not quiet:
         _print_topics(f"{file.name}: {kind}", topics)
-    fix = f"write a mapping, docs page Foreign logs, then  trimtab replay {file} --map MAP.toml --scenario SCENARIO"
+    fix = f"write a mapping (docs, Foreign logs), then  trimtab replay {file} --map MAP.toml --scenario SCENARIO"
     names = [topic.name for topic in topics]
-    raise InputError(f"log file '{file}'", f"is of another system: {kind}", choices=names if quiet else (), fix=fix)
+    raise InputError(
+        f"log file '{file}'", f"is a log of another system: {kind}", choices=names if quiet else (), fix=fix
+    )
 
 
 def _print_topics(title: str, topics: list[TopicSummary]) -> None:
@@ -50,26 +52,26 @@ def _print_topics(title: str, topics: list[TopicSummary]) -> None:
 
 
 def scenario_estimator(name: str, settings: Mapping[str, str]) -> Any:
-    """The estimator that a scenario flies, with its settings."""
+    """Return the estimator of a scenario with its settings."""
     return build(name, settings).autopilot.estimator
 
 
 def check_choice(mapping: Path | None, scenario: str | None, estimator: str | None, settings: Any, parts: Any) -> None:
-    """Refuse options of `trimtab replay` that do not go together.
+    """Check the combination of options of `trimtab replay`.
 
     Raises:
-        InputError: says which to leave out, or what to add.
+        InputError: conflicting or missing options, with the fix.
     """
     if mapping is None:
         if settings:
-            fix = "say --with PATH=VALUE, which changes the recorded autopilot"
-            raise InputError("--set", "is for the scenario of a foreign log, with --map", fix=fix)
+            fix = "use --with PATH=VALUE, which changes the recorded autopilot"
+            raise InputError("--set", "applies to the scenario of a foreign log, with --map", fix=fix)
         return
     if (scenario is None) == (estimator is None):
-        problem = "both are named" if scenario else "a foreign log says nothing of an estimator, and none is named"
+        problem = "both are given" if scenario else "a foreign log contains no estimator, and none is given"
         fix = "add one of them: --scenario SCENARIO, whose estimator is taken, or --estimator module:factory"
         raise InputError("--scenario, --estimator", problem, fix=fix)
     if parts:
-        raise InputError("--with", "is for recorded autopilots", fix="change the scenario's: --set PATH=VALUE")
+        raise InputError("--with", "applies to recorded autopilots", fix="change the scenario: --set PATH=VALUE")
     if settings and scenario is None:
-        raise InputError("--set", "is for a scenario", fix="name one with --scenario, or set it in the factory")
+        raise InputError("--set", "needs a scenario", fix="name one with --scenario, or set it in the factory")

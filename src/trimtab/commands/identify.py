@@ -1,4 +1,4 @@
-"""`trimtab identify`: parameters of a scenario's vehicle and actuators from logs of flights."""
+"""`trimtab identify`: identify parameters of a scenario's vehicle and actuators from flight logs."""
 
 import math
 from pathlib import Path
@@ -22,19 +22,28 @@ from trimtab.run.identification import HORIZON, Identified, identify
 from trimtab.scenarios.build import build
 
 CHANGED = 3.0
-"""Standard errors from the calibration at which a number no longer fits it."""
+"""Distance from the calibration, in standard errors, beyond which a number counts as changed."""
 
 
 @click.command()
 @SCENARIO
 @click.argument("logs", nargs=-1, required=True, type=FILE, metavar="LOG…")
-@click.option("--fit", "paths", multiple=True, required=True, metavar="PATH", help="A setting, or delay; repeatable.")
 @click.option(
-    "--held-out", "held", multiple=True, type=FILE, metavar="LOG", help="Not fitted, only judged on; repeatable."
+    "--fit",
+    "paths",
+    multiple=True,
+    required=True,
+    metavar="PATH",
+    help="Parameter to fit: a setting's path, or delay. May be repeated.",
 )
-@click.option("--sensor", metavar="NAME", help="What measured the vehicle's state.  [default: the only one that did]")
-@click.option("--map", "mapping", type=FILE, metavar="MAP.toml", help="What the columns of another system's log are.")
-@OUT("FILE.toml", "Write the numbers into this calibration file, beside those that it holds.")
+@click.option(
+    "--held-out", "held", multiple=True, type=FILE, metavar="LOG", help="Log for validation only. May be repeated."
+)
+@click.option(
+    "--sensor", metavar="NAME", help="Sensor that measured the vehicle's state.  [default: the only such sensor]"
+)
+@click.option("--map", "mapping", type=FILE, metavar="MAP.toml", help="Mapping of the columns of another system's log.")
+@OUT("FILE.toml", "Write the numbers to this calibration file; other numbers in it are kept.")
 @SET
 @NAVIGATION
 @JSON
@@ -49,11 +58,11 @@ def command(
     settings: dict[str, str],
     as_json: bool,
 ) -> None:
-    """Parameters of a vehicle from flights, by maximum likelihood, with 95 % intervals.
+    """Identify parameters of a vehicle from flights, by maximum likelihood, with 95 % intervals.
 
-    Logs hold commands, and fields of the vehicle's state that a sensor measured, e.g. a motion capture's north, east
-    and heading, at any rate and with gaps. What the data can't tell apart is named. Logs of other systems
-    need --map, as of trimtab replay, in which [sensor.command] is what was commanded.
+    The logs must contain commands, and measured states of the vehicle, e.g. north, east and heading of a motion
+    capture, at any rate and with gaps. Parameters that the data cannot separate are reported. Logs of other systems
+    need --map, as in trimtab replay, in which [sensor.command] maps the commands.
 
     \b
     trimtab identify hovercraft/spin flight.mcap --fit world.vehicle.mass --fit world.vehicle.inertia --fit delay
@@ -64,12 +73,12 @@ def command(
     check_calibration_file(out)
     built = build(scenario, settings)
     flights, others = ([_read(file, built, sensor, mapping) for file in files] for files in (logs, held))
-    with show_spinner(f"fitting {len(paths)} numbers to {len(flights)} flights"):
+    with show_spinner(f"fitting {len(paths)} parameters to {len(flights)} flights"):
         found = identify(built, flights, paths, held_out=others)
     calibration = _as_calibration(built, found, [f.name for f in flights])
     if found.unexplained and out is not None:
         problem = f"the fitted model does not explain {', '.join(found.unexplained)}, so nothing is written"
-        fix = "see it without --out; units, signs and axes of the mapping, or a log of another vehicle"
+        fix = "run without --out; check units, signs and axes of the mapping, and that the log is of this vehicle"
         raise InputError("--out", problem, fix=fix)
     changes = _changes(calibration, settings.get("calibration"))
     _, files = add_to_file(out, calibration)
@@ -84,17 +93,17 @@ def command(
 
 def _read(file: Path, scenario: Scenario, sensor: str | None, mapping: Path | None) -> FlightData:
     if mapping is not None:
-        detect_format(file)  # says what is wrong with one of no format
+        detect_format(file)  # reports an unknown format
     own = is_own_log(file)
     if not own and mapping is None:
-        fix = f"--map MAP.toml, which says what its columns are; what it holds:  trimtab replay {file}"
+        fix = f"--map MAP.toml, which maps its columns; list them with  trimtab replay {file}"
         raise InputError(f"log '{file}'", "is a log of another system", fix=fix)
     log = read_mcap(file) if own or mapping is None else read_foreign(file, mapping)
     return read_flight(log, scenario, sensor, file.name)
 
 
 def _as_calibration(scenario: Scenario, found: Identified, logs: list[str]) -> Calibration:
-    """What was told by the data, by the names that a calibration has for it."""
+    """Return the identified parameters as a calibration."""
     unidentifiable = found.unidentifiable()
     kept = [k for k, p in enumerate(found.parameters) if p.path not in unidentifiable and "[" not in p.path]
     about: dict[str, Any] = {"source": f"identified from {', '.join(logs)}", "procedure": "identify"}
@@ -108,7 +117,7 @@ def _as_calibration(scenario: Scenario, found: Identified, logs: list[str]) -> C
 
 
 def _entry_name(scenario: Scenario, path: str) -> str:
-    """``Hovercraft.mass`` of world.vehicle.mass."""
+    """Return the name in a calibration, e.g. ``Hovercraft.mass`` for world.vehicle.mass."""
     if path == DELAY:
         return "uplink.delay"
     owner, _, field = path.rpartition(".")
@@ -118,7 +127,7 @@ def _entry_name(scenario: Scenario, path: str) -> str:
 
 
 def _changes(calibration: Calibration, file: str | None) -> dict[str, float]:
-    """Entry -> standard errors by which the flight differs from the calibration it was flown with."""
+    """Return entry -> difference from the calibration that was flown with, in standard errors."""
     if file is None:
         return {}
     new, old = flat_entries(calibration), flat_entries(read_calibration(file))
@@ -155,20 +164,18 @@ def _as_json(scenario: str, found: Identified, changes: dict[str, float]) -> dic
 
 
 def _print_unexplained(found: Identified) -> None:
-    """What the fitted model does not explain, and why that may be."""
+    """Print what the fitted model does not explain, and likely reasons."""
     for field, (rms, change) in found.unexplained.items():
-        text = f"not explained: {field}, predicted to {rms:.3g} {HORIZON:g} s ahead where it changes by {change:.3g};"
-        click.echo(f"{text} are unit, sign and axis of it right, and of the commands? Is it a log of this vehicle?")
+        text = f"not explained: {field}, error {rms:.3g} over {HORIZON:g} s, in which it changes by {change:.3g};"
+        click.echo(f"{text} check unit, sign and axis of it and the commands, and that the log is of this vehicle")
     if found.correlated:
         fields = ", ".join(f"{field} (correlation {value:.2f})" for field, value in found.correlated.items())
-        click.echo(f"not white: errors of {fields} hang together from one measurement to the next, as a navigation")
+        click.echo(f"not white: errors of {fields} are correlated in time, as in a navigation system")
+        click.echo("between its corrections. The law responds to them, and the fit mistakes both for the vehicle's own")
         click.echo(
-            "system's do between its corrections. The law answers them, and the fit takes both for the vehicle's own"
+            "motion. Then parameters and intervals are not valid. Log a sensor with independent errors, such as motion"
         )
-        click.echo(
-            "motion: neither numbers nor intervals hold then. Log a sensor that errs anew each time, such as a motion"
-        )
-        click.echo("capture, and fit by that: --sensor NAME")
+        click.echo("capture, and fit to that: --sensor NAME")
 
 
 def _print_found(scenario: str, found: Identified, changes: dict[str, float]) -> None:
@@ -178,22 +185,28 @@ def _print_found(scenario: str, found: Identified, changes: dict[str, float]) ->
     intervals: list[list[float]] = found.intervals.tolist()
     for p, value, interval in zip(found.parameters, found.values, intervals, strict=True):
         ends = " … ".join(f"{end:.6g}" for end in interval)
-        shown = "not told by this data" if p.path in unidentifiable else ends
+        shown = "not identifiable" if p.path in unidentifiable else ends
         table.add_row(p.path.replace("[", r"\["), f"{p.start:.6g}", f"{value:.6g}", shown, p.unit)
     print_table(table)
     for group in found.groups:
         if len(group) > 1:
-            click.echo(f"can't be told apart: {', '.join(group)}; fit one of them, and take the others from a bench")
+            click.echo(f"not separable: {', '.join(group)}; fit one of them, and measure the others on a bench")
         else:
-            click.echo(f"has no effect in this data: {', '.join(group)}; fly so that it matters, or leave it out")
+            click.echo(
+                f"has no effect in this data: {', '.join(group)}; fly a manoeuvre that excites it, or leave it out"
+            )
     if found.held_out:
-        table = new_table("field", ">nominal", ">fitted", title=f"rms of predictions {HORIZON:g} s ahead, held out")
+        table = new_table(
+            "field", ">nominal", ">fitted", title=f"rms prediction error over {HORIZON:g} s, validation logs"
+        )
         for field, (a, b) in found.held_out.items():
             table.add_row(field, f"{a:.4g}", f"{b:.4g}")
         print_table(table)
     _print_unexplained(found)
     for name, sigmas in changes.items():
         if sigmas > CHANGED:
-            click.echo(f"no longer as calibrated: {name}, {sigmas:.1f} standard errors; calibrate it again")
+            click.echo(f"differs from the calibration: {name}, by {sigmas:.1f} standard errors; calibrate it again")
     if not found.estimate.converged:
-        click.echo("not converged: the numbers are not the most likely ones; begin nearer with --set, or fit fewer")
+        click.echo(
+            "not converged: the likelihood is not at its maximum; start nearer with --set, or fit fewer parameters"
+        )

@@ -1,4 +1,4 @@
-"""`trimtab inject`: a fault into a virtual vehicle that is flying."""
+"""`trimtab inject`: inject a fault into a simulated vehicle in flight."""
 
 from pathlib import Path
 
@@ -25,10 +25,10 @@ from trimtab.scenarios.build import build
 def command(
     scenario: str, fault: str, link: str, settings: dict[str, str], key: Path | None, unsigned: bool, as_json: bool
 ) -> None:
-    """Put a fault into a virtual vehicle while it flies.
+    """Inject a fault into a simulated vehicle in flight.
 
-    FAULT is where, what, and how: WHERE WORD [by NUMBER] [@ TIME] [for TIME]; @ counts from now. The words: off, stuck,
-    garbage, wrong, slow, delayed, intermittent; where: sensor:NAME, downlink, uplink, actuators.
+    FAULT has the form WHERE WORD [by NUMBER] [@ TIME] [for TIME]; @ counts from now. WHERE: sensor:NAME, downlink,
+    uplink, actuators. WORD: off, stuck, garbage, wrong, slow, delayed, intermittent.
 
     \b
     trimtab inject hovercraft/forward 'sensor:navigation off for 1 s' --link udp://127.0.0.1:14550

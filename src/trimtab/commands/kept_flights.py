@@ -1,7 +1,7 @@
-"""Where a search keeps its flights, so that Ctrl-C loses none: the folder of ``--store``, else one in the cache.
+"""Storage of a search's runs, so that Ctrl-C loses none: the folder of ``--store``, else one in the cache.
 
-In the cache the folder belongs to the command that was typed, and goes when that is done. A scenario in a file of one's
-own is kept with ``--store`` only: what else its code imports can change, and nobody would notice.
+The cached folder belongs to the typed command, and is deleted when the command has finished. Runs of a scenario in the
+user's own file are stored only with ``--store``, because changes in modules that the file imports would go unnoticed.
 """
 
 import hashlib
@@ -16,18 +16,18 @@ from trimtab.core.cache_folder import cache_folder
 
 FOLDER = "searches"
 LIMIT = 20
-"""Stopped searches that are kept; beyond, the oldest go."""
+"""Maximum number of stopped searches in the cache; beyond it, the oldest are deleted."""
 
 
 @contextmanager
 def keep_flights(scenario: str, store: Path | None) -> Iterator[Path | None]:
-    """The folder, or None where nothing is kept; says after Ctrl-C what becomes of the flights."""
+    """Yield the folder, or None if runs are not stored; report after Ctrl-C whether they are."""
     folder = store or _cached_folder(scenario)
     try:
         yield folder
     except KeyboardInterrupt:
-        kept = "what was flown is kept; the same command goes on from there"
-        click.echo(kept if folder is not None else "nothing is kept: with --store DIR it goes on from there", err=True)
+        kept = "completed runs are stored; the same command continues from there"
+        click.echo(kept if folder is not None else "runs are not stored; use --store DIR to continue later", err=True)
         raise
     except BaseException:
         if store is None and folder is not None and not any(folder.glob("*")):

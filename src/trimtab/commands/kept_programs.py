@@ -1,9 +1,9 @@
-"""Programs kept between runs: a catalogue scenario that was flown before starts without importing JAX.
+"""Cache of compiled programs: a catalogue scenario that was flown before starts without importing JAX.
 
-What a flight in C needs besides its library is kept under the SHA-256 of the request, the package's own files, the
-interpreter, the installed packages and the CPU: a program is found again only where all of these are as they were. A
-scenario of the user's own, or a setting that names a file, takes the ordinary way, because a name doesn't tell what is
-in a file. Nothing here raises: without a cache folder nothing is kept, and all works as it did the first time.
+The data that a flight in C needs besides its library is stored under the SHA-256 of the request, the package's files,
+the interpreter, the installed packages and the CPU, so a program is found again only if all of these are unchanged. A
+user's own scenario, or a setting that names a file, is never cached, because a file name does not identify the file's
+content. Nothing here raises: without a cache folder nothing is stored, and every run compiles again.
 """
 
 import dataclasses
@@ -30,11 +30,11 @@ from trimtab.run.program import Column, Program
 
 FOLDER = "programs"
 LIMIT = 200
-"""How many runs are kept; beyond, the oldest go."""
+"""Maximum number of cached runs; beyond it, the oldest are deleted."""
 
 
 class RunPrograms(NamedTuple):
-    """What `trimtab run` flies and shows: the scenario's name, the programs, real and ideal, and the targets."""
+    """Data of `trimtab run`: the scenario's name, the real and the ideal program, and the targets."""
 
     name: str
     real: Program
@@ -45,7 +45,7 @@ class RunPrograms(NamedTuple):
 def program_key(
     scenario: str, settings: Mapping[str, str], without: Iterable[str], faults: Iterable[str], ideal: bool
 ) -> str | None:
-    """The name under which a run's programs are kept; None where its scenario or a setting is a file of the user's."""
+    """Return the cache key of a run's programs; None if its scenario or a setting is a user's file."""
     if ":" in scenario or scenario.endswith(".fmu") or any(os.path.exists(value) for value in settings.values()):
         return None
     request = [scenario, dict(settings), list(without), list(faults), ideal]
@@ -54,7 +54,7 @@ def program_key(
 
 
 def load_programs(key: str) -> RunPrograms | None:
-    """The programs of that key, or None where there are none, or a library is gone or damaged."""
+    """Return the programs of this key, or None if they are missing or a library is missing or damaged."""
     try:
         data = read_private_file(cache_folder(FOLDER) / f"{key}.json") or b""
     except OSError:
@@ -70,7 +70,7 @@ def load_programs(key: str) -> RunPrograms | None:
 
 
 def store_programs(key: str, programs: RunPrograms) -> None:
-    """Keep the programs of a run for the next time."""
+    """Store the programs of a run for the next time."""
     content = {
         "name": programs.name,
         "real": _program_json(programs.real),
@@ -86,7 +86,7 @@ def store_programs(key: str, programs: RunPrograms) -> None:
 
 
 def enable_cache() -> None:
-    """Let JAX keep what it compiles in the cache's folder `jax`; where that can't be had, everything still works."""
+    """Enable JAX's compilation cache in the cache's folder `jax`; do nothing if the folder is not writable."""
     import jax
 
     try:
@@ -102,7 +102,7 @@ def enable_cache() -> None:
 
 @functools.cache
 def describe_installation() -> tuple[str, list[str], str]:
-    """The interpreter, the names and versions of the installed packages, and the SHA-256 of every file of trimtab."""
+    """Return the interpreter, the installed packages with versions, and a SHA-256 of all files of trimtab."""
     folders = [folder for folder in sys.path if os.path.isdir(folder)]
     names = [name for folder in folders for name in os.listdir(folder) if name.endswith((".dist-info", ".egg-info"))]
     package, digest = Path(trimtab.__file__).parent, hashlib.sha256()

@@ -1,4 +1,4 @@
-"""What `vehicle`, `fly` and their relatives share: the line, its key, and how they are ended."""
+"""Functions shared by `vehicle`, `fly` and `inject`: the link, its key and its endpoint."""
 
 import contextlib
 import ipaddress
@@ -20,23 +20,23 @@ from trimtab.wire.mavlink import Endpoint
 from trimtab.wire.stamps import running_clock
 
 VEHICLE, AUTOPILOT, INJECTOR = (1, 1), (1, 191), (1, 192)
-"""System and component of the ends."""
+"""MAVLink system and component IDs of the ends."""
 LIVE_CHOICES = {"supervisor": "automatic", "stick": "console"}
-"""What a scenario's settings are in real time, unless something else is asked for."""
+"""Default settings of a scenario in real time."""
 DATAGRAMS = ("udp",)
 QUICK_LINES = ("udp", "tcp", "loopback")
 QUICK_TRANSFER, SLOW_TRANSFER = 200e3, 4e3
-"""Bytes a second of a file at most, over a network, and over a radio or a serial line, a third of 115200 baud."""
+"""Maximum rates of a file transfer (bytes/s): over a network; over radio or serial, a third of 115200 baud."""
 
 
 def current_machine() -> Machine:
-    """Return the computer that the command runs on: this one, unless the command was handed another."""
+    """Return the machine that the command runs on: this computer, unless the context holds another."""
     context = click.get_current_context(silent=True)
     return (None if context is None else context.find_object(Machine)) or SYSTEM_MACHINE
 
 
 def is_local(uri: str) -> bool:
-    """Whether only this machine can reach a line."""
+    """Return True if only this machine can reach the link."""
     address = parse_uri(uri)
     if address.scheme == "loopback":
         return True
@@ -49,18 +49,18 @@ def is_local(uri: str) -> bool:
 
 
 def live_settings(scenario: str, names: Sequence[str] = tuple(LIVE_CHOICES)) -> dict[str, str]:
-    """In real time a supervisor watches and a pilot has the stick, where the scenario offers that."""
+    """Return the settings for real time, a supervisor and a pilot's stick, if the scenario offers them."""
     offered = catalogue.scenario_choices(scenario)
     return {name: LIVE_CHOICES[name] for name in names if LIVE_CHOICES[name] in offered.get(name, ())}
 
 
 def transfer_rate(uri: str) -> float:
-    """How quickly files may travel over a line (bytes/s)."""
+    """Return the maximum rate of file transfers over a link (bytes/s)."""
     return QUICK_TRANSFER if parse_uri(uri).scheme in QUICK_LINES else SLOW_TRANSFER
 
 
 def vehicle_name(scenario: str) -> str:
-    """Whose key a scenario's line is signed with: the catalogue's folder, or a file's or module's name."""
+    """Return the name of a scenario's key: the catalogue's folder, or the name of a file or module."""
     where, own, _ = scenario.partition(":")
     if where.endswith(".fmu"):
         return Path(where).stem
@@ -68,39 +68,43 @@ def vehicle_name(scenario: str) -> str:
 
 
 def find_key(scenario: str, file: Path | None, unsigned: bool, uri: str, *, create: bool) -> SigningKey | None:
-    """The key that both ends sign with; None where unsigned was asked for on a line that only this machine reaches.
+    """Return the key that both ends sign with; None if unsigned on a link within this machine.
 
     Args:
-        scenario: tells the vehicle, see `vehicle_name`: there is one key a vehicle.
-        file: the key's, where it is not in its usual place.
-        unsigned: whether to go without.
-        uri: the line; refused here where it is none.
-        create: make a new key where there is none.
+        scenario: determines the vehicle, see `vehicle_name`; each vehicle has one key.
+        file: of the key, if it is not in the usual place.
+        unsigned: use no key.
+        uri: of the link; InputError if it is invalid.
+        create: create a new key if it is missing.
     """
     parse_uri(uri)
     if unsigned:
         if not is_local(uri):
-            problem = f"whoever reaches {uri} could command the vehicle"
+            problem = f"anyone who reaches {uri} could command the vehicle"
             raise InputError("--unsigned", problem, fix="leave it out, or use udp://127.0.0.1:14550 or loopback://NAME")
         if file is not None:
-            raise InputError("--unsigned", "there is a --key too", fix="leave one of them out")
+            raise InputError("--unsigned", "cannot be combined with --key", fix="leave one of them out")
         return None
     path = file or key_path(vehicle_name(scenario))
     if path.exists():
         return load_key(path)
     if not create:
-        problem = f"there is no key: {path}"
+        problem = f"key not found: {path}"
         start = f"trimtab vehicle {shlex.quote(scenario)} --listen {shlex.quote(uri)}"
-        raise InputError("--key", problem, fix=f"{start}  here makes it; from another computer copy the file to it")
+        raise InputError(
+            "--key",
+            problem,
+            fix=f"{start}  creates it on this computer; otherwise copy the file from the vehicle's computer",
+        )
     key = create_key(path)
-    click.echo(f"new key {path}: copy it to the other computer, and to nobody else", err=True)
+    click.echo(f"new key {path}: copy it to the other computer, and keep it secret", err=True)
     return key
 
 
 def endpoint_factory(
     line: str, who: tuple[int, int], key: SigningKey | None, clock: str = STORED_CLOCK
 ) -> Callable[[Dialect], Endpoint]:
-    """What makes one end's endpoint of a line. clock: by which it signs."""
+    """Return a function that makes one end's endpoint of a link. clock: for its signatures."""
     datagrams, machine = parse_uri(line).scheme in DATAGRAMS, current_machine()
 
     def make(dialect: Dialect) -> Endpoint:
@@ -120,7 +124,7 @@ def endpoint_factory(
 
 @contextlib.contextmanager
 def open_line(uri: str, *, listen: bool) -> Iterator[Link]:
-    """A link, closed at the end."""
+    """Open a link, and close it at the end."""
     link = current_machine().open_link(uri, listen=listen)
     try:
         yield link

@@ -19,11 +19,17 @@ from trimtab.design.zero_dynamics import Zeros, transmission_zeros
 from trimtab.run.design_point import find_point, smooth_model
 from trimtab.run.plant import Plant, load_plant
 
-STATE = click.option("--state", "states", multiple=True, metavar="NAME", help="Keep these states alone; repeatable.")
-INPUT = click.option("--input", "inputs", multiple=True, metavar="NAME", help="Keep these inputs; repeatable.")
-OUTPUT = click.option("--output", "outputs", multiple=True, metavar="NAME", help="Keep these outputs; repeatable.")
+STATE = click.option(
+    "--state", "states", multiple=True, metavar="NAME", help="Keep only these states. May be repeated."
+)
+INPUT = click.option(
+    "--input", "inputs", multiple=True, metavar="NAME", help="Keep only these inputs. May be repeated."
+)
+OUTPUT = click.option(
+    "--output", "outputs", multiple=True, metavar="NAME", help="Keep only these outputs. May be repeated."
+)
 ON_AXIS = 1e-7
-"""Zeros and poles with real parts within this part of the largest lie on the axis."""
+"""Real part, relative to the largest, below which a zero or pole counts as on the imaginary axis."""
 
 
 @click.command()
@@ -34,12 +40,20 @@ ON_AXIS = 1e-7
 @OUTPUT
 @SET
 @NAVIGATION
-@click.option("--horizon", default=1.0, show_default=True, metavar="SECONDS", help="Of the Gramians.")
-@click.option("--closed-loop", is_flag=True, help="The whole loop of a scenario as it is flown, sampled.")
-@click.option("--direct", is_flag=True, help="With --closed-loop: the law's demand acts as it is, without actuators.")
-@click.option("--settle", default=10.0, show_default=True, metavar="SECONDS", help="Flown before, to where it rests.")
-@click.option("--round", "round_time", type=float, metavar="SECONDS", help="With --closed-loop: of a closed path.")
-@PLOT("Picture of the broken loop (Bode); with --closed-loop.", "picture")
+@click.option("--horizon", default=1.0, show_default=True, metavar="SECONDS", help="Horizon of the Gramians.")
+@click.option("--closed-loop", is_flag=True, help="Linearise the whole sampled loop of a scenario.")
+@click.option("--direct", is_flag=True, help="With --closed-loop: apply the law's demand directly, without actuators.")
+@click.option(
+    "--settle",
+    default=10.0,
+    show_default=True,
+    metavar="SECONDS",
+    help="With --closed-loop: time to fly before linearising, to reach a steady state.",
+)
+@click.option(
+    "--round", "round_time", type=float, metavar="SECONDS", help="With --closed-loop: period of a closed path."
+)
+@PLOT("Picture of the open-loop response (Bode); with --closed-loop.", "picture")
 @WITHOUT
 @OUT("FILE", "Write A, B, C, D with all names (JSON).")
 @JSON
@@ -60,10 +74,10 @@ def command(
     out: Path | None,
     as_json: bool,
 ) -> None:
-    """Linearise a vehicle about a trim: poles with frequency and damping, the states that make them, and more.
+    """Linearise a vehicle about a trim: poles with frequency, damping and participating states, zeros, Gramians.
 
-    VEHICLE and --at are as of `trimtab trim`. A vehicle with a quaternion has the turn of its body against steady
-    flight as states, three and not four. --state, --input and --output keep those alone, the other states held.
+    VEHICLE and --at are as in `trimtab trim`. For a vehicle with a quaternion, the attitude states are the three
+    angles of rotation from steady flight. --state, --input and --output keep only those; the other states are held.
 
     \b
     trimtab linearise hovercraft/forward --at surge_velocity=1
@@ -72,7 +86,7 @@ def command(
     trimtab linearise hovercraft/forward --closed-loop --direct --plot bode.png     poles and margins of the whole loop
 
     --closed-loop differentiates the loop's own step, noise off, over one period of all its parts: vehicle, actuators,
-    sensors, links with what is under way in them, estimator and law. Margins are by its poles, exactly.
+    sensors, links with the packets in transit, estimator and law. Margins are computed exactly from its poles.
     """
     open_loop = {"--at": at, "--state": states, "--input": inputs, "--output": outputs, "--out": out}
     own = {"--direct": direct, "--plot": picture, "--without": without, "--round": round_time}
@@ -101,7 +115,9 @@ def _refuse_options(options: dict[str, Any], closed_loop: bool) -> None:
     for name, value in options.items():
         if value:
             fix = f"leave {name} out" if closed_loop else f"add --closed-loop, or leave {name} out"
-            raise InputError(name, "is of the vehicle alone" if closed_loop else "is of the whole loop", fix=fix)
+            raise InputError(
+                name, "applies to the vehicle alone" if closed_loop else "applies to the whole loop", fix=fix
+            )
 
 
 def _result_json(linear: LinearModel, zeros: Zeros, gramians: Gramians, about: dict[str, Any]) -> dict[str, Any]:
@@ -129,7 +145,7 @@ def _result_json(linear: LinearModel, zeros: Zeros, gramians: Gramians, about: d
 
 
 def zeros_json(zeros: Zeros) -> list[dict[str, Any]]:
-    """Zeros as plain data."""
+    """Return zeros as plain data."""
     return [
         {"zero": [float(z.real), float(z.imag)], "is_right": bool(z.real > zero_limit(zeros)), "states": words}
         for z, words in zip(zeros.zeros, zeros.dominant, strict=True)
@@ -137,18 +153,18 @@ def zeros_json(zeros: Zeros) -> list[dict[str, Any]]:
 
 
 def zero_limit(zeros: Zeros) -> float:
-    """Real parts up to here (1/s) are rounding."""
+    """Return the real part (1/s) up to which a zero counts as on the axis."""
     return ON_AXIS * max(zeros.size, np.finfo(float).tiny)
 
 
 def print_zeros(zeros: Zeros, linear: LinearModel) -> None:
-    """A table of zeros, those of the right half plane marked."""
+    """Print a table of zeros; those in the right half plane are marked."""
     pair = f"from {', '.join(linear.inputs)} to {', '.join(linear.outputs)}"
     if not len(zeros.zeros):
         click.echo(f"no zeros {pair}")
         return
     click.echo(f"zeros {pair}")
-    table = new_table(">zero [1/s]", "", "where the output stays at zero")
+    table = new_table(">zero [1/s]", "", "states, while the output stays at zero")
     limit = zero_limit(zeros)
     for z, words in zip(zeros.zeros, zeros.dominant, strict=True):
         if z.imag < -limit:
@@ -170,13 +186,15 @@ def _print_result(
     known = {*plant.model.states, *linear.outputs}
     left = [n for n in plant.model.outputs if n not in known and not is_chosen]
     if left:
-        click.echo(f"left out: {', '.join(left)}, which have no slope here; --at speed=VALUE --at climb=0 moves it")
-    for what, weak in (("moved", gramians.hardly_moved), ("seen", gramians.hardly_seen)):
-        click.echo(f"hardly {what} within {horizon:g} s: {weak.words}, {weak.size:.3g} of the easiest direction")
+        click.echo(
+            f"left out: {', '.join(left)}, not differentiable here; move the point with --at speed=VALUE --at climb=0"
+        )
+    for what, weak in (("controllable", gramians.hardly_moved), ("observable", gramians.hardly_seen)):
+        click.echo(f"hardly {what} within {horizon:g} s: {weak.words}, {weak.size:.3g} of the strongest direction")
 
 
 def print_modes(linear: LinearModel) -> None:
-    """A table of poles and the states that make them."""
+    """Print a table of poles and their participating states."""
     table = new_table(">pole [1/s]", ">rad/s", ">damping", ">time [s]", "states, by participation")
     for m in linear.modes(least=0.05):
         pole = f"{m.pole.real:+.5g}" + (f" ± {m.pole.imag:.5g}i" if m.pole.imag else "")

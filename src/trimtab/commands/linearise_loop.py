@@ -1,4 +1,4 @@
-"""`trimtab linearise SCENARIO --closed-loop`: poles of the loop as it is flown, and what margins it has."""
+"""`trimtab linearise SCENARIO --closed-loop`: poles and margins of the whole sampled loop."""
 
 import math
 from collections.abc import Iterable
@@ -16,9 +16,9 @@ from trimtab.run.loop_linearisation import linearise_loop
 from trimtab.run.plant import Plant
 
 SHOWN = 0.05
-"""States with a smaller participation in a mode are not told."""
+"""Smallest participation in a mode for which a state is shown."""
 CUT = 1e-5
-"""Poles nearer than this, over a period, have their states together."""
+"""Distance below which poles, over a period, are treated as one group."""
 
 
 def print_loop(
@@ -31,18 +31,20 @@ def print_loop(
     picture: Path | None,
     as_json: bool,
 ) -> None:
-    """Linearise the loop of a scenario, and print or draw what comes of it."""
+    """Linearise the loop of a scenario, and print or draw the results."""
     if plant.scenario is None:
         fix = "name a scenario, e.g.  trimtab linearise hovercraft/forward --closed-loop"
         raise InputError("--closed-loop", f"{plant.name} is a vehicle without a loop", fix=fix)
     if picture is not None and round_time is not None:
-        problem = "a round has no Bode plot: each frequency comes back beside all others"
+        problem = "a closed path has no Bode plot, because each frequency couples to all others"
         raise InputError("--plot", problem, fix="leave --plot out, or --round")
     check_picture(picture, None)
     loop = linearise_loop(plant.scenario, direct=direct, off=off, settle=settle, round_time=round_time)
     margins = loop_margins(loop) if loop.growth() <= 1 + STABLE else None
     if margins is not None and round_time is not None:
-        margins = margins._replace(crossings={})  # of the fundamental, which a round mixes with its own harmonics
+        margins = margins._replace(
+            crossings={}
+        )  # they hold for the fundamental, which a closed path couples to its harmonics
     files: list[Path] = []
     if picture is not None:
         from trimtab.plots.bode import plot_bode  # matplotlib is imported when something is drawn
@@ -56,7 +58,7 @@ def print_loop(
 
 
 def loop_modes(loop: LoopMap) -> list[tuple[complex, complex, list[tuple[str, float]]]]:
-    """Pole of the map, what it looks like in continuous time (1/s), and its states; the slowest first."""
+    """Return pole, equivalent continuous pole (1/s) and states of each mode, the slowest first."""
     whole = loop.transition()
     names = [n for n, idle in zip(loop.states, loop.idle, strict=True) if not idle]
     modes = []
@@ -87,8 +89,8 @@ def _loop_json(name: str, loop: LoopMap, margins: LoopMargins | None) -> dict[st
 
 
 def _print_loop(name: str, loop: LoopMap, margins: LoopMargins | None) -> None:
-    click.echo(f"{name}: the loop as it is flown, sampled; {len(loop.states)} states, a period of {loop.period:g} s")
-    table = new_table(">|z|", ">looks like [1/s]", ">rad/s", ">damping", "states, by participation")
+    click.echo(f"{name}: the whole sampled loop; {len(loop.states)} states, a period of {loop.period:g} s")
+    table = new_table(">|z|", ">continuous [1/s]", ">rad/s", ">damping", "states, by participation")
     for z, s, states in loop_modes(loop):
         text = f"{s.real:+.5g}" + (f" ± {abs(s.imag):.5g}i" if abs(s.imag) > 1e-9 else "")
         damping = f"{-s.real / abs(s):.3f}" if abs(s) > 1e-12 else "-"
@@ -97,13 +99,15 @@ def _print_loop(name: str, loop: LoopMap, margins: LoopMargins | None) -> None:
     print_table(table)
     fast = sum(abs(p) <= loop.deadbeat for p in loop.poles())
     if fast:
-        click.echo(f"and {fast} at zero: what is under way in links and held, gone within a period")
+        click.echo(f"and {fast} at zero: packets in transit and held values, gone within a period")
     if margins is None:
         click.echo(f"NOT stable: it grows by {loop.growth():.6g} in {loop.period:g} s")
         return
-    up = "no gain does harm" if math.isinf(margins.gain_up) else f"times {margins.gain_up:.4g}"
-    down = "down to nothing" if margins.gain_down == 0 else f"times {margins.gain_down:.4g}"
-    click.echo(f"all commands together: gain {up} or {down}; delay of the command " + _delay_text(margins, loop))
+    up = "without upper limit" if math.isinf(margins.gain_up) else f"up to times {margins.gain_up:.4g}"
+    down = "without lower limit" if margins.gain_down == 0 else f"down to times {margins.gain_down:.4g}"
+    click.echo(
+        f"all commands together: stable for a gain {up}, {down}; delay of the command: " + _delay_text(margins, loop)
+    )
     for command, crossings in margins.crossings.items():
         for frequency, phase in crossings:
             click.echo(
@@ -113,8 +117,8 @@ def _print_loop(name: str, loop: LoopMap, margins: LoopMargins | None) -> None:
 
 def _delay_text(margins: LoopMargins, loop: LoopMap) -> str:
     if math.isinf(margins.delay):
-        return "of a second and more"
-    return f"{margins.delay * 1e3:g} ms more, not {(margins.delay + loop.tick) * 1e3:g} ms"
+        return "a second and more is stable"
+    return f"{margins.delay * 1e3:g} ms more is stable, {(margins.delay + loop.tick) * 1e3:g} ms is not"
 
 
 def _plain_name(name: str) -> str:

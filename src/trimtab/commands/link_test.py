@@ -1,4 +1,4 @@
-"""`trimtab link-test`: one-way delays of a link under load; and with --echo the other end of it."""
+"""`trimtab link-test`: measure one-way delays of a link under load; with --echo, be its other end."""
 
 import contextlib
 import json
@@ -42,20 +42,22 @@ from trimtab.live.link_test import (
 from trimtab.plots.link_delays import plot_link_delays
 
 LOADS = ("2.9/41.0", "2.9/22.0", "2.9/16.2")
-"""Up and down in kb/s, those of the source's table 5.1."""
+"""Loads up/down in kb/s, from table 5.1 of the thesis."""
 MOST_KBPS = 1000.0
 FEWEST = 10
 
 
 @click.command()
 @click.argument("uri", metavar="URI")
-@click.option("--echo", is_flag=True, help="Be the other end, until Ctrl-C; port 0: one that is free, and said.")
-@click.option("--load", "loads", multiple=True, metavar="UP/DOWN", help="Load in kb/s; repeatable.")
-@click.option("--requests", type=int, default=300, show_default=True, help="For each load.")
+@click.option(
+    "--echo", is_flag=True, help="Echo as the other end, until Ctrl-C. Port 0 chooses a free port and prints it."
+)
+@click.option("--load", "loads", multiple=True, metavar="UP/DOWN", help="Load in kb/s. May be repeated.")
+@click.option("--requests", type=int, default=300, show_default=True, help="Number of requests for each load.")
 @click.option("--rate", type=float, default=10.0, show_default=True, help="Requests per second.")
 @SEED
 @PLOT("Picture of the histograms.")
-@OUT("DIR", "Write table, picture, recordings and settings in this folder.")
+@OUT("DIR", "Write table, picture, recordings and settings to this folder.")
 @JSON
 def command(
     uri: str,
@@ -68,10 +70,11 @@ def command(
     out: Path | None,
     as_json: bool,
 ) -> None:
-    """Measure a line's one-way delays, up and down, under load.
+    """Measure a link's one-way delays, up and down, under load.
 
-    One end echoes, the other measures: a table, histograms, recordings that `run` repeats, and a model of the line to
-    type after `trimtab run`. On one machine both have one clock; else the split of the round trip is estimated.
+    One end echoes, the other measures. The result is a table, histograms, recordings that `run` can replay, and a model
+    of the link as settings for `trimtab run`. On one machine both ends share a clock; otherwise the split of the round
+    trip is estimated.
 
     \b
     trimtab link-test 'serial:///dev/ttyUSB0?baud=115200' --echo          on one end
@@ -114,7 +117,7 @@ def _echo_packets(uri: str) -> None:
 
 
 def _choose_port(uri: str) -> str:
-    """The address, in the place of port 0 one that the system says is free."""
+    """Return the address, with port 0 replaced by a free port."""
     before, _, port = uri.rpartition(":")
     kind = {"udp": socket.SOCK_DGRAM, "tcp": socket.SOCK_STREAM}.get(uri.partition("://")[0])
     if port != "0" or kind is None:
@@ -125,7 +128,7 @@ def _choose_port(uri: str) -> str:
 
 
 def _address_from_elsewhere(uri: str) -> str:
-    """What reaches the end that listens at uri: no host is this machine only, 0.0.0.0 is all of its addresses."""
+    """Return the address that reaches a listener at uri: without a host only this machine; 0.0.0.0 is every address."""
     scheme, separator, rest = uri.partition("://")
     host, colon, port = rest.rpartition(":")
     if host == "" and colon:
@@ -134,7 +137,9 @@ def _address_from_elsewhere(uri: str) -> str:
         return uri
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as asking:
         try:
-            asking.connect(("192.0.2.1", 9))  # an address for examples: nothing is sent, but a way out is chosen
+            asking.connect(
+                ("192.0.2.1", 9)
+            )  # an address for documentation: nothing is sent, but an interface is chosen
             own = asking.getsockname()[0]
         except OSError:
             own = socket.gethostname()
@@ -142,14 +147,14 @@ def _address_from_elsewhere(uri: str) -> str:
 
 
 def _plan_loads(loads: tuple[str, ...], requests: int, rate: float, seed: int) -> list[LinkTestPlan]:
-    """What is to be measured; refuses what is no load, too few requests, and too many of them."""
+    """Return the measurements to make; raise InputError for an invalid load, or too few or too frequent requests."""
     if requests < FEWEST:
-        problem = f"{requests} requests make no table"
+        problem = f"must be at least 10, got {requests}"
         raise InputError(
             "--requests", problem, fix=f"--requests {FEWEST} or more; 300 take half a minute for each load"
         )
     if not 0 < rate <= 200:
-        raise InputError("--rate", f"{rate:g} requests per second", fix="--rate 10, from above 0 to 200")
+        raise InputError("--rate", f"must be above 0 and at most 200, got {rate:g}", fix="--rate 10")
     plans = []
     for text in loads or LOADS:
         match = re.fullmatch(r"(\d+(?:\.\d+)?)/(\d+(?:\.\d+)?)", text)
@@ -162,7 +167,7 @@ def _plan_loads(loads: tuple[str, ...], requests: int, rate: float, seed: int) -
 
 
 def _measure_delays(link: Link, uri: str, plans: list[LinkTestPlan]) -> list[Delays]:
-    """One after the other; empty where nobody answers, which is told."""
+    """Measure one load after the other; print an error and return an empty list without an answer."""
     seconds = sum(plan.requests / plan.rate for plan in plans)
     first = format_wait(plans[0].first_patience)
     click.echo(f"takes about {format_wait(seconds)}; the other end must answer within {first}", err=True)
@@ -171,7 +176,7 @@ def _measure_delays(link: Link, uri: str, plans: list[LinkTestPlan]) -> list[Del
         with show_spinner(f"{plan.requests} requests at {plan.up:g}/{plan.down:g} kb/s up/down"):
             delays = measure_delays(link, ClockTimeExchange(secrets.randbits(32)), plan)
         if delays is None or delays.has_reply.sum() < 2:
-            click.echo(f"error: link {uri!r}: nobody answers.", err=True)
+            click.echo(f"error: link {uri!r}: no answer.", err=True)
             click.echo(f"Fix: start the other end first: trimtab link-test {uri} --echo", err=True)
             return []
         measured.append(delays)
@@ -179,7 +184,7 @@ def _measure_delays(link: Link, uri: str, plans: list[LinkTestPlan]) -> list[Del
 
 
 def _delays_json(delays: Delays) -> dict[str, Any]:
-    """As numbers and lists, for JSON; delays in ms as in the source's table."""
+    """Return the delays as JSON data, in ms as in the thesis's table."""
     plan = delays.plan
     numbers: dict[str, Any] = {"load_up_kbps": plan.up, "load_down_kbps": plan.down}
     numbers |= {"sent_kbps": delays.data_rates[0], "received_kbps": delays.data_rates[1]}
@@ -201,7 +206,7 @@ def _load_name(delays: Delays) -> str:
 
 
 def _write_recordings(result: dict[str, Any], measured: list[Delays], out: Path) -> list[Path]:
-    """Figures, recordings and settings; each file appears whole or not at all."""
+    """Write results, recordings and settings; each file is written atomically."""
     files = []
     out.mkdir(parents=True, exist_ok=True)
     for delays in measured:
@@ -215,7 +220,7 @@ def _write_recordings(result: dict[str, Any], measured: list[Delays], out: Path)
 
 
 def _scenario_settings(delays: Delays) -> list[str]:
-    """What to type after `trimtab run SCENARIO` to fly over a link like this one."""
+    """Return the options for `trimtab run SCENARIO` to simulate a link like this one."""
     both = [text for path, trace in link_traces(delays).items() for text in fit_delay_model(trace).settings(path)]
     return [word for text in ("links=measured", *both) for word in ("--set", text)]
 
@@ -234,17 +239,19 @@ def _print_delays(measured: list[Delays]) -> None:
             table.add_row(load, path, *(f"{v:.2f}" for v in row), lost, fitted)
     print_table(table)
     if not all(delays.has_one_clock for delays in measured):
-        click.echo("two clocks: their offset is that of the quickest round trips; only the round trip is certain")
+        click.echo(
+            "two clocks: their offset is estimated from the fastest round trips; only the round-trip time is certain"
+        )
 
 
 def _print_settings(delays: Delays, out: Path | None) -> None:
-    """What to type to fly over a link like this one."""
+    """Print the commands to simulate a link like this one."""
     fly = "trimtab run hovercraft/zero-velocity"
     if out is None:
         words = " ".join(f"'{w}'" if "[" in w else w for w in _scenario_settings(delays))
-        click.echo(f"fly over a link like this: {fly} {words}")
+        click.echo(f"simulate a link like this: {fly} {words}")
         return
-    click.echo(f"fly over a link like this: {fly} $(cat {out / f'settings-{_load_name(delays)}.txt'})")
+    click.echo(f"simulate a link like this: {fly} $(cat {out / f'settings-{_load_name(delays)}.txt'})")
     words = [f"{p}link={out / f'{p}link-{_load_name(delays)}.csv'}" for p in ("up", "down")]
     again = shlex.join(word for text in words for word in ("--set", text))
-    click.echo(f"over these very delays: {fly} {again}")
+    click.echo(f"replay the recorded delays: {fly} {again}")

@@ -1,4 +1,4 @@
-"""`trimtab list`: the scenarios, or every setting of one."""
+"""`trimtab list`: list the scenarios, or all settings of one scenario."""
 
 import json
 from collections.abc import Mapping
@@ -15,12 +15,12 @@ from trimtab.scenarios import catalogue
 
 @click.command()
 @click.argument("scenario", metavar="[SCENARIO]", required=False)
-@click.option("--toml", "as_toml", is_flag=True, help="The scenario as a scenario file.")
-@click.option("--schema", "as_schema", is_flag=True, help="The JSON schema of scenario files.")
-@click.option("--answers", "as_answers", is_flag=True, help="The JSON schema of what --json prints, of every verb.")
+@click.option("--toml", "as_toml", is_flag=True, help="Print the scenario as a scenario file.")
+@click.option("--schema", "as_schema", is_flag=True, help="Print the JSON schema of scenario files.")
+@click.option("--answers", "as_answers", is_flag=True, help="Print the JSON schema of the --json output of all verbs.")
 @JSON
 def command(scenario: str | None, as_toml: bool, as_schema: bool, as_answers: bool, as_json: bool) -> None:
-    """List the scenarios, or every setting of one.
+    """List the scenarios, or all settings of one scenario.
 
     \b
     trimtab list
@@ -28,7 +28,7 @@ def command(scenario: str | None, as_toml: bool, as_schema: bool, as_answers: bo
     trimtab list hovercraft/spin --toml > my.toml      a scenario file to be changed and flown
     """
     if as_schema:
-        from trimtab.scenarios.toml_text import scenario_schema  # every part there is
+        from trimtab.scenarios.toml_text import scenario_schema  # imports all parts
 
         print_schema(scenario_schema())
     elif as_answers:
@@ -39,7 +39,10 @@ def command(scenario: str | None, as_toml: bool, as_schema: bool, as_answers: bo
         print_scenarios(catalogue.scenario_names(), as_json)
     else:
         from trimtab.loop.settings import setting_paths
-        from trimtab.scenarios.build import PREDICTOR, SWITCH  # all of the loop, which a list of names does not need
+        from trimtab.scenarios.build import (
+            PREDICTOR,
+            SWITCH,
+        )  # imports the whole loop, which a list of names does not need
 
         built, _ = catalogue.load_scenario(scenario)
         choices = {**catalogue.scenario_choices(scenario), PREDICTOR: tuple(SWITCH)}
@@ -50,7 +53,7 @@ def command(scenario: str | None, as_toml: bool, as_schema: bool, as_answers: bo
 
 def _print_file(scenario: str | None) -> None:
     if scenario is None:
-        raise InputError("--toml", "writes one scenario", fix="trimtab list hovercraft/spin --toml > my.toml")
+        raise InputError("--toml", "needs a scenario", fix="trimtab list hovercraft/spin --toml > my.toml")
     from trimtab.scenarios.toml_text import format_scenario
 
     built, _ = catalogue.load_scenario(scenario)
@@ -58,15 +61,15 @@ def _print_file(scenario: str | None) -> None:
 
 
 def print_scenarios(names: Mapping[str, str], as_json: bool) -> None:
-    """Every scenario with its first line."""
+    """Print every scenario with the first line of its description."""
     if as_json:
         print_json({"scenarios": names})
         return
-    table = new_table("scenario", "what it shows", unwrapped=("scenario",))
+    table = new_table("scenario", "description", unwrapped=("scenario",))
     for name, doc in names.items():
         table.add_row(name, doc)
     print_table(table)
-    click.echo(f"fly one: trimtab run {next(iter(names))}      its settings: trimtab list {next(iter(names))}")
+    click.echo(f"run one: trimtab run {next(iter(names))}      its settings: trimtab list {next(iter(names))}")
 
 
 def print_settings(
@@ -76,11 +79,11 @@ def print_settings(
     lines: Mapping[str, Mapping[str, str]],
     as_json: bool,
 ) -> None:
-    """Every setting of a scenario: path, value, unit, meaning; and what can be switched off.
+    """Print every setting of a scenario (path, value, unit, meaning), and its imperfections.
 
-    arguments: choices of each argument.  lines: of those that have them, what each choice is.
+    arguments: choices of each argument.  lines: description of each choice, where there is one.
     """
-    from trimtab.core.record import absent_parts, leaves  # numpy, which a list of names does not need
+    from trimtab.core.record import absent_parts, leaves  # imports numpy, which a list of names does not need
     from trimtab.loop.beliefs import belief_mismatches, describe_mismatches
 
     faults = sorted(scenario.imperfections())
@@ -104,7 +107,7 @@ def print_settings(
         table.add_row(*row)
     for path, declared in absent_parts(scenario):
         fields = ", ".join(p for p, _, _ in leaves(declared.optional))
-        table.add_row(f"{path}.…", "none", "", f"{declared.doc} One setting puts it there: {fields}.")
+        table.add_row(f"{path}.…", "none", "", f"{declared.doc} Setting one of these adds the part: {fields}.")
     print_table(table)
     click.echo(f"--without {' | '.join(faults)}")
     if mismatch:

@@ -1,4 +1,4 @@
-"""`trimtab live-faults`: a vehicle and an autopilot, and all that can go wrong between them."""
+"""`trimtab live-faults`: flights of a vehicle and an autopilot under faults of link, processes and machine."""
 
 import os
 import sys
@@ -20,19 +20,19 @@ if TYPE_CHECKING:
 
 
 @click.command()
-@click.option("--only", multiple=True, metavar="CASE", help="Only this case; repeatable.  [default: all cases]")
+@click.option("--only", multiple=True, metavar="CASE", help="Only this case. May be repeated.  [default: all cases]")
 @click.option("--draw", type=click.IntRange(1), metavar="N", help="Fly N flights drawn at random instead of the cases.")
 @click.option(
     "--seed",
     type=click.IntRange(0),
     default=1,
     show_default=True,
-    help="Of the random numbers by which flights are drawn, and of virtual time.",
+    help="Seed of the random flights and of virtual time.",
 )
-@click.option("--findings", is_flag=True, help="Try each fault found in version 0.1 again, and print both results.")
+@click.option("--findings", is_flag=True, help="Repeat each fault found in version 0.1, and print both results.")
 @click.option("--real-time", "is_real", is_flag=True, help="Ask for flights of real processes, in real time.")
 @click.option("--jobs", type=click.IntRange(1, 16), default=2, show_default=True, help="Number of flights at a time.")
-@OUT("DIR", "Write logs and printed text in this folder, one folder per case.")
+@OUT("DIR", "Write logs and printed text to this folder, one folder per case.")
 @click.option("--page", type=FILE, metavar="FILE", help="Write the docs page with the results; with --only, add to it.")
 @JSON
 def command(
@@ -46,14 +46,15 @@ def command(
     page: Path | None,
     as_json: bool,
 ) -> None:
-    """Spoil the line, the processes and the machine of a vehicle and an autopilot that fly, in over a hundred ways.
+    """Inject over a hundred faults into link, processes and machine of a vehicle and an autopilot in flight.
 
-    Each case is a short flight in virtual time: vehicle, outputs, autopilots and attackers run in one process on one
-    clock, and one seed gives one flight, bit for bit. Exit code 1: a vehicle was not safe, a program crashed, or a log
-    does not say what happened. One flight in twenty is flown twice and must be the same. All cases take a few minutes.
+    Each case is a short flight in virtual time. Vehicle, outputs, autopilots and attackers run in one process on one
+    clock, so a flight is repeatable from its seed, bit for bit. Exit code 1: a vehicle was not safe, a program crashed,
+    or a log does not show what happened. One flight in twenty is repeated and must be identical. All cases take a few
+    minutes.
 
     With --real-time each case is a flight of real processes over real sockets. All cases then take some twenty minutes.
-    A flight that failed while one of its processes was kept waiting is flown once more.
+    A flight that failed while the operating system delayed one of its processes is repeated once.
 
     \b
     trimtab live-faults --only cut-1 --only autopilot-killed
@@ -70,10 +71,12 @@ def command(
         check_folder("--out", out)
         for name in cases:
             if (out / name).exists():
-                raise InputError("--out", f"there is a case already: {out / name}", fix="--out with a new folder")
+                raise InputError(
+                    "--out", f"the folder already contains a case: {out / name}", fix="--out with a new folder"
+                )
     if page is not None:
         check_folder("--page", page.parent)
-        if not only:  # else it is the page that is added to
+        if not only:  # with --only the page is extended
             check_new("--page", page)
     began = monotonic()
 
@@ -118,17 +121,17 @@ def _choose_names(
     """Return the names of the cases that the options ask for; empty: all cases."""
     if draw is not None:
         if only or page is not None:
-            raise InputError("--draw", "goes with neither --only nor --page", fix=f"--draw {draw} alone")
+            raise InputError("--draw", "cannot be combined with --only or --page", fix=f"--draw {draw} alone")
         only = tuple(f"{_import_module('draw').DRAWN}{seed}-{k}" for k in range(draw))
     if findings:
         if only or draw is not None or page is not None:
-            raise InputError("--findings", "goes with neither --only nor --draw nor --page", fix="--findings alone")
+            raise InputError("--findings", "cannot be combined with --only, --draw or --page", fix="--findings alone")
         only = tuple(_import_module("found_at_0_1").list_case_names())
     return only
 
 
 def _print_findings(outcomes: "Sequence[CaseOutcome]") -> None:
-    """What was found at version 0.1, row by row, and what the same does now."""
+    """Print the findings of version 0.1, row by row, with the result of today."""
     study = _import_module("found_at_0_1")
     table = new_table("tried", "at 0.1", "now", "verdict", unwrapped=("verdict",))
     for row in study.compare_findings(outcomes):
@@ -137,14 +140,14 @@ def _print_findings(outcomes: "Sequence[CaseOutcome]") -> None:
 
 
 def _count_kinds(outcomes: "Sequence[CaseOutcome]") -> dict[str, dict[str, int]]:
-    """Kind of a drawn flight -> its counts, by name; the last one is of all."""
+    """Return kind of a random flight -> counts by name; the last kind is the total."""
     counts = _import_module("draw").count_kinds({one.name: one for one in outcomes})
     kinds = {kind: count._asdict() for kind, count in counts.items()}
     return kinds | {"all": {name: sum(k[name] for k in kinds.values()) for name in next(iter(kinds.values()))}}
 
 
 def _print_kinds(kinds: dict[str, dict[str, int]]) -> None:
-    """The table of drawn flights."""
+    """Print the table of random flights."""
     names = [name.replace("_", " ") for name in kinds["all"]]
     table = new_table("kind", *(f">{name}" for name in names), unwrapped=("kind",))
     for kind, counts in kinds.items():
@@ -153,7 +156,7 @@ def _print_kinds(kinds: dict[str, dict[str, int]]) -> None:
 
 
 def _write_page(file: Path, outcomes: "Sequence[CaseOutcome]", wall: float, *, apart: bool) -> None:
-    """A new page of all cases; or the rows of some in the page that is there."""
+    """Write a new page of all cases, or update the rows of some cases in the existing page."""
     page, names = _import_module("page"), [case.name for case in _import_module("cases").all_cases()]
     before = file.read_text("utf-8") if apart and file.exists() else ""
     run = page.describe_flights([one.name for one in outcomes], wall, os.cpu_count() or 1, apart=apart)
@@ -162,5 +165,5 @@ def _write_page(file: Path, outcomes: "Sequence[CaseOutcome]", wall: float, *, a
 
 
 def _import_module(name: str) -> Any:
-    """A module of the study that makes these flights, which a clone of trimtab has."""
+    """Import a module of the study that makes these flights; it is part of a clone of trimtab."""
     return import_study(find_study("live_faults") / f"{name}.py")

@@ -1,4 +1,4 @@
-"""`trimtab map`: where in the plane of two parameters a scenario succeeds."""
+"""`trimtab map`: region in the plane of two parameters where a scenario succeeds."""
 
 from pathlib import Path
 from typing import Any
@@ -20,35 +20,41 @@ from trimtab.run.program import check_seed, describe_scenario
 from trimtab.scenarios.build import build
 
 COARSE = 5
-"""Values of the coarse grid where an axis does not say how many."""
+"""Default number of values on an axis of the coarse grid."""
 EXAMPLE = "delay=0:0.6"
-KNOWS_NO = "it is of the linear loop, and knows no loss of packets"
-"""Of the theory beside a map."""
+KNOWS_NO = "it holds for the linear loop without packet loss"
+"""Limitation of the theory shown beside a map."""
 
 Criteria = tuple[StabilityCriterion, ...]
 
 
 @click.command()
 @SCENARIO
-@click.option("--x", required=True, metavar="AXIS=LOW:HIGH[:N]", help="E.g. delay=0:0.6, or any PATH=LOW:HIGH.")
-@click.option("--y", required=True, metavar="AXIS=LOW:HIGH[:N]", help="E.g. jitter=0:0.3.")
+@click.option(
+    "--x", required=True, metavar="AXIS=LOW:HIGH[:N]", help="Horizontal axis, e.g. delay=0:0.6, or any PATH=LOW:HIGH."
+)
+@click.option("--y", required=True, metavar="AXIS=LOW:HIGH[:N]", help="Vertical axis, e.g. jitter=0:0.3.")
 @SUCCESS
 @FLIGHT
 @WITHOUT
 @THREADS
 @STORE
-@RUNS(8, "How many worlds at each point.")
-@click.option("--depth", type=click.IntRange(0, 8), default=4, show_default=True, help="How often cells are halved.")
-@click.option("--threshold", type=click.FloatRange(0, 1), default=0.5, show_default=True, help="Share at the boundary.")
+@RUNS(8, "Number of runs at each point.")
+@click.option(
+    "--depth", type=click.IntRange(0, 8), default=4, show_default=True, help="Number of times that cells are halved."
+)
+@click.option(
+    "--threshold", type=click.FloatRange(0, 1), default=0.5, show_default=True, help="Success rate at the boundary."
+)
 @click.option(
     "--swing",
     type=click.FloatRange(0),
     default=SWING,
     show_default=True,
-    help="Most that may go on swinging, in parts of each target's band; without --success.",
+    help="Largest remaining oscillation, as a fraction of the target band; without --success.",
 )
 @SEED
-@click.option("--theory/--no-theory", default=True, show_default=True, help="Draw the linear theory where it applies.")
+@click.option("--theory/--no-theory", default=True, show_default=True, help="Draw the linear theory if it applies.")
 @PLOT("Picture of the map.")
 @JSON
 def command(
@@ -66,11 +72,11 @@ def command(
     as_json: bool,
     **grid: Any,
 ) -> None:
-    """Say where in the plane of two parameters a scenario succeeds.
+    """Map the region in the plane of two parameters where a scenario succeeds.
 
-    A coarse grid is flown, then only the cells through which the boundary passes are halved. Axes: delay, jitter, loss
-    of the link, or any parameter by its path. Without --success every target must be inside its band for the last
-    third, and swing there with less than a tenth of the band (--swing) or ever less: a limit cycle is no success.
+    Flies a coarse grid, then halves only the cells that contain the boundary. Axes: delay, jitter or loss of the link,
+    or any parameter by its path. Without --success, every target must stay in its band for the last third of the
+    flight, and its oscillation must be below a tenth of the band (--swing) or decrease: a limit cycle is a failure.
 
     \b
     trimtab map hovercraft/zero-velocity --x delay=0:0.6 --y loss=0:0.9 --success 'error_rms:yaw_rate <= 0.6'
@@ -84,7 +90,7 @@ def command(
     check_seed(seed)
     horizontal, vertical = parse_axis("--x", x), parse_axis("--y", y)
     if horizontal.name == vertical.name:
-        problem = f"it is {vertical.name!r} like --x"
+        problem = f"must differ from --x, got {vertical.name!r} for both"
         raise InputError("--y", problem, fix="give it another parameter, e.g. --y jitter=0:0.3")
     built = build(scenario, settings, without, faults)
     check_picture(plot, None)
@@ -114,44 +120,46 @@ def command(
 
 
 def _estimate_points(x: Axis, y: Axis, depth: int) -> int:
-    """About how many points fly: the coarse grid, and what a boundary from side to side takes."""
+    """Estimate the number of points: the coarse grid, and a boundary from one side to the other."""
     return len(x.values) * len(y.values) + 4 * max(len(x.values), len(y.values)) * (2**depth - 1)
 
 
 def parse_axis(option: str, text: str) -> Axis:
-    """An axis from `name=low:high[:count]`: delay, jitter, loss (of the uplink), downlink-delay, …, or a path.
+    """Parse an axis `name=low:high[:count]`: delay, jitter, loss (of the uplink), downlink-delay, …, or a path.
 
-    With percent signs the scenario's own value is multiplied.
+    Values with a percent sign multiply the scenario's own value.
     """
     name, equals, span = text.partition("=")
     ends = span.split(":")
     if not equals or len(ends) not in (2, 3):
-        raise InputError(option, f"{text!r} is no name and range", fix=f"{option} {EXAMPLE}, or {option} {EXAMPLE}:7")
+        raise InputError(
+            option, f"{text!r} is not a name and range", fix=f"{option} {EXAMPLE}, or {option} {EXAMPLE}:7"
+        )
     percent = all(e.endswith("%") for e in ends[:2])
     try:
         low, high = (float(e.removesuffix("%")) / (100 if percent else 1) for e in ends[:2])
         count = int(ends[2]) if len(ends) == 3 else COARSE
     except ValueError:
         fix = f"{option} {name}=0:0.6 in SI units, or {option} {name}=50%:200%"
-        raise InputError(option, f"{span!r} is no range of numbers", fix=fix) from None
+        raise InputError(option, f"{span!r} is not a range of numbers", fix=fix) from None
     if not (np.isfinite([low, high]).all() and low < high and 2 <= count <= 1000):
         fix = f"{option} {EXAMPLE}, low before high, with 2 to 1000 values in the coarse grid"
-        raise InputError(option, f"{span!r} is no rising range", fix=fix)
+        raise InputError(option, f"the range must rise, got {span!r}", fix=fix)
     values = np.linspace(low, high, count)
     link, _, kind = name.rpartition("-")
     if kind in KINDS and link in ("", *LINKS):
         if percent:
-            raise InputError(option, f"{name!r} takes no percent", fix=f"{option} {EXAMPLE}")
+            raise InputError(option, f"{name!r} does not take a percentage", fix=f"{option} {EXAMPLE}")
         return axis_of_link(kind, values, link or "uplink")
     if "." not in name:
         choices = [*KINDS, *(f"{one}-{kind}" for one in LINKS for kind in KINDS)]
         fix = f"{option} {EXAMPLE}, or the path of a quantity, which  trimtab list SCENARIO  shows"
-        raise InputError(option, f"there is no {name!r}", choices=choices, fix=fix)
+        raise InputError(option, f"unknown axis {name!r}", choices=choices, fix=fix)
     return axis_of_scale(name, values) if percent else axis_of_path(name, values)
 
 
 def _find_criteria(diagram: StabilityMap) -> tuple[Criteria, str]:
-    """The criteria that apply, or why there are none."""
+    """Return the criteria that apply, or the reason why none does."""
     try:
         return stability_criteria(diagram), ""
     except InputError as error:
@@ -190,20 +198,20 @@ def _print_map(diagram: StabilityMap, criteria: Criteria, why: str) -> None:
         side = "succeeds" if first >= traced.threshold else "fails"
         unit, along = (f" {axis.unit}" if axis.unit not in ("", "1") else "" for axis in (diagram.y, diagram.x))
         passes = [f"{a:.4g} to {b:.4g}" for a, b in diagram.crossings(float(value))]
-        turns = f", turns at {diagram.x.name} {', '.join(passes)}{along}" if passes else " all along"
+        turns = f", turns at {diagram.x.name} {', '.join(passes)}{along}" if passes else " along the whole line"
         click.echo(f"  {diagram.y.name} {value:.4g}{unit}: {side} at {diagram.x.values[0]:.4g}{turns}")
     if len(traced.boundary_cells()) == 0:
         click.echo(_boundary_hint(diagram))
     if criteria:
-        click.echo(f"theory beside it: {', '.join(one.name for one in criteria)}; {KNOWS_NO}")
+        click.echo(f"theory shown: {', '.join(one.name for one in criteria)}; {KNOWS_NO}")
     elif why:
-        click.echo(f"no theory beside it: {why}")
+        click.echo(f"no theory shown: {why}")
 
 
 def _boundary_hint(diagram: StabilityMap) -> str:
-    """What to type where a map is all of one colour."""
+    """Return a hint for a map without a boundary."""
     if (diagram.share >= diagram.traced_boundary.threshold).all():
-        return "no boundary: it succeeds everywhere. Wider --x or --y, or a stricter --success"
+        return "no boundary: it succeeds everywhere. Try a wider --x or --y, or a stricter --success"
     target = diagram.scenario.targets[0].path.removeprefix("truth.") if diagram.scenario.targets else "SIGNAL"
     what = f"--success 'error_rms:{target} <= 0.5', --swing 1, --without navigation-error, or other --x and --y"
-    return f"no boundary: it fails everywhere. Errors of navigation alone can keep it from a target's band: {what}"
+    return f"no boundary: it fails everywhere. Navigation errors alone can exceed a target's band. Try {what}"

@@ -1,6 +1,6 @@
-"""`trimtab new`: a part of one's own, its test and its page, which work at once and are then changed.
+"""`trimtab new`: write a working template of a new part, with its test and its page.
 
-What is written are the files of `trimtab.templates`, tested as they stand, with a name in the place of theirs.
+The files are those of `trimtab.templates`, which are tested, with the given name in place of theirs.
 """
 
 import ast
@@ -37,7 +37,7 @@ OTHERS = {
     "radio": "link",
     "servo": "actuator",
 }
-"""What others call a kind."""
+"""Other common names of a kind."""
 UNCERTAIN = {
     "vehicle": "world.vehicle.speed",
     "law": "world.vehicle.current.north",
@@ -47,27 +47,27 @@ UNCERTAIN = {
     "actuator": "world.actuators.stages.force.0.friction",
     "scenario": "world.vehicle.mass",
 }
-"""Kind -> a number that may differ from world to world, in the file as it is written."""
+"""Kind -> a parameter of its template that may vary between runs."""
 LONGEST = 24
-"""Characters of a name, so that lines with it stay within 120."""
+"""Maximum length of a name, so that lines with it stay within 120 characters."""
 
 
 def complete_kinds(context: click.Context, parameter: click.Parameter, start: str) -> list[CompletionItem]:
-    """Kinds of parts for a shell."""
+    """Complete kinds of parts."""
     return [CompletionItem(kind) for kind in KINDS if kind.startswith(start)]
 
 
 @click.command()
 @click.argument("kind", shell_complete=complete_kinds)
 @click.argument("name")
-@OUT("DIR", "Write the three files in this folder.  [default: here]")
+@OUT("DIR", "Write the three files to this folder.  [default: here]")
 @JSON
 @click.pass_context
 def command(context: click.Context, kind: str, name: str, out: Path | None, as_json: bool) -> None:
-    """Write a part of your own, its test and its page, which work at once; then change them.
+    """Write a working template of your own part, with its test and its page, for you to change.
 
-    KIND is vehicle, law, sensor, estimator, link, actuator or scenario. NAME.py flies by itself: a vehicle with all
-    that it needs, any other part in a scenario of the catalogue. Of a scenario it is NAME.toml.
+    KIND is vehicle, law, sensor, estimator, link, actuator or scenario. NAME.py contains a complete scenario: a vehicle
+    with all that it needs, or another part in a scenario of the catalogue. For a scenario the file is NAME.toml.
 
     \b
     trimtab new vehicle my_bike
@@ -94,49 +94,47 @@ def command(context: click.Context, kind: str, name: str, out: Path | None, as_j
 
 
 def check_kind(kind: str, name: str) -> None:
-    """Refuse a kind that there is none of, with the one that was meant."""
+    """Raise InputError for an unknown kind, with the likely one."""
     if kind not in KINDS:
         near = OTHERS.get(kind.lower()) or next(iter(closest(kind.lower(), KINDS, 1)), KINDS[0])
-        raise InputError(
-            f"trimtab new {kind}", "there is no such kind", choices=KINDS, fix=f"trimtab new {near} {name}"
-        )
+        raise InputError(f"trimtab new {kind}", "no such kind", choices=KINDS, fix=f"trimtab new {near} {name}")
 
 
 def check_name(kind: str, name: str) -> None:
-    """Refuse a name that is a path, that Python takes for none or for a word, or that stands in the file already."""
+    """Raise InputError for a name that is a path, not a Python name, reserved, or already used in the file."""
     typed, path = f"trimtab new {kind}", Path(name)
     if len(path.parts) > 1 or name.endswith(("/", ".py", ".toml", ".md")):
         folder = "" if path.parent == Path() else f" --out {shlex.quote(str(path.parent))}"
-        problem = f"{name!r} is a path; a name is wanted, and the folder goes after --out"
+        problem = f"{name!r} is a path; give a name, and the folder after --out"
         raise InputError("NAME", problem, fix=f"{typed} {nearest_name(path.stem)}{folder}")
     if not re.fullmatch(r"[A-Za-z]\w*", name, re.ASCII) or len(name) > LONGEST:
-        problem = f"{name!r} is no name for a file and a class of Python: letters, digits and _, {LONGEST} at most"
+        problem = f"{name!r} is not a valid name: it must consist of ASCII letters, digits and _, at most {LONGEST}"
         raise InputError("NAME", problem, fix=f"{typed} {nearest_name(name)}")
     if keyword.iskeyword(name) or keyword.issoftkeyword(name):
-        raise InputError("NAME", f"{name!r} is a word of Python itself", fix=f"{typed} {nearest_name(f'my_{name}')}")
+        raise InputError("NAME", f"{name!r} is a reserved word of Python", fix=f"{typed} {nearest_name(f'my_{name}')}")
     if name.startswith("test_") or name == "conftest":
-        problem = f"pytest takes a file {name}.py for its own"
+        problem = f"pytest would treat {name}.py as a test file"
         raise InputError("NAME", problem, fix=f"{typed} {nearest_name('my_' + name.removeprefix('test_'))}")
     words = read_words(kind)
     for own in (word for word in words if word.startswith(f"My{kind.capitalize()}")):
         given = own.replace(f"My{kind.capitalize()}", class_name(name))
         if given != own and given in words:
-            problem = f"it gives a class {given}, and the file has another of that name"
+            problem = f"the file already contains a class {given}, the name of the new class"
             raise InputError("NAME", problem, fix=f"{typed} {nearest_name(f'my_{name}')}")
 
 
 def check_unused(kind: str, name: str, folder: Path) -> None:
-    """Refuse the name of a module that there is: who imports that one would get this file."""
+    """Raise InputError for the name of an existing module, which the new file would hide."""
     own = {Path().resolve(), folder.resolve()}
     places = [place for place in sys.path if Path(place).resolve() not in own]
     found = None if name in sys.stdlib_module_names else PathFinder.find_spec(name, places)
     if name in sys.stdlib_module_names or (found is not None and found.loader is not None):
-        problem = f"there is a module {name!r}, which {name}.py would stand before"
+        problem = f"there is a module {name!r}, which {name}.py would hide"
         raise InputError("NAME", problem, fix=f"trimtab new {kind} {nearest_name(f'my_{name}')}")
 
 
 def nearest_name(text: str) -> str:
-    """The nearest that is a name: small letters without accents, digits and _."""
+    """Return the nearest valid name: lower-case letters without accents, digits and _."""
     plain = unicodedata.normalize("NFKD", re.sub(r"(?<=[a-z0-9])(?=[A-Z])", "_", text).casefold())
     letters = "".join(c for c in plain if not unicodedata.combining(c))
     words = re.sub(r"[\W_]+", "_", letters, flags=re.ASCII).strip("_")
@@ -145,12 +143,12 @@ def nearest_name(text: str) -> str:
 
 
 def class_name(name: str) -> str:
-    """E.g. MyBike of my_bike."""
+    """Return the class name of a part, e.g. MyBike for my_bike."""
     return "".join(word[:1].upper() + word[1:] for word in name.split("_"))
 
 
 def read_words(kind: str) -> set[str]:
-    """Names of Python that stand in a kind's template."""
+    """Return the Python names used in a kind's template."""
     if kind == "scenario":
         return set()
     nodes = list(ast.walk(ast.parse((TEMPLATES / main_file(kind)).read_text(encoding="utf-8"))))
@@ -159,12 +157,12 @@ def read_words(kind: str) -> set[str]:
 
 
 def main_file(kind: str) -> str:
-    """Name of a kind's file among the templates."""
+    """Return the name of a kind's main template file."""
     return f"my_{kind}.{'toml' if kind == 'scenario' else 'py'}"
 
 
 def read_files(kind: str, name: str) -> dict[str, str]:
-    """Names of the files of a part -> their texts, with its name in the place of the template's."""
+    """Return file name -> text of a new part's files, with its name in place of the template's."""
     own = {
         f"my_{kind}": name,
         f"My{kind.capitalize()}": class_name(name),
@@ -178,25 +176,25 @@ def read_files(kind: str, name: str) -> dict[str, str]:
 
 
 def _check_places(kind: str, name: str, folder: Path, files: Mapping[str, str], overwrite: bool) -> None:
-    """Refuse to replace a file, unless that was asked for."""
+    """Raise InputError if a file exists, unless overwriting is allowed."""
     for file in files:
         place = folder / file
         if place.is_dir() or (place.exists() and not overwrite):
-            problem = f"{str(place)!r} is {'a folder' if place.is_dir() else 'there already'}"
+            problem = f"{str(place)!r} is {'a folder' if place.is_dir() else 'an existing file'}"
             other = f"another name, e.g.  trimtab new {kind} {name[: LONGEST - 2]}_2"
             raise InputError("NAME", problem, fix=other if place.is_dir() else f"{other}, or --overwrite to replace it")
 
 
 def next_commands(kind: str, place: Path) -> dict[str, str]:
-    """What to type next -> what for."""
+    """Return the next commands to type -> their purpose."""
     flown = f"{place}.toml" if kind == "scenario" else f"{place}.py:scenario"
     test = place.with_name(f"test_{place.name}.py")
     missing = "" if importlib.util.find_spec("pytest") else f"; first  {install_command(package='pytest')}"
     return {
-        f"trimtab run {flown} --plot {place}.png": "fly it and look",
-        f"pytest {test}": f"what must hold of it{missing}",
-        f"trimtab list {flown}": "every setting, by its path",
-        f"trimtab campaign {flown} --spread '{UNCERTAIN[kind]}=uniform(80%, 120%)'": "in how many worlds it flies",
+        f"trimtab run {flown} --plot {place}.png": "simulate it and plot",
+        f"pytest {test}": f"run its test{missing}",
+        f"trimtab list {flown}": "list every setting with its path",
+        f"trimtab campaign {flown} --spread '{UNCERTAIN[kind]}=uniform(80%, 120%)'": "success rate over many runs",
         f"trimtab export {flown} --out {place}-c": "the autopilot as C",
-        f"trimtab export --verify {place}-c": "compiled, and compared with a flight",
+        f"trimtab export --verify {place}-c": "compile it and compare with a simulated run",
     }

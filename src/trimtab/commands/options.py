@@ -1,4 +1,4 @@
-"""Options and arguments that several verbs take, and what turns their text into values."""
+"""Options and arguments that several verbs share, and the functions that parse them."""
 
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -15,20 +15,20 @@ from trimtab.scenarios import catalogue
 
 FILE = click.Path(path_type=Path)
 CALIBRATION = "trimtab.calibration"
-"""Where a context keeps the file of ``--calibration``."""
+"""Key of the context's entry for the file of ``--calibration``."""
 REFERENCE = "trimtab.reference"
-"""And the settings of ``--reference``."""
+"""Key of the context's entry for the settings of ``--reference``."""
 CHOICES = "trimtab.choices"
-"""And those of options that are a setting each, by its name: ``--navigation``, ``--duration``."""
+"""Key of the context's entry for options that set one setting each, such as ``--navigation`` and ``--duration``."""
 
 
 def parse_settings(context: click.Context, parameter: click.Parameter, values: tuple[str, ...]) -> dict[str, str]:
-    """path=value texts as a mapping, with the calibration of ``--calibration`` among them."""
+    """Parse path=value texts into a mapping, and add the file of ``--calibration``."""
     fix = "--set world.vehicle.mass=3.2; trimtab list SCENARIO shows paths"
     settings: dict[str, str] = {}
     for path, value in _split_pairs("--set", "path=value", fix, values):
         if path in settings:
-            problem = f"is set twice, to {settings[path]} and to {value.strip()}"
+            problem = f"set twice, to {settings[path]} and to {value.strip()}"
             raise InputError(f"--set {path}", problem, fix=f"keep one of them, e.g. --set {path}={value.strip()}")
         settings[path] = value.strip()
     file = context.meta.get(CALIBRATION)
@@ -37,25 +37,25 @@ def parse_settings(context: click.Context, parameter: click.Parameter, values: t
 
 
 def parse_parts(context: click.Context, parameter: click.Parameter, values: tuple[str, ...]) -> dict[str, str]:
-    """part=choice texts as a mapping."""
+    """Parse part=choice texts into a mapping."""
     pairs = _split_pairs("--with", "PART=CHOICE", "--with estimator=ins-coupled", values)
     return {part: choice.strip() for part, choice in pairs}
 
 
 def keep_references(context: click.Context, parameter: click.Parameter, values: tuple[str, ...]) -> None:
-    """Settings of ``--reference``: of a path "reference", of a law's number its own."""
+    """Parse ``--reference``: a path becomes the setting "reference", a schedule the setting of its gain."""
     references: dict[str, str] = {}
     for text in values:
         path, equals, schedule = (word.strip() for word in text.partition("="))
         own = path if equals and "(" not in path else "reference"
         if own in references:
-            raise InputError("--reference", f"there are two of {own}", fix="keep one of them")
+            raise InputError("--reference", f"{own} is given twice", fix="keep one of them")
         references[own] = schedule if own == path else text.strip()
     context.meta[REFERENCE] = references
 
 
 def parse_spreads(context: click.Context, parameter: click.Parameter, values: tuple[str, ...]) -> dict[str, str]:
-    """path=distribution texts as a mapping; of a calibration file its name, with nothing."""
+    """Parse path=distribution texts into a mapping; the name of a calibration file maps to an empty text."""
     fix = "--spread 'world.vehicle.mass=normal(100%, 5%)'; trimtab list SCENARIO shows every path"
     spread: dict[str, str] = {text: "" for text in values if is_calibration(text)}
     paths = tuple(text for text in values if not is_calibration(text))
@@ -67,12 +67,12 @@ def parse_spreads(context: click.Context, parameter: click.Parameter, values: tu
 
 
 def is_calibration(text: str) -> bool:
-    """Whether a spread is a calibration file, whose own errors are drawn."""
+    """Return True if a spread is a calibration file, whose own uncertainties are sampled."""
     return text.endswith(".toml") and "=" not in text
 
 
 def _split_pairs(option: str, form: str, fix: str, values: tuple[str, ...]) -> Iterator[tuple[str, str]]:
-    """Path and text of each PATH=TEXT."""
+    """Yield the path and the text of each PATH=TEXT."""
     for text in values:
         path, equals, value = text.partition("=")
         if not equals or not path.strip():
@@ -81,13 +81,13 @@ def _split_pairs(option: str, form: str, fix: str, values: tuple[str, ...]) -> I
 
 
 def complete_scenarios(context: click.Context, parameter: click.Parameter, start: str) -> list[CompletionItem]:
-    """Scenarios of the catalogue for a shell; without one, files."""
+    """Complete scenarios of the catalogue; without a match, files."""
     names = [name for name in catalogue.scenario_files() if name.startswith(start)]
     return [CompletionItem(name) for name in names] or [CompletionItem(start, type="file")]
 
 
 def complete_settings(context: click.Context, parameter: click.Parameter, start: str) -> list[CompletionItem]:
-    """Paths of the scenario's settings for a shell; the first time that takes as long as a list of them."""
+    """Complete paths of the scenario's settings; the first time takes as long as `trimtab list SCENARIO`."""
     typed = (str(context.params.get("scenario")), *context.args)
     scenario = next((word for word in typed if word in catalogue.scenario_files()), None)
     if scenario is None:
@@ -107,15 +107,15 @@ AT = click.option(
     "at",
     multiple=True,
     metavar="NAME=VALUE",
-    help="Of a state, an input, an output or a rate, e.g. speed='150 m/s', throttle=free, throttle=0..1, \"yaw'=0.1\","
-    ' "height\'=any"; repeatable.',
+    help="Condition on a state, input, output or rate, e.g. speed='150 m/s', throttle=free, throttle=0..1,"
+    ' "yaw\'=0.1", "height\'=any". May be repeated.',
 )
 SCENARIO = click.argument("scenario", metavar="SCENARIO", shell_complete=complete_scenarios)
-JSON = click.option("--json", "as_json", is_flag=True, help="One JSON object on standard output.")
+JSON = click.option("--json", "as_json", is_flag=True, help="Print one JSON object to standard output.")
 
 
 def OUT(metavar: str, help: str, required: bool = False, name: str = "out") -> Callable[..., Any]:
-    """``--out``: what the verb writes, a file or a folder, and with it ``--overwrite``."""
+    """Return the option ``--out``, the file or folder that the verb writes, together with ``--overwrite``."""
 
     def add_options(function: Callable[..., Any]) -> Callable[..., Any]:
         written = click.option("--out", name, type=FILE, metavar=metavar, required=required, help=help)
@@ -125,7 +125,7 @@ def OUT(metavar: str, help: str, required: bool = False, name: str = "out") -> C
 
 
 def PLOT(help: str, name: str = "plot") -> Callable[..., Any]:
-    """``--plot``: a picture, and with it ``--overwrite``."""
+    """Return the option ``--plot``, a picture, together with ``--overwrite``."""
 
     def add_options(function: Callable[..., Any]) -> Callable[..., Any]:
         return click.option("--plot", name, type=FILE, metavar="FILE", help=help)(with_overwrite(function))
@@ -133,29 +133,29 @@ def PLOT(help: str, name: str = "plot") -> Callable[..., Any]:
     return add_options
 
 
-SEED = click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Of the random numbers.")
+SEED = click.option("--seed", type=click.IntRange(0), default=0, show_default=True, help="Seed of the random numbers.")
 MOST_RUNS = 10_000_000
-"""Of one search or campaign: their numbers fit in memory."""
+"""Maximum number of runs of one search or campaign, so that the results fit in memory."""
 
 
 def RUNS(default: int, help: str, least: int = 1) -> Callable[..., Any]:
-    """``--runs``: how many fly."""
+    """Return the option ``--runs``, the number of runs."""
     return click.option("--runs", type=click.IntRange(least, MOST_RUNS), default=default, show_default=True, help=help)
 
 
-# what flies
+# the loop and its settings
 
 
 def SET(function: Callable[..., Any]) -> Callable[..., Any]:
-    """``--set``, and ``--calibration`` and ``--reference``, which are settings, too: all arrive as `settings`."""
+    """Add ``--set``, ``--calibration`` and ``--reference``; all three arrive in the argument `settings`."""
     calibration = click.option(
         "--calibration",
         type=FILE,
         metavar="FILE",
-        is_eager=True,  # before --set, whose callback takes it up
+        is_eager=True,  # before --set, whose callback reads it
         expose_value=False,
         callback=lambda context, parameter, file: context.meta.update({CALIBRATION: file}),
-        help="Numbers that trimtab calibrate found, for the world and for what the autopilot believes.",
+        help="Calibration file of trimtab calibrate, applied to the world and to the autopilot's model.",
     )
     reference = click.option(
         "--reference",
@@ -164,8 +164,8 @@ def SET(function: Callable[..., Any]) -> Callable[..., Any]:
         is_eager=True,
         expose_value=False,
         callback=keep_references,
-        help="What to follow, e.g. 'circle(radius=1.5, period=20 s)', 'waypoints(0 0, 3 0, 3 3; speed=0.4)', path.csv,"
-        " or 'autopilot.law.k1=steps(0 s: 1, 5 s: 2)'.",
+        help="Reference to follow, e.g. 'circle(radius=1.5, period=20 s)', 'waypoints(0 0, 3 0, 3 3; speed=0.4)',"
+        " path.csv, or 'autopilot.law.k1=steps(0 s: 1, 5 s: 2)'. May be repeated.",
     )
     change = click.option(
         "--set",
@@ -174,13 +174,13 @@ def SET(function: Callable[..., Any]) -> Callable[..., Any]:
         metavar="PATH=VALUE",
         callback=parse_settings,
         shell_complete=complete_settings,
-        help="Change a setting; repeatable.",
+        help="Change a setting. May be repeated.",
     )
     return change(reference(calibration(function)))
 
 
 def keep_choice(context: click.Context, parameter: click.Parameter, value: str | None) -> None:
-    """An option that is a setting of its own name."""
+    """Store the value of an option that is a setting of the same name."""
     if value is not None:
         context.meta.setdefault(CHOICES, {})[str(parameter.name)] = value
 
@@ -188,11 +188,11 @@ def keep_choice(context: click.Context, parameter: click.Parameter, value: str |
 NAVIGATION = click.option(
     "--navigation",
     metavar="KIND",
-    is_eager=True,  # before --set, whose callback takes it up
+    is_eager=True,  # before --set, whose callback reads it
     expose_value=False,
     callback=keep_choice,
-    help="What it finds its way with: errors, ins, ins-magnetometer, ins-coupled, ins-feedforward, ins-direct, tight or"
-    " particle; `trimtab list SCENARIO` says what each is.",
+    help="Navigation system: errors, ins, ins-magnetometer, ins-coupled, ins-feedforward, ins-direct, tight or"
+    " particle. `trimtab list SCENARIO` describes each.",
 )
 DURATION = click.option(
     "--duration",
@@ -200,18 +200,24 @@ DURATION = click.option(
     is_eager=True,
     expose_value=False,
     callback=keep_choice,
-    help="How long it flies, e.g. 20, '20 s', '500 ms'.  [default: the scenario's]",
+    help="Duration of the flight, e.g. 20, '20 s', '500 ms'.  [default: the scenario's]",
 )
 
 
 def FLIGHT(function: Callable[..., Any]) -> Callable[..., Any]:
-    """What flies in virtual time, and how: ``--set`` with its kin, ``--navigation``, ``--duration``, ``--fault``."""
+    """Add the options of a flight in virtual time: those of ``SET``, ``--navigation``, ``--duration``, ``--fault``."""
     return SET(NAVIGATION(DURATION(FAULT(function))))
 
 
-WITHOUT = click.option("--without", multiple=True, metavar="FAULT", help="Switch one imperfection off; repeatable.")
+WITHOUT = click.option(
+    "--without", multiple=True, metavar="FAULT", help="Switch one imperfection off. May be repeated."
+)
 FAULT = click.option(
-    "--fault", "faults", multiple=True, metavar="TEXT", help="E.g. 'sensor:imu off @ 3 s for 1 s'; repeatable."
+    "--fault",
+    "faults",
+    multiple=True,
+    metavar="TEXT",
+    help="Fault to inject, e.g. 'sensor:imu off @ 3 s for 1 s'. May be repeated.",
 )
 
 # thousands of runs
@@ -220,36 +226,52 @@ SPREAD = click.option(
     multiple=True,
     callback=parse_spreads,
     metavar="PATH=DISTRIBUTION",
-    help="E.g. 'world.vehicle.mass=normal(100%, 5%)', or of a campaign a calibration file; repeatable.",
+    help="Distribution of a setting, e.g. 'world.vehicle.mass=normal(100%, 5%)', or for `campaign` a calibration file."
+    " May be repeated.",
 )
 FAULT_RANGE = click.option(
     "--fault-range",
     "fault_ranges",
     multiple=True,
     metavar="TEXT",
-    help="E.g. 'downlink off @ 2..10 s for 0.1..2 s': a fault whose numbers differ; repeatable.",
+    help="Fault with varying numbers, e.g. 'downlink off @ 2..10 s for 0.1..2 s'. May be repeated.",
 )
 VARY = click.option(
-    "--vary", multiple=True, metavar="TEXT", help="E.g. 'stick.turn=pieces(5, -1:1)': an input in pieces; repeatable."
+    "--vary",
+    multiple=True,
+    metavar="TEXT",
+    help="Piecewise constant input to vary, e.g. 'stick.turn=pieces(5, -1:1)'. May be repeated.",
 )
 SUCCESS = click.option(
-    "--success", multiple=True, metavar="TEXT", help="E.g. 'settling:yaw_rate <= 10'; repeatable, all must hold."
+    "--success",
+    multiple=True,
+    metavar="TEXT",
+    help="Condition of success, e.g. 'settling:yaw_rate <= 10'. May be repeated; all must hold.",
 )
 THREADS = click.option(
-    "--threads", type=click.IntRange(1), metavar="N", help="How many threads fly.  [default: as many as cores]"
+    "--threads", type=click.IntRange(1), metavar="N", help="Number of threads.  [default: number of cores]"
 )
 BACKEND = click.option(
-    "--backend", type=click.Choice(("auto", "c", "jax")), default="auto", show_default=True, help="What flies it."
+    "--backend",
+    type=click.Choice(("auto", "c", "jax")),
+    default="auto",
+    show_default=True,
+    help="Simulation backend; c is compiled, jax is slower.",
 )
 
 STORE = click.option(
-    "--store", type=FILE, metavar="DIR", help="Keep what is flown here; started again, only what is missing flies."
+    "--store",
+    type=FILE,
+    metavar="DIR",
+    help="Store the runs in this folder. The same command started again flies only missing runs.",
 )
 
-# lines
-LINK = click.option("--link", required=True, metavar="URI", help="Line to the vehicle, e.g. udp://127.0.0.1:14550.")
-KEY = click.option("--key", type=FILE, metavar="FILE", help="Key that signs the line.  [default: the vehicle's]")
-UNSIGNED = click.option("--unsigned", is_flag=True, help="No signatures; for lines within this machine.")
+# links
+LINK = click.option("--link", required=True, metavar="URI", help="Link to the vehicle, e.g. udp://127.0.0.1:14550.")
+KEY = click.option("--key", type=FILE, metavar="FILE", help="Signing key of the link.  [default: the vehicle's]")
+UNSIGNED = click.option(
+    "--unsigned", is_flag=True, help="Disable signatures; allowed only on links within this computer."
+)
 REAL_TIME = click.option(
     "--real-time/--no-real-time", default=True, show_default=True, help="Ask for real-time scheduling."
 )
@@ -257,7 +279,7 @@ PARAMETERS = click.option(
     "--parameters",
     type=FILE,
     metavar="FILE",
-    help="Settings that a ground station has stored, read at the start; --set goes before.  [default: none are kept]",
+    help="File for settings stored by a ground station, read at the start. --set takes precedence.  [default: none]",
 )
 LOG_LIMIT = click.option(
     "--log-limit",
@@ -265,22 +287,29 @@ LOG_LIMIT = click.option(
     show_default=True,
     metavar="SIZE",
     callback=lambda context, parameter, text: parse_size(text),
-    help="Most that its log may take on the disk: a vehicle's goes on without its oldest part, an autopilot's ends.",
+    help="Maximum size of the log. `vehicle` then drops the oldest part; `fly` stops logging.",
 )
 
 
 def PLACE(function: Callable[..., Any]) -> Callable[..., Any]:
-    """Where a console listens, ``--port``, ``--bind``, ``--certificate``, ``--private-key``; and ``--open``."""
+    """Add the options of a console: ``--port``, ``--bind``, ``--certificate``, ``--private-key`` and ``--open``."""
     options = [
-        click.option("--port", type=click.IntRange(0, 65535), default=0, help="Of the console.  [default: a free one]"),
-        click.option("--bind", default="127.0.0.1", show_default=True, help="Address of the console; others need TLS."),
-        click.option("--certificate", type=FILE, metavar="FILE", help="Of the console, for TLS."),
-        click.option("--private-key", type=FILE, metavar="FILE", help="Of that certificate."),
-        click.option("--open", "opens", is_flag=True, help="Open the console in a browser of this computer."),
+        click.option(
+            "--port", type=click.IntRange(0, 65535), default=0, help="Port of the console.  [default: a free port]"
+        ),
+        click.option(
+            "--bind",
+            default="127.0.0.1",
+            show_default=True,
+            help="Address of the console. Addresses beyond this computer need TLS.",
+        ),
+        click.option("--certificate", type=FILE, metavar="FILE", help="TLS certificate of the console."),
+        click.option("--private-key", type=FILE, metavar="FILE", help="Private key of the certificate."),
+        click.option("--open", "opens", is_flag=True, help="Open the console in a browser on this computer."),
     ]
     for option in reversed(options):
         function = option(function)
     return function
 
 
-LOCKSTEP = click.option("--lockstep", is_flag=True, help="Virtual time: each end waits for the other.")
+LOCKSTEP = click.option("--lockstep", is_flag=True, help="Run in virtual time: each end waits for the other.")

@@ -1,4 +1,4 @@
-"""What the verbs write: JSON, tables, progress on standard error, and files that are checked before anything runs."""
+"""Output of the verbs: JSON, tables and files, with checks of output paths before anything runs."""
 
 import contextlib
 import json
@@ -20,19 +20,19 @@ if TYPE_CHECKING:  # rich is imported when a table is printed, not for --json
     from rich.table import Column, Table
 
 NARROWEST = 20
-"""Characters of a line, at least, that COLUMNS is believed to mean."""
+"""Smallest value of COLUMNS that is accepted as a terminal width."""
 
 
 ANSWERS = Path(__file__).with_name("answers.json")
-"""JSON Schema of what is printed after ``--json``."""
+"""JSON Schema of the output of ``--json``."""
 ANSWER_VERSION = 1
-"""Of all of them; raised where one loses or changes a field, not where it gains one."""
+"""Version of all answers; raised when one loses or changes a field, not when it gains one."""
 
 
 def print_json(result: Mapping[str, Any], files: Iterable[str | Path] = (), verb: str = "") -> None:
-    """The answer of a verb, one object on one line, as `ANSWERS` describes it. Names the files, where any were written.
+    """Print the answer of a verb: one object on one line, as `ANSWERS` describes it, with the files written, if any.
 
-    verb: whose answer it is, where it isn't that of the one that runs.
+    verb: name of the verb; empty for the running one.
     """
     names = [str(file) for file in files]
     note_written(names)
@@ -41,12 +41,12 @@ def print_json(result: Mapping[str, Any], files: Iterable[str | Path] = (), verb
 
 
 def compose_answer(verb: str, result: Mapping[str, Any]) -> dict[str, Any]:
-    """What is printed: which answer it is, with its version, then its fields; a number that is not finite is null."""
+    """Return the answer: its name with version, then its fields; non-finite numbers become null."""
     return {"answer": f"{verb}/{ANSWER_VERSION}"} | _to_json(result)
 
 
 def _running_verb() -> str:
-    """The verb that was typed: the word after the program's own."""
+    """Return the verb that was typed, the word after the program's name."""
     context = click.get_current_context()
     while context.parent is not None and context.parent.parent is not None:
         context = context.parent
@@ -54,7 +54,7 @@ def _running_verb() -> str:
 
 
 def print_schema(schema: Mapping[str, Any]) -> None:
-    """A JSON schema on one line, as a file for an editor or a validator."""
+    """Print a JSON schema on one line, for an editor or a validator."""
     click.echo(json.dumps(schema, allow_nan=False))
 
 
@@ -67,7 +67,7 @@ def _to_json(value: Any) -> Any:
 
 
 def print_files(files: Iterable[str | Path]) -> None:
-    """Say what was written, and remember that it is trimtab's."""
+    """Print the files written, and record that trimtab wrote them."""
     files = list(files)
     note_written(files)
     for file in files:
@@ -75,7 +75,7 @@ def print_files(files: Iterable[str | Path]) -> None:
 
 
 def console() -> "Console":
-    """Standard output; wide enough for a table where it is no terminal and COLUMNS says nothing else."""
+    """Return a console on standard output; wide enough for a table if it is not a terminal and COLUMNS is not set."""
     from rich.console import Console
 
     screen = Console(highlight=False, soft_wrap=False)
@@ -85,7 +85,7 @@ def console() -> "Console":
 
 
 def new_table(*headings: str, title: str | None = None, unwrapped: Sequence[str] = ()) -> "Table":
-    """An empty table in our style, with a column a heading: one that begins with > stands on the right, as numbers do.
+    """Return an empty table in the house style. A heading that begins with > marks a right-aligned column of numbers.
 
     unwrapped: headings of the columns whose cells stay on one line.
     """
@@ -101,9 +101,9 @@ def new_table(*headings: str, title: str | None = None, unwrapped: Sequence[str]
 
 
 def print_table(table: "Table") -> None:
-    """Print a table; where it is too wide, headings and words break in lines, numbers never.
+    """Print a table; if it is too wide, wrap headings and words, but never numbers.
 
-    What still doesn't fit is printed row by row.
+    A table that still does not fit is printed row by row.
     """
     from rich.text import Text
 
@@ -123,11 +123,11 @@ def print_table(table: "Table") -> None:
 
 
 GAPS = ((0, 1), (0, 0))
-"""Padding of the cells (lines, characters): as a table looks best, and where there is little room."""
+"""Padding of the cells (lines, characters): normal, and for a narrow terminal."""
 
 
 def _fit_columns(table: "Table", screen: "Console") -> bool:
-    """Give each column its width, and say whether there is room for all: what lacks most gets more first."""
+    """Set the width of each column, widest need first; return False if they do not fit."""
     least, longest = zip(*(_column_widths(column, screen) for column in table.columns), strict=True)
     for padding in GAPS:
         edges = 2 + (1 + 2 * padding[1]) * (len(least) - 1)
@@ -145,7 +145,7 @@ def _fit_columns(table: "Table", screen: "Console") -> bool:
 
 
 def _column_widths(column: "Column", screen: "Console") -> tuple[int, int]:
-    """How narrow a column can be, and how wide it would be: a cell that stays on one line is never broken."""
+    """Return the minimum and the natural width of a column; unwrapped cells are never broken."""
     heading, *cells = (screen.render_str(str(cell)) for cell in (column.header, *column.cells))
     words = [len(word) for text in (heading, *cells) for word in text.plain.split()]
     whole = [cell.cell_len for cell in cells if column.no_wrap]
@@ -153,7 +153,7 @@ def _column_widths(column: "Column", screen: "Console") -> tuple[int, int]:
 
 
 def format_number(value: float | None) -> str:
-    """A number of a table in few digits; a dash where there is none."""
+    """Format a number for a table with few digits; a dash for None."""
     if value is None:
         return "-"
     if abs(value) >= 1e7:
@@ -163,12 +163,12 @@ def format_number(value: float | None) -> str:
 
 
 def check_picture(picture: Path | None, out: Path | None) -> None:
-    """Refuse a folder or a picture that could not be written."""
+    """Raise InputError for a folder or a picture that cannot be written."""
     if out is not None:
         check_folder("--out", out)
     if picture is not None:
         if picture.suffix.lower() not in (".png", ".pdf", ".svg"):
-            problem = f"{picture.name!r} has no picture's ending"
+            problem = f"{picture.name!r} does not end in a supported picture format"
             raise InputError("--plot", problem, choices=(".png", ".pdf", ".svg"), fix=f"--plot {picture.stem}.png")
         if out is None or picture.parent != out:
             check_folder("--plot", picture.parent)
@@ -178,7 +178,7 @@ def check_picture(picture: Path | None, out: Path | None) -> None:
 
 
 def check_out(option: str, file: Path, example: str = "") -> None:
-    """Refuse a file that can't be written, and one that trimtab did not write. example: a name that is wanted."""
+    """Raise InputError for a file that cannot be written or that trimtab did not write. example: a valid name."""
     check_folder(option, file.parent)
     if file.is_dir():
         raise InputError(option, f"{str(file)!r} is a folder", fix=f"{option} {file / (example or 'result.json')}")
@@ -186,7 +186,7 @@ def check_out(option: str, file: Path, example: str = "") -> None:
 
 
 def check_folder(part: str, folder: Path) -> None:
-    """Refuse a folder that cannot be written, by trying; leaves nothing behind."""
+    """Raise InputError for a folder that is not writable; tries it, and leaves nothing behind."""
     missing = [p for p in (folder, *folder.parents) if not p.exists()]
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -202,25 +202,25 @@ def check_folder(part: str, folder: Path) -> None:
 
 
 def new_log(out: Path, name: str) -> Path:
-    """Where a flight's log goes: a new file in the folder, which is made where it is missing."""
+    """Return the path of a flight's new log; create its folder if it is missing."""
     check_folder("--out", out)
     out.mkdir(parents=True, exist_ok=True)
     present = list_files(out / name)
     if present:
-        raise InputError("--out", f"there is a log already: {present[0]}", fix="--out with a new folder")
+        raise InputError("--out", f"the folder already contains a log: {present[0]}", fix="--out with a new folder")
     return out / name
 
 
 def print_log_size(log: Mapping[str, Any] | None) -> None:
-    """What the log of a flight took, and what a minute takes. log: what its `LogFileSummary` says, if there is one."""
+    """Print the size of a flight's log, and its size per minute. log: fields of its `LogFileSummary`, or None."""
     if log is not None:
         minute = "" if log["minute_size"] is None else f", {round_size(log['minute_size'])} a minute"
         click.echo(f"log: {round_size(log['size'])}{minute}")
 
 
 def write_text(file: Path, text: str) -> Path:
-    """Write a file, whole or not at all, and its folder where there is none yet."""
-    from trimtab.logs.mcap import replace_file  # brings numpy along, which a list of names does not need
+    """Write a file atomically; create its folder if it is missing."""
+    from trimtab.logs.mcap import replace_file  # imports numpy, which a list of names does not need
 
     file.parent.mkdir(parents=True, exist_ok=True)
     with replace_file(file) as stream:
@@ -229,7 +229,7 @@ def write_text(file: Path, text: str) -> Path:
 
 
 def draw_plot(file: Path | None, plot: Callable[..., object], *subjects: Any, **options: Any) -> list[Path]:
-    """Draw a picture of `plots` where a file is named, and its folder where there is none yet; what was written."""
+    """Draw a picture if a file is named; create its folder if it is missing. Return the files written."""
     if file is None:
         return []
     file.parent.mkdir(parents=True, exist_ok=True)

@@ -1,4 +1,4 @@
-"""`trimtab plan`: a path between obstacles that the hovercraft can fly, as a table that `--reference` reads."""
+"""`trimtab plan`: plan a feasible path between obstacles, as a table for `--reference`."""
 
 from pathlib import Path
 
@@ -13,15 +13,15 @@ from trimtab.commands.progress import show_spinner
 @click.command()
 @click.argument("floor", type=FILE, metavar="FLOOR.toml")
 @OUT("FILE.csv", "Write the path as a table: time, north, east, heading.")
-@PLOT("Picture of floor, way and flight.")
-@click.option("--speed", type=click.FloatRange(0.05, 1.0), default=0.5, show_default=True, help="Most speed, m/s.")
+@PLOT("Picture of floor, path and flight.")
+@click.option("--speed", type=click.FloatRange(0.05, 1.0), default=0.5, show_default=True, help="Maximum speed, m/s.")
 @JSON
 def command(floor: Path, out: Path | None, plot: Path | None, speed: float, as_json: bool) -> None:
-    """Plan a path between obstacles within the craft's limits, or say why there is none.
+    """Plan a path between obstacles within the craft's limits, or explain why there is none.
 
-    The file says how large the floor is, where circles and polygons stand, how wide the craft is, and from where to
-    where. A way is searched and smoothed; then the hovercraft's own model flies it within the limits of fan and rudder,
-    and that flight is the plan.
+    The file gives the size of the floor, circles and polygons as obstacles, the width of the craft, start and goal. A
+    path is searched and smoothed. Then the hovercraft's model flies it within the limits of fan and rudder, and that
+    flight is the plan.
 
     \b
     trimtab plan examples/hall.toml --out plan.csv --plot plan.png
@@ -30,7 +30,7 @@ def command(floor: Path, out: Path | None, plot: Path | None, speed: float, as_j
     check_picture(plot, None)
     if out is not None:
         check_out("--out", out)
-    from trimtab.design.obstacles import read_task  # JAX is imported below, after bad input was refused
+    from trimtab.design.obstacles import read_task  # JAX is imported below, after the input is checked
     from trimtab.design.route import Tempo
 
     task = read_task(floor)
@@ -63,7 +63,9 @@ def command(floor: Path, out: Path | None, plot: Path | None, speed: float, as_j
         return
     low, high = result["thrust_N"]
     click.echo(f"{floor}: {result['length_m']:.1f} m in {result['duration_s']:.1f} s, at most {plan.tempo.speed:g} m/s")
-    click.echo(f"  from obstacles         {result['clearance_m']:.2f} m at the nearest, beyond the craft's radius")
+    click.echo(
+        f"  clearance              {result['clearance_m']:.2f} m at the closest point, beyond the craft's radius"
+    )
     click.echo(f"  thrust                 {low:.2f} … {high:.2f} N, allowed {-plan.law.pull:g} … {plan.law.push:g} N")
     click.echo(
         f"  force angle            {result['force_angle_rad']:.2f} rad at most, allowed {plan.law.deflection:g} rad"

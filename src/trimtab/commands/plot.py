@@ -1,4 +1,4 @@
-"""`trimtab plot`: a picture of a log, or of some signals of it by their paths."""
+"""`trimtab plot`: plot a log, or some of its signals by their paths."""
 
 from pathlib import Path
 
@@ -14,16 +14,16 @@ from trimtab.core.time import parse_time, to_seconds
 @click.command()
 @click.argument("file", type=FILE, metavar="LOG")
 @click.argument("signals", nargs=-1, metavar="[PATH…]")
-@PLOT("Picture, PNG, SVG or PDF by its ending.  [default: the log's name with .png]")
-@click.option("--since", metavar="TIME", help="Begin of what is drawn, e.g. '2 s'.")
-@click.option("--until", metavar="TIME", help="End of what is drawn.")
+@PLOT("Picture: PNG, SVG or PDF, by its ending.  [default: the log's name with .png]")
+@click.option("--since", metavar="TIME", help="Start of the plot, e.g. '2 s'.")
+@click.option("--until", metavar="TIME", help="End of the plot.")
 @JSON
 def command(
     file: Path, signals: tuple[str, ...], plot: Path | None, since: str | None, until: str | None, as_json: bool
 ) -> None:
-    """Draw a log: the signals that are named by their paths, a panel each; or all that matter, as `trimtab run` does.
+    """Plot a log: the signals named by their paths, one panel each; or the main signals, as `trimtab run` does.
 
-    A path may have * for any letters. Without --plot the picture lies beside the log.
+    In a path, * stands for any characters. Without --plot the picture is written beside the log.
 
     \b
     trimtab plot flight/run.mcap
@@ -41,7 +41,7 @@ def command(
         log = log.between(ends[0] or 0.0, float("inf") if ends[1] is None else ends[1])
     if not len(log):
         fix = "leave --since and --until out"
-        raise InputError(f"log file '{file}'", "there is no row to draw", fix=fix)
+        raise InputError(f"log file '{file}'", "no row in this interval", fix=fix)
     name = str(log.metadata.get("scenario", file.name))
     if signals:
         paths = select_paths(log, signals)
@@ -53,4 +53,4 @@ def command(
         return
     print_files(files)
     if not signals:
-        click.echo(f"{len(paths)} signals; some of them: trimtab plot {file} {paths[0]}")
+        click.echo(f"{len(paths)} signals; to plot some of them: trimtab plot {file} {paths[0]}")

@@ -1,4 +1,4 @@
-"""How far a verb is, how long it will take and how large what it writes will be: on standard error, before it hurts."""
+"""Progress, remaining time and expected output size of a verb, on standard error."""
 
 import math
 import os
@@ -14,24 +14,24 @@ import click
 from trimtab.logs.log_limit import round_size
 
 LARGE = 10_000_000
-"""Bytes from which on a file is announced."""
+"""Minimum size (bytes) of a file whose size is announced."""
 HOUR = 3600.0
-"""Seconds from which on what is left is said on a screen as well, in a line that stays."""
+"""Remaining time (s) from which it is also printed on a permanent line on a terminal."""
 
 
 def announce_size(what: str, size: float) -> None:
-    """Say, while it is still written, what a large file or folder will take; small ones pass."""
+    """Print the expected size of a large file or folder while it is being written."""
     if size >= LARGE:
         click.echo(f"{what}: about {round_size(size)}", err=True)
 
 
 def warn_of_room(what: str, most: float, folder: Path) -> None:
-    """Say, before it is written, that a disk may not hold it: it may, for how far it will compress is not known.
+    """Warn if the disk may be too small. It may suffice, because the compression is not known in advance.
 
     Args:
-        what: is written, e.g. "store".
-        most: bytes that are still to come, before they are compressed.
-        folder: in which it is written; it need not be there yet.
+        what: object that is written, e.g. "store".
+        most: bytes still to be written, before compression.
+        folder: that is written to; need not exist yet.
     """
     there = next(p for p in (folder.absolute(), *folder.absolute().parents) if p.exists())
     free = shutil.disk_usage(there).free
@@ -41,17 +41,17 @@ def warn_of_room(what: str, most: float, folder: Path) -> None:
 
 
 def _can_redraw() -> bool:
-    """Whether standard error is a screen: a terminal, but not the one that a notebook's `!` puts around a command."""
+    """Return True if standard error is a terminal, but not the one of a notebook's `!` command."""
     in_notebook = "JPY_PARENT_PID" in os.environ or "matplotlib_inline" in os.environ.get("MPLBACKEND", "")
     return sys.stderr.isatty() and not in_notebook and os.environ.get("TERM") != "dumb"
 
 
 @contextmanager
 def show_progress(total: int) -> Iterator[Callable[[str, int], None]]:
-    """A bar that vanishes, on standard error. Tell it what goes on, and how many more are done.
+    """Show a transient progress bar on standard error; yield a function of a text and the number newly done.
 
-    What will take more than an hour is said once, in a line that stays; where nothing can be drawn over, how far it is,
-    from time to time.
+    If more than an hour remains, that is printed once on a permanent line. Without a terminal, progress is printed as
+    lines from time to time.
     """
     if not _can_redraw():
         yield _ProgressLines(total, lambda line: click.echo(line, err=True)).add
@@ -81,7 +81,7 @@ def show_progress(total: int) -> Iterator[Callable[[str, int], None]]:
 
 @contextmanager
 def show_spinner(text: str) -> Iterator[None]:
-    """A spinner that says what is waited for, and vanishes; nothing where no screen can be drawn over."""
+    """Show a transient spinner with a text; nothing without a terminal."""
     if not _can_redraw():
         yield
         return
@@ -93,7 +93,7 @@ def show_spinner(text: str) -> Iterator[None]:
 
 @contextmanager
 def show_count(total: int, before: str) -> Iterator[Callable[[int], None]]:
-    """The same with runs per second; it is told how many are done in all, and shows `before` until the first are."""
+    """Show a progress bar with runs per second; yield a function of the total done. Shows `before` at first."""
     with show_progress(total) as tell:
         tell(before, 0)
         rate = _Rate()
@@ -106,13 +106,13 @@ def show_count(total: int, before: str) -> Iterator[Callable[[int], None]]:
 
 
 class _Rate:
-    """Runs per second since the first ones: before, a program is compiled."""
+    """Runs per second since the first runs, without the compilation before them."""
 
     def __init__(self) -> None:
         self.since, self.first, self.most = 0.0, -1, 0
 
     def add(self, done: int) -> tuple[int, str]:
-        """How many more are done, and how fast it goes; who flies and who keeps both tell."""
+        """Return the number newly done and the rate; both the flights and the store report."""
         now, more = time.monotonic(), max(done - self.most, 0)
         self.most = max(self.most, done)
         if self.first < 0:
@@ -122,15 +122,15 @@ class _Rate:
 
 
 class _ProgressLines:
-    """Progress as lines on standard error: none of what is short.
+    """Progress as lines on standard error; none for a short task.
 
-    The first says how long the whole takes, by the part that is done; what is compiled before is not counted.
+    The first line extrapolates the remaining time from the part done, without the compilation before it.
 
     Args:
-        total: how many there are to do.
+        total: number of items.
         say: prints a line.
-        long: seconds that must be left before a line is worth it.
-        each: seconds between two lines.
+        long: minimum remaining time for a line (s).
+        each: time between two lines (s).
     """
 
     def __init__(self, total: int, say: Callable[[str], None], long: float = 5.0, each: float = 30.0) -> None:
@@ -139,7 +139,7 @@ class _ProgressLines:
         self.began, self.said = 0.0, -math.inf
 
     def add(self, text: str, more: int) -> None:
-        """So many more are done."""
+        """Report `more` items as done."""
         now = time.monotonic()
         self.done += more
         if not self.began and more:
@@ -151,17 +151,17 @@ class _ProgressLines:
         left = (now - self.began) / flown * (self.total - self.done)
         if left > self.long:
             self.said = now
-            self.say(f"{text}: {self.done} of {self.total}, about {format_wait(left)} more on {_cores()}")
+            self.say(f"{text}: {self.done} of {self.total}, about {format_wait(left)} left on {_cores()}")
 
 
 def _cores() -> str:
-    """How many of this machine's cores may be used."""
+    """Return the number of usable cores in words."""
     count = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     return f"{count} core{'s' if count > 1 else ''}"
 
 
 def format_wait(seconds: float) -> str:
-    """How long to wait, for people: "40 s", "3 min", "2.5 h"."""
+    """Format a waiting time: "40 s", "3 min", "2.5 h"."""
     if seconds < 120:
         return f"{seconds:.0f} s"
     return f"{seconds / 60:.0f} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"

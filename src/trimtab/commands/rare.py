@@ -1,4 +1,4 @@
-"""`trimtab rare`: how probable a rare failure is, and files that fly one again."""
+"""`trimtab rare`: estimate the probability of a rare failure, and write files that repeat one."""
 
 import shlex
 from pathlib import Path
@@ -30,7 +30,7 @@ from trimtab.commands.progress import show_progress
 from trimtab.commands.written_files import check_new_in
 
 FEW = 20
-"""Fewer roots than these that lead to failures are too few for their interval to be trusted."""
+"""Minimum number of failing roots for a trustworthy confidence interval."""
 
 
 @click.command()
@@ -39,18 +39,19 @@ FEW = 20
 @FAULT_RANGE
 @VARY
 @SUCCESS
-@RUNS(100_000, "How many may fly, about.")
+@RUNS(100_000, "Number of runs, approximately.")
 @FLIGHT
 @WITHOUT
 @SEED
 @THREADS
-@OUT("DIR", "Write the runs and two failures in this folder; started again, it goes on there.")
+@OUT("DIR", "Write the runs and two failures to this folder. The same command started again continues there.")
 @JSON
 def command(scenario: str, runs: int, out: Path | None, as_json: bool, **options: Any) -> None:
-    """Estimate the probability of a failure that is too rare to be waited for.
+    """Estimate the probability of a failure that is too rare for a plain campaign.
 
-    Flown down levels of the margin, by splitting: parameters and noise change a little at each step. The interval is
-    of 95 %. With --out it is kept after each round; the same command goes on there, with more --runs to more of them.
+    Uses multilevel splitting: runs descend through levels of the margin, and parameters and noise change a little at
+    each step. The interval is a 95 % confidence interval. With --out the state is stored after each round. The same
+    command continues from there; a larger --runs adds runs.
 
     \b
     trimtab rare hovercraft/spin --set duration=3 --spread 'world.vehicle.mass=normal(100%, 5%)' \\
@@ -78,11 +79,11 @@ def command(scenario: str, runs: int, out: Path | None, as_json: bool, **options
     _print_result(scenario, found)
     print_files(files)
     for name, line in again.items():
-        click.echo(f"fly the {name} again:  {line}")
+        click.echo(f"repeat the {name} failure:  {line}")
 
 
 def _pilot_line(pilot: PilotReport) -> str:
-    """What is known before most of the runs fly."""
+    """Describe the estimates of the pilot runs, before most of the runs fly."""
     of = pilot.ladder
     return (
         f"pilot, {of.flown} runs: {len(of.levels)} levels, probability about {of.estimate:.1e}; {pilot.runs} more runs,"
@@ -92,12 +93,12 @@ def _pilot_line(pilot: PilotReport) -> str:
 
 
 def plain_runs(probability: float, width: float) -> float:
-    """Runs after which a plain campaign's interval has that half width, in parts of the probability."""
+    """Return the number of runs of a plain campaign for an interval of that half width, relative to the probability."""
     return 4 / (probability * width**2)
 
 
 def _write_failures(scenario: str, out: Path, options: dict[str, Any], found: RareResult) -> dict[str, str]:
-    """A file for the worst and one for the likeliest failure; the commands that fly them."""
+    """Write a file for the worst and one for the likeliest failure; return the commands that repeat them."""
     conditions = "; ".join(options["success"]) or "each target reached for good"
     commands = {}
     for name, failure in (("worst", found.worst), ("likeliest", found.likeliest)):
@@ -106,7 +107,7 @@ def _write_failures(scenario: str, out: Path, options: dict[str, Any], found: Ra
             again = shlex.join(["trimtab", "run", f"{file}:scenario", "--seed", str(options["seed"])])
             about = (
                 f"The {name} failure of {scenario} among {found.flown_runs} runs: margin {failure.margin:.6g}.\n\n"
-                f"Wanted: {conditions}. To fly it again:\n\n    {again}"
+                f"Wanted: {conditions}. To repeat it:\n\n    {again}"
             )
             write_scenario(file, found.plan, failure.values, about, failure.words)
             commands[name] = again
@@ -152,15 +153,17 @@ def _rare_json(scenario: str, seed: int, found: RareResult) -> dict[str, Any]:
 def _print_result(scenario: str, found: RareResult) -> None:
     of = found.probability
     if not found.failing_roots:
-        click.echo(f"{scenario}: the pilot's levels led none of {found.roots} roots to a failure; more --runs")
+        click.echo(
+            f"{scenario}: none of {found.roots} roots reached a failure through the pilot's levels; use more --runs"
+        )
     else:
         interval = f"{of.low:.3g} to {of.high:.3g}, {100 * of.level:.0f} %"
         click.echo(f"{scenario}: fails with probability {of.value:.3g} ({interval})")
     drawn = f"{len(found.plan.spread)} parameters" + (" and the noise" if found.has_noise else "; no noise")
-    click.echo(f"{found.flown_runs} runs flown, {found.new_runs} of them now in {found.wall_s:.1f} s; over {drawn}")
+    click.echo(f"{found.flown_runs} runs flown, {found.new_runs} of them new, in {found.wall_s:.1f} s; over {drawn}")
     if 0 < found.failing_roots < FEW:
-        click.echo(f"only {found.failing_roots} roots led to failures: the interval may be too narrow; more --runs")
-    table = new_table(">margin below", ">points", ">share", ">steps taken")
+        click.echo(f"only {found.failing_roots} roots led to failures: the interval may be too narrow; use more --runs")
+    table = new_table(">margin below", ">points", ">share", ">steps accepted")
     before = found.roots
     for k, level in enumerate(found.ladder.levels):
         share = found.survivors[k] / before if before else float("nan")

@@ -1,4 +1,4 @@
-"""`trimtab replay`: a log's autopilot once more over its frames, or another one, and what is different."""
+"""`trimtab replay`: run the autopilot of a log, or another one, on its recorded frames, and compare."""
 
 import importlib
 import sys
@@ -29,16 +29,16 @@ from trimtab.scenarios import catalogue
 from trimtab.scenarios.recorded import rebuild_scenario
 
 PARTS = ("estimator", "law", "allocation")
-"""Of an autopilot: what can be replaced whole."""
+"""Parts of an autopilot that can be replaced as a whole."""
 
 
 @click.command()
 @click.argument("file", type=FILE)
-@click.option("--map", "mapping", type=FILE, metavar="MAP.toml", help="What the columns of another system's log are.")
+@click.option("--map", "mapping", type=FILE, metavar="MAP.toml", help="Mapping of the columns of another system's log.")
 @click.option(
     "--scenario",
     metavar="SCENARIO",
-    help="Scenario, where the log's is not in the catalogue; with --map: whose estimator goes over the log.",
+    help="Scenario of the log, if it is not in the catalogue. With --map: scenario whose estimator is run.",
 )
 @click.option(
     "--set",
@@ -46,7 +46,7 @@ PARTS = ("estimator", "law", "allocation")
     multiple=True,
     metavar="PATH=VALUE",
     callback=parse_settings,
-    help="Change a setting of that scenario; with --map; repeatable.",
+    help="Change a setting of that scenario; with --map. May be repeated.",
 )
 @click.option(
     "--with",
@@ -54,12 +54,16 @@ PARTS = ("estimator", "law", "allocation")
     multiple=True,
     metavar="PART=CHOICE",
     callback=parse_settings,
-    help="Another estimator or law.",
+    help="Replace estimator or law. May be repeated.",
 )
-@click.option("--estimator", metavar="MODULE:FACTORY", help="This one alone, over the samples of any log; no scenario.")
+@click.option(
+    "--estimator",
+    metavar="MODULE:FACTORY",
+    help="Estimator to run alone on the samples of any log, without a scenario.",
+)
 @OUT("FILE", "Write the log with its estimates (MCAP); with --estimator.")
 @BACKEND
-@PLOT("Picture of recorded and replayed.")
+@PLOT("Picture of the recorded and the replayed signals.")
 @JSON
 def command(
     file: Path,
@@ -73,10 +77,10 @@ def command(
     plot: Path | None,
     as_json: bool,
 ) -> None:
-    """Give a recorded flight's frames to its autopilot once more; the same must come out, to the bit.
+    """Replay a recorded flight's frames through its autopilot; its outputs must be identical, bit for bit.
 
-    Exit code 1 with the first difference where it does not. --with flies the frames with another part instead, and
-    says how far each was from the truth, where the log has it.
+    Exit code 1, with the first difference, if they are not. --with replays the frames with another part instead, and
+    prints the errors of both against the truth, if the log has it.
 
     \b
     trimtab run hovercraft/forward --navigation ins --out forward
@@ -84,8 +88,8 @@ def command(
     trimtab replay forward/run.mcap --with estimator=ins-coupled --plot both.png
     trimtab replay mine.mcap --estimator my_filters:planar --out estimated.mcap
 
-    A log of another system (PX4's ULog, ArduPilot's BIN, MCAP, rosbag2, CSV) is listed; with a mapping an estimator
-    goes over it.
+    For a log of another system (PX4's ULog, ArduPilot's BIN, MCAP, rosbag2, CSV) the topics are listed; with a mapping,
+    an estimator is run on it.
 
     \b
     trimtab replay flight.ulg
@@ -100,7 +104,7 @@ def command(
         _step_estimator(log, scenario, settings, estimator, backend, out, as_json)
         return
     if out is not None:
-        raise InputError("--out", "a replay of an autopilot writes no log", fix="name one with --estimator too")
+        raise InputError("--out", "a replay of an autopilot writes no log", fix="add --estimator, or leave --out out")
     recorded = rebuild_scenario(log, scenario)
     autopilot = replace_parts(recorded, choices) if choices else None
     enable_cache()
@@ -130,7 +134,7 @@ def _step_estimator(
     out: Path | None,
     as_json: bool,
 ) -> None:
-    """An estimator alone, by its own name or a scenario's: what it gives, how far from the truth, whether it knows."""
+    """Run an estimator alone, by its own name or a scenario's; print its errors and their consistency."""
     enable_cache()
     with show_spinner(f"compiling {name or scenario}"):
         if name is None:
@@ -138,7 +142,9 @@ def _step_estimator(
         elif ":" in name:
             part = _build_part("estimator", name)
         else:
-            raise InputError("--estimator", f"{name!r} names no factory", fix="--estimator module:factory")
+            raise InputError(
+                "--estimator", f"{name!r} is not a factory; must be MODULE:FACTORY", fix="--estimator module:factory"
+            )
         estimated = replay_estimator(log, part, backend=backend)
     valid = estimated["estimate.valid"]
     states = [p for p in estimated.paths if p.startswith("estimate.state.") and p.count(".") == 2]
@@ -154,14 +160,14 @@ def _step_estimator(
         return
     click.echo(f"{len(estimated)} steps, {int(valid.sum())} valid, on {estimated.metadata['backend']}")
     for state, rms in errors.items():
-        click.echo(f"  {state}: rms of its error {rms:.4g}")
+        click.echo(f"  {state}: rms error {rms:.4g}")
     if navigation is not None:
-        click.echo(f"  what it says of its errors: {navigation.verdict}")
+        click.echo(f"  consistency of its errors: {navigation.verdict}")
     print_files(files)
 
 
 def _state_error(estimated: Log, name: str, truth: Any) -> Any:
-    """Estimate minus truth; of an angle the smallest that is equal to it."""
+    """Return estimate minus truth; an angle is wrapped to ±pi."""
     path = f"estimate.state.{name}"
     error = estimated[path] - truth
     is_angle = path in estimated.declarations and estimated.declarations[path].kind == "angle"
@@ -169,7 +175,7 @@ def _state_error(estimated: Log, name: str, truth: Any) -> Any:
 
 
 def replay_json(replay: Replay) -> dict[str, Any]:
-    """The outcome as plain numbers and words, for JSON."""
+    """Return the outcome as plain data for JSON."""
     first = None
     if replay.first is not None:
         first = {name: v if isinstance(v, str) else float(v) for name, v in replay.first._asdict().items()}
@@ -187,7 +193,7 @@ def replay_json(replay: Replay) -> dict[str, Any]:
 
 
 def replace_parts(scenario: Scenario, choices: Mapping[str, str]) -> Any:
-    """The recorded autopilot with some of it replaced.
+    """Return the recorded autopilot with some parts replaced.
 
     Args:
         scenario: as recorded.
@@ -203,7 +209,7 @@ def replace_parts(scenario: Scenario, choices: Mapping[str, str]) -> Any:
 
 
 def _load_part(name: str, choice: str, scenario: str) -> Any:
-    """A part by name: what a scenario flies by choice, or what a factory makes."""
+    """Return a part by name: from a choice of the scenario, or from a factory."""
     if ":" in choice:
         return _build_part(name, choice)
     offered = catalogue.scenario_choices(scenario) if scenario in catalogue.scenario_names() else {}
@@ -211,7 +217,7 @@ def _load_part(name: str, choice: str, scenario: str) -> Any:
         if choice in values:
             return getattr(catalogue.load_scenario(scenario, {argument: choice})[0].autopilot, name)
     choices = [v for values in offered.values() for v in values]
-    problem = f"{choice!r} is no choice of scenario {scenario!r}"
+    problem = f"{choice!r} is not a choice of scenario {scenario!r}"
     raise InputError(f"--with {name}", problem, choices=choices, fix=f"--with {name}=module:factory")
 
 
@@ -222,18 +228,18 @@ def _build_part(name: str, choice: str) -> Any:
     try:
         part = getattr(importlib.import_module(where), factory)()
     except (ImportError, AttributeError, TypeError) as error:
-        fix = f"define  def {factory or 'make'}():  in {where}, which gives the {name}"
+        fix = f"define  def {factory or 'make'}():  in {where}, which returns the {name}"
         if where.endswith(".py"):
             fix = f"name the module, from the folder that holds it: {Path(where).stem}:{factory or 'make'}"
-        raise InputError(f"--with {name}", f"{choice!r} gives nothing: {error}", fix=fix) from None
+        raise InputError(f"--with {name}", f"cannot load {choice!r}: {error}", fix=fix) from None
     if not is_record(part):
-        problem = f"{choice!r} gives {type(part).__name__}, which is no record"
-        raise InputError(f"--with {name}", problem, fix="write @record above its class")
+        problem = f"{choice!r} returns {type(part).__name__}, which is not a record"
+        raise InputError(f"--with {name}", problem, fix="decorate its class with @record")
     return part
 
 
 def rms_errors(log: Log, replay: Replay) -> dict[str, dict[str, float]]:
-    """State -> RMS of its error as recorded and as replayed, where the log has the truth."""
+    """Return state -> RMS error as recorded and as replayed, for states with a truth in the log."""
     errors = {}
     for path in [p for p in replay.recorded_log.paths if p in replay.replayed_log]:
         truth = interpolate_truth(log, path, replay.recorded_log.ticks)
@@ -247,4 +253,4 @@ def rms_errors(log: Log, replay: Replay) -> dict[str, dict[str, float]]:
 def _print_errors(errors: Mapping[str, Mapping[str, float]]) -> None:
     for name, pair in errors.items():
         was, now = (f"{v:.4g}" if np.isfinite(v) else "-" for v in (pair["recorded"], pair["replayed"]))
-        click.echo(f"  {name}: rms of its error {was} as recorded, {now} as replayed")
+        click.echo(f"  {name}: rms error {was} as recorded, {now} as replayed")

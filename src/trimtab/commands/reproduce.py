@@ -1,4 +1,4 @@
-"""`trimtab reproduce`: a publication's figures computed again, printed beside computed, with the verdict."""
+"""`trimtab reproduce`: recompute a publication's figures, and compare printed with computed values."""
 
 import sys
 import tempfile
@@ -33,14 +33,16 @@ GroupRows = list[tuple[StudyGroup, list[Row]]]
 
 @click.command()
 @click.argument("study", metavar="[STUDY]", required=False)
-@click.option("--only", multiple=True, metavar="GROUP", help="Only this group of figures; repeatable.")
-@OUT("DIR", "Write the study's pictures in this folder.")
-@click.option("--report", type=FILE, metavar="DIR", help="Folder for one page: rows, pictures, errata, environment.")
+@click.option("--only", multiple=True, metavar="GROUP", help="Only this group of figures. May be repeated.")
+@OUT("DIR", "Write the study's pictures to this folder.")
+@click.option(
+    "--report", type=FILE, metavar="DIR", help="Folder for a one-page report: rows, pictures, errata, environment."
+)
 @JSON
 def command(study: str | None, only: tuple[str, ...], out: Path | None, report: Path | None, as_json: bool) -> None:
-    """Compute a publication's figures again: printed beside computed, with the verdict.
+    """Recompute a publication's figures, and compare printed with computed values.
 
-    Exit code 1 when a figure that should be reproduced is not. Without STUDY the studies and their groups are listed.
+    Exit code 1 if a figure that should be reproduced is not. Without STUDY the studies and their groups are listed.
 
     \b
     trimtab reproduce
@@ -73,7 +75,7 @@ def command(study: str | None, only: tuple[str, ...], out: Path | None, report: 
 
 
 def _list_studies(as_json: bool) -> None:
-    """Every study with its groups."""
+    """Print every study with its groups."""
     studies = {name: (read_study_title(folder), list_groups(name)) for name, folder in find_studies().items()}
     if as_json:
         content = {n: {"title": doc, "groups": {g.name: g.title for g in gs}} for n, (doc, gs) in studies.items()}
@@ -83,11 +85,11 @@ def _list_studies(as_json: bool) -> None:
         click.echo(f"{name}   {doc}")
         for group in groups:
             click.echo(f"  --only {group.name:22s} {group.title}, {group.place}")
-    click.echo(f"compute one: trimtab reproduce {next(iter(studies))}" if studies else WHERE)
+    click.echo(f"recompute one: trimtab reproduce {next(iter(studies))}" if studies else WHERE)
 
 
 def _compute_groups(groups: list[StudyGroup], out: Path | None) -> tuple[GroupRows, dict[str, list[Path]]]:
-    """Each group with its rows; and, where there is a folder for them, the pictures of each by its name."""
+    """Return each group with its rows, and its pictures by group name if there is a folder for them."""
     results: GroupRows = []
     pictures: dict[str, list[Path]] = {}
     with show_progress(len(groups)) as tell:
@@ -107,7 +109,7 @@ def _compute_groups(groups: list[StudyGroup], out: Path | None) -> tuple[GroupRo
 def _write_page(
     report: Path, study: str, results: GroupRows, pictures: dict[str, list[Path]], took: tuple[str, float]
 ) -> Path:
-    """The page of `--report`; took: when it began, and how many seconds it took."""
+    """Write the page of `--report`. took: start time, and duration (s)."""
     from trimtab.commands.reproduce_page import build_page, describe_environment, read_errata
 
     folder = find_study(study)
@@ -123,13 +125,13 @@ def _write_page(
 
 
 def verdict_counts(rows: Iterable[Row]) -> dict[str, int]:
-    """Verdict -> number of rows."""
+    """Return verdict -> number of rows."""
     counts = Counter(row.verdict for row in rows)
     return {verdict: counts[verdict] for verdict in ("holds", "differs", "not reproduced")}
 
 
 def basis_counts(rows: Iterable[Row]) -> dict[str, tuple[int, int]]:
-    """Basis -> number of rows that hold, and of all; bases of which there is none are left out."""
+    """Return basis -> number of rows that hold, and of all rows; unused bases are left out."""
     holds, all_rows = Counter[str](), Counter[str]()
     for row in rows:
         all_rows[row.basis] += 1
@@ -138,13 +140,13 @@ def basis_counts(rows: Iterable[Row]) -> dict[str, tuple[int, int]]:
 
 
 def confirmation_sentence(rows: Iterable[Row]) -> str:
-    """In one sentence, how much of this confirms something that the publication says."""
+    """Return a sentence on how many rows confirm a value or statement of the publication."""
     every = list(rows)
     confirms = sum(row.confirms for row in every)
     own = sum(row.basis not in PUBLISHED for row in every)
     return (
-        f"{confirms} of {len(every)} rows confirm something that the publication prints; "
-        f"{own} compare with what it doesn't print, and confirm nothing of it."
+        f"{confirms} of {len(every)} rows confirm a value or statement of the publication; "
+        f"{own} compare with other values, and confirm nothing in it."
     )
 
 
@@ -166,7 +168,7 @@ def _print_groups(study: str, results: GroupRows) -> None:
         _print_rows(f"{group.title}, [1] {group.place}", rows)
     total = verdict_counts(row for _, rows in results for row in rows)
     click.echo(f"[1] {read_study_title(find_study(study))}")
-    click.echo("* not a number or statement of the publication; by basis:")
+    click.echo("* compared with something other than the publication; rows by basis:")
     every = [row for _, rows in results for row in rows]
     for basis, (holds, n) in basis_counts(every).items():
         click.echo(f"  {basis:10s}{holds:4d} of {n:4d} hold   {BASES[basis]}")
@@ -175,7 +177,7 @@ def _print_groups(study: str, results: GroupRows) -> None:
 
 
 def _print_rows(title: str, rows: list[Row]) -> None:
-    """Rows of a study: printed beside computed, and of each that does not hold the reason."""
+    """Print rows of a study with printed and computed values, and the reason for each that does not hold."""
     headings = ("figure", ">printed", ">computed", "accepted", "unit", "verdict", "where")
     table = new_table(*headings, title=title.replace("[", r"\["), unwrapped=("verdict",))
     styles = {"differs": "bold red", "not reproduced": "yellow"}

@@ -1,7 +1,6 @@
-"""The page that `trimtab reproduce --report` writes: a study's rows, pictures, errata and environment in one file.
+"""Page of `trimtab reproduce --report`: a study's rows, pictures, errata and environment in one file.
 
-Nothing outside the file is needed to read it: pictures are inside as data, there is no script, no font, no link to a
-page that the reader may not have.
+The file is self-contained: pictures are embedded as data, and there are no scripts, fonts or links to local pages.
 """
 
 import base64
@@ -45,15 +44,15 @@ def build_page(
     errata: str,
     environment: Mapping[str, str],
 ) -> str:
-    """The whole page as text.
+    """Return the whole page as text.
 
     Args:
-        title: what the study is, its first line.
+        title: first line of the study.
         results: groups with their rows.
         summary: "sentence", and "verdicts" and "bases" as in the command's JSON.
         pictures: group's name -> its files.
         errata: Markdown; empty where there are none.
-        environment: what to say of the run, by name.
+        environment: facts about the run, by name.
     """
     groups = list(results)
     links = "".join(f'<li><a href="#{escape(g.name)}">{escape(g.name)}</a></li>' for g, _ in groups)
@@ -66,7 +65,7 @@ def build_page(
         *(part for group, rows in groups for part in _group_parts(group, rows, pictures.get(group.name, []))),
         f'<section id="errata">{_errata_html(errata)}</section>' if errata else "",
         '<h2 id="environment">Environment</h2>',
-        _table(("what", "value"), ((escape(k), escape(v)) for k, v in environment.items())),
+        _table(("item", "value"), ((escape(k), escape(v)) for k, v in environment.items())),
     ]
     head = f'<meta charset="utf-8"><meta name="viewport" content="width=device-width"><title>{escape(title)}</title>'
     text = "\n".join(part for part in body if part)
@@ -76,7 +75,7 @@ def build_page(
 
 
 def describe_environment(arguments: Iterable[str], begin: str, seconds: float) -> dict[str, str]:
-    """Versions, machine, command and time of this run; no host, user or path of the machine."""
+    """Return versions, machine, command and time of this run; no host name, user name or path."""
     system = f"{platform.system()} {platform.release()}, {platform.machine()}, {os.cpu_count()} processors"
     return {
         "command": shlex.join(("trimtab", *arguments)),
@@ -89,7 +88,7 @@ def describe_environment(arguments: Iterable[str], begin: str, seconds: float) -
 
 
 def read_errata(study: Path) -> str:
-    """The pages of errata that name a study's page: of its clone's `docs`, or `errata*.md` in its own folder."""
+    """Return the errata pages of a study: `errata*.md` in its folder, and pages in `docs` that link to it."""
     own = sorted(study.glob("errata*.md"))
     pages = sorted((study.parents[1] / "docs").glob("errata*.md"))
     named = [p for p in pages if f"[study](studies/{study.name}.md)" in p.read_text(encoding="utf-8")]
@@ -103,7 +102,7 @@ def _bases_table(summary: Mapping[str, Any]) -> str:
         cells = escape(basis), escape(BASES[basis]), whose, str(counts["holds"]), str(counts["rows"])
         lines.append(cells)
     verdicts = ", ".join(f"{n} {verdict}" for verdict, n in summary["verdicts"].items())
-    table = _table(("basis", "where the compared value comes from", "", "hold", "rows"), lines, (3, 4))
+    table = _table(("basis", "source of the compared value", "", "hold", "rows"), lines, (3, 4))
     return f"<p>{escape(verdicts)}.</p>\n{table}"
 
 
@@ -126,7 +125,7 @@ def _row_cells(row: Row) -> tuple[str, ...]:
 def _table(
     headings: Iterable[str], lines: Iterable[Iterable[str]], numeric: tuple[int, ...] = (), kinds: Iterable[str] = ()
 ) -> str:
-    """Of cells that are HTML already; kinds: class of each line."""
+    """Return a table from cells in HTML. kinds: CSS class of each line."""
     classes = iter(kinds)
     head = "".join(f"<th>{escape(h)}</th>" for h in headings)
     body = []
@@ -147,7 +146,7 @@ def _figure(picture: Path) -> str:
 
 
 def _errata_html(markdown: str) -> str:
-    """Markdown as HTML, raw HTML in it escaped, without the links that lead to other pages of the documentation."""
+    """Convert Markdown to HTML: raw HTML is escaped, links to other documentation pages are removed."""
     text = MarkdownIt("commonmark", {"html": False}).enable("table").render(markdown)
     text = re.sub(r'<a href="(?!https?:)[^"]*">(.*?)</a>', r"\1", text, flags=re.DOTALL)
     return re.sub(r"<(/?)h(\d)>", lambda m: f"<{m[1]}h{min(int(m[2]) + 1, 6)}>", text)

@@ -1,6 +1,6 @@
-"""`trimtab run`: fly a scenario, ideal beside real, and show what came of it.
+"""`trimtab run`: simulate a scenario, ideal and real, and show the results.
 
-A run that was flown before starts from its kept programs, without importing JAX (see `kept_programs`): so nothing that
+A repeated run starts from its cached programs, without importing JAX (see `kept_programs`). Therefore nothing that
 needs JAX is imported at the top of this file.
 """
 
@@ -34,11 +34,11 @@ if TYPE_CHECKING:
 
 
 PICTURES = ("tracking", "swarm", "navigation")
-"""What else is drawn, where there is something of it to be seen: each a picture of its own beside that of --plot."""
+"""Additional pictures, drawn beside that of --plot where the run has data for them."""
 
 
 class RunReport(NamedTuple):
-    """The runs, and what is shown of them."""
+    """Logs of the runs, with the data shown about them."""
 
     name: str
     real: Log
@@ -51,18 +51,18 @@ class RunReport(NamedTuple):
 @SCENARIO
 @FLIGHT
 @WITHOUT
-@click.option("--seed", type=int, default=0, show_default=True, help="Of the random numbers.")
+@click.option("--seed", type=int, default=0, show_default=True, help="Seed of the random numbers.")
 @click.option("--run", "number", type=int, default=0, show_default=True, help="Number of a run within a campaign.")
-@click.option("--ideal/--no-ideal", default=True, show_default=True, help="Fly the ideal twin beside it.")
+@click.option("--ideal/--no-ideal", default=True, show_default=True, help="Simulate the ideal twin too.")
 @BACKEND
 @PLOT("Picture of all signals.")
-@OUT("DIR", "Write log (MCAP) and picture in this folder.")
-@click.option("--log-period", metavar="TIME", default="1 ms", show_default=True, help="Between two rows of the log.")
+@OUT("DIR", "Write log (MCAP) and picture to this folder.")
+@click.option("--log-period", metavar="TIME", default="1 ms", show_default=True, help="Period of the log.")
 @click.option(
     "--require",
     multiple=True,
     metavar="FORMULA",
-    help="What must hold, else exit code 1, e.g. 'always[5 s, 15 s](abs(truth.yaw_rate) < 3 deg/s)'; repeatable.",
+    help="Requirement, e.g. 'always[5 s, 15 s](abs(truth.yaw_rate) < 3 deg/s)'. Exit code 1 if violated. Repeatable.",
 )
 @JSON
 def command(
@@ -80,7 +80,7 @@ def command(
     require: tuple[str, ...],
     as_json: bool,
 ) -> None:
-    """Fly a scenario in virtual time, ideal beside real.
+    """Simulate a scenario, ideal and real, in virtual time.
 
     SCENARIO is a name from `trimtab list`, or your own: my_boat.py:scenario.
 
@@ -99,7 +99,7 @@ def command(
     for formula in require:
         parse_formula(formula)
         if not is_temporal(formula):
-            problem = f"{formula!r} is about the first instant alone"
+            problem = f"{formula!r} is checked only at the first instant"
             raise InputError("--require", problem, fix=f"--require 'always({formula})'")
     if plot is None and out is not None:
         plot = out / "run.png"
@@ -131,7 +131,7 @@ def command(
         sys.exit(failed)
     print_result(result, metric_units(report.real, result["real"]["metrics"]))
     if "ended_s" in report.real.metadata:
-        click.echo(f"the FMU asked for the end at {report.real.metadata['ended_s']:g} s")
+        click.echo(f"the FMU requested the end of the simulation at {report.real.metadata['ended_s']:g} s")
     if navigated is not None:
         units = {name: report.real.unit(f"{navigated.where}.{name}") for name in navigated.learned}
         print_navigation(navigated, units)
@@ -142,7 +142,7 @@ def command(
 
 
 def _estimate_steps(scenario: "Scenario") -> "Scenario":
-    """The scenario, whose integration says of its error: of the plain step too, which stays as it is to the bit."""
+    """Return the scenario with error estimates of its integration; a plain step stays bit-identical."""
     from trimtab.core.record import replace
     from trimtab.loop.integration import PLAIN_STEP
     from trimtab.run.blocks import has_stepped_vehicle
@@ -162,7 +162,7 @@ def _fly_programs(programs: RunPrograms, flight: dict[str, Any], started: float 
 def _compile_and_fly(
     scenario: "Scenario", ideal: bool, backend: str, flight: dict[str, Any], key: str | None
 ) -> RunReport:
-    """The runs from the scenario itself; its programs are kept for the next time where there is a key."""
+    """Compile and fly the scenario; store its programs for the next run if there is a key."""
     from trimtab.run.blocks import has_stepped_vehicle, hold_vehicle
     from trimtab.run.runner import choose_c
     from trimtab.run.simulate import compile_scenario, simulate
@@ -176,7 +176,7 @@ def _compile_and_fly(
         return RunReport(scenario.name, real, twin, targets, time.perf_counter() - started)
 
     def compile_both() -> RunPrograms:
-        with ThreadPoolExecutor(1) as other:  # one is traced while the compiler works on the other
+        with ThreadPoolExecutor(1) as other:  # trace one while the compiler works on the other
             real = other.submit(compile_scenario, scenario)
             twin = compile_scenario(scenario.ideal()) if ideal else None
             return RunPrograms(scenario.name, real.result(), twin, targets)
@@ -208,7 +208,7 @@ def _summarise_report(scenario: str, report: RunReport) -> dict[str, Any]:
 
 
 def _summarise_navigation(log: Log) -> "Navigation | None":
-    """What a run with an aided INS says about it; what judges it, scipy, is imported only then."""
+    """Assess the aided INS of a run; None without one. scipy is imported only if needed."""
     if not any(p.startswith("estimate.") and p.endswith("_fix.nis") for p in log.paths):
         return None
     from trimtab.logs.navigation import assess_navigation
@@ -256,12 +256,12 @@ def _draw_run(report: RunReport, file: Path | None, with_navigation: bool) -> li
 
 
 def print_navigation(navigation: "Navigation", units: Mapping[str, str]) -> None:
-    """Whether a run's navigation knew how wrong it was, and what it learned."""
-    headings = ("what", ">of", ">draws", ">mean", ">bounds", ">error / sigma", "white", "verdict")
+    """Print how well the filter's sigmas describe its errors, and the states that it learned."""
+    headings = ("quantity", ">of", ">draws", ">mean", ">bounds", ">error / sigma", "white", "verdict")
     table = new_table(*headings, title="Navigation: errors against the filter's own sigmas")
     rows: list[tuple[str, str, Any, str]] = []
     for name, aid in navigation.aiding.items():
-        rejections = f", {aid.refused} refused" if aid.refused else ""
+        rejections = f", {aid.refused} rejected" if aid.refused else ""
         white = "-" if aid.white is None else f"{'yes' if aid.white else 'no'}, p {aid.p:.2g}"
         rows.append((f"{name} innovations", f"{aid.updates}{rejections}", aid.nis, white))
     rows += [(f"{name} error", "truth", error, "") for name, error in navigation.errors.items()]
@@ -270,12 +270,12 @@ def print_navigation(navigation: "Navigation", units: Mapping[str, str]) -> None
         factor = f"{j.factor:.2f}  ({_format_short(j.factor_low)} … {_format_short(j.factor_high)})"
         table.add_row(name, of, f"{j.draws:.0f}", f"{j.mean:.3g}", bounds, factor, white, j.verdict)
     print_table(table)
-    table = new_table("state", ">sigma at first", ">at the end", ">settled (s)", "seen")
+    table = new_table("state", ">first sigma", ">last sigma", ">settled (s)", "trend")
     for name, state in navigation.learned.items():
         cells = (f"{state.first:.3g}", f"{state.last:.3g}", f"{state.settled_s:.2f}", state.trend)
         table.add_row(f"{name} ({units[name]})", *cells)
     print_table(table)
-    sure = f"{100 * navigation.probability:g} % of a consistent filter's runs keep within all bounds"
+    sure = f"{100 * navigation.probability:g} % of a consistent filter's runs stay within all bounds"
     verdict = f"{navigation.verdict}; judged from {navigation.since_s:.2f} s on"
     click.echo(f"navigation: {verdict}; {sure} (docs, Navigation of a run)")
 

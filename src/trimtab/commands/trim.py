@@ -1,4 +1,4 @@
-"""`trimtab trim`: where a vehicle can stay as it is."""
+"""`trimtab trim`: find steady states of a vehicle."""
 
 import json
 import math
@@ -16,28 +16,28 @@ from trimtab.run.design_point import find_point, format_value
 from trimtab.run.plant import Plant, load_plant
 
 RESTS = 1e-9
-"""A state that changes by less than this each second, in its own unit, stays."""
+"""Rate (unit of the state per second) below which a state counts as constant."""
 
 
 @click.command()
 @VEHICLE
 @AT
 @SET
-@OUT("FILE", "Write the point (JSON).")
+@OUT("FILE", "Write the trim point (JSON).")
 @JSON
 def command(vehicle: str, at: tuple[str, ...], settings: dict[str, str], out: Path | None, as_json: bool) -> None:
-    """Find the states and inputs at which a vehicle stays as it is: at rest, in level flight, in a steady turn.
+    """Find the states and inputs of a steady motion: at rest, in level flight, in a steady turn.
 
-    VEHICLE is a scenario, whose vehicle is taken with its first state; a model of the package; or FILE.py:function that
-    returns a Scenario, (vehicle, x, u) or a model. All inputs and states are free, places and lengths stay, and all
-    derivatives are zero, but those of places and of states that nothing depends on. --at says otherwise. A vehicle
-    with a quaternion has attitude.roll, .pitch, .yaw and velocities in body axes instead, and the outputs speed,
-    angle_of_attack, sideslip and climb. Exit code 1 where there is no such point, with the reasons.
+    VEHICLE is a scenario, whose vehicle and initial state are used; a model of the package; or FILE.py:function that
+    returns a Scenario, (vehicle, x, u) or a model. By default all inputs and states are free, positions and lengths are
+    fixed, and all derivatives are zero, except those of positions and of states that nothing depends on. --at changes
+    this. A vehicle with a quaternion has attitude.roll, .pitch, .yaw and velocities in body axes instead, and the
+    outputs speed, angle_of_attack, sideslip and climb. Exit code 1, with the reasons, if there is no such point.
 
     \b
     trimtab trim hovercraft/forward --at surge_velocity=1 --at yaw_rate=0
     trimtab trim hypersonic --at h='90000 ft' --at V='8000 ft/s'
-    trimtab trim hypersonic --at Phi=0.1..0.9 --at "V'=2"        bounds of an input; a speed that grows
+    trimtab trim hypersonic --at Phi=0.1..0.9 --at "V'=2"        bounds of an input; an accelerating speed
     trimtab trim my_jet.py:system --at speed='150 m/s' --at climb=0 --at attitude.roll='30 deg' --at sideslip=0
     """
     if out is not None:
@@ -55,7 +55,7 @@ def command(vehicle: str, at: tuple[str, ...], settings: dict[str, str], out: Pa
 
 
 def point_json(plant: Plant, point: Trim) -> dict[str, Any]:
-    """A trim as plain data, in SI and radians, or the vehicle's own units."""
+    """Return a trim as plain data, in SI and radians, or in the vehicle's own units."""
     model = plant.model
     rates, measured = model.evaluate(point.x, point.u)
     outputs = dict(zip(model.outputs, measured.tolist(), strict=True))
@@ -74,7 +74,7 @@ def point_json(plant: Plant, point: Trim) -> dict[str, Any]:
 
 
 def print_point(plant: Plant, point: Trim) -> None:
-    """A table of states, inputs and what else is measured; where there is no trim, why not."""
+    """Print a table of states, inputs and other outputs; without a trim, the reasons."""
     model = plant.model
     rates, measured = model.evaluate(point.x, point.u)
     click.echo(f"{plant.name}: {'trim' if point.is_found else 'NO trim'}")
@@ -99,7 +99,7 @@ def print_point(plant: Plant, point: Trim) -> None:
     if point.taken:
         click.echo(_level_text(plant, point))
     for combination in point.undetermined_unknowns if point.is_found else ():
-        click.echo(f"one of many: {combination} may change; fix one of them with --at NAME=VALUE")
+        click.echo(f"not unique: {combination} may change; fix one of them with --at NAME=VALUE")
     for name, side in point.active.items() if point.is_found else ():
         click.echo(f"at its bound: {name}, {side}")
     for reason in point.why:
@@ -107,25 +107,25 @@ def print_point(plant: Plant, point: Trim) -> None:
 
 
 def _motion_text(plant: Plant, point: Trim, rates: Any) -> str:
-    """What goes on moving at a trim, and how another motion is asked for."""
+    """Describe the motion at a trim, and how to request another one."""
     moving = [(n, r) for n, r in zip(plant.model.states, rates.tolist(), strict=True) if abs(r) > RESTS]
-    if not moving:  # of a vehicle without a place, its velocities say that it moves
+    if not moving:  # a vehicle without a position moves if its velocities are not zero
         velocities = [n for n in plant.model.states if plant.units.get(n) == "m/s" or n.endswith("_rate")]
         at = dict(zip(plant.model.states, point.x.tolist(), strict=True))
         goes = [f"{n} {format_value(plant, n, at[n])}" for n in velocities if abs(at[n]) > RESTS]
         return f"in steady motion at {', '.join(goes)}" if goes else "at rest"
     text = ", ".join(f"{n} by {_rate_text(plant, n, r)}" for n, r in moving)
     name, rate = max(moving, key=lambda pair: abs(pair[1]))
-    return f'in steady motion: {text}; ask for another with --at, e.g. --at "{name}\'={0.5 * rate:.2g}"'
+    return f'in steady motion: {text}; request another with --at, e.g. --at "{name}\'={0.5 * rate:.2g}"'
 
 
 def _level_text(plant: Plant, point: Trim) -> str:
-    """Which conditions of level flight were taken, and how others are given."""
+    """Describe the assumed conditions of level flight, and how to change them."""
     taken = {n: format_value(plant, n, v) for n, v in point.taken.items()}
     name = next((n for n, v in point.taken.items() if v), next(iter(taken)))
     text = ", ".join(f"{n} {v}" for n, v in taken.items())
-    other = f"say otherwise with --at, e.g. --at {name}='{taken[name]}' or --at {name}=free"
-    return f"taken, as it can't rest: {text}; {other}"
+    other = f"change it with --at, e.g. --at {name}='{taken[name]}' or --at {name}=free"
+    return f"assumed, as the vehicle cannot rest: {text}; {other}"
 
 
 def _rate_text(plant: Plant, name: str, rate: float) -> str:

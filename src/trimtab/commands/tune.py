@@ -1,4 +1,4 @@
-"""`trimtab tune`: better gains, and what they are worth in runs that the tuning did not see."""
+"""`trimtab tune`: tune gains, and validate them in runs that were not used for tuning."""
 
 import math
 import shlex
@@ -22,7 +22,7 @@ from trimtab.scenarios.build import build
 
 
 def parse_gains(context: click.Context, parameter: click.Parameter, values: tuple[str, ...]) -> dict[str, str]:
-    """path=low:high texts as a mapping."""
+    """Parse path=low:high texts into a mapping."""
     gains = {}
     for text in values:
         path, equals, span = text.partition("=")
@@ -41,28 +41,36 @@ def parse_gains(context: click.Context, parameter: click.Parameter, values: tupl
     required=True,
     callback=parse_gains,
     metavar="PATH=LOW:HIGH",
-    help="What may be moved; repeatable.",
+    help="Gain to tune, with its range. May be repeated.",
 )
 @click.option(
-    "--cost", metavar="TEXT", help="Metric whose mean is made small.  [default: errors, in parts of each band]"
+    "--cost", metavar="TEXT", help="Metric to minimise, by its mean.  [default: errors relative to the target bands]"
 )
 @click.option(
     "--method",
     type=click.Choice(("search", "gradient")),
     default="search",
     show_default=True,
-    help="Method: any cost by search, or one that is an integral by its gradient.",
+    help="Method: search for any cost, gradient for a cost that is an integral.",
 )
-@RUNS(64, "How many worlds to tune on.", least=2)
+@RUNS(64, "Number of runs for tuning.", least=2)
 @click.option(
     "--judge-runs",
     type=click.IntRange(2),
     default=256,
     show_default=True,
-    help="Not tuned on, only judged on: so many worlds.",
+    help="Number of runs for validation only.",
 )
-@click.option("--iterations", type=click.IntRange(1), default=30, show_default=True, help="Generations, or steps.")
-@click.option("--width", type=float, default=0.05, show_default=True, help="Of the smoothing, as a share of a range.")
+@click.option(
+    "--iterations",
+    type=click.IntRange(1),
+    default=30,
+    show_default=True,
+    help="Number of generations, or of gradient steps.",
+)
+@click.option(
+    "--width", type=float, default=0.05, show_default=True, help="Width of the smoothing, as a fraction of a range."
+)
 @SPREAD
 @FLIGHT
 @WITHOUT
@@ -70,14 +78,14 @@ def parse_gains(context: click.Context, parameter: click.Parameter, values: tupl
 @THREADS
 @STORE
 @OUT("FILE", "Write a scenario file with the gains, e.g. tuned.py.")
-@PLOT("Picture of how it went.")
+@PLOT("Picture of the tuning's progress.")
 @JSON
 def command(
     scenario: str, cost: str | None, method: str, out: Path | None, plot: Path | None, as_json: bool, **options: Any
 ) -> None:
-    """Tune gains over many worlds, and say what they are worth in worlds that the tuning did not see.
+    """Tune gains over many runs, and validate them in other runs.
 
-    Exit code 1 where it can't be said that they help there; nothing is written then.
+    Exit code 1 if the validation does not show an improvement; nothing is written then.
 
     \b
     trimtab tune hovercraft/zero-velocity --gain autopilot.law.k1=0.5:3 --gain autopilot.law.k2=1:5 --out tuned.py
@@ -120,18 +128,18 @@ def command(
 
 
 def _band_errors(scenario: str, options: dict[str, Any]) -> str:
-    """A cost of a scenario's own: the rms error of each target, in parts of its band."""
+    """Return the default cost: the rms error of each target, relative to its band."""
     targets = build(scenario, options["settings"], options["without"], options["faults"]).targets
     if not targets:
-        fix = "--cost 'rms:truth.SIGNAL', a metric that is to be small"
-        raise InputError("--cost", f"scenario {scenario!r} has no targets whose errors it could be", fix=fix)
+        fix = "--cost 'rms:truth.SIGNAL', a metric to minimise"
+        raise InputError("--cost", f"scenario {scenario!r} has no targets for the default cost", fix=fix)
     return " + ".join(f"{1 / target.band:.4g}*error_rms:{target.path}" for target in targets)
 
 
 def _write_tuning(file: Path, scenario: str, cost: str, tuning: TuningResult, fly_it: str) -> None:
     c = tuning.held_out_comparison
     gains = "\n".join(f"    {n} = {v!r}, was {tuning.before[n]!r}" for n, v in tuning.after.items())
-    worth = f"{c.before:.6g} before, {c.after:.6g} after, mean of {c.runs} runs that the tuning did not see"
+    worth = f"{c.before:.6g} before, {c.after:.6g} after, mean of {c.runs} runs not used for tuning"
     about = f"{scenario}, tuned.\n\nCost: {cost}: {worth}.\nGains:\n\n{gains}\n\nTo fly it:\n\n    {fly_it}"
     write_scenario(file, tuning.plan, tuning.values, about)
 
@@ -150,13 +158,13 @@ def _tuning_json(tuning: TuningResult) -> dict[str, Any]:
 
 
 def _print_tuning(title: str, tuning: TuningResult) -> None:
-    verdict = "helps" if tuning.is_improvement else "does NOT help, as far as the held-out runs can tell"
+    verdict = "improved" if tuning.is_improvement else "no significant improvement in the validation runs"
     click.echo(f"{title}, {tuning.method}: {verdict}")
     width = max(map(len, tuning.before))
     for name, value in tuning.before.items():
-        at = "  at the end of its range: try a wider one" if name in tuning.at_bounds else ""
+        at = "  at the limit of its range: try a wider one" if name in tuning.at_bounds else ""
         click.echo(f"  {name:<{width}}  {value:.6g} -> {tuning.after[name]:.6g}{at}")
-    for name, c in (("seen", tuning.seen_comparison), ("held out", tuning.held_out_comparison)):
+    for name, c in (("training", tuning.seen_comparison), ("validation", tuning.held_out_comparison)):
         click.echo(f"{name}, {c.runs} runs: {_format_comparison(c)}")
     click.echo(f"{tuning.flown_runs} runs flown in {tuning.wall_s:.1f} s")
 
@@ -164,6 +172,6 @@ def _print_tuning(title: str, tuning: TuningResult) -> None:
 def _format_comparison(c: Comparison) -> str:
     counts = f"better in {c.better}, worse in {c.worse}"
     if not math.isfinite(c.difference):
-        return f"cost infinite in some; {counts}"
+        return f"cost infinite in some runs; {counts}"
     interval = f"{100 * c.level:.0f} %: {c.low:.4g} … {c.high:.4g}"
     return f"{c.before:.5g} -> {c.after:.5g}, change {c.difference:.4g} ({interval}); {counts}"

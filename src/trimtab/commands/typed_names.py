@@ -1,8 +1,8 @@
-"""Names that were typed, looked at before a verb is imported: of the scenario, and of the settings.
+"""Check of typed names, of the scenario and its settings, before a verb is imported.
 
-A verb and all that it needs take a second or more to import; a typo is answered without. The paths of a scenario's
-settings are known here once they were read, by `trimtab list`, by completion or after a wrong one; till then only the
-first word of a path is looked at. What isn't sure is left to the verb, which says the same.
+A verb takes a second or more to import; a typo is reported without that delay. The paths of a scenario's settings are
+cached by `trimtab list`, by completion, or after a wrong path. Until then only the first word of a path is checked.
+Uncertain names are left to the verb, which gives the same message.
 """
 
 import re
@@ -21,9 +21,9 @@ TAKES_SCENARIO = frozenset(
         *("identify", "vehicle", "fly", "console", "inject", "export", "firmware"),
     )
 )
-"""Verbs whose first word is a scenario."""
+"""Verbs whose first argument is a scenario."""
 PATHS = {"--set": "settings", "--spread": "spread", "--gain": "gains"}
-"""Options that begin with a setting's path -> the argument in Python."""
+"""Options whose value begins with a setting's path -> the argument in Python."""
 ROOTS = (
     "world",
     "autopilot",
@@ -38,16 +38,16 @@ ROOTS = (
 )
 """First words of the paths of a catalogue scenario."""
 RESHAPING = ("--navigation", "--calibration", "--reference")
-"""Options by which a scenario gets other parts, and so other paths."""
+"""Options that replace parts of a scenario, and thereby its paths."""
 FOLDER = "setting-paths"
 
 
 def check_names(words: Sequence[str]) -> None:
-    """Refuse a scenario that is in no catalogue, and a setting that is in no scenario.
+    """Check the scenario and the settings of a command line.
 
-    words: as they were typed, from the verb on.
+    words: as typed, beginning with the verb.
 
-    Raises: InputError with what is near.
+    Raises: InputError with the nearest names, for an unknown scenario or setting.
     """
     verb, *rest = words
     scenario = rest[0] if rest else ""
@@ -63,7 +63,7 @@ def check_names(words: Sequence[str]) -> None:
     if not known or any(word.partition("=")[0] in RESHAPING for word in rest):
         return
     if any(option == "--set" and ("." not in path or value[:1].isupper()) for option, path, value in typed):
-        return  # a choice, or the class of a part, which may bring other paths
+        return  # a choice or the class of a part may add other paths
     links = ("uplink.", "downlink.")
     for option, path, _ in typed:
         plain = re.sub(r"\[.*", "", path)
@@ -74,13 +74,13 @@ def check_names(words: Sequence[str]) -> None:
 
 
 def _near_roots(path: str) -> list[str]:
-    """The path with each first word that there is in the place of its own, the likeliest first."""
+    """Return the path with likely first words, the likeliest first."""
     root, _, rest = path.partition(".")
     return [f"{near}.{rest}" for near in closest(root, ROOTS, 1) or ROOTS[:2]]
 
 
 def _iter_paths(words: Sequence[str]) -> Iterator[tuple[str, str, str]]:
-    """Option, path and value of each setting that was typed."""
+    """Yield option, path and value of each typed setting."""
     for i, word in enumerate(words):
         option, equals, text = word.partition("=")
         if word in PATHS and i + 1 < len(words):
@@ -93,7 +93,7 @@ def _iter_paths(words: Sequence[str]) -> Iterator[tuple[str, str, str]]:
 
 
 def read_paths(scenario: str) -> list[str]:
-    """Paths of a scenario's settings; none where they weren't read yet, or the package has changed since."""
+    """Return the cached paths of a scenario's settings; empty if not cached, or the package has changed."""
     with suppress(OSError, UnicodeError):
         stamp, *paths = (cache_folder(FOLDER) / _file_name(scenario)).read_text("utf-8").split("\n")
         return paths if stamp == package_stamp() else []
@@ -101,7 +101,7 @@ def read_paths(scenario: str) -> list[str]:
 
 
 def keep_paths(scenario: str, paths: Iterable[str]) -> None:
-    """Keep the paths of a scenario of the catalogue for the next time."""
+    """Cache the paths of a scenario of the catalogue."""
     if scenario in catalogue.scenario_files():
         with suppress(OSError):
             text = "\n".join((package_stamp(), *paths))
@@ -109,7 +109,7 @@ def keep_paths(scenario: str, paths: Iterable[str]) -> None:
 
 
 def learn_paths(words: Sequence[str]) -> None:
-    """After a wrong path: keep those of the scenario that was typed, so that the next one is answered at once."""
+    """Cache the paths of the typed scenario after a wrong path, so that the next one is reported at once."""
     if "jax" in sys.modules and len(words) > 1 and words[1] in catalogue.scenario_files():
         from trimtab.loop.settings import setting_paths
 

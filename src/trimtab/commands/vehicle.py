@@ -1,4 +1,4 @@
-"""`trimtab vehicle`: a virtual vehicle behind a real transport."""
+"""`trimtab vehicle`: a simulated vehicle behind a real link."""
 
 import dataclasses
 import sys
@@ -58,12 +58,12 @@ from trimtab.wire.dialect import Dialect
 from trimtab.wire.mavlink import Endpoint
 
 SHORTEST_WATCHDOG = ms(20)
-"""Four heartbeats of the outputs' process."""
+"""Shortest watchdog time: four heartbeats of the process of the outputs."""
 
 
 @click.command()
 @SCENARIO
-@click.option("--listen", metavar="URI", help="Line to be reached on, e.g. udp://:14550.")
+@click.option("--listen", metavar="URI", help="Link to listen on, e.g. udp://:14550.")
 @ARDUPILOT
 @PX4
 @CHANNELS
@@ -73,7 +73,7 @@ SHORTEST_WATCHDOG = ms(20)
 @FAULT
 @LOCKSTEP
 @SEED
-@click.option("--duration", metavar="TIME", help="How long it flies after arming.  [default: until Ctrl-C]")
+@click.option("--duration", metavar="TIME", help="Duration of the flight after arming.  [default: until Ctrl-C]")
 @KEY
 @UNSIGNED
 @click.option(
@@ -81,21 +81,21 @@ SHORTEST_WATCHDOG = ms(20)
     type=click.Choice([STORED_CLOCK, COMPUTER_CLOCK]),
     default=STORED_CLOCK,
     show_default=True,
-    help="What it signs by: on from what is stored; or this computer's clock, where a wrong one was stored.",
+    help="Clock for signatures: continue the stored one, or reset it from this computer's.",
 )
 @click.option(
     "--watchdog",
     metavar="TIME",
     default="50 ms",
     show_default=True,
-    help="Silence of this process after which its outputs, in a process of their own, go safe.",
+    help="Time without data from this process after which the outputs go safe.",
 )
 @REAL_TIME
-@OUT("DIR", "Write its log, with the truth, in this folder.  [default: no log]")
+@OUT("DIR", "Write the vehicle's log, with the truth, to this folder.  [default: no log]")
 @click.option(
     "--origin",
     metavar="LAT,LON,ALT",
-    help="Where its world frame is on the globe, in degrees and metres, for maps.  [default: nowhere]",
+    help="Geographic origin of the world frame, in degrees and metres, for maps.  [default: none]",
 )
 @PARAMETERS
 @LOG_LIMIT
@@ -123,13 +123,13 @@ def command(
     log_limit: int,
     as_json: bool,
 ) -> None:
-    """Be a scenario's vehicle, in wall-clock time, behind a real transport.
+    """Run a scenario's vehicle in real time behind a real link.
 
-    Vehicle, sensors and actuators of the scenario, with the duties of a firmware: failsafe, arming, a safety pilot's
-    takeover, parameters. The line takes the place of the scenario's simulated delays. The vehicle is held until it is
-    armed. It speaks MAVLink 2, signed, so ground stations can join. Exit code 1: a failsafe acted, its outputs
-    went safe by themselves, or its log is lost or lacks rows; 2: refused input. With --ardupilot it is the physics of
-    ArduPilot's SITL instead, in virtual time, by ArduPilot's frames; with --px4 PX4's simulator.
+    Simulates the scenario's vehicle, sensors and actuators, and acts as its firmware: failsafe, arming, takeover by a
+    safety pilot, parameters. The real link replaces the scenario's simulated delays. The vehicle is held until it is
+    armed. It speaks signed MAVLink 2, so ground stations can connect. Exit code 1: a failsafe acted, the outputs went
+    safe on their own, or the log is lost or incomplete; 2: invalid input. With --ardupilot it is the physics backend of
+    ArduPilot's SITL, in virtual time and with ArduPilot's protocol; with --px4 it is PX4's simulator.
 
     \b
     trimtab vehicle hovercraft/forward --listen udp://:14550 --out there
@@ -184,15 +184,15 @@ def command(
 def _build_vehicle(
     scenario: Scenario, line: Link, endpoint: Callable[[Dialect], Endpoint], seed: int, options: StationOptions
 ) -> LiveVehicle:
-    """The vehicle that flies a scenario by a clock, with a fault in every part that does nothing yet."""
+    """Return the real-time vehicle of a scenario, with an inactive fault in every part for later injection."""
     idle, machine = add_idle_faults(scenario), current_machine()
     return LiveVehicle(idle, line, endpoint, seed=seed, station_options=options, machine=machine)
 
 
 def _build_one(name: str, settings: Mapping[str, str], faults: Iterable[str]) -> Scenario:
-    """The scenario, which flies on beyond its end; refuses a swarm."""
+    """Build the scenario without an end in time; raise InputError for a swarm."""
     built = build(name, settings, faults=faults, in_virtual_time=False)
-    refuse_swarm(built, "a line")
+    refuse_swarm(built, "a link")
     return built
 
 
@@ -205,10 +205,10 @@ def _lead_lockstep(
     tell: Callable[[str], None],
     other: str,
 ) -> None:
-    """other: what is typed at the other end."""
+    """Run in lockstep. other: the command to type at the other end."""
     with show_spinner(f"compiling {scenario.name}"):
         virtual = LockstepVehicle(scenario, endpoint, seed=seed)
-    tell(f"{scenario.name} waits on its line for  {other}")
+    tell(f"{scenario.name} waits on its link for  {other}")
     try:
         virtual.run(line, log)
     except NoAnswerError as error:
@@ -216,15 +216,15 @@ def _lead_lockstep(
 
 
 def _parse_watchdog(text: str) -> int:
-    """The watchdog's time (100 ns)."""
+    """Parse the watchdog's time (100 ns)."""
     silence = parse_time(text)
     if silence < SHORTEST_WATCHDOG:
-        raise InputError("--watchdog", f"{text} is shorter than four heartbeats", fix="--watchdog '50 ms'")
+        raise InputError("--watchdog", f"must be at least 20 ms, four heartbeats, got {text}", fix="--watchdog '50 ms'")
     return silence
 
 
 def _describe_service(service: VehicleSummary, live: LiveVehicle, line: Link) -> dict[str, Any]:
-    """What became of the vehicle, for the result."""
+    """Return the part of the result that describes how the vehicle was run."""
     return {
         "released_s": None if service.release_time is None else to_seconds(service.release_time),
         "mode": service.mode,
@@ -238,12 +238,12 @@ def _describe_service(service: VehicleSummary, live: LiveVehicle, line: Link) ->
 
 
 def _print_service(result: dict[str, Any], out: Path | None) -> None:
-    print_truth(result, out, "it was never armed, so it never moved")
+    print_truth(result, out, "never armed, so the vehicle never moved")
     if "mode" in result:
         refused = _format_refused_frames(result["wire"])
         for problem in result["problems"]:
             click.echo(f"problem: {problem}")
-        click.echo(f"at the end: {result['mode']}, {result['cause']}; refused frames: {refused}")
+        click.echo(f"at the end: {result['mode']}, {result['cause']}; rejected frames: {refused}")
     if out is not None:
         print_log_size(result.get("log"))
         for file in list_files(out / "vehicle.mcap"):

@@ -1,8 +1,8 @@
-"""The group of verbs: each is a file of this folder, which holds its click command and is imported when it is typed.
+"""Group of the verbs: each is a file of this folder with its click command, imported when the verb is typed.
 
-Exit code 0: done and good; 1: done and failed; 2: refused input; 130: stopped by Ctrl-C. With ``--json`` what is
-refused is an object on standard output too. Names are looked at before a verb is imported, so that a typo is answered
-at once.
+Exit code 0: success; 1: completed, but failed; 2: invalid input; 130: stopped by Ctrl-C. With ``--json`` an error is
+also printed as an object on standard output. Names are checked before a verb is imported, so that a typo is reported at
+once.
 """
 
 import importlib
@@ -20,7 +20,7 @@ from trimtab.commands.output import print_json
 from trimtab.core.errors import InputError, Spelling, closest, spell_with
 
 WORDS = "trimtab.words"
-"""Where the context keeps what was typed after `trimtab`."""
+"""Key of the context's entry for the words typed after `trimtab`."""
 BEGIN = "new vehicle my_bike"
 SYNONYMS = {
     "bode": "linearise",
@@ -42,7 +42,7 @@ SYNONYMS = {
     "verify": "export --verify DIR",
     "version": "--version",
 }
-"""What others call it -> what to type."""
+"""Other common names of a verb -> the words to type."""
 
 OPTIONS = {
     "settings": "--set",
@@ -60,37 +60,37 @@ OPTIONS = {
     "folder": "--out",
     "file": "--out",
 }
-"""Arguments of the library whose options have other names than they."""
+"""Arguments of the library -> their options, where the names differ."""
 
 
 class Verbs(click.Group):
-    """Verbs by name: ``link-test`` is `command` in ``link_test.py``. Refused input ends with the fix, exit code 2."""
+    """Verbs by name: ``link-test`` is `command` in ``link_test.py``. Invalid input exits with code 2 and a fix."""
 
     def __init__(self, names: Sequence[str], **options: Any) -> None:
         super().__init__(commands={name: click.Command(name) for name in names}, **options)
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        """The verb of that name, imported; None where there is none."""
+        """Import and return the verb of that name; None if it is unknown."""
         if cmd_name not in self.commands:
             return None
         return importlib.import_module(f"{__package__}.{cmd_name.replace('-', '_')}").command
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """Write what each verb does. It is read from the files: to import them all would take seconds."""
+        """List the verbs with their help, read from the files; importing all of them would take seconds."""
         listed = click.Group(commands={name: click.Command(name, help=read_help(name)) for name in self.commands})
         listed.format_commands(ctx, formatter)
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
-        """The words as click parses them; they are kept as they were typed, too."""
+        """Parse the words, and store them as typed."""
         ctx.meta[WORDS] = list(args)
         return super().parse_args(ctx, args)
 
     def resolve_command(
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
-        """The verb, after its name, and those of scenario and settings, were looked at.
+        """Return the verb, after checking its name, the scenario and the settings.
 
-        Raises: InputError with what is near.
+        Raises: InputError with the nearest names.
         """
         if args[0] not in self.commands and not args[0].startswith("-"):
             raise _unknown_verb(args[0], tuple(self.commands))
@@ -127,7 +127,7 @@ class Verbs(click.Group):
 
 
 def spell_option(python: Spelling, name: str, value: Any, path: str | None) -> str:
-    """An argument of the library as an option: ``--set autopilot.period='20 ms'``."""
+    """Spell an argument of the library as an option: ``--set autopilot.period='20 ms'``."""
     if value is False:
         return f"--no-{name.replace('_', '-')}"
     if name == "settings" and path is not None and f"--{path}" in _running_options():
@@ -146,18 +146,18 @@ def spell_option(python: Spelling, name: str, value: Any, path: str | None) -> s
 
 
 def _running_options() -> set[str]:
-    """Those of the verb that was typed."""
+    """Return the options of the running verb."""
     context = click.get_current_context(silent=True)
     return {word for p in context.command.params for word in p.opts} if context is not None else set()
 
 
 def _quote(text: str) -> str:
-    """A word of a command line as people write it: between quotes where a shell would take it apart."""
+    """Quote a word of a command line if a shell would split it."""
     return text if re.fullmatch(r"[\w.,:/%@+=…-]+", text) else shlex.quote(text)
 
 
 def _find_example(ctx: click.Context) -> tuple[str, str]:
-    """The words before which something is wrong, and the first line of their help that shows how to use them."""
+    """Return the command with the error, and the first example in its help."""
     where = f"trimtab{ctx.command_path.removeprefix(ctx.find_root().command_path)}"
     for line in (ctx.command.help or "").splitlines():
         words = re.split(r"\s{3,}", line.strip())[0]
@@ -167,7 +167,7 @@ def _find_example(ctx: click.Context) -> tuple[str, str]:
 
 
 def _print_refusal(ctx: click.Context, part: str, problem: str, choices: Sequence[str], fix: str) -> None:
-    """What was refused as JSON, where that was asked for."""
+    """Print the error as JSON if ``--json`` was typed."""
     if "--json" in ctx.meta[WORDS]:
         refused = {"part": part, "problem": problem, "choices": list(choices), "fix": fix}
         print_json({"error": refused}, verb="error")
@@ -175,16 +175,16 @@ def _print_refusal(ctx: click.Context, part: str, problem: str, choices: Sequenc
 
 def _unknown_verb(name: str, verbs: Sequence[str]) -> InputError:
     near = SYNONYMS.get(name.lower()) or next(iter(closest(name, verbs, 1)), "--help")
-    return InputError(f"trimtab {name}", "there is no such verb", choices=verbs, fix=f"trimtab {near}")
+    return InputError(f"trimtab {name}", "no such verb", choices=verbs, fix=f"trimtab {near}")
 
 
 def read_help(name: str) -> str:
-    """The help of a verb: the docstring of `command` in its file."""
+    """Return the help of a verb: the docstring of `command` in its file."""
     docstring = re.search(r'^def command\(.*?"""(.*?)"""', read_source(name), re.DOTALL | re.MULTILINE)
     assert docstring, f"{name}: its `command` has no docstring"
     return inspect.cleandoc(docstring[1])
 
 
 def read_source(name: str) -> str:
-    """The text of a verb's file."""
+    """Return the source of a verb's file."""
     return Path(__file__).with_name(f"{name.replace('-', '_')}.py").read_text(encoding="utf-8")

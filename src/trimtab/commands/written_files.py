@@ -1,8 +1,8 @@
-"""What trimtab wrote, and so may replace; any other file is somebody's own and stays as it is.
+"""Record of the files that trimtab wrote, which it may replace; any other file is the user's and is kept.
 
-Of each file that a verb wrote, the cache's folder `written` keeps its place and the SHA-256 of its content. A file is
-trimtab's where its content is still that; one that was edited since, or came from elsewhere, is refused before anything
-runs, unless ``--overwrite`` is typed. Where there is no cache, nothing is known to be trimtab's, and all is refused.
+The cache's folder `written` stores the path of each file that a verb wrote, and the SHA-256 of its content. A file with
+that content may be replaced. A file that was edited since, or came from elsewhere, is refused before anything runs,
+unless ``--overwrite`` is given. Without a cache, every existing file is refused.
 """
 
 import hashlib
@@ -19,13 +19,13 @@ from trimtab.core.errors import InputError
 
 FOLDER = "written"
 OVERWRITE = "trimtab.overwrite"
-"""Where a context keeps whether ``--overwrite`` was typed."""
+"""Key of the context's entry that is True after ``--overwrite``."""
 LIMIT = 5000
-"""Files that are remembered; beyond, the oldest are forgotten."""
+"""Maximum number of recorded files; beyond it, the oldest are forgotten."""
 
 
 def with_overwrite(function: Callable[..., Any]) -> Callable[..., Any]:
-    """``--overwrite``, once for a verb."""
+    """Add ``--overwrite`` to a verb, once."""
     options = getattr(function, "__click_params__", ())
     if any("--overwrite" in option.opts for option in options):
         return function
@@ -35,14 +35,14 @@ def with_overwrite(function: Callable[..., Any]) -> Callable[..., Any]:
         is_eager=True,
         expose_value=False,
         callback=lambda context, parameter, value: context.meta.update({OVERWRITE: value}),
-        help="Replace files, too, that trimtab did not write or that were edited since.",
+        help="Replace existing files even if trimtab did not write them or they were edited since.",
     )(function)
 
 
 def check_new(option: str, *files: Path | None) -> None:
-    """Refuse to write where a file lies that trimtab did not write, or that was edited since.
+    """Raise InputError if a file exists that trimtab did not write, or that was edited since.
 
-    option: which names the files, e.g. --out.
+    option: that names the files, e.g. --out.
     """
     context = click.get_current_context(silent=True)
     if context is not None and context.meta.get(OVERWRITE):
@@ -54,18 +54,18 @@ def check_new(option: str, *files: Path | None) -> None:
                 if option != "--out" or file.suffix
                 else file
             )
-            problem = f"{str(file)!r} is there already, and trimtab did not write it, or it was edited since"
+            problem = f"{str(file)!r} already exists, and trimtab did not write it, or it was edited since"
             raise InputError(option, problem, fix=f"another name, e.g. {other.name}, or --overwrite to replace it")
 
 
 def check_new_in(option: str, folder: Path | None, *patterns: str) -> None:
-    """The same for the files of a folder that a verb may write, by their names, e.g. "*.png"."""
+    """Check like `check_new` the files of a folder that match patterns, e.g. "*.png"."""
     if folder is not None and folder.is_dir():
         check_new(option, *sorted({file for pattern in patterns for file in folder.glob(pattern)}))
 
 
 def note_written(files: Iterable[str | Path]) -> None:
-    """Remember what was just written; where it can't be, the files count as somebody's own."""
+    """Record files that were just written; without a cache they count as the user's."""
     with suppress(OSError):
         folder = cache_folder(FOLDER)
         for file in map(Path, files):
@@ -76,9 +76,9 @@ def note_written(files: Iterable[str | Path]) -> None:
 
 
 def place_files(option: str, scratch: Path, files: Iterable[Path], folder: Path) -> list[Path]:
-    """Move all that was written below a scratch folder to its folder, or nothing; gives where the files named are.
+    """Move all files of a scratch folder to the target folder, or none; return the new paths of `files`.
 
-    Raises: InputError where one would take the place of somebody's own.
+    Raises: InputError if one would replace a user's file.
     """
     moves = [(file, folder / file.relative_to(scratch)) for file in sorted(scratch.rglob("*")) if file.is_file()]
     check_new(option, *(place for _, place in moves))

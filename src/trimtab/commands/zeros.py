@@ -1,4 +1,4 @@
-"""`trimtab zeros`: what an output can follow: zeros, relative degree, and the dynamics left inside."""
+"""`trimtab zeros`: transmission zeros, relative degree and internal dynamics of a vehicle."""
 
 import click
 
@@ -29,10 +29,10 @@ def command(
     settings: dict[str, str],
     as_json: bool,
 ) -> None:
-    """Say which zeros stand between inputs and outputs of a vehicle, and what that means for following them.
+    """Find the zeros between inputs and outputs of a vehicle, and their consequences for tracking.
 
-    VEHICLE and --at are as of `trimtab trim`. As many --output as --input give a verdict, too: minimum phase, or not,
-    with the states that run away while the outputs are held.
+    VEHICLE and --at are as in `trimtab trim`. With as many --output as --input there is also a verdict: minimum phase,
+    or not, with the states that diverge while the outputs are held.
 
     \b
     trimtab zeros hypersonic --output h --output V
@@ -53,14 +53,14 @@ def command(
     if isinstance(found, str):
         click.echo(f"no verdict: {found}")
         return
-    inside = f", inside: {', '.join(found.internals)}" if found.internals else ""
+    inside = f", internal states: {', '.join(found.internals)}" if found.internals else ""
     click.echo(f"{found.verdict}{inside}")
     for reason in found.why:
         click.echo(f"  {reason}")
 
 
 def _find_dynamics(model: StateSpaceModel) -> ZeroDynamics | str:
-    """Zero dynamics, or why they are not asked for."""
+    """Return the zero dynamics, or the reason why there are none."""
     if len(model.inputs) != len(model.outputs):
         return f"{len(model.inputs)} inputs and {len(model.outputs)} outputs; name as many --input as --output"
     try:

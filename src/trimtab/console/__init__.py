@@ -1,1 +1,1 @@
-"""The pilot console: a page in a browser, and the server that it comes from."""
+"""Pilot console: a page in a browser, and its server."""

@@ -1,7 +1,7 @@
-"""Who gets in: a token in the URL is exchanged for a cookie; hosts and origins are the server's own, or refused.
+"""Access control: a token in the URL is exchanged for a cookie; other hosts and origins are refused.
 
-A page of another site may make a browser send requests here, but can neither read the cookie nor forge the origin of a
-socket; a name of its own that leads to this machine (DNS rebinding) is no host of the server's.
+A page of another site may make a browser send requests to this server, but it can neither read the cookie nor forge the
+origin of a socket. A foreign name that resolves to this machine (DNS rebinding) is not a host of this server.
 Source: OWASP, Cross-Site WebSocket Hijacking; docs page, Trust.
 """
 
@@ -16,7 +16,7 @@ from typing import Any
 PILOT, OBSERVER = "pilot", "observer"
 TOKEN_BYTES = 24
 MOST_WRONG_TOKENS, WRONG_PERIOD = 10, 60.0
-"""So many wrong tokens within so many seconds, and none is looked at for as long."""
+"""Maximum number of wrong tokens within a period (s); beyond it, every token is refused until the period is over."""
 LOOPBACK_HOSTS = ("127.0.0.1", "localhost", "[::1]")
 HEADERS = {
     "Content-Security-Policy": "default-src 'self'; frame-ancestors 'none'; base-uri 'none'; form-action 'none'",
@@ -29,10 +29,10 @@ HEADERS = {
 
 
 class Access:
-    """The two tokens of a console and the cookies that they are exchanged for."""
+    """Tokens of a console for pilots and observers, and the cookies for which they are exchanged."""
 
     def __init__(self, host: str, port: int, is_encrypted: bool, note: Callable[[str], None]) -> None:
-        """note: is given a line for each attempt that was refused."""
+        """note: called with a line for each refused attempt."""
         self._note = note
         self._tokens = {role: secrets.token_urlsafe(TOKEN_BYTES) for role in (PILOT, OBSERVER)}
         self._sessions = {role: secrets.token_urlsafe(TOKEN_BYTES) for role in (PILOT, OBSERVER)}
@@ -44,20 +44,20 @@ class Access:
         self._first_host = f"{names[0]}:{port}"
 
     def url(self, role: str) -> str:
-        """What a person opens."""
+        """Return the URL to open for a role."""
         return f"{self._scheme}://{self._first_host}/?token={self._tokens[role]}"
 
     def is_own_host(self, host: str) -> bool:
-        """Whether a request names this server."""
+        """Return True if the host of a request is this server."""
         return host.lower() in self._hosts
 
     def is_own_origin(self, origin: str) -> bool:
-        """Whether a socket was opened by a page of this server."""
+        """Return True if a socket was opened by a page of this server."""
         scheme, _, host = origin.partition("://")
         return scheme == self._scheme and self.is_own_host(host)
 
     def exchange(self, token: str) -> str | None:
-        """The cookie's text for a token; None for a wrong one, or after too many of these."""
+        """Return the cookie for a token; None for a wrong token, or after too many wrong ones."""
         now = time.monotonic()
         if len(self._wrong) == MOST_WRONG_TOKENS and now - self._wrong[0] < WRONG_PERIOD:
             return None
@@ -65,11 +65,11 @@ class Access:
             if hmac.compare_digest(token.encode(), own.encode()):
                 return self._session_cookie(role)
         self._wrong.append(now)
-        self._note(f"console: a wrong token, {len(self._wrong)} of late")
+        self._note(f"console: wrong token, {len(self._wrong)} recently")
         return None
 
     def role(self, headers: Mapping[str, str]) -> str | None:
-        """Who sent a request, by its cookie; None for a stranger."""
+        """Return the role of a request by its cookie; None without a valid one."""
         cookies: SimpleCookie = SimpleCookie()
         try:
             cookies.load(headers.get("cookie", ""))

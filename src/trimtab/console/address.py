@@ -1,4 +1,4 @@
-"""Where a console listens: on this machine alone, or with TLS."""
+"""Address of a console: on this machine only, or with TLS."""
 
 import contextlib
 import ipaddress
@@ -13,9 +13,9 @@ NEEDS = ("starlette", "uvicorn", "websockets")
 
 
 class ConsoleAddress(NamedTuple):
-    """Where a console listens.
+    """Address on which a console listens.
 
-    certificate, private_key: files of TLS, without which only this machine is served.  opens: in a browser, too.
+    certificate, private_key: files for TLS; without them only this machine is served.  opens: open a browser.
     """
 
     host: str = "127.0.0.1"
@@ -25,17 +25,17 @@ class ConsoleAddress(NamedTuple):
     opens: bool = False
 
     def check(self) -> None:
-        """Refuse what others could read along, or a library that is missing."""
+        """Raise InputError for an unencrypted address beyond this machine, or a missing library."""
         missing = [name for name in NEEDS if find_spec(name) is None]
         if missing:
             problem = f"{missing[0]} is not installed"
             raise InputError("the console", problem, fix=install_command("console"))
         if (self.certificate is None) != (self.private_key is None):
             raise InputError(
-                argument_name("certificate"), "a certificate and its private key go together", fix="give both"
+                argument_name("certificate"), "a certificate needs its private key, and vice versa", fix="give both"
             )
         if self.certificate is None and not self._is_loopback:
-            problem = f"whoever is on the way to {self.host} could read the token and fly the craft"
+            problem = f"anyone on the network path to {self.host} could read the token and fly the craft"
             fix = (
                 f"{argument('certificate', 'FILE')} {argument('private_key', 'FILE')} "
                 "(openssl req -x509 -newkey ec -pkeyopt ec_paramgen_curve:P-256 "
@@ -45,7 +45,7 @@ class ConsoleAddress(NamedTuple):
 
     @property
     def files(self) -> dict[str, str | None]:
-        """Those of TLS, by name."""
+        """Return the TLS files by name."""
         own = {"certificate": self.certificate, "private_key": self.private_key}
         return {name: None if file is None else str(file) for name, file in own.items()}
 
@@ -57,7 +57,7 @@ class ConsoleAddress(NamedTuple):
 
 
 def open_listener(address: ConsoleAddress) -> socket.socket:
-    """The socket that pages connect to."""
+    """Open the socket to which pages connect."""
     family = socket.AF_INET6 if ":" in address.host else socket.AF_INET
     listener = socket.socket(family, socket.SOCK_STREAM)
     listener.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
@@ -66,6 +66,6 @@ def open_listener(address: ConsoleAddress) -> socket.socket:
     except OSError as error:
         listener.close()
         problem = f"cannot listen on {address.host}:{address.port}: {(error.strerror or str(error)).lower()}"
-        raise InputError(argument_name("port"), problem, fix=f"{argument('port', 0)} takes a free one") from None
+        raise InputError(argument_name("port"), problem, fix=f"{argument('port', 0)} takes a free port") from None
     listener.listen(64)
     return listener

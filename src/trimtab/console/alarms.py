@@ -1,6 +1,6 @@
-"""What is wrong in a flight, out of its rows: alarms, what the link does, and which requests would be refused.
+"""Alarms, link statistics and allowed requests of a flight, computed from its rows.
 
-An alarm stays as long as its cause does, whoever has acknowledged it; each that comes or goes is an event of the log.
+An alarm persists as long as its cause, even after it is acknowledged. Every start and end of an alarm is logged.
 Source: docs page, Console.
 """
 
@@ -14,16 +14,16 @@ from trimtab.loop.supervisor_modes import CAUSES, ENDED, ENDED_BY, FAULT, LOST, 
 
 ALARM, WARNING = "alarm", "warning"
 MUTE = 0.5
-"""Seconds without a row, after which the autopilot does not answer."""
+"""Time without a row (s) after which the autopilot counts as not responding."""
 WARN_SHARE = 0.7
-"""Of an age's limit, from which on it is warned of."""
+"""Fraction of an age's limit from which a warning is shown."""
 LOSS_WINDOW = 2.0
 OVERRUN_WINDOW, MOST_OVERRUNS = 2.0, 20
-"""Seconds in which no more periods may end too late: a machine that is not for real time alone has one now and then."""
+"""Time window (s) and maximum overruns in it without a warning; a general-purpose computer has one now and then."""
 
 
 class Alarm(NamedTuple):
-    """Something wrong. id: what it is, whatever its numbers are now."""
+    """Alarm or warning. id: identifies the alarm, independent of its current numbers."""
 
     id: str
     level: str
@@ -31,10 +31,10 @@ class Alarm(NamedTuple):
 
 
 class Flight:
-    """What a console knows of a flight at one moment: its newest row by path."""
+    """State of a flight as known to a console: the newest row, by path."""
 
     def __init__(self, hello: Mapping[str, Any]) -> None:
-        """hello: what pages are told first."""
+        """hello: first message to the pages."""
         self._slots = {s["path"]: k for k, s in enumerate(hello["signals"])}
         self._ages: Sequence[Mapping[str, Any]] = hello["ages"]
         self._monitored = [path.split(".")[1] for path in self._slots if re.fullmatch(r"monitor\.\w+\.verdict", path)]
@@ -42,20 +42,20 @@ class Flight:
         self._row: Any = ()
         self.t, self.clock = math.nan, -math.inf
         self.is_piloted = False
-        """Somebody has the stick, or had it and left without giving it back."""
+        """True while a pilot has the stick, or left without giving it back."""
         self._was_armed = False
         self._overruns: list[tuple[float, float]] = []
         self._counts: list[tuple[float, float, float]] = []
 
     def take_row(self, t: float, clock: float, row: Any) -> None:
-        """The newest row, a number for each signal."""
+        """Store the newest row, one number for each signal."""
         self.t, self.clock, self._row = t, clock, row
         self._was_armed |= bool(self.read("vehicle.armed"))
         kept = [c for c in self._overruns if clock - c[0] <= OVERRUN_WINDOW]
         self._overruns = [*kept, (clock, self.read("loop.overruns"))]
 
     def read(self, path: str) -> float:
-        """A signal; NaN where there is none, or no row yet."""
+        """Return a signal; NaN if it is unknown or there is no row yet."""
         k = self._slots.get(path)
         return math.nan if k is None or not len(self._row) else float(self._row[k])
 
@@ -64,20 +64,20 @@ class Flight:
         return None if math.isnan(value) else int(value)
 
     def list_alarms(self, now: float) -> list[Alarm]:
-        """All that is wrong at the server's clock `now` (s)."""
+        """Return the alarms at the server's clock `now` (s)."""
         if self.clock == -math.inf:
             return []
         if now - self.clock > MUTE:
-            return [Alarm("mute", ALARM, f"the autopilot does not answer for {now - self.clock:.1f} s")]
+            return [Alarm("mute", ALARM, f"no data from the autopilot for {now - self.clock:.1f} s")]
         flight = (*self._vehicle_alarms(), *self._supervisor_alarms(), *self._monitor_alarms())
         return [*flight, *self._age_alarms(), *self._loop_alarms()]
 
     def _vehicle_alarms(self) -> list[Alarm]:
         found = []
         if self._was_armed and not self.read("vehicle.armed") and self._read_mode("supervisor.mode") != ENDED:
-            found.append(Alarm("disarmed", ALARM, "the vehicle is not armed any more"))
+            found.append(Alarm("disarmed", ALARM, "the vehicle is no longer armed"))
         if self.read("link.connected") == 0:
-            found.append(Alarm("unconnected", ALARM, "the line has no connection"))
+            found.append(Alarm("unconnected", ALARM, "the link is not connected"))
         return found
 
     def _supervisor_alarms(self) -> list[Alarm]:
@@ -107,24 +107,24 @@ class Flight:
         late = self._overruns[-1][1] - self._overruns[0][1]
         if not late > MOST_OVERRUNS:
             return []
-        text = f"overruns: {late:g} periods ended too late in {OVERRUN_WINDOW:g} s, {MOST_OVERRUNS} are usual at most"
+        text = f"overruns: {late:g} late periods in {OVERRUN_WINDOW:g} s, at most {MOST_OVERRUNS} are normal"
         return [Alarm("overrun", WARNING, text)]
 
     def explain_requests(self) -> dict[str, dict[str, Any]]:
-        """For each request whether it is allowed, and why not."""
+        """Return for each request if it is allowed, and the reason if not."""
         mode, check = self._read_mode("supervisor.mode"), self._read_mode("supervisor.check")
         armed = bool(self.read("vehicle.armed") == 1)
         if mode is None:
             why = dict.fromkeys(("hold", "resume", "clear"), "this scenario has no supervisor")
-            why |= {"arm": "it is armed" if armed else "", "end": "" if armed else "it is not armed"}
+            why |= {"arm": "already armed" if armed else "", "end": "" if armed else "not armed"}
         else:
             why = explain_requests(mode, check or 0)
             if not armed and mode not in (FAULT, ENDED):
-                why["arm"] = ""  # the vehicle is asked, which has checks of its own
+                why["arm"] = ""  # the vehicle decides, by its own checks
         return {request: {"allowed": not text, "why": text} for request, text in why.items()}
 
     def describe_link(self, timing: Mapping[str, Any]) -> dict[str, Any]:
-        """What the line does; numbers that are not known are null."""
+        """Return statistics of the link; unknown numbers are null."""
         ages = [self.read(a["path"]) for a in self._ages if a["path"].startswith("downlink.") and a["label"] != "stick"]
         down = min((a for a in ages if not math.isnan(a)), default=math.nan)
         now = (self.clock, self.read("link.samples"), self.read("link.lost"))

@@ -1,6 +1,6 @@
-"""A campaign on a page: its runs as points, and any of them flown again beside the nominal one.
+"""Campaign on a page: its runs as points, and any run repeated beside the nominal one.
 
-A store is data: only scenarios of the catalogue are flown because a store names them.
+A store is data, not trusted code: only scenarios of the catalogue are run because a store names them.
 Source: docs page, Protocol of the console.
 """
 
@@ -26,18 +26,20 @@ from trimtab.scenarios.catalogue import load_scenario, scenario_names
 OUTCOMES = ("success", "lost")
 VERDICTS = ("failed", "succeeded")
 MOST_FLIGHTS = 200
-"""Of one page's: then the server is to be started again."""
+"""Maximum number of repeated runs; beyond it, the server must be restarted."""
 
 
 class CampaignFeed:
-    """What pages get of a campaign's store."""
+    """Data of a campaign's store for the pages."""
 
     def __init__(self, folder: Path) -> None:
-        """folder: of the store. Refused where it is of a scenario that the catalogue doesn't have."""
+        """folder: of the store. InputError if its scenario is not in the catalogue."""
         attributes, self._columns = read_store(folder)
         plan = attributes["plan"]
         if plan["scenario"] not in scenario_names():
-            problem = f"is of {plan['scenario']!r}, not in the catalogue; no file is run because a store names it"
+            problem = (
+                f"belongs to {plan['scenario']!r}, which is not in the catalogue; a file named by a store is never run"
+            )
             raise InputError(
                 f"store {str(folder)!r}", problem, fix="trimtab campaign FILE.py:FUNCTION --store … --rerun RUN"
             )
@@ -52,7 +54,7 @@ class CampaignFeed:
         self.feed = RecordingFeed(hello | empty | {"row_period": 0.02, "view": {"kind": "plain"}}, ())
 
     def routes(self) -> list[BaseRoute]:
-        """Where the rows are, and where a run is flown again."""
+        """Return the routes for the rows and for repeating a run."""
         return [
             Route("/campaign/rows", self._give_rows),
             Route("/campaign/fly", self._fly, methods=["POST"]),
@@ -82,9 +84,9 @@ class CampaignFeed:
         except (ValueError, KeyError, TypeError):
             run = None
         if not isinstance(run, int) or isinstance(run, bool) or run not in np.asarray(self._columns["run"]):
-            return PlainTextResponse("give the number of a run\n", 400, HEADERS)
+            return PlainTextResponse("the body must contain the number of a run\n", 400, HEADERS)
         if len(self.feed.flights) >= MOST_FLIGHTS:
-            return PlainTextResponse("so many runs have been flown again: start the console anew\n", 429, HEADERS)
+            return PlainTextResponse("too many runs were repeated: restart the console\n", 429, HEADERS)
         async with self._lock:
             return JSONResponse(await asyncio.to_thread(self._fly_again, run), headers=HEADERS)
 

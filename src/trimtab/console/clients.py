@@ -1,7 +1,7 @@
-"""Pages that are connected: each gets the newest row that it has time for, and is heard no more than it may be.
+"""Connected pages: each gets the newest row that it can keep up with; its messages are checked and rate-limited.
 
-A page that takes nothing for LONGEST_SEND is closed; one that sends what no page sends, too much or too often, as well.
-Nothing of it reaches the flight but messages of known types with values of known kinds.
+A page that receives nothing for LONGEST_SEND is closed, and so is one that sends invalid, too large or too frequent
+messages. Only messages of known types with values of known kinds reach the flight.
 """
 
 import asyncio
@@ -20,9 +20,9 @@ from trimtab.loop.supervisor_modes import REQUESTS
 
 LARGEST_MESSAGE = 4096
 MOST_MESSAGES = 200
-"""A second."""
+"""Maximum number of messages per second from a page."""
 MOST_TEXTS = 500
-"""That wait for a page."""
+"""Maximum number of messages queued for a page."""
 LONGEST_SEND = 5.0
 LAST_READ = 0.1
 VIOLATION = 1008
@@ -58,16 +58,16 @@ MESSAGES: Mapping[str, Mapping[str, Check]] = {
     "set": {"path": _is_name, "slot": _is_count, "value": _is_number, **ANSWERED},
     "save": ANSWERED,
 }
-"""Type of a message -> what it holds besides."""
+"""Type of a message -> its other fields with their checks."""
 OBSERVED = ("ping", "acknowledge")
 """Types that an observer may send."""
 
 
 def parse_message(text: str, role: str) -> dict[str, Any]:
-    """A page's message; raises ValueError, with the reason, for one that no page sends."""
+    """Parse a page's message; raise ValueError, with the reason, if it is invalid."""
     message = json.loads(text)
     if not isinstance(message, dict):
-        raise ValueError("no object")
+        raise ValueError("not an object")
     kind = message.get("type")
     fields = MESSAGES.get(kind) if isinstance(kind, str) else None
     if fields is None:
@@ -81,10 +81,10 @@ def parse_message(text: str, role: str) -> dict[str, Any]:
 
 
 class Client:
-    """One page's socket."""
+    """Socket of one page."""
 
     def __init__(self, number: int, role: str, socket: WebSocket) -> None:
-        """number: by which it is named in events."""
+        """number: identifies the page in events."""
         self.number, self.role, self._socket = number, role, socket
         self._texts: deque[str] = deque(maxlen=MOST_TEXTS)
         self._row: bytes | None = None
@@ -92,20 +92,20 @@ class Client:
         self._second, self._count = 0.0, 0
 
     def send(self, message: Mapping[str, Any]) -> None:
-        """A message, when the page takes it; the oldest of too many are dropped."""
+        """Queue a message for the page; beyond the limit, the oldest are dropped."""
         self._texts.append(json.dumps(message, allow_nan=False))
         self._wake.set()
 
     def send_row(self, row: bytes) -> None:
-        """A row, unless a newer one comes before the page takes it."""
+        """Send a row, unless a newer one comes before the page is ready."""
         self._row = row
         self._wake.set()
 
     async def serve(self, handle: Callable[["Client", dict[str, Any]], None]) -> str:
-        """Until it is closed; why, empty where the page went."""
+        """Serve the page until it is closed; return the reason, empty if the page left."""
         tasks = [asyncio.create_task(self._read(handle)), asyncio.create_task(self._feed())]
         await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
-        await asyncio.wait(tasks, timeout=LAST_READ)  # why a socket broke is known to who reads it
+        await asyncio.wait(tasks, timeout=LAST_READ)  # the reading task knows why a socket broke
         for task in tasks:
             task.cancel()
         ended = await asyncio.gather(*tasks, return_exceptions=True)
@@ -126,7 +126,7 @@ class Client:
                 if row is not None:
                     await asyncio.wait_for(self._socket.send_bytes(row), LONGEST_SEND)
         except TimeoutError:
-            return f"it takes nothing for {LONGEST_SEND:g} s"
+            return f"it received nothing for {LONGEST_SEND:g} s"
         except (WebSocketDisconnect, RuntimeError, OSError):
             return ""
 
@@ -144,7 +144,7 @@ class Client:
                     return "a binary message"
                 handle(self, parse_message(text, self.role))
         except (ValueError, RecursionError) as error:
-            return f"a message that no page sends: {error}"
+            return f"an invalid message: {error}"
         except (WebSocketDisconnect, RuntimeError, OSError):
             return ""
 

@@ -1,7 +1,7 @@
-"""Roll, pitch, yaw, altitude and speeds beside the numbers of a vehicle in space, for its pages.
+"""Derived signals of a vehicle in space for its pages: roll, pitch, yaw, altitude and speeds.
 
-A recording has them of the truth, `logs.spatial.with_flight`. A flight that goes on is known by its estimate: its rows
-get them here, in the console's process, so that the flight has no more to do.
+A recording derives them from the truth, see `logs.spatial.with_flight`. A live flight derives them from its estimate,
+here in the console's process, so that the flight itself has no more work.
 Source: docs page, Protocol of the console.
 """
 
@@ -21,10 +21,10 @@ TURN = 2 * np.pi
 
 
 class FlightNumbers:
-    """What the rows of a flight have more: nothing where its estimate has no attitude over a fixed world."""
+    """Derived signals appended to the rows of a flight; none if its estimate has no attitude in the world frame."""
 
     def __init__(self, signals: Sequence[Mapping[str, Any]]) -> None:
-        """signals: of a row, in order, as a page is told them."""
+        """signals: of a row, in order, as in the hello."""
         own = [s for s in signals if not s["path"].startswith(FLIGHT)]
         slots: dict[str, list[int]] = {}
         declared: dict[str, Quantity] = {}
@@ -35,17 +35,17 @@ class FlightNumbers:
                 declared[number[1]] = Quantity(signal["unit"], signal["meaning"], signal["frame"], signal["kind"])
         found = find_spatial({path: (len(at),) for path, at in slots.items()}, declared)
         self.found = found if found is not None and found.frame == "W" else None
-        """The signals of the estimate that they are worked out from, or None."""
+        """Signals of the estimate from which they are derived, or None."""
         self._slots = {path: slots[path] for path in (self.found or ())[:4] if path}
         order = {signal["path"]: k for k, signal in enumerate(own)}
         self._named = {} if self.found else {n: order[p] for n, p in find_named(order, ESTIMATE).items()}
         self._before: dict[str, float] = {}
         names = self._work_out(np.zeros(len(own)))
         self.declared = {FLIGHT + name: DECLARED[name] for name in names}
-        """Path -> what it is, of the numbers that come at the end of a row."""
+        """Path -> declaration of the signals appended to a row."""
 
     def extend(self, row: bytes) -> bytes:
-        """A row as it comes from the flight, with the numbers that are worked out."""
+        """Append the derived signals to a row of the flight."""
         if not self.declared:
             return row
         numbers = self._work_out(np.frombuffer(row, "<f4", offset=HEAD.size))

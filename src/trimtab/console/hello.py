@@ -1,4 +1,4 @@
-"""What a page is told first: which numbers a row holds, how the craft is drawn, what can be asked and changed.
+"""First message to a page (hello): signals of a row, view of the craft, possible requests and parameters.
 
 Source: docs page, Protocol of the console.
 """
@@ -26,14 +26,14 @@ from trimtab.loop.supervisor_modes import CAUSES, MODES, REQUESTS
 
 TRUTH = "truth."
 STALE_AGE = 0.4
-"""Seconds: the oldest sample where no supervisor says what is too old; its own default."""
+"""Maximum age of a sample (s) without a supervisor; equals the supervisor's default."""
 SPEEDS = ("ground_speed", "climb", "air_speed")
 LENGTH = 0.6
-"""Of a craft that does not say how long it is (m)."""
+"""Default length of a craft (m)."""
 
 
 def describe_flight(autopilot: LiveAutopilot, line: ConsoleLine) -> dict[str, Any]:
-    """The hello of a live flight; sets the line's rows."""
+    """Return the hello of a live flight, and set the rows of the line."""
     scenario, step = autopilot.scenario, autopilot.autopilot_end.step
     rows = FlightRows(autopilot.autopilot_end.log_sources(), FLIGHT_SIGNALS)
     signals = [describe_signal(s.path, s.declared) for s in line.set_rows(rows)]
@@ -56,13 +56,13 @@ def describe_flight(autopilot: LiveAutopilot, line: ConsoleLine) -> dict[str, An
 
 
 def shorten_hash(choices: Any) -> str:
-    """Of the calibration that a scenario was built with, its content's hash, as far as people read it; "" without."""
+    """Return the short hash of the calibration of a scenario; "" without one."""
     used = choices.get("calibration") if choices else None
     return "" if used is None else str(used["sha256"])[:8]
 
 
 def describe_signal(path: str, declared: Quantity | None) -> dict[str, Any]:
-    """A number of a row."""
+    """Return the description of a signal of a row."""
     if declared is None:
         return {"path": path, "unit": "", "meaning": "", "kind": "real", "modes": None, "frame": ""}
     named = {"path": path, "unit": declared.unit, "meaning": declared.doc, "kind": declared.kind}
@@ -70,7 +70,7 @@ def describe_signal(path: str, declared: Quantity | None) -> dict[str, Any]:
 
 
 def describe_view(paths: Sequence[str], scenario: Scenario | None) -> dict[str, Any]:
-    """How the craft is drawn: in space, from above, from the side, or not at all. scenario: None: not known."""
+    """Return the view of the craft: in space, from above, from the side, or none. scenario: None if unknown."""
     known = set(paths)
 
     def pick(prefix: str, names: Mapping[str, str]) -> dict[str, str] | None:
@@ -110,7 +110,7 @@ def describe_view(paths: Sequence[str], scenario: Scenario | None) -> dict[str, 
 
 
 def _describe_plan(pose: Mapping[str, str | None], scenario: Scenario | None) -> dict[str, Any]:
-    """What a view from above shows, of a craft whose numbers have these paths."""
+    """Return the content of a view from above, for a craft with these paths."""
     return {
         "pose": dict(pose),
         "velocity": None,
@@ -123,7 +123,7 @@ def _describe_plan(pose: Mapping[str, str | None], scenario: Scenario | None) ->
 
 
 def _list_beacons(scenario: Scenario) -> list[list[float]]:
-    """North and east of each beacon that a sensor has."""
+    """Return north and east of each beacon of a sensor."""
     found = [v for path, v, _ in leaves(scenario.world, "") if path.endswith("beacons.map")]
     return [] if not found else np.asarray(found[0], float)[:, :2].tolist()
 
@@ -136,7 +136,7 @@ def _describe_fence(scenario: Scenario) -> dict[str, list[float]] | None:
 
 
 def list_set_points(scenario: Scenario, paths: Sequence[str]) -> dict[str, float | str]:
-    """Where signals should go: what the scenario says of the truth holds for the estimate; a law may say it itself."""
+    """Return the set-points of signals: the scenario's targets, also for the estimate, or the law's own signals."""
     found: dict[str, float | str] = {}
     for target in scenario.targets:
         name = target.path.removeprefix(TRUTH)
@@ -167,7 +167,7 @@ def _describe_pilot(
 
 
 def _list_ages(scenario: Scenario, paths: Sequence[str]) -> list[dict[str, Any]]:
-    """What grows old, and when that trips."""
+    """Return the ages to show, with their limits."""
     supervisor = scenario.autopilot.supervisor
     stale = STALE_AGE if supervisor is None else float(supervisor.stale_age)
     ages = [("estimate.age", "estimate", stale), ("link.silence", "line", to_seconds(SILENCE))]

@@ -1,4 +1,4 @@
-"""Between a flight and its pages: rows and events to all of them, wishes of those who may wish to the flight."""
+"""Link between a flight and its pages: rows and events to all pages, requests of pilots to the flight."""
 
 import asyncio
 import json
@@ -19,16 +19,16 @@ from trimtab.live.console_packets import END_SILENCE, HEAD, LARGEST_PACKET, ROW,
 
 STATUS_PERIOD = 0.2
 EVENTS_KEPT = 200
-"""That a page is told which comes later."""
+"""Maximum number of past events that are sent to a new page."""
 MUTABLE = ("request", "stop", "set", "save")
-"""Wishes that go to the flight as they are."""
+"""Types of requests that are forwarded to the flight unchanged."""
 
 
 class LiveFeed:
     """The console's end of a flight."""
 
     def __init__(self, end: socket.socket, hello: dict[str, Any], ended: Callable[[], None]) -> None:
-        """end: of the pair of sockets; the flight has the other.  ended: is called when the flight has ended."""
+        """end: of a socket pair whose other end the flight has.  ended: called when the flight has ended."""
         end.setblocking(False)
         self._end, self._ended, self.hello = end, ended, hello
         self._flight, self._numbers = Flight(hello), FlightNumbers(hello["signals"])
@@ -36,7 +36,7 @@ class LiveFeed:
         self._count = 0
         self._pilot: int | None = None
         self._stick_clock = 0.0
-        """When its pilot last sent a stick, or took it (s)."""
+        """Time at which the pilot last sent a stick position, or took the stick (s)."""
         self._events: list[dict[str, Any]] = []
         self._checks: list[Any] = []
         self._timing: dict[str, Any] = {}
@@ -44,14 +44,14 @@ class LiveFeed:
         self._values = {(p["path"], p["slot"]): p for p in hello["parameters"]}
 
     def join(self, client: Client) -> None:
-        """A page has come."""
+        """Add a page."""
         client.send({"type": "hello", "role": client.role, **self.hello})
         for event in self._events:
             client.send(event)
         self.clients.append(client)
 
     def leave(self, client: Client, why: str) -> None:
-        """A page has gone. With the stick in its hands it says nothing: that is the dead man's."""
+        """Remove a page. If it holds the stick, nothing is sent: the dead-man switch acts on the silence."""
         self.clients.remove(client)
         if self._pilot == client.number:
             self._pilot = None
@@ -59,16 +59,16 @@ class LiveFeed:
             self.note(f"console: page {client.number} closed: {why}")
 
     def next_number(self) -> int:
-        """A number for a new page."""
+        """Return a number for a new page."""
         self._count += 1
         return self._count
 
     def note(self, text: str) -> None:
-        """A line for the flight's log, which comes back as an event."""
+        """Send a line to the flight's log; it comes back as an event."""
         self._tell({"type": "note", "text": text})
 
     def handle(self, client: Client, message: dict[str, Any]) -> None:
-        """What a page wants."""
+        """Handle a message of a page."""
         kind, number = message["type"], client.number
         if kind == "ping":
             client.send({"type": "pong", "sent": message["sent"], "clock": time.monotonic()})
@@ -84,14 +84,14 @@ class LiveFeed:
             if self._pilot == number:
                 self._pilot, self._flight.is_piloted = None, False
                 self._tell({"type": "release", "pilot": number})
-            client.send({"type": "answer", "id": message["id"], "ok": True, "text": "you have no stick now"})
+            client.send({"type": "answer", "id": message["id"], "ok": True, "text": "you gave the stick back"})
         elif kind in MUTABLE:
             self._tell({**message, "client": number})
 
     def _take(self, client: Client, id: int) -> None:
         holder = self._pilot
         if self.hello["pilot"] is None:
-            text = "this scenario's law reads no stick"
+            text = "this scenario's law does not use a stick"
         elif holder not in (None, client.number):
             text = f"page {holder} has the stick"
         else:
@@ -110,22 +110,24 @@ class LiveFeed:
         try:
             self._end.send(TEXT + json.dumps(message).encode())
         except OSError:
-            self._publish({"type": "event", "t": None, "text": "the autopilot does not take wishes", "level": ALARM})
+            self._publish(
+                {"type": "event", "t": None, "text": "the autopilot does not accept requests", "level": ALARM}
+            )
 
     async def run(self) -> None:
-        """Pass on what comes from the flight, until it ends."""
+        """Forward the data of the flight until it ends."""
         loop = asyncio.get_running_loop()
         loop.add_reader(self._end.fileno(), self._read)
         while True:
             await asyncio.sleep(STATUS_PERIOD)
             self._update_alarms()
             if self._pilot is not None and time.monotonic() - self._stick_clock > to_seconds(END_SILENCE):
-                self._pilot = None  # the dead man has ended the flight: another page may take the stick
+                self._pilot = None  # the dead-man switch has ended the flight: another page may take the stick
             if self.clients:
                 self._publish_status()
 
     def _read(self) -> None:
-        """All that waits; of several rows the newest."""
+        """Read all waiting packets; of several rows only the newest is used."""
         row: bytes | None = None
         while True:
             try:
@@ -178,7 +180,7 @@ class LiveFeed:
             client.send(message)
 
     def _update_alarms(self) -> None:
-        """Alarms that have come and gone since; each is an event, and a line of the flight's log."""
+        """Update the alarms; each start and end is an event, and a line of the flight's log."""
         now = {a.id: a for a in self._flight.list_alarms(time.monotonic())}
         for id in [id for id in self._alarms if id not in now]:
             self.note(f"console: over: {self._alarms.pop(id)['text']}")
@@ -194,7 +196,7 @@ class LiveFeed:
         flight, timing = self._flight, self._timing
         battery, is_armed = flight.read("battery.voltage"), flight.read("vehicle.armed") == 1
         if is_armed:
-            self._checks = []  # of before arming: they say nothing of now
+            self._checks = []  # they are from before arming
         common = {
             "type": "status",
             "checks": self._checks,
@@ -216,5 +218,5 @@ class LiveFeed:
 
 
 def row_size(signals: int) -> int:
-    """Bytes of a row as a page gets it."""
+    """Return the size of a row in bytes, as sent to a page."""
     return HEAD.size + struct.calcsize("<f") * signals

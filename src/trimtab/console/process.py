@@ -1,4 +1,4 @@
-"""Start the process that serves a console, and where it may be reached."""
+"""Start and end the process that serves a console."""
 
 import contextlib
 import json
@@ -18,7 +18,7 @@ NICE = 5
 
 
 class Console(NamedTuple):
-    """A console that is served. url: what a pilot opens; observer: what those open who only look."""
+    """Running console. url: address for the pilot.  observer: address for observers."""
 
     line: ConsoleLine
     url: str
@@ -27,11 +27,11 @@ class Console(NamedTuple):
 
 @contextlib.contextmanager
 def open_console(address: ConsoleAddress, describe: Callable[[ConsoleLine], Mapping[str, Any]]) -> Iterator[Console]:
-    """A console within which a flight flies.
+    """Run a console during a flight.
 
     Args:
-        address: where it listens.
-        describe: makes what pages are told first, `hello.describe_flight`.
+        address: to listen on.
+        describe: makes the first message to the pages, see `hello.describe_flight`.
     """
     address.check()
     own, other = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
@@ -53,7 +53,7 @@ def start_server(
     orders: Mapping[str, Any],
     pass_fds: tuple[int, ...] = (),
 ) -> tuple["subprocess.Popen[bytes]", Mapping[str, str]]:
-    """Start a server's process; what it says when it is there."""
+    """Start a server's process; return its first output."""
     about = {"host": address.host, "listener": listener.fileno(), **address.files, **orders}
     process = subprocess.Popen(
         [sys.executable, "-m", module],
@@ -70,12 +70,12 @@ def start_server(
     said = process.stdout.readline()
     if not said:
         end_server(process)
-        raise InputError(argument_name("console"), "its server did not start", fix="look at what it printed above")
+        raise InputError(argument_name("console"), "the server did not start", fix="see its output above")
     return process, json.loads(said)
 
 
 def end_server(process: "subprocess.Popen[bytes]") -> None:
-    """End a server; killed where it does not by itself."""
+    """End a server; kill it if it does not end by itself."""
     assert process.stdin is not None
     with contextlib.suppress(OSError):
         process.stdin.close()

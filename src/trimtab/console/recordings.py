@@ -1,6 +1,6 @@
-"""Flights that are over: logs as pages get them, and what serves them without anybody who flies.
+"""Recorded flights: logs in the form that pages need, and their server.
 
-A log is data: of its scenario nothing is run but what the catalogue has.
+A log is data, not trusted code: its scenario is used only if it is in the catalogue.
 Source: docs page, Protocol of the console.
 """
 
@@ -28,7 +28,7 @@ from trimtab.scenarios.recorded import rebuild_scenario
 
 
 class Recording(NamedTuple):
-    """A flight that is over. rows: each float64 time, then float32 for each signal.  about: its entry of hello."""
+    """Recorded flight. rows: each float64 time, then float32 for each signal.  about: its entry in the hello."""
 
     about: Mapping[str, Any]
     rows: bytes
@@ -36,13 +36,13 @@ class Recording(NamedTuple):
 
 
 def record_flight(log: Log, title: str, file: str = "", scenario: Scenario | None = None) -> Recording:
-    """A log as pages get it, of no more rows than a live flight has.
+    """Convert a log for the pages, with at most the row rate of a live flight.
 
     Args:
         log: of a run or a flight.
-        title: what it is called on the page.
-        file: where it came from.
-        scenario: what flew, for beacons, fence and set-points; None where it is not known.
+        title: on the page.
+        file: of the log.
+        scenario: for beacons, fence and set-points; None if unknown.
     """
     if not len(log):
         raise InputError(title, "has no rows", fix="give a log of a flight")
@@ -73,7 +73,7 @@ def record_flight(log: Log, title: str, file: str = "", scenario: Scenario | Non
 
 
 def _list_columns(log: Log) -> tuple[list[dict[str, Any]], list[Any]]:
-    """Signals as `live.console_line` shows them, and their numbers."""
+    """Return signals as in `live.console_line`, and their values."""
     names, columns = [], []
     for path in log.paths:
         declared, values = log.declarations.get(path), np.asarray(log[path])
@@ -92,7 +92,7 @@ def _list_columns(log: Log) -> tuple[list[dict[str, Any]], list[Any]]:
 
 
 def load_recording(file: Path) -> Recording:
-    """A log's file; drawn with beacons and fence where the catalogue has its scenario."""
+    """Load a log's file; beacons and fence are shown if the catalogue has its scenario."""
     log = read_mcap(file)
     try:
         scenario = rebuild_scenario(log)
@@ -102,7 +102,7 @@ def load_recording(file: Path) -> Recording:
 
 
 class RecordingFeed:
-    """What pages get where nobody flies: a hello, and flights by number."""
+    """Data for pages without a live flight: a hello, and recorded flights by number."""
 
     def __init__(self, hello: Mapping[str, Any], flights: Sequence[Recording]) -> None:
         """hello: without its flights."""
@@ -111,24 +111,24 @@ class RecordingFeed:
         self._count = 0
 
     def join(self, client: Client) -> None:
-        """A page has come."""
+        """Add a page."""
         self.clients.append(client)
         client.send({"type": "hello", "role": client.role, **self._hello, "flights": [f.about for f in self.flights]})
 
     def leave(self, client: Client, why: str) -> None:
-        """A page has gone."""
+        """Remove a page."""
         self.clients.remove(client)
 
     def next_number(self) -> int:
-        """A number for a new page."""
+        """Return a number for a new page."""
         self._count += 1
         return self._count
 
     def handle(self, client: Client, message: dict[str, Any]) -> None:
-        """Nobody flies: there is nothing to ask for."""
+        """Ignore messages: there is no live flight."""
 
     def routes(self) -> list[BaseRoute]:
-        """Where the flights are."""
+        """Return the routes for the flights."""
         return [
             Route("/flights/{k:int}", self._pick(lambda flight: JSONResponse(flight.about, headers=HEADERS))),
             Route("/flights/{k:int}/rows", self._pick(lambda flight: Response(flight.rows, headers=HEADERS))),
@@ -139,19 +139,19 @@ class RecordingFeed:
         async def give(request: Request) -> Response:
             k = request.path_params["k"]
             if k >= len(self.flights):
-                return PlainTextResponse(f"there is no flight {k}\n", 404, HEADERS)
+                return PlainTextResponse(f"no flight {k}\n", 404, HEADERS)
             return answer(self.flights[k])
 
         return give
 
 
 def describe_recordings(flights: Sequence[Recording]) -> dict[str, Any]:
-    """The hello of one or two recordings."""
+    """Return the hello of one or two recordings."""
     first = flights[0].about
     return {"kind": "recording", "title": " and ".join(f.about["title"] for f in flights), **_blank(first)}
 
 
 def _blank(about: Mapping[str, Any]) -> dict[str, Any]:
-    """What a flight that is over lacks, beside what its page draws."""
+    """Return the drawn parts of a recording, and empty entries for those of a live flight."""
     drawn = {name: about[name] for name in ("signals", "row_period", "view", "set_points")}
     return drawn | {"parameters": [], "supervisor": None, "pilot": None, "ages": []}

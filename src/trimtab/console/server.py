@@ -1,7 +1,7 @@
-"""The process that serves a console; `console.process` starts it, with its orders on standard input.
+"""Process that serves a console; `console.process` starts it, with its orders on standard input.
 
-It ends with the flight, and when standard input does: who flies has gone then. Nothing that it does keeps a flight
-waiting.
+It ends with the flight, or when standard input closes because the flying process has ended. It never blocks the
+flight.
 """
 
 import asyncio
@@ -37,18 +37,18 @@ TYPES = {
 }
 MOST_CLIENTS = 32
 LAST_WORDS = 0.5
-"""Seconds for what pages are told at the end."""
+"""Time for the last messages to the pages (s)."""
 
 
 class Guard:
-    """Lets nobody in without a cookie, or under another name than the server's own."""
+    """Access check: refuses requests without a cookie, or to another host name than the server's."""
 
     def __init__(self, app: ASGIApp, access: Access, note: Callable[[str], None]) -> None:
-        """note: is given a line for each attempt that was refused."""
+        """note: called with a line for each refused attempt."""
         self._app, self._access, self._note = app, access, note
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
-        """Pass a request on, or answer it with a refusal."""
+        """Pass a request on, or refuse it."""
         if scope["type"] not in ("http", "websocket"):
             await self._app(scope, receive, send)
             return
@@ -67,10 +67,10 @@ class Guard:
             return f"the host {headers.get('host', '')[:80]!r} is not this server's"
         may_change = scope["type"] == "websocket" or scope["method"] not in ("GET", "HEAD")
         if may_change and not self._access.is_own_origin(headers.get("origin", "")):
-            return f"a request of the origin {headers.get('origin', '')[:80]!r}"
+            return f"a request from the origin {headers.get('origin', '')[:80]!r}"
         is_entrance = scope["type"] == "http" and scope["path"] == "/" and scope["query_string"].startswith(b"token=")
         if not is_entrance and self._access.role(headers) is None:
-            return "no cookie: open the address, with its token, that was printed when it was started"
+            return "no cookie: open the address with the token that was printed at the start"
         return ""
 
     async def _refuse(self, scope: Scope, receive: Receive, send: Send, why: str) -> None:
@@ -81,13 +81,13 @@ class Guard:
 
 
 def make_app(access: Access, feed: Any, note: Callable[[str], None], more: list[BaseRoute]) -> ASGIApp:
-    """The application.
+    """Return the application.
 
     Args:
-        access: who gets in.
-        feed: what pages get over their sockets: join, leave, handle and next_number, as `LiveFeed` has them.
-        note: is given a line for each attempt that was refused.
-        more: routes besides.
+        access: access control.
+        feed: source of the pages' data, with join, leave, handle and next_number like `LiveFeed`.
+        note: called with a line for each refused attempt.
+        more: additional routes.
     """
 
     async def show_page(request: Request) -> Response:
@@ -96,7 +96,7 @@ def make_app(access: Access, feed: Any, note: Callable[[str], None], more: list[
             return _file("index.html")
         cookie = access.exchange(token)
         if cookie is None:
-            return PlainTextResponse("this is not the token that was printed last\n", 403, HEADERS)
+            return PlainTextResponse("wrong token: open the address that was printed last\n", 403, HEADERS)
         return RedirectResponse("/", 303, HEADERS | {"Set-Cookie": cookie})
 
     async def give_file(request: Request) -> Response:
@@ -126,10 +126,10 @@ def make_app(access: Access, feed: Any, note: Callable[[str], None], more: list[
 
 
 def _file(path: str) -> Response:
-    """A file of the page; nothing outside of its folder."""
+    """Return a file of the page; files outside its folder are refused."""
     file = (PAGE / path).resolve()
     if PAGE not in file.parents or not file.is_file() or file.suffix not in TYPES:
-        return PlainTextResponse("there is no such page\n", 404, HEADERS)
+        return PlainTextResponse("no such page\n", 404, HEADERS)
     return FileResponse(file, media_type=TYPES[file.suffix], headers=HEADERS)
 
 
@@ -140,7 +140,7 @@ async def serve(
     run: Callable[[], Awaitable[Any]],
     over: asyncio.Event,
 ) -> None:
-    """Serve until it is over. files: certificate and private_key of TLS, or None.  run: what goes on beside."""
+    """Serve until `over` is set. files: certificate and private_key of TLS, or None.  run: task to run beside."""
     config = uvicorn.Config(
         app,
         log_level="critical",
@@ -165,7 +165,7 @@ async def serve(
 
 
 async def serve_here(address: ConsoleAddress, feed: Any, routes: list[BaseRoute], tell: Callable[[str], None]) -> None:
-    """Serve what needs no flight, until it is interrupted. tell: is given the addresses."""
+    """Serve without a live flight, until interrupted. tell: called with the addresses."""
     over = asyncio.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
         asyncio.get_running_loop().add_signal_handler(number, over.set)
@@ -179,7 +179,7 @@ async def serve_here(address: ConsoleAddress, feed: Any, routes: list[BaseRoute]
 
 
 def watch_parent(over: asyncio.Event) -> None:
-    """It is over when standard input ends: who flies has gone."""
+    """Set `over` when standard input closes, because the flying process has ended."""
 
     def look() -> None:
         if not os.read(sys.stdin.fileno(), 4096):

@@ -168,7 +168,7 @@ def test_command_says_what_it_found(tmp_path):
     assert picture.stat().st_size > 5000
     done = call(SPREAD, "peak:yaw_rate <= 1", "--runs", 300, "--out", file, "--until-first")
     assert done.exit_code == 1, done.output
-    assert "FAILS, the first after 1 run\n" in done.stdout
+    assert "FAILS, first failure after 1 run\n" in done.stdout
     assert f"trimtab run {file}:scenario --seed 0 --run" in done.stdout
 
 

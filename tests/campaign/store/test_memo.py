@@ -139,7 +139,7 @@ def test_ctrl_c_ends_with_130_and_says_what_is_kept(monkeypatch, tmp_path):
     words = ["falsify", REST, "--spread", "world.vehicle.mass=uniform(80%, 120%)"]
     done = CliRunner().invoke(main, words)
     assert done.exit_code == 130, done.output
-    assert "the same command goes on" in done.stderr
+    assert "the same command continues" in done.stderr
     kept[0].joinpath("block.npz").unlink()
     kept[0].rmdir()
     assert CliRunner().invoke(main, words).exit_code == 2

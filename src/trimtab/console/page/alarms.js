@@ -1,4 +1,4 @@
-// Alarms that can't be missed: a banner in a place of its own, the title of the tab, and the list of events.
+// Prominent alarms: a banner with a fixed place, the title of the tab, and the list of events.
 
 import { build, formatFixed, write } from "./format.js";
 
@@ -7,13 +7,13 @@ const SIGNS = { alarm: "⬣", warning: "▲", none: "✓", info: "•" };
 const LEVELS = ["alarm", "warning"];
 const IN_BANNER = 2;
 
-/** Which alarm comes first: alarm before warning, not seen before seen, old before new. */
+/** Order of alarms: alarm before warning, unacknowledged before acknowledged, old before new. */
 function compareAlarms(a, b) {
   return LEVELS.indexOf(a.level) - LEVELS.indexOf(b.level) || Number(a.acknowledged) - Number(b.acknowledged) || a.since - b.since;
 }
 
 function describe(alarm) {
-  return `${alarm.level === "alarm" ? "Alarm" : "Warning"}: ${alarm.text}${alarm.acknowledged ? " (seen)" : ""}`;
+  return `${alarm.level === "alarm" ? "Alarm" : "Warning"}: ${alarm.text}${alarm.acknowledged ? " (acknowledged)" : ""}`;
 }
 
 export class AlarmBanner {
@@ -39,7 +39,7 @@ export class AlarmBanner {
     });
   }
 
-  /** Says that the first alarm not seen yet was seen; it stays as long as its cause does. */
+  /** Acknowledges the first unacknowledged alarm; it stays as long as its cause. */
   acknowledge() {
     const first = this.alarms.find((alarm) => !alarm.acknowledged && alarm.id !== null);
     if (first) this.connection.send({ type: "acknowledge", alarm: first.id });
@@ -50,7 +50,7 @@ export class AlarmBanner {
     this.show();
   }
 
-  /** Shows an alarm of the page's own, that nothing comes any more; "" takes it away. */
+  /** Shows an alarm of the page itself, for missing data; "" removes it. */
   showOwn(text) {
     if ((this.own?.text ?? "") === text) return;
     this.own = text ? { id: null, level: "alarm", text, since: -Infinity, acknowledged: false } : null;
@@ -82,13 +82,13 @@ export class AlarmBanner {
       ...this.told.map((alarm) => {
         const item = build("li", { class: `level-${alarm.level}` }, build("i", { text: SIGNS[alarm.level] }), build("span", { text: alarm.text }));
         item.append(build("time", { text: `since ${formatFixed(alarm.since, 1)} s` }));
-        item.append(alarm.acknowledged ? build("small", { text: "seen" }) : build("button", { type: "button", text: "Seen", "data-alarm": alarm.id }));
+        item.append(alarm.acknowledged ? build("small", { text: "acknowledged" }) : build("button", { type: "button", text: "Acknowledge", "data-alarm": alarm.id }));
         return item;
       }),
     );
   }
 
-  /** Adds an event on top of the list; once, though a connection that comes back repeats them. */
+  /** Adds an event on top of the list, once; a restored connection repeats them. */
   addEvent({ t, text, level }) {
     const key = `${t} ${text}`;
     if (this.known.has(key)) return;

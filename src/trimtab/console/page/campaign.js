@@ -1,4 +1,4 @@
-// A campaign: its runs as a scatter, the outcome by colour and shape; a click flies a run again beside the nominal one.
+// A campaign: its runs as a scatter plot, outcome by colour and shape; a click repeats a run beside the nominal one.
 
 import { label, readPalette, roundStep, Surface } from "./canvas.js";
 import { build, formatBound, formatNumber, write } from "./format.js";
@@ -62,7 +62,7 @@ class Scatter {
     return column < 0 ? NaN : this.numbers[run * this.columns.length + column];
   }
 
-  /** The row of a run by its number; -1 where the store doesn't have it. */
+  /** Row of a run by its number; -1 if it is not in the store. */
   row(number) {
     for (let row = 0; row < this.count; row++) if (this.read(row, this.number) === number) return row;
     return -1;
@@ -83,21 +83,21 @@ class Scatter {
       return select;
     };
     const first = (role) => Math.max(0, this.columns.findIndex((column) => column.role === role));
-    this.x = choose("Across", first("drawn"));
-    this.y = choose("Up", first("metric"));
+    this.x = choose("Horizontal", first("drawn"));
+    this.y = choose("Vertical", first("metric"));
     this.run = build("input", { type: "number", min: 0, value: this.read(0, this.number), "aria-label": "Run" });
-    const fly = build("button", { type: "button", text: "Fly this run" });
+    const fly = build("button", { type: "button", text: "Repeat this run" });
     fly.addEventListener("click", () => this.fly(this.row(Number(this.run.value))));
     this.canvas = build("canvas", { id: "scatter", role: "img", "aria-label": "Runs of the campaign" });
     this.canvas.addEventListener("pointermove", (event) => this.hover(event));
     this.canvas.addEventListener("click", (event) => this.click(event));
-    this.text = build("p", { class: "small", role: "status", text: `${this.count} runs: click one to fly it again` });
+    this.text = build("p", { class: "small", role: "status", text: `${this.count} runs: click one to repeat it` });
     this.command = build("code", { text: "" });
     const copy = build("button", { type: "button", text: "Copy" });
     copy.addEventListener("click", () => this.copy(copy));
     this.rerun = build("div", { class: "toolbar rerun", hidden: true }, this.command, copy);
     this.legend = build("ul", { class: "legend" });
-    const choices = build("div", { class: "toolbar choices" }, build("label", { text: "across " }, this.x), build("label", { text: "up " }, this.y), build("span", { class: "push" }), build("label", { text: "run " }, this.run), fly);
+    const choices = build("div", { class: "toolbar choices" }, build("label", { text: "horizontal " }, this.x), build("label", { text: "vertical " }, this.y), build("span", { class: "push" }), build("label", { text: "run " }, this.run), fly);
     section.replaceChildren(choices, this.legend, this.canvas, this.text, this.rerun);
     this.buildLegend();
     this.buildSwitch();
@@ -115,7 +115,7 @@ class Scatter {
     );
   }
 
-  /** Two buttons over the column: the runs, or the flight that was flown again. */
+  /** Two buttons above the column: the runs, or the repeated flight. */
   buildSwitch() {
     this.buttons = ["runs", "flight"].map((show) => {
       const button = build("button", { type: "button", text: show === "runs" ? "Runs" : "Flight", disabled: show === "flight" });
@@ -131,7 +131,7 @@ class Scatter {
     this.buttons.forEach((button, k) => button.setAttribute("aria-pressed", String((show === "flight") === (k === 1))));
   }
 
-  /** Where a run stands on the canvas; null without both numbers. */
+  /** Position of a run on the canvas; null without both values. */
   place(run) {
     const [x, y] = [this.read(run, Number(this.x.value)), this.read(run, Number(this.y.value))];
     if (!Number.isFinite(x) || !Number.isFinite(y)) return null;
@@ -185,7 +185,7 @@ class Scatter {
     }
     context.font = "12px system-ui, sans-serif";
     context.textAlign = "right";
-    if (missing) label(context, `${missing} runs have no number here`, this.surface.width - EDGE.right, EDGE.top, colours.soft, colours.panel);
+    if (missing) label(context, `${missing} runs have no value here`, this.surface.width - EDGE.right, EDGE.top, colours.soft, colours.panel);
   }
 
   drawAxes(context, colours) {
@@ -221,7 +221,7 @@ class Scatter {
     context.restore();
   }
 
-  /** The run nearest to the pointer, if it is near enough. */
+  /** Run nearest to the pointer, if near enough. */
   find(event) {
     let [nearest, least] = [null, REACH];
     for (let run = 0; run < this.count && this.limits; run++) {
@@ -247,7 +247,7 @@ class Scatter {
   async fly(row) {
     if (this.flying) return;
     if (row < 0) {
-      write(this.text, `there is no run ${this.run.value} in this campaign`);
+      write(this.text, `run ${this.run.value} is not in this campaign`);
       return;
     }
     this.flying = true;
@@ -255,7 +255,7 @@ class Scatter {
     const run = this.read(row, this.number);
     this.run.value = String(run);
     this.surface.changed = true;
-    write(this.text, `flying run ${run} again …`);
+    write(this.text, `repeating run ${run} …`);
     try {
       const answer = await fetch("campaign/fly", { method: "POST", headers: { "Content-Type": "application/json" }, body: JSON.stringify({ run }) });
       if (!answer.ok) throw new Error((await answer.text()) || `the server answers ${answer.status}`);
@@ -268,7 +268,7 @@ class Scatter {
       const flights = [await findFlight(this.hello, flight), await findFlight(this.hello, nominal)];
       this.showFlights([{ ...flights[0], title: `run ${run}` }, { ...flights[1], title: "nominal" }]);
     } catch (error) {
-      write(this.text, `run ${run} can't be flown: ${error.message}`);
+      write(this.text, `run ${run} cannot be repeated: ${error.message}`);
     } finally {
       this.flying = false;
     }

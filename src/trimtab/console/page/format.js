@@ -1,4 +1,4 @@
-// How numbers, units and names are written: degrees on the page, radians in the messages.
+// Formats of numbers, units and names: degrees on the page, radians in the messages.
 
 const DEGREES = 180 / Math.PI;
 const SHOWN_UNITS = { rad: "deg", "rad/s": "deg/s", "rad/s^2": "deg/s²", "m/s^2": "m/s²", "1": "" };
@@ -18,7 +18,7 @@ export function wrapDegrees(angle) {
   return degrees > 180 ? degrees - 360 : degrees <= -180 ? degrees + 360 : degrees;
 }
 
-/** A number with about `digits` digits that count, never jumping to an exponent for common sizes. */
+/** A number with about `digits` significant digits, without an exponent for common sizes. */
 export function formatNumber(value, digits = 4) {
   if (value === null || value === undefined || Number.isNaN(value)) return "–";
   if (!Number.isFinite(value)) return value > 0 ? "∞" : "−∞";
@@ -44,7 +44,7 @@ export function formatBound(value) {
   return text.includes(".") && !text.includes("e") ? text.replace(/\.?0+$/, "") : text;
 }
 
-/** A number with three digits that count in one of another size, so that noise about zero stays a small number. */
+/** A number with three significant digits relative to another size, so that noise about zero stays small. */
 export function formatBeside(value, size) {
   const power = size > 0 ? Math.floor(Math.log10(size)) : 0;
   return power < -5 || power > 6 ? formatNumber(value, 3) : formatFixed(value, Math.min(6, Math.max(0, 2 - power)));
@@ -65,7 +65,7 @@ export function formatMs(seconds, decimals = 0) {
   return formatFixed(seconds === null ? NaN : 1000 * seconds, decimals);
 }
 
-/** The last words of each path, as many as tell them apart. */
+/** The last words of each path, as many as are needed to distinguish them. */
 export function shortPaths(paths) {
   for (let words = 1; words < 9; words++) {
     const short = paths.map((path) => path.split(".").slice(/\.\d+$/.test(path) ? -words - 1 : -words).join("."));
@@ -74,7 +74,7 @@ export function shortPaths(paths) {
   return paths;
 }
 
-/** Whether all words of a search stand in a text. */
+/** True if a text contains all words of a search. */
 export function matches(search, text) {
   const lower = text.toLowerCase();
   return search.toLowerCase().split(/\s+/).every((word) => lower.includes(word));
@@ -92,7 +92,7 @@ export function build(tag, attributes = {}, ...children) {
   return element;
 }
 
-/** Writes a text only where it is another one, so that the browser has nothing to lay out again. */
+/** Writes a text only if it has changed, to avoid a new layout. */
 export function write(element, text) {
   if (element.textContent !== text) element.textContent = text;
 }

@@ -5,7 +5,7 @@ import { build, formatFixed, formatMs, write } from "./format.js";
 
 const LATE_SILENCE = 0.1;
 
-/** Writes pairs of a name and a text into a list of definitions, without laying it out again. */
+/** Writes pairs of a name and a text to a definition list, without a new layout. */
 function writePairs(list, pairs) {
   if (list.children.length !== pairs.length) {
     list.replaceChildren(...pairs.map(([name]) => build("div", {}, build("dt", { text: name }), build("dd"))));
@@ -32,19 +32,19 @@ export class HealthPanel {
     writePairs(this.link, [
       ["down", `${formatMs(link.down, 1)} ms`],
       ["up", `${formatMs(link.up, 1)} ms`],
-      ["there and back", `${formatMs(link.round_trip, 1)} ms`],
+      ["round trip", `${formatMs(link.round_trip, 1)} ms`],
       ["lost", `${formatFixed(100 * link.loss, 1)} %`, link.loss > 0.05 ? "warning" : ""],
       ["samples", `${formatFixed(link.rate, 1)} /s`],
-      ["silent for", `${formatMs(link.silence)} ms`, link.silence > LATE_SILENCE ? "warning" : ""],
-      ["stick, on its way", status.stick_latency === null ? "–" : `${formatMs(status.stick_latency, 1)} ms`],
+      ["no data for", `${formatMs(link.silence)} ms`, link.silence > LATE_SILENCE ? "warning" : ""],
+      ["stick latency", status.stick_latency === null ? "–" : `${formatMs(status.stick_latency, 1)} ms`],
       ["overruns", String(status.overruns ?? "–"), status.overruns ? "warning" : ""],
       ["armed", status.armed ? "yes" : "no"],
-      ["watching", `${status.clients ?? "–"}`],
+      ["open pages", `${status.clients ?? "–"}`],
     ]);
     this.drawDeadlines(status.deadlines);
   }
 
-  /** Counts of lateness and work, on a logarithmic scale: one late period in a thousand shall be seen. */
+  /** Histogram of lateness and work, on a logarithmic scale, so that one late period in a thousand is visible. */
   drawDeadlines(deadlines) {
     const context = this.surface.start();
     if (!context || !deadlines) return;
@@ -97,8 +97,8 @@ export class HealthPanel {
       ["frames", `${formatFixed(timing.frames_per_second, 1)} /s`],
       ["plots drawn", `${formatFixed(draws.rate, 1)} /s`],
       ["time for plots", `${formatFixed(100 * draws.share, 1)} %`],
-      ["clocks known to", `± ${formatMs(clock.round_trip / 2, 1)} ms`],
-      ["to server and back", `${formatMs(clock.round_trip, 1)} ms`],
+      ["clock uncertainty", `± ${formatMs(clock.round_trip / 2, 1)} ms`],
+      ["round trip to server", `${formatMs(clock.round_trip, 1)} ms`],
     ]);
   }
 }

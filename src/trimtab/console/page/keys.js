@@ -1,4 +1,4 @@
-// The keys, apart from the space bar's stop and the flying ones, and the help that lists them.
+// The keys, except the space bar and the flying keys, and the help that lists them.
 
 import { build } from "./format.js";
 
@@ -8,10 +8,10 @@ const HELP = [
   ["T", "take the stick, give it back"],
   ["↑ ↓ ← → or W A S D", "fly: forward, back, turn, while you have the stick"],
   ["M", "next mode of the stick"],
-  ["K", "the alarm was seen"],
-  ["F", "follow the craft, or not"],
+  ["K", "acknowledge the alarm"],
+  ["F", "follow the craft: on, off"],
   ["+ and −", "zoom"],
-  [", and .", "recording: one step back or on"],
+  [", and .", "recording: one step back or forward"],
   ["1 2 3 4", "checks, tune, health, events"],
   ["?", "this help"],
 ];
@@ -22,7 +22,7 @@ const GAMEPAD = [
   ["Y, button 3", "next mode of the stick"],
 ];
 
-/** Calls the action of a key, where no text is typed. */
+/** Calls the action of a key, unless a text is being typed. */
 export function listenToKeys(actions) {
   window.addEventListener("keydown", (event) => {
     if (event.ctrlKey || event.metaKey || event.altKey || event.repeat) return;

@@ -1,5 +1,5 @@
-// How long the state takes from its measurement to the pixels: the server's clock in a row against the end of the
-// frame in which that row was drawn.
+// Latency from the measurement of the state to the pixels: from the server's clock in a row to the end of the frame in
+// which that row was drawn.
 
 import { readClock } from "./socket.js";
 

@@ -1,4 +1,4 @@
-// Puts the page together: what comes over the socket, what is drawn at each frame, what the keys do.
+// Assembles the page: socket messages, drawing of each frame, and keys.
 
 import { AlarmBanner } from "./alarms.js";
 import { showCampaign } from "./campaign.js";
@@ -40,7 +40,7 @@ let flight = null;
 let parameters = null;
 let player = null;
 
-/** Runs a part of the page; when it throws, says so once and lets all others go on. */
+/** Runs a part of the page; an exception is reported once, and the other parts continue. */
 function guard(name, action) {
   try {
     action();
@@ -48,7 +48,7 @@ function guard(name, action) {
     if (session.failures.has(name)) return;
     console.error(name, error);
     session.failures.add(name);
-    alarms.addEvent({ t: session.source?.time ?? 0, text: `this page can't draw its ${name}: ${error.message}`, level: "warning" });
+    alarms.addEvent({ t: session.source?.time ?? 0, text: `this page cannot draw its ${name}: ${error.message}`, level: "warning" });
   }
 }
 
@@ -60,7 +60,7 @@ function buildView(view, setPoint, life) {
   return null;
 }
 
-/** Shows rows: of the flight that goes on, or of a recording. */
+/** Shows rows of the live flight or of a recording. */
 function showSource(hello, source) {
   session.life?.abort();
   session.life = new AbortController();
@@ -76,7 +76,7 @@ function showSource(hello, source) {
   guard("plots", () => (session.plots = new PlotPanel(source, setPoints, hello.title, life)));
 }
 
-/** What this page is, and which calibration flies or flew. */
+/** Role of this page, and the calibration of the flight. */
 function describeRole({ kind, role }, calibration) {
   const own = { recording: "recording", campaign: "campaign" }[kind] ?? role;
   return calibration ? `${own}, calibration ${calibration}` : own;
@@ -91,7 +91,7 @@ function start(hello) {
     showSource(hello, new LiveSource(hello.signals, Math.ceil((2 * KEPT_SECONDS) / (hello.row_period || 0.02))));
     parameters = new ParameterPanel(connection, hello);
     pilot.start(hello);
-  } else if (hello.kind === "campaign") showCampaign(hello, showFlights).catch((error) => alarms.showOwn(`the campaign can't be shown: ${error.message}`));
+  } else if (hello.kind === "campaign") showCampaign(hello, showFlights).catch((error) => alarms.showOwn(`the campaign cannot be shown: ${error.message}`));
   else {
     const flights = hello.flights.map((flight, number) => ({ ...flight, number }));
     showFlights(flights.slice(0, 2), flights);
@@ -114,7 +114,7 @@ async function showFlights(flights, others = []) {
     if (session.plots) session.plots.goTo = (time) => player.goTo(time);
     byId("notice").hidden = true;
   } catch (error) {
-    write(byId("notice"), `The recording can't be shown: ${error.message}`);
+    write(byId("notice"), `The recording cannot be shown: ${error.message}`);
   }
 }
 
@@ -162,7 +162,7 @@ connection.on("value", ({ path, slot, value }) => {
   session.setPoints?.note(path, slot, value);
 });
 
-/** Says when what is shown is old, so that it never looks live. A recording doesn't grow old. */
+/** Marks old data, so that it never looks live. A recording does not age. */
 function showFreshness() {
   if (session.hello && session.hello.kind !== "flight") return;
   const age = readClock() - session.row_at;
@@ -174,7 +174,7 @@ function showFreshness() {
   notice.hidden = text === "";
   notice.classList.toggle("calm", Boolean(session.ended));
   write(notice, text);
-  const lost = connection.connected ? "no rows come from the flight" : "no connection to the server";
+  const lost = connection.connected ? "no data from the flight" : "no connection to the server";
   alarms.showOwn(old && !session.ended && readClock() > FIRST_SECONDS ? lost : "");
 }
 
@@ -186,10 +186,10 @@ function describeBattery(battery) {
 
 function describeAge(age, old) {
   if (session.ended) return `The flight is over: ${session.ended}`;
-  const seconds = Number.isFinite(age) ? `What you see is ${formatFixed(age, 1)} s old.` : "";
-  if (connection.connected) return old ? `No rows come from the flight. ${seconds}` : "";
+  const seconds = Number.isFinite(age) ? `The data shown is ${formatFixed(age, 1)} s old.` : "";
+  if (connection.connected) return old ? `No data from the flight. ${seconds}` : "";
   const wait = Math.max(0, connection.retry_at - readClock());
-  return `No connection to the server. ${seconds} Trying again in ${formatFixed(wait, 1)} s. If this stays, open the printed address again.`;
+  return `No connection to the server. ${seconds} Trying again in ${formatFixed(wait, 1)} s. If this persists, open the printed address again.`;
 }
 
 function showTexts() {
@@ -263,7 +263,7 @@ setInterval(() => guard("freshness", showFreshness), 1000 / TEXTS_PER_SECOND);
 connection.open();
 requestAnimationFrame(drawFrame);
 
-/** What browser tests read; nothing of the page reads it. */
+/** State for browser tests; not used by the page. */
 window.trimtab = {
   latency: timing,
   stopping,

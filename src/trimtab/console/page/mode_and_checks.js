@@ -1,15 +1,15 @@
-// What the supervisor does and why, what it may be asked and why not, its checks, and how old everything is.
+// Mode of the supervisor with its cause, possible requests, checks, and ages of the data.
 
 import { build, formatBeside, formatBound, formatFixed, write } from "./format.js";
 
 const SIGNS = { standby: "○", flying: "▶", hold: "Ⅱ", lost: "?", fault: "✕", ended: "■" };
-/** Modes in which a vehicle that is not armed does nothing of what they say. */
+/** Modes that have no effect on a vehicle that is not armed. */
 const MOVING = new Set(["flying", "hold"]);
-/** What can be asked where there is no supervisor: the vehicle arms, and the flight ends. */
+/** Requests without a supervisor: arm the vehicle, end the flight. */
 const REQUESTS_OF_NONE = ["arm", "end"];
 const WARN_SHARE = 0.7;
 const ANSWER_SHOWN_MS = 5000;
-const REQUEST_TEXTS = { arm: "start to fly", hold: "stay still", resume: "fly on", end: "end the flight", clear: "back to standby" };
+const REQUEST_TEXTS = { arm: "start the flight", hold: "stay still", resume: "continue the flight", end: "end the flight", clear: "back to standby" };
 
 export class FlightPanel {
   constructor(connection, hello, source) {
@@ -49,7 +49,7 @@ export class FlightPanel {
   }
 
   async ask(request) {
-    this.answers.set(request, "asked …");
+    this.answers.set(request, "requested …");
     this.showRequests(this.requests);
     const { ok, text } = await this.connection.ask({ type: "request", request });
     this.answers.set(request, ok ? text || "accepted" : text || "refused");
@@ -57,7 +57,7 @@ export class FlightPanel {
     setTimeout(() => this.answers.delete(request), ANSWER_SHOWN_MS);
   }
 
-  /** What may be asked; what may not says why, in plain sight. */
+  /** Shows the possible requests, and the reason at each impossible one. */
   showRequests(requests) {
     this.requests = requests;
     for (const [name, { button, why }] of this.buttons) {
@@ -111,7 +111,7 @@ export class FlightPanel {
     const checks = status.checks ?? [];
     const none = document.getElementById("checks-none");
     none.hidden = checks.length > 0;
-    write(none, status.armed ? "It is armed: these are checked before arming." : "None yet.");
+    write(none, status.armed ? "Armed. These checks run only before arming." : "None yet.");
     if (this.checks.children.length !== checks.length) {
       this.checks.replaceChildren(...checks.map(() => build("tr", {}, build("td"), build("td", {}, build("span"), build("small")), build("td", { class: "number" }), build("td", { class: "number" }))));
     }

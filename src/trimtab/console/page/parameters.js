@@ -62,8 +62,8 @@ export class ParameterPanel {
     const found = this.parameters.filter((parameter) => matches(this.search.value, `${parameter.path} ${parameter.meaning} ${parameter.unit}`));
     this.rows.clear();
     const rows = found.slice(0, MOST_SHOWN).map((parameter) => this.buildRow(parameter));
-    if (found.length > MOST_SHOWN) rows.push(build("p", { class: "small", text: `${found.length - MOST_SHOWN} more: search for them` }));
-    if (!found.length) rows.push(build("p", { class: "small", text: "no parameter has these words" }));
+    if (found.length > MOST_SHOWN) rows.push(build("p", { class: "small", text: `${found.length - MOST_SHOWN} more; use the search` }));
+    if (!found.length) rows.push(build("p", { class: "small", text: "no parameter found" }));
     this.list.replaceChildren(...rows);
   }
 
@@ -106,7 +106,7 @@ export class ParameterPanel {
     return row;
   }
 
-  /** Shows the value that flies; one that is only asked for is marked as such. */
+  /** Shows the value in use; a requested value is marked as such. */
   showValue(parameter, refusal = "") {
     const shown = this.rows.get(parameter.key);
     if (!shown) return;
@@ -118,7 +118,7 @@ export class ParameterPanel {
     row.classList.toggle("refused", refusal !== "");
     row.classList.toggle("changed", parameter.value !== parameter.start);
     const changed = parameter.value === parameter.start ? "" : `, was ${formatNumber(parameter.start)}`;
-    write(note, refusal || (asked !== undefined ? `asked; ${formatNumber(parameter.value)} still flies` : describeBounds(parameter) + changed));
+    write(note, refusal || (asked !== undefined ? `requested; ${formatNumber(parameter.value)} is still in use` : describeBounds(parameter) + changed));
   }
 
   async set(parameter, value, isEmpty = false) {
@@ -167,7 +167,7 @@ export class ParameterPanel {
     write(this.answer, ok ? text || "written" : `not written: ${text}`);
   }
 
-  /** A value has become true: the flight goes by it. */
+  /** Takes over a value that the flight now uses. */
   applied(path, slot, value) {
     const key = this.keyOf(path, slot);
     const parameter = this.parameters.find((other) => other.key === key);

@@ -1,5 +1,5 @@
-// The pilot in the loop: takes the stick, sends it 50 times a second, and falls silent when nobody can be flying.
-// The silence is the dead-man's: it holds the craft, then stops it. Nothing is sent in its stead.
+// The pilot's stick: sent 50 times a second while the pilot holds it, and not at all when nobody can be flying.
+// The dead-man switch acts on the missing data: it holds the craft, then stops it.
 
 import { build, formatFixed, formatMs, write } from "./format.js";
 import { StickInputs } from "./pilot_inputs.js";
@@ -31,7 +31,7 @@ export class Pilot {
     connection.on("lost", () => this.noteLost());
   }
 
-  /** Whether what is pressed moves the craft now. */
+  /** True if keys move the craft now. */
   get flies() {
     return this.state.has && !this.state.lost;
   }
@@ -97,13 +97,13 @@ export class Pilot {
     this.show();
   }
 
-  /** Notices that nobody can be flying: page hidden, without focus, or the gamepad gone. */
+  /** Detects that nobody can be flying: page hidden, without focus, or gamepad disconnected. */
   watch() {
     if (!this.flies) return;
     let reason = "";
     if (document.visibilityState !== "visible") reason = "the page was hidden";
-    else if (!document.hasFocus()) reason = "the page lost the focus";
-    else if (!this.inputs.present) reason = "the gamepad is gone";
+    else if (!document.hasFocus()) reason = "the page lost focus";
+    else if (!this.inputs.present) reason = "the gamepad was disconnected";
     if (!reason) return;
     this.state.lost = reason;
     this.show();
@@ -137,7 +137,7 @@ export class Pilot {
     const name = lost ? "Take again" : has ? "Give back" : "Take the stick";
     if (this.button.firstChild.textContent.trim() !== name) this.button.firstChild.textContent = `${name} `;
     let text = this.holder === "other" ? "another pilot has the stick" : "nobody has the stick";
-    if (!this.available) text = this.holder === "nobody" ? "observers don't fly" : "a pilot has the stick";
+    if (!this.available) text = this.holder === "nobody" ? "observers cannot fly" : "a pilot has the stick";
     if (has) text = "you have the stick";
     if (lost) text = `stick lost, ${lost}: holds, then stops`;
     write(this.text, this.answer && !has ? this.answer : text);

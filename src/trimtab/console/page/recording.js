@@ -63,7 +63,7 @@ export class Player {
     if (flights.length < 2) return;
     const options = () => flights.map((flight, k) => build("option", { value: k, text: flight.title }));
     const first = build("select", { "aria-label": "Flight" }, ...options());
-    const second = build("select", { "aria-label": "Flight beside it" }, build("option", { value: "", text: "none" }), ...options());
+    const second = build("select", { "aria-label": "Second flight" }, build("option", { value: "", text: "none" }), ...options());
     const placeOf = (flight) => (flight ? String(flights.findIndex(({ number }) => number === flight.number)) : "");
     first.value = placeOf(shown[0]);
     second.value = placeOf(shown[1]);

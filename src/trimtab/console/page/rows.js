@@ -1,4 +1,4 @@
-// Rows of signals, a column for each: those of a flight as they come, or all of a recording.
+// Rows of signals, one column each: of a live flight, or of a recording.
 
 /** Finds the last element that isn't later than t; -1 if all are. */
 function findLast(times, count, t) {
@@ -50,7 +50,7 @@ class Rows {
     this.count = 0;
   }
 
-  /** Adds a row; forgets the older half when it is full. A time that goes back starts anew. */
+  /** Adds a row; drops the older half when full. Starts from scratch when time goes back. */
   push(time, values) {
     if (this.count && time <= this.times[this.count - 1]) {
       if (time > this.times[this.count - 1] - 1) return;
@@ -126,7 +126,7 @@ function pushExtremes(y, column, first, end) {
   y.push(...ordered.map((value) => (Number.isNaN(value) ? null : value)));
 }
 
-/** The rows of a flight that goes on: the newest is shown. */
+/** Rows of a live flight: the newest is shown. */
 export class LiveSource {
   constructor(signals, capacity) {
     this.live = true;

@@ -1,4 +1,4 @@
-// What each signal should be: a number, a parameter with all the values that it has had, or another signal.
+// Set-points of signals: a number, a parameter with its history, or another signal.
 
 export class SetPoints {
   constructor(goals, parameters, source) {

@@ -1,4 +1,4 @@
-// The WebSocket to the server: opens it again when it is lost, sorts what comes, and asks with an answer.
+// The WebSocket to the server: reconnects, dispatches messages, and sends requests with answers.
 
 import { useSocket } from "./stop.js";
 
@@ -16,7 +16,7 @@ export function readClock() {
   return performance.now() / 1000;
 }
 
-/** How far the server's clock is ahead of the page's: taken from the ping that was fastest on its way. */
+/** Offset of the server's clock from the page's, from the fastest ping. */
 class ClockOffset {
   constructor() {
     this.clear();
@@ -123,7 +123,7 @@ export class Connection {
     asked.resolve({ ok: answer.ok, text: answer.text ?? "" });
   }
 
-  /** Pings, and gives up a socket that says nothing any more. */
+  /** Pings, and closes a socket that no longer answers. */
   watch() {
     if (!this.socket) return;
     const quiet = readClock() - (this.connected ? this.heard : this.opened_at);
@@ -134,7 +134,7 @@ export class Connection {
     } else this.send({ type: "ping", sent: readClock() });
   }
 
-  /** Sends a message now or, without a connection, not at all; says which. */
+  /** Sends a message now; returns false without a connection. */
   send(message) {
     if (!this.connected || this.socket.readyState !== WebSocket.OPEN) return false;
     this.socket.send(JSON.stringify(message));

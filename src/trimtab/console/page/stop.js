@@ -1,5 +1,5 @@
-// Stops the flight: the button and the space bar. It imports nothing and is loaded first, so that nothing that fails
-// elsewhere on the page keeps it from working.
+// Stops the flight, by the button or the space bar. This file imports nothing and is loaded first, so that it works
+// even if other parts of the page fail.
 
 const REPEAT_MS = 100;
 const SHOW_STOPPED_MS = 3000;
@@ -21,7 +21,7 @@ function isTyping(target) {
 function show() {
   button.classList.toggle("stopping", stopping.wanted);
   name.textContent = stopping.wanted ? (stopping.safe ? "STOPPED" : "STOPPING") : "STOP";
-  if (link.watches) text.textContent = "observers can't stop";
+  if (link.watches) text.textContent = "observers cannot stop";
   else if (!stopping.wanted) text.textContent = "space bar";
   else if (stopping.safe) text.textContent = "the flight has stopped";
   else if (stopping.sent === 0) text.textContent = "no connection: not sent yet";

@@ -1,4 +1,4 @@
-// A tape of angles, as on a compass: where the craft points, where it goes, where it should point. In degrees.
+// A tape of angles, as on a compass: heading, course and set-point of the craft. In degrees.
 
 import { label, readPalette, Surface } from "./canvas.js";
 import { formatFixed } from "./format.js";

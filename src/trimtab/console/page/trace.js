@@ -1,4 +1,4 @@
-// How one number went over the last minute, in a box with the number now.
+// History of one number over the last minute, in a box with its present value.
 
 import { formatNumber, shownFactor, shownUnit } from "./format.js";
 import { thinRows } from "./rows.js";

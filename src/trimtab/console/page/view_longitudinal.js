@@ -170,7 +170,7 @@ export class LongitudinalView {
     label(context, words.join(" · "), 10, stage - 12, colours.soft, colours.panel);
   }
 
-  /** What stands beside the drawing: pairs of a name and a text. */
+  /** Readouts beside the drawing: pairs of a name and a text. */
   read(source) {
     const { alpha, theta, path } = this.readAngles(source);
     return [

@@ -1,4 +1,4 @@
-// The craft from above, north up: where it is, where it points and goes, where it has been, and what it must not leave.
+// The craft from above, north up: position, heading, velocity, trail, and fence.
 
 import { label, readPalette, roundStep, Surface } from "./canvas.js";
 import { formatBound, formatFixed } from "./format.js";
@@ -335,7 +335,7 @@ export class PlanarView {
     label(context, "↑ N", 12, y - 26, colours.soft, colours.panel);
   }
 
-  /** What stands beside the drawing: pairs of a name and a text. */
+  /** Readouts beside the drawing: pairs of a name and a text. */
   read(source) {
     const pose = this.readPose(source, this.view.pose);
     const speed = this.readSpeed(source, pose.heading);

@@ -1,4 +1,4 @@
-// The craft in space: how it lies against the horizon, how high and how fast it is, and its track from above.
+// The craft in space: attitude against the horizon, height, speed, and its track from above.
 
 import { readPalette, Surface } from "./canvas.js";
 import { formatFixed, formatNumber, wrapDegrees } from "./format.js";
@@ -176,7 +176,7 @@ export class SpatialView {
     }
   }
 
-  /** What stands beside the drawing: pairs of a name and a text. */
+  /** Readouts beside the drawing: pairs of a name and a text. */
   read(source) {
     const { rows, row } = source;
     const { roll, pitch } = this.readAngles(source);
