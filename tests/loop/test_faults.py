@@ -381,7 +381,7 @@ def _part(scenario, place):
         ("uplink delayed by -1", r"not negative"),
         ("uplink off @ 1 s @ 2 s", r"says '@' twice"),
         ("uplink off when value.speed", r"no condition"),
-        ("uplink off when value.speed above 2", r"sees no 'value.speed'(.|\n)*value\.speed_rpm"),
+        ("uplink off when value.speed above 2", r"has no signal 'value.speed'(.|\n)*value\.speed_rpm"),
         ("uplink off now", r"where and what"),
     ],
 )

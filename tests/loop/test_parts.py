@@ -66,8 +66,8 @@ def test_presets_are_methods_without_arguments():
 @pytest.mark.parametrize(
     ("settings", "said"),
     [
-        ({"autopilot.law": "ConstantSpni"}, "there is no part 'ConstantSpni'[\\s\\S]*ConstantSpin"),
-        ({"autopilot.law": "os.system"}, "there is no part 'os'"),
+        ({"autopilot.law": "ConstantSpni"}, "unknown part 'ConstantSpni'[\\s\\S]*ConstantSpin"),
+        ({"autopilot.law": "os.system"}, "unknown part 'os'"),
         ({"world.sensors.imu": "Imu.nothing"}, "Imu has no 'nothing'"),
         ({"world.vehicle": "none"}, "can't be left out"),
         ({"world.vehicle.mass": "3 m"}, "'m' is no unit of it[\\s\\S]*kg"),

@@ -337,7 +337,7 @@ def test_an_envelope_stops_the_craft(flight):
 
 
 def test_it_refuses_an_autopilot_that_it_does_not_fit(flight):
-    with pytest.raises(InputError, match="nobody can ask it to arm"):
+    with pytest.raises(InputError, match="it can never be armed"):
         simulate(_with(flight, Supervisor(neutral=NEUTRAL_COMMAND)))
     with pytest.raises(InputError, match="no 'altitude'"):
         simulate(
