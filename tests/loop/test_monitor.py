@@ -138,8 +138,8 @@ def test_it_looks_each_period_and_holds_between():
 @pytest.mark.parametrize(
     ("formulas", "period", "says"),
     [
-        ("", ms(10), "'' is no formula"),
-        ("always(estimate.x > 0);", ms(10), "'' is no formula"),
+        ("", ms(10), "'' is not FORMULA"),
+        ("always(estimate.x > 0);", ms(10), "'' is not FORMULA"),
         ("A: always(estimate.x > 0)", ms(10), "nothing that a formula has"),
         ("a: always(estimate.x > 0); a: once(estimate.x > 0)", ms(10), "two formulas are named 'a'"),
         ("eventually(always(estimate.x > 0))", ms(10), "looks ahead without an end"),

@@ -84,7 +84,7 @@ def test_what_can_not_be_put_in_is_refused(spin, settings, said):
 
 
 def test_a_field_without_a_default_is_asked_for(spin):
-    with pytest.raises(InputError, match=r"settings initial.position: RigidBodyState has no .position. of its own"):
+    with pytest.raises(InputError, match=r"settings initial.position: RigidBodyState needs .position."):
         with_settings(spin, {"initial": "RigidBodyState"})
 
 

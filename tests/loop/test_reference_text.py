@@ -62,7 +62,7 @@ def test_a_table_is_read_with_its_units(tmp_path):
         ("circle(radios=3)", "is not a setting of Circle"),
         ("circle(radius=three)", "'three' is no number"),
         ("circle(radius=3 kg)", "no unit of it"),
-        ("circle(clockwise=perhaps)", "neither true nor false"),
+        ("circle(clockwise=perhaps)", "must be true or false"),
         ("waypoints(0 0, 3)", "has 1 numbers, must have 2 or 3"),
         ("waypoints(0 0, 3 0; tempo=3)", "is not speed=NUMBER"),
         ("places(0 s: 0 0, 3 0)", "is not TIME: NORTH EAST"),

@@ -45,7 +45,7 @@ def run_inputs(scenario: Scenario, seed: int = 0, run: int = 0) -> RunInputs:
 
 
 def noise_words(scenario: Scenario, numbers: Any) -> Any:
-    """Return the second key words of runs with these numbers (…): the numbers, or if the scenario has words, (…, m).
+    """Return the second key words of runs with these numbers (…): the numbers, or with the scenario's words (…, m).
 
     Run 0 then has the scenario's words themselves; every other number gives other noise.
     """

@@ -5,8 +5,8 @@ percussion, and heading. So the plan keeps the limits of fan and rudder, and col
 If the flight touches an obstacle or doesn't arrive, other tempos are tried; if none succeeds, the task is refused.
 
 Source: the vehicle's own closed loop as the steering method: Y. Kuwata, J. Teo, G. Fiore, S. Karaman, E. Frazzoli,
-J. How, "Real-time motion planning with applications to autonomous urban driving", IEEE Trans. Control Systems Technology 17
-(2009) 1105.
+J. How, "Real-time motion planning with applications to autonomous urban driving", IEEE Trans. Control Systems
+Technology 17 (2009) 1105.
 """
 
 from pathlib import Path
