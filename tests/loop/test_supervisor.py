@@ -271,7 +271,7 @@ def test_refusals():
         replace(SUPERVISOR, link_end=ms(100)).check()
     with pytest.raises(InputError, match="must be below"):
         Limit(fields=("north",), low=2.0, high=1.0).check()
-    with pytest.raises(InputError, match="no field"):
+    with pytest.raises(InputError, match="at least one field"):
         Limit(fields=()).check()
     with pytest.raises(InputError, match="unknown request 'fly'"):
         pilot_script((0, "fly"))

@@ -120,7 +120,7 @@ def test_without_a_log_nothing_is_kept(short):
         ({"world.vehicle.mas": [1.0, 2.0]}, "world.vehicle.mass"),
         ({"world.vehicle.mass": [1.0]}, r"shape \(1,\)"),
         ({"world.vehicle.mass": [1.0, np.nan]}, "finite"),
-        ({"key.seed": [1, 2]}, "no such parameter"),
+        ({"key.seed": [1, 2]}, "unknown parameter"),
     ],
 )
 def test_wrong_spread_is_refused(short, spread, says):
