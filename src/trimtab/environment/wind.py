@@ -14,7 +14,7 @@ class Wind:
         wind = (north, east, 0) + height (north_shear, east_shear, 0)
 
     Frames:  local north, east, down; height above the sea.
-    Valid:   where the wind is linear in the height; there is no upper limit. Not modelled: gusts, turbulence, up-draughts.
+    Valid:   where the wind is linear in the height; no upper limit. Not modelled: gusts, turbulence, up-draughts.
     Source:  kinematics.
     """
 
