@@ -104,7 +104,7 @@ def test_a_text_that_is_none_is_refused_where_it_is_wrong(text, column, says):
 
 
 def test_a_rest_of_a_unit_is_an_operator_and_a_signal():
-    with pytest.raises(InputError, match="at column 13: 's' does not go on"):
+    with pytest.raises(InputError, match="at column 13: 's' does not continue"):
         parse_formula("x < 3 rad/s s")
 
 

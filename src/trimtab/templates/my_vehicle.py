@@ -43,7 +43,7 @@ class MyVehicle:  # its fields are settings: --set world.vehicle.speed=5
     base: Scalar = quantity("m", "Wheel base.", default=1.0, above=0)
 
     def dynamics(self, t: Scalar, x: MyVehicleState, u: MyVehicleInput):
-        """Return the derivative of x, as such a record. t: s. No Python `if` on a number of x or u: jnp.where instead."""
+        """Return the derivative of x, a record too. t: s. No Python `if` on a number of x or u: jnp.where instead."""
         turn = self.speed * jnp.tan(u.steer) / self.base  # rad/s
         fall = (9.80665 * jnp.sin(x.lean) - self.speed * turn * jnp.cos(x.lean)) / self.height  # rad/s^2
         return MyVehicleState(x.lean_rate, fall, turn)
