@@ -13,7 +13,7 @@ At = Mapping[str, float | str]
 
 
 def trim(vehicle: str | Scenario, at: At | None = None, *, settings: Mapping[str, str] | None = None) -> Trim:
-    """The states and inputs at which a vehicle stays as it is.
+    """Return the states and inputs at which a vehicle stays as it is.
 
     >>> from trimtab import trim
     >>> point = trim("hovercraft/forward", {"surge_velocity": "3.6 km/h", "yaw_rate": 0})
@@ -40,7 +40,7 @@ def linearise(
     outputs: Iterable[str] = (),
     settings: Mapping[str, str] | None = None,
 ) -> LinearModel:
-    """The linear model of a vehicle about a trim: A, B, C, D, with names, and `modes()`.
+    """Return the linear model of a vehicle about a trim: A, B, C, D, with names, and `modes()`.
 
     >>> from trimtab import linearise
     >>> linear = linearise("hovercraft/forward", {"surge_velocity": "1 m/s"}, states=["surge_velocity", "yaw_rate"])

@@ -84,9 +84,9 @@ def test_in_a_bank_each_field_has_its_own_frame():
 @pytest.mark.parametrize(
     ("stage", "words"),
     [
-        (ServoFrame(frame=25_000), r"2\.5 ms is no multiple of the actuators' period of 1 ms"),
-        (ServoFrame(phase=5_000), "0.5 ms is no multiple"),
-        (ServoFrame(phase=ms(20)), "not within the frame"),
+        (ServoFrame(frame=25_000), r"2\.5 ms must be a multiple of the actuators' period of 1 ms"),
+        (ServoFrame(phase=5_000), "0.5 ms must be a multiple"),
+        (ServoFrame(phase=ms(20)), "must be shorter than the frame"),
     ],
 )
 def test_frames_between_two_periods_are_refused(stage, words):

@@ -106,7 +106,7 @@ def test_a_flight_has_the_noise_of_the_file_and_a_filter_of_another_step_is_refu
     again = samples(read_mcap(tmp_path / "f" / "run.mcap"), RATE)
     scatter = np.std(np.diff(again.values, axis=0)) / math.sqrt(2)
     assert scatter == pytest.approx(3 * GYRO_N / math.sqrt(again.period), rel=0.05)
-    with pytest.raises(InputError, match=r"steps each 10 ms, .*\.tick is 6\.5536 ms(.|\n)*--tick '6\.5536 ms'"):
+    with pytest.raises(InputError, match=r"filter step of 10 ms, but .*\.tick is 6\.5536 ms(.|\n)*--tick '6\.5536 ms'"):
         build("navigation/platform-magnetometer", {"calibration": str(file)})
     done = call("calibrate", "noise", tmp_path / "still.csv", "--out", file, "--tick", "6.5536 ms")
     assert done.exit_code == 0, done.output

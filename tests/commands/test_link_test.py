@@ -130,7 +130,7 @@ def test_the_echo_says_how_the_other_end_reaches_it(uri, shown, monkeypatch):
         (("loopback://bench", "--load", "2.9/2200"), "each up to 1000"),
         (("loopback://bench", "--requests", 3), "must be at least 10, got 3"),
         (("loopback://bench", "--rate", 0.0), "must be above 0 and at most 200, got 0"),
-        (("bench",), "it has no scheme"),
+        (("bench",), "the address has no scheme"),
     ],
 )
 def test_wrong_input_is_refused_with_what_to_type(words, why):

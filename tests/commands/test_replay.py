@@ -63,7 +63,7 @@ def test_a_run_that_comes_again_is_good(file):
 def test_one_that_does_not_ends_with_1_and_the_first_difference(wrong):
     done = call(wrong)
     assert done.exit_code == 1
-    assert "parts at 0.2500000 s: law.demand.FY was" in done.stdout
+    assert "differs from 0.2500000 s on: law.demand.FY was" in done.stdout
     done = call(wrong, "--json")
     assert done.exit_code == 1
     first = json.loads(done.stdout)["first"]
@@ -98,7 +98,7 @@ def test_choices_are_those_of_the_scenario(file):
         ("estimator=here/mine.py:make", r"name the module, from the folder that holds it: mine:make"),
         (f"estimator={__name__}:number", "returns int, which is not a record"),
         ("law.spinning.k3=5", "no such setting"),
-        ("estimator=ins", r"reads sensor 'imu', of which this flight has nothing(.|\n)*--navigation ins"),
+        ("estimator=ins", r"reads sensor 'imu', but this flight has samples only of(.|\n)*--navigation ins"),
     ],
 )
 def test_what_does_not_fit_is_refused(file, choice, said):

@@ -69,30 +69,30 @@ def test_a_text_is_this_tree(text, tree):
 @pytest.mark.parametrize(
     ("text", "column", "says"),
     [
-        ("", 1, "wanted is a signal, a number or '(', there is the end"),
-        ("always", 7, "there is the end"),
-        ("always(x > 0", 13, "wanted is ')' that closes '('"),
-        ("always(x > 0))", 14, "')' does not go on"),
-        ("always[5 s 15 s](x > 0)", 12, "wanted is ',' between the ends of an interval"),
-        ("always[15 s, 5 s](x > 0)", 7, "ends before it begins"),
-        ("always[-1 s, 5 s](x > 0)", 8, "'-' is no time from 0 on"),
-        ("always[1 m, 5 m](x > 0)", 8, "'m' is no unit of time"),
-        ("always[1 ns, 5 s](x > 0)", 8, "no whole number of 100 ns"),
+        ("", 1, "expected a signal, a number or '(', got the end"),
+        ("always", 7, "got the end"),
+        ("always(x > 0", 13, "expected ')' that closes '('"),
+        ("always(x > 0))", 14, "')' does not continue"),
+        ("always[5 s 15 s](x > 0)", 12, "expected ',' between the ends of an interval"),
+        ("always[15 s, 5 s](x > 0)", 7, "must begin before it ends"),
+        ("always[-1 s, 5 s](x > 0)", 8, "'-' is not a time, at least 0"),
+        ("always[1 m, 5 m](x > 0)", 8, "'m' is not a unit of time"),
+        ("always[1 ns, 5 s](x > 0)", 8, "must be a whole number of 100 ns"),
         ("alwais(x > 0)", 1, "Fix: write always(…)"),
         ("x > 0 adn y > 0", 7, "Fix: write 'and'"),
         ("x > 0 & y > 0", 7, "'&' is nothing that a formula has.\nFix: write words"),
         ("x = 0", 3, "'=' is nothing that a formula has"),
         ("0 < x < 3", 7, "Fix: write 0 m < x and x < 3 m"),
-        ("x", 1, "this is a number, and a formula compares it"),
+        ("x", 1, "this is a number, but a formula needs a comparison"),
         ("always(x)", 8, "this is a number"),
-        ("always(x > 0) > 1", 10, "this is a formula, where a number is wanted"),
-        ("abs(x > 0) < 1", 7, "this is a formula, where a number is wanted"),
-        ("(x > 0) + 1 > 2", 4, "this is a formula, where a number is wanted"),
+        ("always(x > 0) > 1", 10, "this is a formula, but a number is needed"),
+        ("abs(x > 0) < 1", 7, "this is a formula, but a number is needed"),
+        ("(x > 0) + 1 > 2", 4, "this is a formula, but a number is needed"),
         ("x < 3 dag", 7, "Choices: deg"),
-        ("x < 3 y", 7, "there is no unit 'y'"),
-        ("x[one] < 3", 3, "'one' is no number of a component"),
+        ("x < 3 y", 7, "unknown unit 'y'"),
+        ("x[one] < 3", 3, "'one' is not the number of a component"),
         ("x > 0 until y > 0 until z > 0", 19, "Fix: write (F until G) until H"),
-        ("min(x) > 0", 1, "there is no function 'min'"),
+        ("min(x) > 0", 1, "unknown function 'min'"),
     ],
 )  # fmt: skip
 def test_a_text_that_is_none_is_refused_where_it_is_wrong(text, column, says):
@@ -104,7 +104,7 @@ def test_a_text_that_is_none_is_refused_where_it_is_wrong(text, column, says):
 
 
 def test_a_rest_of_a_unit_is_an_operator_and_a_signal():
-    with pytest.raises(InputError, match="at column 13: 's' does not go on"):
+    with pytest.raises(InputError, match="at column 13: 's' does not continue"):
         parse_formula("x < 3 rad/s s")
 
 

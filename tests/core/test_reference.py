@@ -110,9 +110,9 @@ def test_another_time_goes_by_the_chain_rule():
 @pytest.mark.parametrize(
     ("make", "problem"),
     [
-        (lambda: pass_waypoints([[0.0, 0.0]], 0.4), "two of them at least"),
-        (lambda: pass_waypoints([[0.0, 0.0], [1.0, 0.0], [1.0, 0.0]], 0.4), "same place, 1 0"),
-        (lambda: pass_waypoints(CORNERS, 0.0), "gets nowhere"),
+        (lambda: pass_waypoints([[0.0, 0.0]], 0.4), "at least two way-points"),
+        (lambda: pass_waypoints([[0.0, 0.0], [1.0, 0.0], [1.0, 0.0]], 0.4), "same position, 1 0"),
+        (lambda: pass_waypoints(CORNERS, 0.0), "must be above 0"),
         (lambda: interpolate_path([0.0, 1.0, 1.0], np.zeros((3, 2)), rests=True), "no smooth path"),
         (lambda: interpolate_path([0.0, 1.0], np.zeros((2, 2))), "6 at least"),
         (lambda: PiecewisePath(np.array([0.0, 1.0, 0.5]), np.zeros((2, 6, 3))).check(), "rising order"),

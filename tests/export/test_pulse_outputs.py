@@ -63,7 +63,7 @@ class Declared:
 
 def test_a_range_that_the_command_declares_counts_and_none_is_refused_with_what_to_type():
     scenario = build("tests/loop/lander.py:hover")
-    with pytest.raises(InputError, match=r"between which limits 'F' \(N\).*\n.*ServoPulse"):
+    with pytest.raises(InputError, match=r"declares no limits for 'F' \(N\).*\n.*ServoPulse"):
         firmware_outputs(scenario)
     command = replace(carried_structures(scenario)[1], value=Declared(FX=np.float64(0.0)))
     (push,) = find_outputs(replace(scenario, failsafe=()), command)

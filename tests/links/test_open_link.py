@@ -204,18 +204,18 @@ def test_listening_is_for_this_machine_unless_a_host_is_written(scheme):
 @pytest.mark.parametrize(
     ("uri", "why"),
     [
-        ("/dev/ttyUSB0", "it has no scheme"),
-        ("", "it has no scheme"),
-        ("ftp://host", "it has the scheme 'ftp'"),
+        ("/dev/ttyUSB0", "the address has no scheme"),
+        ("", "the address has no scheme"),
+        ("ftp://host", "unknown scheme 'ftp'"),
         ("udp://host", "is not HOST:PORT"),
         ("udp://host:0", "is not HOST:PORT"),
         ("udp://host:99999", "is not HOST:PORT"),
         ("udp://127.0.0.1:14550/x", "is not HOST:PORT"),
-        ("udp://::1:14550", "has colons"),
+        ("udp://::1:14550", "contains colons"),
         ("udp://[::1:14550", "Invalid IPv6"),
-        ("udp://no-such-host.invalid:14550", "is not known"),
+        ("udp://no-such-host.invalid:14550", "unknown host"),
         ("udp://127.0.0.1:14550?ttl=3", "udp has no option 'ttl'"),
-        ("tcp://me@127.0.0.1:5760", "no '#' and no '@'"),
+        ("tcp://me@127.0.0.1:5760", "must not contain '#' or '@'"),
         ("serial://dev/ttyUSB0", "starts with a third '/'"),
         ("serial:///dev/no-such-device", "can't be opened"),
         ("serial:///dev/null", "can't be opened"),
@@ -245,6 +245,6 @@ def test_a_port_that_is_taken_is_refused():
     for scheme, kind in (("tcp", socket.SOCK_STREAM), ("udp", socket.SOCK_DGRAM)):
         uri = f"{scheme}://127.0.0.1:{free_port(kind)}"
         link = open_link(uri, listen=True)
-        with pytest.raises(InputError, match="can't be listened at"):
+        with pytest.raises(InputError, match="cannot listen there"):
             open_link(uri, listen=True)
         link.close()

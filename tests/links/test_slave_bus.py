@@ -113,7 +113,7 @@ def test_refusals():
         replace(SlaveBus(), bit_rate=5.5e3).check()
     with pytest.raises(InputError, match="capacity"):
         replace(SlaveBus(), queue=ms(400)).check()
-    with pytest.raises(InputError, match="bytes a piece"):
+    with pytest.raises(InputError, match="bytes per piece"):
         replace(SlaveBus(), piece=0).check()
     with pytest.raises(InputError, match="no imperfection"):
         without(SlaveBus(), "loss")

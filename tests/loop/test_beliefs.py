@@ -58,9 +58,9 @@ def test_a_difference_that_is_named_flies_and_is_told_with_its_path():
         f"believed ≠ world: {path}.m 301 vs 300 (intended)"
     )
     for other in ("autopilot.law.craft", "autopilot.law.internal.craft.modes"):
-        with pytest.raises(InputError, match="two parts believe"):
+        with pytest.raises(InputError, match="two parts have different models"):
             build(CLIMB, {**PREVIEW, f"{path}.m": "301", "mismatch": other})
-    with pytest.raises(InputError, match="leads into no copy"):
+    with pytest.raises(InputError, match="is not the path of a vehicle model"):
         build(CLIMB, {"mismatch": "autopilot.law.command"})
 
 
@@ -82,7 +82,7 @@ def test_a_vehicle_that_differs_is_allowed_and_told():
 
 def test_a_campaign_may_not_spread_one_copy_unless_it_is_named():
     spread = {"autopilot.law.spinning.model.mass": "uniform(90%, 110%)"}
-    with pytest.raises(InputError, match="two parts believe in different vehicles"):
+    with pytest.raises(InputError, match="two parts have different models"):
         Campaign(SPIN, runs=4, spread=spread)
     Campaign(SPIN, runs=4, spread=spread, settings={"mismatch": "autopilot.law.spinning.model"})
 

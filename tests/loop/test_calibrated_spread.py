@@ -100,7 +100,7 @@ def test_a_cubic_that_would_not_rise_is_taken_back():
         replace(Thruster(), reverse_ratio=ratio).check()
     moved = np.linalg.norm((arrays[RATIO] - own) / own, axis=1)
     assert (moved > 1e-3).mean() > 0.99  # and not to where it was
-    assert any("taken back" in note for note in found.notes)
+    assert any("moved back" in note for note in found.notes)
 
 
 @pytest.mark.thorough
@@ -135,7 +135,7 @@ def test_what_is_not_drawn_is_said():
     del entries["uplink.shift"]
     boat = Calibration(entries)
     measured = with_calibration(build(NAME, {"links": "measured"}), boat).scenario
-    assert "calibrate the link again" in calibrated_spread(measured, boat).notes[-1]
+    assert "Calibrate the link again" in calibrated_spread(measured, boat).notes[-1]
     changed = build(NAME, {"links": "measured"})
     assert "it is not the table of" in calibrated_spread(changed, link_and_inertia()).notes[-1]
 

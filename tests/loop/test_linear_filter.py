@@ -121,7 +121,7 @@ def test_a_mode_that_no_sensor_sees_is_refused_by_name():
     with pytest.raises(InputError) as refused:
         twin_filter(TwinTank(), sensors, {"pose.north": 0.002})
     text = str(refused.value)
-    assert "pose.north show nothing of the mode -0.05 ± 5i 1/s, in" in text
+    assert "pose.north cannot observe the mode -0.05 ± 5i 1/s, in" in text
     assert {"fore", "aft"} <= set(text.split(" in ")[1].split("\n")[0].rstrip(".").split(", "))
     assert "state.fore" in text
     twin_filter(TwinTank(), sensors, {"pose.north": 0.002, "state.fore": 0.01})
@@ -142,7 +142,7 @@ def test_refusals():
     with pytest.raises(InputError, match=r"no sensor measures 'pose.nord'") as refused:
         design_filter(*words, {"pose.nord": 0.1}, FIRST, period=ms(10))
     assert "pose.north" in str(refused.value)
-    with pytest.raises(InputError, match="of slosh, slosh_rate it does not say"):
+    with pytest.raises(InputError, match="no first standard deviation is given for slosh, slosh_rate"):
         design_filter(*words, {"pose.north": 0.1}, {"position": 1.0, "velocity": 1.0}, period=ms(10))
     with pytest.raises(InputError, match="quaternion"):
         design_filter(Multirotor(), MultirotorState(), RotorSpeeds(), {}, {}, {}, period=ms(10))

@@ -138,14 +138,14 @@ def test_it_looks_each_period_and_holds_between():
 @pytest.mark.parametrize(
     ("formulas", "period", "says"),
     [
-        ("", ms(10), "'' is no formula"),
-        ("always(estimate.x > 0);", ms(10), "'' is no formula"),
+        ("", ms(10), "'' is not FORMULA"),
+        ("always(estimate.x > 0);", ms(10), "'' is not FORMULA"),
         ("A: always(estimate.x > 0)", ms(10), "nothing that a formula has"),
-        ("a: always(estimate.x > 0); a: once(estimate.x > 0)", ms(10), "two of them are named 'a'"),
+        ("a: always(estimate.x > 0); a: once(estimate.x > 0)", ms(10), "two formulas are named 'a'"),
         ("eventually(always(estimate.x > 0))", ms(10), "looks ahead without an end"),
         ("always(estimate.x > 0) and once(estimate.x > 0)", ms(10), "looks ahead without an end"),
         ("once[11 ms, 19 ms](estimate.x > 0)", ms(10), "the interval of once lies between two rows, 10 ms apart"),
-        ("always[0, 200 s](estimate.x > 0)", ms(1), "has to remember 20"),
+        ("always[0, 200 s](estimate.x > 0)", ms(1), "needs to store 20"),
         ("always(estimate.x >)", ms(10), "at column 20"),
     ],
 )

@@ -50,7 +50,9 @@ def test_a_slip_is_said_with_its_line_and_what_to_write(slip):
 
 
 def test_what_gives_no_pair_is_refused():
-    with pytest.raises(InputError, match="its step\\(\\) gives a Point as it was declared") as refused:
+    with pytest.raises(
+        InputError, match="its step\\(\\) must return \\(state, output\\), got a Point as declared"
+    ) as refused:
         zeros_of_step("law", "the state", lambda x: x, Point(1.0))
     assert "(state, output)" in refused.value.fix
 

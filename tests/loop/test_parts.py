@@ -66,8 +66,8 @@ def test_presets_are_methods_without_arguments():
 @pytest.mark.parametrize(
     ("settings", "said"),
     [
-        ({"autopilot.law": "ConstantSpni"}, "there is no part 'ConstantSpni'[\\s\\S]*ConstantSpin"),
-        ({"autopilot.law": "os.system"}, "there is no part 'os'"),
+        ({"autopilot.law": "ConstantSpni"}, "unknown part 'ConstantSpni'[\\s\\S]*ConstantSpin"),
+        ({"autopilot.law": "os.system"}, "unknown part 'os'"),
         ({"world.sensors.imu": "Imu.nothing"}, "Imu has no 'nothing'"),
         ({"world.vehicle": "none"}, "can't be left out"),
         ({"world.vehicle.mass": "3 m"}, "'m' is no unit of it[\\s\\S]*kg"),
@@ -84,7 +84,7 @@ def test_what_can_not_be_put_in_is_refused(spin, settings, said):
 
 
 def test_a_field_without_a_default_is_asked_for(spin):
-    with pytest.raises(InputError, match=r"settings initial.position: RigidBodyState has no .position. of its own"):
+    with pytest.raises(InputError, match=r"settings initial.position: RigidBodyState needs .position."):
         with_settings(spin, {"initial": "RigidBodyState"})
 
 

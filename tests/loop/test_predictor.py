@@ -342,7 +342,7 @@ def test_off_is_the_scenario_without_it_and_the_ideal_twin_has_none():
 
 
 def test_what_it_believes_is_what_the_law_believes():
-    with pytest.raises(InputError, match="two parts believe in different vehicles"):
+    with pytest.raises(InputError, match="two parts have different models"):
         on("forward", {"autopilot.predictor.craft.mass": "3"})
     lighter = on("forward", {"craft": "lighter"}).autopilot
     assert float(lighter.predictor.craft.mass) == float(lighter.law.model.mass) < 2.4

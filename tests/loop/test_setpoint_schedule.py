@@ -59,7 +59,7 @@ def test_what_is_no_schedule_is_a_setting():
     [
         (PATH, "steps(0 s)", "'0 s' is not TIME: VALUE"),
         (PATH, "steps(0 s: x)", "'x' is no number"),
-        (PATH, "steps(now: 1)", "'now' is no time"),
+        (PATH, "steps(now: 1)", "'now' is not a time"),
         (PATH, "steps(0: 1 rad/s)", "no unit of it"),
         (PATH, "steps(2: 1, 1: 2)", "rising order"),
         (PATH, "ramps(0: 1, 5: -2)", "reference"),

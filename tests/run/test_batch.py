@@ -69,9 +69,9 @@ def test_noise_of_a_scenario_s_own_is_the_same_in_a_batch_and_alone(short):
 
 
 def test_words_that_a_scenario_has_no_room_for_are_refused(short):
-    with pytest.raises(InputError, match="numbers of runs"):
+    with pytest.raises(InputError, match="run numbers for"):
         simulate_batch(short, seeds=[0] * RUNS, runs=WORDS)
-    with pytest.raises(InputError, match="32 words for each run, where the scenario has 8"):
+    with pytest.raises(InputError, match="32 words for each run, but the scenario has 8"):
         simulate_batch(with_words(short, [0] * 8), seeds=[0] * RUNS, runs=WORDS)
 
 
@@ -120,7 +120,7 @@ def test_without_a_log_nothing_is_kept(short):
         ({"world.vehicle.mas": [1.0, 2.0]}, "world.vehicle.mass"),
         ({"world.vehicle.mass": [1.0]}, r"shape \(1,\)"),
         ({"world.vehicle.mass": [1.0, np.nan]}, "finite"),
-        ({"key.seed": [1, 2]}, "no such parameter"),
+        ({"key.seed": [1, 2]}, "unknown parameter"),
     ],
 )
 def test_wrong_spread_is_refused(short, spread, says):

@@ -72,7 +72,7 @@ def test_nan_is_equal_to_nan_alone():
 
 def test_logs_of_other_runs_are_refused():
     short = Log(TICKS[:3] * 1e-7, TICKS[:3], {"truth.x": np.zeros(3), "law.mode": np.zeros(3, np.int32)})
-    with pytest.raises(InputError, match="other instants"):
+    with pytest.raises(InputError, match="different instants"):
         compare_logs(ONE, short)
     renamed = Log(TICKS * 1e-7, TICKS, {"truth.y": np.zeros(5), "law.mode": np.zeros(5, np.int32)})
     with pytest.raises(InputError, match=r"truth\.x"):

@@ -171,5 +171,5 @@ def test_a_round_of_a_circle_is_a_map_whose_phase_is_no_state():
     assert "a.law.time" in [n for n, idle in zip(loop.states, loop.idle, strict=True) if idle]
     slowest = loop.continuous_poles().real.max()
     assert slowest == pytest.approx(-2.86, rel=0.02)  # of the hover: the circle's tilt of 14 degrees hardly changes it
-    with pytest.raises(InputError, match="whole periods"):
+    with pytest.raises(InputError, match="must be a multiple of the loop's period"):
         linearise_loop(scenario, round_time=5.001)

@@ -208,7 +208,7 @@ def test_what_cannot_be_replayed_is_refused(flight):
         replay(Log(log.t, log.ticks, few, log.declarations, log.metadata), scenario)
     few = {p: v for p, v in log.signals.items() if p.startswith("downlink.")}
     for about, fix in (({}, "log all signals"), ({"side": "vehicle"}, r"flight\.mcap of trimtab fly")):
-        with pytest.raises(InputError, match=rf"nothing of what an autopilot gives(.|\n)*Fix: .*{fix}"):
+        with pytest.raises(InputError, match=rf"no outputs of an autopilot(.|\n)*Fix: .*{fix}"):
             replay(Log(log.t, log.ticks, few, log.declarations, log.metadata | about), scenario)
 
 

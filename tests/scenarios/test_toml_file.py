@@ -188,7 +188,7 @@ def test_files_that_it_names_are_looked_for_beside_it(tmp_path, monkeypatch):
             'base = "hovercraft/spin"\n[[targets]]\nsignal = "yaw_rate"\nvalue = "3 m"\nband = 1',
             r"my.toml:2:1: targets.value: 'm' is no unit",
         ),
-        ('base = "hovercraft/spin"\n[autopilot.law]\npart = "Spni"', r"my.toml:3:1: autopilot.law: there is no part"),
+        ('base = "hovercraft/spin"\n[autopilot.law]\npart = "Spni"', r"my.toml:3:1: autopilot.law: unknown part"),
         ('base = "hovercraft/spin"\n[world.actuators]\npart = "none"', r"my.toml:3:1: world.actuators: .*be left out"),
         ('[world.vehicle]\npart = "Hovercraft"', r"my.toml: world.actuators: there is none"),
     ],

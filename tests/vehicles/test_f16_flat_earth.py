@@ -114,5 +114,5 @@ def test_left_and_right_fly_mirrored():
 
 
 def test_an_inertia_of_no_body_is_refused():
-    with pytest.raises(InputError, match="belong to no body"):
+    with pytest.raises(InputError, match="are not possible for a body"):
         replace(CRAFT, inertia=np.array([1.0, 1.0, 3.0])).check()

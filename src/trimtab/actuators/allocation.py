@@ -1,4 +1,4 @@
-"""Allocation of a planar force to a vectored fan; and direct actuation, where the demand acts as it is.
+"""Allocation of a planar force to a vectored fan; and direct actuation, where the demand acts unchanged.
 
 [1] is Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006.
 """
@@ -19,14 +19,14 @@ from trimtab.core.time import ms
 
 @record
 class ThrustVectorAllocation:
-    """Demand to polar form, to rudder angle and speed.
+    """Allocation of a demand: to polar form, then to rudder angle and speed.
 
         f = sign(FX) |F|    psi = -atan(FY/FX)
         theta = offset - ratio psi, kept between the stops    n = table(theta, f)
 
-    The size of the force is kept where its direction is not possible: a demand across the vehicle comes out along it,
-    at the rudder's stop, and its sign jumps with the sign of FX. With FX = 0 the fan turns forward. Up to the dead zone
-    the speed is 0 while the rudder still follows. Demands the fan cannot reach end at its top speed.
+    If the direction of the force is not possible, its size is kept: a demand across the vehicle acts along it, with the
+    rudder at its stop, and the sign jumps with the sign of FX. With FX = 0 the fan turns forward. Within the dead zone
+    the speed is 0 but the rudder still follows. Demands beyond the fan's range give its top speed.
 
     Without "lookup-table", and without "saturation" (where no table reaches), n comes from the thruster's formula; the
     drive does the same.
@@ -38,28 +38,28 @@ class ThrustVectorAllocation:
 
     rudder: RudderServo = part("Servo of the rudder.", default=RudderServo())
     geometry: RudderGeometry = part("Rudder angle to force angle.", default=RudderGeometry())
-    thruster: Thruster = part("The fan's formula.", default=Thruster())
+    thruster: Thruster = part("Formula of the fan's thrust.", default=Thruster())
     table: BilinearTable | None = part(
-        "Speed by rudder angle and force, or None for the formula.",
+        "Table of the speed by rudder angle and force, or None for the formula.",
         default=full_speed_table(Thruster()),
         off={"lookup-table": None},
     )
     dead_zone: Scalar = imperfection(
-        "N", "Demands up to this size give no thrust.", "dead-zone", default=0.05, source="[1] 6.1"
+        "N", "Size up to which demands give no thrust.", "dead-zone", default=0.05, source="[1] 6.1"
     )
-    saturation: bool = switch("Whether rudder and fan have limits.", "saturation")
+    saturation: bool = switch("True: rudder and fan have limits.", "saturation")
 
     def check(self) -> None:
-        """Refuse a table that is not the thruster's."""
+        """Raise InputError for a table that does not belong to the thruster."""
         if self.table is not None:
             check_speed_table(self.table, self.thruster)
 
     def init(self, key: Key) -> tuple[()]:
-        """No state."""
+        """Return an empty state."""
         return ()
 
     def step(self, t: Any, state: tuple[()], demand: PlanarForce) -> tuple[tuple[()], DriveCommand]:
-        """Pulse and speed for a demand (N, in B)."""
+        """Return pulse and speed for a demand (N, in B)."""
         force, psi = to_polar(demand)
         theta = self.geometry.rudder_angle(psi)
         if self.saturation:
@@ -76,7 +76,7 @@ class ThrustVectorAllocation:
 
 
 def to_polar(force: PlanarForce) -> tuple[Any, Any]:
-    """Signed size (N), negative where FX is, and force angle psi (rad) in [-pi/2, pi/2]; (0, 0) for no force."""
+    """Return the size (N) with the sign of FX, and force angle psi (rad) in [-pi/2, pi/2]; (0, 0) for no force."""
     sign = jnp.where(force.FX < 0, -1.0, 1.0)
     square = force.FX**2 + force.FY**2
     some = square > 0
@@ -86,42 +86,42 @@ def to_polar(force: PlanarForce) -> tuple[Any, Any]:
 
 @record
 class DirectAllocation:
-    """Sends the demand itself as the command. Frames: the demand's. Source: docs page, Direct."""
+    """Allocation that sends the demand itself as the command. Frames: the demand's. Source: docs page, Direct."""
 
     def init(self, key: Key) -> tuple[()]:
-        """No state."""
+        """Return an empty state."""
         return ()
 
     def step(self, t: Any, state: tuple[()], demand: Any) -> tuple[tuple[()], Any]:
-        """The demand."""
+        """Return the demand as the command."""
         return state, demand
 
 
 @record
 class DirectOutput:
-    """What acts on the vehicle. Frames: the input's. Source: docs page, Direct."""
+    """Output of direct actuation. Frames: the input's. Source: docs page, Direct."""
 
-    u: Any = part("The vehicle's input.")
+    u: Any = part("Input of the vehicle.")
 
 
 @record
 class DirectActuation:
-    """Gives the commanded value to the vehicle at once; until there is one, the neutral input.
+    """Actuators that apply the commanded value at once, and the neutral input before the first command.
 
     Frames:  the input's.    Source:  docs page, Direct.
     """
 
     neutral_input: Any = part("Input without a command, a record like the command's.", default=PlanarForce(0.0, 0.0))
-    period: int = period("How often the input changes.", default=ms(1))
+    period: int = period("Time between changes of the input.", default=ms(1))
 
     def neutral(self) -> DirectOutput:
-        """The neutral input."""
+        """Return the neutral input."""
         return DirectOutput(u=self.neutral_input)
 
     def init(self, key: Key) -> tuple[()]:
-        """No state."""
+        """Return an empty state."""
         return ()
 
     def step(self, t: Any, state: tuple[()], command: Sample) -> tuple[tuple[()], DirectOutput]:
-        """The command's value where it is valid."""
+        """Return the command's value if valid, else the neutral input."""
         return state, DirectOutput(u=tree_where(command.valid, command.value, self.neutral_input))

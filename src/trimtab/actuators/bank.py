@@ -19,36 +19,38 @@ from trimtab.core.time import ms, to_seconds
 
 @record
 class BankOutput:
-    """What acts on the vehicle. Frames: the input's. Source: this module."""
+    """Output of an actuator bank. Frames: the input's. Source: this module."""
 
-    u: Any = part("The vehicle's input.")
-    limited: Scalar = quantity("1", "Some actuator is at its top speed or at a stop.", kind="flag")
+    u: Any = part("Input of the vehicle.")
+    limited: Scalar = quantity("1", "True if any actuator is at its top speed or at a stop.", kind="flag")
 
 
 @record
 class ActuatorBank:
-    """Gives each field of the command to a row of stages, and what comes out to the vehicle.
+    """Bank of actuators: each field of the command passes a row of stages to the vehicle's input.
 
         ActuatorBank(Push(0.0), {"force": (TransportDelay(0.01), FirstOrderLag(0.05, rate_limit=200.0))})
 
-    A field that is not named follows its command at once. Without a valid command the neutral input is commanded, which
-    the actuators then go to at their own pace. A stage sees what comes out of the one before it; what acts from an
-    instant on is where the last will stand a period later.
+    A field without stages follows its command at once. Without a valid command the neutral input is commanded, which
+    the actuators approach with their own dynamics. The input of a stage is the output of the stage before it. The value
+    that acts from an instant on is the last stage's value one period later.
 
     Frames:  the input's.    Source:  docs page, Actuators of any vehicle.
     """
 
     neutral_input: Any = part("Input without a command, a record like the command's.", default=PlanarForce(0.0, 0.0))
-    stages: Any = part("Field of the input -> its stages, in the order that a command passes through.", default={})
-    period: int = period("How often they act.", default=ms(1))
+    stages: Any = part("Field of the input -> its stages, in the order in which a command passes them.", default={})
+    period: int = period("Time between steps of the actuators.", default=ms(1))
 
     def __post_init__(self) -> None:
-        if isinstance(self.stages, Mapping):  # one stage may stand for a row of one; not while JAX rebuilds the record
+        if isinstance(
+            self.stages, Mapping
+        ):  # a single stage may be given for a row of one; not while JAX rebuilds the record
             rows = {name: (row if isinstance(row, tuple) else (row,)) for name, row in self.stages.items()}
             object.__setattr__(self, "stages", rows)
 
     def check(self) -> None:
-        """Refuse fields that the input doesn't have, and stages that don't fit the period."""
+        """Raise InputError for fields that the input doesn't have, and stages that don't fit the period."""
         kind = type(self.neutral_input)
         known = [*declarations(kind)] if is_record(self.neutral_input) else []
         for name, row in self.stages.items():
@@ -57,12 +59,14 @@ class ActuatorBank:
                 raise InputError("stages", problem, choices=known, fix="name the stages after fields of the input")
             for stage in row:
                 if not all(callable(getattr(stage, method, None)) for method in ("init", "step")):
-                    problem = f"{type(stage).__name__} is no stage: it has no init(rest) and step(state, value, dt)"
-                    raise InputError(f"stages.{name}", problem, fix="trimtab.core.interfaces.ActuatorStage says more")
+                    problem = f"{type(stage).__name__} is not a stage: it lacks init(rest) or step(state, value, dt)"
+                    raise InputError(
+                        f"stages.{name}", problem, fix="write a stage as in trimtab.core.interfaces.ActuatorStage"
+                    )
                 optional_member(stage, "check_period")(self.period)
 
     def pulses(self) -> dict[str, ServoPulse]:
-        """Of each field that has stops or a pulse of its own: the table of its pulses."""
+        """Return the pulse table of each field that has stops or a pulse of its own."""
         tables = {}
         for name, row in self.stages.items():
             own = [stage for stage in row if isinstance(stage, ServoPulse)]
@@ -73,18 +77,18 @@ class ActuatorBank:
         return tables
 
     def neutral(self) -> BankOutput:
-        """The neutral input."""
+        """Return the neutral input."""
         return BankOutput(u=self.neutral_input, limited=np.bool_(False))
 
     def init(self, key: Key) -> dict[str, tuple[Any, ...]]:
-        """All at the neutral input."""
+        """Return the first states, at the neutral input."""
         return {
             name: tuple(stage.init(getattr(self.neutral_input, name)) for stage in row)
             for name, row in self.stages.items()
         }
 
     def step(self, t: Any, state: dict[str, tuple[Any, ...]], command: Sample) -> tuple[Any, BankOutput]:
-        """The input from integer time t on."""
+        """Return the states and the vehicle's input from integer time t on."""
         wanted = tree_where(command.valid, command.value, self.neutral_input)
         dt, limited = to_seconds(self.period), jnp.zeros((), np.bool_)
         states, changes = {}, {}

@@ -1,4 +1,4 @@
-"""A battery: its voltage falls with what is drawn now, and with what has been drawn.
+"""A battery: its voltage falls with the current, and with the charge drawn.
 
 [1] is Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006.
 """
@@ -18,21 +18,21 @@ class BatteryState:
     """Frames: none. Source: docs page, Battery."""
 
     drawn: Scalar = quantity("A s", "Charge drawn so far.")
-    voltage: Scalar = quantity("V", "At the terminals.")
+    voltage: Scalar = quantity("V", "Voltage at the terminals.")
 
 
 @record
 class BatteryOutput:
     """Frames: none. Source: docs page, Battery."""
 
-    voltage: Scalar = quantity("V", "At the terminals.")
-    current: Scalar = quantity("A", "Drawn from it.")
-    remaining: Scalar = quantity("1", "Share of the capacity that is left.")
+    voltage: Scalar = quantity("V", "Voltage at the terminals.")
+    current: Scalar = quantity("A", "Current drawn from the battery.")
+    remaining: Scalar = quantity("1", "Remaining charge, as a fraction of the capacity.")
 
 
 @record
 class Battery:
-    """A source of voltage behind a resistance; the source's voltage falls in a straight line with the charge drawn.
+    """Voltage source behind a resistance; the source voltage falls linearly with the charge drawn.
 
         V = full − (full − empty) min(drawn/capacity, 1) − resistance i
 
@@ -40,33 +40,33 @@ class Battery:
     Source:  [1] chapter 4: 7.2 V. Everything else is reconstructed.
     """
 
-    full: Scalar = quantity("V", "Without load, full.", default=7.2, above=0, source="[1] chapter 4")
-    empty: Scalar = quantity("V", "Without load, empty.", default=6.2, above=0)
+    full: Scalar = quantity("V", "Voltage without load, full.", default=7.2, above=0, source="[1] chapter 4")
+    empty: Scalar = quantity("V", "Voltage without load, empty.", default=6.2, above=0)
     capacity: Scalar = quantity("A s", "Charge from full to empty: 3 A h.", default=10800.0, above=0)
-    resistance: Scalar = quantity("ohm", "Within it, and of the leads.", default=0.03, low=0)
-    other: Scalar = quantity("A", "What lift fan and electronics draw.", default=3.0, low=0)
-    initial: Scalar = quantity("1", "Share of the capacity that is left at the start.", default=1.0, low=0, high=1)
-    period: int = period("How far one step goes.", default=ms(1))
-    sags: bool = switch("Whether the voltage falls at all.", "battery-sag")
+    resistance: Scalar = quantity("ohm", "Resistance of the battery and its leads.", default=0.03, low=0)
+    other: Scalar = quantity("A", "Current of lift fan and electronics.", default=3.0, low=0)
+    initial: Scalar = quantity("1", "Charge at the start, as a fraction of the capacity.", default=1.0, low=0, high=1)
+    period: int = period("Time of one step.", default=ms(1))
+    sags: bool = switch("True: the voltage falls; false: it stays constant.", "battery-sag")
 
     def check(self) -> None:
-        """Refuse a battery whose voltage rises as it is emptied."""
+        """Raise InputError for a battery whose voltage rises as it is discharged."""
         if float(self.empty) > float(self.full):
-            problem = f"empty at {float(self.empty):g} V, above {float(self.full):g} V"
+            problem = f"{float(self.empty):g} V must be below the full voltage, {float(self.full):g} V"
             raise InputError("Battery.empty", problem, fix="set it below full")
 
     def init(self) -> BatteryState:
-        """Nothing drawn yet but what `initial` says."""
+        """Return the first state, with the charge of `initial`."""
         drawn = (1.0 - self.initial) * self.capacity
         return BatteryState(drawn=jnp.asarray(drawn, np.float64), voltage=self.terminal_voltage(drawn, self.other))
 
     def terminal_voltage(self, drawn: Any, current: Any) -> Any:
-        """The voltage (V) after so much charge (A s), under a current (A)."""
+        """Return the voltage (V) after a drawn charge (A s), under a current (A)."""
         sag = (self.full - self.empty) * jnp.minimum(drawn / self.capacity, 1.0) + self.resistance * current
         return jnp.where(self.sags, self.full - sag, self.full)
 
     def step(self, t: Any, state: BatteryState, current: Any) -> tuple[BatteryState, BatteryOutput]:
-        """One period further with a current (A) drawn, on top of `other`."""
+        """Step one period with a current (A) drawn in addition to `other`."""
         whole = current + self.other
         drawn = state.drawn + whole * to_seconds(self.period)
         voltage = self.terminal_voltage(drawn, whole)

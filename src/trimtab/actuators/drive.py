@@ -28,22 +28,22 @@ FORWARD, REVERSE, BRAKING = range(3)
 class SpeedControllerState:
     """Direction of the last non-zero speed, and the brake. Frames: none. Source: [1] section 6.1."""
 
-    mode: Scalar = quantity("1", "What the controller does.", kind="mode", modes=MODES, default=np.int32(FORWARD))
-    brake_until: Scalar = quantity("100 ns", "When the last brake ends or ended.", kind="time", default=np.int64(0))
-    brakings: Scalar = quantity("1", "Brakes so far.", kind="count", default=np.int32(0))
+    mode: Scalar = quantity("1", "Mode of the controller.", kind="mode", modes=MODES, default=np.int32(FORWARD))
+    brake_until: Scalar = quantity("100 ns", "End of the last brake.", kind="time", default=np.int64(0))
+    brakings: Scalar = quantity("1", "Number of brakes so far.", kind="count", default=np.int32(0))
 
 
 @record
 class SpeedController:
-    """Passes the commanded speed on, except for a brake of fixed length when it turns from negative to positive.
+    """Controller that passes the commanded speed on, with a brake of fixed length from negative to positive speed.
 
         forward  --negative-->  reverse        at once
         reverse  --positive-->  braking        output 0 until t + brake
         braking  --negative-->  reverse        at once: the brake is cancelled
         braking  --brake over-> forward
 
-    A zero command changes nothing: the controller remembers which way the fan turned last, so that a pause at zero
-    between reverse and forward does not save the brake (reconstructed; the source says nothing about pauses).
+    A zero command changes nothing: the controller stores the last direction of the fan, so that a pause at zero between
+    reverse and forward does not avoid the brake (reconstructed; the source says nothing about pauses).
 
     Frames:  positive speed pushes the vehicle forward.
     Source:  [1] chapter 4 and section 6.1: 150 ms, wired so that the delay falls on reverse to forward.
@@ -52,11 +52,11 @@ class SpeedController:
     brake: int = period("Length of the brake; 0 switches it off.", default=ms(150), low=0, off={"braking": 0})
 
     def init(self) -> SpeedControllerState:
-        """At rest, forward."""
+        """Return the first state: at rest, forward."""
         return SpeedControllerState()
 
     def step(self, t: Any, state: SpeedControllerState, speed_rpm: Any) -> tuple[SpeedControllerState, Any]:
-        """New state and speed passed on (rpm) at integer time t; may be called at any times that don't fall."""
+        """Return the state and the speed passed on (rpm) at integer time t; may be called at any rising times."""
         negative, positive = speed_rpm < 0, speed_rpm > 0
         was_reverse = state.mode == REVERSE
         turns = was_reverse & positive
@@ -71,18 +71,18 @@ class SpeedController:
 
 @record
 class DriveCommand:
-    """What is sent to the vectored fan. Frames: positive speed pushes forward. Source: [1] chapter 5."""
+    """Command of the vectored fan. Frames: positive speed pushes forward. Source: [1] chapter 5."""
 
     rudder_pulse: Scalar = quantity("s", "Pulse width of the rudder servo.")
     speed_rpm: Scalar = quantity("rpm", "Speed of the fan, negative in reverse.")
 
 
 NEUTRAL_COMMAND = DriveCommand(rudder_pulse=RudderServo().neutral_pulse, speed_rpm=0.0)
-"""Rudder in the middle, fan at rest."""
+"""Neutral command: rudder in the middle, fan at rest."""
 
 
 def drive_failsafe() -> Failsafe:
-    """The failsafe of a vectored fan: pulses that its servo takes, speeds up to that of the motor without propeller."""
+    """Return the failsafe of a vectored fan, with limits of its servo's pulses and the motor's no-load speed."""
     return Failsafe(
         safe=NEUTRAL_COMMAND,
         low=DriveCommand(rudder_pulse=0.8e-3, speed_rpm=-19200.0),
@@ -92,28 +92,28 @@ def drive_failsafe() -> Failsafe:
 
 @record
 class FanDriveState:
-    """What the drive remembers. Frames: none. Source: this module."""
+    """State of the drive. Frames: none. Source: this module."""
 
     rudder_pulse: Scalar = quantity("s", "Pulse width latched in the last servo frame.")
     commanded_rpm: Scalar = quantity("rpm", "Speed latched in the last servo frame.")
     controller: SpeedControllerState = part("State of the speed controller.")
     speed_rpm: Scalar = quantity("rpm", "Speed of the fan.")
-    fan: RegulatedFanState | None = part("Of regulator, motor and battery, where there are any.", default=None)
+    fan: RegulatedFanState | None = part("Values of regulator, motor and battery; None without them.", default=None)
 
 
 @record
 class DriveOutput:
-    """What the vectored fan does. Frames: angles from the body's x axis, force in B. Source: this module."""
+    """Output of the vectored fan. Frames: angles from the body's x axis, force in B. Source: this module."""
 
     u: PlanarForce = part("Force at the rudder pivot.")
     thrust: Scalar = quantity("N", "Signed thrust, along the force angle.")
     rudder: Scalar = quantity("rad", "Rudder angle.", kind="angle")
     speed_rpm: Scalar = quantity("rpm", "Speed of the fan, negative in reverse.")
-    mode: Scalar = quantity("1", "What the speed controller does.", kind="mode", modes=MODES)
-    brakings: Scalar = quantity("1", "Brakes so far.", kind="count")
-    rudder_saturated: Scalar = quantity("1", "The rudder stands at a stop.", kind="flag")
-    speed_saturated: Scalar = quantity("1", "The fan turns as fast as it can.", kind="flag")
-    fan: RegulatedFanOutput | None = part("Of regulator, motor and battery, where there are any.", default=None)
+    mode: Scalar = quantity("1", "Mode of the speed controller.", kind="mode", modes=MODES)
+    brakings: Scalar = quantity("1", "Number of brakes so far.", kind="count")
+    rudder_saturated: Scalar = quantity("1", "True if the rudder is at a stop.", kind="flag")
+    speed_saturated: Scalar = quantity("1", "True if the fan is at its top speed.", kind="flag")
+    fan: RegulatedFanOutput | None = part("Values of regulator, motor and battery; None without them.", default=None)
 
 
 @record
@@ -136,38 +136,38 @@ class FanDrive:
     rudder: RudderServo = part("Servo of the rudder.", default=RudderServo())
     geometry: RudderGeometry = part("Rudder angle to force angle.", default=RudderGeometry())
     controller: SpeedController = part("Speed controller.", default=SpeedController())
-    thruster: Thruster = part("The fan's formula.", default=Thruster())
+    thruster: Thruster = part("Formula of the fan's thrust.", default=Thruster())
     table: BilinearTable | None = part(
-        "Thrust by rudder angle and speed, or None for the formula.",
+        "Table of the thrust by rudder angle and speed, or None for the formula.",
         default=thrust_table(Thruster()),
         off={"lookup-table": None},
     )
-    effectiveness: Scalar = quantity("1", "Thrust given over thrust mapped, e.g. of a weak fan.", default=1.0, low=0)
+    effectiveness: Scalar = quantity("1", "Factor on the thrust, e.g. below 1 for a weak fan.", default=1.0, low=0)
     fan: RegulatedFan | None = part(
-        "Regulator, motor and battery of the fan; None: its speed follows the command, as in the source.",
+        "Regulator, motor and battery of the fan; None: the speed follows the command, as in the source.",
         default=None,
         optional=RegulatedFan(),
     )
     frame: int = period("Period of the servo's and the speed controller's pulses.", default=ms(20))
-    period: int = period("How often the drive acts.", default=ms(1))
-    saturation: bool = switch("Whether rudder and fan have limits.", "saturation")
+    period: int = period("Time between steps of the drive.", default=ms(1))
+    saturation: bool = switch("True: rudder and fan have limits.", "saturation")
 
     def check(self) -> None:
-        """Refuse frames that fall between steps, and a table that is not the thruster's."""
+        """Raise InputError for frames that fall between steps, and a table that does not belong to the thruster."""
         if self.frame % self.period:
             frame, own = format_time(self.frame), format_time(self.period)
-            problem = f"the frame of {frame} is no multiple of the period of {own}"
-            raise InputError("frame", problem, fix="make it one, or frames are missed")
+            problem = f"the frame of {frame} must be a multiple of the period of {own}"
+            raise InputError("frame", problem, fix="choose such a multiple, or frames are missed")
         if self.table is not None:
             check_thrust_table(self.table, self.thruster)
         if self.fan is not None:
             self.fan.check()
             if self.fan.motor.period != self.period:
-                problem = f"{format_time(self.fan.motor.period)}, the drive's is {format_time(self.period)}"
+                problem = f"{format_time(self.fan.motor.period)}, must be the drive's, {format_time(self.period)}"
                 raise InputError("fan.motor.period", problem, fix="make them equal")
 
     def neutral(self) -> DriveOutput:
-        """Fan at rest, rudder at the servo's neutral pulse."""
+        """Return the output with the fan at rest and the rudder at the servo's neutral pulse."""
         return DriveOutput(
             u=PlanarForce(0.0, 0.0),
             thrust=0.0,
@@ -181,13 +181,13 @@ class FanDrive:
         )
 
     def init(self, key: Key) -> FanDriveState:
-        """Neutral command latched, fan at rest."""
+        """Return the first state: neutral command latched, fan at rest."""
         zero = np.float64(0.0)
         fan = None if self.fan is None else self.fan.init()
         return FanDriveState(self.rudder.neutral_pulse, zero, self.controller.init(), zero, fan)
 
     def step(self, t: Any, state: FanDriveState, command: Sample) -> tuple[FanDriveState, DriveOutput]:
-        """The force from integer time t on; a command that is not valid counts as neutral."""
+        """Return the state and the force from integer time t on; a command that is not valid counts as neutral."""
         pulse, commanded = self._latch(t, state, command)
         controller, speed, fan, regulated = self._turn(t, state, commanded)
         rudder = self._rudder_angle(pulse)
@@ -207,7 +207,7 @@ class FanDrive:
         return FanDriveState(pulse, commanded, controller, speed, fan), output
 
     def _turn(self, t: Any, state: FanDriveState, commanded: Any) -> tuple[SpeedControllerState, Any, Any, Any]:
-        """Speed controller, speed (rpm), and the fan's state and output where there is one."""
+        """Return speed controller, speed (rpm), and the regulated fan's state and output, if any."""
         if self.fan is None or state.fan is None:
             controller, wanted = self.controller.step(t, state.controller, commanded)
             return controller, self.thruster.follow_speed(state.speed_rpm, wanted, to_seconds(self.period)), None, None
@@ -238,5 +238,5 @@ class FanDrive:
 
 @jax.jit
 def _neutral_angle(drive: FanDrive) -> Any:
-    """Compiled, for outside a run every operation by itself would be compiled anew."""
+    """Return the neutral rudder angle. Compiled, as outside a run each operation would be compiled separately."""
     return drive._rudder_angle(drive.rudder.neutral_pulse)

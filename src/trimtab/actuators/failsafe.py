@@ -1,4 +1,4 @@
-"""Failsafe: what the vehicle does when nobody commands it, and who may. A block of its firmware, before the actuators.
+"""Failsafe: the vehicle's behaviour without commands, and the authority to command it. A block of the firmware.
 
 [1] is Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006.
 """
@@ -34,54 +34,54 @@ BREACHES = ("none", "fence", "envelope")
 
 @record
 class FailsafeInput:
-    """What the firmware has at one instant. Frames: those of the commands. Source: docs page, Failsafe."""
+    """Input of the failsafe at one instant. Frames: those of the commands. Source: docs page, Failsafe."""
 
-    command: Sample = part("Newest command out of the link, as the receiving end of a channel holds it.")
-    manual: Any = part("What the safety pilot's sticks say, a record like the command's value.")
-    takeover: Scalar = quantity("1", "The pilot's mode switch stands at manual.", kind="flag", default=False)
-    radio: Scalar = quantity("1", "The pilot's transmitter is heard.", kind="flag", default=False)
-    arm: Scalar = quantity("1", "Somebody asks to arm.", kind="flag", default=False)
-    disarm: Scalar = quantity("1", "Somebody asks to disarm; goes before arm.", kind="flag", default=False)
-    breach: Scalar = quantity("1", "Limit that the vehicle is beyond.", kind="mode", modes=BREACHES, default=0)
+    command: Sample = part("Newest command from the link, as the receiving end of a channel holds it.")
+    manual: Any = part("Command of the safety pilot's sticks, a record like the command's value.")
+    takeover: Scalar = quantity("1", "True if the pilot's mode switch is at manual.", kind="flag", default=False)
+    radio: Scalar = quantity("1", "True if the pilot's transmitter is received.", kind="flag", default=False)
+    arm: Scalar = quantity("1", "Request to arm.", kind="flag", default=False)
+    disarm: Scalar = quantity("1", "Request to disarm; has priority over arm.", kind="flag", default=False)
+    breach: Scalar = quantity("1", "Limit that the vehicle has exceeded.", kind="mode", modes=BREACHES, default=0)
 
 
 @record
 class FailsafeState:
-    """What the failsafe remembers. Frames: those of the commands. Source: docs page, Failsafe."""
+    """State of the failsafe. Frames: those of the commands. Source: docs page, Failsafe."""
 
-    mode: Scalar = quantity("1", "Who commands.", kind="mode", modes=MODES)
-    cause: Scalar = quantity("1", "Why the mode was entered.", kind="mode", modes=CAUSES)
-    latched: Scalar = quantity("1", "Tripped since the last arming.", kind="flag")
-    armed_at: Scalar = quantity("100 ns", "When it was last armed.", kind="time")
-    heard: Scalar = quantity("100 ns", "When the last good command since arming came.", kind="time")
-    newest: Scalar = quantity("100 ns", "When the newest good command since arming had been issued.", kind="time")
-    value: Any = part("That command.")
-    lift_until: Scalar = quantity("100 ns", "When the lift fan stops or stopped.", kind="time")
-    rejected: Scalar = quantity("1", "Commands refused so far: out of range, not finite, too old.", kind="count")
+    mode: Scalar = quantity("1", "Authority: the present source of commands.", kind="mode", modes=MODES)
+    cause: Scalar = quantity("1", "Cause of the last change of mode.", kind="mode", modes=CAUSES)
+    latched: Scalar = quantity("1", "True if the failsafe has tripped since the last arming.", kind="flag")
+    armed_at: Scalar = quantity("100 ns", "Time of the last arming.", kind="time")
+    heard: Scalar = quantity("100 ns", "Arrival time of the last good command since arming.", kind="time")
+    newest: Scalar = quantity("100 ns", "Issue time of the newest good command since arming.", kind="time")
+    value: Any = part("Value of the newest good command.")
+    lift_until: Scalar = quantity("100 ns", "Time at which the lift fan stops.", kind="time")
+    rejected: Scalar = quantity("1", "Rejected commands so far: out of range, not finite, too old.", kind="count")
 
 
 @record
 class FailsafeOutput:
-    """What the firmware does with it. Frames: those of the commands. Source: docs page, Failsafe."""
+    """Output of the failsafe. Frames: those of the commands. Source: docs page, Failsafe."""
 
-    command: Sample = part("For the actuators; not valid, and the safe value, where they must stand still.")
-    lift: Scalar = quantity("1", "Whether the lift fan turns.", kind="flag")
-    armed: Scalar = quantity("1", "Whether a command, or the pilot, may turn the fan.", kind="flag")
-    mode: Scalar = quantity("1", "Who commands.", kind="mode", modes=MODES)
-    cause: Scalar = quantity("1", "Why the mode was entered.", kind="mode", modes=CAUSES)
-    rejected: Scalar = quantity("1", "Commands refused so far.", kind="count")
+    command: Sample = part("Command for the actuators; invalid, with the safe value, if they must stand still.")
+    lift: Scalar = quantity("1", "True if the lift fan turns.", kind="flag")
+    armed: Scalar = quantity("1", "True if a command, or the pilot, may turn the fan.", kind="flag")
+    mode: Scalar = quantity("1", "Authority: the present source of commands.", kind="mode", modes=MODES)
+    cause: Scalar = quantity("1", "Cause of the last change of mode.", kind="mode", modes=CAUSES)
+    rejected: Scalar = quantity("1", "Rejected commands so far.", kind="count")
 
 
 @record
 class Failsafe:
-    """Passes commands on while they come, and makes the vehicle safe when they don't.
+    """Passes commands on while they arrive, and makes the vehicle safe when they don't.
 
-    No good command for `timeout`: the safe value at once, the lift fan off `lift_delay` later, latched until the next
-    request to arm; the same where the vehicle is beyond its fence or envelope. The safety pilot takes over at any time
-    once armed, whatever link, latch and limits do. Nothing acts before arming, nor a command that came before it. A
-    good command is new, says that it is valid, lies between `low` and `high` (a number that is not finite doesn't) and
-    is no older than `age_max`; others change nothing and are counted, but a command that says it is not valid stops
-    the vehicle at once.
+    Without a good command for `timeout`, the safe value acts at once, and the lift fan stops `lift_delay` later. This
+    is latched until the next request to arm. The same happens if the vehicle is beyond its fence or envelope. Once
+    armed, the safety pilot can take over at any time, independent of link, latch and limits. Nothing acts before
+    arming, and commands from before the arming are ignored. A good command is new, valid, finite, between `low` and
+    `high`, and at most `age_max` old. Other commands are counted and ignored, but an invalid command stops the vehicle
+    at once.
 
     Generic over the command: `safe`, `low` and `high` are records like its value. The rules in full: docs page.
 
@@ -89,30 +89,30 @@ class Failsafe:
     Source:  [1] chapter 5 (safety pilot's takeover, on the vehicle); time-outs are reconstructed: docs page.
     """
 
-    safe: Any = part("What stands still.")
-    low: Any = part("Least value that is believed.")
-    high: Any = part("Greatest value that is believed.")
-    timeout: int = period("Longest silence of the computer.", default=ms(250))
-    lift_delay: int = period("From then until the lift fan stops.", default=seconds(1), low=0)
-    patience: int = period("How long it stays armed before a first command comes.", default=seconds(10))
-    age_max: Scalar = quantity("s", "Oldest command that is obeyed, by the vehicle's clock.", default=0.5, above=0)
+    safe: Any = part("Command at which the vehicle stands still.")
+    low: Any = part("Least accepted value.")
+    high: Any = part("Greatest accepted value.")
+    timeout: int = period("Longest time without a good command.", default=ms(250))
+    lift_delay: int = period("Delay from the timeout to the stop of the lift fan.", default=seconds(1), low=0)
+    patience: int = period("Longest time armed without a first command.", default=seconds(10))
+    age_max: Scalar = quantity("s", "Maximum age of a command, by the vehicle's clock.", default=0.5, above=0)
 
     def check(self) -> None:
-        """Refuse limits that don't fit the safe value."""
+        """Raise InputError for limits that don't fit the safe value."""
         own = [path for path, _, _ in leaves(self.safe)]
         for name, limit in (("low", self.low), ("high", self.high)):
             other = [path for path, _, _ in leaves(limit)]
             if own != other:
-                problem = f"has the numbers ({', '.join(other)}), safe has ({', '.join(own)})"
+                problem = f"has the numbers ({', '.join(other)}), but safe has ({', '.join(own)})"
                 raise InputError(name, problem, fix=f"make it a {type(self.safe).__name__} too")
         for path, value, _ in leaves(self.safe):
             low, high = (np.asarray({p: v for p, v, _ in leaves(r)}[path]) for r in (self.low, self.high))
             if not ((low <= np.asarray(value)) & (np.asarray(value) <= high)).all():
-                problem = f"{value} does not lie between low, {low}, and high, {high}"
+                problem = f"{value} must lie between low, {low}, and high, {high}"
                 raise InputError(f"safe.{path}", problem, fix="move the limit, or the safe value")
 
     def init(self) -> FailsafeState:
-        """Disarmed."""
+        """Return the first state, disarmed."""
         never = np.int64(NEVER)
         return FailsafeState(
             mode=np.int32(DISARMED),
@@ -127,7 +127,7 @@ class Failsafe:
         )
 
     def step(self, t: Any, state: FailsafeState, input: FailsafeInput) -> tuple[FailsafeState, FailsafeOutput]:
-        """What acts from integer time t on; may be called at any times that don't fall."""
+        """Return the state and the output from integer time t on; may be called at any rising times."""
         before = state.mode
         state = self._apply_requests(t, state, input)
         state = self._accept_command(t, state, input.command)
@@ -150,7 +150,7 @@ class Failsafe:
         return state, output
 
     def _apply_requests(self, t: Any, s: FailsafeState, input: FailsafeInput) -> FailsafeState:
-        """After requests: armed anew, with no command heard yet, or disarmed."""
+        """Return the state after requests: armed again, without a command yet, or disarmed."""
         arm = jnp.asarray(input.arm) & ~jnp.asarray(input.disarm) & ((s.mode == DISARMED) | s.latched)
         disarm = input.disarm & (s.mode != DISARMED)
         mode = jnp.where(arm & (s.mode != MANUAL), COMPUTER, s.mode)
@@ -166,7 +166,7 @@ class Failsafe:
         )
 
     def _accept_command(self, t: Any, s: FailsafeState, command: Sample) -> FailsafeState:
-        """After the newest command, if it is good."""
+        """Return the state after the newest command, if it is good."""
         came = command.fresh & command.valid
         good = came & self._is_in_range(command.value) & (abs(command.age) <= self.age_max) & (command.t > s.newest)
         return replace(
@@ -178,7 +178,7 @@ class Failsafe:
         )
 
     def _next_mode(self, t: Any, s: FailsafeState, pilot: Any, input: FailsafeInput) -> FailsafeState:
-        """After the pilot and the clock: the table of the docs page, row by row; the last that holds counts."""
+        """Return the state after pilot and clock, by the table of the docs page: the last row that holds counts."""
         mode, cause = s.mode, s.cause
         radio, takeover = jnp.asarray(input.radio), jnp.asarray(input.takeover)
         came = s.heard != NEVER

@@ -20,7 +20,7 @@ FORCE_MAX, FORCE_STEP = 2.0, 0.025
 
 @record
 class BilinearTable:
-    """A function of two numbers, tabulated on uniform axes; bilinear inside, held at the edges.
+    """Table of a function of two numbers on uniform axes; bilinear inside, constant beyond the edges.
 
     Source:  [1] chapter 4 for its use; bilinear interpolation is the textbook formula
              (Press et al., "Numerical recipes", 3rd ed., section 3.6).
@@ -30,30 +30,30 @@ class BilinearTable:
     row_step: Scalar = quantity("row", "First coordinate between rows.", above=0)
     column_start: Scalar = quantity("column", "Second coordinate of the first column.")
     column_step: Scalar = quantity("column", "Second coordinate between columns.", above=0)
-    values: Any = quantity("value", "The table (rows, columns), any size from (2, 2).")
+    values: Any = quantity("value", "Values of the table (rows, columns), at least (2, 2).")
     origin: str = option(
-        "Formula: whoever holds the table also holds its formula, and a run is refused where they differ.",
+        "Origin of the table. With `formula`, the part also has the formula, and a run is refused if they differ.",
         default="measured",
         choices=("measured", "formula"),
     )
 
     def check(self) -> None:
-        """Refuse what is not a table."""
+        """Raise InputError for an invalid table."""
         shape = np.shape(self.values)
         if len(shape) != 2 or min(shape) < 2:
-            problem = f"has shape {shape}, wanted are at least 2 rows and 2 columns"
+            problem = f"has shape {shape}, must have at least 2 rows and 2 columns"
             raise InputError("values", problem, fix="give a two-dimensional array")
 
     def rows(self) -> Any:
-        """First coordinate of every row, as a column (rows, 1)."""
+        """Return the first coordinate of every row, as a column (rows, 1)."""
         return self.row_start + self.row_step * np.arange(np.shape(self.values)[0])[:, None]
 
     def columns(self) -> Any:
-        """Second coordinate of every column, as a row (1, columns)."""
+        """Return the second coordinate of every column, as a row (1, columns)."""
         return self.column_start + self.column_step * np.arange(np.shape(self.values)[1])[None, :]
 
     def at(self, row: Any, column: Any) -> Any:
-        """The value at two coordinates in the units of the axes; scalars, vmap for more."""
+        """Return the value at two coordinates in the units of the axes; scalars, vmap for more."""
         i, a = _cell((row - self.row_start) / self.row_step, np.shape(self.values)[0])
         j, b = _cell((column - self.column_start) / self.column_step, np.shape(self.values)[1])
         v = lax.dynamic_slice(self.values, (i, j), (2, 2))
@@ -63,20 +63,20 @@ class BilinearTable:
 
 
 def forward_speed_table(thruster: Thruster) -> BilinearTable:
-    """(rudder angle in rad, force in N, 0 to 2) -> speed in rpm, 14 x 81. Source: [1] chapter 4."""
+    """Return the table (rudder angle in rad, force in N, 0 to 2) -> speed in rpm, 14 x 81. Source: [1] chapter 4."""
     return _speed_table(thruster, 0.0)
 
 
 def full_speed_table(thruster: Thruster) -> BilinearTable:
-    """(rudder angle in rad, force in N, -2 to 2) -> signed speed in rpm, 14 x 161. Source: [1] chapter 4."""
+    """Return (rudder angle in rad, force in N, -2 to 2) -> signed speed in rpm, 14 x 161. Source: [1] chapter 4."""
     return _speed_table(thruster, -FORCE_MAX)
 
 
 def thrust_table(thruster: Thruster, step_rpm: float = 100.0) -> BilinearTable:
-    """(rudder angle in rad, signed speed in rpm) -> signed force in N: the reverse table of [1] section 6.1.
+    """Return the table (rudder angle in rad, signed speed in rpm) -> signed force in N: [1] section 6.1.
 
-    The source gives no step in speed. Thrust is quadratic, so that the interpolation error at the nodes of the speed
-    table is about c step^2/4: 3e-5 N at 100 rpm, 2e-8 N at 2.5 rpm.
+    The source gives no step in speed. As thrust is quadratic, the interpolation error at the nodes of the speed table
+    is about c step^2/4: 3e-5 N at 100 rpm, 2e-8 N at 2.5 rpm.
     """
     last = float(thruster.speed_max_rpm)
     n = round(2 * last / step_rpm) + 1
@@ -85,19 +85,19 @@ def thrust_table(thruster: Thruster, step_rpm: float = 100.0) -> BilinearTable:
 
 
 def check_speed_table(table: BilinearTable, thruster: Thruster) -> None:
-    """Refuse a table of origin 'formula' that is not the one of this thruster."""
+    """Raise InputError for a table of origin 'formula' that differs from this thruster."""
     if table.origin == "formula":
         _check_same(table, _speeds(thruster, table))
 
 
 def check_thrust_table(table: BilinearTable, thruster: Thruster) -> None:
-    """Refuse a table of origin 'formula' that is not the one of this thruster."""
+    """Raise InputError for a table of origin 'formula' that differs from this thruster."""
     if table.origin == "formula":
         _check_same(table, thruster.force(table.columns(), table.rows()))
 
 
 def _cell(position: Any, size: int) -> tuple[Any, Any]:
-    """Index of the cell, unsigned so that JAX adds no wrapping, and the passed fraction of the cell."""
+    """Return the index of the cell, unsigned so that JAX adds no wrapping, and the fraction within the cell."""
     inside = jnp.clip(position, 0.0, size - 1.0)
     index = jnp.minimum(jnp.floor(inside), size - 2.0)
     return index.astype(np.uint32), inside - index
@@ -114,7 +114,7 @@ def _speed_table(thruster: Thruster, start: float) -> BilinearTable:
 
 
 def _speeds(thruster: Thruster, table: BilinearTable) -> Any:
-    """Speed (rpm) at every force and rudder angle of a table's axes, up to the top speed."""
+    """Return the speed (rpm) at every force and rudder angle of a table's axes, up to the top speed."""
     speed = thruster.speed_rpm(table.columns(), table.rows())
     return np.clip(speed, -thruster.speed_max_rpm, thruster.speed_max_rpm)
 
@@ -123,5 +123,5 @@ def _check_same(table: BilinearTable, exact: Any) -> None:
     worst = float(np.max(np.abs(np.asarray(table.values) - exact)))
     if worst > 1e-9 * float(np.max(np.abs(exact))):
         problem = f"the table was made from another thruster: values differ by up to {worst:.6g}"
-        fix = "make it again from this thruster, or leave it out (None) to use the formula, or use origin='measured'"
+        fix = "compute it again from this thruster, use None for the formula, or set origin='measured'"
         raise InputError("table", problem, fix=fix)

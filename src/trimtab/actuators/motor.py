@@ -1,4 +1,4 @@
-"""A brushed motor with its propeller and encoder, on a battery that sags: what a speed regulator works against.
+"""A brushed motor with propeller and encoder, on a battery that sags: the plant of a speed regulator.
 
 [1] is Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006.
 """
@@ -15,24 +15,26 @@ from trimtab.core.time import ms, to_seconds
 RPM = 30 / np.pi
 """rpm per rad/s."""
 TURN_COUNTS = 2**16
-"""Where the counter starts anew."""
+"""Number of counts after which the counter wraps to zero."""
 
 
 @record
 class MotorInput:
-    """What drives the motor. Frames: positive drives forward. Source: docs page, Motor."""
+    """Input of the motor. Frames: positive drives forward. Source: docs page, Motor."""
 
-    duty: Scalar = quantity("1", "Share of the time that the battery is connected, negative in reverse.")
-    voltage: Scalar = quantity("V", "Of the battery under load.", default=7.2)
+    duty: Scalar = quantity(
+        "1", "Duty of the motor: share of the time that the battery is connected, negative in reverse."
+    )
+    voltage: Scalar = quantity("V", "Voltage of the battery under load.", default=7.2)
 
 
 @record
 class MotorState:
     """Frames: positive turns forward. Source: docs page, Motor."""
 
-    speed: Scalar = quantity("rad/s", "Of the shaft.", default=np.float64(0.0))
+    speed: Scalar = quantity("rad/s", "Speed of the shaft.", default=np.float64(0.0))
     turned: Scalar = quantity(
-        "1", "Counts of the encoder with fractions; starts anew as the counter does.", default=np.float64(0.0)
+        "1", "Counts of the encoder with fractions; wraps with the counter.", default=np.float64(0.0)
     )
 
 
@@ -40,13 +42,13 @@ class MotorState:
 class MotorOutput:
     """Frames: positive turns forward. Source: docs page, Motor."""
 
-    speed_rpm: Scalar = quantity("rpm", "Of the shaft.")
-    count: Scalar = quantity("1", "The encoder's counter, 0 to 65535, as a 16-bit register has it.", kind="count")
+    speed_rpm: Scalar = quantity("rpm", "Speed of the shaft.")
+    count: Scalar = quantity("1", "Counter of the encoder, 0 to 65535, as in a 16-bit register.", kind="count")
 
 
 @record
 class Motor:
-    """Brushed motor with a straight torque curve, and a propeller whose torque goes with the square of the speed.
+    """Brushed motor with a linear torque curve, and a propeller whose torque is quadratic in the speed.
 
         I dω/dt = T_stall (duty V/V_nominal − n/n_free) − k_prop n |n|
 
@@ -59,43 +61,47 @@ class Motor:
              turn. The inertia is reconstructed, and so is the propeller's torque.
     """
 
-    stall_torque: Scalar = quantity("N m", "At rest, full duty.", default=0.08474, above=0, source="[1] chapter 4")
-    free_rpm: Scalar = quantity("rpm", "Without a propeller.", default=19200.0, above=0, source="[1] chapter 4")
-    nominal_voltage: Scalar = quantity("V", "Of both figures.", default=7.2, above=0, source="[1] chapter 4")
-    inertia: Scalar = quantity("kg m^2", "Of rotor and propeller.", default=2.2e-5, above=0)
+    stall_torque: Scalar = quantity(
+        "N m", "Torque at rest, full duty.", default=0.08474, above=0, source="[1] chapter 4"
+    )
+    free_rpm: Scalar = quantity("rpm", "Speed without a propeller.", default=19200.0, above=0, source="[1] chapter 4")
+    nominal_voltage: Scalar = quantity(
+        "V", "Voltage of stall torque and free speed.", default=7.2, above=0, source="[1] chapter 4"
+    )
+    inertia: Scalar = quantity("kg m^2", "Moment of inertia of rotor and propeller.", default=2.2e-5, above=0)
     propeller: Scalar = quantity("N m/krpm^2", "Torque of the propeller per speed squared.", default=2.207e-4, low=0)
     counts: Scalar = quantity("1", "Edges of the encoder in one turn.", default=400.0, above=0, source="[1] chapter 4")
-    period: int = period("How far one step goes.", default=ms(1))
+    period: int = period("Time of one step.", default=ms(1))
 
     def init(self) -> MotorState:
-        """At rest."""
+        """Return the first state, at rest."""
         return MotorState()
 
     def torque(self, speed: Any, input: MotorInput) -> Any:
-        """Of the motor alone (N m) at a speed (rad/s)."""
+        """Return the torque of the motor alone (N m) at a speed (rad/s)."""
         n = speed * (RPM * 1e-3)
         return self.stall_torque * (input.duty * input.voltage / self.nominal_voltage - n / (self.free_rpm * 1e-3))
 
     def acceleration(self, speed: Any, input: MotorInput) -> Any:
-        """Of the shaft (rad/s^2) at a speed (rad/s)."""
+        """Return the acceleration of the shaft (rad/s^2) at a speed (rad/s)."""
         n = speed * (RPM * 1e-3)
         return (self.torque(speed, input) - self.propeller * n * abs(n)) / self.inertia
 
     def current(self, speed: Any, input: MotorInput) -> Any:
-        """Through the windings (A) at a speed (rad/s); the battery gives the share `duty` of it.
+        """Return the current through the windings (A) at a speed (rad/s); the battery supplies the share `duty` of it.
 
-        Torque over the constant that the free speed gives: nominal voltage over rad/s.
+        It is the torque over the motor constant, which is the nominal voltage over the free speed in rad/s.
         """
         return self.torque(speed, input) * self.free_rpm / (RPM * self.nominal_voltage)
 
     def duty(self, speed_rpm: Any, voltage: Any = 7.2) -> Any:
-        """The duty that holds a speed (rpm) with the battery at `voltage` (V)."""
+        """Return the duty that holds a speed (rpm) with the battery at `voltage` (V)."""
         n = speed_rpm * 1e-3
         load = self.propeller * n * abs(n) / self.stall_torque + speed_rpm / self.free_rpm
         return load * self.nominal_voltage / voltage
 
     def step(self, t: Any, state: MotorState, input: MotorInput) -> tuple[MotorState, MotorOutput]:
-        """One period further with duty and voltage held."""
+        """Step one period with duty and voltage held."""
 
         def rate(_: Any, x: MotorState) -> MotorState:
             return MotorState(speed=self.acceleration(x.speed, input), turned=x.speed * (self.counts / (2 * np.pi)))

@@ -1,4 +1,4 @@
-"""The thrust fan as the vehicle's firmware drives it: speed regulator, speed controller, motor, encoder and battery.
+"""The thrust fan driven by the vehicle's firmware: speed regulator, speed controller, motor, encoder and battery.
 
 [1] is Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006.
 """
@@ -20,26 +20,26 @@ from trimtab.core.time import format_time
 class RegulatedFanState:
     """Frames: positive speed pushes forward. Source: docs page, Regulated fan."""
 
-    regulator: SpeedRegulatorState = part("Of the speed regulator.")
-    motor: MotorState = part("Of motor and encoder.")
-    battery: BatteryState = part("Of the battery.")
-    count: Scalar = quantity("1", "The encoder's counter.", kind="count", default=np.int32(0))
-    duty: Scalar = quantity("1", "That the regulator asks for.", default=np.float64(0.0))
-    fault: Scalar = quantity("1", "The regulator doesn't believe the encoder.", kind="flag", default=np.bool_(False))
+    regulator: SpeedRegulatorState = part("State of the speed regulator.")
+    motor: MotorState = part("State of motor and encoder.")
+    battery: BatteryState = part("State of the battery.")
+    count: Scalar = quantity("1", "Counter of the encoder.", kind="count", default=np.int32(0))
+    duty: Scalar = quantity("1", "Duty that the regulator requests.", default=np.float64(0.0))
+    fault: Scalar = quantity("1", "True if the encoder is faulty.", kind="flag", default=np.bool_(False))
 
 
 @record
 class RegulatedFanOutput:
     """Frames: positive speed pushes forward. Source: docs page, Regulated fan."""
 
-    duty: Scalar = quantity("1", "Of the motor, -1 to 1, negative in reverse.")
-    encoder_fault: Scalar = quantity("1", "The regulator doesn't believe the encoder.", kind="flag")
-    battery: BatteryOutput = part("Voltage, current and what is left.")
+    duty: Scalar = quantity("1", "Duty of the motor, -1 to 1, negative in reverse.")
+    encoder_fault: Scalar = quantity("1", "True if the encoder is faulty.", kind="flag")
+    battery: BatteryOutput = part("Voltage, current and remaining charge of the battery.")
 
 
 @record
 class RegulatedFan:
-    """The blocks of the firmware and what they work against, one after the other.
+    """The firmware's blocks, followed by motor, propeller and battery.
 
         every tick of the regulator: encoder's counter, wanted speed -> duty
         duty -> speed controller (brake) -> motor and propeller on the battery's voltage -> speed, counter
@@ -49,12 +49,12 @@ class RegulatedFan:
     Source:  [1] chapter 4 (PI regulator in the firmware; encoder); see the parts for what is reconstructed.
     """
 
-    regulator: SpeedRegulator = part("Of the firmware.", default=SpeedRegulator())
-    motor: Motor = part("With propeller and encoder.", default=Motor())
-    battery: Battery = part("That feeds it.", default=Battery())
+    regulator: SpeedRegulator = part("Speed regulator of the firmware.", default=SpeedRegulator())
+    motor: Motor = part("Motor with propeller and encoder.", default=Motor())
+    battery: Battery = part("Battery of the motor.", default=Battery())
 
     def check(self) -> None:
-        """Refuse parts that don't go in step."""
+        """Raise InputError for parts with periods that don't fit."""
         step, tick, other = self.motor.period, self.regulator.period, self.battery.period
         if tick % step or other != step:
             problem = f"regulator {format_time(tick)}, motor {format_time(step)}, battery {format_time(other)}"
@@ -63,17 +63,17 @@ class RegulatedFan:
         self.battery.check()
 
     def init(self) -> RegulatedFanState:
-        """At rest."""
+        """Return the first state, at rest."""
         return RegulatedFanState(regulator=self.regulator.init(), motor=self.motor.init(), battery=self.battery.init())
 
     def neutral(self) -> RegulatedFanOutput:
-        """Not driven."""
+        """Return the output without drive."""
         other = self.battery.other
         power = BatteryOutput(voltage=self.battery.init().voltage, current=other, remaining=self.battery.initial)
         return RegulatedFanOutput(duty=0.0, encoder_fault=np.bool_(False), battery=power)
 
     def regulate(self, t: Any, state: RegulatedFanState, wanted_rpm: Any) -> RegulatedFanState:
-        """The state with the duty for a wanted speed, at integer time t; unchanged between the regulator's ticks."""
+        """Return the state with the duty for a wanted speed, at integer time t; unchanged between ticks."""
         given = SpeedRegulatorInput(wanted_rpm=wanted_rpm, count=state.count)
         regulator, out = self.regulator.step(t, state.regulator, given)
         due = t % self.regulator.period == 0
@@ -87,7 +87,7 @@ class RegulatedFan:
         )
 
     def turn(self, t: Any, state: RegulatedFanState, duty: Any) -> tuple[RegulatedFanState, Any, RegulatedFanOutput]:
-        """State, speed (rpm) and what is logged, one period after integer time t with a duty (-1 to 1)."""
+        """Return state, speed (rpm) and output, one period after integer time t with a duty (-1 to 1)."""
         given = MotorInput(duty=duty, voltage=state.battery.voltage)
         motor, moved = self.motor.step(t, state.motor, given)
         drawn = duty * self.motor.current(motor.speed, given)

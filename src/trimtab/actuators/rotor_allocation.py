@@ -19,30 +19,30 @@ from trimtab.core.time import ms
 from trimtab.vehicles.quadrotor import Multirotor, RotorDemand, RotorSpeeds
 
 EFFORT = 1e-6
-"""Weight of a rotor's thrust beside those of the demand: it decides only between what serves the demand alike."""
+"""Weight of a rotor's thrust relative to the demand: it only selects among solutions that serve the demand equally."""
 
 
 @record
 class RotorAllocation:
-    """The rotor thrusts that come closest to a demand, by weights of what is to be kept where not all can be.
+    """Rotor thrusts closest to a demand, weighted by priority if the demand can't be met completely.
 
-        minimise  |W (B T - v)|^2 + e |T - T0|^2    with  least <= T <= most,    T = 0 of a rotor that doesn't work
+        minimise  |W (B T - v)|^2 + e |T - T0|^2    with  least <= T <= most,    T = 0 of a failed rotor
 
-    v = (thrust, moments), each row in parts of what half of the rotors can do; T0 shares the thrust out evenly. Tilt is
-    kept before thrust, thrust before yaw. Rotors of which more than four work share a demand as it is best for their
-    limits.
+    v = (thrust, moments), each row as a fraction of the maximum of half of the rotors; T0 shares the thrust evenly.
+    Tilt has priority over thrust, and thrust over yaw. More than four working rotors share a demand so as to stay
+    within their limits.
 
     Frames:  B.
-    Valid:   to the end of the active set's steps, two for each rotor and two more; tests count what is left open.
+    Valid:   up to the limit of active-set steps, two for each rotor and two more; tests count the unsolved cases.
     Source:  [1] eqs. 11 to 17, with its weights 1000, 1000, 1 of roll, pitch, yaw and 100 of thrust.
     """
 
-    craft: Multirotor = part("What it believes of the vehicle: of its rotors.", default=Multirotor())
-    least: Scalar = quantity("N", "Thrust of a rotor that idles.", default=0.3, low=0)
-    most: Scalar = quantity("N", "Greatest thrust of a rotor.", default=30.0, above=0)
+    craft: Multirotor = part("Vehicle model used by the allocation: its rotors.", default=Multirotor())
+    least: Scalar = quantity("N", "Thrust of an idling rotor.", default=0.3, low=0)
+    most: Scalar = quantity("N", "Maximum thrust of a rotor.", default=30.0, above=0)
     weights: Any = quantity(
         "1",
-        "Of thrust, roll, pitch, yaw.",
+        "Weights of thrust, roll, pitch, yaw.",
         shape=(4,),
         default=np.array([100.0, 1000, 1000, 1]),
         above=0,
@@ -50,21 +50,21 @@ class RotorAllocation:
     )
 
     def check(self) -> None:
-        """Refuse limits that leave no room."""
+        """Raise InputError unless the least thrust is below the greatest."""
         if float(self.least) >= float(self.most):
-            problem = f"a least thrust of {float(self.least):g} N is not below the greatest, {float(self.most):g} N"
-            raise InputError("least", problem, fix="give one between 0 and the greatest")
+            problem = f"a least thrust of {float(self.least):g} N must be below the greatest, {float(self.most):g} N"
+            raise InputError("least", problem, fix="give a least thrust between 0 and the greatest")
 
     def init(self, key: Key) -> tuple[()]:
-        """No state."""
+        """Return an empty state."""
         return ()
 
     def step(self, t: Any, state: tuple[()], demand: RotorDemand) -> tuple[tuple[()], RotorSpeeds]:
-        """The speeds of the rotors for a demand."""
+        """Return the speeds of the rotors for a demand."""
         return state, RotorSpeeds(self.craft.rotors.speeds(self.thrusts(demand)))
 
     def thrusts(self, demand: RotorDemand) -> Any:
-        """Of each rotor (n,), N."""
+        """Return the thrust of each rotor (n,), N."""
         B = self.craft.rotors.effectiveness()
         n = B.shape[1]
         works = jnp.asarray(demand.working)
@@ -82,40 +82,40 @@ class RotorAllocation:
 
 @record
 class RotorDriveOutput:
-    """What the drives make of a command. Source: this module."""
+    """Output of the drives. Source: this module."""
 
-    u: RotorSpeeds = part("What the rotors are told; the vehicle's lag is after it.")
+    u: RotorSpeeds = part("Commanded speeds of the rotors; the vehicle's lag follows.")
 
 
 @record
 class RotorDrive:
-    """The rotors' speed controllers: each speed between its limits, in steps as fine as the line to them carries.
+    """Speed controllers of the rotors: each speed within its limits, with the resolution of their command signal.
 
     Frames:  as the vehicle's.    Not modelled: battery, heat; the lag of rotor and motor is the vehicle's.
     Source:  docs page, Rotor allocation.
     """
 
-    least: Scalar = quantity("rad/s", "Slowest that a rotor turns once it is told to.", default=40.0, low=0)
-    most: Scalar = quantity("rad/s", "Fastest that it turns.", default=615.0, above=0)
-    resolution: Scalar = imperfection("rad/s", "Step of the speeds that can be told.", "speed-steps", default=0.3)
-    saturation: bool = switch("Whether speeds have limits.", "saturation")
-    count: int = option("How many rotors.", default=4)
-    period: int = period("How often a command acts.", default=ms(5))
+    least: Scalar = quantity("rad/s", "Lowest speed of a commanded rotor.", default=40.0, low=0)
+    most: Scalar = quantity("rad/s", "Highest speed of a rotor.", default=615.0, above=0)
+    resolution: Scalar = imperfection("rad/s", "Resolution of the commanded speeds.", "speed-steps", default=0.3)
+    saturation: bool = switch("True: speeds have limits.", "saturation")
+    count: int = option("Number of rotors.", default=4)
+    period: int = period("Time between steps of the drive.", default=ms(5))
 
     def pulses(self) -> dict[str, ServoPulse]:
-        """Of the speeds, from standing still to the fastest."""
+        """Return the pulse table of the speeds, from standstill to the highest."""
         return {"speed": linear_pulse(0.0, self.most)}
 
     def neutral(self) -> RotorDriveOutput:
-        """All stand still."""
+        """Return the output with all rotors at rest."""
         return RotorDriveOutput(RotorSpeeds(jnp.zeros(self.count)))
 
     def init(self, key: Key) -> tuple[()]:
-        """No state."""
+        """Return an empty state."""
         return ()
 
     def step(self, t: Any, state: tuple[()], command: Sample) -> tuple[tuple[()], RotorDriveOutput]:
-        """What the rotors are told from integer time t on; nothing until a command is valid."""
+        """Return the commanded speeds from integer time t on; zero until a command is valid."""
         speed = command.value.speed
         if self.saturation:
             told = speed != 0

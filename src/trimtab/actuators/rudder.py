@@ -1,4 +1,4 @@
-"""Rudder: the servo's pulse width, the angle it stands at, and the direction of the force that follows.
+"""Rudder: the servo's pulse width, the rudder angle, and the direction of the resulting force.
 
 [1] is Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006.
 """
@@ -19,7 +19,7 @@ _ANGLES = 35 * DEG * np.sin(_HORN * np.linspace(-1.0, 1.0, 21)) / np.sin(_HORN)
 
 @record
 class RudderGeometry:
-    """Angle of the rudder against angle of the force.
+    """Relation between rudder angle and force angle.
 
         theta = -ratio psi + offset        [1, eq. 4.3]
         FX = f cos psi    FY = -f sin psi  [1, chapter 4]
@@ -34,17 +34,17 @@ class RudderGeometry:
     )
 
     def rudder_angle(self, force_angle: Any) -> Any:
-        """Rudder angle theta (rad) that turns the force by psi (rad)."""
+        """Return the rudder angle theta (rad) that turns the force by psi (rad)."""
         return self.offset - self.ratio * force_angle
 
     def force_angle(self, rudder_angle: Any) -> Any:
-        """Force angle psi (rad) of a rudder at theta (rad)."""
+        """Return the force angle psi (rad) of a rudder at theta (rad)."""
         return (self.offset - rudder_angle) / self.ratio
 
 
 @record
 class RudderServo:
-    """Pulse width to rudder angle by a measured table of 21 points, linear in between, and back.
+    """Servo: pulse width to rudder angle by a measured table of 21 points, linear in between, and back.
 
     Beyond the table's ends both directions continue its last segment, so that they stay inverse to each other; the
     stops are applied separately, by `limit_angle`.
@@ -64,7 +64,7 @@ class RudderServo:
     angle_max: Scalar = quantity("rad", "Stop on the other side; reconstructed.", default=30 * DEG)
 
     def check(self) -> None:
-        """Refuse a table that cannot be inverted, and stops that it does not reach."""
+        """Raise InputError for a table that cannot be inverted, and for stops beyond the table."""
         angles = np.asarray(self.angles)
         if not (np.diff(angles) > 0).all():
             k = int(np.argmin(np.diff(angles)))
@@ -77,24 +77,24 @@ class RudderServo:
             raise InputError("angle_min, angle_max", problem, fix="move the stops or measure a wider table")
 
     def angle(self, pulse: Any) -> Any:
-        """Rudder angle (rad) at a pulse width (s); scalars, vmap for more."""
+        """Return the rudder angle (rad) at a pulse width (s); scalars, vmap for more."""
         position = (pulse - self.pulse_start) / self.pulse_step
         index = jnp.clip(jnp.floor(position), 0, len(self.angles) - 2)
         a, b = _pair(self.angles, index)
         return a + (position - index) * (b - a)
 
     def pulse(self, angle: Any) -> Any:
-        """Pulse width (s) at a rudder angle (rad), the inverse of `angle`; scalars, vmap for more."""
+        """Return the pulse width (s) at a rudder angle (rad), the inverse of `angle`; scalars, vmap for more."""
         index = jnp.sum(angle >= jnp.asarray(self.angles)[1:-1])
         a, b = _pair(self.angles, index)
         return self.pulse_start + self.pulse_step * (index + (angle - a) / (b - a))
 
     def limit_angle(self, angle: Any) -> Any:
-        """The angle (rad) kept between the stops."""
+        """Return the angle (rad) limited to the stops."""
         return jnp.clip(angle, self.angle_min, self.angle_max)
 
     def is_at_stop(self, angle: Any) -> Any:
-        """Whether a rudder at this angle (rad) stands at a stop, to 1e-6 rad."""
+        """Return True if a rudder at this angle (rad) is at a stop, to 1e-6 rad."""
         return (angle <= self.angle_min + 1e-6) | (angle >= self.angle_max - 1e-6)
 
 

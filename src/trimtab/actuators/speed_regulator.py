@@ -14,47 +14,50 @@ from trimtab.core.time import ms, to_seconds
 
 @record
 class SpeedRegulatorInput:
-    """What the regulator has at one tick. Frames: positive pushes the vehicle forward. Source: docs page."""
+    """Input of the regulator at one tick. Frames: positive pushes the vehicle forward. Source: docs page."""
 
-    wanted_rpm: Scalar = quantity("rpm", "Speed asked for, negative in reverse.")
-    count: Scalar = quantity("1", "The encoder's counter, of which the low 16 bits are read.", kind="count")
+    wanted_rpm: Scalar = quantity("rpm", "Wanted speed, negative in reverse.")
+    count: Scalar = quantity("1", "Counter of the encoder; the low 16 bits are read.", kind="count")
 
 
 @record
 class SpeedRegulatorState:
-    """What the regulator remembers. Frames: as its input. Source: docs page, Speed regulator."""
+    """State of the regulator. Frames: as its input. Source: docs page, Speed regulator."""
 
-    count: Scalar = quantity("1", "The counter one tick ago.", kind="count", default=np.int32(0))
-    integral: Scalar = quantity("1", "The integral's share of the duty.", default=np.float64(0.0))
+    count: Scalar = quantity("1", "Counter one tick ago.", kind="count", default=np.int32(0))
+    integral: Scalar = quantity("1", "Integral part of the duty.", default=np.float64(0.0))
     still: Scalar = quantity(
-        "1", "Ticks in a row on which the fan was driven and did not turn that way.", kind="count", default=np.int32(0)
+        "1",
+        "Consecutive ticks on which the fan was driven but did not turn in this direction.",
+        kind="count",
+        default=np.int32(0),
     )
     fault: Scalar = quantity(
-        "1", "The encoder is not believed: no duty until a stop is asked for.", kind="flag", default=np.bool_(False)
+        "1", "True if the encoder is faulty: no duty until a stop is requested.", kind="flag", default=np.bool_(False)
     )
-    started: Scalar = quantity("1", "The counter has been read before.", kind="flag", default=np.bool_(False))
+    started: Scalar = quantity("1", "True once the counter has been read.", kind="flag", default=np.bool_(False))
 
 
 @record
 class SpeedRegulatorOutput:
-    """What the regulator does. Frames: as its input. Source: docs page, Speed regulator."""
+    """Output of the regulator. Frames: as its input. Source: docs page, Speed regulator."""
 
-    duty: Scalar = quantity("1", "Of the motor, -1 to 1, negative in reverse.")
-    speed_rpm: Scalar = quantity("rpm", "Measured over the last tick.")
-    saturated: Scalar = quantity("1", "The duty is at its limit.", kind="flag")
-    fault: Scalar = quantity("1", "The encoder is not believed.", kind="flag")
+    duty: Scalar = quantity("1", "Duty of the motor, -1 to 1, negative in reverse.")
+    speed_rpm: Scalar = quantity("rpm", "Speed measured over the last tick.")
+    saturated: Scalar = quantity("1", "True if the duty is at its limit.", kind="flag")
+    fault: Scalar = quantity("1", "True if the encoder is faulty.", kind="flag")
 
 
 @record
 class SpeedRegulator:
-    """PI on the speed of the fan, whose integral stands still while it would push the duty further past its limit.
+    """PI regulator of the fan's speed, with an integral that is held while the duty is at its limit.
 
         n = rpm_per_count (count − count before)      e = wanted − n
         duty = clip(kp e + I, from 0 to the limit, on the side of the wanted speed);   I ← I + ki e dt
 
-    A wanted speed of 0 lets the fan run out: duty 0 and an empty integral. A change of direction empties it too. Where
-    the fan is driven and the counter stands still, or runs the other way, for `stall`, the duty goes to 0 until a stop
-    is asked for: a broken encoder must not end in full thrust.
+    A wanted speed of 0 lets the fan coast: the duty and the integral are 0. A change of direction also resets the
+    integral. If the fan is driven but the counter stands still, or runs backwards, for `stall`, the duty goes to 0
+    until a stop is requested: a broken encoder must not lead to full thrust.
 
     Frames:  positive pushes the vehicle forward.
     Valid:   |speed| below 32 768 counts a tick.    Not modelled: the speed controller's brake.
@@ -64,19 +67,21 @@ class SpeedRegulator:
     kp: Scalar = quantity("1/krpm", "Proportional gain, duty per speed.", default=0.08, low=0)
     ki: Scalar = quantity("1/(krpm s)", "Integral gain.", default=0.6, low=0)
     rpm_per_count: Scalar = quantity("rpm", "Speed at one count in one tick: 400 counts a turn.", default=15.0, above=0)
-    limit: Scalar = quantity("1", "Greatest duty.", default=1.0, above=0, high=1)
-    stall: Scalar = quantity("s", "Driven for so long without turning means a broken encoder.", default=0.5, above=0)
-    stall_duty: Scalar = quantity("1", "Duty from which on the fan counts as driven.", default=0.1, above=0)
+    limit: Scalar = quantity("1", "Maximum duty.", default=1.0, above=0, high=1)
+    stall: Scalar = quantity(
+        "s", "Time driven without turning after which the encoder counts as broken.", default=0.5, above=0
+    )
+    stall_duty: Scalar = quantity("1", "Duty above which the fan counts as driven.", default=0.1, above=0)
     period: int = period("Tick.", default=ms(10))
 
     def init(self) -> SpeedRegulatorState:
-        """At rest."""
+        """Return the first state, at rest."""
         return SpeedRegulatorState()
 
     def step(
         self, t: Any, state: SpeedRegulatorState, input: SpeedRegulatorInput
     ) -> tuple[SpeedRegulatorState, SpeedRegulatorOutput]:
-        """The duty from integer time t on; to be called once a period."""
+        """Return the state and the duty from integer time t on; to be called once a period."""
         dt = to_seconds(self.period)
         counts = (input.count - state.count + 32768) % 65536 - 32768
         speed = jnp.where(state.started, counts * self.rpm_per_count, 0.0)

@@ -1,4 +1,4 @@
-"""Fan: thrust from speed and rudder, and back, in closed form.
+"""Fan: thrust from speed and rudder angle, and the inverse, in closed form.
 
 [1] is Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006.
 """
@@ -14,20 +14,20 @@ from trimtab.core.record import Scalar, quantity, record
 from trimtab.core.rotation import DEG
 
 NEWTON_STEPS = 5
-"""Steps that solve the reverse map to rounding from the start used here; held by a test."""
+"""Number of Newton steps that solve the reverse map to rounding from the start used here; checked by a test."""
 
 
 @record
 class Thruster:
-    """Thrust of a reversible fan behind which a rudder stands.
+    """Thrust of a reversible fan with a rudder behind it.
 
         F(n, theta) = c n |n| ratio(n) eta(theta),  n in krpm, signed      [1, chapter 4]
         ratio = 1 forward;  y(|n|) = y3 n^3 + y2 n^2 + y1 n + y0 in reverse    [1, eq. 4.4]
         eta = cos(theta - offset)
 
-    The ratio is held outside the speeds it was measured at (6 to 12 krpm): the cubic is negative below 4.17 krpm and
-    exceeds 1 far above. eta is held beyond `deflection_max`. Both continue the map to any demand, invertibly, for runs
-    without saturation.
+    The ratio is constant outside the measured speeds (6 to 12 krpm), as the cubic is negative below 4.17 krpm and
+    exceeds 1 far above. eta is constant beyond `deflection_max`. This extends the map to any demand, invertibly, for
+    runs without saturation.
 
     Valid:   at rest.    Not modelled: inflow, battery sag, motor (see `time_constant`).
     Source:  [1] chapter 4, eq. 4.4; c and eta are reconstructed (quadratic law, 3000 rpm just registering on a gauge
@@ -42,21 +42,26 @@ class Thruster:
         shape=(4,),
         source="[1] eq. 4.4",
     )
-    reverse_low_rpm: Scalar = quantity("rpm", "Slowest speed at which the ratio was measured.", default=6000.0, above=0)
-    speed_max_rpm: Scalar = quantity("rpm", "Fastest speed under load.", default=12000.0, above=0, source="[1] ch. 4")
+    reverse_low_rpm: Scalar = quantity("rpm", "Lowest speed at which the ratio was measured.", default=6000.0, above=0)
+    speed_max_rpm: Scalar = quantity("rpm", "Highest speed under load.", default=12000.0, above=0, source="[1] ch. 4")
     offset: Scalar = quantity("rad", "Rudder angle of full thrust.", default=0.566 * DEG, source="[1] eq. 4.3")
     deflection_max: Scalar = quantity(
-        "rad", "Deflection beyond which eta is held.", default=40 * DEG, above=0, high=80 * DEG, source="[1] fig. 4.2"
+        "rad",
+        "Deflection beyond which eta is constant.",
+        default=40 * DEG,
+        above=0,
+        high=80 * DEG,
+        source="[1] fig. 4.2",
     )
     time_constant: Scalar = quantity(
         "s", "Lag of the speed behind its command; 0: none, as in the source's model.", default=0.0, low=0
     )
 
     def check(self) -> None:
-        """Refuse a reverse map that is not positive and rising, for it has no inverse."""
+        """Raise InputError for a reverse map that is not positive and rising, which has no inverse."""
         low, high = float(self.reverse_low_rpm), float(self.speed_max_rpm)
         if not low < high:
-            problem = f"{low:g} rpm is not below speed_max_rpm, {high:g} rpm"
+            problem = f"{low:g} rpm must be below speed_max_rpm, {high:g} rpm"
             raise InputError("reverse_low_rpm", problem, fix="measure the ratio over a range of speeds")
         n = np.linspace(low, high, 200) / 1000
         thrust = n**2 * np.polyval(np.asarray(self.reverse_ratio), n)
@@ -65,31 +70,31 @@ class Thruster:
             raise InputError("reverse_ratio", problem, fix="fit it to speeds at which reverse thrust is measurable")
 
     def eta(self, rudder_angle: Any) -> Any:
-        """Share of the thrust left with the rudder at theta (rad)."""
+        """Return the share of the thrust that remains with the rudder at theta (rad)."""
         xp = _namespace(self, rudder_angle)
         return xp.cos(xp.clip(rudder_angle - self.offset, -self.deflection_max, self.deflection_max))
 
     def ratio(self, speed_rpm: Any) -> Any:
-        """Reverse over forward thrust y at a speed (rpm, unsigned)."""
+        """Return reverse over forward thrust, y, at a speed (rpm, unsigned)."""
         xp = _namespace(self, speed_rpm)
         return self._cubic(xp.clip(speed_rpm, self.reverse_low_rpm, self.speed_max_rpm) * 1e-3)
 
     def force(self, speed_rpm: Any, rudder_angle: Any) -> Any:
-        """Signed thrust (N) at a signed speed (rpm) with the rudder at theta (rad)."""
+        """Return the signed thrust (N) at a signed speed (rpm) with the rudder at theta (rad)."""
         xp = _namespace(self, speed_rpm, rudder_angle)
         n = speed_rpm * 1e-3
         ratio = xp.where(n < 0, self.ratio(abs(speed_rpm)), 1.0)
         return self.coefficient * n * abs(n) * ratio * self.eta(rudder_angle)
 
     def speed_rpm(self, force: Any, rudder_angle: Any) -> Any:
-        """Signed speed (rpm) that gives a signed thrust (N) with the rudder at theta (rad): the inverse of `force`."""
+        """Return the signed speed (rpm) for a signed thrust (N) and rudder angle (rad): the inverse of `force`."""
         xp = _namespace(self, force, rudder_angle)
         q = abs(force) / (self.coefficient * self.eta(rudder_angle))
         root = xp.where(q > 0, xp.sqrt(xp.where(q > 0, q, 1.0)), 0.0)
         return 1e3 * xp.where(force < 0, -self._reverse_speed(xp, q, root), root)
 
     def follow_speed(self, speed_rpm: Any, wanted_rpm: Any, dt: Any) -> Any:
-        """Speed (rpm) a time dt (s) later under the first-order lag; the wanted speed itself where there is no lag."""
+        """Return the speed (rpm) a time dt (s) later under the first-order lag; without lag, the wanted speed."""
         share = -jnp.expm1(-dt / jnp.maximum(self.time_constant, 1e-9))
         return speed_rpm + share * (wanted_rpm - speed_rpm)
 
@@ -98,7 +103,7 @@ class Thruster:
         return ((y[0] * n + y[1]) * n + y[2]) * n + y[3]
 
     def _reverse_speed(self, xp: Any, q: Any, root: Any) -> Any:
-        """n (krpm) with n^2 ratio(n) = q: square roots where the ratio is held, else Newton from a chord in sqrt(q)."""
+        """Return n (krpm) with n^2 ratio(n) = q: square roots where the ratio is constant, else Newton from a chord."""
         y = self.reverse_ratio
         low, high = self.reverse_low_rpm * 1e-3, self.speed_max_rpm * 1e-3
         root_low, root_high = low * xp.sqrt(self._cubic(low)), high * xp.sqrt(self._cubic(high))
@@ -112,5 +117,5 @@ class Thruster:
 
 
 def _namespace(*values: Any) -> Any:
-    """JAX's numpy where anything is a JAX array, else numpy: tables are built without starting JAX."""
+    """Return JAX's numpy if any value is a JAX array, else numpy, so that tables are built without starting JAX."""
     return jnp if any(isinstance(leaf, jax.Array) for leaf in jax.tree.leaves(values)) else np

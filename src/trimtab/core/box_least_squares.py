@@ -26,7 +26,7 @@ class BoxSolution(NamedTuple):
 
 
 def solve_box_least_squares(H: Any, g: Any, low: Any, high: Any, start: Any, *, steps: int) -> BoxSolution:
-    """The least x.H x/2 + g.x between bounds, where `steps` of the active set are enough: `solved` says whether.
+    """Return the least x.H x/2 + g.x between bounds, where `steps` of the active set are enough: `solved` says whether.
 
     Each step goes to the least for those that are between their bounds. A bound in the way is held; one that is held
     and pulls inward is let go, the strongest first [1, algorithm 1]. Twice as many steps as unknowns are nearly always

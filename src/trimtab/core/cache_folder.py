@@ -6,7 +6,7 @@ from pathlib import Path
 
 
 def cache_folder(name: str) -> Path:
-    """The folder `name` of the cache, made if need be: absolute, this user's own, writable by nobody else.
+    """Return the folder `name` of the cache, made if need be: absolute, this user's own, writable by nobody else.
 
     The cache is $TRIMTAB_CACHE, else trimtab where this system keeps caches: on Linux below $XDG_CACHE_HOME or
     ~/.cache, on macOS below ~/Library/Caches. That the file system is full or read-only shows only when something is
@@ -37,5 +37,5 @@ def package_stamp() -> str:
 
 
 def is_owned_by_user(about: os.stat_result) -> bool:
-    """Whether a file or folder belongs to this user and nobody else can write to it."""
+    """Return True if a file or folder belongs to this user and nobody else can write to it."""
     return not hasattr(os, "getuid") or (about.st_uid == os.getuid() and not about.st_mode & 0o022)

@@ -24,7 +24,7 @@ class DiscreteModel(NamedTuple):
 
 
 def matrix_exponential(A: Any) -> Any:
-    """expm(A) (n, n), for a largest row sum of |A| below 32. Scaling, Taylor, squaring."""
+    """Return expm(A) (n, n), for a largest row sum of |A| below 32. Scaling, Taylor, squaring."""
     n = A.shape[0]
     X, one = A / 2.0**SQUARINGS, jnp.eye(n)
 

@@ -52,7 +52,7 @@ Spelling = Callable[[str, Any, str | None], str]
 
 
 def argument(name: str, value: Any, path: str | None = None) -> str:
-    """An argument as the reader types it, for a fix.
+    """Return an argument as the reader types it, for a fix.
 
     >>> argument("runs", 1000), argument("settings", "20 ms", "autopilot.period")
     ('runs=1000', 'settings={"autopilot.period": "20 ms"}')
@@ -66,7 +66,7 @@ def argument(name: str, value: Any, path: str | None = None) -> str:
 
 
 def argument_name(name: str, of: str | None = None) -> str:
-    """The argument itself, for the part that refuses. of: which of several, by its path or its text."""
+    """Return the argument itself, for the part that refuses. of: which of several, by its path or its text."""
     return _SPELLING.get()(name, None, of)
 
 
@@ -81,7 +81,7 @@ def spell_with(spelling: Callable[[Spelling, str, Any, str | None], str]) -> Ite
 
 
 def spell_python(name: str, value: Any, path: str | None) -> str:
-    """An argument as in Python."""
+    """Return an argument as in Python."""
     if value is None:
         return name if path is None else f"{name} {path}"
     values = [_quote(v) for v in value] if isinstance(value, list) else _quote(value)
@@ -130,7 +130,7 @@ def unknown_setting(name: str, path: str, known: Iterable[str]) -> InputError:
 
 
 def closest(name: str, choices: Iterable[str], n: int = 3) -> list[str]:
-    """Up to n choices that look like name, best first; empty when none does."""
+    """Return up to n choices that look like name, best first; empty when none does."""
     import difflib  # only after a mistake
 
     names = list(choices)

@@ -86,7 +86,7 @@ class Temporal(NamedTuple):
 
 
 def parse_formula(text: str) -> Any:
-    """The tree of a formula.
+    """Return the tree of a formula.
 
     Raises:
         InputError: what is no formula, with the column, and what to type.
@@ -98,12 +98,12 @@ def parse_formula(text: str) -> Any:
 
 
 def is_temporal(text: str) -> bool:
-    """Whether a text has a word that only formulas have."""
+    """Return True if a text has a word that only formulas have."""
     return re.search(rf"(?<![\w.:])({'|'.join(TEMPORAL)})(?![\w.:])", text) is not None
 
 
 def refuse_column(text: str, column: int, problem: str, *, choices: Any = (), fix: str = "") -> NoReturn:
-    """Refuse a formula at a column."""
+    """Raise InputError for a formula at a column."""
     raise InputError(f"formula {text!r}", f"at column {column}: {problem}", choices=choices, fix=fix or EXAMPLE)
 
 
@@ -140,7 +140,7 @@ class _Reader:
         return token
 
     def take(self, *texts: str) -> Token | None:
-        """The next token, if it is one of these."""
+        """Return the next token, if it is one of these."""
         return self.advance() if self.next.text in texts and self.next.kind != "number" else None
 
     def expect(self, text: str, after: str) -> Token:
@@ -148,31 +148,31 @@ class _Reader:
         if found is None:
             said = repr(self.next.text) if self.next.text else "the end"
             fix = f"write {text!r} there; e.g. {EXAMPLE}"
-            refuse_column(self.text, self.next.column, f"wanted is {text!r} {after}, there is {said}", fix=fix)
+            refuse_column(self.text, self.next.column, f"expected {text!r} {after}, got {said}", fix=fix)
         return found
 
     def refuse_rest(self) -> None:
         token = self.next
         if token.text in RELATIONS:
-            problem = f"{token.text!r} compares a second time"
+            problem = f"{token.text!r} is a second comparison"
             refuse_column(self.text, token.column, problem, fix="write 0 m < x and x < 3 m")
         if token.kind != "end":
-            problem = f"{token.text!r} does not go on what is before it"
+            problem = f"{token.text!r} does not continue the formula before it"
             near = closest(token.text, WORDS, 1)
             fix = f"write {near[0]!r}" if near else "join formulas with and, or, implies, until; e.g. F and G"
             refuse_column(self.text, token.column, problem, fix=fix)
 
     def check_formula(self, tree: Any) -> Any:
-        """The tree, which has to be a formula and not a number."""
+        """Return the tree, which has to be a formula and not a number."""
         if not isinstance(tree, Predicate | Connective | Temporal):
-            problem = "this is a number, and a formula compares it"
+            problem = "this is a number, but a formula needs a comparison"
             refuse_column(self.text, tree.column, problem, choices=RELATIONS, fix=f"write e.g. {EXAMPLE}")
         return tree
 
     def check_number(self, tree: Any) -> Any:
-        """The tree, which has to be a number and not a formula."""
+        """Return the tree, which has to be a number and not a formula."""
         if isinstance(tree, Predicate | Connective | Temporal):
-            problem = "this is a formula, where a number is wanted"
+            problem = "this is a formula, but a number is needed"
             refuse_column(self.text, tree.column, problem, fix="write x > 0 and y > 0 for both, x + y for a sum")
         return tree
 
@@ -200,7 +200,7 @@ class _Reader:
         both = self.check_formula(left), self.check_formula(self.read_prefix())
         if self.next.text in ("until", "since"):
             fix = "write (F until G) until H"
-            refuse_column(self.text, self.next.column, "which of the two binds first is not said", fix=fix)
+            refuse_column(self.text, self.next.column, "the order of two until needs brackets", fix=fix)
         return Temporal(token.text, low, high, both, token.column)
 
     def read_prefix(self) -> Any:
@@ -238,7 +238,7 @@ class _Reader:
         if (token := self.take("abs")) is not None:
             self.expect("(", "after abs")
             inside = self.check_number(self.read_implication())
-            self.expect(")", "after what abs is of")
+            self.expect(")", "after the argument of abs")
             return Arithmetic("abs", (inside,), token.column)
         if self.take("(") is not None:
             inside = self.read_implication()
@@ -249,7 +249,7 @@ class _Reader:
         return self.read_signal()
 
     def read_literal(self) -> Literal:
-        """A number, and the unit that stands right after it."""
+        """Return a number, and the unit that stands right after it."""
         number = self.next
         unit = self._read_unit()
         self.next = self._scan()
@@ -271,29 +271,29 @@ class _Reader:
         if near:
             word = next((name for name in near if name in WORDS), None)
             fix = f"write {word!r}" if word else f"write 3 {near[0]}"
-        refuse_column(self.text, match.start(1) + 1, f"there is no unit {written!r}", choices=near, fix=fix)
+        refuse_column(self.text, match.start(1) + 1, f"unknown unit {written!r}", choices=near, fix=fix)
 
     def read_signal(self) -> SignalPath:
         token = self.next
         if token.kind != "name" or token.text in WORDS:
             said = repr(token.text) if token.text else "the end"
-            refuse_column(self.text, token.column, f"wanted is a signal, a number or '(', there is {said}")
+            refuse_column(self.text, token.column, f"expected a signal, a number or '(', got {said}")
         self.advance()
         if self.next.text == "(":
             near = closest(token.text, WORDS, 1)
             fix = f"write {near[0]}(…)" if near else ""
-            refuse_column(self.text, token.column, f"there is no function {token.text!r}", choices=WORDS, fix=fix)
+            refuse_column(self.text, token.column, f"unknown function {token.text!r}", choices=WORDS, fix=fix)
         if self.take("[") is None:
             return SignalPath(token.text, None, token.column)
         index = self.advance()
         if index.kind != "number" or not index.text.isdecimal():
             fix = f"write {token.text}[0]; an interval stands after always, eventually, until, …"
-            refuse_column(self.text, index.column, f"{index.text!r} is no number of a component", fix=fix)
+            refuse_column(self.text, index.column, f"{index.text!r} is not the number of a component", fix=fix)
         self.expect("]", "after the component's number")
         return SignalPath(token.text, int(index.text), token.column)
 
     def read_interval(self) -> tuple[int, int | None]:
-        """The times of [a, b]; from 0 on without an end where there is none."""
+        """Return the times of [a, b]; from 0 on without an end where there is none."""
         opening = self.take("[")
         if opening is None:
             return 0, None
@@ -302,28 +302,28 @@ class _Reader:
         high = None if self.take("inf") else self._read_time()
         self.expect("]", "after an interval")
         if high is not None and high < low:
-            refuse_column(self.text, opening.column, "the interval ends before it begins", fix="exchange its ends")
+            refuse_column(self.text, opening.column, "the interval must begin before it ends", fix="exchange its ends")
         return low, high
 
     def _read_time(self) -> int:
         if self.next.kind != "number":
             fix = "write e.g. [5 s, 15 s], [0, 200 ms], or [5 s, inf] for no end"
-            refuse_column(self.text, self.next.column, f"{self.next.text!r} is no time from 0 on", fix=fix)
+            refuse_column(self.text, self.next.column, f"{self.next.text!r} is not a time, at least 0", fix=fix)
         token = self.next
         literal = self.read_literal()
         size = find_sizes(literal.unit).get("s") if literal.unit else 1.0
         if size is None:
-            problem = f"{literal.unit!r} is no unit of time"
+            problem = f"{literal.unit!r} is not a unit of time"
             refuse_column(self.text, token.column, problem, choices=UNITS["s"], fix="write e.g. [5 s, 15 s]")
         ticks = Decimal(token.text) * Decimal(str(size)) * UNITS_PER_SECOND
         if ticks != ticks.to_integral_value() or not math.isfinite(ticks):
-            problem = "the time is no whole number of 100 ns"
+            problem = "the time must be a whole number of 100 ns"
             refuse_column(self.text, token.column, problem, fix="round it to 100 ns, e.g. 6.5536 ms")
         return int(ticks)
 
 
 def _compute(operator: Token, one: Any, other: Any) -> Any:
-    """The tree of an operator between two numbers; of two bare ones the number itself."""
+    """Return the tree of an operator between two numbers; of two bare ones the number itself."""
     bare = isinstance(one, Literal) and isinstance(other, Literal) and not (one.unit or other.unit)
     if not bare or (operator.text == "/" and other.value == 0):
         return Arithmetic(operator.text, (one, other), operator.column)

@@ -40,7 +40,7 @@ class Formula(NamedTuple):
 
 
 def parse_dimension(unit: str) -> Dimension:
-    """Symbols and powers of a declared unit; one of an unusual form is a symbol itself."""
+    """Return symbols and powers of a declared unit; one of an unusual form is a symbol itself."""
     powers: dict[str, int] = {}
     for k, part in enumerate(unit.split("/")):
         for factor in part.split():
@@ -93,7 +93,7 @@ class _Fitting:
         self.paths: list[str] = []
 
     def fit(self, tree: Any) -> tuple[Any, set[Dimension]]:
-        """A formula with its numbers in SI, and the units of its comparisons."""
+        """Return a formula with its numbers in SI, and the units of its comparisons."""
         if isinstance(tree, Predicate):
             count = len(self.paths)
             left, right, dimension = self.fit_pair(tree.left, tree.right, tree.column, f"compared by {tree.relation}")
@@ -122,7 +122,7 @@ class _Fitting:
         return left, right, dimensions[0]
 
     def fit_literal(self, literal: Literal, wanted: Dimension) -> tuple[Literal, Dimension]:
-        """A number that meets one of a unit: in that unit, where it can be; a bare one is in it."""
+        """Return a number that meets one of a unit: in that unit, where it can be; a bare one is in it."""
         if not literal.unit:
             return literal, wanted
         sizes = {parse_dimension(kept): size for kept, size in find_sizes(literal.unit).items()}
@@ -130,7 +130,7 @@ class _Fitting:
         return literal._replace(value=literal.value * sizes[kept], unit=""), _plain(kept)
 
     def fit_number(self, tree: Any) -> tuple[Any, Dimension]:
-        """A number in SI, and its unit."""
+        """Return a number in SI, and its unit."""
         if isinstance(tree, Literal):
             return self.fit_literal(tree, ())
         if isinstance(tree, SignalPath):
@@ -168,7 +168,7 @@ class _Fitting:
 
 
 def _plain(dimension: Dimension) -> Dimension:
-    """The same, where flags and counts are plain numbers."""
+    """Return the same, where flags and counts are plain numbers."""
     return tuple((symbol, power) for symbol, power in dimension if symbol not in ("flag", "count"))
 
 

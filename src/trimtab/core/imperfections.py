@@ -25,7 +25,7 @@ def imperfections(tree: Any, path: str = "") -> dict[str, list[str]]:
 
 
 def without(tree: T, name: str) -> T:
-    """A copy of a tree of records with an imperfection switched off, wherever it is declared in it.
+    """Return a copy of a tree of records with an imperfection switched off, wherever it is declared in it.
 
     Raises: InputError where it is declared nowhere.
     """
@@ -37,7 +37,7 @@ def without(tree: T, name: str) -> T:
 
 
 def without_any(tree: T) -> T:
-    """A copy of a tree of records with every imperfection in it switched off."""
+    """Return a copy of a tree of records with every imperfection in it switched off."""
     for name in imperfections(tree):
         tree = without(tree, name)
     return tree

@@ -56,7 +56,7 @@ def rk4_with_error(f: Derivative, t: Any, x: Any, h: Any) -> tuple[Any, Any]:
 
 
 def rk4_with_doubling(f: Derivative, t: Any, x: Any, h: Any) -> tuple[Any, Any]:
-    """The same step, to the bit, and how far it is off by two steps of half the length: 16/15 of the difference.
+    """Return the same step, to the bit, and how far it is off by two steps of half the length: 16/15 of the difference.
 
     Asymptotically the error itself, of order five; an embedded formula's is one order larger. Source: [1] section II.4.
     """

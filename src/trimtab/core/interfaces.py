@@ -1,4 +1,4 @@
-"""The interfaces, and the only place where one is defined. Fitting one is all it takes: no base class, no registration.
+"""Interfaces of all parts. A part only has to fit its interface: no base class, no registration.
 
 Every part is a record; its fields are its parameters. Times `t` of blocks are integers of 100 ns, and steps are pure:
 state comes in and goes out. Inside a step nothing raises.
@@ -40,31 +40,31 @@ OPTIONAL_MEMBERS: Mapping[str, Any] = MappingProxyType(
         "input_limits": lambda: {},
     }
 )
-"""What a part may have besides its interface, and what stands for it in one that hasn't.
+"""Optional members of a part, with their defaults.
 
-- any part: `check()` refuses its values with an InputError; `check_duration(seconds)` a run of that length.
-- ActuatorStage: `check_period(period)` refuses to act so often (100 ns).
-- Sensor: `FEELS`, a class variable: what step() is given. "motion"; "input", what acts on the vehicle since the last
-  command; "state", the vehicle's own, which no real sensor has but an ideal twin may.
+- any part: `check()` raises InputError for wrong values; `check_duration(seconds)` for a run of that length.
+- ActuatorStage: `check_period(period)` raises InputError for a period (100 ns) that doesn't fit.
+- Sensor: `FEELS`, a class variable: the input of step(). "motion"; "input", the vehicle's input since the last
+command; "state", the vehicle's own, which no real sensor has but an ideal twin may.
 - Sensor: `LATE`, a class variable: samples come out after the time at which they were measured.
-- Sensor: `OBSERVES`, a class variable: an instrument beside the vehicle, which no autopilot hears and an ideal twin
+- Sensor: `OBSERVES`, a class variable: an instrument beside the vehicle, which no autopilot reads and an ideal twin
   keeps.
-- Estimator: `ANY_ORDER`, a class variable: it fuses each sample at its own time, so that late ones are given to it.
-- Vehicle: `MAV_TYPE`, a class variable: what it is to a ground station, MAVLink's name without its prefix.
+  - Estimator: `ANY_ORDER`, a class variable: it fuses each sample at its own time, so it also gets late samples.
+  - Vehicle: `MAV_TYPE`, a class variable: its type for a ground station, MAVLink's name without the prefix.
 - Vehicle: `QUATERNIONS`, a class variable: fields of its state that are attitudes q_WB (4,), whose derivative is
   q_WB (0, w_WB_B)/2; an integration on the rotation group turns them (docs, Integration).
-- Vehicle: `events(t, x)`, some numbers; where one changes its sign a step ends and another begins (docs, Integration).
-- Vehicle: `jump(t, x, crossed)`, the state after such an event; crossed: which of the numbers have changed sign, (k,).
-- Vehicle: `after_step(t, x)`, what the state is put to after each step, e.g. a quaternion of length one.
-- Vehicle: `input_limits()`, field of its input -> (least, greatest) that its own servos and motors take.
-- Vehicle: `in_gust(gust)`, the vehicle in air that has this Gust besides the wind; a world with turbulence needs it.
-- Vehicle: `is_stepped`, whether a host steps it, as a program of others is; the loop around then holds it still.
+- Vehicle: `events(t, x)`, some numbers; a step ends where one of them changes its sign (docs, Integration).
+- Vehicle: `jump(t, x, crossed)`, the state after such an event; crossed: True for numbers that changed sign, (k,).
+- Vehicle: `after_step(t, x)`, the corrected state after each step, e.g. with a quaternion of length one.
+- Vehicle: `input_limits()`, field of its input -> (least, greatest) of its own servos and motors.
+- Vehicle: `in_gust(gust)`, the vehicle in air with this Gust besides the wind; needed in a world with turbulence.
+- Vehicle: `is_stepped`, True if a host steps it, such as an external program; the loop then doesn't integrate it.
 - Channel: `send_period`, time between packets; None: its period.
 - Actuators: `frame`, the period at which they latch a command; None: their period.
-- Actuators: `pulses()`, field of the command -> the ServoPulse that tells it on a board; of others the limits decide.
-- Law: `stick`, name of the sample with the pilot's stick, which it finds in the estimate; "": it has no pilot.
+- Actuators: `pulses()`, field of the command -> its ServoPulse on a board; other fields follow from their limits.
+- Law: `stick`, name of the sample with the pilot's stick, which is added to the estimate; "": no pilot.
 - a gyro's response: `sampling`, the period of samples that it is made for; None: any.
-- Law: `equilibrium()`, the state at which its loop rests; None: not known.
+- Law: `equilibrium()`, the state at which its loop rests; None: unknown.
 - a heading or position measured: `variance`, of its noise, of a position also its covariance (2, 2); 0: not stated.
 - an estimated state: `frequencies`, those of its bending modes (w1, w2, rad/s); (): not estimated.
 
@@ -73,7 +73,7 @@ What can be switched off in a part is declared with `off=` at its fields: `core.
 
 
 def optional_member(part: Any, name: str) -> Any:
-    """A member of OPTIONAL_MEMBERS of a part, or what stands for it."""
+    """Return a member of OPTIONAL_MEMBERS of a part, or its default."""
     return getattr(part, name, OPTIONAL_MEMBERS[name])
 
 
@@ -83,14 +83,14 @@ U = TypeVar("U", contravariant=True)
 
 @runtime_checkable
 class Vehicle(Protocol[X, U]):
-    """The truth. x: state record; u: input record; t: seconds."""
+    """Model of a vehicle. x: state record; u: input record; t: seconds."""
 
     def dynamics(self, t: Any, x: X, u: U) -> X:
-        """The derivative of x, as a record of the same type."""
+        """Return the derivative of x, as a record of the same type."""
         ...
 
     def motion(self, t: Any, x: X, u: U) -> Motion:
-        """All that a sensor can feel; t: integer time."""
+        """Return the motion that sensors feel; t: integer time."""
         ...
 
 
@@ -99,15 +99,15 @@ class AirDisturbance(Protocol):
 
     @property
     def period(self) -> int:
-        """How long a gust is held."""
+        """Return the time between updates of the gust."""
         ...
 
     def init(self, key: Key) -> Any:
-        """First state."""
+        """Return the first state."""
         ...
 
     def step(self, t: Any, state: Any, motion: Motion) -> tuple[Any, Gust]:
-        """The gust from integer time t on."""
+        """Return the state and the gust from integer time t on."""
         ...
 
 
@@ -117,19 +117,19 @@ class Sensor(Protocol):
 
     @property
     def period(self) -> int:
-        """Sampling period."""
+        """Return the sampling period."""
         ...
 
     def init(self, key: Key) -> Any:
-        """First state."""
+        """Return the first state."""
         ...
 
     def measure(self, motion: Motion) -> Any:
-        """The noise-free measurement h(x), a record: step() corrupts it, an estimator differentiates it."""
+        """Return the noise-free measurement h(x), a record: step() adds errors, an estimator differentiates it."""
         ...
 
     def step(self, t: Any, state: Any, motion: Motion) -> tuple[Any, Sample]:
-        """One sample at time t."""
+        """Return the state and one sample at time t."""
         ...
 
 
@@ -139,15 +139,15 @@ class Channel(Protocol):
 
     @property
     def period(self) -> int:
-        """How often the channel looks at its input and its output."""
+        """Return the polling period of the channel's input and output."""
         ...
 
     def init(self, key: Key, like: Sample) -> Any:
-        """First state, for samples of this structure."""
+        """Return the first state, for samples of this structure."""
         ...
 
     def step(self, t: Any, state: Any, sample: Sample) -> tuple[Any, Sample]:
-        """What the receiving end holds at time t."""
+        """Return the state and the sample at the receiving end at time t."""
         ...
 
 
@@ -157,15 +157,15 @@ class Estimator(Protocol):
 
     @property
     def listens(self) -> tuple[str, ...]:
-        """Names of the sensors whose samples it reads."""
+        """Return the names of the sensors whose samples it reads."""
         ...
 
     def init(self, key: Key) -> Any:
-        """First state."""
+        """Return the first state."""
         ...
 
     def step(self, t: Any, state: Any, frame: Frame) -> tuple[Any, Estimate]:
-        """The estimate at time t."""
+        """Return the state and the estimate at time t."""
         ...
 
 
@@ -183,33 +183,33 @@ class InertialForm(Protocol):
 
     @property
     def intake(self) -> Any:
-        """Which samples are read."""
+        """Return the description of the samples to read."""
         ...
 
     @property
     def noise(self) -> Any:
-        """Of the IMU and of what aids it."""
+        """Return the noise of the IMU and of the aiding sensors."""
         ...
 
     @property
     def arms(self) -> Any:
-        """Where the sensors sit."""
+        """Return the lever arms of the sensors."""
         ...
 
     def first(self) -> Any:
-        """The node before the first sample."""
+        """Return the node before the first sample."""
         ...
 
     def propagate(self, node: Any, dt: Any, felt: Any, doubt: Any) -> Any:
-        """The node dt (s) on, where the IMU reads felt (3,); doubt (2,): 1 for gyro, accelerometers not trusted."""
+        """Return the node dt (s) later, with IMU reading felt (3,); doubt (2,): 1: gyro, accelerometers not trusted."""
         ...
 
     def correct_heading(self, node: Any, z: Any, variance: Any) -> Any:
-        """With a heading (rad)."""
+        """Return the node corrected by a heading (rad)."""
         ...
 
     def belief(self, node: Any) -> Any:
-        """A Belief about the IMU's point."""
+        """Return a Belief about the IMU's point."""
         ...
 
 
@@ -218,23 +218,23 @@ class Law(Protocol):
     """Estimate in; out comes a record with the field `demand` (the wanted input) and whatever is worth logging."""
 
     reads: ClassVar[tuple[str, ...]]
-    """Names of the fields of the estimated state that the law needs."""
+    """Fields of the estimated state that the law needs."""
 
     def init(self, key: Key) -> Any:
-        """First state."""
+        """Return the first state."""
         ...
 
     def step(self, t: Any, state: Any, estimate: Estimate) -> tuple[Any, Any]:
-        """The demand at time t; `estimate.dt` (s) is the time between two steps, estimate.state what `reads` names."""
+        """Return the state and the demand at time t. `estimate.dt`: time between steps (s)."""
         ...
 
 
 @runtime_checkable
 class Reference(Protocol):
-    """Where a vehicle in the plane is wanted: a record that a law holds, usually as its field `reference`."""
+    """Wanted motion of a vehicle in the plane: a record that a law holds, usually as its field `reference`."""
 
     def at(self, t: Any) -> ReferencePoint:
-        """What is wanted t (s) after the law began: pure, and of what compiles to C."""
+        """Return the wanted point t (s) after the law's start: a pure function that compiles to C."""
         ...
 
 
@@ -243,30 +243,30 @@ class Allocation(Protocol):
     """Demand in, values for the actuators out."""
 
     def init(self, key: Key) -> Any:
-        """First state."""
+        """Return the first state."""
         ...
 
     def step(self, t: Any, state: Any, demand: Any) -> tuple[Any, Any]:
-        """Actuator commands that come closest to the demand."""
+        """Return the state and the actuator commands closest to the demand."""
         ...
 
 
 class StageOutput(NamedTuple):
-    """What a stage gives. value: of its field.  limited: whether it is at its top speed or at a stop."""
+    """Output of a stage. value: of its field.  limited: True at its top speed or at a stop."""
 
     value: Any
     limited: Any
 
 
 class ActuatorStage(Protocol):
-    """One thing that an actuator does to one field of the input, number by number: a lag, a gap, a delay."""
+    """One effect of an actuator on one field of the input, number by number: a lag, a gap, a delay."""
 
     def init(self, rest: Any) -> Any:
-        """First state, at the neutral value `rest`."""
+        """Return the first state, at the neutral value `rest`."""
         ...
 
     def step(self, state: Any, value: Any, dt: Any) -> tuple[Any, StageOutput]:
-        """State and output a period dt (s) later, what is commanded held."""
+        """Return state and output a period dt (s) later, with the command held."""
         ...
 
 
@@ -276,24 +276,24 @@ class Actuators(Protocol):
 
     @property
     def period(self) -> int:
-        """How often they act."""
+        """Return the time between steps of the actuators."""
         ...
 
     def neutral(self) -> Any:
-        """The output before any command has arrived."""
+        """Return the output before any command has arrived."""
         ...
 
     def init(self, key: Key) -> Any:
-        """First state."""
+        """Return the first state."""
         ...
 
     def step(self, t: Any, state: Any, command: Sample) -> tuple[Any, Any]:
-        """What the actuators do from time t on."""
+        """Return the state and the actuators' output from time t on."""
         ...
 
 
 class LinkStatistics(NamedTuple):
-    """What a transport has carried since it was opened; packets are what one call took or gave."""
+    """Counters of a transport since it was opened; a packet is the data of one call."""
 
     bytes_in: int
     bytes_out: int
@@ -306,50 +306,50 @@ class LinkStatistics(NamedTuple):
 
 
 class Audience(Enum):
-    """Who gets a packet of a link that several may have joined."""
+    """Recipients of a packet on a link with several peers."""
 
     ALL = "all"
     PRIVATE = "private"
     PUBLIC = "public"
-    """Those who were accepted as private, of late; all others. A link with one peer has that one as private."""
+    """Recently accepted peers other than the private ones. The only peer of a link is private."""
 
 
 @runtime_checkable
 class Link(Protocol):
-    """A real transport: bytes in and out, in wall-clock time. Nothing of it raises once it is open."""
+    """A real transport: bytes in and out, in wall-clock time. Its methods don't raise once it is open."""
 
     @property
     def statistics(self) -> LinkStatistics:
-        """What it has carried."""
+        """Return the statistics of the link."""
         ...
 
     def receive(self, timeout: float) -> bytes | None:
-        """The next packet, or piece of a stream; None when `timeout` seconds have passed without one."""
+        """Return the next packet, or piece of a stream, or None after `timeout` seconds without one."""
         ...
 
     def send(self, packet: bytes, audience: Audience = Audience.ALL) -> bool:
-        """Hand a packet over without waiting; False where it had to be dropped."""
+        """Send a packet without waiting. Return False if it had to be dropped."""
         ...
 
     def has_audience(self, audience: Audience) -> bool:
-        """Whether there may be somebody who would get it."""
+        """Return True if there may be a recipient for this audience."""
         ...
 
     def accept_sender(self, *, is_private: bool = False) -> None:
-        """Say that the packet received last came from one who may be answered; only who hears strangers needs it.
+        """Accept the sender of the last received packet as a peer; only needed on links that receive from strangers.
 
-        is_private: and who gets what is sent to PRIVATE.
+        is_private: True if the sender also gets packets for PRIVATE.
         """
         ...
 
     def reply(self, packet: bytes) -> bool:
-        """To the sender of the packet received last and to nobody else, accepted or not; False where it was dropped."""
+        """Send only to the sender of the last received packet, accepted or not. Return False if it was dropped."""
         ...
 
     def fileno(self) -> int:
-        """For select(); -1 while there is no connection."""
+        """Return the descriptor for select(), or -1 without a connection."""
         ...
 
     def close(self) -> None:
-        """Give the transport back."""
+        """Close the transport."""
         ...

@@ -46,7 +46,7 @@ def semidefinite_root(A: Any) -> Any:
 
 
 def solve_lower(L: Any, B: Any) -> Any:
-    """X with L X = B for lower triangular L (n, n) and B (n,) or (n, m), by forward substitution."""
+    """Return X with L X = B for lower triangular L (n, n) and B (n,) or (n, m), by forward substitution."""
     rows: list[Any] = []
     for i in range(L.shape[0]):
         rows.append((B[i] - sum((L[i, k] * rows[k] for k in range(i)), jnp.zeros_like(B[i]))) / L[i, i])
@@ -54,7 +54,7 @@ def solve_lower(L: Any, B: Any) -> Any:
 
 
 def solve_upper(U: Any, B: Any) -> Any:
-    """X with U X = B for upper triangular U (n, n) and B (n,) or (n, m), by back substitution."""
+    """Return X with U X = B for upper triangular U (n, n) and B (n,) or (n, m), by back substitution."""
     n = U.shape[0]
     rows: list[Any] = [None] * n
     for i in reversed(range(n)):
@@ -63,7 +63,7 @@ def solve_upper(U: Any, B: Any) -> Any:
 
 
 def solve_spd(A: Any, B: Any) -> Any:
-    """X with A X = B for symmetric positive definite A (n, n) and B (n,) or (n, m); NaN where A is not.
+    """Return X with A X = B for symmetric positive definite A (n, n) and B (n,) or (n, m); NaN where A is not.
 
     Source: Golub & Van Loan, "Matrix computations", section 4.2.
     """
@@ -88,12 +88,12 @@ def inverse_spd(A: Any) -> Any:
 
 
 def symmetric(A: Any) -> Any:
-    """The symmetric part of a square matrix."""
+    """Return the symmetric part of a square matrix."""
     return (A + A.T) / 2
 
 
 def invert(A: Any) -> Any:
-    """The inverse of a square matrix (n, n), by Gauss–Jordan elimination with the largest pivot of each column.
+    """Return the inverse of a square matrix (n, n), by Gauss–Jordan elimination with the largest pivot of each column.
 
     A singular matrix gives infinities or NaN. Source: Golub & Van Loan, "Matrix computations", sections 3.4 and 3.5.
     """

@@ -34,16 +34,16 @@ class ChangeRows(NamedTuple):
     width: int
 
     def times(self, x: Any) -> Any:
-        """A x (2n,)."""
+        """Return a x (2n,)."""
         return jnp.concatenate([x, x - jnp.concatenate([jnp.zeros(self.width), x[: -self.width]])])
 
     def back(self, y: Any) -> Any:
-        """A.T y (n,)."""
+        """Return A.T y (n,)."""
         here, change = jnp.split(y, 2)
         return here + change - self._later(change)
 
     def gram(self, weights: Any) -> Any:
-        """A.T diag(weights) A (n, n)."""
+        """Return A.T diag(weights) A (n, n)."""
         here, change = jnp.split(weights, 2)
         n, later = len(here), self._later(change)
         below = jnp.eye(n, k=self.width) * later[:, None]
@@ -120,7 +120,7 @@ def first_start(n: int, m: int) -> QuadraticStart:
 def solve_quadratic_program(
     given: QuadraticProgram, start: QuadraticStart, *, rounds: int, iterations: int, tolerance: float = 1e-3
 ) -> QuadraticSolution:
-    """An approximate solution by the alternating direction method of multipliers [1], never an exception.
+    """Return an approximate solution by the alternating direction method of multipliers [1], never an exception.
 
     Args:
         given: the program.

@@ -54,7 +54,7 @@ class Quantity:
     shape: tuple[int, ...] = ()
 
     def dtype(self) -> Any:
-        """The numpy type that the field has in a run."""
+        """Return the numpy type that the field has in a run."""
         return DTYPES[self.kind]
 
 
@@ -190,7 +190,7 @@ def _field(declared: Declaration, default: Any, off: Off = NOTHING_OFF) -> Any:
 
 
 def is_record(value: Any) -> bool:
-    """Whether value is an instance of a record."""
+    """Return True if value is an instance of a record."""
     return _is_record_class(type(value))
 
 
@@ -200,7 +200,7 @@ def _is_record_class(kind: type) -> bool:
 
 
 def declarations(cls: Any) -> Mapping[str, Declaration]:
-    """Field name -> what was declared, for a record or its class."""
+    """Return field name -> what was declared, for a record or its class."""
     return _declarations_of(cls if isinstance(cls, type) else type(cls))
 
 
@@ -224,7 +224,7 @@ def children(value: Any) -> list[tuple[str, Any, Declaration | None]]:
 
 
 def absent_parts(value: Any, path: str = "") -> Iterator[tuple[str, Part]]:
-    """Every optional part below value that is not there, as (dotted path, declaration), in declared order."""
+    """Return every optional part below value that is not there, as (dotted path, declaration), in declared order."""
     for name, child, declared in children(value):
         here = f"{path}.{name}" if path else name
         if child is None and isinstance(declared, Part) and declared.optional is not None:
@@ -234,13 +234,13 @@ def absent_parts(value: Any, path: str = "") -> Iterator[tuple[str, Part]]:
 
 
 def records(value: Any, path: str = "") -> list[tuple[str, Any]]:
-    """Path and record, of a record and of all below it."""
+    """Return path and record, of a record and of all below it."""
     below = [pair for name, child, _ in children(value) for pair in records(child, f"{path}.{name}" if path else name)]
     return [(path, value), *below] if is_record(value) else below
 
 
 def leaves(value: Any, path: str = "") -> Iterator[tuple[str, Any, Quantity | Option]]:
-    """Every quantity and option below value, as (dotted path, value, declaration), in declared order."""
+    """Return every quantity and option below value, as (dotted path, value, declaration), in declared order."""
     for name, child, declared in children(value):
         here = f"{path}.{name}" if path else name
         if isinstance(declared, Quantity | Option):
@@ -250,7 +250,7 @@ def leaves(value: Any, path: str = "") -> Iterator[tuple[str, Any, Quantity | Op
 
 
 def part_classes(tree: Any, path: str = "") -> dict[str, str]:
-    """Path of each record below a tree -> the name of its class."""
+    """Return path of each record below a tree -> the name of its class."""
     classes = {}
     for name, child, _ in children(tree):
         here = f"{path}.{name}" if path else name
@@ -259,14 +259,14 @@ def part_classes(tree: Any, path: str = "") -> dict[str, str]:
 
 
 def plain_setting(value: Any) -> Any:
-    """A quantity or an option as a log's metadata has it."""
+    """Return a quantity or an option as a log's metadata has it."""
     if isinstance(value, str | bool | int) or value is None:
         return value
     return np.asarray(value).tolist()
 
 
 def split_component(path: str) -> tuple[str, int | None]:
-    """A signal's path, and which of its numbers is meant: "truth.velocity[2]" is ("truth.velocity", 2)."""
+    """Return a signal's path, and which of its numbers is meant: "truth.velocity[2]" is ("truth.velocity", 2)."""
     match = re.fullmatch(r"(.+)\[(\d+)\]", path)
     return (match[1], int(match[2])) if match else (path, None)
 
@@ -278,7 +278,7 @@ def split_index(path: str) -> tuple[str, tuple[int, ...] | None]:
 
 
 def has_index(shape: tuple[int, ...], at: tuple[int, ...] | None) -> bool:
-    """Whether an array of this shape has a number there; None is that of one number alone."""
+    """Return True if an array of this shape has a number there; None is that of one number alone."""
     return len(at or ()) == len(shape) and all(i < n for i, n in zip(at or (), shape, strict=True))
 
 

@@ -126,7 +126,7 @@ def _parse_text(owner: str, name: str, text: str, declared: Declaration) -> Any:
 
 
 def _describe_fields(cls: Any) -> str:
-    """A line for each field: name, unit, meaning, and its default."""
+    """Return a line for each field: name, unit, meaning, and its default."""
     lines = []
     for f in dataclasses.fields(cls):
         declared = f.metadata["declared"]
@@ -169,7 +169,7 @@ def _register_pytree(cls: Any) -> None:
 
 
 def replace(r: T, /, **changes: Any) -> T:
-    """A copy of a record with some fields changed.
+    """Return a copy of a record with some fields changed.
 
     >>> from trimtab import build, replace
     >>> replace(build("hovercraft/spin").world.vehicle, mass="3000 g").mass
@@ -180,7 +180,7 @@ def replace(r: T, /, **changes: Any) -> T:
 
 
 def with_leaf(value: Any, path: str, change: Callable[[Any, Quantity | Option], Any]) -> Any:
-    """A copy of a tree of records in which the leaf at a dotted path is change(old value, declaration).
+    """Return a copy of a tree of records in which the leaf at a dotted path is change(old value, declaration).
 
     Raises KeyError with the path where there is no such leaf.
     """
@@ -207,7 +207,7 @@ def with_part_of(value: T, path: str) -> T:
 
 
 def with_child(value: Any, path: str, child: Any) -> Any:
-    """A copy of a tree of records with another child at a dotted path; one of a mapping may be new."""
+    """Return a copy of a tree of records with another child at a dotted path; one of a mapping may be new."""
     head, _, rest = path.partition(".")
     if not rest:
         return _replace_child(value, head, child)

@@ -1,4 +1,4 @@
-"""Where a vehicle in the plane is wanted, for every time: circle, figure eight, and polynomials through places.
+"""References for a vehicle in the plane: circle, figure eight, and polynomials through positions.
 
 A reference fits `core.interfaces.Reference`: `at(t)` gives the wanted place and four derivatives of it. So many, for an
 underactuated vehicle turns its thrust by its heading: the second derivative says where the nose points, the fourth with
@@ -18,26 +18,26 @@ from trimtab.core.errors import InputError
 from trimtab.core.record import Scalar, option, quantity, record
 
 DEGREE = 5
-"""Of the polynomials: place and four derivatives are continuous where two of them meet."""
+"""Degree of the polynomials: position and four derivatives are continuous where two of them meet."""
 REST_FACTOR = 1.875
-"""Most speed over mean speed of a move from rest to rest by a polynomial of degree 5."""
+"""Maximum over mean speed of a move from rest to rest by a polynomial of degree 5."""
 
 
 @record
 class ReferencePoint:
-    """What is wanted at one instant. Frames: W, (north, east). Source: docs page, References."""
+    """Wanted point at one instant. Frames: W, (north, east). Source: docs page, References."""
 
     place: Any = quantity("m", "Place.", frame="W", shape=(2,))
-    velocity: Any = quantity("m/s", "Its derivative.", frame="W", shape=(2,))
-    acceleration: Any = quantity("m/s^2", "Its second derivative.", frame="W", shape=(2,))
-    jerk: Any = quantity("m/s^3", "Its third derivative.", frame="W", shape=(2,))
-    snap: Any = quantity("m/s^4", "Its fourth derivative.", frame="W", shape=(2,))
-    heading: Scalar = quantity("rad", "Heading, where the motion leaves it free.", kind="angle", frame="W")
-    has_heading: Scalar = quantity("1", "Whether a heading is wanted at all.", kind="flag")
+    velocity: Any = quantity("m/s", "Derivative of the position.", frame="W", shape=(2,))
+    acceleration: Any = quantity("m/s^2", "Second derivative of the position.", frame="W", shape=(2,))
+    jerk: Any = quantity("m/s^3", "Third derivative of the position.", frame="W", shape=(2,))
+    snap: Any = quantity("m/s^4", "Fourth derivative of the position.", frame="W", shape=(2,))
+    heading: Scalar = quantity("rad", "Wanted heading, if the motion leaves it free.", kind="angle", frame="W")
+    has_heading: Scalar = quantity("1", "True if a heading is wanted.", kind="flag")
 
 
 def retime(point: ReferencePoint, rates: tuple[Any, Any, Any, Any]) -> ReferencePoint:
-    """A point of a reference whose time is itself a function of time, by the chain rule.
+    """Return a point of a reference whose time is itself a function of time, by the chain rule.
 
     Args:
         point: of the reference, at its own time theta.
@@ -57,7 +57,7 @@ def retime(point: ReferencePoint, rates: tuple[Any, Any, Any, Any]) -> Reference
 
 
 def _ease_in(t: Any, ease: Any) -> tuple[Any, tuple[Any, Any, Any, Any]]:
-    """Own time of a reference that sets out from rest, and its derivatives: its rate rises from 0 to 1 within `ease`.
+    """Return the own time of a reference that starts from rest, and its derivatives: the rate rises to 1 in `ease`.
 
     The rate is the polynomial of degree 7 whose first three derivatives vanish at both ends.
     """
@@ -74,7 +74,7 @@ def _ease_in(t: Any, ease: Any) -> tuple[Any, tuple[Any, Any, Any, Any]]:
 
 
 def _harmonic_point(centre: Any, terms: Any, phase: Any, w: Any) -> ReferencePoint:
-    """A sum of harmonics and its derivatives: terms are (multiple k, vector u), each u sin(k phase), phase' = w."""
+    """Return a sum of harmonics and its derivatives: terms (multiple k, vector u), each u sin(k phase), phase' = w."""
     derivatives = [centre, 0.0, 0.0, 0.0, 0.0]
     for k, shift, u in terms:
         s, c = jnp.sin(k * phase + shift), jnp.cos(k * phase + shift)
@@ -94,12 +94,12 @@ class Circle:
     period: Scalar = quantity("s", "Time of a round.", default=20.0, above=0)
     north: Scalar = quantity("m", "Centre.", frame="W", default=0.0)
     east: Scalar = quantity("m", "Centre.", frame="W", default=0.0)
-    start: Scalar = quantity("rad", "Where on the circle it begins.", kind="angle", default=0.0)
+    start: Scalar = quantity("rad", "Angle on the circle at the start.", kind="angle", default=0.0)
     ease: Scalar = quantity("s", "Time in which it comes to full speed.", default=8.0, low=0)
-    clockwise: bool = option("Whether it goes round clockwise.", default=True, choices=(True, False))
+    clockwise: bool = option("True: clockwise; false: counter-clockwise.", default=True, choices=(True, False))
 
     def at(self, t: Any) -> ReferencePoint:
-        """What is wanted at t (s)."""
+        """Return the wanted point at t (s)."""
         theta, rates = _ease_in(t, self.ease)
         w = 2 * np.pi / self.period * (1 if self.clockwise else -1)
         north, east = self.radius * np.array([1.0, 0.0]), self.radius * np.array([0.0, 1.0])
@@ -121,8 +121,8 @@ class FigureEight:
     Frames:  W; `axis` clockwise from north; across is 90 degrees clockwise of it.    Source:  derived here.
     """
 
-    length: Scalar = quantity("m", "From tip to tip.", default=5.0, above=0)
-    width: Scalar = quantity("m", "Of the loops.", default=1.5, above=0)
+    length: Scalar = quantity("m", "Length from tip to tip.", default=5.0, above=0)
+    width: Scalar = quantity("m", "Width of the loops.", default=1.5, above=0)
     period: Scalar = quantity("s", "Time of a whole eight.", default=30.0, above=0)
     north: Scalar = quantity("m", "Centre.", frame="W", default=0.0)
     east: Scalar = quantity("m", "Centre.", frame="W", default=0.0)
@@ -130,7 +130,7 @@ class FigureEight:
     ease: Scalar = quantity("s", "Time in which it comes to full speed.", default=8.0, low=0)
 
     def at(self, t: Any) -> ReferencePoint:
-        """What is wanted at t (s)."""
+        """Return the wanted point at t (s)."""
         theta, rates = _ease_in(t, self.ease)
         w = 2 * np.pi / self.period
         c, s = jnp.cos(self.axis), jnp.sin(self.axis)
@@ -142,30 +142,35 @@ class FigureEight:
 
 @record
 class PiecewisePath:
-    """Polynomials of degree 5 one after the other, as `interpolate_path` and `pass_waypoints` make them.
+    """Consecutive polynomials of degree 5, as `interpolate_path` and `pass_waypoints` make them.
 
     Piece k holds from times[k] to times[k + 1]: sum of coefficients[k, i] (t - times[k])^i, of north, east and heading.
-    Before the first time and after the last it rests at its ends.
+    Before the first time and after the last, the path rests at its ends.
 
     Frames:  W.    Source:  C. de Boor, "A practical guide to splines", 1978.
     """
 
-    times: Any = quantity("s", "When pieces begin, and when the last one ends; rising.", default=np.array([0.0, 1.0]))
-    coefficients: Any = quantity(
-        "m, rad", "Of each piece, lowest power first (pieces, 6, 3).", frame="W", default=np.zeros((1, DEGREE + 1, 3))
+    times: Any = quantity(
+        "s", "Start times of the pieces, and end of the last one; rising.", default=np.array([0.0, 1.0])
     )
-    has_heading: Scalar = quantity("1", "Whether a heading is wanted.", kind="flag", default=False)
+    coefficients: Any = quantity(
+        "m, rad",
+        "Coefficients of each piece, lowest power first (pieces, 6, 3).",
+        frame="W",
+        default=np.zeros((1, DEGREE + 1, 3)),
+    )
+    has_heading: Scalar = quantity("1", "True if a heading is wanted at all times.", kind="flag", default=False)
 
     def check(self) -> None:
-        """Refuse what is no path."""
+        """Raise InputError for an invalid path."""
         times, shape = np.asarray(self.times, np.float64), np.shape(self.coefficients)
         if times.ndim != 1 or shape != (len(times) - 1, DEGREE + 1, 3) or not (np.diff(times) > 0).all():
-            problem = f"{np.size(times)} times and coefficients of shape {shape} are no pieces in rising order"
+            problem = f"{np.size(times)} times and coefficients of shape {shape} must be pieces in rising order"
             fix = "make it with core.reference.interpolate_path or pass_waypoints"
             raise InputError("PiecewisePath.times", problem, fix=fix)
 
     def at(self, t: Any) -> ReferencePoint:
-        """What is wanted at t (s)."""
+        """Return the wanted point at t (s)."""
         times = jnp.asarray(self.times)
         piece = jnp.sum(t >= times[1:-1], dtype=np.int32)
         first = jnp.int32(0)
@@ -182,13 +187,13 @@ class PiecewisePath:
 
 
 def interpolate_path(times: Any, places: Any, headings: Any = None, *, rests: bool = False) -> PiecewisePath:
-    """The spline of degree 5 through places at times.
+    """Return the spline of degree 5 through positions at times.
 
     Args:
         times: s, rising (n,); four at least, or two if it rests at its ends.
         places: m, north and east in W (n, 2).
         headings: rad (n,), unwrapped; None: none is wanted.
-        rests: whether velocity and acceleration vanish at both ends.
+        rests: True if velocity and acceleration vanish at both ends.
 
     Raises:
         InputError: too few, or in no rising order.
@@ -211,7 +216,7 @@ def interpolate_path(times: Any, places: Any, headings: Any = None, *, rests: bo
 
 
 def pass_waypoints(places: Any, speeds: Any) -> PiecewisePath:
-    """A smooth path from rest to rest through places, one leg after the other.
+    """Return a smooth path from rest to rest through positions, leg by leg.
 
     Args:
         places: m, north and east in W (n, 2).
@@ -223,16 +228,16 @@ def pass_waypoints(places: Any, speeds: Any) -> PiecewisePath:
     """
     x = np.asarray(places, np.float64)
     if x.ndim != 2 or x.shape[1] != 2 or len(x) < 2:
-        raise InputError("waypoints", "a path has two of them at least", fix="write e.g. waypoints(0 0, 3 0, 3 3)")
+        raise InputError("waypoints", "a path needs at least two way-points", fix="write e.g. waypoints(0 0, 3 0, 3 3)")
     legs = np.hypot(*np.diff(x, axis=0).T)
     v = np.broadcast_to(np.asarray(speeds, np.float64), legs.shape)
     if not (legs > 0).all():
         k = int(np.argmin(legs))
-        problem = f"number {k + 1} and number {k + 2} are the same place, {x[k, 0]:g} {x[k, 1]:g}"
+        problem = f"number {k + 1} and number {k + 2} are the same position, {x[k, 0]:g} {x[k, 1]:g}"
         raise InputError("waypoints", problem, fix="leave one of them out")
     if not (v > 0).all():
         raise InputError(
-            "waypoints", f"a speed of {v.min():g} m/s gets nowhere", fix="give one above 0, e.g. speed=0.4"
+            "waypoints", f"a speed must be above 0, got {v.min():g} m/s", fix="give a positive speed, e.g. speed=0.4"
         )
     factor = np.ones(len(legs))
     factor[0], factor[-1] = (REST_FACTOR + 1) / 2, (REST_FACTOR + 1) / 2

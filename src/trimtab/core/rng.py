@@ -41,18 +41,18 @@ class Key:
 
 
 def key(seed: int, run: int = 0) -> Key:
-    """The root key of a run; seed and run are taken modulo 2**32."""
+    """Return the root key of a run; seed and run are taken modulo 2**32."""
     return Key(np.uint32(seed % 2**32), np.uint32(run % 2**32))
 
 
 def split(key: Key, n: int) -> Key:
-    """Keys of n alike blocks, fields (n,): each draws its own numbers, whatever n is."""
+    """Return keys of n alike blocks, fields (n,): each draws its own numbers, whatever n is."""
     a, b = threefry2x32(key.seed, key.run, np.arange(n, dtype=np.uint32), np.uint32(key.stream))
     return Key(a, b, key.stream)
 
 
 def threefry2x32(k0: Any, k1: Any, c0: Any, c1: Any) -> tuple[Any, Any]:
-    """Two random 32-bit words of a key (k0, k1) and a counter (c0, c1), all uint32, any shape."""
+    """Return two random 32-bit words of a key (k0, k1) and a counter (c0, c1), all uint32, any shape."""
     k0, k1, c0, c1 = (jnp.asarray(word, np.uint32) for word in (k0, k1, c0, c1))
     words = (k0, k1, k0 ^ k1 ^ np.uint32(PARITY))
     x0, x1 = c0 + words[0], c1 + words[1]
@@ -66,7 +66,7 @@ def threefry2x32(k0: Any, k1: Any, c0: Any, c1: Any) -> tuple[Any, Any]:
 
 
 def _group_word(run: Any, counter: Any, streams: Any) -> Any:
-    """The second key word of some draws: the run's number, or that of the group that each draw belongs to.
+    """Return the second key word of some draws: the run's number, or that of the group that each draw belongs to.
 
     counter, streams: uint32, of shapes that broadcast.
     """
@@ -81,7 +81,7 @@ def _uniform(word: Any) -> Any:
 
 
 def uniform2(key: Key, index: Any, stream: int = 0) -> tuple[Any, Any]:
-    """Two independent uniforms in (0, 1).
+    """Return two independent uniforms in (0, 1).
 
     Args:
         key: of the block.
@@ -94,7 +94,7 @@ def uniform2(key: Key, index: Any, stream: int = 0) -> tuple[Any, Any]:
 
 
 def normal2(key: Key, index: Any, stream: int = 0) -> tuple[Any, Any]:
-    """Two independent standard normals (Box and Muller 1958); arguments as `uniform2`."""
+    """Return two independent standard normals (Box and Muller 1958); arguments as `uniform2`."""
     c0, c1 = jnp.asarray(index).astype(np.uint32), np.uint32((key.stream + stream) % 2**32)
     return _normal_pair(key, c0, c1)
 

@@ -18,24 +18,24 @@ DEG = np.pi / 180
 
 
 def wrap(angle: Scalar) -> Scalar:
-    """An angle (rad) as its equal in [-pi, pi)."""
+    """Return an angle (rad) as its equal in [-pi, pi)."""
     return angle - 2 * np.pi * jnp.floor((angle + np.pi) / (2 * np.pi))
 
 
 def wrap_positive(angle: Scalar) -> Scalar:
-    """An angle (rad) as its equal in [0, 2 pi)."""
+    """Return an angle (rad) as its equal in [0, 2 pi)."""
     wrapped = angle - 2 * np.pi * jnp.floor(angle / (2 * np.pi))
     return jnp.where(wrapped < 2 * np.pi, wrapped, 0.0)  # a tiny negative angle rounds up to a full turn
 
 
 def planar(heading: Scalar) -> Any:
-    """R_WB (2, 2) of a heading (rad): body to world components in the horizontal plane."""
+    """Return R_WB (2, 2) of a heading (rad): body to world components in the horizontal plane."""
     c, s = jnp.cos(heading), jnp.sin(heading)
     return jnp.stack([jnp.stack([c, -s]), jnp.stack([s, c])])
 
 
 def from_euler(roll: Scalar, pitch: Scalar, yaw: Scalar) -> Any:
-    """R_WB (3, 3) of roll, pitch, yaw (rad), order 3-2-1; defined for every angle."""
+    """Return R_WB (3, 3) of roll, pitch, yaw (rad), order 3-2-1; defined for every angle."""
     cr, sr, cp, sp, cy, sy = (g(a) for a in (roll, pitch, yaw) for g in (jnp.cos, jnp.sin))
     return jnp.stack(
         [
@@ -56,13 +56,13 @@ def to_euler(R_WB: Any) -> Any:
 
 
 def cross_matrix(v: Any) -> Any:
-    """[v ×] (3, 3), so that cross_matrix(v) @ w = v × w."""
+    """Return [v ×] (3, 3), so that cross_matrix(v) @ w = v × w."""
     o = jnp.zeros_like(v[0])
     return jnp.stack([jnp.stack([o, -v[2], v[1]]), jnp.stack([v[2], o, -v[0]]), jnp.stack([-v[1], v[0], o])])
 
 
 def from_rotation_vector(v: Any) -> Any:
-    """R (3, 3) that turns by |v| (rad) about v: Rodrigues' formula, with its series near zero."""
+    """Return R (3, 3) that turns by |v| (rad) about v: Rodrigues' formula, with its series near zero."""
     a2 = v @ v
     small = a2 < 1e-8
     a = jnp.sqrt(jnp.where(small, 1.0, a2))
@@ -73,7 +73,7 @@ def from_rotation_vector(v: Any) -> Any:
 
 
 def rotate_by_vector(R_WB: Any, turn: Any) -> Any:
-    """R_WB (3, 3) after a turn by the vector `turn` (3,), the integral of w_WB_B over the step (rad).
+    """Return R_WB (3, 3) after a turn by the vector `turn` (3,), the integral of w_WB_B over the step (rad).
 
     With v = -turn, E = I + sin|v|/|v| [v×] + (1 - cos|v|)/|v|² [v×]² carries the transpose, R_BW(k) = E R_BW(k-1), so
     R_WB(k) = R_WB(k-1) Eᵀ. Exact while the axis stands still over the step.

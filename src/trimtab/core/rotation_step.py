@@ -18,7 +18,7 @@ SERIES = (1 / 12, 1 / 720, 1 / 30240, 1 / 1209600)
 
 
 def rotation_step(step: Step, names: Sequence[str]) -> Step:
-    """The same step with the fields `names` of the state, quaternions q_WB (4,), turned instead of added to.
+    """Return the same step with the fields `names` of the state, quaternions q_WB (4,), turned instead of added to.
 
     Within a step q = q0 exp(v), and v (3,) goes by Bortz's equation v' = w + v × w/2 + … of the angular velocity w that
     the derivative of q says; what else that says, such as a term that brings the length back, is left out.
@@ -44,7 +44,7 @@ def rotation_step(step: Step, names: Sequence[str]) -> Step:
 
 
 def _turn_rate(v: Any, q: Any, dq: Any) -> Any:
-    """v' (3,) where q = q0 exp(v) has the derivative dq."""
+    """Return v' (3,) where q = q0 exp(v) has the derivative dq."""
     w = 2 * quaternion.multiply(quaternion.conjugate(q), jnp.asarray(dq))[1:] / (q @ q)
     a2, c = v @ v, jnp.zeros(())
     for term in reversed(SERIES):

@@ -36,14 +36,14 @@ class SectionState:
 
 
 def steady_state(section: Section, u: Any) -> SectionState:
-    """The memory after a constant input u for all time."""
+    """Return the memory after a constant input u for all time."""
     y = section.gain() * u
     s2 = section.b2 * u - section.a2 * y
     return SectionState(s1=section.b1 * u - section.a1 * y + s2, s2=s2)
 
 
 def filter_sample(section: Section, state: SectionState, u: Any) -> tuple[SectionState, Any]:
-    """The next memory, and the output for the newest input u."""
+    """Return the next memory, and the output for the newest input u."""
     y = section.b0 * u + state.s1
     s1 = section.b1 * u - section.a1 * y + state.s2
     return SectionState(s1=s1, s2=section.b2 * u - section.a2 * y), y

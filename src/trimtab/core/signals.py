@@ -16,28 +16,28 @@ from trimtab.core.time import NEVER, to_seconds
 
 @record
 class SurroundingAir:
-    """The air about a vehicle, as its centre of mass meets it. Source: docs page, Turbulence."""
+    """The air about a vehicle, at its centre of mass. Source: docs page, Turbulence."""
 
-    height: Scalar = quantity("m", "Of the vehicle above the sea.")
-    velocity: Any = quantity("m/s", "Of the air over the ground, in B.", frame="B", shape=(3,))
-    rate: Any = quantity("rad/s", "At which the air turns about the vehicle.", frame="B", shape=(3,))
+    height: Scalar = quantity("m", "Height of the vehicle above the sea.")
+    velocity: Any = quantity("m/s", "Velocity of the air over the ground, in B.", frame="B", shape=(3,))
+    rate: Any = quantity("rad/s", "Angular velocity of the air about the vehicle.", frame="B", shape=(3,))
 
 
 @record
 class Gust:
-    """What turbulence adds to the air about a vehicle. Source: docs page, Turbulence."""
+    """Gust that turbulence adds to the air at a vehicle. Source: docs page, Turbulence."""
 
-    velocity: Any = quantity("m/s", "Forward, to starboard, down.", frame="B", shape=(3,))
-    rate: Any = quantity("rad/s", "At which that air turns: roll, pitch, yaw.", frame="B", shape=(3,))
+    velocity: Any = quantity("m/s", "Velocity of the gust: forward, to starboard, down.", frame="B", shape=(3,))
+    rate: Any = quantity("rad/s", "Angular velocity of the gust: roll, pitch, yaw.", frame="B", shape=(3,))
 
 
 NO_GUST = Gust(np.zeros(3), np.zeros(3))
-"""Air that is still, or moves as the mean wind does."""
+"""No gust: air that is still, or moves with the mean wind."""
 
 
 @record
 class Bending:
-    """How a vehicle bends: its modes, by the numbers that its state has for them. Source: docs page, Hypersonic."""
+    """Bending of a vehicle: its modes, by their numbers in the state. Source: docs page, Hypersonic."""
 
     rate: Any = quantity("1/s", "Of each mode (n,), in its own unit.")
     acceleration: Any = quantity("1/s^2", "Of each mode (n,), in its own unit.")
@@ -63,7 +63,7 @@ class Motion:
 
 
 def surrounding_air(motion: Motion) -> SurroundingAir:
-    """The air about a vehicle; of one that knows none it is still, and the sea lies at the origin of W."""
+    """Return the air about a vehicle; of one that knows none it is still, and the sea lies at the origin of W."""
     if isinstance(motion.air, SurroundingAir):
         return motion.air
     still = jnp.zeros_like(motion.v_WB_B)
@@ -83,31 +83,31 @@ class Sample:
     value: Any = part("What was measured.")
     t: Scalar = quantity("100 ns", "When it was measured.", kind="time")
     age: Scalar = quantity("s", "How long ago that was, for who holds it.")
-    fresh: Scalar = quantity("1", "Whether it is seen for the first time.", kind="flag")
-    valid: Scalar = quantity("1", "Whether there has been any measurement at all.", kind="flag")
+    fresh: Scalar = quantity("1", "True if the sample is seen for the first time.", kind="flag")
+    valid: Scalar = quantity("1", "True once there has been a measurement.", kind="flag")
 
 
 def new_sample(t: Any, value: Any, *, fresh: Any = True) -> Sample:
-    """The sample of a value measured now, at integer time t."""
+    """Return the sample of a value measured now, at integer time t."""
     return Sample(value=value, t=t, age=0.0, fresh=fresh, valid=True)
 
 
 def hold_sample(now: Any, sample: Sample, *, fresh: Any = False) -> Sample:
-    """The same sample as seen at a later time `now`."""
+    """Return the same sample as seen at a later time `now`."""
     return replace(sample, age=to_seconds(now - sample.t), fresh=fresh)
 
 
 def is_new(sample: Sample, seen: Any) -> Any:
-    """Whether a sample has come since the one measured at integer time `seen` was held: what makes it fresh.
+    """Return True if a sample differs from the one measured at integer time `seen`, which makes it fresh.
 
-    Told by the time of measurement, for the two ends of a line need not keep the same time.
+    The time of measurement decides, as the clocks of the two ends of a link may differ.
     """
     return sample.valid & (sample.fresh | (sample.t != seen))
 
 
 @record
 class Frame:
-    """What the autopilot receives: the newest sample of every sensor, by the sensor's name. Source: docs page, Time."""
+    """Input of the autopilot: the newest sample of every sensor, by the sensor's name. Source: docs page, Time."""
 
     t: Scalar = quantity("100 ns", "Now, at the autopilot.", kind="time")
     samples: Mapping[str, Sample] = part("Newest sample of each sensor.")
@@ -115,35 +115,35 @@ class Frame:
 
 @record
 class Estimate:
-    """What a law reads. Source: docs page, Time."""
+    """Input of a law. Source: docs page, Time."""
 
     t: Scalar = quantity("100 ns", "Now, at the autopilot.", kind="time")
-    age: Scalar = quantity("s", "Time since the newest measurement in it was made.")
-    fresh: Scalar = quantity("1", "Whether a measurement arrived at this instant.", kind="flag")
-    valid: Scalar = quantity("1", "Whether the state means anything yet.", kind="flag")
-    state: Any = part("The estimated state, a record.")
-    stick: Any = part("Newest sample of the pilot's stick, for a law that asks for it; else None.", default=None)
+    age: Scalar = quantity("s", "Time since the newest measurement in the estimate.")
+    fresh: Scalar = quantity("1", "True if a measurement arrived at this instant.", kind="flag")
+    valid: Scalar = quantity("1", "True once the state is meaningful.", kind="flag")
+    state: Any = part("Estimated state, a record.")
+    stick: Any = part("Newest sample of the pilot's stick, for a law that reads it; else None.", default=None)
     dt: Any = part("Time between two steps of the law (s), for the law alone; else None.", default=None)
 
 
 STICK_MODES = ("manual", "damped", "assisted")
-"""What a pilot's stick moves: the thrust vector, velocities in the body, the velocity over the floor."""
+"""Modes of a pilot's stick: it commands the thrust vector, velocities in the body, or the velocity over the floor."""
 
 
 @record
 class Stick:
-    """Where a pilot holds the stick, and what it is to move. Frames: none. Source: docs page, Piloted."""
+    """Position and mode of a pilot's stick. Frames: none. Source: docs page, Piloted."""
 
-    forward: Scalar = quantity("1", "Pushed forward, -1 to 1.", low=-1, high=1)
-    turn: Scalar = quantity("1", "Pushed to the side, -1 to 1; positive turns clockwise from above.", low=-1, high=1)
-    mode: Scalar = quantity("1", "What it moves.", kind="mode", modes=STICK_MODES)
+    forward: Scalar = quantity("1", "Forward deflection, -1 to 1.", low=-1, high=1)
+    turn: Scalar = quantity("1", "Sideways deflection, -1 to 1; positive turns clockwise from above.", low=-1, high=1)
+    mode: Scalar = quantity("1", "Mode of the stick.", kind="mode", modes=STICK_MODES)
 
 
 @record
 class Command:
-    """What the autopilot sends to the actuators. Source: docs page, Time."""
+    """Output of the autopilot, for the actuators. Source: docs page, Time."""
 
-    t: Scalar = quantity("100 ns", "When it was issued.", kind="time")
+    t: Scalar = quantity("100 ns", "Time of issue.", kind="time")
     valid: Scalar = quantity("1", "False: the autopilot has no estimate yet, actuators stay neutral.", kind="flag")
     value: Any = part("Actuator commands, a record.")
 
@@ -162,54 +162,56 @@ class PlanarState:
 class PlanarForce:
     """Horizontal force on the vehicle at the point where its thruster acts. Source: docs page, Conventions."""
 
-    FX: Scalar = quantity("N", "Along the body's x axis.", frame="B")
-    FY: Scalar = quantity("N", "Along the body's y axis.", frame="B")
+    FX: Scalar = quantity("N", "Force along the body's x axis.", frame="B")
+    FY: Scalar = quantity("N", "Force along the body's y axis.", frame="B")
 
 
 @record
 class PeerMessage:
-    """What a craft of a swarm tells the others: the point that it follows. Source: docs page, Swarms."""
+    """Message of a craft of a swarm to the others: its reference point. Source: docs page, Swarms."""
 
-    t: Scalar = quantity("100 ns", "When it was true.", kind="time", default=np.int64(NEVER))
-    north: Scalar = quantity("m", "Reference point.", frame="W", default=0.0)
-    east: Scalar = quantity("m", "Reference point.", frame="W", default=0.0)
-    north_velocity: Scalar = quantity("m/s", "Of the reference point.", frame="W", default=0.0)
-    east_velocity: Scalar = quantity("m/s", "Of the reference point.", frame="W", default=0.0)
+    t: Scalar = quantity("100 ns", "Time at which the message was valid.", kind="time", default=np.int64(NEVER))
+    north: Scalar = quantity("m", "Reference point, north.", frame="W", default=0.0)
+    east: Scalar = quantity("m", "Reference point, east.", frame="W", default=0.0)
+    north_velocity: Scalar = quantity("m/s", "Velocity of the reference point, north.", frame="W", default=0.0)
+    east_velocity: Scalar = quantity("m/s", "Velocity of the reference point, east.", frame="W", default=0.0)
 
 
 @record
 class Peers:
-    """What a craft has heard of each craft of its swarm, by number. Not logged: it grows with the square of the number.
+    """Messages that a craft has received from each craft of its swarm, by number. Not logged: n² messages.
 
     Source: docs page, Swarms.
     """
 
-    messages: Any = part("Newest message of each, as a tuple of the fields of PeerMessage, (n,); t NEVER: none.")
+    messages: Any = part(
+        "Newest message of each craft, as a tuple of the fields of PeerMessage, (n,); t is NEVER without one."
+    )
 
     def message(self) -> PeerMessage:
-        """The messages as a record, fields (n,)."""
+        """Return the messages as a record, fields (n,)."""
         return PeerMessage(*self.messages)
 
 
 @record
 class PeerView:
-    """All that a craft of a swarm knows. Source: docs page, Swarms."""
+    """Estimated state of a craft of a swarm. Source: docs page, Swarms."""
 
-    own: Any = part("Its own estimated state.")
-    peers: Peers = part("What it has heard of the others.")
+    own: Any = part("Estimated state of the craft itself.")
+    peers: Peers = part("Messages received from the other craft.")
 
 
 @record
 class SwarmInput:
-    """What each craft does, and what it says; demand, command and input of a swarm. Source: docs page, Swarms."""
+    """Input and message of each craft; demand, command and input of a swarm. Source: docs page, Swarms."""
 
-    act: Any = part("What acts on each craft, or is asked of its actuators; fields (n,).")
-    say: PeerMessage = part("What each has to say; fields (n,).")
+    act: Any = part("Input of each craft, or demand for its actuators; fields (n,).")
+    say: PeerMessage = part("Message of each craft; fields (n,).")
 
 
 @record
 class SwarmMotion:
-    """All that sensors on the craft of a swarm can feel. Source: docs page, Swarms."""
+    """Motion of a swarm, as its sensors feel it. Source: docs page, Swarms."""
 
-    each: Motion = part("Of each craft, fields (n, …).")
-    say: PeerMessage = part("What each says, fields (n,).")
+    each: Motion = part("Motion of each craft, fields (n, …).")
+    say: PeerMessage = part("Message of each craft, fields (n,).")

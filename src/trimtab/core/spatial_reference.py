@@ -43,7 +43,7 @@ class FixedPlace:
     heading: Scalar = quantity("rad", "Where the nose points.", kind="angle", frame="W", default=0.0)
 
     def at(self, t: Any) -> SpatialPoint:
-        """What is wanted at t (s)."""
+        """Return the wanted point at t (s)."""
         o, three = jnp.asarray(0.0), jnp.zeros(3)
         heading = jnp.asarray(self.heading, float)
         return SpatialPoint(jnp.asarray(self.place, float), three, three, three, three, heading, o, o)
@@ -68,7 +68,7 @@ class Helix:
     origin: Any = quantity("m", "Where its axis begins.", frame="W", shape=(3,), default=(0.0, 0.0, 0.0))
 
     def at(self, t: Any) -> SpatialPoint:
-        """What is wanted at t (s)."""
+        """Return the wanted point at t (s)."""
         w, s, c = self.w, jnp.sin(self.w * t), jnp.cos(self.w * t)
         o = jnp.zeros_like(s)
         y, z = self.across, -self.lift
@@ -97,7 +97,7 @@ class LevelPath:
     heading: Scalar = quantity("rad", "Of the nose.", kind="angle", frame="W", default=0.0)
 
     def at(self, t: Any) -> SpatialPoint:
-        """What is wanted at t (s)."""
+        """Return the wanted point at t (s)."""
         p = self.path.at(t)
         o = jnp.zeros(1)
         down = jnp.stack([-jnp.asarray(self.height, float)])

@@ -17,13 +17,13 @@ UNITS_PER_SECOND = 10_000_000
 SECONDS_PER_UNIT = 1e-7
 NAMES = {"min": "60", "s": "1", "ms": "1e-3", "us": "1e-6", "µs": "1e-6", "ns": "1e-9"}
 FOREVER = 2**62
-"""Later than any instant of a run."""
+"""Time later than any instant of a run."""
 NEVER = -FOREVER
-"""Earlier than any instant: when something was that has not been yet."""
+"""Time earlier than any instant, for events that have not happened yet."""
 
 
 def seconds(value: float | str | Decimal) -> int:
-    """A time in seconds as integer units of 100 ns; refused where it is not a whole number of them.
+    """Return a time in seconds as integer units of 100 ns. Raise InputError if it is not a whole number of units.
 
     >>> from trimtab import seconds
     >>> seconds(2)
@@ -41,7 +41,7 @@ def seconds(value: float | str | Decimal) -> int:
 
 
 def ms(value: float | str) -> int:
-    """A time in milliseconds as integer units of 100 ns, e.g. ``ms(6.5536) == 65536``.
+    """Return a time in milliseconds as integer units of 100 ns, e.g. ``ms(6.5536) == 65536``.
 
     >>> from trimtab import ms
     >>> ms(6.5536)
@@ -51,7 +51,7 @@ def ms(value: float | str) -> int:
 
 
 def parse_time(text: str | float) -> int:
-    """A time written as ``20 ms``, ``6.5536ms``, ``150 us``, ``2 s``, ``3 min``, or a bare number of seconds."""
+    """Return the integer time of ``20 ms``, ``6.5536ms``, ``150 us``, ``2 s``, ``3 min``, or a number of seconds."""
     match = re.fullmatch(r"\s*([-+0-9.eE]+?)\s*(min|s|ms|us|µs|ns)?\s*", str(text))
     if not match:
         raise InputError("time", f"{text!r} is not a time", choices=NAMES, fix="write e.g. '20 ms' or 0.02")
@@ -63,7 +63,7 @@ def parse_time(text: str | float) -> int:
 
 
 def nearest_time(text: str, usual: str) -> str:
-    """What may have been meant by a text that is no time: 3 min by 3 m; else what is usual."""
+    """Return the likely meaning of a text that is not a time: 3 min for 3 m; else the usual text."""
     match = re.fullmatch(r"\s*(\d+(?:\.\d+)?)\s*(m|mins?|minutes?|h|hours?|secs?|seconds?)\s*", text, re.IGNORECASE)
     if match is None:
         return usual
@@ -72,9 +72,9 @@ def nearest_time(text: str, usual: str) -> str:
 
 
 def as_time(part: str, value: Any) -> int:
-    """A time as integer units: one already, or a text such as ``20 ms``; refused is a number of something else.
+    """Return a time as integer units, from such units or a text such as ``20 ms``. Raise InputError for other numbers.
 
-    part: what is asked for it, e.g. ``duration``.
+    part: name of the argument, e.g. ``duration``.
     """
     if isinstance(value, str):
         try:
@@ -85,30 +85,30 @@ def as_time(part: str, value: Any) -> int:
             ) from None
     if isinstance(value, int | np.integer) and not isinstance(value, bool):
         return int(value)
-    problem = f"{value!r} is no whole number of 100 ns"
+    problem = f"{value!r} is not a whole number of 100 ns"
     raise InputError(part, problem, fix=f'{part}="{value} s", or {part}=seconds({value})')
 
 
 def format_time(units: int) -> str:
-    """A time for people: ``6.5536 ms``, ``20 ms``, ``2 s``."""
+    """Return a time as readable text: ``6.5536 ms``, ``20 ms``, ``2 s``."""
     if units and units % UNITS_PER_SECOND == 0:
         return f"{units // UNITS_PER_SECOND} s"
     return f"{Decimal(int(units)).scaleb(-4).normalize():f} ms"
 
 
 def to_seconds(units: Any) -> Any:
-    """Integer time as float seconds; also for arrays and while a run is traced."""
+    """Return integer time as float seconds; also for arrays and while a run is traced."""
     return units * SECONDS_PER_UNIT
 
 
 class Instant(NamedTuple):
-    """Now, and which periods are known to be due at every instant of this walk."""
+    """The present instant, and the periods known to be due at every instant of this walk."""
 
     t: Any
     always: frozenset[int] = frozenset()
 
     def due(self, period: int) -> Any:
-        """Whether a block of this period is due now: the Python value True where that is certain beforehand."""
+        """Return whether a block of this period is due now: the Python value True if that is certain beforehand."""
         return True if period in self.always else self.t % period == 0
 
 
@@ -125,7 +125,7 @@ class Timetable(NamedTuple):
 
 
 def timetable(periods: Iterable[int], duration: int, max_step: int) -> Timetable:
-    """All instants in [0, duration) at which a period is due, with gaps longer than max_step split evenly.
+    """Return all instants in [0, duration) at which a period is due, with gaps longer than max_step split evenly.
 
     Args:
         periods: in 100 ns units, each at least 1; they need no common divisor.

@@ -126,7 +126,7 @@ class Unit(NamedTuple):
 
 
 def find_unit(where: str, text: str) -> Unit:
-    """The unit of a text, which may begin with a factor, e.g. ``1e-7 deg``.
+    """Return the unit of a text, which may begin with a factor, e.g. ``1e-7 deg``.
 
     Raises:
         InputError: an unknown one.
@@ -145,19 +145,19 @@ def find_unit(where: str, text: str) -> Unit:
 
 
 def find_size(text: str, kept: str) -> float | None:
-    """Size of one unit of a text in the unit that a quantity is kept in; None where it is no unit of that."""
+    """Return size of one unit of a text in the unit that a quantity is kept in; None where it is no unit of that."""
     return find_sizes(text).get(kept)
 
 
 def find_sizes(text: str) -> dict[str, float]:
-    """Units that a quantity may be kept in -> size of one unit of a text in them; empty where it is no unit."""
+    """Return units that a quantity may be kept in -> size of one unit of a text in them; empty where it is no unit."""
     plain = _spell_plainly(text)
     name = SPELLINGS.get(plain, plain)
     return {kept: sizes[name] for kept, sizes in UNITS.items() if name in sizes}
 
 
 def check_symbols(unit: str) -> None:
-    """Refuse a declared unit that is spelled out, for nothing could be converted to it.
+    """Raise InputError for a declared unit that is spelled out, for nothing could be converted to it.
 
     Raises:
         InputError: naming the symbol.
@@ -170,7 +170,7 @@ def check_symbols(unit: str) -> None:
 
 
 def parse_unit(part: str, text: str, kept: str) -> float:
-    """Size of a unit that is written behind a number, in the unit that the number is kept in; 1 where none is.
+    """Return size of a unit that is written behind a number, in the unit that the number is kept in; 1 where none is.
 
     Raises:
         InputError: a unit that does not measure what is kept in that one.

@@ -1,7 +1,7 @@
-"""The speed of sound in air, and how much too long an ultrasonic range is away from the beacon's axis.
+"""The speed of sound in air, and the error of an ultrasonic range away from the beacon's axis.
 
-A receiver that triggers on the envelope's threshold triggers later where the sound is weaker. Transducers are weaker
-off their axis, so that the range grows with the angle from it.
+A receiver that triggers at a threshold of the envelope triggers later if the sound is weaker. Transducers are weaker
+off their axis, so the measured range grows with the angle from the axis.
 
 [1] is Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006; [2] O. Cramer,
 "The variation of the specific heat ratio and the speed of sound in air with temperature, pressure, humidity, and CO2
@@ -19,7 +19,7 @@ from trimtab.core.record import Scalar, quantity, record
 ZERO_CELSIUS = 273.15
 """0 °C in K."""
 QUADRATIC, LINEAR = -0.038, 0.0032
-"""Coefficients of the fit, which is greatest at 2.4°: not symmetric about the axis. [1] section 5.5.4."""
+"""Coefficients of the fit, whose maximum is at 2.4°: not symmetric about the axis. [1] section 5.5.4."""
 CONE = math.pi / 4
 """Half the opening angle (rad) within which the fit holds and replies arrive. [1] section 5.5."""
 
@@ -39,7 +39,7 @@ class Air:
 
 
 def water_vapour(air: Air) -> Any:
-    """Mole fraction of water vapour: humidity times enhancement factor times saturation pressure over pressure.
+    """Return the mole fraction of water vapour: humidity, enhancement factor, saturation pressure over pressure.
 
     Source: [2] appendix, from R. S. Davis, Metrologia 29, 1992 (the equation of the density of moist air).
     """
@@ -51,7 +51,7 @@ def water_vapour(air: Air) -> Any:
 
 
 def speed_of_sound(air: Air) -> Any:
-    """Speed of sound (m/s) at low frequencies; uncertainty 300 ppm within the stated ranges.
+    """Return the speed of sound (m/s) at low frequencies; uncertainty 300 ppm within the stated ranges.
 
     Source: [2] eq. 15 with the coefficients of table III.
     """
@@ -72,18 +72,18 @@ def speed_of_sound(air: Air) -> Any:
 
 
 def range_ratio(beta: Any) -> Any:
-    """True range over measured range at an angle beta (rad) from the axis, 0 to 45°. Source: [1] section 5.5.4."""
+    """Return true over measured range at an angle beta (rad) from the axis, 0 to 45°. Source: [1] section 5.5.4."""
     return QUADRATIC * beta * beta + LINEAR * beta + 1.0
 
 
 def off_axis_angle(height: Any, distance: Any) -> Any:
-    """Angle (rad) from the vertical of a line of length `distance` (m) that climbs `height` (m); 0 without a line."""
+    """Return the angle (rad) from the vertical of a line of length `distance` (m) with rise `height` (m); 0 if zero."""
     ratio = height / jnp.where(distance > 0, distance, 1.0)
     return jnp.where(distance > 0, jnp.arccos(jnp.clip(ratio, -1.0, 1.0)), 0.0)
 
 
 def fit_range_ratio(beta: Any, ratio: Any) -> tuple[float, float]:
-    """Quadratic and linear coefficient through a calibration: least squares with ratio 1 on the axis.
+    """Return quadratic and linear coefficient of a calibration: least squares with ratio 1 on the axis.
 
     Args:     beta: angles (rad), shape (n,).    ratio: true over measured range, shape (n,).
     """

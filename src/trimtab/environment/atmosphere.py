@@ -1,8 +1,8 @@
 """Air at rest over the earth: the U.S. Standard Atmosphere 1976 to 86 km.
 
-Temperature goes in straight lines with the geopotential height, and the pressure follows from the weight of the air
-above. Below the sea the lowest line goes on. Above 86 km, where the standard goes over to mixtures that part, the
-temperature stays as it is there: the density is that of an air that is always thinner, and no more than that.
+The temperature is piecewise linear in the geopotential height, and the pressure follows from the weight of the air
+above. The lowest line continues below the sea. Above 86 km, where the standard changes to separating mixtures, the
+temperature stays constant: the density keeps falling, but is no longer that of the standard.
 
 Source: NOAA, NASA, USAF, "U.S. Standard Atmosphere, 1976", NOAA-S/T 76-1562, part 1, tables 2 and 4, equations 18, 23,
 33a, 33b, 42, 50 and 51. Deviation: the ratio of molecular weights near 86 km (table 8, 0.04 %) is taken as 1.
@@ -16,23 +16,23 @@ import numpy as np
 from trimtab.core.record import Scalar
 
 GRAVITY = 9.80665
-"""m/s², that makes geopotential metres."""
+"""Gravity in the definition of geopotential height, m/s²."""
 GAS_CONSTANT = 8.31432e3 / 28.9644
-"""Of air (J/(kg K)), with the standard's own constants."""
+"""Gas constant of air (J/(kg K)), with the standard's own constants."""
 HEAT_RATIO = 1.4
 EARTH_RADIUS = 6_356_766.0
-"""From height to geopotential height (m)."""
+"""Earth radius in the conversion from height to geopotential height (m)."""
 SEA_PRESSURE = 101_325.0
 SEA_TEMPERATURE = 288.15
 BASES = np.array([0.0, 11e3, 20e3, 32e3, 47e3, 51e3, 71e3, 84_852.0])
-"""Geopotential heights at which a line begins (m)."""
+"""Geopotential heights at which a linear segment begins (m)."""
 LAPSES = np.array([-6.5e-3, 0.0, 1e-3, 2.8e-3, 0.0, -2.8e-3, -2e-3, 0.0])
-"""Slope of the temperature from there on (K/m)."""
+"""Slope of the temperature in each segment (K/m)."""
 TEMPERATURES = SEA_TEMPERATURE + np.concatenate([[0.0], np.cumsum(np.diff(BASES) * LAPSES[:-1])])
 
 
 def _base_pressures() -> Any:
-    """Pressure at each of BASES (Pa): eqs. 33a and 33b, one after the other."""
+    """Return the pressure at each of BASES (Pa): eqs. 33a and 33b, segment by segment."""
     p = [SEA_PRESSURE]
     for i, step in enumerate(np.diff(BASES)):
         T, lapse = TEMPERATURES[i], LAPSES[i]
@@ -46,7 +46,7 @@ PRESSURES = _base_pressures()
 
 
 class AirProperties(NamedTuple):
-    """Of air at a place: temperature (K), pressure (Pa), density (kg/m³), speed of sound (m/s), viscosity (Pa s)."""
+    """Properties of air: temperature (K), pressure (Pa), density (kg/m³), speed of sound (m/s), viscosity (Pa s)."""
 
     temperature: Any
     pressure: Any
@@ -56,12 +56,12 @@ class AirProperties(NamedTuple):
 
 
 def geopotential_height(height: Scalar) -> Any:
-    """Geopotential height (m) of a height above the sea (m). Source: eq. 18."""
+    """Return the geopotential height (m) of a height above the sea (m). Source: eq. 18."""
     return EARTH_RADIUS * height / (EARTH_RADIUS + height)
 
 
 def standard_atmosphere(height: Scalar) -> AirProperties:
-    """The air at a height above the sea (m). No branch: flight code."""
+    """Return the air at a height above the sea (m). No branch: flight code."""
     H = geopotential_height(height)
     i = jnp.sum(jnp.asarray(BASES[1:]) <= H)
     base, lapse, T0, p0 = (jnp.asarray(table)[i] for table in (BASES, LAPSES, TEMPERATURES, PRESSURES))
@@ -77,7 +77,7 @@ def standard_atmosphere(height: Scalar) -> AirProperties:
 
 
 def pressure_altitude(pressure: Scalar) -> Any:
-    """Height above the sea (m) at which the standard air has a pressure (Pa): what an altimeter shows. Flight code.
+    """Return the height above the sea (m) with this pressure (Pa) in standard air, as an altimeter shows. Flight code.
 
     Source: eqs. 33a and 33b, and 18, solved for the height.
     """

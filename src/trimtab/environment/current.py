@@ -9,9 +9,9 @@ from trimtab.core.record import Scalar, imperfection, record
 
 @record
 class Current:
-    """Water that moves over the ground at a constant velocity: where it goes, not where it comes from.
+    """Current of constant velocity over the ground: the direction in which the water moves, not where it comes from.
 
-    A vehicle's velocity through the water is v - v_c; its current's components in the body change as it turns,
+    A vehicle's velocity through the water is v - v_c. The current's components in the body change as the vehicle turns,
     v_c,B' = -w x v_c,B. With both, the equations of motion in velocity through the water are those of still water.
 
     Frames:  W north-east-down; level.
@@ -23,10 +23,10 @@ class Current:
     east: Scalar = imperfection("m/s", "Eastward.", "current", low=None)
 
     def in_body(self, R_BW: Any) -> Any:
-        """Velocity of the water over the ground (3,) in the axes of B."""
+        """Return the velocity of the water over the ground (3,) in the axes of B."""
         return R_BW @ jnp.stack([self.north, self.east, jnp.zeros_like(self.north + self.east)])
 
     def in_plane(self, heading: Any) -> tuple[Any, Any]:
-        """The same of an upright vehicle with a heading (rad): ahead and to starboard."""
+        """Return the velocity of the water for an upright vehicle with a heading (rad): ahead and to starboard."""
         c, s = jnp.cos(heading), jnp.sin(heading)
         return c * self.north + s * self.east, c * self.east - s * self.north

@@ -1,4 +1,4 @@
-"""The earth as a body that attracts and turns: an ellipsoid with J2, or a sphere.
+"""The earth's gravitation and rotation: an ellipsoid with J2, or a sphere.
 
 Frames: I is inertial, its z axis the earth's; E turns with the earth and coincides with I at time zero (ECI and ECEF).
 
@@ -25,7 +25,7 @@ class Earth:
 
         g = -GM/r² [ (1 + 3/2 J2 (a/r)² (1 - 5 s²)) p/r + 3 J2 (a/r)² s e_z ],    s = p_z / r
 
-    Frames:  places p (3,) from the earth's centre, in I or E: the field is the same about the axis.
+    Frames:  positions p (3,) from the earth's centre, in I or E: the field is the same about the axis.
     Valid:   outside the earth. Not modelled: higher harmonics (some 1e-5 of g), moon and sun, the pole's motion.
     Source:  TR8350.2; [1] Stevens, Lewis, Johnson, eq. 1.6-15.
     """
@@ -37,7 +37,7 @@ class Earth:
     rate: Scalar = quantity("rad/s", "Angular velocity about the axis, eastward.", default=RATE)
 
     def gravitation(self, p: Any) -> Any:
-        """Acceleration (3,) (m/s²) of a body that falls at p (3,), centrifugal acceleration not included."""
+        """Return the acceleration (3,) (m/s²) of a body in free fall at p (3,), without centrifugal acceleration."""
         r2 = p @ p
         r = jnp.sqrt(r2)
         s = p[2] / r
@@ -47,25 +47,25 @@ class Earth:
         return -pull * jnp.stack([along * p[0], along * p[1], (along + 2 * ratio) * p[2]])
 
     def to_inertial(self, t: Any) -> Any:
-        """R_IE (3, 3) at time t (s)."""
+        """Return R_IE (3, 3) at time t (s)."""
         c, s = jnp.cos(self.rate * t), jnp.sin(self.rate * t)
         o = jnp.zeros_like(c)
         return jnp.stack([jnp.stack([c, -s, o]), jnp.stack([s, c, o]), jnp.stack([o, o, o + 1])])
 
     def place(self, latitude: Any, longitude: Any, height: Any) -> Any:
-        """p_E (3,) (m) of geodetic latitude, longitude (rad) and height (m)."""
+        """Return p_E (3,) (m) of geodetic latitude, longitude (rad) and height (m)."""
         return to_ecef(latitude, longitude, height, semi_major=self.semi_major, flattening=self.flattening)
 
     def geodetic(self, p_E: Any) -> tuple[Any, Any, Any]:
-        """Geodetic latitude, longitude (rad) and height (m) of p_E (3,)."""
+        """Return geodetic latitude, longitude (rad) and height (m) of p_E (3,)."""
         return from_ecef(p_E, semi_major=self.semi_major, flattening=self.flattening)
 
     def ned_axes(self, p_E: Any) -> Any:
-        """R_EN (3, 3): north, east, down at a place to earth-fixed components."""
+        """Return R_EN (3, 3): from north, east, down at a position to earth-fixed components."""
         latitude, longitude, _ = self.geodetic(p_E)
         return ned_axes(latitude, longitude)
 
 
 def round_earth(rate: float = RATE) -> Earth:
-    """A sphere with the ellipsoid's surface and mass, that turns at `rate` (rad/s)."""
+    """Return a sphere with the ellipsoid's surface area and mass, rotating at `rate` (rad/s)."""
     return Earth(j2=0.0, semi_major=ROUND_RADIUS, flattening=0.0, rate=rate)

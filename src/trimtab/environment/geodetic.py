@@ -1,11 +1,11 @@
-"""The earth: WGS84 ellipsoid, the plane tangent to it at a place, normal gravity, and the rate at which it turns.
+"""The earth: WGS84 ellipsoid, a plane tangent to it, normal gravity, and angular velocity.
 
-Geodetic: latitude, longitude (rad), height above the ellipsoid (m). ECEF: earth-centred, earth-fixed, which turns with
-the earth and so is not inertial.
+Geodetic: latitude, longitude (rad), height above the ellipsoid (m). ECEF: earth-centred, earth-fixed, which rotates
+with the earth and so is not inertial.
 
-On a lab floor rate and Coriolis acceleration, which the plane's navigation leaves out, are small: 15 deg/h, and
-0.15 mm/s² at 1 m/s; a gyro's bias is hundreds of times more. Where that is not so, give `earth_rate(latitude)` to the
-inertial unit and to the navigation.
+On a lab floor the earth's rate and the Coriolis acceleration, which the plane's navigation neglects, are small:
+15 deg/h, and 0.15 mm/s² at 1 m/s; a gyro's bias is hundreds of times larger. Where they matter, give
+`earth_rate(latitude)` to the inertial unit and to the navigation.
 
 Source: NIMA TR8350.2, "Department of Defense World Geodetic System 1984", 3rd ed., tables 3.1 and 3.4, chapter 3, eqs.
 4-1 and 4-3; Groves, "Principles of GNSS, inertial, and multisensor integrated navigation systems", 2nd ed., sections
@@ -23,11 +23,11 @@ FLATTENING = 1 / 298.257223563
 ECCENTRICITY2 = FLATTENING * (2 - FLATTENING)
 SEMI_MINOR = SEMI_MAJOR * (1 - FLATTENING)
 ITERATIONS = 3
-"""Bowring's, from the surface; two reach 1 mm below 1000 km of height."""
+"""Number of Bowring's iterations, from the surface; two reach 1 mm below 1000 km of height."""
 EQUATOR = 9.7803253359
 """Normal gravity at the equator (m/s²)."""
 SOMIGLIANA = 0.00193185265241
-"""k = b gp/(a ge) - 1."""
+"""Somigliana's constant, k = b gp/(a ge) - 1."""
 GM = 3.986004418e14
 RATE = 7.292115e-5
 """Angular velocity of the earth (rad/s)."""
@@ -39,7 +39,7 @@ STANDARD = 9.80665
 def to_ecef(
     latitude: Any, longitude: Any, height: Any, *, semi_major: Any = SEMI_MAJOR, flattening: Any = FLATTENING
 ) -> Any:
-    """Earth-centred, earth-fixed coordinates (3,) (m) of a geodetic place. Source: TR8350.2, eq. 4-14."""
+    """Return earth-centred, earth-fixed coordinates (3,) (m) of a geodetic position. Source: TR8350.2, eq. 4-14."""
     s, c = jnp.sin(latitude), jnp.cos(latitude)
     eccentricity2 = flattening * (2 - flattening)
     N = semi_major / jnp.sqrt(1 - eccentricity2 * s * s)
@@ -49,7 +49,7 @@ def to_ecef(
 
 
 def from_ecef(p: Any, *, semi_major: Any = SEMI_MAJOR, flattening: Any = FLATTENING) -> tuple[Any, Any, Any]:
-    """Latitude, longitude (rad) and height (m) of a place (3,) (m), not near the earth's centre.
+    """Return latitude, longitude (rad) and height (m) of a position (3,) (m), not near the earth's centre.
 
     A fixed number of steps and no branch: flight code. Source: Bowring, Survey Review 23 (1976), iterated.
     """
@@ -72,7 +72,7 @@ def from_ecef(p: Any, *, semi_major: Any = SEMI_MAJOR, flattening: Any = FLATTEN
 
 
 def ned_axes(latitude: Any, longitude: Any) -> Any:
-    """R_EN (3, 3): local north-east-down components to earth-fixed ones."""
+    """Return R_EN (3, 3): from local north-east-down components to earth-fixed ones."""
     s, c, sl, cl = jnp.sin(latitude), jnp.cos(latitude), jnp.sin(longitude), jnp.cos(longitude)
     o = jnp.zeros_like(s * sl)
     return jnp.stack([jnp.stack([-s * cl, -sl, -c * cl]), jnp.stack([-s * sl, cl, -c * sl]), jnp.stack([c, o, -s])])
@@ -80,35 +80,35 @@ def ned_axes(latitude: Any, longitude: Any) -> Any:
 
 @record
 class TangentPlane:
-    """North-east-down coordinates with their origin at a geodetic place: the world frame W, put on the map.
+    """North-east-down coordinates with their origin at a geodetic position: the world frame W on the globe.
 
         p_W = R_NE (p_E - origin_E)
 
-    Frames:  W north-east-down at the origin; its axes don't turn with the place where the vehicle is.
+    Frames:  W north-east-down at the origin; its axes don't depend on the vehicle's position.
     Valid:   anywhere; that "down" is the plumb line holds near the origin only (1 arc second in 31 m).
     Source:  Groves, 2nd ed., section 2.1.3.
     """
 
-    latitude: Scalar = quantity("rad", "Of the origin.", kind="angle")
-    longitude: Scalar = quantity("rad", "Of the origin.", kind="angle")
-    height: Scalar = quantity("m", "Of the origin, above the ellipsoid.", default=0.0)
+    latitude: Scalar = quantity("rad", "Latitude of the origin.", kind="angle")
+    longitude: Scalar = quantity("rad", "Longitude of the origin.", kind="angle")
+    height: Scalar = quantity("m", "Height of the origin above the ellipsoid.", default=0.0)
 
     def to_ned(self, latitude: Any, longitude: Any, height: Any) -> Any:
-        """North, east, down (3,) (m) of a geodetic place."""
+        """Return north, east, down (3,) (m) of a geodetic position."""
         origin = to_ecef(self.latitude, self.longitude, self.height)
         return ned_axes(self.latitude, self.longitude).T @ (to_ecef(latitude, longitude, height) - origin)
 
     def from_ned(self, p_W: Any) -> tuple[Any, Any, Any]:
-        """Latitude, longitude (rad) and height (m) of north, east, down (3,) (m)."""
+        """Return latitude, longitude (rad) and height (m) of north, east, down (3,) (m)."""
         origin = to_ecef(self.latitude, self.longitude, self.height)
         return from_ecef(origin + ned_axes(self.latitude, self.longitude) @ p_W)
 
 
 def normal_gravity(latitude: Any, height: Any = 0.0) -> Any:
-    """Magnitude (m/s²), centrifugal acceleration included, at a geodetic latitude (rad) and height (m) below 20 km.
+    """Return gravity (m/s²), with centrifugal acceleration, at a geodetic latitude (rad) and height (m) below 20 km.
 
-    What an accelerometer at rest feels, without the local anomaly (< 1 mm/s²): Somigliana's formula on the ellipsoid,
-    and its expansion to second order in height.
+    It is the specific force on an accelerometer at rest, without the local anomaly (< 1 mm/s²): Somigliana's formula on
+    the ellipsoid, and its expansion to second order in height.
     """
     s2 = jnp.sin(latitude) ** 2
     surface = EQUATOR * (1 + SOMIGLIANA * s2) / jnp.sqrt(1 - ECCENTRICITY2 * s2)
@@ -117,17 +117,17 @@ def normal_gravity(latitude: Any, height: Any = 0.0) -> Any:
 
 
 def gravity(latitude: Any, height: Any = 0.0) -> Any:
-    """Gravity vector (3,) (m/s²) in local north-east-down; the plumb line taken normal to the ellipsoid."""
+    """Return the gravity vector (3,) (m/s²) in local north-east-down; the plumb line is normal to the ellipsoid."""
     g = normal_gravity(latitude, height)
     return jnp.stack([jnp.zeros_like(g), jnp.zeros_like(g), g])
 
 
 def earth_rate(latitude: Any) -> Any:
-    """Angular velocity of the earth (3,) (rad/s) in local north-east-down, at a geodetic latitude (rad)."""
+    """Return the angular velocity of the earth (3,) (rad/s) in local north-east-down, at a geodetic latitude (rad)."""
     c, s = jnp.cos(latitude), jnp.sin(latitude)
     return jnp.stack([RATE * c, jnp.zeros_like(c), -RATE * s])
 
 
 def coriolis(earth_rate_W: Any, v_W: Any) -> Any:
-    """Coriolis acceleration -2 Omega × v (3,) (m/s²): what turns a free body aside, seen in the turning frame W."""
+    """Return the Coriolis acceleration -2 Omega × v (3,) (m/s²) of a free body in the rotating frame W."""
     return -2 * jnp.cross(earth_rate_W, v_W)

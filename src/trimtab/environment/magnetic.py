@@ -1,4 +1,4 @@
-"""The earth's magnetic field at a place and a date, evaluated before a run, or given by numbers; and heading from it.
+"""The earth's magnetic field at a position and date, evaluated before a run, or given by numbers; and the heading.
 
 Source: Chulliat et al., "The US/UK World Magnetic Model for 2020-2025", NOAA, 2020; coefficients and evaluation by the
 package pygeomag.
@@ -17,14 +17,14 @@ from trimtab.core.errors import InputError, install_command
 from trimtab.core.rotation import from_euler
 
 MODELS = {2010: "wmm/WMM_2010.COF", 2015: "wmm/WMM_2015v2.COF", 2020: "wmm/WMM_2020.COF", 2025: "wmm/WMM_2025.COF"}
-"""First year of each model, which holds for five years."""
+"""First year of each model -> its file; a model holds for five years."""
 LAST = 2030
 COLLEGE_PARK = (2.047e-05, -3.93e-06, 4.783e-05)
-"""The field (T) at the University of Maryland, 38.99 N 76.94 W, by the model at its earliest date here, 2010.0."""
+"""Field (T) at the University of Maryland, 38.99 N 76.94 W, by the model at its earliest date here, 2010.0."""
 
 
 def earth_field(latitude: float, longitude: float, height: float, when: date | float) -> Any:
-    """The World Magnetic Model's field (3,) (T) in local north-east-down.
+    """Return the World Magnetic Model's field (3,) (T) in local north-east-down.
 
     Args:     latitude, longitude: geodetic (rad).    height: above the ellipsoid (m).
               when: a date, or a year with decimals from 2010 up to 2030.
@@ -36,7 +36,7 @@ def earth_field(latitude: float, longitude: float, height: float, when: date | f
         raise InputError("earth_field", problem, choices=[f"{y} to {y + 5}" for y in MODELS], fix=fix)
     if not abs(latitude) <= math.pi / 2 or not math.isfinite(longitude) or not -1000 <= height <= 850e3:
         place = f"latitude {latitude} rad, longitude {longitude} rad, height {height} m"
-        problem = f"{place} is not a place the model covers"
+        problem = f"{place} is not a position that the model covers"
         raise InputError("earth_field", problem, fix="angles in radians, |latitude| <= pi/2, height -1 to 850 km")
     try:
         from pygeomag import GeoMag
@@ -49,31 +49,31 @@ def earth_field(latitude: float, longitude: float, height: float, when: date | f
 
 
 def field_from_angles(intensity: float, declination: float, inclination: float) -> Any:
-    """A field (3,) (T) in local north-east-down from intensity (T), declination (rad, east) and dip (rad, down)."""
+    """Return a field (3,) (T) in local north-east-down from intensity (T), declination (rad, east), dip (rad, down)."""
     level = intensity * math.cos(inclination)
     down = intensity * math.sin(inclination)
     return np.array([level * math.cos(declination), level * math.sin(declination), down])
 
 
 def declination(field_W: Any) -> Any:
-    """Angle from true to magnetic north (rad), positive east, of a field (3,) in north-east-down."""
+    """Return the angle from true to magnetic north (rad), positive east, of a field (3,) in north-east-down."""
     return np.arctan2(field_W[1], field_W[0])
 
 
 def inclination(field_W: Any) -> Any:
-    """Dip below the horizon (rad) of a field (3,) in north-east-down."""
+    """Return the dip below the horizon (rad) of a field (3,) in north-east-down."""
     return np.arctan2(field_W[2], np.hypot(field_W[0], field_W[1]))
 
 
 def magnetic_heading(field_B: Any, field_W: Any, roll: Any = 0.0, pitch: Any = 0.0) -> Any:
-    """True heading (rad, in [-pi, pi]) from the measured field (3,) in B and the known field (3,) in north-east-down.
+    """Return the true heading (rad, in [-pi, pi]) from the measured field (3,) in B and the known field (3,) in NED.
 
     Both are projected on the horizontal plane; the heading is the angle from the measured to the known projection,
 
         psi = atan2((b × w)_z, b · w),
 
-    which is exact at every angle, where an arc cosine of b · w loses half its digits near 0 and pi. Where a projection
-    vanishes (a magnetic pole, a dead sensor) it is 0: look at `strength_ratio`. Flight code.
+    which is exact at every angle, while an arc cosine of b · w loses half its digits near 0 and pi. If a projection
+    vanishes (a magnetic pole, a dead sensor) the heading is 0: check `strength_ratio`. Flight code.
 
     Source: [1] eqs. 3.43-3.44, with the arc cosine replaced (docs page, Errata).
     """
@@ -83,7 +83,7 @@ def magnetic_heading(field_B: Any, field_W: Any, roll: Any = 0.0, pitch: Any = 0
 
 
 def strength_ratio(field_B: Any, field_W: Any) -> Any:
-    """Strength of the measured field over the known one: not 1 beside a motor or over steel, 0 for a dead sensor."""
+    """Return the ratio of measured to known field strength: not 1 near a motor or steel, 0 for a dead sensor."""
     return jnp.sqrt((field_B @ field_B) / (field_W @ field_W))
 
 

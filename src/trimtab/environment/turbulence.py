@@ -1,7 +1,7 @@
-"""Turbulence of Dryden's and von Kármán's form, with the scale lengths and intensities of the military specification.
+"""Dryden and von Kármán turbulence, with the scale lengths and intensities of the military specification.
 
-The air is taken as frozen while the vehicle flies through it: a wave of length l passes with the frequency V/l. Each
-component is white noise through a shaping filter, discretised exactly: its statistics do not depend on the step.
+The turbulence is frozen while the vehicle flies through it: a wave of length l passes with the frequency V/l. Each
+component is white noise through a shaping filter, discretised exactly, so its statistics do not depend on the step.
 
 [1] MIL-F-8785C, "Flying qualities of piloted airplanes", 1980, sections 3.7.1 to 3.7.3. [2] MIL-HDBK-1797, "Flying
 qualities of piloted aircraft", 1997, appendix A, 4.9 (the same lengths called 2 L; rational forms of von Kármán's).
@@ -24,12 +24,12 @@ from trimtab.environment.discrete_gust import DiscreteGust
 
 FOOT = 0.3048
 LOW, HIGH, GROUND = 1000 * FOOT, 2000 * FOOT, 10 * FOOT
-"""Below LOW and above HIGH heights (m) the two models of [1] hold, a straight line between; GROUND: no lower."""
+"""Heights (m): the two models of [1] hold below LOW and above HIGH, with a linear blend between; GROUND: minimum."""
 HIGH_LENGTHS: Mapping[str, float] = MappingProxyType({"dryden": 1750 * FOOT, "von-karman": 2500 * FOOT})
 """Scale length above HIGH (m), of all three components. Source: [1] 3.7.2.1."""
 HEIGHTS = FOOT * np.array([500, 1750, 3750, 7500, 15e3, 25e3, 35e3, 45e3, 55e3, 65e3, 75e3, 80e3])
 LEVELS = np.array([np.log10(0.2), -1, -2, -3, -4, -5, -6])
-"""Decimal logarithm of the probability that the intensity is exceeded, of each row of INTENSITIES."""
+"""Decimal logarithm of the probability of exceedance, of each row of INTENSITIES."""
 INTENSITIES = FOOT * np.array(
     [
         [3.2, 2.2, 1.5, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0],
@@ -51,14 +51,14 @@ FILTERS: Mapping[str, Mapping[str, tuple[tuple[float, ...], tuple[float, ...]]]]
         },
     }
 )
-"""Numerator and denominator of each filter in powers of s L/V, lowest first; driven by white noise of intensity L/V it
-gives a component of variance one. Source: [1] 3.7.5 (Dryden); [2] table of the rational forms (von Kármán)."""
+"""Numerator and denominator of each filter in powers of s L/V, lowest first; white noise of intensity L/V gives a
+component of variance one. Source: [1] 3.7.5 (Dryden); [2] table of the rational forms (von Kármán)."""
 LONGEST_STEP, FASTEST_RATE = 0.75, 12.0
-"""Most that a period is taken to be, in parts of L/V, and of the time constant of an angular component."""
+"""Largest period, as a fraction of L/V, and as a multiple of the time constant of an angular component."""
 
 
 class TurbulenceScales(NamedTuple):
-    """Of the turbulence at a place: scale lengths (3,) (m) and standard deviations (3,) (m/s), along B's axes."""
+    """Scales of the turbulence at a position: lengths (3,) (m) and standard deviations (3,) (m/s), along B's axes."""
 
     lengths: Any
     sigmas: Any
@@ -68,13 +68,13 @@ class TurbulenceScales(NamedTuple):
 class TurbulenceState:
     """States of the shaping filters, each of variance about one. Frames: B. Source: this module."""
 
-    key: Key = part("Of the noise.")
-    begun: Scalar = quantity("1", "Whether there has been a gust.", kind="flag")
-    forward: Any = quantity("1", "Of the component along x.")
-    side: Any = quantity("1", "Of that along y, and of the yaw last.")
-    down: Any = quantity("1", "Of that along z, and of the pitch last.")
-    roll: Scalar = quantity("1", "Of the roll.")
-    distance: Scalar = quantity("m", "Into the discrete gust.")
+    key: Key = part("Random key of the noise.")
+    begun: Scalar = quantity("1", "True once there has been a gust.", kind="flag")
+    forward: Any = quantity("1", "Filter state of the component along x.")
+    side: Any = quantity("1", "Filter state of the component along y, with the yaw last.")
+    down: Any = quantity("1", "Filter state of the component along z, with the pitch last.")
+    roll: Scalar = quantity("1", "Filter state of the roll.")
+    distance: Scalar = quantity("m", "Distance into the discrete gust.")
 
 
 @record
@@ -89,26 +89,26 @@ class Turbulence:
 
     Frames:  B: x forward, y starboard, z down, at all heights (near the ground [1] takes the wind's horizontal axes).
     Valid:   rms far below the airspeed; V of at least 1 m/s; heights up to 80 000 ft, above as there. A period below
-             0.75 L/V. Not modelled: patches, that turbulence is not normal, thermals; von Kármán's
-             rational forms keep within 5 % of his law up to L Omega = 10, and fall off faster beyond.
+             0.75 L/V. Not modelled: patches, non-normal turbulence, thermals; von Kármán's
+             rational forms stay within 5 % of his law up to L Omega = 10, and fall off faster beyond.
     Source:  [1] MIL-F-8785C; [2] MIL-HDBK-1797; signs of q and r: the air's own rotation, by the gradient along x.
     """
 
-    form: str = option("Whose spectra.", default="dryden", choices=tuple(FILTERS))
-    intensity: Scalar = imperfection("1", "All standard deviations times this.", "turbulence", default=1.0)
+    form: str = option("Form of the spectra.", default="dryden", choices=tuple(FILTERS))
+    intensity: Scalar = imperfection("1", "Factor on all standard deviations.", "turbulence", default=1.0)
     wind: Scalar = quantity(
-        "m/s", "At 20 ft above the ground: 7.7 light, 15.4 moderate, 23.2 severe.", default=15.4, low=0
+        "m/s", "Wind at 20 ft above the ground: 7.7 light, 15.4 moderate, 23.2 severe.", default=15.4, low=0
     )
     exceedance: Scalar = quantity(
-        "1", "Probability of more than the intensity, 1e-6 to 0.2.", default=1e-3, low=1e-6, high=0.2
+        "1", "Probability that the intensity is exceeded, 1e-6 to 0.2.", default=1e-3, low=1e-6, high=0.2
     )
-    span: Scalar = quantity("m", "Wing span b, over which gusts even out in the rates.", default=10.0, above=0)
-    ground: Scalar = quantity("m", "Of the ground above the sea.", default=0.0)
-    discrete: DiscreteGust = part("A single gust besides.", default=DiscreteGust())
-    period: int = period("How long a gust is held.", default=ms(5))
+    span: Scalar = quantity("m", "Wing span b, over which gusts are averaged in the rates.", default=10.0, above=0)
+    ground: Scalar = quantity("m", "Height of the ground above the sea.", default=0.0)
+    discrete: DiscreteGust = part("Additional single gust.", default=DiscreteGust())
+    period: int = period("Time between updates of the gust.", default=ms(5))
 
     def at(self, height: Any) -> TurbulenceScales:
-        """Lengths and intensities at a height above the ground (m)."""
+        """Return lengths and intensities at a height above the ground (m)."""
         h = jnp.maximum(height, GROUND)
         low, high = self._low(jnp.minimum(h, LOW)), self._high(jnp.maximum(h, HIGH))
         share = jnp.clip((h - LOW) / (HIGH - LOW), 0.0, 1.0)
@@ -116,7 +116,7 @@ class Turbulence:
         return TurbulenceScales(mixed[0], self.intensity * mixed[1])
 
     def init(self, key: Key) -> TurbulenceState:
-        """Filters whose velocities are as random as they will be, without any rate yet."""
+        """Return the first state: velocities with their stationary distribution, rates zero."""
         along, across = FILTERS[self.form]["along"], FILTERS[self.form]["across"]
         n, m = len(along[1]) - 1, len(across[1]) - 1
         z = normals(key.at("first"), 0, n + 2 * m + 1)
@@ -132,7 +132,7 @@ class Turbulence:
         )
 
     def step(self, t: Any, state: TurbulenceState, motion: Motion) -> tuple[TurbulenceState, Gust]:
-        """The gust from integer time t on."""
+        """Return the state and the gust from integer time t on."""
         air, dt = surrounding_air(motion), to_seconds(self.period)
         through = motion.v_WB_B - air.velocity
         V = jnp.maximum(jnp.sqrt(jnp.maximum(through @ through, 1.0)), 1.0)
@@ -162,7 +162,7 @@ class Turbulence:
         return new, Gust(velocity=velocity + self.discrete.air(new.distance), rate=jnp.stack([p, q, r]))
 
     def _low(self, h: Any) -> tuple[Any, Any]:
-        """Lengths and intensities (3,) up to 1000 ft above the ground. Source: [1] figures 10 and 11."""
+        """Return lengths and intensities (3,) up to 1000 ft above the ground. Source: [1] figures 10 and 11."""
         feet = h / FOOT
         ratio = 0.177 + 0.000823 * feet
         level, sigma = h / ratio**1.2, 0.1 * self.wind
@@ -170,7 +170,7 @@ class Turbulence:
         return jnp.stack([level, level, h]), jnp.stack([across, across, sigma + 0.0 * h])
 
     def _high(self, h: Any) -> tuple[Any, Any]:
-        """Lengths and intensities (3,) from 2000 ft up. Source: [1] 3.7.2.1 and figure 7."""
+        """Return lengths and intensities (3,) from 2000 ft up. Source: [1] 3.7.2.1 and figure 7."""
         column = _position(HEIGHTS, h)
         row = _position(-LEVELS, -jnp.log10(self.exceedance))
         table = jnp.asarray(INTENSITIES)
@@ -180,7 +180,7 @@ class Turbulence:
 
 
 def _position(table: Any, value: Any) -> tuple[Any, Any]:
-    """Index of the interval of a rising table that a value lies in, and the share of it below; held beyond its ends."""
+    """Return the index of a value's interval in a rising table, and the fraction in it; limited to the ends."""
     index = jnp.clip(jnp.sum(jnp.asarray(table) <= value) - 1, 0, len(table) - 2)
     low, high = jnp.asarray(table)[index], jnp.asarray(table)[index + 1]
     return index, jnp.clip((value - low) / (high - low), 0.0, 1.0)
@@ -192,7 +192,7 @@ def _between(values: Any, position: tuple[Any, Any]) -> Any:
 
 
 def _system(filter: tuple[tuple[float, ...], tuple[float, ...]]) -> Any:
-    """A (n, n) of a filter's controllable form, in units of L/V; the noise enters its last state."""
+    """Return A (n, n) of a filter's controllable form, in units of L/V; the noise enters the last state."""
     _, denominator = filter
     n = len(denominator) - 1
     A = np.eye(n, k=1)
@@ -201,14 +201,14 @@ def _system(filter: tuple[tuple[float, ...], tuple[float, ...]]) -> Any:
 
 
 def _output(filter: tuple[tuple[float, ...], tuple[float, ...]]) -> Any:
-    """C (n,) of that form."""
+    """Return C (n,) of the controllable form."""
     numerator, denominator = filter
     n = len(denominator) - 1
     return np.array([*numerator, *[0.0] * (n - len(numerator))]) / denominator[-1]
 
 
 def _steady_root(filter: tuple[tuple[float, ...], tuple[float, ...]]) -> Any:
-    """Root (n, n) of the covariance of that form's state under white noise of intensity one, after a long time."""
+    """Return a root (n, n) of the stationary state covariance of that form under white noise of intensity one."""
     A = _system(filter)
     n = len(A)
     B = np.zeros((n, n))
@@ -218,9 +218,9 @@ def _steady_root(filter: tuple[tuple[float, ...], tuple[float, ...]]) -> Any:
 
 
 def _advance(filter: Any, state: Any, frequency: Any, lag: Any, dt: Any, z: Any) -> Any:
-    """The state of a filter of corner V/L (1/s) a time dt (s) on, with noise z as wide as it.
+    """Return the state of a filter of corner V/L (1/s) a time dt (s) later, with noise z of the same size.
 
-    lag: time constant (s) through which the state's last number follows the component; None: there is none.
+    lag: time constant (s) with which the state's last number follows the component; None: no such number.
     """
     A0, C = _system(filter), _output(filter)
     r = jnp.minimum(frequency * dt, LONGEST_STEP)
@@ -236,6 +236,6 @@ def _advance(filter: Any, state: Any, frequency: Any, lag: Any, dt: Any, z: Any)
 
 
 def _roll_share(span: Any, length: Any) -> Any:
-    """Standard deviation of the roll's rate (rad/s) over that of w (m/s). Source: [1] 3.7.5, integrated."""
+    """Return the standard deviation of the roll rate (rad/s) over that of w (m/s). Source: [1] 3.7.5, integrated."""
     corner = np.pi / (4 * span)
     return jnp.sqrt(0.4 * np.pi * corner ** (4 / 3) / length ** (2 / 3))

@@ -1,8 +1,8 @@
-"""Delivery in order: packets that take a latency each, and never overtake one another.
+"""Delivery in order: packets that take a random latency each, and never overtake one another.
 
-A ring has one slot per send instant. A slot in which nothing was sent, or whose packet was lost, repeats the slot
-before it; so arrival times never fall along the ring, and the newest packet that has arrived is found by counting those
-that have not. The slot numbers follow from the time alone: a batch of runs shares them.
+A ring has one slot per send instant. A slot without a packet, or with a lost one, repeats the slot before. So arrival
+times never fall along the ring, and the newest packet that has arrived is found by counting those that have not. The
+slot numbers depend only on the time, so a batch of runs shares them.
 """
 
 import math
@@ -22,25 +22,27 @@ from trimtab.core.time import NEVER, SECONDS_PER_UNIT, UNITS_PER_SECOND, format_
 
 @record
 class Fifo:
-    """Packets under way, and what the receiving end holds. Leaves of the ring have a leading axis of slots.
+    """Packets in transit, and the sample at the receiving end. Leaves of the ring have a leading axis of slots.
 
     Frames: those of the values carried. Source: docs page.
     """
 
-    key: Any = part("Of the numbers that are drawn; None where none are.")
-    values: Any = part("The value in each slot.")
-    measured: Scalar = quantity("100 ns", "When the value in each slot was measured.", kind="time")
-    due: Scalar = quantity("100 ns", "When the packet in each slot arrives; never falls along the ring.", kind="time")
-    serial: Scalar = quantity("1", "How many packets not lost had been sent up to each slot.", kind="count")
-    offered: Scalar = quantity("100 ns", "When the last sample that was sent had been measured.", kind="time")
-    held: Scalar = quantity("100 ns", "When the sample at the receiving end was measured.", kind="time")
-    sent: Scalar = quantity("1", "Packets sent so far, with those lost.", kind="count")
+    key: Any = part("Random key of the draws; None without draws.")
+    values: Any = part("Value in each slot.")
+    measured: Scalar = quantity("100 ns", "Measurement time of the value in each slot.", kind="time")
+    due: Scalar = quantity(
+        "100 ns", "Arrival time of the packet in each slot; never falls along the ring.", kind="time"
+    )
+    serial: Scalar = quantity("1", "Number of packets sent and not lost, up to each slot.", kind="count")
+    offered: Scalar = quantity("100 ns", "Measurement time of the last sample sent.", kind="time")
+    held: Scalar = quantity("100 ns", "Measurement time of the sample at the receiving end.", kind="time")
+    sent: Scalar = quantity("1", "Packets sent so far, including lost ones.", kind="count")
     lost: Scalar = quantity("1", "Packets lost so far.", kind="count")
     delivered: Scalar = quantity("1", "Packets that have arrived so far.", kind="count")
 
 
 def empty_fifo(key: Any, like: Sample, capacity: int) -> Fifo:
-    """A ring of `capacity` slots with nothing in it, for samples of the structure of `like`."""
+    """Return an empty ring of `capacity` slots, for samples of the structure of `like`."""
     none = np.int32(0)
     return Fifo(
         key=key,
@@ -57,31 +59,31 @@ def empty_fifo(key: Any, like: Sample, capacity: int) -> Fifo:
 
 
 def empty_slots(value: Any, n: int) -> Any:
-    """The same tree with zeros and a leading axis of n slots on every leaf."""
+    """Return a tree of zeros with a leading axis of n slots on every leaf."""
     return jax.tree.map(lambda leaf: jnp.zeros((n, *jnp.shape(leaf)), jnp.result_type(leaf)), value)
 
 
 def read_slot(ring: Any, slot: Any) -> Any:
-    """What a ring (leaves (n, ...)) holds in a slot in [0, n)."""
+    """Return the content of a ring (leaves (n, ...)) in a slot in [0, n)."""
     return jax.tree.map(lambda leaf: lax.dynamic_index_in_dim(leaf, slot, keepdims=False), ring)
 
 
 def write_slot(ring: Any, slot: Any, value: Any) -> Any:
-    """A ring (leaves (n, ...)) with another value in a slot in [0, n)."""
+    """Return a ring (leaves (n, ...)) with another value in a slot in [0, n)."""
     return jax.tree.map(
         lambda leaf, new: lax.dynamic_update_index_in_dim(leaf, jnp.asarray(new, leaf.dtype), slot, 0), ring, value
     )
 
 
 def measurement_time(sample: Sample) -> Any:
-    """When a sample was measured; NEVER where it is not valid."""
+    """Return the time at which a sample was measured, or NEVER if it is not valid."""
     return jnp.where(sample.valid, sample.t, NEVER)
 
 
 def receive_sample(now: Any, value: Any, measured: Any, held: Any) -> Sample:
-    """The sample at the receiving end, fresh where it replaces one measured at another time `held`.
+    """Return the sample at the receiving end; it is fresh if it replaces one measured at another time `held`.
 
-    Before anything has arrived it is not valid, and its age counts from the start of the run.
+    Before the first arrival it is not valid, and its age counts from the start of the run.
     """
     valid = measured != NEVER
     t = jnp.where(valid, measured, 0)
@@ -91,13 +93,13 @@ def receive_sample(now: Any, value: Any, measured: Any, held: Any) -> Sample:
 def deliver(
     t: Any, fifo: Fifo, sample: Sample, draw: Callable[[], tuple[Any, Any]], *, send_period: int, period: int
 ) -> tuple[Fifo, Sample]:
-    """One instant of a link: send the sample if it is time and it is new, hand out the newest that has arrived.
+    """Step a link by one instant: send the sample if it is due and new, and return the newest that has arrived.
 
-    A packet arrives at max(arrival of the one before it, now + latency), and is seen at the first instant from then on.
+    A packet arrives at max(arrival of the one before it, now + latency), and is received at the next instant.
 
-    Args:     t: now, integer time.    sample: what the sending end has now.
-              draw: gives the latency (s, not negative) of a packet sent now, and whether it is lost.
-              send_period: one packet at most in each, at its first instant.    period: time since the last call.
+    Args:     t: now, integer time.    sample: sample at the sending end.
+              draw: returns the latency (s, not negative) of a packet sent now, and True if it is lost.
+              send_period: at most one packet in each, at its first instant.    period: time since the last call.
     """
     number, before = t // send_period, (t - period) // send_period
     # The time alone decides, so that a batch of runs has a real branch here.
@@ -134,14 +136,15 @@ def _send(t: Any, number: Any, fifo: Fifo, sample: Sample, latency: Any, lost: A
 
 
 def required_slots(longest: float, send_period: int, period: int) -> int:
-    """The smallest ring that cannot overflow with latencies up to `longest` (s)."""
+    """Return the smallest ring that cannot overflow with latencies up to `longest` (s)."""
     return 1 + math.ceil((round(longest * UNITS_PER_SECOND) + period) / send_period)
 
 
 def check_ring(name: str, capacity: int, longest: float, send_period: int, period: int) -> None:
-    """Refuse a ring in which a packet could be overwritten before it arrives, and sending between the instants.
+    """Raise InputError if a packet could be overwritten before its arrival, or be sent between the instants.
 
-    Args:     name: of the link.    capacity: slots of the ring, one each send_period.    longest: longest latency (s).
+    Args:     name: name of the link.    capacity: slots of the ring, one each send_period.
+              longest: longest latency (s).
     """
     if send_period < period:
         raise InputError(
@@ -156,6 +159,6 @@ def check_ring(name: str, capacity: int, longest: float, send_period: int, perio
         raise InputError(
             f"{name}.capacity",
             f"a ring of {capacity} slots, one each {format_time(send_period)}, keeps packets for {span:.4g} s,"
-            f" but the longest latency is {longest:.4g} s (+ {format_time(period)} to be seen)",
+            f" but the longest latency is {longest:.4g} s (+ {format_time(period)} to be received)",
             fix=f"set capacity to {needed} or more",
         )

@@ -20,19 +20,19 @@ from trimtab.links.fifo import Fifo, check_ring, deliver, empty_fifo, required_s
 
 NODES = 65
 SPAN = 4.0
-"""The table of latencies has NODES entries at normal scores z, evenly spaced from -SPAN to SPAN."""
+"""Largest normal score of a latency table: its NODES entries are evenly spaced from -SPAN to SPAN."""
 
 
 @record
 class MeasuredLatency:
-    """Packets that take a random time each, arrive in order, and are sometimes lost.
+    """Packet link with random latencies, delivery in order, and random losses.
 
         latency of packet k = table(z_k), linear between its nodes, z_k ~ N(0, 1);
         arrival_k = max(arrival_(k-1), send_k + latency_k);   lost with probability `loss`
 
-    One packet at most leaves per `send_period`, and only if its sample is newer than the last one sent; a lost one is
-    not sent again. The receiving end looks each `period` and holds the newest that has arrived. The draws of a packet
-    depend on its send instant alone, so changing loss or latency leaves the others as they were.
+    At most one packet leaves per `send_period`, and only if its sample is newer than the last one sent. Lost packets
+    are not sent again. The receiving end polls each `period` and holds the newest sample that has arrived. The draws of
+    a packet depend only on its send instant, so changing loss or latency does not affect other packets.
 
     Frames:  those of the values carried.    Not modelled: correlation of successive latencies, bursts of loss.
     Valid:   `send_period` >= `period`; a ring longer than the longest latency (`check`).
@@ -48,33 +48,33 @@ class MeasuredLatency:
     )
     loss: Scalar = imperfection("1", "Probability that a packet is lost.", "loss", high=1)
     send_period: int = period("Time between packets.", default=ms(20))
-    period: int = period("How often the receiving end looks.", default=ms(1))
+    period: int = period("Polling period of the receiving end.", default=ms(1))
     capacity: int = option("Slots of the ring, one per send period.", default=64)
 
     def check(self) -> None:
-        """Refuse a table that is not a rising list of latencies, and a ring too short for the longest of them."""
+        """Raise InputError for a table of latencies that doesn't rise, and a ring too short for the longest latency."""
         table = np.asarray(self.latency)
         if table.shape != (NODES,) or not np.isfinite(table).all() or (np.diff(table) < 0).any() or table[0] < 0:
             raise InputError(
                 "MeasuredLatency.latency",
-                f"{np.array2string(table, threshold=6, precision=4)} s, of shape {table.shape}, is not"
-                f" {NODES} rising latencies from 0 on",
+                f"{np.array2string(table, threshold=6, precision=4)} s, of shape {table.shape}, must be"
+                f" {NODES} rising latencies, at least 0",
                 fix="make it with gamma_table(mean, sd, shift), or from measured quantiles at ndtr(normal_scores())",
             )
         check_ring("MeasuredLatency", self.capacity, float(table[-1]), self.send_period, self.period)
 
     def draw(self, key: Key, packet: Any) -> tuple[Any, Any]:
-        """Latency (s) and whether it is lost, of the packet of a send instant: its time divided by `send_period`."""
+        """Return latency (s) and loss of the packet of a send instant. packet: its time divided by `send_period`."""
         z, _ = normal2(key, packet, 0)
         u, _ = uniform2(key, packet, 1)
         return interpolate_latency(self.latency, z), u < self.loss
 
     def init(self, key: Key, like: Sample) -> Fifo:
-        """Nothing under way, for samples of the structure of `like`."""
+        """Return the first state, without packets, for samples of the structure of `like`."""
         return empty_fifo(key, like, self.capacity)
 
     def step(self, t: Any, state: Fifo, sample: Sample) -> tuple[Fifo, Sample]:
-        """What the receiving end holds at integer time t."""
+        """Return the state and the sample at the receiving end at integer time t."""
         return deliver(
             t,
             state,
@@ -86,7 +86,7 @@ class MeasuredLatency:
 
 
 def interpolate_latency(table: Any, z: Any) -> Any:
-    """The latency (s) at a normal score z, from a table (NODES,); constant beyond ±SPAN."""
+    """Return the latency (s) at a normal score z, from a table (NODES,); constant beyond ±SPAN."""
     place = jnp.clip((z + SPAN) * ((NODES - 1) / (2 * SPAN)), 0.0, NODES - 1.0)
     node = jnp.minimum(place.astype(np.int32), NODES - 2)
     table = jnp.asarray(table)
@@ -95,12 +95,12 @@ def interpolate_latency(table: Any, z: Any) -> Any:
 
 
 def normal_scores() -> np.ndarray[Any, np.dtype[np.float64]]:
-    """The normal scores (NODES,) of a table's entries."""
+    """Return the normal scores (NODES,) of a table's entries."""
     return np.linspace(-SPAN, SPAN, NODES)
 
 
 def gamma_table(mean: float, sd: float, shift: float) -> np.ndarray[Any, np.dtype[np.float64]]:
-    """Latencies (NODES,), in s, of a gamma distribution moved up by `shift`, with this mean and standard deviation (s).
+    """Return latencies (NODES,) (s) of a gamma distribution moved up by `shift`, with this mean and deviation (s).
 
         k = ((mean - shift) / sd)^2,   scale = sd^2 / (mean - shift),   latency(z) = shift + scale Q_k(ndtr(z))
 
@@ -112,7 +112,7 @@ def gamma_table(mean: float, sd: float, shift: float) -> np.ndarray[Any, np.dtyp
     if not (0 <= shift < mean and sd > 0 and math.isfinite(mean) and math.isfinite(sd)):
         raise InputError(
             "gamma_table",
-            f"mean {mean} s, standard deviation {sd} s, shift {shift} s make no distribution",
+            f"mean {mean} s, standard deviation {sd} s, shift {shift} s give no distribution",
             fix="give 0 <= shift < mean and sd > 0, in seconds",
         )
     k, scale = ((mean - shift) / sd) ** 2, sd**2 / (mean - shift)
@@ -122,7 +122,7 @@ def gamma_table(mean: float, sd: float, shift: float) -> np.ndarray[Any, np.dtyp
 
 
 def mean_latency(table: Any) -> float:
-    """The mean (s) of a table's linear interpolation over a standard normal score: the sum over its nodes, exact."""
+    """Return the exact mean (s) of a table's linear interpolation over a standard normal score: a sum over nodes."""
     from scipy import special  # a fifth of a second to import, and only tables need it
 
     values, z = np.asarray(table, np.float64), normal_scores()
@@ -176,32 +176,34 @@ The columns are not additive: a mean round trip differs from up + down by -1.2 t
 """
 
 SEND_PERIODS: Mapping[str, int] = MappingProxyType({"up": ms(20), "down": ms(6)})
-"""How often a packet leaves on each path: servo commands up, navigation down. [1] section 6.1."""
+"""Time between packets on each path: servo commands up, navigation down. [1] section 6.1."""
 
 BELOW_MIN_MS = 2.0
-"""How far the gamma distribution starts below the smallest latency seen (reconstructed, see docs Errata)."""
+"""Distance (ms) of the gamma distribution's start below the smallest measured latency (reconstructed, docs Errata)."""
 
 
 def bluetooth_link(
     pair: str, path: str, *, loss: float = 0.0, send_period: int | None = None, period: int = ms(1)
 ) -> MeasuredLatency:
-    """A link with the measured mean and spread of one path of one pair of modules.
+    """Return a link with the measured mean and spread of one path of one pair of modules.
 
     Args:
         pair: a key of TABLE, e.g. "free2move/linksys 2.9/22.0".
         path: "up" (ground to vehicle) or "down".
         loss: probability that a packet is lost; the table has no figure.
-        send_period: time between packets (100 ns); that of SEND_PERIODS if not given.
-        period: how often the receiving end looks (100 ns).
+        send_period: time between packets (100 ns); by default that of SEND_PERIODS.
+        period: polling period of the receiving end (100 ns).
     """
     if pair not in TABLE:
         near = closest(pair, TABLE)
         raise InputError(
-            "bluetooth", f"no pair {pair!r} in the table", choices=TABLE, fix=f"write {near[0]!r}" if near else ""
+            "bluetooth", f"the table has no pair {pair!r}", choices=TABLE, fix=f"write {near[0]!r}" if near else ""
         )
     if path not in SEND_PERIODS:
         why = ": it is two links, not one" if path == "round trip" else ""
-        raise InputError("bluetooth", f"no path {path!r}{why}", choices=SEND_PERIODS, fix="make one link for each way")
+        raise InputError(
+            "bluetooth", f"no path {path!r}{why}", choices=SEND_PERIODS, fix="make one link for each direction"
+        )
     row = TABLE[pair][path]
     table = gamma_table(row.mean_ms / 1e3, row.sd_ms / 1e3, (row.min_ms - BELOW_MIN_MS) / 1e3)
     every = SEND_PERIODS[path] if send_period is None else send_period

@@ -19,12 +19,12 @@ HEADER = "sent_s,latency_s"
 
 @record
 class LatencyTrace:
-    """Packets that take the latencies of a recording, one after the other, and arrive in order.
+    """Packet link that repeats the latencies of a recording, packet by packet, with delivery in order.
 
         latency of the k-th packet sent = latency[k mod n];  arrival_k = max(arrival_(k-1), send_k + latency_k)
 
-    One packet at most leaves per `send_period`, and only if its sample is newer than the last one sent. The times at
-    which the recorded packets were sent play no part: the recording is a sequence of packets.
+    At most one packet leaves per `send_period`, and only if its sample is newer than the last one sent. The recorded
+    send times are not used: the recording is a sequence of packets.
 
     Frames:  those of the values carried.    Not modelled: change of latency with the load of the link.
     Valid:   `send_period` >= `period`; a ring longer than the longest latency (`check`).
@@ -33,7 +33,7 @@ class LatencyTrace:
 
     latency: Scalar = quantity(
         "s",
-        "Latency of each recorded packet; 0 where it was lost.",
+        "Latency of each recorded packet; 0 for a lost packet.",
         low=0,
         off={
             "delay": lambda link: np.zeros_like(link.latency, np.float64),
@@ -42,41 +42,44 @@ class LatencyTrace:
         },
     )
     lost: Scalar = quantity(
-        "1", "Whether each recorded packet was lost.", kind="flag", off={"loss": lambda link: np.zeros_like(link.lost)}
+        "1",
+        "True for each recorded packet that was lost.",
+        kind="flag",
+        off={"loss": lambda link: np.zeros_like(link.lost)},
     )
     send_period: int = period("Time between packets.", default=ms(20))
-    period: int = period("How often the receiving end looks.", default=ms(1))
+    period: int = period("Polling period of the receiving end.", default=ms(1))
     capacity: int = option("Slots of the ring, one per send period.", default=64)
 
     def check(self) -> None:
-        """Refuse an empty or uneven recording, and a ring too short for the longest latency."""
+        """Raise InputError for an empty or inconsistent recording, and a ring too short for the longest latency."""
         latency, lost = np.asarray(self.latency), np.asarray(self.lost)
         if latency.ndim != 1 or not latency.size or lost.shape != latency.shape:
             raise InputError(
                 "LatencyTrace.latency",
-                f"latencies of shape {latency.shape} and losses of shape {lost.shape} are not two lists of one length",
+                f"latencies of shape {latency.shape} and losses of shape {lost.shape} must be two lists of one length",
                 fix="make it with LatencyTrace.of(read_trace(path))",
             )
         if not np.isfinite(latency).all() or latency.min() < 0:
             k = int(np.argmin(np.isfinite(latency) & (latency >= 0)))
             raise InputError(
                 "LatencyTrace.latency",
-                f"packet {k} has the latency {latency[k]} s",
+                f"packet {k} has the latency {latency[k]} s, must be at least 0",
                 fix="give 0 or more; mark a lost packet in `lost`",
             )
         check_ring("LatencyTrace", self.capacity, float(latency.max()), self.send_period, self.period)
 
     @classmethod
     def of(cls, trace: "Trace", **settings: Any) -> "LatencyTrace":
-        """A link that repeats a recording; settings are the other fields, e.g. ``send_period=ms(6)``."""
+        """Return a link that repeats a recording; settings are the other fields, e.g. ``send_period=ms(6)``."""
         return cls(latency=trace.latency_s, lost=trace.lost, **settings)
 
     def init(self, key: Key, like: Sample) -> Fifo:
-        """Nothing under way, for samples of the structure of `like`; the key is not needed."""
+        """Return the first state, without packets, for samples of the structure of `like`; the key is not needed."""
         return empty_fifo(None, like, self.capacity)
 
     def step(self, t: Any, state: Fifo, sample: Sample) -> tuple[Fifo, Sample]:
-        """What the receiving end holds at integer time t."""
+        """Return the state and the sample at the receiving end at integer time t."""
         latency, lost = jnp.asarray(self.latency), jnp.asarray(self.lost)
         k = state.sent % latency.shape[0]
         return deliver(
@@ -90,13 +93,13 @@ class LatencyTrace:
 
 
 def mean_received_latency(link: LatencyTrace) -> float:
-    """Mean latency (s) of the packets that were not lost; one that was has none on record."""
+    """Return the mean latency (s) of the packets that were not lost."""
     received = np.asarray(link.latency, np.float64)[~np.asarray(link.lost, np.bool_)]
     return float(received.mean()) if received.size else 0.0
 
 
 class Trace(NamedTuple):
-    """A recording of n packets: when each was sent (s, never falling), its latency (s; 0 where lost), whether lost."""
+    """A recording of n packets: send time (s, never falling), latency (s; 0 if lost), and True if lost."""
 
     sent_s: np.ndarray[Any, Any]
     latency_s: np.ndarray[Any, Any]
@@ -114,13 +117,13 @@ def write_trace(path: str | Path, trace: Trace) -> None:
 def read_trace(path: str | Path) -> Trace:
     """Read a recording: CSV text with the header ``sent_s,latency_s`` and one line per packet, in the order sent.
 
-    An empty latency marks a lost packet. Anything else that is not a time is refused, with file, line and fix.
+    An empty latency marks a lost packet. Any other value that is not a time raises InputError with file, line and fix.
     """
     try:
         text = Path(path).read_text(encoding="utf-8")
     except FileNotFoundError:
         fix = f"record one: trimtab link-test URI --out DIR; or write CSV text, first line {HEADER}"
-        raise InputError(f"{path}", "there is no such file", fix=fix) from None
+        raise InputError(f"{path}", "file not found", fix=fix) from None
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(f"{path}", f"it cannot be read as text ({error})", fix="give a CSV text file") from None
     return _parse_trace(str(path), text.splitlines())
@@ -136,19 +139,19 @@ def _parse_trace(path: str, lines: list[str]) -> Trace:
     for n, line in rows:
         where, fields = f"{path}, line {n}", line.split(",")
         if len(fields) != 2:
-            raise InputError(where, f"fields in {line!r}: {len(fields)}, needed: 2", fix="write e.g. 0.02,0.041")
+            raise InputError(where, f"fields in {line!r}: {len(fields)}, must be 2", fix="write e.g. 0.02,0.041")
         sent, lost = _parse_number(where, "sent_s", fields[0]), not fields[1].strip()
         latency = 0.0 if lost else _parse_number(where, "latency_s", fields[1])
         if latency < 0:
             fix = "give 0 or more, or nothing after the comma for a lost packet"
-            raise InputError(where, f"the latency {latency} s is negative", fix=fix)
+            raise InputError(where, f"the latency must be at least 0, got {latency} s", fix=fix)
         if packets and sent < packets[-1][0]:
             problem = f"sent at {sent} s, before the packet above it ({packets[-1][0]} s)"
             raise InputError(where, problem, fix="sort the lines by sent_s")
         packets.append((sent, latency, lost))
     if len(packets) < 2:
         raise InputError(
-            path, f"packets in the file: {len(packets)}, needed: 2 or more", fix="record two packets or more"
+            path, f"packets in the file: {len(packets)}, must be at least 2", fix="record two packets or more"
         )
     sent_s, latency_s, losses = zip(*packets, strict=True)
     return Trace(np.array(sent_s), np.array(latency_s), np.array(losses))

@@ -14,9 +14,9 @@ from trimtab.links.stream import AcceptingDialer, ConnectingDialer, StreamLink
 
 
 def open_loopback(address: Address, *, listen: bool = False) -> StreamLink:
-    """Connect to who listens under a name, there already or not; or listen under it, for one at a time.
+    """Connect to the listener of a name, present or not yet; or listen under the name, for one peer at a time.
 
-    Unix sockets that keep packets apart, in a folder that only its owner may enter.
+    It uses Unix sockets that preserve packets, in a folder that only its owner may enter.
     """
     address.validate_options()
     if not re.fullmatch(r"[A-Za-z0-9_.-]{1,40}", address.place) or address.path:
@@ -35,7 +35,7 @@ def open_loopback(address: Address, *, listen: bool = False) -> StreamLink:
     except OSError as error:
         listener.close()
         os.close(lock)
-        raise address.input_error(f"it can't be listened at ({error})", "another name, or a shorter TMPDIR") from None
+        raise address.input_error(f"cannot listen there ({error})", "use another name, or a shorter TMPDIR") from None
 
     def release() -> None:
         place.unlink(missing_ok=True)
@@ -45,7 +45,7 @@ def open_loopback(address: Address, *, listen: bool = False) -> StreamLink:
 
 
 def socket_folder() -> Path:
-    """Where the sockets lie: in XDG_RUNTIME_DIR or the temporary folder; refused where others may enter it."""
+    """Return the folder of the sockets, in XDG_RUNTIME_DIR or the temporary folder. Raise if others may enter it."""
     user = os.getuid()
     runtime = os.environ.get("XDG_RUNTIME_DIR")
     folder = Path(runtime) / "trimtab" if runtime else Path(tempfile.gettempdir()) / f"trimtab-{user}"
@@ -53,13 +53,13 @@ def socket_folder() -> Path:
         folder.mkdir(mode=0o700, parents=True)
     status = folder.lstat()
     if not stat.S_ISDIR(status.st_mode) or status.st_uid != user or status.st_mode & 0o077:
-        problem = "others than its owner may enter it"
+        problem = "only its owner may have access to it"
         raise InputError(f"folder of loopback links '{folder}'", problem, fix=f"chmod 700 {folder}, or remove it")
     return folder
 
 
 def _acquire_lock(address: Address, place: Path) -> int:
-    """A lock that is held while someone listens, and that the system gives back when they die."""
+    """Return a lock that is held by the listener; the system releases it when the process ends."""
     import fcntl  # not on every system
 
     lock = os.open(place.with_suffix(".lock"), os.O_RDWR | os.O_CREAT | os.O_CLOEXEC, 0o600)
@@ -67,7 +67,7 @@ def _acquire_lock(address: Address, place: Path) -> int:
         fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except OSError:
         os.close(lock)
-        raise address.input_error("someone listens under this name already", f"{address.text}-2") from None
+        raise address.input_error("another process listens under this name", f"{address.text}-2") from None
     return lock
 
 
@@ -76,5 +76,5 @@ def _make_socket(address: Address) -> socket.socket:
         return socket.socket(socket.AF_UNIX, socket.SOCK_SEQPACKET)
     except (OSError, AttributeError):
         raise address.input_error(
-            "this system has no Unix sockets that keep packets", "udp://127.0.0.1:14550"
+            "this system has no Unix sockets that preserve packets", "udp://127.0.0.1:14550"
         ) from None

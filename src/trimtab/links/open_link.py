@@ -18,13 +18,13 @@ EXAMPLES: Mapping[str, str] = MappingProxyType(
         "loopback": "loopback://hovercraft",
     }
 )
-"""Every scheme, with an example of it."""
+"""Scheme -> example of an address."""
 
 LOOPBACK_HOST = "127.0.0.1"
 
 
 class Address(NamedTuple):
-    """An address taken apart; `place` is what stands between ``//`` and the path."""
+    """A parsed address; `place` is the part between ``//`` and the path."""
 
     text: str
     scheme: str
@@ -33,11 +33,11 @@ class Address(NamedTuple):
     options: Mapping[str, str]
 
     def input_error(self, problem: str, fix: str = "", choices: Iterable[str] = ()) -> InputError:
-        """The error that names this address; without a fix, the scheme's example."""
+        """Return an error that names this address; the default fix is the scheme's example."""
         return InputError(f"link {self.text!r}", problem, choices=choices, fix=fix or EXAMPLES[self.scheme])
 
     def validate_options(self, *names: str) -> Mapping[str, str]:
-        """Its options; refused where one is not among these names."""
+        """Return the options of the address. Raise InputError if one is not among these names."""
         for name in self.options:
             if name not in names:
                 problem = f"{self.scheme} has no option {name!r}"
@@ -46,7 +46,7 @@ class Address(NamedTuple):
         return self.options
 
     def host_and_port(self) -> tuple[str, int]:
-        """Of ``HOST:PORT``, ``[IPV6]:PORT`` or ``:PORT``, which means this machine only."""
+        """Return host and port of ``HOST:PORT``, ``[IPV6]:PORT`` or ``:PORT``, which means this machine only."""
         host, colon, port = self.place.rpartition(":")
         number = int(port) if port.isascii() and port.isdigit() else 0
         if not colon or not 0 < number < 65536 or self.path not in ("", "/"):
@@ -54,15 +54,15 @@ class Address(NamedTuple):
         if host.startswith("[") and host.endswith("]"):
             host = host[1:-1]
         elif ":" in host:
-            raise self.input_error(f"the host {host!r} has colons", f"{self.scheme}://[{host}]:{number}")
+            raise self.input_error(f"the host {host!r} contains colons", f"{self.scheme}://[{host}]:{number}")
         return host or LOOPBACK_HOST, number
 
 
 def parse_uri(uri: str) -> Address:
-    """Take an address apart; refused where the scheme is none of EXAMPLES."""
+    """Parse an address. Raise InputError if the scheme is not one of EXAMPLES."""
     scheme, separator, _ = uri.partition("://")
     if not separator or scheme not in EXAMPLES:
-        problem = f"it has the scheme {scheme!r}" if separator else "it has no scheme"
+        problem = f"unknown scheme {scheme!r}" if separator else "the address has no scheme"
         raise InputError(f"link {uri!r}", problem, choices=EXAMPLES.values(), fix="write an address like the choices")
     try:
         parts = urlsplit(uri)
@@ -70,7 +70,7 @@ def parse_uri(uri: str) -> Address:
         raise InputError(f"link {uri!r}", str(error), fix=EXAMPLES[scheme]) from None
     bare = Address(uri, scheme, parts.netloc, parts.path, MappingProxyType({}))
     if parts.fragment or "@" in parts.netloc:
-        raise bare.input_error("an address holds no '#' and no '@'")
+        raise bare.input_error("an address must not contain '#' or '@'")
     pairs = parse_qsl(parts.query, keep_blank_values=True)
     options = dict(pairs)
     if len(options) < len(pairs):
@@ -79,16 +79,16 @@ def parse_uri(uri: str) -> Address:
 
 
 def open_link(uri: str, *, listen: bool = False) -> Link:
-    """Open a link; what can't be opened is refused here, and nothing raises afterwards.
+    """Open a link. Raise InputError if it can't be opened; later calls don't raise.
 
     Args:
         uri: ``serial:///dev/ttyUSB0?baud=115200``, ``udp://HOST:PORT``, ``tcp://HOST:PORT``,
             ``rfcomm://AA:BB:CC:DD:EE:FF/1`` or ``loopback://NAME``.
-        listen: be the end that is called; on udp and tcp for this machine only (``udp://:14550``) unless a host is
-            written (``udp://0.0.0.0:14550``).
+        listen: be the listening end; on udp and tcp for this machine only (``udp://:14550``) unless a host is given
+            (``udp://0.0.0.0:14550``).
 
     Returns:
-        A link that comes back by itself when its device, or its peer, does.
+        A link that reconnects by itself when its device or peer returns.
     """
     address = parse_uri(uri)
     module = importlib.import_module(f"trimtab.links.{address.scheme}")

@@ -18,9 +18,9 @@ def open_rfcomm(
     """Connect to a module, or listen on an adapter of this machine (00:00:00:00:00:00: any).
 
     Args:
-        address: where.
+        address: parsed address.
         listen: wait for a peer.
-        stack: who makes the connections, from the address, the channel and `listen`; None: the system's kernel.
+        stack: function that makes the connections, from address, channel and `listen`; None: the system's kernel.
     """
     address.validate_options()
     place = _parse_place(address)
@@ -38,11 +38,11 @@ def _kernel_dialer(address: Address, place: tuple[str, int], listen: bool) -> Di
     except OSError as error:
         listener.close()
         fix = f"rfcomm://{ANY_ADAPTER}/{place[1]}; hciconfig shows the adapters"
-        raise address.input_error(f"it can't be listened at ({error.strerror})", fix) from None
+        raise address.input_error(f"cannot listen there ({error.strerror})", fix) from None
 
 
 def _parse_place(address: Address) -> tuple[str, int]:
-    """Address of the module and channel."""
+    """Return address of the module, and channel."""
     channel = address.path.removeprefix("/")
     if not re.fullmatch(r"([0-9A-Fa-f]{2}:){5}[0-9A-Fa-f]{2}", address.place):
         raise address.input_error(f"{address.place!r} is not the address of a module, six bytes with colons between")
@@ -52,10 +52,10 @@ def _parse_place(address: Address) -> tuple[str, int]:
 
 
 def _bluetooth_socket_factory(address: Address) -> Callable[[], socket.socket]:
-    """Makes the system's sockets; refused where it has none."""
+    """Return a function that makes the system's Bluetooth sockets. Raise InputError if it has none."""
     names: Any = socket
     if not hasattr(names, "AF_BLUETOOTH"):
-        fix = "take a Python built with the Bluetooth headers (the distribution's), or bind it: rfcomm bind 0 ADDRESS 1"
+        fix = "use a Python built with Bluetooth headers (the distribution's), or bind a port: rfcomm bind 0 ADDRESS 1"
         raise address.input_error("this Python was built without Bluetooth", fix)
 
     def make() -> socket.socket:
@@ -64,6 +64,6 @@ def _bluetooth_socket_factory(address: Address) -> Callable[[], socket.socket]:
     try:
         make().close()
     except OSError as error:
-        fix = "load the module: sudo modprobe rfcomm; or take another transport"
+        fix = "load the module: sudo modprobe rfcomm; or use another transport"
         raise address.input_error(f"this kernel has no Bluetooth ({error.strerror})", fix) from None
     return make

@@ -12,9 +12,9 @@ DEVICES = ("ttyUSB*", "ttyACM*", "ttyAMA*", "ttyS*", "rfcomm*")
 
 
 def open_serial(address: Address, *, listen: bool = False) -> StreamLink:
-    """Open a serial line; both its ends are alike, so `listen` changes nothing. Refused where there is no such device.
+    """Open a serial line. Both ends are alike, so `listen` has no effect. Raise InputError if the device is missing.
 
-    A device that is unplugged later is opened again as soon as its path is back.
+    A device that is unplugged later is opened again as soon as its path returns.
     """
     del listen
     if address.place or not address.path:
@@ -29,13 +29,13 @@ def open_serial(address: Address, *, listen: bool = False) -> StreamLink:
 
 
 class _SerialDialer:
-    """Opens the device."""
+    """Dialer that opens the device."""
 
     def __init__(self, path: str, speed: int) -> None:
         self._path, self._speed = path, speed
 
     def dial(self) -> int:
-        """The device, raw and empty."""
+        """Return the device, in raw mode, with empty buffers."""
         import termios  # not on every system
 
         fd = os.open(self._path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK | os.O_CLOEXEC)
@@ -51,15 +51,15 @@ class _SerialDialer:
         return fd
 
     def wait_event(self) -> tuple[int, int]:
-        """Nothing tells when a device is back."""
+        """Return no event, as the return of a device cannot be waited for."""
         return -1, 0
 
     def close(self) -> None:
-        """Nothing is held."""
+        """Do nothing, as no resource is held."""
 
 
 def _raw_settings(termios: Any, flags: list[Any], speed: int) -> list[Any]:
-    """Settings under which every byte passes as it is."""
+    """Return settings under which every byte passes unchanged."""
     flags[:4] = 0, 0, termios.CS8 | termios.CREAD | termios.CLOCAL, 0
     flags[4] = flags[5] = speed
     flags[6][termios.VMIN], flags[6][termios.VTIME] = 1, 0
@@ -67,7 +67,7 @@ def _raw_settings(termios: Any, flags: list[Any], speed: int) -> list[Any]:
 
 
 def _parse_speed(address: Address) -> int:
-    """The system's number for the baud rate."""
+    """Return the system's number for the baud rate."""
     text = address.validate_options("baud").get("baud", str(DEFAULT_BAUD))
     try:
         import termios
@@ -81,7 +81,7 @@ def _parse_speed(address: Address) -> int:
 
 
 def _opening_error(address: Address, error: OSError) -> Exception:
-    """What to do about a device that can't be opened."""
+    """Return the error, with its fix, for a device that can't be opened."""
     devices = sorted(str(p) for pattern in DEVICES for p in Path("/dev").glob(pattern))
     fix = f"serial://{devices[0]}?baud={DEFAULT_BAUD}" if devices else "plug the device in; ls /dev/tty* shows it"
     if isinstance(error, PermissionError):

@@ -17,27 +17,27 @@ from trimtab.core.time import NEVER, UNITS_PER_SECOND, format_time, ms, to_secon
 from trimtab.links.fifo import Fifo, check_ring, deliver, empty_fifo, measurement_time
 
 BITS_PER_BYTE = 9
-"""Eight and an acknowledgement."""
+"""Bits per byte on the bus: eight, and an acknowledgement."""
 
 
 @record
 class SlaveBusState:
-    """What is on the bus, and until when it is taken. Frames: those of the values carried. Source: docs page."""
+    """State of the bus: messages in transit, busy time. Frames: those of the values carried. Source: docs page."""
 
-    fifo: Fifo = part("Messages on their way; those that found the queue full count as lost.")
-    taken: Scalar = quantity("100 ns", "Up to when slots are promised to messages that wait.", kind="time")
+    fifo: Fifo = part("Messages in transit; those dropped by a full queue count as lost.")
+    taken: Scalar = quantity("100 ns", "Time up to which slots are reserved for waiting messages.", kind="time")
 
 
 @record
 class SlaveBus:
-    """Messages cut into pieces of at most `piece` bytes, one piece each `slot`, in order; a queue before it.
+    """Slow bus: messages are split into pieces of at most `piece` bytes, one piece each `slot`, in order, with a queue.
 
-        pieces = ceil(bytes/piece)      first slot = the first that begins after now and after what waits
+        pieces = ceil(bytes/piece)      first slot = the first that begins after now and after waiting messages
         arrives = first slot + (pieces − 1) slot + 9 (bytes of the last piece + 1 address)/bit_rate
 
-    The bytes follow from what a sample holds: `overhead`, two for a real number, one for an integer, a bit for a flag;
-    or they are told. The time of measurement travels with it. A message that would be longer on its way than `queue` is
-    dropped and counted.
+    The number of bytes follows from the sample: `overhead`, two for a real number, one for an integer, a bit for a
+    flag; or it is set by `size`. The time of measurement travels with the message. A message that would take longer
+    than `queue` is dropped and counted.
 
     Frames:  those of the values carried.    Not modelled: repeated pieces, other traffic.
     Source:  [1] chapter 5: the unit with the ultrasonic receivers is the bus master, and at most 10 bytes go to it each
@@ -46,28 +46,28 @@ class SlaveBus:
 
     bit_rate: Scalar = quantity("1/s", "Bits per second.", default=100e3, above=0)
     slot: int = period("Time between pieces.", default=ms(10))
-    piece: int = option("Most bytes in a piece.", default=10)
+    piece: int = option("Maximum bytes in a piece.", default=10)
     overhead: int = option("Bytes of a message besides its numbers: header, name, length, time.", default=5)
-    size: int = option("Bytes of a message; 0: they follow from the sample.", default=0)
-    queue: int = period("Longest time that a message may be on its way.", default=ms(200))
-    period: int = period("How often the receiving end looks.", default=ms(1))
+    size: int = option("Bytes of a message; 0: computed from the sample.", default=0)
+    queue: int = period("Longest time that a message may be in transit.", default=ms(200))
+    period: int = period("Polling period of the receiving end.", default=ms(1))
     capacity: int = option("Slots of the ring, one per period.", default=256)
-    limited: bool = switch("Whether the bus takes any time.", "delay")
+    limited: bool = switch("True: the bus takes time; false: messages arrive at once.", "delay")
 
     def check(self) -> None:
-        """Refuse pieces without room, a piece longer than its slot, and a ring too short for the queue."""
+        """Raise InputError for invalid sizes, a piece longer than its slot, and a ring too short for the queue."""
         if self.piece < 1 or self.size < 0 or self.overhead < 0:
-            problem = f"{self.piece} bytes a piece, {self.size} a message, {self.overhead} over"
+            problem = f"{self.piece} bytes per piece, {self.size} per message, {self.overhead} overhead"
             raise InputError("SlaveBus.piece", problem, fix="write piece >= 1, size >= 0, overhead >= 0")
         longest = (self.piece + 1) * BITS_PER_BYTE / float(self.bit_rate)
         if longest > to_seconds(self.slot):
             slot = format_time(self.slot)
-            problem = f"a piece of {self.piece} bytes takes {longest * 1e3:.3g} ms, its slot is {slot}"
+            problem = f"a piece of {self.piece} bytes takes {longest * 1e3:.3g} ms, but its slot is {slot}"
             raise InputError("SlaveBus.slot", problem, fix="make the pieces smaller or the slot longer")
         check_ring("SlaveBus", self.capacity, to_seconds(self.queue), self.period, self.period)
 
     def message_size(self, value: Any) -> int:
-        """How many bytes a message with this value has."""
+        """Return the number of bytes of a message with this value."""
         if self.size:
             return self.size
         counts = {"f": 0, "i": 0, "u": 0, "b": 0}
@@ -76,11 +76,11 @@ class SlaveBus:
         return self.overhead + 2 * counts["f"] + counts["i"] + counts["u"] + -(-counts["b"] // 8)
 
     def init(self, key: Key, like: Sample) -> SlaveBusState:
-        """An empty bus."""
+        """Return the first state: an empty bus."""
         return SlaveBusState(fifo=empty_fifo(None, like, self.capacity), taken=np.int64(NEVER))
 
     def step(self, t: Any, state: SlaveBusState, sample: Sample) -> tuple[SlaveBusState, Sample]:
-        """What the receiving end holds at integer time t."""
+        """Return the state and the sample at the receiving end at integer time t."""
         size = self.message_size(sample.value)
         pieces = -(-size // self.piece)
         last = size - (pieces - 1) * self.piece

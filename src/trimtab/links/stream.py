@@ -1,4 +1,4 @@
-"""A link over one connection that may break and come back: serial lines, TCP, RFCOMM, Unix sockets."""
+"""A link over one connection that reconnects after a break: serial lines, TCP, RFCOMM, Unix sockets."""
 
 import contextlib
 import errno
@@ -13,42 +13,42 @@ from trimtab.core.clock import NS_PER_SECOND, SYSTEM_CLOCK, Clock, wait_until_re
 from trimtab.core.interfaces import Audience, LinkStatistics
 
 SEND_BUFFER_BYTES = 32 * 1024
-"""Bytes under way at most: what a slow link can't carry is dropped here and now, not seconds later."""
+"""Maximum bytes in transit: data that a slow link can't carry is dropped at once, not seconds later."""
 FIRST_WAIT, LONGEST_WAIT = 0.05, 2.0
-"""Seconds between two attempts to connect: doubled after each that failed."""
+"""First and longest time between two attempts to connect (s): doubled after each failure."""
 STEADY = 1.0
-"""A connection that lasted this long (s) makes the next attempt the first again."""
+"""Duration of a connection (s) after which the waiting time starts from the first again."""
 SLICE = 0.2
 """Longest single wait (s), so that a link closed by another thread is noticed."""
 PIECE = 65536
-"""Most bytes that one call takes."""
+"""Maximum bytes that one call reads."""
 LONGEST_MUTE = 3.0
-"""Seconds that a peer may say nothing good while another waits for its place."""
+"""Longest time (s) without an accepted packet from a peer while another peer waits for the connection."""
 UNFIT = (errno.EMSGSIZE, errno.EINVAL, errno.ENOBUFS, errno.ENOMEM)
-"""Errors that concern one packet, not the connection."""
+"""Error numbers that concern one packet, not the connection."""
 
 
 class Dialer(Protocol):
-    """Makes connections, and never waits for one."""
+    """Interface that makes connections, without blocking."""
 
     def dial(self) -> int:
-        """A connected descriptor that doesn't block, -1 while one is under way; OSError where an attempt failed."""
+        """Return a connected, non-blocking descriptor, or -1 while connecting. Raise OSError if an attempt failed."""
         ...
 
     def wait_event(self) -> tuple[int, int]:
-        """Descriptor and poll mask that tell when to dial again; (-1, 0) where only time does."""
+        """Return descriptor and poll mask of the event after which to dial again; (-1, 0) if there is only a timer."""
         ...
 
     def close(self) -> None:
-        """Give back what is held besides the connection."""
+        """Release all resources other than the connection."""
         ...
 
 
 class StreamLink:
-    """Bytes over a connection; what breaks is dialled again, at first at once, then less and less often.
+    """Byte stream over a connection; a broken connection is dialled again, at first at once, then at growing intervals.
 
-    One thread receives, another may send. A packet is written whole, or the rest of it before the next one, or it is
-    dropped: what the system's buffer doesn't take is not queued here.
+    One thread receives, another may send. A packet is written completely, with its rest before the next packet, or it
+    is dropped: data beyond the system's buffer is not queued.
     """
 
     def __init__(self, dialer: Dialer, clock: Clock = SYSTEM_CLOCK) -> None:
@@ -60,11 +60,11 @@ class StreamLink:
 
     @property
     def statistics(self) -> LinkStatistics:
-        """What it has carried."""
+        """Return the statistics of the link."""
         return self._counts.statistics(self._fd >= 0)
 
     def receive(self, timeout: float) -> bytes | None:
-        """The next piece of the stream; None when `timeout` seconds have passed without one."""
+        """Return the next piece of the stream, or None after `timeout` seconds without one."""
         deadline = self._seconds() + timeout
         while not self._closed:
             self._dismiss_mute()
@@ -81,7 +81,7 @@ class StreamLink:
         return None
 
     def send(self, packet: bytes, audience: Audience = Audience.ALL) -> bool:
-        """Hand a packet to the system's buffer; False where that is full, or where nothing is connected."""
+        """Write a packet to the system's buffer. Return False if the buffer is full or there is no connection."""
         if audience is Audience.PUBLIC:
             return False
         with self._lock:
@@ -94,23 +94,23 @@ class StreamLink:
             return self._counts.count_sent(len(packet))
 
     def has_audience(self, audience: Audience) -> bool:
-        """Whether it is the one peer's, who gets what is private."""
+        """Return True for an audience that includes the one peer, which also gets private packets."""
         return audience is not Audience.PUBLIC
 
     def accept_sender(self, *, is_private: bool = False) -> None:
-        """The one peer that is connected has said something good: it may stay, whoever else waits."""
+        """Accept the connected peer after a good packet: it keeps the connection even if other peers wait."""
         self._vouched = self._seconds()
 
     def reply(self, packet: bytes) -> bool:
-        """To the one peer there is."""
+        """Send a packet to the one peer."""
         return self.send(packet)
 
     def fileno(self) -> int:
-        """For select(); -1 while there is no connection."""
+        """Return the descriptor for select(), or -1 without a connection."""
         return self._fd
 
     def close(self) -> None:
-        """Give the transport back."""
+        """Close the transport."""
         with self._lock:
             if self._closed:
                 return
@@ -122,7 +122,7 @@ class StreamLink:
         return self._clock.monotonic_ns() / NS_PER_SECOND
 
     def _connect(self) -> int:
-        """The descriptor of the connection, made now if it is due; -1: none."""
+        """Return the descriptor of the connection, dialling if due; -1 if not connected."""
         with self._lock:
             now = self._seconds()
             if self._fd >= 0 or self._closed or now < self._next:
@@ -139,7 +139,7 @@ class StreamLink:
             return self._fd
 
     def _dismiss_mute(self) -> None:
-        """End a connection that has brought nothing good for long, if somebody waits for its place."""
+        """End a connection without an accepted packet for long, if another peer waits."""
         if self._fd < 0 or self._seconds() - self._vouched < LONGEST_MUTE:
             return
         fd, mask = self._dialer.wait_event()
@@ -148,7 +148,7 @@ class StreamLink:
                 self._hang_up()
 
     def _pause(self, left: float) -> None:
-        """Wait until it may be worth while to dial again, `left` seconds at most."""
+        """Wait until dialling again makes sense, at most `left` seconds."""
         fd, mask = self._dialer.wait_event()
         due = self._next - self._seconds()
         if fd >= 0 and due <= 0:
@@ -171,7 +171,7 @@ class StreamLink:
             self._wait, self._next = min(2 * self._wait, LONGEST_WAIT), now + self._wait
 
     def _read(self, connection: int) -> bytes | None:
-        """What has come; None where nothing has, or where the connection (its number) is not the one looked at."""
+        """Return received bytes, or None without any, or if the connection (its number) has changed."""
         with self._lock:
             if self._fd < 0 or connection != self._counts.connections:
                 return None
@@ -189,13 +189,13 @@ class StreamLink:
             return None
 
     def _flush(self) -> bool:
-        """Write what is left of the last packet; whether nothing of it is left and the connection stands."""
+        """Write the rest of the last packet. Return True if it is complete and the connection holds."""
         if self._rest:
             self._rest = self._rest[self._write(self._rest) :]
         return not self._rest and self._fd >= 0
 
     def _write(self, data: bytes) -> int:
-        """How many bytes were taken; an error that isn't the packet's ends the connection."""
+        """Write data and return the number of bytes taken; an error that isn't the packet's ends the connection."""
         try:
             return os.write(self._fd, data)
         except BlockingIOError:
@@ -214,35 +214,35 @@ class LinkCounters:
         self.connections = 0
 
     def count_received(self, packet: bytes) -> bytes:
-        """A packet came in; it is given back."""
+        """Count a received packet and return it."""
         self.bytes_in += len(packet)
         self.packets_in += 1
         return packet
 
     def count_sent(self, size: int) -> bool:
-        """A packet of this size went out: True."""
+        """Count a sent packet of this size. Return True."""
         self.bytes_out += size
         self.packets_out += 1
         return True
 
     def count_dropped(self) -> bool:
-        """A packet could not be sent: False."""
+        """Count a packet that could not be sent. Return False."""
         self.dropped += 1
         return False
 
     def statistics(self, connected: bool) -> LinkStatistics:
-        """All of it, as it stands; every connection after the first is a reconnection."""
+        """Return the counters; every connection after the first is a reconnection."""
         again = max(self.connections - 1, 0)
         into, out = (self.bytes_in, self.bytes_out), (self.packets_in, self.packets_out)
         return LinkStatistics(*into, *out, self.dropped, again, connected)
 
 
 class ConnectingDialer:
-    """Dials a peer.
+    """Dialer of a peer.
 
     Args:
-        make: a new socket.
-        address: of the peer, as connect() takes it.
+        make: function that makes a new socket.
+        address: address of the peer, for connect().
     """
 
     def __init__(self, make: Callable[[], socket.socket], address: Any) -> None:
@@ -250,7 +250,7 @@ class ConnectingDialer:
         self._under_way: socket.socket | None = None
 
     def dial(self) -> int:
-        """The connected descriptor, -1 while the peer has not answered; OSError where it refuses."""
+        """Return the connected descriptor, or -1 while the peer has not answered. Raise OSError if the peer refuses."""
         if self._under_way is None:
             self._under_way = configure_socket(self._make())
             try:
@@ -270,7 +270,7 @@ class ConnectingDialer:
         return connected.detach()
 
     def wait_event(self) -> tuple[int, int]:
-        """The socket that is being connected becomes writable."""
+        """Return the event that the connecting socket becomes writable."""
         return (-1, 0) if self._under_way is None else (self._under_way.fileno(), select.POLLOUT)
 
     def close(self) -> None:
@@ -281,12 +281,12 @@ class ConnectingDialer:
 
 
 class AcceptingDialer:
-    """Takes one peer after the other from a listening socket; those who come meanwhile wait.
+    """Dialer that accepts one peer after the other from a listening socket; other peers wait.
 
     Args:
-        listener: bound; it is made to listen here.
-        prepare: what to do to each connection.
-        closed: what to do when it is given back.
+        listener: bound socket; it is made to listen here.
+        prepare: called with each connection.
+        closed: called when the dialer is closed.
     """
 
     def __init__(
@@ -299,7 +299,7 @@ class AcceptingDialer:
         listener.listen(4)
 
     def dial(self) -> int:
-        """The peer that waits longest; -1 where none does."""
+        """Return the connection of the peer that waits longest, or -1 without a peer."""
         try:
             peer, _ = self._listener.accept()
         except BlockingIOError:
@@ -309,7 +309,7 @@ class AcceptingDialer:
         return configure_socket(peer).detach()
 
     def wait_event(self) -> tuple[int, int]:
-        """The listening socket becomes readable."""
+        """Return the event that the listening socket becomes readable."""
         return self._listener.fileno(), select.POLLIN
 
     def close(self) -> None:
@@ -319,7 +319,7 @@ class AcceptingDialer:
 
 
 def _is_self_connection(s: socket.socket) -> bool:
-    """Whether a socket that dialled a port of this machine at which nobody listens was given that port as its own."""
+    """Return True if a socket is connected to itself: it dialled a local port without listener and got that port."""
     try:
         return s.family in (socket.AF_INET, socket.AF_INET6) and s.getsockname() == s.getpeername()
     except OSError:
@@ -327,7 +327,7 @@ def _is_self_connection(s: socket.socket) -> bool:
 
 
 def configure_socket(s: socket.socket) -> socket.socket:
-    """Non-blocking, with a small buffer for what is sent."""
+    """Make a socket non-blocking, with a small send buffer. Return it."""
     s.setblocking(False)
     with contextlib.suppress(OSError):
         s.setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, SEND_BUFFER_BYTES)

@@ -1,4 +1,4 @@
-"""Datagrams: ``udp://HOST:PORT``; the listening end answers those who were vouched for within ten seconds."""
+"""Datagrams: ``udp://HOST:PORT``; the listening end sends to peers accepted within the last ten seconds."""
 
 import contextlib
 import socket
@@ -13,12 +13,12 @@ from trimtab.links.tcp import bind_socket, resolve_host
 HEARD_WITHIN = 10 * NS_PER_SECOND
 """Timeout of a peer (ns): without an accepted packet for longer, nothing is sent to it, and it is not connected."""
 MOST_PEERS = 16
-"""At once; a flood of senders can't push out those who were there before."""
+"""Maximum number of peers. A new sender never evicts a known one."""
 LARGEST = 65535
 
 
 def open_udp(address: Address, *, listen: bool = False) -> "UdpLink":
-    """Send to one place and hear only that; or listen, on this machine only unless a host is written."""
+    """Connect to one peer and receive only from it; or listen, on this machine only unless a host is given."""
     address.validate_options()
     family, place = resolve_host(address, socket.SOCK_DGRAM)
     if listen:
@@ -28,7 +28,7 @@ def open_udp(address: Address, *, listen: bool = False) -> "UdpLink":
         connected.connect(place)
     except OSError as error:
         connected.close()
-        raise address.input_error(f"there is no way there ({error.strerror})") from None
+        raise address.input_error(f"no route to this address ({error.strerror})") from None
     return UdpLink(connected, place)
 
 
@@ -57,14 +57,14 @@ class DatagramSocket(Protocol):
 
 
 class UdpLink:
-    """Packets to and from one peer, or all who were vouched for lately. One thread receives, another may send.
+    """Packets to and from one peer, or all recently accepted peers. One thread receives, another may send.
 
-    Anybody can send to a bound socket. Who receives tells by `accept_sender` whose packets were good: only those are
-    answered, so that a stranger without the key is told nothing.
+    Any machine can send to a bound socket. The receiver marks the sender of a good packet by `accept_sender`. The link
+    sends only to accepted peers, so that a stranger without the key gets no data.
 
     Args:
-        endpoint: bound, or connected to `peer`; it doesn't block.
-        peer: the one to send to, heard or not; None: those who are vouched for.
+        endpoint: socket, bound, or connected to `peer`; non-blocking.
+        peer: peer to send to, accepted or not; None: all accepted peers.
         clock: clock by which the link waits.
     """
 
@@ -78,22 +78,22 @@ class UdpLink:
 
     @property
     def statistics(self) -> LinkStatistics:
-        """What it has carried; connected: someone was heard and believed within ten seconds."""
+        """Return the statistics of the link; connected: a peer was accepted within ten seconds."""
         return self._counts.statistics(bool(self.peers))
 
     @property
     def peers(self) -> tuple[Any, ...]:
-        """The addresses of those who were heard and believed within ten seconds."""
+        """Return the addresses of peers accepted within ten seconds."""
         oldest = self._clock.monotonic_ns() - HEARD_WITHIN
         return tuple(peer for peer, at in list(self._heard.items()) if at >= oldest)
 
     @property
     def sender(self) -> Any:
-        """The address that the packet received last came from; None before the first one."""
+        """Return the sender's address of the last received packet, or None before the first."""
         return self._sender
 
     def receive(self, timeout: float) -> bytes | None:
-        """The next packet; None when `timeout` seconds have passed without one."""
+        """Return the next packet, or None after `timeout` seconds without one."""
         deadline = self._clock.monotonic_ns() + timeout * NS_PER_SECOND
         while self._socket.fileno() >= 0:
             left = max((deadline - self._clock.monotonic_ns()) / NS_PER_SECOND, 0.0)
@@ -102,7 +102,7 @@ class UdpLink:
                     packet, peer = self._socket.recvfrom(LARGEST)
                     if packet:
                         self._latest = self._sender = peer
-                        if self._fixed:  # the system lets nobody else through
+                        if self._fixed:  # the system accepts packets of this peer only
                             self.accept_sender()
                         return self._counts.count_received(packet)
             if self._clock.monotonic_ns() >= deadline:
@@ -110,16 +110,16 @@ class UdpLink:
         return None
 
     def send(self, packet: bytes, audience: Audience = Audience.ALL) -> bool:
-        """Send to the peer, or to each of the audience that was vouched for of late; False where none got it."""
+        """Send to the peer, or to each accepted peer of the audience. Return False if the packet was sent to none."""
         taken = sum([self._send_to(packet, peer) for peer in self._peers_of(audience)])
         return self._counts.count_sent(len(packet)) if taken else self._counts.count_dropped()
 
     def has_audience(self, audience: Audience) -> bool:
-        """Whether somebody of an audience was heard and believed within ten seconds."""
+        """Return True if a peer of an audience was accepted within ten seconds."""
         return bool(self._peers_of(audience))
 
     def _peers_of(self, audience: Audience) -> tuple[Any, ...]:
-        """Addresses; None: the one that the socket is connected to."""
+        """Return addresses; None stands for the peer to which the socket is connected."""
         if self._fixed:
             return () if audience is Audience.PUBLIC else (None,)
         if audience is Audience.ALL:
@@ -129,7 +129,7 @@ class UdpLink:
         return tuple(peer for peer in self.peers if (peer in private) == (audience is Audience.PRIVATE))
 
     def accept_sender(self, *, is_private: bool = False) -> None:
-        """The packet received last was good: its sender is answered from now on, if there is room for it."""
+        """Accept the sender of the last received packet as a peer, if there is room for another peer."""
         peer, self._latest = self._latest, None
         if peer is None:
             return
@@ -145,7 +145,7 @@ class UdpLink:
             self._private[peer] = now
 
     def reply(self, packet: bytes) -> bool:
-        """To the sender of the last packet, who may be a stranger, and to nobody else."""
+        """Send only to the sender of the last packet, accepted or not."""
         peer = self._sender
         if peer is None:
             return self._counts.count_dropped()
@@ -153,15 +153,15 @@ class UdpLink:
         return self._counts.count_sent(len(packet)) if taken else self._counts.count_dropped()
 
     def fileno(self) -> int:
-        """For select(); -1 once it is closed."""
+        """Return the descriptor for select(), or -1 once closed."""
         return self._socket.fileno()
 
     def close(self) -> None:
-        """Give the transport back."""
+        """Close the transport."""
         self._socket.close()
 
     def _send_to(self, packet: bytes, peer: Any) -> bool:
         try:
             return (self._socket.send(packet) if peer is None else self._socket.sendto(packet, peer)) > 0
-        except OSError:  # full buffer, no way there, or the last packet was refused: all mean that it is lost
+        except OSError:  # full buffer, no route, or the last packet was refused: in all cases the packet is lost
             return False

@@ -1,4 +1,4 @@
-"""Links without chance: a wire, out of which comes at once what goes in, and a chain of unit delays."""
+"""Deterministic links: a wire without delay, and a chain of unit delays."""
 
 from typing import Any
 
@@ -14,39 +14,39 @@ from trimtab.links.fifo import empty_slots, measurement_time, read_slot, receive
 
 @record
 class WireState:
-    """What the receiving end holds. Source: docs page."""
+    """State of a wire's receiving end. Source: docs page."""
 
-    seen: Scalar = quantity("100 ns", "When the sample at the receiving end was measured.", kind="time")
+    seen: Scalar = quantity("100 ns", "Measurement time of the sample at the receiving end.", kind="time")
 
 
 @record
 class Wire:
-    """A channel without any fault: the newest sample comes out each time the wire is looked at, with its age.
+    """A channel without any fault: gives the newest sample, with its age, each time it is polled.
 
-    Fresh is what was not there before, so a sensor need not keep the wire's time: a sample measured between two looks
-    is fresh at the next.
+    A sample is fresh if it was not there at the last poll. So a sensor need not be synchronous with the wire: a sample
+    measured between two polls is fresh at the next.
 
-    Frames:  those of the values carried.    Not modelled: anything.    Source: docs page.
+    Frames:  those of the values carried.    Not modelled: any delay or loss.    Source: docs page.
     """
 
-    period: int = period("How often the wire is looked at.", default=ms(1))
+    period: int = period("Polling period of the wire.", default=ms(1))
 
     def init(self, key: Key, like: Sample) -> WireState:
-        """Nothing received."""
+        """Return the first state: nothing received."""
         return WireState(seen=np.int64(NEVER))
 
     def step(self, t: Any, state: WireState, sample: Sample) -> tuple[WireState, Sample]:
-        """The same sample, as seen at integer time t."""
+        """Return the state and the same sample, as received at integer time t."""
         return WireState(seen=measurement_time(sample)), hold_sample(t, sample, fresh=is_new(sample, state.seen))
 
 
 @record
 class DelayLine:
-    """What the unit delays hold. Leaves have a leading axis of `steps` slots. Source: docs page."""
+    """State of the unit delays. Leaves have a leading axis of `steps` slots. Source: docs page."""
 
-    values: Any = part("The value in each slot.")
-    measured: Scalar = quantity("100 ns", "When the value in each slot was measured.", kind="time")
-    held: Scalar = quantity("100 ns", "When the sample at the receiving end was measured.", kind="time")
+    values: Any = part("Value in each slot.")
+    measured: Scalar = quantity("100 ns", "Measurement time of the value in each slot.", kind="time")
+    held: Scalar = quantity("100 ns", "Measurement time of the sample at the receiving end.", kind="time")
 
 
 @record
@@ -61,21 +61,25 @@ class DelayChain:
              section 6.1: 6 unit delays of 6 ms on the way down, 2 of 20 ms on the way up.
     """
 
-    period: int = period("Of the sample and hold and of each unit delay.")
+    period: int = period("Period of the sample and hold and of each unit delay.")
     steps: int = option("Number of unit delays; 0 leaves the sample and hold.", off={"delay": 0})
 
     def check(self) -> None:
-        """Refuse a number of delays that is not a whole number from 0 on."""
+        """Raise InputError unless the number of delays is a whole number, at least 0."""
         steps: Any = self.steps
         if not isinstance(steps, int | np.integer) or isinstance(steps, bool) or steps < 0:
-            raise InputError("DelayChain.steps", f"{steps!r} is not a number of unit delays", fix="write 0, 1, 2, ...")
+            raise InputError(
+                "DelayChain.steps",
+                f"the number of unit delays must be a whole number, at least 0, got {steps!r}",
+                fix="write 0, 1, 2, ...",
+            )
 
     def delay(self) -> float:
-        """Time from an input sampled to its output (s)."""
+        """Return the time from sampling an input to its output (s)."""
         return self.steps * self.period * SECONDS_PER_UNIT
 
     def init(self, key: Key, like: Sample) -> DelayLine:
-        """Nothing under way, for samples of the structure of `like`."""
+        """Return the first state, with empty delays, for samples of the structure of `like`."""
         return DelayLine(
             values=empty_slots(like.value, self.steps),
             measured=np.full(self.steps, NEVER, np.int64),
@@ -83,7 +87,7 @@ class DelayChain:
         )
 
     def step(self, t: Any, state: DelayLine, sample: Sample) -> tuple[DelayLine, Sample]:
-        """What went in `steps` periods before integer time t, a multiple of `period`."""
+        """Return the state and the input of `steps` periods before integer time t, a multiple of `period`."""
         new = (sample.value, measurement_time(sample))
         ring = (state.values, state.measured)
         if self.steps:

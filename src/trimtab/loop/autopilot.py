@@ -29,19 +29,19 @@ class AutopilotState:
     estimate: Any = part("Last estimate.")
     output: Any = part("Last output of the law.")
     command: Any = part("Last command.")
-    seen: Any = part("When each sample of the last frame had been measured, by the sensor's name.")
-    supervisor: Any = part("State of the supervisor; nothing without one.", default=())
+    seen: Any = part("Measurement time of each sample of the last frame, by sensor name.")
+    supervisor: Any = part("State of the supervisor; empty without one.", default=())
     supervised: Any = part("Last output of the supervisor.", default=())
-    first: Any = part("First state of the law, from which each flight that a supervisor lets begin starts.", default=())
-    predictor: Any = part("State of the predictor, with its last prediction; nothing without one.", default=())
-    monitor: Any = part("State of the monitor; nothing without one.", default=())
+    first: Any = part("First state of the law; each flight that a supervisor starts begins from it.", default=())
+    predictor: Any = part("State of the predictor, with its last prediction; empty without one.", default=())
+    monitor: Any = part("State of the monitor; empty without one.", default=())
 
     def last_prediction(self) -> Any:
-        """The last prediction; nothing without a predictor."""
+        """Return the last prediction; empty without a predictor."""
         return self.predictor.prediction if self.predictor else ()
 
     def last_verdicts(self) -> Any:
-        """What the monitor said last of each formula; nothing without a monitor."""
+        """Return the monitor's last output for each formula; empty without a monitor."""
         return self.monitor.outputs if self.monitor else ()
 
 
@@ -53,30 +53,30 @@ class Autopilot:
     >>> build("hovercraft/spin").autopilot.law.threshold
     'published'
 
-    Until the estimate is valid the law stands still and the command is marked invalid, so that actuators stay neutral.
-    So it does where what the law reads, or what it wants, is not finite: an estimate with a NaN in it is none.
-    A law finds its period (s) in the estimate, as `dt`, and one that asks for a pilot's stick its newest sample, as it
-    stands in the frame. With a predictor the law reads the state of the time at which its command will act; `estimate`
-    stays the estimator's.
+    Until the estimate is valid, the law does not step and the command is marked invalid, so that actuators stay
+    neutral. The same holds while the law's inputs or its demand are not finite: an estimate with a NaN counts as
+    invalid. The estimate given to a law carries the control period (s) as `dt`. A law that uses a pilot's stick also
+    finds the newest stick sample there, as it stands in the frame. With a predictor, the law reads the state predicted
+    for the time at which its command will act; the logged `estimate` stays the estimator's.
 
     Source: docs page, Time.
     """
 
-    estimator: Any = part("Frame in, estimate out.")
-    law: Any = part("Estimate in, demand out.")
-    allocation: Any = part("Demand in, actuator commands out.")
+    estimator: Any = part("Estimator: frame in, estimate out.")
+    law: Any = part("Control law: estimate in, demand out.")
+    allocation: Any = part("Control allocation: demand in, actuator commands out.")
     period: int = period("Control period.", default=ms(1))
-    supervisor: Supervisor | None = part("Whether it may fly; None: always.", default=None)
-    schedules: Any = part("Numbers of the law that change over time.", default=())
+    supervisor: Supervisor | None = part("Supervisor of the flight; None: it always flies.", default=None)
+    schedules: Any = part("Schedules of numbers of the law that change over time.", default=())
     predictor: Predictor | None = part(
-        "Carries the estimate over the delay; None: the law reads it as it is.", default=None
+        "Predictor that carries the estimate over the delay; None: the law reads the estimate itself.", default=None
     )
     monitor: Monitor | None = part(
-        "Whether it keeps to formulas; None: there are none.", default=None, optional=Monitor()
+        "Monitor of temporal-logic formulas; None: no formulas.", default=None, optional=Monitor()
     )
 
     def init(self, key: Key, frame: Frame) -> AutopilotState:
-        """First state, for frames of this structure; refuses parts that don't fit each other."""
+        """Return the first state, for frames of this structure. Raise InputError if parts don't fit each other."""
         self._check_listens(frame)
         self._check_stick(frame)
         states = [getattr(self, n).init(key.at(n)) for n in ("estimator", "law", "allocation")]
@@ -117,7 +117,7 @@ class Autopilot:
         return state
 
     def step(self, t: Any, state: AutopilotState, frame: Frame) -> tuple[AutopilotState, Command]:
-        """The command at integer time t. What came since the last step is fresh, whenever that was."""
+        """Return the state and the command at integer time t. Every sample that came since the last step is fresh."""
         received = frame
         seen = {name: measurement_time(frame.samples[name]) for name in state.seen}
         renewed = {n: replace(frame.samples[n], fresh=is_new(frame.samples[n], state.seen[n])) for n in seen}
@@ -154,7 +154,7 @@ class Autopilot:
     def _supervise(
         self, supervisor: Supervisor, t: Any, old: AutopilotState, new: AutopilotState, frame: Frame, finite: Any
     ) -> AutopilotState:
-        """The same step, if the supervisor lets it be: else the command is neutral or not valid, and the law waits."""
+        """Return the step if the supervisor permits it; else the command is neutral or invalid, and the law waits."""
         arrived = jnp.any(jnp.stack([jnp.asarray(frame.samples[name].fresh) for name in self.estimator.listens]))
         pilot = frame.samples.get(supervisor.pilot)
         state, said = supervisor.step(t, old.supervisor, SupervisorInput(new.estimate, arrived, finite, pilot))
@@ -172,11 +172,11 @@ class Autopilot:
         )
 
     def _is_readable(self, estimate: Estimate) -> Any:
-        """Whether all that the law reads is finite."""
+        """Return True where everything that the law reads is finite."""
         return is_finite([getattr(estimate.state, name) for name in self.law.reads])
 
     def _complete(self, estimate: Estimate, frame: Frame) -> Estimate:
-        """The estimate as the law reads it: with the control period, and the pilot's stick where the law asks for one.
+        """Return the estimate as the law reads it: with the control period, and the pilot's stick if the law uses one.
 
         Neither is logged with the estimate.
         """
@@ -185,19 +185,19 @@ class Autopilot:
         return replace(estimate, stick=frame.samples[name]) if name else estimate
 
     def _watched_samples(self, frame: Frame) -> tuple[str, ...]:
-        """Whose samples are told old from new: what the estimator reads, the pilot's requests and the pilot's stick."""
+        """Return the sensors whose samples are marked fresh or old: the estimator's, the pilot's requests and stick."""
         asked = (optional_member(self.law, "stick"), "" if self.supervisor is None else self.supervisor.pilot)
         own = dict.fromkeys(name for name in asked if name in frame.samples and name not in self.estimator.listens)
         return (*self.estimator.listens, *own)
 
     def drop_derived_outputs(self, state: AutopilotState, always: frozenset[int]) -> AutopilotState:
-        """The state without outputs that are made anew at every instant, so that a run does not carry them along."""
+        """Return the state without outputs that are recomputed at every instant, so that a run does not carry them."""
         if self.period not in always:
             return state
         return replace(state, estimate=(), output=(), command=(), supervised=())
 
     def hold(self, t: Any, state: AutopilotState) -> AutopilotState:
-        """The state between two control periods: last outputs kept, nothing fresh."""
+        """Return the state between two control periods: last outputs kept, nothing fresh."""
         return replace(state, estimate=replace(state.estimate, t=t, fresh=False))
 
     def _check_reads(self, estimate: Estimate) -> None:
@@ -214,19 +214,19 @@ class Autopilot:
         for name in self.estimator.listens:
             if name not in frame.samples:
                 sent = ", ".join(frame.samples) or "nothing"
-                problem = f"the autopilot reads sensor {name!r}, the world sends ({sent})"
-                fix = f'add sensors={{"{name}": …}} to the world, or name one that it sends'
+                problem = f"the autopilot reads sensor {name!r}, but the world sends only ({sent})"
+                fix = f'add sensors={{"{name}": …}} to the world, or name a sensor that it sends'
                 raise InputError("autopilot.estimator", problem, choices=frame.samples, fix=fix)
 
     def _check_stick(self, frame: Frame) -> None:
         name = optional_member(self.law, "stick")
         if name and name not in frame.samples:
             sent = ", ".join(frame.samples) or "nothing"
-            problem = f"{type(self.law).__name__} reads the pilot's stick {name!r}, the world sends ({sent})"
+            problem = f"{type(self.law).__name__} reads the pilot's stick {name!r}, but the world sends only ({sent})"
             fix = f'add sensors={{"{name}": StickScript(…)}} to the world, or name a sample that is a stick'
             raise InputError("autopilot.law.stick", problem, choices=frame.samples, fix=fix)
 
 
 def _monitor_input(state: AutopilotState, frame: Frame) -> MonitorInput:
-    """What a monitor looks at: the outputs of this step and the frame, as they are logged."""
+    """Return the monitor's input: the outputs of this step and the frame, as they are logged."""
     return MonitorInput(state.estimate, state.output, state.command, frame.samples, state.supervised)

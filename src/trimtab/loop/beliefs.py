@@ -1,9 +1,9 @@
-"""What the parts of an autopilot believe of the vehicle: the same as one another, and shown beside what flies.
+"""Checks of the vehicle models inside an autopilot: they must agree, and differences from the vehicle are shown.
 
-Every record of the vehicle's own class below the autopilot is a copy of it that some part computes with: a filter's
-`craft`, a law's `model`. Copies that differ from one another fly wrong without a word, so they are refused unless the
-difference is named. A vehicle that differs from what all of them believe is what a campaign is for, so it is allowed,
-and told in the log.
+Every record of the vehicle's own class below the autopilot is a model of the vehicle that some part computes with: a
+filter's `craft`, a law's `model`. Models that differ from one another give a wrong flight without a message, so they
+are refused unless the difference is named. A vehicle that differs from all models is what a campaign is for, so that
+is allowed, and reported in the log.
 """
 
 from collections.abc import Iterable, Mapping
@@ -15,13 +15,13 @@ from trimtab.core.errors import InputError, argument, argument_name
 from trimtab.core.quantity import leaves, records
 
 SHOWN = 6
-"""So many differences are told one by one."""
+"""Maximum number of differences that are listed one by one."""
 
 
 class Mismatch(NamedTuple):
-    """One number that a part believes otherwise than it is. path: below the vehicle, or of the copy where they differ.
+    """One number of a model that differs from the vehicle. path: below the vehicle, or of the model if models differ.
 
-    believed, actual: as text; "none" for a part that one of them lacks.
+    believed, actual: as text; "none" for a part that the model or the vehicle lacks.
     """
 
     path: str
@@ -30,20 +30,20 @@ class Mismatch(NamedTuple):
 
 
 def vehicle_copies(autopilot: Any, vehicle: Any) -> dict[str, Any]:
-    """Path -> record of the vehicle's class, of all below the autopilot."""
+    """Return path -> record, of all records of the vehicle's class below the autopilot."""
     return {path: copy for path, copy in records(autopilot, "autopilot") if type(copy) is type(vehicle)}
 
 
 def check_beliefs(autopilot: Any, vehicle: Any, named: Iterable[str] = ()) -> None:
-    """Refuse parts of an autopilot that believe in different vehicles.
+    """Raise InputError if parts of an autopilot have different models of the vehicle.
 
-    named: paths, of copies or of numbers in them, that are meant to differ.
+    named: paths, of models or of numbers in them, that are meant to differ.
     """
     named = tuple(named)
     copies = vehicle_copies(autopilot, vehicle)
     for path in named:
         if not any(_is_below(path, copy) for copy in copies):
-            problem = f"{path!r} leads into no copy of the vehicle that the autopilot has"
+            problem = f"{path!r} is not the path of a vehicle model in the autopilot"
             raise InputError(
                 argument_name("settings", "mismatch"),
                 problem,
@@ -57,7 +57,7 @@ def check_beliefs(autopilot: Any, vehicle: Any, named: Iterable[str] = ()) -> No
         for below, a, b in _differences(copies[first], copies[other]):
             one, two = f"{first}.{below}", f"{other}.{below}"
             if not any(_is_below(path, name) for path in (one, two) for name in named):
-                problem = f"it is {b}, but {one} is {a}: two parts believe in different vehicles"
+                problem = f"it is {b}, but {one} is {a}: two parts have different models of the vehicle"
                 alike = " ".join(argument("settings", b, f"{c}.{below}") for c in copies if c != other)
                 raise InputError(
                     two,
@@ -67,7 +67,7 @@ def check_beliefs(autopilot: Any, vehicle: Any, named: Iterable[str] = ()) -> No
 
 
 def belief_mismatches(autopilot: Any, vehicle: Any) -> list[Mismatch]:
-    """Where what is believed is not what flies; paths of a single copy where not all copies believe it."""
+    """Return the numbers in which models differ from the vehicle. If the models disagree, paths name a single model."""
     copies = vehicle_copies(autopilot, vehicle)
     by_copy = {path: _differences(copy, vehicle) for path, copy in copies.items()}
     told: dict[str, Mismatch] = {}
@@ -80,16 +80,16 @@ def belief_mismatches(autopilot: Any, vehicle: Any) -> list[Mismatch]:
 
 
 def describe_mismatches(mismatches: Iterable[Mapping[str, str]]) -> str:
-    """One line, e.g. "believed ≠ world: mass 2.6 vs 3 (intended)"; empty where there is none."""
+    """Return one line, e.g. "believed ≠ world: mass 2.6 vs 3 (intended)", or "" without differences."""
     parts = [f"{m['path']} {m['believed']} vs {m['actual']}" for m in mismatches]
     more = f" and {len(parts) - SHOWN} more" if len(parts) > SHOWN else ""
     return f"believed ≠ world: {', '.join(parts[:SHOWN])}{more} (intended)" if parts else ""
 
 
 def _differences(one: Any, other: Any) -> list[tuple[str, str, str]]:
-    """Path, value in one and in the other, of numbers and choices that differ; a part that one lacks comes whole.
+    """Return path, first value and second value of what differs. A part that one of the two lacks is one entry.
 
-    What is not finite is left to the check of values, which refuses it.
+    Values that are not finite are left to `loop.checks`, which refuses them.
     """
     a, b = ({path: value for path, value, _ in leaves(craft)} for craft in (one, other))
     parts = [{path for path, _ in records(craft)} for craft in (one, other)]

@@ -1,6 +1,6 @@
-"""A calibration put into a scenario: each number reaches every copy of the record that it belongs to.
+"""Application of a calibration to a scenario: each number is set in every copy of the record that it belongs to.
 
-The world has it and the autopilot believes it; tables that were made of a formula are made again.
+Both the world and the autopilot's models get it. Tables that were computed from a formula are computed again.
 """
 
 import math
@@ -20,18 +20,18 @@ from trimtab.identify.thrust import tabulate_thrust
 from trimtab.loop.scenario import Scenario
 
 TABULATED = "thrust.angles", "thrust.by_angle"
-"""Thrust by rudder angle where it is not that of the formula: tables of both ends are made of it."""
+"""Measured thrust by rudder angle, which differs from the formula: the tables of both ends are computed from it."""
 STEPS = {
     "gyro.step": ("gyro", "gyro_walk"),
     "accelerometer.step": ("forward", "starboard", "force_walk"),
 }
-"""Step (s) of the filter that a calibration's numbers of InertialNoise are for -> which of them."""
+"""Filter step (s) for which a calibration's InertialNoise is valid -> the fields that depend on it."""
 NOTES = ("gyro.delay", *STEPS, *TABULATED)
-"""Entries that are no settings by themselves."""
+"""Entries that are not settings by themselves."""
 
 
 class CalibratedScenario(NamedTuple):
-    """scenario: with the numbers in it.  used: entry -> paths that have it.  unused: entries with no place in it."""
+    """scenario: with the numbers set.  used: entry -> paths that were set.  unused: entries without a place in it."""
 
     scenario: Scenario
     used: dict[str, list[str]]
@@ -39,9 +39,9 @@ class CalibratedScenario(NamedTuple):
 
 
 def with_calibration(scenario: Scenario, calibration: Calibration) -> CalibratedScenario:
-    """The scenario with every number of a calibration that has a place in it.
+    """Return the scenario with every number of a calibration that has a place in it.
 
-    Raises: InputError where none has, a unit is not the setting's, or a shape.
+    Raises: InputError if no entry has a place, or if a unit or shape differs from the setting's.
     """
     used: dict[str, list[str]] = {}
     for name, entry in calibration.entries.items():
@@ -58,7 +58,7 @@ def with_calibration(scenario: Scenario, calibration: Calibration) -> Calibrated
             used[name] = paths
     if not used:
         kinds = sorted({type(r).__name__ for _, r in records(scenario)})
-        problem = f"none of its {len(calibration.entries)} entries has a place in scenario {scenario.name!r}"
+        problem = f"none of the {len(calibration.entries)} entries is a setting of scenario {scenario.name!r}"
         near = closest(next(iter(calibration.entries), ""), kinds) or kinds[:8]
         raise InputError(
             argument_name("calibration"), problem, choices=near, fix="calibrate a part that this scenario has"
@@ -70,7 +70,7 @@ def with_calibration(scenario: Scenario, calibration: Calibration) -> Calibrated
 
 
 def setting_paths(scenario: Scenario, name: str) -> list[str]:
-    """Paths of the settings that an entry names: ``Thruster.coefficient`` of each Thruster, or the path itself."""
+    """Return the settings that an entry names: ``Thruster.coefficient`` of each Thruster, or the path itself."""
     kind, _, field = name.rpartition(".")
     if "." in kind or kind in ("world", "autopilot"):
         return [path for path, _, declared in leaves(scenario) if path == name and isinstance(declared, Quantity)]
@@ -79,7 +79,7 @@ def setting_paths(scenario: Scenario, name: str) -> list[str]:
 
 
 def _with_absent_parts(scenario: Scenario, name: str) -> Scenario:
-    """The scenario with the optional parts of an entry's kind, e.g. the hovercraft's friction."""
+    """Return the scenario with the optional parts of an entry's kind, e.g. the hovercraft's friction."""
     kind = name.rpartition(".")[0]
     for where, declared in absent_parts(scenario):
         if type(declared.optional).__name__ == kind and where.startswith(("world.", "autopilot.")):
@@ -90,17 +90,17 @@ def _with_absent_parts(scenario: Scenario, name: str) -> Scenario:
 def _fitting_value(name: str, entry: Any, path: str, old: Any, declared: Quantity) -> Any:
     where = f"calibration, {name}"
     if entry.unit != declared.unit:
-        problem = f"is in {entry.unit!r}, the setting {path} in {declared.unit!r}"
+        problem = f"is in {entry.unit!r}, but the setting {path} is in {declared.unit!r}"
         raise InputError(where, problem, fix=f'convert it, unit = "{declared.unit}"')
     value = np.asarray(entry.value, declared.dtype())
     if value.shape != np.shape(old):
-        problem = f"has shape {value.shape}, the setting {path} {np.shape(old)}"
+        problem = f"has shape {value.shape}, but the setting {path} has {np.shape(old)}"
         raise InputError(where, problem, fix="calibrate again with this version")
     return float(value) if value.ndim == 0 else value
 
 
 def _refuse_other_step(scenario: Scenario, calibration: Calibration) -> None:
-    """Variances of a sample are of a filter's step: refuse those of another."""
+    """Raise InputError if the variances of samples were calibrated for another filter step."""
     for name, fields in STEPS.items():
         mine = [f"InertialNoise.{f}" for f in fields if f"InertialNoise.{f}" in calibration.entries]
         if name not in calibration.entries or not mine:
@@ -109,12 +109,12 @@ def _refuse_other_step(scenario: Scenario, calibration: Calibration) -> None:
         for path, r in records(scenario):
             if type(r).__name__ == "InertialNoise" and not math.isclose(step, to_seconds(r.tick), rel_tol=1e-6):
                 own = format_time(r.tick)
-                problem = f"is of a filter that steps each {1e3 * step:.6g} ms, {path}.tick is {own}"
+                problem = f"is calibrated for a filter step of {1e3 * step:.6g} ms, but {path}.tick is {own}"
                 raise InputError(f"calibration, {mine[0]}", problem, fix=f"trimtab calibrate noise … --tick '{own}'")
 
 
 def _with_stops(scenario: Scenario) -> Scenario:
-    """Stops of rudders that lie beyond the measured angles move to their ends."""
+    """Move the stops of rudders that lie beyond the measured angles to the ends of these."""
     for path, r in records(scenario):
         if isinstance(r, RudderServo):
             low, high = float(np.min(r.angles)), float(np.max(r.angles))
@@ -125,7 +125,7 @@ def _with_stops(scenario: Scenario) -> Scenario:
 
 
 def _with_tables(scenario: Scenario, calibration: Calibration) -> Scenario:
-    """Tables of fans made again, from the formula or from what was measured at each rudder angle."""
+    """Compute the tables of fans again, from the formula or from the thrust measured at each rudder angle."""
     measured = [calibration.entries[n].value for n in TABULATED] if TABULATED[0] in calibration.entries else None
     for path, r in records(scenario):
         table, thruster = getattr(r, "table", None), getattr(r, "thruster", None)
@@ -141,7 +141,7 @@ def _with_tables(scenario: Scenario, calibration: Calibration) -> Scenario:
 
 
 def _table_changes(owner: Any, thruster: Any, table: BilinearTable, eta: Any) -> dict[str, Any]:
-    """Fields of a fan's table: force by speed of a drive, speed by force of an allocation; eta: measured, or None."""
+    """Return the fields of a fan's table: force by speed, or speed by force. eta: measured, or None."""
     rows, origin = table.rows(), "formula" if eta is None else "measured"
     straight = np.full_like(rows, float(thruster.offset))
     scale: Any = 1.0 if eta is None else eta

@@ -1,8 +1,8 @@
-"""What a campaign draws so that its worlds are as uncertain as their calibration, tables too.
+"""Distributions that give the runs of a campaign the uncertainty of a calibration, tables included.
 
-A table whose numbers hang together is drawn along directions: the calibrated table and so many standard normal numbers
-times the columns of a square root of its covariance. The four numbers of reverse thrust are such a table, and a link's
-latencies, which follow from mean and deviation: there to first order.
+A table with correlated numbers is drawn along directions: the calibrated table plus standard normal numbers times the
+columns of a square root of its covariance. Two tables are drawn like this: the four numbers of reverse thrust, and a
+link's latencies, which follow from mean and deviation (to first order).
 """
 
 import math
@@ -21,17 +21,17 @@ from trimtab.loop.calibrated import NOTES, setting_paths
 from trimtab.loop.scenario import Scenario
 
 CORRELATED = 0.02
-"""Weaker correlations are not told to a campaign."""
+"""Smallest correlation that is passed on to a campaign."""
 REVERSE = "Thruster.reverse_ratio"
 LINKS = ("uplink", "downlink")
 HALVINGS = 12
-"""How often the way back to the calibrated numbers is halved: to 1/4000 of it."""
+"""Number of halvings of the step back to the calibrated numbers: down to 1/4000 of it."""
 
 
 class CalibratedSpread(NamedTuple):
-    """drawn: text of a distribution by what it is of.  correlate: pairs, and their correlation.
+    """drawn: name of a number -> text of its distribution.  correlate: pairs, and their correlation.
 
-    notes: what has an error and is not drawn, or not as it is, and why.
+    notes: reasons why a number with an error is not drawn, or is drawn differently.
     """
 
     drawn: dict[str, str]
@@ -40,11 +40,11 @@ class CalibratedSpread(NamedTuple):
 
 
 def calibrated_spread(scenario: Scenario, calibration: Calibration) -> CalibratedSpread:
-    """What a campaign draws of the errors of a calibration, as settings of a scenario that has it.
+    """Return the distributions of a calibration's errors, as settings of a scenario that has this calibration.
 
     A fan's coefficient is drawn as its effectiveness, so that its tables stay.
 
-    Raises: InputError where there is nothing to draw.
+    Raises: InputError if there is nothing to draw.
     """
     known = {path: (np.asarray(v, np.float64), d) for path, v, d in leaves(scenario) if isinstance(d, Quantity)}
     drawn, owner, notes = dict[str, str](), dict[str, str](), list[str]()
@@ -70,7 +70,7 @@ def calibrated_spread(scenario: Scenario, calibration: Calibration) -> Calibrate
         drawn |= {f"{path}:{k}": text for path, texts in directions.items() for k, text in enumerate(texts, 1)}
         notes += [note] if note else []
     if not drawn:
-        problem = "knows no error of a number that the world of this scenario has"
+        problem = "the calibration gives no uncertainty for any number in the world of this scenario"
         raise InputError(
             argument_name("spread"), problem, fix=argument("spread", "normal(100%, 5%)", "world.vehicle.mass")
         )
@@ -78,10 +78,10 @@ def calibrated_spread(scenario: Scenario, calibration: Calibration) -> Calibrate
 
 
 def follow_tables(scenario: Scenario, arrays: Mapping[str, Any]) -> dict[str, Any]:
-    """Settings (n, …) with those that follow from them: a fan's table has the reverse thrust that was drawn.
+    """Return settings (n, …) together with those that follow from them: a fan's table gets the drawn reverse thrust.
 
-    A cubic under which reverse thrust doesn't rise has no inverse and is no fan's: it is taken back towards the
-    scenario's own until it does. Stops of a rudder that lie beyond its table's ends move to these.
+    A cubic whose reverse thrust doesn't rise has no inverse and fits no fan: it is moved back towards the scenario's
+    own cubic until it rises. Stops of a rudder that lie beyond its table's ends move to these.
     """
     arrays = dict(arrays)
     for path, r in records(scenario):
@@ -96,7 +96,7 @@ def follow_tables(scenario: Scenario, arrays: Mapping[str, Any]) -> dict[str, An
 
 
 def _follow_reverse(path: str, drive: FanDrive, drawn: Any) -> dict[str, Any]:
-    """Reverse ratios (n, 4) that rise, and the drive's table with them."""
+    """Return reverse ratios (n, 4) that rise, and the drive's table with them."""
     thruster, table = drive.thruster, drive.table
     low, high = float(thruster.reverse_low_rpm), float(thruster.speed_max_rpm)
     own = np.asarray(thruster.reverse_ratio, np.float64)
@@ -116,13 +116,13 @@ def _effectiveness(paths: list[str], known: Mapping[str, Any]) -> list[str]:
 
 
 def _explain(name: str) -> list[str]:
-    """Why an entry with an error is not drawn; nothing where another entry stands for it."""
+    """Return the reason why an entry with an error is not drawn; empty if another entry stands for it."""
     if name in tuple(f"{link}.{what}" for link in LINKS for what in ("mean", "deviation")):
         return []
     if name == "Thruster.offset":
-        return [f"{name} is not drawn: thrust is level there; RudderGeometry.offset, the same number, is"]
+        return [f"{name} is not drawn: thrust is level there. RudderGeometry.offset, the same number, is drawn"]
     if name == "thrust.by_angle":
-        return [f"{name} is not drawn by angle: the fan's effectiveness is, for all together"]
+        return [f"{name} is not drawn by angle: the fan's effectiveness is drawn for all angles together"]
     return [f"{name} is not drawn: the world of this scenario has no such number"]
 
 
@@ -136,7 +136,7 @@ def _correlations(calibration: Calibration, owner: Mapping[str, str]) -> list[tu
 
 
 def _reverse(scenario: Scenario, calibration: Calibration) -> tuple[dict[str, list[str]], str]:
-    """Directions of the cubic of reverse thrust."""
+    """Return the directions of the cubic of reverse thrust."""
     entry = calibration.entries.get(REVERSE)
     if entry is None or entry.standard_error is None:
         return {}, ""
@@ -146,23 +146,23 @@ def _reverse(scenario: Scenario, calibration: Calibration) -> tuple[dict[str, li
     names = [index_name(REVERSE, (i,)) for i in range(len(entry.value))]
     P = joint_covariance(calibration, names)
     texts = _along(_square_root(P))
-    note = f"{REVERSE} is drawn in {len(texts)} directions of its covariance; a cubic that would not rise is taken back"
+    note = f"{REVERSE} is drawn in {len(texts)} directions of its covariance; a cubic that would not rise is moved back"
     return {f"{path}.thruster.reverse_ratio": texts for path in drives}, note
 
 
 def _latency(known: Mapping[str, Any], calibration: Calibration, link: str) -> tuple[dict[str, list[str]], str]:
-    """Directions of a link's table of latencies, of the errors of its mean and deviation."""
+    """Return the directions of a link's latency table that the errors of its mean and deviation give."""
     names, path, entries = (f"{link}.mean", f"{link}.deviation"), f"world.{link}.latency", calibration.entries
     if names[0] not in entries or path not in entries:
         return {}, ""
     if path not in known:
         measured = argument("settings", "measured", "links")
-        return {}, f"{names[0]} and {names[1]} are not drawn: this scenario has no {path}; try {measured}"
+        return {}, f"{names[0]} and {names[1]} are not drawn: this scenario has no {path}. Try {measured}"
     if names[1] not in entries or f"{link}.shift" not in entries:
-        return {}, f"{path} is not drawn: the file lacks {link}.shift, calibrate the link again"
+        return {}, f"{path} is not drawn: the file lacks {link}.shift. Calibrate the link again"
     mean, sd, shift = (float(entries[n].value) for n in (*names, f"{link}.shift"))
     if not np.allclose(known[path][0], gamma_table(mean, sd, shift), rtol=1e-6):
-        return {}, f"{path} is not drawn: it is not the table of {names[0]} and {names[1]}"
+        return {}, f"{path} is not drawn: it is not the table that {names[0]} and {names[1]} give"
     h = 1e-4 * sd
     toward_mean = (gamma_table(mean + h, sd, shift) - gamma_table(mean - h, sd, shift)) / (2 * h)
     toward_sd = (gamma_table(mean, sd + h, shift) - gamma_table(mean, sd - h, shift)) / (2 * h)
@@ -171,24 +171,24 @@ def _latency(known: Mapping[str, Any], calibration: Calibration, link: str) -> t
 
 
 def _square_root(P: Any) -> Any:
-    """A matrix L with L L' = P, the columns in the order of their size."""
+    """Return a matrix L with L L' = P, the columns in the order of their size."""
     values, vectors = np.linalg.eigh(np.asarray(P))
     order = np.argsort(values)[::-1]
     return vectors[:, order] * np.sqrt(np.maximum(values[order], 0.0))
 
 
 def _along(directions: Any) -> list[str]:
-    """Texts of the columns (m, k) that are not zero."""
+    """Return the texts of the columns (m, k) that are not zero."""
     return [f"along({', '.join(repr(float(v)) for v in d)})" for d in np.asarray(directions).T if np.any(d)]
 
 
 def _cubic(y: Any, n: Any) -> Any:
-    """Values (runs, k) of cubics (runs, 4) at n (k,)."""
+    """Return the values (runs, k) of cubics (runs, 4) at n (k,)."""
     return np.asarray(y) @ np.stack([n**3, n**2, n, np.ones_like(n)])
 
 
 def _rising_share(own: Any, change: Any, low: float, high: float) -> Any:
-    """How much of each change (runs, 4) of a cubic leaves its thrust positive and rising: 1 for most."""
+    """Return the share of each change (runs, 4) of a cubic that keeps its thrust positive and rising: 1 for most."""
     n = np.linspace(low, high, 200) * 1e-3
 
     def rises(share: Any) -> Any:
@@ -208,7 +208,7 @@ def _rising_share(own: Any, change: Any, low: float, high: float) -> Any:
 
 
 def _normal_text(value: float, error: float, declared: Any) -> str:
-    """A normal distribution within what the setting can be."""
+    """Return a normal distribution, truncated to the range of the setting."""
     low = declared.low if declared.low is not None else declared.above
     low = -math.inf if low is None else float(low)
     high = math.inf if declared.high is None else float(declared.high)

@@ -11,7 +11,7 @@ from trimtab.core.time import format_time
 
 
 def check_values(tree: Any, path: str = "") -> None:
-    """Walk every declared field below tree and every part's own check(); raises InputError with the full path."""
+    """Check every declared field below tree and run every part's own check(). Raise InputError with the full path."""
     for where, value, declared in leaves(tree, path):
         if isinstance(declared, Quantity):
             _check_quantity(where, value, declared)
@@ -23,7 +23,7 @@ def check_values(tree: Any, path: str = "") -> None:
 
 
 def check_part(where: str, own: Any) -> None:
-    """Run a part's own check; what it refuses is named by its path."""
+    """Run a part's own check; an error names the part by its path."""
     try:
         own()
     except InputError as error:
@@ -41,7 +41,7 @@ def _check_quantity(where: str, value: Any, declared: Quantity) -> None:
             where, f"{value!r} is not a number", fix=argument("settings", "NUMBER", where) + in_unit
         ) from None
     if declared.shape and array.shape != declared.shape:
-        problem = f"has shape {array.shape}, declared is {declared.shape}"
+        problem = f"has shape {array.shape}, must have shape {declared.shape}"
         raise InputError(where, problem, fix=f"give {declared.shape} numbers{in_unit}")
     if not np.isfinite(array).all():
         raise InputError(where, f"{value} is not finite", fix=argument("settings", "NUMBER", where) + in_unit)
@@ -60,7 +60,7 @@ def _check_option(where: str, value: Any, declared: Option) -> None:
         low = declared.low or 0
         if not isinstance(value, int) or isinstance(value, bool):
             fix = f"write e.g. ms(20) in Python or {argument('settings', '20 ms', where)}"
-            raise InputError(where, f"{value!r} is not an integer time of 100 ns units", fix=fix)
+            raise InputError(where, f"a time must be an integer in units of 100 ns, got {value!r}", fix=fix)
         if value < low:
             problem = f"{format_time(value)} is too short: it must be at least {format_time(low)}"
             raise InputError(where, problem, fix=argument("settings", "20 ms", where))

@@ -1,9 +1,9 @@
-"""Faults put into a scenario, written as text: ``sensor:imu off @ 3 s for 1 s``.
+"""Faults written as text, and put into a scenario: ``sensor:imu off @ 3 s for 1 s``.
 
     WHERE WORD [by NUMBER] [bias NUMBER] [@ TIME] [for TIME] [when PATH above NUMBER | when PATH below NUMBER]
 
 WHERE is ``sensor:NAME``, ``uplink``, ``downlink``, ``actuators``, or ``actuators:FIELD`` for one field or
-number (``speed[1]``) of the vehicle's input. What the words mean: docs page, Faults.
+number (``speed[1]``) of the vehicle's input. Meaning of the words: docs page, Faults.
 """
 
 import re
@@ -26,15 +26,15 @@ from trimtab.loop.structure import zeros_like
 from trimtab.loop.walk import start
 
 SEVERITY = {"garbage": 10.0, "wrong": 0.5, "slow": 5.0, "delayed": 0.2, "intermittent": 0.5}
-"""Of a word whose text says none."""
+"""Default severity of each word."""
 OF_ACTUATORS = {"garbage": 1.0, "wrong": -2.0}
-"""Where actuators differ: a random input of unit size, and a reversed sign."""
+"""Default severities for actuators, where they differ: a random input of unit size, and a reversed sign."""
 CLAUSES = ("by NUMBER", "bias NUMBER", "@ TIME", "for TIME", "when PATH above NUMBER", "when PATH below NUMBER")
 EXAMPLE = "sensor:NAME off @ 3 s for 1 s"
 
 
 def inject_faults(scenario: Scenario, texts: Iterable[str]) -> Scenario:
-    """The same scenario with faults; refused where a part, a word or a number is not possible."""
+    """Return the scenario with faults. Raise InputError for a part, a word or a number that is not possible."""
     for text in texts:
         where, fault = parse_fault(scenario, text)
         scenario = _wrap_part(scenario, where, fault, float(fault.severity))
@@ -42,7 +42,7 @@ def inject_faults(scenario: Scenario, texts: Iterable[str]) -> Scenario:
 
 
 def check_fault_times(scenario: Scenario, texts: Iterable[str]) -> None:
-    """Refuse a fault that would begin when the flight has ended; in real time a flight may go on for longer.
+    """Raise InputError for a fault that begins after the end of the flight; in real time a flight may last longer.
 
     Raises: InputError with the flight's length.
     """
@@ -50,21 +50,21 @@ def check_fault_times(scenario: Scenario, texts: Iterable[str]) -> None:
         begin = int(parse_fault(scenario, text)[1].start)
         if begin >= scenario.duration:
             problem = (
-                f"{text!r} begins at {format_time(begin)}, and the flight ends at {format_time(scenario.duration)}"
+                f"{text!r} begins at {format_time(begin)}, but the flight ends at {format_time(scenario.duration)}"
             )
             raise InputError(
                 argument_name("faults"),
                 problem,
-                fix=f"an earlier time, or {argument('duration', format_time(2 * begin))}",
+                fix=f"choose an earlier time, or {argument('duration', format_time(2 * begin))}",
             )
 
 
 def add_dormant_faults(scenario: Scenario, longest: float = 0.5) -> Scenario:
-    """The same scenario with a fault in every part that does nothing until its numbers are changed while it runs.
+    """Return the scenario with an inactive fault in every part; it acts once its numbers are changed during the run.
 
     Args:
         scenario: without faults.
-        longest: the longest delay (s) that can then be asked for.
+        longest: the longest delay (s) that can be set later.
     """
     for where in fault_locations(scenario):
         scenario = _wrap_part(scenario, where, Fault(), longest)
@@ -72,25 +72,25 @@ def add_dormant_faults(scenario: Scenario, longest: float = 0.5) -> Scenario:
 
 
 def fault_locations(scenario: Scenario) -> tuple[str, ...]:
-    """What can have a fault in this scenario; actuators of a vehicle without an input can't."""
+    """Return the places of this scenario that can have a fault; actuators of a vehicle without an input can't."""
     acting = ("actuators",) if jax.tree.leaves(scenario.world.actuators.neutral()) else ()
     return (*(f"sensor:{name}" for name in scenario.world.sensors), "downlink", "uplink", *acting)
 
 
 def _input_fields(scenario: Scenario) -> list[str]:
-    """Paths of the fields of the vehicle's input, and of their numbers, where it is a record."""
+    """Return the paths of the fields of the vehicle's input, and of their numbers, if the input is a record."""
     u = scenario.world.actuators.neutral().u
     fields = [(path, component_paths(path, np.shape(value))) for path, value, _ in leaves(u)] if is_record(u) else []
     return [p for path, numbers in fields for p in (path, *(n for n in numbers if n != path))]
 
 
 def parse_fault(scenario: Scenario, text: str) -> tuple[str, Fault]:
-    """Where and what, of a fault written as text."""
+    """Return the place and the fault of a text."""
     about = f"fault {text!r}"
     first, *others = re.split(r"\s*(?:\b(by|bias|for|when)\b|(@))\s*", " ".join(text.split()))
     head = first.split()
     if len(head) != 2:
-        problem = "does not begin with where and what"
+        problem = "must begin with a place and a word"
         raise InputError(about, problem, choices=fault_locations(scenario), fix=f"write e.g. '{EXAMPLE}'")
     places = (*fault_locations(scenario), *(f"actuators:{name}" for name in _input_fields(scenario)))
     where = _check_choice(about, "part", head[0], places)
@@ -101,7 +101,7 @@ def parse_fault(scenario: Scenario, text: str) -> tuple[str, Fault]:
     names = [others[i] or others[i + 1] for i in range(0, len(others), 3)]
     for name, said in zip(names, others[2::3], strict=True):
         if names.count(name) > 1:
-            raise InputError(about, f"says {name!r} twice", fix="say it once")
+            raise InputError(about, f"has {name!r} twice", fix="write it once")
         fields |= _parse_clause(about, name, said)
     fault = Fault(**fields)
     check_part(about, fault.check)
@@ -109,13 +109,13 @@ def parse_fault(scenario: Scenario, text: str) -> tuple[str, Fault]:
         known = watchable_paths(scenario, where)
         if fault.watch not in known:
             near = closest(fault.watch, known, 1) or known[:1]
-            problem = f"{where} sees no {fault.watch!r}"
+            problem = f"{where} has no signal {fault.watch!r}"
             raise InputError(about, problem, choices=known, fix=f"when {near[0]} {fault.side} {float(fault.level):g}")
     return where, fault
 
 
 def watchable_paths(scenario: Scenario, where: str) -> list[str]:
-    """Paths of the numbers that a fault there can wait for."""
+    """Return the paths of the numbers that a fault at this place can watch."""
     paths: list[str] = []
     for path, value, _ in leaves(_visible_signals(scenario, where)):
         paths += [f"{path}.{i}" for i in range(np.size(value))] if np.shape(value) else [path]
@@ -123,11 +123,11 @@ def watchable_paths(scenario: Scenario, where: str) -> list[str]:
 
 
 def _parse_clause(about: str, name: str, text: str) -> dict[str, Any]:
-    """The fields of a fault that a clause says."""
+    """Return the fields of a fault that a clause sets."""
     if name == "when":
         condition = re.fullmatch(r"(\S+) (above|below) (\S+)", text)
         if not condition:
-            raise InputError(about, f"{text!r} is no condition", choices=CLAUSES[-2:], fix=f"when {text} above 0")
+            raise InputError(about, f"{text!r} is not a condition", choices=CLAUSES[-2:], fix=f"when {text} above 0")
         return {"watch": condition[1], "side": condition[2], "level": _parse_number(about, condition[3])}
     if name in ("by", "bias"):
         return {"severity" if name == "by" else "bias": _parse_number(about, text)}
@@ -150,19 +150,19 @@ def _parse_start_time(about: str, text: str) -> int:
     except InputError as error:
         raise InputError(about, error.problem, choices=CLAUSES, fix="write e.g. @ 3 s for 200 ms") from None
     if not 0 <= value < FOREVER:
-        raise InputError(about, f"{text!r} is not a time of a run", fix="write a time from 0 s on")
+        raise InputError(about, f"a time must be 0 or later, got {text!r}", fix="write a time from 0 s on")
     return value
 
 
 def _check_choice(about: str, what: str, name: str, choices: tuple[str, ...]) -> str:
     if name not in choices:
         near = closest(name, choices, 1) or [f"sensor:{name}" if f"sensor:{name}" in choices else choices[0]]
-        raise InputError(about, f"there is no {what} {name!r}", choices=choices, fix=f"write {near[0]!r}")
+        raise InputError(about, f"unknown {what} {name!r}", choices=choices, fix=f"write {near[0]!r}")
     return name
 
 
 def _wrap_part(scenario: Scenario, where: str, fault: Fault, longest: float) -> Scenario:
-    """longest: delay (s) that the part is to hold, where the fault is or can become one."""
+    """Return the scenario with a part wrapped by a fault. longest: delay (s) that the part must be able to hold."""
     world, (kind, _, name) = scenario.world, where.partition(":")
     inner = world.sensors[name] if name else getattr(world, kind)
     capacity = max(2, delay_slots(longest, inner.period)) if int(fault.word) in (NONE, DELAYED) else 2
@@ -175,7 +175,7 @@ def _wrap_part(scenario: Scenario, where: str, fault: Fault, longest: float) -> 
 
 
 def _visible_signals(scenario: Scenario, where: str) -> Any:
-    """What a fault there sees, with every number zero."""
+    """Return the signals that a fault at this place can watch, with every number zero."""
     world, (kind, _, name) = scenario.world, where.partition(":")
     if name:
         feels = optional_member(world.sensors[name], "FEELS")

@@ -1,6 +1,6 @@
-"""How the world integrates the truth: which step, how well, and where events end one.
+"""Integration of the world's truth: the method, its tolerances, and steps that end at events.
 
-Without any of it a world takes one classical Runge–Kutta step between two instants. Source: docs page, Integration.
+By default a world takes one classical Runge–Kutta step between two instants. Source: docs page, Integration.
 """
 
 from collections.abc import Callable, Mapping
@@ -26,62 +26,66 @@ STEPS: Mapping[str, tuple[Any, int | None]] = MappingProxyType(
         "rosenbrock": (rodas, 4),
     }
 )
-"""Method -> its step, and the order that its length follows from; None: as long as it is."""
+"""Method -> its step function, and the order for its step-size control; None: fixed step."""
 HALVINGS = 52
-"""An event's time is known to so many halvings of the step it lies in: to rounding."""
+"""Number of bisections of a step that locate an event in it: down to rounding."""
 
 
 @record
 class IntegrationReport:
-    """What the integration up to this instant says of itself. Source: docs page, Integration."""
+    """Report of the integration up to this instant. Source: docs page, Integration."""
 
-    integration_error: Scalar = quantity("1", "Largest estimated error of a step, in parts of what is allowed.")
-    steps: Scalar = quantity("1", "Steps since the last instant, rejected ones too.", kind="count")
-    step: Scalar = quantity("s", "Length that is tried next.")
-    events: Scalar = quantity("1", "Events that were located so far.", kind="count")
-    crowded: Scalar = quantity("1", "More events since the last instant than are located in one step.", kind="flag")
+    integration_error: Scalar = quantity("1", "Largest estimated error of a step, as a fraction of the tolerance.")
+    steps: Scalar = quantity("1", "Steps since the last instant, including rejected ones.", kind="count")
+    step: Scalar = quantity("s", "Length of the next trial step.")
+    events: Scalar = quantity("1", "Events located so far.", kind="count")
+    crowded: Scalar = quantity(
+        "1", "True if more events occurred since the last instant than can be located in one step.", kind="flag"
+    )
 
 
 @record
 class Integration:
-    """The step from instant to instant, its tolerances, and how many steps and events there may be in one.
+    """Integration from instant to instant: the method, its tolerances, and the limits on steps and events.
 
-        rk4           one step of order four; its error is estimated, the step stays as it is
-        rk4-doubling  the same step; its error is what two steps of half the length say it is
-        rk45          steps of order five, as long as their error allows: smooth, but fast at times
-        rosenbrock    linearly implicit steps of order four, as long as their error allows: stiff
+        rk4           one step of order four, of fixed length; its error is estimated
+        rk4-doubling  the same step; its error is estimated from two steps of half the length
+        rk45          steps of order five, as long as the error allows: for smooth motion that is fast at times
+        rosenbrock    linearly implicit steps of order four, as long as the error allows: for stiff systems
 
-    A step's error in each number x of the state, by an embedded formula, may be absolute + relative |x|. On the group,
-    the quaternions that the vehicle names are turned from one attitude to the next, and keep their length.
+    A step's error in each number x of the state, by an embedded formula, may be absolute + relative |x|. With
+    attitude on the group, the quaternions that the vehicle names are rotated, and so keep their length.
 
     Source:  docs page, Integration.
     """
 
-    method: str = option("Which step.", default="rk4", choices=tuple(STEPS))
-    relative: Scalar = quantity("1", "Error allowed in a step, in parts of each number.", default=1e-8, low=0)
-    absolute: Scalar = quantity("1", "The same at zero, in each number's own unit.", default=1e-8, above=0)
+    method: str = option("Integration method.", default="rk4", choices=tuple(STEPS))
+    relative: Scalar = quantity("1", "Relative tolerance of a step, for each number.", default=1e-8, low=0)
+    absolute: Scalar = quantity("1", "Absolute tolerance of a step, in each number's own unit.", default=1e-8, above=0)
     attitude: str = option(
-        "Quaternions number by number, or turned on the rotation group.",
+        "Integration of quaternions: number by number, or on the rotation group.",
         default="numbers",
         choices=("numbers", "group"),
     )
     most_steps: Scalar = quantity(
-        "1", "Between two instants, if the error asks for more.", default=1000, low=1, kind="count"
+        "1", "Maximum number of steps between two instants.", default=1000, low=1, kind="count"
     )
-    most_events: Scalar = quantity("1", "Located between two instants.", default=8, low=0, kind="count")
+    most_events: Scalar = quantity(
+        "1", "Maximum number of events located between two instants.", default=8, low=0, kind="count"
+    )
 
     def first_report(self, h: Any) -> IntegrationReport:
-        """Before the first instant; h: step to try first (s)."""
+        """Return the report before the first instant. h: first trial step (s)."""
         zero = jnp.zeros((), np.int32)
         return IntegrationReport(jnp.zeros(()), zero, jnp.zeros(()) + h, zero, jnp.zeros((), np.bool_))
 
 
 PLAIN_STEP = Integration(relative=1e-4, absolute=1e-4)
-"""The step of a world without an integration, to the bit, and whether it is far too long."""
+"""Default step of a world, bit for bit, with a check that it is not far too long."""
 
 
 class _Progress(NamedTuple):
-    """How far a step from instant to instant has got. since: s.  size: what to try next (s).  located: events in it."""
+    """Progress between two instants. since: s.  size: next trial step (s).  located: events so far."""
 
     since: Any
     x: Any
@@ -95,9 +99,9 @@ class _Progress(NamedTuple):
 def integrate_truth(
     method: Integration, vehicle: Any, u: Any, t: Any, x: Any, h: Any, before: IntegrationReport
 ) -> tuple[Any, IntegrationReport]:
-    """The truth from t to t + h (s), under an input that is held, and what that says of itself.
+    """Return the truth at t + h (s) under a constant input, and the report.
 
-    A vehicle's `events` end a step where one of them changes its sign; its `jump` says what the state is then.
+    A step ends where one of the vehicle's `events` changes its sign; its `jump` gives the state after the event.
     """
     none = jnp.zeros((), np.int32)
     start = _Progress(jnp.zeros(()), _as_floats(x), before.step, none, jnp.zeros(()), none, jnp.zeros((), np.bool_))
@@ -118,7 +122,7 @@ def integrate_truth(
 
 
 def _take_step(method: Integration, vehicle: Any, u: Any, t: Any, h: Any, p: _Progress) -> _Progress:
-    """One step more: to h, to where its error lets it go, or to the first event on the way; or a rejected one."""
+    """Take one step: to h, as far as the error allows, or to the first event; or reject the step."""
 
     def f(time: Any, at: Any) -> Any:
         return vehicle.dynamics(time, at, u)
@@ -140,7 +144,7 @@ def _take_step(method: Integration, vehicle: Any, u: Any, t: Any, h: Any, p: _Pr
         is_taken, size = jnp.ones((), np.bool_), p.size
     else:
         is_taken = is_forced | (ratio <= 1)
-        # a step that was cut to end at h says nothing against the longer one that was meant
+        # a step shortened to end at h is no reason to shorten the intended step size
         size = jnp.where(is_taken & reaches & (own < p.size), p.size, next_step(own, ratio, order))
     located, is_crowded = p.located, p.is_crowded
     since = jnp.where(reaches, h, p.since + own)
@@ -166,9 +170,9 @@ def _take_step(method: Integration, vehicle: Any, u: Any, t: Any, h: Any, p: _Pr
 def _stop_at_event(
     vehicle: Any, t: Any, x: Any, rate: Any, h: Any, x1: Any, is_free: Any, step: Callable[[Any], tuple[Any, Any]]
 ) -> tuple[Any, Any, Any]:
-    """How far a step from x to x1 goes (s), where that leads, and whether an event lies in the whole of it.
+    """Return the length (s) of a step from x to x1 up to the first event, the state there, and True if there is one.
 
-    rate: the derivative at x.  is_free: whether the step ends at an event.
+    rate: the derivative at x.  is_free: True if an event may end the step.
     """
 
     def values(by: Any, at: Any) -> Any:
@@ -177,7 +181,7 @@ def _stop_at_event(
     rate = jax.tree.map(lambda v, d: jnp.broadcast_to(jnp.asarray(d, np.float64), jnp.shape(v)), x, rate)
     zero = jnp.zeros(())
     g, slope = jax.jvp(values, (zero, x), (jnp.ones(()), rate))
-    before = jnp.where(g == 0, slope, g)  # after a jump that put it to zero, its sign is that of where it goes
+    before = jnp.where(g == 0, slope, g)  # after a jump to zero, the sign is that of the slope
     has_crossed = jnp.any(_crosses(before, values(h, x1)))
 
     def locate() -> tuple[Any, Any]:
@@ -202,5 +206,5 @@ def _as_floats(x: Any) -> Any:
 
 
 def _crosses(g: Any, later: Any) -> Any:
-    """Which functions have changed their sign."""
+    """Return True for each function that has changed its sign."""
     return ((g > 0) & (later <= 0)) | ((g < 0) & (later >= 0))

@@ -1,4 +1,4 @@
-"""A Kalman filter of any vehicle's linear model, from sensors that see all that needs to be seen.
+"""A Kalman filter of any vehicle's linear model, checked for modes that the sensors don't observe.
 
 Source: docs page, Linear model filter.
 """
@@ -20,32 +20,32 @@ from trimtab.design.model import entry_names, find_indices, model_of_vehicle, re
 from trimtab.estimators.linear_model import LinearModelFilter
 
 LIGHT = 0.2
-"""A mode that is damped less than this swings on, and has to be seen."""
+"""Damping ratio below which a mode counts as lightly damped and has to be observed."""
 UNSEEN = 3e-5
-"""Singular value below which a direction is not seen, in parts of the largest."""
+"""Singular value below which a direction is unobservable, as a fraction of the largest."""
 
 
 class UnseenMode(NamedTuple):
-    """A pole of which no sensor sees anything. states: those that move in it, the largest first."""
+    """An unobservable pole. states: the states that move in this mode, the largest first."""
 
     pole: complex
     states: tuple[str, ...]
 
     @property
     def stays(self) -> bool:
-        """Whether it does not die away by itself, or swings on for long."""
+        """Return True if the mode is unstable, neutral or lightly damped."""
         decay = -self.pole.real
         return decay <= 0 or decay < LIGHT * abs(self.pole)
 
 
 def measure_channels(vehicle: Any, x: Any, u: Any, sensors: Mapping[str, Any]) -> dict[str, Callable[[Any, Any], Any]]:
-    """Each number that sensors measure of a vehicle, e.g. ``encoder.position`` -> function of its state and input.
+    """Return number measured by a sensor, e.g. ``encoder.position`` -> function of the vehicle's state and input.
 
     Args:
-        vehicle: whose motion is felt.
+        vehicle: the vehicle with the sensors.
         x: a state record.
         u: an input record.
-        sensors: by name; those that feel the input tell nothing of the state and are left out.
+        sensors: by name; sensors of the input are left out, as they don't depend on the state.
     """
     functions: dict[str, Callable[[Any, Any], Any]] = {}
     for name, sensor in sensors.items():
@@ -62,7 +62,7 @@ def measure_channels(vehicle: Any, x: Any, u: Any, sensors: Mapping[str, Any]) -
 
 
 def unseen_modes(linear: LinearModel) -> tuple[UnseenMode, ...]:
-    """Poles of a linear model of which its outputs show nothing, by falling real part.
+    """Return the unobservable poles of a linear model, by falling real part.
 
     Source: M. L. J. Hautus, "Controllability and observability conditions of linear autonomous systems", Proc. Kon.
     Ned. Akad. Wetensch. A 72 (1969): [A - p I; C] v = 0.
@@ -98,27 +98,27 @@ def design_filter(
     period: int,
     actuators: str = "actuators",
 ) -> LinearModelFilter:
-    """The filter of a vehicle's whole state near a trim (x, u).
+    """Return the filter of a vehicle's whole state near a trim (x, u).
 
     Args:
-        vehicle: as it is believed to be.
+        vehicle: model of the vehicle.
         x: state record, at a trim.
         u: input record, likewise.
         sensors: by name, as the world has them.
-        noise: measured number that is used, e.g. ``encoder.position`` -> standard deviation of its noise, in its unit.
-        first: state -> standard deviation of what is known at first; of all states.
-        disturbance: state -> what disturbs its derivative, white noise, root of its density (unit of the derivative
-            times s^0.5).
+        noise: measured number to use, e.g. ``encoder.position`` -> standard deviation of its noise, in its unit.
+        first: state -> standard deviation of its first value; needed for all states.
+        disturbance: state -> white noise on its derivative, square root of the density (unit of the derivative times
+        s^0.5).
         period: of the autopilot (100 ns).
         actuators: name of the sensor of the input as it acts (`sensors.flight_state.ActingInput`).
 
-    Raises: InputError, by name, where a mode that does not die away by itself is seen by none of the numbers; for a
-        vehicle in space, whose attitude has filters of its own (docs, Gnss and inertial).
+    Raises: InputError that names an unobservable mode which is not well damped; also for a vehicle whose attitude is a
+        quaternion, which has filters of its own (docs, Gnss and inertial).
     """
     if attitude_fields(x):
-        fix = "use an estimator of inertial navigation (docs, Gnss and inertial)"
+        fix = "use an estimator for inertial navigation (docs, Gnss and inertial)"
         raise InputError(
-            "design_filter", "the vehicle's state has a quaternion, which no linear filter carries", fix=fix
+            "design_filter", "the vehicle's state has a quaternion, which a linear filter cannot estimate", fix=fix
         )
     channels = measure_channels(vehicle, x, u, sensors)
     for name in noise:
@@ -130,7 +130,7 @@ def design_filter(
     linear = linearise(model_of_vehicle(vehicle, x, u, outputs={n: channels[n] for n in noise}))
     lacking = [n for n in linear.states if n not in first]
     if lacking:
-        problem = f"of {', '.join(lacking)} it does not say how well it is known at first"
+        problem = f"no first standard deviation is given for {', '.join(lacking)}"
         raise InputError("design_filter.first", problem, fix=f"first={{{lacking[0]!r}: …}}, a standard deviation")
     _refuse_unseen(linear, [n for n in channels if n not in noise])
     find_indices("design_filter.first", first, linear.states)
@@ -159,6 +159,6 @@ def _refuse_unseen(linear: LinearModel, others: list[str]) -> None:
     for mode in unseen_modes(linear):
         if mode.stays:
             pole = f"{mode.pole.real:+.3g}" + (f" ± {mode.pole.imag:.3g}i" if mode.pole.imag else "")
-            problem = f"{', '.join(linear.outputs)} show nothing of the mode {pole} 1/s, in {', '.join(mode.states)}"
-            fix = f"measure more, e.g. noise={{{others[0]!r}: …}}" if others else "add a sensor that feels it"
+            problem = f"{', '.join(linear.outputs)} cannot observe the mode {pole} 1/s, in {', '.join(mode.states)}"
+            fix = f"measure more, e.g. noise={{{others[0]!r}: …}}" if others else "add a sensor that observes this mode"
             raise InputError("design_filter", problem, choices=others, fix=fix)

@@ -24,27 +24,27 @@ from trimtab.laws.state_feedback import StateFeedback
 from trimtab.laws.state_space import StateSpaceLaw
 
 STATE, INPUT = "x0 ", "u0 "
-"""What a certificate's settings begin with that are numbers of the trim."""
+"""Prefixes of those settings of a certificate that are numbers of the trim."""
 MOST = 5.0
-"""An integral is held within this many of its limits."""
+"""Bound on an integral, as a multiple of its limit."""
 
 
 def read_feedback(file: Path | str, x: Any, u: Any, believed: Any = None) -> StateFeedback:
-    """The law of a gain that `trimtab design VEHICLE --lqr --out FILE` has written.
+    """Return the law of a gain that `trimtab design VEHICLE --lqr --out FILE` has written.
 
     Args:
         file: the certificate.
-        x: a state record of the vehicle: for its fields; of the numbers, those count that the file does not say.
+        x: a state record of the vehicle, for its fields, and for the numbers that the file does not give.
         u: an input record, likewise.
-        believed: the vehicle for which the gain was designed; the log then tells where it differs from the one flown.
+        believed: the vehicle for which the gain was designed; the log then reports differences from the vehicle flown.
 
-    Raises: InputError for a file that is none, or of another vehicle.
+    Raises: InputError for a file that is not a certificate, or one of another vehicle.
     """
     return feedback_law(read_certificate(Path(file))[0], x, u, believed)
 
 
 def feedback_law(certificate: Certificate, x: Any, u: Any, believed: Any = None) -> StateFeedback:
-    """The law of a certificate; arguments as of `read_feedback`."""
+    """Return the law of a certificate; arguments as of `read_feedback`."""
     integrals = [n for n in certificate.states if n.startswith(INTEGRAL)]
     states = [n for n in certificate.states if n not in integrals]
     columns, fields, turned, places = _feedback_columns(x, states)
@@ -52,7 +52,7 @@ def feedback_law(certificate: Certificate, x: Any, u: Any, believed: Any = None)
     K[:, columns] = certificate.K[:, : len(states)]
     inputs = input_names(u, entry_names(x))
     if tuple(certificate.inputs) != inputs:
-        problem = f"its inputs are {', '.join(certificate.inputs)}, the vehicle's {', '.join(inputs)}"
+        problem = f"its inputs are {', '.join(certificate.inputs)}, but the vehicle's are {', '.join(inputs)}"
         raise InputError("gain", problem, fix="design it with all inputs of this vehicle")
     trim = {n.removeprefix(STATE): v for n, v in certificate.about.items() if n.startswith(STATE)}
     point = state_from_trim(x, {n: float(v) for n, v in trim.items()})
@@ -79,14 +79,14 @@ def feedback_law(certificate: Certificate, x: Any, u: Any, believed: Any = None)
 def design_feedback(
     vehicle: Any, x: Any, u: Any, limits: Mapping[str, float], integrals: Mapping[str, float] | None = None
 ) -> StateFeedback:
-    """The regulator of a vehicle at a trim (x, u), by how large everything may become.
+    """Return the regulator of a vehicle at a trim (x, u), designed from the largest allowed deviations.
 
     Args:
-        vehicle: as it is believed to be.
+        vehicle: model of the vehicle.
         x: state record, at a trim.
         u: input record, likewise.
-        limits: each state that is fed back, and each input -> how large it may become; names as of `error_model`.
-        integrals: state -> how large the integral of its error may become.
+        limits: each state that is fed back, and each input -> largest allowed deviation; names as of `error_model`.
+        integrals: state -> largest allowed integral of its error.
 
     Source: `design.bryson`.
     """
@@ -99,13 +99,13 @@ def design_feedback(
 def track_course(
     feedback: StateFeedback, model: StateSpaceModel, course: Inversion, *, every: int = 1
 ) -> CourseTracking:
-    """The law that flies an inversion: its state and input as feedforward, the gain on what is off them.
+    """Return the law that flies an inversion: its state and input as feedforward, and the gain on the deviations.
 
     Args:
-        feedback: of the vehicle, about the course's first point.
-        model: with which the course was computed; inputs that it has not stay as the feedback has them.
+        feedback: law of the vehicle, about the course's first point.
+        model: model with which the course was computed; inputs that it lacks stay as the feedback has them.
         course: the inversion, evenly spaced.
-        every: one node of so many is kept.
+        every: keep every Nth node.
     """
     whole = jax.jit(jax.vmap(model.to_record or (lambda x: unpack_record(model.state_record, x))))
     states = whole(jnp.asarray(course.x[::every]))
@@ -120,26 +120,28 @@ def track_course(
 
 
 def compensator_law(system: Any, reads: Sequence[str], x0: Any, u0: Any, *, period: int) -> StateSpaceLaw:
-    """A compensator of python-control or scipy.signal as a law: u = u0 + system (x - x0).
+    """Return a compensator of python-control or scipy.signal as a law: u = u0 + system (x - x0).
 
     Args:
-        system: from the errors of what is read to the inputs' changes; a continuous one is discretised by Tustin's
-            rule. Positive feedback: a stabilising one has the minus in it.
+        system: from the errors of the fields read to the inputs' changes; a continuous one is discretised by Tustin's
+            rule. The feedback is positive: a stabilising compensator contains the minus sign.
         reads: fields of the state.
-        x0: where these are wanted, their numbers one after another.
-        u0: input record there.
-        period: at which it steps (100 ns), a multiple of the autopilot's.
+        x0: set-points of these fields, their numbers one after another.
+        u0: input record at the set-point.
+        period: period of the compensator (100 ns), a multiple of the autopilot's.
     """
     A, B, C, D = discrete_matrices(system, period * SECONDS_PER_UNIT)
     wanted = (int(np.size(record_vector(u0))), int(np.size(x0)))
     if D.shape != wanted:
         problem = f"it has {D.shape[1]} inputs and {D.shape[0]} outputs"
-        raise InputError("compensator", problem, fix=f"give one from {wanted[1]} errors to {wanted[0]} inputs")
+        raise InputError(
+            "compensator", problem, fix=f"give a compensator from {wanted[1]} errors to {wanted[0]} inputs"
+        )
     return StateSpaceLaw(tuple(reads), A, B, C, D, np.ravel(np.asarray(x0, float)), u0, period)
 
 
 class StateNumber(NamedTuple):
-    """A number of a vehicle's state that a law feeds back. path: below the state.  state: the gain's name of it.
+    """A number of a vehicle's state that a law feeds back. path: below the state.  state: its name in the gain.
 
     value: at the trim.  unit: of the state.
     """
@@ -151,7 +153,7 @@ class StateNumber(NamedTuple):
 
 
 def state_numbers(law: StateFeedback, x: Any) -> list[StateNumber]:
-    """The numbers that a law of `feedback_law` reads, without those of an attitude. x: a state record."""
+    """Return the numbers that a law of `feedback_law` reads, without those of an attitude. x: a state record."""
     declared = {path: d for path, _, d in leaves(x) if isinstance(d, Quantity)}
     numbers: list[StateNumber] = []
     begin = 0
@@ -168,15 +170,15 @@ def state_numbers(law: StateFeedback, x: Any) -> list[StateNumber]:
 
 
 def describe_vehicle(vehicle: Any, x: Any, u: Any) -> dict[str, str]:
-    """What a gain's file says of the vehicle it is for: its class, and the units of states and inputs, in order."""
+    """Return the description of the vehicle in a gain's file: its class, and units of states and inputs, in order."""
     units = [f"{path} {d.unit}" for own in (x, u) for path, _, d in leaves(own) if isinstance(d, Quantity)]
     return {"vehicle": type(vehicle).__name__, "units": "; ".join(units)}
 
 
 class _FeedbackColumns(NamedTuple):
-    """columns: where each state is among the errors of the fields that hold any.  fields: these, with their sizes.
+    """columns: index of each state among the errors of the fields.  fields: the fields with such states, with sizes.
 
-    turned: those that are velocities of an attitude's outer frame.  places: those that are places there.
+    turned: the fields that are velocities in an attitude's outer frame.  places: those that are positions there.
     """
 
     columns: list[int]

@@ -1,10 +1,10 @@
-"""Delay, jitter and loss of a link as three numbers, whatever link it is: it becomes a `MeasuredLatency`.
+"""Delay, jitter and loss of any link as three numbers: the link becomes a `MeasuredLatency`.
 
-    delay     takes the place of the link's own latency, constant
-    jitter    an even spread from 0 to it, on top
-    loss      share of the packets, each by itself
+    delay     constant latency; replaces the link's own
+    jitter    additional latency, uniform from 0 to this value
+    loss      share of packets lost, independently
 
-Source: docs page, Axes, for what they mean.
+Source: docs page, Axes.
 """
 
 from collections.abc import Mapping
@@ -25,13 +25,13 @@ LINKS = ("uplink", "downlink")
 KINDS = ("delay", "jitter", "loss")
 EXPECTED = "autopilot.predictor.uplink_delay"
 SETTINGS = tuple(f"{link}.{kind}" for link in LINKS for kind in KINDS)
-"""What may be set of a link by these names, in the order in which they act."""
+"""Settings of the links, in the order in which they are applied."""
 
 
 def with_link_settings(scenario: Scenario, settings: Mapping[str, str]) -> Scenario:
-    """The scenario with what is set of its links, e.g. {"uplink.delay": "80 ms", "downlink.loss": "5 %"}.
+    """Return the scenario with settings of its links, e.g. {"uplink.delay": "80 ms", "downlink.loss": "5 %"}.
 
-    Raises: InputError for a text that is no time or share, or a link that has no latency.
+    Raises: InputError for a text that is not a time or share, or a link that has no latency.
     """
     for name in [name for name in SETTINGS if name in settings]:
         link, _, kind = name.partition(".")
@@ -41,7 +41,7 @@ def with_link_settings(scenario: Scenario, settings: Mapping[str, str]) -> Scena
 
 
 def _change_link(scenario: Scenario, link: str, kind: str, value: float) -> Scenario:
-    """The scenario with delay (s), jitter (s) or loss of a link."""
+    """Return the scenario with delay (s), jitter (s) or loss of a link."""
     channel = measured_latency(scenario, link)
     if kind == "loss":
         return replace(scenario, world=replace(scenario.world, **{link: replace(channel, loss=value)}))
@@ -65,7 +65,7 @@ def _parse_delay(name: str, text: str) -> float:
         ) from None
     if units < 0:
         raise InputError(
-            argument_name("settings", name), f"{text!r} is below 0", fix=argument("settings", "80 ms", name)
+            argument_name("settings", name), f"{text!r} must be at least 0", fix=argument("settings", "80 ms", name)
         )
     return float(to_seconds(units))
 
@@ -79,34 +79,36 @@ def _parse_share(name: str, text: str) -> float:
     if not 0 <= value <= 1:
         raise InputError(
             argument_name("settings", name),
-            f"{text!r} is no share of packets",
+            f"{text!r} is not a share of packets",
             fix=f"{argument('settings', '5 %', name)}, from 0 to 100 %",
         )
     return value
 
 
 def even_latencies() -> np.ndarray:
-    """Latencies (NODES,) spread evenly over [0, 1], as a table over the normal score."""
+    """Return latencies (NODES,) spread evenly over [0, 1], as a table over the normal score."""
     from scipy.special import ndtr
 
     return ndtr(normal_scores())
 
 
 def measured_latency(scenario: Scenario, link: str) -> MeasuredLatency:
-    """A link as a `MeasuredLatency` of the same delay and packets as often, or itself if it is one."""
+    """Return a link as a `MeasuredLatency` of the same delay and packet rate, or the link itself if it is one."""
     channel = getattr(scenario.world, link)
     if isinstance(channel, MeasuredLatency):
         return channel
     if not isinstance(channel, DelayChain | Wire):
-        problem = f"{type(channel).__name__} has no latency that could change along an axis"
-        raise InputError(f"world.{link}", problem, fix="fly a scenario whose link is one, or map a path of this link")
+        problem = f"{type(channel).__name__} has no latency that can be varied"
+        raise InputError(
+            f"world.{link}", problem, fix="use a scenario whose link has a latency, or map a path of this link"
+        )
     delay = channel.delay() if isinstance(channel, DelayChain) else 0.0
     looks = min(channel.period, scenario.autopilot.period, ms(1))
     return MeasuredLatency(latency=np.full(NODES, delay), send_period=channel.period, period=looks)
 
 
 def extend_horizon(scenario: Scenario, longest: int) -> Scenario:
-    """The scenario with a predictor, where it has one, that reaches so much further (100 ns)."""
+    """Return the scenario; if it has a predictor, its horizon is longer by this much (100 ns)."""
     predictor = scenario.autopilot.predictor
     if predictor is None:
         return scenario

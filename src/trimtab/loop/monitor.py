@@ -1,17 +1,17 @@
-"""Monitor: whether the flight keeps to formulas of signal temporal logic, told while it flies. A part of the Autopilot.
+"""Monitor: checks formulas of signal temporal logic during the flight. An optional part of the Autopilot.
 
-A formula that looks ahead is known only later: what the monitor says at a row is of the row a fixed DELAY before, where
-DELAY is how far the formula looks ahead (in rows of the monitor's period). There it is what `logs.robustness` says of
-that row of the log, bit for bit. `always` or `eventually` without an end may only stand outermost: then it is the least
-or largest so far, from the first row on.
+The value of a formula that looks ahead is known only later: the monitor's output at a row is for the row a fixed DELAY
+earlier, where DELAY is how far the formula looks ahead (in rows of the monitor's period). It equals the value that
+`logs.robustness` gives for that row of the log, bit for bit. `always` or `eventually` without an end must be
+outermost: the output is then the least or largest value since the first row.
 
-    always[a, b] F    at row i the least of the last b - a + 1 values of F, which is of the row b before
-    F until[a, b] G   the same of pairs (u, m), the until and the least F of a stretch; first A, then B:
+    always[a, b] F    at row i the least of the last b - a + 1 values of F, valid for row i - b
+    F until[a, b] G   the same with pairs (u, m), the until and the least F of a stretch; first A, then B:
                       u = max(uA, min(mA, uB))      m = min(mA, mB)
 
-Stretches of 1, 2, 4, … rows that end now are each made of two of half the length, and the last of two that overlap: so
-a step takes the same time whatever is measured, in proportion to the logarithm of the window's rows, and remembers as
-many numbers as the window has.
+Stretches of 1, 2, 4, … rows that end now are each combined from two of half the length, and the last from two that
+overlap. So the time of a step does not depend on the data and grows with the logarithm of the window's rows. The
+memory is as many numbers as the window has rows.
 
 Source: Maler, Nickovic, Pnueli, "From MITL to timed automata", FORMATS 2006, for a formula of bounded future as one of
 the past; Bender, Farach-Colton, "The LCA problem revisited", LATIN 2000, for windows by powers of two; docs page,
@@ -36,7 +36,7 @@ from trimtab.core.time import format_time, ms
 from trimtab.logs.robustness import HOLDS, PENDING, VERDICTS, VIOLATED, compare, evaluate_number, join
 
 MOST_MEMORY = 100_000
-"""Numbers that a monitor may remember."""
+"""Maximum number of values that a monitor may store."""
 _NAMED = re.compile(r"\s*(?:(?P<name>[a-z][a-z0-9_]*)\s*:)?\s*(?P<formula>[^;]*?)\s*", re.DOTALL)
 EXAMPLE = "always(abs(estimate.state.yaw_rate) < 4 rad/s)"
 LEAST, LARGEST = (jnp.minimum, math.inf), (jnp.maximum, -math.inf)
@@ -45,60 +45,60 @@ EXTREMES = {"always": LEAST, "historically": LEAST, "eventually": LARGEST, "once
 
 @record
 class MonitorInput:
-    """What a formula may speak of: what the autopilot knows, by the paths of the log. Source: docs page, Monitor."""
+    """Signals that a formula may use: those of the autopilot, by the paths of the log. Source: docs page, Monitor."""
 
-    estimate: Any = part("The estimate.")
+    estimate: Any = part("Estimate.")
     law: Any = part("Output of the law.")
-    command: Any = part("The command as issued.")
+    command: Any = part("Command as issued.")
     downlink: Any = part("Newest sample of each sensor.")
-    supervisor: Any = part("What the supervisor says; nothing without one.", default=())
+    supervisor: Any = part("Output of the supervisor; empty without one.", default=())
 
 
 @record
 class MonitorOutput:
-    """What is known of a formula. Frames: none. Source: docs page, Monitor."""
+    """Verdict on a formula. Frames: none. Source: docs page, Monitor."""
 
-    robustness: Scalar = quantity("U", "How far from breaking it, in the formula's own unit; 0 while pending.")
-    verdict: Scalar = quantity("1", "Whether the flight keeps to it.", kind="mode", modes=VERDICTS)
+    robustness: Scalar = quantity("U", "Margin to a violation, in the formula's own unit; 0 while pending.")
+    verdict: Scalar = quantity("1", "Verdict on the formula.", kind="mode", modes=VERDICTS)
 
 
 @record
 class MonitorState:
-    """What a monitor remembers. Frames: none. Source: docs page, Monitor."""
+    """State of a monitor. Frames: none. Source: docs page, Monitor."""
 
-    rows: Scalar = quantity("1", "Rows looked at so far.", kind="count")
-    memory: Any = quantity("U", "Values of the last rows, for one delay after the other.")
-    outputs: Mapping[str, MonitorOutput] = part("What was said last, by the formula's name.")
+    rows: Scalar = quantity("1", "Rows evaluated so far.", kind="count")
+    memory: Any = quantity("U", "Values of the last rows, one delay line after another.")
+    outputs: Mapping[str, MonitorOutput] = part("Last output, by the formula's name.")
 
 
 @record
 class Monitor:
-    """Looks at the flight each `period` and says of each formula how far it is from being broken.
+    """Monitor of formulas: gives each formula's margin to a violation, once each `period`.
 
     Frames:  none; formulas have their own units.
-    Not modelled: periods that are skipped in real time are rows that aren't there.
+    Not modelled: periods that are skipped in real time; their rows are missing.
     Source:  docs page, Monitor.
     """
 
     formulas: str = option(
-        "Formulas, several with names and semicolons: 'turn: always(…); rest: always(…)'.", default=""
+        "Formulas; several are named and separated by semicolons: 'turn: always(…); rest: always(…)'.", default=""
     )
-    period: int = period("Between two rows that it looks at; a multiple of the control period.", default=ms(10))
+    period: int = period("Time between two rows; a multiple of the control period.", default=ms(10))
 
     def check(self) -> None:
-        """Refuse texts that are no formulas, and formulas whose truth is never known in flight."""
+        """Raise InputError for invalid formulas, and for formulas whose value is never known in flight."""
         for name, text in self.texts().items():
             tree = parse_formula(text)
             inside = tree.formulas[0] if _is_without_end(tree) else tree
             if look_ahead(inside) is None:
-                problem = f"{name}: {text!r} looks ahead without an end, which is never known in flight"
-                fix = "give intervals an end, e.g. eventually[0, 2 s](…); outermost, always(…) may have none"
+                problem = f"{name}: {text!r} looks ahead without an end, so its value is never known in flight"
+                fix = "give each interval an end, e.g. eventually[0, 2 s](…); only an outermost always(…) needs none"
                 raise InputError("formulas", problem, fix=fix)
             _check_intervals(tree, name, self.period)
             online = _Online(self.period)
             online.assess(tree)
             if (size := online.used) > MOST_MEMORY:
-                problem = f"{name}: {text!r} has to remember {size} numbers, {MOST_MEMORY} are the most"
+                problem = f"{name}: {text!r} needs to store {size} values, but the maximum is {MOST_MEMORY}"
                 raise InputError(
                     "formulas",
                     problem,
@@ -106,29 +106,29 @@ class Monitor:
                 )
 
     def texts(self) -> dict[str, str]:
-        """Formulas by name; one without a name is "requirement", or "requirement_2" where it is the second."""
+        """Return the formulas by name; one without a name is "requirement", or "requirement_2" if it is the second."""
         texts: dict[str, str] = {}
         pieces = self.formulas.split(";")
         for k, piece in enumerate(pieces):
             match = _NAMED.fullmatch(piece)
             if match is None or not match["formula"]:
                 problem = (
-                    f"{piece.strip()!r} is no formula, nor NAME: FORMULA with a name of small letters, digits and _"
+                    f"{piece.strip()!r} is not FORMULA or NAME: FORMULA, with a name of small letters, digits and _"
                 )
                 raise InputError("formulas", problem, fix=argument("settings", EXAMPLE, "autopilot.monitor.formulas"))
             name = match["name"] or ("requirement" if len(pieces) == 1 else f"requirement_{k + 1}")
             if name in texts:
-                raise InputError("formulas", f"two of them are named {name!r}", fix=f"name one of them {name}_2: …")
+                raise InputError("formulas", f"two formulas are named {name!r}", fix=f"rename one of them: {name}_2: …")
             texts[name] = match["formula"]
         return texts
 
     def fit(self, input: MonitorInput) -> dict[str, Formula]:
-        """The formulas by name, held against what the autopilot knows; refuses paths and units that don't fit."""
+        """Return the formulas by name, checked against the autopilot's signals: their paths and units must fit."""
         known = [(path, np.shape(value), d.unit) for path, value, d in leaves(input) if isinstance(d, Quantity)]
         return self.fit_signals({path: shape for path, shape, _ in known}, {path: unit for path, _, unit in known})
 
     def fit_signals(self, shapes: Mapping[str, tuple[int, ...]], units: Mapping[str, str]) -> dict[str, Formula]:
-        """The same of signals given by shape and unit."""
+        """Return the formulas by name, checked against signals given by shape and unit."""
         try:
             return {name: fit_formula(text, shapes, units) for name, text in self.texts().items()}
         except InputError as error:
@@ -136,7 +136,7 @@ class Monitor:
             raise InputError("autopilot.monitor", problem, choices=error.choices, fix=error.fix) from None
 
     def init(self, input: MonitorInput) -> MonitorState:
-        """Nothing seen yet; input: of the structure that steps have."""
+        """Return the first state. input: of the structure that step() gets."""
         online = _Online(self.period)
         for formula in self.fit(input).values():
             online.assess(formula.root)
@@ -145,7 +145,7 @@ class Monitor:
         return MonitorState(rows=np.int32(0), memory=memory, outputs=outputs)
 
     def step(self, t: Any, s: MonitorState, input: MonitorInput) -> MonitorState:
-        """What is known at integer time t."""
+        """Return the state with the outputs at integer time t."""
         return lax.cond(t % self.period == 0, lambda: self._take_row(s, input), lambda: s)
 
     def _take_row(self, s: MonitorState, input: MonitorInput) -> MonitorState:
@@ -160,12 +160,12 @@ def _is_without_end(tree: Any) -> bool:
 
 
 def _rows_of(tree: Temporal, period: int) -> tuple[int, int | None]:
-    """First and last row of an interval, counted from the row that it belongs to."""
+    """Return the first and last row of an interval, relative to the row that it belongs to."""
     return -(-tree.low // period), None if tree.high is None else tree.high // period
 
 
 def _check_intervals(tree: Any, name: str, period: int) -> None:
-    """Refuse an interval that lies between two rows."""
+    """Raise InputError for an interval that lies between two rows."""
     if isinstance(tree, Predicate):
         return
     if isinstance(tree, Temporal):
@@ -182,10 +182,10 @@ def _check_intervals(tree: Any, name: str, period: int) -> None:
 
 
 class _Online:
-    """One row of a formula, with delays side by side in one array; without an array it is only found how long they are.
+    """One row of a formula, with all delay lines in one array; without an array only their lengths are determined.
 
-    Formulas give a value and how many rows ago it is of: before so many rows it means nothing. sign: -1 in a formula
-    that is negated.
+    Each formula gives a value and its delay in rows: until that many rows have passed the value is meaningless.
+    sign: -1 in a negated formula.
     """
 
     def __init__(
@@ -196,7 +196,7 @@ class _Online:
         self.fills: list[Any] = []
 
     def assess(self, tree: Any) -> MonitorOutput:
-        """What is known of a whole formula."""
+        """Return the verdict on a whole formula."""
         if _is_without_end(tree):
             low, (extreme, none) = _rows_of(tree, self.period)[0], EXTREMES[tree.word]
             value, ago = self.evaluate(tree.formulas[0], 1)
@@ -241,7 +241,7 @@ class _Online:
         return self._delay(self._slide_one(extreme, value, high - low + 1, none), low, none), ago
 
     def _look_back(self, tree: Temporal, values: list[Any]) -> Any:
-        """always and eventually, of the row at which their interval began."""
+        """Return the value of always or eventually, for the row at which the interval began."""
         low, high = _rows_of(tree, self.period)
         extreme, none = EXTREMES[tree.word]
         assert high is not None
@@ -268,20 +268,20 @@ class _Online:
         return jnp.minimum(self._delay(since, low, -math.inf), self._slide_one(jnp.minimum, stays, low, math.inf))
 
     def _align(self, below: list[tuple[Any, int]]) -> tuple[list[Any], int]:
-        """Values of one and the same row, and how many rows ago it was."""
+        """Return values that belong to the same row, and their common delay in rows."""
         ago = max(own for _, own in below)
         return [self._delay(value, ago - own, 0.0) for value, own in below], ago
 
     def _since(self, first: int, value: Any, none: float) -> Any:
-        """The value from row `first` on, and nothing before."""
+        """Return the value from row `first` on, and `none` before."""
         return value if first == 0 else jnp.where(self.row >= first, value, none)
 
     def _slide_one(self, extreme: Any, value: Any, width: int, none: float) -> Any:
-        """Least or largest of the last `width` values."""
+        """Return the least or largest of the last `width` values."""
         return self._slide((value,), width, (none,), lambda a, b: (extreme(a[0], b[0]),))[0]
 
     def _slide(self, now: tuple[Any, ...], width: int, none: tuple[float, ...], combine: Any) -> tuple[Any, ...]:
-        """What the last `width` rows give together, where stretches that overlap may be combined."""
+        """Combine the last `width` rows; stretches that overlap may be combined."""
         length = 1
         while length < width:
             back = min(length, width - length)
@@ -290,7 +290,7 @@ class _Online:
         return now
 
     def _delay(self, x: Any, n: int, none: float) -> Any:
-        """The value n rows ago; `none` where there was no such row."""
+        """Return the value n rows ago, or `none` before there was such a row."""
         if n == 0:
             return x
         place = self.used + self.row % n
@@ -302,7 +302,7 @@ class _Online:
         return old
 
     def _accumulate(self, function: Any, x: Any, none: float) -> Any:
-        """function(what it gave at the last row, x)."""
+        """Return function(its result at the last row, x)."""
         place = self.used
         self._reserve(1, none)
         if self.memory is None:
@@ -317,7 +317,7 @@ class _Online:
 
 
 def _join_stretches(older: tuple[Any, Any], newer: tuple[Any, Any]) -> tuple[Any, Any]:
-    """Until, and least of what has to stay, of one stretch and the next."""
+    """Return (until, least value of the left side) of two consecutive stretches together."""
     return jnp.maximum(older[0], jnp.minimum(older[1], newer[0])), jnp.minimum(older[1], newer[1])
 
 

@@ -1,4 +1,4 @@
-"""What went wrong in somebody's own vehicle, law or scenario file, in a sentence, with its file and line."""
+"""Errors in a user's own vehicle, law or scenario file: one sentence, with file and line."""
 
 import linecache
 import re
@@ -13,13 +13,13 @@ from trimtab.core.errors import InputError, closest
 from trimtab.core.record import declarations, is_record
 
 PACKAGE = str(Path(trimtab.__file__).parent)
-TRACED = "a traced value, a number that is only known in flight"
+TRACED = "a traced value (a number that is only known during the run)"
 CONVERSIONS = (
     jax.errors.ConcretizationTypeError,
     jax.errors.TracerArrayConversionError,
     jax.errors.TracerIntegerConversionError,
 )
-"""Errors of JAX where Python wants the value of what is traced."""
+"""JAX errors raised when Python needs the value of a traced array."""
 REPLACEMENTS = (
     (r"\b(if|elif)\b", "`{0}` on " + TRACED, "use jnp.where(condition, a, b)  for  a if condition else b"),
     (r"\bwhile\b", "`while` on " + TRACED, "use  for _ in range(N)  with jnp.where inside, or jax.lax.fori_loop"),
@@ -30,11 +30,11 @@ REPLACEMENTS = (
     (r"\b(and|or|not)\b", "`{0}` on " + TRACED, "use &, | and ~, with brackets around each comparison"),
     (r"\b(min|max)\(", "`{0}()` of " + TRACED, "use jnp.{0}imum(a, b)"),
 )
-"""What stands in the line at fault, what is said of it, and what to write instead."""
+"""Pattern of the faulty line, description of the problem, and replacement to write."""
 
 
 class CodeFault(NamedTuple):
-    """place: "boat.py:31: ", or "" where it is in nobody's file.  fix: "" where none is known."""
+    """place: "boat.py:31: ", or "" if the error is not in a user's file.  fix: "" if none is known."""
 
     place: str
     problem: str
@@ -43,7 +43,7 @@ class CodeFault(NamedTuple):
 
 
 def describe_fault(error: BaseException) -> CodeFault:
-    """What an exception says to who wrote the line at which it was raised."""
+    """Return place, problem and fix of an exception, for the author of the line that raised it."""
     if isinstance(error, SyntaxError):
         line = f"{Path(error.filename or '').name}:{error.lineno}:{error.offset}: "
         return CodeFault(line, f"{error.msg}: {(error.text or '').strip()!r}", "correct that line")
@@ -58,7 +58,7 @@ def describe_fault(error: BaseException) -> CodeFault:
         fix = f"write {near[0]!r} instead" if near else ""
         return CodeFault(place, f"{type(error.obj).__name__!r} object has no attribute {error.name!r}", fix, fields)
     if isinstance(error, ImportError):
-        return CodeFault(place, str(error), "correct the name, or install what it is of")
+        return CodeFault(place, str(error), "correct the name, or install its package")
     kind = (
         "" if isinstance(error, AttributeError | TypeError | ValueError | IndexError) else f"{type(error).__name__}: "
     )
@@ -66,14 +66,14 @@ def describe_fault(error: BaseException) -> CodeFault:
 
 
 def refuse_own_code(part: str, error: Exception) -> InputError:
-    """The error for code of somebody's own that doesn't run."""
+    """Return the InputError for a user's code that doesn't run."""
     fault = describe_fault(error)
     fix = fault.fix or "correct that line"
     return InputError(part, f"{fault.place}{fault.problem}", choices=fault.choices, fix=fix)
 
 
 def _frame_at_fault(error: BaseException) -> Any:
-    """The newest frame of somebody's own file, or of the package where there is none such."""
+    """Return the newest stack frame in a user's file, or in the package if there is none."""
     frames = [f for f in traceback.extract_tb(error.__traceback__) if not f.filename.startswith("<")]
     frames = [f for f in frames if "site-packages" not in f.filename and "importlib" not in f.filename]
     outside = [f for f in frames if not f.filename.startswith(PACKAGE) or "/scenarios/" in f.filename]

@@ -1,7 +1,7 @@
-"""Parts by the name of their class, made of settings that are text: what a scenario file, or a setting, puts in.
+"""Parts built from text settings, by the name of their class: used by scenario files and by settings.
 
-A name is that of a record of the package, e.g. ``ForwardMomentum``, or of one as a maker sells it, its class's method
-without arguments, e.g. ``Imu.microstrain_3dm_gx1``. Nothing else can be named, nor is anything imported for it.
+A name is that of a record of the package, e.g. ``ForwardMomentum``, or of a product, which is a class method without
+arguments, e.g. ``Imu.microstrain_3dm_gx1``. No other names are accepted, and nothing is imported to look them up.
 
 Source: docs page, Scenario files.
 """
@@ -24,16 +24,16 @@ from trimtab.core.record import with_child
 FOLDERS = ("core", "environment", "vehicles", "sensors", "links", "estimators", "laws", "actuators", "loop")
 DEFINITION = re.compile(r"^@record\nclass ([A-Z]\w*)", re.MULTILINE)
 NOTHING = "none"
-"""Takes the place of a class's name where a part, or a sensor, is to be left out."""
+"""Name that leaves out a part or a sensor."""
 UNSET = object()
 
 LeafParser = Callable[[str, str, Any, Any], Any]
-"""Path, text, old value (UNSET: there is none) and declaration of a quantity or option -> its value."""
+"""Path, text, old value (UNSET if none) and declaration of a quantity or option -> its value."""
 
 
 @functools.cache
 def part_modules() -> Mapping[str, str]:
-    """Name of each record of the package's parts -> its module; read from the files, nothing is imported."""
+    """Return name of each record of the package's parts -> its module; read from the files without importing."""
     root = Path(__file__).parents[1]
     files = [file for folder in FOLDERS for file in sorted((root / folder).rglob("*.py"))]
     names: dict[str, str] = {}
@@ -44,17 +44,17 @@ def part_modules() -> Mapping[str, str]:
 
 
 def find_class(where: str, name: str) -> Any:
-    """The record of a name; refused where the package has none such."""
+    """Return the record class of a name. Raise InputError if the package has no such record."""
     modules = part_modules()
     if name not in modules:
         near = closest(name, modules, 6)
         fix = f"{where}={near[0]}" if near else "trimtab list SCENARIO --toml  shows the parts of a scenario by name"
-        raise InputError(where, f"there is no part {name!r}", choices=near, fix=fix)
+        raise InputError(where, f"unknown part {name!r}", choices=near, fix=fix)
     return getattr(importlib.import_module(modules[name]), name)
 
 
 def presets(kind: Any) -> dict[str, Callable[[], Any]]:
-    """Methods of a record's class that need no arguments and give one of it, by name."""
+    """Return the class methods that need no arguments and return a record of this class, by name."""
     found = {}
     for name, method in inspect.getmembers(kind, inspect.ismethod):
         arguments = inspect.signature(method).parameters.values()
@@ -66,12 +66,12 @@ def presets(kind: Any) -> dict[str, Callable[[], Any]]:
 
 
 def is_name(text: str) -> bool:
-    """Whether a text has the form of a part's name; a number has not."""
+    """Return True if a text has the form of a part's name; a number does not."""
     return re.fullmatch(r"\s*[A-Za-z]\w*(\.\w+)?\s*", text) is not None
 
 
 def is_part(tree: Any, path: str) -> bool:
-    """Whether a path leads to a part: a record, what holds one, or a place among the named where a new one may go."""
+    """Return True if a path leads to a part: a record, its container, or a name where a new part may go."""
     above, _, name = path.rpartition(".")
     tree = functools.reduce(_child, filter(None, above.split(".")), tree)
     below = {n: (child, declared) for n, child, declared in children(tree)}
@@ -86,11 +86,11 @@ def _child(tree: Any, name: str) -> Any:
 
 
 def with_part(tree: Any, path: str, settings: dict[str, str], parse: LeafParser) -> Any:
-    """A copy of a tree with the part that the settings name at a path; one of that class stays as it is.
+    """Return a copy of a tree with the part that the settings name at a path; a part of that class stays.
 
-    What the new part's own fields are given is taken out of the settings; the path itself, too.
+    The settings of the new part's own fields are removed from the settings, and so is the path itself.
 
-    Raises: InputError for a name that there is none of, and for a field without a default that nothing gives.
+    Raises: InputError for an unknown name, and for a field that has neither a default nor a setting.
     """
     text = settings.pop(path).strip()
     above, _, name = path.rpartition(".")
@@ -112,14 +112,14 @@ def _without_part(tree: Any, path: str, owner: Any, declared: Declaration | None
     if default is not None and default != ():
         raise InputError(
             argument_name("settings", path),
-            "it can't be left out",
+            "this part can't be left out",
             fix=f"name another part: {argument('settings', type(_child(owner, name)).__name__, path)}",
         )
     return with_child(tree, path, default)
 
 
 def make_part(path: str, text: str, settings: dict[str, str], parse: LeafParser) -> Any:
-    """The part of a name, with what the settings say of its own fields, which are taken out of them."""
+    """Return the part of a name, with the settings of its own fields, which are removed from the settings."""
     where, (name, _, preset) = argument_name("settings", path), text.partition(".")
     kind = find_class(where, name)
     if preset:
@@ -150,13 +150,13 @@ def _default(kind: Any, field: str) -> Any:
 
 
 def _example(kind: Any, field: str) -> Any:
-    """A value of a field's type where it has no default, for what can be known of it: a whole number, a truth value."""
+    """Return an example of a field without default, where its type allows one: an integer or a Boolean."""
     hint = typing.get_type_hints(kind if isinstance(kind, type) else type(kind)).get(field)
     return hint() if hint in (int, bool, str, float) else UNSET
 
 
 def _missing_field_error(name: str, path: str, declared: Declaration) -> InputError:
-    problem = f"{name} has no {path.rpartition('.')[2]!r} of its own: {declared.doc[:1].lower()}{declared.doc[1:]}"
+    problem = f"{name} needs {path.rpartition('.')[2]!r}: {declared.doc[:1].lower()}{declared.doc[1:]}"
     if isinstance(declared, Part):
         return InputError(
             argument_name("settings", path), problem, fix=f"{argument('settings', 'NAME', path)}, the class of a part"

@@ -16,40 +16,40 @@ from trimtab.loop.structure import strengthen_types
 
 @record
 class PeerRadioState:
-    """What is on its way, and what has been heard. Frames: those of the messages. Source: docs page, Swarms."""
+    """Messages in transit, and the messages received. Frames: those of the messages. Source: docs page, Swarms."""
 
-    key: Any = part("Of the losses.")
-    on_the_way: Any = part("Messages, fields (delay,), by slot.")
+    key: Any = part("Random key of the losses.")
+    on_the_way: Any = part("Messages in transit, fields (delay,), by slot.")
     heard: Any = part("Newest message of each sender at each receiver, fields (receiver, sender).")
 
 
 @record
 class PeerRadio:
-    """One channel for all: time is cut into slots, in each of which one craft speaks to all others, by turns.
+    """One channel for all: time is cut into slots, and the craft take turns to send one message to all others per slot.
 
-        slot k: craft k mod n says what it has to say;   heard by each other one `delay` slots later, if not lost
+        slot k: craft k mod n sends its message;   each other craft receives it `delay` slots later, if not lost
 
-    A craft that has nothing to say yet leaves its slot empty. Losses are drawn for each receiver and slot, alone.
-    A craft is heard once a round, n slots: with more craft, more rarely. Each receiver holds the newest message of each
-    sender; the time at which that was true is in it.
+    A craft without a message leaves its slot empty. Losses are drawn independently for each receiver and slot. A craft
+    sends once a round of n slots: the more craft, the rarer. Each receiver holds the newest message of each sender; the
+    message contains the time at which it was valid.
 
     Frames: those of the messages. Not modelled: collisions (the slots keep the clocks' differences apart), jitter,
     bursts of loss. Source: docs page, Swarms.
     """
 
-    count: int = option("How many craft.", default=3)
+    count: int = option("Number of craft.", default=3)
     slot: int = period("Length of a slot.", default=ms(5))
-    delay: int = option("Slots from speaking to hearing; 0: at once.", default=4, off={"peer-delay": 0})
+    delay: int = option("Slots from sending to reception; 0: at once.", default=4, off={"peer-delay": 0})
     loss: Scalar = imperfection("1", "Probability that a receiver misses a message.", "peer-loss", high=1)
 
     def init(self, key: Key) -> PeerRadioState:
-        """Nothing heard."""
+        """Return the first state: nothing received."""
         silence = strengthen_types(PeerMessage())
         heard = jax.tree.map(lambda v: jnp.full((self.count, self.count), v, v.dtype), silence)
         return PeerRadioState(key=key, on_the_way=empty_slots(silence, self.delay), heard=heard)
 
     def step(self, t: Any, state: PeerRadioState, say: PeerMessage) -> tuple[PeerRadioState, Peers]:
-        """What each craft has heard by integer time t, the begin of a slot; arrays (receiver, sender)."""
+        """Return the messages received by integer time t, the begin of a slot; arrays (receiver, sender)."""
         number = t // self.slot
         sender = (number - self.delay) % self.count
         message = jax.tree.map(lambda v: v[number % self.count], say)
@@ -77,25 +77,25 @@ def _peers(heard: PeerMessage) -> Peers:
 
 @record
 class SwarmNavigation:
-    """What each craft of a swarm knows: its own navigation, and what its radio has heard. Looks once a slot.
+    """Navigation of a swarm: each craft's own navigation, and the messages that its radio received. One sample a slot.
 
     Frames: those of the two. Source: docs page, Swarms.
     """
 
     each: Any = part("Navigation of each craft.")
-    radio: PeerRadio = part("Between them.")
+    radio: PeerRadio = part("Radio between the craft.")
 
     @property
     def period(self) -> int:
-        """A slot of the radio."""
+        """Return the length of a slot of the radio."""
         return self.radio.slot
 
     def init(self, key: Key) -> tuple[Any, PeerRadioState]:
-        """Nothing measured, nothing heard."""
+        """Return the first state: nothing measured, nothing received."""
         return self.each.init(key.at("each")), self.radio.init(key.at("radio"))
 
     def step(self, t: Any, state: tuple[Any, Any], motion: SwarmMotion) -> tuple[tuple[Any, Any], Sample]:
-        """The sample at integer time t."""
+        """Return the state and the sample at integer time t."""
         own, sample = self.each.step(t, state[0], motion.each)
         radio, peers = self.radio.step(t, state[1], motion.say)
         return (own, radio), Sample(PeerView(sample.value, peers), sample.t, sample.age, sample.fresh, sample.valid)
@@ -103,17 +103,17 @@ class SwarmNavigation:
 
 @record
 class PerfectSwarmNavigation:
-    """What each craft would know if nothing were noisy, late or lost. Frames: W and B. Source: docs page, Swarms."""
+    """Navigation of a swarm without noise, delay or loss. Frames: W and B. Source: docs page, Swarms."""
 
     each: Any = part("Navigation of each craft, without error.")
     period: int = period("Time between samples.", default=ms(20))
 
     def init(self, key: Key) -> Any:
-        """That of the navigation."""
+        """Return the first state of the navigation."""
         return self.each.init(key)
 
     def step(self, t: Any, state: Any, motion: SwarmMotion) -> tuple[Any, Sample]:
-        """The sample at integer time t: every message has reached everybody."""
+        """Return the state and the sample at integer time t: every message has reached every craft."""
         state, sample = self.each.step(t, state, motion.each)
         count = motion.say.north.shape[0]
         table = jax.tree.map(lambda v: jnp.broadcast_to(v, (count, count)), motion.say)
@@ -122,31 +122,31 @@ class PerfectSwarmNavigation:
 
 @record
 class ArenaReading:
-    """What an observer sees of a swarm. Frames: W. Source: docs page, Swarms."""
+    """Measurement of a swarm's observer. Frames: W. Source: docs page, Swarms."""
 
     spacing: Scalar = quantity("m", "Least distance between two craft, of their centres of mass.")
-    astray: Scalar = quantity("m", "Largest distance of a craft from its place beside craft 0.")
+    astray: Scalar = quantity("m", "Largest distance of a craft from its position in the formation.")
 
 
 @record
 class Arena:
-    """The observer of a swarm: sees where all craft really are; no autopilot listens to it.
+    """Observer of a swarm: measures the true positions of all craft; no autopilot reads it.
 
     Frames: W. Source: docs page, Swarms.
     """
 
-    north: Any = quantity("m", "Place of each craft beside craft 0, (n,).", frame="W")
-    east: Any = quantity("m", "Place of each craft beside craft 0, (n,).", frame="W")
-    period: int = period("Time between looks.", default=ms(20))
+    north: Any = quantity("m", "Position of each craft relative to craft 0, north, (n,).", frame="W")
+    east: Any = quantity("m", "Position of each craft relative to craft 0, east, (n,).", frame="W")
+    period: int = period("Time between samples of the observer.", default=ms(20))
 
     OBSERVES: ClassVar[bool] = True
 
     def init(self, key: Key) -> tuple[()]:
-        """No state."""
+        """Return an empty state."""
         return ()
 
     def measure(self, motion: SwarmMotion) -> ArenaReading:
-        """Distances of a motion."""
+        """Return the distances of a motion."""
         north, east = motion.each.p_WB[:, 0], motion.each.p_WB[:, 1]
         apart = (north[:, None] - north) ** 2 + (east[:, None] - east) ** 2
         same = np.eye(len(north), dtype=bool)
@@ -154,5 +154,5 @@ class Arena:
         return ArenaReading(spacing=jnp.sqrt(jnp.min(jnp.where(same, np.inf, apart))), astray=jnp.sqrt(jnp.max(off)))
 
     def step(self, t: Any, state: tuple[()], motion: SwarmMotion) -> tuple[tuple[()], Sample]:
-        """The sample at integer time t."""
+        """Return the state and the sample at integer time t."""
         return state, new_sample(t, self.measure(motion))

@@ -1,4 +1,4 @@
-"""A pilot whose requests are written down beforehand: the sample of a supervisor's requests, in a simulation."""
+"""A pilot with scripted requests: the sample of a supervisor's requests, in a simulation."""
 
 from typing import Any
 
@@ -16,34 +16,36 @@ from trimtab.loop.supervisor import NO_REQUEST, REQUESTS, PilotRequest
 
 @record
 class PilotScript:
-    """A sensor of the pilot's wishes: each at its time, a sample of its own. Without any it never gives a valid sample.
+    """A sensor of the pilot's requests: each is one sample, at its time. Without requests no sample is ever valid.
 
     In a flight over a link the ground station writes the sample instead.
 
     Frames:  none.    Source:  docs page, Supervisor.
     """
 
-    times: Any = quantity("100 ns", "When; rising.", kind="time", default=np.zeros(0, np.int64))
+    times: Any = quantity("100 ns", "Times of the requests; rising.", kind="time", default=np.zeros(0, np.int64))
     requests: Any = quantity("1", "What.", kind="mode", modes=REQUESTS, default=np.zeros(0, np.int32), low=0, high=5)
-    period: int = period("How often somebody looks.", default=ms(10))
+    period: int = period("Time between samples.", default=ms(10))
 
     def check(self) -> None:
-        """Refuse a script whose times don't rise, or that lacks some."""
+        """Raise InputError for a script whose times don't rise or don't match the requests."""
         times, requests = np.asarray(self.times), np.asarray(self.requests)
         if times.ndim != 1 or times.shape != requests.shape or (np.diff(times) < self.period).any():
-            problem = f"{len(times)} times and {len(requests)} requests, of which one a period can be made"
+            problem = (
+                f"{len(times)} times and {len(requests)} requests must be equally many, rising, at most one per period"
+            )
             raise InputError("times", problem, fix=f"give as many rising times as requests, {self.period} units apart")
 
     def init(self, key: Key) -> tuple[()]:
-        """No state."""
+        """Return an empty state."""
         return ()
 
     def measure(self, motion: Motion) -> PilotRequest:
-        """No request: the motion says nothing of them."""
+        """Return no request, as requests don't depend on the motion."""
         return PilotRequest(request=np.int32(NO_REQUEST))
 
     def step(self, t: Any, state: tuple[()], motion: Motion) -> tuple[tuple[()], Sample]:
-        """The newest request at integer time t, fresh at the first look after its time."""
+        """Return the newest request at integer time t; it is fresh at the first sample after its time."""
         request, at, asked = jnp.asarray(np.int32(NO_REQUEST)), jnp.asarray(np.int64(0)), jnp.asarray(False)
         for k in range(np.shape(self.times)[0]):
             due = t >= self.times[k]
@@ -55,10 +57,10 @@ class PilotScript:
 
 
 def pilot_script(*requests: tuple[int, str]) -> PilotScript:
-    """A script of (integer time, name of the request) pairs."""
+    """Return a script of (integer time, name of the request) pairs."""
     for _, name in requests:
         if name not in REQUESTS[1:]:
-            raise InputError("pilot's script", f"there is no request {name!r}", choices=REQUESTS[1:], fix="name one")
+            raise InputError("pilot's script", f"unknown request {name!r}", choices=REQUESTS[1:], fix="name one")
     return PilotScript(
         times=np.array([t for t, _ in requests], np.int64),
         requests=np.array([REQUESTS.index(name) for _, name in requests], np.int32),
@@ -66,7 +68,7 @@ def pilot_script(*requests: tuple[int, str]) -> PilotScript:
 
 
 def add_pilot_sensor(scenario: Scenario) -> Scenario:
-    """The same with room in its frame for what its supervisor is asked in flight; without a supervisor as it is."""
+    """Return the scenario with a sensor for its supervisor's requests; unchanged without a supervisor."""
     supervisor, sensors = scenario.autopilot.supervisor, scenario.world.sensors
     if supervisor is None or supervisor.pilot in sensors:
         return scenario

@@ -38,96 +38,96 @@ from trimtab.loop.beliefs import vehicle_copies
 from trimtab.loop.structure import cast_like, strengthen_types, zeros_of
 
 TICK = ms(10)
-"""About as often as believed actuators act: a brake of 150 ms ends at a multiple of it."""
+"""Approximate period of the modelled actuators: a brake of 150 ms ends at a multiple of it."""
 
 
 @record
 class Prediction:
-    """What the predictor says. Frames: those of the vehicle's state. Source: docs page, Predictor."""
+    """Output of the predictor. Frames: those of the vehicle's state. Source: docs page, Predictor."""
 
     state: Any = part(
-        "The vehicle's state when the command made now will act; fields that no estimate gives mean nothing."
+        "Predicted state of the vehicle when the present command acts; fields without an estimate are meaningless."
     )
-    valid: Scalar = quantity("1", "Whether it was made from a valid estimate.", kind="flag")
-    horizon: Scalar = quantity("s", "Time over which it was predicted: from the measurement on.")
-    limited: Scalar = quantity("1", "The command will act later than the longest horizon reaches.", kind="flag")
-    innovation: Any = part("Newest measured state minus what had been predicted for that time; 0 where nothing had.")
+    valid: Scalar = quantity("1", "True if the prediction was made from a valid estimate.", kind="flag")
+    horizon: Scalar = quantity("s", "Time span of the prediction, from the measurement on.")
+    limited: Scalar = quantity("1", "True if the command acts later than the longest horizon reaches.", kind="flag")
+    innovation: Any = part("Newest measured state minus the state predicted for that time; 0 without a prediction.")
     resets: Scalar = quantity(
         "1",
-        "Times it began anew: after a gap longer than the horizon, or a measurement older than the last.",
+        "Number of restarts: after a gap longer than the horizon, or a measurement older than the last.",
         kind="count",
     )
 
 
 @record
 class SentInputs:
-    """What acts on the vehicle, by the commands sent; a slot for each tick of the actuators. Source: docs page."""
+    """Vehicle inputs that follow from the commands sent; a slot for each tick of the actuators. Source: docs page."""
 
-    start: Scalar = quantity("100 ns", "From when on it acts; NEVER in an empty slot.", kind="time")
-    u: Any = part("The vehicle's input.")
+    start: Scalar = quantity("100 ns", "Time from which the input acts; NEVER in an empty slot.", kind="time")
+    u: Any = part("Input of the vehicle.")
 
 
 @record
 class PastPredictions:
-    """States predicted of late; a slot for each command. Source: docs page."""
+    """Recently predicted states; a slot for each command. Source: docs page."""
 
-    t: Scalar = quantity("100 ns", "For which time; NEVER in an empty slot.", kind="time")
-    state: Any = part("The state.")
+    t: Scalar = quantity("100 ns", "Time for which the state was predicted; NEVER in an empty slot.", kind="time")
+    state: Any = part("Predicted state.")
 
 
 @record
 class PredictorState:
-    """What the predictor remembers. Source: docs page, Predictor."""
+    """State of the predictor. Source: docs page, Predictor."""
 
-    inputs: SentInputs = part("What the commands sent so far do.")
-    past: PastPredictions = part("What was predicted.")
-    actuators: Any = part("State of the believed actuators, up to where the last command sent acts.")
-    measured: Scalar = quantity("100 ns", "When the newest measurement was made.", kind="time")
-    prediction: Prediction = part("The last one.")
+    inputs: SentInputs = part("Inputs that follow from the commands sent so far.")
+    past: PastPredictions = part("Past predictions.")
+    actuators: Any = part("State of the modelled actuators, up to the time at which the last command sent acts.")
+    measured: Scalar = quantity("100 ns", "Time of the newest measurement.", kind="time")
+    prediction: Prediction = part("Last prediction.")
 
 
 @record
 class Predictor:
     """Carries an estimate from the time of its measurement to the time at which the command made from it will act.
 
-        from t - age, the estimate's state, over what acts on the vehicle, to  latch(t + uplink_delay)
+        from t - age, the estimate's state, over the inputs of the vehicle, to  latch(t + uplink_delay)
 
-    What acts is what the believed actuators make of each command that was sent, with their stops, tables and brake; it
-    is known from the moment of sending on. Each measurement is a new anchor: an error of the model grows over one
-    horizon, never longer. At each `period` a command leaves; between them prediction and demand stay.
+    The inputs are computed by the modelled actuators, with their stops, tables and brake, from each command that was
+    sent; they are known from the moment of sending. The prediction starts from each new measurement, so an error of the
+    model grows over one horizon only. A command leaves every `period`; in between, prediction and demand are held.
 
-    Known:   how old the measurement is, from the time that each sample carries; how long commands take, from
+    Known:   the age of the measurement, from the time that each sample carries; the delay of commands, from
              `uplink_delay` alone.
-    Not in:  jitter of the uplink and lost commands, which act as if they had come on time.
+             Not in:  jitter of the uplink and lost commands; the commands are assumed to arrive on time.
     Source:  O. J. M. Smith, "Closer control of loops with dead time", Chem. Eng. Prog. 53 (1957); A. Z. Manitius,
              A. W. Olbrot, "Finite spectrum assignment problem for systems with delays", IEEE TAC 24 (1979), for the
-             prediction from a measured state over the inputs under way.
+             prediction from a measured state over the inputs in transit.
     """
 
-    craft: Any = part("What it believes of the vehicle.")
-    actuators: Any = part("What it believes of the actuators; they act once a tick, which is their period.")
-    start: Any = part("A state of the vehicle; its fields stand in for those that the estimate has not.")
+    craft: Any = part("Vehicle model used by the predictor.")
+    actuators: Any = part("Model of the actuators; they act once a tick, which is their period.")
+    start: Any = part("Default state of the vehicle; gives the fields that the estimate lacks.")
     uplink_delay: Scalar = quantity(
-        "s", "From sending a command to its arrival at the actuators.", low=0, off={"uplink-delay": 0.0}
+        "s", "Delay from sending a command to its arrival at the actuators.", low=0, off={"uplink-delay": 0.0}
     )
-    horizon: int = period("Longest time to predict over; what is beyond it is left to the loop.", default=ms(500))
+    horizon: int = period("Longest prediction; delay beyond it is not compensated.", default=ms(500))
     period: int = period("Time between two commands that are sent.", default=ms(20))
 
     def check(self) -> None:
-        """Refuse ticks that are no part of the period, or miss the actuators' frames."""
+        """Raise InputError for ticks that don't divide the period, or that miss the actuators' frames."""
         tick, frame = self.actuators.period, optional_member(self.actuators, "frame")
         if self.period % tick:
-            problem = f"{format_time(tick)} is no part of the predictor's period, {format_time(self.period)}"
+            problem = f"{format_time(tick)} does not divide the predictor's period, {format_time(self.period)}"
             raise InputError("actuators.period", problem, fix="make the period a multiple, e.g. 20 ms and 10 ms")
         if self.horizon < self.period:
-            problem = f"{format_time(self.horizon)} is shorter than the time between commands"
+            problem = f"{format_time(self.horizon)} must not be shorter than the time between commands"
             raise InputError("horizon", problem, fix=f"make it {format_time(self.period)} or more, e.g. 500 ms")
         if frame is not None and self.period % frame:
-            problem = f"{format_time(self.period)} is no multiple of the actuators' frame of {format_time(frame)}"
+            problem = f"{format_time(self.period)} must be a multiple of the actuators' frame of {format_time(frame)}"
             raise InputError("period", problem, fix="predict as often as a command is latched")
 
     def init(self, key: Key, estimate: Estimate) -> PredictorState:
-        """Nothing sent, nothing measured, for estimates of this structure; refuses those that it can't predict."""
+        """Return the first state, for estimates of this structure. Raise InputError if they can't be predicted."""
         self._check_estimate(estimate)
         state = strengthen_types(self.start)
         neutral = self.actuators.neutral()
@@ -155,7 +155,7 @@ class Predictor:
         )
 
     def predict(self, t: Any, state: PredictorState, estimate: Estimate) -> tuple[PredictorState, Estimate]:
-        """The estimate as the law reads it at integer time t."""
+        """Return the state and the estimate as the law reads it at integer time t."""
         # The time alone decides, so that a batch of runs has a real branch here.
         state = lax.cond(
             t % self.period == 0, lambda: cast_like(self._predict(t, state, estimate), state), lambda: state
@@ -165,11 +165,11 @@ class Predictor:
         return state, replace(estimate, state=replace(estimate.state, **fields), valid=estimate.valid & made.valid)
 
     def note(self, t: Any, state: PredictorState, command: Command) -> PredictorState:
-        """The state with what a command issued at integer time t will do, if it is sent."""
+        """Return the state with the effect of a command issued at integer time t, if it is sent."""
         return lax.cond(t % self.period == 0, lambda: cast_like(self._note(t, state, command), state), lambda: state)
 
     def _acting_time(self, t: Any) -> Any:
-        """When a command issued at integer time t begins to act: on arrival, or at the actuators' next frame."""
+        """Return when a command issued at integer time t begins to act: on arrival, or at the actuators' next frame."""
         arrival = t + jnp.round(self.uplink_delay * UNITS_PER_SECOND).astype(np.int64)
         frame = optional_member(self.actuators, "frame")
         return arrival if frame is None else -(-arrival // frame) * frame
@@ -214,7 +214,7 @@ class Predictor:
         return replace(state, past=past, measured=jnp.where(estimate.valid, measured, NEVER), prediction=prediction)
 
     def _integrate(self, t: Any, inputs: SentInputs, x: Any, begin: Any, end: Any) -> Any:
-        """The vehicle's state at `end` from that at `begin`, over what acts in between."""
+        """Return the vehicle's state at `end` from that at `begin`, over the inputs in between."""
         slots = inputs.start.shape[0]
         oldest = t // self.actuators.period % slots
 
@@ -227,7 +227,7 @@ class Predictor:
             x, u, since, now = carry
             slot = read_slot(inputs, (oldest + k) % slots)
             x, now = advance(x, u, now, slot.start)
-            later = slot.start > since  # else a command was never made: the slot is empty, or a turn of the ring old
+            later = slot.start > since  # else there is no such command: the slot is empty, or one turn of the ring old
             return (x, tree_where(later, slot.u, u), jnp.where(later, slot.start, since), now), None
 
         u = strengthen_types(self.actuators.neutral().u)
@@ -236,7 +236,7 @@ class Predictor:
         return advance(x, u, now, end)[0]
 
     def _innovation(self, t: Any, state: PredictorState, measured: Any, when: Any, shared: tuple[str, ...]) -> Any:
-        """A measured state minus what had been predicted for its time: the last state predicted before, carried on."""
+        """Return a measured state minus the prediction for its time: the last state predicted before, carried on."""
         past = state.past
         later = jnp.sum(past.t > when)
         before = read_slot(past, (t // self.period - 1 - later) % past.t.shape[0])
@@ -250,12 +250,12 @@ class Predictor:
         return replace(measured, **missed)
 
     def _shared_fields(self, estimate: Estimate) -> tuple[str, ...]:
-        """Fields of the vehicle's state that the estimate has."""
+        """Return the fields of the vehicle's state that the estimate has."""
         given = declarations(estimate.state) if is_record(estimate.state) else ()
         return tuple(name for name in declarations(self.start) if name in given)
 
     def _check_estimate(self, estimate: Estimate) -> None:
-        """Refuse an estimate that lacks what the change of its fields depends on."""
+        """Raise InputError for an estimate that lacks fields on which the change of its fields depends."""
         shared = self._shared_fields(estimate)
         needed = _needed_fields(self, shared)
         lacking = [name for name in needed if name not in shared]
@@ -264,19 +264,19 @@ class Predictor:
             lacks = ", ".join(lacking or declarations(self.start))
             problem = f"the motion of {own} depends on {lacks}, which the estimate does not give"
             given = tuple(declarations(estimate.state)) if is_record(estimate.state) else ()
-            fix = "fly with an estimator that gives it, or leave the predictor out"
+            fix = "use an estimator that gives it, or leave the predictor out"
             raise InputError("autopilot.predictor", problem, choices=given, fix=fix)
 
 
 def _needed_fields(predictor: Predictor, wanted: tuple[str, ...]) -> tuple[str, ...]:
-    """Fields of the vehicle's state on which those wanted depend, in whatever time: read off the dynamics."""
+    """Return the fields of the vehicle's state on which those wanted ever depend: found from the dynamics."""
     names = tuple(declarations(predictor.start))
     state = strengthen_types(predictor.start)
     derivative = zeros_of(
         "autopilot.predictor.craft", "its state", predictor.craft.dynamics, 0.0, state, predictor.actuators.neutral().u
     )
     if jax.tree.structure(derivative) != jax.tree.structure(state):
-        problem = f"{type(predictor.craft).__name__} does not move a {type(predictor.start).__name__}"
+        problem = f"{type(predictor.craft).__name__} has no derivative of a {type(predictor.start).__name__}"
         raise InputError("autopilot.predictor.start", problem, fix="give a state of that vehicle")
     closed = jax.make_jaxpr(lambda x: predictor.craft.dynamics(0.0, x, predictor.actuators.neutral().u))(state)
     jaxpr = closed.jaxpr
@@ -294,9 +294,9 @@ def _needed_fields(predictor: Predictor, wanted: tuple[str, ...]) -> tuple[str, 
 
 
 def predictor_for(world: Any, autopilot: Any, start: Any) -> Predictor:
-    """A predictor of what an autopilot believes, over the links and actuators of a world; start: the first state.
+    """Return a predictor with an autopilot's models, over the links and actuators of a world. start: the first state.
 
-    Raises: InputError for an uplink of which no latency is known.
+    Raises: InputError for an uplink without a known latency.
     """
     believed = vehicle_copies(autopilot, world.vehicle)
     frame = optional_member(world.actuators, "frame")
@@ -314,9 +314,9 @@ def predictor_for(world: Any, autopilot: Any, start: Any) -> Predictor:
 
 
 def expected_latency(channel: Any) -> float:
-    """The mean latency (s) of a channel.
+    """Return the mean latency (s) of a channel.
 
-    Raises: InputError for a channel of which none is known.
+    Raises: InputError for a channel without a known latency.
     """
     if isinstance(channel, Wire):
         return 0.0
@@ -326,7 +326,7 @@ def expected_latency(channel: Any) -> float:
         return mean_latency(channel.latency)
     if isinstance(channel, LatencyTrace):
         return mean_received_latency(channel)
-    problem = f"of a {type(channel).__name__} no latency is known that a predictor could count on"
+    problem = f"a {type(channel).__name__} has no known latency, which a predictor needs"
     raise InputError(
         argument_name("settings", "predictor"), problem, fix="leave the predictor out, or fly over another uplink"
     )

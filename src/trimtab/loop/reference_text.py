@@ -1,4 +1,4 @@
-"""References as they are typed after ``--reference``, and put into a scenario.
+"""References in the text form of ``--reference``, and put into a scenario.
 
 circle(radius=1.5, period=20 s)             fields of the record, each with a unit if wanted
 eight(length=5, width=150 cm)
@@ -26,7 +26,7 @@ from trimtab.loop.scenario import Scenario
 
 PART = "reference"
 SPEED = 0.4
-"""m/s, of way-points that name none."""
+"""Default speed between way-points, m/s."""
 FORMS = (
     "circle(radius=1.5, period=20 s)",
     "eight(length=5, width=1.5, period=30 s)",
@@ -39,16 +39,16 @@ COLUMNS = (
     MeasuredColumn("time", "s", "when"),
     MeasuredColumn("north", "m", "where"),
     MeasuredColumn("east", "m", "where"),
-    MeasuredColumn("heading", "rad", "where the nose is to point, unwrapped", needed=False, usual="deg"),
+    MeasuredColumn("heading", "rad", "wanted heading, unwrapped", needed=False, usual="deg"),
 )
 SHAPES: Mapping[str, Any] = MappingProxyType({"circle": Circle, "eight": FigureEight})
 _CALL = re.compile(r"\s*(?P<name>\w+)\s*(\((?P<inside>.*)\))?\s*", re.DOTALL)
 
 
 def parse_reference(text: str) -> Any:
-    """The reference of a text; a file is read.
+    """Return the reference of a text; a file is read.
 
-    Raises: InputError that names what is wrong and what to type.
+    Raises: InputError that names the problem and the text to type.
     """
     if text.endswith(".csv"):
         return _read_path(text)
@@ -61,11 +61,11 @@ def parse_reference(text: str) -> Any:
         return parsers[name](match["inside"])
     near = closest(name, [*SHAPES, *parsers], 1)
     fix = next((argument(PART, form) for form in FORMS if near and form.startswith(near[0])), argument(PART, FORMS[0]))
-    raise InputError(argument_name(PART), f"{text!r} is no reference", choices=FORMS, fix=fix)
+    raise InputError(argument_name(PART), f"{text!r} is not a reference", choices=FORMS, fix=fix)
 
 
 def plain_text(text: str) -> str:
-    """The text itself; of a file what it holds, so that a log can be replayed without it."""
+    """Return the text itself; for a file, its rows as text, so that a log can be replayed without the file."""
     if not text.endswith(".csv"):
         return text
     table = read_measurements(text, COLUMNS, series=True)
@@ -75,9 +75,9 @@ def plain_text(text: str) -> str:
 
 
 def with_reference(scenario: Scenario, text: str) -> Scenario:
-    """The scenario along a reference, from rest where it begins, with the nose where it sets out.
+    """Return the scenario along a reference, from rest at its begin, with the nose in its first direction.
 
-    Raises: InputError for a law that follows none.
+    Raises: InputError for a law that follows no reference.
     """
     law = scenario.autopilot.law
     if not isinstance(declarations(law).get("reference"), Part) or not isinstance(law.reference, Reference):
@@ -93,7 +93,7 @@ def with_reference(scenario: Scenario, text: str) -> Scenario:
 
 
 def start_pose(path: Reference, arm: float) -> tuple[float, float, float]:
-    """North, east (m) and heading (rad) of a craft whose point `arm` (m) ahead of it stands where a path begins."""
+    """Return north, east (m) and heading (rad) of a craft with its point `arm` (m) ahead at the begin of a path."""
     first = np.asarray(path.at(0.0).place)
     for soon in (0.25, 0.5, 1.0, 2.0, 4.0, 8.0):
         way = np.asarray(path.at(soon).place) - first
@@ -105,7 +105,7 @@ def start_pose(path: Reference, arm: float) -> tuple[float, float, float]:
 
 
 def _parse_shape(shape: Any, inside: str) -> Any:
-    """A record from ``radius=1.5, period=20 s``."""
+    """Return a record from ``radius=1.5, period=20 s``."""
     fields, declared = {}, declarations(shape)
     for item in filter(None, (piece.strip() for piece in inside.split(","))):
         name, equals, text = (word.strip() for word in item.partition("="))
@@ -114,11 +114,11 @@ def _parse_shape(shape: Any, inside: str) -> Any:
             near = closest(name, declared, 1) or list(declared)
             fix = f"write e.g. {near[0]}={getattr(shape(), near[0])}"
             raise InputError(
-                argument_name(PART), f"{item!r} sets nothing of a {shape.__name__}", choices=declared, fix=fix
+                argument_name(PART), f"{item!r} is not a setting of {shape.__name__}", choices=declared, fix=fix
             )
         if isinstance(declared[name], Option):
             if text not in ("true", "True", "false", "False"):
-                raise InputError(part, f"{text!r} is neither true nor false", fix=f"{name}=true")
+                raise InputError(part, f"{text!r} must be true or false", fix=f"{name}=true")
             fields[name] = text.lower() == "true"
             continue
         own = declared[name]
@@ -128,7 +128,7 @@ def _parse_shape(shape: Any, inside: str) -> Any:
 
 
 def _parse_waypoints(inside: str) -> PiecewisePath:
-    """A path through ``0 0, 3 0, 3 3 0.3; speed=0.4``."""
+    """Return a path through ``0 0, 3 0, 3 3 0.3; speed=0.4``."""
     points, _, rest = inside.partition(";")
     name, equals, text = (word.strip() for word in rest.partition("="))
     if rest.strip() and (name != "speed" or not equals):
@@ -140,7 +140,7 @@ def _parse_waypoints(inside: str) -> PiecewisePath:
 
 
 def _parse_places(inside: str) -> PiecewisePath:
-    """A path through ``0 s: 0 0, 2 s: 1 0``."""
+    """Return a path through ``0 s: 0 0, 2 s: 1 0``."""
     times, rows = [], []
     for item in inside.split(","):
         when, colon, what = item.partition(":")
@@ -152,7 +152,7 @@ def _parse_places(inside: str) -> PiecewisePath:
         rows.append(_parse_numbers(what, (2, 3), FORMS[3]))
     if len({len(row) for row in rows}) > 1:
         raise InputError(
-            argument_name(PART), "some places have a heading, some have none", fix="give each one, or none"
+            argument_name(PART), "only some places have a heading", fix="give all places a heading, or none"
         )
     places = np.array(rows)
     return interpolate_path(times, places[:, :2], places[:, 2] if places.shape[1] == 3 else None)
@@ -167,7 +167,7 @@ def _read_path(file: str) -> PiecewisePath:
 def _parse_numbers(text: str, counts: tuple[int, ...], form: str) -> list[float]:
     words = text.split()
     if len(words) not in counts:
-        problem = f"{text.strip()!r} has {len(words)} numbers, wanted are {' or '.join(map(str, counts))}"
+        problem = f"{text.strip()!r} has {len(words)} numbers, must have {' or '.join(map(str, counts))}"
         raise InputError(argument_name(PART), problem, fix=argument(PART, form))
     return [_parse_number(argument_name(PART), word) for word in words]
 
@@ -176,4 +176,4 @@ def _parse_number(part: str, text: str) -> float:
     try:
         return float(text)
     except ValueError:
-        raise InputError(part, f"{text!r} is no number", fix=argument(PART, FORMS[0])) from None
+        raise InputError(part, f"{text!r} is not a number", fix=argument(PART, FORMS[0])) from None

@@ -1,4 +1,4 @@
-"""A scenario: one flyable combination, checked whole before anything runs."""
+"""A scenario: one flyable combination, checked completely before a run."""
 
 import textwrap
 from typing import TYPE_CHECKING, Any, Generic
@@ -54,18 +54,18 @@ class Scenario(Generic[V]):
     Source: docs page, Scenarios.
     """
 
-    world: World[V] = part("The vehicle and what surrounds it.")
-    autopilot: Autopilot = part("What flies it.")
+    world: World[V] = part("World: vehicle, sensors, links and actuators.")
+    autopilot: Autopilot = part("Autopilot: estimator, law and allocation.")
     initial: Any = part("First state of the vehicle.")
     duration: int = period("Length of a run.", default=seconds(15))
-    targets: Any = part("Where signals should go, for the metrics.", default=())
-    failsafe: Any = part("What the vehicle does when nobody commands it, in flight; none in a simulation.", default=())
-    limits: VehicleLimits = part("What the vehicle watches of itself, in flight.", default=VehicleLimits())
-    truth_sensor: Any = part("What the ideal twin measures instead of the sensors.", default=PlanarNavigation())
+    targets: Any = part("Targets of signals, for the metrics.", default=())
+    failsafe: Any = part("Failsafe of the vehicle without commands, in flight; unused in a simulation.", default=())
+    limits: VehicleLimits = part("Limits that the vehicle itself watches in flight.", default=VehicleLimits())
+    truth_sensor: Any = part("Sensor of the ideal twin, in place of the sensors.", default=PlanarNavigation())
     name: str = option("Name in the catalogue.", default="scenario")
-    mismatch: Any = part("Paths of the autopilot's copies of the vehicle that are meant to differ.", default=())
-    words: Any = part("A word for each group of the noise's draws; none: a run's number for all.", default=())
-    choices: Any = part("How it was built from the catalogue, as `scenarios.build` notes it for logs.", default=())
+    mismatch: Any = part("Paths of the autopilot's vehicle models that are meant to differ.", default=())
+    words: Any = part("Random word for each group of noise draws; empty: the run number for all.", default=())
+    choices: Any = part("Choices with which `scenarios.build` built the scenario, noted for logs.", default=())
 
     def __repr__(self) -> str:
         rows = [(what, textwrap.shorten(text, 100, placeholder=" …")) for what, text in summarise_scenario(self)]
@@ -77,11 +77,11 @@ class Scenario(Generic[V]):
         return html_table(f"{self.name}, {format_time(self.duration)}", (), summarise_scenario(self), NOTE)
 
     def ideal(self) -> "Scenario":
-        """The twin without faults: the same law on the true state, no delay, no limits, its demand acts as it is.
+        """Return the ideal twin: the same law on the true state, without delay or limits; its demand acts directly.
 
-        Where the demand is another record than the vehicle's input, allocation and actuators stay, each with its
-        imperfections switched off. Where the truth sensor is left at its default and lacks what the law reads, but the
-        vehicle's state has it, the law reads the state. A pilot's stick stays as it is, and who observes from beside.
+        If the demand is another record than the vehicle's input, allocation and actuators stay, without imperfections.
+        If the default truth sensor lacks fields that the law reads, but the vehicle's state has them, the law reads the
+        state. A pilot's stick and an observer stay as they are.
         """
         neutral = self.world.actuators.neutral().u
         tick = self.autopilot.period
@@ -110,13 +110,13 @@ class Scenario(Generic[V]):
         return replace(self, world=world, autopilot=autopilot, choices=choices)
 
     def _without_its_own(self, one: Any) -> Any:
-        """A part without imperfections, but for those of a vehicle that it believes in: that is as the true one."""
+        """Return a part without imperfections, except those of its vehicle models, which stay as the true vehicle."""
         for name in find_imperfections(one).keys() - find_imperfections(self.world.vehicle).keys():
             one = without(one, name)
         return one
 
     def _demand_structure(self) -> Any:
-        """The structure of what the law wants; nothing is computed."""
+        """Return the structure of the law's demand; nothing is computed."""
         key = Key(np.uint32(0), np.uint32(0))
         free = replace(self.autopilot, supervisor=None)
         _, state = jax.eval_shape(lambda: start(self.world, free, to_arrays(self.initial), key))
@@ -133,9 +133,9 @@ class Scenario(Generic[V]):
         return self.truth_sensor
 
     def imperfections(self) -> dict[str, list[str]]:
-        """Name of each imperfection that can be switched off -> paths of the parts that have it.
+        """Return name of each imperfection that can be switched off -> paths of the parts that have it.
 
-        Those of a link bear its name, e.g. "uplink-delay".
+        Imperfections of a link have its name, e.g. "uplink-delay".
         """
         names: dict[str, list[str]] = {}
         for own, paths in find_imperfections(self).items():
@@ -145,7 +145,7 @@ class Scenario(Generic[V]):
         return names
 
     def without(self, name: str) -> "Scenario":
-        """The same scenario with one imperfection switched off, e.g. ``without("navigation-error")``."""
+        """Return the scenario with one imperfection switched off, e.g. ``without("navigation-error")``."""
         known = self.imperfections()
         if name not in known:
             problem = f"there is no imperfection {name!r} to switch off"
@@ -155,7 +155,7 @@ class Scenario(Generic[V]):
         if link in LINKS:
             channel = without(getattr(self.world, link), name.removeprefix(f"{link}-"))
             autopilot = self.autopilot
-            if name in find_imperfections(autopilot):  # what a predictor believes of the link
+            if name in find_imperfections(autopilot):  # the predictor's model of the link
                 autopilot = without(autopilot, name)
             return replace(self, world=replace(self.world, **{link: channel}), autopilot=autopilot)
         links = {link: getattr(self.world, link) for link in LINKS}
@@ -163,7 +163,7 @@ class Scenario(Generic[V]):
         return replace(changed, world=replace(changed.world, **links))
 
     def check(self) -> None:
-        """Refuse values that cannot be flown; the walk refuses parts that don't fit each other."""
+        """Raise InputError for values that cannot be flown; `loop.walk` checks that parts fit each other."""
         self._check_interfaces()
         mav_type(self.world.vehicle)
         check_beliefs(self.autopilot, self.world.vehicle, self.mismatch)
@@ -173,7 +173,7 @@ class Scenario(Generic[V]):
             check_part(path, lambda covers=covers: covers(to_seconds(self.duration)))
 
     def _check_interfaces(self) -> None:
-        """Refuse parts that lack what the loop calls."""
+        """Raise InputError for parts that lack a method or field which the loop uses."""
         world, autopilot = self.world, self.autopilot
         for name, sensor in world.sensors.items():
             check_members(f"world.sensors.{name}", sensor, Sensor, ("measure",))
@@ -185,6 +185,6 @@ class Scenario(Generic[V]):
 
 
 def _have_one_structure(a: Any, b: Any) -> bool:
-    """Whether two trees are the same records with numbers of the same shapes."""
+    """Return True if two trees are the same records with numbers of the same shapes."""
     shapes = [[np.shape(v) for v in jax.tree.leaves(tree)] for tree in (a, b)]
     return jax.tree.structure(a) == jax.tree.structure(b) and shapes[0] == shapes[1]

@@ -1,8 +1,8 @@
-"""Set-points of a law that change while it flies: in steps, or in ramps between them.
+"""Set-points of a law that change during the flight, in steps or in ramps.
 
     autopilot.law.reference = steps(0 s: 0, 5 s: 2 rad/s)
 
-Any number of a law can be scheduled; its path stays what it was, and what was set there holds until the first time.
+Any number of a law can be scheduled. Its path stays the same, and its own value holds until the first time.
 """
 
 import re
@@ -31,30 +31,28 @@ def _example() -> str:
 
 @record
 class SetpointSchedule:
-    """One number of a law over time, on the autopilot's own clock, which a simulation begins at 0.
+    """One number of a law over time, on the autopilot's own clock, which starts at 0 in a simulation.
 
-    steps: from each time on the value is that one; before the first, what the law has. ramps: straight between the
-    times, the first value before them and the last one after.
+    steps: each value holds from its time on; before the first time, the law's own value holds. ramps: linear between
+    the times, with the first value before and the last value after.
 
     Source: docs page, References from the command line.
     """
 
-    path: str = option("Of the number, below the law.", default="k1")
-    kind: str = option("How it changes.", default="steps", choices=KINDS)
-    times: Any = quantity("s", "When; rising.", default=np.zeros(1))
-    values: Any = quantity("as declared", "What; in the number's own unit.", default=np.zeros(1))
+    path: str = option("Path of the number, below the law.", default="k1")
+    kind: str = option("Kind of change: steps or ramps.", default="steps", choices=KINDS)
+    times: Any = quantity("s", "Times of the values; rising.", default=np.zeros(1))
+    values: Any = quantity("as declared", "Values, in the number's own unit.", default=np.zeros(1))
 
     def check(self) -> None:
-        """Refuse times that don't rise, or that lack a value."""
+        """Raise InputError for times that don't rise, or that lack a value."""
         times, values = np.asarray(self.times), np.asarray(self.values)
         if times.ndim != 1 or times.shape != values.shape or not len(times) or not (np.diff(times) > 0).all():
-            problem = (
-                f"{np.size(times)} times and {np.size(values)} values, of which no schedule in rising order is made"
-            )
+            problem = f"{np.size(times)} times and {np.size(values)} values must be equally many, with rising times"
             raise InputError(f"schedule of {self.path}", problem, fix="give each time, in rising order, its value")
 
     def at(self, seconds: Any, before: Any) -> Any:
-        """The value at a time (s); before: what it is before the first step."""
+        """Return the value at a time (s). before: value before the first step."""
         times, values = jnp.asarray(self.times), jnp.asarray(self.values)
         if self.kind == "ramps":
             return jnp.interp(seconds, times, values)
@@ -65,7 +63,7 @@ class SetpointSchedule:
 
 
 def schedule_law(law: L, schedules: Iterable[SetpointSchedule], t: Any) -> L:
-    """The law as it is at integer time t."""
+    """Return the law as it is at integer time t."""
     seconds = to_seconds(t)
     for one in schedules:
         law = with_leaf(law, one.path, lambda old, _, one=one: one.at(seconds, old))
@@ -73,15 +71,15 @@ def schedule_law(law: L, schedules: Iterable[SetpointSchedule], t: Any) -> L:
 
 
 def split_schedules(settings: Mapping[str, str]) -> tuple[dict[str, str], dict[str, str]]:
-    """Settings that are plain, and those that are schedules."""
+    """Return the plain settings, and the settings that are schedules."""
     schedules = {path: text for path, text in settings.items() if SCHEDULE.fullmatch(text)}
     return {path: text for path, text in settings.items() if path not in schedules}, schedules
 
 
 def with_schedules(scenario: Any, texts: Mapping[str, str]) -> Any:
-    """A scenario whose law's set-points follow the schedules of some paths; refused where one can't.
+    """Return the scenario with schedules for set-points of its law.
 
-    Raises: InputError for a path that is no number of the law, a text that is no schedule, a value out of range.
+    Raises: InputError for a path that is not a number of the law, an invalid schedule, or a value out of range.
     """
     if not texts:
         return scenario
@@ -93,7 +91,7 @@ def with_schedules(scenario: Any, texts: Mapping[str, str]) -> Any:
 def _parse_schedule(law: Any, path: str, text: str) -> SetpointSchedule:
     part, match = argument_name("settings", path), SCHEDULE.fullmatch(text)
     if match is None:
-        raise InputError(part, f"{text!r} is no schedule", choices=KINDS, fix=_example())
+        raise InputError(part, f"{text!r} is not a schedule", choices=KINDS, fix=_example())
     numbers = {p: d for p, v, d in leaves(law) if isinstance(d, Quantity) and not np.shape(v)}
     numbers = {p: d for p, d in numbers.items() if d.kind in ("real", "angle")}
     own = path.removeprefix(LAW)
@@ -113,12 +111,12 @@ def _parse_schedule(law: Any, path: str, text: str) -> SetpointSchedule:
 
 
 def _parse_entry(part: str, entry: str, declared: Quantity) -> tuple[float, float]:
-    """Time (s) and value of ``5 s: 2 rad/s``."""
+    """Return time (s) and value of ``5 s: 2 rad/s``."""
     when, colon, what = entry.partition(":")
     if not colon or not what.strip():
         raise InputError(part, f"{entry.strip()!r} is not TIME: VALUE", fix=_example())
     try:
         time = float(to_seconds(parse_time(when)))
     except InputError:
-        raise InputError(part, f"{when.strip()!r} is no time", fix=_example()) from None
+        raise InputError(part, f"{when.strip()!r} is not a time", fix=_example()) from None
     return time, parse_amount(part, what.strip(), declared.unit)

@@ -18,15 +18,15 @@ T = TypeVar("T")
 
 
 def with_settings(tree: T, settings: Mapping[str, str]) -> T:
-    """A copy with every path set; refuses unknown paths and values of the wrong type, and names what is near.
+    """Return a copy with every path set. Raise InputError with near names for unknown paths and wrong values.
 
     >>> from trimtab import build, with_settings
     >>> with_settings(build("hovercraft/spin"), {"world.vehicle.mass": "3000 g"}).world.vehicle.mass
     3.0
 
-    A number may have a unit, ``3 kg``. The path of a part is set to the name of a class, ``world.uplink=Wire``: what
-    belongs to the part is set in what takes its place (`loop.parts`). An optional part that a path leads into is put
-    there, e.g. the hovercraft's friction.
+    A number may have a unit, ``3 kg``. The path of a part is set to the name of a class, ``world.uplink=Wire``:
+    settings below this path then apply to the new part (`loop.parts`). A path into an optional part, e.g. the
+    hovercraft's friction, adds this part.
     """
     tree, rest = with_parts(tree, settings)
     for path, text in rest.items():
@@ -40,13 +40,13 @@ def with_settings(tree: T, settings: Mapping[str, str]) -> T:
 
 
 def setting_paths(tree: Any) -> list[str]:
-    """Every path that can be set, those in optional parts too."""
+    """Return every path that can be set, including those in optional parts."""
     absent = [f"{where}.{p}" for where, declared in absent_parts(tree) for p, _, _ in leaves(declared.optional)]
     return [p for p, _, _ in leaves(tree)] + absent
 
 
 def with_parts(tree: T, settings: Mapping[str, str]) -> tuple[T, dict[str, str]]:
-    """A copy with every part that is named put in, and the settings that are left to be made."""
+    """Return a copy with all named parts put in, and the settings that remain."""
     rest = dict(settings)
     for path in sorted(settings, key=lambda p: p.count(".")):
         if path in rest and is_name(rest[path]) and is_part(tree, path):
@@ -55,7 +55,7 @@ def with_parts(tree: T, settings: Mapping[str, str]) -> tuple[T, dict[str, str]]
 
 
 def parse_value(path: str, text: str, old: Any, declared: Quantity | Option) -> Any:
-    """The value that a text gives a setting. old: what it was, or UNSET, where the declaration alone says its shape."""
+    """Return the value of a setting's text. old: the present value, or UNSET if only the declaration is known."""
     if isinstance(declared, Option):
         return _parse_option(path, text, old, declared)
     shape = declared.shape if old is UNSET else np.shape(old)
@@ -68,17 +68,17 @@ def parse_value(path: str, text: str, old: Any, declared: Quantity | Option) -> 
         problem = f"{text!r} is not a list of finite numbers of shape {shape}"
         raise InputError(argument_name("settings", path), problem, fix=_example_list(path, old, shape)) from None
     if array.shape != shape and (old is not UNSET or shape):
-        problem = f"{text!r} has shape {array.shape}, wanted is {shape}"
+        problem = f"{text!r} has shape {array.shape}, must have {shape}"
         raise InputError(argument_name("settings", path), problem, fix=_example_list(path, old, shape))
     return number if array.ndim == 0 else array
 
 
 def _parse_one_number(path: str, at: tuple[int, ...], text: str, old: Any, declared: Quantity | Option) -> Any:
-    """The array with another number at an index."""
+    """Return the array with another number at an index."""
     array = np.array(old, np.float64) if isinstance(declared, Quantity) else np.zeros(())
     if not array.ndim or not has_index(array.shape, at):
         whole, _ = split_index(path)
-        problem = f"has shape {np.shape(old)}" if isinstance(declared, Quantity) else "is no array of numbers"
+        problem = f"has shape {np.shape(old)}" if isinstance(declared, Quantity) else "is not an array of numbers"
         fix = argument("settings", text, first_number(whole, array.shape))
         raise InputError(argument_name("settings", path), problem, fix=fix)
     array[at] = parse_value(path, text, float(array[at]), declared)
@@ -90,7 +90,7 @@ def _example_list(path: str, old: Any, shape: tuple[int, ...]) -> str:
 
 
 def _parse_numbers(path: str, text: str, declared: Quantity) -> Any:
-    """A number or a list of them, each, or the list behind its end, with a unit where one is written."""
+    """Return a number or a list of numbers; each, or the list as a whole, may have a unit."""
     body, bracket, unit = text.rpartition("]")
     try:
         value = json.loads(body + bracket if bracket else text)

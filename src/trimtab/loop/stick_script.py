@@ -1,4 +1,4 @@
-"""A pilot whose hand on the stick is written down beforehand: the sample of the stick, in a simulation."""
+"""A pilot with scripted stick movements: the sample of the stick, in a simulation."""
 
 from typing import Any
 
@@ -17,42 +17,50 @@ from trimtab.loop.scenario import Scenario
 
 @record
 class StickScript:
-    """A sensor of a pilot's stick: from each time on it is held as written. Without entries it is never valid.
+    """A sensor of a pilot's stick: each entry holds from its time on. Without entries the sample is never valid.
 
-    Like the hand of a pilot it is looked at each `period`, and each look is a sample of its own, as old as the way of
-    the sample is long. In a flight with a pilot, whoever has the stick writes the sample instead.
+    The stick is sampled each `period`, as in a flight with a pilot; the age of a sample is its delay on the way. In a
+    flight with a pilot, the ground station that has the stick writes the sample instead.
 
     Frames:  none.    Source:  docs page, Piloted.
     """
 
-    times: Any = quantity("100 ns", "From when on; rising.", kind="time", default=np.zeros(0, np.int64))
-    forward: Any = quantity("1", "How far forward.", default=np.zeros(0), low=-1, high=1)
-    turn: Any = quantity("1", "How far to the side, clockwise positive.", default=np.zeros(0), low=-1, high=1)
-    mode: Any = quantity(
-        "1", "What it moves.", kind="mode", modes=STICK_MODES, default=np.zeros(0, np.int32), low=0, high=2
+    times: Any = quantity("100 ns", "Times of the entries; rising.", kind="time", default=np.zeros(0, np.int64))
+    forward: Any = quantity("1", "Forward deflection of the stick.", default=np.zeros(0), low=-1, high=1)
+    turn: Any = quantity(
+        "1", "Sideways deflection of the stick, clockwise positive.", default=np.zeros(0), low=-1, high=1
     )
-    period: int = period("How often the stick is looked at.", default=ms(20))
+    mode: Any = quantity(
+        "1",
+        "Mode of the stick: the motion that it commands.",
+        kind="mode",
+        modes=STICK_MODES,
+        default=np.zeros(0, np.int32),
+        low=0,
+        high=2,
+    )
+    period: int = period("Time between samples of the stick.", default=ms(20))
 
     def check(self) -> None:
-        """Refuse a script whose times don't rise, or that lacks some."""
+        """Raise InputError for a script whose times don't rise or whose entries are incomplete."""
         shapes = [np.shape(a) for a in (self.times, self.forward, self.turn, self.mode)]
         if len(set(shapes)) > 1 or len(shapes[0]) != 1 or not (np.diff(np.asarray(self.times, np.int64)) > 0).all():
             counts = ", ".join(f"{np.size(a)}" for a in (self.times, self.forward, self.turn, self.mode))
-            problem = f"{counts} times, forwards, turns and modes, of which one an entry can be made in rising order"
+            problem = f"{counts} times, forwards, turns and modes must be equally many, with rising times"
             raise InputError(
                 "times", problem, fix="give each time, in rising order, its forward, its turn and its mode"
             )
 
     def init(self, key: Key) -> tuple[()]:
-        """No state."""
+        """Return an empty state."""
         return ()
 
     def measure(self, motion: Motion) -> Stick:
-        """In the middle: the motion says nothing of it."""
+        """Return a centred stick, as it doesn't depend on the motion."""
         return Stick(forward=np.float64(0.0), turn=np.float64(0.0), mode=np.int32(0))
 
     def step(self, t: Any, state: tuple[()], motion: Motion) -> tuple[tuple[()], Sample]:
-        """Where the stick is at integer time t; valid from the first entry on."""
+        """Return the position of the stick at integer time t; valid from the first entry on."""
         forward, turn, mode, held = (jnp.asarray(v) for v in (0.0, 0.0, np.int32(0), False))
         for k in range(np.shape(self.times)[0]):
             due = t >= self.times[k]
@@ -63,10 +71,10 @@ class StickScript:
 
 
 def stick_script(*entries: tuple[int, float, float, str]) -> StickScript:
-    """A script of (integer time, forward, turn, name of the mode) entries."""
+    """Return a script of (integer time, forward, turn, name of the mode) entries."""
     for _, _, _, name in entries:
         if name not in STICK_MODES:
-            raise InputError("stick's script", f"there is no mode {name!r}", choices=STICK_MODES, fix="name one")
+            raise InputError("stick's script", f"unknown mode {name!r}", choices=STICK_MODES, fix="name one")
     times, forward, turn, names = zip(*entries, strict=True) if entries else ((), (), (), ())
     return StickScript(
         times=np.array(times, np.int64),
@@ -77,7 +85,7 @@ def stick_script(*entries: tuple[int, float, float, str]) -> StickScript:
 
 
 def add_stick_sensor(scenario: Scenario) -> Scenario:
-    """The same with room in its frame for a stick that is moved in flight; as it is, where its law asks for none."""
+    """Return the scenario with a sensor for the stick that its law reads; unchanged if the law reads none."""
     name, sensors = optional_member(scenario.autopilot.law, "stick"), scenario.world.sensors
     if not name or name in sensors:
         return scenario
@@ -85,7 +93,7 @@ def add_stick_sensor(scenario: Scenario) -> Scenario:
 
 
 def empty_sticks(scenario: Scenario) -> tuple[str, ...]:
-    """Names of the sensors that no vehicle has: sticks without a script, moved by somebody at the autopilot's end."""
+    """Return the names of sticks without a script: a pilot at the autopilot's end moves them, not the vehicle."""
     found = []
     for name, sensor in scenario.world.sensors.items():
         while isinstance(sensor, FaultyPart):

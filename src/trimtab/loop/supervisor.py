@@ -1,4 +1,4 @@
-"""Supervisor: whether the autopilot may fly, what it does when it may not, and why. An optional part of the Autopilot.
+"""Supervisor: decides when the autopilot may fly, and the mode when it may not. An optional part of the Autopilot.
 
 Source: docs page, Supervisor.
 """
@@ -51,56 +51,56 @@ from trimtab.loop.supervisor_modes import (
 
 @record
 class PilotRequest:
-    """What a pilot asks of the supervisor; a new sample is a new request. Frames: none. Source: docs page."""
+    """A pilot's request to the supervisor; a new sample is a new request. Frames: none. Source: docs page."""
 
-    request: Scalar = quantity("1", "What to do.", kind="mode", modes=REQUESTS)
+    request: Scalar = quantity("1", "Request of the pilot.", kind="mode", modes=REQUESTS)
 
 
 @record
 class SupervisorInput:
-    """What the supervisor judges. Frames: the estimate's. Source: docs page, Supervisor."""
+    """Input of the supervisor. Frames: the estimate's. Source: docs page, Supervisor."""
 
-    estimate: Estimate = part("The estimate of this instant.")
-    arrived: Scalar = quantity("1", "Whether a new sample came over the link.", kind="flag")
-    finite: Scalar = quantity("1", "Whether the command that the law asks for is a number.", kind="flag")
-    pilot: Any = part("Sample of a PilotRequest; None where nobody asks.", default=None)
+    estimate: Estimate = part("Estimate of this instant.")
+    arrived: Scalar = quantity("1", "True if a new sample came over the link.", kind="flag")
+    finite: Scalar = quantity("1", "True if the law's command is finite.", kind="flag")
+    pilot: Any = part("Sample of a PilotRequest; None without a pilot.", default=None)
 
 
 @record
 class SupervisorState:
-    """What the supervisor remembers. Frames: none. Source: docs page, Supervisor."""
+    """State of the supervisor. Frames: none. Source: docs page, Supervisor."""
 
-    mode: Scalar = quantity("1", "What it does.", kind="mode", modes=MODES)
-    cause: Scalar = quantity("1", "Why the mode was entered.", kind="mode", modes=CAUSES)
-    since: Scalar = quantity("100 ns", "When the mode was entered.", kind="time")
-    back: Scalar = quantity("1", "Where to go when what was lost is found.", kind="mode", modes=MODES)
-    heard: Scalar = quantity("100 ns", "When a sample last came over the link.", kind="time")
-    refused: Scalar = quantity("1", "Why the last request was refused.", kind="mode", modes=CHECKS)
-    refusals: Scalar = quantity("1", "How many requests were.", kind="count")
-    transitions: Scalar = quantity("1", "How often the mode has changed.", kind="count")
+    mode: Scalar = quantity("1", "Mode of the supervisor.", kind="mode", modes=MODES)
+    cause: Scalar = quantity("1", "Cause of the last change of mode.", kind="mode", modes=CAUSES)
+    since: Scalar = quantity("100 ns", "Time at which the mode was entered.", kind="time")
+    back: Scalar = quantity("1", "Mode to return to when the link or the estimate recovers.", kind="mode", modes=MODES)
+    heard: Scalar = quantity("100 ns", "Time at which a sample last came over the link.", kind="time")
+    refused: Scalar = quantity("1", "Check that refused the last request.", kind="mode", modes=CHECKS)
+    refusals: Scalar = quantity("1", "Number of refused requests.", kind="count")
+    transitions: Scalar = quantity("1", "Number of mode changes.", kind="count")
 
 
 @record
 class SupervisorOutput:
-    """What the supervisor says. Frames: none. Source: docs page, Supervisor."""
+    """Output of the supervisor. Frames: none. Source: docs page, Supervisor."""
 
-    mode: Scalar = quantity("1", "What it does.", kind="mode", modes=MODES)
-    cause: Scalar = quantity("1", "Why the mode was entered.", kind="mode", modes=CAUSES)
-    transitions: Scalar = quantity("1", "How often the mode has changed.", kind="count")
-    refused: Scalar = quantity("1", "Why the last request was refused.", kind="mode", modes=CHECKS)
-    refusals: Scalar = quantity("1", "How many requests were.", kind="count")
-    check: Scalar = quantity("1", "What would refuse to arm now.", kind="mode", modes=CHECKS)
-    law: Scalar = quantity("1", "Whether the law's command is sent.", kind="flag")
-    sends: Scalar = quantity("1", "Whether a command is sent at all: the law's, or neutral.", kind="flag")
+    mode: Scalar = quantity("1", "Mode of the supervisor.", kind="mode", modes=MODES)
+    cause: Scalar = quantity("1", "Cause of the last change of mode.", kind="mode", modes=CAUSES)
+    transitions: Scalar = quantity("1", "Number of mode changes.", kind="count")
+    refused: Scalar = quantity("1", "Check that refused the last request.", kind="mode", modes=CHECKS)
+    refusals: Scalar = quantity("1", "Number of refused requests.", kind="count")
+    check: Scalar = quantity("1", "Check that would refuse to arm now.", kind="mode", modes=CHECKS)
+    law: Scalar = quantity("1", "True if the law's command is sent.", kind="flag")
+    sends: Scalar = quantity("1", "True if any command is sent: the law's, or neutral.", kind="flag")
 
 
 @record
 class Limit:
-    """A number of the estimate, or the length of a vector of them, that has to stay between two bounds.
+    """Bounds on a number of the estimate, or on the length of a vector of such numbers.
 
         low <= x <= high    of one field;    low <= sqrt(x^2 + y^2 + …) <= high    of several
 
-    What is not a number is outside.
+    NaN counts as outside.
 
     Frames:  the estimate's.    Source:  docs page, Supervisor.
     """
@@ -108,18 +108,20 @@ class Limit:
     fields: tuple[str, ...] = option("Fields of the estimated state, e.g. ('north',) or ('north', 'east').")
     low: Scalar = quantity("1", "Least value, in the field's unit.", default=-1e9)
     high: Scalar = quantity("1", "Greatest value, in the field's unit.", default=1e9)
-    kind: str = option("What it belongs to.", default="geofence", choices=("geofence", "envelope"))
+    kind: str = option("Kind of limit.", default="geofence", choices=("geofence", "envelope"))
 
     def check(self) -> None:
-        """Refuse bounds between which nothing lies."""
+        """Raise InputError for missing fields, and for bounds in the wrong order."""
         if not self.fields:
-            raise InputError("fields", "names no field of the estimate", fix="write e.g. fields=('north', 'east')")
+            raise InputError(
+                "fields", "must name at least one field of the estimate", fix="write e.g. fields=('north', 'east')"
+            )
         if not float(self.low) < float(self.high):
-            problem = f"low, {float(self.low):g}, is not below high, {float(self.high):g}"
+            problem = f"low must be below high, got {float(self.low):g} and {float(self.high):g}"
             raise InputError("low", problem, fix="exchange them")
 
     def is_breached(self, state: Any) -> Any:
-        """Whether a state is outside."""
+        """Return True if a state is outside."""
         numbers = [jnp.asarray(getattr(state, name)) for name in self.fields]
         x = numbers[0] if len(numbers) == 1 else jnp.sqrt(sum(n * n for n in numbers))
         return ~((self.low <= x) & (x <= self.high))
@@ -127,44 +129,46 @@ class Limit:
 
 @record
 class Supervisor:
-    """Lets the law's command through, sends neutral instead, or no valid command at all.
+    """Gate between law and link: sends the law's command, a neutral command, or no valid command.
 
         standby  --arm, checks passed-->  flying  <--hold, resume-->  hold  (neutral)
         flying, hold  --link or estimate too old-->  lost: go on, then neutral, then ended
         flying, hold, lost  --limit; flying: estimate, health, no number-->  fault       any of them  --end-->  ended
         fault, ended  --clear-->  standby
 
-    Fault and ended send no valid command, and stay until somebody clears them. The whole table: docs page.
+    Fault and ended send no valid command, and stay until a clear request. The whole table: docs page.
 
     Frames:  the estimate's.
     Not modelled: the battery.
     Source:  docs page, Supervisor; modes and times are this project's.
     """
 
-    neutral: Any = part("Value of a command that holds still.")
+    neutral: Any = part("Neutral command.")
     limits: tuple[Limit, ...] = part("Geofence and speed envelope.", default=())
-    stale_age: Scalar = quantity("s", "Oldest estimate that is flown on.", default=0.4, above=0)
-    link_timeout: int = period("Longest silence of all sensors.", default=ms(200))
-    link_continue: int = period("Link lost: for how long the law goes on.", default=ms(300), low=0)
-    link_end: int = period("Link lost: after how long the flight is ended.", default=seconds(5))
-    stale_continue: int = period("Estimate stale: for how long the law goes on.", default=ms(300), low=0)
-    stale_end: int = period("Estimate stale: after how long the flight is ended.", default=seconds(5))
+    stale_age: Scalar = quantity("s", "Maximum age of an estimate.", default=0.4, above=0)
+    link_timeout: int = period("Longest time without a sample of any sensor.", default=ms(200))
+    link_continue: int = period("Link lost: time for which the law goes on.", default=ms(300), low=0)
+    link_end: int = period("Link lost: time after which the flight is ended.", default=seconds(5))
+    stale_continue: int = period("Estimate stale: time for which the law goes on.", default=ms(300), low=0)
+    stale_end: int = period("Estimate stale: time after which the flight is ended.", default=seconds(5))
     healthy: tuple[str, ...] = option("Paths of flags and counters of the estimate that must be zero.", default=())
-    pilot: str = option("Name of the sample with requests.", default="pilot")
-    automatic: bool = option("Whether it arms by itself as soon as checks pass.", default=False, choices=(True, False))
+    pilot: str = option("Name of the sample with the pilot's requests.", default="pilot")
+    automatic: bool = option(
+        "True: arm automatically as soon as the checks pass.", default=False, choices=(True, False)
+    )
 
     def check(self) -> None:
-        """Refuse times that leave no room for neutral."""
+        """Raise InputError for times that leave no room for neutral."""
         for what in ("link", "stale"):
             goes_on, end = getattr(self, f"{what}_continue"), getattr(self, f"{what}_end")
             if end <= goes_on:
-                problem = f"{format_time(end)} is not later than {what}_continue, {format_time(goes_on)}"
+                problem = f"{format_time(end)} must be later than {what}_continue, {format_time(goes_on)}"
                 raise InputError(f"{what}_end", problem, fix="make it longer, so that neutral comes between")
 
     def fit_neutral(self, estimate: Estimate, value: Any, frame: Frame) -> Any:
-        """The neutral value in the types of the allocation's; refuses an autopilot that this supervisor doesn't fit."""
+        """Return the neutral value in the allocation's types. Raise InputError if the autopilot doesn't fit."""
         if self.pilot not in frame.samples and not self.automatic:
-            problem = f"nobody can ask it to arm: the frame has no sample {self.pilot!r}"
+            problem = f"it can never be armed: the frame has no sample {self.pilot!r}"
             fix = f'add sensors={{"{self.pilot}": PilotScript(…)}} to the world, or set automatic=True'
             raise InputError("autopilot.supervisor.pilot", problem, choices=tuple(frame.samples), fix=fix)
         known = [path for path, _, _ in leaves(estimate.state)]
@@ -174,19 +178,19 @@ class Supervisor:
                 problem = f"the estimate has no {path!r}"
                 raise InputError("autopilot.supervisor", problem, choices=known, fix=f"write {near[0]!r}")
         if jax.tree.structure(self.neutral) != jax.tree.structure(value):
-            problem = f"neutral is a {type(self.neutral).__name__}, the allocation gives a {type(value).__name__}"
+            problem = f"neutral is a {type(self.neutral).__name__}, but the allocation gives a {type(value).__name__}"
             raise InputError("autopilot.supervisor", problem, fix=f"give neutral={type(value).__name__}(…)")
         return jax.tree.map(lambda n, v: jnp.asarray(n, jnp.result_type(v)), self.neutral, value)
 
     def init(self) -> SupervisorState:
-        """On standby."""
+        """Return the first state, on standby."""
         none, now = np.int32(0), np.int64(-FOREVER)
         return SupervisorState(
             mode=none, cause=none, since=now, back=none, heard=now, refused=none, refusals=none, transitions=none
         )
 
     def step(self, t: Any, s: SupervisorState, input: SupervisorInput) -> tuple[SupervisorState, SupervisorOutput]:
-        """The mode from integer time t on."""
+        """Return the state and the output from integer time t on."""
         heard = jnp.where(input.arrived, t, s.heard)
         silent = t - heard >= self.link_timeout
         stale = ~(input.estimate.age <= self.stale_age)
@@ -223,7 +227,7 @@ class Supervisor:
         sick: Any,
         check: Any,
     ) -> tuple[Any, Any]:
-        """Mode and cause after this instant: the rows of the docs page's table; the last that holds counts."""
+        """Return mode and cause after this instant, by the table of the docs page: the last row that holds counts."""
         valid = jnp.asarray(input.estimate.valid)
         standby, flying, hold, lost = (s.mode == m for m in (STANDBY, FLYING, HOLD, LOST))
         under_way = flying | hold | lost
@@ -268,7 +272,7 @@ class Supervisor:
         )
 
     def _first_failing_check(self, estimate: Estimate, silent: Any, stale: Any, sick: Any) -> Any:
-        """The first check that fails; 0 when all pass."""
+        """Return the first check that fails; 0 when all pass."""
         outside = self._is_breached("envelope", estimate.state) | self._is_breached("geofence", estimate.state)
         failed = (~jnp.asarray(estimate.valid), stale, silent, outside, sick)
         first = jnp.asarray(0)
@@ -290,7 +294,7 @@ class Supervisor:
 
 
 def _pilot_request(pilot: Sample | None) -> Any:
-    """The request of this instant; none from a sample that is not new."""
+    """Return the request of this instant; none from a sample that is not new."""
     if pilot is None:
         return jnp.asarray(NO_REQUEST)
     known = (pilot.value.request >= 0) & (pilot.value.request < len(REQUESTS))

@@ -1,6 +1,6 @@
-"""The supervisor's modes, requests, causes and checks by name and number, and which requests make sense when.
+"""Names and numbers of the supervisor's modes, requests, causes and checks, and the requests possible in each mode.
 
-Nothing here needs JAX: what only shows a flight starts without it.
+This module needs no JAX, so that programs which only show a flight start fast.
 
 Source: docs page, Supervisor; modes are this project's.
 """
@@ -30,15 +30,15 @@ CAUSES = (
 (START, ARMED, AUTOMATIC, HELD, RESUMED, ENDED_BY, CLEARED, NOT_FINITE, FENCE, SPEED, NO_ESTIMATE, HEALTH) = range(12)
 LINK, STALE, FOUND, TOO_LONG = range(12, len(CAUSES))
 CHECKS = ("passed", "estimate not valid", "estimate stale", "link silent", "outside limits", "sensor health", "mode")
-"""What refused a request to arm or to resume; "mode": it makes no sense in this mode."""
+"""Checks that can refuse a request to arm or to resume; "mode": the request is not possible in this mode."""
 
 
 def explain_requests(mode: int, check: int) -> dict[str, str]:
-    """Why each request would be refused, or change nothing, in a mode; empty where it would not.
+    """Return the reason why each request would be refused, or change nothing, in a mode; "" for possible requests.
 
     Args:
-        mode: of the supervisor.
-        check: what would refuse to arm now, of CHECKS.
+        mode: mode of the supervisor.
+        check: check that would refuse to arm now, of CHECKS.
     """
     objection = CHECKS[check] if check else ""
     name, under_way = MODES[mode], mode in (FLYING, HOLD, LOST)
@@ -47,6 +47,6 @@ def explain_requests(mode: int, check: int) -> dict[str, str]:
         "arm": objection if mode == STANDBY else last,
         "hold": "" if mode in (FLYING, LOST) else f"it is {name}, not flying",
         "resume": objection if mode == HOLD else f"it is {name}, not on hold",
-        "end": "" if under_way else f"it is {name}, not under way",
+        "end": "" if under_way else f"it is {name}, which is not in flight",
         "clear": "" if mode in (FAULT, ENDED) else f"it is {name}: there is nothing to clear",
     }

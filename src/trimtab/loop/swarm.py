@@ -1,7 +1,8 @@
 """N craft in one loop: any vehicle, sensor, law, allocation and actuator side by side, each with its own state and key.
 
-The parts are those of one craft. `Each` steps n of them by vmap: number i gets row i of what is given and nothing of
-the other rows. So what a craft does can depend on others only by what its radio has heard (`loop.peer_radio`).
+The parts are those of one craft. `Each` steps n of them by vmap: part i gets row i of the inputs and nothing of the
+other rows. So a craft can depend on others only through the messages that its radio has received
+(`loop.peer_radio`).
 """
 
 from collections.abc import Callable
@@ -20,63 +21,63 @@ from trimtab.loop.structure import strengthen_types
 
 @record
 class Each:
-    """n of a sensor, estimator, law, allocation or actuators, side by side.
+    """n copies of a sensor, estimator, law, allocation or actuators, side by side.
 
-    Arrays of what is given have the craft as first axis; numbers are the same for all. The parameters of the one are
+    Input arrays have the craft as first axis; numbers are the same for all. The parameters of the one are
     those of all, but for the fields named in `own`, which have a leading axis.
 
     Frames: the part's. Source: docs page, Swarms.
     """
 
-    one: Any = part("The part of one craft.")
-    count: int = option("How many craft.", default=3)
+    one: Any = part("Part of one craft.")
+    count: int = option("Number of craft.", default=3)
     own: tuple[str, ...] = option("Fields of the part that differ from craft to craft.", default=())
 
     @property
     def period(self) -> int:
-        """The part's."""
+        """Return the part's period."""
         return self.one.period
 
     @property
     def reads(self) -> tuple[str, ...]:
-        """The law's."""
+        """Return the fields that the law reads."""
         return self.one.reads
 
     @property
     def stick(self) -> str:
-        """The law's."""
+        """Return the name of the stick that the law reads."""
         return optional_member(self.one, "stick")
 
     @property
     def frame(self) -> Any:
-        """The actuators'."""
+        """Return the actuators' frame."""
         return optional_member(self.one, "frame")
 
     def check(self) -> None:
-        """Refuse fields of `own` that the part lacks, or that don't have a number for each craft."""
+        """Raise InputError for fields of `own` that the part lacks, or that don't have a number for each craft."""
         for name in self.own:
             if name not in declarations(self.one):
                 problem = f"{type(self.one).__name__} has no field {name!r}"
                 raise InputError("Each.own", problem, choices=declarations(self.one), fix="name one of them")
             shape = jnp.shape(getattr(self.one, name))
             if shape[:1] != (self.count,):
-                problem = f"has shape {shape}, and there are {self.count} craft"
+                problem = f"has shape {shape}, but there are {self.count} craft"
                 raise InputError(f"one.{name}", problem, fix=f"give {self.count} numbers")
 
     def neutral(self) -> Any:
-        """The actuators' of each."""
+        """Return the actuators' neutral output of each."""
         return jax.tree.map(lambda v: jnp.broadcast_to(v, (self.count, *jnp.shape(v))), self.one.neutral())
 
     def init(self, key: Key) -> Any:
-        """First state of each."""
+        """Return the first state of each."""
         return self._of_each(lambda one, k: strengthen_types(one.init(k)), split(key, self.count))
 
     def measure(self, motion: Any) -> Any:
-        """The sensor's, of each."""
+        """Return the sensor's measurement of each."""
         return self._of_each(lambda one, m: one.measure(m), motion)
 
     def step(self, t: Any, state: Any, given: Any) -> tuple[Any, Any]:
-        """Of each; a sample or an estimate has one time for all, and is valid where it is so for all."""
+        """Return state and output of each; a sample or an estimate has one time, and is valid if valid for all."""
         new, out = self._of_each(lambda one, s, x: strengthen_types(one.step(t, s, x)), state, given)
         if isinstance(out, Sample | Estimate):
             same = {"t": out.t[0], "age": jnp.max(out.age), "fresh": jnp.any(out.fresh), "valid": jnp.all(out.valid)}
@@ -84,7 +85,7 @@ class Each:
         return new, out
 
     def _of_each(self, call: Callable[..., Any], *given: Any) -> Any:
-        """call(part, row) of each craft: arrays among what is given are taken apart, numbers go to all."""
+        """Return call(part, row) for each craft: arrays among the inputs are split into rows, numbers go to all."""
         leaves, tree = jax.tree.flatten(({n: getattr(self.one, n) for n in self.own}, given))
         differs = [jnp.ndim(v) > 0 for v in leaves]
 
@@ -99,74 +100,74 @@ class Each:
 
 @record
 class Swarm:
-    """n vehicles that do not touch: each moves as if it were alone. State and input: the vehicle's, fields (n,).
+    """n vehicles without contact: each moves as if it were alone. State and input: the vehicle's, fields (n,).
 
-    Frames: the vehicle's. Not modelled: contact, the air that one blows at another. Source: docs page, Swarms.
+    Frames: the vehicle's. Not modelled: contact, the air flow of one craft at another. Source: docs page, Swarms.
     """
 
-    craft: Any = part("One of them.")
+    craft: Any = part("Model of one craft.")
     count: int = option("How many craft.", default=3)
 
     def dynamics(self, t: Any, x: Any, u: SwarmInput) -> Any:
-        """The derivative of x; t: seconds."""
+        """Return the derivative of x; t: seconds."""
         return jax.vmap(lambda x, u: self.craft.dynamics(t, x, u))(x, u.act)
 
     def motion(self, t: Any, x: Any, u: SwarmInput) -> SwarmMotion:
-        """All that sensors can feel; t: integer time."""
+        """Return the motion that sensors feel; t: integer time."""
         return SwarmMotion(each=jax.vmap(lambda x, u: self.craft.motion(t, x, u))(x, u.act), say=u.say)
 
 
 @record
 class SwarmOutput:
-    """What the actuators of a swarm do. Frames: theirs. Source: docs page, Swarms."""
+    """Output of the actuators of a swarm. Frames: theirs. Source: docs page, Swarms."""
 
-    u: SwarmInput = part("The swarm's input.")
-    each: Any = part("The output of each craft's actuators, without its input, or nothing.")
+    u: SwarmInput = part("Input of the swarm.")
+    each: Any = part("Output of each craft's actuators, without its input; or empty.")
 
 
 @record
 class SwarmAllocation:
-    """Each craft's allocation; what it says goes by. Frames: the allocation's. Source: docs page, Swarms."""
+    """Allocation of each craft; radio messages pass unchanged. Frames: the allocation's. Source: docs page, Swarms."""
 
     each: Each = part("Allocation of each craft.")
 
     def init(self, key: Key) -> Any:
-        """First states."""
+        """Return the first states."""
         return self.each.init(key)
 
     def step(self, t: Any, state: Any, demand: SwarmInput) -> tuple[Any, SwarmInput]:
-        """Commands for a demand."""
+        """Return the states and the commands for a demand."""
         state, act = self.each.step(t, state, demand.act)
         return state, SwarmInput(act=act, say=demand.say)
 
 
 @record
 class SwarmActuators:
-    """Each craft's actuators; until there is a command nobody says anything. Frames: theirs. Source: page, Swarms."""
+    """Actuators of each craft; before the first command no craft sends a message. Frames: theirs. Source: Swarms."""
 
     each: Each = part("Actuators of each craft.")
-    silence: Any = part("What is said without a command; fields (n,).")
+    silence: Any = part("Empty message, for steps without a command; fields (n,).")
 
     @property
     def period(self) -> int:
-        """The actuators'."""
+        """Return the actuators' value."""
         return self.each.period
 
     @property
     def frame(self) -> Any:
-        """The actuators'."""
+        """Return the actuators' frame."""
         return self.each.frame
 
     def neutral(self) -> SwarmOutput:
-        """Every craft neutral and silent."""
+        """Return the output with every craft neutral and without a message."""
         return SwarmOutput(u=SwarmInput(act=self.each.neutral().u, say=self.silence), each=())
 
     def init(self, key: Key) -> Any:
-        """First states."""
+        """Return the first states."""
         return self.each.init(key)
 
     def step(self, t: Any, state: Any, command: Sample) -> tuple[Any, SwarmOutput]:
-        """What each does and says from integer time t on."""
+        """Return the states, and the output and message of each craft from integer time t on."""
         state, out = self.each.step(t, state, replace(command, value=command.value.act))
         say = tree_where(command.valid, command.value.say, self.silence)
         return state, SwarmOutput(u=SwarmInput(act=out.u, say=say), each=())

@@ -1,6 +1,6 @@
 """The walk over the instants of a run: the whole closed loop as one pure function of records.
 
-At one instant the order is that of the loop: truth, sensors, downlink, autopilot, uplink, actuators; then the truth is
+The order at one instant is that of the loop: truth, sensors, downlink, autopilot, uplink, actuators. Then the truth is
 integrated to the next instant.
 """
 
@@ -21,28 +21,28 @@ from trimtab.loop.world import World, WorldState
 
 @record
 class Signals:
-    """All that is logged at one instant; a field's path is the signal's name in the log. Source: docs page, Log."""
+    """Signals logged at one instant; a field's path is the signal's name in the log. Source: docs page, Log."""
 
     truth: Any = part("State of the vehicle.")
     sensors: Any = part("Last sample of each sensor.")
     downlink: Any = part("Sample of each sensor as the autopilot holds it, with its age.")
-    estimate: Any = part("The estimate.")
+    estimate: Any = part("Estimate.")
     law: Any = part("Output of the law.")
-    command: Any = part("The command as issued.")
-    uplink: Any = part("The command as the actuators hold it, with its age.")
-    actuators: Any = part("What the actuators do.")
-    supervisor: Any = part("What the supervisor says; nothing without one.", default=())
-    world: Any = part("What the integration up to now says of itself; nothing of a plain step.", default=())
-    predictor: Any = part("What the predictor says; nothing without one.", default=())
-    monitor: Any = part("What the monitor says of each formula; nothing without one.", default=())
-    gust: Any = part("What turbulence adds to the air about the vehicle; nothing without one.", default=())
+    command: Any = part("Command as issued.")
+    uplink: Any = part("Command as the actuators hold it, with its age.")
+    actuators: Any = part("Output of the actuators.")
+    supervisor: Any = part("Output of the supervisor; empty without one.", default=())
+    world: Any = part("Report of the integration up to now; empty for a plain step.", default=())
+    predictor: Any = part("Output of the predictor; empty without one.", default=())
+    monitor: Any = part("Output of the monitor for each formula; empty without one.", default=())
+    gust: Any = part("Gust that turbulence adds to the air at the vehicle; empty without turbulence.", default=())
 
 
 class WalkResult(NamedTuple):
-    """What a walk gives.
+    """Result of a walk.
 
     rows: float64 (n, width), the logged signals flattened.  x: the truth at the end.  sensors: their states at the end.
-    integrated: what the integration says of its last step.
+    integrated: report of the integration on its last step.
     """
 
     rows: Any
@@ -52,7 +52,7 @@ class WalkResult(NamedTuple):
 
 
 def start(world: World, autopilot: Autopilot, x: Any, key: Key) -> tuple[WorldState, AutopilotState]:
-    """States at rest before the first instant; refuses parts that don't fit each other."""
+    """Return the states at rest before the first instant. Raise InputError if parts don't fit each other."""
     key_world, key_autopilot = key.at("world"), key.at("autopilot")
     s = world.init(key_world, x)
     a = autopilot.init(key_autopilot, Frame(t=jnp.zeros((), np.int64), samples=s.received))
@@ -62,7 +62,7 @@ def start(world: World, autopilot: Autopilot, x: Any, key: Key) -> tuple[WorldSt
 def instant(
     world: World, autopilot: Autopilot, clock: Instant, h: Any, s: WorldState, a: AutopilotState
 ) -> tuple[WorldState, AutopilotState, Signals]:
-    """Everything that happens at one instant, then the truth up to the next, h later."""
+    """Step the loop at one instant, then integrate the truth to the next instant, h later."""
     s, frame = world.sense(clock, s)
     due = clock.due(autopilot.period)
     a = step_if(due, lambda: autopilot.step(clock.t, a, frame)[0], lambda: autopilot.hold(clock.t, a))
@@ -73,12 +73,12 @@ def instant(
 def drop_derived_outputs(
     world: World, autopilot: Autopilot, s: WorldState, a: AutopilotState, always: frozenset[int]
 ) -> tuple[WorldState, AutopilotState]:
-    """The two states without outputs that are made anew at every instant, so that a run does not carry them along."""
+    """Return the two states without outputs that are recomputed at every instant, so that a run does not carry them."""
     return world.drop_derived_outputs(s, always), autopilot.drop_derived_outputs(a, always)
 
 
 def signals(s: WorldState, a: AutopilotState) -> Signals:
-    """What is logged of the two states."""
+    """Return the logged signals of the two states."""
     return Signals(
         truth=s.x,
         sensors=s.sampled,
@@ -116,7 +116,7 @@ def walk(
             row `rows` is scratch for instants that are not logged.
         rows: length of the log.
         always: periods that are due at every instant.
-        wanted: which signals are logged, see `logged_signals`; all when empty.
+        wanted: signals to log, see `logged_signals`; all when empty.
     """
     s, a = start(world, autopilot, x, key)
     width = pack_row(signals(s, a), wanted).shape[0]
@@ -135,7 +135,7 @@ def walk(
 
 
 def logged_signals(seen: Signals, wanted: tuple[str, ...] = ()) -> list[tuple[str, Any, Quantity]]:
-    """Path, value and declaration of the signals at or below the wanted paths, in the order of a row."""
+    """Return path, value and declaration of the signals at or below the wanted paths, in the order of a row."""
     return [
         (path, value, declared)
         for path, value, declared in leaves(seen)
@@ -144,9 +144,9 @@ def logged_signals(seen: Signals, wanted: tuple[str, ...] = ()) -> list[tuple[st
 
 
 def pack_row(seen: Signals, wanted: tuple[str, ...]) -> Any:
-    """One row of the log, float64 (width,): integers below 2**53 are exact.
+    """Return one row of the log, float64 (width,): integers below 2**53 are exact.
 
-    Written as selects: concatenating that many scalars costs XLA's CPU backend more than all the rest of the loop.
+    It uses selects: concatenating that many scalars costs XLA's CPU backend more than the rest of the loop.
     """
     parts = [jnp.ravel(value).astype(np.float64) for _, value, _ in logged_signals(seen, wanted)]
     scalars = [part[i] for part in parts for i in range(part.shape[0])]

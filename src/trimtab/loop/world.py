@@ -26,21 +26,21 @@ else:
 
 @record
 class WorldState:
-    """Everything about the world that changes. Source: docs page, Time."""
+    """State of the world. Source: docs page, Time."""
 
     x: Any = part("State of the vehicle.")
     sensors: Any = part("State of each sensor.")
     sampled: Any = part("Last sample of each sensor.")
     downlink: Any = part("State of each sensor's downlink.")
-    received: Any = part("Last sample that came out of each downlink.")
+    received: Any = part("Last sample received over each downlink.")
     uplink: Any = part("State of the uplink.")
-    commanded: Any = part("Last command that came out of the uplink.")
+    commanded: Any = part("Last command received over the uplink.")
     actuators: Any = part("State of the actuators.")
     actuated: Any = part("Last output of the actuators.")
-    u: Any = part("What acts on the vehicle: the field u of that output.")
-    integrated: Any = part("What the integration up to now says of itself; nothing of a plain step.", default=())
+    u: Any = part("Input of the vehicle: the field u of that output.")
+    integrated: Any = part("Report of the integration up to now; empty for a plain step.", default=())
     turbulence: Any = part("State of the turbulence.", default=())
-    gust: Any = part("What it adds to the air about the vehicle.", default=())
+    gust: Any = part("Gust that turbulence adds to the air at the vehicle.", default=())
 
 
 @record
@@ -54,37 +54,37 @@ class World(Generic[V]):
     Source: docs page, Time, for the order of things at one instant.
     """
 
-    vehicle: V = part("The truth: dynamics and motion.")
+    vehicle: V = part("True vehicle: dynamics and motion.")
     sensors: Any = part("Sensors by name: a mapping, or (name, sensor) pairs.")
-    actuators: Any = part("What turns commands into the vehicle's input.")
+    actuators: Any = part("Actuators: turn commands into the vehicle's input.")
     downlink: Any = part("Channel from each sensor to the autopilot.")
     uplink: Any = part("Channel from the autopilot to the actuators.")
     max_step: int = period("Longest step of the integration.", default=ms(1))
     integration: Any = part(
-        "How the truth is integrated; None: one Runge–Kutta step of order four.", default=None, optional=Integration()
+        "Integration of the truth; None: one Runge–Kutta step of order four.", default=None, optional=Integration()
     )
-    turbulence: Any = part("What the vehicle flies through; None: still air.", default=None, optional=Turbulence())
+    turbulence: Any = part("Turbulence of the air; None: still air.", default=None, optional=Turbulence())
 
     def __post_init__(self) -> None:
         if not isinstance(self.sensors, Mapping):
             object.__setattr__(self, "sensors", _sensors_by_name(self.sensors))
 
     def check(self) -> None:
-        """Refuse to turn quaternions that the vehicle doesn't name."""
+        """Raise InputError for an integration on the rotation group if the vehicle names no quaternions."""
         named = optional_member(self.vehicle, "QUATERNIONS")
         if self.integration is not None and self.integration.attitude == "group" and not named:
-            problem = f"{type(self.vehicle).__name__} names no quaternion of its state that could be turned"
+            problem = f"{type(self.vehicle).__name__} names no quaternion of its state to integrate on the group"
             fix = argument("settings", "numbers", "world.integration.attitude")
             fix += ', or write  QUATERNIONS = ("NAME",)  in the vehicle'
             raise InputError("integration.attitude", problem, fix=fix)
 
     def periods(self) -> list[int]:
-        """The periods of everything in the world."""
+        """Return the periods of all parts of the world."""
         parts = [*self.sensors.values(), self.actuators, self.uplink, self.downlink]
         return [p.period for p in (parts if self.turbulence is None else [*parts, self.turbulence])]
 
     def init(self, key: Key, x: Any) -> WorldState:
-        """The world at rest: no sample taken, nothing received. The uplink follows when the command is known."""
+        """Return the world at rest: no sample taken, nothing received. `connect` adds the uplink for a command."""
         neutral = self.actuators.neutral()
         motion = _check_vehicle(self.vehicle, x, neutral.u)
         states, samples, links, received = {}, {}, {}, {}
@@ -113,27 +113,27 @@ class World(Generic[V]):
         )
 
     def _method(self) -> Integration | None:
-        """What integrates, or None for the plain step, which locates no events."""
+        """Return the integration, or None for the plain step, which locates no events."""
         has_events = optional_member(self.vehicle, "events") is not None
         return Integration() if self.integration is None and has_events else self.integration
 
     def _first_gust(self, key: Key) -> dict[str, Any]:
-        """State of the turbulence and its gust before the first instant; refuses a vehicle that would not feel it."""
+        """Return the turbulence's first state and gust. Raise InputError if the vehicle ignores gusts."""
         if self.turbulence is None:
             return {}
         if optional_member(self.vehicle, "in_gust") is None:
-            problem = f"{type(self.vehicle).__name__} has no in_gust(gust), so that it would not feel any"
+            problem = f"{type(self.vehicle).__name__} has no in_gust(gust), so turbulence would have no effect"
             fix = "leave it out, or def in_gust(self, gust): …  in a vehicle that feels the air (docs, Turbulence)"
             raise InputError("world.turbulence", problem, fix=fix)
         return {"turbulence": self.turbulence.init(key.at("turbulence")), "gust": NO_GUST}
 
     def _vehicle_in(self, gust: Any) -> Any:
-        """The vehicle, in the air as it is now."""
+        """Return the vehicle in the present gust."""
         vehicle: Any = self.vehicle
         return vehicle if self.turbulence is None else vehicle.in_gust(gust)
 
     def _meet_gust(self, clock: Instant, s: WorldState) -> WorldState:
-        """The state with the gust of this instant, which the turbulence makes of where the vehicle is."""
+        """Return the state with the gust of this instant, which the turbulence computes at the vehicle's position."""
         if self.turbulence is None:
             return s
 
@@ -146,19 +146,19 @@ class World(Generic[V]):
         return replace(s, turbulence=state, gust=gust)
 
     def connect(self, key: Key, s: WorldState, command: Command) -> WorldState:
-        """The world with an uplink for commands of this structure."""
+        """Return the world's state with an uplink for commands of this structure."""
         sample = as_sample(command, False)
         link = self.uplink.init(key.at("uplink"), sample)
         _, commanded = zeros_of_step("world.uplink", "the autopilot", self.uplink.step, 0, link, sample)
         act = self.actuators.step
         _, actuated = zeros_of_step("world.actuators", "world.uplink", act, 0, s.actuators, commanded)
-        fix = "a demand, or what the allocation makes of it, has another shape than the vehicle's input"
-        check_alike("world.actuators", "what they give the vehicle", actuated.u, s.u, fix)
+        fix = "give the demand, or the allocation's command, the shape of the vehicle's input"
+        check_alike("world.actuators", "their output u for the vehicle", actuated.u, s.u, fix)
         actuated = cast_like(s.actuated, actuated)
         return replace(s, uplink=link, commanded=commanded, actuated=actuated, u=actuated.u)
 
     def sense(self, clock: Instant, s: WorldState) -> tuple[WorldState, Frame]:
-        """Truth, sensors, downlink: the frame that the autopilot holds at this instant."""
+        """Step truth, sensors and downlink. Return the state and the frame that the autopilot holds at this instant."""
         t = clock.t
         s = self._meet_gust(clock, s)
         vehicle = self._vehicle_in(s.gust)
@@ -183,7 +183,7 @@ class World(Generic[V]):
         return s, Frame(t=t, samples=received)
 
     def act(self, clock: Instant, s: WorldState, command: Command, fresh: Any) -> WorldState:
-        """Uplink and actuators, from this instant on."""
+        """Return the state after uplink and actuators, which act from this instant on."""
         t = clock.t
         sent = hold_sample(t, as_sample(command, fresh), fresh=fresh)
         link, commanded = step_if(
@@ -199,7 +199,7 @@ class World(Generic[V]):
         return replace(s, uplink=link, commanded=commanded, actuators=state, actuated=actuated, u=actuated.u)
 
     def drop_derived_outputs(self, s: WorldState, always: frozenset[int]) -> WorldState:
-        """The state without outputs that are made anew at every instant, so that a run does not carry them along."""
+        """Return the state without outputs that are recomputed at every instant, so that a run does not carry them."""
         return replace(
             s,
             sampled={n: () if self.sensors[n].period in always else v for n, v in s.sampled.items()},
@@ -209,7 +209,7 @@ class World(Generic[V]):
         )
 
     def advance(self, t: Any, s: WorldState, h: Any) -> WorldState:
-        """The truth integrated from integer time t over integer time h, the actuators' output held."""
+        """Return the state with the truth integrated from integer time t over integer time h, the input held."""
         vehicle = self._vehicle_in(s.gust)
 
         def derivative(time: Any, x: Any) -> Any:
@@ -226,7 +226,7 @@ class World(Generic[V]):
 
 
 def _check_vehicle(vehicle: Any, x: Any, u: Any) -> Any:
-    """A motion, every number zero; refuses what is no vehicle, and a derivative that is none of its state."""
+    """Return a motion, every number zero. Raise InputError for an invalid vehicle or derivative."""
     for name in ("dynamics", "motion"):
         if not callable(getattr(vehicle, name, None)):
             problem = f"{type(vehicle).__name__} has no {name}(t, x, u)"
@@ -234,22 +234,22 @@ def _check_vehicle(vehicle: Any, x: Any, u: Any) -> Any:
     motion = zeros_of("world.vehicle.motion", "the vehicle's state", vehicle.motion, 0, x, u)
     part = "world.vehicle.dynamics"
     rate = zeros_of(part, "world.actuators", vehicle.dynamics, 0.0, x, u)
-    check_alike(part, "what it returns", rate, x, f"return {type(x).__name__}(…) with the derivative of each field")
+    check_alike(part, "its return value", rate, x, f"return {type(x).__name__}(…) with the derivative of each field")
     return motion
 
 
 def _sensor_input(where: str, sensor: Any, motion: Callable[[], Any], x: Any, u: Any) -> Any:
-    """What this sensor gets: the motion, or what its class variable FEELS names."""
+    """Return this sensor's input: the motion, or the input that its class variable FEELS names."""
     inputs = {"motion": motion, "state": lambda: x, "input": lambda: u}
     feels = optional_member(sensor, "FEELS")
     if feels not in inputs:
-        problem = f"{type(sensor).__name__} feels {feels!r}, which is nothing that a world has"
+        problem = f"{type(sensor).__name__} feels {feels!r}, which World does not provide"
         raise InputError(where, problem, choices=inputs, fix='write FEELS = "motion", or leave it out')
     return inputs[feels]()
 
 
 def as_sample(command: Command, fresh: Any) -> Sample:
-    """A command as the uplink carries it."""
+    """Return a command as a sample for the uplink."""
     return Sample(value=command.value, t=command.t, age=0.0, fresh=fresh, valid=command.valid)
 
 

@@ -1,7 +1,7 @@
-"""The blocks of a scenario that are compiled one by one, each a step that is called from instant to instant.
+"""Blocks of a scenario that are compiled separately; each is a step function called from instant to instant.
 
-Autopilot and world are `simulate` taken apart at the two messages: same order of things, same numbers (docs page,
-Time). The vehicle's own, which a virtual vehicle runs and a microcontroller too: uplink, failsafe and motion.
+Autopilot and world are `simulate` split at the two messages: same order, same numbers (docs page, Time). Uplink,
+failsafe and motion are blocks of the vehicle, run by a virtual vehicle and by a microcontroller.
 """
 
 import functools
@@ -32,32 +32,32 @@ from trimtab.run.inputs import RunInputs, leaf_paths, run_inputs
 from trimtab.run.kept_blocks import MOST_KEPT, Content, compile_kept
 
 UNLIMITED = 3e38
-"""Any number that a float holds is believed, of a command about which nothing is known."""
+"""Limit for commands without declared limits: every number that a float holds is accepted."""
 
 
 @record
 class StepInput:
-    """What a block is given, and when. Source: docs page, Vehicle."""
+    """Input of a block, and its time. Source: docs page, Vehicle."""
 
     t: Any = quantity("100 ns", "Now.", kind="time")
-    input: Any = part("What it is given.")
+    input: Any = part("Input of the block.")
 
 
 @record
 class AutopilotOutput:
-    """What an exported autopilot gives at each step. Source: docs page, Export."""
+    """Output of an exported autopilot at each step. Source: docs page, Export."""
 
-    command: Any = part("For the actuators.")
-    estimate: Any = part("What the estimator makes of the frame.")
+    command: Any = part("Command for the actuators.")
+    estimate: Any = part("Estimate from the frame.")
     law: Any = part("Output of the law.")
-    supervisor: Any = part("What the supervisor says; nothing without one.", default=())
-    predictor: Any = part("What the predictor says; nothing without one.", default=())
-    monitor: Any = part("What the monitor says of each formula; nothing without one.", default=())
+    supervisor: Any = part("Output of the supervisor; empty without one.", default=())
+    predictor: Any = part("Output of the predictor; empty without one.", default=())
+    monitor: Any = part("Output of the monitor for each formula; empty without one.", default=())
 
 
 @record
 class LoopInput:
-    """What an exported closed loop is given at each step. Source: docs page, Export."""
+    """Input of an exported closed loop at each step. Source: docs page, Export."""
 
     t: Any = quantity("100 ns", "Now.", kind="time")
     h: Any = quantity("100 ns", "Time to the next instant.", kind="time")
@@ -65,43 +65,43 @@ class LoopInput:
 
 @record
 class WorldInput:
-    """What a world is given at each instant. Source: docs page, World step."""
+    """Input of a world at each instant. Source: docs page, World step."""
 
-    t: Any = quantity("100 ns", "The last instant, at which the command was issued.", kind="time")
-    h: Any = quantity("100 ns", "Time from then to now.", kind="time")
-    first: Any = quantity("1", "Now is the first instant: there was no command yet.", kind="flag")
-    is_held: Any = quantity("1", "The vehicle is held: its true state stays as it is.", kind="flag")
-    fresh: Any = quantity("1", "Whether the command is a new one.", kind="flag")
-    command: Any = part("The command.")
+    t: Any = quantity("100 ns", "Last instant, at which the command was issued.", kind="time")
+    h: Any = quantity("100 ns", "Time from the last instant to now.", kind="time")
+    first: Any = quantity("1", "True at the first instant: there was no command yet.", kind="flag")
+    is_held: Any = quantity("1", "True if the vehicle is held: its true state doesn't change.", kind="flag")
+    fresh: Any = quantity("1", "True if the command is new.", kind="flag")
+    command: Any = part("Command.")
 
 
 @record
 class WorldOutput:
-    """What a world gives. Source: docs page, World step."""
+    """Output of a world. Source: docs page, World step."""
 
     truth: Any = part("State of the vehicle, now.")
     sensors: Any = part("Last sample of each sensor, now.")
     downlink: Any = part("Sample of each sensor at the far end of its channel, now: the frame.")
-    uplink: Any = part("The command as the actuators held it, at the last instant.")
-    actuators: Any = part("What the actuators did from the last instant on.")
-    gust: Any = part("What turbulence adds to the air about the vehicle, now; nothing without one.", default=())
+    uplink: Any = part("Command as the actuators held it, at the last instant.")
+    actuators: Any = part("Output of the actuators from the last instant on.")
+    gust: Any = part("Gust that turbulence adds to the air at the vehicle, now; empty without turbulence.", default=())
 
 
 @record
 class UplinkParameters:
     """Parameters of the step of an uplink. Source: docs page, Vehicle."""
 
-    uplink: Any = part("The channel.")
+    uplink: Any = part("Channel of the uplink.")
     key: Any = part("Seed and run of the random numbers.")
 
 
 def has_stepped_vehicle(scenario: Scenario) -> bool:
-    """Whether a scenario's vehicle is one that is stepped by a host, and can't be compiled."""
+    """Return True if a scenario's vehicle is stepped by a host (an FMU), and so can't be compiled."""
     return optional_member(scenario.world.vehicle, "is_stepped") is not None
 
 
 def hold_vehicle(scenario: Scenario) -> Scenario:
-    """The scenario with a vehicle of that kind held, for a host to step; others as they are."""
+    """Return the scenario with a vehicle of that kind held, for a host to step; others as they are."""
     if not has_stepped_vehicle(scenario):
         return scenario
     world = scenario.world
@@ -109,24 +109,24 @@ def hold_vehicle(scenario: Scenario) -> Scenario:
 
 
 def refuse_stepped_vehicle(scenario: Scenario) -> None:
-    """Refuse a vehicle that can't be compiled, in its own words, before anything else is asked of it."""
+    """Raise the vehicle's own InputError, before any other check, if it can't be compiled."""
     if has_stepped_vehicle(scenario):
         scenario.world.vehicle.dynamics(0.0, scenario.initial, None)
 
 
 def refuse_swarm(scenario: Scenario, end: str) -> None:
-    """Refuse a swarm where one vehicle is asked for. end: what is one vehicle's, e.g. "firmware"."""
+    """Raise InputError for a swarm where one vehicle is needed. end: the thing for one vehicle, e.g. "firmware"."""
     swarm = scenario.world.vehicle
     if isinstance(swarm, Swarm):
-        problem = f"{end} is of one vehicle, and this is a swarm of {swarm.count} craft, whose messages no line carries"
-        fix = "a scenario of one craft, e.g. hovercraft/forward; what one of the swarm does, as C:"
+        problem = f"{end} is for one vehicle, but this is a swarm of {swarm.count} craft, which no link supports"
+        fix = "use a scenario of one craft, e.g. hovercraft/forward. One craft of the swarm as C code:"
         raise InputError(
             f"scenario {scenario.name!r}", problem, fix=f"{fix}  trimtab export FILE.py:function  (docs, Swarms)"
         )
 
 
 def message_structures(scenario: Scenario) -> tuple[Frame, Command]:
-    """The structures of a scenario's frame and command, every number zero; refuses parts that don't fit each other."""
+    """Return a scenario's frame and command, every number zero. Raise InputError if parts don't fit each other."""
     return _keep_structures(Content(hold_vehicle(scenario)))
 
 
@@ -138,7 +138,7 @@ def _keep_structures(content: Content) -> tuple[Frame, Command]:
 
 
 def carried_structures(scenario: Scenario) -> tuple[Frame, Command]:
-    """The structures of the two messages as a line carries them: without a stick moved at the autopilot's end."""
+    """Return the two messages as a link carries them, every number zero: without a stick at the autopilot's end."""
     scenario = add_stick_sensor(scenario)
     frame, command = message_structures(scenario)
     away = empty_sticks(scenario)
@@ -146,7 +146,7 @@ def carried_structures(scenario: Scenario) -> tuple[Frame, Command]:
 
 
 def autopilot_block(scenario: Scenario, *, seed: int = 0, run: int = 0) -> BlockDefinition:
-    """A checked scenario's autopilot: `Frame` in, `AutopilotOutput` out. seed, run: of its first state."""
+    """Return a checked scenario's autopilot: `Frame` in, `AutopilotOutput` out. seed, run: for its first state."""
     inputs = run_inputs(scenario, seed, run)
     frame, key = message_structures(scenario)[0], inputs.key
     always = frozenset([inputs.autopilot.period])
@@ -165,13 +165,13 @@ def autopilot_block(scenario: Scenario, *, seed: int = 0, run: int = 0) -> Block
 
 
 def compile_autopilot(scenario: Scenario, *, seed: int = 0) -> CompiledBlock:
-    """The autopilot of a scenario as a compiled step; refused as `export_c` refuses, or without a C compiler."""
+    """Return a scenario's autopilot as a compiled step. Raise as `export_c`, or without a C compiler."""
     scenario.check()
     return compile_kept(autopilot_block, scenario, seed=seed)
 
 
 def loop_block(scenario: Scenario, always: frozenset[int], *, seed: int = 0) -> BlockDefinition:
-    """A checked scenario's whole closed loop: `LoopInput` in, the signals of the instant out.
+    """Return a checked scenario's whole closed loop: `LoopInput` in, the signals of the instant out.
 
     always: periods that are due at every instant.
     """
@@ -189,16 +189,16 @@ def loop_block(scenario: Scenario, always: frozenset[int], *, seed: int = 0) -> 
 
 
 def _keep_logged(seen: Signals) -> Signals:
-    """The signals that a log holds; None stands for each other (what a craft has heard of each of its swarm)."""
+    """Return the signals that a log holds; None replaces the others (messages between the craft of a swarm)."""
     logged = {path for path, _, _ in logged_signals(seen)}
     values, structure = jax.tree.flatten(seen)
     return structure.unflatten([v if p in logged else None for p, v in zip(leaf_paths(seen), values, strict=True)])
 
 
 def world_block(scenario: Scenario, *, seed: int = 0) -> BlockDefinition:
-    """A scenario's world, checked: `WorldInput` in, `WorldOutput` out, from one instant to the next.
+    """Return a scenario's checked world: `WorldInput` in, `WorldOutput` out, from one instant to the next.
 
-    A step is given the command of the last instant, and gives the frame of this one.
+    A step gets the command of the last instant, and gives the frame of this one.
     """
     scenario = add_stick_sensor(scenario)
     scenario.check()
@@ -232,12 +232,12 @@ def world_block(scenario: Scenario, *, seed: int = 0) -> BlockDefinition:
 
 
 def compile_world(scenario: Scenario, *, seed: int = 0) -> tuple[CompiledBlock, Frame, Command]:
-    """The compiled world of a scenario, and the structures of its messages on a line; refused without a C compiler."""
+    """Return a scenario's compiled world, and its messages on a link. Raise without a C compiler."""
     return compile_kept(world_block, scenario, seed=seed), *carried_structures(scenario)
 
 
 def timed_block(name: str, doc: str, block: Any, input: Any) -> BlockDefinition:
-    """Any block that steps at a time, (t, state, input) -> (state, output), with `StepInput` in."""
+    """Return a block with `StepInput` in, for a part with step(t, state, input) -> (state, output)."""
 
     def step(p: Any, s: Any, now: StepInput) -> Any:
         return p.step(now.t, s, now.input)
@@ -246,20 +246,23 @@ def timed_block(name: str, doc: str, block: Any, input: Any) -> BlockDefinition:
 
 
 def failsafe_block(failsafe: Failsafe, command: Command) -> BlockDefinition:
-    """A failsafe, for commands of this structure."""
+    """Return a failsafe as a block, for commands of this structure."""
     no, value = np.bool_(False), zeros_like(command.value)
     first = FailsafeInput(
         command=_no_sample(value), manual=value, takeover=no, radio=no, arm=no, disarm=no, breach=np.int32(0)
     )
     return timed_block(
-        "failsafe", "Failsafe: what the vehicle does when nobody commands it, and who may.", failsafe, first
+        "failsafe",
+        "Failsafe: the vehicle's behaviour without commands, and the authority to command it.",
+        failsafe,
+        first,
     )
 
 
 def choose_failsafe(scenario: Scenario, command: Command) -> Failsafe:
-    """The scenario's failsafe; where it has none, the one of a fan drive for commands to a fan drive.
+    """Return the scenario's failsafe, or a default: that of a fan drive for commands to a fan drive.
 
-    For others, one that stops on silence and believes all finite numbers.
+    For other commands, the default stops when no commands arrive, and accepts all finite numbers.
     """
     if isinstance(scenario.failsafe, Failsafe):
         return scenario.failsafe
@@ -273,7 +276,7 @@ def choose_failsafe(scenario: Scenario, command: Command) -> Failsafe:
 
 
 def uplink_block(uplink: Any, command: Command, *, seed: int = 0) -> BlockDefinition:
-    """A channel between a line and the failsafe, for commands of this structure: one sample in, one out."""
+    """Return a channel between a link and the failsafe, for commands of this structure: one sample in, one out."""
     newest = _no_sample(zeros_like(command.value))
 
     def init(p: UplinkParameters) -> Any:
@@ -285,7 +288,7 @@ def uplink_block(uplink: Any, command: Command, *, seed: int = 0) -> BlockDefini
 
     parameters = UplinkParameters(uplink=to_arrays(uplink), key=root_key(seed))
     first = StepInput(t=np.int64(0), input={"command": newest})
-    doc = "Receiving end of the uplink: what the failsafe is given."
+    doc = "Receiving end of the uplink: gives the failsafe's input."
     return BlockDefinition("uplink", doc, step, init, parameters, first)
 
 
@@ -295,9 +298,9 @@ def _no_sample(value: Any) -> Sample:
 
 
 def motion_block(scenario: Scenario) -> BlockDefinition:
-    """How a vehicle moves, for whoever wants to see it and not its state's own numbers.
+    """Return the block of a vehicle's motion, for displays that need the motion instead of the state's own numbers.
 
-    Its inputs below `input` are "truth", the state, and "u", what acts on it.
+    Its inputs below `input` are "truth", the state, and "u", the vehicle's input.
     """
     inputs = run_inputs(hold_vehicle(scenario))
     s, _ = jax.eval_shape(inputs.initial_states)
@@ -307,23 +310,23 @@ def motion_block(scenario: Scenario) -> BlockDefinition:
         return s, p.motion(now.t, now.input["truth"], now.input["u"])
 
     first = StepInput(t=np.int64(0), input={"truth": state, "u": u})
-    return BlockDefinition("motion", "How a vehicle moves.", step, lambda p: (), inputs.world.vehicle, first)
+    return BlockDefinition("motion", "Motion of a vehicle.", step, lambda p: (), inputs.world.vehicle, first)
 
 
 def place_block() -> BlockDefinition:
-    """Where a position in W, `p_WB`, is on the globe; the parameters say where W is. Source: docs page, Earth."""
+    """Return the block from a position `p_WB` to the globe; the parameters give W. Source: docs page, Earth."""
 
     def step(p: Any, s: Any, now: Any) -> Any:
         return s, dict(zip(("latitude", "longitude", "height"), p.from_ned(now["p_WB"]), strict=True))
 
     plane, zero = TangentPlane(latitude=0.0, longitude=0.0), {"p_WB": np.zeros(3)}
-    return BlockDefinition("place", "Where a vehicle is on the globe.", step, lambda p: (), to_arrays(plane), zero)
+    return BlockDefinition("place", "Position of a vehicle on the globe.", step, lambda p: (), to_arrays(plane), zero)
 
 
 def replace_links(scenario: Scenario) -> Scenario:
-    """The scenario with wires in place of simulated channels: delays and losses are those of the real line.
+    """Return the scenario with wires in place of simulated channels: delays and losses are those of the real link.
 
-    Their faults stay.
+    Faults of the channels stay.
     """
     world = scenario.world
     downlink, uplink = _replace_with_wire(world.downlink), _replace_with_wire(world.uplink)

@@ -1,4 +1,4 @@
-"""Which pulse of a servo or a speed controller stands for each number of a command: of a board, and of an autopilot."""
+"""Pulses of servos and speed controllers for the numbers of a command: on a board, and on a foreign autopilot."""
 
 from typing import NamedTuple
 
@@ -14,11 +14,11 @@ from trimtab.loop.scenario import Scenario
 from trimtab.run.blocks import UNLIMITED, choose_failsafe
 
 MOST_OUTPUTS = 8
-"""That the message of the servos' outputs has."""
+"""Number of outputs in the message of the servo outputs."""
 
 
 class PulseOutput(NamedTuple):
-    """One output of a board: path and slot of the number behind it, what it is, its table, its pulse (s) at rest."""
+    """One output of a board: path and slot of its number, the declaration, the pulse table, and the safe pulse (s)."""
 
     path: str
     slot: int | None
@@ -28,27 +28,28 @@ class PulseOutput(NamedTuple):
 
     @property
     def name(self) -> str:
-        """E.g. rudder, speed[2]."""
+        """Return the output's name, e.g. rudder, speed[2]."""
         return self.path if self.slot is None else f"{self.path}[{self.slot}]"
 
 
 def find_outputs(
     scenario: Scenario, command: Command, most: int = MOST_OUTPUTS, part: str = "firmware"
 ) -> list[PulseOutput]:
-    """An output for each number of a scenario's command, in their order.
+    """Return an output for each number of a scenario's command, in their order.
 
     Args:
-        scenario: whose actuators.
-        command: of its structure.
-        most: that the board has.
-        part: what asks, for refusals.
+        scenario: scenario with the actuators.
+        command: a command of the scenario's structure.
+        most: number of outputs of the board.
+        part: name of the caller, for errors.
 
-    Its table is what the actuators declare (`pulses`, ServoPulse, stops of a bank); else linear from 1 to 2 ms between
-    the failsafe's limits, else the vehicle's (`input_limits`), else those that the command's record declares. Safe is
-    the failsafe's safe value, else what lies nearest to zero: a motor stands still.
+    The table is the one that the actuators declare (`pulses`, ServoPulse, stops of a bank). Otherwise it is linear
+    from 1 to 2 ms between the limits of the failsafe, else of the vehicle (`input_limits`), else those that the
+    command's record declares. The safe pulse is that of the failsafe's safe value, else of the value nearest to zero,
+    at which a motor stands still.
 
     Raises:
-        InputError: a number of which no limits are known, more numbers than outputs.
+        InputError: a number without known limits, or more numbers than outputs.
     """
     at_rest = {path: value for path, value, _ in leaves(choose_failsafe(scenario, command).safe)}
     outputs = list[PulseOutput]()
@@ -62,15 +63,15 @@ def find_outputs(
             outputs.append(PulseOutput(path, at, declared, pulse, float(pulse.width(safe[slot]))))
     if len(outputs) > most:
         names = ", ".join(o.name for o in outputs)
-        problem = f"a command has {len(outputs)} numbers ({names}), and the board {most} outputs"
+        problem = f"a command has {len(outputs)} numbers ({names}), but the board has only {most} outputs"
         fits = f"{argument('board', 'cortex-m7')}, which has 8"
-        fix = fits if len(outputs) <= MOST_OUTPUTS else "an allocation with fewer numbers"
+        fix = fits if len(outputs) <= MOST_OUTPUTS else "use an allocation with fewer numbers"
         raise InputError(f"scenario {scenario.name!r}", problem, fix=fix)
     return outputs
 
 
 def _find_pulse(scenario: Scenario, path: str, declared: Quantity, part: str) -> ServoPulse:
-    """The table of a number of the command."""
+    """Return the pulse table of a number of the command."""
     known = optional_member(scenario.world.actuators, "pulses")()
     name = path.partition(".")[0]
     if name in known:
@@ -83,14 +84,14 @@ def _find_pulse(scenario: Scenario, path: str, declared: Quantity, part: str) ->
     low, high = (np.nan if end is None else float(end) for end in limits)
     if not (-UNLIMITED < low < high < UNLIMITED):
         kind = type(scenario.world.actuators).__name__
-        problem = f"{kind} does not say between which limits {path!r} ({declared.unit}) is: no pulse stands for it"
+        problem = f"{kind} declares no limits for {path!r} ({declared.unit}), so it has no pulse table"
         fix = f'ActuatorBank(…, {{"{name}": ServoPulse(values=(low, high))}}) for actuators, or low= and high= where '
         raise InputError(part, problem, fix=f"{fix}the command's {name} is declared (docs, Servo pulses)")
     return linear_pulse(low, high)
 
 
 def describe_outputs(outputs: list[PulseOutput]) -> list[str]:
-    """A line for each: what a person wires up."""
+    """Return a line of text for each output, for the wiring."""
     lines = list[str]()
     for k, o in enumerate(outputs):
         values, widths = np.asarray(o.pulse.values), 1e3 * np.asarray(o.pulse.widths)

@@ -1,7 +1,7 @@
-"""cosimulate: a scenario whose vehicle is an FMU, in virtual time. The loop around it is compiled; the FMU is called.
+"""cosimulate: a scenario whose vehicle is an FMU, in virtual time. The loop is compiled, and calls the FMU.
 
-At each instant what the FMU gives out is the truth: sensors, links, autopilot and actuators are stepped on it as in
-`simulate`, then the FMU goes on to the next instant under what acts on it.
+At each instant the FMU's outputs are the truth: sensors, links, autopilot and actuators are stepped with it as in
+`simulate`. Then the FMU is stepped to the next instant with the actuators' output as its input.
 """
 
 from collections.abc import Mapping
@@ -40,21 +40,21 @@ MEASURED_STEPS = 300
 
 @record
 class SteppedWorldInput:
-    """What a world about a stepped vehicle is given, as a `WorldInput` and more. Source: docs page, FMU."""
+    """Input of a world around a stepped vehicle: a `WorldInput`, and more fields. Source: docs page, FMU."""
 
-    t: Any = quantity("100 ns", "The last instant, at which the command was issued.", kind="time")
-    h: Any = quantity("100 ns", "Time from then to now.", kind="time")
-    first: Any = quantity("1", "Now is the first instant: there was no command yet.", kind="flag")
-    is_held: Any = quantity("1", "The vehicle is held: its true state stays as it is.", kind="flag")
-    fresh: Any = quantity("1", "Whether the command is a new one.", kind="flag")
-    command: Any = part("The command.")
-    acts: Any = quantity("1", "Whether the actuators act; else the sensors sense.", kind="flag")
+    t: Any = quantity("100 ns", "Last instant, at which the command was issued.", kind="time")
+    h: Any = quantity("100 ns", "Time from the last instant to now.", kind="time")
+    first: Any = quantity("1", "True at the first instant: there was no command yet.", kind="flag")
+    is_held: Any = quantity("1", "True if the vehicle is held: its true state doesn't change.", kind="flag")
+    fresh: Any = quantity("1", "True if the command is new.", kind="flag")
+    command: Any = part("Command.")
+    acts: Any = quantity("1", "True: step the actuators; false: step the sensors.", kind="flag")
     truth: Any = part("State of the vehicle, now.")
 
 
 @record
 class HostInput:
-    """What a loop about a stepped vehicle is given at each instant. Source: docs page, FMU."""
+    """Input of a loop around a stepped vehicle at each instant. Source: docs page, FMU."""
 
     t: Any = quantity("100 ns", "Now.", kind="time")
     truth: Any = part("State of the vehicle, now.")
@@ -63,12 +63,12 @@ class HostInput:
 def cosimulate(
     scenario: Scenario, *, seed: int = 0, run: int = 0, duration: int | None = None, log_period: int = ms(1)
 ) -> Log:
-    """Run a scenario whose vehicle is an FMU, and give its log; arguments and log are those of `simulate`.
+    """Run a scenario whose vehicle is an FMU, and return its log; arguments and log are those of `simulate`.
 
     Raises:
         InputError: an FMU that is not trusted, does not start or refuses a step; no C compiler.
 
-    An FMU may ask for the end before the scenario's: the log ends there, and says `ended_s`.
+    An FMU may request the end before the scenario's: the log ends there, and contains `ended_s`.
     """
     scenario, table, written = prepare_run(hold_vehicle(scenario), [seed], duration, log_period)
     inputs = run_inputs(scenario, seed, run)
@@ -89,7 +89,7 @@ def cosimulate(
 
 
 def _fly(loop: CompiledBlock, fmu: FmuInstance, table: Timetable, written: Any) -> tuple[Any, int]:
-    """The rows that are logged, and how many instants there were before the FMU asked for the end, or all."""
+    """Return the logged rows, and the number of instants until the FMU requested the end, or of all."""
     truth = slot_indices(loop.reads, "truth.", len(loop.inputs))
     acting = slot_indices(loop.writes, "actuators.u.", len(loop.outputs))
     rows = list[Any]()
@@ -106,14 +106,14 @@ def _fly(loop: CompiledBlock, fmu: FmuInstance, table: Timetable, written: Any) 
 
 
 def slot_indices(where: Mapping[str, Any], prefix: str, size: int) -> Any:
-    """Where the numbers of all leaves below a path stand in a vector of a size, in order."""
+    """Return the indices of all leaves below a path in a vector of a size, in order."""
     every = np.arange(size)
     found = [np.atleast_1d(every[at]) for path, at in where.items() if path.startswith(prefix)]
     return np.concatenate([np.zeros(0, np.intp), *found])
 
 
 def _host_block(inputs: RunInputs, always: frozenset[int]) -> BlockDefinition:
-    """The closed loop about a truth that is given: `HostInput` in, the signals of the instant out."""
+    """Return the closed loop around a given truth: `HostInput` in, the signals of the instant out."""
 
     def init(p: RunInputs) -> Any:
         return p.drop_derived_outputs(*p.initial_states(), always)
@@ -132,13 +132,13 @@ def _host_block(inputs: RunInputs, always: frozenset[int]) -> BlockDefinition:
         return cast_like(p.drop_derived_outputs(s, a, always), state), kept
 
     first = HostInput(t=np.int64(0), truth=to_arrays(inputs.initial))
-    return BlockDefinition("loop", "Closed loop about a vehicle that a host steps.", step, init, inputs, first)
+    return BlockDefinition("loop", "Closed loop around a vehicle that a host steps.", step, init, inputs, first)
 
 
 def prepare_world(scenario: Scenario, *, seed: int = 0) -> tuple[Any, Frame, Command]:
-    """The world of a scenario, compiled or about an FMU, and the structures of its messages on a line.
+    """Return the world of a scenario, compiled or around an FMU, and its messages on a link.
 
-    Refused without a C compiler, and where an FMU is not trusted.
+    Raise InputError without a C compiler, or if an FMU is not trusted.
     """
     if not has_stepped_vehicle(scenario):
         return compile_world(scenario, seed=seed)
@@ -146,13 +146,13 @@ def prepare_world(scenario: Scenario, *, seed: int = 0) -> tuple[Any, Frame, Com
 
 
 class SteppedWorld:
-    """A world about an FMU: used as the compiled block of a world is, `WorldInput` in and `WorldOutput` out.
+    """A world around an FMU, used like the compiled block of a world: `WorldInput` in, `WorldOutput` out.
 
-    An FMU that asks for the end stays as it is then.
+    After an FMU has requested the end, its state is held.
     """
 
     def __init__(self, scenario: Scenario, *, seed: int = 0) -> None:
-        """Compile what is about the vehicle, and start the FMU."""
+        """Compile the loop around the vehicle, and start the FMU."""
         scenario = add_stick_sensor(scenario)
         scenario.check()
         self._block = compile_block(_stepped_block(hold_vehicle(scenario), seed))
@@ -164,13 +164,13 @@ class SteppedWorld:
         self._acting = slot_indices(self.writes, "actuators.u.", len(self.outputs))
 
     def reset(self) -> None:
-        """Back to the first state: the FMU is started anew."""
+        """Return to the first state: restart the FMU."""
         self._fmu.close()
         self._block.reset()
         self._fmu, self._is_over = FmuInstance(self._fmu.vehicle), False
 
     def measure_steps(self, h: int) -> float:
-        """How long a step by integer time h takes (s): all but the slowest hundredth. Back at the first state then."""
+        """Return the time (s) of a step by integer time h, at the 99th percentile. Then reset to the first state."""
         took = list[int]()
         for k in range(MEASURED_STEPS):
             self.inputs[self.reads["t"]], self.inputs[self.reads["h"]] = max(k - 1, 0) * h, h if k else 0
@@ -182,7 +182,7 @@ class SteppedWorld:
         return sorted(took)[-len(took) // 100 - 1] * 1e-9
 
     def step(self) -> None:
-        """One instant on: the actuators act, the FMU goes on, the sensors sense."""
+        """Advance by one instant: step the actuators, the FMU and the sensors."""
         inputs, reads = self.inputs, self.reads
         if not inputs[reads["first"]]:
             inputs[reads["acts"]] = True
@@ -196,7 +196,7 @@ class SteppedWorld:
 
 
 def _stepped_block(scenario: Scenario, seed: int) -> BlockDefinition:
-    """A world about a truth that is given; each instant is two steps of it, of which the first acts."""
+    """Return a world around a given truth; each instant takes two steps: first the actuators, then the sensors."""
     inputs = run_inputs(scenario, seed)
 
     def init(p: RunInputs) -> Any:
@@ -225,5 +225,5 @@ def _stepped_block(scenario: Scenario, seed: int) -> BlockDefinition:
         truth=to_arrays(inputs.initial),
     )
     return BlockDefinition(
-        "world", f"World of {scenario.name}, about a vehicle that a host steps.", step, init, inputs, first
+        "world", f"World of {scenario.name}, around a vehicle that a host steps.", step, init, inputs, first
     )

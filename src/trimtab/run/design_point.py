@@ -1,4 +1,4 @@
-"""A point of a vehicle by words, as `trimtab trim`, `linearise` and `zeros` take them, and `trim` in Python."""
+"""Operating points of a vehicle, from the words of `trimtab trim`, `linearise` and `zeros`, and `trim` in Python."""
 
 import math
 import re
@@ -17,7 +17,7 @@ from trimtab.design.trim import Trim, idle_states, is_length, trim
 from trimtab.run.plant import Plant
 
 ZERO = 1e-12
-"""Numbers of a trim smaller than this are rounding of zero."""
+"""Size below which numbers of a trim count as zero (rounding)."""
 
 
 class Conditions(NamedTuple):
@@ -36,7 +36,7 @@ class Conditions(NamedTuple):
 
 
 def parse_conditions(plant: Plant, words: tuple[str, ...]) -> Conditions:
-    """What ``--at`` says, by name."""
+    """Return the conditions of ``--at``, by name."""
     c = Conditions({}, set(), set(), set(), {}, {}, {})
     model = plant.model
     for word in words:
@@ -51,7 +51,7 @@ def parse_conditions(plant: Plant, words: tuple[str, ...]) -> Conditions:
         known = model.states if is_rate else tuple(dict.fromkeys((*model.states, *model.inputs, *model.outputs)))
         if name not in known:
             near = closest(name, known, 1) or list(known)[:1]
-            what = "no such state" if is_rate else "no such state, input or output"
+            what = "unknown state" if is_rate else "unknown state, input or output"
             fix = argument("at", text, near[0] + "'" * is_rate)
             raise InputError(argument_name("at", left), what, choices=known, fix=fix)
         _add_condition(c, plant, name, text, is_rate)
@@ -59,11 +59,11 @@ def parse_conditions(plant: Plant, words: tuple[str, ...]) -> Conditions:
 
 
 def find_point(plant: Plant, words: tuple[str, ...]) -> Trim:
-    """The trim that ``--at`` asks for: at rest where it can be, else level and straight, else any steady motion.
+    """Return the trim for ``--at``: at rest if possible, else level and straight flight, else any steady motion.
 
-    Free are all inputs, and the states that are no places, unless ``--at`` gives a value; all derivatives are zero but
-    those of places and of states that nothing depends on, and these too where that leaves a trim. Where it can't rest
-    and ``--at`` leaves several, it is level flight as fast as at the start: `Trim.taken`.
+    Inputs and states other than positions are free unless ``--at`` gives a value. All derivatives are zero, except
+    those of positions and of states that nothing depends on; these are zero too if a trim with that exists. If the
+    vehicle can't rest and ``--at`` leaves several trims, level flight at the start's speed is taken: `Trim.taken`.
     """
     c, model = parse_conditions(plant, words), plant.model
     idle = idle_states(model, plant.units) | plant.places
@@ -89,7 +89,7 @@ def find_point(plant: Plant, words: tuple[str, ...]) -> Trim:
         if still is not None and still.is_found:
             if held is not rest or not _is_moving(plant, still):
                 return still
-            moving = still  # nothing of its state moves, but the vehicle does: it has no place
+            moving = still  # the state is constant but the vehicle moves: its state has no position
     if moving is not None:
         return moving
     u = _holding_inputs(model, x, u, c, free) | u
@@ -97,10 +97,10 @@ def find_point(plant: Plant, words: tuple[str, ...]) -> Trim:
 
 
 def _carried_states(plant: Plant) -> list[str]:
-    """Velocities and angles that record the motion of a body that is carried along a path, and move nothing else.
+    """Return velocities and angles that only record the motion of a body carried along a path.
 
-    None of a vehicle whose place depends on one of its velocities. Where the body stands, the velocities are zero; no
-    trim looks for them.
+    Empty for a vehicle whose position depends on one of its velocities. If the body stands still, the velocities are
+    zero; they are never unknowns of a trim.
     """
     model = plant.model
     speeds = {n for n in model.states if plant.units.get(n) == "m/s"}
@@ -116,27 +116,27 @@ def _carried_states(plant: Plant) -> list[str]:
 
 
 def _refuse_carried(plant: Plant, c: Conditions, carried: list[str]) -> None:
-    """Refuse what ``--at`` asks of states that move nothing, and of the speed and angles that follow from them."""
+    """Raise InputError for conditions of ``--at`` on recorded states, and on the speed and angles of these."""
     model = plant.model
     said = {*c.fixed, *c.free, *c.kept, *c.rates, *c.outputs}
     asked = [n for n in (*carried, *model.outputs) if n in said and (n in carried or n not in model.states)]
     if carried and asked:
         causes = [n for n in (*model.states, *model.inputs) if n not in carried and n not in plant.places]
         near = next((n for n in causes if plant.units.get(n) in ("m/s", "rad/s")), causes[0])
-        problem = "is carried along: nothing that this vehicle does depends on it"
+        problem = "is only recorded: no other state of this vehicle depends on it"
         fix = argument("at", "VALUE", near)
         raise InputError(argument_name("at", asked[0]), problem, choices=causes, fix=fix)
 
 
 def _is_moving(plant: Plant, point: Trim) -> bool:
-    """Whether a vehicle with a speed has one at a trim."""
+    """Return True if a vehicle with a speed moves at a trim."""
     y = dict(zip(plant.model.outputs, plant.model.evaluate(point.x, point.u)[1].tolist(), strict=True))
     y |= dict(zip(plant.model.states, point.x.tolist(), strict=True))
     return bool(y.get(plant.flight().get("speed", ""), 0.0) > STANDS)
 
 
 def _still_states(plant: Plant, c: Conditions, loose: list[str]) -> tuple[set[str], set[str]]:
-    """Which states of `loose` are to stay where they are, at rest and in straight flight; none where it is to move."""
+    """Return the states of `loose` to hold, at rest and in straight flight; empty if motion is wanted."""
     stay = {n for n in loose if n not in c.loose}
     moves = any(v and plant.units.get(n) in ("m/s", "rad/s") for n, v in c.fixed.items() if n in plant.model.states)
     turns = {n for n in stay if plant.units.get(n) == "rad" and n not in plant.places}
@@ -145,13 +145,13 @@ def _still_states(plant: Plant, c: Conditions, loose: list[str]) -> tuple[set[st
 
 
 def _find_level(plant: Plant, c: Conditions, model: StateSpaceModel, **wanted: Any) -> Trim | None:
-    """Level flight at the start's speed and heading, in what ``--at`` leaves open; None where there is none.
+    """Return level flight at the start's speed and heading, as far as ``--at`` leaves it open, or None.
 
-    Where not all can be had, as of a torpedo whose screw rolls it, wings are not level, then it slips, then it climbs.
+    If no such flight exists (a torpedo rolls by its screw), allow a roll angle, then sideslip, then climb.
     """
     names = plant.flight()
     level = _level_conditions(plant, c, names)
-    if any(c.rates.values()):  # a turn is looked for from the straight flight
+    if any(c.rates.values()):  # the search for a turn starts from the straight flight
         straight = _find_level(plant, c._replace(rates={}), model, **wanted | {"derivatives": {}})
         if straight is not None:
             x, u = (dict(zip(n, v, strict=True)) for n, v in ((model.states, straight.x), (model.inputs, straight.u)))
@@ -170,7 +170,7 @@ def _find_level(plant: Plant, c: Conditions, model: StateSpaceModel, **wanted: A
 
 
 def _level_conditions(plant: Plant, c: Conditions, names: Mapping[str, str]) -> dict[str, float]:
-    """State or output -> value, of level flight as at the start, without what ``--at`` says; none of what stands."""
+    """Return state or output -> value of level flight as at the start, without those in ``--at``; {} at rest."""
     model = plant.model
     known = dict(zip(model.outputs, model.evaluate(model.x0, model.u0)[1].tolist(), strict=True))
     known |= dict(zip(model.states, np.asarray(model.x0).tolist(), strict=True))
@@ -186,9 +186,9 @@ def _level_conditions(plant: Plant, c: Conditions, names: Mapping[str, str]) -> 
 
 
 def _holding_inputs(model: StateSpaceModel, x: Any, u: Any, c: Conditions, free: list[str]) -> dict[str, float]:
-    """Where a search begins: the free inputs that come nearest to holding the first state, to first order.
+    """Return the start of a search: the free inputs that hold the first state best, to first order.
 
-    From inputs of zero, as of rotors that stand, the nearest trim would be a steady fall.
+    From zero inputs, such as stopped rotors, the nearest trim would be a steady fall.
     """
     x0, u0 = model.point(x, u)
     slope = model.slopes(x0, u0)[1]
@@ -200,12 +200,12 @@ def _holding_inputs(model: StateSpaceModel, x: Any, u: Any, c: Conditions, free:
 
 
 def linearise_at(plant: Plant, point: Trim) -> LinearModel:
-    """The linear model of deviations from a trim."""
+    """Return the linear model of deviations from a trim."""
     return linearise(smooth_model(plant, point))
 
 
 def smooth_model(plant: Plant, point: Trim, outputs: tuple[str, ...] = ()) -> StateSpaceModel:
-    """Deviations from a trim, without outputs that have no slope there; InputError where one of them is asked for."""
+    """Return deviations from a trim, without outputs that have no slope there. Raise InputError if one is wanted."""
     model = plant.error(*(np.where(np.abs(v) < ZERO, 0.0, v) for v in (point.x, point.u)))
     lacking = unsmooth_outputs(model)
     asked = [n for n in outputs if n in lacking]
@@ -213,14 +213,12 @@ def smooth_model(plant: Plant, point: Trim, outputs: tuple[str, ...] = ()) -> St
         near = [n for n in model.outputs if n not in lacking]
         leave, choose = argument("outputs", [asked[0]]), argument("at", "VALUE", asked[0])
         fix = f"leave {leave} out, or choose another point:  {choose}"
-        raise InputError(
-            argument_name("outputs", asked[0]), f"there is no slope {lacking[asked[0]]}", choices=near, fix=fix
-        )
+        raise InputError(argument_name("outputs", asked[0]), f"has no slope {lacking[asked[0]]}", choices=near, fix=fix)
     return model.keep(outputs=[n for n in model.outputs if n not in lacking]) if lacking else model
 
 
 def format_value(plant: Plant, name: str, value: float) -> str:
-    """A number with its unit; angles in degrees."""
+    """Return a number with its unit; angles in degrees."""
     unit = plant.units.get(name, "")
     value = 0.0 if abs(value) < 1e-12 else value
     if unit in ("rad", "rad/s"):
@@ -229,7 +227,7 @@ def format_value(plant: Plant, name: str, value: float) -> str:
 
 
 def _steady_states(plant: Plant, idle: set[str]) -> set[str]:
-    """States that stay where they are unless freed: idle ones, and lengths, of which a point is said."""
+    """Return states that are held unless freed: idle states, and positions, which specify a point."""
     lengths = {n for n in plant.model.states if is_length(plant.units.get(n, ""))}
     return idle | lengths
 
@@ -246,7 +244,7 @@ def _add_condition(c: Conditions, plant: Plant, name: str, text: str, is_rate: b
     if text in ("free", "fixed"):
         if not is_unknown:
             fix = argument("at", "NUMBER", name)
-            raise InputError(argument_name("at", name), "is an output, which is neither free nor fixed", fix=fix)
+            raise InputError(argument_name("at", name), "is an output, which can be neither free nor fixed", fix=fix)
         (c.free if text == "free" else c.kept).add(name)
     elif ".." in text:
         low, high = (parse_amount(plant, argument_name("at", name), part, name) for part in text.split("..", 1))
@@ -259,16 +257,16 @@ def _add_condition(c: Conditions, plant: Plant, name: str, text: str, is_rate: b
 
 
 def parse_amount(plant: Plant, part: str, text: str, name: str, *, per_second: bool = False) -> float:
-    """A number, with a unit or in the vehicle's own, of the state or input of a name, or of its rate."""
+    """Return the number of a text, with a unit or in the vehicle's own, for a state or input or its rate."""
     match = re.fullmatch(r"\s*([-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?)\s*(\S.*)?", text)
     if match is None:
         fix = f"{part}=NUMBER, with a unit if you like, or free, fixed, LOW..HIGH"
-        raise InputError(part, f"{text!r} is no number", fix=fix)
+        raise InputError(part, f"{text!r} is not a number", fix=fix)
     number, unit, own = float(match[1]), match[2], plant.units.get(name, "1")
     if unit is None:
         return number
     own = {"rad": "rad/s", "m": "m/s", "m/s": "m/s^2", "rad/s": "rad/s^2"}.get(own, own) if per_second else own
     there, here = find_unit(part, unit), find_unit(part, own) if own != "1" else find_unit(part, "")
     if there.name != here.name:
-        raise InputError(part, f"{unit!r} does not measure what is kept in {own}", fix=f"{part}='{number:g} {own}'")
+        raise InputError(part, f"{unit!r} does not fit a quantity in {own}", fix=f"{part}='{number:g} {own}'")
     return number * there.scale / here.scale

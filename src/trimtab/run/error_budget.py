@@ -1,4 +1,4 @@
-"""What each imperfection costs: the same flights with one of them switched off, and with that one alone.
+"""Error budget: the cost of each imperfection, from flights without it and flights with it alone.
 
 Source: docs page, Error budget.
 """
@@ -23,22 +23,22 @@ from trimtab.run.walk_program import signal_structure
 from trimtab.scenarios.build import find_scenario
 
 ALL, NONE = "all", "none"
-"""The rows with every imperfection, and with none."""
+"""Names of the rows with all imperfections, and with none."""
 NAVIGATION_FIELDS = {
     "position": ("north", "east"),
     "velocity": ("surge_velocity", "sway_velocity"),
     "heading": ("heading",),
 }
-"""What of an estimate is compared with the truth, by measure."""
+"""Measure -> fields of the estimate that are compared with the truth."""
 UNITS = {"position error": "m", "velocity error": "m/s", "heading error": "rad"}
 
 
 class Cost(NamedTuple):
-    """One imperfection. Each by measure: root mean square over runs and instants, and its standard error.
+    """Cost of one imperfection, by measure: root mean square over runs and instants, and its standard error.
 
-    Where some run has no valid estimate, what is measured of it is infinite.
+    If a run has no valid estimate, measures of the estimate are infinite.
 
-    without: with all others but this.  alone: with this and no other.
+    without: with all imperfections except this.  alone: with this one only.
     """
 
     name: str
@@ -47,7 +47,7 @@ class Cost(NamedTuple):
 
 
 class ErrorBudget(NamedTuple):
-    """All of it, the dearest imperfection first. As they work together, their costs need not add up to the whole.
+    """Costs of all imperfections, the largest first. As they interact, the costs need not add up to the whole.
 
     units: by measure.  whole, least: measures with all imperfections, and with none.
     """
@@ -73,25 +73,25 @@ def error_budget(
     >>> [cost.name for cost in budget.costs]
     ['dead-zone']
 
-    Measured over the second half of each run: how far the truth is from the scenario's targets, and, where the
-    estimate is one of navigation, how far the estimate is from the truth of its moment.
+    Measured over the second half of each run: the distance of the truth from the scenario's targets, and for a
+    navigation estimate also its distance from the truth at the same time.
 
     Args:
-        scenario: what flies, or its name.
-        seeds: the same for every row, so that rows differ by the imperfection alone.
-        names: of imperfections; all that the scenario has when empty.
+        scenario: the scenario, or its name.
+        seeds: seeds of the runs, the same for every row, so that rows differ only by the imperfection.
+        names: names of imperfections; all of the scenario when empty.
         tell: called with a name after each set of flights.
-        backend: as `simulate`.
+        backend: as for `simulate`.
 
-    Raises: InputError where the scenario has no imperfection of a name, or nothing that could be measured.
+        Raises: InputError if the scenario lacks an imperfection of a name, or has nothing to measure.
     """
     scenario = find_scenario(scenario)
     chosen, known = list(seeds), scenario.imperfections()
     if not chosen:
-        raise InputError("error_budget", "there are no seeds", fix="give one or more, e.g. range(20)")
+        raise InputError("error_budget", "at least one seed is needed", fix="give one or more, e.g. range(20)")
     names = list(names) or sorted(known)
     for name in names:
-        scenario.without(name)  # refuses names that it does not have
+        scenario.without(name)  # raises InputError for an unknown name
     if not _is_measurable(scenario):
         _refuse_scenario(scenario)
 
@@ -128,12 +128,12 @@ def error_budget(
 
 
 def flight_set_count(scenario: Scenario, names: Iterable[str] = ()) -> int:
-    """How many times `error_budget` calls tell."""
+    """Return how many times `error_budget` calls tell."""
     return 2 + 2 * len(list(names) or scenario.imperfections())
 
 
 def cost_share(budget: ErrorBudget, cost: Cost, measure: str) -> float:
-    """How much of the whole's mean square an imperfection costs; below 0 where it helps, NaN where nothing is known."""
+    """Return an imperfection's share of the whole's mean square; below 0 if it helps, NaN if unknown."""
     whole, without = budget.whole[measure][0], cost.without[measure][0]
     if not (np.isfinite(whole) and np.isfinite(without)):
         return float("nan")
@@ -141,7 +141,7 @@ def cost_share(budget: ErrorBudget, cost: Cost, measure: str) -> float:
 
 
 def _is_measurable(scenario: Scenario) -> bool:
-    """Whether it has targets, or else an estimate with sigmas of what its truth has; nothing flies."""
+    """Return True if a scenario has targets, or an estimate with sigmas of fields of the truth; nothing flies."""
     if scenario.targets:
         return True
     _, autopilot = jax.eval_shape(run_inputs(scenario).initial_states)
@@ -151,8 +151,8 @@ def _is_measurable(scenario: Scenario) -> bool:
 
 
 def _refuse_scenario(scenario: Scenario) -> None:
-    problem = "has no targets, and no estimate with sigmas to hold against the truth: there is nothing to measure"
-    fix = "give the scenario targets=(Target(…),), or take one with either: trimtab budget hovercraft/forward"
+    problem = "has neither targets nor an estimate with sigmas to compare with the truth: there is nothing to measure"
+    fix = "give the scenario targets=(Target(…),), or use one that has either: trimtab budget hovercraft/forward"
     raise InputError(f"scenario {scenario.name!r}", problem, fix=fix)
 
 
@@ -176,7 +176,7 @@ def _compute_measures(logs: list[Log], scenario: Scenario) -> dict[str, tuple[fl
 
 
 def _root_mean_square(squares: Any) -> tuple[float, float]:
-    """Root of the mean of the runs' mean squares, and its standard error."""
+    """Return the root of the mean of the runs' mean squares, and its standard error."""
     mean, n = float(squares.mean()), len(squares)
     root = float(np.sqrt(mean))
     if n < 2 or root == 0.0 or not np.isfinite(root):

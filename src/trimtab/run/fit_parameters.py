@@ -1,4 +1,4 @@
-"""What is sought in flights: settings of the vehicle and of its actuators, with bounds, and a delay."""
+"""Parameters to fit to flights: settings of the vehicle and its actuators, with bounds, and a delay."""
 
 import math
 from collections.abc import Sequence
@@ -12,12 +12,12 @@ from trimtab.core.record import with_part_of
 from trimtab.loop.scenario import Scenario
 
 DELAY = "delay"
-"""What is sought besides settings: how much later than the log says a command acts (s); clocks that differ, too."""
+"""Name of the delay parameter: time (s) from the logged command to its effect, including clock differences."""
 LONGEST_DELAY = 0.5
 
 
 class FitParameter(NamedTuple):
-    """A number that is sought. path: setting, or "delay".  start: where the search begins.  low, high: bounds."""
+    """A parameter to fit. path: setting, or "delay".  start: start of the search.  low, high: bounds."""
 
     path: str
     unit: str
@@ -27,7 +27,7 @@ class FitParameter(NamedTuple):
 
 
 def find_parameters(scenario: Scenario, paths: Sequence[str]) -> tuple[Scenario, tuple[FitParameter, ...]]:
-    """The scenario with the parts that the paths lead into, and what is sought; refuses what can't be."""
+    """Return the scenario with the parts that the paths lead into, and the parameters. Raise InputError for others."""
     parameters = []
     for path in paths:
         if path == DELAY:
@@ -41,7 +41,7 @@ def find_parameters(scenario: Scenario, paths: Sequence[str]) -> tuple[Scenario,
         }
         if base not in real:
             near = closest(base, [*real, DELAY], 6) or [DELAY, *list(real)[:6]]
-            problem = "is no number of the vehicle or its actuators"
+            problem = "is not a number of the vehicle or its actuators"
             raise InputError(argument_name("paths", path), problem, choices=near, fix=argument("paths", [near[0]]))
         value, declared = real[base]
         assert isinstance(declared, Quantity)
@@ -52,7 +52,9 @@ def find_parameters(scenario: Scenario, paths: Sequence[str]) -> tuple[Scenario,
         low, high = _bounds(declared)
         parameters.append(FitParameter(path, declared.unit, float(value), low, high))
     if not parameters:
-        raise InputError("identify", "nothing is to be fitted", fix=argument("paths", ["world.vehicle.mass", "delay"]))
+        raise InputError(
+            "identify", "at least one parameter is needed", fix=argument("paths", ["world.vehicle.mass", "delay"])
+        )
     return scenario, tuple(parameters)
 
 
@@ -63,7 +65,7 @@ def _bounds(declared: Quantity) -> tuple[float, float]:
 
 
 def find_scale(p: FitParameter) -> float:
-    """What the search counts in: a tenth of the value, or a size that its unit suggests."""
+    """Return the unit of the search: a tenth of the value, or a typical size for its unit."""
     if p.path == DELAY:
         return 0.01
     return 0.1 * abs(p.start) if p.start else {"rad": 0.02, "m": 0.01}.get(p.unit, 0.003)

@@ -1,4 +1,4 @@
-"""What a log holds for identification: commands, what they do to the vehicle, and what was measured of it."""
+"""Data of a log for identification: commands, the vehicle input that follows from them, and measurements."""
 
 import dataclasses
 import math
@@ -21,18 +21,18 @@ from trimtab.logs.log import Log
 from trimtab.loop.scenario import Scenario
 
 LONGEST_STEP = 0.02
-"""s, of the vehicle between two measurements."""
+"""Longest integration step of the vehicle between two measurements, s."""
 FASTEST_TURN, MOST_TURNS = 1.0, 1000
-"""rad from one measurement to the next, and turns in all: a heading beyond is no heading in radians."""
+"""Limits for a heading in radians: rad from one measurement to the next, and turns in all."""
 GAP = 2.0
-"""s without a measurement after which the state counts as unknown again."""
+"""Time without a measurement (s) after which the state counts as unknown again."""
 
 
 class FlightData(NamedTuple):
-    """What a log holds for identification. commands: record of arrays (m, …).
+    """Data of a log for identification. commands: record of arrays (m, …).
 
-    command_ticks: (m,), when each came.  ticks: (n,).  y: (n, k), fields of the vehicle's state; NaN: not seen.
-    valid: (m,) bool, whether there was a command at all; the actuators were neutral where not.  None: always.
+    command_ticks: (m,), time of each command.  ticks: (n,).  y: (n, k), fields of the vehicle's state; NaN: not
+    measured.  valid: (m,) bool, False where the actuators were neutral for lack of a command.  None: always valid.
     """
 
     name: str
@@ -44,15 +44,15 @@ class FlightData(NamedTuple):
 
 
 def read_flight(log: Log, scenario: Scenario, sensor: str | None = None, name: str = "") -> FlightData:
-    """Commands and measured fields of a log.
+    """Return commands and measured fields of a log.
 
     Args:
-        log: of a run, a flight, or of another system by a mapping.
-        scenario: whose vehicle and actuators it was.
+        log: log of a run, a flight, or of another system by a mapping.
+        scenario: scenario with the same vehicle and actuators.
         sensor: block of the measurements, e.g. "sensors.mocap"; the only one that fits when None.
-        name: of the log, for refusals.
+        name: name of the log, for errors.
 
-    Raises: InputError where the log has no commands of these actuators, or nothing that the vehicle's state has.
+    Raises: InputError if the log has no commands of these actuators, or no field of the vehicle's state.
     """
     where = f"log {name!r}"
     known = ("uplink.value", "command.value", "downlink.command.value")
@@ -70,7 +70,7 @@ def read_flight(log: Log, scenario: Scenario, sensor: str | None = None, name: s
     states = [path for path, _, _ in leaves(scenario.initial)]
     block = _measuring_block(log, states, sensor, where)
     ticks, y = _read_measured(log, block, states)
-    if base.startswith("downlink."):  # of another system: what drove the vehicle before its first command nobody knows
+    if base.startswith("downlink."):  # of another system: its inputs before the first command are unknown
         driven = ticks >= log.ticks[int(np.argmax(valid))]
         ticks, y = ticks[driven], y[driven]
     _refuse_jumps(where, scenario, states, ticks, y)
@@ -78,7 +78,7 @@ def read_flight(log: Log, scenario: Scenario, sensor: str | None = None, name: s
 
 
 def _refuse_jumps(where: str, scenario: Scenario, states: Sequence[str], ticks: Any, y: Any) -> None:
-    """Refuse an angle that turns by a radian from one measurement to the next, and single measurements far off."""
+    """Raise InputError for an angle that changes by a radian per measurement, and for outliers."""
     angles = {path for path, _, d in leaves(scenario.initial) if isinstance(d, Quantity) and d.kind == "angle"}
     for i, state in enumerate(states):
         at = np.flatnonzero(np.isfinite(y[:, i]))
@@ -98,13 +98,15 @@ def _refuse_jumps(where: str, scenario: Scenario, states: Sequence[str], ticks: 
         wild = off > np.maximum(SPIKE * 1.4826 * np.median(off), 0.05 * np.ptp(np.median(around, axis=1)))
         if wild.any():
             k = int(np.argmax(np.where(wild, off, 0.0)))
-            problem = f"{state!r} is {off[k]:.3g} off the measurements around it at {t[k] - t[0]:.3f} s"
-            problem += f" (measurement {at[k] + 1}); there are {int(wild.sum())} such" if wild.sum() > 1 else ""
-            raise InputError(where, problem, fix="leave that row out: it is no noise of a sensor, and spoils the fit")
+            problem = f"{state!r} differs by {off[k]:.3g} from the measurements around it at {t[k] - t[0]:.3f} s"
+            problem += (
+                f" (measurement {at[k] + 1}); there are {int(wild.sum())} such outliers" if wild.sum() > 1 else ""
+            )
+            raise InputError(where, problem, fix="leave that row out: it is not sensor noise, and it distorts the fit")
 
 
 def _example_command(scenario: Scenario) -> Any:
-    """A command of these actuators: their neutral input, or what their failsafe gives."""
+    """Return a command of these actuators: their neutral input, or their failsafe's command."""
     actuators = scenario.world.actuators
     neutral = getattr(actuators, "neutral_input", None)
     if neutral is not None:
@@ -133,13 +135,13 @@ def _measuring_block(log: Log, states: Sequence[str], sensor: str | None, where:
             f"{where}: {'several sensors measure' if unique else 'no sensor measures'} fields of the vehicle's state"
         )
         choices = unique or states
-        fix = argument("sensor", next(iter(unique))) if unique else "map one to fields of these names"
+        fix = argument("sensor", next(iter(unique))) if unique else "map a sensor to fields of these names"
         raise InputError("identify", problem, choices=choices, fix=fix)
     return next(iter(unique.values()))
 
 
 def _read_measured(log: Log, block: str, states: Sequence[str]) -> tuple[Any, Any]:
-    """Ticks (n,) and fields (n, all of the state) of a sensor's own samples, each once."""
+    """Return ticks (n,) and fields (n, all of the state) of a sensor's own samples, each once."""
     t = np.asarray(log[f"{block}.t"], np.int64) if f"{block}.t" in log else np.asarray(log.ticks)
     valid = log[f"{block}.valid"].astype(bool) if f"{block}.valid" in log else np.ones(len(t), bool)
     own = valid & (np.diff(t, prepend=np.iinfo(np.int64).min // 2) > 0)
@@ -151,7 +153,7 @@ def _read_measured(log: Log, block: str, states: Sequence[str]) -> tuple[Any, An
 
 
 def find_grid(actuators: Any) -> int:
-    """Ticks between which these actuators can change: what all their periods but their own have in common."""
+    """Return the ticks between changes of these actuators: the common divisor of all periods but their own."""
     own = actuators.period
     periods = [
         getattr(r, name)
@@ -171,7 +173,7 @@ class GridCommands(NamedTuple):
 
 
 def lay_on_grid(grid: int, flight: FlightData) -> GridCommands:
-    """The command that counts at each multiple of a grid (ticks), from a flight's first row to its last."""
+    """Return the command in force at each multiple of a grid (ticks), from a flight's first row to its last."""
     first = int(flight.command_ticks[0] // grid * grid)
     n = int((flight.command_ticks[-1] - first) // grid) + 1
     t = first + grid * np.arange(n, dtype=np.int64)
@@ -181,7 +183,7 @@ def lay_on_grid(grid: int, flight: FlightData) -> GridCommands:
 
 
 def actuate(actuators: Any, grid: int, commands: GridCommands) -> Any:
-    """Integrals of the vehicle's input from the first multiple of the grid to each (n + 1,)."""
+    """Return the integrals of the vehicle's input from the first multiple of the grid to each (n + 1,)."""
     drive = replace(actuators, period=grid)
 
     def advance(state: Any, row: Any) -> Any:
@@ -198,10 +200,10 @@ def actuate(actuators: Any, grid: int, commands: GridCommands) -> Any:
 
 
 def mean_input(integral: Any, grid: int, edges: Any, delay: Any) -> Any:
-    """Mean input over each step (n,), what was commanded acting `delay` (s) later.
+    """Return the mean input over each step (n,), with commands acting `delay` (s) later.
 
     Args:
-        integral: of `actuate`.  edges: ends of the steps in grids from its beginning (n,), the first a start.
+        integral: result of `actuate`.  edges: ends of the steps in grid units from its start (n,), the first a start.
     """
     place = jnp.asarray(edges) - delay / to_seconds(grid)
 
@@ -220,7 +222,7 @@ def mean_input(integral: Any, grid: int, edges: Any, delay: Any) -> Any:
 
 
 def fill_gaps(ticks: Any) -> tuple[Any, Any]:
-    """Ticks with others between them where they are far apart, and where the own ones are."""
+    """Return ticks, with more in between where they are far apart, and the indices of the original ones."""
     longest = LONGEST_STEP * UNITS_PER_SECOND
     parts = np.maximum(np.ceil(np.diff(ticks) / longest).astype(int), 1)
     parts = np.where(np.diff(ticks) > GAP * UNITS_PER_SECOND, 1, parts)

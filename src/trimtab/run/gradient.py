@@ -21,9 +21,9 @@ Cost = Callable[[Signals], Any]
 
 
 class Gradient(NamedTuple):
-    """cost: its integral over the run (unit of the cost x s).  slope: path -> derivative of it, shape of the parameter.
+    """cost: its integral over the run (unit of the cost x s).  slope: path -> its derivative, shape of the parameter.
 
-    It is the derivative of this one run: where the loop switches on data, the cost jumps, and no derivative sees that.
+    The derivative is that of this one run. If the loop switches on data, the cost jumps; the derivative ignores jumps.
     """
 
     cost: float
@@ -33,18 +33,18 @@ class Gradient(NamedTuple):
 def gradient(
     scenario: Scenario, cost: Cost, paths: tuple[str, ...], *, seed: int = 0, duration: int | None = None
 ) -> Gradient:
-    """The integral of a running cost over one run, and its derivative along parameters, by forward mode in C.
+    """Return the integral of a running cost over one run, and its derivatives, by forward mode in C.
 
     Args:
-        scenario: what flies; checked whole before anything runs.
+        scenario: the scenario; checked completely before the run.
         cost: signals of an instant (`loop.walk.Signals`) -> scalar, in JAX, e.g.
-            ``lambda s: s.truth.yaw_rate**2``. A function defined once: each new function compiles anew.
-        paths: of parameters that are real numbers, e.g. ("autopilot.law.k1", "autopilot.law.k2").
-        seed: of the random numbers.
+            ``lambda s: s.truth.yaw_rate**2``. Define the function once: each new function is compiled again.
+        paths: paths of parameters that are real numbers, e.g. ("autopilot.law.k1", "autopilot.law.k2").
+        seed: seed of the random numbers.
         duration: integer time; the scenario's own when None.
 
     Raises:
-        InputError: what `simulate` refuses, a path that is no real parameter, or no C compiler.
+        InputError: as `simulate`; or for a path that is not a real parameter, or without a C compiler.
     """
     scenario, table, _ = prepare_run(scenario, [seed], duration, ms(1))
     inputs = run_inputs(scenario, seed)
@@ -74,16 +74,16 @@ def gradients(
     since: tuple[int, ...] = (0,),
     threads: int | None = None,
 ) -> Gradients:
-    """`gradient` of many runs at once: with their own random numbers, and parameters that differ.
+    """Return `gradient` for many runs at once, with their own random numbers and parameters.
 
     Args:
-        scenario: what flies.
-        cost: signals of an instant -> (k,), in JAX; as of `gradient`, defined once.
-        along: parameters to derive along, each a path and the index of one number of it, () of a scalar.
+        scenario: the scenario.
+        cost: signals of an instant -> (k,), in JAX; defined once, as for `gradient`.
+        along: parameters of the derivatives, each a path and the index of one number, () for a scalar.
         seeds, runs: the two words of each run's key.
         spread: path -> values (n, …), as `simulate_batch` takes them.
         since: integer times from which each of the k costs is integrated.
-        threads: how many fly; as many as there are cores when None.
+        threads: number of threads; the number of cores when None.
     """
     chosen, entries = list(seeds), list(along)
     scenario, table, _ = prepare_run(scenario, chosen, None, ms(1))
@@ -112,7 +112,7 @@ def _fly_directions(
     directions: Any,
     threads: int | None,
 ) -> Any:
-    """Costs and their derivatives (runs x directions, 2 k): each run flies once along each direction."""
+    """Return costs and their derivatives (runs x directions, 2 k): each run flies once along each direction."""
     of = walk_structure(inputs, table.always, ())
     count = len(of.shapes)
     varying = frozenset(own) | frozenset(range(count, count + len(at)))
@@ -129,11 +129,11 @@ def _fly_directions(
 
 
 def _find_parameters(inputs: RunInputs, paths: tuple[str, ...]) -> tuple[tuple[int, ...], list[tuple[int, ...]]]:
-    """Which of the inputs they are, and their shapes; refuses what is no real parameter."""
+    """Return the positions among the inputs, and shapes. Raise InputError for a path that is not a real parameter."""
     known, values = leaf_paths(inputs), jax.tree.leaves(inputs)
     real = [p for p, v in zip(known, values, strict=True) if np.asarray(v).dtype == np.float64]
     if not paths:
-        raise InputError("gradient", "no parameter is named", choices=real[:8], fix=f"paths=({real[0]!r},)")
+        raise InputError("gradient", "at least one parameter is needed", choices=real[:8], fix=f"paths=({real[0]!r},)")
     for path in paths:
         if path not in real:
             near = closest(path, real, 6) or real[:6]
@@ -145,7 +145,7 @@ def _find_parameters(inputs: RunInputs, paths: tuple[str, ...]) -> tuple[tuple[i
 
 @functools.lru_cache(maxsize=16)
 def _lower_dual(of: WalkStructure, at: tuple[int, ...], cost: Cost, since: tuple[int, ...]) -> WalkProgram:
-    """The walk of cost, state and their derivatives; its inputs are those of the run and a direction."""
+    """Return the walk of cost, state and their derivatives; its inputs are those of the run and a direction."""
     example = jax.tree.leaves(of.zero_inputs())
     dual = _DualRun(of.tree, of.always, at, cost, since)
     direction = [example[i] for i in at]
@@ -155,7 +155,7 @@ def _lower_dual(of: WalkStructure, at: tuple[int, ...], cost: Cost, since: tuple
 
 
 class _DualRun:
-    """A run with its derivative along a direction; what is not real has none, and is carried as it is."""
+    """A run with its derivative along a direction; values that are not real have no derivative."""
 
     def __init__(
         self, tree: Any, always: frozenset[int], at: tuple[int, ...], cost: Cost, since: tuple[int, ...]
@@ -170,7 +170,7 @@ class _DualRun:
         return jax.tree.unflatten(self.tree, mine)
 
     def split(self, state: Any) -> tuple[list[Any], list[Any]]:
-        """Real leaves of a state, and the others; remembers how to put them together."""
+        """Return the real leaves of a state, and the others; store how to join them."""
         values, tree = jax.tree.flatten(state)
         real = [np.issubdtype(jax.numpy.result_type(v), np.floating) for v in values]
         self.structure = tree, real

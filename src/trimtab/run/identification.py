@@ -1,8 +1,8 @@
-"""Identification of a scenario's world from logs: its actuators and its vehicle, driven by what was commanded.
+"""Identification of a scenario's world from logs: its actuators and its vehicle, driven by the logged commands.
 
-The commands of a log go through the actuators as the scenario has them, and what they give, later by the delay that is
-sought, drives the vehicle between one measurement and the next. What was measured are fields of the vehicle's state,
-such as a motion capture's pose.
+The commands of a log are the input of the scenario's actuators. Their output, later by the delay to be found, drives
+the vehicle from one measurement to the next. The measurements are fields of the vehicle's state, such as the pose of
+a motion capture system.
 """
 
 import functools
@@ -34,33 +34,33 @@ from trimtab.run.fit_parameters import DELAY, FitParameter, find_parameters, fin
 from trimtab.run.flight_data import GAP, FlightData, actuate, fill_gaps, find_grid, lay_on_grid, mean_input
 
 UNMEASURED = 2.0
-"""Standard deviation, in SI, of a number of the state that nobody measured, where a stretch begins: about where the
-scenario has it first, and more by that number's size."""
+"""Standard deviation, in SI, of an unmeasured number of the state at the start of a stretch: about the scenario's first
+value, and increased by the size of that value."""
 NOISE_START = {"m": 5e-3, "rad": 5e-3, "m/s": 2e-2, "rad/s": 2e-2}
 PROCESS_START = {"m/s": 1e-3, "rad/s": 1e-2}
-"""(unit)² per second: where the search for the process noise begins."""
+"""Start value of the process noise, (unit)² per second."""
 LEAST_PROCESS = math.log(1e-8)
-"""Of the process noise's intensity: nobody's model is better than 0.1 mm/s or mrad/s in a second."""
+"""Logarithm of the least process noise intensity: no model is better than 0.1 mm/s or mrad/s in a second."""
 HORIZON = 1.0
-"""s: how far ahead a held-out flight is predicted."""
+"""Prediction time of a held-out flight, s."""
 
 
 EXPLAINED = 0.5
-"""A fitted model whose predictions are off by more of what a field changes in that time does not explain it."""
+"""Largest prediction error of a fitted model, as a fraction of a field's change, at which it explains the field."""
 
 
 CORRELATED = 0.5
-"""Correlation of an innovation with the one before it from which a sensor's errors count as hanging together."""
+"""Correlation of successive innovations above which a sensor's errors count as correlated."""
 
 
 class Identified(NamedTuple):
-    """What was found. values, intervals: of each parameter (m,), (m, 2).  groups: parameters that can't be told apart.
+    """Result. values, intervals: of each parameter (m,), (m, 2).  groups: parameters that can't be distinguished.
 
     noise: standard deviation of each measured field.  process: intensity of each field of the state (unit²/s).
-    unexplained: field -> rms of predictions `HORIZON` ahead of the fitted flights, and of its change in that time
-    where the first is not much less: the model, or the log's units, signs and axes are wrong.
-    correlated: where something is unexplained, field -> correlation of its innovations from one to the next, where that
-    is great: its errors are no white noise, and what the law made of them is taken for the vehicle's doing.
+    unexplained: field -> rms of predictions `HORIZON` ahead of the fitted flights, and of its change in that time, if
+    the first is not much less. Then the model, or units, signs or axes of the log are wrong.
+    correlated: if there are unexplained fields, field -> large correlation of successive innovations. The sensor errors
+    are then not white noise, and the law's reaction to them is attributed to the vehicle.
     held_out: field -> rms of predictions `HORIZON` ahead, nominal and fitted, of flights that were not fitted.
     """
 
@@ -79,7 +79,7 @@ class Identified(NamedTuple):
     correlated: Mapping[str, float] = {}
 
     def unidentifiable(self) -> frozenset[str]:
-        """Parameters that this data can't tell."""
+        """Return the parameters that this data can't determine."""
         return frozenset(name for group in self.groups for name in group)
 
 
@@ -91,25 +91,25 @@ def identify(
     held_out: Sequence[FlightData] = (),
     tell: Callable[[str, int, float], None] = lambda stage, iteration, value: None,
 ) -> Identified:
-    """Parameters of a scenario's world from flights.
+    """Return the parameters of a scenario's world from flights.
 
     Args:
-        scenario: with the nominal values, where the search begins.
-        flights: what is fitted.
+        scenario: scenario with the nominal values, at which the search starts.
+        flights: flights to fit.
         paths: settings below world.vehicle and world.actuators, and "delay".
         held_out: flights by which nominal and fitted values are compared.
-        tell: is given stage, iteration and log likelihood.
+        tell: called with stage, iteration and log likelihood.
 
-    Raises: InputError for what can't be fitted.
+    Raises: InputError for parameters that can't be fitted.
     """
     (found,) = _identify_groups(scenario, [flights], paths, held_out, tell)
     return found
 
 
 def identify_each(scenario: Scenario, flights: Sequence[FlightData], paths: Sequence[str]) -> list[Identified]:
-    """Parameters of a scenario's world from each flight by itself: whether they agree as their intervals say.
+    """Return the parameters of a scenario's world from each flight separately, to compare them by their intervals.
 
-    Flights of one length, with measurements at the same times, are compiled for once.  Raises: as `identify`.
+    Flights of one length, with measurements at the same times, are compiled once.  Raises: as `identify`.
     """
     return _identify_groups(scenario, [[flight] for flight in flights], paths, (), lambda stage, iteration, value: None)
 
@@ -121,7 +121,7 @@ def _identify_groups(
     held_out: Sequence[FlightData],
     tell: Callable[[str, int, float], None],
 ) -> list[Identified]:
-    """Parameters from each group of flights."""
+    """Return the parameters from each group of flights."""
     scenario, parameters = find_parameters(scenario, paths)
     world = _IdentifiedWorld(scenario, parameters, [flight for group in groups for flight in group])
     return [_identify_group(world, group, held_out, tell) for group in groups]
@@ -133,7 +133,7 @@ def _identify_group(
     held_out: Sequence[FlightData],
     tell: Callable[[str, int, float], None],
 ) -> Identified:
-    """Parameters from flights of one craft."""
+    """Return the parameters from flights of one craft."""
     parameters, timeline, first = world.parameters, world.timeline(flights), world.start()
     m, count = len(parameters), len(first)
     noise_only = np.arange(count) >= m
@@ -173,9 +173,9 @@ def _identify_group(
 
 
 class _IdentifiedWorld:
-    """Vehicle, actuators and noise as functions of the numbers that are sought, and the flights as one timeline.
+    """Vehicle, actuators and noise as functions of the unknowns, and the flights as one timeline.
 
-    Those numbers are (parameters - start)/scale, then the logarithms of measurement and process noise variances.
+    The unknowns are (parameters - start)/scale, then the logarithms of measurement and process noise variances.
     """
 
     def __init__(self, scenario: Scenario, parameters: tuple[FitParameter, ...], flights: Sequence[FlightData]) -> None:
@@ -200,13 +200,13 @@ class _IdentifiedWorld:
         self.likelihood = compile_likelihood(self._model())
 
     def start(self) -> Any:
-        """Where the search begins."""
+        """Return the start of the search."""
         r = [math.log(NOISE_START.get(self.units[i], 1e-2) ** 2) for i in self.measured]
         q = [math.log(PROCESS_START.get(self.units[i], 1e-3)) for i in self.driven]
         return np.array([*(0.0 for _ in self.parameters), *r, *q])
 
     def bounds(self) -> tuple[Any, Any]:
-        """Bounds of what is sought."""
+        """Return the bounds of the unknowns."""
         ends = [
             ((p.low - p.start) / s, (p.high - p.start) / s) for p, s in zip(self.parameters, self.scale, strict=True)
         ]
@@ -215,7 +215,7 @@ class _IdentifiedWorld:
         return low, high
 
     def _model(self) -> Model:
-        """What is fitted; its inputs are made of the drive of `timeline`."""
+        """Return the model to fit; its inputs are computed from the drive of `timeline`."""
         m, k = len(self.parameters), len(self.measured)
         spread = (UNMEASURED + np.abs(self.initial)) ** 2
         spread[list(self.measured)] = [(5 * NOISE_START.get(self.units[i], 1e-2)) ** 2 for i in self.measured]
@@ -243,7 +243,7 @@ class _IdentifiedWorld:
     def predict_held_out(
         self, flights: Sequence[FlightData], nominal: Any, fitted: Any
     ) -> dict[str, tuple[float, float]]:
-        """Field -> rms of predictions `HORIZON` ahead with nominal and fitted numbers."""
+        """Return field -> rms of predictions `HORIZON` ahead with nominal and fitted numbers."""
         timeline = self.timeline(flights)
         when = np.concatenate([np.cumsum(np.where(b, 0.0, h)) for h, b in _stretches(timeline)])
         rows: dict[str, list[float]] = {self.fields[i]: [] for i in self.measured}
@@ -268,7 +268,7 @@ class _IdentifiedWorld:
     def find_unexplained(
         self, flights: Sequence[FlightData], fitted: Any, noise: Mapping[str, float]
     ) -> dict[str, tuple[float, float]]:
-        """Fields of the fitted flights that the model predicts hardly better than that they stay as they are."""
+        """Return fields of the fitted flights that the model predicts hardly better than a constant."""
         found = self.predict_held_out(flights, fitted, fitted)
         unexplained = {}
         for i, wraps in zip(self.measured, self.wraps, strict=True):
@@ -288,7 +288,7 @@ class _IdentifiedWorld:
         return unexplained
 
     def find_correlated(self, timeline: Timeline, fitted: Any) -> dict[str, float]:
-        """Fields whose innovations hang together from one measurement to the next, and their correlation."""
+        """Return fields whose successive innovations are correlated, and the correlation."""
         innovations, found = self.likelihood.innovations(timeline, fitted), {}
         z = np.asarray(innovations.e) / np.sqrt(np.asarray(innovations.s))
         for j, i in enumerate(self.measured):
@@ -298,7 +298,7 @@ class _IdentifiedWorld:
         return found
 
     def noise_of(self, p: Any) -> tuple[dict[str, float], dict[str, float]]:
-        """Standard deviation of each measured field, and intensity of the process noise of each driven one."""
+        """Return the standard deviation of each measured field, and the process noise intensity of each driven one."""
         m, k = len(self.parameters), len(self.measured)
         noise = {self.fields[i]: float(np.exp(v / 2)) for i, v in zip(self.measured, p[m : m + k], strict=True)}
         return noise, {self.fields[i]: float(np.exp(v)) for i, v in zip(self.driven, p[m + k :], strict=True)}
@@ -326,7 +326,7 @@ class _IdentifiedWorld:
         return any(p.path.startswith("world.actuators.") for p in self.parameters)
 
     def _driven_fields(self) -> tuple[int, ...]:
-        """Fields of the state whose derivatives depend on input or vehicle's parameters: others are exact."""
+        """Return the fields of the state whose derivatives depend on input or parameters; the others are exact."""
         vehicle, neutral = self.world.vehicle, to_arrays(self.world.actuators.neutral().u)
         rng = np.random.default_rng(0)
         x = jax.tree.unflatten(self.tree, list(0.5 + rng.uniform(size=self.size)))
@@ -341,7 +341,7 @@ class _IdentifiedWorld:
         return tuple(int(i) for i in np.flatnonzero(size > 0))
 
     def timeline(self, flights: Sequence[FlightData]) -> Timeline:
-        """All flights end to end, driven by what their actuators did, or where these are fitted, by their commands."""
+        """Return all flights end to end, driven by actuator outputs, or by commands if actuators are fitted."""
         rows, drive = [], []
         for flight in flights:
             y = flight.y[:, list(self.measured)]
@@ -349,7 +349,7 @@ class _IdentifiedWorld:
             ticks, y = flight.ticks[there], y[there]
             if len(ticks) < 20:
                 problem = f"{len(ticks)} measurements of the vehicle's state are too few"
-                raise InputError(f"log {flight.name!r}", problem, fix="give a flight of some seconds at least")
+                raise InputError(f"log {flight.name!r}", problem, fix="give a flight of at least some seconds")
             instants, at = fill_gaps(ticks)
             h = np.diff(instants, prepend=instants[0]) / UNITS_PER_SECOND
             begins = np.zeros(len(instants), bool)

@@ -1,7 +1,7 @@
-"""What a scenario's two sides must agree on before one flies the other, as text by path.
+"""Identity of a scenario: the settings on which autopilot and vehicle must agree before a flight, as text by path.
 
-The autopilot's law and its supervisor are its own business, the vehicle's links are the real line, and faults are for
-the vehicle alone: none of these is compared.
+Not compared are the law and the supervisor, which concern the autopilot only, the links, which the real link replaces,
+and faults, which concern the vehicle only.
 Source: docs page, Fly.
 """
 
@@ -20,7 +20,7 @@ SCENARIO = "scenario"
 
 
 def scenario_identity(scenario: Scenario, dialect: Dialect) -> dict[str, str]:
-    """The identity of either side of a scenario."""
+    """Return the identity of a scenario, the same for both sides."""
     world = scenario.world
     sensors = {name: _without_fault(sensor) for name, sensor in world.sensors.items()}
     bare = replace(world, sensors=sensors, actuators=_without_fault(world.actuators), uplink=Wire(), downlink=Wire())
@@ -36,19 +36,19 @@ def scenario_identity(scenario: Scenario, dialect: Dialect) -> dict[str, str]:
 
 
 def format_setting(value: Any, declared: Quantity | Option) -> str:
-    """A setting as text that `--set` takes: periods in seconds, whole numbers without a point."""
+    """Return a setting as text for `--set`: periods in seconds, whole numbers without a point."""
     if isinstance(declared, Option) and declared.kind == "period":
         return repr(float(to_seconds(value)))
     return str(value) if isinstance(declared, Option) and isinstance(value, int) else format_value(value)
 
 
 def identity_path(path: str) -> str:
-    """The path in an identity of a number of a vehicle that flies with faults ready in its parts."""
+    """Return the path in an identity for a number of a vehicle that has inactive faults in its parts."""
     return path.replace(".inner.", ".")
 
 
 def setting_path(path: str) -> str | None:
-    """The path of the setting of such a number; None for a fault's, which is of one flight."""
+    """Return the path of the setting of such a number; None for a fault's number, which belongs to one flight."""
     return None if ".fault." in path else identity_path(path)
 
 

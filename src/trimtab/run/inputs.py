@@ -1,4 +1,4 @@
-"""What a run starts from: two sides, a first state and a key, as numbers by path; and what differs between runs."""
+"""Inputs of a run: world, autopilot, first state and key, as numbers by path; and the inputs that differ by run."""
 
 from collections.abc import Iterable, Mapping
 from typing import Any
@@ -18,24 +18,24 @@ from trimtab.run.program import check_seed
 
 @record
 class RunInputs:
-    """All that a run starts from, as numbers of fixed types. Source: docs page, Simulate."""
+    """Inputs of a run, as numbers of fixed types. Source: docs page, Simulate."""
 
     world: Any = part("Vehicle, sensors, links and actuators.")
-    autopilot: Any = part("What flies it.")
+    autopilot: Any = part("Autopilot: estimator, law and allocation.")
     initial: Any = part("First state of the vehicle.")
     key: Any = part("Seed and run of the random numbers.")
 
     def initial_states(self) -> tuple[WorldState, AutopilotState]:
-        """States of the two sides before the first instant."""
+        """Return the states of world and autopilot before the first instant."""
         return start(self.world, self.autopilot, self.initial, self.key)
 
     def drop_derived_outputs(self, s: Any, a: Any, always: frozenset[int]) -> tuple[WorldState, AutopilotState]:
-        """The two states as a loop carries them, see `loop.walk`; always: periods that are due at every instant."""
+        """Return the two states as a loop carries them, see `loop.walk`. always: periods due at every instant."""
         return drop_derived_outputs(self.world, self.autopilot, s, a, always)
 
 
 def run_inputs(scenario: Scenario, seed: int = 0, run: int = 0) -> RunInputs:
-    """What a run of a scenario starts from."""
+    """Return the inputs of a run of a scenario."""
     return RunInputs(
         world=to_arrays(scenario.world),
         autopilot=to_arrays(scenario.autopilot),
@@ -45,28 +45,28 @@ def run_inputs(scenario: Scenario, seed: int = 0, run: int = 0) -> RunInputs:
 
 
 def noise_words(scenario: Scenario, numbers: Any) -> Any:
-    """Second key words of runs of these numbers (…): the numbers, or with words of the scenario's own (…, m).
+    """Return the second key words of runs with these numbers (…): the numbers, or with the scenario's words (…, m).
 
-    Those of run 0 are then the words themselves, and every other number names other noise.
+    Run 0 then has the scenario's words themselves; every other number gives other noise.
     """
     numbers = np.asarray(numbers, np.uint32)
     return numbers[..., None] + np.asarray(scenario.words, np.uint32) if len(scenario.words) else numbers
 
 
 def leaf_paths(tree: Any) -> list[str]:
-    """The dotted path of each leaf, in the order of JAX, as a log names them: world.vehicle.mass, …, key.run."""
+    """Return the dotted path of each leaf, in the order of JAX, as in a log: world.vehicle.mass, …, key.run."""
     named = jax.tree_util.tree_flatten_with_path(tree)[0]
     return [jax.tree_util.keystr(keys, simple=True, separator=".") for keys, _ in named]
 
 
 def flat_inputs(inputs: RunInputs, own: frozenset[int] = frozenset()) -> Any:
-    """The inputs that all runs share, float64, as a library reads them; own: positions of those that differ."""
+    """Return the inputs that all runs share, float64, as a library reads them. own: positions of those that differ."""
     shared = [np.ravel(v).astype(np.float64) for i, v in enumerate(jax.tree.leaves(inputs)) if i not in own]
     return np.concatenate([np.zeros(0), *shared])
 
 
 def input_position(inputs: RunInputs, path: str) -> int:
-    """Where the first number of an input stands in `flat_inputs(inputs)`."""
+    """Return the index of an input's first number in `flat_inputs(inputs)`."""
     sizes = [int(np.size(v)) for v in jax.tree.leaves(inputs)]
     return sum(sizes[: leaf_paths(inputs).index(path)])
 
@@ -74,7 +74,10 @@ def input_position(inputs: RunInputs, path: str) -> int:
 def own_inputs(
     inputs: RunInputs, seeds: list[int], runs: Iterable[int] | None = None, spread: Mapping[str, Any] | None = None
 ) -> dict[int, Any]:
-    """Position of each input that differs -> its values, the run as first axis; arguments as of `simulate_batch`."""
+    """Return position of each input that differs -> its values, with the run as first axis.
+
+    Arguments as of `simulate_batch`.
+    """
     paths, shared = leaf_paths(inputs), jax.tree.leaves(inputs)
     own: dict[int, Any] = {paths.index("key.seed"): np.asarray(seeds, np.uint32)}
     if runs is not None:
@@ -82,33 +85,33 @@ def own_inputs(
     for path, values in (spread or {}).items():
         if path not in paths or path.startswith("key."):
             near = closest(path, paths, 6) or paths[:6]
-            raise InputError(f"spread {path!r}", "there is no such parameter", choices=near, fix=f"spread {near[0]!r}")
+            raise InputError(f"spread {path!r}", "unknown parameter", choices=near, fix=f"spread {near[0]!r}")
         at = paths.index(path)
         array, shape = np.asarray(values), (len(seeds), *np.shape(shared[at]))
         if array.shape != shape:
-            problem = f"has shape {array.shape}, wanted is {shape}: a value for each run"
+            problem = f"has shape {array.shape}, must have {shape}: a value for each run"
             raise InputError(f"spread {path!r}", problem, fix=f"give {len(seeds)} values, one for each seed")
         if not np.isfinite(array).all():
-            raise InputError(f"spread {path!r}", "not every value is finite", fix="leave NaN and infinity out")
+            raise InputError(f"spread {path!r}", "all values must be finite", fix="leave NaN and infinity out")
         own[at] = array.astype(shared[at].dtype)
     return dict(sorted(own.items()))
 
 
 def own_rows(own: dict[int, Any], runs: int) -> Any:
-    """The inputs that differ, float64 (runs, k), as a library reads them."""
+    """Return the inputs that differ, float64 (runs, k), as a library reads them."""
     columns = [np.asarray(v, np.float64).reshape(runs, -1) for v in own.values()]
     return np.concatenate([np.zeros((runs, 0)), *columns], axis=1)
 
 
 def _run_words(first: Any, count: int, runs: Iterable[Any]) -> Any:
-    """Second key words of so many runs: their numbers, or the words that each has; first: those of run 0."""
+    """Return the second key words of `count` runs: their numbers, or the words of each. first: those of run 0."""
     words = np.asarray(runs if isinstance(runs, np.ndarray) else list(runs), np.int64)
     if len(words) != count or words.ndim > 1 + np.ndim(first):
         fix = "give each run a seed and a number"
-        raise InputError("simulate_batch", f"{len(words)} numbers of runs for {count} seeds", fix=fix)
+        raise InputError("simulate_batch", f"{len(words)} run numbers for {count} seeds", fix=fix)
     if words.ndim == 2 and words.shape[1:] != np.shape(first):
-        problem = f"{words.shape[1]} words for each run, where the scenario has {np.size(first)}"
-        raise InputError("simulate_batch", problem, fix="as many as its `words`")
+        problem = f"{words.shape[1]} words for each run, but the scenario has {np.size(first)}"
+        raise InputError("simulate_batch", problem, fix="give as many words as in the scenario's `words`")
     for number in (words.min(), words.max()) if words.size else ():
         check_seed(int(number))
     words = words.astype(np.uint32)

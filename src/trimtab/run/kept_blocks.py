@@ -1,6 +1,6 @@
-"""Compiled blocks whose text is kept: a second one of the same content is loaded without being traced again.
+"""Cache of the text of compiled blocks: a second block of the same content is loaded without being traced again.
 
-Tracing takes a second or more, loading a few milliseconds. Each block has a memory of its own.
+Tracing takes a second or more, loading a few milliseconds. The loaded blocks do not share memory.
 """
 
 import functools
@@ -14,11 +14,11 @@ from trimtab.compiler.block import BlockDefinition, BlockText, block_text
 from trimtab.compiler.compiled_block import CompiledBlock
 
 MOST_KEPT = 64
-"""Texts that are kept."""
+"""Maximum number of cached texts."""
 
 
 class Content:
-    """A record, or several, that equals every other of the same structure, types and numbers."""
+    """One or more records, equal to others of the same structure, types and numbers."""
 
     def __init__(self, *records: Any) -> None:
         self.records = records
@@ -52,11 +52,11 @@ def _keep_text(
 
 
 def compile_kept(make: Callable[..., BlockDefinition], *records: Any, **numbers: int) -> CompiledBlock:
-    """Compile a block, or load it where a block of the same content was compiled before.
+    """Compile a block, or load it if a block of the same content was compiled before.
 
     Args:
         make: a function of a module that gives the block of the records and numbers.
-        records: what the block is made of.
+        records: records from which the block is made.
         numbers: seed and run, by name.
 
     Raises:

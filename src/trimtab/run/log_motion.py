@@ -1,4 +1,4 @@
-"""How a vehicle moved, out of its log: the truth, row by row, through the vehicle's own `motion`."""
+"""Motion of a vehicle from its log: the truth, row by row, through the vehicle's own `motion`."""
 
 from collections.abc import Mapping
 from typing import Any, NamedTuple
@@ -20,7 +20,7 @@ FORCE, RATE = ".value.specific_force", ".value.angular_rate"
 
 
 class MotionRows(NamedTuple):
-    """How a vehicle moved, row by row, and what an ideal IMU would have said of it.
+    """Motion of a vehicle, row by row, and the samples of an ideal IMU.
 
     ticks: 100 ns (n,).  position: in W (n, 3).  attitude: quaternion q_WB, scalar first (n, 4).  velocity, rate: in B
     (n, 3).  specific_force: in B (n, 3), acceleration less gravity; at rest it points up.
@@ -43,20 +43,22 @@ class ImuRows(NamedTuple):
 
 
 def read_motion(log: Log, scenario: Scenario, period: int) -> MotionRows:
-    """Of a log of this scenario, a row each `period` (100 ns) at most.
+    """Return the motion from a log of this scenario, with at most one row per `period` (100 ns).
 
     Raises:
-        InputError: a log without the truth, such as an autopilot's own; a swarm's; no C compiler.
+        InputError: a log without the truth, such as an autopilot's own; a log of a swarm; no C compiler.
     """
     block = motion_block(scenario)
     like = jax.eval_shape(block.step, block.parameters, (), block.input)[1]
     if not isinstance(like, Motion):
-        raise InputError("convert", "this is a log of a swarm, which has no one motion", fix="give a log of one craft")
+        raise InputError(
+            "convert", "this is a log of a swarm, which has several motions", fix="give a log of one craft"
+        )
     motion = compile_block(block)
     paths = {p: _log_path(p) for p in motion.reads if p.startswith("input.")}
     missing = [path for path in paths.values() if path not in log]
     if missing:
-        problem = f"the log has no {missing[0]!r}: only who knows the truth has logged how the vehicle moved"
+        problem = f"the log has no {missing[0]!r}: it lacks the vehicle's true motion"
         fix = "give the vehicle's log, or that of a run: there/vehicle.mcap, flight/run.mcap"
         raise InputError("convert", problem, fix=fix)
     rows = choose_rows(log.ticks, period)
@@ -69,7 +71,7 @@ def read_motion(log: Log, scenario: Scenario, period: int) -> MotionRows:
 
 
 def _log_path(path: str) -> str:
-    """Where a log has an input of the motion."""
+    """Return the path in a log of an input of the motion."""
     name = path.removeprefix("input.")
     return f"actuators.{name}" if name.startswith("u.") or name == "u" else name
 
@@ -81,7 +83,7 @@ def _step(motion: Any, t: int, values: Mapping[str, Any]) -> list[Any]:
 
 
 def choose_rows(ticks: Any, period: int) -> Any:
-    """Indices of rows that are a period apart at least, from the first one on."""
+    """Return the indices of rows that are at least a period apart, from the first row on."""
     rows, due = list[int](), -(2**62)
     for k, t in enumerate(ticks.tolist()):
         if t >= due:
@@ -91,7 +93,7 @@ def choose_rows(ticks: Any, period: int) -> Any:
 
 
 def read_imus(log: Log) -> dict[str, ImuRows]:
-    """Name of each sensor that is an IMU of three axes -> its samples, each once."""
+    """Return name of each three-axis IMU -> its samples, each once."""
     imus = dict[str, ImuRows]()
     for path in log.paths:
         name = path.removeprefix("sensors.").removesuffix(FORCE)

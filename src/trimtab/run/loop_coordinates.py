@@ -1,7 +1,7 @@
-"""A loop's states as deviations from one of its instants: a number for each real, three for each quaternion.
+"""A loop's states as deviations from those of one instant: a number for each real, three for each quaternion.
 
-A quaternion among them, in the truth, in a sample under way or in an estimate, counts as its turn from the reference's
-in body axes, q = q_r exp(e): its length is no state, and has no pole. Whole numbers and flags stay as they are.
+A quaternion in the truth, in a sample in transit or in an estimate is replaced by its rotation from the reference in
+body axes, q = q_r exp(e): its length is not a state, and has no pole. Whole numbers and flags stay as they are.
 
 Source: J. Solà, "Quaternion kinematics for the error-state Kalman filter", arXiv:1711.02508, chapter 5.
 """
@@ -18,11 +18,11 @@ from trimtab.core.quantity import Quantity, leaves
 T = TypeVar("T")
 
 AXES = ("x", "y", "z")
-"""Of a turn, about the body's own axes."""
+"""Axes of a rotation, in the body frame."""
 
 
 class LoopCoordinates:
-    """The vector z (n,) of a tree of states, and back; the tree's structure is that of an example."""
+    """Conversion between a tree of states and its vector z (n,); an example gives the tree's structure."""
 
     def __init__(self, like: Any) -> None:
         declared = [(path, d) for path, _, d in leaves(like) if isinstance(d, Quantity)]
@@ -38,7 +38,7 @@ class LoopCoordinates:
         ]
 
     def names(self, like: Any) -> tuple[str, ...]:
-        """What each of z is: a path of the tree, with an index where the path has several numbers."""
+        """Return the name of each component of z: a path of the tree, with an index if the path has several numbers."""
         names: list[str] = []
         for path, real, turn, v in zip(self._paths, self._real, self._turn, jax.tree.leaves(like), strict=True):
             if turn:
@@ -49,12 +49,12 @@ class LoopCoordinates:
         return tuple(names)
 
     def sizes(self, like: Any) -> Any:
-        """How large the numbers of a tree are themselves (n,), of a turn zero."""
+        """Return the sizes (n,) of the numbers of a tree; zero for rotations."""
         parts = [np.ravel(v) * (not turn) for v, turn in self._tangent(like)]
         return np.abs(np.concatenate([np.zeros(0), *parts]))
 
     def deviation(self, reference: Any, states: Any) -> Any:
-        """z (n,) of the states against a reference."""
+        """Return z (n,) of the states against a reference."""
         parts = []
         pairs = zip(jax.tree.leaves(reference), jax.tree.leaves(states), self._real, self._turn, strict=True)
         for r, v, real, turn in pairs:
@@ -65,7 +65,7 @@ class LoopCoordinates:
         return jnp.concatenate([jnp.zeros(0), *parts])
 
     def displace(self, reference: T, z: Any) -> T:
-        """The states that deviate from a reference by z."""
+        """Return the states that deviate from a reference by z."""
         values, tree = jax.tree.flatten(reference)
         new, begin = [], 0
         for r, real, turn in zip(values, self._real, self._turn, strict=True):
@@ -79,7 +79,7 @@ class LoopCoordinates:
         return jax.tree.unflatten(tree, new)
 
     def place_indices(self, like: T) -> T:
-        """The tree with z's indices in the place of its numbers, to see where something that moves them puts each."""
+        """Return the tree with indices of z in place of its numbers, to find out how a function permutes them."""
         values, tree = jax.tree.flatten(like)
         places = iter(self._tangent(like))
         new, begin = [], 0
@@ -91,29 +91,29 @@ class LoopCoordinates:
         return jax.tree.unflatten(tree, new)
 
     def flatten(self, marks: Any) -> Any:
-        """The indices (n,) of a tree of `place_indices` again as one vector."""
+        """Return the indices (n,) of a tree of `place_indices` as one vector again."""
         parts = [np.ravel(v) for v, real in zip(jax.tree.leaves(marks), self._real, strict=True) if real]
         return np.concatenate([np.zeros(0, int), *parts]).astype(int)
 
     def _tangent(self, like: Any) -> list[tuple[Any, bool]]:
-        """Numbers of each real leaf, of a quaternion the first three, and whether it is one."""
+        """Return the numbers of each real leaf (of a quaternion the first three), and True for a quaternion."""
         found = zip(jax.tree.leaves(like), self._real, self._turn, strict=True)
         return [(np.asarray(v)[..., :3] if turn else np.asarray(v), turn) for v, real, turn in found if real]
 
 
 def is_real(v: Any) -> bool:
-    """Whether an array counts as real numbers, and not as whole ones, keys or flags."""
+    """Return True for an array of real numbers; False for whole numbers, keys or flags."""
     return jnp.issubdtype(jnp.result_type(v), jnp.floating)
 
 
 def _each_turn(function: Any, r: Any, v: Any) -> Any:
-    """function(quaternion, v) of each quaternion of an array (…, 4), and of what belongs to it."""
+    """Return function(quaternion, v) for each quaternion of an array (…, 4) and its row of v."""
     whole = jax.vmap(function)(jnp.reshape(r, (-1, 4)), jnp.reshape(v, (-1, jnp.shape(v)[-1])))
     return jnp.reshape(whole, (*jnp.shape(r)[:-1], whole.shape[-1]))
 
 
 def _unit(q: Any) -> Any:
-    """q of length one; no turn where a slot holds none yet."""
+    """Return q normalised; the identity if a slot holds no quaternion yet."""
     length2 = q @ q
     is_any = length2 > 1e-6
     return jnp.where(is_any, q / jnp.sqrt(jnp.where(is_any, length2, 1.0)), jnp.array([1.0, 0.0, 0.0, 0.0]))

@@ -1,8 +1,8 @@
-"""Parameters of an autopilot that were changed while it flew: an event of the log each, which a replay repeats.
+"""Parameters of an autopilot that were changed in flight: each change is an event of the log, which a replay repeats.
 
     parameter autopilot.law.k1[0] = 2.5 from 1.2340000 s
 
-The number stands with all its digits, and the time is that of the first step that has it.
+The number has all its digits, and the time is that of the first step with the new number.
 """
 
 import re
@@ -19,7 +19,7 @@ EVENT = re.compile(r"parameter autopilot\.(\S+)\[(\d+)\] = (\S+) from (\d+)\.(\d
 
 
 class AutopilotChange(NamedTuple):
-    """From integer time t on a number of the leaf at `path`, below the autopilot, is another."""
+    """New value, from integer time t on, of a number of the leaf at `path` below the autopilot."""
 
     t: int
     path: str
@@ -36,7 +36,7 @@ class AutopilotChange(NamedTuple):
 
 
 def read_changes(log: Log) -> list[AutopilotChange]:
-    """The changes of a flight, in order of time."""
+    """Return the changes of a flight, in order of time."""
     found = (EVENT.fullmatch(event["text"]) for event in log.metadata.get("events") or ())
     changes = [
         AutopilotChange(int(m[4]) * UNITS_PER_SECOND + int(m[5]), m[1], int(m[2]), float(m[3])) for m in found if m
@@ -45,7 +45,7 @@ def read_changes(log: Log) -> list[AutopilotChange]:
 
 
 def with_changes(autopilot: Any, changes: Sequence[AutopilotChange]) -> Any:
-    """A copy of an autopilot's parameters with these numbers."""
+    """Return a copy of an autopilot's parameters with these numbers."""
     for change in changes:
 
         def set_number(old: Any, _declared: Any, change: AutopilotChange = change) -> Any:

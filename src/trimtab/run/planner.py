@@ -1,12 +1,12 @@
-"""A path between obstacles that the hovercraft can fly: a way is searched, and flown on the model within the limits.
+"""Planner of a flyable path between obstacles for the hovercraft: a route is searched, and flown on the model.
 
-What is given is not the way but its flight by `laws.receding_horizon`, as a reference: place of P, the centre of
-percussion, and heading. So limits of fan and rudder are kept by construction, and collision is checked on what was
-flown. Where the flight touches something, or doesn't arrive, other tempos are tried; where none helps it is refused.
+The result is not the route but its flight by `laws.receding_horizon`, as a reference: position of P, the centre of
+percussion, and heading. So the plan keeps the limits of fan and rudder, and collisions are checked on the flight.
+If the flight touches an obstacle or doesn't arrive, other tempos are tried; if none succeeds, the task is refused.
 
-Source: the vehicle's own closed loop as what steers: Y. Kuwata, J. Teo, G. Fiore, S. Karaman, E. Frazzoli, J. How,
-"Real-time motion planning with applications to autonomous urban driving", IEEE Trans. Control Systems Technology 17
-(2009) 1105.
+Source: the vehicle's own closed loop as the steering method: Y. Kuwata, J. Teo, G. Fiore, S. Karaman, E. Frazzoli,
+J. How, "Real-time motion planning with applications to autonomous urban driving", IEEE Trans. Control Systems
+Technology 17 (2009) 1105.
 """
 
 from pathlib import Path
@@ -32,30 +32,30 @@ from trimtab.sensors.planar_pose import PlanarPose
 from trimtab.vehicles.hovercraft import Hovercraft, HovercraftState
 
 LAW = RecedingHorizon(push=1.2, pull=0.5, deflection=0.32, thrust_rate=6.0, angle_rate=2.0, yaw=0.2, lag=0.0)
-"""What flies on the model: a tenth of the forces, and more of the rates, is left to whoever follows the plan; and it is
-to end without a spin."""
+"""Law that flies the model. It leaves a tenth of the forces, and more of the rates, to the law that follows the plan,
+and ends without a spin."""
 PIECES = 96
-"""Of the way as a reference: always as many, so that the flight is compiled once."""
+"""Number of pieces of the route as a reference; constant, so that the flight is compiled once."""
 SETTLE = 6.0
-"""s, flown beyond the way's own end."""
+"""Flight time after the end of the route, s."""
 TICK = ms(20)
 SAMPLE = 0.2
-"""s, between the rows of a plan."""
+"""Time between the rows of a plan, s."""
 TEMPOS = (1.0, 1.0), (0.8, 0.7), (1.0, 1.6), (0.65, 0.7)
-"""Shares of the tempo's speed and accelerations that are tried. Slower isn't always better: at little thrust the nose
-is hard to turn."""
+"""Fractions of the tempo's speed and accelerations to try. Slower isn't always better: with little thrust the craft
+turns slowly."""
 KEEP = 0.05
-"""m, from obstacles beyond the craft's radius in the planned flight: for the errors of who follows it."""
+"""Margin to obstacles beyond the craft's radius in the planned flight, m, for errors of the law that follows it."""
 ARRIVED = 0.15, 0.04
-"""m, m/s: how near to the goal and how slow the flight ends."""
+"""Largest distance from the goal (m) and speed (m/s) at the end of the flight."""
 
 
 class FlownPlan(NamedTuple):
-    """A plan as rows (n,) each SAMPLE, and what was flown for it as rows (m,) each 20 ms.
+    """A plan as rows (n,) each SAMPLE, and its flight as rows (m,) each 20 ms.
 
-    times (s), places (n, 2) of P (m, W), headings (rad, unwrapped): the reference.
+    times (s), places: positions (n, 2) of P (m, W), headings (rad, unwrapped): the reference.
     flown: time, north and east of the centre of mass, heading, thrust (N), force angle (rad), clearance (m).
-    route: the way that was searched.  clearance: least of the centre of mass from obstacles, less the radius (m).
+    route: result of the search.  clearance: least distance of the centre of mass to obstacles minus the radius (m).
     """
 
     times: Any
@@ -69,15 +69,15 @@ class FlownPlan(NamedTuple):
 
     @property
     def length(self) -> float:
-        """m, that P goes."""
+        """Return the length of P's path, m."""
         return float(np.hypot(*np.diff(self.places, axis=0).T).sum())
 
     def path(self) -> PiecewisePath:
-        """The plan as a reference."""
+        """Return the plan as a reference."""
         return interpolate_path(self.times, self.places, self.headings)
 
     def write(self, file: str | Path) -> None:
-        """As a table that ``--reference`` reads."""
+        """Write the plan as a table for ``--reference``."""
         rows = [",".join(("time [s]", "north [m]", "east [m]", "heading [deg]"))]
         for t, (north, east), heading in zip(self.times, self.places, self.headings, strict=True):
             rows.append(f"{t:.3f},{north:.5f},{east:.5f},{np.degrees(heading):.4f}")
@@ -85,15 +85,15 @@ class FlownPlan(NamedTuple):
 
 
 def plan_path(task: PlanTask, tempo: Tempo | None = None, part: str = "plan") -> FlownPlan:
-    """A path from rest at the start to rest at the goal.
+    """Return a path from rest at the start to rest at the goal.
 
     Args:
         task: floor, start, goal and the craft's radius.
-        tempo: how fast the way is meant to be taken.
-        part: what refuses.
+        tempo: speed and accelerations of the route.
+        part: name of the caller, for errors.
 
     Raises:
-        InputError: no way is wide enough; or the craft, within its limits, can't take one without touching something.
+        InputError: no route is wide enough; or the craft, within its limits, can't fly one without a collision.
     """
     tempo = tempo or Tempo()
     problem = ""
@@ -104,12 +104,12 @@ def plan_path(task: PlanTask, tempo: Tempo | None = None, part: str = "plan") ->
         problem = problem or _find_problem(task, route, flown)
         if not _find_problem(task, route, flown):
             return _sample(task, route, flown, tried)
-    problem += f"; nor does it do better at {len(TEMPOS) - 1} other tempos"
-    raise InputError(part, problem, fix="make more room there, or plan for a craft of smaller radius")
+    problem += f"; {len(TEMPOS) - 1} other tempos are no better"
+    raise InputError(part, problem, fix="move the obstacles apart there, or plan for a craft of smaller radius")
 
 
 def _fly(task: PlanTask, route: Route) -> dict[str, Any]:
-    """The flight along a way, each 20 ms."""
+    """Return the flight along a route, each 20 ms."""
     ends = np.linspace(route.times[0], route.times[-1], PIECES - 3)
     way = np.column_stack([np.interp(ends, route.times, route.places[:, k]) for k in range(2)])
     reference = interpolate_path(ends, way, rests=True)
@@ -141,7 +141,7 @@ def _fly(task: PlanTask, route: Route) -> dict[str, Any]:
 
 
 def _find_problem(task: PlanTask, route: Route, flown: dict[str, Any]) -> str:
-    """What is wrong with a flight; "" where nothing is."""
+    """Return the problem of a flight, or ""."""
     places = np.column_stack([flown["north"], flown["east"]])
     between = np.hypot(*np.diff(places, axis=0).T).max() / 2
     worst = int(np.argmin(flown["clearance"]))
@@ -158,7 +158,7 @@ def _find_problem(task: PlanTask, route: Route, flown: dict[str, Any]) -> str:
 
 
 def _percussion_points(flown: dict[str, Any]) -> Any:
-    """P (n, 2), m in W."""
+    """Return P (n, 2), m in W."""
     arm, heading = float(Hovercraft().percussion_arm), flown["heading"]
     return np.column_stack([flown["north"] + arm * np.cos(heading), flown["east"] + arm * np.sin(heading)])
 

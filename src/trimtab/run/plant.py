@@ -1,4 +1,4 @@
-"""A vehicle by a word, as the design verbs take it: a scenario's, a model of the package, or one's own."""
+"""Vehicles by name, for the design verbs: a scenario's, a model of the package, or a user's own."""
 
 import importlib
 from collections.abc import Callable, Mapping
@@ -21,15 +21,15 @@ from trimtab.scenarios import catalogue
 from trimtab.scenarios.build import build
 
 FUNCTIONS = ("system", "scenario")
-"""Functions looked for in a file of which none is named."""
+"""Functions that are tried in a file if no function is named."""
 
 
 class Plant(NamedTuple):
     """name: as typed.  model: in the coordinates of a trim.  error: trimmed x, u -> the model of deviations there.
 
-    units: of states, inputs and outputs, by name.  places: states that say where it is, of which nothing is asked.
-    flight: gives the names that speed, climb, sideslip, roll and yaw have here (`flight_names`).  scenario: where it
-    came from one.  about: of a vehicle, its class and units (`loop.linear_laws`).
+    units: of states, inputs and outputs, by name.  places: positions, which are free in a trim.
+    flight: gives the names of speed, climb, sideslip, roll and yaw in this model (`flight_names`).  scenario: the
+    scenario of the vehicle, if any.  about: class and units of a vehicle (`loop.linear_laws`).
     """
 
     name: str
@@ -45,9 +45,9 @@ class Plant(NamedTuple):
 def load_plant(
     name: str, settings: Mapping[str, str] | None = None, believed: Mapping[str, str] | None = None
 ) -> Plant:
-    """The vehicle that a word names: a scenario's, a model of the package, or what a function of a file returns.
+    """Return the vehicle of a name: a scenario's, a model of the package, or the result of a function in a file.
 
-    believed: settings of the vehicle, changed after all others: the vehicle as somebody takes it to be.
+    believed: settings of the assumed vehicle model, applied after all others.
     """
     settings = settings or {}
     own: Any = None
@@ -59,8 +59,8 @@ def load_plant(
     elif not name.endswith((".toml", ".fmu")) and name not in catalogue.scenario_names():
         known = [*_model_names(), *catalogue.scenario_names()]
         near = closest(name, known, 1) or ["hypersonic"]
-        fix = f"trimtab trim {near[0]}; your own is a file's function:  trimtab trim my_boat.py:scenario"
-        raise InputError(f"vehicle {name!r}", "there is no such vehicle or scenario", choices=known, fix=fix)
+        fix = f"trimtab trim {near[0]}; your own is a function in a file:  trimtab trim my_boat.py:scenario"
+        raise InputError(f"vehicle {name!r}", "unknown vehicle or scenario", choices=known, fix=fix)
     if own is None or isinstance(own, Scenario):
         scenario = build(name, settings)
         refuse_stepped_vehicle(scenario)
@@ -80,13 +80,13 @@ def _plant_of_own(name: str, own: Any, believed: Mapping[str, str]) -> Plant:
         parts: tuple[Any, ...] = own  # pyright: ignore[reportUnknownVariableType]
         if len(parts) == 3 and hasattr(parts[0], "dynamics"):
             return plant_of_vehicle(name, with_settings(parts[0], believed), parts[1], parts[2])
-    problem = f"the function gives a {type(own).__name__}"
+    problem = f"the function returns a {type(own).__name__}"
     fix = "return a Scenario, (vehicle, x, u), or model_of_functions(f, states, inputs, h=h) (docs, Any vehicle)"
     raise InputError(f"vehicle {name!r}", problem, fix=fix)
 
 
 def plant_of_model(name: str, model: StateSpaceModel) -> Plant:
-    """A model as it is; its units are those of its records, where it has any."""
+    """Return a model as a plant; its units are those of its records, if it has any."""
     units: dict[str, str] = {}
     for own, names in ((model.state_record, model.states), (model.input_record, model.inputs)):
         units |= {} if own is None else _units_by_name(own, names)
@@ -95,7 +95,7 @@ def plant_of_model(name: str, model: StateSpaceModel) -> Plant:
 
 
 def plant_of_vehicle(name: str, vehicle: Any, x: Any, u: Any) -> Plant:
-    """A vehicle about its records x and u; one that flies over the turning earth in local coordinates."""
+    """Return a vehicle about its records x and u as a plant, over the rotating earth in local coordinates."""
     about = describe_vehicle(vehicle, x, u)
     vehicle, x = fly_locally(vehicle, x)
     model = trim_model(vehicle, x, u)
@@ -123,7 +123,7 @@ def _units_by_name(record: Any, names: tuple[str, ...]) -> dict[str, str]:
 
 
 def _is_place(path: str, d: Any, name: str, model: StateSpaceModel) -> bool:
-    """Whether a state is of a position vector in space."""
+    """Return True if a state belongs to a position vector in space."""
     return d.unit == "m" and d.shape == (3,) and name.startswith(f"{path}[")
 
 
@@ -137,7 +137,7 @@ def _model_names() -> list[str]:
 
 
 def _own_function(name: str) -> str:
-    """The function of a file that is meant: as named, else the first of FUNCTIONS that it has."""
+    """Return the function of a file: as named, else the first of FUNCTIONS in the file."""
     if ":" in name:
         return name
     for function in FUNCTIONS[:-1]:

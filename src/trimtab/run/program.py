@@ -1,4 +1,4 @@
-"""A scenario ready to fly in C: library, inputs, and the meaning of what comes out. Needs no JAX, so it can be kept."""
+"""A compiled scenario: C library, inputs, and the meaning of its outputs. It needs no JAX, so it can be cached."""
 
 import ctypes
 import functools
@@ -19,11 +19,11 @@ from trimtab.loop.beliefs import belief_mismatches
 from trimtab.native.build import load_library
 
 SHORT = 5_000_000
-"""Instants of all runs up to which a call is not watched: a second or so."""
+"""Largest number of instants, over all runs, flown without watching for Ctrl-C: about a second."""
 
 
 class FlightJob(ctypes.Structure):
-    """What the library is given: the struct `job` of the generated text."""
+    """Argument of the library: the struct `job` of the generated text."""
 
     _fields_ = [
         ("shared", ctypes.c_void_p),
@@ -45,7 +45,7 @@ class FlightJob(ctypes.Structure):
 
 
 class RunResults(NamedTuple):
-    """What came of some runs.
+    """Results of some runs.
 
     log: (runs, rows, width), or None.  stats: (runs, width, 4): least, largest, sum and sum of squares of the logged
     rows, or None.  final: (runs, count), the last values.
@@ -65,7 +65,7 @@ def _load_entry(path: Path) -> Any:
 
 
 def thread_count(threads: int | None) -> int:
-    """How many threads fly: as many as asked for, or as this process has cores."""
+    """Return the number of threads: as requested, or the number of cores of this process."""
     if threads is not None:
         return max(1, min(threads, 256))
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
@@ -84,17 +84,17 @@ def fly_runs(
     threads: int = 1,
     progress: Callable[[int], None] | None = None,
 ) -> RunResults:
-    """Fly runs on a library of a walk's text.
+    """Fly runs with the compiled library of a walk.
 
     Args:
         path: the library.
-        shared: float64, the inputs that all runs share, flat in order.
+        shared: float64, the inputs that all runs share, flat, in order.
         own: float64 (runs, k), the inputs of each run.
         table: the instants.
         row: int32 (n,), the row of the log that each instant writes; its largest + 1 for none.
         widths: numbers in a row, and last values.
-        log, stats: what is kept besides the last values.
-        threads: how many fly; the interpreter is free meanwhile.
+        log, stats: results to keep besides the last values.
+        threads: number of threads; the interpreter is free meanwhile.
         progress: called a few times a second with the number of runs that are done.
     """
     width, count = widths
@@ -114,13 +114,13 @@ def fly_runs(
     else:
         _fly_in_thread(_load_entry(path), job, threads, progress)
     if job.done < runs:
-        raise InputError("runs", f"there is no memory to fly {runs} of them on {threads} threads", fix="fewer threads")
+        raise InputError("runs", f"not enough memory to fly {runs} runs on {threads} threads", fix="use fewer threads")
     return results
 
 
 def _fly_in_thread(entry: Any, job: FlightJob, threads: int, progress: Callable[[int], None] | None) -> None:
-    """Fly beside the interpreter, so that Ctrl-C ends it: after the runs that are under way."""
-    landed = threading.Event()  # a join that Ctrl-C breaks off takes a thread that still flies for ended
+    """Fly in a thread beside the interpreter, so that Ctrl-C ends the call, after the runs in progress."""
+    landed = threading.Event()  # an event, as a join interrupted by Ctrl-C reports a running thread as ended
 
     def flight() -> None:
         entry(ctypes.byref(job), threads)
@@ -139,7 +139,7 @@ def _fly_in_thread(entry: Any, job: FlightJob, threads: int, progress: Callable[
 
 
 def row_numbers(written: Any) -> Any:
-    """int32 (n,): the row of each instant that is written, and n for those that are not."""
+    """Return the row of each instant, int32 (n,): n for instants that are not written."""
     return np.where(written, np.cumsum(written) - 1, len(written)).astype(np.int32)
 
 
@@ -156,9 +156,9 @@ class Program(NamedTuple):
     """A compiled scenario.
 
     library: scalar C.  shared: its inputs, float64, with the key words (seed, run) at `words` to be filled in.
-    periods, duration, max_step: what the timetable follows from.  columns: of a row.  final: the last values.
-    metadata: what a log says besides seed and backend.  noise: words of the scenario's own, to which a run's number is
-    added, one after the other from the second of `words` on.
+    periods, duration, max_step: determine the timetable.  columns: of a row.  final: the last values.
+    metadata: entries of a log besides seed and backend.  noise: the scenario's own words, to which the run number is
+    added, in order from the second of `words` on.
     """
 
     library: Path
@@ -173,7 +173,7 @@ class Program(NamedTuple):
     noise: tuple[int, ...] = ()
 
     def fly(self, seed: int, run: int, log_period: int) -> Log:
-        """One run, as `simulate` gives it."""
+        """Fly one run; the log is as that of `simulate`."""
         table, row, instants = _log_rows(self.periods, self.duration, self.max_step, log_period)
         shared = self.shared_inputs.copy()
         shared[list(self.words)] = seed, run
@@ -187,14 +187,14 @@ class Program(NamedTuple):
 
 @functools.lru_cache(maxsize=8)
 def _log_rows(periods: tuple[int, ...], duration: int, max_step: int, log_period: int) -> tuple[Timetable, Any, Any]:
-    """The instants of a run, the row of the log that each writes, and the instants of these rows."""
+    """Return the instants of a run, the row of the log that each writes, and the instants of these rows."""
     table = timetable(periods, duration, max_step)
     written = table.t % log_period == 0
     return table, row_numbers(written), logged_instants(table, written)
 
 
 def logged_instants(table: Timetable, written: Any) -> tuple[Any, Any]:
-    """The instants that are logged, in 100 ns and in seconds; logs share them, so they are read-only."""
+    """Return the logged instants, in 100 ns and in seconds; logs share them, so they are read-only."""
     ticks = table.t[written]
     t = to_seconds(ticks)
     ticks.flags.writeable = t.flags.writeable = False
@@ -202,18 +202,18 @@ def logged_instants(table: Timetable, written: Any) -> tuple[Any, Any]:
 
 
 def check_seed(seed: int) -> None:
-    """Refuse a number that is no seed, or no number of a run."""
+    """Raise InputError for a number that is not a seed or a run number."""
     if not 0 <= seed < 2**32:
-        raise InputError(argument_name("seed"), f"{seed} is not in 0 … {2**32 - 1}", fix=argument("seed", 0))
+        raise InputError(argument_name("seed"), f"{seed} must be in 0 … {2**32 - 1}", fix=argument("seed", 0))
 
 
 def row_width(columns: list[Column]) -> int:
-    """How many numbers some columns take."""
+    """Return the total count of numbers in some columns."""
     return sum(math.prod(c.shape) for c in columns)
 
 
 def split_columns(rows: Any, columns: list[Column]) -> dict[str, Any]:
-    """Columns by path, each in its own type and shape, of rows (..., width); what has its type already is a view."""
+    """Return the columns of rows (..., width), in their own type and shape; views where the type is the same."""
     return {
         path: rows[..., part].reshape((*rows.shape[:-1], *shape)).astype(dtype, copy=False)
         for path, (part, shape, dtype) in _column_places(columns).items()
@@ -221,7 +221,7 @@ def split_columns(rows: Any, columns: list[Column]) -> dict[str, Any]:
 
 
 def _column_places(columns: list[Column]) -> dict[str, tuple[slice, tuple[int, ...], str]]:
-    """Path -> the numbers of a row that are a column's, its shape and type."""
+    """Return path -> slice of a row, shape and type of a column."""
     places, start = {}, 0
     for c in columns:
         stop = start + math.prod(c.shape)
@@ -238,7 +238,7 @@ def make_log(
     instants: tuple[Any, Any],
     metadata: dict[str, Any],
 ) -> Log:
-    """The log of one of the runs; it holds its own rows, not those of all, and makes its signals when they are read.
+    """Return the log of one of the runs; it holds only its own rows, and creates its signals when they are read.
 
     instants: see `logged_instants`.  metadata: plain values, copied when they are read.
     """
@@ -247,7 +247,7 @@ def make_log(
     places = _column_places(columns)
     for path, (_, shape, _) in places.items():
         if len(shape) > 1:
-            problem = f"has shape {shape} at each instant, and a log holds numbers or vectors"
+            problem = f"has shape {shape} at each instant, but a log holds only numbers and vectors"
             raise InputError(f"log signal {path!r}", problem, fix=f"give it shape () or ({math.prod(shape)},)")
 
     def signal(path: str) -> Any:
@@ -268,7 +268,7 @@ def make_log(
 
 
 def describe_scenario(scenario: Any) -> dict[str, Any]:
-    """What a log says of its scenario; `choices` where it was built by name, so that a replay builds it alike."""
+    """Return the log's entries about its scenario; with `choices` if built by name, so that a replay rebuilds it."""
     mismatch = [m._asdict() for m in belief_mismatches(scenario.autopilot, scenario.world.vehicle)]
     about = {
         "scenario": scenario.name,

@@ -1,7 +1,6 @@
-"""replay: a recorded run's autopilot once more, over the frames that it was given; its outputs are compared.
+"""replay: repeats a recorded run's autopilot with the recorded frames, and compares its outputs.
 
-And any two logs of the same run beside each other: the first sample that differs, and whether a switch on data came
-before it.
+It also compares any two logs of the same run: the first sample that differs, and whether a switch on data came before.
 """
 
 import dataclasses
@@ -30,13 +29,13 @@ from trimtab.run.runner import choose_c
 from trimtab.scenarios.recorded import rebuild_scenario
 
 TOLERANCE = 1e-10
-"""Of a signal's largest size, where bits can't be asked for: another backend, or another class of machine."""
+"""Tolerance, as a fraction of a signal's largest size, for another backend or another class of machine."""
 LOSS_COUNTERS = ("log.dropped", "log.unwritten")
-"""What a flight's log counts: rows that it lacks."""
+"""Signals of a flight's log that count its missing rows."""
 
 
 class Divergence(NamedTuple):
-    """Where two runs part: time (s), signal, and the two values, of the first component that differs."""
+    """First difference of two runs: time (s), signal, and the two values of the first component that differs."""
 
     t: float
     path: str
@@ -45,12 +44,12 @@ class Divergence(NamedTuple):
 
 
 class Replay(NamedTuple):
-    """What came of a replay.
+    """Result of a replay.
 
-    recorded_log, replayed_log: the compared signals at the control instants.  exact: whether all bits are the same.
-    strict: whether they must be.  equal: whether it is as good as it must be.  first: where not, or None.
-    worst: path -> largest difference as a part of the signal's largest size.  end_reason: why it ends where it ends.
-    changed: another autopilot was flown, so that nothing need be equal.
+    recorded_log, replayed_log: the compared signals at the control instants.  exact: True if all bits are the same.
+    strict: True if they must be.  equal: True if the required accuracy is met.  first: the first difference, or None.
+    worst: path -> largest difference as a fraction of the signal's largest size.  end_reason: reason for the end.
+    changed: True if another autopilot was flown, so that outputs may differ.
     """
 
     recorded_log: Log
@@ -66,19 +65,19 @@ class Replay(NamedTuple):
 
 
 def replay(log: Log, scenario: Scenario | str | None = None, *, autopilot: Any = None, backend: str = "auto") -> Replay:
-    """Fly a scenario's autopilot over the frames of a log.
+    """Fly a scenario's autopilot with the frames of a log.
 
     >>> from trimtab import replay, simulate
     >>> replay(simulate("hovercraft/spin", duration="100 ms")).exact
     True
 
-    On the backend and the class of machine that recorded it, every bit must come again; elsewhere results must agree
+    On the backend and class of machine that recorded the log, every bit must be the same; elsewhere results must agree
     within TOLERANCE.
 
     Args:
-        log: of simulate, with each control instant, or of a flight; its signals ``downlink`` are the frames.
-        scenario: as it was recorded, or its name; built again from what the log says of it when None.
-        autopilot: another one to fly instead; it reads the same sensors. The vehicle's motion stays the recorded one.
+        log: log of `simulate`, with each control instant, or of a flight; its signals ``downlink`` are the frames.
+        scenario: the recorded scenario, or its name; rebuilt from the log's entries when None.
+        autopilot: another autopilot to fly instead; it reads the same sensors. The vehicle's motion is as recorded.
         backend: "c", "jax" or "auto", as for simulate.
 
     Raises:
@@ -104,17 +103,17 @@ def replay(log: Log, scenario: Scenario | str | None = None, *, autopilot: Any =
 
 
 def _refuse_other_sensors(flown: Scenario) -> None:
-    """Refuse an estimator that reads a sensor of which the flight has nothing."""
+    """Raise InputError for an estimator that reads a sensor without samples in the flight."""
     sent = flown.world.sensors
     if lacking := [sensor for sensor in flown.autopilot.estimator.listens if sensor not in sent]:
         estimator = type(flown.autopilot.estimator).__name__
-        problem = f"{estimator} reads sensor {lacking[0]!r}, of which this flight has nothing: it has {', '.join(sent)}"
-        fix = f"replay a flight that has it, as one with {argument('navigation', 'ins')} does"
+        problem = f"{estimator} reads sensor {lacking[0]!r}, but this flight has samples only of {', '.join(sent)}"
+        fix = f"replay a flight with this sensor, e.g. one with {argument('navigation', 'ins')}"
         raise InputError("replay", problem, fix=fix)
 
 
 def describe_replay(result: Replay) -> str:
-    """The outcome in a sentence."""
+    """Return the result in one sentence."""
     steps = f"{len(result.recorded_log)} steps"
     if result.changed:
         return f"{steps} flown with another autopilot"
@@ -123,14 +122,14 @@ def describe_replay(result: Replay) -> str:
     if result.first is None:
         return f"{steps} repeated within {TOLERANCE:g} on {result.backend}"
     f = result.first
-    return f"parts at {f.t:.7f} s: {f.path} was {f.recorded!r}, is {f.replayed!r}, on {result.backend}"
+    return f"differs from {f.t:.7f} s on: {f.path} was {f.recorded!r}, is {f.replayed!r}, on {result.backend}"
 
 
 class RecordedSteps(NamedTuple):
-    """Control steps, from the first on and without a gap.
+    """Consecutive control steps, from the first on.
 
-    rows: of the log (n,).  ticks: their times (n,).  inputs: float64 (n, width), what each step was given.  end_reason:
-    why it ends, or nothing.
+    rows: of the log (n,).  ticks: their times (n,).  inputs: float64 (n, width), input of each step.  end_reason:
+    reason for the end, or "".
     """
 
     rows: Any
@@ -140,15 +139,15 @@ class RecordedSteps(NamedTuple):
 
 
 def find_steps(log: Log, frames: list[str], period: int) -> RecordedSteps:
-    """The steps of a log, as far as it holds all of them.
+    """Return the steps of a log, up to the first missing one.
 
     Args:
-        log: of a simulation, or of a flight, whose rows are its steps.
+        log: log of a simulation, or of a flight, whose rows are its steps.
         frames: paths of the inputs, ``t`` and ``samples.…``, in order.
-        period: between two control instants.
+        period: time between two control instants.
 
     Raises:
-        InputError: a log whose rows are not the control instants from the first on, or that lacks a signal.
+        InputError: a log whose rows don't begin with the first control instant, or that lacks a signal.
     """
     if not len(log):
         raise InputError("replay", "the log holds no step", fix="give a log with at least one row")
@@ -165,14 +164,14 @@ def _frame_column(log: Log, path: str) -> Any:
     name = "downlink" + path.removeprefix("samples")
     if name not in log:
         problem = f"the log lacks {name!r}, which the autopilot reads"
-        fix = "record with all signals, or fly an autopilot that reads what was recorded"
+        fix = "record with all signals, or fly an autopilot that reads only recorded ones"
         sensors = sorted({p.split(".")[1] for p in log.paths if p.startswith("downlink.")})
         raise InputError("replay", problem, choices=sensors, fix=fix)
     return log[name]
 
 
 def _find_flight_steps(log: Log) -> tuple[Any, str]:
-    """Every row is a step; where rows are missing, what follows can't be repeated."""
+    """Return the rows, of which each is a step, up to the first missing row; later steps can't be repeated."""
     missing = np.sum([log[name] for name in LOSS_COUNTERS if name in log], axis=0)
     if missing[0]:
         raise InputError("replay", f"the log lacks its first {missing[0]} steps", fix="give a log from the start on")
@@ -181,21 +180,21 @@ def _find_flight_steps(log: Log) -> tuple[Any, str]:
 
 
 def _find_simulation_steps(log: Log, period: int) -> tuple[Any, str]:
-    """Of each control instant there must be a row."""
+    """Return the row of each control instant."""
     rows = np.flatnonzero(log.ticks % period == 0)
     ticks = log.ticks[rows]
     if log.ticks[0] != 0:
-        problem = f"the log begins at {to_seconds(int(log.ticks[0])):g} s, when the state is not known"
+        problem = f"the log begins at {to_seconds(int(log.ticks[0])):g} s, where the state is unknown"
         raise InputError("replay", problem, fix="give the log from the start of the run on")
     if (np.diff(ticks) != period).any() or (len(rows) == 1 and len(log) > 1):
         usual = int(np.median(np.diff(log.ticks)))
-        problem = f"the log has a row each {format_time(usual)}, the autopilot makes a step each {format_time(period)}"
+        problem = f"the log has a row each {format_time(usual)}, but the autopilot steps each {format_time(period)}"
         raise InputError("replay", problem, fix=f"record again with {argument('log_period', format_time(period))}")
     return rows, ""
 
 
 def _changes_by_step(steps: RecordedSteps, changes: Sequence[AutopilotChange]) -> dict[int, list[AutopilotChange]]:
-    """Step -> what is another number from it on."""
+    """Return step -> changes of parameters from this step on."""
     by_step: dict[int, list[AutopilotChange]] = {}
     for change in changes:
         by_step.setdefault(int(np.searchsorted(steps.ticks, change.t)), []).append(change)
@@ -203,7 +202,7 @@ def _changes_by_step(steps: RecordedSteps, changes: Sequence[AutopilotChange]) -
 
 
 def step_c(step: CompiledBlock, steps: RecordedSteps, changes: Sequence[AutopilotChange] = ()) -> dict[str, Any]:
-    """Outputs by path, (n, …), of a compiled block that is given recorded steps. changes: of its parameters."""
+    """Return outputs by path, (n, …), of a compiled block for recorded steps. changes: of its parameters."""
     rows, by_step = np.empty((len(steps.inputs), len(step.outputs))), _changes_by_step(steps, changes)
     for k, row in enumerate(steps.inputs):
         for change in by_step.get(k, ()):
@@ -215,7 +214,7 @@ def step_c(step: CompiledBlock, steps: RecordedSteps, changes: Sequence[Autopilo
 
 
 def step_jax(block: BlockDefinition, steps: RecordedSteps, changes: Sequence[AutopilotChange] = ()) -> dict[str, Any]:
-    """The same from a scan."""
+    """Return the same outputs from a JAX scan."""
     shapes, tree = jax.tree.flatten(block.input)
     columns, at = [], 0
     for leaf in shapes:
@@ -247,10 +246,10 @@ def _compare_outputs(log: Log, steps: RecordedSteps, outputs: dict[str, Any], ba
     paths = sorted(outputs, key=lambda p: order.index(p.partition(".")[0]))
     shared = [p for p in paths if p in log and log[p].shape[1:] == outputs[p].shape[1:]]
     if not shared:
-        own = "give the autopilot's log, flight.mcap of trimtab fly: this is the vehicle's"
+        own = "this is the vehicle's log; give the autopilot's log, flight.mcap of trimtab fly"
         every = 'log all signals, or signals=("downlink", "estimate", "law", "command")'
         fix = own if log.metadata.get("side") == "vehicle" else every
-        raise InputError("replay", "the log has nothing of what an autopilot gives", fix=fix)
+        raise InputError("replay", "the log has no outputs of an autopilot", fix=fix)
     ticks, about = log.ticks[steps.rows], {**log.metadata, "backend": backend}
     was = {p: log[p][steps.rows] for p in shared}
     with np.errstate(invalid="ignore"):
@@ -272,12 +271,12 @@ def _compare_outputs(log: Log, steps: RecordedSteps, outputs: dict[str, Any], ba
 
 
 class Difference(NamedTuple):
-    """Two logs beside each other.
+    """Comparison of two logs.
 
-    instants: how many are the same in time.  switch: the first whole number or truth value that differs, or None: from
-    there on two sound backends may part, since a rounding tipped a threshold.
-    number: the same of the first real number before that which is off by more than the tolerance, or None.
-    worst: path -> largest difference before the switch, as a part of the signal's largest size.
+    instants: number of common instants.  switch: the first whole number or Boolean that differs, or None. From there on
+    two correct backends may differ, as a rounding error crossed a threshold.
+    number: the first real number before that with a difference beyond the tolerance, or None.
+    worst: path -> largest difference before the switch, as a fraction of the signal's largest size.
     """
 
     instants: int
@@ -287,25 +286,25 @@ class Difference(NamedTuple):
 
     @property
     def is_equal(self) -> bool:
-        """Whether all real numbers agree up to the first switch."""
+        """Return True if all real numbers agree up to the first switch."""
         return self.number is None
 
 
 def compare_logs(one: Log, other: Log, tolerance: float = TOLERANCE) -> Difference:
-    """Whether two logs are of one flight, but for roundings: of two backends, or machines.
+    """Compare two logs of one flight on two backends or machines, up to rounding.
 
-    What differs between two flights, exactly, and of other instants too, is said by `logs.difference.find_difference`.
+    For an exact comparison of two flights, also with different instants, use `logs.difference.find_difference`.
 
     Args:
         one, other: logs of the same instants and signals.
-        tolerance: of real numbers, as a part of the largest size that the signal has in `one` (or of 1e-3, if larger).
-            A signal may also be off by ROUNDINGS of the largest in the same unit: it may be the difference of two such.
+        tolerance: for real numbers, as a fraction of the largest size of the signal in `one` (or of 1e-3, if larger).
+            A signal may also differ by ROUNDINGS of the largest in the same unit, as it may be a difference of two.
 
     Raises:
-        InputError: logs of other instants or other signals.
+        InputError: logs with different instants or different signals.
     """
     if not np.array_equal(one.ticks, other.ticks):
-        raise InputError("difference", "the logs have other instants", fix="log both with the same log_period")
+        raise InputError("difference", "the logs have different instants", fix="log both with the same log_period")
     if one.paths != other.paths:
         apart = sorted({*one.paths} ^ {*other.paths})
         raise InputError("difference", f"only one of the logs has {apart[0]!r}", fix="log the same signals")
@@ -324,7 +323,7 @@ def compare_logs(one: Log, other: Log, tolerance: float = TOLERANCE) -> Differen
 
 
 def _largest_by_unit(log: Log, paths: list[str]) -> dict[str, float]:
-    """Unit -> largest finite size of the signals that have it."""
+    """Return unit -> largest finite size of the signals in this unit."""
     largest: dict[str, float] = {}
     for path in paths:
         finite = np.abs(log[path][np.isfinite(log[path])])
@@ -333,7 +332,7 @@ def _largest_by_unit(log: Log, paths: list[str]) -> dict[str, float]:
 
 
 def _largest_gap(a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """Largest difference at each instant; NaN equals NaN and nothing else."""
+    """Return the largest difference at each instant; NaN equals only NaN."""
     same = (a == b) | (np.isnan(a) & np.isnan(b))
     with np.errstate(invalid="ignore"):
         gap = np.where(same, 0.0, np.abs(a - b))
@@ -345,7 +344,7 @@ def _differing_rows(a: np.ndarray, b: np.ndarray) -> np.ndarray:
 
 
 def _first_difference(one: Log, other: Log, apart: list[tuple[str, np.ndarray]], until: int) -> Divergence | None:
-    """Of masks (n,) by path: the earliest instant at which one holds, of these the first path by name."""
+    """Return the earliest instant at which one of the masks (n,) by path holds, and the first such path by name."""
     rows = [(int(bad.argmax()), path) for path, bad in apart if bad[:until].any()]
     if not rows:
         return None
@@ -356,9 +355,9 @@ def _first_difference(one: Log, other: Log, apart: list[tuple[str, np.ndarray]],
 
 
 def first_bit_difference(one: Log, other: Log) -> Divergence | None:
-    """The first instant, and the first signal of it, at which two logs of the same signals are not the same bits.
+    """Return the first instant, and its first signal, at which two logs of the same signals differ in bits.
 
-    Not a number is equal to itself, whatever its other bits, for a log does not keep those; -0.0 is not equal to 0.0.
+    NaN equals NaN, whatever its other bits, as a log does not keep those; -0.0 does not equal 0.0.
     """
     firsts: list[tuple[int, int, int]] = []
     for order, path in enumerate(one.paths):

@@ -1,7 +1,7 @@
-"""An estimator alone over a log's samples: of a recorded run, or of what any vehicle anywhere has logged.
+"""Replay of an estimator alone with a log's samples: from a recorded run, or from any vehicle's log.
 
-No scenario is needed, no vehicle and no law: what the estimator listens to is all that the log must hold, one row for
-each instant at which something arrived (`logs.samples.log_samples` writes such a log).
+No scenario, vehicle or law is needed. The log must only hold the samples that the estimator reads, one row for each
+instant at which a sample arrived (`logs.samples.log_samples` writes such a log).
 """
 
 from typing import Any
@@ -24,21 +24,21 @@ from trimtab.run.replay import find_steps, step_c, step_jax
 from trimtab.run.runner import choose_c
 
 ESTIMATE = "estimate"
-"""The block of a log that holds what came out."""
+"""Block of a log that holds the estimator's output."""
 
 
 def replay_estimator(log: Log, estimator: Any, *, backend: str = "auto", seed: int = 0) -> Log:
-    """Step an estimator over a log; what it gives comes back as ``estimate.…``, with all else that the log holds.
+    """Step an estimator over a log. Return the log's signals, with the estimator's output as ``estimate.…``.
 
     Args:
-        log: whose signals ``downlink`` are samples of all that the estimator listens to. Of a simulation or a flight
-            the rows are the autopilot's steps, as for `replay`.
-        estimator: as an autopilot has it.
+        log: log whose signals ``downlink`` are samples of all sensors that the estimator reads. In a simulation or a
+            flight the rows are the autopilot's steps, as for `replay`.
+            estimator: an estimator, as in an autopilot.
         backend: "c", "jax" or "auto", as for simulate.
-        seed: of its draws, if it makes any.
+        seed: seed of the estimator's draws, if any.
 
     Raises:
-        InputError: a log that lacks what the estimator reads, or steps of it.
+        InputError: a log that lacks signals which the estimator reads, or steps.
     """
     if hasattr(estimator, "check"):
         estimator.check()
@@ -64,7 +64,7 @@ def replay_estimator(log: Log, estimator: Any, *, backend: str = "auto", seed: i
 
 
 def estimator_block(log: Log, estimator: Any, seed: int = 0) -> BlockDefinition:
-    """The estimator as a block: `Frame` in, `Estimate` out; the frame's structure is that of the log's samples."""
+    """Return the estimator as a block: `Frame` in, `Estimate` out; the frame has the structure of the log's samples."""
     samples = {name: _sample_structure(log, name) for name in estimator.listens}
     parameters, key = to_arrays(estimator), root_key(seed)
 
@@ -80,7 +80,7 @@ def estimator_block(log: Log, estimator: Any, seed: int = 0) -> BlockDefinition:
 
 
 def _check_fields(log: Log, block: BlockDefinition) -> None:
-    """Refuse a log whose samples lack a field that the estimator reads."""
+    """Raise InputError for a log whose samples lack a field that the estimator reads."""
     try:
         jax.eval_shape(lambda: block.step(block.parameters, block.init(block.parameters), block.input))
     except AttributeError as error:
@@ -91,7 +91,7 @@ def _check_fields(log: Log, block: BlockDefinition) -> None:
         base = f"{RECEIVED}.{sensor}.value."
         there = [p.removeprefix(base) for p in log.paths if p.startswith(base)]
         problem = f"the log's samples of {sensor!r} have no field {error.name!r}, which the estimator reads"
-        fix = f"write it with the samples; of a foreign log: in the mapping below [sensor.{sensor}.fields]"
+        fix = f"write it with the samples; for a foreign log, in the mapping below [sensor.{sensor}.fields]"
         fix += f"  {error.name} = {{from = …}}  or  {{constant = …}}"
         raise InputError("replay", problem, choices=there, fix=fix) from None
 

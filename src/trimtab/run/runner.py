@@ -1,4 +1,4 @@
-"""Flies runs, one or many, in C or on JAX: what is under `simulate`, a batch of one, and under batches."""
+"""Runner of one or many runs, in C or on JAX; the base of `simulate` and of batches."""
 
 import functools
 import sys
@@ -23,7 +23,7 @@ from trimtab.run.walk_program import WalkStructure, build_walk_library, final_co
 MAX_INSTANTS = 200_000_000
 BACKENDS = ("auto", "c", "jax")
 LEAST_LANE_RUNS = 64
-"""From so many runs on it pays to compile the program over lanes as well."""
+"""Least number of runs for which compiling the program over lanes is worthwhile."""
 _reported_parts: set[str] = set()
 
 T = TypeVar("T")
@@ -32,12 +32,12 @@ T = TypeVar("T")
 def prepare_run(
     scenario: Scenario, seeds: list[int], duration: int | None, log_period: int
 ) -> tuple[Scenario, Timetable, Any]:
-    """The checked scenario, its instants, and which of them are logged."""
+    """Return the checked scenario, its instants, and a mask of the logged ones."""
     if duration is not None:
         scenario = replace(scenario, duration=duration)
     scenario.check()
     if duration is not None and 0 < duration < min(scenario.world.periods()) and duration < scenario.autopilot.period:
-        problem = f"{duration} is {format_time(duration)}, in units of 100 ns, and less than any period of the loop"
+        problem = f"{duration} units of 100 ns are {format_time(duration)}, which is less than any period of the loop"
         raise InputError("duration", problem, fix=f'duration="{duration} s", or duration=seconds({duration})')
     for seed in seeds:
         check_seed(seed)
@@ -53,10 +53,9 @@ def prepare_run(
 
 
 def choose_c(backend: str, prepare: Callable[[], T]) -> T | None:
-    """What `prepare` makes where C flies, or None where JAX does.
+    """Return the result of `prepare` if C is used, or None if JAX is used.
 
-    C flies where it is asked for, or can be had. Without it "auto" flies on JAX, about ten times slower, and says so
-    once.
+    C is used if requested, or if available. Otherwise "auto" uses JAX, about ten times slower, and reports that once.
     """
     if backend not in BACKENDS:
         raise InputError("backend", f"{backend!r} is not a backend", choices=BACKENDS, fix='backend="auto"')
@@ -78,7 +77,7 @@ def _report_once(note: str, part: str) -> None:
 
 
 def check_signals(of: WalkStructure) -> None:
-    """Refuse names of signals that there are none of."""
+    """Raise InputError for unknown names of signals."""
     paths = [column.path for column in row_columns(of._replace(signals=()))]
     for name in of.signals:
         if not any(path == name or path.startswith(name + ".") for path in paths):
@@ -87,10 +86,10 @@ def check_signals(of: WalkStructure) -> None:
 
 
 class RunJob(NamedTuple):
-    """What is flown.
+    """Description of the runs to fly.
 
     own: position of each input that differs between runs -> its values, the run as first axis; empty for one run.
-    written: which instants are logged.  signals: which are logged or reduced; all when empty.
+    written: mask of the logged instants.  signals: signals to log or reduce; all when empty.
     log: keep the rows.  stats: reduce them.  progress: called a few times a second with the runs that are done.
     """
 
@@ -106,12 +105,12 @@ class RunJob(NamedTuple):
 
     @property
     def runs(self) -> int:
-        """How many fly."""
+        """Return the number of runs."""
         return len(next(iter(self.own.values()))) if self.own else 1
 
 
 class FlownRuns(NamedTuple):
-    """Numbers of runs, and what they are. backend: "c", "c lanes" or "jax"."""
+    """Results of runs, with their columns. backend: "c", "c lanes" or "jax"."""
 
     results: RunResults
     columns: list[Column]
@@ -144,21 +143,21 @@ def fly(job: RunJob, backend: str) -> FlownRuns:
 
 
 def _build_library(of: WalkStructure, job: RunJob) -> tuple[Path, int]:
-    """The library, scalar or over lanes, with the number of lanes: 0 of a scalar one."""
+    """Return the library, scalar or over lanes, and the number of lanes: 0 for a scalar one."""
     own = frozenset(job.own)
     compiler = find_compiler("c++") if job.runs >= LEAST_LANE_RUNS else None
     lanes = lane_count(compiler) if compiler is not None else 1
     if lanes > 1:
         try:
             return build_walk_library(of, lanes, own), lanes
-        except InputError as error:  # scalar code flies them
+        except InputError as error:  # falls back to scalar code
             if error.part != "lanes":
                 _report_once(f"flying runs one by one, not {lanes} at a time: {error}", error.part)
     return build_walk_library(of, 0, own), 0
 
 
 def _fly_jax(job: RunJob) -> RunResults:
-    """Runs on JAX: several by vmap over what differs, a single one plainly."""
+    """Fly runs on JAX: several by vmap over the inputs that differ, a single one directly."""
     rows = int(job.written.sum())
     row = np.minimum(row_numbers(job.written), rows).astype(np.int32)
     timing = (job.table.t, job.table.h, row)

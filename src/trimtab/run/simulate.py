@@ -1,6 +1,6 @@
-"""simulate: a scenario in virtual time, one compiled walk over its instants.
+"""simulate: flies a scenario in virtual time, as one compiled walk over its instants.
 
-One run, or many at once over lanes and threads, whose signals are logged, or reduced while they fly.
+It flies one run, or many at once over lanes and threads. Signals are logged, or reduced during the run.
 """
 
 import functools
@@ -40,27 +40,27 @@ def simulate(
     signals: tuple[str, ...] = (),
     backend: str = "auto",
 ) -> Log:
-    """Run a scenario in virtual time and give its log.
+    """Run a scenario in virtual time and return its log.
 
     >>> from trimtab import simulate
     >>> len(simulate("hovercraft/spin", seed=7, duration="100 ms"))
     100
 
     Args:
-        scenario: what flies, or its name (`scenarios.build`); checked whole before anything runs.
-        seed: of the random numbers, 0 … 2**32 - 1.
+        scenario: the scenario, or its name (`scenarios.build`); checked completely before the run.
+        seed: seed of the random numbers, 0 … 2**32 - 1.
         run: number of the run within a study; (seed, run) decides every random number.
         duration: "30 s", or integer time (100 ns units); the scenario's own when None.
-        log_period: how often signals are logged, likewise; a multiple of it is logged where some block is due.
-        signals: which signals are logged, e.g. ("truth", "law.mode"): a name takes all below it; all when empty.
-        backend: "c" compiles the loop with the machine's C compiler, "jax" flies it on JAX; "auto" takes C where it
-            can be had. Results agree to rounding (docs page, Backends).
+        log_period: time between rows of the log, likewise; multiples of it at which some block is due are logged.
+        signals: signals to log, e.g. ("truth", "law.mode"): a name includes all signals below it; all when empty.
+        backend: "c" compiles the loop with the machine's C compiler, "jax" flies it on JAX; "auto" uses C if available.
+        Results agree to rounding (docs page, Backends).
 
     Returns:
-        The log: every signal by its path, the true state at the end, and what is needed to run it again.
+        The log: every signal by its path, the true state at the end, and all data needed to repeat the run.
 
     Raises:
-        InputError: a value, a period, a name or a pair of parts that can't be flown, with the fix.
+        InputError: an invalid value, period, name or pair of parts, with the fix.
     """
     own, length, each = _resolve(scenario, duration, log_period)
     if has_stepped_vehicle(own):
@@ -78,13 +78,13 @@ def simulate(
 def _resolve(
     scenario: Scenario | str, duration: int | str | None, log_period: int | str
 ) -> tuple[Scenario, int | None, int]:
-    """A scenario for a name, and times for texts."""
+    """Return the scenario of a name, and the times of texts."""
     length = None if duration is None else as_time("duration", duration)
     return find_scenario(scenario), length, as_time("log_period", log_period)
 
 
 def compile_scenario(scenario: Scenario, *, duration: int | None = None, signals: tuple[str, ...] = ()) -> Program:
-    """A scenario as a compiled program, which flies without JAX; refused as `simulate` refuses, or with no compiler."""
+    """Return a scenario as a compiled program, which flies without JAX. Raise as `simulate`, or without a compiler."""
     scenario, table, _ = prepare_run(scenario, [], duration, ms(1))
     inputs = run_inputs(scenario)
     of = walk_structure(inputs, table.always, signals)
@@ -104,7 +104,7 @@ def compile_scenario(scenario: Scenario, *, duration: int | None = None, signals
 
 
 class _KeptProgram(NamedTuple):
-    """A program with what it was made of: structure and leaves of the scenario, and what its arrays held."""
+    """A program with its inputs: structure and leaves of the scenario, and the contents of its arrays."""
 
     program: Program
     tree: Any
@@ -114,12 +114,12 @@ class _KeptProgram(NamedTuple):
 
 @functools.lru_cache(maxsize=8)
 def _kept_programs(_: Scenario, __: int | None, ___: tuple[str, ...]) -> list[_KeptProgram]:
-    """The place of the program of this very scenario object; empty until it is compiled."""
+    """Return the cache of the program for this very scenario object; empty until compiled."""
     return []
 
 
 def _find_program(scenario: Scenario, duration: int | None, signals: tuple[str, ...]) -> Program:
-    """The scenario's program, compiled where it is not kept, or where a mapping or an array in it was changed since."""
+    """Return the scenario's program, compiled if not cached, or if a mapping or array in it has changed since."""
     kept = _kept_programs(scenario, duration, signals)
     leaves, tree = jax.tree.flatten(scenario)
     contents = [v.tobytes() for v in leaves if isinstance(v, np.ndarray)]
@@ -143,7 +143,7 @@ def simulate_many(
     backend: str = "auto",
     threads: int | None = None,
 ) -> list[Log]:
-    """`simulate` for many seeds at once, one log each; row i is equal to the single run of seeds[i]."""
+    """Run `simulate` for many seeds at once, one log each; log i equals that of the single run of seeds[i]."""
     chosen = list(seeds)
     own, length, each = _resolve(scenario, duration, log_period)
     own, table, written = prepare_run(own, chosen, length, each)
@@ -161,11 +161,11 @@ def simulate_many(
 
 
 class Batch(NamedTuple):
-    """What came of many runs; dictionaries by path, arrays with the run as first axis.
+    """Results of many runs; dictionaries by path, arrays with the run as first axis.
 
     seeds: (n,).  ticks: instants of the rows, 100 ns.  log: signals (n, rows, …), or empty.
     least, most, mean, rms: of the logged rows of each run, (n, …).  final: last values of the truth, (n, …).
-    backend: "c", "c lanes" or "jax".  spread: the parameters that differed, (n, …).
+    backend: "c", "c lanes" or "jax".  spread: the parameters that differ between runs, (n, …).
     """
 
     seeds: Any
@@ -202,24 +202,24 @@ def simulate_batch(
     (4,)
 
     Args:
-        scenario: what flies, or its name; checked whole before anything runs.
-        seeds: one for each run.
-        runs: number of each run within a study, the second word of its key; 0 when None. Of a scenario with words
-            also the words of each run, (n, m).
+        scenario: the scenario, or its name; checked completely before the runs.
+        seeds: a seed for each run.
+        runs: number of each run within a study, the second word of its key; 0 when None. For a scenario with words
+        also the words of each run, (n, m).
         spread: path of a parameter -> its value in each run, shape (n, …), e.g. {"world.vehicle.mass": masses}.
-        signals: which are reduced, and logged when `log`; all when empty.
-        log_period: how often rows are taken; a multiple of it where some block is due.
+        signals: signals to reduce, and to log with `log`; all when empty.
+        log_period: time between rows; multiples of it at which some block is due.
         log: keep the rows of every run; memory grows with runs x rows.
         duration: "30 s", or integer time; the scenario's own when None.
         backend: "auto", "c" or "jax", as in `simulate`.
-        threads: how many fly; as many as there are cores when None.
+        threads: number of threads; the number of cores when None.
         progress: called a few times a second with the number of runs that are done; in C only.
 
     Returns:
-        Rows reduced to least, most, mean and rms, last values, and the log when wanted.
+        Least, most, mean and rms of the rows, last values, and the log if wanted.
 
     Raises:
-        InputError: what `simulate` refuses; a spread of an unknown path or of another shape.
+        InputError: as `simulate`; or for a spread of an unknown path or of another shape.
     """
     chosen = list(seeds)
     flying, length, each = _resolve(scenario, duration, log_period)

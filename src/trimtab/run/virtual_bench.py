@@ -1,7 +1,8 @@
-"""A virtual bench: the source's calibration procedures as data, of a craft whose numbers are known but to nobody else.
+"""A virtual bench: data of the thesis's calibration procedures, for a craft with known true parameters.
 
-What a person meets is in it: a gauge of 0.1 N divisions that is read to half of one, a tether that sticks, a protractor
-read to half a degree, a linkage with play, a battery that sags from reading to reading, a speed that is held by hand.
+It includes the errors of a real bench: a gauge with divisions of 0.1 N, read to half a division, a tether with
+friction, a protractor read to half a degree, a linkage with play, a battery that sags between readings, and a speed
+held by hand.
 
 [1] is Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006, section 4.3.
 """
@@ -29,11 +30,11 @@ from trimtab.vehicles.hovercraft import Friction, Hovercraft, HovercraftState
 
 PAIR = "free2move/linksys 2.9/22.0"
 GYRO_DELAY = 2
-"""Samples, as stands behind [1] table 6.5."""
+"""Delay of the gyro in samples, behind [1] table 6.5."""
 DIVISION, TETHER = 0.1, 0.02
-"""Gauge: its divisions and what the tether's friction holds back at most (N)."""
+"""Divisions of the gauge, and largest friction of the tether (N)."""
 PROTRACTOR, PLAY = 0.5 * DEG, 0.4 * DEG
-"""What the eye makes of the protractor, standard deviation, and half the play of the linkage (rad)."""
+"""Standard deviation of a protractor reading, and half the play of the linkage (rad)."""
 SPIN_UP_FORCE, SPIN_UP_RUDDER = 1.1, -20 * DEG
 Rows = tuple[Sequence[str], Sequence[Sequence[float]]]
 """Headings with their units, and the rows under them."""
@@ -50,7 +51,7 @@ class BenchCraft(NamedTuple):
     delay: tuple[float, float, float]
 
     def true_calibration(self) -> Calibration:
-        """Its true numbers, by the names that a calibration has for them."""
+        """Return the true parameters, by their names in a calibration."""
         t, g, f = self.thruster, self.gyro, self.vehicle.friction
         numbers = {
             "RudderServo.angles": (self.servo.angles, "rad"),
@@ -73,7 +74,7 @@ class BenchCraft(NamedTuple):
 
 
 def draw_craft(seed: int) -> BenchCraft:
-    """A craft that differs from the source's as crafts of one plan do."""
+    """Return a craft that differs from the thesis's as crafts of the same design do."""
     g = np.random.default_rng([seed, 1])
 
     def near(value: float, share: float) -> float:
@@ -102,7 +103,7 @@ def draw_craft(seed: int) -> BenchCraft:
 
 
 def run_bench(craft: BenchCraft, seed: int) -> dict[str, Rows]:
-    """Every procedure once: file name -> headings and rows."""
+    """Run every procedure once. Return file name -> headings and rows."""
     g = np.random.default_rng([seed, 2])
     procedures: Mapping[str, Callable[[BenchCraft, np.random.Generator], Rows]] = {
         "servo.csv": _measure_servo,
@@ -119,7 +120,7 @@ def run_bench(craft: BenchCraft, seed: int) -> dict[str, Rows]:
 
 
 def write_bench(folder: Path, tables: Mapping[str, Rows]) -> list[Path]:
-    """Write the tables as CSV; returns the files."""
+    """Write the tables as CSV. Return the files."""
     folder.mkdir(parents=True, exist_ok=True)
     files = []
     for name, (headings, rows) in tables.items():
@@ -130,7 +131,7 @@ def write_bench(folder: Path, tables: Mapping[str, Rows]) -> list[Path]:
 
 
 def _measure_servo(craft: BenchCraft, g: np.random.Generator) -> Rows:
-    """Pulses up and down three times; the linkage hangs behind by its play."""
+    """Measure the servo with pulses up and down, three times; the linkage lags by its play."""
     pulses, rows = 1.0e-3 + 50e-6 * np.arange(21), []
     for trial in range(1, 7):
         way = 1 if trial % 2 else -1
@@ -141,7 +142,7 @@ def _measure_servo(craft: BenchCraft, g: np.random.Generator) -> Rows:
 
 
 def _measure_hull(craft: BenchCraft, g: np.random.Generator) -> Rows:
-    """The hull at rest on its string, at 13 rudder angles, approached from both sides."""
+    """Measure the hull at rest on its string, at 13 rudder angles, approached from both sides."""
     rows = []
     for trial in (1, 2, 3, 4):
         theta = np.arange(-30, 31, 5) * DEG
@@ -153,19 +154,19 @@ def _measure_hull(craft: BenchCraft, g: np.random.Generator) -> Rows:
 
 
 def _read_gauge(force: Any, g: np.random.Generator) -> Any:
-    """A reading to half a division, of a tether that sticks on either side."""
+    """Return a reading to half a division, with friction of the tether in either direction."""
     held = force + TETHER * g.uniform(-1, 1, np.shape(force)) + 0.02 * g.standard_normal(np.shape(force))
     return np.maximum(np.round(held / (DIVISION / 2)) * (DIVISION / 2), 0)
 
 
 def _draw_speeds(steps: Any, g: np.random.Generator) -> Any:
-    """Speeds (rpm) as the tachometer shows them: held by hand, and the battery sags as the afternoon goes."""
+    """Return speeds (rpm) shown by the tachometer: held by hand, with a battery that sags over time."""
     sag = 1 - 0.06 * np.linspace(0, 1, len(steps)) * (np.asarray(steps) / 12000) ** 2
     return np.round(np.asarray(steps) * sag * (1 + 0.01 * g.standard_normal(len(steps))), -1)
 
 
 def _measure_thrust(craft: BenchCraft, g: np.random.Generator) -> Rows:
-    """Nine rudder angles, eight speeds each, twice."""
+    """Measure thrust at nine rudder angles, eight speeds each, twice."""
     rows = []
     for trial in (1, 2):
         for theta in np.arange(-40, 41, 10) * DEG:
@@ -176,7 +177,7 @@ def _measure_thrust(craft: BenchCraft, g: np.random.Generator) -> Rows:
 
 
 def _measure_reverse(craft: BenchCraft, g: np.random.Generator) -> Rows:
-    """Thirteen speeds, three times, the rudder straight."""
+    """Measure thrust at thirteen speeds, three times, with the rudder straight."""
     rows, straight = [], craft.thruster.offset
     for trial in (1, 2, 3):
         for n in np.arange(6000, 12001, 500):
@@ -186,7 +187,7 @@ def _measure_reverse(craft: BenchCraft, g: np.random.Generator) -> Rows:
 
 
 def _measure_trials(craft: BenchCraft, g: np.random.Generator) -> Rows:
-    """Ten spin-ups with their initial slopes, half of them to either side."""
+    """Measure the initial slopes of ten spin-ups, five to each side."""
     rows = []
     for trial in range(1, 11):
         theta = (-20 if trial % 2 else 25) * DEG
@@ -199,7 +200,7 @@ def _measure_trials(craft: BenchCraft, g: np.random.Generator) -> Rows:
 
 
 def _log_spin_up(craft: BenchCraft, g: np.random.Generator) -> Rows:
-    """The yaw rate each 20 ms, held for a second and let go at full force."""
+    """Log the yaw rate each 20 ms: the craft is held for a second and released at full force."""
     psi = (craft.geometry.offset - SPIN_UP_RUDDER) / craft.geometry.ratio
     push = PlanarForce(SPIN_UP_FORCE * np.cos(psi), -SPIN_UP_FORCE * np.sin(psi))
     rate = _spin(craft.vehicle, push, 0.0, 0.02, 150)
@@ -208,7 +209,7 @@ def _log_spin_up(craft: BenchCraft, g: np.random.Generator) -> Rows:
 
 
 def _log_coast_down(craft: BenchCraft, g: np.random.Generator) -> Rows:
-    """Three spins, let run out."""
+    """Log three spins that coast down."""
     rows = []
     for trial, start in enumerate((6.0, -4.0, 2.0), 1):
         rate = _spin(craft.vehicle, PlanarForce(0.0, 0.0), start, 0.05, 240)
@@ -218,7 +219,7 @@ def _log_coast_down(craft: BenchCraft, g: np.random.Generator) -> Rows:
 
 
 def _log_sweep(craft: BenchCraft, g: np.random.Generator) -> Rows:
-    """The gyro on a table that swings faster and faster, to 40 Hz in 20 s."""
+    """Log the gyro on a table that swings at rising frequency, up to 40 Hz in 20 s."""
     T = to_seconds(TICK)
     t = T * np.arange(3000)
     u = 2.0 * np.sin(np.pi * (40 / t[-1]) * t**2)
@@ -229,7 +230,7 @@ def _log_sweep(craft: BenchCraft, g: np.random.Generator) -> Rows:
 
 
 def _record_delays(craft: BenchCraft, g: np.random.Generator) -> Rows:
-    """Three hundred packets, as link-test records them; one in a hundred is lost."""
+    """Record three hundred packets, as link-test does; one in a hundred is lost."""
     mean, sd, shift = craft.delay
     shape = ((mean - shift) / sd) ** 2
     delays = shift + g.gamma(shape, sd**2 / (mean - shift), 300)
@@ -239,7 +240,7 @@ def _record_delays(craft: BenchCraft, g: np.random.Generator) -> Rows:
 
 @jax.jit(static_argnums=(4,))
 def _spin(vehicle: Hovercraft, push: PlanarForce, start: Any, dt: Any, n: int) -> Any:
-    """Yaw rates (n,) after 1, 2, … n steps of dt (s) from a rate (rad/s), integrated in a hundredth of that."""
+    """Return yaw rates (n,) after 1, 2, … n steps of dt (s) from a rate (rad/s), integrated with dt/100."""
     parts = 20
 
     def advance(x: HovercraftState, _: Any) -> Any:

@@ -1,4 +1,4 @@
-"""A whole closed loop as C, from parameters to rows of the log and statistics; threads share the runs."""
+"""C code of a whole closed loop, from parameters to rows of the log and statistics; threads share the runs."""
 
 import functools
 from pathlib import Path
@@ -30,7 +30,7 @@ from trimtab.run.program import Column
 
 
 class WalkStructure(NamedTuple):
-    """What decides the compiled text: tree, shapes and types of the inputs, due periods, signals."""
+    """Everything that determines the compiled text: tree, shapes and types of inputs, due periods, signals."""
 
     tree: Any
     shapes: tuple[tuple[tuple[int, ...], str], ...]
@@ -38,19 +38,19 @@ class WalkStructure(NamedTuple):
     signals: tuple[str, ...]
 
     def zero_inputs(self) -> RunInputs:
-        """Inputs of this structure, every number zero."""
+        """Return inputs of this structure, every number zero."""
         return jax.tree.unflatten(self.tree, [np.zeros(shape, dtype) for shape, dtype in self.shapes])
 
 
 def walk_structure(inputs: RunInputs, always: frozenset[int], signals: tuple[str, ...]) -> WalkStructure:
-    """The structure of a walk from these inputs. always: periods that are due at every instant."""
+    """Return the structure of a walk from these inputs. always: periods that are due at every instant."""
     leaves, tree = jax.tree.flatten(inputs)
     return WalkStructure(tree, tuple((np.shape(v), str(np.asarray(v).dtype)) for v in leaves), always, signals)
 
 
 @functools.lru_cache(maxsize=32)
 def _first_instant(of: WalkStructure) -> tuple[WorldState, Signals]:
-    """State of the world and signals before the first instant, for their structure; traced once for all who ask."""
+    """Return the world's state and the signals before the first instant, for their structure; traced only once."""
 
     def begin(inputs: RunInputs) -> tuple[WorldState, Signals]:
         states = inputs.initial_states()
@@ -60,20 +60,20 @@ def _first_instant(of: WalkStructure) -> tuple[WorldState, Signals]:
 
 
 def signal_structure(inputs: RunInputs) -> Signals:
-    """The signals of a run, for their structure; nothing flies."""
+    """Return the signals of a run, for their structure; nothing flies."""
     return _first_instant(walk_structure(inputs, frozenset(), ()))[1]
 
 
 @functools.lru_cache(maxsize=32)
 def row_columns(of: WalkStructure) -> list[Column]:
-    """What the numbers of a row are."""
+    """Return the columns of a row."""
     _, structure = _first_instant(of._replace(always=frozenset(), signals=()))
     return [Column(p, v.shape, str(v.dtype), declared) for p, v, declared in logged_signals(structure, of.signals)]
 
 
 @functools.lru_cache(maxsize=32)
 def final_columns(of: WalkStructure) -> list[Column]:
-    """What the last values are: the truth, and what the integration says of its last step."""
+    """Return the columns of the last values: the truth, and the integration's report on its last step."""
     s, _ = _first_instant(of._replace(always=frozenset(), signals=()))
     last = {"truth": s.x, "world": s.integrated}
     return [
@@ -85,19 +85,19 @@ def final_columns(of: WalkStructure) -> list[Column]:
 
 @functools.lru_cache(maxsize=32)
 def lower_structure(of: WalkStructure) -> "WalkProgram":
-    """The program of a structure; the numbers of its inputs play no part."""
+    """Return the program of a structure; it doesn't depend on the numbers of the inputs."""
     begin, step, count = _trace_closed_loop(of.zero_inputs(), of.always, of.signals)
     return lower_walk(begin, step, count)
 
 
 @functools.lru_cache(maxsize=64)
 def build_walk_library(of: WalkStructure, lanes: int = 0, own: frozenset[int] = frozenset()) -> Path:
-    """The shared library of a walk: scalar, or over lanes with the inputs at `own` different in each."""
+    """Return the shared library of a walk: scalar, or over lanes with the inputs at `own` different in each."""
     return build_program(lower_structure(of), lanes, own)
 
 
 def build_program(program: "WalkProgram", lanes: int, own: frozenset[int]) -> Path:
-    """The shared library of a program; lanes, own: as of `WalkProgram.text`."""
+    """Return the shared library of a program. lanes, own: as of `WalkProgram.text`."""
     extra = ("-pthread", *build_level(program.blocks, lanes))
     return build_library(program.text(lanes, own), "c++" if lanes else "c", extra=extra)
 
@@ -105,9 +105,9 @@ def build_program(program: "WalkProgram", lanes: int, own: frozenset[int]) -> Pa
 class WalkProgram(NamedTuple):
     """A lowered walk over instants.
 
-    blocks: what is computed once, and the start with the loop.  inputs: parameters, first state and key, flat.
+    blocks: the code computed once, and the start with the loop.  inputs: parameters, first state and key, flat.
     loop: over the instants.  final: the first parts of the state at the end.  width: numbers in a row of the log.
-    live: what is needed.
+    live: the values that are needed.
     """
 
     blocks: list[Block]
@@ -118,7 +118,7 @@ class WalkProgram(NamedTuple):
     live: set[int]
 
     def text(self, lanes: int = 0, own: frozenset[int] = frozenset()) -> str:
-        """C, or C++ over lanes, in which the inputs at the positions `own` differ from run to run."""
+        """Return C, or C++ over lanes, in which the inputs at the positions `own` differ from run to run."""
         inputs = [t for i in own for t in _array_leaves(self.inputs[i])]
         varying = find_varying(self.blocks, inputs, []) if lanes else None
         tables = [self.inputs[i].buffer for i in own]
@@ -148,7 +148,7 @@ def lower_walk(begin: Any, step: Any, final_count: int) -> WalkProgram:
     Args:
         begin: jaxpr, inputs -> state.
         step: jaxpr, (inputs, state, t, h) -> (state, row of float64).
-        final_count: how many leaves of the state, from the first, are its last values.
+        final_count: number of leaves of the state, from the first, that are its last values.
     """
     b = Builder(hoist=True)
     lowering = Lowering(b, RULES)
@@ -180,7 +180,7 @@ def lower_walk(begin: Any, step: Any, final_count: int) -> WalkProgram:
 
 
 def _trace_closed_loop(inputs: RunInputs, always: frozenset[int], names: tuple[str, ...]) -> tuple[Any, Any, int]:
-    """Programs of the start and of one instant, and how many leaves of the state, from the first, are last values.
+    """Return the programs of start and instant, and the number of leaves of the state, from the first, to return.
 
     The state is flattened with the truth and the integration first.
     """
@@ -204,7 +204,7 @@ def _trace_closed_loop(inputs: RunInputs, always: frozenset[int], names: tuple[s
 
 
 def _record_row(b: Builder, index: Value, row: list[Value]) -> None:
-    """The row is written where the timetable says so."""
+    """Write the row at instants for which the timetable has a row."""
     where = b.load(Buffer("i32", 0, "input", "row"), index)
     rows = b.load(Buffer("i32", 0, "input", "rows"), b.index(0))
     branch = If(b.op("lt", where, rows, dtype="bool"), Block(), Block())
@@ -286,7 +286,7 @@ def _assemble_source(w: Writer, program: WalkProgram, lanes: int) -> str:
 
 
 def _work_with_workspace(size: int) -> str:
-    """A thread's text where flying needs memory for large arrays; one that gets none leaves the runs to others."""
+    """Return a thread's text if a flight needs memory for large arrays; a thread without memory leaves its runs."""
     taken = f"""    char *const memory = (char *)malloc({size} + 64);
     if (!memory)
         return 0;
@@ -303,7 +303,7 @@ def _array_leaves(array: Array) -> list[Any]:
 
 
 def _write_parameters(w: Writer, program: WalkProgram, lanes: int, own: frozenset[int]) -> None:
-    """Each input under its name: from what all runs share, or from the run's own numbers."""
+    """Write each input under its name: from the shared inputs, or from the run's own."""
     at = {False: 0, True: 0}
     for i, array in enumerate(program.inputs):
         differs = i in own
@@ -338,7 +338,7 @@ def _write_table(w: Writer, name: str, array: Array, differs: bool, start: int, 
 
 
 def _input_text(position: int | str, dtype: str, differs: bool, lanes: int) -> str:
-    """An input in its own type; one that differs is the run's, and over lanes a truth value is all bits or none."""
+    """Return an input in its own type; a differing one is the run's own; over lanes a Boolean is all bits or none."""
     cast = "-(int64_t)" if differs and lanes and dtype == "bool" else f"({C_TYPES[dtype]})"
     if not differs:
         return f"{cast}shared[{position}]"
@@ -355,7 +355,7 @@ def _timetable_buffers(block: Block) -> list[tuple[str, Buffer]]:
 
 
 def _number_text(w: Writer, v: Value) -> str:
-    """A value of this lane as a double."""
+    """Return a value of this lane as a double."""
     text = w.name(v)
     if not w.varies(v):
         return f"(double){text}"

@@ -1,1 +1,1 @@
-"""What `trimtab new` writes: for each kind a part that flies, its test and its page, tested here as they are."""
+"""Templates of `trimtab new`: for each kind a part that flies, its test and its page, tested here unchanged."""

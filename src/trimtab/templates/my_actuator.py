@@ -12,23 +12,25 @@ from trimtab.vehicles.cart_pole import CartForce
 
 @record
 class MyActuator:  # its fields are settings: --set world.actuators.stages.force.0.friction=2
-    """A motor that friction holds up to some size of command, with a lag and two stops. Source: this file.
+    """A motor with static friction, a lag and two stops. Source: this file.
 
     One stage of an ActuatorBank, which gives it one field of the vehicle's input: units and shape are that field's.
     """
 
-    # `off=` is what --without my-friction puts in its place
-    friction: Any = quantity("1", "Size up to which nothing comes.", default=0.2, low=0, off={"my-friction": 0.0})
-    time_constant: Any = quantity("s", "Of the lag.", default=0.03, above=0)
+    # `off=` is the value with --without my-friction
+    friction: Any = quantity(
+        "1", "Size up to which a command has no effect.", default=0.2, low=0, off={"my-friction": 0.0}
+    )
+    time_constant: Any = quantity("s", "Time constant of the lag.", default=0.03, above=0)
     low: Any = quantity("1", "Stop.", default=-10.0)
-    high: Any = quantity("1", "The other stop.", default=10.0)
+    high: Any = quantity("1", "Upper stop.", default=10.0)
 
     def init(self, rest: Any) -> Any:
-        """The first state: where it stands, at the neutral value."""
+        """Return the first state: the position at the neutral value."""
         return jnp.asarray(rest, float)
 
     def step(self, state: Any, value: Any, dt: Any) -> tuple[Any, StageOutput]:
-        """Where it stands dt (s) later, a value commanded and held: exact, and so stable for every dt."""
+        """Return the position dt (s) later, with a held command: exact, and so stable for every dt."""
         wanted = value - jnp.clip(value, -self.friction, self.friction)
         stop = jnp.clip(wanted, self.low, self.high)
         now = stop + (state - stop) * jnp.exp(-dt / self.time_constant)

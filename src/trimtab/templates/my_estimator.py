@@ -12,31 +12,31 @@ from trimtab.sensors.planar_pose import PlanarPoseState
 
 
 @record
-class MyEstimatorState:  # what it remembers from one step to the next
+class MyEstimatorState:  # kept from one step to the next
     """The last estimate. Source: this file."""
 
-    pose: PlanarPoseState = part("Velocity in B, rate of turn, heading and place.")
-    begun: Any = quantity("1", "Whether there was a measurement.", kind="flag")
+    pose: PlanarPoseState = part("Velocity in B, rate of turn, heading and position.")
+    begun: Any = quantity("1", "True once there was a measurement.", kind="flag")
 
 
 @record
 class MyEstimator:  # its fields are settings: --set autopilot.estimator.share=1
-    """Takes noise out of measured velocities by a low-pass filter; the rest it believes. Source: this file."""
+    """Low-pass filter of measured velocities; all other measurements pass unchanged. Source: this file."""
 
-    sensor: str = option("Whose samples it reads.", default="navigation")
-    share: Any = quantity("1", "Of a new measurement; 1: no filter.", default=0.3, above=0, high=1)
+    sensor: str = option("Name of the sensor.", default="navigation")
+    share: Any = quantity("1", "Weight of a new measurement; 1: no filter.", default=0.3, above=0, high=1)
 
     @property
     def listens(self) -> tuple[str, ...]:
-        """The sensors whose samples it needs."""
+        """Return the sensors whose samples it needs."""
         return (self.sensor,)
 
     def init(self, key: Any) -> MyEstimatorState:
-        """Nothing measured yet."""
+        """Return the first state: nothing measured yet."""
         return MyEstimatorState(PlanarPoseState(0.0, 0.0, 0.0, 0.0, 0.0, 0.0), jnp.zeros((), bool))
 
     def step(self, t: Any, state: Any, frame: Frame) -> tuple[MyEstimatorState, Estimate]:
-        """The estimate at integer time t (100 ns). No Python `if` on a sample: jnp.where, or tree_where of a record."""
+        """Return the estimate at integer time t (100 ns). No Python `if` on a sample: jnp.where, or tree_where."""
         sample = frame.samples[self.sensor]  # with .fresh: seen for the first time; .valid: there was one at all
         z, x, share = sample.value, state.pose, jnp.where(state.begun, self.share, 1.0)
         filtered = replace(
@@ -51,7 +51,7 @@ class MyEstimator:  # its fields are settings: --set autopilot.estimator.share=1
 
 
 def scenario() -> Scenario:
-    """A model ship along way-points, in a current; this filter takes the place of what believes every sample."""
+    """A model ship along way-points, in a current; this filter replaces the estimator that trusts every sample."""
     base = build("vessel/path")
     autopilot = replace(base.autopilot, estimator=MyEstimator())
     return replace(base, autopilot=autopilot, duration=seconds(20), name="my_estimator")

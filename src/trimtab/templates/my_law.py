@@ -1,4 +1,4 @@
-"""A law of your own, a ship's autopilot as it stands here: trimtab run my_law.py:scenario"""
+"""A law of your own, at first a ship's autopilot: trimtab run my_law.py:scenario"""
 
 from typing import Any, ClassVar
 
@@ -13,30 +13,30 @@ from trimtab.vehicles.surface_vessel import VesselControls
 
 @record
 class MyLawOutput:  # all of it is logged: law.demand.rudder, law.off_course
-    """What the law wants, and how far off it is. Source: this file."""
+    """Demand of the law, and its error. Source: this file."""
 
-    demand: VesselControls = part("Rudder (rad) and shafts (rad/s); of another vehicle its own input.")
-    off_course: Scalar = quantity("rad", "Heading less the one wanted.", frame="WB", kind="angle")
+    demand: VesselControls = part("Rudder (rad) and shafts (rad/s); for another vehicle, its own input.")
+    off_course: Scalar = quantity("rad", "Heading minus wanted heading.", frame="WB", kind="angle")
 
 
 @record
 class MyLaw:  # its fields are settings: --set autopilot.law.k_heading=2
-    """Holds a heading by the rudder, the shafts turning steadily. Source: this file."""
+    """Heading control by the rudder, at constant shaft speed. Source: this file."""
 
-    heading: Scalar = quantity("rad", "Wanted, from north, clockwise.", frame="WB", kind="angle", default=1.0)
-    k_heading: Scalar = quantity("1", "Rudder by heading.", default=1.0, low=0)
-    k_rate: Scalar = quantity("s", "Rudder by rate of turn.", default=2.0, low=0)
-    most: Scalar = quantity("rad", "Rudder at most.", default=0.5, above=0)
-    shaft_speed: Scalar = quantity("rad/s", "Of the propellers.", default=100.0, low=0)
+    heading: Scalar = quantity("rad", "Wanted heading from north, clockwise.", frame="WB", kind="angle", default=1.0)
+    k_heading: Scalar = quantity("1", "Gain from heading to rudder.", default=1.0, low=0)
+    k_rate: Scalar = quantity("s", "Gain from rate of turn to rudder.", default=2.0, low=0)
+    most: Scalar = quantity("rad", "Maximum rudder angle.", default=0.5, above=0)
+    shaft_speed: Scalar = quantity("rad/s", "Speed of the propellers.", default=100.0, low=0)
 
-    reads: ClassVar[tuple[str, ...]] = ("yaw_rate", "heading")  # what the estimate must have: rad/s in B, rad
+    reads: ClassVar[tuple[str, ...]] = ("yaw_rate", "heading")  # needed from the estimate: rad/s in B, rad
 
     def init(self, key: Any) -> tuple[()]:
-        """The first state: none. An integral, say, would be a record, and step() would return the next one."""
+        """Return the first state, here empty. An integral would be a record, and step() would return the next one."""
         return ()
 
     def step(self, t: Scalar, state: tuple[()], estimate: Estimate) -> tuple[tuple[()], MyLawOutput]:
-        """The demand at integer time t (100 ns); estimate.dt (s) is the time between two steps."""
+        """Return the demand at integer time t (100 ns); estimate.dt (s) is the time between two steps."""
         off = wrap(estimate.state.heading - self.heading)  # rad, the shorter way
         rudder = self.k_heading * off + self.k_rate * estimate.state.yaw_rate  # pushes the stern to starboard
         demand = VesselControls(jnp.clip(rudder, -self.most, self.most), self.shaft_speed)
@@ -44,7 +44,7 @@ class MyLaw:  # its fields are settings: --set autopilot.law.k_heading=2
 
 
 def scenario() -> Scenario:
-    """A model ship in a current, steered from ashore over a radio."""
+    """Return the scenario: a model ship in a current, steered from ashore over a radio."""
     base = build("vessel/path")
     autopilot = replace(base.autopilot, law=MyLaw())
     goal = Target("law.off_course", 0.0, 0.1)  # value, band: rad

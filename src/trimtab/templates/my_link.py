@@ -16,30 +16,30 @@ from trimtab.links.fifo import empty_slots, measurement_time, read_slot, receive
 
 @record
 class MyLinkState:
-    """What is under way, one slot for each packet, and what has arrived last. Source: this file."""
+    """Packets in transit, one slot for each, and the last one that arrived. Source: this file."""
 
-    key: Key = part("Of the packets' fates.")
-    values: Any = part("What is under way; each number with a leading axis of slots.")
-    times: Any = quantity("100 ns", "When that was measured; NEVER: the packet was lost.", kind="time")
-    value: Any = part("What has arrived last.")
-    time: Any = quantity("100 ns", "When that was measured.", kind="time")
+    key: Key = part("Random key of the losses.")
+    values: Any = part("Values in transit; each number has a leading axis of slots.")
+    times: Any = quantity("100 ns", "Measurement times of the values; NEVER: the packet was lost.", kind="time")
+    value: Any = part("Last value that arrived.")
+    time: Any = quantity("100 ns", "Measurement time of the last value.", kind="time")
 
 
 @record
 class MyLink:  # its fields are settings: --set world.uplink.loss=0.3
-    """A packet leaves each period, takes `steps` of them, and may be lost; the last is kept. Source: this file."""
+    """Each period one packet leaves; it arrives `steps` periods later, or is lost. Source: this file."""
 
     loss: Any = imperfection("1", "Probability that a packet is lost.", "loss", high=1, default=0.05)
-    steps: int = option("How long a packet takes, in periods; 1 or more.", default=2)
+    steps: int = option("Delay of a packet, in periods; 1 or more.", default=2)
     period: int = period("Time between packets.", default=ms(20))
 
     def init(self, key: Key, like: Sample) -> MyLinkState:
-        """Nothing under way, for samples of the structure of `like`: of a sensor, or a command."""
+        """Return the first state, without packets, for samples like `like`: of a sensor, or a command."""
         values, times = empty_slots(like.value, self.steps), np.full(self.steps, NEVER, np.int64)
         return MyLinkState(key, values, times, like.value, np.int64(NEVER))
 
     def step(self, t: Any, state: Any, sample: Sample) -> tuple[MyLinkState, Sample]:
-        """What the far end holds at integer time t (100 ns); a command of 100 ms ago has age 0.1 s."""
+        """Return the sample at the far end at integer time t (100 ns); a command of 100 ms ago has age 0.1 s."""
         k = t // self.period  # number of the packet that leaves
         slot, ring = k % self.steps, (state.values, state.times)
         arrived, time = read_slot(ring, slot)  # which left `steps` periods ago
@@ -52,6 +52,6 @@ class MyLink:  # its fields are settings: --set world.uplink.loss=0.3
 
 
 def scenario() -> Scenario:
-    """The hovercraft drives forward, its navigation without errors; this link carries what the autopilot commands."""
+    """The hovercraft drives forward, its navigation without errors; this link carries the autopilot's commands."""
     base = build("hovercraft/forward", without=["navigation-error"])
     return replace(base, world=replace(base.world, uplink=MyLink()), name="my_link")

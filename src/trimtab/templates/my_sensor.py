@@ -10,26 +10,26 @@ from trimtab.core.signals import Motion, PlanarState, Sample, new_sample
 
 @record
 class MySensor:  # its fields are settings: --set world.sensors.navigation.rate_noise=0
-    """Velocity, rate of turn and heading, with noise and a gyro's bias that stays for a flight. Source: this file."""
+    """Velocity, rate of turn and heading, with noise, and a gyro bias for each flight. Source: this file."""
 
-    # `imperfection` is what --without sensor-noise switches off: such a number is zero then
-    velocity_noise: Any = imperfection("m/s", "Standard deviation.", "sensor-noise", default=0.02)
-    rate_noise: Any = imperfection("rad/s", "Standard deviation.", "sensor-noise", default=0.01)
-    heading_noise: Any = imperfection("rad", "Standard deviation.", "sensor-noise", default=0.02)
-    rate_bias: Any = imperfection("rad/s", "Standard deviation, from flight to flight.", "gyro-bias", default=0.02)
+    # an `imperfection` is zero when it is switched off: --without sensor-noise
+    velocity_noise: Any = imperfection("m/s", "Standard deviation of the velocity noise.", "sensor-noise", default=0.02)
+    rate_noise: Any = imperfection("rad/s", "Standard deviation of the rate noise.", "sensor-noise", default=0.01)
+    heading_noise: Any = imperfection("rad", "Standard deviation of the heading noise.", "sensor-noise", default=0.02)
+    rate_bias: Any = imperfection("rad/s", "Standard deviation of the bias between flights.", "gyro-bias", default=0.02)
     period: int = period("Time between samples.", default=ms(10))
 
     def init(self, key: Key) -> Key:
-        """The first state: the key of its random numbers, which differs from flight to flight."""
+        """Return the first state: the key of its random numbers, which differs from flight to flight."""
         return key
 
     def measure(self, motion: Motion) -> PlanarState:
-        """Without error. The motion's vectors have shape (3,); v_WB_B, w_WB_B are resolved in the body."""
+        """Return the measurement without error. The motion's vectors have shape (3,); v_WB_B, w_WB_B are in B."""
         u, v, r = motion.v_WB_B[0], motion.v_WB_B[1], motion.w_WB_B[2]  # forward, starboard: m/s; clockwise: rad/s
         return PlanarState(surge_velocity=u, sway_velocity=v, yaw_rate=r, heading=motion.attitude[2])
 
     def step(self, t: Any, state: Key, motion: Motion) -> tuple[Key, Sample]:
-        """The sample at integer time t (100 ns); k is its number, and each stream gives two standard normals."""
+        """Return the sample at integer time t (100 ns); k is its number, and each stream gives two standard normals."""
         x, k = self.measure(motion), t // self.period
         (n0, n1), (n2, n3), (bias, _) = normal2(state, k, 0), normal2(state, k, 1), normal2(state, 0, 2)
         measured = PlanarState(
@@ -42,7 +42,7 @@ class MySensor:  # its fields are settings: --set world.sensors.navigation.rate_
 
 
 def scenario() -> Scenario:
-    """The hovercraft drives forward; this sensor takes the place of its navigation."""
+    """The hovercraft drives forward; this sensor replaces its navigation."""
     base = build("hovercraft/forward")
     world = replace(base.world, sensors={"navigation": MySensor()})
     return replace(base, world=world, name="my_sensor")

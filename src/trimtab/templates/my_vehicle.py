@@ -1,4 +1,4 @@
-"""A vehicle of your own, a bicycle as it stands here: trimtab run my_vehicle.py:scenario"""
+"""A vehicle of your own, at first a bicycle: trimtab run my_vehicle.py:scenario"""
 
 import jax.numpy as jnp
 
@@ -16,36 +16,40 @@ from trimtab.sensors.flight_state import TrueState
 
 @record
 class MyVehicleState:  # what is integrated; a field may be a vector: shape=(3,), default=(0, 0, 0)
-    """Where it is. Source: this file."""
+    """State of the bicycle. Source: this file."""
 
-    lean: Scalar = quantity("rad", "From upright, to starboard.", frame="WB", kind="angle", default=0.0)
-    lean_rate: Scalar = quantity("rad/s", "Its derivative.", frame="B", default=0.0)
-    heading: Scalar = quantity("rad", "From north, clockwise from above.", frame="WB", kind="angle", default=0.0)
+    lean: Scalar = quantity("rad", "Lean angle from upright, to starboard.", frame="WB", kind="angle", default=0.0)
+    lean_rate: Scalar = quantity("rad/s", "Rate of the lean angle.", frame="B", default=0.0)
+    heading: Scalar = quantity(
+        "rad", "Heading from north, clockwise from above.", frame="WB", kind="angle", default=0.0
+    )
 
 
 @record
-class MyVehicleInput:  # what acts on it: the law demands it, the actuators bring it about
-    """Where the handlebar is. Source: this file."""
+class MyVehicleInput:  # demanded by the law, applied by the actuators
+    """Position of the handlebar. Source: this file."""
 
-    steer: Scalar = quantity("rad", "Of the front wheel, to starboard.", frame="B", kind="angle", default=0.0)
+    steer: Scalar = quantity(
+        "rad", "Steering angle of the front wheel, to starboard.", frame="B", kind="angle", default=0.0
+    )
 
 
 @record
 class MyVehicle:  # its fields are settings: --set world.vehicle.speed=5
     """A bicycle that one servo balances and steers. Source: Åström, Klein, Lennartsson, IEEE CSM 25(4), 2005."""
 
-    speed: Scalar = quantity("m/s", "Of the wheels.", default=4.0, above=0)
-    height: Scalar = quantity("m", "Of the centre of mass, above the rear wheel's contact.", default=0.9, above=0)
-    base: Scalar = quantity("m", "From wheel to wheel.", default=1.0, above=0)
+    speed: Scalar = quantity("m/s", "Speed of the wheels.", default=4.0, above=0)
+    height: Scalar = quantity("m", "Height of the centre of mass above the rear wheel's contact.", default=0.9, above=0)
+    base: Scalar = quantity("m", "Wheel base.", default=1.0, above=0)
 
     def dynamics(self, t: Scalar, x: MyVehicleState, u: MyVehicleInput):
-        """The derivative of x, a record alike. t: s. No Python `if` on a number of x or u: jnp.where instead."""
+        """Return the derivative of x, a record too. t: s. No Python `if` on a number of x or u: jnp.where instead."""
         turn = self.speed * jnp.tan(u.steer) / self.base  # rad/s
         fall = (9.80665 * jnp.sin(x.lean) - self.speed * turn * jnp.cos(x.lean)) / self.height  # rad/s^2
         return MyVehicleState(x.lean_rate, fall, turn)
 
     def motion(self, t: Scalar, x: MyVehicleState, u: MyVehicleInput) -> Motion:
-        """What sensors aboard feel: the attitude (3,) alone; fill in the rest before an IMU rides along."""
+        """Return the motion that sensors feel: only the attitude (3,); fill in the rest before you add an IMU."""
         return replace(no_motion(), t=t, attitude=jnp.stack([x.lean, 0.0 * x.lean, x.heading]))
 
 
@@ -53,7 +57,9 @@ def scenario() -> Scenario:
     """From half a radian off its course, over a radio with 20 ms each way, by a servo with a lag and stops."""
     dt, rest, start = ms(10), MyVehicleInput(), MyVehicleState(heading=-0.5)
     bike, limits = MyVehicle(), {"lean": 0.2, "lean_rate": 0.7, "heading": 0.5, "steer": 0.2}
-    law = design_feedback(bike, replace(start, heading=0.0), rest, limits)  # a gain, by how large each may become
+    law = design_feedback(
+        bike, replace(start, heading=0.0), rest, limits
+    )  # a gain, from the largest allowed deviations
     link, bar = DelayChain(period=dt, steps=2), FirstOrderLag(time_constant=0.03, low=-0.6, high=0.6)
     world = World(bike, {"state": TrueState(period=dt)}, ActuatorBank(rest, {"steer": bar}, period=dt), link, link, dt)
     pilot = Autopilot(Passthrough("state"), law, DirectAllocation(), period=dt)

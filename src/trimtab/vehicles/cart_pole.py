@@ -16,17 +16,17 @@ from trimtab.core.signals import Motion
 class CartPoleState:
     """Where the cart stands and how the pole leans. Frames: rail to the north of W. Source: [1]."""
 
-    position: Scalar = quantity("m", "Of the cart along the rail.", frame="W", default=0.0)
-    speed: Scalar = quantity("m/s", "Its rate.", frame="W", default=0.0)
-    angle: Scalar = quantity("rad", "Of the pole from upright, to the front; counts full turns.", default=0.0)
-    angle_rate: Scalar = quantity("rad/s", "Its rate.", default=0.0)
+    position: Scalar = quantity("m", "Position of the cart along the rail.", frame="W", default=0.0)
+    speed: Scalar = quantity("m/s", "Speed of the cart.", frame="W", default=0.0)
+    angle: Scalar = quantity("rad", "Angle of the pole from upright, to the front; counts full turns.", default=0.0)
+    angle_rate: Scalar = quantity("rad/s", "Angular velocity of the pole.", default=0.0)
 
 
 @record
 class CartForce:
     """What pushes the cart. Frames: along the rail. Source: [1]."""
 
-    force: Scalar = quantity("N", "On the cart, positive to the front.")
+    force: Scalar = quantity("N", "Force on the cart, positive to the front.")
 
 
 @record
@@ -43,34 +43,36 @@ class CartPole:
 
     cart_mass: Scalar = quantity("kg", "M.", default=1.0, above=0, source="[1]")
     pole_mass: Scalar = quantity("kg", "m.", default=0.1, above=0, source="[1]")
-    half_length: Scalar = quantity("m", "Hinge to the pole's centre of mass, l.", default=0.5, above=0, source="[1]")
+    half_length: Scalar = quantity(
+        "m", "Distance from hinge to the pole's centre of mass, l.", default=0.5, above=0, source="[1]"
+    )
     gravity: Scalar = quantity("m/s^2", "g.", default=9.8, above=0, source="[1]")
 
     MAV_TYPE: ClassVar[str] = "GENERIC"
     """What it says it is to ground stations, see `wire.telemetry`."""
 
     def angle_acceleration(self, x: CartPoleState, a: Any) -> Any:
-        """Of the pole (rad/s^2) where its hinge accelerates by a (m/s^2)."""
+        """Return the pole's angular acceleration (rad/s^2) if its hinge accelerates by a (m/s^2)."""
         return 3 / (4 * self.half_length) * (self.gravity * jnp.sin(x.angle) - a * jnp.cos(x.angle))
 
     def force(self, x: CartPoleState, a: Any) -> Any:
-        """That accelerates the cart by a (m/s^2), N: the inverse of the dynamics."""
+        """Return the force (N) that accelerates the cart by a (m/s^2): the inverse of the dynamics."""
         pole = self.angle_acceleration(x, a) * jnp.cos(x.angle) - x.angle_rate**2 * jnp.sin(x.angle)
         return (self.cart_mass + self.pole_mass) * a + self.pole_mass * self.half_length * pole
 
     def energy(self, x: CartPoleState) -> Any:
-        """Of the pole as if its hinge stood still (J): 0 where it stands upright at rest, -2 m g l where it hangs."""
+        """Return the pole's energy (J) relative to its hinge: 0 upright at rest, -2 m g l hanging at rest."""
         ml = self.pole_mass * self.half_length
         return 2 / 3 * ml * self.half_length * x.angle_rate**2 + ml * self.gravity * (jnp.cos(x.angle) - 1)
 
     def dynamics(self, t: Any, x: CartPoleState, u: CartForce) -> CartPoleState:
-        """The derivative of x under the force u."""
+        """Return the derivative of x under the force u."""
         still = self.force(x, 0.0)
         a = (u.force - still) / (self.force(x, 1.0) - still)  # the force is linear in the acceleration
         return CartPoleState(x.speed, a, x.angle_rate, self.angle_acceleration(x, a))
 
     def motion(self, t: Any, x: CartPoleState, u: CartForce) -> Motion:
-        """All that a sensor at the hinge, on the pole, can feel; t: integer time."""
+        """Return the motion that a sensor on the pole at the hinge feels; t: integer time."""
         rate, zero = self.dynamics(t, x, u), 0.0 * x.angle
         cosine, sine = jnp.cos(x.angle), jnp.sin(x.angle)
 

@@ -24,8 +24,8 @@ class ClosedPathState:
     navigation estimates. `ClosedPath.at` gives a state in which all fit. Source: this module.
     """
 
-    angle: Scalar = quantity("rad", "Round the path: a lap is a full turn; unwrapped.", kind="angle")
-    rate: Scalar = quantity("rad/s", "Its rate.")
+    angle: Scalar = quantity("rad", "Angle along the path: a lap is a full turn; unwrapped.", kind="angle")
+    rate: Scalar = quantity("rad/s", "Rate of the angle.")
     position: Any = quantity("m", "North, east, down.", frame="W", shape=(3,))
     velocity: Any = quantity("m/s", "North, east, down.", frame="W", shape=(3,))
     attitude: Any = quantity("1", "Quaternion q_WB, scalar first.", frame="WB", shape=(4,))
@@ -49,17 +49,17 @@ class ClosedPath:
     """
 
     length: Scalar = quantity("m", "Half the path's extent to the north.", default=60.0, above=0)
-    width: Scalar = quantity("m", "Half of that to the east.", default=20.0, low=0)
-    climb: Scalar = quantity("m", "Half of that upwards.", default=8.0, low=0)
-    height: Scalar = quantity("m", "Of the path's middle.", default=50.0)
-    coordinated: Scalar = quantity("rad/s", "Rate at which the bank is right.", default=0.3, low=0)
-    time_constant: Scalar = quantity("s", "Of the rate's answer to the command.", default=0.5, above=0)
+    width: Scalar = quantity("m", "Half the path's extent to the east.", default=20.0, low=0)
+    climb: Scalar = quantity("m", "Half the path's extent upwards.", default=8.0, low=0)
+    height: Scalar = quantity("m", "Height of the path's centre.", default=50.0)
+    coordinated: Scalar = quantity("rad/s", "Rate for which the bank angle is coordinated.", default=0.3, low=0)
+    time_constant: Scalar = quantity("s", "Time constant of the rate's response to the command.", default=0.5, above=0)
 
     MAV_TYPE: ClassVar[str] = "FIXED_WING"
     """What it says it is to ground stations, see `wire.telemetry`."""
 
     def place(self, angle: Any) -> Any:
-        """Position p (3,) (m, W) at an angle (rad)."""
+        """Return position p (3,) (m, W) at an angle (rad)."""
         return jnp.stack(
             [
                 self.length * jnp.sin(angle),
@@ -69,17 +69,17 @@ class ClosedPath:
         )
 
     def tangent(self, angle: Any) -> Any:
-        """p' (3,) (m/rad, W)."""
+        """Return p' (3,) (m/rad, W)."""
         c, c2 = jnp.cos(angle), jnp.cos(2 * angle)
         return jnp.stack([self.length * c, 2 * self.width * c2, -self.climb * c])
 
     def curvature(self, angle: Any) -> Any:
-        """p'' (3,) (m/rad², W)."""
+        """Return p'' (3,) (m/rad², W)."""
         s, s2 = jnp.sin(angle), jnp.sin(2 * angle)
         return jnp.stack([-self.length * s, -4 * self.width * s2, self.climb * s])
 
     def rotation(self, angle: Any) -> Any:
-        """R_WB (3, 3) at an angle (rad)."""
+        """Return R_WB (3, 3) at an angle (rad)."""
         along = self.tangent(angle)
         x = along / jnp.sqrt(along @ along)
         force = self.curvature(angle) * self.coordinated**2 - jnp.array([0.0, 0.0, STANDARD])
@@ -88,13 +88,13 @@ class ClosedPath:
         return jnp.stack([x, jnp.cross(z, x), z], axis=1)
 
     def turn(self, angle: Any) -> Any:
-        """Angular velocity per rate (3,) (B)."""
+        """Return angular velocity per rate (3,) (B)."""
         R, dR = jax.jvp(self.rotation, (angle,), (jnp.ones_like(angle),))
         S = R.T @ dR
         return jnp.stack([S[2, 1], S[0, 2], S[1, 0]])
 
     def dynamics(self, t: Any, x: ClosedPathState, u: PlatformDrive) -> ClosedPathState:
-        """The derivative of x (SI) under the commanded rate."""
+        """Return the derivative of x (SI) under the commanded rate."""
         acceleration = (u.rate - x.rate) / self.time_constant
         along = self.tangent(x.angle)
         return ClosedPathState(
@@ -106,7 +106,7 @@ class ClosedPath:
         )
 
     def motion(self, t: Any, x: ClosedPathState, u: PlatformDrive) -> Motion:
-        """All that a sensor can feel, out of angle, rate and command; t: integer time."""
+        """Return the motion that a sensor feels, out of angle, rate and command; t: integer time."""
         acceleration = (u.rate - x.rate) / self.time_constant
         R_WB, along = self.rotation(x.angle), self.tangent(x.angle)
         turn, change = jax.jvp(self.turn, (x.angle,), (jnp.ones_like(x.angle),))
@@ -122,7 +122,7 @@ class ClosedPath:
         )
 
     def at(self, angle: float, rate: float) -> ClosedPathState:
-        """Under way at an angle (rad), with its rate (rad/s)."""
+        """Return the state at an angle (rad), moving with a rate (rad/s)."""
         a = jnp.asarray(angle, float)
         q = quaternion.from_matrix(self.rotation(a))
         return ClosedPathState(a, jnp.asarray(rate, float), self.place(a), self.tangent(a) * rate, q)

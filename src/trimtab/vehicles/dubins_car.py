@@ -18,7 +18,7 @@ class DubinsCarState:
 
     north: Scalar = quantity("m", "Position along the world's x axis.", frame="W", default=0.0)
     east: Scalar = quantity("m", "Position along the world's y axis.", frame="W", default=0.0)
-    heading: Scalar = quantity("rad", "From north, clockwise; counts full turns.", kind="angle", default=0.0)
+    heading: Scalar = quantity("rad", "Heading from north, clockwise; counts full turns.", kind="angle", default=0.0)
 
 
 @record
@@ -41,24 +41,24 @@ class DubinsCar:
     """
 
     speed: Scalar = quantity("m/s", "V.", default=1.0, above=0)
-    radius: Scalar = quantity("m", "R, of its tightest circle.", default=0.8, above=0)
+    radius: Scalar = quantity("m", "Radius R of the tightest circle.", default=0.8, above=0)
 
     MAV_TYPE: ClassVar[str] = "GROUND_ROVER"
     """What it says it is to ground stations, see `wire.telemetry`."""
 
     def limit(self, turn_rate: Any) -> Any:
-        """The turn rate (rad/s) that the car has where it is told one."""
+        """Return the turn rate (rad/s) of the car for a commanded one."""
         most = self.speed / self.radius
         return jnp.clip(turn_rate, -most, most)
 
     def dynamics(self, t: Any, x: DubinsCarState, u: CarTurn) -> DubinsCarState:
-        """The derivative of x under the turn rate u."""
+        """Return the derivative of x under the turn rate u."""
         return DubinsCarState(
             self.speed * jnp.cos(x.heading), self.speed * jnp.sin(x.heading), self.limit(u.turn_rate) + 0.0 * x.heading
         )
 
     def motion(self, t: Any, x: DubinsCarState, u: CarTurn) -> Motion:
-        """All that a sensor on the car can feel; t: integer time."""
+        """Return the motion that a sensor on the car feels; t: integer time."""
         rate, zero = self.limit(u.turn_rate), 0.0 * x.heading
         nothing = jnp.stack([zero, zero, zero])
         return Motion(

@@ -32,10 +32,10 @@ MILITARY = 0.5
 class F16Controls:
     """What a pilot moves. Source: F16_aero.dml and F16_prop.dml of NASA/TM-2015-218675."""
 
-    elevator: Scalar = quantity("rad", "Trailing edge down.", kind="angle")
-    aileron: Scalar = quantity("rad", "Rolls to the left.", kind="angle")
-    rudder: Scalar = quantity("rad", "Trailing edge left.", kind="angle")
-    throttle: Scalar = quantity("1", "0 idle, 0.5 military power, 1 full afterburner.")
+    elevator: Scalar = quantity("rad", "Elevator angle, trailing edge down.", kind="angle")
+    aileron: Scalar = quantity("rad", "Aileron angle, positive rolls to the left.", kind="angle")
+    rudder: Scalar = quantity("rad", "Rudder angle, trailing edge left.", kind="angle")
+    throttle: Scalar = quantity("1", "Throttle: 0 idle, 0.5 military power, 1 full afterburner.")
 
 
 @record
@@ -68,29 +68,29 @@ class F16:
     """What it says it is to ground stations, see `wire.telemetry`."""
 
     def in_gust(self, gust: Gust) -> "F16":
-        """The aeroplane in air that has this gust besides the wind."""
+        """Return the aeroplane in air that has this gust besides the wind."""
         return replace(self, body=self.body.in_gust(gust))
 
     def flight(self, t: Any, x: RigidBodyState) -> FlightCondition:
-        """The state as one flies by it; t: seconds."""
+        """Return the state as one flies by it; t: seconds."""
         return self.body.flight(t, x)
 
     def dynamics(self, t: Any, x: RigidBodyState, u: F16Controls) -> RigidBodyState:
-        """The derivative of x; t: seconds."""
+        """Return the derivative of x; t: seconds."""
         return self.body.dynamics(t, x, self.wrench(self.flight(t, x), u))
 
     def motion(self, t: Any, x: RigidBodyState, u: F16Controls) -> Motion:
-        """All that a sensor at the centre of mass can feel; t: integer time."""
+        """Return the motion that a sensor at the centre of mass feels; t: integer time."""
         return self.body.motion(t, x, self.wrench(self.flight(t * 1e-7, x), u))
 
     def wrench(self, flight: FlightCondition, u: F16Controls) -> Wrench:
-        """Force and moment about the centre of mass, of air and engine."""
+        """Return force and moment about the centre of mass, of air and engine."""
         air = self.air_wrench(flight.flow, u)
         thrust = engine_thrust(u.throttle, flight.flow.mach, flight.height)
         return Wrench(air.force + jnp.stack([thrust, 0 * thrust, 0 * thrust]), air.moment)
 
     def air_wrench(self, flow: Airflow, u: F16Controls) -> Wrench:
-        """Of the air alone, about the centre of mass."""
+        """Return force and moment of the air alone, about the centre of mass."""
         C = coefficients(flow, u)
         qS = flow.pressure * AREA
         force = qS * C[:3]
@@ -100,13 +100,13 @@ class F16:
 
 
 def flow_angles(flow: Airflow) -> tuple[Any, Any]:
-    """Angle of attack and sideslip (rad)."""
+    """Return angle of attack and sideslip (rad)."""
     u, v, w = flow.velocity
     return jnp.arctan2(w, u), jnp.arcsin(jnp.clip(v / jnp.maximum(flow.speed, 1e-9), -1, 1))
 
 
 def coefficients(flow: Airflow, u: F16Controls) -> Any:
-    """CX, CY, CZ, Cl, Cm, Cn (6,) about the reference."""
+    """Return CX, CY, CZ, Cl, Cm, Cn (6,) about the reference."""
     alpha, beta = flow_angles(flow)
     a, b = alpha / DEG, beta / DEG
     elevator, aileron, rudder = u.elevator / DEG, u.aileron / (20 * DEG), u.rudder / (30 * DEG)
@@ -126,7 +126,7 @@ def coefficients(flow: Airflow, u: F16Controls) -> Any:
 
 
 def engine_thrust(throttle: Any, mach: Any, height: Any) -> Any:
-    """Thrust (N) at a throttle, a Mach number and a height (m)."""
+    """Return thrust (N) at a throttle, a Mach number and a height (m)."""
     idle, military, maximum = interpolate_plane(mach, height / FOOT, tables.MACH, tables.ALTITUDE, _THRUST)
     dry = idle + (military - idle) * throttle / MILITARY
     wet = military + (maximum - military) * (throttle - MILITARY) / (1 - MILITARY)
@@ -134,14 +134,14 @@ def engine_thrust(throttle: Any, mach: Any, height: Any) -> Any:
 
 
 def interpolate_line(x: Any, grid: Any, values: Any) -> Any:
-    """Values (n, k) at even grid points, at x: (k,), straight between, held beyond."""
+    """Return (k,) at x from values (n, k) at even grid points: linear between, constant beyond."""
     i, part = _cell(x, grid)
     ends = lax.dynamic_slice(jnp.asarray(values), (i, np.uint32(0)), (2, values.shape[1]))
     return ends[0] * (1 - part) + ends[1] * part
 
 
 def interpolate_plane(y: Any, x: Any, rows: Any, columns: Any, values: Any) -> Any:
-    """Values (rows, columns, k) at even grid points, at y, x: (k,), bilinear, held beyond."""
+    """Return (k,) at y, x from values (rows, columns, k) at even grid points: bilinear, constant beyond."""
     i, up = _cell(y, rows)
     j, along = _cell(x, columns)
     corners = lax.dynamic_slice(jnp.asarray(values), (i, j, np.uint32(0)), (2, 2, values.shape[2]))
@@ -150,7 +150,7 @@ def interpolate_plane(y: Any, x: Any, rows: Any, columns: Any, values: Any) -> A
 
 
 def _cell(x: Any, grid: Any) -> tuple[Any, Any]:
-    """Which cell of an even grid, and where in it, 0 to 1."""
+    """Return the index of a cell of an even grid, and the position in it, 0 to 1."""
     place = jnp.clip((x - grid[0]) / (grid[1] - grid[0]), 0.0, len(grid) - 1.0)
     i = jnp.clip(jnp.floor(place), 0, len(grid) - 2).astype(np.uint32)
     return i, place - i

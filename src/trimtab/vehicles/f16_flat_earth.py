@@ -32,19 +32,19 @@ GEAR_KNEE = 0.77
 class F16State:
     """Flight by the air, attitude, place and engine. Frames: W north-east-down; rates in B. Source: [1] table 3.5-2."""
 
-    speed: Scalar = quantity("m/s", "Through the air.", above=0)
+    speed: Scalar = quantity("m/s", "Speed through the air.", above=0)
     alpha: Scalar = quantity("rad", "Angle of attack.", kind="angle")
-    beta: Scalar = quantity("rad", "Sideslip, wind from starboard.", kind="angle")
-    roll: Scalar = quantity("rad", "Bank, starboard wing down.", frame="WB", kind="angle")
-    pitch: Scalar = quantity("rad", "Nose up.", frame="WB", kind="angle")
-    yaw: Scalar = quantity("rad", "Clockwise from north.", frame="WB", kind="angle")
+    beta: Scalar = quantity("rad", "Sideslip angle, wind from starboard.", kind="angle")
+    roll: Scalar = quantity("rad", "Bank angle, starboard wing down.", frame="WB", kind="angle")
+    pitch: Scalar = quantity("rad", "Pitch angle, nose up.", frame="WB", kind="angle")
+    yaw: Scalar = quantity("rad", "Yaw angle, clockwise from north.", frame="WB", kind="angle")
     roll_rate: Scalar = quantity("rad/s", "P.", frame="B")
     pitch_rate: Scalar = quantity("rad/s", "Q.", frame="B")
     yaw_rate: Scalar = quantity("rad/s", "R.", frame="B")
     north: Scalar = quantity("m", "Place.", frame="W")
     east: Scalar = quantity("m", "Place.", frame="W")
-    altitude: Scalar = quantity("m", "Above the ground, which is the sea's level.", frame="W")
-    power: Scalar = quantity("1", "Of the engine: 0 idle, 0.5 military, 1 full afterburner.")
+    altitude: Scalar = quantity("m", "Altitude above the ground, which is at sea level.", frame="W")
+    power: Scalar = quantity("1", "Power of the engine: 0 idle, 0.5 military, 1 full afterburner.")
 
 
 class Loads(NamedTuple):
@@ -94,15 +94,15 @@ class F16FlatEarth:
     """What it says it is to ground stations, see `wire.telemetry`."""
 
     def check(self) -> None:
-        """Refuse an inertia that no body has."""
+        """Raise InputError for an inertia that no body has."""
         x, y, z = np.asarray(self.inertia, float)
         moments = np.linalg.eigvalsh([[x, 0, -self.product], [0, y, 0], [-self.product, 0, z]])
         if moments[0] <= 0 or moments[0] + moments[1] < moments[2]:
-            problem = f"principal moments of inertia of {np.round(moments, 6).tolist()} belong to no body"
+            problem = f"principal moments of inertia of {np.round(moments, 6).tolist()} are not possible for a body"
             raise InputError("inertia", problem, fix="each must be above 0, and none greater than the two others' sum")
 
     def loads(self, x: F16State, u: F16Controls) -> Loads:
-        """Velocity, force and moment, and what they do."""
+        """Return velocity, force and moment, and the accelerations."""
         ca, sa, cb, sb = jnp.cos(x.alpha), jnp.sin(x.alpha), jnp.cos(x.beta), jnp.sin(x.beta)
         velocity = x.speed * jnp.stack([ca * cb, sb, sa * cb])
         rate = jnp.stack([x.roll_rate, x.pitch_rate, x.yaw_rate])
@@ -118,7 +118,7 @@ class F16FlatEarth:
         return Loads(velocity, Wrench(force, moment), force / self.mass + self.gravity * down, self._turn(rate, moment))
 
     def _turn(self, w: Any, moment: Any) -> Any:
-        """w' of J w' = M - w × (J w + h)."""
+        """Return w' of J w' = M - w × (J w + h)."""
         (jx, jy, jz), jxz = self.inertia, self.product
         p, q, r = w
         hx, hy, hz = jx * p - jxz * r + self.engine_momentum, jy * q, jz * r - jxz * p
@@ -127,7 +127,7 @@ class F16FlatEarth:
         return jnp.stack([(jz * tx + jxz * tz) / size, ty / jy, (jxz * tx + jx * tz) / size])
 
     def dynamics(self, t: Any, x: F16State, u: F16Controls) -> F16State:
-        """The derivative of x."""
+        """Return the derivative of x."""
         f = self.loads(x, u)
         p, q, r = x.roll_rate, x.pitch_rate, x.yaw_rate
         ub, vb, wb = f.velocity
@@ -153,7 +153,7 @@ class F16FlatEarth:
         )
 
     def motion(self, t: Any, x: F16State, u: F16Controls) -> Motion:
-        """All that a sensor at the centre of mass can feel; t: integer time."""
+        """Return the motion that a sensor at the centre of mass feels; t: integer time."""
         f = self.loads(x, u)
         return Motion(
             t=t,
@@ -177,12 +177,12 @@ def air_data(height: Any) -> AirProperties:
 
 
 def engine_command(throttle: Any) -> Any:
-    """Power that a throttle asks for, 0 to 1. Source: [1] appendix A, TGEAR."""
+    """Return the commanded power of a throttle, 0 to 1. Source: [1] appendix A, TGEAR."""
     return jnp.where(throttle <= GEAR_KNEE, 0.6494 * throttle, 2.1738 * throttle - 1.1738)
 
 
 def power_rate(power: Any, wanted: Any) -> Any:
-    """Rate (1/s) at which the power follows: slower the further it has to go, through the afterburner's ignition.
+    """Return the rate (1/s) of the power: slower for larger changes, with the ignition of the afterburner.
 
     Source: [1] appendix A, PDOT and RTAU.
     """

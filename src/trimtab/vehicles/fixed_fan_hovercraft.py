@@ -15,7 +15,9 @@ from trimtab.vehicles.hovercraft import HovercraftState, planar_motion, planar_r
 class FanThrottles:
     """What the fans are told. Source: this module."""
 
-    throttle: Any = quantity("1", "Of each fan (n,), from 0, at rest, to 1; beyond, its end.", default=np.zeros(2))
+    throttle: Any = quantity(
+        "1", "Throttle of each fan (n,), from 0, at rest, to 1; limited to this range.", default=np.zeros(2)
+    )
 
 
 @record
@@ -38,34 +40,42 @@ class FixedFanHovercraft:
     mass: Scalar = quantity("kg", "Total mass.", default=1.5, above=0)
     inertia: Scalar = quantity("kg m^2", "Moment of inertia about z.", default=0.04, above=0)
     fan_place: Any = quantity(
-        "m", "x and y of each fan (n, 2).", frame="B", default=np.array([[-0.2, -0.1], [-0.2, 0.1]])
+        "m", "Position x and y of each fan (n, 2).", frame="B", default=np.array([[-0.2, -0.1], [-0.2, 0.1]])
     )
     fan_direction: Any = quantity(
-        "rad", "Direction in which each pushes the hull (n,).", frame="B", default=np.zeros(2)
+        "rad", "Direction in which each fan pushes the hull (n,).", frame="B", default=np.zeros(2)
     )
-    thrust_linear: Any = quantity("N", "a: thrust per throttle (n,).", default=np.array([0.2, 0.2]))
-    thrust_quadratic: Any = quantity("N", "b: thrust per throttle squared (n,).", default=np.array([0.6, 0.6]))
-    surge_damping: Scalar = quantity("N s/m", "d1: drag per speed ahead.", default=0.2, low=0)
-    sway_damping: Scalar = quantity("N s/m", "e1: drag per speed across.", default=0.3, low=0)
-    yaw_damping: Scalar = quantity("N m s", "f1: torque per yaw rate.", default=0.02, low=0)
-    surge_damping_quadratic: Scalar = quantity("N s^2/m^2", "d2: drag per speed squared.", default=0.1, low=0)
-    sway_damping_quadratic: Scalar = quantity("N s^2/m^2", "e2: drag per speed squared.", default=0.2, low=0)
-    yaw_damping_quadratic: Scalar = quantity("N m s^2", "f2: torque per yaw rate squared.", default=0.005, low=0)
+    thrust_linear: Any = quantity("N", "Coefficient a: thrust per throttle (n,).", default=np.array([0.2, 0.2]))
+    thrust_quadratic: Any = quantity(
+        "N", "Coefficient b: thrust per throttle squared (n,).", default=np.array([0.6, 0.6])
+    )
+    surge_damping: Scalar = quantity("N s/m", "Coefficient d1: drag per forward speed.", default=0.2, low=0)
+    sway_damping: Scalar = quantity("N s/m", "Coefficient e1: drag per lateral speed.", default=0.3, low=0)
+    yaw_damping: Scalar = quantity("N m s", "Coefficient f1: torque per yaw rate.", default=0.02, low=0)
+    surge_damping_quadratic: Scalar = quantity(
+        "N s^2/m^2", "Coefficient d2: drag per forward speed squared.", default=0.1, low=0
+    )
+    sway_damping_quadratic: Scalar = quantity(
+        "N s^2/m^2", "Coefficient e2: drag per lateral speed squared.", default=0.2, low=0
+    )
+    yaw_damping_quadratic: Scalar = quantity(
+        "N m s^2", "Coefficient f2: torque per yaw rate squared.", default=0.005, low=0
+    )
 
     MAV_TYPE: ClassVar[str] = "SURFACE_BOAT"
     """What it says it is to ground stations, see `wire.telemetry`."""
 
     def check(self) -> None:
-        """Refuse fans of which not every one has a place, a direction and a curve."""
+        """Raise InputError for fans of which not every one has a place, a direction and a curve."""
         n = np.shape(self.fan_direction)[0] if np.ndim(self.fan_direction) == 1 else -1
         shapes = {"fan_place": (n, 2), "thrust_linear": (n,), "thrust_quadratic": (n,)}
         for name, shape in shapes.items():
             if np.shape(getattr(self, name)) != shape:
-                problem = f"has shape {np.shape(getattr(self, name))}, {n} directions need {shape}"
+                problem = f"has shape {np.shape(getattr(self, name))}, but {n} directions need {shape}"
                 raise InputError(name, problem, fix="give each fan a place, a direction and both numbers of its curve")
 
     def wrench(self, u: FanThrottles) -> tuple[Any, Any, Any]:
-        """Force along x and y (N) and torque about z (N m) of all fans."""
+        """Return force along x and y (N) and torque about z (N m) of all fans."""
         c = jnp.clip(jnp.asarray(u.throttle), 0.0, 1.0)
         thrust = (self.thrust_linear + self.thrust_quadratic * c) * c
         X, Y = thrust * jnp.cos(self.fan_direction), thrust * jnp.sin(self.fan_direction)
@@ -82,9 +92,9 @@ class FixedFanHovercraft:
         return X / self.mass, Y / self.mass, N / self.inertia
 
     def dynamics(self, t: Any, x: HovercraftState, u: FanThrottles) -> HovercraftState:
-        """The derivative of x (SI) under the throttles u."""
+        """Return the derivative of x (SI) under the throttles u."""
         return planar_rates(x, *self.accelerations(x, u))
 
     def motion(self, t: Any, x: HovercraftState, u: FanThrottles) -> Motion:
-        """All that a sensor can feel; t: integer time."""
+        """Return the motion that a sensor feels; t: integer time."""
         return planar_motion(t, x, *self.accelerations(x, u))

@@ -40,7 +40,7 @@ class FmuSignal(NamedTuple):
 
     @property
     def size(self) -> int:
-        """How many numbers."""
+        """Return the count of numbers."""
         return int(np.prod(self.shape))
 
 
@@ -67,7 +67,7 @@ class FmuVehicle:
 
     file: str = option("Path of the FMU.", default="")
     trust_code: bool = option(
-        "Whether the program in it may run, with your rights.", default=False, choices=(True, False)
+        "True: the program in the FMU may run, with your rights.", default=False, choices=(True, False)
     )
     motion_of: tuple[tuple[str, str], ...] = option(
         'What a sensor can feel -> output, e.g. (("v_WB_B[0]", "speed"),); all else is zero.', default=()
@@ -76,28 +76,28 @@ class FmuVehicle:
         "Parameter of the FMU -> number, set before it starts.", default=()
     )
     digest: str = option("SHA-256 of the file, for logs.", default="")
-    is_stepped: bool = option("Whether a host steps it, so that the loop around holds it still.", default=False)
+    is_stepped: bool = option("True: a host steps the FMU, so the loop doesn't integrate it.", default=False)
 
     MAV_TYPE: ClassVar[str] = "GENERIC"
 
     def check(self) -> None:
-        """Refuse to run a program that nobody vouches for."""
+        """Raise InputError for an FMU that is not trusted."""
         if self.file and not self.trust_code:
-            problem = f"{self.file!r} is a program: loading it runs what its maker wrote, with all your rights"
+            problem = f"{self.file!r} is a program: loading it runs its maker's code, with all your rights"
             trust = argument("settings", "yes", "trust_code")
-            fix = f"if you trust where it comes from:  {trust}, or FmuVehicle(…, trust_code=True)"
+            fix = f"if you trust its origin:  {trust}, or FmuVehicle(…, trust_code=True)"
             raise InputError("FMU", problem, fix=fix)
 
     def dynamics(self, t: Any, x: Any, u: Any) -> Any:
-        """None that anybody could know: where a host steps it zero, else refused."""
+        """Return zero for an FMU stepped by a host. Raise InputError otherwise, as the derivative is unknown."""
         if not self.is_stepped:
-            problem = "an FMU is a program that is called step by step: it can't be compiled, nor differentiated"
-            fix = "trimtab run, or vehicle and fly: these step it. The others fly vehicles in Python"
+            problem = "an FMU is a program that is called step by step: it can't be compiled or differentiated"
+            fix = "use trimtab run, or vehicle and fly: these step an FMU. The others need a vehicle in Python"
             raise InputError("world.vehicle", problem, fix=fix)
         return jax.tree.map(jnp.zeros_like, x)
 
     def motion(self, t: Any, x: Any, u: Any) -> Motion:
-        """What `motion_of` names, in the units and frames of a Motion."""
+        """Return the motion from the variables in `motion_of`, in the units and frames of a Motion."""
         motion = replace(no_motion(), t=t)
         for component, output in self.motion_of:
             name, index = _split_element(component)
@@ -115,7 +115,7 @@ def load(
     motion_of: Mapping[str, str] | None = None,
     settings: Mapping[str, float] | None = None,
 ) -> FmuVehicle:
-    """The vehicle of an FMU; nothing of it runs yet.
+    """Return the vehicle of an FMU; nothing of it runs yet.
 
     Args:
         file: its path.
@@ -147,25 +147,25 @@ def load(
 
 
 def first_state(vehicle: FmuVehicle) -> Any:
-    """The record of its outputs, at the values that its description gives; where it gives none, zero."""
+    """Return the record of its outputs, at the values that its description gives; where it gives none, zero."""
     return _signal_record("FmuState", read_interface(vehicle.file).outputs)
 
 
 def neutral_input(vehicle: FmuVehicle) -> Any:
-    """The record of its inputs, at the values that its description gives."""
+    """Return the record of its inputs, at the values that its description gives."""
     return _signal_record("FmuInput", read_interface(vehicle.file).inputs)
 
 
 @functools.lru_cache(maxsize=16)
 def read_interface(file: str) -> FmuInterface:
-    """What the description of an FMU says; no program in it is run.
+    """Return the interface in the description of an FMU, without running its program.
 
     Raises:
         InputError: it is none, not one for co-simulation, or fmpy, which reads it, is missing.
     """
     about = _read_description(file)
     if about.coSimulation is None:
-        problem = "it is one for model exchange alone, which leaves integrating to others"
+        problem = "it supports model exchange only, which has no integrator"
         raise InputError(f"FMU {file!r}", problem, fix="export it for co-simulation")
     numbers = [v for v in about.modelVariables if v.type in KINDS and v.causality != "independent"]
 
@@ -195,11 +195,13 @@ def _read_description(file: str) -> Any:
 
 
 def import_fmpy() -> Any:
-    """The module fmpy, which reads and steps FMUs."""
+    """Return the module fmpy, which reads and steps FMUs."""
     try:
         import fmpy
     except ModuleNotFoundError:
-        raise InputError("FMU", "fmpy reads and steps it, and is not installed", fix=install_command("fmu")) from None
+        raise InputError(
+            "FMU", "the package fmpy, which reads and steps FMUs, is not installed", fix=install_command("fmu")
+        ) from None
     return fmpy
 
 
@@ -225,11 +227,11 @@ def _signal_record(name: str, signals: tuple[FmuSignal, ...]) -> Any:
 
 @functools.lru_cache(maxsize=32)
 def _signal_class(name: str, signals: tuple[FmuSignal, ...]) -> Any:
-    """A record with a quantity for each signal."""
+    """Return a record with a quantity for each signal."""
     fields = {s.field: quantity(s.unit, s.doc, kind=KINDS[s.type], shape=s.shape) for s in signals}
     if len(fields) < len(signals):
         twice = [s.name for s in signals if [o.field for o in signals].count(s.field) > 1]
-        raise InputError("FMU", f"its variables {twice} have one name here", fix="rename one of them in the FMU")
+        raise InputError("FMU", f"its variables {twice} have the same name here", fix="rename one of them in the FMU")
     return record(type(name, (), {"__annotations__": dict.fromkeys(fields, Any), "__doc__": "Of an FMU.", **fields}))
 
 
@@ -282,18 +284,18 @@ class FmuInstance:
         """How far it has come, 100 ns."""
 
     def read(self) -> list[float]:
-        """All outputs, in the order of the state's record."""
+        """Return all outputs, in the order of the state's record."""
         return [float(x) for s in self._outputs for x in self._get(s)]
 
     def write(self, values: Any) -> None:
-        """All inputs, in the order of the input's record."""
+        """Write all inputs, in the order of the input's record."""
         at = 0
         for s in self._inputs:
             self._set(s, values[at : at + s.size])
             at += s.size
 
     def step(self, h: int) -> bool:
-        """On by integer time h, inputs held; whether it asks for the end there. Refused where the FMU refuses."""
+        """Step by integer time h, inputs held. Return True if the FMU requests the end. Raise if it fails."""
         t, length = self.t * 1e-7, (self.t + h) * 1e-7 - self.t * 1e-7
         try:
             answer = self._fmu.doStep(currentCommunicationPoint=t, communicationStepSize=length)
@@ -302,12 +304,12 @@ class FmuInstance:
                 self.t += h
                 return True
             problem = f"it refused a step of {length:g} s at {t:g} s: {error}"
-            fix = f"another {argument('settings', '…', 'world.max_step')}, which it may want as its own step"
+            fix = f"try another {argument('settings', '…', 'world.max_step')}; the FMU may need its own step"
             raise InputError(f"FMU {self.file!r}", problem, fix=fix) from None
         _, is_over, is_early, reached = answer or (False, False, False, 0.0)
         if is_early and not is_over:
-            problem = f"it stopped within a step, at {reached:g} s, which it was not allowed to"
-            raise InputError(f"FMU {self.file!r}", problem, fix="tell its maker")
+            problem = f"it stopped within a step, at {reached:g} s, which is not allowed"
+            raise InputError(f"FMU {self.file!r}", problem, fix="report this to the maker of the FMU")
         self.t += h
         return bool(is_over)
 

@@ -72,7 +72,7 @@ class Friction:
     slip_rate: Scalar = quantity("rad/s", "Yaw rate at which dry friction is nearly full.", default=0.01, above=0)
 
     def wrench(self, surge_velocity: Any, sway_velocity: Any, yaw_rate: Any) -> tuple[Any, Any, Any]:
-        """Force along x and y (N) and torque about z (N m), all in B."""
+        """Return force along x and y (N) and torque about z (N m), all in B."""
         speed2 = surge_velocity**2 + sway_velocity**2
         moving = speed2 > 0
         speed = jnp.sqrt(jnp.where(moving, speed2, 1.0))
@@ -105,7 +105,7 @@ class Hovercraft:
     """What it says it is to ground stations, see `wire.telemetry`."""
 
     def dynamics(self, t: Any, x: HovercraftState, u: PlanarForce) -> HovercraftState:
-        """The derivative of x (SI) under the force u at the rudder pivot."""
+        """Return the derivative of x (SI) under the force u at the rudder pivot."""
         return planar_rates(x, *self.accelerations(x, u))
 
     def accelerations(self, x: HovercraftState, u: PlanarForce) -> tuple[Any, Any, Any]:
@@ -117,14 +117,14 @@ class Hovercraft:
         return FX / self.mass, FY / self.mass, torque / self.inertia
 
     def motion(self, t: Any, x: HovercraftState, u: PlanarForce) -> Motion:
-        """All that a sensor can feel; t: integer time."""
+        """Return the motion that a sensor feels; t: integer time."""
         return planar_motion(t, x, *self.accelerations(x, u))
 
     @property
     def percussion_arm(self) -> Any:
-        """a (m), from the centre of mass forward to the point that FY does not accelerate: J/(m d)."""
+        """Return a (m), from the centre of mass forward to the point that FY does not accelerate: J/(m d)."""
         return self.inertia / (self.mass * self.arm)
 
     def energy(self, x: HovercraftState) -> Any:
-        """Kinetic energy (J), V in [1, eq. 2.17]."""
+        """Return kinetic energy (J), V in [1, eq. 2.17]."""
         return self.mass * (x.surge_velocity**2 + x.sway_velocity**2) / 2 + self.inertia * x.yaw_rate**2 / 2

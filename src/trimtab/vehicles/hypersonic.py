@@ -28,9 +28,9 @@ class HypersonicState:
     theta: Scalar = quantity("rad", "Pitch angle.", frame="W", kind="angle")
     q: Scalar = quantity("rad/s", "Pitch rate, nose up; Q in [1].", frame="B")
     eta1: Scalar = quantity("(slug ft)^1/2", "Displacement of bending mode 1.")
-    eta1_rate: Scalar = quantity("(slug ft)^1/2/s", "Its rate.")
+    eta1_rate: Scalar = quantity("(slug ft)^1/2/s", "Rate of bending mode 1.")
     eta2: Scalar = quantity("(slug ft)^1/2", "Displacement of bending mode 2.")
-    eta2_rate: Scalar = quantity("(slug ft)^1/2/s", "Its rate.")
+    eta2_rate: Scalar = quantity("(slug ft)^1/2/s", "Rate of bending mode 2.")
 
 
 @record
@@ -50,14 +50,14 @@ class Disturbance:
     Source: the further work that [1] names; sizes are chosen by who uses it.
     """
 
-    moment: Scalar = quantity("lbf ft/ft", "Added to the pitching moment.", default=0.0)
+    moment: Scalar = quantity("lbf ft/ft", "Disturbance moment added to the pitching moment.", default=0.0)
     along: Scalar = quantity("lbf/ft", "Force along the path, forward.", default=0.0)
     normal: Scalar = quantity("lbf/ft", "Force normal to the path, up.", default=0.0)
-    start: Scalar = quantity("s", "When it begins.", default=0.0)
-    duration: Scalar = quantity("s", "How long it lasts; the default is a step that stays.", default=1e9, low=0)
+    start: Scalar = quantity("s", "Start of the disturbance.", default=0.0)
+    duration: Scalar = quantity("s", "Duration of the disturbance; by default a permanent step.", default=1e9, low=0)
 
     def activation(self, t: Any) -> Any:
-        """1.0 while it acts at time t (s), else 0.0; half open, to a nanosecond, so that an impulse keeps its size."""
+        """Return 1.0 while the disturbance acts at time t (s), else 0.0; half open, so an impulse keeps its size."""
         since = t - self.start + 1e-9
         return jnp.where((since >= 0) & (since < self.duration), 1.0, 0.0)
 
@@ -90,13 +90,13 @@ class Hypersonic:
     forces: RigidForces = part("Air, aerodynamics, propulsion.", default=RigidForces())
     modes: FlexibleModes = part("Bending modes and their coupling.", default=FlexibleModes())
     disturbance: Any = part("Disturbance from outside, or None.", default=None)
-    gust: Any = part("What turbulence adds to still air; a world with turbulence puts it there.", default=None)
+    gust: Any = part("Gust added to still air; set by a world with turbulence.", default=None)
 
     MAV_TYPE: ClassVar[str] = "FIXED_WING"
     """What it says it is to ground stations, see `wire.telemetry`."""
 
     def dynamics(self, t: Any, x: HypersonicState, u: HypersonicInput) -> HypersonicState:
-        """The derivative of x at time t (s) under fuel ratio and elevator."""
+        """Return the derivative of x at time t (s) under fuel ratio and elevator."""
         V_rate, lifting = self.path_accelerations(t, x, u)
         q_rate, eta1_acceleration, eta2_acceleration = self.coupled_accelerations(t, x, u)
         return HypersonicState(
@@ -112,11 +112,11 @@ class Hypersonic:
         )
 
     def in_gust(self, gust: Gust) -> "Hypersonic":
-        """The vehicle in air that has this gust."""
+        """Return the vehicle in air that has this gust."""
         return replace(self, gust=gust)
 
     def airflow(self, x: HypersonicState) -> tuple[Any, Any]:
-        """Airspeed (ft/s) and angle of attack (rad), in the air as it moves."""
+        """Return airspeed (ft/s) and angle of attack (rad), in the air as it moves."""
         if self.gust is None:
             return x.V, x.alpha
         forward, _, down = self.gust.velocity / FOOT
@@ -124,12 +124,12 @@ class Hypersonic:
         return jnp.sqrt(u * u + w * w), jnp.arctan2(w, u)
 
     def forces_at(self, x: HypersonicState, u: HypersonicInput) -> Forces:
-        """Thrust, lift, drag, moment and dynamic pressure, per foot of width."""
+        """Return thrust, lift, drag, moment and dynamic pressure, per foot of width."""
         V, alpha = self.airflow(x)
         return self.forces.at(x.h, V, alpha, u.Phi, u.delta_e)
 
     def path_accelerations(self, t: Any, x: HypersonicState, u: HypersonicInput) -> tuple[Any, Any]:
-        """V' and V gamma' (ft/s^2): along the path, and normal to it, up."""
+        """Return V' and V gamma' (ft/s^2): along the path, and normal to it, up."""
         f, gamma = self.forces_at(x, u), x.theta - x.alpha
         drag, lift = f.D, f.L
         if self.gust is not None:
@@ -144,7 +144,7 @@ class Hypersonic:
         return along / self.m - self.g * jnp.sin(gamma), normal / self.m - self.g * jnp.cos(gamma)
 
     def coupled_accelerations(self, t: Any, x: HypersonicState, u: HypersonicInput) -> tuple[Any, Any, Any]:
-        """Q' (rad/s^2), eta1'' and eta2''."""
+        """Return Q' (rad/s^2), eta1'' and eta2''."""
         M = self.forces_at(x, u).M
         if self.disturbance is not None:
             M = M + self.disturbance.activation(t) * self.disturbance.moment
@@ -153,7 +153,7 @@ class Hypersonic:
         return self.modes.solve_accelerations(self.Iyy, M, N1 + back1, N2 + back2)
 
     def motion(self, t: Any, x: HypersonicState, u: HypersonicInput) -> Motion:
-        """All that a rigid sensor at the centre of mass can feel, in the SI; t: integer time.
+        """Return the motion that a rigid sensor at the centre of mass feels, in SI units; t: integer time.
 
         The model has no distance flown: north and east stay zero.
         """
@@ -175,6 +175,6 @@ class Hypersonic:
         )
 
     def level_state(self, h: Any, V: Any, alpha: Any, delta_e: Any) -> HypersonicState:
-        """Level at this angle of attack, not turning, bending at rest: a trim where V', gamma' and M vanish too."""
+        """Return level flight at this angle of attack, with bending at rest: a trim if V', gamma' and M vanish too."""
         eta1, eta2 = self.modes.static_displacements(alpha, delta_e)
         return HypersonicState(h, V, alpha, alpha, 0.0, eta1, 0.0, eta2, 0.0)

@@ -44,7 +44,7 @@ class ExponentialAtmosphere:
     hs: Scalar = quantity("ft", "Scale height.", default=21358.0, above=0, source="[1], [2]")
 
     def density(self, h: Any) -> Any:
-        """Density (slug/ft^3) at altitude h (ft)."""
+        """Return density (slug/ft^3) at altitude h (ft)."""
         return self.rho0 * jnp.exp(-(h - self.h0) / self.hs)
 
 
@@ -65,19 +65,19 @@ class Aerodynamics:
     c: Scalar = quantity("ft", "Mean chord.", default=17.0, above=0, source="[1], [2]")
     CL_a: Scalar = quantity("1/rad", "Lift by angle of attack.", default=4.6773, source=LIFT)
     CL_d: Scalar = quantity("1/rad", "Lift by elevator.", default=0.76224, source=LIFT)
-    CL_0: Scalar = quantity("1", "Lift else.", default=-0.018714, source=LIFT)
+    CL_0: Scalar = quantity("1", "Lift at zero angles.", default=-0.018714, source=LIFT)
     CD_a2: Scalar = quantity("1/rad^2", "Drag by angle of attack squared.", default=5.8224, source=DRAG)
     CD_a: Scalar = quantity("1/rad", "Drag by angle of attack.", default=-0.045315, source=DRAG)
     CD_d2: Scalar = quantity("1/rad^2", "Drag by elevator squared.", default=0.81993, source=DRAG)
     CD_d: Scalar = quantity("1/rad", "Drag by elevator.", default=2.7699e-4, source=DRAG)
-    CD_0: Scalar = quantity("1", "Drag else.", default=0.010131, source=DRAG)
+    CD_0: Scalar = quantity("1", "Drag at zero angles.", default=0.010131, source=DRAG)
     CM_a2: Scalar = quantity("1/rad^2", "Moment by angle of attack squared.", default=6.2926, source=MOMENT)
     CM_a: Scalar = quantity("1/rad", "Moment by angle of attack.", default=2.1335, source=MOMENT)
-    CM_0: Scalar = quantity("1", "Moment else.", default=0.18979, source=MOMENT)
+    CM_0: Scalar = quantity("1", "Moment at zero angles.", default=0.18979, source=MOMENT)
     ce: Scalar = quantity("1/rad", "Moment by elevator.", default=-1.2897, source=MOMENT)
 
     def lift(self, qbar: Any, alpha: Any, delta_e: Any) -> Any:
-        """Lift (lbf/ft) at dynamic pressure qbar (lbf/ft^2)."""
+        """Return lift (lbf/ft) at dynamic pressure qbar (lbf/ft^2)."""
         return qbar * self.S * (self.CL_a * alpha + self.CL_d * delta_e + self.CL_0)
 
     def drag(self, qbar: Any, alpha: Any, delta_e: Any) -> Any:
@@ -87,7 +87,7 @@ class Aerodynamics:
         return qbar * self.S * (by_alpha + by_elevator + self.CD_0)
 
     def moment(self, qbar: Any, alpha: Any, delta_e: Any) -> Any:
-        """Pitching moment of the air (lbf ft/ft), nose up."""
+        """Return pitching moment of the air (lbf ft/ft), nose up."""
         return qbar * self.S * self.c * ((self.CM_a2 * alpha + self.CM_a) * alpha + self.CM_0 + self.ce * delta_e)
 
 
@@ -104,25 +104,27 @@ class Propulsion:
     """
 
     zT: Scalar = quantity("ft", "Arm of the thrust about the centre of mass.", default=8.36, source="[1], [2]")
-    b1: Scalar = quantity("lbf/ft", "By angle of attack cubed and fuel ratio.", default=-3.7693e5, source=THRUST)
-    b2: Scalar = quantity("lbf/ft", "By angle of attack cubed.", default=-3.7225e4, source=THRUST)
-    b3: Scalar = quantity("lbf/ft", "By angle of attack squared and fuel ratio.", default=2.6814e4, source=THRUST)
-    b4: Scalar = quantity("lbf/ft", "By angle of attack squared.", default=-1.7277e4, source=THRUST)
-    b5: Scalar = quantity("lbf/ft", "By angle of attack and fuel ratio.", default=3.5542e4, source=THRUST)
-    b6: Scalar = quantity("lbf/ft", "By angle of attack.", default=-2.4216e3, source=THRUST)
-    b7: Scalar = quantity("lbf/ft", "By fuel ratio.", default=6.3785e3, source=THRUST)
+    b1: Scalar = quantity("lbf/ft", "Thrust by angle of attack cubed and fuel ratio.", default=-3.7693e5, source=THRUST)
+    b2: Scalar = quantity("lbf/ft", "Thrust by angle of attack cubed.", default=-3.7225e4, source=THRUST)
+    b3: Scalar = quantity(
+        "lbf/ft", "Thrust by angle of attack squared and fuel ratio.", default=2.6814e4, source=THRUST
+    )
+    b4: Scalar = quantity("lbf/ft", "Thrust by angle of attack squared.", default=-1.7277e4, source=THRUST)
+    b5: Scalar = quantity("lbf/ft", "Thrust by angle of attack and fuel ratio.", default=3.5542e4, source=THRUST)
+    b6: Scalar = quantity("lbf/ft", "Thrust by angle of attack.", default=-2.4216e3, source=THRUST)
+    b7: Scalar = quantity("lbf/ft", "Thrust by fuel ratio.", default=6.3785e3, source=THRUST)
     b8: Scalar = quantity("lbf/ft", "Else.", default=-1.0090e2, source=THRUST)
 
     def thrust_without_fuel(self, alpha: Any) -> Any:
-        """T0 (lbf/ft)."""
+        """Return T0 (lbf/ft)."""
         return ((self.b2 * alpha + self.b4) * alpha + self.b6) * alpha + self.b8
 
     def thrust_per_fuel_ratio(self, alpha: Any) -> Any:
-        """TP (lbf/ft), thrust per fuel equivalence ratio."""
+        """Return TP (lbf/ft), thrust per fuel equivalence ratio."""
         return ((self.b1 * alpha + self.b3) * alpha + self.b5) * alpha + self.b7
 
     def thrust(self, alpha: Any, Phi: Any) -> Any:
-        """T (lbf/ft)."""
+        """Return T (lbf/ft)."""
         return self.thrust_without_fuel(alpha) + self.thrust_per_fuel_ratio(alpha) * Phi
 
 
@@ -135,11 +137,11 @@ class RigidForces:
     propulsion: Any = part("Thrust and its arm.", default=Propulsion())
 
     def dynamic_pressure(self, h: Any, V: Any) -> Any:
-        """rho V^2/2 (lbf/ft^2)."""
+        """Return rho V^2/2 (lbf/ft^2)."""
         return self.atmosphere.density(h) * V * V / 2
 
     def at(self, h: Any, V: Any, alpha: Any, Phi: Any, delta_e: Any) -> Forces:
-        """Forces at altitude h (ft), speed V (ft/s), angle of attack and elevator (rad), fuel ratio Phi.
+        """Return forces at altitude h (ft), speed V (ft/s), angle of attack and elevator (rad), fuel ratio Phi.
 
         M = zT T + moment of the air.
         """
@@ -174,38 +176,42 @@ class FlexibleModes:
     zeta2: Scalar = quantity("1", "Damping ratio of mode 2.", default=0.02, low=0, source=FITTED)
     psi1: Scalar = quantity("(slug ft)^1/2", "Coupling of mode 1 with pitch.", default=136.82, source=FITTED)
     psi2: Scalar = quantity("(slug ft)^1/2", "Coupling of mode 2 with pitch.", default=329.22, source=FITTED)
-    N1_a2: Scalar = quantity("(slug ft)^1/2/s^2", "By alpha squared (rad).", default=1.4013e3, source=UNCERTAIN)
-    N1_a: Scalar = quantity("(slug ft)^1/2/s^2", "By alpha (rad).", default=4.5737e3, source=FITTED)
-    N1_0: Scalar = quantity("(slug ft)^1/2/s^2", "Else.", default=1.1752e2, source=UNCERTAIN)
-    N2_a2: Scalar = quantity("(slug ft)^1/2/s^2", "By alpha squared (rad).", default=-5.0227e3, source=UNCERTAIN)
-    N2_a: Scalar = quantity("(slug ft)^1/2/s^2", "By alpha (rad).", default=2.8633e3, source=FITTED)
-    N2_d: Scalar = quantity("(slug ft)^1/2/s^2", "By elevator (rad).", default=1.2465e3, source=FITTED)
-    N2_0: Scalar = quantity("(slug ft)^1/2/s^2", "Else.", default=-4.4201e1, source=UNCERTAIN)
+    N1_a2: Scalar = quantity(
+        "(slug ft)^1/2/s^2", "Force on mode 1 by alpha squared (rad).", default=1.4013e3, source=UNCERTAIN
+    )
+    N1_a: Scalar = quantity("(slug ft)^1/2/s^2", "Force on mode 1 by alpha (rad).", default=4.5737e3, source=FITTED)
+    N1_0: Scalar = quantity("(slug ft)^1/2/s^2", "Constant force on mode 1.", default=1.1752e2, source=UNCERTAIN)
+    N2_a2: Scalar = quantity(
+        "(slug ft)^1/2/s^2", "Force on mode 2 by alpha squared (rad).", default=-5.0227e3, source=UNCERTAIN
+    )
+    N2_a: Scalar = quantity("(slug ft)^1/2/s^2", "Force on mode 2 by alpha (rad).", default=2.8633e3, source=FITTED)
+    N2_d: Scalar = quantity("(slug ft)^1/2/s^2", "Force on mode 2 by elevator (rad).", default=1.2465e3, source=FITTED)
+    N2_0: Scalar = quantity("(slug ft)^1/2/s^2", "Constant force on mode 2.", default=-4.4201e1, source=UNCERTAIN)
     kmode: str = option("Reading of the coupling.", default="parker", choices=KMODES)
 
     def forcing(self, alpha: Any, delta_e: Any) -> tuple[Any, Any]:
-        """N1, N2: generalised forces of angle of attack and elevator (rad)."""
+        """Return N1, N2: generalised forces of angle of attack and elevator (rad)."""
         N1 = (self.N1_a2 * alpha + self.N1_a) * alpha + self.N1_0
         N2 = (self.N2_a2 * alpha + self.N2_a) * alpha + self.N2_d * delta_e + self.N2_0
         return N1, N2
 
     def restoring_forces(self, eta1: Any, eta1_rate: Any, eta2: Any, eta2_rate: Any) -> tuple[Any, Any]:
-        """-2 zeta_i w_i eta_i' - w_i^2 eta_i of both modes."""
+        """Return -2 zeta_i w_i eta_i' - w_i^2 eta_i of both modes."""
         one = -2 * self.zeta1 * self.w1 * eta1_rate - self.w1**2 * eta1
         two = -2 * self.zeta2 * self.w2 * eta2_rate - self.w2**2 * eta2
         return one, two
 
     def static_displacements(self, alpha: Any, delta_e: Any) -> tuple[Any, Any]:
-        """N_i/w_i^2: the displacements at which both modes rest while the pitch rate does not change."""
+        """Return N_i/w_i^2: the displacements at which both modes rest while the pitch rate does not change."""
         N1, N2 = self.forcing(alpha, delta_e)
         return N1 / self.w1**2, N2 / self.w2**2
 
     def detune(self, by: Any) -> "FlexibleModes":
-        """A copy with both frequencies times `by`: the plant of a filter that has them wrong."""
+        """Return a copy with both frequencies times `by`: the plant of a filter that has them wrong."""
         return replace(self, w1=self.w1 * by, w2=self.w2 * by)
 
     def solve_accelerations(self, Iyy: Any, M: Any, r1: Any, r2: Any) -> tuple[Any, Any, Any]:
-        """Q' (rad/s^2), eta1'', eta2'' of moment M and modal forces r1, r2: the three equations, solved exactly.
+        """Return Q' (rad/s^2), eta1'', eta2'' of moment M and modal forces r1, r2: the three equations, solved exactly.
 
         Args:     Iyy: moment of inertia (slug ft^2/ft).    M: pitching moment (lbf ft/ft).
                   r1, r2: N_i and restoring force of each mode.

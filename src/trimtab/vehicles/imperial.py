@@ -48,7 +48,7 @@ def factor(unit: str) -> float:
 
 
 def to_si(r: Any) -> dict[str, Any]:
-    """Field name -> value in the SI, for the quantities of a record, nested records as dictionaries."""
+    """Return field name -> value in the SI, for the quantities of a record, nested records as dictionaries."""
     values: dict[str, Any] = {}
     for name, value, declared in children(r):
         if isinstance(declared, Quantity):

@@ -1,4 +1,4 @@
-"""The Mariner, a cargo ship of 161 m, in surge, sway and yaw: the ship of which every book on steering has the numbers.
+"""The Mariner, a cargo ship of 161 m, in surge, sway and yaw: a standard model in books on steering.
 
 [1] is M. S. Chislett, J. Strøm-Tejsen, "Planar motion mechanism tests and full-scale steering and manoeuvring
 predictions for a Mariner class vessel", Hydro- and Aerodynamics Laboratory, report Hy-5, Lyngby 1965, in the form of
@@ -17,16 +17,18 @@ from trimtab.core.signals import Motion
 SURGE = (-184, -110, -215, -899, 18, -95, -190, 798, 93, 93)
 """1e5 times the derivatives of X by u, u^2, u^3, v^2, r^2, d^2, u d^2, r v, v d, u v d."""
 SWAY = (-1160, -499, -8078, 15356, -1160, -499, 278, -90, 556, 278, -4, 1190, -4, -8, -4)
-"""1e5 times those of Y by v, r, v^3, v^2 r, u v, u r, d, d^3, u d, u^2 d, v d^2, v^2 d, 1, u, u^2."""
+"""1e5 times the derivatives of Y by v, r, v^3, v^2 r, u v, u r, d, d^3, u d, u^2 d, v d^2, v^2 d, 1, u, u^2."""
 YAW = (-264, -166, 1636, -5483, -264, -166, -139, 45, -278, -139, 13, -489, 3, 6, 3)
-"""1e5 times those of N by the same."""
+"""1e5 times the derivatives of N by the same variables."""
 
 
 @record
 class MarinerControls:
-    """What the steering gear is told. Source: [1]."""
+    """Command of the steering gear. Source: [1]."""
 
-    rudder: Scalar = quantity("rad", "Positive pushes the stern to starboard: a turn to port.", kind="angle")
+    rudder: Scalar = quantity(
+        "rad", "Commanded rudder angle; positive pushes the stern to starboard: a turn to port.", kind="angle"
+    )
 
 
 @record
@@ -44,7 +46,7 @@ class MarinerState:
 
 @record
 class Mariner:
-    """A ship at its service speed, its screw as it is: only the rudder moves.
+    """A ship at its service speed with constant propulsion: only the rudder is controlled.
 
         (m - Xu') u' = X        (m - Yv') v' + (m xg - Yr') r' = Y        (m xg - Nv') v' + (Iz - Nr') r' = N
         rudder' = limit(rudder_c - rudder, rate)
@@ -58,30 +60,36 @@ class Mariner:
     Source:  [1]; the numbers as his toolbox MSS has them.
     """
 
-    length: Scalar = quantity("m", "Between perpendiculars.", default=160.93, above=0, source="[1]")
-    service_speed: Scalar = quantity("m/s", "15 knots.", default=7.7175, above=0, source="[1]")
-    mass: Scalar = quantity("1", "m, in parts of rho L^3/2.", default=798e-5, above=0, source="[1]")
-    inertia: Scalar = quantity("1", "Iz, in parts of rho L^5/2.", default=39.2e-5, above=0, source="[1]")
+    length: Scalar = quantity("m", "Length between perpendiculars.", default=160.93, above=0, source="[1]")
+    service_speed: Scalar = quantity("m/s", "Service speed, 15 knots.", default=7.7175, above=0, source="[1]")
+    mass: Scalar = quantity("1", "Mass m, in units of rho L^3/2.", default=798e-5, above=0, source="[1]")
+    inertia: Scalar = quantity(
+        "1", "Moment of inertia Iz, in units of rho L^5/2.", default=39.2e-5, above=0, source="[1]"
+    )
     centre: Scalar = quantity("1", "Centre of mass ahead of amidships (lengths).", default=-0.023, source="[1]")
     added_surge: Scalar = quantity("1", "-Xu'.", default=42e-5, source="[1]")
-    added_sway: Any = quantity("1", "-Yv', -Yr'.", default=(748e-5, 9.354e-5), shape=(2,), source="[1]")
-    added_yaw: Any = quantity("1", "-Nv', -Nr'.", default=(-4.646e-5, 43.8e-5), shape=(2,), source="[1]")
+    added_sway: Any = quantity(
+        "1", "Added mass in sway: -Yv', -Yr'.", default=(748e-5, 9.354e-5), shape=(2,), source="[1]"
+    )
+    added_yaw: Any = quantity(
+        "1", "Added mass in yaw: -Nv', -Nr'.", default=(-4.646e-5, 43.8e-5), shape=(2,), source="[1]"
+    )
     surge: Any = quantity("1", "Derivatives of X, as SURGE.", default=1e-5 * np.array(SURGE), shape=(10,), source="[1]")
     sway: Any = quantity("1", "Derivatives of Y, as SWAY.", default=1e-5 * np.array(SWAY), shape=(15,), source="[1]")
     yaw: Any = quantity("1", "Derivatives of N, as YAW.", default=1e-5 * np.array(YAW), shape=(15,), source="[1]")
     rudder_limit: Scalar = quantity("rad", "Stop of the rudder.", default=40 * DEG, above=0, source="[1]")
-    rudder_rate: Scalar = quantity("rad/s", "Fastest it moves.", default=5 * DEG, above=0, source="[1]")
+    rudder_rate: Scalar = quantity("rad/s", "Maximum rate of the rudder.", default=5 * DEG, above=0, source="[1]")
     rudder_lag: Scalar = quantity("s", "Time constant of the gear.", default=1.0, above=0)
 
     MAV_TYPE: ClassVar[str] = "SURFACE_BOAT"
-    """What it says it is to ground stations, see `wire.telemetry`."""
+    """Type reported to ground stations, see `wire.telemetry`."""
 
     def input_limits(self) -> dict[str, tuple[Any, Any]]:
-        """Stops of the rudder (rad)."""
+        """Return the stops of the rudder (rad)."""
         return {"rudder": (-self.rudder_limit, self.rudder_limit)}
 
     def accelerations(self, x: MarinerState) -> tuple[Any, Any, Any]:
-        """Derivatives of surge and sway velocity (m/s^2) and of the yaw rate (rad/s^2)."""
+        """Return derivatives of surge and sway velocity (m/s^2) and of the yaw rate (rad/s^2)."""
         L, d = self.length, x.rudder
         U = jnp.sqrt(x.surge_velocity**2 + x.sway_velocity**2)
         u, v, r = (x.surge_velocity - self.service_speed) / U, x.sway_velocity / U, x.yaw_rate * L / U
@@ -97,7 +105,7 @@ class Mariner:
         return scale * X / (self.mass + self.added_surge), scale * dv, scale / L * dr
 
     def dynamics(self, t: Any, x: MarinerState, u: MarinerControls) -> MarinerState:
-        """The derivative of x (SI) under what the gear is told."""
+        """Return the derivative of x (SI) under the command of the gear."""
         du, dv, dr = self.accelerations(x)
         c, s = jnp.cos(x.heading), jnp.sin(x.heading)
         asked = jnp.clip(u.rudder, -self.rudder_limit, self.rudder_limit)
@@ -112,7 +120,7 @@ class Mariner:
         )
 
     def motion(self, t: Any, x: MarinerState, u: MarinerControls) -> Motion:
-        """All that a sensor at the centre of mass can feel; t: integer time."""
+        """Return the motion that a sensor at the centre of mass feels; t: integer time."""
         du, dv, dr = self.accelerations(x)
         arm, r, o = self.centre * self.length, x.yaw_rate, jnp.zeros_like(du)
         stack = jnp.stack

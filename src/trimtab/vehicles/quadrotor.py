@@ -23,8 +23,8 @@ class MultirotorState:
     The quaternion is put to length one after each step. Source: this module.
     """
 
-    position: Any = quantity("m", "Of the centre of mass.", frame="W", shape=(3,), default=(0.0, 0.0, 0.0))
-    velocity: Any = quantity("m/s", "Its derivative.", frame="W", shape=(3,), default=(0.0, 0.0, 0.0))
+    position: Any = quantity("m", "Position of the centre of mass.", frame="W", shape=(3,), default=(0.0, 0.0, 0.0))
+    velocity: Any = quantity("m/s", "Velocity of the centre of mass.", frame="W", shape=(3,), default=(0.0, 0.0, 0.0))
     attitude: Any = quantity("1", "Quaternion q_WB, scalar first.", frame="WB", shape=(4,), default=(1.0, 0, 0, 0))
     rate: Any = quantity("rad/s", "Angular velocity.", frame="B", shape=(3,), default=(0.0, 0.0, 0.0))
     rotor_speed: Any = quantity("rad/s", "Of each rotor (n,); negative in reverse.", default=(0.0, 0.0, 0.0, 0.0))
@@ -39,11 +39,11 @@ class RotorSpeeds:
 
 @record
 class RotorDemand:
-    """What a law wants of the rotors together. Frame: B. Source: this module."""
+    """Demand of a law for all rotors together. Frame: B. Source: this module."""
 
-    thrust: Scalar = quantity("N", "Of all rotors, against the body's z axis.", frame="B")
-    moment: Any = quantity("N m", "Roll, pitch, yaw.", frame="B", shape=(3,))
-    working: Any = quantity("1", "Whether each rotor is believed to work (n,).", kind="flag", default=(True,) * 4)
+    thrust: Scalar = quantity("N", "Thrust of all rotors, against the body's z axis.", frame="B")
+    moment: Any = quantity("N m", "Moment in roll, pitch, yaw.", frame="B", shape=(3,))
+    working: Any = quantity("1", "True for each rotor that is assumed to work (n,).", kind="flag", default=(True,) * 4)
 
 
 @record
@@ -60,50 +60,56 @@ class Rotors:
 
     places: Any = quantity(
         "m",
-        "Of each rotor's hub (n, 3).",
+        "Position of each rotor's hub (n, 3).",
         frame="B",
         default=np.array([[0.315, 0, 0], [0, 0.315, 0], [-0.315, 0, 0], [0, -0.315, 0]]),
         source="[1] d = 0.315",
     )
     spins: Any = quantity(
-        "1", "Sense of each (n,): 1 clockwise from above, -1 against it.", default=np.array([1.0, -1, 1, -1])
+        "1",
+        "Direction of rotation of each rotor (n,): 1 clockwise from above, -1 counter-clockwise.",
+        default=np.array([1.0, -1, 1, -1]),
     )
     thrust_coefficient: Scalar = quantity("N s^2/rad^2", "Thrust by speed squared, k.", default=8e-5, above=0)
     torque_ratio: Scalar = quantity("m", "Torque by thrust, c.", default=8.004e-4, low=0, source="[1] section V")
-    inertia: Scalar = quantity("kg m^2", "Of each rotor about its shaft.", default=0.0, low=0)
+    inertia: Scalar = quantity("kg m^2", "Moment of inertia of each rotor about its shaft.", default=0.0, low=0)
 
     def check(self) -> None:
-        """Refuse rotors of which not all is said."""
+        """Raise InputError for rotors of which not all is said."""
         n = np.size(self.spins)
         if np.shape(self.places) != (n, 3) or np.ndim(self.spins) != 1:
-            problem = f"there are {n} spins, and places of shape {np.shape(self.places)}"
+            problem = f"{n} spins don't fit places of shape {np.shape(self.places)}"
             raise InputError("places", problem, fix=f"give {n} places of three numbers each")
         if not (np.abs(self.spins) == 1).all():
-            raise InputError("spins", f"{np.asarray(self.spins).tolist()}", fix="give 1 or -1 for each rotor")
+            raise InputError(
+                "spins",
+                f"spins must be 1 or -1, got {np.asarray(self.spins).tolist()}",
+                fix="give 1 or -1 for each rotor",
+            )
 
     def effectiveness(self) -> Any:
-        """(4, n): thrust and moments about x, y, z of each newton of each rotor."""
+        """Return (4, n): thrust and moments about x, y, z per newton of each rotor."""
         x, y = jnp.asarray(self.places)[:, 0], jnp.asarray(self.places)[:, 1]
         return jnp.stack([jnp.ones_like(x), -y, x, -jnp.asarray(self.spins) * self.torque_ratio])
 
     def thrusts(self, speed: Any) -> Any:
-        """Of each (N) at its speed (rad/s)."""
+        """Return the thrust of each rotor (N) at its speed (rad/s)."""
         return self.thrust_coefficient * speed * jnp.abs(speed)
 
     def speeds(self, thrust: Any) -> Any:
-        """Of each (rad/s) for its thrust (N)."""
+        """Return the speed of each rotor (rad/s) for its thrust (N)."""
         some = thrust != 0
         root = jnp.sqrt(jnp.abs(jnp.where(some, thrust, 1.0)) / self.thrust_coefficient)
         return jnp.where(some, jnp.sign(thrust) * root, 0.0)
 
     def angular_momentum(self, speed: Any) -> Any:
-        """Of all rotors about z (N m s)."""
+        """Return the angular momentum of all rotors about z (N m s)."""
         return self.inertia * jnp.sum(jnp.asarray(self.spins) * speed)
 
 
 @record
 class Multirotor:
-    """A rigid body carried by n rotors that all thrust against its z axis: it chooses place and yaw, not its tilt.
+    """A rigid body with n rotors that all thrust against its z axis: position and yaw can be chosen, not the tilt.
 
         p' = v      m v' = m g e3 - T R e3 - R D R.T (v - wind)      q' = q (0, w)/2
         J w' = M - w × (J w + h e3) - D_w w      w_i' = (u_i - w_i)/lag
@@ -122,7 +128,7 @@ class Multirotor:
     mass: Scalar = quantity("kg", "Mass.", default=4.34, above=0, source="[1] section V")
     inertia: Any = quantity(
         "kg m^2",
-        "Moments about x, y, z.",
+        "Moments of inertia about x, y, z.",
         frame="B",
         shape=(3,),
         default=np.array([0.0820, 0.0845, 0.1377]),
@@ -130,11 +136,11 @@ class Multirotor:
         source="[1] section V",
     )
     gravity: Scalar = quantity("m/s^2", "Downward.", default=9.81, low=0)
-    rotors: Rotors = part("What carries it.", default=Rotors())
+    rotors: Rotors = part("Rotors of the craft.", default=Rotors())
     lag: Scalar = imperfection("s", "Time constant of each rotor's speed.", "motor-lag")
     drag: Any = quantity(
         "N s/m",
-        "Of body and rotors along x, y, z, by speed through the air.",
+        "Drag of body and rotors along x, y, z, per speed through the air.",
         frame="B",
         shape=(3,),
         default=np.zeros(3),
@@ -142,19 +148,24 @@ class Multirotor:
         off={"rotor-drag": np.zeros(3)},
     )
     turning_drag: Any = quantity(
-        "N m s", "Of body and rotors about x, y, z, by rate.", frame="B", shape=(3,), default=np.zeros(3), low=0
+        "N m s",
+        "Damping of body and rotors about x, y, z, per rate.",
+        frame="B",
+        shape=(3,),
+        default=np.zeros(3),
+        low=0,
     )
     wind: Wind = part("Wind over the ground.", default=Wind(), off={"wind": Wind()})
 
     MAV_TYPE: ClassVar[str] = "QUADROTOR"
-    """What it says it is to ground stations, see `wire.telemetry`."""
+    """Type reported to ground stations, see `wire.telemetry`."""
 
     def acting_speed(self, x: MultirotorState, u: RotorSpeeds) -> Any:
-        """How fast the rotors turn (n,), rad/s: as the state says, or, without lag, as asked for."""
+        """Return the speeds of the rotors (n,), rad/s: those of the state, or without lag the commanded ones."""
         return jnp.where(self.lag > 0, x.rotor_speed, u.speed)
 
     def accelerations(self, x: MultirotorState, u: RotorSpeeds) -> tuple[Any, Any]:
-        """Acceleration of the centre of mass in W (3,) (m/s^2), and angular acceleration in B (3,) (rad/s^2)."""
+        """Return acceleration of the centre of mass in W (3,) (m/s^2), and angular acceleration in B (3,) (rad/s^2)."""
         speed = self.acting_speed(x, u)
         wrench = self.rotors.effectiveness() @ self.rotors.thrusts(speed)
         R = quaternion.to_matrix(x.attitude)
@@ -167,7 +178,7 @@ class Multirotor:
         return self.gravity * down + R @ force / self.mass, moment / J
 
     def dynamics(self, t: Any, x: MultirotorState, u: RotorSpeeds) -> MultirotorState:
-        """The derivative of x; t: seconds."""
+        """Return the derivative of x; t: seconds."""
         acceleration, turn = self.accelerations(x, u)
         return MultirotorState(
             position=x.velocity,
@@ -178,11 +189,11 @@ class Multirotor:
         )
 
     def after_step(self, t: Any, x: MultirotorState) -> MultirotorState:
-        """The quaternion put to length one; t: seconds."""
+        """Return the quaternion put to length one; t: seconds."""
         return MultirotorState(x.position, x.velocity, quaternion.normalise(x.attitude), x.rate, x.rotor_speed)
 
     def motion(self, t: Any, x: MultirotorState, u: RotorSpeeds) -> Motion:
-        """All that a sensor can feel; t: integer time."""
+        """Return the motion that a sensor feels; t: integer time."""
         acceleration, turn = self.accelerations(x, u)
         R = quaternion.to_matrix(x.attitude)
         return Motion(
@@ -196,7 +207,7 @@ class Multirotor:
         )
 
     def hover(self, position: Any = (0.0, 0.0, 0.0), heading: Any = 0.0) -> MultirotorState:
-        """At rest in the air at a position (m, W), the nose at a heading (rad), every rotor carrying its share."""
+        """Return the hovering state at a position (m, W) and heading (rad), with equal thrust of all rotors."""
         n = np.size(self.rotors.spins)
         share = np.full(n, float(self.mass) * float(self.gravity) / n)
         q = np.array([np.cos(heading / 2), 0.0, 0.0, np.sin(heading / 2)])
@@ -205,17 +216,21 @@ class Multirotor:
 
 
 def ring_rotors(spins: str, arm: float, first: float = 0.0) -> tuple[Any, Any]:
-    """Places (n, 3) and spins (n,) of rotors around a ring, for `Rotors`.
+    """Return positions (n, 3) and spins (n,) of rotors around a ring, for `Rotors`.
 
     Args:
-        spins: a letter each, clockwise from above: P turns clockwise, N against it, e.g. "PNPN", "PPNNPN".
+        spins: a letter for each rotor, clockwise from above: P turns clockwise, N against it, e.g. "PNPN", "PPNNPN".
         arm: radius (m).
-        first: where the first is, from the nose (rad).
+        first: angle of the first rotor from the nose (rad).
 
     Raises: InputError for another letter.
     """
     if not spins or set(spins) - set("PN"):
-        raise InputError("spins", f"{spins!r}", fix="write a P or an N for each rotor, e.g. PNPNPN")
+        raise InputError(
+            "spins",
+            f"must consist of the letters P and N, got {spins!r}",
+            fix="write a P or an N for each rotor, e.g. PNPNPN",
+        )
     angle = first + 2 * np.pi * np.arange(len(spins)) / len(spins)
     places = arm * np.stack([np.cos(angle), np.sin(angle), np.zeros_like(angle)], axis=1)
     return places, np.array([1.0 if letter == "P" else -1.0 for letter in spins])

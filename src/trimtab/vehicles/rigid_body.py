@@ -1,7 +1,6 @@
-"""A rigid body over the turning earth: six degrees of freedom, in the air or above it.
+"""A rigid body over the rotating earth: six degrees of freedom, in the air or above it.
 
-It is the plant of anything that is pushed and turned as a whole: what pushes it is its input, a force and a moment in
-its own axes, and the air, where it has an aerodynamic part.
+Its input is a force and a moment in its own axes. With an aerodynamic part, the air acts on it too.
 """
 
 from typing import Any, ClassVar, NamedTuple
@@ -28,8 +27,8 @@ class RigidBodyState:
     The quaternion's length does not matter. Source: Stevens, Lewis, Johnson, "Aircraft control and simulation", 1.7.
     """
 
-    position: Any = quantity("m", "Of the centre of mass from the earth's, p_I.", frame="I", shape=(3,))
-    velocity: Any = quantity("m/s", "Its derivative in I.", frame="I", shape=(3,))
+    position: Any = quantity("m", "Position of the centre of mass from the earth's, p_I.", frame="I", shape=(3,))
+    velocity: Any = quantity("m/s", "Velocity in I.", frame="I", shape=(3,))
     attitude: Any = quantity("1", "Quaternion q_IB, scalar first.", frame="IB", shape=(4,))
     rate: Any = quantity("rad/s", "Angular velocity of B in I.", frame="B", shape=(3,))
 
@@ -38,16 +37,16 @@ class RigidBodyState:
 class Wrench:
     """A force at the centre of mass and a moment about it. Frame: B. Source: this module."""
 
-    force: Any = quantity("N", "Forward, to starboard, down.", frame="B", shape=(3,))
-    moment: Any = quantity("N m", "Roll, pitch, yaw.", frame="B", shape=(3,))
+    force: Any = quantity("N", "Force forward, to starboard, down.", frame="B", shape=(3,))
+    moment: Any = quantity("N m", "Moment in roll, pitch, yaw.", frame="B", shape=(3,))
 
 
 NO_WRENCH = Wrench(np.zeros(3), np.zeros(3))
-"""Nothing pushes."""
+"""No force and no moment."""
 
 
 class Airflow(NamedTuple):
-    """What the air around a body feels of it.
+    """Flow of the air around a body.
 
     velocity: of the centre of mass through the air, in B (3,) (m/s).  speed: its length.  rate: of the body in
     the air, which turns with the earth, in B (3,) (rad/s).  air: at its place.
@@ -60,17 +59,17 @@ class Airflow(NamedTuple):
 
     @property
     def pressure(self) -> Any:
-        """Dynamic pressure (Pa)."""
+        """Return the dynamic pressure (Pa)."""
         return self.air.density * self.speed**2 / 2
 
     @property
     def mach(self) -> Any:
-        """Mach number."""
+        """Return the Mach number."""
         return self.speed / self.air.sound_speed
 
 
 class FlightCondition(NamedTuple):
-    """A body's state as one flies by it.
+    """Flight state of a body.
 
     latitude, longitude: geodetic (rad).  height: above the ellipsoid (m).  velocity: over the ground, in local
     north-east-down (3,) (m/s).  angles: roll, pitch, yaw of B in local north-east-down (3,) (rad).  gravity: of
@@ -105,7 +104,7 @@ class BluntBody:
     yaw_damping: Scalar = quantity("1", "Cnr.", default=0.0)
 
     def wrench(self, flow: Airflow) -> Wrench:
-        """Force and moment of the air; neither where there is no wind."""
+        """Return force and moment of the air; neither where there is no wind."""
         moves = flow.speed > 0
         qS_over_V = flow.air.density * flow.speed / 2 * self.area
         lengths = jnp.stack([self.span, self.chord, self.span]) * jnp.ones(3)
@@ -136,36 +135,36 @@ class RigidBody:
     products: Any = quantity(
         "kg m^2", "Products Jxy, Jyz, Jzx: the integrals of x y, …", frame="B", shape=(3,), default=np.zeros(3)
     )
-    earth: Earth = part("What attracts it and turns below it.", default=Earth())
+    earth: Earth = part("Earth: gravitation and rotation.", default=Earth())
     wind: Wind = part("Wind over the ground.", default=Wind())
-    aerodynamics: Any = part("Its forces in the air, or None: it flies as in a vacuum.", default=None)
-    origin: TangentPlane = part("Where W touches the earth.", default=TangentPlane(0.0, 0.0))
-    gust: Any = part("What turbulence adds to the wind; a world with turbulence puts it there.", default=None)
+    aerodynamics: Any = part("Aerodynamic forces, or None: no air.", default=None)
+    origin: TangentPlane = part("Origin of W on the earth.", default=TangentPlane(0.0, 0.0))
+    gust: Any = part("Gust added to the wind; set by a world with turbulence.", default=None)
 
     MAV_TYPE: ClassVar[str] = "GENERIC"
-    """What it says it is to ground stations, see `wire.telemetry`."""
+    """Type reported to ground stations, see `wire.telemetry`."""
     QUATERNIONS: ClassVar[tuple[str, ...]] = ("attitude",)
-    """What an integration on the rotation group turns."""
+    """Fields that an integration on the rotation group rotates."""
 
     def check(self) -> None:
-        """Refuse an inertia that no body has."""
+        """Raise InputError for an inertia that no body has."""
         moments = np.linalg.eigvalsh(np.asarray(self.inertia_matrix()))
         if moments[0] <= 0 or moments[0] + moments[1] < moments[2] * (1 - 1e-9):
-            problem = f"principal moments of inertia of {np.round(moments, 9).tolist()} belong to no body"
+            problem = f"principal moments of inertia of {np.round(moments, 9).tolist()} are not possible for a body"
             raise InputError("inertia", problem, fix="each must be above 0, and none greater than the two others' sum")
 
     def inertia_matrix(self) -> Any:
-        """J (3, 3) in B."""
+        """Return J (3, 3) in B."""
         (x, y, z), (xy, yz, zx) = self.inertia, self.products
         rows = ([x, -xy, -zx], [-xy, y, -yz], [-zx, -yz, z])
         return jnp.stack([jnp.stack([jnp.asarray(e, float) for e in row]) for row in rows])
 
     def in_gust(self, gust: Gust) -> "RigidBody":
-        """The body in air that has this gust besides the wind."""
+        """Return the body in air that has this gust besides the wind."""
         return replace(self, gust=gust)
 
     def flight(self, t: Any, x: RigidBodyState) -> FlightCondition:
-        """The state as one flies by it; t: seconds."""
+        """Return the state as one flies by it; t: seconds."""
         R_EI = self.earth.to_inertial(t).T
         p_E = R_EI @ x.position
         latitude, longitude, height = self.earth.geodetic(p_E)
@@ -186,7 +185,7 @@ class RigidBody:
         )
 
     def dynamics(self, t: Any, x: RigidBodyState, u: Wrench) -> RigidBodyState:
-        """The derivative of x under the force and moment u; t: seconds."""
+        """Return the derivative of x under the force and moment u; t: seconds."""
         acceleration, turn = self.accelerations(t, x, u)
         return RigidBodyState(
             position=x.velocity,
@@ -196,7 +195,7 @@ class RigidBody:
         )
 
     def accelerations(self, t: Any, x: RigidBodyState, u: Wrench) -> tuple[Any, Any]:
-        """What an accelerometer at the centre of mass feels, in I (3,) (m/s²), and w_IB_B' (3,) (rad/s²)."""
+        """Return the specific force at the centre of mass, in I (3,) (m/s²), and w_IB_B' (3,) (rad/s²)."""
         force, moment = u.force, u.moment
         if self.aerodynamics is not None:
             of_air = self.aerodynamics.wrench(self.flight(t, x).flow)
@@ -206,7 +205,7 @@ class RigidBody:
         return quaternion.to_matrix(x.attitude) @ force / self.mass, turn
 
     def motion(self, t: Any, x: RigidBodyState, u: Wrench) -> Motion:
-        """All that a sensor can feel, against the tangent plane at `origin`; t: integer time."""
+        """Return the motion that a sensor feels, against the tangent plane at `origin`; t: integer time."""
         seconds = to_seconds(t)
         R_EI = self.earth.to_inertial(seconds).T
         plane = self.origin
@@ -239,7 +238,7 @@ class RigidBody:
     def start(
         self, latitude: Any, longitude: Any, height: Any, *, velocity: Any, angles: Any, rate: Any, over_ground: bool
     ) -> RigidBodyState:
-        """The state at time zero.
+        """Return the state at time zero.
 
         Args:
             latitude, longitude: geodetic (rad).
@@ -259,11 +258,11 @@ class RigidBody:
         return RigidBodyState(p, v, q, w)
 
     def _turn(self, p_I: Any) -> Any:
-        """Velocity (3,) of a point that turns with the earth."""
+        """Return velocity (3,) of a point that turns with the earth."""
         return self.earth.rate * jnp.stack([-p_I[1], p_I[0], jnp.zeros_like(p_I[0])])
 
 
 def _solve_symmetric(J: Any, b: Any) -> Any:
-    """J^-1 b (3,) of a symmetric J (3, 3), by its cofactors."""
+    """Return J^-1 b (3,) of a symmetric J (3, 3), by its cofactors."""
     rows = (jnp.cross(J[1], J[2]), jnp.cross(J[2], J[0]), jnp.cross(J[0], J[1]))
     return (b[0] * rows[0] + b[1] * rows[1] + b[2] * rows[2]) / (J[0] @ rows[0])

@@ -1,4 +1,4 @@
-"""A platform that a motor turns, with an arm: what the source tests its navigation on."""
+"""A motor-driven rotating platform with an arm: the test bench of the thesis's navigation."""
 
 from typing import Any, ClassVar
 
@@ -9,12 +9,12 @@ from trimtab.core.rotation import from_euler, from_rotation_vector, to_euler, wr
 from trimtab.core.signals import Motion
 
 QUARTER = jnp.pi / 2
-"""From the direction of the arm to the body's x axis (rad)."""
+"""Angle from the direction of the arm to the body's x axis (rad)."""
 
 
 @record
 class PlatformDrive:
-    """What the motor is told. Source: this module."""
+    """Command of the motor. Source: this module."""
 
     rate: Scalar = quantity("rad/s", "Commanded rate of turn, clockwise from above.")
 
@@ -27,7 +27,9 @@ class PlatformState:
     that navigation estimates. `RotatingPlatform.rest` gives a state in which all fit. Source: this module.
     """
 
-    heading: Scalar = quantity("rad", "Of the body: the arm's direction and a quarter turn; unwrapped.", kind="angle")
+    heading: Scalar = quantity(
+        "rad", "Heading of the body: the arm's direction plus a quarter turn; unwrapped.", kind="angle"
+    )
     yaw_rate: Scalar = quantity("rad/s", "Rate of turn W, clockwise from above.", frame="B")
     surge_velocity: Scalar = quantity("m/s", "Velocity along the body's x axis, arm times rate.", frame="B")
     sway_velocity: Scalar = quantity("m/s", "Velocity along the body's y axis: none.", frame="B")
@@ -51,16 +53,18 @@ class RotatingPlatform:
              section 6.2.1. Reconstructed: time constant and tilt, see docs Errata.
     """
 
-    arm: Scalar = quantity("m", "From the axis to the body; 0: on it.", default=0.3048, low=0, source="[1] 12 in")
-    time_constant: Scalar = quantity("s", "Of the rate's answer to the command.", default=0.1, above=0)
+    arm: Scalar = quantity(
+        "m", "Distance from the axis to the body; 0: on the axis.", default=0.3048, low=0, source="[1] 12 in"
+    )
+    time_constant: Scalar = quantity("s", "Time constant of the rate's response to the command.", default=0.1, above=0)
     tilt: Scalar = quantity("rad", "Angle of the spin axis from the vertical.", default=0.0, low=0, high=0.5)
     lean: Scalar = quantity("rad", "Direction to which its upper end leans, from north.", default=0.0, kind="angle")
 
     MAV_TYPE: ClassVar[str] = "GENERIC"
-    """What it says it is to ground stations, see `wire.telemetry`."""
+    """Type reported to ground stations, see `wire.telemetry`."""
 
     def dynamics(self, t: Any, x: PlatformState, u: PlatformDrive) -> PlatformState:
-        """The derivative of x (SI) under the commanded rate."""
+        """Return the derivative of x (SI) under the commanded rate."""
         acceleration = (u.rate - x.yaw_rate) / self.time_constant
         velocity = self._lean_rotation() @ (
             self.arm * x.yaw_rate * jnp.stack([jnp.cos(x.heading), jnp.sin(x.heading), 0.0])
@@ -75,7 +79,7 @@ class RotatingPlatform:
         )
 
     def motion(self, t: Any, x: PlatformState, u: PlatformDrive) -> Motion:
-        """All that a sensor at the arm's end can feel, out of heading, yaw rate and command; t: integer time."""
+        """Return the motion that a sensor at the arm's end feels, from heading, yaw rate, command; t: integer time."""
         angle = x.heading - QUARTER
         acceleration = (u.rate - x.yaw_rate) / self.time_constant
         o = jnp.zeros_like(acceleration)
@@ -93,11 +97,11 @@ class RotatingPlatform:
         )
 
     def rest_state(self, heading: float = 0.0) -> PlatformState:
-        """Standing still at a heading (rad)."""
+        """Return the state at rest at a heading (rad)."""
         place = self._lean_rotation() @ (self.arm * jnp.stack([jnp.sin(heading), -jnp.cos(heading), 0.0]))
         return PlatformState(heading, 0.0, 0.0, 0.0, place[0], place[1])
 
     def _lean_rotation(self) -> Any:
-        """The turn T (3, 3) of the upright platform into the leaning one."""
+        """Return the turn T (3, 3) of the upright platform into the leaning one."""
         turn = self.tilt * jnp.stack([jnp.sin(self.lean), -jnp.cos(self.lean), jnp.zeros_like(self.lean * 1.0)])
         return from_rotation_vector(turn)

@@ -1,4 +1,4 @@
-"""An underactuated surface vessel in three degrees of freedom: screws and rudders aft, nothing that pushes sideways.
+"""An underactuated surface vessel in three degrees of freedom: propellers and rudders aft, no lateral thruster.
 
 [1] is R. Skjetne, Ø. N. Smogeli, T. I. Fossen, "A nonlinear ship manoeuvering model: identification and adaptive
 control with experiments for a model ship", Modeling, Identification and Control 25 (2004) 3-27.
@@ -16,7 +16,7 @@ from trimtab.environment.current import Current
 from trimtab.environment.wind import Wind
 
 TURN = 2 * np.pi
-"""Of a shaft (rad)."""
+"""One turn of a shaft (rad)."""
 TABLE_1, TABLE_2, TABLE_4 = "[1] table 1", "[1] table 2", "[1] table 4"
 AIR = 1.225
 """Density of air (kg/m^3)."""
@@ -24,10 +24,10 @@ AIR = 1.225
 
 @record
 class VesselControls:
-    """What the servos are told. Source: [1] section 2."""
+    """Command of the servos. Source: [1] section 2."""
 
-    rudder: Scalar = quantity("rad", "Both rudders; positive pushes the stern to starboard.", kind="angle")
-    shaft_speed: Scalar = quantity("rad/s", "Both propellers; positive drives ahead.")
+    rudder: Scalar = quantity("rad", "Angle of both rudders; positive pushes the stern to starboard.", kind="angle")
+    shaft_speed: Scalar = quantity("rad/s", "Speed of both propellers; positive drives ahead.")
 
 
 @record
@@ -41,7 +41,7 @@ class VesselState:
     east: Scalar = quantity("m", "Position along the world's y axis.", frame="W", default=0.0)
     heading: Scalar = quantity("rad", "Angle from north to the body's x axis; unwrapped.", kind="angle", default=0.0)
     rudder: Scalar = quantity("rad", "Angle of both rudders.", kind="angle", default=0.0)
-    shaft_speed: Scalar = quantity("rad/s", "Of both propellers.", default=0.0)
+    shaft_speed: Scalar = quantity("rad/s", "Speed of both propellers.", default=0.0)
 
 
 @record
@@ -72,7 +72,7 @@ class HullDamping:
     Nrr: Scalar = quantity("kg m^2", "Yaw.", default=-0.750, source=TABLE_4)
 
     def wrench(self, u: Any, v: Any, r: Any) -> tuple[Any, Any, Any]:
-        """X, Y (N) and N (N m) at velocities through the water (m/s, rad/s)."""
+        """Return X, Y (N) and N (N m) at velocities through the water (m/s, rad/s)."""
         av, ar = jnp.abs(v), jnp.abs(r)
         X = (self.Xu + self.Xuu * jnp.abs(u) + self.Xuuu * u**2) * u
         Y = (self.Yv + self.Yvv * av + self.Yrv * ar) * v + (self.Yr + self.Yvr * av + self.Yrr * ar) * r
@@ -102,20 +102,22 @@ class TwinScrew:
     ahead_stall: Scalar = quantity("kg/m", "Ldd, flow from ahead.", default=5.83594, source="[1]")
     astern_lift: Scalar = quantity("kg/m", "Ld, flow from astern.", default=3.19573, source="[1]")
     astern_stall: Scalar = quantity("kg/m", "Ldd, flow from astern.", default=2.34356, source="[1]")
-    rudder_arm: Scalar = quantity("m", "Origin to the rudders, aft.", default=0.549, above=0, source=TABLE_1)
-    diameter: Scalar = quantity("m", "Of a propeller.", default=0.06, above=0)
+    rudder_arm: Scalar = quantity(
+        "m", "Distance from the origin to the rudders, aft.", default=0.549, above=0, source=TABLE_1
+    )
+    diameter: Scalar = quantity("m", "Diameter of a propeller.", default=0.06, above=0)
     induced: Scalar = quantity("1", "k: share of the stream's gain that a rudder feels.", default=0.5, low=0, high=1)
-    density: Scalar = quantity("kg/m^3", "Of the water.", default=1014.0, above=0)
+    density: Scalar = quantity("kg/m^3", "Density of the water.", default=1014.0, above=0)
 
     def thrust(self, shaft_speed: Any, u: Any) -> Any:
-        """Of one propeller (N) at a shaft speed (rad/s) and a velocity through the water (m/s)."""
+        """Return the thrust of one propeller (N) at a shaft speed (rad/s) and a velocity through the water (m/s)."""
         n = shaft_speed / TURN
         ahead = jnp.abs(n) * (self.ahead_thrust * n - self.ahead_inflow * u)
         astern = jnp.abs(n) * (self.astern_thrust * n - self.astern_inflow * u)
         return jnp.where(n > 0, jnp.maximum(ahead, 0.0), jnp.minimum(astern, 0.0))
 
     def lift(self, rudder: Any, thrust: Any, u: Any) -> Any:
-        """Of one rudder (N), to starboard, at an angle (rad) behind a propeller with a thrust (N)."""
+        """Return the lift of one rudder (N), to starboard, at an angle (rad) behind a propeller with a thrust (N)."""
         stream = 8 * thrust / (np.pi * self.density * self.diameter**2) + u**2
         flows = stream > 0
         gain = jnp.where(flows, jnp.sqrt(jnp.where(flows, stream, 1.0)), 0.0) - u
@@ -125,7 +127,7 @@ class TwinScrew:
         return jnp.where(past < 0, astern, ahead) * jnp.abs(past) * past
 
     def wrench(self, rudder: Any, shaft_speed: Any, u: Any) -> tuple[Any, Any, Any]:
-        """X, Y (N) and N (N m) of both, about the origin of [1]."""
+        """Return X, Y (N) and N (N m) of both sides, about the origin of [1]."""
         T = self.thrust(shaft_speed, u)
         L = self.lift(rudder, T, u)
         return 2 * T, 2 * L, -2 * self.rudder_arm * L
@@ -141,7 +143,7 @@ class WindLoad:
              coefficients are this project's, the coefficients in the middle of the ranges given there.
     """
 
-    wind: Wind = part("Over the ground; its height is the water's.", default=Wind())
+    wind: Wind = part("Wind over the ground, at the height of the water.", default=Wind())
     frontal_area: Scalar = quantity("m^2", "A, seen from ahead.", default=0.04, low=0)
     lateral_area: Scalar = quantity("m^2", "B, seen from the side.", default=0.16, low=0)
     length: Scalar = quantity("m", "L over all.", default=1.255, above=0, source=TABLE_1)
@@ -150,7 +152,7 @@ class WindLoad:
     cn: Scalar = quantity("1", "Turning.", default=0.1)
 
     def wrench(self, x: VesselState) -> tuple[Any, Any, Any]:
-        """X, Y (N) and N (N m) on a vessel."""
+        """Return X, Y (N) and N (N m) on a vessel."""
         north, east, _ = self.wind.velocity(0.0)
         c, s = jnp.cos(x.heading), jnp.sin(x.heading)
         along = c * north + s * east - x.surge_velocity
@@ -205,12 +207,12 @@ class SurfaceVessel:
     """What it says it is to ground stations, see `wire.telemetry`."""
 
     def input_limits(self) -> dict[str, tuple[Any, Any]]:
-        """Stops of the rudders (rad), limits of the shafts (rad/s)."""
+        """Return the stops of the rudders (rad) and limits of the shafts (rad/s)."""
         rudder, shaft = self.rudder_limit, self.shaft_limit
         return {"rudder": (-rudder, rudder), "shaft_speed": (-shaft, shaft)}
 
     def dynamics(self, t: Any, x: VesselState, u: VesselControls) -> VesselState:
-        """The derivative of x (SI) under what the servos are told."""
+        """Return the derivative of x (SI) under what the servos are told."""
         du, dv, dr = self.accelerations(x)
         c, s = jnp.cos(x.heading), jnp.sin(x.heading)
         asked = jnp.clip(u.rudder, -self.rudder_limit, self.rudder_limit)
@@ -227,7 +229,7 @@ class SurfaceVessel:
         )
 
     def accelerations(self, x: VesselState) -> tuple[Any, Any, Any]:
-        """Derivatives of surge and sway velocity (m/s^2) and of the yaw rate (rad/s^2)."""
+        """Return derivatives of surge and sway velocity (m/s^2) and of the yaw rate (rad/s^2)."""
         r = x.yaw_rate
         along, across = self.current.in_plane(x.heading)
         u, v = x.surge_velocity - along, x.sway_velocity - self.centre * r - across
@@ -242,7 +244,7 @@ class SurfaceVessel:
         return X / m11 + r * across, dv + self.centre * dr, dr
 
     def wrench(self, x: VesselState, u: Any, v: Any) -> tuple[Any, Any, Any]:
-        """X, Y (N) and N (N m) of all that acts, about the origin of [1], at its velocity through the water (m/s)."""
+        """Return X, Y (N) and N (N m) of all forces, about the origin of [1], at velocity through the water (m/s)."""
         forces = [self.damping.wrench(u, v, x.yaw_rate), self.propulsion.wrench(x.rudder, x.shaft_speed, u)]
         if self.wind is not None:
             forces.append(self.wind.wrench(x))
@@ -250,7 +252,7 @@ class SurfaceVessel:
         return X, Y, N
 
     def motion(self, t: Any, x: VesselState, u: VesselControls) -> Motion:
-        """All that a sensor at the centre of mass can feel; t: integer time."""
+        """Return the motion that a sensor at the centre of mass feels; t: integer time."""
         du, dv, dr = self.accelerations(x)
         o, r = jnp.zeros_like(du), x.yaw_rate
         stack = jnp.stack

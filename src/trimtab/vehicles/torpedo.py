@@ -98,7 +98,7 @@ class TorpedoHull:
     Nuudr: Scalar = quantity("kg/rad", "Rudder.", default=-6.15, source=TABLES)
 
     def wrench(self, velocity: Any, rate: Any, rudder: Any, stern: Any) -> tuple[Any, Any]:
-        """Force (3,) (N) and moment (3,) (N m), without what goes with the accelerations."""
+        """Return force (3,) (N) and moment (3,) (N m), without what goes with the accelerations."""
         (u, v, w), (p, q, r) = velocity, rate
         av, aw, aq, ar = jnp.abs(v), jnp.abs(w), jnp.abs(q), jnp.abs(r)
         X = self.Xuu * jnp.abs(u) * u + self.Xwq * w * q + self.Xqq * q**2 + self.Xvr * v * r + self.Xrr * r**2
@@ -161,12 +161,12 @@ class Torpedo:
         return self.weight / 9.81
 
     def input_limits(self) -> dict[str, tuple[Any, Any]]:
-        """Stops of the fins (rad), limits of the shaft (rad/s)."""
+        """Return the stops of the fins (rad) and limits of the shaft (rad/s)."""
         fins, shaft = (-self.fin_limit, self.fin_limit), self.shaft_limit
         return {"rudder": fins, "stern": fins, "shaft_speed": (-shaft, shaft)}
 
     def dynamics(self, t: Any, x: TorpedoState, u: TorpedoControls) -> TorpedoState:
-        """The derivative of x (SI) under what servos and motor are told."""
+        """Return the derivative of x (SI) under what servos and motor are told."""
         velocity, rate = self.accelerations(x)
         shaft = jnp.clip(u.shaft_speed, -self.shaft_limit, self.shaft_limit)
         return TorpedoState(
@@ -180,12 +180,12 @@ class Torpedo:
         )
 
     def _move_fin(self, angle: Any, asked: Any) -> Any:
-        """Rate of a fin (rad/s)."""
+        """Return the rate of a fin (rad/s)."""
         way = jnp.clip(asked, -self.fin_limit, self.fin_limit) - angle
         return jnp.clip(way / self.fin_lag, -self.fin_rate, self.fin_rate)
 
     def accelerations(self, x: TorpedoState) -> tuple[Any, Any]:
-        """Derivatives of velocity (3,) (m/s^2) and rate (3,) (rad/s^2), both in B."""
+        """Return derivatives of velocity (3,) (m/s^2) and rate (3,) (rad/s^2), both in B."""
         R_BW = quaternion.to_matrix(x.attitude).T
         water, w = self.current.in_body(R_BW), x.rate
         arm = self.lowered * DOWN
@@ -208,7 +208,7 @@ class Torpedo:
         return force + self.thrust * ahead, moment + self.torque * ahead
 
     def _solve(self, force: Any, moment: Any) -> tuple[Any, Any]:
-        """v' (3,), w' (3,): the equations of [1] with added mass fall into (u, w, q) and (v, p, r)."""
+        """Return v' (3,), w' (3,): the equations of [1] with added mass fall into (u, w, q) and (v, p, r)."""
         m, h, mz = self.mass, self.hull, self.mass * self.lowered
         (Ix, Iy, Iz), o = self.inertia, 0.0
         across = m - h.Yvdot
@@ -223,11 +223,11 @@ class Torpedo:
         return jnp.stack([du, dv, dw]), jnp.stack([dp, dq, dr])
 
     def after_step(self, t: Any, x: TorpedoState) -> TorpedoState:
-        """The state with an attitude of length one."""
+        """Return the state with an attitude of length one."""
         return replace(x, attitude=quaternion.normalise(x.attitude))
 
     def motion(self, t: Any, x: TorpedoState, u: TorpedoControls) -> Motion:
-        """All that a sensor at the centre of mass can feel; t: integer time."""
+        """Return the motion that a sensor at the centre of mass feels; t: integer time."""
         dv, dw = self.accelerations(x)
         return Motion(
             t=t,
