@@ -199,7 +199,7 @@ def restart_vehicle(flight: FaultFlight) -> None:
     flight.let_fly(flight.undisturbed_s)
     flight.vehicle.kill()
     flight.start_vehicle(1.0)
-    flight.autopilot.wait_for("heard again")
+    flight.autopilot.wait_for("from the vehicle again")
     flight.let_fly(1.0)
     for one in (flight.autopilot, flight.vehicle):
         one.send(signal.SIGINT)

@@ -66,7 +66,11 @@ def cut_cases() -> list[Case]:
 def _cut_case(seconds: float, serial: bool) -> Case:
     stops = seconds >= 0.25
     lost = (flag_gap(VEHICLE, "firmware.command.fresh", seconds * 0.9), counter_rise(AUTOPILOT, "link.lost"))
-    again = (FAILSAFE, logged_event(AUTOPILOT, "nothing from the vehicle"), logged_event(AUTOPILOT, "heard again"))
+    again = (
+        FAILSAFE,
+        logged_event(AUTOPILOT, "no data from the vehicle"),
+        logged_event(AUTOPILOT, "from the vehicle again"),
+    )
     return Case(
         f"cut-{seconds:g}{'-serial' if serial else ''}",
         f"{'serial line' if serial else 'line'} cut for {seconds:g} s",

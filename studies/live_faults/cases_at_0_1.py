@@ -142,7 +142,7 @@ def _cut_one_way_case(direction: int, seconds: float) -> Case:
     name, stops = ("up" if direction == UP else "down"), direction == UP and seconds > 0.25
     seen = {
         UP: FAILSAFE if stops else flag_gap(VEHICLE, "firmware.command.fresh", 0.9 * seconds),
-        DOWN: logged_event(AUTOPILOT, "nothing from the vehicle")
+        DOWN: logged_event(AUTOPILOT, "no data from the vehicle")
         if seconds > 0.25
         else counter_rise(AUTOPILOT, "link.lost"),
     }[direction]
@@ -191,9 +191,9 @@ def _signal_cases() -> list[Case]:
             acts.send_signal("vehicle", signal.SIGSTOP, signal.SIGCONT, 2.0),
             EITHER,
             (
-                logged_event(AUTOPILOT, "nothing from the vehicle"),
+                logged_event(AUTOPILOT, "no data from the vehicle"),
                 outputs_safe("is stopped"),
-                logged_event(VEHICLE, "outputs were safe: no row for"),
+                logged_event(VEHICLE, "outputs went safe: no data for"),
             ),
             stopped_s={VEHICLE: 2.0},
         ),
@@ -288,7 +288,7 @@ def _line_cases() -> list[Case]:
 
 def _refusals() -> list[Case]:
     """Autopilots that are turned away, told what to type, and fly by that."""
-    flags = "wrong scenario: the vehicle's settings are not this end's"
+    flags = "wrong scenario: the vehicle's settings differ from this end's"
     return [
         _clock_case("120-behind", -120),
         _clock_case("hour-behind", -3600),
@@ -305,7 +305,7 @@ def _refusals() -> list[Case]:
         _refused_case(
             "other-mass",
             "autopilot of a heavier vehicle",
-            RefusedStart(r"world\.vehicle\.mass: \S+ there, 2\.8 here", ("--set", "world.vehicle.mass=2.8")),
+            RefusedStart(r"world\.vehicle\.mass: \S+ on the vehicle, 2\.8 here", ("--set", "world.vehicle.mass=2.8")),
         ),
         _refused_case(
             "other-period",
@@ -343,7 +343,7 @@ def _station_cases() -> list[Case]:
             "a second vehicle on the line, with the same numbers and key",
             start_twin,
             evidence_checks=(
-                printed_line("refused-1", "two vehicles answer on this line as 1/1"),
+                printed_line("refused-1", "two vehicles answer on this link as 1/1"),
                 exit_status("refused-1", 2),
                 arming_count(0),
             ),

@@ -136,7 +136,7 @@ AUTHORITY: list[Case] = [
         FLIES,
         (
             counter_rise(AUTOPILOT, "link.implausible"),
-            logged_event(AUTOPILOT, r"a sample is refused: its time is \+3\d\d\d\."),
+            logged_event(AUTOPILOT, r"sample rejected: its time is \+3\d\d\d\."),
         ),
     ),
 ]

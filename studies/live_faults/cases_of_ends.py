@@ -16,7 +16,7 @@ from studies.live_faults.words import (
 )
 
 DEAD = logged_event(AUTOPILOT, "the flying process is gone")
-SILENT = logged_event(AUTOPILOT, "nothing from the vehicle")
+SILENT = logged_event(AUTOPILOT, "no data from the vehicle")
 PROCESSES: list[Case] = [
     Case("none", "nothing", acts.do_nothing, FLIES, (logged_event(VEHICLE, "disarmed: disarm request"),)),
     Case(
@@ -38,7 +38,7 @@ PROCESSES: list[Case] = [
         evidence_checks=(
             logged_event(VEHICLE, "the flying process is gone"),
             SILENT,
-            logged_event(AUTOPILOT, "heard again"),
+            logged_event(AUTOPILOT, "from the vehicle again"),
         ),
         statuses={VEHICLE: (KILLED,)},
         fly=120.0,

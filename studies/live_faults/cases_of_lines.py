@@ -84,7 +84,7 @@ FRAMES: list[Case] = [
         "samples 1 s late, 1.5 s",
         acts.bend_packets(DOWN, acts.delay_packets(1.0)),
         FLIES,
-        (logged_event(AUTOPILOT, "nothing from"),),
+        (logged_event(AUTOPILOT, "no data from"),),
     ),
 ]
 """Frames that are damaged, lost, late, or come again."""
@@ -173,7 +173,7 @@ POURED: list[Case] = [
         "autopilot's serial device gone for 1 s",
         acts.unplug_device(DOWN, 1.0),
         STOPS,
-        (FAILSAFE, logged_event(AUTOPILOT, "nothing from")),
+        (FAILSAFE, logged_event(AUTOPILOT, "no data from")),
         serial=True,
     ),
 ]

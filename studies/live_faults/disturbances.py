@@ -43,14 +43,19 @@ from studies.live_faults.words import (
 )
 from trimtab.wire.keys import create_key
 
-SILENT = logged_event(AUTOPILOT, "nothing from the vehicle")
-HEARD = logged_event(AUTOPILOT, "heard again")
+SILENT = logged_event(AUTOPILOT, "no data from the vehicle")
+HEARD = logged_event(AUTOPILOT, "from the vehicle again")
 TOLD = logged_event(AUTOPILOT, "vehicle: failsafe: no command")
 BEHIND = r"refused: the clock of 1/191 is \S+ s behind"
 """A vehicle that died has kept a time ahead of its own, so that no stamp is ever used twice."""
-RESTARTED = "not armed any more", "a sample is refused", "clock is another", "of another clock", "too long", BEHIND
-NO_COMMAND = r"failsafe: no command", r"not armed any more"
-LOST = r"nothing from the vehicle", r"heard again", r"supervisor: lost: link lost", r"supervisor: flying: found again"
+RESTARTED = "no longer armed", "sample rejected", "clock has changed", "of another clock", "too long", BEHIND
+NO_COMMAND = r"failsafe: no command", r"no longer armed"
+LOST = (
+    r"no data from the vehicle",
+    r"from the vehicle again",
+    r"supervisor: lost: link lost",
+    r"supervisor: flying: found again",
+)
 STALE = r"supervisor: lost: (estimate stale|link lost)", r"supervisor: flying: found again"
 """Lines that follow from no command, from silence, from old samples."""
 UNCONFIRMED = "arming refused: confirmation", "confirmation .* REFUSED$"
@@ -114,8 +119,8 @@ def freeze_autopilot(draw: random.Random) -> Disturbance:
         acts.send_signal("autopilot", signal.SIGSTOP, signal.SIGCONT, seconds),
         STOPS,
         seconds,
-        (FAILSAFE, logged_event(AUTOPILOT, "^this end stood still for"), TOLD, exit_status(AUTOPILOT, 1)),
-        (*NO_COMMAND, *LOST, *STALE, "^this end stood still for", "a sample is refused: .* has waited"),
+        (FAILSAFE, logged_event(AUTOPILOT, "^this end stalled for"), TOLD, exit_status(AUTOPILOT, 1)),
+        (*NO_COMMAND, *LOST, *STALE, "^this end stalled for", "sample rejected: .* delayed"),
         stopped_s={AUTOPILOT: seconds},
         is_last=True,
     )
@@ -216,9 +221,9 @@ def shift_clock(draw: random.Random) -> Disturbance:
             FLIES,
             evidence=(
                 counter_rise(AUTOPILOT, "link.implausible"),
-                logged_event(AUTOPILOT, r"a sample is refused: its time is \+3\d\d\d\."),
+                logged_event(AUTOPILOT, r"sample rejected: its time is \+3\d\d\d\."),
             ),
-            explains=("a sample is refused",),
+            explains=("sample rejected",),
         )
     which = "ahead of" if seconds > 0 else "behind"
     return Disturbance(
@@ -227,7 +232,7 @@ def shift_clock(draw: random.Random) -> Disturbance:
         acts.do_nothing,
         FLIES,
         evidence=(logged_event(VEHICLE, rf"refused: the clock of 1/191 is {abs(seconds)}\.?\d* s {which}"),),
-        explains=("refused: the clock of 1/191", "goes by the vehicle.s clock"),
+        explains=("refused: the clock of 1/191", "signing by the vehicle.s clock"),
         refused_start=RefusedStart(
             rf"wrong clock: clocks differ by {abs(seconds)}\.\d s",
             environment=wrong_clock(seconds),
@@ -295,7 +300,7 @@ def freeze_vehicle(draw: random.Random) -> Disturbance:
         (
             SILENT,
             outputs_safe("is stopped"),
-            logged_event(VEHICLE, "outputs were safe: no row for"),
+            logged_event(VEHICLE, "outputs went safe: no data for"),
             exit_status(AUTOPILOT, 1),
             exit_status(VEHICLE, 1),
         ),

@@ -24,7 +24,7 @@ USUAL = (
     r"^(vehicle: )?autopilot: (standby|flying|lost|ended)",
     r"^(vehicle: )?(computer: arm request|disarmed: disarm request|disarmed: start)",
     r"^(vehicle: )?commanded by 1/191 session",
-    r"^ended(, its time is over| by request)",
+    r"^ended(: duration reached| by request)",
     r"^the vehicle's (settings|messages) ",
     r"^(vehicle: )?check .*: passed$",
     r"^(autopilot|vehicle)  .*  ok$",

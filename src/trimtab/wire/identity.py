@@ -85,7 +85,7 @@ class SettingDifference(NamedTuple):
     ours: str
 
     def __str__(self) -> str:
-        return f"{self.path}: {self.theirs or 'none'} there, {self.ours or 'none'} here"
+        return f"{self.path}: {self.theirs or 'none'} on the vehicle, {self.ours or 'none'} here"
 
 
 class IdentityComparison:
