@@ -140,9 +140,7 @@ class ArduPilotPhysics:
         return True
 
     def _move(self, frame: PulsePacket, ahead: int) -> None:
-        """Advance by this number of frames, of which only the last arrived. A gap of more than a second is flown as one
-        second.
-        """
+        """Advance by this number of frames, the last of which arrived. A gap counts as one second at most."""
         vehicle, step, lost = self.vehicle, UNITS_PER_SECOND // frame.rate, max(ahead - 1, 0)
         self.tally.frames += 1
         self.tally.missed += lost

@@ -30,9 +30,7 @@ class ShownSignal(NamedTuple):
 
 
 def list_shown(rows: FlightRows) -> list[ShownSignal]:
-    """Return the numbers of a flight's rows to show: scalars and short vectors. Ages are shown instead of integer
-    times.
-    """
+    """Return the numbers of a flight's rows to show: scalars and short vectors, but no integer times."""
     shown, at = [], 0
     for path, shape, _, declared in rows.signals:
         size = int(np.prod(shape))

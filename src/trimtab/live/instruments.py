@@ -165,9 +165,7 @@ def find_sensor(writes: Mapping[str, Any], quantity: str) -> SensorSlots | None:
 
 
 def pair_slots(reads: Mapping[str, Any], writes: Mapping[str, Any]) -> list[tuple[Any, Any]]:
-    """Return pairs of slots, in the motion block and in the world, for each number of the state and of the
-    actuation.
-    """
+    """Return pairs of slots, in motion block and world, for each number of the state and of the actuation."""
     acting = "input.truth", "input.u"
     pairs = [(p.removeprefix("input."), at) for p, at in reads.items() if p.startswith(acting)]
     return [(at, writes[p if p.startswith("truth") else f"actuators.{p}"]) for p, at in pairs]

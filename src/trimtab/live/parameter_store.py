@@ -61,9 +61,7 @@ class ParameterStore:
         return self._file is not None
 
     def write(self, values: ChangedValues | None) -> str:
-        """Store numbers by path, besides those in the file; None: clear the file. Return why not, or an empty
-        string.
-        """
+        """Store numbers by path, besides those in the file; None: clear the file. Return why not, or ""."""
         if self._file is None:
             return NO_STORE
         try:

@@ -44,9 +44,7 @@ class PhysicsFlights:
         period: int = ms(1),
         tell: Callable[[str], None] = lambda _: None,
     ) -> None:
-        """signals: signals besides the world's.  file: of the first flight, then NAME-2.  period: time between rows
-        (100 ns).
-        """
+        """signals: signals besides the world's.  file: of the first flight, then NAME-2.  period: of rows (100 ns)."""
         self.scenario, self.vehicle, self.signals, self.seed = scenario, vehicle, signals, seed
         self.file, self.period, self.tell = file, period, tell
         self.count = 0

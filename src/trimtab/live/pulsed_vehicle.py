@@ -105,9 +105,7 @@ class PulsedVehicle:
         return bool((widths >= self._release).any())
 
     def advance(self, t: int, tell_row: Callable[[int], None] = lambda _: None) -> None:
-        """Advance to integer time t through all instants at which something is due. tell_row: called with each of
-        them.
-        """
+        """Advance to integer time t through all instants at which something is due. tell_row: called with each."""
         while self._due <= t:
             self._step(self._due)
             tell_row(self._due)
@@ -135,9 +133,7 @@ class PulsedVehicle:
 
 
 def _physics_block(scenario: Scenario) -> BlockDefinition:
-    """Define the block that computes `PhysicsState`: `motion_block` with an ideal IMU, at rest while the vehicle is
-    held.
-    """
+    """Define the block that computes `PhysicsState`: `motion_block` with an ideal IMU, at rest while held."""
     motion_of, ideal = motion_block(scenario), Imu()
 
     def step(p: Any, s: Any, now: Any) -> Any:
@@ -170,7 +166,7 @@ def _check_channels(channels: Sequence[int], outputs: Sequence[PulseOutput], mos
     part, listed = argument_name("channels"), ",".join(map(str, usual))
     fix = f"{argument('channels', listed)}, or the same numbers in another order"
     if len(channels) != len(outputs):
-        problem = f"{len(channels)} channels given for {len(outputs)} numbers of a command: {names}"
+        problem = f"{len(channels)} channels for {len(outputs)} numbers of a command: {names}"
         raise InputError(part, problem, fix=fix)
     if len(set(channels)) < len(channels) or not all(1 <= c <= most for c in channels):
         problem = f"{','.join(map(str, channels))} must be different channels from 1 to {most}"
