@@ -127,7 +127,7 @@ AUTHORITY: list[Case] = [
         "another autopilot with the key asks ten times to disarm",
         ask_to_disarm,
         FLIES,
-        (logged_event(VEHICLE, "Disarming by 7/191 session .* refused: it belongs to 1/191 session"),),
+        (logged_event(VEHICLE, "Disarming by 7/191 session .* refused: vehicle belongs to 1/191 session"),),
     ),
     Case(
         "sample-ahead",

@@ -82,7 +82,7 @@ def test_default_place_follows_the_environment(tmp_path, monkeypatch):
 
 @pytest.mark.parametrize("name", ["", "../a", ".hidden", "a/b", "a b"])
 def test_names_that_are_paths_are_refused(name):
-    with pytest.raises(InputError, match="can't be the name of a vehicle"):
+    with pytest.raises(InputError, match="is not a valid name of a vehicle"):
         key_path(name)
 
 

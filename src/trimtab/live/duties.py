@@ -55,7 +55,7 @@ WIDEST_RANGE = 1e30
 LOW_PULSE, HIGH_PULSE = 1e-3, 2e-3
 RESEND_PERIOD, REQUEST_TIMEOUT, AUTOPILOT_TIMEOUT = ms(100), seconds(2), seconds(5)
 """Time until a request is repeated; until it is given up; and without heartbeats until the autopilot counts as gone."""
-NO_AUTOPILOT_PROBLEM = "no autopilot with a supervisor on the link"
+NO_AUTOPILOT_PROBLEM = "no supervised autopilot on the link"
 
 
 class CommandSource(NamedTuple):

@@ -96,7 +96,7 @@ class Globe:
         """Handle a request for another origin, if disarmed. Return the current origin, and why it was not changed."""
         latitude, longitude = (math.radians(message.get(n) * DEGREES) for n in ("latitude", "longitude"))
         place = Place(latitude, longitude, message.get("altitude") * 1e-3)
-        problem = "it is armed" if is_armed else "" if is_on_globe(place) else "not a place on the globe"
+        problem = "the vehicle is armed" if is_armed else "" if is_on_globe(place) else "not a place on the globe"
         if not problem:
             self._set_origin(place)
         fields, text = self.origin_fields(now), f"Origin not set: {problem}"
