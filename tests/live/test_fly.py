@@ -310,7 +310,7 @@ def test_a_vehicle_of_another_mass_is_refused_by_path_and_flown_where_that_is_me
     def run(machine):
         flyer = pair.make_autopilot(machine)
         with pytest.raises(
-            InputError, match=r"wrong scenario: .*\n  world\.vehicle\.mass: 2\.8 there, 2\.6 here"
+            InputError, match=r"wrong scenario: .*\n  world\.vehicle\.mass: 2\.8 on the vehicle, 2\.6 here"
         ) as refused:
             flyer.connect()
         assert "--accept world.vehicle.mass" in refused.value.fix

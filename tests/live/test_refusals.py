@@ -84,10 +84,10 @@ def test_four_sentences_and_one_step_from_each(ends):
     refused = ends.fly("scenario", scenario="hovercraft/spin")
     assert refused.status == 2
     assert "wrong scenario: " in refused.said
-    assert "scenario: hovercraft/forward there, hovercraft/spin here" in refused.said
+    assert "scenario: hovercraft/forward on the vehicle, hovercraft/spin here" in refused.said
     assert "fly hovercraft/forward" in fix(refused)
     refused = ends.fly("scenario", "--set", "world.vehicle.mass=2.8")
-    assert "world.vehicle.mass: 2.6 there, 2.8 here" in refused.said
+    assert "world.vehicle.mass: 2.6 on the vehicle, 2.8 here" in refused.said
     assert ends.fly("scenario", "--set", "world.vehicle.mass=2.8", "--accept", "world.vehicle.mass").status == 0
 
     ended = ends.close()

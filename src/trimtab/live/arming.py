@@ -223,7 +223,7 @@ class ArmingGuard:
             return []
         speed, rate = self.motion.mean_motion()
         advice = "let it come to rest, or restart the vehicle"
-        confirm = "give fly --rearm; in a ground station disarm, then arm"
+        confirm = "type --rearm at fly; in a ground station disarm, then arm"
         return [
             ArmingCheck("speed after failsafe", speed, float(self._limits.rest_speed), "m/s", advice),
             ArmingCheck("rate of turn after failsafe", rate, float(self._limits.rest_rate), "rad/s", advice),
