@@ -217,7 +217,7 @@ def unique_name(name: str, used_names: set[str]) -> str:
 
 
 def plain_text(text: str) -> str:
-    """Return a text of one line that is safe in XML and in any language's comments or strings: no quotes or backslashes."""
+    """Return a text of one line that is safe in XML and in comments or strings of any language: no quotes."""
     ascii_only = text.replace("°", "deg").replace("²", "^2").replace("µ", "u").encode("ascii", "replace").decode()
     one_line = " ".join(re.sub("[\0-\x1f\x7f]", " ", ascii_only).split())
     one_line = one_line.replace('"', "'").replace("\\", "/").replace("*/", "* /").replace("'''", "'")
