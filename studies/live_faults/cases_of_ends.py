@@ -1,4 +1,4 @@
-"""Cases of the campaign: processes that die or stop, clocks, disks, and the writers of logs."""
+"""Cases of the campaign: processes that die or stop, clocks, disks, and writers of logs."""
 
 import signal
 
@@ -90,7 +90,7 @@ PROCESSES: list[Case] = [
         stopped_s={VEHICLE: 1.0},
     ),
 ]
-"""Ends that die, stop, or are told to end."""
+"""Ends that die, stop, or are asked to end."""
 CLOCKS: list[Case] = [
     Case(
         f"{who}-clock-{'on' if seconds > 0 else 'back'}",
@@ -120,7 +120,7 @@ DISKS: list[Case] = [
     for name in (VEHICLE, AUTOPILOT)
     for after in (None, 1.0)
 ]
-"""No room for a log."""
+"""Full disks."""
 WRITERS: list[Case] = [
     Case(
         f"{name.partition('-')[0]}-writer-killed",
@@ -133,4 +133,4 @@ WRITERS: list[Case] = [
     )
     for name in (VEHICLE, AUTOPILOT)
 ]
-"""Logs that nobody writes any more."""
+"""Logs whose writer has died."""

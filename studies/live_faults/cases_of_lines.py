@@ -1,4 +1,4 @@
-"""Cases of the campaign: what a bad line, and bad people on it, do to frames."""
+"""Cases of the campaign: frames on bad links, and attacks on the link."""
 
 from studies.live_faults import acts
 from studies.live_faults.case import AUTOPILOT, FAILSAFE, FLIES, STOPS, VEHICLE, Case
@@ -87,7 +87,7 @@ FRAMES: list[Case] = [
         (logged_event(AUTOPILOT, "no data from"),),
     ),
 ]
-"""Frames that are damaged, lost, late, or come again."""
+"""Frames that are damaged, lost, late, or repeated."""
 POURED: list[Case] = [
     Case(
         "fuzz-up",
@@ -177,4 +177,4 @@ POURED: list[Case] = [
         serial=True,
     ),
 ]
-"""More than a line carries, what was not meant for it, and no line at all."""
+"""Overload, foreign data, and missing links."""

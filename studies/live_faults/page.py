@@ -1,4 +1,4 @@
-"""The docs page of the campaign, written from its outcomes."""
+"""Docs page of the campaign, written from its outcomes."""
 
 import re
 from collections.abc import Sequence
@@ -97,12 +97,12 @@ waiting".
 
 
 def format_page(outcomes: Sequence[CaseOutcome], run: str, before: str = "", order: Sequence[str] = ()) -> str:
-    """The page, in Markdown.
+    """Return the page in Markdown.
 
     Args:
-        outcomes: of the cases that were flown.
-        run: how they were, as `describe_flights` says it.
-        before: the page as it was; its other rows and runs stay. Empty: there was none, or all is new.
+        outcomes: outcomes of the flown cases.
+        run: description of the flights from `describe_flights`.
+        before: the page so far, whose other rows and runs are kept. Empty: a new page.
         order: names of all cases, in the order of the rows.
     """
     rows = _read_rows(before) | {one.name: _format_row(one) for one in outcomes}
@@ -125,18 +125,18 @@ def format_page(outcomes: Sequence[CaseOutcome], run: str, before: str = "", ord
 
 
 def describe_flights(names: Sequence[str], wall: float, cores: int, *, apart: bool) -> str:
-    """How cases were flown, in words. apart: not all of them together."""
+    """Return how cases were flown, in words. apart: not all of them together."""
     which = ", ".join(f"`{n}`" for n in names) if apart else f"{len(names)} cases"
     return f"{which} in {wall:.0f} s on {cores} cores (trimtab {__version__})"
 
 
 def _read_rows(before: str) -> dict[str, str]:
-    """Case -> its row of a page."""
+    """Return case -> its row of a page."""
     return {found[1]: found[0] for found in re.finditer(r"^\| `([^`]+)` \|.*\|$", before, re.MULTILINE)}
 
 
 def _read_runs(before: str) -> list[str]:
-    """How the rows of a page were flown."""
+    """Return how the rows of a page were flown."""
     found = re.search(r"^Flown: (.*)\.$", before, re.MULTILINE)
     return found[1].split("; ") if found else []
 

@@ -64,7 +64,7 @@ def export_c(
     if real not in REALS:
         raise InputError("export", f"unknown type of numbers {real!r}", choices=REALS, fix=argument("float", "double"))
     if steps < 1:
-        raise InputError("export", f"steps must be larger, got {steps}", fix=argument("steps", STEPS))
+        raise InputError("export", f"steps must be at least 1, got {steps}", fix=argument("steps", STEPS))
     scenario, folder = find_scenario(scenario), Path(folder)
     scenario.check()
     make = _export_autopilot if part == "autopilot" else _export_loop

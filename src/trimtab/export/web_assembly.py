@@ -305,5 +305,5 @@ def _compile_program(block: BlockText, glue: str) -> bytes:
         )
         if done.returncode:
             said = "\n".join(done.stderr.splitlines()[:20])
-            raise InputError("export --wasm", f"clang refused the text:\n{said}", fix="report it, with the scenario")
+            raise InputError("export --wasm", f"clang reported an error:\n{said}", fix="report it, with the scenario")
         return (folder / "loop.wasm").read_bytes()
