@@ -77,12 +77,12 @@ def spoil_packets(loss: float, late: float) -> Callable[[random.Random], Bend]:
 
 
 def truncate_packets(draw: random.Random) -> Bend:
-    """Cut three in four packets short."""
+    """Return a bend that cuts three in four packets short."""
     return lambda data: [(0.0, data[: draw.randrange(len(data))] if draw.random() < 0.75 else data)]
 
 
 def flip_bits(draw: random.Random) -> Bend:
-    """Flip one bit in three of four packets."""
+    """Return a bend that flips one bit in three of four packets."""
 
     def bend(data: bytes) -> list[tuple[float, bytes]]:
         if draw.random() < 0.75:
@@ -94,12 +94,12 @@ def flip_bits(draw: random.Random) -> Bend:
 
 
 def drop_half(draw: random.Random) -> Bend:
-    """Lose half of the packets."""
+    """Return a bend that loses half of the packets."""
     return lambda data: [(0.0, data)] if draw.random() < 0.5 else []
 
 
 def shuffle_packets(draw: random.Random) -> Bend:
-    """Delay each packet by up to 100 ms, so that packets overtake each other."""
+    """Return a bend that delays each packet by up to 100 ms, so that packets overtake each other."""
     return lambda data: [(draw.uniform(0.0, 0.1), data)]
 
 
@@ -109,7 +109,7 @@ def delay_packets(seconds: float) -> Callable[[random.Random], Bend]:
 
 
 def repeat_packets(_: random.Random) -> Bend:
-    """Send each packet three times."""
+    """Return a bend that sends each packet three times."""
     return lambda data: [(0.0, data), (0.0, data), (0.03, data)]
 
 

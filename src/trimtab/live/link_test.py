@@ -192,7 +192,7 @@ class _DelayMeasurement:
         return self._clock.monotonic_ns() / NS_PER_SECOND
 
     def await_far_end(self) -> bool:
-        """Send hellos until the far end answers."""
+        """Send hellos until the far end answers. Return whether it did."""
         end = self._seconds() + self._plan.first_patience
         while self._exchange.shared is None and self._seconds() < end:
             self._link.send(self._hello)

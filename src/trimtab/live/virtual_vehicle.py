@@ -49,7 +49,7 @@ class VirtualVehicle:
         self._has_begun = False
 
     def instants(self) -> Iterator[int]:
-        """Yield the instants to advance to, from 0 on without end."""
+        """Return an iterator of the instants to advance to, from 0 on without end."""
         world = self.scenario.world
         return instants([*world.periods(), self.scenario.autopilot.period], world.max_step)
 
