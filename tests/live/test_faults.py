@@ -142,7 +142,7 @@ def test_a_crash_and_a_missing_log_are_found(tmp_path):
     ]
     outcome = evaluate_flight(Case("x", "nothing", lambda _: None, STOPS), left)
     assert outcome.verdict == "fails"
-    for says in ("vehicle-1 ended with 1, which", "vehicle-1 crashed", "log of autopilot-1 can't be read"):
+    for says in ("vehicle-1 ended with 1, which", "vehicle-1 crashed", "log of autopilot-1 cannot be read"):
         assert any(says in problem for problem in outcome.problems)
 
 
@@ -166,7 +166,7 @@ def test_the_campaign_has_each_word_on_each_part_and_more():
 def test_a_case_that_is_not_there_is_refused():
     done = CliRunner().invoke(main, ["live-faults", "--only", "cut-2"])
     assert done.exit_code == 2
-    assert "there is no case 'cut-2'" in done.output
+    assert "unknown case 'cut-2'" in done.output
     assert "cut-0.3" in done.output
 
 

@@ -241,7 +241,7 @@ def test_wrong_use_is_refused_with_what_to_write(dialect, open_pair):
         a.pack("HEARTBEAT", {"costum_mode": 1})
     with pytest.raises(InputError, match="3 values, got 2"):
         a.pack("SAMPLE_EVERY", {"vector": [1, 2]})
-    with pytest.raises(InputError, match="has 11 values, not 1"):
+    with pytest.raises(InputError, match="must have 11 values, got 1"):
         a.pack("SAMPLE_EVERY", [1])
     with pytest.raises(InputError, match="anyone could command"):
         Endpoint(dialect, 1, 1)
