@@ -298,7 +298,7 @@ def _refusals() -> list[Case]:
             "wrong-key",
             "autopilot with another key of the same name",
             RefusedStart("wrong key: ", environment=other_key),
-            logged_event(VEHICLE, "frames so far came unsigned or signed with another key"),
+            logged_event(VEHICLE, "frames so far were unsigned or signed with another key"),
         ),
         _refused_case("no-key", "autopilot without a key, --unsigned", RefusedStart("wrong key: ", ("--unsigned",))),
         _refused_case("other-scenario", "spin's autopilot", RefusedStart(flags, scenario="hovercraft/spin")),

@@ -176,7 +176,7 @@ def impersonate(draw: random.Random) -> Disturbance:
     count = draw.randrange(5, 60)
     foreign = logged_event(VEHICLE, "commands without authority refused, from 7/191")
     told = logged_event(AUTOPILOT, "vehicle: commands without authority refused")
-    refused = logged_event(VEHICLE, "refused: .* frames so far came unsigned or signed with another key")
+    refused = logged_event(VEHICLE, "refused: .* frames so far were unsigned or signed with another key")
     disarm = (
         logged_event(VEHICLE, "Disarming by 7/191 session .* refused"),
         logged_event(AUTOPILOT, "vehicle: Disarming by"),
@@ -257,7 +257,7 @@ def misconfigure(draw: random.Random) -> Disturbance:
         (
             "another key",
             RefusedStart("wrong key: ", environment=other_key),
-            (logged_event(VEHICLE, "refused: .* frames so far came unsigned or signed with another key"),),
+            (logged_event(VEHICLE, "refused: .* frames so far were unsigned or signed with another key"),),
         ),
     ]
     does, start, evidence = draw.choice(ways)

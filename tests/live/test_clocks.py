@@ -107,7 +107,7 @@ def test_another_key_is_answered_so_that_it_is_known_for_what_it_is(opened):
     problem = line.remote.find_problem("it")
     assert problem.problem.startswith("wrong key: ")
     assert problem.fix.startswith("trimtab fly it --link there --key FILE")
-    assert line.said == ["refused: 1 frames so far came unsigned or signed with another key"]
+    assert line.said == ["refused: 1 frames so far were unsigned or signed with another key"]
     assert not line.there.peers  # it is told nothing else
 
 

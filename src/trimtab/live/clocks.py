@@ -53,7 +53,7 @@ class RefusalAnswers:
         self._report_times = {k: t for k, t in self._report_times.items() if t > now} | {about: now + REPORT_PERIOD}
         what, system, component = about
         if untimely is None:
-            self._tell(f"refused: {self._strangers} frames so far came unsigned or signed with another key")
+            self._tell(f"refused: {self._strangers} frames so far were unsigned or signed with another key")
         else:
             self._tell(f"refused: the clock of {system}/{component} is {abs(untimely.lead):.1f} s {what} this one")
 

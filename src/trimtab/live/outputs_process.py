@@ -113,7 +113,7 @@ class OutputsLoop:
             why = "the vehicle has ended" if self._has_ended else GONE if self._is_gone else self._find_cause()
             self._log.write(f"safe, {watchdog.silence(now) * 1e-6:.1f} ms after the last row: {why}")
         elif state in (SAFE, LATCHED) and watchdog.row.state == DRIVEN:
-            self._log.write("rows come again")
+            self._log.write("rows arrive again")
         if state == SAFE and watchdog.row.state == LATCHED and not self._is_gone:
             self._log.write("latched until the vehicle is disarmed")
         return watchdog.next_check()

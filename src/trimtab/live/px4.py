@@ -210,7 +210,9 @@ class Px4Simulator:
         self._is_in_step = newest is not None and newest.is_locked
         if is_locked and newest is None and self.link.statistics.connected and not stop():
             self.tally.unanswered += 1
-            self._flights.report_once(f"PX4 did not answer a sample in {SILENCE_S:g} s: time goes on without it")
+            self._flights.report_once(
+                f"PX4 did not answer a sample in {SILENCE_S:g} s: the vehicle flies on without it"
+            )
         return newest
 
     def _take(self, data: bytes | None) -> ControlFrame | None:
@@ -232,7 +234,7 @@ class Px4Simulator:
             self.tally.refused += refused
             counts.checksum = counts.downgraded = counts.garbage = 0
             self._flights.report_once(
-                "refused bytes that are no MAVLink 2: is it PX4's simulator module that connects here?"
+                "refused bytes that are not MAVLink 2: check that PX4's simulator module connects here"
             )
         return answer
 
@@ -259,7 +261,7 @@ class Px4Simulator:
     def _begin_flight(self) -> None:
         """Reset the vehicle to its first state, and start another log."""
         self._begin_connection()
-        self._flights.begin("somebody has connected")
+        self._flights.begin("new connection")
         self.vehicle.advance(0, self._write_row)
 
     def _write_row(self, t: int) -> None:
@@ -286,4 +288,4 @@ def _surroundings_block() -> BlockDefinition:
     first = {"p_WB": np.zeros(3), "attitude": np.zeros(3), "airspeed": np.float64(0.0)}
     latitude, longitude, height = parse_origin(ORIGIN)
     plane = TangentPlane(latitude=latitude, longitude=longitude, height=height)
-    return BlockDefinition("surroundings", "What is around a vehicle.", step, lambda p: (), to_arrays(plane), first)
+    return BlockDefinition("surroundings", "Surroundings of a vehicle.", step, lambda p: (), to_arrays(plane), first)
