@@ -28,9 +28,9 @@ LONGEST_BACKLOG, FEWEST_STEPS = ms(320), 8
 """Time and number of steps after which waiting samples are dropped. Otherwise the queue of a sensor that is as fast as
 the steps would never empty."""
 LONGEST_OVERTAKING = ms(500)
-"""Largest age of a sample, relative to the newest of its sensor, for it to count as overtaken and still be usable."""
+"""Largest lag behind the newest sample of a sensor that counts as overtaken. No estimator fuses an older sample."""
 OTHER_CLOCK = 8
-"""Number of consecutive samples older than that after which the vehicle is assumed to have restarted."""
+"""Number of consecutive samples beyond LONGEST_OVERTAKING after which the vehicle is assumed to have restarted."""
 MOST_FALLS = 8
 """Number of consecutive samples of one sensor with decreasing time stamps after which its samples are rejected."""
 LONGEST_SAMPLE_AGE, MOST_SAMPLE_LEAD = seconds(2), ms(200)
