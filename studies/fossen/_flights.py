@@ -14,11 +14,11 @@ from trimtab.vehicles.torpedo import CRUISE, Torpedo, TorpedoControls, TorpedoSt
 
 STEP = 0.02
 SPEED, ROLL = 1.54, -5 * DEG
-"""At the start of each flight of [1] table 8.1 (m/s, rad)."""
+"""Start of each flight of [1] table 8.1 (m/s, rad)."""
 
 
 class Flight(NamedTuple):
-    """Rows in time: s, m, rad, m/s and rad/s; velocity at the centre of buoyancy, as [1] has it."""
+    """Flight. Rows in time: s, m, rad, m/s and rad/s; velocity at the centre of buoyancy, as in [1]."""
 
     t: Any
     place: Any
@@ -27,12 +27,12 @@ class Flight(NamedTuple):
     rate: Any
 
     def at(self, t: float, values: Any) -> float:
-        """A column of values at a time (s)."""
+        """Return a column of values at a time (s)."""
         return float(np.interp(t, self.t, values))
 
 
 def fly_fins(torpedo: Torpedo, rudder: Any, stern: Any, seconds: float) -> Flight:
-    """A flight from [1]'s start; rudder, stern: angle (rad) at times (s), set at once."""
+    """Fly from the start of [1]. rudder, stern: angle (rad) at times (s), set at once."""
     attitude = np.array(quaternion.from_euler(jnp.asarray(ROLL), jnp.asarray(0.0), jnp.asarray(0.0)))
     x = to_arrays(TorpedoState(attitude=attitude, velocity=np.array([SPEED, 0, 0]), shaft_speed=CRUISE))
     times = STEP * np.arange(round(seconds / STEP) + 1)
@@ -48,7 +48,7 @@ def fly_fins(torpedo: Torpedo, rudder: Any, stern: Any, seconds: float) -> Fligh
 
 @jax.jit
 def _scan(torpedo: Torpedo, x: TorpedoState, fins: Any) -> Any:
-    """The states at each step; a torpedo with other numbers compiles nothing anew."""
+    """Return the states at each step. A torpedo with other parameters needs no compilation."""
 
     def step(x: Any, fin: Any) -> Any:
         x = replace(x, rudder=fin[0], stern=fin[1])

@@ -11,17 +11,17 @@ A, A_OFFSET, B, C, C_OFFSET, N, THETA, D = 0.191, 0.0165, 0.654, 0.541, 0.0368, 
 NOSE_END, BODY = A - A_OFFSET, A - A_OFFSET + B
 LENGTH = BODY + C - C_OFFSET
 NOSE = 0.611
-"""The nose ahead of the centre of buoyancy (m): [1] chapter 2."""
+"""Length of the nose ahead of the centre of buoyancy (m): [1] chapter 2."""
 TAIL_START, FIN_END, FIN_START, NOSE_START = -0.721, -0.685, -0.611, 0.610
 FIN_RADIUS = 0.131
 FIN_AREA, FIN_POST = 6.65e-3, -0.638
-"""Of each fin (m^2), and its place (m): [1] table 2.2."""
+"""Area of each fin (m^2), and its position (m): [1] table 2.2."""
 CROSS_FLOW, FIN_DRAG = 1.1, 0.56
 """Drag of a cylinder and of a fin across the flow: [1] chapter 4."""
 
 
 def radius(s: float) -> float:
-    """Of the hull (m) at s (m) behind the nose; blunt at both ends."""
+    """Return the radius of the hull (m) at s (m) behind the nose; blunt at both ends."""
     if s < NOSE_END:
         return D / 2 * (1 - ((s + A_OFFSET - A) / A) ** 2) ** (1 / N)
     if s < BODY:
@@ -31,28 +31,28 @@ def radius(s: float) -> float:
 
 
 def integrate(f: Any, start: float, end: float) -> float:
-    """Over x (m), ahead of the centre of buoyancy, of f(x, R(x))."""
+    """Integrate f(x, R(x)) over x (m), ahead of the centre of buoyancy."""
     corners = [x for x in (NOSE - NOSE_END, NOSE - BODY) if start < x < end]
     return float(quad(lambda x: f(x, radius(NOSE - x)), start, end, points=corners or None, limit=200)[0])
 
 
 def volume() -> float:
-    """m^3."""
+    """Return the volume (m^3)."""
     return integrate(lambda x, R: np.pi * R**2, NOSE - LENGTH, NOSE)
 
 
 def centroid() -> float:
-    """Of the volume, ahead of the centre of buoyancy (m)."""
+    """Return the centroid of the volume, ahead of the centre of buoyancy (m)."""
     return integrate(lambda x, R: x * np.pi * R**2, NOSE - LENGTH, NOSE) / volume()
 
 
 def projected_area() -> float:
-    """Seen from the side (m^2)."""
+    """Return the area seen from the side (m^2)."""
     return integrate(lambda x, R: 2 * R, NOSE - LENGTH, NOSE)
 
 
 def added_mass(power: int) -> float:
-    """Integral of x^power m_a(x): strips of circles, and of circles with fins between the fins' ends."""
+    """Return the integral of x^power m_a(x): strips of circles, and of circles with fins between the fins' ends."""
 
     def bare(x: float, R: float) -> float:
         return x**power * np.pi * RHO * R**2
@@ -68,13 +68,13 @@ def added_mass(power: int) -> float:
 
 
 def axial_added_mass() -> float:
-    """Of the ellipsoid of the same length and diameter, by Lamb's factor (kg)."""
+    """Return the added mass of the ellipsoid of the same length and diameter, by Lamb's factor (kg)."""
     e = np.sqrt(1 - (D / LENGTH) ** 2)
     alpha = 2 * (1 - e**2) / e**3 * (np.arctanh(e) - e)
     return alpha / (2 - alpha) * RHO * 4 / 3 * np.pi * LENGTH / 2 * (D / 2) ** 2
 
 
 def cross_drag(weight: Any) -> float:
-    """Integral of cross-flow drag times weight(x), of hull and two fins (kg/m and on)."""
+    """Return the integral of cross-flow drag times weight(x), of hull and two fins (kg/m and on)."""
     hull = RHO * CROSS_FLOW / 2 * integrate(lambda x, R: 2 * R * weight(x), TAIL_START, NOSE_START)
     return hull + 2 * weight(FIN_POST) * RHO / 2 * FIN_AREA * FIN_DRAG

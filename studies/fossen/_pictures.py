@@ -15,7 +15,7 @@ from trimtab.vehicles.surface_vessel import TURN, SurfaceVessel, VesselControls,
 
 
 def draw_hull(path: Path) -> Path:
-    """The lines of the hull with its fins, and its added mass by length."""
+    """Draw the lines of the hull with its fins, and its added mass by length."""
     figure = new_figure(10.0, 5.0)
     lines, mass = figure.subplots(2, 1, sharex=True)
     s = np.linspace(0, _hull.LENGTH, 600)
@@ -39,7 +39,7 @@ def draw_hull(path: Path) -> Path:
 
 
 def draw_fin_steps(path: Path, turn: Any, climb: Any, dive: Any) -> Path:
-    """A turn to either side from above, its yaw rate, and pitch after steps of the stern planes, each twice."""
+    """Plot a turn to either side from above, its yaw rate, and pitch after steps of the stern planes, each twice."""
     figure = new_figure(13.0, 4.2)
     plan, rate, pitch = figure.subplots(1, 3)
     plan.plot(turn.place[:, 1], turn.place[:, 0], color=BLUE, lw=1.2)
@@ -61,7 +61,7 @@ def draw_fin_steps(path: Path, turn: Any, climb: Any, dive: Any) -> Path:
 
 
 def draw_turning(path: Path) -> Path:
-    """CyberShip II turning with four angles of its rudders, from straight ahead at 1000 rpm."""
+    """Plot CyberShip II turning with four rudder angles, from straight ahead at 1000 rpm."""
     vessel, step = SurfaceVessel(), 0.05
     figure = new_figure(6.5, 5.0)
     plan = figure.subplots()

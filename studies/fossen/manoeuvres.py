@@ -35,7 +35,7 @@ ZIGZAGS = {10: (4.927, 4.456), 20: (7.784, 6.309)}
 
 @cache
 def turn(rudder: float) -> dict[str, float]:
-    """Advance, transfer, tactical diameter and steady radius (m) of a turn to starboard; rudder in degrees."""
+    """Return advance, transfer, tactical diameter and steady radius (m) of a turn to starboard. rudder: in degrees."""
     path = _fly(lambda x, side: (-rudder * DEG + 0 * x.rudder, side), *CIRCLE)
     heading = path.heading
 
@@ -53,7 +53,7 @@ def turn(rudder: float) -> dict[str, float]:
 
 @cache
 def zigzag(angle: float) -> tuple[float, float]:
-    """First and second overshoot (deg): rudder over at each `angle` (deg) of heading, beginning to starboard."""
+    """Return the first and second overshoot (deg): rudder reversed at each `angle` (deg), first to starboard."""
 
     def steer(x: MarinerState, side: Any) -> tuple[Any, Any]:
         side = jnp.where(side * x.heading >= angle * DEG, -side, side)
@@ -65,7 +65,7 @@ def zigzag(angle: float) -> tuple[float, float]:
 
 
 def _fly(steer: Any, dt: float, seconds: float) -> Any:
-    """The states from a straight run; steer: state, side of the rudder -> rudder told (rad), side."""
+    """Return the states from a straight run. steer: state, side of the rudder -> commanded rudder (rad), side."""
     ship = Mariner()
 
     def step(carry: Any, _: Any) -> Any:
@@ -79,7 +79,7 @@ def _fly(steer: Any, dt: float, seconds: float) -> Any:
 
 
 def rows() -> Iterator[Row]:
-    """Each number of both circles and both zigzags."""
+    """Yield each number of both circles and both zigzags."""
     place = "computed, not printed: by tests/oracles/mariner.py"
     words = {"advance": "advance", "transfer": "transfer", "tactical": "tactical diameter", "radius": "steady radius"}
     for rudder, wanted in CIRCLES.items():
@@ -95,7 +95,7 @@ def rows() -> Iterator[Row]:
 
 
 def figures(folder: Path) -> Iterator[Path]:
-    """Both circles from above, and the heading of both zigzags."""
+    """Plot both circles from above, and the heading of both zigzags."""
     folder.mkdir(parents=True, exist_ok=True)
     figure = new_figure(10.0, 4.2)
     plan, heading = figure.subplots(1, 2)

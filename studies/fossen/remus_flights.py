@@ -23,7 +23,7 @@ ROUND = "With M_qq = N_rr, as in a body that is round: appendix B has twice N_rr
 
 @cache
 def turn() -> Flight:
-    """Rudder +4 degrees from 10 s, -4 from 40 s. [1] figures 8-1 to 8-3."""
+    """Fly rudder +4 degrees from 10 s, -4 from 40 s. [1] figures 8-1 to 8-3."""
     return fly_fins(
         Torpedo(buoyancy=299.0), lambda t: 4 * DEG * (10 <= t < 40) - 4 * DEG * (t >= 40), lambda t: 0.0, 70
     )
@@ -31,13 +31,13 @@ def turn() -> Flight:
 
 @cache
 def climb(is_round: bool = False) -> Flight:
-    """Stern planes -4 degrees from 2 s. [1] figures 8-6 to 8-10. is_round: damping in pitch as in yaw."""
+    """Fly stern planes -4 degrees from 2 s. [1] figures 8-6 to 8-10. is_round: damping in pitch as in yaw."""
     return fly_fins(_ballast(HEAVE, is_round), lambda t: 0.0, lambda t: -4 * DEG * (t >= 2), 4)
 
 
 @cache
 def dive(is_round: bool = False) -> Flight:
-    """Stern planes +8 degrees from 2 s. [1] figures 8-11 to 8-15. is_round: damping in pitch as in yaw."""
+    """Fly stern planes +8 degrees from 2 s. [1] figures 8-11 to 8-15. is_round: damping in pitch as in yaw."""
     return fly_fins(_ballast(SINK, is_round), lambda t: 0.0, lambda t: 8 * DEG * (t >= 2), 4)
 
 
@@ -48,7 +48,7 @@ def _ballast(heaviness: float, is_round: bool) -> Torpedo:
 
 
 def rows() -> Iterator[Row]:
-    """Speed and roll, the turn, the climb and the dive."""
+    """Yield speed and roll, the turn, the climb and the dive."""
     torpedo = Torpedo()
     speed = np.sqrt(torpedo.thrust / -torpedo.hull.Xuu)
     yield within("steady/speed", "speed at 1500 rpm", 1.54, speed, "[1] table 8.1", tolerance=0.005, unit="m/s")
@@ -120,7 +120,7 @@ def _round_rows() -> Iterator[Row]:
 
 
 def figures(folder: Path) -> Iterator[Path]:
-    """The turn, and pitch in climb and dive with what was read off the publication's figures."""
+    """Plot the turn, and pitch in climb and dive with the values read off the publication's figures."""
     yield draw_fin_steps(
         folder / "fin-steps.png", turn(), (climb(), climb(is_round=True)), (dive(), dive(is_round=True))
     )

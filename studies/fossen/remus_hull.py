@@ -12,12 +12,12 @@ from trimtab.vehicles.torpedo import Torpedo
 
 SECTION = "chapters 2, 4 and 9"
 STRIPS = 0.02
-"""Of added mass and drag by strips: the ends of hull and fins are given to 1 mm of 36 mm, and printed to 3 figures."""
+"""Tolerance of strips: the ends of hull and fins are given to 1 mm of 36 mm, and printed to 3 figures."""
 LIMITS = "The strips of hull and fins that [1] took here are not known: the sum is a small difference of large ones."
 
 
 def rows() -> Iterator[Row]:
-    """Lengths and areas, added mass, drag across, lift."""
+    """Yield lengths and areas, added mass, cross-flow drag, lift."""
     yield from _shape()
     yield from _added_mass()
     yield from _lift_and_drag()
@@ -112,5 +112,5 @@ def _depth_plane() -> Iterator[Row]:
 
 
 def figures(folder: Path) -> Iterator[Path]:
-    """The hull and its strips."""
+    """Draw the hull and its strips."""
     yield draw_hull(folder / "hull.png")

@@ -15,11 +15,11 @@ from trimtab.vehicles.surface_vessel import TURN, SurfaceVessel, VesselState
 
 SECTION = "[2] tables 1, 2 and 4; [3] Nomoto's models; [4]"
 LENGTH, SPEED = 160.93, 7.7175
-"""Of the Mariner (m), and 15 knots (m/s)."""
+"""Length of the Mariner (m), and 15 knots (m/s)."""
 MASS, INERTIA, CENTRE = 798e-5, 39.2e-5, -0.023
 Y = {"v'": -748e-5, "r'": -9.354e-5, "v": -1160e-5, "r": -499e-5, "d": 278e-5}
 N = {"v'": 4.646e-5, "r'": -43.8e-5, "v": -264e-5, "r": -166e-5, "d": -139e-5}
-"""Without dimension, by length and speed: [4]."""
+"""Derivatives without dimension, by length and speed: [4]."""
 
 
 class Nomoto(NamedTuple):
@@ -32,7 +32,7 @@ class Nomoto(NamedTuple):
 
 
 def mariner_steering() -> Nomoto:
-    """Sway eliminated from M (v', r') + N (v, r) = b delta. A positive rudder is to turn to starboard, as in [3]."""
+    """Eliminate sway from M (v', r') + N (v, r) = b delta. A positive rudder turns to starboard, as in [3]."""
     M = np.array([[MASS - Y["v'"], MASS * CENTRE - Y["r'"]], [MASS * CENTRE - N["v'"], INERTIA - N["r'"]]])
     D = -np.array([[Y["v"], Y["r"]], [N["v"], N["r"]]])
     b = -np.array([Y["d"], N["d"]])
@@ -45,7 +45,7 @@ def mariner_steering() -> Nomoto:
 
 @cache
 def cybership_straight(rpm: float) -> tuple[float, np.ndarray]:
-    """Speed (m/s) where thrust is resistance, and the roots (1/s) of sway and yaw about it."""
+    """Return the speed (m/s) at which thrust equals resistance, and the roots (1/s) of sway and yaw there."""
     vessel, n = SurfaceVessel(), rpm / 60 * TURN
     surge = jax.jit(lambda u: vessel.accelerations(VesselState(surge_velocity=u, shaft_speed=n))[0])
     u, low, high = 1.5, 0.0, 3.0
@@ -61,7 +61,7 @@ def cybership_straight(rpm: float) -> tuple[float, np.ndarray]:
 
 
 def rows() -> Iterator[Row]:
-    """Nomoto's constants of the Mariner, which [3] prints; speed and roots of CyberShip II, which nobody does."""
+    """Yield Nomoto's constants of the Mariner, printed in [3]; speed and roots of CyberShip II, not printed."""
     model, place = mariner_steering(), "[3] Nomoto's models of the Mariner and a tanker, also in its toolbox, exNomoto"
     yield within("mariner/K", "Mariner, gain K", 0.185, model.K, place, tolerance=5e-4, unit="1/s")
     yield within("mariner/T1", "Mariner, T1", 118.0, model.T1, place, tolerance=0.5, unit="s")
@@ -81,5 +81,5 @@ def rows() -> Iterator[Row]:
 
 
 def figures(folder: Path) -> Iterator[Path]:
-    """Turning circles of CyberShip II."""
+    """Plot turning circles of CyberShip II."""
     yield draw_turning(folder / "turning.png")

@@ -22,32 +22,32 @@ SEEDS = range(200)
 Settings = tuple[tuple[str, str], ...]
 REST: Settings = (("initial", "rest"),)
 MOVING: Settings = (("initial", "moving"),)
-"""Settings of [1] fig. 6.11, and of fig. 6.12."""
+"""Settings of [1] figs. 6.11 and 6.12."""
 LITERAL: Settings = (*REST, ("autopilot.law.form", "literal"))
-"""Those of fig. 6.12 with the proportional law as published."""
+"""Settings of fig. 6.12 with the proportional law as published."""
 
 
 @dataclasses.dataclass(frozen=True)
 class TruthSignals:
-    """Many runs. t: (samples,) in s.  signals: of the truth, path -> (runs, samples)."""
+    """Signals of many runs. t: (samples,) in s.  signals: of the truth, path -> (runs, samples)."""
 
     t: Any
     signals: Mapping[str, Any]
 
     def __getitem__(self, signal: str) -> Any:
-        """A signal of the truth by its name, (runs, samples)."""
+        """Return a signal of the truth by its name, (runs, samples)."""
         return self.signals[f"truth.{signal}"]
 
 
 def load_scenario(name: str, settings: Settings = ()) -> Scenario:
-    """A hovercraft scenario with settings."""
+    """Load a hovercraft scenario with settings."""
     built, rest = catalogue.load_scenario(f"hovercraft/{name}", dict(settings))
     return with_settings(built, rest)
 
 
 @cache
 def fly_real(name: str, without: tuple[str, ...] = (), reading: str = "C", settings: Settings = ()) -> TruthSignals:
-    """SEEDS of a scenario with all faults but those named, every 10 ms; reading: of the navigation noise."""
+    """Fly SEEDS of a scenario with all faults but those named, every 10 ms. reading: of the navigation noise."""
     flown = load_scenario(name, settings)
     for fault in without:
         flown = flown.without(fault)
@@ -60,13 +60,13 @@ def fly_real(name: str, without: tuple[str, ...] = (), reading: str = "C", setti
 
 @cache
 def fly_ideal(name: str, settings: Settings = ()) -> Log:
-    """The ideal twin, every millisecond."""
+    """Fly the ideal twin, every millisecond."""
     return simulate(load_scenario(name, settings).ideal())
 
 
 @cache
 def fly_random_starts(form: str) -> Mapping[str, Any]:
-    """The ideal proportional law over the last 10 of 60 s, from 200 random starts: path -> (200, samples)."""
+    """Fly the ideal proportional law from 200 random starts; last 10 of 60 s: path -> (200, samples)."""
     settings = (*REST, ("autopilot.law.form", form))
     flown = replace(load_scenario("heading-proportional", settings).ideal(), duration=seconds(60))
     draws = np.random.default_rng(0)
@@ -80,7 +80,7 @@ def fly_random_starts(form: str) -> Mapping[str, Any]:
 
 
 def slow_manifold_slope() -> float:
-    """Slope (s) of 1/(2 r²) over 1000 to 2000 s of the ideal rest law; steps of 10 ms, as the motion is slow."""
+    """Return the slope (s) of 1/(2 r²) over 1000 to 2000 s of the ideal rest law. Steps: 10 ms."""
     slow = (("autopilot.period", "10 ms"), ("world.max_step", "10 ms"))
     flown = load_scenario("zero-velocity", slow).ideal()
     log = simulate(flown, duration=seconds(2000), log_period=seconds(1), signals=("truth.yaw_rate",))
@@ -89,12 +89,12 @@ def slow_manifold_slope() -> float:
 
 
 def first_time(t: Any, holds: Any) -> Any:
-    """Per run the first time (s) at which a condition (runs, samples) holds; infinite where it never does."""
+    """Return for each run the first time (s) at which a condition (runs, samples) holds; infinite if never."""
     return np.where(holds.any(axis=-1), t[holds.argmax(axis=-1)], np.inf)
 
 
 def settling_time(t: Any, holds: Any) -> Any:
-    """Per run the time (s) from which on a condition (runs, samples) holds; infinite where it doesn't at the end."""
+    """Return for each run the time (s) from which a condition (runs, samples) holds; infinite if not at the end."""
     last = holds.shape[-1] - 1 - (~holds)[..., ::-1].argmax(axis=-1)
     after = np.where(holds.all(axis=-1), 0, last + 1)
     return np.where(holds[..., -1], t[np.minimum(after, len(t) - 1)], np.inf)
@@ -107,13 +107,13 @@ UNITS = {"surge_velocity": SPEED, "sway_velocity": SPEED, "yaw_rate": RATE, "hea
 def draw_flights(
     path: Path, title: str, flights: Mapping[str, tuple[Any, Any]], limits: Mapping[str, Mapping[str, Any]]
 ) -> Path:
-    """Signals of flights, a column each.
+    """Plot signals of flights, a column each.
 
     Args:
-        path: of the picture.
-        title: above it.
-        flights: column's words -> (t, signals of the truth by path).
-        limits: signal -> column's words -> ends of its axis or None.
+        path: path of the picture.
+        title: title of the picture.
+        flights: column's title -> (t, signals of the truth by path).
+        limits: signal -> column's title -> ends of its axis or None.
     """
     panels = [
         Panel(
@@ -126,5 +126,5 @@ def draw_flights(
 
 
 def first_seed(flown: TruthSignals) -> tuple[Any, Any]:
-    """Times and signals of the first run of many."""
+    """Return times and signals of the first of many runs."""
     return flown.t, {path: values[0] for path, values in flown.signals.items()}

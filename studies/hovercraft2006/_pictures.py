@@ -8,7 +8,7 @@ WIDTH, HEIGHT = 4.2, 2.6
 
 
 class Panel(NamedTuple):
-    """One pair of axes.
+    """Pair of axes.
 
     curves: (x, y, label or "", Matplotlib style).  limits: of y, None where not known.  equal: as long in x as in y.
     """

@@ -25,16 +25,16 @@ from trimtab.sensors.ultrasonic_ranging import UltrasonicRanging
 
 SEEDS = range(20)
 SETTLED = 10.0
-"""From when on errors count (s)."""
+"""Time from which errors count (s)."""
 STATES = ("heading", "yaw_rate", "surge_velocity", "sway_velocity", "north", "east")
 SIGNALS = ("truth", "estimate.age", *(f"estimate.state.{name}" for name in STATES))
 UNITS = ("sensors.unit_a", "sensors.unit_b")
 LITERAL = (("covariance", "literal"),)
-"""The settings that are the source's own."""
+"""Settings as published."""
 
 
 class Errors(NamedTuple):
-    """Root mean squares over the settled part of a run, medians over runs.
+    """Errors: rms over the settled part of a run, median over runs.
 
     heading: deg.  yaw_rate: deg/s.  position: cm, both coordinates together.  velocity: cm/s, likewise.
     """
@@ -46,21 +46,21 @@ class Errors(NamedTuple):
 
 
 def load_rig(name: str, settings: tuple[tuple[str, str], ...]) -> Scenario:
-    """A scenario of the rig with settings."""
+    """Load a scenario of the rig with settings."""
     scenario, rest = catalogue.load_scenario(f"navigation/{name}", dict(settings))
     return with_settings(scenario, rest)
 
 
 @cache
 def fly_rig(name: str, settings: tuple[tuple[str, str], ...] = LITERAL) -> Batch:
-    """SEEDS of a scenario of the rig, every millisecond."""
+    """Fly SEEDS of a scenario of the rig, every millisecond."""
     signals = SIGNALS + (UNITS if name == "platform-cricket" else ())
     return simulate_batch(load_rig(name, settings), seeds=SEEDS, signals=signals, log_period=ms(1), log=True)
 
 
 @cache
 def navigation_errors(name: str, settings: tuple[tuple[str, str], ...] = LITERAL) -> Errors:
-    """Of a scenario of the rig."""
+    """Return the errors of a scenario of the rig."""
     batch = fly_rig(name, settings)
     t, errors = to_seconds(batch.ticks), []
     late = t > SETTLED
@@ -82,9 +82,9 @@ def navigation_errors(name: str, settings: tuple[tuple[str, str], ...] = LITERAL
 
 @cache
 def two_unit_errors(settings: tuple[tuple[str, str], ...] = LITERAL) -> tuple[float, float]:
-    """Error (deg, rms) of the heading of two ultrasonic units, as it is and with inertial assistance.
+    """Return the error (deg, rms) of the heading of two ultrasonic units, plain and with inertial assistance.
 
-    Taken where unit B's fix arrives, 100 ms after that of unit A. What the vehicle moved in between is the integral of
+    Evaluated when unit B's fix arrives, 100 ms after that of unit A. The motion in between is the integral of
     the velocity of its navigation: a difference of its positions would count the jump of a fix between them as motion.
     """
     batch = fly_rig("platform-cricket", settings)
@@ -109,7 +109,7 @@ def two_unit_errors(settings: tuple[tuple[str, str], ...] = LITERAL) -> tuple[fl
 
 @cache
 def network_errors(rate: str) -> tuple[float, float]:
-    """What the simulated ultrasonic network gives on the rig at a rate (deg/s), with nothing fitted, over eight runs.
+    """Return the errors of the simulated ultrasonic network on the rig at a rate (deg/s), over eight runs, unfitted.
 
     Two units of the vehicle ping in turn, 100 ms a slot. Returns the mean time (s) from a ping to its last reply, and
     the error (deg, rms) of the heading of both units when the replies to unit B are in.
@@ -133,7 +133,7 @@ def network_errors(rate: str) -> tuple[float, float]:
 
 
 def draw_rig(path: Path, title: str, runs: Mapping[str, Batch]) -> Path:
-    """Errors of heading and rate of the first seed, and of position and velocity along north; runs: words -> run."""
+    """Plot errors of heading, rate, and position and velocity along north, of the first seed. runs: words -> run."""
     whats = "heading (deg)", "rate (deg/s)", "north (cm)", "velocity north (cm/s)"
     panels: dict[str, list[Any]] = {what: [] for what in whats}
     for words, batch in runs.items():
@@ -156,7 +156,7 @@ def draw_rig(path: Path, title: str, runs: Mapping[str, Batch]) -> Path:
 
 
 def _world_velocity(state: dict[str, Any]) -> Any:
-    """Velocity in W as a complex number."""
+    """Return the velocity in W as a complex number."""
     return (state["surge_velocity"] + 1j * state["sway_velocity"]) * np.exp(1j * state["heading"])
 
 

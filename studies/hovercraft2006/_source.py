@@ -8,9 +8,11 @@ from typing import Any
 from trimtab.study import Row, within
 
 MASS, INERTIA, ARM = 2.6, 0.096, 0.32
-"""[1] section 4.1 (5.7 lb), table 4.2 (mean of both trials) and section 4.1 (12.6 in), in kg, kg m² and m."""
+"""Mass, inertia and arm in kg, kg m² and m: [1] section 4.1 (5.7 lb), table 4.2 (mean of both trials), 4.1 (12.6
+in).
+"""
 TABLE = Path(__file__).with_name("reference.json")
-"""Row -> value, written by tests/oracles/hovercraft.py."""
+"""File of row -> value, written by tests/oracles/hovercraft.py."""
 
 
 @cache
@@ -19,10 +21,10 @@ def _values() -> dict[str, float]:
 
 
 def reference_values(prefix: str) -> dict[str, float]:
-    """Row -> value of the rows whose ids begin so, in the order of the table."""
+    """Return row -> value for the ids with a prefix, in the order of the table."""
     return {id: value for id, value in _values().items() if id.startswith(prefix)}
 
 
 def reference_row(id: str, what: str, computed: Any, citation: str, **about: Any) -> Row:
-    """The row of this id beside the value of tests/oracles/hovercraft.py; about: as of `within`."""
+    """Return the row of this id, compared with the value of tests/oracles/hovercraft.py. about: as in `within`."""
     return within(id, what, _values()[id], computed, citation, basis="reference", **about)

@@ -36,7 +36,7 @@ PLACES = {
 
 
 def published_laws() -> dict[str, Any]:
-    """The four laws with the gains of [1] tables 6.1 to 6.4, for the package's vehicle."""
+    """Return the four laws with the gains of [1] tables 6.1 to 6.4, for the package's vehicle."""
     return {
         "rest": ZeroVelocity(1.0, 2.5, CRAFT),
         "forward": ForwardMomentum(1.0, 4.0, 2.8, CRAFT),
@@ -46,7 +46,7 @@ def published_laws() -> dict[str, Any]:
 
 
 def rows() -> Iterator[Row]:
-    """Settings, energy identities, eigenvalues, limit points, and the slow manifold."""
+    """Yield settings, energy identities, eigenvalues, limit points, and the slow manifold."""
     yield from _settings()
     yield from _identities()
     for name, law in published_laws().items():
@@ -164,7 +164,7 @@ def _slow_manifold() -> Iterator[Row]:
 
 
 def _settle(law: Any) -> Any:
-    """u, v, r (m/s, rad/s) of the closed loop after 100 s from a slow slide and turn."""
+    """Return u, v, r (m/s, rad/s) of the closed loop after 100 s from a slow slide and turn."""
     rate, h = _closed_loop_rate(law), 0.01
 
     def advance(_: Any, x: Any) -> Any:
@@ -177,7 +177,7 @@ def _settle(law: Any) -> Any:
 
 
 def _least_theta(law: ReverseMomentum) -> float:
-    """Where the growth of the linearised loop passes zero, by halving."""
+    """Return the angle at which the growth of the linearised loop passes zero, by bisection."""
     at = law.equilibrium()
     matrix = jax.jit(lambda theta: _linearise(replace(law, theta=theta), at))
     low, high = 0.1, 1.0
@@ -199,7 +199,7 @@ def _closed_loop_rate(law: Any) -> Any:
 
 
 def _lyapunov_rate(law: Any) -> Any:
-    """Rate of the law's Lyapunov function at states (n, 3), by automatic differentiation along the motion."""
+    """Return the rate of the law's Lyapunov function at states (n, 3), by automatic differentiation."""
     value = lambda x: law.lyapunov(PlanarState(x[0], x[1], x[2], 0.0))  # noqa: E731
     return jax.jit(jax.vmap(lambda x: jnp.dot(jax.grad(value)(x), _closed_loop_rate(law)(x))))
 

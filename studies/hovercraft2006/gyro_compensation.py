@@ -19,7 +19,7 @@ PLACE = "[1] table 6.5"
 
 
 class GyroResponse(NamedTuple):
-    """A row of [1] table 6.5.
+    """Row of [1] table 6.5.
 
     frequency: Hz.  gain, phase: without compensation, rad.  gain_after, phase_after: with it.  delay: difference of the
     two delays, ms.
@@ -45,7 +45,7 @@ TABLE_6_5 = (
 
 
 def rows() -> Iterator[Row]:
-    """Gain, phase and delay of the inverse at each frequency; the gyro that is flown on the rig."""
+    """Yield gain, phase and delay of the inverse at each frequency, and the gyro that is flown on the rig."""
     for m in TABLE_6_5:
         H = compensation_gain(m.frequency)
         turn, at = float(np.angle(H)), f"{m.frequency:g} Hz"
@@ -72,7 +72,7 @@ def rows() -> Iterator[Row]:
 
 
 def compensation_gain(frequency: Any) -> Any:
-    """Complex gain of the inverse of [1, eq. 6.2], as identified, at frequencies (Hz)."""
+    """Return the complex gain of the inverse of [1, eq. 6.2], as identified, at frequencies (Hz)."""
     s = GyroCompensator(normalised=False).section()
     return frequency_response((s.b0, s.b1, s.b2), (), frequency, to_seconds(TICK))
 
@@ -82,7 +82,7 @@ def _gyro_gain(frequency: Any) -> Any:
 
 
 def figures(folder: Path) -> Iterator[Path]:
-    """Gain and phase of table 6.5, and what the inverse and the modelled gyro say."""
+    """Plot gain and phase of table 6.5, with those of the inverse and the modelled gyro."""
     from matplotlib.figure import Figure
 
     folder.mkdir(parents=True, exist_ok=True)

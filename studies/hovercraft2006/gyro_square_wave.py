@@ -18,7 +18,7 @@ PRINTED = {"yes": ("compensated", 0.20, 1.1), "no": ("not compensated", 0.30, 2.
 
 
 def rows() -> Iterator[Row]:
-    """Rate and heading errors with and without the gyro's inverse, and that it helps."""
+    """Yield rate and heading errors with and without the gyro's inverse, and their ratio."""
     settings = {c: (*LITERAL, ("compensated", c)) for c in PRINTED}
     errors = {c: navigation_errors("platform-square-wave", s) for c, s in settings.items()}
     for c, (words, rate, _) in PRINTED.items():
@@ -54,7 +54,7 @@ def rows() -> Iterator[Row]:
 
 
 def figures(folder: Path) -> Iterator[Path]:
-    """Errors while the platform turns to and fro, of those in figures 6.13 to 6.20."""
+    """Plot errors on the oscillating platform, for figures 6.13 to 6.20."""
     runs = {
         words: fly_rig("platform-square-wave", (*LITERAL, ("compensated", c))) for c, (words, _, _) in PRINTED.items()
     }

@@ -27,7 +27,7 @@ from trimtab.study import Row, band, direction, within
 SECTION = "6.2.2"
 PLACE = "[1] section 6.2.2"
 TORQUE = 0.055
-"""Viscous torque (N m s) with which the vehicle, its actuators and all, spins as slowly as the real one."""
+"""Viscous torque (N m s) with which the simulated vehicle spins as slowly as the real one."""
 FRICTION: Settings = (("world.vehicle.friction.torque_viscous", str(TORQUE)),)
 TURN: Settings = (
     *REST,
@@ -35,7 +35,7 @@ TURN: Settings = (
     ("autopilot.law.target", str(0.5 * math.pi)),
     ("autopilot.law.wrapping", "none"),
 )
-"""From 270° back to 90°, [1] figs. 6.25 and 6.26."""
+"""Turn from 270° back to 90°, [1] figs. 6.25 and 6.26."""
 HALF_TURNS: dict[str, tuple[str, Settings]] = {
     "bang-bang": ("heading-bang-bang", TURN),
     "proportional": ("heading-proportional", (*TURN, ("autopilot.law.form", "literal"))),
@@ -44,7 +44,7 @@ AGAINST = "Friction of this size contradicts the way in which J was measured; of
 
 
 def rows() -> Iterator[Row]:
-    """The slow spin, and what friction in yaw explains of the other flights."""
+    """Yield the slow spin, and the effect of friction in yaw on the other flights."""
     yield from _spin()
     yield from _rest()
     yield from _straight()
@@ -132,12 +132,12 @@ def _half_turn() -> Iterator[Row]:
 
 
 def _late_mean(flown: TruthSignals, signal: str) -> float:
-    """Of the last third."""
+    """Return the mean of the last third."""
     return float(np.median(flown[signal][:, flown.t > flown.t[-1] * 2 / 3].mean(axis=1)))
 
 
 def figures(folder: Path) -> Iterator[Path]:
-    """What figures 6.21 to 6.27 show: each flight on the source's model, and with friction in yaw."""
+    """Plot figures 6.21 to 6.27: each flight on the published model, and with friction in yaw."""
     flights: dict[str, tuple[str, Settings]] = {
         name: (name, ()) for name in ("zero-velocity", "forward", "reverse", "spin")
     }

@@ -29,7 +29,7 @@ RATE = (
 
 
 def rows() -> Iterator[Row]:
-    """Heading and rate with the magnetometer, heading with ultrasound at three rates, and from two units."""
+    """Yield heading and rate with the magnetometer, heading with ultrasound at three rates, and from two units."""
     errors = navigation_errors("platform-magnetometer")
     yield band(
         "heading/magnetometer",
@@ -125,7 +125,7 @@ def _two_unit_rows() -> Iterator[Row]:
 
 
 def figures(folder: Path) -> Iterator[Path]:
-    """Errors of the heading filter, of those in figures 6.13 to 6.20."""
+    """Plot errors of the heading filter, for figures 6.13 to 6.20."""
     runs = {"magnetometer, -166 deg/s": fly_rig("platform-magnetometer")}
     yield draw_rig(folder / "rig-magnetometer.png", "[1] section 6.2.1: heading by magnetometer", runs)
     runs = {f"{rate} deg/s": fly_rig("platform-cricket", (*LITERAL, ("rate", rate))) for rate in CRICKET}

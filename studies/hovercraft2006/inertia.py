@@ -25,7 +25,7 @@ PSI = RudderGeometry().force_angle
 
 
 class PrintedTrial(NamedTuple):
-    """A row of [1] table 4.2: rudder and force angle (deg), thrust and lateral force (N), slope (rad/s²), J (kg m²)."""
+    """Row of [1] table 4.2: rudder and force angle (deg), thrust and lateral force (N), slope (rad/s²), J (kg m²)."""
 
     theta: float
     psi: float
@@ -39,7 +39,7 @@ TRIALS = (PrintedTrial(-20, 14.6, 1.1, -0.28, 0.9412, 0.0952), PrintedTrial(25, 
 
 
 def rows() -> Iterator[Row]:
-    """Both trials, with the lateral force rounded as it is printed and not; their mean; a spin-up flown."""
+    """Yield both trials, with the lateral force as printed and unrounded; their mean; a simulated spin-up."""
     found = []
     for n, trial in enumerate(TRIALS, 1):
         measured = SpinUpTrial(trial.theta * DEG, trial.force, trial.slope)
@@ -73,7 +73,7 @@ def rows() -> Iterator[Row]:
 
 
 def figures(folder: Path) -> Iterator[Path]:
-    """Figure 4.6: the spin-up of which J is the slope."""
+    """Plot figure 4.6: the spin-up whose slope gives J."""
     t, rate = _fly_spin_up()
     fit = fit_slope(t, rate)
     curves = (t, rate, "flown", "."), (t, float(fit.slope) * t, f"slope {float(fit.slope):.4f} rad/s²", "-")
@@ -82,7 +82,7 @@ def figures(folder: Path) -> Iterator[Path]:
 
 
 def _fly_spin_up() -> tuple[Any, Any]:
-    """Times (s) and yaw rates (rad/s) of a release under a held force, by the source's method."""
+    """Return times (s) and yaw rates (rad/s) of a release under a constant force, by the published method."""
     psi = PSI(-30 * DEG)
     push, h, x, rate = PlanarForce(np.cos(psi), lateral_force(1.0, psi)), 0.02, HovercraftState(), []
     for _ in range(25):

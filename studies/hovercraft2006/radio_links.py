@@ -25,15 +25,15 @@ from trimtab.study import Row, band, overlaps, within
 SECTION = "5.3"
 DRAWS = 100_000
 PACKETS = 300
-"""Of a measurement, reconstructed: their greatest latency lies as far out as those printed."""
+"""Number of packets of a measurement, reconstructed: their largest latency is as far out as the printed ones."""
 PLACE = "[1] table 5.1"
 NOT_ADDITIVE = ("free2move/linksys 2.9/41.0", "free2move/linksys 2.9/16.2")
-"""Pairs whose printed mean round trip is more than their up and down together."""
+"""Pairs whose printed mean round trip exceeds the sum of up and down."""
 SUM = "The sum of two independent paths. The round trip was measured by itself, so that three samples' errors count."
 
 
 def rows() -> Iterator[Row]:
-    """Every column of the table of latencies against drawn packets, and the loop's delay."""
+    """Yield every column of the table of latencies against drawn packets, and the loop's delay."""
     for pair, paths in TABLE.items():
         draws = {path: _draw_latencies(pair, path) for path in ("up", "down")}
         for path in ("up", "down"):
@@ -67,7 +67,7 @@ def _path_rows(name: str, printed: Any, draws: Any) -> Iterator[Row]:
 
 
 def _round_trip_rows(pair: str, paths: Any, draws: Any) -> Iterator[Row]:
-    """Within three standard errors of three samples of PACKETS."""
+    """Yield round trips, compared within three standard errors of three samples of PACKETS."""
     printed, name = paths["round trip"], f"{pair} round trip"
     error = 3 * math.sqrt(sum(paths[p].sd_ms ** 2 for p in paths) / PACKETS)
     adds = pair not in NOT_ADDITIVE
@@ -80,14 +80,14 @@ def _round_trip_rows(pair: str, paths: Any, draws: Any) -> Iterator[Row]:
 
 
 def _draw_latencies(pair: str, path: str) -> Any:
-    """Latencies in ms, (DRAWS,)."""
+    """Draw latencies in ms, (DRAWS,)."""
     link, own = to_arrays(bluetooth_link(pair, path)), key(1 if path == "up" else 2)
     latency, _ = jax.jit(jax.vmap(lambda k: link.draw(own, k)))(np.arange(DRAWS))
     return np.asarray(latency) * 1e3
 
 
 def figures(folder: Path) -> Iterator[Path]:
-    """Figure 5.4: mean round trip against the rate of the downlink, printed and drawn."""
+    """Plot figure 5.4: mean round trip against the rate of the downlink, printed and drawn."""
     curves = []
     for radios, mark in (("free2move/linksys", "o"), ("free2move/free2move", "s")):
         pairs = [p for p in TABLE if p.startswith(radios)]

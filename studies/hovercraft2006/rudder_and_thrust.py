@@ -26,7 +26,7 @@ FIT = "Chosen for it: the source shows a plot only (errata)."
 
 
 def rows() -> Iterator[Row]:
-    """Rudder geometry, thrust law, table shapes, and the two tables in series."""
+    """Yield rudder geometry, thrust law, table shapes, and the two tables in series."""
     yield from _rudder()
     yield from _thrust()
     yield from _tables()
@@ -88,7 +88,7 @@ def _tables() -> Iterator[Row]:
 
 
 def figures(folder: Path) -> Iterator[Path]:
-    """Figures 4.2, 4.3 and 4.5, and the ratio of eq. 4.4."""
+    """Plot figures 4.2, 4.3 and 4.5, and the ratio of eq. 4.4."""
     pulse = np.linspace(1e-3, 2e-3, 201)
     angle = np.degrees(np.array([float(SERVO.angle(p)) for p in pulse]))
     points = 1e3 * (SERVO.pulse_start + SERVO.pulse_step * np.arange(21)), np.degrees(np.asarray(SERVO.angles))

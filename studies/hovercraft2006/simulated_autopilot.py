@@ -48,8 +48,8 @@ BANDS: dict[str, dict[str, tuple[Any, Any]]] = {
         "yaw_rate": (None, (3.5, 4.0)),
     },
 }
-"""Figure -> signal -> the bands of its least and greatest value, from the last ticks of its axis; None: no evidence,
-or decided by where the flight begins."""
+"""Figure -> signal -> bands of its smallest and largest value, from the last ticks of its axis; None: no evidence, or
+decided by the start of the flight."""
 LIMITS = {
     "fig-6.7": {"surge_velocity": (-0.8, 0.8), "sway_velocity": (-0.8, 0.8), "yaw_rate": (-1, 7)},
     "fig-6.8": {"surge_velocity": (0, 1.4), "sway_velocity": (-0.25, 0.25), "yaw_rate": (-0.5, 0.3)},
@@ -67,11 +67,11 @@ EXTREMES = {
         "greatest yaw_rate",
     ),
 }
-"""Figure -> the extremes of its ideal flight that its start does not decide."""
+"""Figure -> extremes of its ideal flight that its start does not decide."""
 
 
 def rows() -> Iterator[Row]:
-    """Ideal extremes, what the text says of each figure, and the ends of its axes."""
+    """Yield ideal extremes, statements of the text on each figure, and the ends of its axes."""
     for figure, extremes in EXTREMES.items():
         yield from _ideal_extremes(figure, extremes)
     yield from _rest()
@@ -82,7 +82,7 @@ def rows() -> Iterator[Row]:
 
 
 def figures(folder: Path) -> Iterator[Path]:
-    """Figures 6.7 to 6.10, ideal beside real, both in the axes of the real one."""
+    """Plot figures 6.7 to 6.10, ideal beside real, both in the axes of the real one."""
     for figure, name in FIGURES.items():
         log = fly_ideal(name)
         flights = {"ideal": (log.t, log), "real, first seed": first_seed(fly_real(name))}

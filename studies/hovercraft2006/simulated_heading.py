@@ -28,7 +28,7 @@ from trimtab.study import Row, direction, inside, overlaps
 
 SECTION = "6.1"
 TOLERANCE = np.pi / 180
-"""[1] section 6.1.6."""
+"""Tolerance of the heading (rad): [1] section 6.1.6."""
 FIG = "[1] fig. 6.12"
 FORM = (*MOVING, ("autopilot.law.form", "literal"))
 AXES = {
@@ -39,7 +39,7 @@ AXES = {
 }
 """Signal -> ends of its axis in fig. 6.12, ideal and real."""
 TICKS = {"surge_velocity": (0.05, 0.1), "sway_velocity": (0.1, 0.1), "yaw_rate": (0.5, 0.5), "heading": (0.5, 0.5)}
-"""Between the ticks of these axes: the runs of both algorithms end within one of an axis' ends."""
+"""Distance of the ticks of these axes: the runs of both algorithms end within one of an axis' ends."""
 LAWS: dict[str, tuple[str, Settings]] = {
     "bang-bang": ("heading-bang-bang", REST),
     "proportional": ("heading-proportional", LITERAL),
@@ -47,7 +47,7 @@ LAWS: dict[str, tuple[str, Settings]] = {
 
 
 def rows() -> Iterator[Row]:
-    """How each algorithm ends, ideal; the axes of figure 6.12; figure 6.11."""
+    """Yield the end of each algorithm, ideal; the axes of figure 6.12; figure 6.11."""
     yield from _bang_bang()
     yield from _proportional()
     yield from _comparison_rows()
@@ -57,7 +57,7 @@ def rows() -> Iterator[Row]:
 
 
 def figures(folder: Path) -> Iterator[Path]:
-    """Figures 6.11 (out of a slide) and 6.12 (from rest), both algorithms, the proportional one as published."""
+    """Plot figures 6.11 (out of a slide) and 6.12 (from rest), both algorithms, the proportional one as published."""
     moving = {"bang-bang": ("heading-bang-bang", MOVING), "proportional": ("heading-proportional", FORM)}
     for figure, laws in (("fig-6.11", moving), ("fig-6.12", LAWS)):
         for short, (name, settings) in laws.items():

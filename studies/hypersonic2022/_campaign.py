@@ -27,9 +27,9 @@ from trimtab.vehicles.hypersonic import Disturbance, Hypersonic
 NOMINAL = Hypersonic()
 CLIMB, LENGTH = FilteredClimb(dh=3000.0, dV=500.0), 100.0
 LATE = 20.0
-"""Errors and saturation are judged over so many seconds at the end."""
+"""Time at the end over which errors and saturation are judged (s)."""
 OFF = 30.0, 5.0
-"""Errors of h (ft) and V (ft/s) that are allowed there: 1 % of what is commanded."""
+"""Largest errors of h (ft) and V (ft/s) there: 1 % of the command."""
 PARTS = {
     "": ("m", "Iyy"),
     "forces.atmosphere.": ("rho0",),
@@ -44,13 +44,13 @@ PARTS = {
     ),
 }
 COEFFICIENTS = tuple(part + name for part, names in PARTS.items() for name in names)
-"""What differs from the model: paths below the vehicle."""
+"""Parameters that differ from the model: paths below the vehicle."""
 KEPT = ("g", "forces.atmosphere.h0", "forces.atmosphere.hs", "forces.aerodynamics.S", "forces.aerodynamics.c")
-"""What does not: gravity, the atmosphere's shape, and two lengths that only multiply what is varied."""
+"""Fixed parameters: gravity, the atmosphere's shape, and two lengths that only multiply varied ones."""
 NAMES = tuple(path.rpartition(".")[2] for path in COEFFICIENTS)
 WEIGHT = NOMINAL.m * NOMINAL.g
 ONSET, SHORT = 20.0, 0.05
-"""Disturbances begin then; an impulse lasts so long (s)."""
+"""Start of disturbances, and duration of an impulse (s)."""
 DISTURBANCES = {
     "none": Disturbance(),
     "moment impulse": Disturbance(moment=0.4 * NOMINAL.Iyy, start=ONSET, duration=SHORT),
@@ -66,7 +66,7 @@ CHUNK = 2048
 
 
 class FlightOutcomes(NamedTuple):
-    """Of each run (n,). untrimmed: no level trim within limits and fit at one end: no law could fly that plant.
+    """Outcome of each run (n,). untrimmed: no level trim within limits and fit at one end: no law could fly that plant.
 
     lost: left 80-95 kft, 7-9 kft/s or 0-4 deg of alpha.  saturated: an input at its limit in the last 20 s.
     h, V: largest errors then (ft, ft/s), infinite where they are no numbers.
@@ -80,30 +80,30 @@ class FlightOutcomes(NamedTuple):
 
     @property
     def is_off(self) -> Any:
-        """Whether it ended further away than OFF."""
+        """True for runs that ended further away than OFF."""
         return (self.h > OFF[0]) | (OFF[1] < self.V)
 
     @property
     def is_success(self) -> Any:
-        """Whether a run is none of these."""
+        """True for runs with none of these problems."""
         return ~(self.lacks_trim | self.lost | self.is_saturated | self.is_off)
 
 
 @cache
 def build_scenario(integral: bool, Q: tuple[float, ...] = EQUAL_Q) -> Scenario:
-    """What flies, before anything is spread; Q: of the filter."""
+    """Return the scenario before anything is spread. Q: of the filter."""
     plant = replace(NOMINAL, disturbance=Disturbance())
     made = hypersonic_scenario("campaign", CLIMB, LENGTH, plant=plant, noise="on", integral="on" if integral else "off")
     return replace(made, autopilot=replace(made.autopilot, estimator=replace(made.autopilot.estimator, Q=Q)))
 
 
 def draw_factors(size: float, runs: int, seed: int) -> Any:
-    """Factors of the coefficients (runs, 37), independent and uniform in 1 +- size."""
+    """Draw factors of the coefficients (runs, 37), independent and uniform in 1 +- size."""
     return 1 + size * np.random.default_rng(seed).uniform(-1, 1, (runs, len(COEFFICIENTS)))
 
 
 def build_plants(factors: Any) -> Hypersonic:
-    """The plants as one record of arrays (n,), nominal values times factors (n, 37)."""
+    """Return the plants as one record of arrays (n,), nominal values times factors (n, 37)."""
     values = dict(zip(COEFFICIENTS, np.asarray(factors).T, strict=True))
     parts: dict[str, Any] = {}
     for part, names in PARTS.items():
@@ -137,7 +137,7 @@ def fly_plants(
 
 
 def find_untrimmed(craft: Hypersonic) -> Any:
-    """Whether plants (n,) lack a level trim within inputs' limits and fit where the command begins or ends."""
+    """Return which plants (n,) lack a level trim within limits and fit at the start or end of the command."""
     limits, fit, n = InputLimits(), FitRange(), len(np.asarray(craft.m))
     end = CLIMB.at(LENGTH)
     without = np.zeros(n, bool)

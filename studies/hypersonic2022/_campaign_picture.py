@@ -19,7 +19,7 @@ FARTHEST = 0.9
 
 
 def draw_success(folder: Path) -> Path:
-    """Share of success with its interval, by size: law with and without integral action, and the other filter."""
+    """Plot the share of success with its interval, by size: both laws, and the other filter."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(8.0, 5.0), dpi=DPI, facecolor="white", layout="constrained")
@@ -45,7 +45,7 @@ def draw_success(folder: Path) -> Path:
 
 
 def draw_ranking(folder: Path) -> Path:
-    """Total index with its interval, and how far each can be off alone; a row of panels for each law."""
+    """Plot total index with its interval, and tolerance of each alone; a row of panels for each law."""
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(12.0, 8.0), dpi=DPI, facecolor="white", layout="constrained")

@@ -19,7 +19,7 @@ FINE = 9
 
 
 class Indices(NamedTuple):
-    """Of each of FACTORS (38,). first, total: indices.  low, high: interval (95 %, bootstrap) of the total ones.
+    """For FACTORS (38,). first, total: indices.  low, high: interval (95 %, bootstrap) of the total ones.
 
     share: of the runs that succeeded.
     """
@@ -32,14 +32,14 @@ class Indices(NamedTuple):
 
 
 class Threshold(NamedTuple):
-    """Of each of NAMES, (37,). down, up: by which part it can fall or rise alone; infinite where 0.9 is no failure."""
+    """For NAMES, (37,). down, up: by which part it can fall or rise alone; infinite where 0.9 is no failure."""
 
     down: Any
     up: Any
 
     @property
     def least(self) -> Any:
-        """The smaller of both."""
+        """Return the smaller of both."""
         return np.minimum(self.down, self.up)
 
 
@@ -73,7 +73,7 @@ def sobol_indices(size: float, integral: bool, n: int = 128) -> Indices:
 
 @cache
 def failure_thresholds(integral: bool) -> Threshold:
-    """Scale each coefficient alone, down and up, on a grid outwards until the first failure, and again between."""
+    """Scale each coefficient alone, down and up, on a grid outwards until the first failure, and refine."""
     signs = np.array([-1.0, 1.0])
     count = len(COEFFICIENTS), 2
     below, above = _bracket_failure(np.broadcast_to(COARSE, (*count, len(COARSE))), signs, integral)
@@ -86,7 +86,7 @@ def failure_thresholds(integral: bool) -> Threshold:
 
 
 def _bracket_failure(grid: Any, signs: Any, integral: bool, start: Any = 0.0) -> tuple[Any, Any]:
-    """Largest size before the first failure, and the size of that one (infinite if none): (37, 2); grid (37, 2, n)."""
+    """Return the last size before the first failure, and that of the failure (else inf): (37, 2). grid: (37, 2, n)."""
     d, two, n = grid.shape
     factors = np.ones((d, two, n, d))
     for i in range(d):
@@ -103,12 +103,12 @@ def _bracket_failure(grid: Any, signs: Any, integral: bool, start: Any = 0.0) ->
 
 
 def rank_names(values: Any, names: tuple[str, ...], *, most: bool) -> list[str]:
-    """Names by value, the most or the least first."""
+    """Return the names by value, largest or smallest first."""
     return [names[i] for i in np.argsort(-np.asarray(values) if most else np.asarray(values), kind="stable")]
 
 
 def rank_correlation(total: Any, least: Any) -> float:
-    """Rank correlation of total indices and thresholds: 1 for the same order, not a number where either has none."""
+    """Return the rank correlation of total indices and thresholds: 1 for equal order, NaN if either has none."""
     capped = np.minimum(least, 1.0)
     if np.ptp(total) == 0 or np.ptp(capped) == 0:
         return np.nan

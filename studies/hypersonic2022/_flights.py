@@ -19,70 +19,70 @@ from trimtab.run.simulate import simulate_batch
 from trimtab.scenarios.hypersonic._flight import hypersonic_scenario
 
 SIGNALS = ("truth", "law", "actuators", "estimate.state")
-"""Of a flight that is drawn."""
+"""Seed of a plotted flight."""
 LONG = 200.0
-"""Length of the flights that are not a scenario's own (s)."""
+"""Length of flights without a scenario's own length (s)."""
 SETTLED = 20.0
-"""From here on errors count (s): the filter's first error is gone."""
+"""Time from which errors count (s), after the filter's first error."""
 SHORT = 60.0
 """Length of the oracle's flights with noise (s)."""
 BRISK = (1e-5, 1.0, 1e-5, 1.0)
 """Q_eta of a filter between the tuned and the accurate one."""
 SMALL, MEDIUM, LARGE, LARGEST = (1000.0, 200.0), (3000.0, 500.0), (5000.0, 1000.0), (10000.0, 1500.0)
-"""Climbs: ft and ft/s."""
+"""Climbs in ft and ft/s."""
 CRUISE = (0.0, 0.0)
 SOURCE: Any = {"filter": "equal", "integral": "off"}
-"""The package's settings that stand for [1]: it has no integral action, and one noise for both modes."""
+"""Settings that reproduce [1]: no integral action, and one noise for both modes."""
 FLIGHT_DIGITS = 2e-3
-"""Part of a number up to which flights without noise agree with the oracle's, which tabulates no inner motion."""
+"""Relative tolerance of flights without noise against the oracle's, which tabulates no inner motion."""
 MODES = ("eta1", "eta1_rate", "eta2", "eta2_rate")
 KEPT = (
     *("law.h_error", "law.V_error", "law.saturated", "actuators.u.Phi", "actuators.u.delta_e", "truth.alpha"),
     *(f"{end}.{mode}" for mode in MODES for end in ("truth", "estimate.state")),
 )
-"""Of the flights that rows look at, of which several hundred are in memory at once."""
+"""Signals of the flights for rows; several hundred flights are in memory at once."""
 
 
 @dataclasses.dataclass(frozen=True)
 class RunSignals:
-    """Some runs of a scenario. t: (samples,) in s.  signals: path -> (runs, samples, …)."""
+    """Runs of a scenario. t: (samples,) in s.  signals: path -> (runs, samples, …)."""
 
     t: Any
     signals: Mapping[str, Any]
 
     def __getitem__(self, path: str) -> Any:
-        """A signal by its path, (runs, samples, …)."""
+        """Return a signal by its path, (runs, samples, …)."""
         return self.signals[path]
 
     def window(self, path: str, after: float, until: float = np.inf) -> Any:
-        """The part of a signal with after < t <= until (s)."""
+        """Return the part of a signal with after < t <= until (s)."""
         return self[path][:, (self.t > after) & (self.t <= until)]
 
     def rms(self, path: str, after: float = SETTLED, until: float = np.inf) -> Any:
-        """Root mean square of each run over after < t <= until (s), (runs,)."""
+        """Return the rms of each run over after < t <= until (s), (runs,)."""
         return np.sqrt((self.window(path, after, until) ** 2).mean(axis=1))
 
     def peak(self, path: str, after: float = SETTLED) -> Any:
-        """Largest magnitude of each run after a time (s), (runs,)."""
+        """Return the largest magnitude of each run after a time (s), (runs,)."""
         return np.abs(self.window(path, after)).max(axis=1)
 
     def final_mean(self, path: str) -> Any:
-        """Mean of each run over its last 10 s, (runs,): what noise leaves of the last value."""
+        """Return the mean of each run over its last 10 s, (runs,), as the last value without noise."""
         return self.window(path, self.t[-1] - 10).mean(axis=1)
 
     def mode_error(self, after: float, until: float = np.inf) -> Any:
-        """Largest error of the estimated eta1 of each run (runs,)."""
+        """Return the largest error of the estimated eta1 of each run (runs,)."""
         off = self.window("estimate.state.eta1", after, until) - self.window("truth.eta1", after, until)
         return np.abs(off).max(axis=1)
 
     @property
     def is_saturated(self) -> Any:
-        """Whether a limit ever held the input of each run (runs,)."""
+        """Return whether a limit ever held the input of each run (runs,)."""
         return self["law.saturated"].any(axis=1)
 
 
 def fly_seeds(scenario: Scenario, runs: int = 1, length: float | None = None, period: int = ms(20)) -> RunSignals:
-    """Seeds 0 … runs - 1 of a scenario, for its own length or another (s), rows a period apart."""
+    """Fly seeds 0 … runs - 1 of a scenario, for its own length or another (s), with rows a period apart."""
     wanted = None if length is None else seconds(length)
     batch = simulate_batch(scenario, seeds=range(runs), signals=KEPT, log=True, log_period=period, duration=wanted)
     return RunSignals(to_seconds(batch.ticks), batch.log)
@@ -92,32 +92,32 @@ def fly_seeds(scenario: Scenario, runs: int = 1, length: float | None = None, pe
 def fly_climb(
     climb: tuple[float, float], runs: int = 1, length: float = LONG, brisk: bool = False, **options: Any
 ) -> RunSignals:
-    """A climb (ft, ft/s) with options beside SOURCE; brisk: with BRISK as the filter's Q."""
+    """Fly a climb (ft, ft/s) with options besides SOURCE. brisk: with BRISK as the filter's Q."""
     return fly_seeds(build_climb(climb, brisk=brisk, **options), runs, length)
 
 
 def build_climb(climb: tuple[float, float], brisk: bool = False, **options: Any) -> Scenario:
-    """Its scenario."""
+    """Return the scenario of a climb."""
     dh, dV = climb
     made = hypersonic_scenario("hypersonic/study", FilteredClimb(dh=dh, dV=dV), LONG, **SOURCE | options)
     return change_filter(made, Q=BRISK) if brisk else made
 
 
 def change_filter(scenario: Scenario, **changes: Any) -> Scenario:
-    """The same with other numbers in the filter of the modes."""
+    """Return the scenario with other parameters in the filter of the modes."""
     autopilot = scenario.autopilot
     return replace(scenario, autopilot=replace(autopilot, estimator=replace(autopilot.estimator, **changes)))
 
 
 def change_robust(scenario: Scenario, **changes: Any) -> Scenario:
-    """The same with other numbers in the robust terms."""
+    """Return the scenario with other parameters in the robust terms."""
     autopilot = scenario.autopilot
     law = replace(autopilot.law, robust=replace(autopilot.law.robust, **changes))
     return replace(scenario, autopilot=replace(autopilot, law=law))
 
 
 def change_period(scenario: Scenario, period: int) -> Scenario:
-    """The same, sampled and controlled at another period."""
+    """Return the scenario, sampled and controlled at another period."""
     world, autopilot = scenario.world, scenario.autopilot
     parts: dict[str, Any] = {n: replace(getattr(world, n), period=period) for n in ("downlink", "uplink", "actuators")}
     sensors = {name: replace(sensor, period=period) for name, sensor in world.sensors.items()}
@@ -129,5 +129,5 @@ def change_period(scenario: Scenario, period: int) -> Scenario:
 
 
 def extent(values: Any) -> tuple[float, float]:
-    """Least and greatest of the runs."""
+    """Return smallest and largest of the runs."""
     return float(np.min(values)), float(np.max(values))

@@ -23,13 +23,13 @@ from trimtab.scenarios.hypersonic._loop import sampled_loop
 from trimtab.vehicles.hypersonic import Hypersonic
 
 NOISE = 0.01
-"""Of the accelerometer (rad/s^2 a sample)."""
+"""Noise of the accelerometer (rad/s^2 a sample)."""
 DETUNED = tuple((a, b) for a in (0.9, 1.0, 1.1) for b in (0.9, 1.0, 1.1) if (a, b) != (1.0, 1.0))
 """Factors of both modal frequencies: together, crossed, and one alone, 10 % off."""
 
 
 class Quality(NamedTuple):
-    """Of one setting.
+    """Performance of one setting.
 
     elevator: rms of the elevator from noise (rad).  h, V: rms of the errors from noise (ft, ft/s).
     growth: of the slowest motion with an exact model (1/s).  worst: the same over DETUNED, and `at` which of them.
@@ -44,7 +44,7 @@ class Quality(NamedTuple):
 
 
 def loop_quality(Q: Any = EQUAL_Q, R: float = 1e-4, K: Any = K_FLOWN) -> Quality:
-    """What the filter's Q (4,) and R, and the gain K (2, 9), give."""
+    """Return the results for the filter's Q (4,) and R, and the gain K (2, 9)."""
     F, N = loop_matrices(Q, R, K)
     sigma = np.sqrt(np.diag(solve_discrete_lyapunov(F, NOISE**2 * np.outer(N, N))))
     found = {at: growth_rate(Q, R, K, at) for at in DETUNED}
@@ -53,13 +53,13 @@ def loop_quality(Q: Any = EQUAL_Q, R: float = 1e-4, K: Any = K_FLOWN) -> Quality
 
 
 def growth_rate(Q: Any, R: float, K: Any = K_FLOWN, detuned: tuple[float, float] = (1.0, 1.0)) -> float:
-    """Of the slowest motion (1/s), the plant's modal frequencies times `detuned`; above 0 the vehicle is lost."""
+    """Return the slowest rate (1/s) with the plant's modal frequencies times `detuned`; above 0: unstable."""
     F, _ = loop_matrices(Q, R, K, detuned)
     return float(np.log(np.abs(np.linalg.eigvals(F)).max()) / to_seconds(TICK))
 
 
 def widest_error(Q: Any, R: float, K: Any = K_FLOWN, most: float = 0.4) -> float:
-    """Up to which error of the frequencies, as a part of them and in any of the eight directions, all stays stable."""
+    """Return the largest relative error of the frequencies, in any of the eight directions, with a stable loop."""
     low, high = 0.0, most
     while high - low > 1e-3:
         x = (low + high) / 2
@@ -69,7 +69,7 @@ def widest_error(Q: Any, R: float, K: Any = K_FLOWN, most: float = 0.4) -> float
 
 
 def loop_matrices(Q: Any, R: float, K: Any, detuned: tuple[float, float] = (1.0, 1.0)) -> tuple[Any, Any]:
-    """F (20, 20) and N (20,): z = F z + N w over one period, w the accelerometer's noise."""
+    """Return F (20, 20) and N (20,) of z = F z + N w over one period. w: the accelerometer's noise."""
     believed = Hypersonic()
     modes = believed.modes
     plant = replace(believed, modes=replace(modes, w1=modes.w1 * detuned[0], w2=modes.w2 * detuned[1]))

@@ -14,29 +14,29 @@ from trimtab.study import Row, same, within
 
 TABLE = Path(__file__).parent / "oracle.txt"
 DIGITS = 1e-7
-"""Part of a number up to which two programs agree that solve the same equations: searches stop before rounding."""
+"""Relative tolerance of two programs that solve the same equations: searches stop before rounding."""
 
 
 @cache
 def oracle_values() -> dict[str, Any]:
-    """Name -> numbers (n,)."""
+    """Return name -> numbers (n,)."""
     lines = [line.split() for line in TABLE.read_text(encoding="utf-8").splitlines() if not line.startswith("#")]
     return {name: np.array([float(n) for n in numbers]) for name, *numbers in lines}
 
 
 def oracle_number(name: str, part: int = 0) -> float:
-    """One number of the table."""
+    """Return one number of the table."""
     return float(oracle_values()[name][part])
 
 
 def oracle_poles(name: str) -> Any:
-    """Complex numbers of the table, imaginary parts not negative."""
+    """Return complex numbers of the table, imaginary parts not negative."""
     real, imaginary = oracle_values()[name].reshape(-1, 2).T
     return real + 1j * imaginary
 
 
 def reference(id: str, what: str, computed: Any, citation: str, *, name: str = "", part: int = 0, **about: Any) -> Row:
-    """Computed beside the oracle's number of the same id, or of another name, up to DIGITS where not said."""
+    """Return a row against the oracle's number of the same id, or another name, within DIGITS by default."""
     about = {"basis": "reference", **about}
     if "tolerance" not in about and "relative" not in about:
         about["relative"] = DIGITS
@@ -44,7 +44,7 @@ def reference(id: str, what: str, computed: Any, citation: str, *, name: str = "
 
 
 def reference_flag(id: str, what: str, computed: Any, citation: str, *, name: str = "", **about: Any) -> Row:
-    """Whether something is so, beside whether it is so by the oracle."""
+    """Return a row of a condition against the oracle's."""
     expected = bool(oracle_number(name or id))
     return same(id, what, expected, bool(computed), citation, **{"basis": "reference", **about})
 
@@ -64,5 +64,5 @@ def reference_seeds(
 
 
 def pole_error(poles: Any, name: str) -> float:
-    """How far the farthest of the oracle's poles is from the nearest computed one."""
+    """Return the largest distance of the oracle's poles to the nearest computed one."""
     return max(float(np.abs(np.asarray(poles) - p).min()) for p in oracle_poles(name))

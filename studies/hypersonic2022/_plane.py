@@ -21,11 +21,11 @@ FREQUENCIES: tuple[Any, ...] = ("1.10", "0.90")
 SEEDS = 16
 LENGTH = 100.0
 LATE = 20.0
-"""Errors and saturation are judged over so many seconds at the end."""
+"""Time at the end over which errors and saturation are judged (s)."""
 OFF = 30.0, 5.0
-"""Errors of h (ft) and V (ft/s) that are allowed there: 1 % of what is commanded."""
+"""Largest errors of h (ft) and V (ft/s) there: 1 % of the command."""
 ROUGHNESS = (0.0, 1.0, 10.0)
-"""Times the intensity of turbulence that is flown."""
+"""Factors of the intensity of turbulence."""
 INSTRUMENT = "world.sensors.angular-accelerometer."
 SIGNALS = ("law.h_error", "law.V_error", "law.saturated", "truth.h", "truth.V", "truth.alpha")
 
@@ -75,12 +75,12 @@ AXES = (
 
 @cache
 def build_plane(frequency: Any, filter: Any = "tuned") -> Scenario:
-    """The scenario before one of its numbers is made worse."""
+    """Return the scenario before one of its parameters is made worse."""
     return replace(scenario(frequency=frequency, filter=filter, truth="plane"), duration=seconds(LENGTH))
 
 
 def fly_until_late(flown: Scenario, spread: dict[str, Any], runs: int) -> tuple[Any, Any]:
-    """Which flights (runs,) succeed, and the rms of their errors of h (ft) at the end; SEEDS seeds by turns."""
+    """Return which flights (runs,) succeed, and the rms errors of h (ft) at the end, with SEEDS seeds in turn."""
     seeds = np.arange(runs) % SEEDS
     batch = simulate_batch(flown, seeds=seeds, spread=spread, signals=SIGNALS, log=True, log_period=ms(50))
     log, late = batch.log, batch.ticks * 1e-7 > LENGTH - LATE
@@ -93,13 +93,13 @@ def fly_until_late(flown: Scenario, spread: dict[str, Any], runs: int) -> tuple[
 
 
 def axis_settings(axis: Axis) -> Any:
-    """Values of the setting in SEEDS runs of each of the axis's."""
+    """Return values of the setting in SEEDS runs of each value of the axis."""
     return np.repeat(axis.scale * np.asarray(axis.values), SEEDS)
 
 
 @cache
 def axis_shares() -> dict[str, Any]:
-    """Name of each axis -> shares of flights that succeed, (frequencies, values)."""
+    """Return name of each axis -> shares of flights that succeed, (frequencies, values)."""
     shares: dict[str, list[Any]] = {axis.name: [] for axis in AXES}
     for frequency in FREQUENCIES:
         flown = build_plane(frequency)
@@ -111,7 +111,7 @@ def axis_shares() -> dict[str, Any]:
 
 
 def worst_values() -> Iterator[tuple[Axis, float]]:
-    """Each axis, and the last of its values up to which all flights succeed; NaN where none do."""
+    """Yield for each axis the last value up to which all flights succeed; NaN if none do."""
     for axis in AXES:
         succeeds = (axis_shares()[axis.name] == 1).all(0)
         reach = int(np.argmin(succeeds)) if not succeeds.all() else len(succeeds)
@@ -120,14 +120,14 @@ def worst_values() -> Iterator[tuple[Axis, float]]:
 
 @cache
 def without_measurement() -> tuple[int, int]:
-    """How many flights succeed whose filter uses no measurement, of how many."""
+    """Return the number of successful flights without measurements in the filter, and of all."""
     found = [fly_until_late(build_plane(f, "none"), {}, SEEDS)[0] for f in FREQUENCIES]
     return int(np.concatenate(found).sum()), len(FREQUENCIES) * SEEDS
 
 
 @cache
 def rough_flights() -> dict[float, tuple[int, float]]:
-    """Times the intensity of turbulence -> how many flights succeed, and the median rms of their errors of h (ft)."""
+    """Return factor of turbulence -> number of successful flights, and median rms error of h (ft)."""
     times = np.repeat(ROUGHNESS, SEEDS)
     both = [fly_until_late(build_plane(f), {"world.turbulence.intensity": times}, len(times)) for f in FREQUENCIES]
     success, errors = (np.stack([b[i].reshape(-1, SEEDS) for b in both]) for i in (0, 1))

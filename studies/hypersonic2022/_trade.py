@@ -22,7 +22,7 @@ from trimtab.scenarios.hypersonic._design import ALLOWED, ALLOWED_INPUT, SCALE, 
 
 SEEDS = 20
 SETTLED, LAST = 20.0, 10.0
-"""Statistics begin so late (s), and last errors are the largest over so many seconds at the end."""
+"""Start of the statistics (s), and time at the end over which last errors are the largest (s)."""
 SIGNALS = ("actuators.u.delta_e", "law.h_error", "law.V_error", "law.outside", "truth.eta1", "estimate.state.eta1")
 QUIET = "world.sensors.angular-accelerometer.noise"
 
@@ -38,7 +38,7 @@ class Setting(NamedTuple):
 
 
 class Activity(NamedTuple):
-    """Of one setting, over seeds.
+    """Performance of one setting, over seeds.
 
     elevator, h_noise: rms of what noise adds (rad, ft).  offset: its mean in h (ft).
     h, V: rms of the errors (ft, ft/s).
@@ -52,7 +52,7 @@ class Activity(NamedTuple):
 
 
 class DetunedErrors(NamedTuple):
-    """Of one setting, over DETUNED and seeds, (8, seeds).
+    """Robustness of one setting, over DETUNED and seeds, (8, seeds).
 
     lost: whether flight left the envelope.  h: rms of the error (ft), infinite where it is no number.
     eta1: largest error of mode 1 at the end.
@@ -78,13 +78,7 @@ SCALED = Setting(
 
 
 def weighted_gain(h: float = 1.0, V: float = 1.0, modes: float = 1e3) -> Any:
-    """Gain (2, 9) of a regulator with other weights.
-
-    Args:
-        h: times the acceleration h'' (10 ft/s^2) that weighs 1: the more, the cheaper it is.
-        V: the same of V' (5 ft/s^2).
-        modes: displacement that weighs 1; rates 17 times that.
-    """
+    """Return the gain (2, 9) of a regulator with other weights."""
     allowed = np.append(ALLOWED[:5], [modes, 17 * modes] * 2 if modes < 1e3 else ALLOWED[5:])
     linear, _ = error_model()
     R = np.diag((ALLOWED_INPUT * np.array([h, V])) ** -2.0)
@@ -132,7 +126,7 @@ def fly_offsets(settings: Sequence[Setting]) -> list[tuple[float, float]]:
 
 @cache
 def trade_curve(seeds: int = SEEDS) -> list[tuple[Setting, Activity]]:
-    """All settings of the filter, flown once: those on both modes, then those apart."""
+    """Return all settings of the filter, flown once: those on both modes, then those apart."""
     settings = (*TOGETHER, EQUAL, *APART, BETTER)
     return list(zip(settings, fly_noise(settings, seeds), strict=True))
 

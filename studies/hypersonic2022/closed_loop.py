@@ -38,7 +38,7 @@ SECTION = "simulation"
 PLACE = "[1] simulation"
 NOMINAL = SMALL, MEDIUM, LARGE, LARGEST
 PERIODS = 5, 10, 20
-"""Of control (ms)."""
+"""Periods of control (ms)."""
 FIRST = {
     "h": ("altitude 1000 ft high", "h", 1000.0),
     "V": ("speed 50 ft/s high", "V", 50.0),
@@ -51,14 +51,14 @@ LOW = "Fuel and elevator are at their limits within half a second, and the angle
 
 
 def rows() -> Iterator[Row]:
-    """Nominal climbs, readings of k_i, periods, first errors."""
+    """Yield nominal climbs, readings of k_i, periods, first errors."""
     yield from _nominal()
     yield from _variants()
     yield from _first_errors()
 
 
 def figures(folder: Path) -> Iterator[Path]:
-    """Tracking, inputs, modes with estimate and error; the observer without measurement beside, in grey."""
+    """Plot tracking, inputs, modes with estimate and error; the observer without measurement in grey."""
     from trimtab.plots.tracking import plot_tracking
 
     folder.mkdir(parents=True, exist_ok=True)
@@ -118,7 +118,7 @@ def _nominal() -> Iterator[Row]:
 
 
 def _variants() -> Iterator[Row]:
-    """Readings of k_i, periods, and the true state in place of the estimate."""
+    """Yield readings of k_i, periods, and the true state in place of the estimate."""
     medium = build_climb(MEDIUM, filter="printed")
     about: Any = {"relative": FLIGHT_DIGITS, "unit": "ft"}
     for period in PERIODS:
@@ -143,7 +143,7 @@ def _altitude_error(flown: RunSignals) -> float:
 
 
 def _replace_vehicle(scenario: Any, craft: Hypersonic) -> Any:
-    """The same scenario with one vehicle in world, filter and law; its internal motion solved for it."""
+    """Return the scenario with one vehicle in world, filter and law, and its internal motion solved."""
     from trimtab.scenarios.hypersonic._internal import noncausal_table
 
     autopilot = scenario.autopilot

@@ -29,13 +29,13 @@ CASES = {
     "step/lift": "step lift -2 % of the weight",
 }
 DIGITS: Any = {"relative": FLIGHT_DIGITS, "tolerance": 1e-4}
-"""Errors that vanish agree to a ten-thousandth of their unit."""
+"""Absolute tolerance of vanishing errors: a ten-thousandth of their unit."""
 IMPULSES = "impulse/moment", "impulse/normal-force"
 PRICE = "What the filter's bandwidth costs: it takes the moment for modes."
 
 
 def rows() -> Iterator[Row]:
-    """Peaks, what is left, settling, what the filter makes of an impulse, weaker coupling."""
+    """Yield peaks, remaining errors, settling, the filter's response to an impulse, weaker coupling."""
     for name in CASES:
         yield from _case(name)
     for name in IMPULSES:
@@ -78,7 +78,7 @@ def _time_inside(t: Any, h: Any) -> float:
 
 
 def _filter() -> Iterator[Row]:
-    """What an unmodelled moment looks like to the filter."""
+    """Yield the effect of an unmodelled moment on the filter."""
     unit, name = "(slug ft)^1/2", "impulse/moment"
     equal, printed = _fly_case(name), _fly_case(name, filter="printed")
     got, what = equal.mode_error(ONSET)[0], "moment impulse, equal noise: largest error of η1"
@@ -92,7 +92,7 @@ def _filter() -> Iterator[Row]:
 
 
 def _coupling() -> Iterator[Row]:
-    """A plant whose modes touch pitch 20 % less than believed."""
+    """Yield a plant whose modes couple to pitch 20 % less than modelled."""
     medium = build_climb(MEDIUM)
     craft = medium.world.vehicle
     modes = replace(craft.modes, psi1=0.8 * craft.modes.psi1, psi2=0.8 * craft.modes.psi2)

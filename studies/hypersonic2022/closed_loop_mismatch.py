@@ -33,16 +33,16 @@ ROBUST = {
     "smooth": "u_s smoothed, q0 = 10, no leak",
     "sign": "u_s with sgn, q0 = 10",
 }
-"""Robust terms -> words."""
+"""Robust terms -> description."""
 SCALED = -3.0, 4.0
-"""Times the mismatch."""
+"""Factors of the mismatch."""
 CHATTERS = 0.02
-"""Part of a number up to which flights agree where sgn switches: which instant it does is decided by rounding."""
+"""Relative tolerance of flights where sgn switches: rounding decides the instant."""
 TUNED = "With the tuned filter {:.3g}: it takes part of the unmodelled moment for modes, which costs a little."
 
 
 def rows() -> Iterator[Row]:
-    """Each form, what a leak costs, sgn with a large q0, and the mismatch scaled."""
+    """Yield each form, the cost of a leak, sgn with a large q0, and the mismatch scaled."""
     for name, words in ROBUST.items():
         yield from _errors(name, words, _fly_variant(name), float(_fly_variant(name, "equal").rms("law.h_error")[0]))
     yield from _order()
@@ -81,7 +81,7 @@ def _errors(name: str, words: str, flown: RunSignals, tuned: float) -> Iterator[
 
 
 def _order() -> Iterator[Row]:
-    """What the signs are worth."""
+    """Yield the effect of the signs."""
     h = {name: float(_fly_variant(name).rms("law.h_error")[0]) for name in ROBUST}
     yield direction(
         "mismatch/published/claim",
@@ -108,7 +108,7 @@ def _order() -> Iterator[Row]:
 
 
 def _leak() -> Iterator[Row]:
-    """Bounds that leak: with the width of the smoothing that is shipped, and with a wide one."""
+    """Yield leaking bounds: with the default width of the smoothing, and with a wide one."""
     found = {}
     for width in (0.01, 1.0):
         leaking = change_robust(_build_scenario("smooth"), sigma=0.02, eps=width)
@@ -123,7 +123,7 @@ def _leak() -> Iterator[Row]:
 
 
 def _chatter() -> Iterator[Row]:
-    """sgn with a large q0, not bounded: it runs away, slowly, for bounds stand still while a limit holds the input."""
+    """Yield sgn with a large q0, unbounded: slow divergence, since bounds stand still while an input is limited."""
     flown = fly_seeds(change_robust(_build_scenario("sign"), q0=100.0, cap=1e9))
     what = "u_s with sgn, q0 = 100, no cap: a limit holds the input"
     yield reference_flag("mismatch/chatter/saturated", what, flown.is_saturated[0], PLACE)

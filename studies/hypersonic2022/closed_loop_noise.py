@@ -34,7 +34,7 @@ MODAL = "[1] simulation, modal frequencies"
 OWN: Any = {"basis": "own"}
 SEEDS = 10
 BOUND = {"h": 0.05, "V": 0.01}
-"""What is asked of the loop (ft, ft/s)."""
+"""Required accuracy of the loop (ft, ft/s)."""
 FILTERS = {"tuned": "Qacc = 100 on both modes", "brisk": "Qacc = 1 on both modes"}
 DEVIATION = "Mostly the manoeuvre's own; the noise alone below."
 GROWS = (
@@ -44,7 +44,7 @@ LOST = "The measured acceleration is weighed so little, or the model trusted so 
 
 
 def rows() -> Iterator[Row]:
-    """Noise on the exact model; both signs of an error of the modes' frequencies."""
+    """Yield noise on the exact model, and both signs of an error of the modes' frequencies."""
     for name in FILTERS:
         yield from _noise(name)
     yield from _required_rows()
@@ -75,14 +75,14 @@ def _noise(name: str) -> Iterator[Row]:
 
 @cache
 def _fly_detuned(frequency: str, filter: str = "equal") -> RunSignals:
-    """The medium climb with noise and both frequencies of the plant scaled."""
+    """Fly the medium climb with noise and both frequencies of the plant scaled."""
     options: dict[str, Any] = {"frequency": frequency, **SOURCE, "filter": "equal" if filter == "brisk" else filter}
     scenario = modal_mismatch.scenario(**options)
     return fly_seeds(change_filter(scenario, Q=BRISK) if filter == "brisk" else scenario, SEEDS)
 
 
 def _required_rows() -> Iterator[Row]:
-    """What the shipped setting must survive: 10 % of either sign, with noise."""
+    """Yield the required robustness of the default setting: 10 % of either sign, with noise."""
     for frequency in ("0.90", "1.10"):
         flown, words = _fly_detuned(frequency), f"modes times {frequency}, {FILTERS['tuned']}"
         what, got = f"{words}: error of h, 20-60 s, mean of {SEEDS} seeds", flown.rms("law.h_error", SETTLED, SHORT)
@@ -104,7 +104,7 @@ def _required_rows() -> Iterator[Row]:
 
 
 def _brisk() -> Iterator[Row]:
-    """Q between tuned and accurate at 0.90: what looks marginal after 60 s is unstable."""
+    """Yield Q between tuned and accurate at 0.90: apparently marginal after 60 s, in fact unstable."""
     flown = _fly_detuned("0.90", "brisk")
     early = extent(flown.rms("law.h_error", SETTLED, SHORT))
     what = f"modes times 0.90, Qacc = 1: error of h, 20-60 s, {SEEDS} seeds, least"
@@ -116,7 +116,7 @@ def _brisk() -> Iterator[Row]:
 
 
 def _others() -> Iterator[Row]:
-    """Printed Q and R lose the vehicle; the accurate setting does at 10 %."""
+    """Yield loss with printed Q and R, and with the accurate setting at 10 %."""
     for frequency in ("0.98", "1.02"):
         flown = _fly_detuned(frequency, "printed")
         what = f"modes times {frequency}, printed Q and R: error of h, 20-150 s, least of the seeds"

@@ -36,9 +36,9 @@ from trimtab.study import Row, at_most, direction, inside, same, within
 SECTION = "further work"
 PLACE = "[1] further work: noise"
 HIGHEST = 0.3
-"""Elevator activity that is allowed (deg rms)."""
+"""Largest accepted elevator activity (deg rms)."""
 TRACKING, SPEED = (0.008, 0.027), 0.0024
-"""Required: rms of the errors of h (ft), and most of V (ft/s)."""
+"""Required rms error of h (ft), and largest error of V (ft/s)."""
 FLOWN: Any = {"basis": "own"}
 FEWER = Setting("300 on mode 1, 5 on mode 2", (1e-5, 300.0, 1e-5, 5.0))
 GAINS = (
@@ -48,11 +48,11 @@ GAINS = (
     ("modes weighed, 10", {"modes": 10.0}),
     ("modes weighed, 3", {"modes": 3.0}),
 )
-"""Other weights of the regulator: what they are, and what `weighted_gain` is given."""
+"""Other weights of the regulator: description, and arguments of `weighted_gain`."""
 
 
 def rows() -> Iterator[Row]:
-    """Equal noise on both modes, the curve, what is better than it, and the gain as second lever."""
+    """Yield equal noise on both modes, the curve, better settings, and the gain as second lever."""
     yield from _shipped_rows()
     yield from _errors_of_the_modes()
     yield from _curve()
@@ -61,7 +61,7 @@ def rows() -> Iterator[Row]:
 
 
 def figures(folder: Path) -> Iterator[Path]:
-    """Both curves."""
+    """Plot both curves."""
     from studies.hypersonic2022._trade_picture import draw_trade
 
     yield draw_trade(folder)
@@ -92,7 +92,7 @@ def _shipped_rows() -> Iterator[Row]:
 
 
 def _errors_of_the_modes() -> Iterator[Row]:
-    """Both modal frequencies of the plant 10 % off: together, crossed, each alone."""
+    """Yield both modal frequencies of the plant 10 % off: together, crossed, each alone."""
     each, runs = _detuned_by_name(), len(DETUNED) * SEEDS
     mine = each[EQUAL.name]
     words = f"modes 10 % off, equal noise: runs of {runs} outside the envelope"
@@ -116,7 +116,7 @@ def _errors_of_the_modes() -> Iterator[Row]:
 
 
 def _curve() -> Iterator[Row]:
-    """Each setting flown, beside what linear theory says of the elevator."""
+    """Yield each flown setting against the linear prediction of the elevator."""
     for setting, found in trade_curve():
         theory = loop_quality(setting.Q, setting.R)
         tracked = f"h error rms {_rms(found.h):.4f} ft, from noise alone {_rms(found.h_noise):.4f}; "
@@ -133,7 +133,7 @@ def _curve() -> Iterator[Row]:
 
 
 def _better_rows() -> Iterator[Row]:
-    """Qacc of mode 1 up, of mode 2 down."""
+    """Yield Qacc of mode 1 up, of mode 2 down."""
     flown, old = _activity_by_name()[BETTER.name], _activity_by_name()[EQUAL.name]
     new, shipped = loop_quality(BETTER.Q), loop_quality(EQUAL.Q)
     name, about = BETTER.name, FLOWN
@@ -179,7 +179,7 @@ def _better_rows() -> Iterator[Row]:
 
 
 def _gain() -> Iterator[Row]:
-    """Other weights of the regulator, the equal noise."""
+    """Yield other weights of the regulator, with equal noise."""
     settings = [Setting(what, EQUAL.Q, K=weighted_gain(**weights)) for what, weights in GAINS]
     for setting, found, (h, _) in zip(settings, fly_noise(settings), fly_offsets(settings), strict=True):
         theory = loop_quality(setting.Q, setting.R, setting.K)

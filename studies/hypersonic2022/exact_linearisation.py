@@ -30,7 +30,7 @@ FOURTH = "alpha' is Q less the turn of the path, which v fixes: no force is in i
 
 
 def rows() -> Iterator[Row]:
-    """The printed row 4, which is an identity of any model; rows of A and B, dv/du, and poles."""
+    """Yield the printed row 4, an identity of any model; rows of A and B, dv/du, and poles."""
     yield from _identities()
     yield from _entries()
     yield from _slope()
@@ -58,7 +58,7 @@ def _entries() -> Iterator[Row]:
 
 
 def _slope() -> Iterator[Row]:
-    """dv/du at the trim."""
+    """Yield dv/du at the trim."""
     craft, (_, at) = Hypersonic(), error_model()
     plant = design_model(craft, H, V)
     x = plant.state(at.x)

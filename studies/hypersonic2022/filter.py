@@ -30,9 +30,9 @@ from trimtab.vehicles.hypersonic_printed import QUOTED_H, QUOTED_V
 SECTION = "eq. 9"
 PLACE = "[1] eq. 9 and below"
 DENSITIES = 10.0, 1e-5, 1e-7, 1e-8
-"""Of the noise (rad^2/s^3), with Q = 1e-5 I."""
+"""Density of the noise (rad^2/s^3), with Q = 1e-5 I."""
 WINDOWS = ((0, 1), (4, 5), (9, 10))
-"""Of time (s)."""
+"""Tolerance of time (s)."""
 UNITS = "(slug ft)^1/2", "(slug ft)^1/2/s"
 WORDS = {
     "none": "no measurement at all",
@@ -45,7 +45,7 @@ INPUT: Any = {"basis": "input"}
 
 
 def rows() -> Iterator[Row]:
-    """Settings, numbers of the model, time constants, the table of settings, and what the printed claim is worth."""
+    """Yield settings, numbers of the model, time constants, the table of settings, and the printed claim."""
     yield from _settings()
     yield from _model()
     yield from _constants()
@@ -54,7 +54,7 @@ def rows() -> Iterator[Row]:
 
 
 def _settings() -> Iterator[Row]:
-    """What is printed of the filter, and what is flown under that name."""
+    """Yield the printed values of the filter, and the values flown under that name."""
     flown, place = FlexibleModeFilter.from_publication(), "[1] settings of the filter"
     names, about = ("η1", "η1'", "η2", "η2'"), INPUT
     for name, want, got in zip(names, (1.5122, 0.0, 1.122, 0.0), np.asarray(flown.eta0), strict=True):
@@ -98,13 +98,13 @@ def _modes(kmode: str = "parker") -> tuple[Any, Any]:
 
 
 def _steady_bias(d: float) -> Any:
-    """Truth less estimate, steady, where d is left out of the innovation: of the accurate filter (4,)."""
+    """Return truth less estimate, steady, where d is left out of the innovation: of the accurate filter (4,)."""
     Ad, C, L = _steady_filter(FlexibleModeFilter.for_exact_model())
     return -np.linalg.solve(np.eye(4) - (np.eye(4) - L @ C) @ Ad, L[:, 0] * d)
 
 
 def _steady_filter(one: FlexibleModeFilter) -> tuple[Any, Any, Any]:
-    """Ad, C (1, 4) and the steady gain (4, 1) of the discrete filter."""
+    """Return Ad, C (1, 4) and the steady gain (4, 1) of the discrete filter."""
     model = to_arrays(one).model()
     Ad, Qd, C = np.asarray(model.Ad), np.asarray(model.Qd), np.asarray(model.C)[None]
     P = solve_discrete_are(Ad.T, C.T, Qd, np.array([[float(one.R)]]))
@@ -112,7 +112,7 @@ def _steady_filter(one: FlexibleModeFilter) -> tuple[Any, Any, Any]:
 
 
 def _constants() -> Iterator[Row]:
-    """Slowest time constants."""
+    """Yield the slowest time constants."""
     A, C = _modes()
     alone = _slowest_time_constant(A)
     yield reference("constant/open", "modes alone, slowest time constant", alone, PLACE, unit="s")
@@ -135,7 +135,7 @@ def _slowest_time_constant(A: Any) -> float:
 
 @cache
 def estimate_errors(name: str) -> Any:
-    """Errors of the estimate (seeds, samples, 4) over the first 10 s of a cruise, each 5 ms."""
+    """Return errors of the estimate (seeds, samples, 4) over the first 10 s of a cruise, each 5 ms."""
     noisy = name in ("accurate", "tuned")
     scenario = build_climb(CRUISE, filter="equal" if name == "tuned" else name, noise="on" if noisy else "off")
     flown = fly_seeds(scenario, SEEDS if noisy else 1, 10.0, ms(5))
@@ -143,7 +143,7 @@ def estimate_errors(name: str) -> Any:
 
 
 def _rms(name: str, begin: int, end: int) -> Any:
-    """Of each seed over begin <= t < end (s), (seeds, 4)."""
+    """Return the rms of each seed over begin <= t < end (s), (seeds, 4)."""
     return np.sqrt((estimate_errors(name)[:, 200 * begin : 200 * end] ** 2).mean(axis=1))
 
 
@@ -164,7 +164,7 @@ def _table() -> Iterator[Row]:
 
 
 def _claims() -> Iterator[Row]:
-    """The printed claim, which no measurement at all meets as well; and what a filter that works does."""
+    """Yield the printed claim, which holds without any measurement as well, and the errors of a working filter."""
     place = "[1] simulation: errors of the estimate converge in about 10 s"
     note = "The claim holds without any measurement: it is structural damping, 3.3 s."
     for name, basis in (("printed", "text"), ("none", "own")):

@@ -31,21 +31,21 @@ SECTION = "further work"
 PLACE = "[1] further work: impulse, step, parameters"
 SIZES = (0.05, 0.10, 0.15, 0.20, 0.25, 0.30)
 EACH = 100
-"""Runs for each size and disturbance."""
+"""Number of runs for each size and disturbance."""
 STATED = {
     False: ((64, 72), (34, 43), (19, 27), (11, 18), (6, 12), (4, 9)),
     True: ((99, 100), (99, 100), (96, 99), (87, 92), (72, 80), (60, 68)),
 }
-"""Per cent that succeed at each of SIZES, without and with integral action."""
+"""Success (%) at each of SIZES, without and with integral action."""
 RANKED = {True: 0.30, False: 0.10}
 """Integral action -> size at which coefficients are ranked: where success is least certain."""
 LEADING = {True: "w2", False: "ce"}
-"""Integral action -> the coefficient that matters most."""
+"""Integral action -> most important coefficient."""
 STATED_TOTALS = {
     True: {"w2": 0.676, "ce": 0.287, "rho0": 0.203, "m": 0.203, "CM_0": 0.203, "CL_d": 0.186},
     False: {"ce": 0.935, "m": 0.656, "CM_0": 0.574, "rho0": 0.525, "CL_a": 0.443, "CL_d": 0.361},
 }
-"""Integral action -> total index of those that matter most."""
+"""Integral action -> total index of the most important coefficients."""
 WORST = "normal-force impulse"
 """The only disturbance that costs success of its own."""
 ABOUT: Any = {"basis": "own"}
@@ -53,7 +53,7 @@ SEED = 1000
 
 
 def rows() -> Iterator[Row]:
-    """Success by size, by disturbance, with another filter; then both rankings."""
+    """Yield success by size, by disturbance, with another filter; then both rankings."""
     yield from _nominal()
     for integral in (False, True):
         yield from _success(integral)
@@ -65,7 +65,7 @@ def rows() -> Iterator[Row]:
 
 
 def figures(folder: Path) -> Iterator[Path]:
-    """Success by size, and the ranking."""
+    """Plot success by size, and the ranking."""
     from studies.hypersonic2022._campaign_picture import draw_ranking, draw_success
 
     yield draw_success(folder)
@@ -74,14 +74,14 @@ def figures(folder: Path) -> Iterator[Path]:
 
 @cache
 def fly_size(size: float, integral: bool, each: int = EACH, Q: tuple[float, ...] = EQUAL_Q) -> FlightOutcomes:
-    """Runs of a size, `each` of every disturbance; the same plants and noise whatever law and filter are."""
+    """Return runs of a size, `each` of every disturbance, with the same plants and noise for any law and filter."""
     first = SEED + round(1000 * size)
     factors = np.concatenate([draw_factors(size, each, first + 10_000 * k) for k in range(len(KINDS))])
     return fly_plants(factors, np.repeat(np.arange(len(KINDS)), each), integral=integral, Q=Q)
 
 
 def success_proportion(found: FlightOutcomes) -> Proportion:
-    """The share of success among the plants that any law could fly."""
+    """Return the share of success among the plants that any law could fly."""
     fair = ~found.lacks_trim
     return proportion(int((found.is_success & fair).sum()), int(fair.sum()))
 
@@ -104,7 +104,7 @@ def _success(integral: bool) -> Iterator[Row]:
 
 
 def _disturbances() -> Iterator[Row]:
-    """The same plants and the same noise under each disturbance and under none."""
+    """Yield the same plants and noise under each disturbance and under none."""
     size, kinds = 0.20, np.arange(len(KINDS))
     factors = np.tile(draw_factors(size, EACH, SEED), (len(KINDS), 1))
     seeds = np.tile(np.arange(EACH), len(KINDS))
@@ -121,7 +121,7 @@ def _disturbances() -> Iterator[Row]:
 
 
 def _filters() -> Iterator[Row]:
-    """The same plants and the same noise with the filter of the elevator trade."""
+    """Yield the same plants and noise with the filter of the elevator trade."""
     for size in (0.15, 0.20, 0.30):
         shipped = fly_size(size, True)
         other = fly_size(size, True, EACH, BETTER.Q)
@@ -163,7 +163,7 @@ def _ranking(integral: bool) -> Iterator[Row]:
 
 
 def _share(name: str, integral: bool) -> Row:
-    """One coefficient's total index, with its interval, and how far it can be off alone."""
+    """Return one coefficient's total index, with its interval, and its tolerance alone."""
     size, law, i = RANKED[integral], _law_name(integral), NAMES.index(name)
     found, alone = sobol_indices(size, integral), failure_thresholds(integral)
     note = f"{found.low[i]:.2f} to {found.high[i]:.2f}; first-order {found.first[i]:.2f}; alone: "
@@ -174,7 +174,7 @@ def _share(name: str, integral: bool) -> Row:
 
 
 def _linear() -> Row:
-    """Where the slowest motion of the linear loop begins to grow, beside where the flight fails."""
+    """Return the onset of instability of the linear loop against the failure of the flight."""
     low, high = 0.0, 0.4
     while high - low > 1e-4:
         middle = (low + high) / 2

@@ -26,7 +26,7 @@ SMALL = 1e-5
 
 
 def rows() -> Iterator[Row]:
-    """Gain and poles, (14), (15), u_h and its weights."""
+    """Yield gain and poles, (14), (15), u_h and its weights."""
     yield from _gain()
     yield from _inequality()
     yield from _weight()
@@ -70,7 +70,7 @@ def _gain() -> Iterator[Row]:
 
 
 def _inequality() -> Iterator[Row]:
-    """The regulator's Riccati equation makes the left side of (14) Q_e - Q: an identity, held of this package."""
+    """Yield the identity by which the regulator's Riccati equation makes the left side of (14) equal Q_e - Q."""
     place, scale = "[1] eq. 14", np.outer(SCALE, SCALE)
     for strict in (1.0, 1.01):
         f = _feedback(strict)
@@ -86,7 +86,7 @@ def _inequality() -> Iterator[Row]:
 
 
 def _weight() -> Iterator[Row]:
-    """(15) mended: the least weight of the observer's part, and that 1 is too little."""
+    """Yield (15) corrected: the least weight of the observer's part, and that 1 is too little."""
     place = "[1] eq. 15"
     for strict, density in WEIGHTS:
         f, o = _feedback(strict), _observer(density)
@@ -112,7 +112,7 @@ def _is_positive(f: composite.Feedback, o: composite.Observer, weight: float) ->
 
 
 def _printed_inequality_rows() -> Iterator[Row]:
-    """(15) as printed, on the modes: satisfied by what the mended one refuses."""
+    """Yield (15) as printed, on the modes: it accepts cases that the corrected one refuses."""
     f = _feedback()
     for density in (10.0, 5e-7):
         got = float(np.linalg.eigvalsh(composite.printed_inequality(f, _observer(density)))[-1])
@@ -122,7 +122,7 @@ def _printed_inequality_rows() -> Iterator[Row]:
 
 
 def _robust() -> Iterator[Row]:
-    """u_h of either sign is a change of the gain; the weights with which V then falls."""
+    """Yield u_h of either sign, as a change of the gain, and the weights with which V then decreases."""
     f, o = _feedback(), _observer(10.0)
     for name, factor in (("published", 0.5), ("minus", 1.5)):
         rightmost = float(np.linalg.eigvals(f.A + factor * f.B @ f.K).real.max())

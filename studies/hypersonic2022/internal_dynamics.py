@@ -31,13 +31,13 @@ WANTED = {
     "eta2": ("η2", "(slug ft)^1/2"),
     "eta2_rate": ("η2'", "(slug ft)^1/2/s"),
 }
-"""What is held at AT, and its unit."""
+"""Quantities compared at AT, and their units."""
 DT, SECONDS = 0.005, 60.0
 LINEAR = "The paper's: its practically vanishing error needs the exact form."
 
 
 def rows() -> Iterator[Row]:
-    """Command and bounded solution at 30 s, iteration, residual, ends, and errors in closed loop."""
+    """Yield command and bounded solution at 30 s, iteration, residual, ends, and errors in closed loop."""
     climb = FilteredClimb(dh=LARGE[0], dV=LARGE[1])
     _, report = noncausal_table(Hypersonic(), climb, SECONDS)
     yield from _values(climb, report)

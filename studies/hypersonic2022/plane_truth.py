@@ -16,7 +16,7 @@ from trimtab.study import Row, same, within
 SECTION = "further work"
 PLACE = "[1] its claim"
 ROUGH = {0.0: 0.012, 1.0: 0.74, 10.0: 7.3}
-"""Median rms of the errors of h (ft) by the intensity of turbulence, as the page has it."""
+"""Median rms errors of h (ft) by the intensity of turbulence, as on the page."""
 STATED = {
     "noise a sample": 0.1,
     "bias": 1.0,
@@ -31,11 +31,11 @@ STATED = {
     "elevator's rate": 5.0,
     "engine's servo": 1.0,
 }
-"""The last value of each axis up to which all flights succeed, as the page has it."""
+"""Last value of each axis up to which all flights succeed, as on the page."""
 
 
 def rows() -> Iterator[Row]:
-    """The claim, and one row for each number that is made worse."""
+    """Yield the claim, and one row for each parameter that is made worse."""
     success, runs = without_measurement()
     note = "Modes 10 % off, turbulence, lags: without the accelerometer no flight succeeds."
     yield same(
@@ -54,7 +54,7 @@ def rows() -> Iterator[Row]:
 
 
 def figures(folder: Path) -> Iterator[Path]:
-    """Shares of success along each axis."""
+    """Plot shares of success along each axis."""
     from studies.hypersonic2022._plane_picture import draw_shares
 
     yield draw_shares(folder, AXES)

@@ -26,7 +26,7 @@ SPECTRA = {
     "damped": "printed A - B K, damping with the model's sign",
     "uncoupled": "the same, and no modes in Q'",
 }
-"""Variant -> what it is."""
+"""Variant -> description."""
 LOST = 10.0
 """Angle of attack (deg) at which the vehicle counts as lost; its curves hold from 0 to 4."""
 WEIGHTS = "R_e and Q_e are not printed; the gain here is for chosen weights and for the exact matrices."
@@ -34,7 +34,7 @@ CLAIM = "Neither sign holds: not with the printed matrices, not with the exact o
 
 
 def rows() -> Iterator[Row]:
-    """Spectra of every variant, the gain itself, and what it does in flight."""
+    """Yield spectra of every variant, the gain itself, and its effect in flight."""
     for name, words in SPECTRA.items():
         yield from _spectrum(name, words)
     exact = error_model()[0]
@@ -56,7 +56,7 @@ def rows() -> Iterator[Row]:
 
 
 def loop_matrix(name: str) -> Any:
-    """The matrix (9, 9), or (5, 5), of one of SPECTRA."""
+    """Return the matrix (9, 9), or (5, 5), of one of SPECTRA."""
     A, B, K = A_PRINTED.copy(), B_PRINTED, K_PRINTED
     if name == "plus":
         return A + B @ K
@@ -70,7 +70,7 @@ def loop_matrix(name: str) -> Any:
 
 
 def _spectrum(name: str, words: str) -> Iterator[Row]:
-    """All poles beside the oracle's, the rightmost in a row of its own; the printed claim, of what is printed."""
+    """Yield all poles against the oracle's, the rightmost in a separate row; the printed claim."""
     poles, id = np.linalg.eigvals(loop_matrix(name)), f"spectrum/{name}"
     note = "So K was probably designed without what the modes do to Q'." if name == "uncoupled" else ""
     about: Any = {"unit": "1/s", "note": note}
@@ -84,7 +84,7 @@ def _spectrum(name: str, words: str) -> Iterator[Row]:
 
 
 def _gain() -> Iterator[Row]:
-    """Each entry beside that of the reference gain, with the sign of v = -K e."""
+    """Yield each entry against that of the reference gain, with the sign of v = -K e."""
     found = -feedback_gain(error_model()[0], strict=1.0).K
     for i, j in np.ndindex(2, 9):
         yield within(
@@ -100,7 +100,7 @@ def _gain() -> Iterator[Row]:
 
 
 def _flights() -> Iterator[Row]:
-    """The scenario, with either sign."""
+    """Yield flights of the scenario, with either sign."""
     signs: tuple[tuple[printed_gains.Sign, str], ...] = ("minus", "v = -K e"), ("plus", "v = +K e, eq. 13")
     for sign, words in signs:
         flown = fly_seeds(printed_gains.scenario(sign=sign))

@@ -30,11 +30,11 @@ FITTED = {
     (8, 7): "w2",
     (8, 8): "ζ2",
 }
-"""Places of A, from 0, that fixed a constant of the model which [1] does not print."""
+"""Indices in A, from 0, that fixed a constant of the model which [1] does not print."""
 TRIVIAL = "A", 3, 4
-"""1 in any model."""
+"""Entries that are 1 in any model."""
 CLOSE = {(6, 3), (8, 3)}
-"""Met to 1e-5."""
+"""Entries met to 1e-5."""
 MAGNITUDE, CLOSELY = 0.011, 1e-5
 SIGN = "The model's sign is the other one: the printed one contradicts eqs. 1-3."
 DAMPING = "The printed sign makes the modes grow, against eq. 1 and against an observer whose errors converge."
@@ -42,7 +42,7 @@ UNEXPLAINED = "No variant that was tried gives it: raw or transposed G, a factor
 
 
 def rows() -> Iterator[Row]:
-    """33 magnitudes, the signs that are lost, and what these would mean."""
+    """Yield 33 magnitudes, the lost signs, and their meaning."""
     made, exact = emulate_linearisation(), error_model()[0]
     for letter, printed, got, right, names in (
         ("A", A_PRINTED, made.A, exact.A, COLUMNS),
@@ -56,7 +56,7 @@ def rows() -> Iterator[Row]:
 
 
 def _entry(letter: str, at: tuple[int, int], name: str, printed: float, got: float, right: float) -> Iterator[Row]:
-    """Magnitude, and sign where that is not the printed one."""
+    """Yield the magnitude, and the sign if it differs from the printed one."""
     i, j = at
     id, citation = f"{letter}/{i + 1},{j + 1}", _matrix_citation(letter)
     what = f"{letter}[{i + 1}, {name}], magnitude"
@@ -77,7 +77,7 @@ def _entry(letter: str, at: tuple[int, int], name: str, printed: float, got: flo
 
 
 def _damping() -> Iterator[Row]:
-    """What the printed signs would mean."""
+    """Yield the consequences of the printed signs."""
     poles = np.linalg.eigvals(A_PRINTED)
     for k, w in ((1, 16.5), (2, 19.9)):
         near = poles[np.abs(poles - 1j * w).argmin()]

@@ -36,7 +36,7 @@ QUOTED = "the trim usually quoted with this model, not in [1]"
 
 
 def rows() -> Iterator[Row]:
-    """Trims, what is left at the quoted one, forces, the loop of pitch and modes, and gravity."""
+    """Yield trims, the residual at the quoted one, forces, the loop of pitch and modes, and gravity."""
     craft = Hypersonic()
     at = level_trim(craft, QUOTED_H, QUOTED_V)
     yield from _trim(at)
@@ -59,7 +59,7 @@ def _trim(at: LevelTrim) -> Iterator[Row]:
 
 
 def _quoted_trim_rows(craft: Hypersonic) -> Iterator[Row]:
-    """What does not balance there."""
+    """Yield the unbalanced equations there."""
     x = craft.level_state(QUOTED_H, QUOTED_V, QUOTED_ALPHA, QUOTED_ELEVATOR)
     u = HypersonicInput(QUOTED_PHI, QUOTED_ELEVATOR)
     along, normal = craft.path_accelerations(0.0, x, u)
@@ -89,7 +89,7 @@ def _forces(craft: Hypersonic, at: LevelTrim) -> Iterator[Row]:
 
 
 def _loop(craft: Hypersonic) -> Iterator[Row]:
-    """Pitch and modes solved together, for each load alone, beside the oracle's matrix."""
+    """Yield pitch and modes solved together, for each load alone, against the oracle's matrix."""
     for kmode in KMODES:
         modes = replace(craft.modes, kmode=kmode)
         loads = [modes.solve_accelerations(craft.Iyy, *unit) for unit in np.eye(3)]

@@ -1,1 +1,1 @@
-"""Faults over a live pair: a vehicle and an autopilot, two processes, and between them a line that is ours to spoil."""
+"""Faults of a live pair: a vehicle and an autopilot as two processes, joined by a link that the study disturbs."""

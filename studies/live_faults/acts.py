@@ -1,4 +1,4 @@
-"""What is done to a flight: to its line, to its processes, and by strangers."""
+"""Acts on a flight: on its link, on its processes, and by attackers."""
 
 import random
 import signal
@@ -13,11 +13,11 @@ TICK_S = 0.01
 DATAGRAM = 1000
 Act = Callable[[FaultFlight], None]
 Prepare = Callable[[FaultFlight], dict[str, dict[str, str]]]
-"""Prepares a flight; gives environments, by process: "vehicle" or "autopilot"."""
+"""Prepares a flight. Returns environments by process, "vehicle" or "autopilot"."""
 
 
 def inject_fault(text: str) -> Act:
-    """A fault word, put in live."""
+    """Return an act that injects a fault word in flight."""
 
     def act(flight: FaultFlight) -> None:
         flight.let_fly(flight.undisturbed_s)
@@ -27,7 +27,7 @@ def inject_fault(text: str) -> Act:
 
 
 def cut_line(seconds: float) -> Act:
-    """Nothing passes, either way."""
+    """Return an act that blocks the link both ways."""
 
     def act(flight: FaultFlight) -> None:
         flight.let_fly(flight.undisturbed_s)
@@ -37,7 +37,7 @@ def cut_line(seconds: float) -> Act:
 
 
 def bend_packets(direction: int, make: Callable[[random.Random], Bend], seconds: float = 1.5) -> Act:
-    """Each packet one way becomes something else for a while."""
+    """Return an act that changes each packet of one direction for a while."""
 
     def act(flight: FaultFlight) -> None:
         flight.let_fly(flight.undisturbed_s)
@@ -49,7 +49,7 @@ def bend_packets(direction: int, make: Callable[[random.Random], Bend], seconds:
 
 
 def bend_both_ways(make: Callable[[random.Random], Bend], seconds: float) -> Act:
-    """Each packet either way becomes something else for a while."""
+    """Return an act that changes each packet of both directions for a while."""
 
     def act(flight: FaultFlight) -> None:
         flight.let_fly(flight.undisturbed_s)
@@ -63,7 +63,7 @@ def bend_both_ways(make: Callable[[random.Random], Bend], seconds: float) -> Act
 
 
 def spoil_packets(loss: float, late: float) -> Callable[[random.Random], Bend]:
-    """Packets are lost, one in twenty comes twice, and each comes up to `late` seconds later."""
+    """Return a bend that loses packets, repeats one in twenty, and delays each by up to `late` seconds."""
 
     def make(draw: random.Random) -> Bend:
         def bend(data: bytes) -> list[tuple[float, bytes]]:
@@ -77,12 +77,12 @@ def spoil_packets(loss: float, late: float) -> Callable[[random.Random], Bend]:
 
 
 def truncate_packets(draw: random.Random) -> Bend:
-    """Three in four packets end too soon."""
+    """Return a bend that cuts three in four packets short."""
     return lambda data: [(0.0, data[: draw.randrange(len(data))] if draw.random() < 0.75 else data)]
 
 
 def flip_bits(draw: random.Random) -> Bend:
-    """One bit of three in four packets is another."""
+    """Return a bend that flips one bit in three of four packets."""
 
     def bend(data: bytes) -> list[tuple[float, bytes]]:
         if draw.random() < 0.75:
@@ -94,27 +94,27 @@ def flip_bits(draw: random.Random) -> Bend:
 
 
 def drop_half(draw: random.Random) -> Bend:
-    """Half of the packets are lost."""
+    """Return a bend that loses half of the packets."""
     return lambda data: [(0.0, data)] if draw.random() < 0.5 else []
 
 
 def shuffle_packets(draw: random.Random) -> Bend:
-    """Each packet comes up to 100 ms later, so that they overtake each other."""
+    """Return a bend that delays each packet by up to 100 ms, so that packets overtake each other."""
     return lambda data: [(draw.uniform(0.0, 0.1), data)]
 
 
 def delay_packets(seconds: float) -> Callable[[random.Random], Bend]:
-    """Each packet comes that much later."""
+    """Return a bend that delays each packet by this time."""
     return lambda _: lambda data: [(seconds, data)]
 
 
 def repeat_packets(_: random.Random) -> Bend:
-    """Each packet comes three times."""
+    """Return a bend that sends each packet three times."""
     return lambda data: [(0.0, data), (0.0, data), (0.03, data)]
 
 
 def replay_packets(flight: FaultFlight) -> None:
-    """All that the autopilot has sent so far comes again, ten times as fast, while it flies."""
+    """Replay everything that the autopilot has sent so far, ten times as fast, in flight."""
     flight.let_fly(flight.undisturbed_s)
     for packet in list(flight.relay.recent_packets[UP]):
         flight.relay.send_bytes(UP, packet)
@@ -122,7 +122,7 @@ def replay_packets(flight: FaultFlight) -> None:
 
 
 def replay_after_cut(flight: FaultFlight) -> None:
-    """The line is cut for good; then all that the autopilot had sent, the request to arm too, comes again twice."""
+    """Cut the link for good, then replay twice everything that the autopilot had sent, with the request to arm."""
     flight.let_fly(flight.undisturbed_s)
     recorded = list(flight.relay.recent_packets[UP])
     flight.relay.cut_line(60.0)
@@ -133,7 +133,7 @@ def replay_after_cut(flight: FaultFlight) -> None:
 
 
 def pour_garbage(direction: int, total: int, seconds: float) -> Act:
-    """Random bytes, evenly over a time."""
+    """Return an act that sends random bytes, evenly over a time."""
 
     def act(flight: FaultFlight) -> None:
         flight.let_fly(flight.undisturbed_s / 2)
@@ -143,7 +143,7 @@ def pour_garbage(direction: int, total: int, seconds: float) -> Act:
 
 
 def send_stream(flight: FaultFlight, direction: int, total: int, seconds: float, real: tuple[bytes, ...] = ()) -> int:
-    """Random bytes, or packets that were real ones, in datagrams; returns how many bytes."""
+    """Send random bytes, or recorded packets, in datagrams. Return the number of bytes."""
     draw, began, done, k = random.Random(2), flight.now(), 0, 0
     while done < total:
         due = total * min((flight.now() - began) / seconds, 1.0)
@@ -156,7 +156,7 @@ def send_stream(flight: FaultFlight, direction: int, total: int, seconds: float,
 
 
 def flood_line(direction: int, times: float = 10.0, seconds: float = 1.5) -> Act:
-    """Frames of a recording, as many as make up a multiple of the line's usual load."""
+    """Return an act that sends recorded frames at a multiple of the link's usual load."""
 
     def act(flight: FaultFlight) -> None:
         before, began = flight.relay.byte_counts[direction], flight.now()
@@ -170,7 +170,7 @@ def flood_line(direction: int, times: float = 10.0, seconds: float = 1.5) -> Act
 
 
 def send_signal(who: str, number: int, then: int | None = None, after: float = 1.0) -> Act:
-    """A signal to a process, and perhaps another one later."""
+    """Return an act that sends a signal to a process, and optionally another one later."""
 
     def act(flight: FaultFlight) -> None:
         flight.let_fly(flight.undisturbed_s)
@@ -184,7 +184,7 @@ def send_signal(who: str, number: int, then: int | None = None, after: float = 1
 
 
 def restart_autopilot(flight: FaultFlight) -> None:
-    """The autopilot is killed; with the vehicle in failsafe somebody starts another one, and confirms nothing."""
+    """Kill the autopilot. With the vehicle in failsafe, start another one without a confirmation."""
     flight.let_fly(flight.undisturbed_s)
     flight.autopilot.kill()
     flight.vehicle.wait_for("failsafe: no command")
@@ -195,18 +195,18 @@ def restart_autopilot(flight: FaultFlight) -> None:
 
 
 def restart_vehicle(flight: FaultFlight) -> None:
-    """The vehicle is killed, and started again: its clock begins at zero, and it has not been armed."""
+    """Kill the vehicle and start it again. Its clock starts at zero, and it has not been armed."""
     flight.let_fly(flight.undisturbed_s)
     flight.vehicle.kill()
     flight.start_vehicle(1.0)
-    flight.autopilot.wait_for("heard again")
+    flight.autopilot.wait_for("from the vehicle again")
     flight.let_fly(1.0)
     for one in (flight.autopilot, flight.vehicle):
         one.send(signal.SIGINT)
 
 
 def kill_child(who: str, word: str) -> Act:
-    """A process that an end has started is killed. word: in its command line."""
+    """Return an act that kills a child process of an end. word: in its command line."""
 
     def act(flight: FaultFlight) -> None:
         flight.let_fly(flight.undisturbed_s)
@@ -217,23 +217,23 @@ def kill_child(who: str, word: str) -> Act:
 
 
 def kill_writer(who: str) -> Act:
-    """The process that writes a log is killed."""
+    """Return an act that kills the process that writes a log."""
     return kill_child(who, "stream_writer")
 
 
 def prepare_clock(who: str, seconds: int) -> Prepare:
-    """A process whose wall clock jumps at `step_clocks`."""
+    """Prepare a process whose wall clock jumps at `step_clocks`."""
     return lambda flight: {who: flight.prepare_clock(seconds)}
 
 
 def step_clocks(flight: FaultFlight) -> None:
-    """The wall clock jumps, and stays there."""
+    """Let the wall clock jump, and stay there."""
     flight.let_fly(flight.undisturbed_s)
     flight.step_clocks()
 
 
 def prepare_disk(name: str) -> Prepare:
-    """A small disk, where a process writes its log."""
+    """Prepare a small disk for the log of a process."""
 
     def prepare(flight: FaultFlight) -> dict[str, dict[str, str]]:
         flight.prepare_disk(name)
@@ -243,7 +243,7 @@ def prepare_disk(name: str) -> Prepare:
 
 
 def fill_disk(name: str, free_after: float | None) -> Act:
-    """All that is left of the small disk is taken, and perhaps given back."""
+    """Return an act that fills the small disk, and optionally frees it again."""
 
     def act(flight: FaultFlight) -> None:
         flight.let_fly(flight.undisturbed_s)
@@ -256,7 +256,7 @@ def fill_disk(name: str, free_after: float | None) -> Act:
 
 
 def unplug_device(which: int, seconds: float) -> Act:
-    """A serial device is gone for a while."""
+    """Return an act that removes a serial device for a while."""
 
     def act(flight: FaultFlight) -> None:
         assert isinstance(flight.ends, Terminals)
@@ -269,7 +269,7 @@ def unplug_device(which: int, seconds: float) -> Act:
 
 
 def disarm_without_key(signed: bool) -> Act:
-    """Somebody without the key asks, a hundred times, to disarm."""
+    """Return an act that asks to disarm a hundred times without the key."""
 
     def act(flight: FaultFlight) -> None:
         flight.let_fly(flight.undisturbed_s)
@@ -285,7 +285,7 @@ def disarm_without_key(signed: bool) -> Act:
 
 
 def do_nothing(_: FaultFlight) -> None:
-    """A flight as it should be."""
+    """Do nothing: an undisturbed flight."""
 
 
 BOTH = UP, DOWN

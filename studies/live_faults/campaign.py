@@ -1,7 +1,7 @@
-"""The campaign: every case once, some side by side, each in a process that has nothing else to do.
+"""Campaign: every case once, several at a time, each in a process of its own.
 
-The ends of a flight, and the line between them, are scheduled before ordinary processes where that is allowed, and all
-is judged by logged times; so cases that start and end beside a flight do not disturb it.
+The ends of a flight, and the link between them, are scheduled before ordinary processes where that is allowed. All
+verdicts are based on logged times, so cases that start and end during a flight do not disturb it.
 """
 
 import functools
@@ -20,11 +20,11 @@ from trimtab.core.errors import InputError, closest
 from trimtab.scenarios import catalogue
 
 SHARE_FLOWN_TWICE = 0.05
-"""Share of the flights in virtual time that are flown twice: both must be the same, bit for bit."""
+"""Share of the flights in virtual time that are flown twice. Both must be equal, bit for bit."""
 
 
 def select_cases(names: Sequence[str]) -> list[str]:
-    """The names of these cases, or of all; refused where there is no such case."""
+    """Return the names of these cases, or of all. Raise InputError for an unknown case."""
     known = [case.name for case in (*all_cases(), *NOT_FLOWN)]
     for name in names:
         if name.startswith(DRAWN):
@@ -32,7 +32,7 @@ def select_cases(names: Sequence[str]) -> list[str]:
             continue
         if name not in known:
             near = closest(name, known, 6) or known[:6]
-            raise InputError("--only", f"there is no case {name!r}", choices=near, fix=f"--only {near[0]}")
+            raise InputError("--only", f"unknown case {name!r}", choices=near, fix=f"--only {near[0]}")
     return list(names) or known
 
 
@@ -48,12 +48,12 @@ def fly_cases(
     """Fly cases of the campaign.
 
     Args:
-        names: which.
-        out: a folder that gets one of each case, with both logs and all that was said; kept nowhere when None.
-        jobs: how many at a time.
-        is_real: by processes in real time; else in virtual time.
-        seed: of virtual time.
-        tell: is given each outcome as it comes.
+        names: names of the cases.
+        out: a folder that gets one folder per case, with both logs and all output; None: nothing is kept.
+        jobs: number of cases at a time.
+        is_real: True flies real processes in real time; False flies in virtual time.
+        seed: seed of virtual time.
+        tell: receives each outcome.
     """
     apart = multiprocessing.get_context("spawn")
     with tempfile.TemporaryDirectory() as scratch, ProcessPoolExecutor(jobs, apart) as pool:
@@ -68,7 +68,7 @@ def fly_cases(
         for name, twin in twins.items():
             if twin.result().digest != found[name].digest:
                 both = f"{found[name].digest[:12]} and {twin.result().digest[:12]}"
-                problem = f"flown twice, it was not the same flight: {both}"
+                problem = f"two flights of this case differ: {both}"
                 found[name] = found[name]._replace(problems=(*found[name].problems, problem))
                 tell(found[name])
     return [found[name] for name in names]
@@ -81,23 +81,23 @@ def _find_case(name: str) -> Case:
 
 
 def _fly_named_case(name: str, folder: Path) -> CaseOutcome:
-    """In a process of the pool."""
+    """Fly a case in a process of the pool."""
     if name in (apart := {case.name: case for case in NOT_FLOWN}):
         return try_process_case(apart[name], folder)
     return fly_twice(_find_case(name), folder)
 
 
 def _fly_virtual_case(seed: int, name: str, folder: Path, *, keeps_logs: bool = False) -> CaseOutcome:
-    """In a process of the pool, in virtual time."""
+    """Fly a case in a process of the pool, in virtual time."""
     if name in (apart := {case.name: case for case in NOT_FLOWN}):
-        return CaseOutcome(name, apart[name].does, "", (), (), "it is no flight: --real-time")
+        return CaseOutcome(name, apart[name].does, "", (), (), "not a flight: needs --real-time")
     from studies.live_faults.virtual_flight import fly_in_virtual_time
 
     return fly_in_virtual_time(_find_case(name), _cached_ground(), folder, seed, keeps_logs=keeps_logs)
 
 
 def fly_twice(case: Case, folder: Path) -> CaseOutcome:
-    """A case; once more where it failed while something was kept waiting, for that alone may be why."""
+    """Fly a case. Repeat it if it failed while a process was kept waiting, since that alone may be the reason."""
     outcome = fly_case(case, _cached_ground(), folder)
     if outcome.verdict != "kept waiting":
         return outcome

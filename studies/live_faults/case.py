@@ -1,4 +1,4 @@
-"""One case of the campaign: what is done, how it must end, what the logs must say; and the judgement of a flight."""
+"""Case of the campaign: its act, its required ending, the required lines of the logs; and the verdict on a flight."""
 
 import contextlib
 import re
@@ -19,22 +19,22 @@ from trimtab.run.replay import describe_replay, replay
 from trimtab.scenarios.recorded import rebuild_scenario
 
 FLY_S, AFTER_S = 4.0, 2.0
-"""How long the autopilot flies from arming on, and how long the vehicle stays up after it."""
+"""Flight time of the autopilot from arming on, and running time of the vehicle after it (s)."""
 FLIES, STOPS, EITHER = "flies on", "stops", "either"
 KILLED = -signal.SIGKILL
 REFUSED = 2
 ENDED = (0, 1)
-"""Exit statuses of an end that was not refused and did not crash; 1 where its result lists problems, and there only."""
+"""Exit statuses of an end that was neither refused nor crashed. 1 means that its result lists problems."""
 VEHICLE, AUTOPILOT = "vehicle-1", "autopilot-1"
 FAILSAFE = logged_event(VEHICLE, "failsafe: no command")
 
 
 CAUSE, UNEXPLAINED, REPLAY = "cause:", "unexplained:", "replay"
-"""How problems begin that are not of safety."""
+"""First words of problems that do not concern safety."""
 WAITING_S = 0.1
-"""What was kept waiting for longer (s), a process, the line or the campaign itself, may have failed by that alone."""
+"""Longest wait (s) of a process, the link or the campaign. After a longer one a failure may be due to the wait."""
 UNHEARD_S = 0.04
-"""A vehicle that is later by this (s) may have made its own outputs safe: they wait for 50 ms, armed or not."""
+"""Delay of a vehicle (s) after which its outputs may have gone safe on their own: they wait 50 ms, armed or not."""
 
 
 class OpenFlight(Protocol):
@@ -46,9 +46,9 @@ class OpenFlight(Protocol):
 
 
 class RefusedStart(NamedTuple):
-    """An autopilot that must be turned away, and then flies by what it was told to type.
+    """Autopilot that must be refused, and then flies with the command it was told to type.
 
-    says: what it must be told, a pattern.  keeps_environment: whether what was wrong with its surroundings stays so.
+    says: pattern of the message it must get.  keeps_environment: True if its wrong surroundings remain afterwards.
     """
 
     says: str
@@ -59,14 +59,14 @@ class RefusedStart(NamedTuple):
 
 
 class Case(NamedTuple):
-    """A fault of the pair.
+    """Fault of the pair, with its required effects.
 
-    does: what is done to a flight that has been armed, in words.  act: does it.  ends: FLIES, no failsafe; STOPS, one;
-    EITHER.  words: what the logs must say.  broken: for how long (s) actuators obey nobody.  statuses: exit statuses
-    other than ENDED, by process.  fly: see FLY_S.  needs: why it can't be done here, or nothing.
-    partial: whose log can't be whole.  stopped_s: for how long a process was stopped on purpose (s), by its name.
-    refused_start: of an autopilot, before the flight.  explains: patterns of lines that what was done is a reason for;
-    None: any line may be there.  has_autopilot: else nobody flies it but what the act does.
+    does: description of the act on an armed flight.  act: does it.  expected_ending: FLIES, no failsafe; STOPS, one;
+    EITHER.  evidence_checks: required evidence in the logs.  actuator_fault_s: time that actuators ignore commands (s).
+    statuses: exit statuses other than ENDED, by process.  fly: see FLY_S.  missing_requirement: why it cannot be done
+    here, or nothing.  partial: processes whose log may be incomplete.  stopped_s: time that a process was stopped on
+    purpose (s), by its name.  refused_start: refused start of an autopilot, before the flight.  explains: patterns of
+    log lines that the act explains; None: any line is allowed.  has_autopilot: False leaves the flying to the act.
     """
 
     name: str
@@ -90,7 +90,7 @@ class Case(NamedTuple):
 
 
 class CaseOutcome(NamedTuple):
-    """What became of a case.
+    """Outcome of a case.
 
     problems: empty where it holds.  skipped: why it was not done.  waited: what was kept waiting, for how long; empty
     where nothing was.  replays: bit by bit, of those of the autopilots' logs that hold a step.  repeated: this is the
@@ -110,20 +110,20 @@ class CaseOutcome(NamedTuple):
     digest: str = ""
 
     def has_problem(self, kind: str | None) -> bool:
-        """Whether one is of a kind; None: of none of them, so that the vehicle was not safe, or a process crashed."""
+        """Return whether a problem is of a kind; None: of no kind, so the vehicle was not safe or a process crashed."""
         kinds = [next((k for k in (CAUSE, UNEXPLAINED, REPLAY) if p.startswith(k)), None) for p in self.problems]
         return kind in kinds
 
     @property
     def verdict(self) -> str:
-        """In a word or two. Kept waiting: it failed, on a machine that was too busy for any flight."""
+        """Verdict in a word or two. "kept waiting": the case failed on a machine that was too busy for any flight."""
         if self.skipped or not self.problems:
             return "skipped" if self.skipped else "holds"
         return "kept waiting" if self.waited else "fails"
 
 
 def fly_case(case: Case, known: VehicleKnowledge, folder: Path, open_flight: OpenFlight = FaultFlight) -> CaseOutcome:
-    """Do it, and judge it; nothing that goes wrong in it is raised. open_flight: real processes, or virtual time."""
+    """Fly a case and judge it. Errors become problems. open_flight: real processes, or virtual time."""
     why = case.missing_requirement()
     if why:
         return CaseOutcome(case.name, case.does, "", (), (), why)
@@ -158,7 +158,7 @@ def fly_case(case: Case, known: VehicleKnowledge, folder: Path, open_flight: Ope
 
 
 def _start_after_refusal(flight: FaultFlight, start: RefusedStart, duration: float) -> None:
-    """Turned away, and then as it was told."""
+    """Start an autopilot that is refused, then another one with the command it was told to type."""
     environment = start.environment(flight)
     typed = flight.start_refused(*start.options, scenario=start.scenario, **environment)
     if not typed:
@@ -167,7 +167,7 @@ def _start_after_refusal(flight: FaultFlight, start: RefusedStart, duration: flo
 
 
 def evaluate_flight(case: Case, ended: list[ProcessResult]) -> CaseOutcome:
-    """By exit statuses, by what was said, and by the logs."""
+    """Judge a flight by exit statuses, output and logs."""
     problems, logs = [], dict[str, Log]()
     for one in ended:
         if one.name.startswith("refused"):
@@ -179,13 +179,13 @@ def evaluate_flight(case: Case, ended: list[ProcessResult]) -> CaseOutcome:
         if one.status not in allowed:
             problems.append(f"{one.name} ended with {one.status}: {one.output_text.strip()[-300:]}")
         elif one.status in ENDED and bool((one.result or {}).get("problems")) != bool(one.status):
-            problems.append(f"{one.name} ended with {one.status}, which is not what it says: {one.result}")
+            problems.append(f"{one.name} ended with {one.status}, which contradicts its result: {one.result}")
         if "Traceback" in one.output_text:
             problems.append(f"{one.name} crashed: {one.output_text.strip()[-300:]}")
         try:
             logs[one.name] = one.read_log()
         except (InputError, OSError) as error:
-            problems.append(f"the log of {one.name} can't be read: {error}")
+            problems.append(f"the log of {one.name} cannot be read: {error}")
     happened = "; ".join(_describe_course(n, log) for n, log in logs.items() if n.startswith("vehicle"))
     for name, log in logs.items():
         if name.startswith("vehicle") and KILLED in case.statuses.get(name, ()):
@@ -197,7 +197,7 @@ def evaluate_flight(case: Case, ended: list[ProcessResult]) -> CaseOutcome:
     evidence = Evidence({one.name: one for one in ended}, logs)
     said = [words(evidence) for words in case.evidence_checks]
     if "" in said:
-        problems.append(f"{CAUSE} nothing in the logs for what is asked of them, number {said.index('') + 1}")
+        problems.append(f"{CAUSE} the logs lack required evidence number {said.index('') + 1}")
     if case.explains is not None:
         problems += [f"{UNEXPLAINED} {line}" for line in list_unexplained(evidence, case.explains)]
     if case.refused_start is not None:
@@ -211,7 +211,7 @@ def evaluate_flight(case: Case, ended: list[ProcessResult]) -> CaseOutcome:
 
 
 def _check_replay(name: str, log: Log) -> str:
-    """What is wrong with the autopilot's log flown once more over its frames; empty where all bits come again."""
+    """Return the problem of replaying an autopilot's log over its frames; empty if all bits are equal."""
     try:
         again = replay(log, rebuild_scenario(log, None))
     except InputError as error:
@@ -220,11 +220,11 @@ def _check_replay(name: str, log: Log) -> str:
 
 
 def _list_waits(case: Case, logs: Mapping[str, Log]) -> list[str]:
-    """Processes that were kept waiting for their processor, by their own logs, while the vehicle was not held."""
+    """Return the processes that waited for a processor, by their own logs, while the vehicle was not held."""
     waits = []
     for name, log in logs.items():
         path = "firmware.late" if name.startswith("vehicle") else "loop.late"
-        went_safe = any(e["text"].startswith("outputs were safe") for e in log.metadata.get("events", []))
+        went_safe = any(e["text"].startswith("outputs went safe") for e in log.metadata.get("events", []))
         counts = ~log["firmware.held"].astype(bool) if "firmware.held" in log else np.ones(len(log), bool)
         longest = float(np.max(log[path][counts | went_safe], initial=0.0)) if path in log else 0.0
         if longest > (UNHEARD_S if went_safe else WAITING_S) + case.stopped_s.get(name, 0.0):
@@ -237,20 +237,20 @@ def _describe_course(name: str, log: Log) -> str:
 
 
 def _check_log(case: Case, log: Log, told: dict[str, Any] | None) -> list[str]:
-    """told: how a vehicle says that it ended, whose log can't be whole; else None."""
+    """Return the problems of a log. told: result of a vehicle whose log may be incomplete; else None."""
     found = find_violations(log, broken=_actuator_fault_interval(case, log), whole=told is None)
     if told is not None and told.get("mode") not in ("disarmed", "failsafe"):
         found.append(f"ended in mode {told.get('mode')}")
     causes = failsafe_causes(log)
     if case.expected_ending == FLIES and causes:
-        found.append(f"went to failsafe ({', '.join(causes)}), which this is no reason for")
+        found.append(f"went to failsafe ({', '.join(causes)}), for which the case is no reason")
     if case.expected_ending == STOPS and not causes:
         found.append("did not go to failsafe")
     return found
 
 
 def _actuator_fault_interval(case: Case, log: Log) -> tuple[float, float] | None:
-    """When a fault of the actuators acted, by the event that says so."""
+    """Return when a fault of the actuators acted, by its event."""
     if not case.actuator_fault_s:
         return None
     times: list[Any] = [e["t"] for e in log.metadata.get("events", []) if "actuators.fault.word" in e["text"]]

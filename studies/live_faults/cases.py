@@ -1,4 +1,4 @@
-"""The cases of the campaign."""
+"""Cases of the campaign."""
 
 from studies.live_faults import acts
 from studies.live_faults.case import AUTOPILOT, EITHER, FAILSAFE, FLIES, STOPS, VEHICLE, Case
@@ -11,16 +11,16 @@ from studies.live_faults.words import EvidenceCheck, counter_rise, flag_gap, log
 WORDS = ("off", "stuck", "garbage", "wrong", "slow", "delayed", "intermittent")
 PARTS = ("sensor:navigation", "downlink", "uplink", "actuators")
 SILENT = {"off", "stuck", "garbage"}
-"""What of an uplink leaves no command that is new."""
+"""Fault words of an uplink after which no command is new."""
 NOT_A_NUMBER = ("sensor:navigation", "garbage")
-"""There is a NaN in it, for which the supervisor stops: what a vehicle's only sensor says can't be believed again."""
+"""Fault with a NaN, for which the supervisor stops: a vehicle's only sensor cannot be trusted again."""
 CUTS = (0.1, 0.3, 1.0, 5.0)
 LOST_S = 9.0
-"""A second until something is lost, 5.2 until the supervisor ends the flight, 1.25 until the lift fan is off."""
+"""Flight time (s): 1 until the link is lost, 5.2 until the supervisor ends the flight, 1.25 until the lift is off."""
 
 
 def fault_cases() -> list[Case]:
-    """Each word on each part of the vehicle, for a second."""
+    """Return a case for each fault word on each part of the vehicle, for a second."""
     return [_fault_case(part, word) for part in PARTS for word in WORDS]
 
 
@@ -41,7 +41,7 @@ def _fault_case(part: str, word: str) -> Case:
 
 
 def loss_cases() -> list[Case]:
-    """A part of the way from sensor to actuators gone and never back: whoever is left has to end the flight."""
+    """Return cases with a part between sensor and actuators lost for good. The remaining parts must end the flight."""
     ended = logged_event(AUTOPILOT, "supervisor: ended: lost for too long")
     return [_loss_case("sensor:navigation", ended), _loss_case("downlink", ended), _loss_case("uplink")]
 
@@ -59,14 +59,18 @@ def _loss_case(part: str, *more: EvidenceCheck) -> Case:
 
 
 def cut_cases() -> list[Case]:
-    """The line cut both ways."""
+    """Return cases with the link cut both ways."""
     return [_cut_case(seconds, serial) for serial in (False, True) for seconds in CUTS]
 
 
 def _cut_case(seconds: float, serial: bool) -> Case:
     stops = seconds >= 0.25
     lost = (flag_gap(VEHICLE, "firmware.command.fresh", seconds * 0.9), counter_rise(AUTOPILOT, "link.lost"))
-    again = (FAILSAFE, logged_event(AUTOPILOT, "nothing from the vehicle"), logged_event(AUTOPILOT, "heard again"))
+    again = (
+        FAILSAFE,
+        logged_event(AUTOPILOT, "no data from the vehicle"),
+        logged_event(AUTOPILOT, "from the vehicle again"),
+    )
     return Case(
         f"cut-{seconds:g}{'-serial' if serial else ''}",
         f"{'serial line' if serial else 'line'} cut for {seconds:g} s",
@@ -79,6 +83,6 @@ def _cut_case(seconds: float, serial: bool) -> Case:
 
 
 def all_cases() -> list[Case]:
-    """All of them, in the order of the table."""
+    """Return all cases, in the order of the table."""
     ends, lines = [*PROCESSES, *CLOCKS, *DISKS, *WRITERS], [*FRAMES, *POURED]
     return [*fault_cases(), *loss_cases(), *cut_cases(), *ends, *lines, *AUTHORITY, *AT_0_1]

@@ -1,4 +1,4 @@
-"""Cases of the campaign: flights by which faults were found at version 0.1 that no other case has."""
+"""Cases of the campaign: flights that found further faults at version 0.1."""
 
 import hashlib
 import signal
@@ -31,7 +31,7 @@ from trimtab.wire.protocol import CommandCode
 
 DISARMED = logged_event(VEHICLE, "disarmed: disarm request")
 PX4_MODES = {"rtl": (4.0, 5.0), "mission": (4.0, 4.0), "land": (4.0, 6.0)}
-"""PX4's main mode AUTO, and its parts."""
+"""PX4's main mode AUTO, with its sub-modes."""
 CUSTOM = 1.0
 
 
@@ -51,7 +51,7 @@ def _clock_case(name: str, seconds: int) -> Case:
 
 
 def set_mode(main: float, part: float) -> Act:
-    """A ground station asks for a mode that PX4 has."""
+    """Return an act in which a ground station asks for a mode of PX4."""
 
     def act(flight: FaultFlight) -> None:
         flight.let_fly(flight.undisturbed_s)
@@ -66,7 +66,7 @@ def set_mode(main: float, part: float) -> Act:
 
 
 def ask_to_arm(flight: FaultFlight) -> None:
-    """A ground station asks to arm, three times."""
+    """Ask to arm from a ground station, three times."""
     with flight.open_injector() as injector:
         asked = {"command": CommandCode.ARM, "param1": 1.0, "target_system": 1, "target_component": 1}
         for _ in range(3):
@@ -75,7 +75,7 @@ def ask_to_arm(flight: FaultFlight) -> None:
 
 
 def arm_in_failsafe(flight: FaultFlight) -> None:
-    """The autopilot is killed while the vehicle moves; when it has gone to failsafe somebody asks to arm at once."""
+    """Kill the autopilot while the vehicle moves, and ask to arm as soon as it is in failsafe."""
     flight.let_fly(2.5)
     flight.autopilot.kill()
     flight.vehicle.wait_for("failsafe: no command")
@@ -83,7 +83,7 @@ def arm_in_failsafe(flight: FaultFlight) -> None:
 
 
 def send_samples_back(flight: FaultFlight) -> None:
-    """Fifty samples, rightly signed, with times that go backwards, a millisecond each, from half a second ago."""
+    """Send fifty validly signed samples with decreasing times, a millisecond each, from half a second ago."""
     flight.let_fly(flight.undisturbed_s)
     with other_system(flight) as (injector, _):
         now = injector.read_vehicle_time()
@@ -95,7 +95,7 @@ def send_samples_back(flight: FaultFlight) -> None:
 
 
 def renumber_frames(direction: int) -> Act:
-    """Each frame one way gets another sequence number, and is signed anew, as its sender would have."""
+    """Return an act that renumbers each frame of one direction and signs it again, as its sender would."""
 
     def act(flight: FaultFlight) -> None:
         flight.let_fly(flight.undisturbed_s)
@@ -108,7 +108,7 @@ def renumber_frames(direction: int) -> Act:
 
 
 def renumber_frame(definitions: Mapping[int, MessageDefinition], secret: bytes, frame: bytes, number: int) -> bytes:
-    """A signed frame with another sequence number; its stamp stays."""
+    """Return a signed frame with another sequence number and the same time stamp."""
     (low, high), length = struct.unpack_from("<HB", frame, 7), frame[1]
     body = frame[:4] + bytes((number,)) + frame[5 : 10 + length]
     body += checksum(body[1:], definitions[low | high << 16].crc_extra) + frame[12 + length : 19 + length]
@@ -116,7 +116,7 @@ def renumber_frame(definitions: Mapping[int, MessageDefinition], secret: bytes, 
 
 
 def cut_one_way(direction: int, seconds: float) -> Act:
-    """Nothing passes one way."""
+    """Return an act that blocks one direction."""
 
     def act(flight: FaultFlight) -> None:
         flight.let_fly(flight.undisturbed_s)
@@ -126,13 +126,13 @@ def cut_one_way(direction: int, seconds: float) -> Act:
 
 
 def start_twin(flight: FaultFlight) -> None:
-    """A second vehicle on the line, with the same numbers and the same key; then an autopilot."""
+    """Start a second vehicle on the link, with the same numbers and the same key; then an autopilot."""
     flight.start_twin()
     flight.start_refused()
 
 
 def arm_at_once(flight: FaultFlight) -> None:
-    """A ground station asks to arm a vehicle that has just started."""
+    """Ask to arm a vehicle that has just started, from a ground station."""
     flight.let_fly(1.0)
     ask_to_arm(flight)
     flight.let_fly(0.5)
@@ -142,7 +142,7 @@ def _cut_one_way_case(direction: int, seconds: float) -> Case:
     name, stops = ("up" if direction == UP else "down"), direction == UP and seconds > 0.25
     seen = {
         UP: FAILSAFE if stops else flag_gap(VEHICLE, "firmware.command.fresh", 0.9 * seconds),
-        DOWN: logged_event(AUTOPILOT, "nothing from the vehicle")
+        DOWN: logged_event(AUTOPILOT, "no data from the vehicle")
         if seconds > 0.25
         else counter_rise(AUTOPILOT, "link.lost"),
     }[direction]
@@ -152,7 +152,7 @@ def _cut_one_way_case(direction: int, seconds: float) -> Case:
 
 
 def _signal_cases() -> list[Case]:
-    """Processes that are asked to end, or crash."""
+    """Return cases of processes that are asked to end, or crash."""
     crash, gone = -signal.SIGSEGV, "the flying process is gone"
     return [
         Case(
@@ -191,9 +191,9 @@ def _signal_cases() -> list[Case]:
             acts.send_signal("vehicle", signal.SIGSTOP, signal.SIGCONT, 2.0),
             EITHER,
             (
-                logged_event(AUTOPILOT, "nothing from the vehicle"),
+                logged_event(AUTOPILOT, "no data from the vehicle"),
                 outputs_safe("is stopped"),
-                logged_event(VEHICLE, "outputs were safe: no row for"),
+                logged_event(VEHICLE, "outputs went safe: no data for"),
             ),
             stopped_s={VEHICLE: 2.0},
         ),
@@ -228,7 +228,7 @@ def _signal_cases() -> list[Case]:
 
 
 def _line_cases() -> list[Case]:
-    """Times and numbers that are not what they should be, and a serial line as bad as one of datagrams."""
+    """Return cases of wrong times and numbers, and of a serial link as bad as a datagram link."""
     return [
         Case(
             "numbers-random-up",
@@ -287,8 +287,8 @@ def _line_cases() -> list[Case]:
 
 
 def _refusals() -> list[Case]:
-    """Autopilots that are turned away, told what to type, and fly by that."""
-    flags = "wrong scenario: the vehicle's settings are not this end's"
+    """Return cases of autopilots that are refused, told what to type, and fly by that."""
+    flags = "wrong scenario: the vehicle's settings differ from this end's"
     return [
         _clock_case("120-behind", -120),
         _clock_case("hour-behind", -3600),
@@ -298,14 +298,14 @@ def _refusals() -> list[Case]:
             "wrong-key",
             "autopilot with another key of the same name",
             RefusedStart("wrong key: ", environment=other_key),
-            logged_event(VEHICLE, "frames so far came unsigned or signed with another key"),
+            logged_event(VEHICLE, "frames so far were unsigned or signed with another key"),
         ),
         _refused_case("no-key", "autopilot without a key, --unsigned", RefusedStart("wrong key: ", ("--unsigned",))),
         _refused_case("other-scenario", "spin's autopilot", RefusedStart(flags, scenario="hovercraft/spin")),
         _refused_case(
             "other-mass",
             "autopilot of a heavier vehicle",
-            RefusedStart(r"world\.vehicle\.mass: \S+ there, 2\.8 here", ("--set", "world.vehicle.mass=2.8")),
+            RefusedStart(r"world\.vehicle\.mass: \S+ on the vehicle, 2\.8 here", ("--set", "world.vehicle.mass=2.8")),
         ),
         _refused_case(
             "other-period",
@@ -316,7 +316,7 @@ def _refusals() -> list[Case]:
 
 
 def _station_cases() -> list[Case]:
-    """What a ground station asks for that is not there, or not allowed now."""
+    """Return cases of a ground station's requests that are unsupported, or not allowed now."""
     held = absent_event(AUTOPILOT, "supervisor: hold")
     modes = [
         Case(
@@ -343,7 +343,7 @@ def _station_cases() -> list[Case]:
             "a second vehicle on the line, with the same numbers and key",
             start_twin,
             evidence_checks=(
-                printed_line("refused-1", "two vehicles answer on this line as 1/1"),
+                printed_line("refused-1", "two vehicles answer on this link as 1/1"),
                 exit_status("refused-1", 2),
                 arming_count(0),
             ),

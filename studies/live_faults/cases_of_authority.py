@@ -1,4 +1,4 @@
-"""Cases of the campaign: others who have the key, and clocks that are not the vehicle's."""
+"""Cases of the campaign: other senders with the key, and wrong clocks."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -15,16 +15,16 @@ from trimtab.wire.protocol import CommandCode
 
 SECOND = "autopilot-2"
 CONFIRM = "ended: arming refused: .*; type --rearm at fly"
-"""Of an autopilot that asks to arm after a failsafe as though nothing had been."""
+"""Message for an autopilot that asks to arm after a failsafe without a confirmation."""
 OTHER_SYSTEM, COMPUTER = 7, 191
 AHEAD, HOUR = 4_900_000, 36_000_000_000
-"""0.49 s and an hour, in 100 ns."""
+"""Times of 0.49 s and an hour, in units of 100 ns."""
 FULL_RUDDER = {"valid": 1, "rudder_pulse": 2.1e-3, "speed_rpm": 9000.0}
 
 
 @contextmanager
 def other_system(flight: FaultFlight) -> Iterator[tuple[Injector, Endpoint]]:
-    """Another system that has the key, past the relay."""
+    """Join the link as another system with the key, past the relay."""
     link, endpoint = flight.join_line(OTHER_SYSTEM, COMPUTER, flight.key)
     try:
         yield Injector(link, endpoint, flight.clock), endpoint
@@ -34,7 +34,7 @@ def other_system(flight: FaultFlight) -> Iterator[tuple[Injector, Endpoint]]:
 
 
 def send_commands(count: int, ahead: int = 0) -> Act:
-    """Another system that has the key commands full rudder, its times that much ahead of the vehicle's."""
+    """Return an act: another system with the key commands full rudder, its times ahead of the vehicle's."""
 
     def act(flight: FaultFlight) -> None:
         flight.let_fly(flight.undisturbed_s)
@@ -48,7 +48,7 @@ def send_commands(count: int, ahead: int = 0) -> Act:
 
 
 def ask_to_disarm(flight: FaultFlight) -> None:
-    """Another autopilot that has the key ends a flight that is not its own."""
+    """Ask to disarm as another autopilot with the key, in a flight that is not its own."""
     flight.let_fly(flight.undisturbed_s)
     with other_system(flight) as (injector, endpoint):
         asked = {"command": CommandCode.ARM, "param3": endpoint.session, "target_system": 1, "target_component": 1}
@@ -58,7 +58,7 @@ def ask_to_disarm(flight: FaultFlight) -> None:
 
 
 def start_second(*options: str) -> Act:
-    """A second `trimtab fly` with the same key, of another computer's folder."""
+    """Return an act that starts a second `trimtab fly` with the same key, from another computer's folder."""
 
     def act(flight: FaultFlight) -> None:
         flight.let_fly(flight.undisturbed_s)
@@ -68,7 +68,7 @@ def start_second(*options: str) -> Act:
 
 
 def send_sample_ahead(flight: FaultFlight) -> None:
-    """One sample of the vehicle's, rightly signed, says that it is of an hour later."""
+    """Send a validly signed sample of the vehicle, stamped an hour ahead."""
     flight.let_fly(flight.undisturbed_s)
     secret = SigningKey(flight.key.secret)
     with other_system(flight) as (injector, _):
@@ -127,7 +127,7 @@ AUTHORITY: list[Case] = [
         "another autopilot with the key asks ten times to disarm",
         ask_to_disarm,
         FLIES,
-        (logged_event(VEHICLE, "Disarming by 7/191 session .* refused: it belongs to 1/191 session"),),
+        (logged_event(VEHICLE, "Disarming by 7/191 session .* refused: vehicle belongs to 1/191 session"),),
     ),
     Case(
         "sample-ahead",
@@ -136,8 +136,8 @@ AUTHORITY: list[Case] = [
         FLIES,
         (
             counter_rise(AUTOPILOT, "link.implausible"),
-            logged_event(AUTOPILOT, r"a sample is refused: its time is \+3\d\d\d\."),
+            logged_event(AUTOPILOT, r"sample rejected: its time is \+3\d\d\d\."),
         ),
     ),
 ]
-"""Who has the key is not therefore obeyed."""
+"""Senders with the key but without authority must not be obeyed."""

@@ -1,4 +1,4 @@
-"""Cases of the campaign: processes that die or stop, clocks, disks, and the writers of logs."""
+"""Cases of the campaign: processes that die or stop, clocks, disks, and writers of logs."""
 
 import signal
 
@@ -16,7 +16,7 @@ from studies.live_faults.words import (
 )
 
 DEAD = logged_event(AUTOPILOT, "the flying process is gone")
-SILENT = logged_event(AUTOPILOT, "nothing from the vehicle")
+SILENT = logged_event(AUTOPILOT, "no data from the vehicle")
 PROCESSES: list[Case] = [
     Case("none", "nothing", acts.do_nothing, FLIES, (logged_event(VEHICLE, "disarmed: disarm request"),)),
     Case(
@@ -38,7 +38,7 @@ PROCESSES: list[Case] = [
         evidence_checks=(
             logged_event(VEHICLE, "the flying process is gone"),
             SILENT,
-            logged_event(AUTOPILOT, "heard again"),
+            logged_event(AUTOPILOT, "from the vehicle again"),
         ),
         statuses={VEHICLE: (KILLED,)},
         fly=120.0,
@@ -90,7 +90,7 @@ PROCESSES: list[Case] = [
         stopped_s={VEHICLE: 1.0},
     ),
 ]
-"""Ends that die, stop, or are told to end."""
+"""Ends that die, stop, or are asked to end."""
 CLOCKS: list[Case] = [
     Case(
         f"{who}-clock-{'on' if seconds > 0 else 'back'}",
@@ -120,7 +120,7 @@ DISKS: list[Case] = [
     for name in (VEHICLE, AUTOPILOT)
     for after in (None, 1.0)
 ]
-"""No room for a log."""
+"""Full disks."""
 WRITERS: list[Case] = [
     Case(
         f"{name.partition('-')[0]}-writer-killed",
@@ -133,4 +133,4 @@ WRITERS: list[Case] = [
     )
     for name in (VEHICLE, AUTOPILOT)
 ]
-"""Logs that nobody writes any more."""
+"""Logs whose writer has died."""

@@ -1,4 +1,4 @@
-"""Cases of the campaign: what a bad line, and bad people on it, do to frames."""
+"""Cases of the campaign: frames on bad links, and attacks on the link."""
 
 from studies.live_faults import acts
 from studies.live_faults.case import AUTOPILOT, FAILSAFE, FLIES, STOPS, VEHICLE, Case
@@ -84,10 +84,10 @@ FRAMES: list[Case] = [
         "samples 1 s late, 1.5 s",
         acts.bend_packets(DOWN, acts.delay_packets(1.0)),
         FLIES,
-        (logged_event(AUTOPILOT, "nothing from"),),
+        (logged_event(AUTOPILOT, "no data from"),),
     ),
 ]
-"""Frames that are damaged, lost, late, or come again."""
+"""Frames that are damaged, lost, late, or repeated."""
 POURED: list[Case] = [
     Case(
         "fuzz-up",
@@ -173,8 +173,8 @@ POURED: list[Case] = [
         "autopilot's serial device gone for 1 s",
         acts.unplug_device(DOWN, 1.0),
         STOPS,
-        (FAILSAFE, logged_event(AUTOPILOT, "nothing from")),
+        (FAILSAFE, logged_event(AUTOPILOT, "no data from")),
         serial=True,
     ),
 ]
-"""More than a line carries, what was not meant for it, and no line at all."""
+"""Overload, foreign data, and missing links."""

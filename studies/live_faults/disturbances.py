@@ -1,7 +1,7 @@
-"""What can be drawn to happen to a flight, and what must follow from it; known before it flies.
+"""Disturbances that can be drawn for a flight, with their required effects, known before the flight.
 
-A disturbance says how the flight must end, what both logs must say, and which of their lines it explains. Nothing in it
-is read from a flight.
+A disturbance defines how the flight must end, what both logs must contain, and which of their lines it explains.
+Nothing in it is read from a flight.
 """
 
 import random
@@ -43,34 +43,42 @@ from studies.live_faults.words import (
 )
 from trimtab.wire.keys import create_key
 
-SILENT = logged_event(AUTOPILOT, "nothing from the vehicle")
-HEARD = logged_event(AUTOPILOT, "heard again")
+SILENT = logged_event(AUTOPILOT, "no data from the vehicle")
+HEARD = logged_event(AUTOPILOT, "from the vehicle again")
 TOLD = logged_event(AUTOPILOT, "vehicle: failsafe: no command")
 BEHIND = r"refused: the clock of 1/191 is \S+ s behind"
-"""A vehicle that died has kept a time ahead of its own, so that no stamp is ever used twice."""
-RESTARTED = "not armed any more", "a sample is refused", "clock is another", "of another clock", "too long", BEHIND
-NO_COMMAND = r"failsafe: no command", r"not armed any more"
-LOST = r"nothing from the vehicle", r"heard again", r"supervisor: lost: link lost", r"supervisor: flying: found again"
+"""Message after a restart: a dead vehicle's stored time is ahead of its clock, so that no stamp is used twice."""
+RESTARTED = "no longer armed", "sample rejected", "clock has changed", "of another clock", "too long", BEHIND
+NO_COMMAND = r"failsafe: no command", r"no longer armed"
+LOST = (
+    r"no data from the vehicle",
+    r"from the vehicle again",
+    r"supervisor: lost: link lost",
+    r"supervisor: flying: found again",
+)
 STALE = r"supervisor: lost: (estimate stale|link lost)", r"supervisor: flying: found again"
-"""Lines that follow from no command, from silence, from old samples."""
+"""Lines that follow from missing commands, from silence, from old samples."""
 UNCONFIRMED = "arming refused: confirmation", "confirmation .* REFUSED$"
 REFUSED = logged_event(SECOND, CONFIRM)
-"""Of an autopilot that comes when another fault has put the vehicle into failsafe: nobody has confirmed."""
+"""Refusal of an autopilot that starts after another fault has caused a failsafe: no confirmation was given."""
 GARBAGE = "supervisor: (ended|fault): ", "autopilot: fault"
-"""Of an estimate that is no number, or beyond the envelope."""
+"""Lines that follow from an estimate that is not finite or beyond the envelope."""
 FORGED = "unsigned or signed"
-"""A bit of a signature is no part of a frame's checksum: such a frame is whole, and signed wrongly."""
+"""Message after a bit flip in a signature. The checksum does not cover it, so the frame is complete but badly
+signed.
+"""
 LONG_S = 20.0
-"""Of a flight in which another process must first start."""
+"""Duration of a flight in which another process must start first (s)."""
 
 
 class Disturbance(NamedTuple):
-    """One thing that is done.
+    """Disturbance of a flight.
 
-    act: does it, its waits with it.  ends: how the flight must end, as of Case.  lasts: s.  evidence: what the
-    logs must say.  explains: patterns of lines in either log that it is a reason for.  fly: seconds of flight it needs.
-    is_last: nobody flies on as before, so that nothing may be drawn after it.  partial: whose log can't be whole.
-    missing_requirement: why it can't be done on this machine, in real time.
+    act: the act, with its waits.  ends: how the flight must end, as in Case.  lasts: s.  evidence: what the
+    logs must contain.  explains: patterns of log lines that it explains.  fly: seconds of flight it needs.
+    is_last: the flight does not go on as before, so nothing may be drawn after it.  partial: whose log may be
+        incomplete.
+    missing_requirement: why it cannot be done on this machine, in real time.
     """
 
     kind: str
@@ -92,7 +100,7 @@ class Disturbance(NamedTuple):
 
 
 def kill_autopilot(_: random.Random) -> Disturbance:
-    """Without a word."""
+    """Draw an autopilot that is killed."""
     return Disturbance(
         "autopilot killed",
         "autopilot killed",
@@ -106,7 +114,7 @@ def kill_autopilot(_: random.Random) -> Disturbance:
 
 
 def freeze_autopilot(draw: random.Random) -> Disturbance:
-    """Stopped, and let go on."""
+    """Draw an autopilot that is stopped and continued."""
     seconds = round(draw.uniform(0.5, 1.5), 2)
     return Disturbance(
         "autopilot frozen",
@@ -114,15 +122,15 @@ def freeze_autopilot(draw: random.Random) -> Disturbance:
         acts.send_signal("autopilot", signal.SIGSTOP, signal.SIGCONT, seconds),
         STOPS,
         seconds,
-        (FAILSAFE, logged_event(AUTOPILOT, "^this end stood still for"), TOLD, exit_status(AUTOPILOT, 1)),
-        (*NO_COMMAND, *LOST, *STALE, "^this end stood still for", "a sample is refused: .* has waited"),
+        (FAILSAFE, logged_event(AUTOPILOT, "^this end stalled for"), TOLD, exit_status(AUTOPILOT, 1)),
+        (*NO_COMMAND, *LOST, *STALE, "^this end stalled for", "sample rejected: .* delayed"),
         stopped_s={AUTOPILOT: seconds},
         is_last=True,
     )
 
 
 def replace_autopilot(draw: random.Random) -> Disturbance:
-    """Another one: after the first was killed, it may not arm unconfirmed; or it takes over, and flies on."""
+    """Draw a second autopilot: after the first was killed it may not arm unconfirmed; or it takes over and flies on."""
     if draw.random() < 0.5:
         return Disturbance(
             "autopilot replaced",
@@ -164,11 +172,11 @@ def replace_autopilot(draw: random.Random) -> Disturbance:
 
 
 def impersonate(draw: random.Random) -> Disturbance:
-    """Somebody else, with the key, without it, or with what was recorded."""
+    """Draw an attacker: with the key, without it, or with recorded packets."""
     count = draw.randrange(5, 60)
     foreign = logged_event(VEHICLE, "commands without authority refused, from 7/191")
     told = logged_event(AUTOPILOT, "vehicle: commands without authority refused")
-    refused = logged_event(VEHICLE, "refused: .* frames so far came unsigned or signed with another key")
+    refused = logged_event(VEHICLE, "refused: .* frames so far were unsigned or signed with another key")
     disarm = (
         logged_event(VEHICLE, "Disarming by 7/191 session .* refused"),
         logged_event(AUTOPILOT, "vehicle: Disarming by"),
@@ -196,7 +204,7 @@ def impersonate(draw: random.Random) -> Disturbance:
 
 
 def shift_clock(draw: random.Random) -> Disturbance:
-    """An autopilot's wall clock steps in flight, is wrong from the start, or a stamp is."""
+    """Draw a clock fault: an autopilot's wall clock steps in flight, is wrong from the start, or a stamp is wrong."""
     seconds = draw.choice((-3600, -120, 120, 3600, 86400))
     way = draw.randrange(3)
     if way == 0:
@@ -216,9 +224,9 @@ def shift_clock(draw: random.Random) -> Disturbance:
             FLIES,
             evidence=(
                 counter_rise(AUTOPILOT, "link.implausible"),
-                logged_event(AUTOPILOT, r"a sample is refused: its time is \+3\d\d\d\."),
+                logged_event(AUTOPILOT, r"sample rejected: its time is \+3\d\d\d\."),
             ),
-            explains=("a sample is refused",),
+            explains=("sample rejected",),
         )
     which = "ahead of" if seconds > 0 else "behind"
     return Disturbance(
@@ -227,7 +235,7 @@ def shift_clock(draw: random.Random) -> Disturbance:
         acts.do_nothing,
         FLIES,
         evidence=(logged_event(VEHICLE, rf"refused: the clock of 1/191 is {abs(seconds)}\.?\d* s {which}"),),
-        explains=("refused: the clock of 1/191", "goes by the vehicle.s clock"),
+        explains=("refused: the clock of 1/191", "signing by the vehicle.s clock"),
         refused_start=RefusedStart(
             rf"wrong clock: clocks differ by {abs(seconds)}\.\d s",
             environment=wrong_clock(seconds),
@@ -236,7 +244,7 @@ def shift_clock(draw: random.Random) -> Disturbance:
 
 
 def misconfigure(draw: random.Random) -> Disturbance:
-    """An autopilot of another scenario, other numbers, or another key is turned away, and flies as it was told."""
+    """Draw an autopilot with another scenario, parameter or key: it is refused, then flies as told."""
     mass = round(draw.uniform(1.5, 4.0), 2)
     ways = [
         ("another scenario", RefusedStart("wrong scenario: ", scenario="hovercraft/spin"), ()),
@@ -249,7 +257,7 @@ def misconfigure(draw: random.Random) -> Disturbance:
         (
             "another key",
             RefusedStart("wrong key: ", environment=other_key),
-            (logged_event(VEHICLE, "refused: .* frames so far came unsigned or signed with another key"),),
+            (logged_event(VEHICLE, "refused: .* frames so far were unsigned or signed with another key"),),
         ),
     ]
     does, start, evidence = draw.choice(ways)
@@ -265,7 +273,7 @@ def misconfigure(draw: random.Random) -> Disturbance:
 
 
 def kill_vehicle(_: random.Random) -> Disturbance:
-    """Without a word."""
+    """Draw a vehicle that is killed."""
     return Disturbance(
         "vehicle killed",
         "vehicle killed",
@@ -284,7 +292,7 @@ def kill_vehicle(_: random.Random) -> Disturbance:
 
 
 def freeze_vehicle(draw: random.Random) -> Disturbance:
-    """Stopped, and let go on: its outputs are safe meanwhile, and latched."""
+    """Draw a vehicle that is stopped and continued. Its outputs are safe meanwhile, and latched."""
     seconds = round(draw.uniform(0.5, 2.0), 2)
     return Disturbance(
         "vehicle frozen",
@@ -295,11 +303,11 @@ def freeze_vehicle(draw: random.Random) -> Disturbance:
         (
             SILENT,
             outputs_safe("is stopped"),
-            logged_event(VEHICLE, "outputs were safe: no row for"),
+            logged_event(VEHICLE, "outputs went safe: no data for"),
             exit_status(AUTOPILOT, 1),
             exit_status(VEHICLE, 1),
         ),
-        (*LOST, *STALE, *NO_COMMAND, "outputs were safe"),
+        (*LOST, *STALE, *NO_COMMAND, "outputs went safe"),
         stopped_s={VEHICLE: seconds},
         fly=4.5,
         is_last=True,
@@ -307,7 +315,7 @@ def freeze_vehicle(draw: random.Random) -> Disturbance:
 
 
 def kill_outputs(_: random.Random) -> Disturbance:
-    """The process that applies the vehicle's outputs."""
+    """Draw the death of the process that applies the vehicle's outputs."""
     return Disturbance(
         "outputs killed",
         "the process of the vehicle's outputs killed",
@@ -325,7 +333,7 @@ def kill_outputs(_: random.Random) -> Disturbance:
 
 
 def restart_vehicle(_: random.Random) -> Disturbance:
-    """Killed, and started again; nobody arms it."""
+    """Draw a vehicle that is killed and started again without being armed."""
     return Disturbance(
         "vehicle restarted",
         "vehicle killed and started again; nobody arms it",
@@ -346,7 +354,7 @@ def restart_vehicle(_: random.Random) -> Disturbance:
 
 
 def break_sensor(draw: random.Random) -> Disturbance:
-    """A word of the faults vocabulary on the navigation system, or on the line from it."""
+    """Draw a fault word on the navigation system, or on the link from it."""
     part = draw.choice(("sensor:navigation", "downlink"))
     word = draw.choice(("off", "stuck", "garbage", "wrong", "slow", "delayed", "intermittent"))
     seconds = round(draw.uniform(1.0, 1.4), 2)
@@ -367,7 +375,7 @@ def break_sensor(draw: random.Random) -> Disturbance:
 
 
 def break_uplink(draw: random.Random) -> Disturbance:
-    """A word of the faults vocabulary between line and failsafe."""
+    """Draw a fault word between link and failsafe."""
     word = draw.choice(("off", "stuck", "garbage", "wrong", "slow", "delayed", "intermittent"))
     seconds = round(draw.uniform(0.5, 1.4), 2)
     stops = word in ("off", "stuck", "garbage")
@@ -378,7 +386,7 @@ def break_uplink(draw: random.Random) -> Disturbance:
 
 
 def break_actuators(draw: random.Random) -> Disturbance:
-    """A word of the faults vocabulary on the actuators, which then obey nobody."""
+    """Draw a fault word on the actuators, which then ignore all commands."""
     word = draw.choice(("off", "stuck", "garbage", "wrong", "slow", "delayed", "intermittent"))
     seconds = round(draw.uniform(0.3, 1.2), 2)
     does = f"actuators {word} for {seconds} s"
@@ -389,7 +397,7 @@ def break_actuators(draw: random.Random) -> Disturbance:
 
 
 def break_line(draw: random.Random) -> Disturbance:
-    """The line cut, lossy, shuffled or with bits turned over."""
+    """Draw a fault of the link: cut, lossy, shuffled or with flipped bits."""
     way = draw.choice(("cut", "blink", "lossy", "flipped", "doubled"))
     if way == "cut":
         seconds = round(draw.uniform(0.45, 1.3), 2)
@@ -423,7 +431,7 @@ def break_line(draw: random.Random) -> Disturbance:
 
 
 def spoil_network(draw: random.Random) -> Disturbance:
-    """A bad network both ways: packets are lost, doubled, late, and overtake each other."""
+    """Draw a bad network both ways: packets are lost, doubled, late, and overtake each other."""
     loss, late = round(draw.uniform(0.05, 0.3), 2), round(draw.uniform(0.01, 0.1), 3)
     seconds = round(draw.uniform(0.5, 1.4), 2)
     return Disturbance(
@@ -438,7 +446,7 @@ def spoil_network(draw: random.Random) -> Disturbance:
 
 
 def fill_disk(draw: random.Random) -> Disturbance:
-    """A disk that is full for a while below one of the logs."""
+    """Draw a disk below one of the logs that is full for a while."""
     who = draw.choice((VEHICLE, AUTOPILOT))
     seconds = round(draw.uniform(0.3, 1.0), 2)
     return Disturbance(
@@ -477,7 +485,7 @@ PASSING = (
 
 
 def wrong_clock(seconds: int) -> Callable[[FaultFlight], dict[str, str]]:
-    """Surroundings of an autopilot in which it is another time of day."""
+    """Return the environment of an autopilot at another time of day."""
 
     def environment(flight: FaultFlight) -> dict[str, str]:
         flight.step_clocks()
@@ -487,6 +495,6 @@ def wrong_clock(seconds: int) -> Callable[[FaultFlight], dict[str, str]]:
 
 
 def other_key(flight: FaultFlight) -> dict[str, str]:
-    """Surroundings of an autopilot with a key of the same vehicle's name, of other bits."""
+    """Return the environment of an autopilot with another key under the same vehicle's name."""
     create_key(flight.folder / "other" / "keys" / "hovercraft.key")
     return {"TRIMTAB_CONFIG": str(flight.folder / "other")}

@@ -1,6 +1,6 @@
-"""Flights drawn at random from what can go wrong: one disturbance or two, at random times.
+"""Random flights: one disturbance or two, at random times.
 
-How such a flight must end, and what its logs may and must say, is put together from what was drawn.
+The required ending, and the required and allowed lines of the logs, follow from what was drawn.
 """
 
 import random
@@ -18,13 +18,13 @@ from studies.live_faults.words import EvidenceCheck, exit_status
 from trimtab.core.errors import InputError
 
 DRAWN = "drawn-"
-"""How the names of drawn flights begin."""
+"""Prefix of the names of drawn flights."""
 FIRST_S, LAST_S = (0.3, 0.9), (1.4, 2.0)
-"""When what passes begins, and what is last, from arming on."""
+"""Start times of passing and of last disturbances, from arming on (s)."""
 
 
 class DrawnFlight(NamedTuple):
-    """A flight as drawn. number, seed: which draw it was."""
+    """Drawn flight. number, seed: identify the draw."""
 
     name: str
     disturbances: tuple[Disturbance, ...]
@@ -32,17 +32,17 @@ class DrawnFlight(NamedTuple):
 
     @property
     def does(self) -> str:
-        """What is done, in words."""
+        """Description of the disturbances."""
         return "; ".join(f"{d.does} (at {t} s)" for d, t in zip(self.disturbances, self.times, strict=True))
 
     @property
     def kind(self) -> str:
-        """Of what weighs most."""
+        """Kind of the main disturbance."""
         return self.disturbances[-1].kind
 
 
 def draw_flight(seed: int, number: int) -> DrawnFlight:
-    """The flight of a number, the same whenever and wherever it is drawn."""
+    """Return the flight of a number, the same whenever and wherever it is drawn."""
     draw = random.Random(f"{seed}/{number}")
     makers = (*LAST, *STARTS, *PASSING)
     main = makers[number % len(makers)]  # each as often as any other
@@ -55,21 +55,23 @@ def draw_flight(seed: int, number: int) -> DrawnFlight:
 
 
 def read_name(name: str) -> DrawnFlight:
-    """A drawn flight by its name, ``drawn-SEED-NUMBER``."""
+    """Return a drawn flight by its name, ``drawn-SEED-NUMBER``."""
     found = re.fullmatch(rf"{DRAWN}(\d+)-(\d+)", name)
     if found is None:
-        raise InputError("--only", f"{name!r} is no drawn flight", fix="--only drawn-1-0")
+        raise InputError("--only", f"{name!r} is not a drawn flight; must be drawn-SEED-NUMBER", fix="--only drawn-1-0")
     return draw_flight(int(found[1]), int(found[2]))
 
 
 def flight_case(flight: DrawnFlight) -> Case:
-    """What is done in it, how it must end, and what its logs must say."""
+    """Return the case of a flight: acts, required ending, and required lines of the logs."""
     several = flight.disturbances
     last, first = several[-1], several[0]
     is_cut_short = last.is_last and len(several) > 1
     evidence = [*last.evidence, *(_early_evidence(first) if is_cut_short else first.evidence if first != last else ())]
     if len(several) > 1:
-        evidence = [check for check in evidence if check is not TOLD]  # it may be lost on the way, by the other one
+        evidence = [
+            check for check in evidence if check is not TOLD
+        ]  # it may be lost in transit because of the other disturbance
     ending = _expected_ending(several)
     if ending == FLIES and not last.is_last:
         partial = {who for d in several for who in d.partial}
@@ -97,12 +99,12 @@ def flight_case(flight: DrawnFlight) -> Case:
 
 
 def _early_evidence(passing: Disturbance) -> tuple[EvidenceCheck, ...]:
-    """Of what began and may have been cut short: that it was done."""
+    """Return evidence that the passing disturbance was done, even if it was cut short."""
     return passing.evidence[:1] if "fault." in "".join(passing.explains) else ()
 
 
 def _expected_ending(several: Sequence[Disturbance]) -> str:
-    """One that stops stops them all, unless another may have ended the flight before it did."""
+    """Return the required ending: one disturbance that stops is enough, unless another may end the flight first."""
     endings = {d.ends for d in several}
     if several[-1].is_last and several[-1].ends != STOPS and len(several) > 1:
         return EITHER if endings != {FLIES} else FLIES
@@ -120,7 +122,7 @@ def _prepare_all(several: Sequence[Disturbance]) -> Prepare:
 
 
 def _act_in_order(drawn: DrawnFlight) -> acts.Act:
-    """Each at its time, whether the other still lasts or not."""
+    """Return an act that does each disturbance at its time, even if the other still lasts."""
 
     def act(flight: FaultFlight) -> None:
         flight.undisturbed_s = 0.0
@@ -136,7 +138,7 @@ def _act_in_order(drawn: DrawnFlight) -> acts.Act:
 
 
 class KindCount(NamedTuple):
-    """Of the drawn flights of a kind. waited: failed while something was kept waiting, twice; repeated: flown twice."""
+    """Counts of the drawn flights of a kind. waited: failed twice while a process waited; repeated: flown twice."""
 
     flights: int
     safe: int
@@ -149,7 +151,7 @@ class KindCount(NamedTuple):
 
 
 def count_kinds(outcomes: Mapping[str, CaseOutcome]) -> dict[str, KindCount]:
-    """Kind -> its count; outcomes by the flight's name."""
+    """Return kind -> its count. outcomes: by the flight's name."""
     kinds: dict[str, list[CaseOutcome]] = {}
     for name, outcome in outcomes.items():
         kinds.setdefault(read_name(name).kind, []).append(outcome)

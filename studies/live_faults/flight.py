@@ -1,4 +1,4 @@
-"""A flight of a live pair: two processes, the line between them, and what is left when both have ended."""
+"""Flight of a live pair: two processes, the link between them, and their results."""
 
 import contextlib
 import re
@@ -30,11 +30,11 @@ from trimtab.wire.mavlink import Endpoint
 NAME = "hovercraft/forward"
 INJECTOR = 1, 192
 UNDISTURBED_S = 1.0
-"""For how long it flies until something is done."""
+"""Time of undisturbed flight before the act (s)."""
 
 
 class VehicleKnowledge(NamedTuple):
-    """What is known of the vehicle on the ground: its scenario, the names of its parameters, and how it speaks."""
+    """Knowledge of the vehicle on the ground: its scenario, the names of its parameters, and its dialect."""
 
     scenario: Scenario
     names: dict[str, str]
@@ -42,12 +42,12 @@ class VehicleKnowledge(NamedTuple):
 
 
 def collect_knowledge(scenario: Scenario) -> VehicleKnowledge:
-    """Made once for all flights."""
+    """Collect the knowledge once for all flights."""
     return VehicleKnowledge(scenario, fault_parameter_names(scenario), scenario_dialect(scenario))
 
 
 class ProcessResult(NamedTuple):
-    """What a process left. log: path of its log, which may be missing.  read_log: reads it."""
+    """Result of a process. log: path of its log, which may be missing.  read_log: reads it."""
 
     name: str
     status: int | None
@@ -58,7 +58,7 @@ class ProcessResult(NamedTuple):
 
 
 class FaultFlight:
-    """One vehicle, the autopilots that fly it one after the other, and the line."""
+    """One vehicle, the autopilots that fly it one after the other, and the link."""
 
     def __init__(self, folder: Path, known: VehicleKnowledge, *, serial: bool = False) -> None:
         self.folder, self.knowledge, self.undisturbed_s = folder, known, UNDISTURBED_S
@@ -69,30 +69,30 @@ class FaultFlight:
         self._environment = {"TRIMTAB_CONFIG": str(folder / "config")}
         self._injecting = threading.Lock()
         self.overslept_s = 0.0
-        """The longest that one of the campaign's own waits lasted beyond what it was to last."""
+        """Longest excess of one of the campaign's own waits (s)."""
         self.vehicles: list[Process] = []
         self.autopilots: list[Process] = []
         self.refused: list[Process] = []
-        """Autopilots that were turned away before they flew."""
+        """Autopilots that were refused before they flew."""
         self.cleanups: list[Callable[[], Any]] = []
 
     @property
     def vehicle(self) -> Process:
-        """The newest."""
+        """The newest vehicle."""
         return self.vehicles[-1]
 
     @property
     def autopilot(self) -> Process:
-        """The newest."""
+        """The newest autopilot."""
         return self.autopilots[-1]
 
     @property
     def key(self) -> SigningKey:
-        """That of the vehicle."""
+        """Key of the vehicle."""
         return load_key(self._key)
 
     def log_folder(self, name: str) -> Path:
-        """The folder of a process's log."""
+        """Return the folder of a process's log."""
         return self.folder / name
 
     @property
@@ -109,13 +109,13 @@ class FaultFlight:
         sleep(seconds)
 
     def act_together(self, acts: Sequence[Callable[[], None]]) -> None:
-        """Do several things side by side, and wait for all."""
+        """Do several acts at the same time, and wait for all."""
         problems: list[BaseException] = []
 
         def run(act: Callable[[], None]) -> None:
             try:
                 act()
-            except Exception as error:  # raised again below, in the campaign's own thread
+            except Exception as error:  # raised again below, in the campaign's thread
                 problems.append(error)
 
         threads = [threading.Thread(target=run, args=(act,)) for act in acts]
@@ -148,32 +148,32 @@ class FaultFlight:
         (self.log_folder(name) / "ballast").unlink()
 
     def join_line(self, system: int, component: int, key: SigningKey | None) -> tuple[Link, Endpoint]:
-        """Another end that reaches the vehicle past the relay, signed by a key or by none."""
+        """Join the link as another end that reaches the vehicle past the relay, with a key or without."""
         endpoint = Endpoint(self.knowledge.dialect, system, component, key, unsigned=key is None, datagrams=True)
         return open_link(self.ends.listen), endpoint
 
     def let_fly(self, seconds: float) -> None:
-        """Let it fly, and remember how much longer that was."""
+        """Let the vehicle fly, and record the excess of the wait."""
         began = monotonic()
         sleep(max(seconds, 0.0))
         self.overslept_s = max(self.overslept_s, monotonic() - began - max(seconds, 0.0))
 
     def start_vehicle(self, duration: float, *options: str, **environment: str) -> None:
-        """Start it, and wait until it listens."""
+        """Start a vehicle, and wait until it listens."""
         name = f"vehicle-{len(self.vehicles) + 1}"
         words = ("vehicle", NAME, "--listen", self.ends.listen, "--duration", f"{duration} s", *options)
         self.vehicles.append(self._start_process(name, words, environment))
         self.vehicle.wait_for("listens on")
 
     def copy_key(self, name: str) -> Path:
-        """A folder of another computer's, with the vehicle's key."""
+        """Copy the vehicle's key to a folder of another computer. Return the folder."""
         keys = self.folder / name / "keys"
         keys.mkdir(parents=True)
         shutil.copy(self._key, keys)
         return keys.parent
 
     def start_twin(self) -> None:
-        """Start another vehicle on the same line, and wait until it listens."""
+        """Start another vehicle on the same link, and wait until it listens."""
         assert isinstance(self.ends, Datagrams)
         name, listen = f"vehicle-{len(self.vehicles) + 1}", self.ends.add_vehicle()
         elsewhere = {"TRIMTAB_CONFIG": str(self.copy_key("twin"))}
@@ -181,13 +181,13 @@ class FaultFlight:
         self.vehicle.wait_for("listens on")
 
     def start_autopilot(self, duration: float, *options: str, scenario: str = NAME, **environment: str) -> None:
-        """Start it; it arms the vehicle by itself, once."""
+        """Start an autopilot. It arms the vehicle on its own, once."""
         name = f"autopilot-{len(self.autopilots) + 1}"
         words = ("fly", scenario, "--link", self.ends.link, "--duration", f"{duration} s", *options)
         self.autopilots.append(self._start_process(name, words, environment))
 
     def start_refused(self, *options: str, scenario: str = NAME, **environment: str) -> str:
-        """Start an autopilot that must be turned away; returns what it is told to type instead, or nothing."""
+        """Start an autopilot that must be refused. Return the command it is told to type, or nothing."""
         name = f"refused-{len(self.refused) + 1}"
         words = ("fly", scenario, "--link", self.ends.link, "--duration", "1 s", *options)
         self.refused.append(self._start_process(name, words, environment))
@@ -196,7 +196,7 @@ class FaultFlight:
         return fix[1] if fix else ""
 
     def start_as_told(self, typed: str, duration: float, **environment: str) -> None:
-        """Start an autopilot by what another one was told to type; a key's FILE is the vehicle's."""
+        """Start an autopilot with a suggested command. A key's FILE is the vehicle's."""
         words = shlex.split(typed.replace("--key FILE", f"--key {shlex.quote(str(self._key))}"))
         for option, value in (("--out", None), ("--duration", f"{duration} s")):
             at = words.index(option)
@@ -210,17 +210,17 @@ class FaultFlight:
         return Process(*words, "--out", str(self.log_folder(name)), folder=self.folder, name=name, environment=given)
 
     def wait_for_arming(self, times: int = 1) -> None:
-        """Wait until the vehicle has been armed this often."""
+        """Wait until the vehicle has been armed this number of times."""
         self.vehicle.wait_for("computer: arm request", times)
 
     def inject_fault(self, text: str) -> None:
-        """A fault, as `trimtab inject` puts it."""
+        """Inject a fault, as `trimtab inject` does."""
         with self.open_injector() as injector:
             injector.inject(plan_fault(self.knowledge.scenario, text, self.knowledge.names))
 
     @contextlib.contextmanager
     def open_injector(self) -> Iterator[Injector]:
-        """Another end that speaks to the vehicle, past the relay: one at a time, for all are one sender."""
+        """Join the link past the relay as an injector: one at a time, since all are the same sender."""
         with self._injecting:
             link, endpoint = self.join_line(*INJECTOR, self.key)
             try:
@@ -230,14 +230,14 @@ class FaultFlight:
                 link.close()
 
     def start_second(self, name: str, *options: str) -> None:
-        """A second `trimtab fly` with the same key, of another computer's folder, past the relay."""
+        """Start a second `trimtab fly` with the same key, from another computer's folder, past the relay."""
         line = ("--link", self.ends.listen, "--duration", "1 s", "--out", str(self.log_folder(name)))
         environment = {"TRIMTAB_CONFIG": str(self.copy_key("second"))}
         words = ("fly", NAME, *line, *options)
         self.autopilots.append(Process(*words, folder=self.folder, name=name, environment=environment))
 
     def finish(self) -> list[ProcessResult]:
-        """Wait for all ends, and gather what they left."""
+        """Wait for all ends, and return their results."""
         for one in (*self.autopilots, *self.vehicles):
             one.finish()
         return [self._process_result(p, "vehicle.mcap") for p in self.vehicles] + [
@@ -250,7 +250,7 @@ class FaultFlight:
         return ProcessResult(process.name, process.status, said, process.result, file, partial(read_mcap, file))
 
     def end_vehicles(self) -> None:
-        """Ask all of them to end, as a person would."""
+        """Ask all vehicles to end, as a user would."""
         for vehicle in self.vehicles:
             vehicle.send(signal.SIGINT)
 
@@ -265,5 +265,5 @@ class FaultFlight:
 
 
 def remove_folder(folder: Path) -> None:
-    """A case's folder, when nobody wants to look at it."""
+    """Remove a case's folder if it is not kept."""
     shutil.rmtree(folder, ignore_errors=True)

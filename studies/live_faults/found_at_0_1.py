@@ -1,6 +1,6 @@
-"""What was found at version 0.1, row by row, and the cases that try the same again.
+"""Findings at version 0.1, one per row, with the cases that try the same again.
 
-A row says what happened then; what happens now is measured by its cases whenever they are tried.
+A row says what happened then. Its cases measure what happens now.
 """
 
 from collections.abc import Sequence
@@ -10,11 +10,11 @@ from studies.live_faults.case import CaseOutcome
 
 MENDED, AS_BEFORE = "mended", "as before"
 MOST_SHOWN = 240
-"""Characters of what a row's cases saw that are shown."""
+"""Maximum number of shown characters of the evidence of a row's cases."""
 
 
 class FoundFault(NamedTuple):
-    """tried, happened: at version 0.1.  cases: by name; of the campaign."""
+    """Finding. tried, happened: at version 0.1.  cases: names of campaign cases."""
 
     tried: str
     happened: str
@@ -99,12 +99,12 @@ FOUND: tuple[FoundFault, ...] = (
 
 
 def list_case_names() -> list[str]:
-    """Every case of a row, once."""
+    """Return every case of a row, once."""
     return list(dict.fromkeys(name for row in FOUND for name in row.cases))
 
 
 def compare_findings(outcomes: Sequence[CaseOutcome]) -> list[tuple[str, str, str, str]]:
-    """Row by row: tried, what happened at 0.1, what was seen now, verdict."""
+    """Return for each row: tried, what happened at 0.1, what was seen now, verdict."""
     by_name = {one.name: one for one in outcomes}
     rows = []
     for row in FOUND:
@@ -114,7 +114,7 @@ def compare_findings(outcomes: Sequence[CaseOutcome]) -> list[tuple[str, str, st
 
 
 def judge_row(tried: Sequence[CaseOutcome]) -> str:
-    """Mended where every case holds."""
+    """Return the verdict of a row: mended if every case holds."""
     verdicts = {one.verdict for one in tried} - {"skipped"}
     if not verdicts:
         return "skipped"
@@ -122,7 +122,7 @@ def judge_row(tried: Sequence[CaseOutcome]) -> str:
 
 
 def _describe(one: CaseOutcome) -> str:
-    """What a case saw: what the logs say of it, or what is wrong."""
+    """Return what a case saw: evidence of the logs, or problems."""
     seen = f"not tried, {one.skipped}" if one.skipped else ", ".join(one.problems or one.said) or one.happened
     text = " ".join(seen.split())
     return f"{one.name}: {text[:MOST_SHOWN]}{'…' if len(text) > MOST_SHOWN else ''}"

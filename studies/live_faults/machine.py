@@ -1,4 +1,4 @@
-"""What is done to the machine below a process: its disk, its wall clock."""
+"""Faults of the machine below a process: its disk, its wall clock."""
 
 import contextlib
 import os
@@ -7,7 +7,7 @@ import subprocess
 from pathlib import Path
 
 DISK = 160_000_000
-"""Bytes of the small disk: a vehicle is armed with 100 MB and more for its log."""
+"""Size of the small disk (bytes). A vehicle is armed with at least 100 MB for its log."""
 CLOCK = """
 #define _GNU_SOURCE
 #include <dlfcn.h>
@@ -52,8 +52,8 @@ time_t time(time_t *where)
 
 
 def explain_no_compiler() -> str:
-    """Why a process's wall clock can't be stepped here."""
-    return "" if shutil.which("cc") else "there is no C compiler to build a wall clock with"
+    """Return why a process's wall clock cannot be stepped here; empty if it can."""
+    return "" if shutil.which("cc") else "no C compiler to build a wall clock"
 
 
 def build_clock(folder: Path, seconds: int) -> dict[str, str]:
@@ -68,10 +68,10 @@ def build_clock(folder: Path, seconds: int) -> dict[str, str]:
 
 
 def explain_no_mount() -> str:
-    """Why there can be no small disk here."""
+    """Return why there can be no small disk here; empty if there can."""
     if not hasattr(os, "geteuid") or os.geteuid() != 0:
         return "only root may mount a small disk"
-    return "" if shutil.which("mount") else "there is no mount"
+    return "" if shutil.which("mount") else "mount not found"
 
 
 def mount_small_disk(where: Path) -> None:
@@ -86,12 +86,12 @@ def mount_small_disk(where: Path) -> None:
 
 
 def unmount(where: Path) -> None:
-    """Take a small disk away."""
+    """Unmount a small disk."""
     subprocess.run(["umount", "-l", where], check=False, capture_output=True)
 
 
 def fill_disk(ballast: Path) -> None:
-    """Fill all that is left of a small disk with one file."""
+    """Fill a small disk completely with one file."""
     with ballast.open("wb", 0) as file:
         for size in (1_000_000, 4096):
             with contextlib.suppress(OSError):

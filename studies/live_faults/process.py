@@ -1,4 +1,4 @@
-"""A vehicle or an autopilot as a process of its own, started as a person would start it."""
+"""Vehicle or autopilot as a separate process, started as a user would start it."""
 
 import contextlib
 import json
@@ -12,11 +12,11 @@ from typing import Any
 
 LOOK_S = 0.02
 START_S, END_S = 240.0, 120.0
-"""How long a process may take to be ready, and to end after it was told: only a failure takes as long."""
+"""Longest time until a process is ready, and until it ends after a request. Only a failure takes as long."""
 
 
 class NotReady(Exception):
-    """A process did not say what was waited for, or did not end. is_late: it was not given the time, or hangs."""
+    """Error: a process did not print the awaited text, or did not end. is_late: it got no processor time, or hangs."""
 
     def __init__(self, text: str, is_late: bool) -> None:
         super().__init__(text)
@@ -24,7 +24,7 @@ class NotReady(Exception):
 
 
 class Process:
-    """`trimtab …`, with what it says kept in a file."""
+    """Process of `trimtab …`, with its output kept in a file."""
 
     def __init__(self, *words: str, folder: Path, name: str, environment: dict[str, str]) -> None:
         self.name, self._output_file, self._out = name, folder / f"{name}.said", folder / f"{name}.json"
@@ -40,7 +40,7 @@ class Process:
 
     @property
     def pid(self) -> int:
-        """Of the process."""
+        """Number of the process."""
         return self._process.pid
 
     @property
@@ -50,19 +50,19 @@ class Process:
 
     @property
     def output_text(self) -> str:
-        """What it has said to people so far."""
+        """Output for the user so far."""
         return self._output_file.read_text("utf-8", "replace")
 
     @property
     def result(self) -> dict[str, Any] | None:
-        """What it printed as JSON, at its end."""
+        """JSON result, printed at its end."""
         lines = self._out.read_text("utf-8", "replace").strip().splitlines()
         with contextlib.suppress(ValueError, IndexError):
             return json.loads(lines[-1])
         return None
 
     def wait_for(self, text: str, count: int = 1, patience: float = START_S) -> None:
-        """Until it has said a text; NotReady where it ends or keeps silent."""
+        """Wait until the process has printed a text. Raise NotReady if it ends or stays silent."""
         given_up = monotonic() + patience
         while self.output_text.count(text) < count:
             if self.status is not None or monotonic() > given_up:
@@ -72,22 +72,22 @@ class Process:
             sleep(LOOK_S)
 
     def send(self, number: int) -> None:
-        """A signal."""
+        """Send a signal."""
         with contextlib.suppress(ProcessLookupError):
             self._process.send_signal(number)
 
     def children(self, word: str) -> list[int]:
-        """Processes that it started, by a word of their command line."""
+        """Return the numbers of its child processes whose command line contains a word."""
         found = Path(f"/proc/{self.pid}/task/{self.pid}/children").read_text().split()
         return [int(n) for n in found if word in Path(f"/proc/{n}/cmdline").read_text()]
 
     def kill_child(self, word: str) -> None:
-        """A process that it started, by a word of its command line, without a word."""
+        """Kill its child processes whose command line contains a word."""
         for child in self.children(word):
             os.kill(child, signal.SIGKILL)
 
     def finish(self, patience: float = END_S) -> None:
-        """Wait for its end; NotReady, and killed, where there is none."""
+        """Wait for the end. Raise NotReady and kill the process if it does not end."""
         try:
             self._process.wait(patience)
         except subprocess.TimeoutExpired:
@@ -95,6 +95,6 @@ class Process:
             raise NotReady(f"{self.name} did not end: {self.output_text.strip()[-300:]}", True) from None
 
     def kill(self) -> None:
-        """Without a word."""
+        """Kill the process."""
         self.send(signal.SIGKILL)
         self._process.wait()

@@ -1,4 +1,4 @@
-"""Cases of the campaign that are no flight of a pair: files, logs, exported C and lines, tried by real processes."""
+"""Cases of the campaign without a flight of a pair: files, logs, exported C and links, tried by real processes."""
 
 import dataclasses
 import os
@@ -52,7 +52,7 @@ int main(void)
 
 
 class ProcessCase(NamedTuple):
-    """Something tried without a flight. run: in an empty folder; gives what was seen, and what is wrong with it."""
+    """Case without a flight. run: takes an empty folder; returns what was seen, and problems."""
 
     name: str
     does: str
@@ -61,7 +61,7 @@ class ProcessCase(NamedTuple):
 
 
 def try_process_case(case: ProcessCase, folder: Path) -> CaseOutcome:
-    """Try it; nothing that goes wrong in it is raised."""
+    """Try a case. Errors become problems."""
     why = case.missing_requirement()
     if why:
         return CaseOutcome(case.name, case.does, "", (), (), why)
@@ -74,7 +74,7 @@ def try_process_case(case: ProcessCase, folder: Path) -> CaseOutcome:
 
 
 def _run_verb(*words: str, folder: Path, **environment: str) -> subprocess.CompletedProcess[str]:
-    """`trimtab …` in a folder, to its end."""
+    """Run `trimtab …` in a folder until it ends."""
     path = os.pathsep.join(p for p in sys.path if p)
     given = {**os.environ, "PYTHONPATH": path, "TRIMTAB_CONFIG": str(folder / "config"), **environment}
     command = [sys.executable, "-m", "trimtab", *words]
@@ -87,7 +87,7 @@ def _last_line(done: subprocess.CompletedProcess[str]) -> str:
 
 
 def replay_hostile_log(folder: Path) -> tuple[list[str], list[str]]:
-    """Logs whose metadata name a file, a module and `os:abort` as their scenario."""
+    """Replay logs whose metadata name a file, a module and `os:abort` as their scenario."""
     done = _run_verb("run", NAME, "--set", f"duration={RUN_S} s", "--out", "run", folder=folder)
     if done.returncode:
         return [], [f"no log to begin with: {_last_line(done)}"]
@@ -106,7 +106,7 @@ def replay_hostile_log(folder: Path) -> tuple[list[str], list[str]]:
 
 
 def connect_mute_client(folder: Path) -> tuple[list[str], list[str]]:
-    """Somebody connects to a vehicle by TCP and says nothing; then an autopilot comes."""
+    """Connect to a vehicle by TCP without sending anything, then start an autopilot."""
     create_key(folder / "config" / "keys" / "hovercraft.key")
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
@@ -134,7 +134,7 @@ def connect_mute_client(folder: Path) -> tuple[list[str], list[str]]:
 
 
 def hold_without_log(folder: Path) -> tuple[list[str], list[str]]:
-    """A vehicle without --out, held for some seconds: what it writes into the temporary folder."""
+    """Hold a vehicle without --out for some seconds, and measure what it writes into the temporary folder."""
     create_key(folder / "config" / "keys" / "hovercraft.key")
     scratch = folder / "scratch"
     scratch.mkdir()
@@ -163,7 +163,7 @@ def _size_below(folder: Path) -> int:
 
 
 def read_key_from_firmware(folder: Path) -> tuple[list[str], list[str]]:
-    """The firmware, built: whether the vehicle's key is in what others may read."""
+    """Build the firmware, and check that no file readable by others contains the vehicle's key."""
     key = folder / "config" / "keys" / "hovercraft.key"
     create_key(key)
     done = _run_verb("firmware", NAME, "--out", "board", folder=folder)
@@ -184,7 +184,7 @@ def read_key_from_firmware(folder: Path) -> tuple[list[str], list[str]]:
 
 
 def step_at_least_time(folder: Path) -> tuple[list[str], list[str]]:
-    """Exported C, without -fwrapv, stepped at the least and the greatest times under the sanitizer."""
+    """Step exported C, without -fwrapv, at the smallest and largest times under the sanitizer."""
     done = _run_verb("export", NAME, "--out", "c", "--steps", "10", folder=folder)
     if done.returncode:
         return [], [_last_line(done)]
@@ -205,7 +205,7 @@ def step_at_least_time(folder: Path) -> tuple[list[str], list[str]]:
 
 
 def list_boards(folder: Path) -> tuple[list[str], list[str]]:
-    """Whether firmware for a board that can be bought builds, and whether its page names what a board must offer."""
+    """Check that firmware for a real board builds, and that its page names the functions of the board."""
     create_key(folder / "config" / "keys" / "hovercraft.key")
     words = ("--set", "navigation=ins", "--board", "stm32f405", "--out", "board")
     done = _run_verb("firmware", NAME, *words, folder=folder)
@@ -220,7 +220,7 @@ def list_boards(folder: Path) -> tuple[list[str], list[str]]:
 
 
 def list_missing_features(folder: Path) -> tuple[list[str], list[str]]:
-    """What other autopilots had and this had not: each looked for where it would be."""
+    """Look for features that other autopilots had and this one lacked."""
     create_key(folder / "config" / "keys" / "hovercraft.key")
     port = ""
     if not (done := _run_verb("firmware", NAME, "--board", "stm32f405", "--out", "board", folder=folder)).returncode:

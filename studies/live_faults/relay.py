@@ -1,6 +1,6 @@
-"""A line that is ours to spoil: between an autopilot and a vehicle, over datagrams or a pair of pseudo-terminals.
+"""Relay that disturbs the link between an autopilot and a vehicle, over datagrams or a pair of pseudo-terminals.
 
-Everything passes through a thread of its own, which asks for real-time scheduling as the ends do.
+Everything passes through a separate thread, which asks for real-time scheduling as the ends do.
 """
 
 import contextlib
@@ -19,15 +19,15 @@ UP, DOWN = 0, 1
 """Directions: to the vehicle, to the autopilot."""
 PRIORITY = 39
 MOST_RECENT = 4000
-"""Packets remembered of each direction."""
+"""Number of packets remembered for each direction."""
 Bend = Callable[[bytes], list[tuple[float, bytes]]]
-"""What becomes of a packet: delays in s, and bytes."""
+"""Function from a packet to delays (s) and bytes."""
 
 
 class Relay:
-    """Passes on what comes, at once and as it is, until told otherwise. Attributes may be changed at any time.
+    """Relay of all packets, at once and unchanged by default. Attributes may be changed at any time.
 
-    bend: direction -> what becomes of a packet.  kept: direction -> the packets that passed, the newest last.
+    bend: direction -> change of a packet.  kept: direction -> packets that passed, the newest last.
     """
 
     def __init__(self, ends: "Datagrams | Terminals") -> None:
@@ -39,22 +39,22 @@ class Relay:
         self._delayed_packets: list[tuple[float, int, int, bytes]] = []
         self._count = 0
         self.longest_wait_s = 0.0
-        """How much longer than asked for the thread has slept: on a busy machine packets wait that long here."""
+        """Longest excess of the thread's sleep (s): on a busy machine packets wait that long here."""
         self._stop = threading.Event()
         self._thread = threading.Thread(target=self._run, daemon=True)
         self._thread.start()
 
     def cut_line(self, seconds: float, directions: tuple[int, ...] = (UP, DOWN)) -> None:
-        """Nothing passes for this long."""
+        """Block the link for this long."""
         for direction in directions:
             self._cut_until[direction] = monotonic() + seconds
 
     def send_bytes(self, direction: int, data: bytes) -> None:
-        """Bytes of ours, to an end."""
+        """Send own bytes to an end."""
         self._ends.send_bytes(direction, data)
 
     def close(self) -> None:
-        """Leave both ends alone."""
+        """Stop relaying."""
         self._stop.set()
         self._thread.join(2.0)
         self._ends.close()
@@ -89,7 +89,7 @@ class Relay:
 
 
 class Datagrams:
-    """The ends over UDP of this machine."""
+    """Ends over UDP on this machine."""
 
     def __init__(self) -> None:
         self._near, self._far = (socket.socket(socket.AF_INET, socket.SOCK_DGRAM) for _ in range(2))
@@ -105,14 +105,14 @@ class Datagrams:
         self.link = f"udp://127.0.0.1:{self._near.getsockname()[1]}"
 
     def add_vehicle(self) -> str:
-        """Where another vehicle on the same line is to listen."""
+        """Add another vehicle to the link. Return its address to listen on."""
         with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
             free.bind(("127.0.0.1", 0))
             self._vehicles.append(free.getsockname())
         return f"udp://127.0.0.1:{self._vehicles[-1][1]}"
 
     def wait(self, timeout: float) -> list[tuple[int, bytes]]:
-        """What comes, and which way it goes."""
+        """Return the packets that arrive, with their directions."""
         found = []
         for one in select.select([self._near, self._far], [], [], timeout)[0]:
             with contextlib.suppress(OSError):
@@ -123,7 +123,7 @@ class Datagrams:
         return found
 
     def send_bytes(self, direction: int, data: bytes) -> None:
-        """To an end, or lost."""
+        """Send bytes to an end. They may be lost."""
         with contextlib.suppress(OSError):
             if direction == UP:
                 for vehicle in self._vehicles:
@@ -132,13 +132,13 @@ class Datagrams:
                 self._near.sendto(data, self._pilot)
 
     def close(self) -> None:
-        """Give the ports back."""
+        """Close the ports."""
         self._near.close()
         self._far.close()
 
 
 class Terminals:
-    """The ends as two serial devices, paths in a folder; either can be unplugged."""
+    """Ends as two serial devices, paths in a folder. Either can be unplugged."""
 
     def __init__(self, folder: Path) -> None:
         self._paths = folder / "to-vehicle", folder / "to-autopilot"
@@ -149,7 +149,7 @@ class Terminals:
         self.listen, self.link = (f"serial://{path}?baud=115200" for path in self._paths)
 
     def plug_device(self, which: int) -> None:
-        """A device of an end (UP: the vehicle's) is there, or there again."""
+        """Create or restore the device of an end (UP: the vehicle's)."""
         import pty
         import tty
 
@@ -162,7 +162,7 @@ class Terminals:
             self._pairs[which] = master, slave
 
     def unplug_device(self, which: int) -> None:
-        """It is gone, with an error for who has it open."""
+        """Remove a device. A program that has it open gets an error."""
         self._paths[which].unlink(missing_ok=True)
         with self._lock:
             pair, self._pairs[which] = self._pairs[which], None
@@ -170,7 +170,7 @@ class Terminals:
                 os.close(one)
 
     def wait(self, timeout: float) -> list[tuple[int, bytes]]:
-        """What comes, and which way it goes."""
+        """Return the packets that arrive, with their directions."""
         found = []
         masters = {pair[0]: 1 - which for which, pair in enumerate(self._pairs) if pair}
         with contextlib.suppress(OSError, ValueError):
@@ -181,13 +181,13 @@ class Terminals:
         return found
 
     def send_bytes(self, direction: int, data: bytes) -> None:
-        """To an end; what has no room is lost, as on a line without flow control."""
+        """Send bytes to an end. Bytes without room are lost, as on a link without flow control."""
         with self._lock, contextlib.suppress(OSError):
             pair = self._pairs[direction]
             if pair:
                 os.write(pair[0], data)
 
     def close(self) -> None:
-        """Give the devices back."""
+        """Close the devices."""
         for which in (UP, DOWN):
             self.unplug_device(which)

@@ -1,4 +1,4 @@
-"""What a ground station that knows nothing of trimtab gets from a vehicle: MAVLink's own library, and a socket."""
+"""Service of a vehicle for a ground station without trimtab: MAVLink's own library, and a socket."""
 
 import importlib.util
 import socket
@@ -24,17 +24,17 @@ WANTED = {
     "files": ("FILE_TRANSFER_PROTOCOL",),
     "hash of parameters": ("_HASH_CHECK",),
 }
-"""What it looks for, and the messages that would be it."""
+"""Features the station looks for, and the messages that provide them."""
 YEAR_2020_NS = 1_577_836_800 * 10**9
 
 
 def explain_no_station() -> str:
-    """Why there can be no such station here."""
-    return "" if importlib.util.find_spec("pymavlink") else "there is no pymavlink"
+    """Return why there can be no such station here; empty if there can."""
+    return "" if importlib.util.find_spec("pymavlink") else "pymavlink is not installed"
 
 
 class PlainStation:
-    """A station over datagrams, unsigned, that counts what comes."""
+    """Station over datagrams, unsigned, that counts the received messages."""
 
     def __init__(self, port: int) -> None:
         from pymavlink.dialects.v20 import common
@@ -47,11 +47,11 @@ class PlainStation:
         self.heard: Counter[str] = Counter()
 
     def write(self, packet: bytes) -> None:
-        """What its library sends."""
+        """Send a packet of its library."""
         self._socket.send(packet)
 
     def listen(self, seconds: float) -> None:
-        """Count messages by name, parameters by theirs; ask again and again."""
+        """Count messages and parameters by name, and ask repeatedly."""
         end, ask, beat = monotonic() + seconds, 0.0, 0.0
         while monotonic() < end:
             if monotonic() > beat:
@@ -78,12 +78,12 @@ class PlainStation:
         self.mavlink.command_long_send(*to, REQUEST_MESSAGE, 0, HOME, 0, 0, 0, 0, 0, 0)
 
     def close(self) -> None:
-        """Leave the line."""
+        """Close the socket."""
         self._socket.close()
 
 
 def join_as_station(folder: Path) -> tuple[list[str], list[str]]:
-    """A station joins a vehicle that is held, asks for what it knows of, and counts what it is not meant for."""
+    """Join a held vehicle as a station, ask for all known features, and count messages that are not meant for it."""
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as free:
         free.bind(("127.0.0.1", 0))
         port = free.getsockname()[1]
@@ -115,7 +115,7 @@ def join_as_station(folder: Path) -> tuple[list[str], list[str]]:
 
 
 def _read_log_time(file: Path) -> tuple[int, list[str]]:
-    """When the first message of a log was logged (ns), and its topics of positions and frames."""
+    """Return the time of the first message of a log (ns), and its topics of positions and frames."""
     from mcap.reader import make_reader
 
     with file.open("rb") as stream:

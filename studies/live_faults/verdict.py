@@ -1,6 +1,6 @@
-"""Whether a vehicle was safe, told by its own log at every millisecond, with none of the firmware's code.
+"""Verdict on a vehicle's safety by its own log, every millisecond, without the firmware's code.
 
-All times are the log's, so that a machine that is busy elsewhere changes no verdict.
+All times are the log's, so that a busy machine changes no verdict.
 """
 
 from itertools import pairwise
@@ -13,29 +13,29 @@ from trimtab.logs.log import Log
 
 DISARMED, COMPUTER, MANUAL, FAILSAFE = range(4)
 SILENCE_S, LIFT_S, SERVO_S, ROW_S = 0.25, 1.0, 0.02, 0.0015
-"""Longest silence that is flown on; from there until the lift fan stops; a frame of the servos; a row and a half."""
+"""Longest silence without failsafe; time until the lift fan stops; a servo frame; one and a half rows (s)."""
 GAP_S = 0.01
-"""Longest time between two rows of a log without a gap."""
+"""Longest time between two rows of a log without a gap (s)."""
 BOUNDS = {"truth.surge_velocity": 2.5, "truth.sway_velocity": 2.5, "truth.yaw_rate": 6.0}
-"""What a vehicle that flies on must stay within, in m/s and rad/s."""
+"""Bounds of a flying vehicle, in m/s and rad/s."""
 REASONS = {CAUSES.index(c) for c in ("arm request", "disarm request", "takeover", "no command since arming")}
-"""Why failsafe may be left, and armed time end without failsafe."""
+"""Causes that may end failsafe, or an armed time without failsafe."""
 
 
 def mode_stays(log: Log) -> list[tuple[int, int, int, int]]:
-    """Each stay in a mode: mode, cause, first row, row after the last."""
+    """Return each stay in a mode: mode, cause, first row, row after the last."""
     mode, cause = log["firmware.mode"].astype(int), log["firmware.cause"].astype(int)
     edges = [0, *(np.flatnonzero(np.diff(mode) | np.diff(cause)) + 1).tolist(), len(mode)]
     return [(mode[a], cause[a], a, b) for a, b in pairwise(edges)]
 
 
 def find_violations(log: Log, *, broken: tuple[float, float] | None = None, whole: bool = True) -> list[str]:
-    """Each rule that was broken; none for a vehicle that was safe.
+    """Return the violated rules; none for a safe vehicle.
 
     Args:
-        log: of the vehicle.
-        broken: from when to when (s) the actuators obeyed nobody, because a fault of theirs was put in.
-        whole: the log must have every row up to the end; else what it shows is judged.
+        log: log of the vehicle.
+        broken: start and end (s) of an injected fault of the actuators, during which they ignore commands.
+        whole: True requires every row up to the end; False judges the rows that are there.
     """
     found = [
         *_check_force(log, broken),
@@ -48,7 +48,7 @@ def find_violations(log: Log, *, broken: tuple[float, float] | None = None, whol
 
 
 def _check_gaps(log: Log) -> list[str]:
-    """The log has every row."""
+    """Return gaps of the log."""
     steps = np.diff(log.t, prepend=log.t[0])
     return (
         [f"the log has a gap of {steps.max():.3f} s at {log.t[np.argmax(steps)]:.3f} s"] if steps.max() > GAP_S else []
@@ -60,7 +60,7 @@ def _force_magnitude(log: Log) -> Any:
 
 
 def _check_force(log: Log, broken: tuple[float, float] | None) -> list[str]:
-    """No force but by a command."""
+    """Return forces without a command."""
     t, force = log.t, _force_magnitude(log)
     sound = np.ones(len(t), bool) if broken is None else (t < broken[0]) | (t > broken[1] + 2 * SERVO_S)
     found = []
@@ -74,7 +74,7 @@ def _check_force(log: Log, broken: tuple[float, float] | None) -> list[str]:
 
 
 def _check_commands(log: Log) -> list[str]:
-    """While the computer flies, a command that was taken in every 250 ms."""
+    """Return gaps of over 250 ms between accepted commands in flight."""
     steps = np.diff(log.t, prepend=log.t[0])
     seen = np.cumsum(np.where(steps > GAP_S, 0.0, steps))
     came = log["firmware.command.fresh"] & (np.diff(log["firmware.rejected"], prepend=0) == 0)
@@ -89,7 +89,7 @@ def _check_commands(log: Log) -> list[str]:
 
 
 def _check_lift(log: Log) -> list[str]:
-    """The lift fan stops a second after failsafe began, and at once when disarmed."""
+    """Return lift that lasts over a second after a failsafe, or after disarming."""
     t, lift, found, since = log.t, log["firmware.lift"], [], None
     for mode, _, a, b in mode_stays(log):
         since = (t[a] if since is None else since) if mode == FAILSAFE else None
@@ -100,7 +100,7 @@ def _check_lift(log: Log) -> list[str]:
 
 
 def _check_latch(log: Log) -> list[str]:
-    """Failsafe is left only when somebody asks."""
+    """Return ends of failsafe without a request."""
     found, before = [], None
     for mode, cause, a, _ in mode_stays(log):
         if before == FAILSAFE and mode != FAILSAFE and cause not in REASONS:
@@ -129,7 +129,7 @@ def _check_bounds(log: Log) -> list[str]:
 
 
 def describe_course(log: Log) -> str:
-    """What the vehicle did, in words."""
+    """Describe what the vehicle did."""
     said, t = [], log.t
     for mode, cause, a, b in mode_stays(log)[1:]:
         said.append(
@@ -144,12 +144,12 @@ def describe_course(log: Log) -> str:
 
 
 def _first_arming_time(log: Log) -> float:
-    """When it was first armed."""
+    """Return the time of the first arming."""
     changed = mode_stays(log)
     return float(log.t[changed[1][2]]) if len(changed) > 1 else 0.0
 
 
 def failsafe_causes(log: Log) -> list[str]:
-    """The causes for which failsafe was entered."""
+    """Return the causes of the failsafes."""
     modes = [(mode, cause) for mode, cause, _, _ in mode_stays(log)]
     return [CAUSES[c] for (m, c), (p, _) in zip(modes[1:], modes, strict=False) if m == FAILSAFE and p != FAILSAFE]

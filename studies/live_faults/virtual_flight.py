@@ -1,4 +1,4 @@
-"""A vehicle, its autopilots and the line between them in virtual time, from one seed.
+"""Flight of a vehicle, its autopilots and the link between them in virtual time, from one seed.
 
 It has the methods of `flight.FaultFlight`, so the same cases are flown.
 """
@@ -37,13 +37,13 @@ STEP = "STEP_S"
 
 
 class VirtualEnds:
-    """Addresses of a line in virtual time."""
+    """Addresses of a link in virtual time."""
 
     listen, link = f"udp://127.0.0.1:{VEHICLE_PORT}", f"udp://127.0.0.1:{RELAY_PORT}"
 
 
 class VirtualRelay:
-    """Passes on what comes, at once and as it is, until told otherwise. It has the attributes of `relay.Relay`."""
+    """Relay of all packets, at once and unchanged by default. It has the attributes of `relay.Relay`."""
 
     def __init__(self, time: VirtualTime, network: VirtualNetwork) -> None:
         self._time, self._network = time, network
@@ -60,12 +60,12 @@ class VirtualRelay:
         network.answer_at(self._far, lambda data, _: self._forward(DOWN, data))
 
     def cut_line(self, seconds: float, directions: tuple[int, ...] = (UP, DOWN)) -> None:
-        """Nothing passes for this long."""
+        """Block the link for this long."""
         for direction in directions:
             self._cut_until[direction] = self._time.seconds + seconds
 
     def send_bytes(self, direction: int, data: bytes) -> None:
-        """Bytes of ours, to an end."""
+        """Send own bytes to an end."""
         if direction == UP:
             for vehicle in self.vehicles:
                 self._network.send(self._far, vehicle, data)
@@ -73,7 +73,7 @@ class VirtualRelay:
             self._network.send(self._near, self._pilot, data)
 
     def close(self) -> None:
-        """Nothing is held."""
+        """Do nothing: there is nothing to close."""
 
     def _take_from_pilot(self, data: bytes, sender: Host) -> None:
         self._pilot = sender
@@ -94,19 +94,19 @@ class VirtualRelay:
 
 
 class VirtualFaultFlight:
-    """One vehicle, the autopilots that fly it one after the other, and the line, in virtual time."""
+    """One vehicle, the autopilots that fly it one after the other, and the link, in virtual time."""
 
     def __init__(
         self, folder: Path, known: VehicleKnowledge, clock: VirtualClock, time: VirtualTime, *, keeps_logs: bool
     ) -> None:
-        """For the program of the campaign.
+        """Prepare a flight for the program of the campaign.
 
         Args:
-            folder: for keys, and for what the outputs write.
-            known: what is known of the vehicle on the ground.
-            clock: of the campaign's program.
-            time: in which all happens.
-            keeps_logs: write the logs into the folder, and what was said.
+            folder: folder for keys, and for files of the outputs.
+            known: knowledge of the vehicle on the ground.
+            clock: clock of the campaign's program.
+            time: virtual time of the flight.
+            keeps_logs: write logs and output into the folder.
         """
         self.folder, self.knowledge, self.undisturbed_s = folder, known, UNDISTURBED_S
         self.clock, self._time, self._network = clock, time, VirtualNetwork(time)
@@ -128,40 +128,40 @@ class VirtualFaultFlight:
 
     @property
     def vehicle(self) -> VirtualProcess:
-        """The newest."""
+        """The newest vehicle."""
         return self.vehicles[-1]
 
     @property
     def autopilot(self) -> VirtualProcess:
-        """The newest."""
+        """The newest autopilot."""
         return self.autopilots[-1]
 
     @property
     def key(self) -> SigningKey:
-        """That of the vehicle."""
+        """Key of the vehicle."""
         return load_key(self._key)
 
     def log_folder(self, name: str) -> Path:
-        """The folder of a process's log."""
+        """Return the folder of a process's log."""
         return self.folder / name
 
     def now(self) -> float:
-        """The monotonic time of the campaign (s)."""
+        """Return the monotonic time of the campaign (s)."""
         return self._time.seconds
 
     def pause(self, seconds: float) -> None:
-        """Let virtual time pass for who calls: the campaign, or one of the acts of `act_together`."""
+        """Let virtual time pass for the caller: the campaign, or one of the acts of `act_together`."""
         self._clock_of_caller().wait(None, seconds)
 
     def let_fly(self, seconds: float) -> None:
-        """Let it fly."""
+        """Let the vehicle fly."""
         self.pause(max(seconds, 0.0))
 
     def _clock_of_caller(self) -> VirtualClock:
         return self._time.running.clock
 
     def act_together(self, acts: Sequence[Callable[[], None]]) -> None:
-        """Do several things side by side, and wait for all."""
+        """Do several acts at the same time, and wait for all."""
         started = [self._time.start(f"act {k}", lambda _, act=act: act()) for k, act in enumerate(acts)]
         self._await(started)
         for program in started:
@@ -173,40 +173,40 @@ class VirtualFaultFlight:
             self.pause(0.001)
 
     def start_vehicle(self, duration: float, *options: str, **environment: str) -> None:
-        """Start it, and wait until it listens."""
+        """Start a vehicle, and wait until it listens."""
         name = f"vehicle-{len(self.vehicles) + 1}"
         words = ("vehicle", NAME, "--listen", self.ends.listen, "--duration", f"{duration} s", *options)
         self.vehicles.append(self._start_process(name, words, environment, host="vehicle-1"))
         self.vehicle.wait_for("listens on")
 
     def start_twin(self) -> None:
-        """Start another vehicle on the same line, and wait until it listens."""
+        """Start another vehicle on the same link, and wait until it listens."""
         name, config = f"vehicle-{len(self.vehicles) + 1}", {"TRIMTAB_CONFIG": str(self.copy_key("twin"))}
         self.relay.vehicles.append(Host(name, VEHICLE_PORT))
         self.vehicles.append(self._start_process(name, ("vehicle", NAME, "--listen", self.ends.listen), config))
         self.vehicle.wait_for("listens on")
 
     def copy_key(self, name: str) -> Path:
-        """A folder of another computer's, with the vehicle's key."""
+        """Copy the vehicle's key to a folder of another computer. Return the folder."""
         keys = self.folder / name / "keys"
         keys.mkdir(parents=True)
         shutil.copy(self._key, keys)
         return keys.parent
 
     def start_autopilot(self, duration: float, *options: str, scenario: str = NAME, **environment: str) -> None:
-        """Start it; it arms the vehicle by itself, once."""
+        """Start an autopilot. It arms the vehicle on its own, once."""
         name = f"autopilot-{len(self.autopilots) + 1}"
         words = ("fly", scenario, "--link", self.ends.link, "--duration", f"{duration} s", *options)
         self.autopilots.append(self._start_process(name, words, environment))
 
     def start_second(self, name: str, *options: str) -> None:
-        """A second `trimtab fly` with the same key, of another computer's folder, past the relay."""
+        """Start a second `trimtab fly` with the same key, from another computer's folder, past the relay."""
         words = ("fly", NAME, "--link", self.ends.listen, "--duration", "1 s", *options)
         config = {"TRIMTAB_CONFIG": str(self.copy_key("second"))}
         self.autopilots.append(self._start_process(name, words, config))
 
     def start_refused(self, *options: str, scenario: str = NAME, **environment: str) -> str:
-        """Start an autopilot that must be turned away; returns what it is told to type instead, or nothing."""
+        """Start an autopilot that must be refused. Return the command it is told to type, or nothing."""
         name = f"refused-{len(self.refused) + 1}"
         words = ("fly", scenario, "--link", self.ends.link, "--duration", "1 s", *options)
         self.refused.append(self._start_process(name, words, environment))
@@ -215,7 +215,7 @@ class VirtualFaultFlight:
         return fix[1] if fix else ""
 
     def start_as_told(self, typed: str, duration: float, **environment: str) -> None:
-        """Start an autopilot by what another one was told to type; a key's FILE is the vehicle's."""
+        """Start an autopilot with a suggested command. A key's FILE is the vehicle's."""
         words = shlex.split(typed.replace("--key FILE", f"--key {shlex.quote(str(self._key))}"))
         for option, value in (("--out", None), ("--duration", f"{duration} s")):
             at = words.index(option)
@@ -226,7 +226,7 @@ class VirtualFaultFlight:
     def _start_process(
         self, name: str, words: tuple[str, ...], environment: dict[str, str], *, host: str = ""
     ) -> VirtualProcess:
-        """host: name of the computer, where it is not the process's own."""
+        """host: name of the computer, if it is not the process's own."""
         where = host or name
         machine = self._machines.setdefault(where, VirtualMachine(self._time, self._network, where))
         config = Path(environment.get("TRIMTAB_CONFIG", self.folder / "config"))
@@ -251,7 +251,7 @@ class VirtualFaultFlight:
                 machine.step_clock(seconds)
 
     def prepare_disk(self, name: str) -> None:
-        """Every disk of virtual time can be filled."""
+        """Do nothing: every disk of virtual time can be filled."""
 
     def fill_disk(self, name: str) -> None:
         """Take all that is left of the disk below a log."""
@@ -262,16 +262,16 @@ class VirtualFaultFlight:
         self._machines[name].disk.is_full = False
 
     def wait_for_arming(self, times: int = 1) -> None:
-        """Wait until the vehicle has been armed this often."""
+        """Wait until the vehicle has been armed this number of times."""
         self.vehicle.wait_for("computer: arm request", times)
 
     def inject_fault(self, text: str) -> None:
-        """A fault, as `trimtab inject` puts it."""
+        """Inject a fault, as `trimtab inject` does."""
         with self.open_injector() as injector:
             injector.inject(plan_fault(self.knowledge.scenario, text, self.knowledge.names))
 
     def join_line(self, system: int, component: int, key: SigningKey | None) -> tuple[Link, Endpoint]:
-        """Another end that reaches the vehicle past the relay, signed by a key or by none."""
+        """Join the link as another end that reaches the vehicle past the relay, with a key or without."""
         clock, peer = self._clock_of_caller(), Host("vehicle-1", VEHICLE_PORT)
         socket = self._network.open_socket(clock.program, f"system {system}/{component}", peer=peer)
         endpoint = Endpoint(
@@ -288,7 +288,7 @@ class VirtualFaultFlight:
 
     @contextmanager
     def open_injector(self) -> Iterator[Injector]:
-        """Another end that speaks to the vehicle, past the relay: one at a time, for all are one sender."""
+        """Join the link past the relay as an injector: one at a time, since all are the same sender."""
         while self._injecting:
             self.pause(0.001)
         self._injecting = True
@@ -301,7 +301,7 @@ class VirtualFaultFlight:
             self._injecting = False
 
     def finish(self) -> list[ProcessResult]:
-        """Wait for all ends, and gather what they left."""
+        """Wait for all ends, and return their results."""
         for one in (*self.autopilots, *self.vehicles):
             one.finish()
         return [self._process_result(p, "vehicle.mcap") for p in self.vehicles] + [
@@ -317,7 +317,7 @@ class VirtualFaultFlight:
         return ProcessResult(process.name, process.status, process.output_text, process.result, file, process.read_log)
 
     def end_vehicles(self) -> None:
-        """Ask all of them to end, as a person would."""
+        """Ask all vehicles to end, as a user would."""
         for vehicle in self.vehicles:
             vehicle.send(signal.SIGINT)
 
@@ -333,7 +333,7 @@ def fly_in_virtual_time(
 ) -> CaseOutcome:
     """Fly a case in virtual time, and judge it. keeps_logs: write the logs into the folder."""
     if case.serial:
-        why = "a serial device is not there in virtual time: --real-time"
+        why = "virtual time has no serial devices: needs --real-time"
         return CaseOutcome(case.name, case.does, "", (), (), why)
     time = VirtualTime(seed)
 

@@ -1,4 +1,4 @@
-"""`trimtab …` as a program in virtual time: the same command, with its output kept apart from that of the others."""
+"""Program of `trimtab …` in virtual time: the same command, with separate output."""
 
 import contextlib
 import io
@@ -19,16 +19,16 @@ from trimtab.logs.log import Log
 
 LOOK_S = 0.02
 START_S, END_S = 240.0, 120.0
-"""Virtual time that a program may take to be ready, and to end after it was told (s)."""
+"""Longest virtual time until a program is ready, and until it ends after a request (s)."""
 REFUSED, CRASHED = 2, 1
 OUTPUTS, WRITER = "outputs", "writer"
-"""Words of the command lines of the processes that a program starts."""
+"""Words in the command lines of a program's child processes."""
 _STREAMS = threading.local()
 Pause = Callable[[float], None]
 
 
 class _OwnStream(io.TextIOBase):
-    """Standard output or error: of a thread of virtual time its own, of others the usual one."""
+    """Standard output or error, separate for each thread of virtual time, the usual one for other threads."""
 
     encoding, errors = "utf-8", "replace"
 
@@ -47,7 +47,7 @@ class _OwnStream(io.TextIOBase):
 
 @contextlib.contextmanager
 def own_streams() -> Iterator[None]:
-    """Within it each program of virtual time has its own standard output and error."""
+    """Give each program of virtual time its own standard output and error, within this context."""
     usual = sys.stdout, sys.stderr
     sys.stdout, sys.stderr = _OwnStream("out", usual[0]), _OwnStream("said", usual[1])
     try:
@@ -57,15 +57,15 @@ def own_streams() -> Iterator[None]:
 
 
 class VirtualProcess:
-    """A program that runs a command of trimtab. It has the methods of `process.Process`."""
+    """Program that runs a command of trimtab. It has the methods of `process.Process`."""
 
     def __init__(self, *words: str, name: str, machine: VirtualMachine, pause: Pause) -> None:
-        """Start it.
+        """Start the program.
 
         Args:
-            words: of the command line.
+            words: words of the command line.
             name: name of the process.
-            machine: the computer that it runs on.
+            machine: the computer of the program.
             pause: lets virtual time pass for the caller.
         """
         self.name, self.machine, self._pause = name, machine, pause
@@ -99,19 +99,19 @@ class VirtualProcess:
 
     @property
     def output_text(self) -> str:
-        """What it has said to people so far."""
+        """Output for the user so far."""
         return self._said.getvalue()
 
     @property
     def result(self) -> dict[str, Any] | None:
-        """What it printed as JSON, at its end."""
+        """JSON result, printed at its end."""
         lines = self._out.getvalue().strip().splitlines()
         with contextlib.suppress(ValueError, IndexError):
             return json.loads(lines[-1])
         return None
 
     def wait_for(self, text: str, count: int = 1, patience: float = START_S) -> None:
-        """Until it has said a text; NotReady where it ends or keeps silent."""
+        """Wait until the program has printed a text. Raise NotReady if it ends or stays silent."""
         time = self.machine.time
         given_up = time.seconds + patience
         while self.output_text.count(text) < count:
@@ -120,7 +120,7 @@ class VirtualProcess:
             self._pause(LOOK_S)
 
     def send(self, number: int) -> None:
-        """A signal."""
+        """Send a signal."""
         if self._program.has_ended:
             return
         if number in (signal.SIGINT, signal.SIGTERM):
@@ -134,14 +134,14 @@ class VirtualProcess:
             self.machine.kill()
 
     def kill_child(self, word: str) -> None:
-        """A process that it started, by a word of its command line, without a word."""
+        """Kill its child processes whose command line contains a word."""
         if OUTPUTS in word:
             self.machine.time.kill(self.machine.outputs[-1])
         elif WRITER in word:
             self.machine.disk.is_writer_dead = True
 
     def finish(self, patience: float = END_S) -> None:
-        """Wait for its end; NotReady, and killed, where there is none."""
+        """Wait for the end. Raise NotReady and kill the program if it does not end."""
         time = self.machine.time
         given_up = time.seconds + patience
         while self.status is None:
@@ -151,11 +151,11 @@ class VirtualProcess:
             self._pause(LOOK_S)
 
     def kill(self) -> None:
-        """Without a word."""
+        """Kill the program."""
         self.send(signal.SIGKILL)
 
     def read_log(self) -> Log:
-        """Its log. FileNotFoundError: it has none."""
+        """Return its log. Raises FileNotFoundError if it has none."""
         if not self.machine.disk.logs:
             raise FileNotFoundError(f"{self.name} has no log")
         return self.machine.disk.logs[-1].read()

@@ -1,4 +1,4 @@
-"""What a log must say: events, counters and gaps, each quoted where it is found."""
+"""Evidence in logs: required events, counters and gaps, each quoted where it is found."""
 
 import re
 from collections.abc import Callable, Mapping, Sequence
@@ -12,7 +12,7 @@ from trimtab.wire.streams import PIECE
 
 
 class Evidence(NamedTuple):
-    """What a flight left: what each process left, and the logs that can be read, by the process's name."""
+    """Evidence of a flight: results of the processes, and the readable logs by the process's name."""
 
     process_results: Mapping[str, ProcessResult]
     logs: Mapping[str, Log]
@@ -24,19 +24,19 @@ USUAL = (
     r"^(vehicle: )?autopilot: (standby|flying|lost|ended)",
     r"^(vehicle: )?(computer: arm request|disarmed: disarm request|disarmed: start)",
     r"^(vehicle: )?commanded by 1/191 session",
-    r"^ended(, its time is over| by request)",
+    r"^ended(: duration reached| by request)",
     r"^the vehicle's (settings|messages) ",
     r"^(vehicle: )?check .*: passed$",
     r"^(autopilot|vehicle)  .*  ok$",
     r"^ +check +value +limit$",
 )
-"""Lines of logs of any flight."""
+"""Patterns of lines in the log of any flight."""
 EvidenceCheck = Callable[[Evidence], str]
-"""What a log says, quoted; empty where it doesn't."""
+"""Returns a quote of the evidence in a log; empty if it is missing."""
 
 
 def list_unexplained(evidence: Evidence, explains: Sequence[str]) -> list[str]:
-    """Lines of the logs for which nothing that was done, given by patterns, is a reason."""
+    """Return the log lines that neither the act, given by patterns, nor a usual flight explains."""
     known = [re.compile(p) for p in (*USUAL, *explains)]
     return [
         f"{who}: “{text}”"
@@ -47,7 +47,7 @@ def list_unexplained(evidence: Evidence, explains: Sequence[str]) -> list[str]:
 
 
 def _join_pieces(texts: Sequence[str]) -> list[str]:
-    """Lines of a log; what the vehicle said in pieces, because a status text has room for so much, is one line."""
+    """Return the lines of a log, with status texts that were sent in pieces joined."""
     lines: list[str] = []
     is_open = False
     for text in texts:
@@ -61,7 +61,7 @@ def _join_pieces(texts: Sequence[str]) -> list[str]:
 
 
 def logged_event(who: str, pattern: str) -> EvidenceCheck:
-    """An event of a log."""
+    """Look for an event of a log."""
 
     def look(evidence: Evidence) -> str:
         log = evidence.logs.get(who)
@@ -74,12 +74,12 @@ def logged_event(who: str, pattern: str) -> EvidenceCheck:
 
 
 def either_of(*checks: EvidenceCheck) -> EvidenceCheck:
-    """The first of several that a log says."""
+    """Look for the first of several kinds of evidence."""
     return lambda evidence: next((said for said in (check(evidence) for check in checks) if said), "")
 
 
 def counter_rise(who: str, path: str, least: int = 1) -> EvidenceCheck:
-    """A counter of a log that has risen."""
+    """Look for a counter of a log that has risen."""
 
     def look(evidence: Evidence) -> str:
         log = evidence.logs.get(who)
@@ -92,7 +92,7 @@ def counter_rise(who: str, path: str, least: int = 1) -> EvidenceCheck:
 
 
 def flag_gap(who: str, path: str, least: float) -> EvidenceCheck:
-    """A flag of a log that stayed down for at least this long (s) between two times that it was up."""
+    """Look for a flag of a log that stayed down for at least this time (s) between two times that it was up."""
 
     def look(evidence: Evidence) -> str:
         log = evidence.logs.get(who)
@@ -106,7 +106,7 @@ def flag_gap(who: str, path: str, least: float) -> EvidenceCheck:
 
 
 def peak_level(who: str, path: str, least: float) -> EvidenceCheck:
-    """A number of a log that has reached a level."""
+    """Look for a signal of a log that has reached a level."""
 
     def look(evidence: Evidence) -> str:
         log = evidence.logs.get(who)
@@ -119,7 +119,7 @@ def peak_level(who: str, path: str, least: float) -> EvidenceCheck:
 
 
 def printed_line(who: str, pattern: str) -> EvidenceCheck:
-    """A line for people, on standard error."""
+    """Look for a line for the user, on standard error."""
 
     def look(evidence: Evidence) -> str:
         found = re.search(f".*(?:{pattern}).*", evidence.process_results[who].output_text)
@@ -129,7 +129,7 @@ def printed_line(who: str, pattern: str) -> EvidenceCheck:
 
 
 def counter_below(who: str, path: str, limit: int) -> EvidenceCheck:
-    """A counter of a log that rose by less than what would be a fiction."""
+    """Look for a counter of a log that rose by less than an implausible number."""
 
     def look(evidence: Evidence) -> str:
         log = evidence.logs.get(who)
@@ -140,7 +140,7 @@ def counter_below(who: str, path: str, limit: int) -> EvidenceCheck:
 
 
 def absent_event(who: str, pattern: str) -> EvidenceCheck:
-    """A line that a log must not have."""
+    """Check that a log lacks a line."""
     present = logged_event(who, pattern)
 
     def look(evidence: Evidence) -> str:
@@ -150,7 +150,7 @@ def absent_event(who: str, pattern: str) -> EvidenceCheck:
 
 
 def arming_count(number: int) -> EvidenceCheck:
-    """How often the vehicle was armed, by its own log."""
+    """Check the number of armings in the vehicle's log."""
 
     def look(evidence: Evidence) -> str:
         events = evidence.logs["vehicle-1"].metadata.get("events", []) if "vehicle-1" in evidence.logs else []
@@ -161,7 +161,7 @@ def arming_count(number: int) -> EvidenceCheck:
 
 
 def exit_status(who: str, number: int) -> EvidenceCheck:
-    """What a process ended with, for a script to trust."""
+    """Check the exit status of a process."""
 
     def look(evidence: Evidence) -> str:
         status = evidence.process_results[who].status
@@ -171,7 +171,7 @@ def exit_status(who: str, number: int) -> EvidenceCheck:
 
 
 def outputs_safe(why: str, most_ms: float = 100.0) -> EvidenceCheck:
-    """The vehicle's outputs went safe by themselves, so soon after the last row of its process."""
+    """Look for outputs that went safe on their own, soon enough after the last row of the vehicle's process."""
 
     def look(evidence: Evidence) -> str:
         file = evidence.process_results["vehicle-1"].log.with_name("outputs.txt")
@@ -183,7 +183,7 @@ def outputs_safe(why: str, most_ms: float = 100.0) -> EvidenceCheck:
 
 
 def first_evidence(*several: EvidenceCheck) -> EvidenceCheck:
-    """The first of several that is there."""
+    """Return the first evidence that is found."""
 
     def look(evidence: Evidence) -> str:
         return next((said for words in several if (said := words(evidence))), "")

@@ -21,23 +21,23 @@ ALONG = np.array(
         [0.997260602961658, -0.025467711176391, 1.213308488207827, 0.208744369535208],
     ]
 )
-"""Stick and throttle over speed (knots), angle of attack (deg), pitch rate (rad/s), pitch (deg)."""
+"""Gains of stick and throttle over speed (knots), angle of attack (deg), pitch rate (rad/s), pitch (deg)."""
 ASIDE = np.array(
     [
         [3.078043941515770, 0.032365863044163, 4.557858908828332, 0.589443156647647],
         [-0.705817452754520, -0.256362860634868, -1.073666149713151, 0.822114635953878],
     ]
 )
-"""Stick and pedals over roll, sideslip (deg), roll rate, yaw rate (rad/s)."""
+"""Gains of stick and pedals over roll, sideslip (deg), roll rate, yaw rate (rad/s)."""
 TRIM_STICK, TRIM_ANGLE = 0.1296382327486013, 2.653813535191715
-"""Stick, and angle of attack and pitch (deg), of the design point."""
+"""Stick, angle of attack and pitch (deg) of the design point."""
 SEA_DENSITY = standard_atmosphere(0.0).density
 MILE, DEGREE = 6076.12, 60 * 6076.12
-"""A nautical mile, and a degree of the earth (ft)."""
+"""Length of a nautical mile, and of a degree of the earth (ft)."""
 
 
 class Command(NamedTuple):
-    """What the autopilot is to hold.
+    """Commands that the autopilot holds.
 
     altitude: ft.  speed: equivalent airspeed, knots.  course: deg from north.  offset: of the track, to the right, ft.
     """
@@ -49,7 +49,7 @@ class Command(NamedTuple):
 
 
 def control(flight: FlightCondition, command: Command, *, stick: Any, throttle: Any, design: Any) -> F16Controls:
-    """Surfaces and throttle; stick, throttle: where they are in trim; design: angle of attack and pitch there (deg)."""
+    """Return surfaces and throttle. stick, throttle: in trim; design: angle of attack and pitch there (deg)."""
     alpha, beta = (angle / DEG for angle in flow_angles(flight.flow))
     roll, pitch, yaw = flight.angles / DEG
     p, q, r = flight.flow.rate
@@ -64,7 +64,7 @@ def control(flight: FlightCondition, command: Command, *, stick: Any, throttle: 
 
 
 def move(stick: Any, lateral: Any, pedals: Any, throttle: Any) -> F16Controls:
-    """Surfaces by the pilot's controls: stick aft and to the right, right pedal, -1 to 1; throttle 0 to 1."""
+    """Return surfaces from the pilot's controls: stick aft and to the right, right pedal, -1 to 1; throttle 0 to 1."""
     aileron = -21.5 * jnp.clip(lateral, -1, 1)
     return F16Controls(
         elevator=-25 * jnp.clip(stick, -1, 1) * DEG,
@@ -75,12 +75,12 @@ def move(stick: Any, lateral: Any, pedals: Any, throttle: Any) -> F16Controls:
 
 
 def circle_pole(flight: FlightCondition) -> tuple[Any, Any]:
-    """Course (deg) and offset (ft) of a circle of three miles about the north pole."""
+    """Return course (deg) and offset (ft) of a circle of three miles about the north pole."""
     return 90.0, DEGREE * (90 - flight.latitude / DEG) - 3 * MILE
 
 
 def circle_date_line(flight: FlightCondition) -> tuple[Any, Any]:
-    """The same about the place where the equator meets the date line, anticlockwise."""
+    """Return the same about the place where the equator meets the date line, anticlockwise."""
     longitude = flight.longitude / DEG
     north = flight.latitude / DEG * DEGREE
     east = jnp.where(longitude > 0, longitude - 180, longitude + 180) * DEGREE * jnp.cos(flight.latitude)

@@ -15,7 +15,7 @@ KNOT, RANKINE = 1852 / 3600, 5 / 9
 
 
 class Signal(NamedTuple):
-    """A signal of NASA's. name: here.  unit: here.  factor: how many of it NASA's unit is."""
+    """Signal of NASA's simulations. name: here.  unit: here.  factor: NASA's unit in this unit."""
 
     name: str
     unit: str
@@ -49,11 +49,11 @@ SIGNALS: dict[str, Signal] = {
     "mach": Signal("Mach number", "1", 1.0),
     "trueAirspeed_nmi_h": Signal("airspeed", "m/s", KNOT),
 }
-"""By NASA's names."""
+"""Signals by NASA's names."""
 
 
 class Band(NamedTuple):
-    """What NASA's simulations give for one signal of a case.
+    """Band of NASA's simulations for one signal of a case.
 
     t: (n,) s.  low, high: least and greatest at each instant (n,).  middle: the median (n,).  simulations: which.
     values: (k, n); all about the middle's turn where it is an angle.
@@ -69,7 +69,7 @@ class Band(NamedTuple):
 
 @functools.cache
 def read_case(case: str) -> dict[str, dict[str, Any]]:
-    """Simulation -> signal -> (n,) in SI units, with "time" (n,); NaN where it was not given."""
+    """Return simulation -> signal -> (n,) in SI units, with "time" (n,); NaN where it was not given."""
     with (DATA / f"{case}.csv").open(encoding="utf-8", newline="") as lines:
         heading, *rows = csv.reader(lines)
     found: dict[str, dict[str, Any]] = {}
@@ -81,7 +81,7 @@ def read_case(case: str) -> dict[str, dict[str, Any]]:
 
 
 def band_of(case: str, signal: str) -> Band:
-    """The band over the instants that all simulations which give the signal share."""
+    """Return the band over the instants shared by all simulations that give the signal."""
     given = {k: x for k, x in read_case(case).items() if not np.isnan(x[signal]).any()}
     t = functools.reduce(np.intersect1d, (x["time"] for x in given.values()))
     values = np.stack([x[signal][np.isin(x["time"], t)] for x in given.values()])
@@ -91,5 +91,5 @@ def band_of(case: str, signal: str) -> Band:
 
 
 def turn_near(angle: Any) -> Any:
-    """Angles (rad) as their equals from -pi to pi."""
+    """Return angles (rad) wrapped to -pi to pi."""
     return (angle + np.pi) % (2 * np.pi) - np.pi

@@ -18,10 +18,10 @@ from trimtab.environment.wind import Wind
 from trimtab.vehicles.rigid_body import NO_WRENCH, BluntBody, FlightCondition, RigidBody, RigidBodyState, Wrench
 
 STEP = 0.01
-"""Of RK4 (s): halved, no signal moves by more than a part in 1e9 of its size (test)."""
+"""Step of RK4 (s). Halved, no signal moves by more than a part in 1e9 of its size (test)."""
 BALL = RigidBody(mass=SLUG, inertia=np.full(3, 3.6 * SLUG * FOOT**2))
 DRAG = BluntBody(area=0.1963495 * FOOT**2, drag=0.1, span=FOOT, chord=FOOT)
-"""A ball of half a foot across, whose inertia is not that of a solid one: 3.6 slug ft²."""
+"""Ball of half a foot across, whose inertia is not that of a solid one: 3.6 slug ft²."""
 DRAGGED_BALL = replace(BALL, aerodynamics=DRAG)
 BRICK = RigidBody(mass=0.155404754 * SLUG, inertia=np.array([0.00189422, 0.006211019, 0.007194665]) * SLUG * FOOT**2)
 DAMPING = BluntBody(
@@ -33,11 +33,11 @@ DAMPING = BluntBody(
     pitch_damping=-1.0,
     yaw_damping=-1.0,
 )
-"""Of the brick; its file has a drag of 0.01 which, as their forces show, NASA's simulations left out."""
+"""Inertia of the brick. Its file has a drag of 0.01, which NASA's simulations omitted, as their forces show."""
 
 
 class Case(NamedTuple):
-    """One case. body: what flies.  start: its state.  title: what it shows.  where: of the report."""
+    """Case. body: what flies.  start: its state.  title: what it shows.  where: place in the report."""
 
     body: RigidBody
     start: RigidBodyState
@@ -45,13 +45,13 @@ class Case(NamedTuple):
 
 
 def _drop(body: RigidBody, rate: Any = (0.0, 0.0, 0.0)) -> RigidBodyState:
-    """Let go 30 000 ft above the sea, at latitude and longitude zero, level, nose to the north; rate: in I (rad/s)."""
+    """Return a start 30 000 ft above the sea, at latitude and longitude zero, level, nose north. rate: in I (rad/s)."""
     none = np.zeros(3)
     return body.start(0.0, 0.0, 30_000 * FOOT, velocity=none, angles=none, rate=rate, over_ground=False)
 
 
 def _shoot(body: RigidBody, course: float) -> RigidBodyState:
-    """From the sea, up at 45°, level and turning with the earth, at a course (rad) from north."""
+    """Return a start from the sea, up at 45°, level and turning with the earth, at a course (rad) from north."""
     speed = 1000 * FOOT
     velocity = speed * np.array([np.cos(course), np.sin(course), -1.0])
     angles, none = np.array([0.0, 0.0, course]), np.zeros(3)
@@ -60,7 +60,7 @@ def _shoot(body: RigidBody, course: float) -> RigidBodyState:
 
 @functools.cache
 def cases() -> Mapping[str, Case]:
-    """NASA's number -> the case."""
+    """Return NASA's number -> the case."""
     tumbling = np.array([10.0, 20.0, 30.0]) * DEG
     damped = replace(BRICK, aerodynamics=DAMPING)
     still, turning = (replace(DRAGGED_BALL, earth=round_earth(rate)) for rate in (0.0, Earth().rate))
@@ -81,7 +81,7 @@ def cases() -> Mapping[str, Case]:
 
 
 def name_signals(flight: FlightCondition, rate: Any, wrench: Wrench) -> dict[str, Any]:
-    """Ours of each of NASA's signals, SI: of a flight, its rate in I (3,) (rad/s) and what the air does."""
+    """Return our signals by NASA's names, in SI units, of a flight, its rate in I (3,) (rad/s) and the air's effect."""
     air = flight.flow.air
     return {
         **{f"feVelocity_ft_s_{axis}": flight.velocity[i] for i, axis in enumerate("XYZ")},
@@ -103,7 +103,7 @@ def name_signals(flight: FlightCondition, rate: Any, wrench: Wrench) -> dict[str
 
 
 def signals(body: RigidBody, t: Any, x: RigidBodyState) -> dict[str, Any]:
-    """Ours of each of NASA's signals, SI, of a body in the air."""
+    """Return our signals by NASA's names, in SI units, of a body in the air."""
     flight = body.flight(t, x)
     wrench = body.aerodynamics.wrench(flight.flow) if body.aerodynamics is not None else NO_WRENCH
     return name_signals(flight, x.rate, wrench)
@@ -111,7 +111,7 @@ def signals(body: RigidBody, t: Any, x: RigidBodyState) -> dict[str, Any]:
 
 @functools.cache
 def fly(case: str, seconds: int = 30, step: float = STEP) -> dict[str, Any]:
-    """NASA's name of a signal -> ours each second (seconds + 1,), "time" too; compiled to C."""
+    """Return NASA's name of a signal -> ours each second (seconds + 1,), with "time"; compiled to C."""
     body, start, _ = cases()[case]
     n = round(1 / step)
 

@@ -29,16 +29,16 @@ from trimtab.vehicles.f16 import F16, F16Controls
 from trimtab.vehicles.rigid_body import FlightCondition, RigidBodyState
 
 STEP = 0.005
-"""Of RK4 (s); the autopilot is asked four times in each, as if it never waited."""
+"""Step of RK4 (s). The autopilot is called four times in each, as if continuous."""
 JET = F16()
 KITTY_HAWK = (36.01916667, -75.67444444, 10_013.0)
-"""Latitude, longitude (deg), altitude (ft)."""
+"""Start: latitude, longitude (deg), altitude (ft)."""
 NORTH_EAST, FAST = (400.0, 400.0), (1414.213562, 1414.213562)
-"""Over the ground (ft/s)."""
+"""Speed over the ground (ft/s)."""
 AIRSPEED = 287.98158203
 """Equivalent airspeed of 565.6854 ft/s at 10 013 ft (knots)."""
 SLOWER = 5.0
-"""What the airspeed is lowered by (knots): [1]'s model file speaks of 10, the simulations fly 5, and one 11."""
+"""Steps of the commanded airspeed (knots): [1]'s model file says 10, the simulations fly 5, and one 11."""
 
 
 class Trim(NamedTuple):
@@ -69,7 +69,7 @@ class JetCase(NamedTuple):
 
 
 def start_level(place: tuple[float, float, float], velocity: tuple[float, float], pitch: Any) -> RigidBodyState:
-    """Level over the ground, its nose along its way, turning with the plumb line below it."""
+    """Return a level start over the ground, nose along the track, turning with the plumb line below."""
     latitude, longitude, altitude = place[0] * DEG, place[1] * DEG, place[2] * FOOT
     v = np.array([*velocity, 0.0]) * FOOT
     angles = jnp.stack([jnp.zeros_like(pitch), pitch, jnp.arctan2(v[1], v[0]) + 0 * pitch])
@@ -82,7 +82,7 @@ def start_level(place: tuple[float, float, float], velocity: tuple[float, float]
 
 
 def trim(place: tuple[float, float, float], velocity: tuple[float, float]) -> Trim:
-    """Pitch, stick and throttle at which it flies on as it does."""
+    """Return pitch, stick and throttle of the steady flight."""
     along = np.array(velocity) / np.hypot(*velocity)
 
     @jax.jit
@@ -99,12 +99,12 @@ def trim(place: tuple[float, float, float], velocity: tuple[float, float]) -> Tr
 
 
 def step_at(t: Any, begin: float, size: float) -> Any:
-    """Nothing before `begin` (s), then `size`."""
+    """Return a step: zero before `begin` (s), then `size`."""
     return jnp.where(t >= begin, size, 0.0)
 
 
 def track_offset(flight: FlightCondition) -> Any:
-    """How far to the right of the line north-east from Kitty Hawk, on a map that is flat there (ft)."""
+    """Return the offset to the right of the line north-east from Kitty Hawk, on a map that is flat there (ft)."""
     latitude, longitude = KITTY_HAWK[0] * DEG, KITTY_HAWK[1] * DEG
     s2 = np.sin(latitude) ** 2
     north = (flight.latitude - latitude) * SEMI_MAJOR * (1 - ECCENTRICITY2) / (1 - ECCENTRICITY2 * s2) ** 1.5
@@ -114,7 +114,7 @@ def track_offset(flight: FlightCondition) -> Any:
 
 @functools.cache
 def jet_cases() -> Mapping[str, JetCase]:
-    """NASA's number -> the case."""
+    """Return NASA's number -> the case."""
 
     def hold(altitude: Any = 0.0, speed: Any = 0.0, course: Any = 0.0, offset: Any = 0.0) -> Command:
         return Command(KITTY_HAWK[2] + altitude, AIRSPEED + speed, 45.0 + course, offset)
@@ -145,7 +145,7 @@ def jet_cases() -> Mapping[str, JetCase]:
 
 @functools.cache
 def fly_jet(case: str, step: float = STEP) -> dict[str, Any]:
-    """NASA's name of a signal -> ours each second, "time" too; compiled to C."""
+    """Return NASA's name of a signal -> ours each second, with "time"; compiled to C."""
     _, place, velocity, seconds, command, own_trim = jet_cases()[case]
     level, n = trim(place, velocity), round(1 / step)
     design = level.pitch / DEG if own_trim else TRIM_ANGLE

@@ -17,12 +17,12 @@ OF_BAND, OF_SIZE, OF_FEW = 0.01, 1e-6, 0.1
 Three simulations span less than six would, so that of their band it is a tenth."""
 FEW = 3
 JUMPS = {"13p1": 5, "13p2": 5, "13p3": 15, "13p4": 20}
-"""When a command jumps (s): there and at the start surfaces have two places, and what the air does with them too."""
+"""Times of command jumps (s): there and at the start surfaces have two positions, and so do the air's effects."""
 OPEN = {
     ("13p4", "aero_bodyForce_lbf_Y"): "A second after the jump the force falls from 44 to 20 kN; ours is 50 ms ahead.",
     ("13p4", "airDensity_slug_ft3"): "By 6e-8 more: our air is a millionth thinner, our height 1 cm more than theirs.",
 }
-"""Signals that leave their band by a little more than its margin, and why."""
+"""Signals that leave their band by a little more than its margin, with the reason."""
 DRAWN = ("altitudeMsl_ft", "feVelocity_ft_s_Y", "eulerAngle_deg_Yaw", "bodyAngularRateWrtEi_deg_s_Pitch", "mach")
 
 
@@ -34,24 +34,24 @@ def ours_in(band: Band, case: str, signal: str) -> Any:
 
 
 def title_of(case: str) -> str:
-    """What a case shows."""
+    """Return the title of a case."""
     return (jet_cases()[case] if case in jet_cases() else cases()[case]).title
 
 
 def margin_of(band: Band) -> float:
-    """How far outside a signal may be."""
+    """Return the accepted distance of a signal outside its band."""
     of_band = OF_FEW if len(band.simulations) <= FEW else OF_BAND
     return float(of_band * np.max(band.high - band.low) + OF_SIZE * np.max(np.abs(band.values)))
 
 
 def outside(band: Band, ours: Any, leave_out: tuple[float, ...] = ()) -> float:
-    """How far a signal gets outside of a band, but at some instants (s)."""
+    """Return the largest distance of a signal outside a band, except at some instants (s)."""
     off = np.maximum(np.maximum(band.low - ours, ours - band.high), 0.0)
     return float(np.max(off[~np.isin(band.t, leave_out)]))
 
 
 def rows_of(numbers: tuple[str, ...]) -> Iterator[Row]:
-    """Of each case: each signal against its band; of what falls, the height against the nearest simulation."""
+    """Yield each signal of each case against its band; for falls, the height against the nearest simulation."""
     for case in numbers:
         title = title_of(case)
         for signal, (name, unit, _) in SIGNALS.items():
@@ -86,12 +86,12 @@ def rows_of(numbers: tuple[str, ...]) -> Iterator[Row]:
 
 
 def _jumps(case: str, signal: str) -> tuple[float, ...]:
-    """Instants at which a signal of a case jumps."""
+    """Return the instants at which a signal of a case jumps."""
     return (0.0, JUMPS.get(case, 0.0)) if case in jet_cases() and signal.startswith("aero") else ()
 
 
 def draw_cases(folder: Path, numbers: tuple[str, ...]) -> Iterator[Path]:
-    """A picture a case: differences from the median of NASA's simulations; theirs, their band, ours."""
+    """Plot each case: differences from the median of NASA's simulations; theirs, their band, ours."""
     folder.mkdir(parents=True, exist_ok=True)
     for case in numbers:
         figure = new_figure(15.0, 3.4)

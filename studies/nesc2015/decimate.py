@@ -14,11 +14,11 @@ from pathlib import Path
 from studies.nesc2015._data import DATA, SIGNALS
 
 STEP, NEAR = 1.0, 2e-3
-"""Between two rows kept (s), and how near to it an instant must be."""
+"""Time between two kept rows (s), and largest distance of an instant from it."""
 
 
 def decimate(folder: Path, case: str) -> list[list[str]]:
-    """Rows of one case: simulation, time, SIGNALS; empty where a simulation does not give a signal."""
+    """Return the rows of one case: simulation, time, SIGNALS; empty where a simulation does not give a signal."""
     rows = []
     for file in sorted(folder.glob(f"Atmos_{case}_*/Atmos_{case}_sim_*.csv")):
         simulation = re.sub(r".*_sim_(\d+)\.csv", r"\1", file.name)
@@ -40,7 +40,7 @@ def decimate(folder: Path, case: str) -> list[list[str]]:
 
 
 def main() -> None:
-    """Write a file for each case that FOLDER holds."""
+    """Write a file for each case in FOLDER."""
     folder = Path(sys.argv[1])
     for place in sorted(folder.glob("Atmos_*")):
         case = place.name.split("_")[1]

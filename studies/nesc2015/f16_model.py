@@ -30,7 +30,7 @@ COEFFICIENTS = (
 
 
 def coefficients_of(given: dict[str, float]) -> Any:
-    """Ours (6,) of the inputs of a check."""
+    """Return our coefficients (6,) for the inputs of a check."""
     speed, alpha, beta = given["trueAirspeed"] * FOOT, given["angleOfAttack"] * DEG, given["angleOfSideslip"] * DEG
     way = np.array([np.cos(alpha) * np.cos(beta), np.sin(beta), np.sin(alpha) * np.cos(beta)])
     elevator, aileron, rudder = (given[name] * DEG for name in SURFACES)
@@ -39,7 +39,7 @@ def coefficients_of(given: dict[str, float]) -> Any:
 
 
 def rows() -> Iterator[Row]:
-    """The greatest difference of each check's six coefficients."""
+    """Yield the largest difference of each check's six coefficients."""
     for i, check in enumerate(json.loads((DATA / "f16_checks.json").read_text(encoding="utf-8"))):
         wanted = np.array([check["outputs"][name] for name in COEFFICIENTS])
         off = float(np.max(np.abs(coefficients_of(check["inputs"]) - wanted)))

@@ -14,10 +14,10 @@ CASES = ("11", "12", "13p1", "13p2", "13p3", "13p4", "15", "16")
 
 
 def rows() -> Iterator[Row]:
-    """Each signal against the band of NASA's simulations."""
+    """Yield each signal against the band of NASA's simulations."""
     yield from rows_of(CASES)
 
 
 def figures(folder: Path) -> Iterator[Path]:
-    """A picture a case."""
+    """Plot each case."""
     yield from draw_cases(folder, CASES)

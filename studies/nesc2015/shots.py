@@ -14,10 +14,10 @@ CASES = ("09", "10")
 
 
 def rows() -> Iterator[Row]:
-    """Each signal against the band of NASA's simulations."""
+    """Yield each signal against the band of NASA's simulations."""
     yield from rows_of(CASES)
 
 
 def figures(folder: Path) -> Iterator[Path]:
-    """A picture a case."""
+    """Plot each case."""
     yield from draw_cases(folder, CASES)

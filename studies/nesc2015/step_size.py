@@ -23,22 +23,22 @@ CASES = {
 STEPS = (1.0, 0.5, 0.25, 0.125)
 EXACT = 0.005
 LAST = 10
-"""Seconds flown: the damped brick is at rest later."""
+"""Duration of the flights (s): the damped brick is at rest later."""
 
 
 def errors_of(case: str, signal: str) -> list[float]:
-    """Greatest error of a signal with each of STEPS."""
+    """Return the largest error of a signal with each of STEPS."""
     exact = fly(case, LAST, EXACT)[signal]
     return [float(np.max(np.abs(fly(case, LAST, step)[signal] - exact))) for step in STEPS]
 
 
 def order_of(errors: list[float]) -> float:
-    """The order that the two smallest steps show."""
+    """Return the order shown by the two smallest steps."""
     return float(np.log2(errors[-2] / errors[-1]))
 
 
 def rows() -> Iterator[Row]:
-    """The order of each."""
+    """Yield the order of each case."""
     for case, signal in CASES.items():
         yield band(
             f"{case}/order", f"{cases()[case].title}: order of the error of {SIGNALS[signal].name}", 4.0,
@@ -48,7 +48,7 @@ def rows() -> Iterator[Row]:
 
 
 def figures(folder: Path) -> Iterator[Path]:
-    """Errors over the step."""
+    """Plot errors over the step."""
     folder.mkdir(parents=True, exist_ok=True)
     figure = new_figure(6.0, 4.5)
     axes = figure.subplots()

@@ -30,7 +30,7 @@ from trimtab.logs.samples import SampleSeries, log_samples
 NAMES = ("Plaza1", "Plaza2")
 OTHER = {"Plaza1": "Plaza2", "Plaza2": "Plaza1"}
 HEADING_OFFSET = {"Plaza1": 0.0, "Plaza2": math.pi}
-"""Added to the heading of the ground truth."""
+"""Offset of the heading of the ground truth."""
 
 
 class Plaza(NamedTuple):
@@ -54,7 +54,7 @@ class Plaza(NamedTuple):
 
 
 def data_folder() -> Path:
-    """Where gtsam keeps its example data; gtsam itself is not imported."""
+    """Return gtsam's folder of example data, without importing gtsam."""
     spec = importlib.util.find_spec("gtsam")
     folders = list(spec.submodule_search_locations or ()) if spec is not None else []
     if not folders:
@@ -65,7 +65,7 @@ def data_folder() -> Path:
 
 @functools.cache
 def read_plaza(name: str) -> Plaza:
-    """Plaza1 or Plaza2 out of its file."""
+    """Read Plaza1 or Plaza2 from its file."""
     held = loadmat(data_folder() / f"{name}_.mat")
     truth, odometry, ranges, radios = (np.asarray(held[key], float) for key in ("GT", "DR", "TD", "TL"))
     radios = radios[np.argsort(radios[:, 0])]
@@ -91,7 +91,7 @@ def read_plaza(name: str) -> Plaza:
 
 
 def plaza_log(name: str) -> Log:
-    """It as a log: samples of `odometry` and `ranging`, and the truth."""
+    """Return the data as a log: samples of `odometry` and `ranging`, and the truth."""
     p = read_plaza(name)
     arrived = np.arange(len(p.ids)) == p.beacon[:, None]
     metre, radian = Quantity("m", "Way driven since the first reading."), Quantity("rad", "Angle turned since then.")
@@ -116,11 +116,11 @@ def plaza_log(name: str) -> Log:
 
 @functools.cache
 def written_log(name: str, folder: Path) -> Log:
-    """The same by way of a file, as it is replayed."""
+    """Return the same through a file, as it is replayed."""
     return read_mcap(write_mcap(plaza_log(name), folder / f"{name}.mcap"))
 
 
 def _ticks(seconds: Any) -> Any:
-    """Whole ticks that rise, each at least one after the one before."""
+    """Return whole ticks that increase by at least one."""
     ticks, order = np.round(seconds * UNITS_PER_SECOND).astype(np.int64), np.arange(len(seconds))
     return np.maximum.accumulate(ticks - order) + order

@@ -14,24 +14,24 @@ from trimtab.estimators.ranging.odometry_particle import OdometryParticle
 
 TUNED = Path(__file__).parent / "tuned.json"
 BEFORE = {"slip": 0.05, "noise": 0.5}
-"""From where tuning begins."""
+"""Start of tuning."""
 TURN, SIGMA_TURN_BIAS, SIGMA_COURSE, SIGMA_SCALE, SIGMA_ERROR = 1e-3, 0.01, 0.02, 0.01, 0.1
 """Not tuned, as a small gyro and a careful survey have it: noise of the heading (rad/sqrt(s)); standard deviations of
 the turn's bias (rad/s), of the axis over the course (rad), of the scale about that of the other log, of a radio's
 error (m)."""
 
 START_SIGMA = 2.0
-"""Of a place from two ranges (m): the scale alone is 1 % of 80 m off."""
+"""Standard deviation of a place from two ranges (m): the scale alone is 1 % of 80 m off."""
 
 
 @functools.cache
 def read_tuned() -> dict[str, dict[str, float]]:
-    """Name of a log -> what was found on it, by ``python -m studies.ranges2009.tune``."""
+    """Return name of a log -> parameters found on it, by ``python -m studies.ranges2009.tune``."""
     return json.loads(TUNED.read_text(encoding="utf-8"))
 
 
 def believed_on(name: str) -> dict[str, float]:
-    """What a filter believes on a log: what was found on the other."""
+    """Return the parameters of a filter on a log: those found on the other log."""
     return read_tuned()[OTHER[name]]
 
 
@@ -53,27 +53,27 @@ def odometry_filter(p: Plaza, believed: dict[str, Any], scale: Any) -> OdometryR
 
 
 def tight_filter(name: str) -> OdometryRanging:
-    """The tightly coupled filter for a log, tuned on the other one."""
+    """Return the tightly coupled filter for a log, tuned on the other one."""
     believed = believed_on(name)
     return odometry_filter(read_plaza(name), believed, believed["scale"])
 
 
 def particle_filter(name: str) -> OdometryParticle:
-    """The particle filter for a log, tuned on the other one; it is not told where it begins."""
+    """Return the particle filter for a log, tuned on the other one, without a known start."""
     t = tight_filter(name)
     return OdometryParticle(noise=t.noise, errors=t.errors, start=t.start, beacons=t.beacons, start_sigma=START_SIGMA)
 
 
 def lagged_filter(name: str) -> LaggedOdometry:
-    """The tightly coupled filter's place of 4 to 5 s ago, with what has come since."""
+    """Return the tightly coupled filter's place of 4 to 5 s ago, continued with later data."""
     return LaggedOdometry(filter=tight_filter(name))
 
 
 def plaza1() -> OdometryRanging:
-    """For ``trimtab replay Plaza1.mcap --estimator studies.ranges2009._filters:plaza1``."""
+    """Return the filter for ``trimtab replay Plaza1.mcap --estimator studies.ranges2009._filters:plaza1``."""
     return tight_filter("Plaza1")
 
 
 def plaza2() -> OdometryRanging:
-    """The same for Plaza2."""
+    """Return the same for Plaza2."""
     return tight_filter("Plaza2")

@@ -18,7 +18,7 @@ from trimtab.run.replay_estimator import replay_estimator
 BATCH = Path(__file__).parent / "batch.json"
 FILTERS = {"tight": tight_filter, "particle": particle_filter, "lagged": lagged_filter}
 CAUSAL = ("tight", "particle")
-"""Those whose estimate is of now."""
+"""Filters whose estimate is of now."""
 TAIL = 0.025
 """Probability on each side of a band of 95 %."""
 
@@ -39,29 +39,29 @@ class Flight(NamedTuple):
 
     @property
     def rms(self) -> float:
-        """Horizontal (m)."""
+        """Return the horizontal error (m)."""
         return float(np.sqrt(np.mean(np.sum(self.error**2, axis=1))))
 
     @property
     def sigma(self) -> float:
-        """What the filter says of it (m)."""
+        """Return the filter's own standard deviation (m)."""
         return float(np.sqrt(np.mean(np.trace(self.P, axis1=1, axis2=2))))
 
     @property
     def normalised(self) -> Any:
-        """Errors in sigmas, independent of each other if the filter is right (n, 2)."""
+        """Return the errors in sigmas, independent of each other if the filter is consistent (n, 2)."""
         half = np.linalg.cholesky(self.P)
         return np.linalg.solve(half, self.error[:, :, None])[:, :, 0]
 
     def consistency(self) -> SingleRunConsistency:
-        """Average NEES and its band of 95 %, for as many draws as the run is worth."""
+        """Return the average NEES and its band of 95 %, for the effective number of draws of the run."""
         z = self.normalised
         return assess_average(float(np.mean(np.sum(z * z, axis=1))), effective_draws(z), 2, TAIL)
 
 
 @functools.cache
 def fly(name: str, kind: str) -> Flight:
-    """A filter, one of FILTERS, over a log, by way of its file."""
+    """Run a filter, one of FILTERS, over a log, through its file."""
     with tempfile.TemporaryDirectory() as folder:
         log = replay_estimator(written_log(name, Path(folder)), FILTERS[kind](name), seed=1)
     of_truth = log["downlink.odometry.fresh"]
@@ -76,7 +76,7 @@ def fly(name: str, kind: str) -> Flight:
 
 @functools.cache
 def read_batch() -> Mapping[str, Any]:
-    """gtsam's solutions, as tests/oracles/ranges2009.py gives them."""
+    """Return gtsam's solutions, from tests/oracles/ranges2009.py."""
     return json.loads(BATCH.read_text(encoding="utf-8"))
 
 
@@ -92,7 +92,7 @@ class CausalComparison(NamedTuple):
 
 
 def compare_causal(name: str, flight: Flight) -> CausalComparison:
-    """At the instants of the batch solutions' ends."""
+    """Evaluate at the ends of the batch solutions."""
     p, table = read_plaza(name), np.asarray(read_batch()[name]["causal"])
     rows, batch = table[:, 0].astype(int), table[:, 1:]
     truth = np.stack([p.north, p.east], axis=1)[rows]

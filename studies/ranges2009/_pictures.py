@@ -14,7 +14,7 @@ LAGS = 20
 
 
 def draw_noise(path: Path, name: str, noise: Any, ids: tuple[int, ...]) -> Path:
-    """Errors of a log's ranges: over distance, what is left of them, its distribution and its memory."""
+    """Plot errors of a log's ranges: over distance, their residuals, distribution and memory."""
     figure = new_figure(13.0, 8.0)
     over, left, shape, memory = np.ravel(figure.subplots(2, 2))
     for i, radio in enumerate(ids):
@@ -45,7 +45,7 @@ def draw_noise(path: Path, name: str, noise: Any, ids: tuple[int, ...]) -> Path:
 
 
 def draw_way(path: Path, name: str, plaza: Any, flights: Mapping[str, Any], batch: Mapping[str, Any]) -> Path:
-    """The way as it was, as each filter has it, and by gtsam's batch; east to the right, north up."""
+    """Plot the path: truth, each filter, and gtsam's batch; east to the right, north up."""
     figure = new_figure(5.0 + 5.5 * len(flights), 6.5)
     every = np.ravel(figure.subplots(1, len(flights) + 1, sharex=True, sharey=True))
     rows = np.asarray(batch["row"])
@@ -66,7 +66,7 @@ def draw_way(path: Path, name: str, plaza: Any, flights: Mapping[str, Any], batc
 
 
 def draw_errors(path: Path, title: str, flight: Any) -> Path:
-    """Errors with three sigmas, NEES in time with the band of one draw, and the innovations in their sigmas."""
+    """Plot errors with three sigmas, NEES in time with the band of one draw, and the innovations in their sigmas."""
     figure = new_figure(13.0, 9.5)
     grid = figure.add_gridspec(4, 2)
     north, east, nees = (figure.add_subplot(grid[k, :]) for k in range(3))

@@ -22,11 +22,11 @@ HINDSIGHT = (
 ERRORS = {("Plaza1", "tight"): 0.268, ("Plaza1", "particle"): 0.268}
 ERRORS |= {("Plaza1", "lagged"): 0.221, ("Plaza2", "lagged"): 0.221}
 ERRORS |= {("Plaza2", "tight"): 0.309, ("Plaza2", "particle"): 0.323}
-"""Measured, m."""
+"""Measured errors (m)."""
 
 
 def rows() -> Iterator[Row]:
-    """Errors, and ratios to the batches."""
+    """Yield errors, and ratios to the batches."""
     for name in NAMES:
         batch = read_batch()[name]
         for kind in FILTERS:
@@ -59,7 +59,7 @@ def rows() -> Iterator[Row]:
 
 
 def figures(folder: Path) -> Iterator[Path]:
-    """The way: truth, filters, batch."""
+    """Plot the path: truth, filters, batch."""
     for name in NAMES:
         flights = {kind: fly(name, kind) for kind in FILTERS}
         yield draw_way(folder / f"way-{name}.png", name, read_plaza(name), flights, read_batch()[name])

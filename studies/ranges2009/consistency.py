@@ -18,7 +18,7 @@ from trimtab.study import Row, at_most, band, direction
 SECTION = "data sets, part 3"
 PLACE = "[1] the data"
 RARE = 13.816
-"""The 99.9 % quantile of chi-square with two degrees of freedom."""
+"""99.9 % quantile of chi-square with two degrees of freedom."""
 BACKWARDS = (
     "Too sure for some ten seconds at a time: at 1406 s and 1928 s the vehicle backs up, and its odometry, without a "
     "sign, says forwards. The average can't show it, for in between the filter is too careful."
@@ -26,7 +26,7 @@ BACKWARDS = (
 
 
 def rows() -> Iterator[Row]:
-    """NEES of the place over the whole drive, NIS of the ranges, whiteness of the innovations."""
+    """Yield NEES of the place over the whole drive, NIS of the ranges, whiteness of the innovations."""
     for name in NAMES:
         for kind in FILTERS:
             flight = fly(name, kind)
@@ -56,7 +56,7 @@ def rows() -> Iterator[Row]:
 
 
 def figures(folder: Path) -> Iterator[Path]:
-    """Errors with three sigmas, NEES in time, innovations."""
+    """Plot errors with three sigmas, NEES in time, innovations."""
     for name in NAMES:
         for kind in FILTERS:
             yield draw_errors(folder / f"errors-{name}-{kind}.png", f"{name}, {kind} filter", fly(name, kind))

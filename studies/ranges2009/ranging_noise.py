@@ -17,7 +17,7 @@ from trimtab.study import Row, at_most, band, direction
 SECTION = "data sets, part 1"
 PLACE = "[1] the data"
 SAME_WAY = 2e-4
-"""A step of odometry is that of the truth if it is no further off (m)."""
+"""Largest difference (m) at which a step of odometry equals that of the truth."""
 
 
 class RangeNoise(NamedTuple):
@@ -50,20 +50,20 @@ def range_noise(name: str) -> RangeNoise:
 
 
 def same_way(name: str) -> float:
-    """Share of odometry's steps whose way is the length of the truth's own step."""
+    """Return the share of odometry's steps whose length is that of the truth's own step."""
     p = read_plaza(name)
     true = np.hypot(np.diff(p.north), np.diff(p.east))
     return float(np.mean(np.abs(np.diff(p.distance) - true) < SAME_WAY))
 
 
 def same_turn(name: str) -> float:
-    """Largest difference between odometry's angle and the truth's heading since the begin (rad)."""
+    """Return the largest difference between odometry's angle and the truth's heading since the start (rad)."""
     p = read_plaza(name)
     return float(np.max(np.abs(p.turn - (p.heading - p.heading[0]))))
 
 
 def rows() -> Iterator[Row]:
-    """Scale, spread, tails and memory of the ranges; what odometry has of the truth."""
+    """Yield scale, spread, tails and memory of the ranges; share of the truth in odometry."""
     for name in NAMES:
         n = range_noise(name)
         z, count = n.residual / n.residual.std(), len(n.residual)
@@ -105,6 +105,6 @@ def rows() -> Iterator[Row]:
 
 
 def figures(folder: Path) -> Iterator[Path]:
-    """Error over distance, what is left of it, its distribution and memory."""
+    """Plot error over distance, residuals, their distribution and memory."""
     for name in NAMES:
         yield draw_noise(folder / f"noise-{name}.png", name, range_noise(name), read_plaza(name).ids)

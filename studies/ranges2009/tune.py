@@ -20,12 +20,12 @@ from trimtab.run.replay import find_steps
 from trimtab.run.replay_estimator import estimator_block
 
 SCALE_BEFORE = 0.05
-"""By how much ranges are too long, before anything is known: about the thickness of what is not air."""
+"""A-priori excess of the ranges: about the thickness of what is not air."""
 EVALUATIONS = 40
 
 
 def tune_log(name: str) -> dict[str, float]:
-    """What is found on one log: BEFORE's names, and the scale that the filter ends with."""
+    """Parameters found on one log: BEFORE's names, and the final scale of the filter."""
     p, log = read_plaza(name), plaza_log(name)
     scale, found, cost = SCALE_BEFORE, dict(BEFORE), 0.0
     for _ in range(2):  # the second time with the scale that the first ended with
@@ -40,7 +40,7 @@ def tune_log(name: str) -> dict[str, float]:
 
 
 def _likelihood(p: Any, log: Any, scale: float) -> Any:
-    """Minus the log likelihood of a log's ranges, less a constant, and the last scale; of BEFORE's logarithms."""
+    """Return minus the log likelihood of a log's ranges, less a constant, and the last scale. Arguments: logarithms."""
     block = estimator_block(log, odometry_filter(p, BEFORE, scale))
     leaves, tree = jax.tree.flatten(block.input)
     inputs = find_steps(log, leaf_paths(block.input), 1).inputs
@@ -70,7 +70,7 @@ def _likelihood(p: Any, log: Any, scale: float) -> Any:
 
 
 def main() -> None:
-    """Tune on each log, write what was found."""
+    """Tune on each log, and write the result."""
     found = {}
     for name in NAMES:
         found[name] = tune_log(name)

@@ -50,18 +50,18 @@ PRINTED = {
 }
 """Derivative -> number, unit in SI, unit."""
 C1, C2, C3, C4, C5, C6, C7, C8, C9 = -0.770, 0.02755, 1.055e-4, 1.642e-6, 0.9604, 1.759e-2, 1.792e-5, -0.7336, 1.587e-5
-"""Of the program, slugs and feet."""
+"""Inertia constants of the program, slugs and feet."""
 MOMENTUM = 160.0
-"""Of its engine."""
+"""Angular momentum of its engine."""
 CLOSE = 1e-5
-"""Part of a number: the program counts 57.3 degrees a radian in one place."""
+"""Relative tolerance: the program uses 57.3 degrees per radian in one place."""
 LESS = 1.3825e-4
-"""Of the rolling moment's coefficient: with so much less both rows that don't hold would."""
+"""Change of the rolling moment's coefficient with which both rows that fail would hold."""
 WHY = f"As if Cl were {LESS:.2e} less, for p' and r' alike; no single value of the tables, in thousandths, is that."
 
 
 def turn_by_constants(craft: F16FlatEarth) -> Any:
-    """Angular acceleration (3,) of the vehicle's own moments, by the program's constants."""
+    """Return the angular acceleration (3,) of the vehicle's own moments, by the program's constants."""
     roll, pitch, yaw = np.asarray(craft.loads(STATE, CONTROLS).wrench.moment) / (POUND_FORCE * FOOT)
     p, q, r = STATE.roll_rate, STATE.pitch_rate, STATE.yaw_rate
     return np.array(
@@ -74,7 +74,7 @@ def turn_by_constants(craft: F16FlatEarth) -> Any:
 
 
 def rows() -> Iterator[Row]:
-    """Each derivative; those of the rates by the program's constants."""
+    """Yield each derivative; those of the rates by the program's constants."""
     craft = replace(F16FlatEarth(), centre=0.4)
     rate = craft.dynamics(0.0, STATE, CONTROLS)
     names = [name for name in PRINTED if name.endswith("_rate")]

@@ -30,26 +30,26 @@ LATERAL = (
 """u = -K x, surfaces in degrees, states in rad and rad/s, integrals of load (g), roll rate, side load and yaw rate."""
 FED_BACK = ("alpha", "pitch rate", "load integral"), ("beta", "roll rate", "yaw rate", "roll integral", "side integral")
 GAIN = 0.003
-"""Part of a gain: AeroBenchVV has -0.415 for -0.416 in its table of the normal force."""
+"""Relative tolerance of a gain: AeroBenchVV has -0.415 for -0.416 in its table of the normal force."""
 LOWEST = {"dive": 407.11, "inverted": 961.14}
 """Lowest altitude of the two flights (ft): python -m oracles.f16_ground_avoidance."""
 FALL = 8.5
-"""In one of the oracle's instants (ft): 540 ft/s, 27 degrees down."""
+"""Descent in one of the oracle's instants (ft): 540 ft/s, 27 degrees down."""
 
 
 ERRORS = "air-data-bias", "air-data-noise", "inertial-bias", "inertial-noise", "actuator-lag", "rate-limit"
-"""What AeroBenchVV has none of; its surfaces have stops."""
+"""Errors that AeroBenchVV does not model; its surfaces have stops."""
 
 
 @cache
 def fly(start: str) -> Any:
-    """A flight by the published gains, without ERRORS; its deck a little higher, so that it begins at once."""
+    """Fly with the published gains, without ERRORS. The deck is a little higher, for a recovery at once."""
     settings = {"start": start, "gains": "published", "autopilot.law.deck": "335"}
     return simulate(build("f16/gcas", settings, ERRORS), seed=0)
 
 
 def rows() -> Iterator[Row]:
-    """Each gain beside the printed one, and the lowest altitude of both flights."""
+    """Yield each gain compared with the printed one, and the lowest altitude of both flights."""
     design = design_load_factor_control("published")
     surfaces = (
         ("elevator", LONGITUDINAL, -design.along.K[0], FED_BACK[0]),
@@ -86,7 +86,7 @@ def rows() -> Iterator[Row]:
 
 
 def figures(folder: Path) -> Iterator[Path]:
-    """Both flights: altitude, bank, angle of attack."""
+    """Plot both flights: altitude, bank, angle of attack."""
     folder.mkdir(parents=True, exist_ok=True)
     figure = new_figure(12.0, 3.4)
     signals = ("altitude", FOOT, "ft"), ("roll", DEG, "deg"), ("alpha", DEG, "deg")

@@ -24,23 +24,23 @@ ACTUATOR, WASHOUT = 20.2, 1.0
 """Poles (1/s) of both actuators and of the washout."""
 Q = np.diag([50.0, 100.0, 100.0, 50.0, 0.0, 0.0, 1.0])
 R = 0.1 * np.eye(2)
-"""Of both commands (deg)."""
+"""Weight of both commands (deg)."""
 SURFACES = ("aileron", "rudder")
 MEASURED = ("washed_yaw_rate", "roll_rate", "beta", "roll")
 PRINTED = np.array([[-0.56, -0.44, 0.11, -0.35], [-1.19, -0.21, -0.44, 0.26]])
 FLAT = 1e-4
-"""Part of the cost by which a search may end too early: what the printed gains cost more, to its first figure."""
+"""Relative excess of the cost at which a search may stop early: that of the printed gains, to its first figure."""
 
 
 class LateralLoop(NamedTuple):
-    """x' = A x + B u, y = C x, u = -K y.  A: (7, 7).  B: (7, 2).  C: (4, 7)."""
+    """Linear loop x' = A x + B u, y = C x, u = -K y.  A: (7, 7).  B: (7, 2).  C: (4, 7)."""
 
     A: Any
     B: Any
     C: Any
 
     def cost(self, K: Any) -> tuple[float, Any]:
-        """Half of the trace of P, with A'P + P A + Q + C'K'R K C = 0 in closed loop, and its slope over K (2, 4)."""
+        """Return half the trace of P, with A'P + P A + Q + C'K'R K C = 0 in closed loop, and its gradient over K."""
         closed = self.A - self.B @ K @ self.C
         if np.linalg.eigvals(closed).real.max() >= 0:
             return np.inf, np.zeros_like(K)
@@ -51,7 +51,7 @@ class LateralLoop(NamedTuple):
 
 @cache
 def lateral_loop() -> LateralLoop:
-    """The F-16's own linear model with actuators and washout, and with the misprint of [1] that the design has."""
+    """Return the F-16's linear model with actuators and washout, and with the misprint of [1] used in the design."""
     own = linear_model().part(ASIDE, SURFACES, [])
     A, B, C = np.zeros((7, 7)), np.zeros((7, 2)), np.zeros((4, 7))
     A[:4, :4], A[:4, 4:6] = own.A, own.B
@@ -64,7 +64,7 @@ def lateral_loop() -> LateralLoop:
 
 
 def find_gains(loop: LateralLoop) -> tuple[Any, Any]:
-    """The gains (2, 4) of least cost from the printed ones on, and how far each may be off where the cost is FLAT."""
+    """Return the gains (2, 4) of least cost, starting from the printed ones, and their tolerances for a FLAT cost."""
 
     def flat_cost(k: Any) -> tuple[float, Any]:
         value, slope = loop.cost(k.reshape(PRINTED.shape))
@@ -78,7 +78,7 @@ def find_gains(loop: LateralLoop) -> tuple[Any, Any]:
 
 
 def rows() -> Iterator[Row]:
-    """Each gain, and what the printed ones cost."""
+    """Yield each gain, and the cost of the printed ones."""
     loop = lateral_loop()
     gains, open_by = find_gains(loop)
     for i, j in np.ndindex(PRINTED.shape):

@@ -42,22 +42,22 @@ A_ASIDE = np.array(
 )
 B_ASIDE = np.array([[0.0003, 0.0008], [0.0, 0.0], [-0.7333, 0.1315], [-0.0319, -0.0620]])
 LOADS = np.array([-16.26, -0.9788, 0.04852])
-"""Of the integral of what is wanted less the load factor 15 ft before the centre of mass, over angle of attack (rad),
-pitch rate, elevator (deg): its row of A."""
+"""Row of A of the integral of wanted less actual load factor, 15 ft before the centre of mass, over angle of attack
+(rad), pitch rate, elevator (deg)."""
 NAMES = {
     "4.4-1": ("fast-pitch", "slow-pitch", "slow-pitch", "growing-pitch"),
     "5.3-1": ("roll-subsidence", "dutch-roll", "dutch-roll", "spiral"),
 }
-"""Of the poles, the largest first: with its mass at 0.35 chords it has no short period and is unstable in pitch."""
+"""Poles, the largest first: with its mass at 0.35 chords it has no short period and is unstable in pitch."""
 FIGURES = 1e-3
-"""Part of a number: found from differences at a trim of four figures, with an inertia of four figures."""
+"""Relative tolerance: numbers from differences at a trim of four figures, with an inertia of four figures."""
 MISPRINT = "5.3-1/A/roll/yaw_rate"
 """The kinematics have tan(pitch) there, 0.0369, at any trim of this attitude."""
 
 
 @cache
 def linear_model() -> LinearModel:
-    """The model in feet, radians and degrees of the surfaces."""
+    """Return the model in feet, radians and degrees of the surfaces."""
     level = find_trim("nominal")
     x, u = F16State(*[0.0] * 13), F16Controls(*[0.0] * 4)
     states = np.ones(13)
@@ -68,7 +68,7 @@ def linear_model() -> LinearModel:
 def _entries(
     letter: str, printed: Any, computed: Any, names: tuple[str, ...], columns: tuple[str, ...], place: str
 ) -> Iterator[Row]:
-    """Each number that is neither zero nor one."""
+    """Yield each number that is neither zero nor one."""
     for i, j in np.ndindex(printed.shape):
         value = float(printed[i, j])
         if value in (0.0, 1.0) or abs(value) < 1e-9:
@@ -88,7 +88,7 @@ def _entries(
 
 
 def _poles(place: str, printed: Any, computed: Any) -> Iterator[Row]:
-    """Each pole of a printed matrix, and ours; as far off as each entry may be, to first order."""
+    """Yield each pole of a printed matrix, and ours. Its tolerance is that of the entries, to first order."""
     found: Any = eig(printed, left=True, right=True)
     poles, left, right = found
     ours = np.linalg.eigvals(computed)
@@ -109,7 +109,7 @@ def _poles(place: str, printed: Any, computed: Any) -> Iterator[Row]:
 
 
 def rows() -> Iterator[Row]:
-    """The entries of the matrices, of the load factor, and the poles that the printed matrix has."""
+    """Yield the entries of the matrices, those of the load factor, and the poles of the printed matrix."""
     along = linear_model().part(ALONG, ["elevator"], ["normal_load"])
     yield from _entries("A", A_ALONG, along.A, ALONG, ALONG, "4.4-1")
     yield from _entries("B", B_ALONG[:, None], along.B, ALONG, ("elevator",), "4.4-1")

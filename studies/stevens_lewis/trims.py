@@ -24,7 +24,7 @@ TURN = (*PULL_UP, "roll", "roll_rate", "pitch_rate", "yaw_rate")
 
 
 class TrimCase(NamedTuple):
-    """title: in words.  centre: of mass (chords).  free: what is found.  rates: wanted derivatives.  pitch_rate: rad/s.
+    """Trim. title: a name.  centre: of mass (chords).  free: unknowns.  rates: wanted derivatives.  pitch_rate: rad/s.
 
     printed: name -> number of [1], with its figures; angles in rad, surfaces in degrees.
     """
@@ -81,7 +81,7 @@ CASES = {
     ),
 }
 FIGURES = 2.5e-4
-"""Part of a number that a search leaves open which ends before it is at rounding; half of the last digit is added."""
+"""Relative tolerance for a search that stops before it is at rounding; half of the last digit is added."""
 OPEN = {
     ("turn", "aileron"): "By 0.005 degrees; our trim leaves 1e-10 of every equation. Not explained.",
     ("turn", "rudder"): "By 0.0007 degrees. As the aileron.",
@@ -93,7 +93,7 @@ UNITS = {"alpha": "rad", "roll": "rad", "pitch": "rad", "throttle": "1"} | dict.
 
 @cache
 def find_trim(name: str) -> Trim:
-    """The trim of a case."""
+    """Return the trim of a case."""
     case = CASES[name]
     craft = replace(F16FlatEarth(), centre=case.centre)
     x = replace(F16State(*[0.0] * 13), speed=502 * FOOT, alpha=0.1, pitch=0.1, power=0.3, pitch_rate=case.pitch_rate)
@@ -114,7 +114,7 @@ def find_trim(name: str) -> Trim:
 
 
 def rows() -> Iterator[Row]:
-    """What is printed of each trim, but angles that are zero."""
+    """Yield the printed numbers of each trim, except angles that are zero."""
     for name, case in CASES.items():
         level = find_trim(name)
         states, inputs = F16State.__dataclass_fields__, F16Controls.__dataclass_fields__

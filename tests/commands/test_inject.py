@@ -109,7 +109,7 @@ def test_what_is_lost_on_the_way_is_asked_again(played):
 @pytest.mark.parametrize(
     ("fault", "said"),
     [
-        ("sensor:navigation stuck when w_WB_B.2 above 1", "a condition can't be set while it flies"),
+        ("sensor:navigation stuck when w_WB_B.2 above 1", "a condition cannot be set in flight"),
         ("sensor:sonar off", "sonar"),
         ("sensor:navigation exploded", "exploded"),
     ],

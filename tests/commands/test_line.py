@@ -67,7 +67,7 @@ def test_a_key_that_others_can_read_is_refused_with_what_to_type(keys):
     find_key("hovercraft/forward", None, False, "udp://:1", create=True)
     file = keys / "hovercraft.key"
     file.chmod(0o640)
-    with pytest.raises(InputError, match="others can read") as refused:
+    with pytest.raises(InputError, match="other users can read") as refused:
         find_key("hovercraft/forward", None, False, "udp://:1", create=False)
     assert refused.value.fix == f"chmod 600 '{file}'"
 
@@ -101,7 +101,7 @@ def test_stamps_are_kept_and_given_back(keys):
     _, messages = dialect({"compass": every()}, every())
     make = endpoint_factory("udp://:1", (1, 191), key)
     one = make(messages)
-    with pytest.raises(InputError, match="another process sends with this key"):
+    with pytest.raises(InputError, match="another process uses this key"):
         make(messages)
     with store_stamps_ahead(one):
         one.pack("HEARTBEAT")

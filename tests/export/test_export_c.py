@@ -108,7 +108,7 @@ def test_the_text_says_what_it_is(tmp_path):
 
 @pytest.mark.parametrize(
     ("options", "says"),
-    [({"part": "wing"}, "autopilot"), ({"real": "half"}, "double"), ({"steps": 0}, "too few")],
+    [({"part": "wing"}, "autopilot"), ({"real": "half"}, "double"), ({"steps": 0}, "at least 1")],
 )
 def test_wrong_options_are_refused(options, says, tmp_path):
     with pytest.raises(InputError, match=says):

@@ -86,7 +86,7 @@ def test_mavproxy_with_the_key_reads_arms_and_changes(tmp_path):
         station.type("param set WV_MASS 2.75")
         station.type("param show WV_MASS", r"WV_MASS\s+2\.75")
         station.type("param fetch WV_MASS", r"WV_MASS\s*=\s*2\.75")
-        station.type("long PREFLIGHT_STORAGE 1", "Parameters stored, for the next start")
+        station.type("long PREFLIGHT_STORAGE 1", "Parameters stored for the next start")
         station.type("status GLOBAL_POSITION_INT", r"lat : 38989[67]")
         station.type("status HOME_POSITION", "HOME_POSITION {latitude")
         station.type("ftp list /logs", r"vehicle\.mcap")

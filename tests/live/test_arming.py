@@ -159,7 +159,7 @@ def test_beyond_its_envelope_for_long_enough_it_says_so(craft):
 
 
 def test_a_limit_that_no_sensor_can_tell_is_refused(craft):
-    with pytest.raises(InputError, match="no sensor of this vehicle tells its distance") as refused:
+    with pytest.raises(InputError, match="no sensor of this vehicle measures its distance") as refused:
         craft.limit(distance=5.0)
     assert refused.value.choices == ("speed", "rate")
 

@@ -100,7 +100,7 @@ def test_of_two_autopilots_with_the_key_one_is_obeyed_and_the_other_is_told(vehi
     assert vehicle.gate.counts == (first.end.session, 50, 0)
     assert [s for s in vehicle.said if "without authority" in s] == [
         f"commands without authority refused, from 1/191 session {second.end.session:06x}: "
-        f"it belongs to 1/191 session {first.end.session:06x}"
+        f"owner is 1/191 session {first.end.session:06x}"
     ]
 
 
@@ -160,7 +160,7 @@ def test_two_vehicles_on_one_line_are_told_apart():
         for each in (one, other):
             each.send(each.station.due(each.now))
     assert not autopilot.remote.is_ready
-    assert "two vehicles answer on this line as 1/1" in autopilot.remote.find_problem("it").problem
+    assert "two vehicles answer on this link as 1/1" in autopilot.remote.find_problem("it").problem
 
 
 def test_an_order_to_arm_names_one_vehicle():

@@ -107,7 +107,7 @@ def test_another_key_is_answered_so_that_it_is_known_for_what_it_is(opened):
     problem = line.remote.find_problem("it")
     assert problem.problem.startswith("wrong key: ")
     assert problem.fix.startswith("trimtab fly it --link there --key FILE")
-    assert line.said == ["refused: 1 frames so far came unsigned or signed with another key"]
+    assert line.said == ["refused: 1 frames so far were unsigned or signed with another key"]
     assert not line.there.peers  # it is told nothing else
 
 
@@ -117,7 +117,7 @@ def test_an_end_without_a_key_is_told_that_it_needs_one(opened):
     line.remote = RemoteVehicle(line.pilot, line.here, typed="trimtab fly it --link there --unsigned")
     assert line.run(500) == []
     problem = line.remote.find_problem("it")
-    assert problem.problem == "wrong key: the vehicle takes signed frames only, and this end has no key"
+    assert problem.problem == "wrong key: the vehicle accepts signed frames only, and this end has no key"
     assert problem.fix == "trimtab fly it --link there"
 
 
@@ -158,7 +158,9 @@ def test_a_clock_that_was_wrong_once_is_reset_by_what_the_message_says(opened, t
     assert line.run(300) == []
     problem = line.remote.find_problem("it")
     assert problem.fix == "trimtab fly it --link there --clock computer"
-    assert seconds_of(problem.problem, "wrong clock: an earlier flight's was {} s ahead, ") == pytest.approx(DAY, abs=2)
+    assert seconds_of(problem.problem, "wrong clock: the stored time stamp is {} s ahead, ") == pytest.approx(
+        DAY, abs=2
+    )
     line.pilot.close()
     line.pilot = line.remote._endpoint = Endpoint(DIALECT, 1, 191, key, clock=line.unix, is_reset=True)
     assert len(line.run(300)) > 3

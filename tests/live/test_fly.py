@@ -159,9 +159,7 @@ def test_a_process_that_got_no_processor_is_not_blamed(scenario):
 def test_an_autopilot_that_stood_still_goes_on_from_now(scenario):
     one = fly_pair(scenario, act=lambda pair: pair.here.freeze(1.0), duration=seconds(3))
     assert one.pair.flyer.skipped == pytest.approx(1000, abs=2)
-    assert any(
-        text.startswith(("this end stood still for 0.99", "this end stood still for 1.0")) for text in events(one.log)
-    )
+    assert any(text.startswith(("this end stalled for 0.99", "this end stalled for 1.0")) for text in events(one.log))
     assert any(text.startswith("failsafe: no command") for text in events(one.truth))
     t = one.truth.t[one.truth["firmware.mode"] == 3][0]
     last = one.truth.t[one.truth["firmware.command.fresh"].astype(bool) & (one.truth.t < t)][-1]
@@ -213,7 +211,7 @@ def test_outputs_go_safe_50_ms_after_the_last_row(scenario, kind):
     else:
         assert "safe, 50.0 ms after the last row: the vehicle's process is stopped" in first
         truth = pair.logs()[1]
-        assert "outputs were safe: no row for" in " ".join(events(truth))
+        assert "outputs went safe: no data for" in " ".join(events(truth))
         assert truth["firmware.late"].max() == pytest.approx(0.1, abs=0.001)
     assert pair.outputs_said[-1].endswith(("at rest; the vehicle's process is gone", "at rest; the vehicle has ended"))
 
@@ -299,7 +297,7 @@ def test_a_vehicle_with_other_sensors_is_refused_before_it_is_armed(scenario):
         version = theirs.pack("AUTOPILOT_VERSION", {"flight_custom_version": theirs.dialect.fingerprint})
         for packet in (beat, version):
             flyer._handle_data(packet)
-        with pytest.raises(InputError, match="other sensors") as refused:
+        with pytest.raises(InputError, match="different sensors") as refused:
             flyer.connect(patience=30.0)
         assert "the same --set on both ends" in refused.value.fix
 
@@ -312,7 +310,7 @@ def test_a_vehicle_of_another_mass_is_refused_by_path_and_flown_where_that_is_me
     def run(machine):
         flyer = pair.make_autopilot(machine)
         with pytest.raises(
-            InputError, match=r"wrong scenario: .*\n  world\.vehicle\.mass: 2\.8 there, 2\.6 here"
+            InputError, match=r"wrong scenario: .*\n  world\.vehicle\.mass: 2\.8 on the vehicle, 2\.6 here"
         ) as refused:
             flyer.connect()
         assert "--accept world.vehicle.mass" in refused.value.fix
@@ -320,7 +318,7 @@ def test_a_vehicle_of_another_mass_is_refused_by_path_and_flown_where_that_is_me
         meant.remote.tell = pair.said.append
         meant.connect()
         assert meant.remote.is_ready
-        assert "accepted: world.vehicle.mass: 2.8 there, 2.6 here" in pair.said
+        assert "accepted: world.vehicle.mass: 2.8 on the vehicle, 2.6 here" in pair.said
 
     heavier = replace(scenario, world=replace(scenario.world, vehicle=replace(scenario.world.vehicle, mass=2.8)))
     pair = VirtualPair(scenario)

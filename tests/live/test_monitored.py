@@ -40,7 +40,7 @@ def test_each_change_is_told_once_with_its_number_and_unit(compiled):
             said[k] = lines
     assert said == {
         70: [f"monitor: turn VIOLATED, robustness -0.4764 rad/s: {TURN}"],
-        120: [f"monitor: turn kept again, robustness 0.5236 rad/s: {TURN}"],
+        120: [f"monitor: turn holds again, robustness 0.5236 rad/s: {TURN}"],
     }
 
 

@@ -149,7 +149,7 @@ def test_a_vehicle_killed_in_flight_leaves_its_outputs_safe_and_says_why(tmp_pat
         assert "the vehicle's process is gone" in (out / "outputs.txt").read_text()
         ended = here.finished()
         assert ended.status == 1
-        assert "nothing was heard from the vehicle at the end" in ended.result["problems"]
+        assert "no data from the vehicle at the end" in ended.result["problems"]
     finally:
         for program in (there, here):
             if program is not None:

@@ -165,7 +165,7 @@ def test_of_two_requests_in_one_period_the_second_is_refused(flown):
     """A step takes one: the other would be lost, and nobody would know."""
     first, second = (flown.page.answer(k) for k in (10, 12))
     assert (first["ok"], second["ok"]) == (True, False)
-    assert "ask again" in second["text"]
+    assert "try again" in second["text"]
 
 
 def test_a_silent_stick_holds_then_ends(flown):

@@ -199,7 +199,7 @@ def test_what_is_no_mavlink_2_and_no_number_is_refused_in_words(bench):
     pilot.close()
     assert bench.simulator.tally.malformed == 1
     assert bench.simulator.tally.refused >= 1
-    assert sum("refused bytes that are no MAVLink 2" in text for text in bench.said) == 1
+    assert sum("refused bytes that are not MAVLink 2" in text for text in bench.said) == 1
     assert sum("PX4's output 1 is no number" in text for text in bench.said) == 1
 
 

@@ -77,7 +77,7 @@ def test_four_sentences_and_one_step_from_each(ends):
     stored.write_text(f"{ahead:0{DIGITS}d}\n")
     refused = ends.fly("clock")
     assert refused.status == 2
-    assert "wrong clock: an earlier flight's was 8" in refused.said
+    assert "wrong clock: the stored time stamp is 8" in refused.said
     assert fix(refused).endswith("--clock computer")
     assert ends.fly("clock", "--clock", "computer").status == 0
     assert ends.fly("clock").status == 0  # and it stays so
@@ -85,10 +85,10 @@ def test_four_sentences_and_one_step_from_each(ends):
     refused = ends.fly("scenario", scenario="hovercraft/spin")
     assert refused.status == 2
     assert "wrong scenario: " in refused.said
-    assert "scenario: hovercraft/forward there, hovercraft/spin here" in refused.said
+    assert "scenario: hovercraft/forward on the vehicle, hovercraft/spin here" in refused.said
     assert "fly hovercraft/forward" in fix(refused)
     refused = ends.fly("scenario", "--set", "world.vehicle.mass=2.8")
-    assert "world.vehicle.mass: 2.6 there, 2.8 here" in refused.said
+    assert "world.vehicle.mass: 2.6 on the vehicle, 2.8 here" in refused.said
     assert ends.fly("scenario", "--set", "world.vehicle.mass=2.8", "--accept", "world.vehicle.mass").status == 0
 
     ended = ends.close()
@@ -108,7 +108,7 @@ def test_a_vehicle_whose_clock_was_a_day_ahead_once_is_flown_by_its_clock_or_res
         assert fix(refused).partition("   ")[0].endswith("--clock vehicle")
         flown = ends.fly("clock", "--clock", "vehicle")
         assert flown.status == 0
-        assert "goes by the vehicle's clock, +8" in flown.said
+        assert "signing by the vehicle's clock, +8" in flown.said
     finally:
         ends.close()
     ends = Ends(tmp_path, "--clock", "computer")

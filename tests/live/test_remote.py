@@ -111,10 +111,10 @@ def test_wrong_keys_are_named():
     line.beat(sender=stranger)
     assert line.remote.heartbeat_time is None
     problem = line.remote.find_problem("a/b")
-    assert problem.problem == "wrong key: the vehicle signs nothing, and this end takes signed frames only"
+    assert problem.problem == "wrong key: the vehicle does not sign, and this end accepts signed frames only"
     assert "--unsigned" in problem.fix
     line.beat(sender=Endpoint(DIALECT, 1, 1, passphrase_key("another-passphrase-than-that")))
-    assert "another key than this end's" in line.remote.find_problem("a/b").problem
+    assert "another key than this end" in line.remote.find_problem("a/b").problem
 
 
 def test_it_asks_to_arm_until_that_is_answered():
@@ -187,7 +187,7 @@ def test_a_vehicle_that_was_started_anew_is_told_and_its_clock_found_again():
     line.run(seconds(3))
     line.beat(armed=False)
     line.run(seconds(2), ahead=-1000)
-    assert line.said == ["the vehicle is not armed any more", "the vehicle's clock is another now"]
+    assert line.said == ["the vehicle is no longer armed", "the vehicle's clock has changed"]
     assert abs(line.remote.offset(line.now) + 1000) <= 1
 
 
@@ -268,7 +268,7 @@ def test_a_failsafe_of_its_own_flight_is_a_problem_also_when_it_is_over():
     line.hear("HEARTBEAT", base_mode=0, autopilot=0, system_status=State.CRITICAL)
     line.beat(armed=True)
     assert line.remote.list_problems(True, False, line.now) == ["the vehicle's failsafe acted"]
-    assert "nothing was heard from the vehicle at the end" in line.remote.list_problems(True, True, line.now)
+    assert "no data from the vehicle at the end" in line.remote.list_problems(True, True, line.now)
 
 
 def test_a_vehicle_that_ends_when_the_flight_does_is_no_problem_and_one_that_ends_before_or_is_disarmed_is():

@@ -12,11 +12,11 @@ def test_silence_is_told_once_and_so_is_its_end():
     counts.accepted = 1
     assert watch.update(ms(1)) == ""
     assert watch.update(ms(1) + SILENCE - 1) == ""
-    assert watch.update(ms(1) + SILENCE) == "nothing from the vehicle for 0.250 s"
+    assert watch.update(ms(1) + SILENCE) == "no data from the vehicle for 0.250 s"
     assert watch.is_silent
     assert watch.update(ms(500)) == ""
     counts.accepted = 2
-    assert watch.update(ms(600)) == "the vehicle is heard again, after 0.599 s"
+    assert watch.update(ms(600)) == "data from the vehicle again after 0.599 s"
     assert not watch.is_silent
     assert watch.length(ms(650)) == ms(50)
 

@@ -112,9 +112,9 @@ def test_a_link_is_lost_only_where_nothing_is_heard(flight):
         step.step()
     assert supervised.describe_changes().endswith("lost: link lost")
     assert explain_change(supervised, vehicle(), None, True) == ""
-    heard = ", but the vehicle is heard: "
-    assert explain_change(supervised, vehicle(), [], True) == heard + "none of its sensors gives a sample"
-    assert explain_change(supervised, vehicle(), ["imu"], True) == heard + "the time of imu runs backwards"
+    heard = ", but the vehicle sends data: "
+    assert explain_change(supervised, vehicle(), [], True) == heard + "no sensor gives a sample"
+    assert explain_change(supervised, vehicle(), ["imu"], True) == heard + "time stamps of imu run backwards"
 
 
 def test_found_again_says_so_where_the_vehicle_stands_in_failsafe(flight):
@@ -122,5 +122,8 @@ def test_found_again_says_so_where_the_vehicle_stands_in_failsafe(flight):
     assert explain_change(supervised, vehicle(armed=False), None, False) == ""  # it was never armed
     assert explain_change(supervised, vehicle(), None, True) == ""
     lost = vehicle(armed=False, is_in_failsafe=True)
-    assert explain_change(supervised, lost, None, True) == ", but the vehicle is in failsafe: nothing acts"
-    assert explain_change(supervised, vehicle(armed=False), [], True) == ", but the vehicle is not armed: nothing acts"
+    assert explain_change(supervised, lost, None, True) == ", but the vehicle is in failsafe: commands are ignored"
+    assert (
+        explain_change(supervised, vehicle(armed=False), [], True)
+        == ", but the vehicle is not armed: commands are ignored"
+    )

@@ -71,7 +71,7 @@ def test_numbers_of_a_vehicle_with_faults_ready_have_their_own_paths(plain):
 def test_one_step_is_typed_whatever_differs():
     mass = SettingDifference("world.vehicle.mass", "2.8", "2.6")
     problem = scenario_problem([mass], TYPED)
-    assert problem.problem.endswith("world.vehicle.mass: 2.8 there, 2.6 here")
+    assert problem.problem.endswith("world.vehicle.mass: 2.8 on the vehicle, 2.6 here")
     assert problem.fix.startswith(f"{TYPED} --set world.vehicle.mass=2.8 ")
     assert "--accept world.vehicle.mass" in problem.fix
     for given in ("--set world.vehicle.mass=2.6", "--set=world.vehicle.mass=2.6", "--set 'world.vehicle.mass=2.6 kg'"):

@@ -24,9 +24,9 @@ def test_a_frame_of_either_size(magic, channels):
     ("packet", "why"),
     [
         (b"", "too few"),
-        (struct.pack("<HHI", 18458, 400, 7), "8 bytes; a frame of 16 channels has 40"),
-        (struct.pack("<HHI16H", 18459, 400, 7, *PULSES), "begins with 18459"),
-        (struct.pack("<HHI16H", 29569, 400, 7, *PULSES), "a frame of 32 channels has 72"),
+        (struct.pack("<HHI", 18458, 400, 7), "8 bytes; a frame of 16 channels must have 40"),
+        (struct.pack("<HHI16H", 18459, 400, 7, *PULSES), "starts with 18459"),
+        (struct.pack("<HHI16H", 29569, 400, 7, *PULSES), "a frame of 32 channels must have 72"),
         (struct.pack("<HHI16H", 18458, 400, 7, *PULSES) + b"\0", "41 bytes"),
         (struct.pack("<HHI16H", 18458, 0, 7, *PULSES), "frame rate is zero"),
     ],

@@ -12,7 +12,7 @@ from trimtab.wire.arming import MOST_ASKS, ArmingCheck, RemoteChecks, first_prob
 _, DIALECT = dialect({"compass": every()}, every())
 CHECKS = [
     ArmingCheck("compass age", 3.2, 0.28, "s", "switch compass on"),
-    ArmingCheck("space for the log", 50.0, 100.0, "MB", "make room on its disk", at_least=True),
+    ArmingCheck("space for the log", 50.0, 100.0, "MB", "free disk space", at_least=True),
     ArmingCheck("battery", math.nan, 0.0, "V", "charge it", at_least=True),
     ArmingCheck("confirmation", 0.0, 1.0, "", "confirm", at_least=True, heals=False),
     ArmingCheck("frames lost", 12.5, 50.0, "%", "come nearer"),

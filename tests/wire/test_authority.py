@@ -25,7 +25,7 @@ def test_commands_belong_to_who_armed():
     assert authority.accepts_command(FIRST)
     assert not any(authority.accepts_command(s) for s in (SECOND, OLD, Sender(7, 1, 11)))
     assert authority.refused_commands == 3
-    assert authority.find_arming_problem(SECOND) == f"it belongs to {FIRST}"
+    assert authority.find_arming_problem(SECOND) == f"vehicle belongs to {FIRST}"
     assert authority.find_disarming_problem(SECOND)
     assert not authority.find_disarming_problem(FIRST)
     assert not authority.find_disarming_problem(STATION)  # a person's hand

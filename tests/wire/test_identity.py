@@ -55,10 +55,10 @@ def test_differences_are_told_by_path_with_both_values_whatever_is_lost(lose):
     comparison = line.run(ms(4000))
     assert comparison.is_known
     assert [str(d) for d in comparison.differences()] == [
-        "only.here: none there, 2.0 here",
-        "only.there: 1.0 there, none here",
-        "scenario: hovercraft/forward there, hovercraft/spin here",
-        "world.vehicle.number_7: 2.8 there, 1.0 here",
+        "only.here: none on the vehicle, 2.0 here",
+        "only.there: 1.0 on the vehicle, none here",
+        "scenario: hovercraft/forward on the vehicle, hovercraft/spin here",
+        "world.vehicle.number_7: 2.8 on the vehicle, 1.0 here",
     ]
     left = comparison.differences(lambda path: path.startswith("only") or path == "scenario")
     assert [d.path for d in left] == ["world.vehicle.number_7"]
@@ -76,7 +76,7 @@ def test_a_setting_that_was_changed_in_flight_is_another_identity():
     line.service.change("world.vehicle.number_3", np.float64(9.0))
     line.service.change("nothing.of.it", 1.0)
     assert [str(d) for d in line.run(ms(3000)).differences()] == [
-        "world.vehicle.number_3: 9.0 there, 0.42857142857142855 here"
+        "world.vehicle.number_3: 9.0 on the vehicle, 0.42857142857142855 here"
     ]
 
 

@@ -239,13 +239,13 @@ def test_wrong_use_is_refused_with_what_to_write(dialect, open_pair):
         a.pack("HEARTBEET")
     with pytest.raises(InputError, match="write 'custom_mode'"):
         a.pack("HEARTBEAT", {"costum_mode": 1})
-    with pytest.raises(InputError, match="3 values, not 2"):
+    with pytest.raises(InputError, match="3 values, got 2"):
         a.pack("SAMPLE_EVERY", {"vector": [1, 2]})
-    with pytest.raises(InputError, match="has 11 values, not 1"):
+    with pytest.raises(InputError, match="must have 11 values, got 1"):
         a.pack("SAMPLE_EVERY", [1])
-    with pytest.raises(InputError, match="anybody could command"):
+    with pytest.raises(InputError, match="anyone could command"):
         Endpoint(dialect, 1, 1)
-    with pytest.raises(InputError, match="unsigned was asked for with a key"):
+    with pytest.raises(InputError, match="unsigned was requested with a key"):
         Endpoint(dialect, 1, 1, passphrase_key("x" * 16), True)
     with pytest.raises(InputError, match="system 0 is not from 1 to 255"):
         Endpoint(dialect, 0, 1, unsigned=True)

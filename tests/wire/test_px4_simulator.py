@@ -66,4 +66,4 @@ def test_what_px4_answers_is_read(end):
         assert read_controls(message) == ControlFrame(77, tuple(outputs), mode == 129, flags == 1)
     spoilt = mav.hil_actuator_controls_encode(77, [0.0, math.nan, *outputs[2:]], 129, 1)
     (message,) = end.feed(spoilt.pack(mav))
-    assert read_controls(message) == "PX4's output 2 is no number"
+    assert read_controls(message) == "PX4's output 2 is not a finite number"

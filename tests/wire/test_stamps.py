@@ -85,7 +85,7 @@ def test_a_full_disk_is_counted_and_stamps_go_on(tmp_path, clock, monkeypatch):
 
 def test_two_of_one_identity_are_refused(tmp_path, clock):
     first = Stamps(tmp_path / "a.time", clock)
-    with pytest.raises(InputError, match="another process sends with this key"):
+    with pytest.raises(InputError, match="another process uses this key"):
         Stamps(tmp_path / "a.time", clock)
     first.close()
     Stamps(tmp_path / "a.time", clock).close()

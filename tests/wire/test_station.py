@@ -155,7 +155,7 @@ def test_modes_are_asked_for_or_refused_with_the_choices(line):
     assert line.command(176, 1.0, 15.0) == (0, "", [ModeRequest(15)])
     result, text, events = line.command(176, 1.0, 7.0)
     assert (result, events) == (2, [])
-    assert text == "No mode 7; there are 0 MANUAL, 4 HOLD, 15 GUIDED"
+    assert text == "No mode 7; available: 0 MANUAL, 4 HOLD, 15 GUIDED"
     assert (
         line.command(176, math.nan, math.nan)[0]
         == line.command(176, 0.0, 4.0)[0]
@@ -165,7 +165,7 @@ def test_modes_are_asked_for_or_refused_with_the_choices(line):
     for part in (4.0, 5.0, 6.0):  # MISSION, RTL and LAND of PX4, parts of its mode 4
         result, text, events = line.command(176, 1.0, 4.0, part)
         assert (result, events) == (2, [])
-        assert text == f"No mode 4.{part:.0f}; there are 0 MANUAL, 4 HOLD, 15 GUIDED"
+        assert text == f"No mode 4.{part:.0f}; available: 0 MANUAL, 4 HOLD, 15 GUIDED"
     assert line.command(176, 1.0, 4.0, math.nan)[2] == [ModeRequest(4)]
     line.station.status = Status(closed_modes={15: "no link to the autopilot"})
     result, text, _ = line.command(176, 1.0, 15.0)
@@ -235,7 +235,7 @@ def test_a_parameter_is_set_or_refused_and_answered_with_what_holds(line):
     assert (value.get("param_value"), events) == (3.5, [])
     assert "".join(t.get("text") for t in texts) == "Not set: WVI_MASS (world.vehicle.inner.mass) must be above 0"
     replies, events = line.ask("PARAM_SET", target_system=1, param_id="NONE", param_value=1.0)
-    assert [m.get("text") for m in replies] == ["Not set: there is no parameter 'NONE'"]
+    assert [m.get("text") for m in replies] == ["Not set: no parameter 'NONE'"]
     assert not events
 
 
@@ -257,7 +257,7 @@ def test_a_receivers_channels_and_a_joystick(line):
 
 def test_keys_are_not_taken_over_the_link(line):
     replies, events = line.ask("SETUP_SIGNING", target_system=1, secret_key=bytes(range(32)))
-    assert [m.get("text") for m in replies] == ["Keys are not taken over the link"]
+    assert [m.get("text") for m in replies] == ["Keys are not accepted over the link"]
     assert not events
 
 
@@ -304,7 +304,7 @@ def test_no_message_makes_it_fail(dialect, data):
 
 
 def test_a_vehicle_without_modes_is_refused(dialect):
-    with pytest.raises(InputError, match="there are no modes"):
+    with pytest.raises(InputError, match="needs at least one mode"):
         Station(Endpoint(dialect, 1, 1, unsigned=True), parameters(), {})
 
 
@@ -353,7 +353,7 @@ def test_what_the_autopilot_is_asked_is_passed_on_while_there_is_one(line, numbe
     line.station.status = Status(autopilot_problem="nobody is there")
     result, text, events = line.command(number, *params)
     assert (result, events) == (CommandResult.NOT_NOW, [])
-    assert text == f"Not asked to {request_}: nobody is there"
+    assert text == f"Cannot {request_}: nobody is there"
 
 
 @pytest.mark.parametrize(("number", "params"), [(OVERRIDE_GOTO, (0, 3)), (OVERRIDE_GOTO, (7,)), (PAUSE_CONTINUE, (2,))])

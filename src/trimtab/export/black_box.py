@@ -1,7 +1,7 @@
-"""The black box of a board, read out: what the firmware recorded of its last flights.
+"""Black box of a board: the records of the firmware's last flights.
 
-A dump of the flash sectors that hold it, made by a debug probe, becomes rows. How a journal lies in flash is written in
-`firmware/portable/journal.h`, what a record holds in `record` of `firmware/portable/vehicle.c`.
+A dump of the flash sectors, made by a debug probe, becomes rows. The layout of a journal in flash is described in
+`firmware/portable/journal.h`, the content of a record in `record` of `firmware/portable/vehicle.c`.
 """
 
 import struct
@@ -17,54 +17,52 @@ SECTOR = 0x20000
 HEADER, RECORD, ERASED = 16, 32, 0x45524153
 PULSE_COUNTS_PER_SECOND = 2e6
 FAN_DRIVE = ("rudder", "thrust fan", "lift fan")
-"""What the outputs of a fan drive's board drive; in its records its speed stands beside them."""
+"""Outputs of a board with a fan drive. Its records also hold the fan's speed."""
 MOST_PULSES = 4
-"""That a record has."""
+"""Maximum number of pulses in a record."""
 
 
 class FlightRecord(NamedTuple):
-    """One record: ten a second while armed, and one at each change of mode."""
+    """Record: ten a second while armed, and one at each change of mode."""
 
     t: float
-    """Since the start of the board (s)."""
+    """Time since the start of the board (s)."""
     mode: str
     cause: str
     armed: bool
     commanded: bool
-    """Whether a command was obeyed."""
+    """True if a command was obeyed."""
     pulses: Mapping[str, float]
-    """Widths (s) by what they drive: each number of the vehicle's command, or a fan drive's outputs."""
+    """Pulse widths (s) by output: each number of the vehicle's command, or the outputs of a fan drive."""
     wanted_rpm: int | None
-    """Of a fan drive; others have none, as with the next."""
+    """Measured by a fan drive only, as is the next."""
     speed_rpm: int | None
     command_age: float
-    """Of the newest command (s), 65.535 or more as that."""
+    """Age of the newest command (s); 65.535 stands for that or more."""
     late: int
-    """Ticks that came late since the start."""
+    """Late ticks since the start."""
 
 
 def read_black_box(
     dump: bytes, outputs: Sequence[str] = FAN_DRIVE, *, sector: int = SECTOR
 ) -> list[list[FlightRecord]]:
-    """Records by flight, oldest first, of a dump of both sectors; a new flight begins where the board's time falls.
+    """Return the records by flight, oldest first, of a dump of both sectors. The board's time falls at a new flight.
 
-    Records that the failing power left half written are passed over.
+    Records left incomplete by a power failure are skipped.
 
     Args:
-        dump: bytes of the flash.
-        outputs: what the board's outputs drive, as `firmware_folder.output_names` says it of a scenario.
-        sector: bytes of each.
+        dump: content of the flash.
+        outputs: what the board's outputs drive, see `firmware_folder.output_names`.
+        sector: size of a sector (bytes).
 
     Raises:
-        InputError: a dump of another size, or one in which no sector is in use; more outputs than a record has.
+        InputError: the dump has another size, no sector is in use, or a record cannot hold that many outputs.
     """
     if not 1 <= len(outputs) <= MOST_PULSES:
-        problem = f"{len(outputs)} outputs ({', '.join(outputs)}): a record has the pulses of 1 to {MOST_PULSES}"
-        raise InputError(
-            "outputs", problem, fix="output_names(scenario), of the scenario that the board was written for"
-        )
+        problem = f"{len(outputs)} outputs ({', '.join(outputs)}): a record must have 1 to {MOST_PULSES} pulses"
+        raise InputError("outputs", problem, fix="output_names(scenario), with the scenario of the board's firmware")
     if len(dump) != 2 * sector:
-        problem = f"{len(dump)} bytes are not the two sectors of {sector}"
+        problem = f"{len(dump)} bytes given; must be two sectors of {sector}"
         raise InputError("black box", problem, fix="dump 0x40000 bytes from 0x080C0000 on")
     sectors = [dump[:sector], dump[sector:]]
     used = sorted((number, data) for data in sectors if (number := _sector_number(data)) is not None)
@@ -84,7 +82,7 @@ def read_black_box(
 
 
 def _crc(crc: int, *words: int) -> int:
-    """CRC-32 as the firmware goes on with it: its state, not inverted."""
+    """Return the CRC-32 as the firmware continues it: its state, not inverted."""
     return zlib.crc32(struct.pack(f"<{len(words)}I", *words), crc ^ 0xFFFFFFFF) ^ 0xFFFFFFFF
 
 

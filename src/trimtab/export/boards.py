@@ -1,9 +1,9 @@
-"""An exported autopilot on an emulated microcontroller: does it compute the same there, and what does it cost?
+"""Exported autopilot on an emulated microcontroller: compare its results, and measure its cost.
 
 ``emulate`` cross-compiles the C of an exported folder with Debian's arm-none-eabi gcc, flies the inputs of its
 ``vectors.csv`` on a board that QEMU emulates, and reads back the outputs bit by bit, the instructions of every step,
-flash, RAM and stack. The firmware around the autopilot is in ``firmware/``; docs/export/boards.md says what
-each number means.
+flash, RAM and stack. The firmware around the autopilot is in ``firmware/``. docs/export/boards.md explains each
+number.
 """
 
 import contextlib
@@ -34,14 +34,14 @@ WARNINGS = ("-Wall", "-Wextra", "-Werror")
 
 
 class BoardTarget(NamedTuple):
-    """A processor, and the board on which QEMU emulates it."""
+    """Processor, and the board on which QEMU emulates it."""
 
     machine: str
     """QEMU's name of the board."""
     processor: tuple[str, ...]
     """The compiler's flags for processor and FPU."""
     real: str
-    """What its FPU computes in, and so what to export for it: single or double."""
+    """Precision of its FPU, and so of the export: single or double."""
     flash: tuple[int, int] = (0x0000_0000, 0x40_0000)
     """First address and bytes of the memory for code."""
     ram: tuple[int, int] = (0x2000_0000, 0x40_0000)
@@ -49,7 +49,7 @@ class BoardTarget(NamedTuple):
     timer: int = 0x4000_0004
     """Address of the value of a 32-bit timer that counts down."""
     clock: int = 25_000_000
-    """That timer's frequency in Hz."""
+    """Frequency of that timer in Hz."""
 
 
 TARGETS = {
@@ -59,36 +59,36 @@ TARGETS = {
 
 
 class EmulationResult(NamedTuple):
-    """What came back from the board."""
+    """Results read back from the board."""
 
     target: str
     outputs: NDArray[np.float64]
-    """Steps x VECTORS_OUT, as the board computed them."""
+    """Outputs computed by the board, steps x VECTORS_OUT."""
     expected_outputs: NDArray[np.float64]
-    """The same from vectors.csv."""
+    """Expected outputs, from vectors.csv."""
     names: tuple[str, ...]
-    """The outputs' names, from the header of vectors.csv."""
+    """Names of the outputs, from the header of vectors.csv."""
     instructions: NDArray[np.int64]
-    """Of each call of autopilot_step, its return included."""
+    """Instructions of each call of autopilot_step, its return included."""
     flash_bytes: int
     """Code and constants of autopilot.c."""
     library_bytes: int
-    """Code and constants that it draws from the C, mathematics and compiler libraries."""
+    """Code and constants that it needs from the C, mathematics and compiler libraries."""
     ram_bytes: int
     """The four structures, the workspace, and static data of the libraries; autopilot.c itself must have none."""
     stack_bytes: int
-    """How deep defaults, init and the steps wrote into a painted stack."""
+    """Depth of the stack that defaults, init and the steps wrote, by a painted stack."""
     image_bytes: int
     """Flash of the whole image: autopilot, harness and inputs."""
 
     @property
     def instructions_per_step(self) -> tuple[int, int, int]:
-        """Least, median and most."""
+        """Return least, median and most instructions per step."""
         return int(self.instructions.min()), int(np.median(self.instructions)), int(self.instructions.max())
 
 
 class BoardVectors(NamedTuple):
-    """The first steps of vectors.csv: inputs, expected outputs and the outputs' names."""
+    """First steps of vectors.csv: inputs, expected outputs and the outputs' names."""
 
     inputs: NDArray[np.float64]
     outputs: NDArray[np.float64]
@@ -96,7 +96,7 @@ class BoardVectors(NamedTuple):
 
 
 class HarnessOutput(NamedTuple):
-    """What the firmware said: see harness.c."""
+    """Output of the firmware, see harness.c."""
 
     sizes: list[int]
     empty: int
@@ -106,14 +106,14 @@ class HarnessOutput(NamedTuple):
 
 
 def missing_tools() -> list[str]:
-    """The Debian packages that are not there, of those that ``emulate`` needs."""
+    """Return the Debian packages that ``emulate`` needs and that are missing."""
     missing = []
     if not shutil.which(PREFIX + "gcc"):
         missing += ["gcc-arm-none-eabi", "libnewlib-arm-none-eabi"]
     else:
         asked = [PREFIX + "gcc", *TARGETS["cortex-m7"].processor, *FLAGS, "-print-file-name=libm.a"]
         answer = subprocess.run(asked, capture_output=True, text=True).stdout.strip()
-        if not Path(answer).is_absolute():  # a library that is not found comes back as it was asked for
+        if not Path(answer).is_absolute():  # a missing library is returned as it was requested
             missing.append("libnewlib-arm-none-eabi")
     if not shutil.which(EMULATOR):
         missing.append("qemu-system-arm")
@@ -121,7 +121,7 @@ def missing_tools() -> list[str]:
 
 
 def require_tools(target: str) -> None:
-    """Refuse, with what to type, where a package is missing."""
+    """Raise InputError, with what to type, if a package is missing."""
     if missing := missing_tools():
         fix = "apt-get install gcc-arm-none-eabi libnewlib-arm-none-eabi qemu-system-arm"
         raise InputError(f"target {target!r}", f"needs Debian's {', '.join(missing)}, not found here", fix=fix)
@@ -133,11 +133,11 @@ def emulate(folder: Path, target: str, steps: int = STEPS, limit_s: float = 120.
     Args:
         folder: as ``trimtab export`` writes it: autopilot.h, .c, vectors.h, .c, .csv, export.json.
         target: a key of TARGETS.
-        steps: at most so many steps of vectors.csv.
-        limit_s: the emulator is ended after so many seconds.
+        steps: maximum number of steps of vectors.csv.
+        limit_s: time after which the emulator is ended (s).
     """
     if target not in TARGETS:
-        raise InputError(f"target {target!r}", "is not one that can be emulated", choices=TARGETS)
+        raise InputError(f"target {target!r}", "cannot be emulated", choices=TARGETS)
     require_tools(target)
     folder, board = Path(folder).resolve(), TARGETS[target]
     vectors = read_vectors(folder, steps)
@@ -161,14 +161,14 @@ def emulate(folder: Path, target: str, steps: int = STEPS, limit_s: float = 120.
 
 
 def read_vectors(folder: Path, steps: int = STEPS) -> BoardVectors:
-    """The first steps of a folder's vectors.csv, divided as its vectors.h says."""
+    """Return the first steps of a folder's vectors.csv, divided as its vectors.h defines."""
     try:
         header = (folder / "vectors.h").read_text()
         with open(folder / "vectors.csv") as file:
             names = file.readline().strip().split(",")
             rows = [[float(cell) for cell in line.split(",")] for line in itertools.islice(file, steps)]
     except (OSError, ValueError) as error:
-        fix = "write the folder anew with `trimtab export`"
+        fix = "write the folder again with `trimtab export`"
         raise InputError(str(folder), f"vectors cannot be read: {error}", fix=fix) from error
     counts = dict(re.findall(r"\b(VECTORS_IN|VECTORS_OUT)\s*=\s*(\d+)", header))
     n_in, n_out = int(counts.get("VECTORS_IN", -1)), int(counts.get("VECTORS_OUT", -1))
@@ -178,13 +178,13 @@ def read_vectors(folder: Path, steps: int = STEPS) -> BoardVectors:
             f"vectors.csv has {len(rows)} steps, and header and rows of {' and '.join(map(str, widths))} columns; "
         )
         problem += f"vectors.h says {n_in} inputs and {n_out} outputs"
-        raise InputError(str(folder), problem, fix="write the folder anew with `trimtab export`")
+        raise InputError(str(folder), problem, fix="write the folder again with `trimtab export`")
     table = np.array(rows)
     return BoardVectors(table[:, :n_in], table[:, n_in:], tuple(names[n_in:]))
 
 
 def _build_image(folder: Path, board: BoardTarget, vectors: BoardVectors, build: Path) -> tuple[int, int, int, int]:
-    """Build image.elf; give the flash of autopilot.c, of its libraries, their static data, and the image's flash."""
+    """Build image.elf. Return the flash of autopilot.c, of its libraries, their static data, and the image's flash."""
     (build / "inputs.bin").write_bytes(np.ascontiguousarray(vectors.inputs, dtype="<f8").tobytes())
     steps, n_in = vectors.inputs.shape
     places = {"FLASH_ORIGIN": board.flash[0], "FLASH_SIZE": board.flash[1], "RAM_ORIGIN": board.ram[0]}
@@ -215,7 +215,7 @@ def _build_image(folder: Path, board: BoardTarget, vectors: BoardVectors, build:
 
 
 def _workspace_bytes(folder: Path) -> int:
-    """What init and step of a large program are given besides their structures; nothing in a folder written by hand."""
+    """Return the workspace of init and step of a large program; 0 for a folder written by hand."""
     try:
         return int(json.loads((folder / "export.json").read_text(encoding="utf-8")).get("workspace_bytes", 0))
     except FileNotFoundError:
@@ -231,13 +231,13 @@ def _run_gcc(arguments: list[str | Path], board: BoardTarget, build: Path, folde
 
 
 def _read_sizes(files: list[str], build: Path) -> list[tuple[int, int, int]]:
-    """Of each file: code and constants, static data, static zeros; in bytes."""
+    """Return for each file: code and constants, static data, static zeros; in bytes."""
     done = subprocess.run([PREFIX + "size", *files], cwd=build, capture_output=True, text=True, check=True)
     return [(int(a), int(b), int(c)) for a, b, c, *_ in (line.split() for line in done.stdout.splitlines()[1:])]
 
 
 def _run_emulator(board: BoardTarget, build: Path, limit_s: float) -> str:
-    """What the firmware said until it left. The emulator has no network, monitor, display or disk."""
+    """Run the emulator and return the firmware's output. It has no network, monitor, display or disk."""
     command = [EMULATOR, "-M", board.machine, "-kernel", "image.elf", "-nodefaults", "-no-reboot", "-display", "none"]
     command += ["-monitor", "none", "-serial", "none", "-chardev", "file,id=said,path=said.txt"]
     command += ["-semihosting-config", "enable=on,target=native,chardev=said"]
@@ -246,7 +246,7 @@ def _run_emulator(board: BoardTarget, build: Path, limit_s: float) -> str:
         command, cwd=build, stdin=subprocess.DEVNULL, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True
     ) as emulator:
         try:
-            if sys.platform == "linux":  # it ends even if this process is killed first
+            if sys.platform == "linux":  # the emulator ends even if this process is killed first
                 import resource
 
                 seconds = 2 * int(limit_s) + 2
@@ -254,7 +254,7 @@ def _run_emulator(board: BoardTarget, build: Path, limit_s: float) -> str:
                     resource.prlimit(emulator.pid, resource.RLIMIT_CPU, (seconds, seconds))
             _, errors = emulator.communicate(timeout=limit_s)
         except subprocess.TimeoutExpired:
-            errors = f"it was ended after {limit_s:g} s"
+            errors = f"the emulator was ended after {limit_s:g} s"
         finally:
             emulator.kill()
     said = build / "said.txt"
@@ -262,11 +262,11 @@ def _run_emulator(board: BoardTarget, build: Path, limit_s: float) -> str:
 
 
 def _parse_output(said: str, folder: Path) -> HarnessOutput:
-    """The firmware's lines as numbers; an error that gives its last lines if it did not get to its end."""
+    """Return the firmware's lines as numbers. Raise InputError with its last lines if it did not reach its end."""
     lines = said.split("\n")
     if "done" not in lines:
         last = " / ".join([line for line in lines if line.strip()][-2:])
-        problem = f"the board did not get to the end of the flight; its last words: {last or 'none'}"
+        problem = f"the board did not reach the end of the flight; its last output: {last or 'none'}"
         raise InputError(str(folder), problem, fix="fly the same folder on the computer: `trimtab export --verify`")
     words: dict[str, list[list[int]]] = {}
     for word, *numbers in (line.split() for line in lines[: lines.index("done")]):
@@ -277,7 +277,7 @@ def _parse_output(said: str, folder: Path) -> HarnessOutput:
 
 
 def _instruction_counts(said: HarnessOutput, board: BoardTarget) -> NDArray[np.int64]:
-    """Ticks of each step as instructions: the empty measurement off, its 1 instruction on; checked on known loops."""
+    """Return the ticks of each step as instructions, less the empty measurement, plus its 1 instruction."""
     ticks_per_instruction = board.clock * 2**NS_PER_INSTRUCTION_LOG2 / 1e9
 
     def count(ticks: list[int]) -> NDArray[np.int64]:
@@ -285,6 +285,6 @@ def _instruction_counts(said: HarnessOutput, board: BoardTarget) -> NDArray[np.i
 
     known, found = [2 * n + 1 for n, _ in said.loops], count([ticks for _, ticks in said.loops]).tolist()
     if found != known:
-        problem = f"counts {found} instructions for loops of {known}: its timer does not go as expected"
+        problem = f"counts {found} instructions for loops of {known}: its timer does not run as expected"
         raise InputError(EMULATOR, problem, fix="use QEMU 7.2 or newer")
     return count([ticks for ticks, _ in said.steps])

@@ -1,6 +1,6 @@
 """export_c: the autopilot of a scenario, or its whole closed loop, as C for a microcontroller, with its own test.
 
-The samples that the folder is tested with are steps of a simulated run.
+The samples that test the folder are steps of a simulated run.
 """
 
 from pathlib import Path
@@ -26,7 +26,7 @@ PARTS = ("autopilot", "loop")
 REALS = {"double": "f64", "single": "f32"}
 STEPS = 2000
 OPTIONAL = ("supervisor", "predictor", "monitor")
-"""Parts of an autopilot that may be there, and then say something."""
+"""Optional parts of an autopilot that have outputs."""
 
 
 def export_c(
@@ -48,23 +48,23 @@ def export_c(
     True
 
     Args:
-        scenario: it, or its name; checked whole before anything is written.
-        folder: made where it is missing.
+        scenario: a scenario, or its name; fully checked before anything is written.
+        folder: folder to write; created if missing.
         part: "autopilot": frames in, commands out; "loop": World and Autopilot, time in, signals out.
         real: "double" or "single", the type of real numbers in the C text.
-        steps: how many steps of a simulated run are put beside it as test vectors.
-        seed: of that run.
-        name: before every name in the text; "autopilot" or "loop" when None.
+        steps: number of steps of a simulated run to write as test vectors.
+        seed: seed of that run.
+        name: prefix of every name in the text; "autopilot" or "loop" when None.
 
     Raises:
-        InputError: a scenario that can't be flown, a primitive without C text, a folder that can't be written.
+        InputError: the scenario cannot be flown, a primitive has no C text, or the folder cannot be written.
     """
     if part not in PARTS:
-        raise InputError("export", f"part {part!r} is not one", choices=PARTS, fix=argument("part", "autopilot"))
+        raise InputError("export", f"unknown part {part!r}", choices=PARTS, fix=argument("part", "autopilot"))
     if real not in REALS:
-        raise InputError("export", f"{real!r} is no type of numbers", choices=REALS, fix=argument("float", "double"))
+        raise InputError("export", f"unknown type of numbers {real!r}", choices=REALS, fix=argument("float", "double"))
     if steps < 1:
-        raise InputError("export", f"{steps} steps are too few", fix=argument("steps", STEPS))
+        raise InputError("export", f"steps must be at least 1, got {steps}", fix=argument("steps", STEPS))
     scenario, folder = find_scenario(scenario), Path(folder)
     scenario.check()
     make = _export_autopilot if part == "autopilot" else _export_loop
@@ -85,13 +85,13 @@ def export_c(
 
 
 def _export_autopilot(scenario: Scenario, steps: int, seed: int) -> tuple[BlockDefinition, Log, Any, int]:
-    """The block, a log of what it gave, the columns of its inputs by path, and its period."""
+    """Return the block, a log of its inputs and outputs, the columns of its inputs by path, and its period."""
     optional = [name for name in OPTIONAL if getattr(scenario.autopilot, name) is not None]
     period, block = scenario.autopilot.period, autopilot_block(scenario, seed=seed)
     logged = {path for path, _, _ in logged_signals(signal_structure(run_inputs(scenario)))}
     unknown = [p for p in leaf_paths(block.input) if p != "t" and "downlink" + p.removeprefix("samples") not in logged]
     if unknown:
-        problem = f"its autopilot reads {unknown[0]!r}, which no log holds, so that the folder could not be tested"
+        problem = f"its autopilot reads {unknown[0]!r}, which is not logged, so the folder cannot be tested"
         fix = "export the step of one craft:  trimtab export FILE.py:function  (docs, Swarms)"
         raise InputError(f"export {scenario.name!r}", problem, fix=fix)
     log = simulate(
@@ -110,7 +110,7 @@ def _export_autopilot(scenario: Scenario, steps: int, seed: int) -> tuple[BlockD
 
 
 def _export_loop(scenario: Scenario, steps: int, seed: int) -> tuple[BlockDefinition, Log, Any, int]:
-    """The same of the closed loop."""
+    """Return the same for the closed loop."""
     table = timetable(
         [*scenario.world.periods(), scenario.autopilot.period], scenario.duration, scenario.world.max_step
     )
@@ -118,11 +118,11 @@ def _export_loop(scenario: Scenario, steps: int, seed: int) -> tuple[BlockDefini
     duration = int(table.t[count - 1] + table.h[count - 1])
     log = simulate(scenario, seed=seed, duration=duration, log_period=1, backend="jax")
     if not np.array_equal(log.ticks, table.t[:count]):
-        raise InputError("export", "its instants differ when it is cut short", fix=argument("steps", len(table.t)))
+        raise InputError("export", "its instants differ when the run is shortened", fix=argument("steps", len(table.t)))
     columns = {"t": table.t[:count], "h": table.h[:count]}
     return loop_block(scenario, table.always, seed=seed), log, columns.__getitem__, int(table.h[0])
 
 
 def _stack_columns(columns: list[Any]) -> Any:
-    """Arrays (n, …) side by side as numbers (n, VECTORS)."""
+    """Stack arrays (n, …) side by side as numbers (n, VECTORS)."""
     return np.concatenate([exact_numbers(c).reshape(len(c), -1) for c in columns], axis=1)

@@ -1,8 +1,8 @@
-"""firmware: the vehicle's end of the distributed autopilot as C for a microcontroller, with a world to drive in it.
+"""firmware: write the vehicle's end of the distributed autopilot as C for a microcontroller, with an emulated world.
 
 The portable C is in the folder `firmware` of this package, with two drives: of a regulated fan, and of any outputs that
-follow the command by tables. What is written beside it belongs to the scenario: the exported world and failsafe, the
-tables or the fan's regulator and motor, the messages of its dialect, and the key.
+follow the command by tables. The written files belong to the scenario: the exported world and failsafe, the tables or
+the fan's regulator and motor, the messages of its dialect, and the key.
 """
 
 import json
@@ -63,13 +63,13 @@ from trimtab.wire.telemetry import mav_type
 
 PACKAGED_FIRMWARE = Path(__file__).resolve().parents[1] / "firmware"
 CHECKOUT_FIRMWARE = Path(__file__).resolve().parents[3] / "firmware"
-"""Where the portable C lies: in an installed package, or beside `src`."""
+"""Folder of the portable C: in an installed package, or beside `src`."""
 START_UP_FILES = {"start.c": "boards/mps2/start.c", "link.ld": "boards/mps2/link.ld", "board.h": "boards/mps2/board.h"}
 REALS = {"single": "f32", "double": "f64"}
 FIRMWARE_BOARDS = {name: REALS[target.real] for name, target in TARGETS.items()} | {"stm32f405": REALS["single"]}
-"""Boards that the firmware runs on, and what their FPU computes in."""
+"""Boards that the firmware runs on -> type of numbers of their FPU."""
 MOST_OUTPUTS_OF = {"stm32f405": 4}
-"""Outputs of a board that has fewer than the message of the servos' outputs."""
+"""Number of outputs, for boards that have fewer than the message of the servos' outputs."""
 FAN_OUTPUTS = [
     "output 1: rudder servo, the command's pulse, safe 1.500 ms",
     "output 2: thrust fan's speed controller, duty -1 to 1 by 1.000 to 2.000 ms, safe 1.500 ms",
@@ -79,7 +79,7 @@ KEY_MAGIC = b"trimtab1"
 
 
 class FirmwareFolder(NamedTuple):
-    """What was written: the folder, all files, the dialect in which it speaks, a line for each output."""
+    """Result: the folder, all files, the dialect of the firmware, a line for each output."""
 
     folder: Path
     files: list[Path]
@@ -93,14 +93,14 @@ def write_firmware(
     """Write the firmware of a scenario's vehicle into a folder; `make` there builds firmware.elf.
 
     Args:
-        scenario: checked whole before anything is written. Its links are left out: the real ones take their place.
-        folder: made where it is missing.
-        key: with which both ends sign; it goes into the file key.bin, owner-only, and is in no other file.
+        scenario: scenario, fully checked before anything is written. Real links replace its links.
+        folder: folder to write; created if missing.
+        key: key with which both ends sign. It is written to the file key.bin, owner-only, and to no other file.
         board: a key of `FIRMWARE_BOARDS`.
-        seed: of the random numbers in the emulated world.
+        seed: seed of the random numbers in the emulated world.
 
     Raises:
-        InputError: another board, a command without limits, more than the board bears, a folder that can't be written.
+        InputError: unknown board, command without limits, too much for the board, or the folder cannot be written.
     """
     real = _find_real(board)
     asked, scenario = scenario, replace_hardware(scenario)
@@ -151,7 +151,7 @@ extern const char *const identity_line[];
 
 
 def identity_source(identity: Mapping[str, str], mav_type: int) -> str:
-    """C that holds an identity, text by path, as the vehicle's end tells it."""
+    """Return C that holds an identity, text by path, for the vehicle's end."""
     digest = ", ".join(map(str, identity_digest(identity)))
     lines = [cut_line(path, text).decode("ascii", "replace") for path, text in sorted(identity.items())]
     quoted = [json.dumps(line.replace("?", "_")) for line in lines]  # no trigraphs
@@ -171,7 +171,7 @@ def identity_source(identity: Mapping[str, str], mav_type: int) -> str:
 
 
 def replace_hardware(scenario: Scenario) -> Scenario:
-    """The scenario whose world stands in for the hardware: wires for links, servo frames left to the firmware."""
+    """Return the scenario with a world for emulated hardware: wires for links, servo frames left to the firmware."""
     scenario.check()
     scenario, actuators = replace_links(scenario), scenario.world.actuators
     if isinstance(actuators, FanDrive):
@@ -182,7 +182,7 @@ def replace_hardware(scenario: Scenario) -> Scenario:
 
 
 def firmware_outputs(scenario: Scenario, board: str = "cortex-m7") -> list[str]:
-    """A line for each output of a scenario's firmware; refuses what `write_firmware` would, before it writes."""
+    """Return a line for each output of a scenario's firmware. Raise the errors of `write_firmware` without writing."""
     load_generator()
     refuse_stepped_vehicle(scenario)
     refuse_swarm(scenario, "firmware")
@@ -191,7 +191,7 @@ def firmware_outputs(scenario: Scenario, board: str = "cortex-m7") -> list[str]:
 
 
 def output_names(scenario: Scenario, board: str = "stm32f405") -> tuple[str, ...]:
-    """What each output of a scenario's board drives: the numbers of its command, e.g. elevator, moment[0]."""
+    """Return what each output of a scenario's board drives: the numbers of its command, e.g. elevator, moment[0]."""
     if isinstance(scenario.world.actuators, FanDrive):
         return FAN_DRIVE
     command = carried_structures(replace_hardware(scenario))[1]
@@ -199,16 +199,16 @@ def output_names(scenario: Scenario, board: str = "stm32f405") -> tuple[str, ...
 
 
 def _find_real(board: str) -> str:
-    """What a board's FPU computes in."""
+    """Return the type of numbers of a board's FPU."""
     if board not in FIRMWARE_BOARDS:
         raise InputError(
-            "firmware", f"board {board!r} is not one", choices=FIRMWARE_BOARDS, fix=argument("board", "cortex-m7")
+            "firmware", f"unknown board {board!r}", choices=FIRMWARE_BOARDS, fix=argument("board", "cortex-m7")
         )
     return FIRMWARE_BOARDS[board]
 
 
 def drive_texts(scenario: Scenario, command: Command, board: str) -> tuple[str, dict[str, str], list[str]]:
-    """A scenario's drive in the folder `drives`, the texts that go with it, a line for each output."""
+    """Return a scenario's drive in the folder `drives`, its texts, and a line for each output."""
     if isinstance(scenario.world.actuators, FanDrive):
         return "fan", {}, FAN_OUTPUTS
     outputs = find_outputs(scenario, command, MOST_OUTPUTS_OF.get(board, MOST_OUTPUTS))
@@ -221,12 +221,12 @@ def drive_texts(scenario: Scenario, command: Command, board: str) -> tuple[str, 
 
 
 def driven_fan(scenario: Scenario) -> RegulatedFan:
-    """The scenario's own regulator, motor and battery, or those that the firmware has by default, always full."""
+    """Return the scenario's regulator, motor and battery, or the firmware's default ones, always full."""
     return getattr(scenario.world.actuators, "fan", None) or without(RegulatedFan(), "battery-sag")
 
 
 def motor_block(fan: RegulatedFan) -> BlockDefinition:
-    """Motor and encoder on their battery, as the regulator's timers meet them: a duty in, speed and count out."""
+    """Define motor and encoder on their battery, as the regulator's timers see them: duty in, speed and count out."""
 
     def turn(p: Any, s: Any, now: StepInput) -> Any:
         state, speed_rpm, _ = p.turn(now.t, s, now.input)
@@ -238,7 +238,7 @@ def motor_block(fan: RegulatedFan) -> BlockDefinition:
 
 
 def firmware_blocks(scenario: Scenario, command: Command, real: str) -> list[BlockText]:
-    """The blocks of the firmware, of a fan drive also regulator and motor, as C."""
+    """Return the blocks of the firmware as C, for a fan drive with regulator and motor."""
     failsafe = failsafe_block(choose_failsafe(scenario, command), command)
     if not isinstance(scenario.world.actuators, FanDrive):
         return [block_text(failsafe, real)]
@@ -251,17 +251,19 @@ def firmware_blocks(scenario: Scenario, command: Command, real: str) -> list[Blo
 
 
 def refuse_workspaces(blocks: list[BlockText]) -> None:
-    """Refuse blocks that need memory beside the stack: the firmware's sources give them none."""
+    """Raise InputError for blocks that need memory besides the stack: the firmware's sources have none."""
     for block in blocks:
         if block.workspace:
-            problem = f"block {block.name!r} needs a workspace of {block.workspace} bytes, which the firmware has not"
+            problem = (
+                f"block {block.name!r} needs a workspace of {block.workspace} bytes, which the firmware does not have"
+            )
             raise InputError(
-                "firmware", problem, fix="smaller arrays, or trimtab export, whose caller gives the memory"
+                "firmware", problem, fix="smaller arrays, or trimtab export, whose caller provides the memory"
             )
 
 
 def samples_header(sensors: Mapping[str, int]) -> str:
-    """The header of what sends the samples: each sensor with its period, so that a board sees what is asked of it."""
+    """Return the header for sending samples: each sensor with its period, so that a board knows its rates."""
     periods = "\n".join(f"#define SAMPLES_{identifier(name).upper()} {period}" for name, period in sensors.items())
     return f"""{LICENCE_NOTE}
 #ifndef SAMPLES_H
@@ -282,7 +284,7 @@ void samples_merge(world_out *kept, const world_out *now);
 
 
 def samples_source(frame: Frame, dialect: Dialect) -> str:
-    """C that sends each fresh sample of the world as the messages of the dialect."""
+    """Return C that sends each fresh sample of the world as the messages of the dialect."""
     lines = [
         LICENCE_NOTE,
         '#include "samples.h"\n',
@@ -311,7 +313,7 @@ def _merging_lines(frame: Frame) -> list[str]:
 
 
 def _sending_lines(name: str, dialect: Dialect) -> list[str]:
-    """Lines that fill in one message and send it."""
+    """Return lines that fill in one message and send it."""
     low, pad = name.lower(), " " * 8
     lines = [f"{pad}mavlink_{low}_t {low};", f"{pad}memset(&{low}, 0, sizeof {low});"]
     for f in dialect.definitions[name].fields:
@@ -348,9 +350,9 @@ static const int64_t PERIODS[] = {{{periods}}};
 
 
 def _copy_sources(folder: Path, board: str, drive: str) -> list[Path]:
-    """The portable C, the drive and the start-up code, with the board as the Makefile's default."""
+    """Copy the portable C, the drive and the start-up code, with the board as the Makefile's default."""
     source = PACKAGED_FIRMWARE if PACKAGED_FIRMWARE.is_dir() else CHECKOUT_FIRMWARE
-    for name in ("drive", "emulated", "exported", "build"):  # of another scenario, perhaps
+    for name in ("drive", "emulated", "exported", "build"):  # may belong to another scenario
         shutil.rmtree(folder / name, ignore_errors=True)
     shutil.copytree(source, folder, dirs_exist_ok=True, ignore=shutil.ignore_patterns("drives"))
     shutil.copytree(source / "drives" / drive, folder / "drive")
@@ -373,14 +375,14 @@ def _write_texts(folder: Path, texts: dict[str, str]) -> list[Path]:
 
 
 def key_image(key: SigningKey, since: float) -> bytes:
-    """What a board reads its key from (firmware/portable/key.h); `since` is in Unix time."""
+    """Return the bytes from which a board reads its key (firmware/portable/key.h). `since` is in Unix time."""
     stamp = int((since - EPOCH) * PER_SECOND)
     body = KEY_MAGIC + key.secret + stamp.to_bytes(8, "little")
     return body + zlib.crc32(body).to_bytes(4, "little")
 
 
 def _write_key(path: Path, key: SigningKey) -> Path:
-    """The key, and when it was written: nothing signed earlier is believed, for this board knows no calendar."""
+    """Write the key and the time of writing. Nothing signed earlier is accepted, since the board has no calendar."""
     path.unlink(missing_ok=True)
     with os.fdopen(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "wb") as file:
         file.write(key_image(key, time.time()))

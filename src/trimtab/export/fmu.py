@@ -31,12 +31,12 @@ HEADERS = {
     3: ("fmi3Functions.h", "fmi3FunctionTypes.h", "fmi3PlatformTypes.h"),
 }
 OPTIONS = ("-std=c99", "-O2", "-ffp-contract=off", "-fno-tree-slp-vectorize", "-fwrapv", "-fno-math-errno")
-"""Of the compiler, for the same bits as the simulation; not for this machine's processor alone."""
+"""Options of the compiler, for the same bits as the simulation, and for any processor of this kind."""
 SYSTEMS = {"linux": ("linux", ".so"), "darwin": ("darwin", ".dylib")}
 
 
 class ExportedFmu(NamedTuple):
-    """What was written. platform: the folder of the binary; None where there is no compiler, and only sources."""
+    """Result of an export. platform: folder of the binary; None without a compiler, with sources only."""
 
     path: Path
     block: BlockText
@@ -50,24 +50,22 @@ def export_fmu(
     """Write a part of a scenario as an FMU.
 
     Args:
-        scenario: checked whole before anything is written.
-        path: of the file.
-        version: of FMI, 2 or 3.
+        scenario: scenario, fully checked before anything is written.
+        path: path of the file.
+        version: version of FMI, 2 or 3.
         part: "autopilot": frames in, commands out; "vehicle": commands in, frames out; "loop": both, signals out.
-        real: "double" or "single", what the C computes in.
-        seed: of the random numbers; a parameter of vehicle and loop too.
+        real: "double" or "single", the type of real numbers in the C text.
+        seed: seed of the random numbers; also a parameter of vehicle and loop.
 
     Raises:
-        InputError: a scenario that can't be flown, a primitive without C text, a compiler that refuses, a file that
-            can't be written.
+        InputError: the scenario cannot be flown, a primitive has no C text, the compiler fails, or the file
+            cannot be written.
     """
     if part not in FMU_PARTS:
-        raise InputError(
-            "export --fmu", f"part {part!r} is not one", choices=FMU_PARTS, fix=argument("part", "autopilot")
-        )
+        raise InputError("export --fmu", f"unknown part {part!r}", choices=FMU_PARTS, fix=argument("part", "autopilot"))
     if version not in VERSIONS:
         raise InputError(
-            "export --fmu", f"there is no FMI {version} here", choices=map(str, VERSIONS), fix=argument("fmu", 3)
+            "export --fmu", f"unknown FMI version {version}", choices=map(str, VERSIONS), fix=argument("fmu", 3)
         )
     scenario.check()
     model = fmu_model(scenario, part, seed)
@@ -104,7 +102,7 @@ def _source_files(
     scenario: Scenario,
     variables: list[FmuVariable],
 ) -> tuple[dict[str, bytes], FmuIdentity]:
-    """All files but the binary, and the identity with its token: a digest of what they say."""
+    """Return all files but the binary, and the identity with its token: a digest of their contents."""
     texts = {
         f"sources/{block.name}.h": block.header,
         f"sources/{block.name}.c": block.source,
@@ -125,7 +123,7 @@ def _source_files(
 
 
 def find_platform(version: int) -> tuple[str, str]:
-    """The folder's name below binaries, and the suffix of a shared library."""
+    """Return the name of the folder below binaries, and the suffix of a shared library."""
     system, suffix = SYSTEMS.get(sys.platform, ("windows", ".dll"))
     machine = {"AMD64": "x86_64", "arm64": "aarch64"}.get(platform.machine(), platform.machine())
     if version == 2 and machine == "x86_64":
@@ -134,7 +132,7 @@ def find_platform(version: int) -> tuple[str, str]:
 
 
 def _compile(about: FmuIdentity, files: dict[str, bytes], block: BlockText) -> bytes | None:
-    """The shared library of the sources; None where there is no compiler."""
+    """Return the shared library of the sources; None without a compiler."""
     compiler = find_compiler("c")
     if compiler is None:
         return None
@@ -150,12 +148,12 @@ def _compile(about: FmuIdentity, files: dict[str, bytes], block: BlockText) -> b
         )
         if built.returncode:
             said = "\n".join(built.stderr.splitlines()[:20])
-            raise InputError("export --fmu", f"the compiler refused it:\n{said}", fix="report it")
+            raise InputError("export --fmu", f"the compiler reported an error:\n{said}", fix="report it")
         return (Path(scratch) / "model.so").read_bytes()
 
 
 def _write_archive(path: Path, files: dict[str, bytes]) -> None:
-    """A zip that is the same whenever its files are."""
+    """Write a zip whose bytes depend on its files only."""
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
         with zipfile.ZipFile(path, "w", zipfile.ZIP_DEFLATED) as archive:

@@ -40,7 +40,7 @@ BASE: dict[str, tuple[float, dict[str, int]]] = {
 
 
 class FmuIdentity(NamedTuple):
-    """What is said of the FMU as a whole. sources: the files that are compiled."""
+    """Description of the FMU as a whole. sources: the files that are compiled."""
 
     scenario: str
     part: str
@@ -53,7 +53,7 @@ class FmuIdentity(NamedTuple):
 
 
 def description_xml(version: int, about: FmuIdentity, variables: list[FmuVariable]) -> str:
-    """The text of modelDescription.xml; the variables are in the order of their value references, from 1 on."""
+    """Return the text of modelDescription.xml. Variables are in the order of their value references, from 1 on."""
     root = ET.Element("fmiModelDescription", fmiVersion="3.0" if version == 3 else "2.0")
     root.set("modelName", f"{about.scenario} {about.part}")
     root.set("instantiationToken" if version == 3 else "guid", about.token)
@@ -87,7 +87,7 @@ def description_xml(version: int, about: FmuIdentity, variables: list[FmuVariabl
 
 
 def build_description_xml(about: FmuIdentity, options: str) -> str:
-    """The text of sources/buildDescription.xml, as FMI 3.0 has it."""
+    """Return the text of sources/buildDescription.xml, by FMI 3.0."""
     root = ET.Element("fmiBuildDescription", fmiVersion="3.0")
     built = ET.SubElement(root, "BuildConfiguration", modelIdentifier=about.identifier)
     files = ET.SubElement(built, "SourceFileSet", language="C99", compiler="gcc", compilerOptions=options)
@@ -99,7 +99,7 @@ def build_description_xml(about: FmuIdentity, options: str) -> str:
 
 
 def unit_in_si(unit: str) -> tuple[float, dict[str, int]] | None:
-    """Size of a unit in SI and its exponents there; None where FMI cannot say it, e.g. of a root."""
+    """Return size of a unit in SI and its exponents there; None if FMI cannot express it, e.g. a root."""
     factor, exponents, sign = 1.0, dict[str, int](), 1
     if match := re.fullmatch(r"(\d+) (.*)", unit):
         factor, unit = float(match[1]), match[2]
@@ -134,7 +134,7 @@ def _add_units(root: ET.Element, version: int, variables: list[FmuVariable]) -> 
 
 
 def _unit(v: FmuVariable, version: int) -> str:
-    """The unit that a variable is said to have; whole numbers have none."""
+    """Return the declared unit of a variable; whole numbers have none."""
     is_real = (TYPES_3 if version == 3 else TYPES_2)[v.dtype] in ("Float64", "Float32", "Real")
     d = v.member.declaration
     return d.unit if d is not None and is_real and d.unit not in ("", "1") else ""
@@ -159,7 +159,7 @@ def _attributes(v: FmuVariable, reference: int) -> dict[str, str]:
 
 
 def _limits(v: FmuVariable, version: int) -> dict[str, str]:
-    """Unit, min and max of a real number; an output is what it is."""
+    """Return unit, min and max of a real number. Outputs have no limits."""
     unit, d = _unit(v, version), v.member.declaration
     told = {"unit": unit} if unit else {}
     if d is None or v.role == "output" or v.dtype[0] != "f":

@@ -1,6 +1,6 @@
-"""What an FMU shows of a compiled block: its variables, and the text of model.h, by which `fmi/fmu.h` reaches them.
+"""Model of a compiled block for an FMU: its variables, and the text of model.h, by which `fmi/fmu.h` reaches them.
 
-A variable has the name that it has in a setting or a log: parameters `autopilot.law.k1`, signals `command.value.FX`.
+Variables are named as in settings and logs: parameters `autopilot.law.k1`, signals `command.value.FX`.
 """
 
 import math
@@ -20,13 +20,13 @@ from trimtab.run.blocks import autopilot_block, loop_block, world_block
 
 TYPES = ("f64", "f32", "i32", "i64", "u32", "bool")
 UNSTAMPED = -(2**63)
-"""The time of a message that is one of now."""
+"""Time of a message without a time of its own: it counts as one of now."""
 SPLIT_AT = 256
-"""FMI 2.0 has no arrays: a parameter of more numbers than this is left out there."""
+"""Largest parameter in FMI 2.0, which has no arrays: a parameter with more numbers is left out there."""
 
 
 class FmuVariable(NamedTuple):
-    """One variable. place: below model_data, as C reads it.  start: its numbers; None of an output."""
+    """Variable. place: below model_data, in C.  start: its numbers; None for an output."""
 
     name: str
     place: str
@@ -36,22 +36,22 @@ class FmuVariable(NamedTuple):
 
     @property
     def dtype(self) -> str:
-        """Type of its numbers, as the compiler calls it."""
+        """Type of its numbers, as the compiler names it."""
         return self.member.dtype
 
     @property
     def shape(self) -> tuple[int, ...]:
-        """Of an array; () of a number."""
+        """Shape of an array; () for a number."""
         return self.member.shape
 
 
 class FmuModel(NamedTuple):
-    """A part of a scenario as an FMU sees it.
+    """Part of a scenario for an FMU.
 
-    definition: the block.  prefix: before the paths of its parameters, to make settings of them.
-    name_input: the variable's name of an input's path in the block, None of one that the FMU gives itself.
+    definition: the block.  prefix: prefix that makes the paths of its parameters those of settings.
+    name_input: path of an input in the block -> name of the variable; None for inputs set by the FMU itself.
     begin, advance: bodies of C.
-    step_s: how far apart communication points best are.
+    step_s: recommended time between communication points.
     """
 
     definition: BlockDefinition
@@ -120,7 +120,7 @@ static int64_t model_next(int64_t t)
 
 
 def fmu_model(scenario: Scenario, part: str, seed: int = 0) -> FmuModel:
-    """A part of a checked scenario: "autopilot", "vehicle" (its world, sensors and links too) or "loop"."""
+    """Return a part of a checked scenario: "autopilot", "vehicle" (with its world, sensors and links) or "loop"."""
     period = scenario.autopilot.period
     if part == "autopilot":
         stamps = AUTOPILOT_ADVANCE.replace("PERIOD", f"INT64_C({period})")
@@ -137,7 +137,7 @@ def fmu_model(scenario: Scenario, part: str, seed: int = 0) -> FmuModel:
 
 
 def _name_sample(path: str) -> str | None:
-    """The vehicle's output of the same name is what is wired to it."""
+    """Return the vehicle's output of the same name, to which the input is wired."""
     return "downlink" + path.removeprefix("samples") if path.startswith("samples.") else None
 
 
@@ -146,10 +146,10 @@ def _name_command(path: str) -> str | None:
 
 
 def fmu_variables(model: FmuModel, block: BlockText) -> list[FmuVariable]:
-    """Parameters that the C reads, inputs and outputs, in this order.
+    """Return parameters that the C reads, inputs and outputs, in this order.
 
     Raises:
-        InputError: of a type that FMI has no variables of, or two of one name.
+        InputError: a variable has a type unknown to FMI, or a name used twice.
     """
     values = [np.asarray(v) for v in jax.tree.leaves(model.definition.parameters)]
     begins, steps = _function_texts(block, "init"), _function_texts(block, "step")
@@ -167,12 +167,12 @@ def fmu_variables(model: FmuModel, block: BlockText) -> list[FmuVariable]:
     for v in variables:
         if v.dtype not in TYPES or names.count(v.name) > 1:
             problem = f"its {v.name!r} is of type {v.dtype}" if v.dtype not in TYPES else f"two are named {v.name!r}"
-            raise InputError("export --fmu", f"{problem}, which no FMU can show", fix="trimtab export without --fmu")
+            raise InputError("export --fmu", f"{problem}, which an FMU cannot have", fix="trimtab export without --fmu")
     return variables
 
 
 def split_variables(variables: Iterable[FmuVariable]) -> list[FmuVariable]:
-    """Each number a variable of its own, as FMI 2.0 has it; parameters of very many numbers are left out."""
+    """Split into one variable per number, as in FMI 2.0. Parameters with very many numbers are left out."""
     single = []
     for v in variables:
         if not v.shape:
@@ -189,7 +189,7 @@ def split_variables(variables: Iterable[FmuVariable]) -> list[FmuVariable]:
 def model_header(
     model: FmuModel, block: BlockText, scenario: Scenario, variables: list[FmuVariable], token: str
 ) -> str:
-    """The text of model.h."""
+    """Return the text of model.h."""
     name, more = block.name, ", w" if block.workspace else ""
     real = "double" if all(m.dtype != "f32" for m in [*block.inputs, *block.parameters]) else "float"
     samples = [m.path.removesuffix(".age") for m in block.inputs if m.path.endswith(".age")]
@@ -256,7 +256,7 @@ def _literal(value: Any, dtype: str) -> str:
 
 
 def _input_start(m: Member) -> Any:
-    """Of an input that nobody sets: a message is a valid one of now, its numbers zero or as near as may be."""
+    """Return the start of an unset input. A message is a valid one of now, its numbers zero or as near as possible."""
     last = m.path.rpartition(".")[2]
     if m.dtype == "bool":
         return np.full(m.shape, last in ("valid", "fresh"))
@@ -269,7 +269,7 @@ def _input_start(m: Member) -> Any:
 
 
 def _function_texts(block: BlockText, kind: str) -> str:
-    """The text of a block's init or step, with the pieces that it is divided in."""
+    """Return the text of a block's init or step, with the pieces that it is divided into."""
     functions = re.split(r"^}$", block.source, flags=re.MULTILINE)
     return "\n".join(f for f in functions if re.search(rf"^\S.*\b{block.name}_{kind}", f, flags=re.MULTILINE))
 

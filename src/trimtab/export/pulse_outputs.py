@@ -1,4 +1,4 @@
-"""Outputs of a board as C: the tables by which the numbers of a command become pulses, and which ones are safe."""
+"""Outputs of a board as C: tables from the numbers of a command to pulses, and the safe pulses."""
 
 from typing import Any
 
@@ -16,14 +16,14 @@ from trimtab.run.command_pulses import PulseOutput, describe_outputs
 from trimtab.wire.dialect import Dialect
 
 COUNTS_PER_SECOND = 2e6
-"""Of the servo timers (firmware/portable/pulse.h)."""
+"""Counts per second of the servo timers (firmware/portable/pulse.h)."""
 SHORTEST_FRAME, LONGEST_FRAME = ms(3), ms(20)
 
 
 def frame_of(scenario: Scenario) -> int:
-    """Time between pulses (100 ns), whole milliseconds: the shortest of the servos' frames, within what servos take.
+    """Return the time between pulses (100 ns), in whole milliseconds: the shortest frame that all servos accept.
 
-    Where no frame is known it is as long as the actuators' period.
+    Without a known frame it is the actuators' period.
     """
     actuators = scenario.world.actuators
     rows = actuators.stages.values() if isinstance(actuators, ActuatorBank) else ()
@@ -33,7 +33,7 @@ def frame_of(scenario: Scenario) -> int:
 
 
 def outputs_header(outputs: list[PulseOutput], frame: int) -> str:
-    """Which outputs there are, for the portable part and the board."""
+    """Return the header of the outputs, for the portable part and the board."""
     safe = ", ".join(str(round(o.safe * COUNTS_PER_SECOND)) for o in outputs)
     names = "".join(f"\n   {line}" for line in describe_outputs(outputs))
     return f"""{LICENCE_NOTE}
@@ -52,7 +52,7 @@ static const uint16_t SAFE_PULSES[CHANNELS] = {{{safe}}};
 
 
 def outputs_source(outputs: list[PulseOutput]) -> str:
-    """The tables, and the numbers of the failsafe's command behind the outputs."""
+    """Return the tables, and the numbers of the failsafe's command for the outputs."""
     lines = [LICENCE_NOTE, '#include "output_table.h"\n']
     for k, o in enumerate(outputs):
         values, counts = np.asarray(o.pulse.values), np.asarray(o.pulse.widths) * COUNTS_PER_SECOND
@@ -72,7 +72,7 @@ def outputs_source(outputs: list[PulseOutput]) -> str:
 
 
 def world_source(outputs: list[PulseOutput]) -> str:
-    """What the pulses tell the exported world."""
+    """Return C that passes the pulses to the exported world."""
     lines = [LICENCE_NOTE, '#include "output_table.h"\n']
     lines += ["void output_tell(world_in *world, int channel, double value) {"]
     for k, o in enumerate(outputs):
@@ -95,19 +95,21 @@ void command_take(failsafe_in *in, const mavlink_command_t *c);
 
 
 def command_source(dialect: Dialect) -> str:
-    """C that hands the numbers of a command's message to the failsafe.
+    """Return C that passes the numbers of a command's message to the failsafe.
 
     Raises:
-        InputError: a command in several messages.
+        InputError: the command needs several messages.
     """
     name, *more = dialect.groups["command"]
     if more:
-        problem = f"a command needs {len(more) + 1} messages; the firmware takes those that fit into one"
-        raise InputError("firmware", problem, fix="an allocation whose command has 28 numbers at most")
+        problem = f"a command needs {len(more) + 1} messages; the firmware accepts one only"
+        raise InputError("firmware", problem, fix="use an allocation whose command has 28 numbers at most")
     lines = [LICENCE_NOTE, '#include "command.h"\n', "void command_take(failsafe_in *in, const mavlink_command_t *c) {"]
     places = dialect.places[name]
     for f in dialect.definitions[name].fields:
-        for k, place in enumerate(places[f.at : f.at + f.slots]):  # none of the session, which is no number of it
+        for k, place in enumerate(
+            places[f.at : f.at + f.slots]
+        ):  # without the session, which is not part of the command
             if not place.path.startswith("command.value"):
                 continue
             target = ".".join(map(identifier, place.path.split(".")[1:])) + (f"[{place.slot}]" if f.length else "")

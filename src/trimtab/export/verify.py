@@ -1,4 +1,4 @@
-"""Whether an exported folder computes what was simulated: compiled without a warning, checked, compared by sample."""
+"""Check of an exported folder: compiled without a warning, checked, and compared with the simulation by sample."""
 
 import json
 import os
@@ -19,11 +19,12 @@ SANITIZERS = ("-fsanitize=address,undefined", "-fno-sanitize-recover=all", "-g")
 
 
 class VerificationReport(NamedTuple):
-    """What a check found.
+    """Result of a check.
 
-    good: whether every sample is within its tolerance, and the sanitizers found nothing.
-    worst: output -> (largest difference, tolerance).  first: step, output, got and wanted of the first that is not.
-    stack_bytes: of the step and what it calls, as the compiler counts.  sanitized: False where there are none.
+    good: every sample is within its tolerance, and the sanitizers found nothing.
+    worst: output -> (largest difference, tolerance).  first: step, output, got and wanted of the first one out of
+        tolerance.
+    stack_bytes: of the step and its callees, by the compiler's count.  sanitized: False without sanitizers.
     """
 
     good: bool
@@ -35,14 +36,14 @@ class VerificationReport(NamedTuple):
 
 
 def verify_folder(folder: Path) -> VerificationReport:
-    """Compile and replay a folder that `trimtab export` wrote, and compare sample by sample.
+    """Compile and replay a folder written by `trimtab export`, and compare sample by sample.
 
-    Raises InputError where the folder is not one, there is no compiler, or the text does not compile cleanly.
+    Raises InputError if the folder is not one, there is no compiler, or the text does not compile cleanly.
     """
     about = _read_manifest(folder)
     compiler = find_compiler("c")
     if compiler is None:
-        raise InputError("export --verify", "there is no C compiler", fix="install gcc or clang, or name one in CC")
+        raise InputError("export --verify", "no C compiler found", fix="install gcc or clang, or name one in CC")
     cc = [compiler.path, *compiler.options]
     _check_header(folder / f"{about['name']}.h")
     wanted = _read_rows((folder / "vectors.csv").read_text().splitlines()[1:])[:, len(about["inputs"]) :]
@@ -58,9 +59,9 @@ def verify_folder(folder: Path) -> VerificationReport:
 def compare_samples(
     got: Any, wanted: Any, names: list[str], tolerance: Any
 ) -> tuple[dict[str, tuple[float, float]], tuple[int, str, Any, Any] | None]:
-    """Largest difference of each output, and the first sample that is too far off; NaN equals NaN."""
+    """Return the largest difference of each output, and the first sample out of tolerance. NaN equals NaN."""
     if got.shape != wanted.shape:
-        problem = f"the replay printed {got.shape[0]} x {got.shape[1]} numbers, wanted are {wanted.shape}"
+        problem = f"the replay printed {got.shape[0]} x {got.shape[1]} numbers, expected {wanted.shape}"
         raise InputError("export --verify", problem, fix="export the folder again")
     columns = [_differences(got[:, k], wanted[:, k], exact=tolerance[k] == 0) for k in range(len(names))]
     off = np.array(columns).reshape(len(names), len(wanted)).T
@@ -76,18 +77,18 @@ def _differences(got: Any, wanted: Any, exact: bool) -> Any:
     """Return the error of each sample; 0 where both are NaN. exact: compare as integers, which float64 may not hold."""
     kind = object if exact else np.float64
     got, wanted = np.asarray(got, kind), np.asarray(wanted, kind)
-    with np.errstate(invalid="ignore"):  # of two infinities
+    with np.errstate(invalid="ignore"):  # difference of two infinities
         off = np.abs(got - wanted).astype(np.float64)
     same = (got == wanted) | ((got != got) & (wanted != wanted))
     return np.where(same, 0.0, np.where(np.isnan(off), np.inf, off))
 
 
 def _read_rows(lines: list[str]) -> Any:
-    """Rows of numbers as text, integers exactly: an array of Python's own numbers."""
+    """Return rows of numbers as text, integers exactly: an array of Python's own numbers."""
     rows = [line.split(",") if line else [] for line in lines]
     width = max(map(len, rows), default=0)
     if any(len(row) != width for row in rows):
-        raise InputError("export --verify", "rows of vectors differ in length", fix="export the folder again")
+        raise InputError("export --verify", "the rows of vectors.csv differ in length", fix="export the folder again")
     numbers = [float(cell) if set(cell) & set(".en") else int(cell) for row in rows for cell in row]
     made = np.empty(len(numbers), object)
     made[:] = numbers
@@ -103,12 +104,12 @@ def _read_manifest(folder: Path) -> dict[str, Any]:
             about[key]
         return about
     except (OSError, ValueError, KeyError, TypeError) as error:
-        problem = f"{str(folder)!r} is not a folder that trimtab export wrote ({error})"
+        problem = f"{str(folder)!r} is not a folder written by trimtab export ({error})"
         raise InputError("export --verify", problem, fix="trimtab export SCENARIO --out DIR") from None
 
 
 def _check_header(header: Path) -> None:
-    """Refuse a header that a C++ program cannot include; does nothing where there is no C++ compiler."""
+    """Raise InputError for a header that a C++ program cannot include. Without a C++ compiler nothing is checked."""
     compiler = find_compiler("c++")
     if compiler is None:
         return
@@ -130,7 +131,7 @@ def _run_replay(cc: list[str], folder: Path, name: str, scratch: Path, extra: tu
     built = subprocess.run(command, capture_output=True, text=True, cwd=scratch, stdin=subprocess.DEVNULL, check=False)
     if built.returncode:
         said = "\n".join(built.stderr.splitlines()[:20])
-        raise InputError("export --verify", f"the compiler refused it:\n{said}", fix="export the folder again")
+        raise InputError("export --verify", f"the compiler reported an error:\n{said}", fix="export the folder again")
     vectors = os.path.abspath(folder / "vectors.csv")
     ran = subprocess.run([program, vectors], capture_output=True, text=True, stdin=subprocess.DEVNULL, check=False)
     if ran.returncode:
@@ -140,7 +141,7 @@ def _run_replay(cc: list[str], folder: Path, name: str, scratch: Path, extra: tu
 
 
 def _run_sanitizers(cc: list[str], folder: Path, name: str, scratch: Path, got: Any) -> bool:
-    """Run it under the address and undefined-behaviour sanitizers; False where the compiler has none."""
+    """Run the replay with the address and undefined-behaviour sanitizers. Return False if the compiler has none."""
     probe = scratch / "probe.c"
     probe.write_text("int main(void) { return 0; }\n")
     command = [*cc, *SANITIZERS, str(probe), "-o", str(scratch / "probe")]
@@ -148,12 +149,12 @@ def _run_sanitizers(cc: list[str], folder: Path, name: str, scratch: Path, got: 
         return False
     again = _run_replay(cc, folder, name, scratch, SANITIZERS)
     if not ((again == got) | ((again != again) & (got != got))).all():
-        raise InputError("export --verify", "it computes otherwise under the sanitizers", fix="report it")
+        raise InputError("export --verify", "results change when built with sanitizers", fix="report it")
     return True
 
 
 def _deepest_stack(scratch: Path) -> int:
-    """The deepest function, as -fstack-usage counts it; all calls are inlined or leaves of the mathematics library."""
+    """Return the deepest stack of a function, by -fstack-usage. All calls are inlined or maths functions."""
     found = [0]
     for file in scratch.glob("*.su"):
         for line in file.read_text().splitlines():

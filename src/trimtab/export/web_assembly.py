@@ -1,4 +1,4 @@
-"""A closed loop as WebAssembly: the exported C, compiled for a browser, and a page in which its numbers can be moved.
+"""Closed loop as WebAssembly: the exported C, compiled for a browser, and a page with sliders for its parameters.
 
 The program imports nothing. It keeps one set of parameters, flies all instants of a run in one call, and leaves every
 output of every instant in its memory, as double. The elementary functions are those of the exported text, so that the
@@ -38,15 +38,15 @@ TOOLS = ("clang", "wasm-ld")
 FLAGS = ("--target=wasm32", "-std=c99", "-nostdlib", "-nostdlibinc", "-mbulk-memory", "-w")
 EXPORTED = ("defaults", "get", "set", "fly", "memory")
 MEMORY = 64 * 2**20
-"""Bytes that the outputs of a flight may take."""
+"""Maximum size of the outputs of a flight (bytes)."""
 REFERENCE_ROWS = 300
 
 
 class Slider(NamedTuple):
-    """A number of the loop that a person moves.
+    """Slider for a number of the loop.
 
     name, unit: as shown.  low, high: its ends.  paths: of the quantities, below the scenario, that it changes.
-    adds: it is added to the scenario's own numbers and begins at 0; else it takes their place and begins at the first.
+    adds: True adds it to the scenario's own numbers, starting at 0; False replaces them, starting at the first.
     """
 
     name: str
@@ -58,17 +58,17 @@ class Slider(NamedTuple):
 
 
 class WebFlight(NamedTuple):
-    """A closed loop for the browser. program: the WebAssembly.  about: what a page needs to know of it, for JSON."""
+    """Closed loop for the browser. program: the WebAssembly.  about: description for the page, for JSON."""
 
     program: bytes
     about: dict[str, Any]
 
 
 def delay_slider(scenario: Scenario, high: float, link: str = "uplink") -> tuple[Scenario, Slider]:
-    """A slider for delay (s) on top of a link's latency, and the scenario with a ring that holds so much.
+    """Return the scenario with a large enough ring, and a slider for delay (s) on top of a link's latency.
 
     Raises:
-        InputError: a link that has no table of latencies.
+        InputError: the link has no table of latencies.
     """
     channel = getattr(scenario.world, link)
     if not isinstance(channel, MeasuredLatency):
@@ -82,23 +82,23 @@ def delay_slider(scenario: Scenario, high: float, link: str = "uplink") -> tuple
 
 
 def missing_web_tools() -> list[str]:
-    """Which of the tools that compile to WebAssembly this machine lacks."""
+    """Return the missing tools for compiling to WebAssembly."""
     return [tool for tool in TOOLS if shutil.which(tool) is None]
 
 
 def export_web(
     scenario: Scenario, sliders: tuple[Slider, ...] = (), signals: tuple[str, ...] = (), *, seed: int = 0
 ) -> WebFlight:
-    """A scenario's closed loop as WebAssembly.
+    """Compile a scenario's closed loop to WebAssembly.
 
     Args:
-        scenario: checked whole before anything is compiled.
-        sliders: what may be moved.
-        signals: which are drawn, one plot each; those that the scenario has targets for when empty.
-        seed: of the flight that is shown first.
+        scenario: scenario, fully checked before anything is compiled.
+        sliders: sliders of the page.
+        signals: signals to plot, one plot each; empty: those with targets in the scenario.
+        seed: seed of the flight that is shown first.
 
     Raises:
-        InputError: no tools, a signal or quantity that is not there, a flight with too many numbers.
+        InputError: missing tools, unknown signal or quantity, or a flight with too many numbers.
     """
     if missing := missing_web_tools():
         problem = f"there is no {' and no '.join(missing)} here"
@@ -132,7 +132,7 @@ def export_web(
 
 
 def web_fragment(flight: WebFlight) -> str:
-    """A page's text for a flight: all in it, it asks for nothing. It may stand in any page, more than once."""
+    """Return the text of a page for a flight. It loads nothing, and may be used in any page, more than once."""
     about = flight.about | {"program": base64.b64encode(flight.program).decode()}
     data = json.dumps(about).replace("</", "<\\/")
     style, script = ((WEB / name).read_text(encoding="utf-8") for name in ("flight.css", "flight.js"))
@@ -143,7 +143,7 @@ def web_fragment(flight: WebFlight) -> str:
 
 
 def write_web_page(flight: WebFlight, folder: Path) -> list[Path]:
-    """Write index.html, which opens by itself, and the program and its description for pages of your own."""
+    """Write index.html, which works without a server, and the program and its description for your own pages."""
     head = (
         '<!doctype html>\n<html lang="en"><meta charset="utf-8"><meta name="viewport" content="width=device-width">\n'
     )
@@ -171,16 +171,16 @@ def _check_names(wanted: tuple[str, ...], names: list[str], what: str) -> None:
     for name in wanted:
         if name not in names:
             near = closest(name, names, 6) or names[:6]
-            raise InputError(f"{what} {name!r}", f"there is no such {what}", choices=near, fix=f"write {near[0]!r}")
+            raise InputError(f"{what} {name!r}", f"unknown {what}", choices=near, fix=f"write {near[0]!r}")
 
 
 def _check_slider(slider: Slider, block: BlockText, own: Callable[[str], Any]) -> None:
-    """Refuse a slider of what the program has not, or whose ends leave out where it begins."""
+    """Raise InputError for a slider of an unknown parameter, or whose range excludes its start."""
     quantities = [m.name for m in block.parameters if m.dtype == "f64"]
     _check_names(slider.paths, quantities, "quantity")
     begin = 0.0 if slider.adds else float(np.ravel(own(slider.paths[0]))[0])
     if not slider.low <= begin <= slider.high or slider.low == slider.high:
-        problem = f"it goes from {slider.low:g} to {slider.high:g}, and begins at {begin:g}"
+        problem = f"the range {slider.low:g} to {slider.high:g} must include the start {begin:g}"
         raise InputError(f"slider {slider.name!r}", problem, fix="LOW:HIGH around the scenario's own number")
 
 
@@ -194,7 +194,7 @@ def _describe_slider(slider: Slider, block: BlockText) -> dict[str, Any]:
 
 
 def _describe_signal(path: str, block: BlockText, scenario: Scenario) -> dict[str, Any]:
-    """What a plot shows: name, unit, meaning, and where the signal should go."""
+    """Return name, unit, meaning and target of a plotted signal."""
     declared = next((m.declaration for m in block.outputs if path.startswith(m.name)), None)
     goals = [target.value for target in scenario.targets if full_path(target.path) == path]
     return {
@@ -206,7 +206,7 @@ def _describe_signal(path: str, block: BlockText, scenario: Scenario) -> dict[st
 
 
 def _reference(scenario: Scenario, signals: tuple[str, ...], table: Timetable, seed: int) -> dict[str, Any]:
-    """The shown signals as the package flies them, each `every` instants: float64, the instant as first axis."""
+    """Return the shown signals as simulated here, each `every` instants: float64, the instant as first axis."""
     log = simulate(scenario, seed=seed, log_period=1, signals=tuple(s.partition("[")[0] for s in signals))
     every = -(-len(table.t) // REFERENCE_ROWS)
     columns = []
@@ -219,7 +219,7 @@ def _reference(scenario: Scenario, signals: tuple[str, ...], table: Timetable, s
 
 
 def flight_text(block: BlockText, table: Timetable) -> str:
-    """The C that a page calls: parameters by number, and the whole flight over the instants of a table."""
+    """Return the C for a page: parameters by number, and the whole flight over the instants of a table."""
     numbers = 1 + len(column_names(block.outputs))
     starts = np.flatnonzero(np.diff(table.h, prepend=-1))
     counts = np.diff(starts, append=len(table.h))
@@ -282,7 +282,7 @@ const double *fly(void)
 
 
 def _cases(parameters: list[Member], text: str) -> str:
-    """A line for each parameter."""
+    """Return a line for each parameter."""
     lines = []
     for which, m in enumerate(parameters):
         body = text.format(place=m.at("p.", "i"), type=C_TYPES[m.dtype])
@@ -305,5 +305,5 @@ def _compile_program(block: BlockText, glue: str) -> bytes:
         )
         if done.returncode:
             said = "\n".join(done.stderr.splitlines()[:20])
-            raise InputError("export --wasm", f"clang refused the text:\n{said}", fix="report it, with the scenario")
+            raise InputError("export --wasm", f"clang reported an error:\n{said}", fix="report it, with the scenario")
         return (folder / "loop.wasm").read_bytes()

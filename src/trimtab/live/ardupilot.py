@@ -1,8 +1,7 @@
-"""A virtual vehicle as the physics of ArduPilot's SITL: it moves by ArduPilot's frames, and answers with its motion.
+"""Virtual vehicle as the physics of ArduPilot's SITL: it moves by ArduPilot's frames, and answers with its motion.
 
-Virtual time stands still between two frames, so that neither side waits for a clock. A frame that comes again is
-answered as before; frames that were lost are flown under the pulses of before; a count that begins anew begins another
-flight.
+Virtual time stands still between two frames, so that neither side waits for a clock. A repeated frame gets the same
+answer again. Lost frames are flown with the pulses before them. A frame count that restarts begins another flight.
 Source: docs page, ArduPilot.
 """
 
@@ -21,25 +20,27 @@ from trimtab.loop.scenario import Scenario
 from trimtab.wire.ardupilot_json import COUNTS, PulsePacket, format_state, parse_servos
 
 LISTEN_S = 0.1
-"""How long a packet is waited for before somebody may ask it to end."""
+"""Time to wait for a packet before looking for a request to end (s)."""
 SILENCE_S = 2.0
-"""Without a frame for so long, another sender may take its place: ArduPilot started again has another port."""
+"""Time without a frame (s) after which another sender is accepted: ArduPilot uses a new port after a restart."""
 LATE_FRAMES, FIRST_COUNTS = 16, 2
-"""A count that goes back by no more is a packet that came late; by more, or to the first ones, it begins anew."""
+"""Largest step back of the count that counts as a late packet. A larger step, or one to these first counts, is a
+restart.
+"""
 
 OWN_SIGNALS: Mapping[str, tuple[str, Quantity]] = {
-    "firmware.held": ("?", Quantity("1", "The vehicle is held: its pulses have not left their rest yet.", kind="flag")),
-    "ardupilot.frame": ("i8", Quantity("1", "Count of ArduPilot's frame that acts.", kind="count")),
-    "ardupilot.missed": ("i8", Quantity("1", "Frames so far that never came, by their counts.", kind="count")),
-    "ardupilot.repeated": ("i8", Quantity("1", "Frames so far that came again.", kind="count")),
-    "ardupilot.refused": ("i8", Quantity("1", "Packets so far that were no frame of its autopilot's.", kind="count")),
+    "firmware.held": ("?", Quantity("1", "The vehicle is held in place: its pulses are still at rest.", kind="flag")),
+    "ardupilot.frame": ("i8", Quantity("1", "Number of the ArduPilot frame in force.", kind="count")),
+    "ardupilot.missed": ("i8", Quantity("1", "Frames missed so far, by their numbers.", kind="count")),
+    "ardupilot.repeated": ("i8", Quantity("1", "Repeated frames so far.", kind="count")),
+    "ardupilot.refused": ("i8", Quantity("1", "Packets refused so far: invalid, or of another sender.", kind="count")),
 }
-"""What a row of its log has besides the world's."""
+"""Signals of the log besides the world's."""
 
 
 @dataclass
 class FrameTally:
-    """How many packets came, and what they were. foreign: of another sender.  late: older than one that was flown."""
+    """Counts of packets by kind. foreign: from another sender.  late: older than one that was already flown."""
 
     frames: int = 0
     repeated: int = 0
@@ -50,7 +51,7 @@ class FrameTally:
 
 
 class ArduPilotPhysics:
-    """A vehicle that answers ArduPilot's frames; `serve` runs it."""
+    """Vehicle that answers ArduPilot's frames. `serve` runs it."""
 
     def __init__(
         self, scenario: Scenario, vehicle: PulsedVehicle, link: UdpLink, *, seed: int = 0, clock: Clock = SYSTEM_CLOCK
@@ -58,10 +59,10 @@ class ArduPilotPhysics:
         """Prepare one `serve`.
 
         Args:
-            scenario: of the vehicle, for its log.
+            scenario: scenario of the vehicle, for its log.
             vehicle: the vehicle.
-            link: that ArduPilot sends to.
-            seed: of the vehicle, for its log.
+            link: link that ArduPilot sends to.
+            seed: seed of the vehicle, for its log.
             clock: clock of this process.
         """
         self.scenario, self.vehicle, self.link, self.seed, self._clock = scenario, vehicle, link, seed, clock
@@ -80,14 +81,14 @@ class ArduPilotPhysics:
         stop: Callable[[], bool] = lambda: False,
         tell: Callable[[str], None] = lambda _: None,
     ) -> PhysicsSummary:
-        """Answer until `duration` (100 ns) after it was let go, or until stop() says so.
+        """Answer until `duration` (100 ns) after the release, or until stop() returns True.
 
         Args:
-            duration: None runs on without end.
-            log: file of its log; that of a second flight is called NAME-2, and so on.
-            log_period: how often a row is written.
-            stop: asked at every packet, and ten times a second.
-            tell: is given lines for people.
+            duration: time after the release (100 ns); None: no end.
+            log: path of the log. The log of a second flight is called NAME-2, and so on.
+            log_period: time between rows (100 ns).
+            stop: called at every packet, and ten times a second.
+            tell: receives the messages for the user.
         """
         flights = self._flights
         flights.file, flights.period, flights.tell = log, log_period, tell
@@ -124,7 +125,7 @@ class ArduPilotPhysics:
             self.link.reply(self._answer)
 
     def _follow(self, frame: PulsePacket) -> bool:
-        """Move by what a frame says; whether it is to be answered, which a frame that comes too late isn't."""
+        """Move by a frame. Return whether to answer it: a late frame gets no answer."""
         ahead = 0 if self._last is None else (frame.number - self._last.number) % COUNTS
         if self._last is not None and ahead == 0:
             self.tally.repeated += 1
@@ -139,12 +140,12 @@ class ArduPilotPhysics:
         return True
 
     def _move(self, frame: PulsePacket, ahead: int) -> None:
-        """On by so many frames, of which only the last has come; a gap longer than a second is flown for one."""
+        """Advance by this number of frames, the last of which arrived. A gap counts as one second at most."""
         vehicle, step, lost = self.vehicle, UNITS_PER_SECOND // frame.rate, max(ahead - 1, 0)
         self.tally.frames += 1
         self.tally.missed += lost
         if lost:
-            self._flights.report_once("frames of ArduPilot's were lost: they are flown under the pulses before them")
+            self._flights.report_once("ArduPilot frames were lost: flown with the pulses before them")
         for _ in range(min(lost, frame.rate)):
             vehicle.advance(vehicle.body.t + step, self._write_row)
         self._last = frame
@@ -152,21 +153,21 @@ class ArduPilotPhysics:
         vehicle.advance(vehicle.body.t + (step if ahead else 0), self._write_row)
         state = vehicle.state()
         if not state.is_finite:
-            problem = f"its motion is no number any more, {to_seconds(vehicle.body.t):g} s into the flight"
+            problem = f"the motion is not finite, {to_seconds(vehicle.body.t):g} s into the flight"
             self._flights.add_problem(problem)
         self._answer = format_state(to_seconds(vehicle.body.t), state)
 
     def _begin_flight(self, frame: PulsePacket) -> None:
-        """The vehicle back at its first state, and another log."""
+        """Reset the vehicle to its first state, and start another log."""
         self._flights.begin(f"ArduPilot at {_name(self._owner)}, from frame {frame.number} on, {frame.rate} Hz")
 
     def _write_row(self, t: int) -> None:
-        """The row of the instant before t."""
+        """Write the row of the instant before t."""
         tally, count = self.tally, 0 if self._last is None else self._last.number
         is_held, refused = self.vehicle.release_time is None, tally.malformed + tally.foreign
         self._flights.write_row(t, (is_held, count, tally.missed, tally.repeated, refused))
 
 
 def _name(place: Any) -> str:
-    """Host and port of an address."""
+    """Return host and port of an address."""
     return f"{place[0]}:{place[1]}"

@@ -1,7 +1,7 @@
-"""What a vehicle looks at before it lets itself be armed, and what it asks for after a failsafe.
+"""Checks of a vehicle before arming, and its conditions after a failsafe.
 
-The checks are made anew ten times a second, from what the vehicle knows: its sensors' samples, its line, its own
-program. Who must not be armed is told why, and what to do, in the same words to all: `wire.arming`.
+The checks run ten times a second on data of the vehicle: its sensors' samples, its link, its own program. A refusal is
+explained in the same words to everyone, with what to do: `wire.arming`.
 Source: docs page, Arming.
 """
 
@@ -28,36 +28,37 @@ from trimtab.wire.mavlink import FrameCounts
 
 CHECK_PERIOD = ms(100)
 LONGEST_SILENCE, LONGEST_PERIODS = ms(250), 5
-"""A sensor is silent that gives nothing for so long, and for so many of its periods besides.
+"""Silence of a sensor that fails the check: at least this time, and at least this number of its periods.
 
-Some look often and give seldom, as a network of beacons does: the median of so many of their intervals counts, too.
+Some sensors measure often but give samples seldom, such as a network of beacons: the median of this number of
+intervals counts, too.
 """
 LONGEST_FAILSAFE = 10.0
-"""Seconds: whoever has set the failsafe's time-out to more flies without one."""
+"""Largest accepted failsafe time-out (s). With a longer one the vehicle in effect has no failsafe."""
 MOST_LOSS, LEAST_FRAMES, LOSS_WINDOW = 50.0, 20, seconds(1)
-"""Share of frames lost on the way (%), of at least so many; where they don't come within the window it isn't known."""
+"""Largest share of frames lost in transit (%), of at least this number of frames; with fewer in the window: unknown."""
 LONGEST_LINE_SILENCE = 3.0
-"""Seconds: three heartbeats of a ground station."""
+"""Largest silence of the link (s): three heartbeats of a ground station."""
 LONGEST_RADIO_SILENCE = 0.5
 LEAST_SPACE = 100.0
-"""MB for the log: ten minutes of a vehicle's."""
+"""Least free space for the log (MB): ten minutes of a vehicle's log."""
 CONFIRMATION_CHECK = "confirmation"
 MEGABYTE = 1e6
 
 
 class FrameLoss:
-    """The share of frames that a line has lost lately. It begins with a frame: what was not heard before is no loss."""
+    """Share of frames that a link has lost recently. Frames before the first received one do not count."""
 
     def __init__(self, counts: FrameCounts) -> None:
-        """counts: of the end that hears."""
+        """counts: frame counters of the receiving end."""
         self._counts = counts
         self._first: int | None = None
         self._before: tuple[int, int, int] | None = None
         self.share = math.nan
-        """Of the last window, %; NaN where too few frames have come to tell."""
+        """Share in the last window (%); NaN where too few frames have arrived."""
 
     def follow(self, now: int) -> None:
-        """End the window where there are frames enough, or it is over."""
+        """End the window once it has enough frames or its time is over."""
         accepted, lost = self._counts.accepted, self._counts.lost
         if self._first is None:
             self._first = accepted
@@ -75,7 +76,7 @@ class FrameLoss:
 
 
 class _SensorWatch:
-    """A sensor's newest sample, and how often there is a new one."""
+    """Newest sample of a sensor, and the interval between new samples."""
 
     def __init__(self, body: VirtualVehicle, name: str, period: int) -> None:
         writes, start = body.world.writes, f"downlink.{name}."
@@ -97,22 +98,22 @@ class _SensorWatch:
 
     @property
     def limit(self) -> float:
-        """How old a sample may be (s)."""
+        """Largest accepted age of a sample (s)."""
         interval = sorted(self._intervals)[LONGEST_PERIODS // 2]
         return to_seconds(LONGEST_SILENCE + LONGEST_PERIODS * max(interval, self._period))
 
     def age(self, t: int) -> float:
-        """How old the newest sample is (s); infinite where there never was one."""
+        """Return the age of the newest sample (s); infinite before the first one."""
         outputs = self._outputs
         return (t - int(outputs[self._time])) * SECONDS_PER_UNIT if outputs[self._valid] else math.inf
 
     def count_wrong_numbers(self) -> int:
-        """How many of its numbers are not finite."""
+        """Return the number of values that are not finite."""
         return int((~np.isfinite(self._outputs[self._numbers])).sum())
 
 
 class ArmingGuard:
-    """A vehicle's checks, its fence and envelope, and what a failsafe leaves behind. Times are the vehicle's."""
+    """Checks, fence and envelope of a vehicle, and its conditions after a failsafe. Times are the vehicle's."""
 
     def __init__(
         self,
@@ -123,15 +124,15 @@ class ArmingGuard:
         radio_silence: Callable[[int], int | None],
         disk: Disk = SYSTEM_DISK,
     ) -> None:
-        """Nothing watched yet.
+        """Start without any check.
 
         Args:
-            body: whose sensors.
-            limits: fence, envelope, and what is rest.
-            failsafe: its time-out is checked.
-            counts: frames of the vehicle's end.
-            radio_silence: time since the safety pilot's receiver was heard, None if it never was.
-            disk: where the log is written.
+            body: vehicle with the sensors.
+            limits: fence, envelope, and the limits that define rest.
+            failsafe: failsafe whose time-out is checked.
+            counts: frame counters of the vehicle's end.
+            radio_silence: time since data from the safety pilot's receiver; None: never received.
+            disk: disk of the log.
         """
         self._body, self._failsafe, self._disk = body, failsafe, disk
         self.motion, self._limits = SensedMotion(body, limits), limits
@@ -141,14 +142,14 @@ class ArmingGuard:
         self._has_failed_safe = self._is_confirmed = False
         self.log_folder: Path | None = None
         self.checks: list[ArmingCheck] = []
-        """As they were made last."""
+        """Results of the last run of the checks."""
         self._next = 0
 
     def follow(self, t: int, mode: str) -> None:
-        """Each instant, after the failsafe's step: what has to be remembered, and the checks where they are due."""
+        """Update at each instant, after the failsafe's step, and run the checks when they are due."""
         if mode == MODES[FAILSAFE] and not self._has_failed_safe:
             self._has_failed_safe, self._is_confirmed = True, False
-            self._next = t  # who asks to arm in the next moment is not to find checks from before
+            self._next = t  # a request to arm in the next moment must not see old checks
         elif mode == MODES[COMPUTER] and self._has_failed_safe:
             self._has_failed_safe = False
         for watch in self._sensors.values():
@@ -162,21 +163,21 @@ class ArmingGuard:
             self.checks = self._make_checks(t)
 
     def confirm(self) -> None:
-        """A person has disarmed it since the failsafe."""
+        """Note that the user has disarmed the vehicle since the failsafe."""
         self._is_confirmed = True
 
     @property
     def problem(self) -> str:
-        """Why it can't be armed, whoever confirms what; empty if it can."""
+        """Reason why the vehicle cannot be armed, even with a confirmation; empty if it can."""
         return first_problem([c for c in self.checks if c.name != CONFIRMATION_CHECK])
 
     @property
     def confirmation_problem(self) -> str:
-        """Why it can't be armed without a confirmation; empty if it can."""
+        """Reason why the vehicle cannot be armed without a confirmation; empty if it can."""
         return first_problem([c for c in self.checks if c.name == CONFIRMATION_CHECK])
 
     def find_breach(self, t: int) -> Breach | None:
-        """The limit of fence or envelope that the vehicle is beyond."""
+        """Return the violated limit of fence or envelope."""
         return self.motion.find_breach(t, self._silent_sensors(t)) if self.motion.bounds else None
 
     def _silent_sensors(self, t: int) -> dict[str, float]:
@@ -188,7 +189,7 @@ class ArmingGuard:
             for name, watch in self._sensors.items()
         ]
         wrong = sum(watch.count_wrong_numbers() for watch in self._sensors.values())
-        checks.append(ArmingCheck("sensor values not finite", wrong, 0, "", "look at the sensors in the log"))
+        checks.append(ArmingCheck("sensor values not finite", wrong, 0, "", "check the sensors in the log"))
         return [*checks, *self._check_bounds(), *self._check_program(t), *self._check_after_failsafe()]
 
     def _check_bounds(self) -> list[ArmingCheck]:
@@ -206,22 +207,22 @@ class ArmingGuard:
         time_out = to_seconds(self._failsafe.timeout)
         line_silence = (t - self._frame_time) * SECONDS_PER_UNIT
         return [
-            ArmingCheck("line silence", line_silence, LONGEST_LINE_SILENCE, "s", "look at the line"),
-            ArmingCheck("frames lost", self._loss.share, MOST_LOSS, "%", "bring the two ends of the line nearer"),
+            ArmingCheck("link silence", line_silence, LONGEST_LINE_SILENCE, "s", "check the link"),
+            ArmingCheck("frames lost", self._loss.share, MOST_LOSS, "%", "move the two ends closer"),
             ArmingCheck(
-                "failsafe time-out", time_out, LONGEST_FAILSAFE, "s", "leave --set failsafe.timeout out", heals=False
+                "failsafe time-out", time_out, LONGEST_FAILSAFE, "s", "remove --set failsafe.timeout", heals=False
             ),
             ArmingCheck("receiver silence", radio, LONGEST_RADIO_SILENCE, "s", "switch the pilot's transmitter on"),
-            ArmingCheck("space for the log", space, LEAST_SPACE, "MB", "make room on its disk", at_least=True),
+            ArmingCheck("space for the log", space, LEAST_SPACE, "MB", "free disk space", at_least=True),
             ArmingCheck("battery", math.nan, 0.0, "V", "charge it", at_least=True),
         ]
 
     def _check_after_failsafe(self) -> list[ArmingCheck]:
-        """Rest, and a person's confirmation, where the last flight ended in failsafe."""
+        """Return the checks after a failsafe: the vehicle is at rest, and the user confirms."""
         if not self._has_failed_safe:
             return []
         speed, rate = self.motion.mean_motion()
-        advice = "let it come to rest, or start the vehicle anew"
+        advice = "let it come to rest, or restart the vehicle"
         confirm = "type --rearm at fly; in a ground station disarm, then arm"
         return [
             ArmingCheck("speed after failsafe", speed, float(self._limits.rest_speed), "m/s", advice),
@@ -231,7 +232,7 @@ class ArmingGuard:
 
 
 def _list_sensors(body: VirtualVehicle) -> dict[str, _SensorWatch]:
-    """The sensors that a vehicle has: neither a pilot's script nor an ideal twin's."""
+    """Return the vehicle's sensors, without a pilot's script and without an ideal twin's."""
     sensors = {}
     for name, sensor in body.scenario.world.sensors.items():
         while isinstance(sensor, FaultyPart):

@@ -1,4 +1,4 @@
-"""Which commands a virtual vehicle obeys, and what it says about the others, at both ends and in its log.
+"""Filter of commands by sender and clock, with its reports to both ends and to the log.
 
 Source: docs page, Vehicle.
 """
@@ -14,27 +14,31 @@ from trimtab.wire.dialect import TIME
 from trimtab.wire.station import Station
 
 MOST_COMMAND_LEAD = ms(200)
-"""A command that leads the vehicle's clock by more is of another clock: the failsafe would take none until its time.
+"""Largest lead of a command over the vehicle's clock. A command with a larger lead comes from another clock: the
+failsafe would accept no other command until that time.
 
-Less than the failsafe's time-out, so that one bad command costs a few good ones and no flight.
+The limit is below the failsafe's time-out, so that one bad command costs a few good ones and not the flight.
 """
 TELL_PERIOD, REPORT_PERIOD = seconds(1), seconds(10)
 AUTHORITY_SIGNALS: Mapping[str, tuple[str, Quantity]] = {
     "firmware.owner": (
         "i8",
-        Quantity("1", "Session of who may command; 0: nobody, or one without.", kind="count"),
+        Quantity("1", "Session of the owner; 0: no owner, or an owner without a session.", kind="count"),
     ),
-    "firmware.foreign": ("i8", Quantity("1", "Commands refused so far, of senders without authority.", kind="count")),
-    "firmware.leading": ("i8", Quantity("1", "Commands refused so far, of a clock that is ahead.", kind="count")),
+    "firmware.foreign": (
+        "i8",
+        Quantity("1", "Commands refused so far from senders without authority.", kind="count"),
+    ),
+    "firmware.leading": ("i8", Quantity("1", "Commands refused so far because their clock is ahead.", kind="count")),
 }
-"""What a row of the vehicle's log has of it; `CommandGate.counts` gives the numbers."""
+"""Signals of the vehicle's log. `CommandGate.counts` gives their values."""
 
 
 class CommandGate:
-    """Lets the owner's commands through. Times `now` are the vehicle's, in 100 ns."""
+    """Filter that accepts only the owner's commands. Times `now` are the vehicle's, in 100 ns."""
 
     def __init__(self, station: Station, line: Broadcast, tell: Callable[[str], None]) -> None:
-        """tell: is given lines for people at both ends and for the log."""
+        """tell: receives the messages for both ends and for the log."""
         self._station, self._authority, self._line, self._tell = station, station.authority, line, tell
         self._tell_time = 0
         self._report_times: dict[tuple[str, Sender], int] = {}
@@ -42,10 +46,10 @@ class CommandGate:
         self.leading_commands = 0
 
     def admits(self, message: Message, now: int) -> bool:
-        """Whether a COMMAND is to be obeyed."""
+        """Return whether a COMMAND is to be obeyed."""
         sender = command_sender(message)
         if not self._authority.accepts_command(sender):
-            self._report(now, "without authority", sender, f"it belongs to {self._authority.owner}")
+            self._report(now, "without authority", sender, f"owner is {self._authority.owner}")
             if now >= self._tell_time:
                 self._tell_time = now + TELL_PERIOD
                 self._line.send(self._station.owner_packet())
@@ -53,12 +57,12 @@ class CommandGate:
         lead = message.get(TIME) - now
         if lead > MOST_COMMAND_LEAD:
             self.leading_commands += 1
-            self._report(now, "of another clock", sender, f"it is {lead * 1e-7:.3g} s ahead of the vehicle's")
+            self._report(now, "of another clock", sender, f"{lead * 1e-7:.3g} s ahead of the vehicle's")
             return False
         return True
 
     def follow(self, is_commanded: bool) -> None:
-        """Each instant: who has it, told when it changes; whoever had it has lost it when nobody commands."""
+        """Update and announce the owner at each instant. Without a valid command nobody owns the vehicle."""
         if not is_commanded:
             self._authority.end_flight()
         owner = self._authority.owner
@@ -70,7 +74,7 @@ class CommandGate:
 
     @property
     def counts(self) -> tuple[int, int, int]:
-        """The numbers of AUTHORITY_SIGNALS."""
+        """Values of AUTHORITY_SIGNALS."""
         owner = self._authority.owner
         return 0 if owner is None else owner.session, self._authority.refused_commands, self.leading_commands
 

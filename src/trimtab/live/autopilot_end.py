@@ -1,4 +1,4 @@
-"""The autopilot's end of a line: samples in, one compiled step at a time, commands out.
+"""The autopilot's end of a link: samples in, one compiled step at a time, commands out.
 
 Source: docs page, Fly.
 """
@@ -23,34 +23,34 @@ from trimtab.wire.dialect import Dialect, derive_dialect
 from trimtab.wire.mavlink import Endpoint
 
 LONGEST_QUEUE = 64
-"""Samples of one sensor that may wait: they come in bursts after a silence, and are fused one a step."""
+"""Maximum number of waiting samples of one sensor. They come in bursts after a silence, and are fused one per step."""
 LONGEST_BACKLOG, FEWEST_STEPS = ms(320), 8
-"""After so long, and so many steps, what still waits does so for nothing: a sensor as quick as the steps never lets its
-queue end."""
+"""Time and number of steps after which waiting samples are dropped. Otherwise the queue of a sensor that is as fast as
+the steps would never empty."""
 LONGEST_OVERTAKING = ms(500)
-"""A sample older than the newest of its sensor was overtaken by it; nobody fuses one older by more than this."""
+"""Largest lag behind the newest sample of a sensor that counts as overtaken. No estimator fuses an older sample."""
 OTHER_CLOCK = 8
-"""So many samples in a row, older by more than that, are of another clock: the vehicle was started anew."""
+"""Number of consecutive samples beyond LONGEST_OVERTAKING after which the vehicle is assumed to have restarted."""
 MOST_FALLS = 8
-"""Samples of one sensor in a row, each older than the one before: its time runs backwards, and none is taken."""
+"""Number of consecutive samples of one sensor with decreasing time stamps after which its samples are rejected."""
 LONGEST_SAMPLE_AGE, MOST_SAMPLE_LEAD = seconds(2), ms(200)
-"""A sample that is older, or further ahead, is not believed: its clock is not the one that is known.
+"""Largest age and lead of a sample. Beyond these the sample is rejected: its clock is not the known one.
 
-A sample was measured before it came; what it seems to lead by is the error of the offset, half of a round trip at most.
+A sample was measured before it arrived. An apparent lead is an error of the offset: at most half of a round trip.
 """
 
 
 ESTIMATE = "estimate.state."
 ESTIMATED_POSE = {"north": 0, "east": 1, "heading": 5}
-"""Names in an estimated state -> places in a pose."""
+"""Name in an estimated state -> index in a pose."""
 
 
 class AutopilotEnd:
-    """An autopilot between an endpoint and its compiled step; it knows nothing of clocks and transports.
+    """Autopilot between an endpoint and its compiled step, independent of clocks and transports.
 
-    A sample waits for the next step; of several from one sensor each gets a step of its own, in the order of coming.
-    One that was overtaken by a later one is dropped, for most estimators take what comes last for what is newest; an
-    estimator that fuses each sample at its own time says so by ANY_ORDER = True.
+    A sample waits for the next step. Several samples of one sensor get one step each, in the order of arrival. A sample
+    that arrives after a later one is dropped, since most estimators take the last one for the newest. An estimator that
+    fuses each sample at its own time declares ANY_ORDER = True.
     """
 
     def __init__(self, scenario: Scenario, dialect: Dialect, step: CompiledBlock) -> None:
@@ -76,14 +76,14 @@ class AutopilotEnd:
         estimator = scenario.autopilot.estimator
         self._any_order = estimator.listens if optional_member(estimator, "ANY_ORDER") else ()
         self.is_believable: Callable[[int], bool] = lambda t: True
-        """Whether a sample of a time may be taken; nothing is remembered of one that may not."""
+        """Returns whether a sample with this time may be used. Rejected samples leave no trace."""
         self.dropped_samples = self.received_samples = self.implausible_samples = self.overtaken_samples = 0
-        """Dropped because too many waited or for too long; received; dropped because of their times; late ones."""
+        """Samples dropped from a full or old queue; received; rejected because of their times; and overtaken."""
         self.backward_samples = 0
-        """Of sensors whose time runs backwards; none of them is taken."""
+        """Samples of sensors with decreasing time stamps. All of them are rejected."""
 
     def handle_message(self, message: Message) -> bool:
-        """Keep a message for the next step if it is a part of a sample; tells whether it was."""
+        """Keep a message for the next step. Return whether it is part of a sample."""
         sensor = self._sensor_of.get(message.name)
         if sensor is None:
             return False
@@ -98,7 +98,7 @@ class AutopilotEnd:
         return True
 
     def _is_new_sample(self, sensor: str, t: int) -> bool:
-        """Whether a sample of time t is one that was neither sent twice nor overtaken."""
+        """Return whether a sample of time t is neither a duplicate nor overtaken."""
         if self._falls_back(sensor, t):
             return False
         before = self._last_times.get(sensor, t - 1)
@@ -111,7 +111,7 @@ class AutopilotEnd:
         return t != before
 
     def _falls_back(self, sensor: str, t: int) -> bool:
-        """Whether a sensor's time has been running backwards; those before were not overtaken then."""
+        """Return whether a sensor's time stamps decrease. Its earlier samples then no longer count as overtaken."""
         falls = self._falls[sensor] + 1 if t < self._received_times.get(sensor, t) else 0
         self._received_times[sensor], self._falls[sensor] = t, falls
         if falls == MOST_FALLS:
@@ -122,26 +122,26 @@ class AutopilotEnd:
 
     @property
     def backward_sensors(self) -> list[str]:
-        """Sensors whose time runs backwards now."""
+        """Sensors whose time stamps decrease now."""
         return [sensor for sensor, falls in self._falls.items() if falls >= MOST_FALLS]
 
     @property
     def queue_length(self) -> int:
-        """Samples that wait for a step."""
+        """Number of samples that wait for a step."""
         return sum(map(len, self._queues.values()))
 
     def drop_samples(self) -> None:
-        """Drop what waits: it is of a time when nobody flew."""
+        """Drop the waiting samples: they are from before the flight."""
         for queue in self._queues.values():
             queue.clear()
 
     def fly_period(self, t: int, to_local: Callable[[int], int] | None = None) -> None:
-        """One control period at integer time t. to_local: from the samples' clock to that of t; None: the same."""
+        """Run one control period at integer time t. to_local: from the samples' clock to that of t; None: the same."""
         self.set_inputs(t, to_local)
         self.step.step()
 
     def set_inputs(self, t: int, to_local: Callable[[int], int] | None = None) -> None:
-        """What a period's step reads; `fly_period` makes the step, too."""
+        """Set the inputs of a period's step. `fly_period` also makes the step."""
         inputs = self.step.inputs
         inputs[self._time_slot] = t
         for sensor, queue in self._queues.items():
@@ -163,7 +163,7 @@ class AutopilotEnd:
         sample.write(self.step.inputs, local - sample.t)
 
     def fill_pose(self, pose: Any) -> None:
-        """Where it believes to be, into a pose as `logs.frames` has it; nothing where it estimates no position."""
+        """Write the estimated position, if there is one, into a pose as in `logs.frames`."""
         if self._spatial_slots is not None:
             place, attitude = self._spatial_slots
             pose[:3] = self.step.outputs[place]
@@ -174,7 +174,7 @@ class AutopilotEnd:
 
     @functools.cached_property
     def _spatial_slots(self) -> tuple[Any, Any] | None:
-        """Where an estimate has position and attitude of a vehicle in space, over a fixed world."""
+        """Slots of position and attitude in the estimate of a vehicle in space, over a fixed world."""
         signals = [s for s in FlightRows(self.log_sources(), {}).signals if s[0].startswith(ESTIMATE)]
         declared = {path: d for path, _, _, d in signals if d is not None}
         found = find_spatial({path: shape for path, shape, _, _ in signals}, declared)
@@ -183,27 +183,27 @@ class AutopilotEnd:
         return self.step.writes[found.position], self.step.writes[found.attitude]
 
     def log_sources(self) -> list[LogSource]:
-        """What a row of the autopilot's log has of its step."""
+        """Return what the autopilot's log contains of its step."""
         step = self.step
         inputs = LogSource(step.inputs, step.text.inputs, frame_log_path)
         return [inputs, LogSource(step.outputs, step.text.outputs, lambda p: p)]
 
     @property
     def has_command(self) -> bool:
-        """Whether the last command is one to be obeyed."""
+        """True if the last command is valid."""
         return bool(self.step.outputs[self.step.writes["command.valid"]])
 
     def command_packets(self, endpoint: Endpoint, shift: int = 0) -> list[bytes]:
-        """The packets of the last command; `shift` is added to its time."""
+        """Return the packets of the last command. `shift` is added to its time."""
         return self._command.pack(endpoint, self.step.outputs, shift)
 
 
 def scenario_dialect(scenario: Scenario) -> Dialect:
-    """The messages in which a scenario's two sides speak."""
+    """Return the dialect in which the two sides of a scenario communicate."""
     frame, command = carried_structures(scenario)
     return derive_dialect(frame, command)
 
 
 def frame_log_path(path: str) -> str | None:
-    """The path in a log of an input of an autopilot's step; None for the time, which every row has."""
+    """Return the log path of an input of the autopilot's step; None for the time, which every row has."""
     return None if path == "t" else f"downlink{path.removeprefix('samples')}"

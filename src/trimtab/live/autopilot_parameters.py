@@ -1,9 +1,9 @@
-"""The autopilot's numbers as a ground station's parameters, on both ends of the line.
+"""Parameters of the autopilot for ground stations, on both ends of the link.
 
-A station reaches the vehicle alone. So the vehicle passes what is meant for the autopilot's component on to it, and its
-answers back to the stations; the autopilot answers for its numbers, and changes them between two steps. Each change is
-an event of its log, so that a replay repeats it. They are stored, when that is asked for, at the end of the flight: no
-disk keeps a flight waiting.
+A ground station reaches the vehicle only. So the vehicle forwards messages for the autopilot's component, and the
+autopilot's answers to the stations. The autopilot answers for its parameters, and changes them between two steps. Each
+change is an event in its log, so that a replay repeats it. Parameters are stored, on request, at the end of the flight:
+no disk delays a flight.
 Source: docs page, Ground stations.
 """
 
@@ -30,15 +30,15 @@ ANSWERS = ("HEARTBEAT", "PARAM_VALUE", "STATUSTEXT", "COMMAND_ACK")
 
 
 class AutopilotRelay:
-    """The vehicle's part: passes parameters' requests and answers on."""
+    """The vehicle's side: it forwards requests for parameters, and answers."""
 
     def __init__(self, endpoint: Endpoint, broadcast: Broadcast) -> None:
-        """No autopilot heard yet."""
+        """Start without an autopilot."""
         self._endpoint, self._broadcast = endpoint, broadcast
         self._component = 0
 
     def pass_on(self, message: Message) -> None:
-        """Pass a message on if it is for the autopilot, or one of its answers."""
+        """Forward a message if it is for the autopilot, or one of its answers."""
         if message.system == self._endpoint.system:
             self._pass_answer(message)
         elif self._component and message.name in REQUESTS and self._is_for_autopilot(message):
@@ -63,16 +63,16 @@ class AutopilotRelay:
 
 
 def _describe_bounds(declared: Quantity) -> dict[str, Any]:
-    """What may be said of a number's values."""
+    """Return unit, description and bounds of a number for the console."""
     bounds = {"low": declared.low, "high": declared.high, "above": declared.above, "modes": declared.modes or None}
     return {"unit": declared.unit, "meaning": declared.doc, **bounds}
 
 
 class AutopilotParameters:
-    """The autopilot's part. Times `now` are this end's, in 100 ns."""
+    """The autopilot's side. Times `now` are this end's, in 100 ns."""
 
     def __init__(self, scenario: Scenario, step: CompiledBlock, endpoint: Endpoint, store: ParameterStore) -> None:
-        """step: the compiled autopilot of this scenario.  store: where they are kept."""
+        """step: the compiled autopilot of this scenario.  store: where the parameters are kept."""
         self._endpoint, self._step = endpoint, step
         held = {f"{PREFIX}.{path}" for path in step.parameters}
         self._parameters = Parameters(scenario.autopilot, PREFIX, only=held)
@@ -83,7 +83,7 @@ class AutopilotParameters:
         self._texts, self._storage = TextQueue(endpoint), 0
 
     def handle_message(self, message: Message) -> bool:
-        """Follow a request about parameters; whether it was one, for this end."""
+        """Handle a request about parameters. Return whether the message was one for this end."""
         own = self._endpoint.system, self._endpoint.component
         if message.name not in REQUESTS or (message.get("target_system"), message.get("target_component")) != own:
             return False
@@ -104,7 +104,7 @@ class AutopilotParameters:
         return True
 
     def describe(self) -> list[dict[str, Any]]:
-        """Each of them, for people who change them."""
+        """Return all parameters, for users who change them."""
         held = self._parameters
         return [
             {"path": f"{p.path}", "slot": p.slot, "value": value, "default": default, **_describe_bounds(p.declaration)}
@@ -112,22 +112,22 @@ class AutopilotParameters:
         ]
 
     def value(self, path: str, slot: int) -> float | None:
-        """What holds now, or from the next step on; None where there is no such parameter."""
+        """Return the value that holds from the next step on; None if there is no such parameter."""
         index = self._parameters.index_of(path, slot)
         return None if index is None else self._parameters.values[index]
 
     def change(self, path: str, slot: int, value: float) -> str:
-        """Give one another value, from the next step on; why not, empty where it was done."""
+        """Change a parameter from the next step on. Return why not, or an empty string."""
         index = self._parameters.index_of(path, slot)
         if index is None:
-            return f"there is no parameter {path!r}, number {slot}"
+            return f"no parameter {path!r}, number {slot}"
         before, refusal = self._parameters.values[index], self._parameters.change_value(index, value)
         if not refusal and self._parameters.values[index] != before:
             self._waiting.append(AutopilotChange(0, path.removeprefix(f"{PREFIX}."), slot, value))
         return f"{path} {refusal}" if refusal else ""
 
     def ask_storage(self) -> str:
-        """Have them stored at the end of the flight; why not, empty where they will be."""
+        """Ask to store the parameters at the end of the flight. Return why not, or an empty string."""
         self._storage = WRITE_STORAGE if self._store.is_there else 0
         return "" if self._storage else NO_STORE
 
@@ -138,11 +138,11 @@ class AutopilotParameters:
         result = CommandResult.ACCEPTED if self._storage else CommandResult.UNSUPPORTED
         self._packets.append(self._endpoint.pack("COMMAND_ACK", {"command": CommandCode.STORAGE, "result": result}))
         if self._storage:
-            self._tell("Parameters are stored when the flight ends")
+            self._tell("Parameters will be stored when the flight ends")
         return True
 
     def apply_changes(self, t: int) -> list[AutopilotChange]:
-        """Put what was changed into the step that is to come, at integer time t; what that was."""
+        """Write the pending changes into the next step, at integer time t. Return them."""
         changes = [change._replace(t=t) for change in self._waiting]
         self._waiting.clear()
         for change in changes:
@@ -150,18 +150,18 @@ class AutopilotParameters:
         return changes
 
     def due(self, now: int) -> list[bytes]:
-        """What is to be sent by now."""
+        """Return the packets that are due now."""
         packets = [*self._packets, *self._texts.pack_texts(), *self._service.due(now)]
         self._packets.clear()
         return packets
 
     def store(self) -> str:
-        """Store them, or forget them, if that was asked for, after a flight; a line for people, or nothing."""
+        """Store or reset the parameters after a flight, if requested. Return a message for the user, or nothing."""
         if not self._storage:
             return ""
         is_reset, self._storage = self._storage == RESET_STORAGE, 0
         why = self._store.write(None if is_reset else self._parameters.changed_values())
-        return f"parameters not stored: {why}" if why else "parameters stored, for the next start"
+        return f"parameters not stored: {why}" if why else "parameters stored for the next start"
 
     def _tell(self, text: str) -> None:
         self._texts.queue_text(Severity.NOTICE, text)

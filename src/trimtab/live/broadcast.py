@@ -1,7 +1,7 @@
-"""Whom a vehicle's packets go to: samples to its autopilot alone, all else to everybody who was heard.
+"""Receivers of a vehicle's packets: samples for its autopilot alone, everything else for all peers.
 
-A ground station takes what it doesn't know for noise, and a gap in the numbers for loss. So on a line that tells its
-peers apart it gets no samples, and what it gets is numbered apart from what the autopilot gets.
+A ground station treats unknown messages as noise, and a gap in the sequence numbers as loss. So on a link that
+distinguishes its peers it gets no samples, and its packets are numbered separately from the autopilot's.
 Source: docs page, Vehicle; https://mavlink.io/en/guide/packet_loss.html.
 """
 
@@ -13,13 +13,13 @@ from trimtab.wire.definitions import Message
 from trimtab.wire.mavlink import Endpoint
 
 AUTOPILOT_TIMEOUT = seconds(10)
-"""After which samples are not sent any more where no autopilot has been heard."""
+"""Time without an autopilot after which samples are no longer sent."""
 AUTOPILOT_MESSAGES = ("HEARTBEAT", "TIMESYNC")
-"""By these, of the vehicle's own system, and by commands, an autopilot is known."""
+"""Messages of the vehicle's own system that identify an autopilot, besides commands."""
 
 
 class Broadcast:
-    """A vehicle's end of a link. Times `now` are the vehicle's, in 100 ns."""
+    """Vehicle's end of a link. Times `now` are the vehicle's, in 100 ns."""
 
     def __init__(self, endpoint: Endpoint, link: Link, commands: Sequence[str]) -> None:
         """commands: names of the messages that carry a command."""
@@ -28,7 +28,7 @@ class Broadcast:
         self._autopilot_time = -2 * AUTOPILOT_TIMEOUT
 
     def accept_sender(self, messages: Sequence[Message], now: int) -> None:
-        """Take note of who sent what was heard last; nothing accepted, nobody noted."""
+        """Note the sender of the last messages. Without accepted messages nothing is noted."""
         if not messages:
             return
         own = self._endpoint.system
@@ -38,21 +38,21 @@ class Broadcast:
         self._link.accept_sender(is_private=is_autopilot)
 
     def has_autopilot(self, now: int) -> bool:
-        """Whether there is somebody to send samples to."""
+        """Return whether there is an autopilot to send samples to."""
         return now - self._autopilot_time <= AUTOPILOT_TIMEOUT
 
     def send_private(self, packets: Iterable[bytes]) -> None:
-        """Send what is for the autopilot alone."""
+        """Send packets to the autopilot alone."""
         for packet in packets:
             self._link.send(packet, Audience.PRIVATE)
 
     def forward(self, message: Message) -> None:
-        """Pass a message of the autopilot on to all others."""
+        """Forward a message of the autopilot to all others."""
         if self._link.has_audience(Audience.PUBLIC):
             self._link.send(self._endpoint.forward(message), Audience.PUBLIC)
 
     def send(self, packet: bytes) -> bool:
-        """Send to everybody; whether anybody got it."""
+        """Send to all peers. Return whether any peer got the packet."""
         is_taken = False
         if self._link.has_audience(Audience.PRIVATE):
             is_taken = self._link.send(packet, Audience.PRIVATE)

@@ -1,11 +1,11 @@
-"""The bytes of the CLOCK_TIME experiment, in the source's minimal framing: one header byte, an id, data.
+"""Bytes of the CLOCK_TIME experiment, in the minimal framing of the thesis [1]: one header byte, an id, data.
 
     up    A5 04 t0(4)                  down  A5 04 t0(4) uplink(2)       both in 0.1 ms
     up    A5 07 t0(8)                  down  A5 07 t0(8) far(8)          in 100 ns, for two clocks
     up    A5 06 10 boot(8) session(4) rate(4)     down  A5 06 10 boot(8) session(4) heard(4)
     load  A5 03 servo command(4)       load  A5 01 IMU record(23)
 
-The far end appends its timer to what comes up, and echoes. Bytes that are no message are passed over.
+The far end appends its timer to a request, and echoes it. Bytes that are no message are skipped.
 Source: [1] Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006, chapter 5,
 for the experiment; header, ids and units are reconstructed.
 """
@@ -19,25 +19,25 @@ from typing import NamedTuple
 
 HEADER, IMU, SERVO, CLOCK_TIME, STATUS, CLOCK_PAIR = 0xA5, 0x01, 0x03, 0x04, 0x06, 0x07
 TICKS = 1000
-"""Of 100 ns in one unit of CLOCK_TIME, 0.1 ms; the source had 1 ms."""
+"""Number of 100 ns in one unit of CLOCK_TIME, 0.1 ms; the thesis had 1 ms."""
 LONGEST_UPLINK = 0xFFFF
-"""An uplink delay of 6.5535 s or more has no place in two bytes."""
+"""Longest uplink delay that two bytes can hold: 6.5535 s or more does not fit."""
 UP: Mapping[int, int] = {CLOCK_TIME: 4, CLOCK_PAIR: 8, STATUS: 17, SERVO: 4}
 DOWN: Mapping[int, int] = {CLOCK_TIME: 6, CLOCK_PAIR: 16, STATUS: 17, IMU: 23}
-"""How many bytes follow the id, each way."""
+"""Number of bytes that follow the id, for each direction."""
 HELLO = struct.Struct("<B8sII")
 LOAD_UP, LOAD_DOWN = bytes((HEADER, SERVO, *bytes(4))), bytes((HEADER, IMU, *bytes(23)))
 
 
 class ClockMessage(NamedTuple):
-    """An id, and the bytes that follow it."""
+    """Message: an id, and the bytes that follow it."""
 
     id: int
     data: bytes
 
 
 class ClockMessageParser:
-    """Finds messages in a stream, and finds them again after garbage.
+    """Parser of messages in a stream. It finds the next message after garbage.
 
     Args:
         sizes: UP at the far end, DOWN at the measuring one.
@@ -47,7 +47,7 @@ class ClockMessageParser:
         self._sizes, self._rest = sizes, b""
 
     def feed(self, data: bytes) -> list[ClockMessage]:
-        """The messages that are complete now."""
+        """Return the messages that are complete now."""
         data, messages, at = self._rest + data, [], 0
         while at + 2 <= len(data):
             size = self._sizes.get(data[at + 1]) if data[at] == HEADER else None
@@ -63,25 +63,25 @@ class ClockMessageParser:
 
 
 class Hello(NamedTuple):
-    """Who speaks: a digest of the machine's boot, the session, and the load asked for (byte/s) or requests heard."""
+    """Hello: digest of the machine's boot, session, and the load asked for (byte/s) or the requests received."""
 
     boot: bytes
     session: int
     number: int
 
     def pack(self) -> bytes:
-        """As bytes."""
+        """Return the message as bytes."""
         return bytes((HEADER, STATUS)) + HELLO.pack(HELLO.size - 1, *self)
 
 
 def parse_hello(data: bytes) -> Hello | None:
-    """From the data of a STATUS message; None where its length is another."""
+    """Parse the data of a STATUS message. Return None if its length is wrong."""
     size, *rest = HELLO.unpack(data)
     return Hello(*rest) if size == HELLO.size - 1 else None
 
 
 def boot_digest() -> bytes:
-    """Eight bytes that two processes share if they share the monotonic clock: a machine's current boot."""
+    """Return eight bytes that identify a machine's boot: processes with the same digest share the monotonic clock."""
     try:
         text = Path("/proc/sys/kernel/random/boot_id").read_text(encoding="ascii")
     except OSError:  # no such file on this system: no shared clock is assumed
@@ -90,36 +90,36 @@ def boot_digest() -> bytes:
 
 
 class Reply(NamedTuple):
-    """An answered request: its key, and the far end's clock at arrival minus the sender's at departure (100 ns)."""
+    """Answered request: its key, and the far end's clock at arrival minus the sender's at departure (100 ns)."""
 
     key: int
     uplink: int
 
 
 class ClockTimeExchange:
-    """The measuring end's codec."""
+    """Codec of the measuring end."""
 
     def __init__(self, session: int, boot: bytes | None = None) -> None:
         self._boot, self._session = boot_digest() if boot is None else boot, session
         self._parser = ClockMessageParser(DOWN)
         self.shared: bool | None = None
-        """Whether both ends have one clock; None while the far end has not been heard."""
+        """True if both ends have one clock; None until the far end has answered."""
         self.heard = 0
-        """How many requests have arrived up there, as far as it has said."""
+        """Number of requests that arrived at the far end, as last reported."""
 
     def request(self, t: int) -> tuple[int, bytes]:
-        """Key and bytes of a request that leaves at t (100 ns)."""
+        """Return key and bytes of a request that departs at t (100 ns)."""
         if self.shared is False:
             return t, struct.pack("<BBq", HEADER, CLOCK_PAIR, t)
         key = t // TICKS % 2**32
         return key, struct.pack("<BBI", HEADER, CLOCK_TIME, key)
 
     def pack_hello(self, rate: int) -> bytes:
-        """Asks the far end for so many bytes per second, and for who it is."""
+        """Return a message that asks the far end for this load (byte/s) and for its hello."""
         return Hello(self._boot, self._session, rate).pack()
 
     def read_replies(self, data: bytes) -> list[Reply]:
-        """The replies in what came."""
+        """Return the replies in the received bytes."""
         replies = []
         for message in self._parser.feed(data):
             if message.id == CLOCK_TIME:
@@ -135,7 +135,7 @@ class ClockTimeExchange:
 
 
 def echo_request(message: ClockMessage, t: int) -> bytes:
-    """The far end's echo of a request that arrived at t (100 ns); empty for anything else."""
+    """Return the far end's echo of a request that arrived at t (100 ns); empty for any other message."""
     if message.id == CLOCK_PAIR:
         return struct.pack("<BB", HEADER, CLOCK_PAIR) + message.data + struct.pack("<q", t)
     if message.id != CLOCK_TIME:

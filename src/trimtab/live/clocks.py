@@ -1,9 +1,10 @@
-"""The vehicle's word to those whose clock or key is wrong: an answer that tells them so, and a line for people.
+"""Answers of a vehicle to a peer with a wrong clock or key, and the message for the user.
 
-A frame that was refused for its stamp is answered to its sender alone by one TIMESYNC, five times a second at most: so
-a peer that is behind catches up as it hears it. Where one of the vehicle's own system asks for the time, as `fly` does,
-and another key or none has signed that, it gets the same, so that it can tell its people. Nothing else leaves for those
-who are not believed, and ground stations without the key hear nothing.
+A frame that was refused for its time stamp is answered to its sender alone by one TIMESYNC, five times a second at
+most: so a peer that is behind catches up. A peer of the vehicle's own system that asks for the time, as `fly` does,
+    with
+another key or without one, gets the same answer, so that it can report the problem. Peers that are not trusted get
+nothing else, and ground stations without the key get nothing.
 Source: docs page, Signing.
 """
 
@@ -19,16 +20,16 @@ REPORT_PERIOD = seconds(10)
 
 
 class RefusalAnswers:
-    """Answers to what an endpoint refused. Times `now` are the vehicle's, in 100 ns."""
+    """Answers to frames that an endpoint refused. Times `now` are the vehicle's, in 100 ns."""
 
     def __init__(self, endpoint: Endpoint, link: Link, tell: Callable[[str], None]) -> None:
-        """tell: is given lines for people."""
+        """tell: receives the messages for the user."""
         self._endpoint, self._link, self._tell = endpoint, link, tell
         self._answer_time = self._strangers = 0
         self._report_times: dict[tuple[str, int, int], int] = {}
 
     def handle_refusals(self, now: int) -> None:
-        """Follow what the endpoint has refused since the last call; call it after each `feed`."""
+        """Handle the frames refused since the last call. Call it after each `feed`."""
         endpoint, counts = self._endpoint, self._endpoint.counts
         for untimely in endpoint.untimely:
             message = untimely.message
@@ -52,11 +53,11 @@ class RefusalAnswers:
         self._report_times = {k: t for k, t in self._report_times.items() if t > now} | {about: now + REPORT_PERIOD}
         what, system, component = about
         if untimely is None:
-            self._tell(f"refused: {self._strangers} frames so far came unsigned or signed with another key")
+            self._tell(f"refused: {self._strangers} frames so far were unsigned or signed with another key")
         else:
             self._tell(f"refused: the clock of {system}/{component} is {abs(untimely.lead):.1f} s {what} this one")
 
 
 def describe_lead(lead: float) -> str:
-    """Which way a clock differs that leads by so many seconds."""
+    """Return the direction of a clock's difference from its lead (s)."""
     return "ahead of" if lead > 0 else "behind"

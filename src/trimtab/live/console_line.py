@@ -1,6 +1,6 @@
-"""The flight's end of a pilot console: rows out and wishes in, over a socket to a process of its own.
+"""The flight's end of a pilot console: rows out and requests in, over a socket to a separate process.
 
-Nothing here waits: what the console has no room for is dropped, and what it sends is taken a few at a time.
+Nothing here waits: rows that the console has no room for are dropped, and its messages are read a few at a time.
 Source: docs page, Protocol of the console.
 """
 
@@ -18,11 +18,11 @@ from trimtab.live.console_packets import HEAD, LARGEST_PACKET, LONGEST_VECTOR, R
 from trimtab.live.flight_log import FlightRows
 
 MOST_PACKETS = 16
-"""Taken at once, so that no console can keep a flight waiting."""
+"""Maximum number of packets read at once, so that no console can delay a flight."""
 
 
 class ShownSignal(NamedTuple):
-    """A number of a row. slot: where it stands among the numbers of the flight's rows."""
+    """Number of a row. slot: its index among the numbers of the flight's rows."""
 
     path: str
     declared: Quantity | None
@@ -30,7 +30,7 @@ class ShownSignal(NamedTuple):
 
 
 def list_shown(rows: FlightRows) -> list[ShownSignal]:
-    """What of a flight's rows is shown: scalars, short vectors by number; no integer times, for ages tell them."""
+    """Return the numbers of a flight's rows to show: scalars and short vectors, but no integer times."""
     shown, at = [], 0
     for path, shape, _, declared in rows.signals:
         size = int(np.prod(shape))
@@ -42,18 +42,18 @@ def list_shown(rows: FlightRows) -> list[ShownSignal]:
 
 
 class ConsoleLine:
-    """Rows and messages of one flight to its console, and the console's messages to it."""
+    """Rows and messages of one flight to its console, and messages back."""
 
     def __init__(self, end: socket.socket, clock: Clock = SYSTEM_CLOCK) -> None:
-        """end: of a pair of sockets that keep packets apart; the console has the other.  clock: of this process."""
+        """end: one of a pair of sockets that keep packets apart; the console has the other.  clock: of this process."""
         end.setblocking(False)
         self._end, self._clock = end, clock
         self._rows: FlightRows | None = None
         self.dropped = 0
-        """Packets for which the console had no room."""
+        """Number of packets for which the console had no room."""
 
     def set_rows(self, rows: FlightRows) -> list[ShownSignal]:
-        """Say what a row of the flight holds; which of it is shown."""
+        """Set the contents of a row. Return the numbers that are shown."""
         shown = list_shown(rows)
         self._rows, self._slots = rows, np.array([s.slot for s in shown], np.intp)
         self._numbers = np.zeros(rows.width)
@@ -62,7 +62,7 @@ class ConsoleLine:
         return shown
 
     def send_row(self, t: float, own: Sequence[float]) -> None:
-        """A row of the time t (s); own: the numbers that come with it."""
+        """Send the row of time t (s). own: the numbers that come with it."""
         assert self._rows is not None
         self._rows.fill(self._numbers, own)
         HEAD.pack_into(self._packet, len(ROW), t, self._clock.monotonic_ns() / NS_PER_SECOND)
@@ -71,11 +71,11 @@ class ConsoleLine:
         self._send(self._packet)
 
     def send(self, kind: str, **content: Any) -> None:
-        """A message."""
+        """Send a message."""
         self._send(TEXT + json.dumps({"type": kind, **content}, allow_nan=False).encode())
 
     def receive(self) -> list[Mapping[str, Any]]:
-        """Messages that have come, a few at most."""
+        """Return the received messages, a few at most."""
         found: list[Mapping[str, Any]] = []
         with contextlib.suppress(OSError):
             for _ in range(MOST_PACKETS):
@@ -87,7 +87,7 @@ class ConsoleLine:
         return found
 
     def close(self) -> None:
-        """Give the socket back; the console sees the flight's end."""
+        """Close the socket. The console sees the end of the flight."""
         self._end.close()
 
     def _send(self, packet: bytes | bytearray) -> None:

@@ -1,8 +1,8 @@
-"""What a vehicle's firmware does besides flying: who may command it, and what it does when nobody does.
+"""Duties of a vehicle's firmware besides flying: accept or refuse commands, and act safely without them.
 
-It also passes on what ground stations ask of the autopilot (hold, resume, end), again each 100 ms until it is
-acknowledged, and tells what the autopilot does. The autopilot's heartbeat, of an onboard computer, has its supervisor's
-mode as custom mode; one without a supervisor has none, and can't be asked.
+It also forwards the requests of ground stations to the autopilot (hold, resume, end), every 100 ms until they are
+acknowledged, and reports the autopilot's mode. The autopilot's heartbeat, as an onboard computer, has the mode of its
+supervisor as custom mode. An autopilot without a supervisor has no such mode, and takes no requests.
 Source: docs pages, Vehicle and Station.
 """
 
@@ -43,41 +43,41 @@ from trimtab.wire.streams import TextAssembly
 
 COMPUTER_MODE, MANUAL_MODE, HOLD_MODE = 15, 0, 4
 STATION_MODES = {COMPUTER_MODE: "computer", MANUAL_MODE: "manual", HOLD_MODE: "hold"}
-"""What a ground station can ask for: obey the autopilot's link, or the pilot's sticks; hold: the link, and it holds.
+"""Modes for ground stations. computer: obey the autopilot; manual: obey the pilot's sticks; hold: the autopilot holds.
 
 The numbers are those of ArduPilot's GUIDED, MANUAL and HOLD of rovers and boats, by which ground stations name them.
 """
 SWITCH = 4
-"""The pilot's fifth channel is the mode switch: above 1.5 ms the sticks rule."""
+"""Index of the mode switch, the pilot's fifth channel: above 1.5 ms the sticks are obeyed."""
 RADIO_TIMEOUT = ms(500)
 WIDEST_RANGE = 1e30
-"""Limits of a command that are further apart are none: nothing is known of it, and no stick has a place in it."""
+"""Widest range of a command that counts as known. With a wider range no stick position can be assigned."""
 LOW_PULSE, HIGH_PULSE = 1e-3, 2e-3
 RESEND_PERIOD, REQUEST_TIMEOUT, AUTOPILOT_TIMEOUT = ms(100), seconds(2), seconds(5)
-"""Until a request is sent again, and not any more; without heartbeats for so long the autopilot is gone."""
-NO_AUTOPILOT_PROBLEM = "no autopilot with a supervisor is heard"
+"""Time until a request is repeated; until it is given up; and without heartbeats until the autopilot counts as gone."""
+NO_AUTOPILOT_PROBLEM = "no supervised autopilot on the link"
 
 
 class CommandSource(NamedTuple):
-    """Who commands, and why."""
+    """Source of the commands, and the cause."""
 
     mode: str
     cause: str
 
 
 class Duties:
-    """The failsafe of a vehicle between a line and its actuators, with the requests that have come in."""
+    """Failsafe of a vehicle between a link and its actuators, with the pending requests."""
 
     def __init__(
         self, failsafe: Failsafe, command: Command, world: CompiledBlock, uplink: CompiledBlock | None = None
     ) -> None:
-        """A vehicle's failsafe, disarmed.
+        """Start disarmed.
 
         Args:
-            failsafe: which.
-            command: of the structure that the autopilot sends.
-            world: whose inputs get what the failsafe decides.
-            uplink: what commands pass before the failsafe sees them, e.g. one with a fault.
+            failsafe: the failsafe.
+            command: a command with the structure that the autopilot sends.
+            world: world whose inputs get the failsafe's output.
+            uplink: block that commands pass before the failsafe, e.g. one with a fault.
         """
         self.failsafe = failsafe
         self.step = compile_kept(failsafe_block, failsafe, command)
@@ -101,12 +101,12 @@ class Duties:
         self._arm = self._disarm = self._is_manual_mode = self._is_switched = False
         self.mode = CommandSource(MODES[0], CAUSES[0])
         self.breach = BREACHES[0]
-        """The kind of limit that the vehicle is beyond, for the next step."""
+        """Kind of the limit that is violated, for the next step."""
         self.is_ending = False
-        """The vehicle's own end has come; it is disarmed for that."""
+        """True at the vehicle's own end, for which it is disarmed."""
 
     def slot(self, path: str) -> Any:
-        """Where a number of the newest command stands in the inputs of what it comes to first."""
+        """Return the slot of a number of the newest command in the inputs of the first block that takes it."""
         return self._first_slots[path]
 
     def handle_event(self, event: VehicleEvent, now: int) -> None:
@@ -135,11 +135,11 @@ class Duties:
             self._radio_at = now
 
     def radio_silence(self, now: int) -> int | None:
-        """Time since the safety pilot's sticks were heard; None where they never were."""
+        """Return the time since data from the safety pilot's sticks; None: never received."""
         return None if self._radio_at is None else now - self._radio_at
 
     def act(self, t: int, command: GroupSample | None) -> bool:
-        """Decide at integer time t, with the newest command if a new one came; returns whether the mode is another."""
+        """Decide at integer time t, with the newest command if it is new. Return whether the mode has changed."""
         self._receive_command(t, command)
         inputs, at = self.step.inputs, self._inputs
         inputs[at["t"]] = t
@@ -155,7 +155,7 @@ class Duties:
         return self.mode != before
 
     def _receive_command(self, t: int, command: GroupSample | None) -> None:
-        """The newest command into the failsafe's inputs, through the uplink if there is one."""
+        """Write the newest command into the failsafe's inputs, through the uplink if there is one."""
         inputs, at = self._first.inputs, self._first_slots
         if command is not None:
             command.write(inputs)
@@ -168,12 +168,12 @@ class Duties:
 
     @property
     def is_commanded(self) -> bool:
-        """Whether somebody commands."""
+        """True while the autopilot or the pilot is in command."""
         return self.mode.mode in ("computer", "manual")
 
     @property
     def status(self) -> Status:
-        """As the vehicle tells it."""
+        """Status that the vehicle reports."""
         state = {"failsafe": State.CRITICAL, "disarmed": State.STANDBY}.get(self.mode.mode, State.ACTIVE)
         state = State.POWEROFF if self.is_ending and state != State.CRITICAL else state
         mode = MANUAL_MODE if self._is_manual_mode or self._is_switched else COMPUTER_MODE
@@ -181,12 +181,12 @@ class Duties:
 
 
 def _input_slots(step: CompiledBlock) -> dict[str, Any]:
-    """Where time and input of a block stand, the input's by its own paths."""
+    """Return the slots of time and input of a block, the input's by its own paths."""
     return {path.removeprefix("input."): at for path, at in step.reads.items()}
 
 
 def command_ranges(failsafe: Failsafe) -> tuple[Any, Any]:
-    """Lowest value and range of each number of a command; the range is NaN where there is none."""
+    """Return lowest value and range of each number of a command; the range is NaN where there is none."""
     low, high = (
         np.concatenate([np.zeros(0), *(np.ravel(np.asarray(v, float)) for _, v, _ in leaves(r))])
         for r in (failsafe.low, failsafe.high)
@@ -202,10 +202,10 @@ class _PendingRequest(NamedTuple):
 
 
 class FlightRequests:
-    """What is asked of the autopilot, on the vehicle's side; times `now` are the vehicle's, in 100 ns."""
+    """Requests to the autopilot, on the vehicle's side. Times `now` are the vehicle's, in 100 ns."""
 
     def __init__(self, endpoint: Endpoint, tell: Callable[[str], None]) -> None:
-        """tell: is given lines for people."""
+        """tell: receives the messages for the user."""
         self._endpoint, self._tell = endpoint, tell
         self._heartbeat_time: int | None = None
         self._autopilot, self._mode = 0, 0
@@ -213,7 +213,7 @@ class FlightRequests:
         self._texts = TextAssembly()
 
     def handle_message(self, message: Message, now: int) -> None:
-        """Follow the autopilot: its heartbeats, and what it acknowledges."""
+        """Handle a message of the autopilot: heartbeats and acknowledgements."""
         if message.system != self._endpoint.system:
             return
         if message.name == "HEARTBEAT":
@@ -242,7 +242,7 @@ class FlightRequests:
             self._tell(f"autopilot: {pending.request} refused")
 
     def handle_event(self, event: VehicleEvent, now: int) -> None:
-        """Begin to pass a request on; a newer one takes the place of an older."""
+        """Start to forward a request. A newer request replaces an older one."""
         if isinstance(event, FlightRequest):
             self._pending = _PendingRequest(event.request, now, now, 0)
         elif isinstance(event, ModeRequest) and event.mode == HOLD_MODE:
@@ -252,7 +252,7 @@ class FlightRequests:
 
     @property
     def holds(self) -> bool:
-        """Whether the autopilot said last that it holds."""
+        """True if the autopilot last reported that it holds."""
         return self._mode == HOLDS
 
     @property
@@ -263,7 +263,7 @@ class FlightRequests:
         return self._heartbeat_time is not None and now - self._heartbeat_time <= AUTOPILOT_TIMEOUT
 
     def due(self, now: int) -> list[bytes]:
-        """What is to be sent by now."""
+        """Return the packets that are due now."""
         pending = self._pending
         if pending is None or now < pending.next:
             return []
@@ -278,7 +278,7 @@ class FlightRequests:
         return [self._endpoint.pack("COMMAND_LONG", fields | to)]
 
     def status(self, status: Status, now: int) -> Status:
-        """What the vehicle tells, with the autopilot's part in it."""
+        """Return the vehicle's status with the autopilot's part added."""
         there = self._is_autopilot_present(now)
         mode = HOLD_MODE if there and self.holds and status.mode == COMPUTER_MODE else status.mode
         why = "" if there else NO_AUTOPILOT_PROBLEM

@@ -1,4 +1,4 @@
-"""What crosses a line: numbers of a compiled step as messages and back, and a question until its answer comes.
+"""Exchange over a link: numbers of a compiled step as messages and back, and a question repeated until its answer.
 
 Source: docs page, Exchange.
 """
@@ -16,10 +16,10 @@ from trimtab.wire.dialect import COMMAND, TIME, Dialect
 from trimtab.wire.mavlink import Endpoint
 
 MOST_INCOMPLETE = 8
-"""Times of which parts may wait for the others: on some lines packets overtake one another."""
+"""Maximum number of incomplete samples: on some links packets overtake one another."""
 T = TypeVar("T")
 Where = Callable[[str], int | slice]
-"""Path of a leaf -> where its numbers stand in a vector."""
+"""Path of a leaf -> its slot in a vector."""
 
 
 class _MessageLayout(NamedTuple):
@@ -30,10 +30,10 @@ class _MessageLayout(NamedTuple):
 
 
 class MessageGroup:
-    """The messages that carry one sample, or the command, between a vector of numbers and a line."""
+    """Messages that carry one sample, or the command, between a vector of numbers and a link."""
 
     def __init__(self, dialect: Dialect, group: str, where: Where) -> None:
-        """group: as the dialect names it, e.g. "samples.imu" or "command"."""
+        """group: name in the dialect, e.g. "samples.imu" or "command"."""
         self.names = dialect.groups[group]
         self._layouts: dict[str, _MessageLayout] = {}
         self._parts: dict[int, dict[str, tuple[Any, ...]]] = {}
@@ -49,7 +49,7 @@ class MessageGroup:
             self._layouts[name] = _MessageLayout(slots, whole, time, has_session)
 
     def pack(self, endpoint: Endpoint, vector: Any, shift: int = 0) -> list[bytes]:
-        """The packets of what stands in a vector; `shift` is added to its time."""
+        """Return the packets of the numbers in a vector. `shift` is added to their time."""
         packets = []
         for name, layout in self._layouts.items():
             numbers = vector[layout.slots].tolist()
@@ -59,7 +59,7 @@ class MessageGroup:
         return packets
 
     def assemble(self, message: Message) -> "GroupSample | None":
-        """What a message brings, when it is the last part; None while parts of the same time are missing."""
+        """Return the sample if this message is its last part; None while parts of the same time are missing."""
         layout = self._layouts[message.name]
         time = message.values[layout.time]
         if len(self.names) == 1:
@@ -77,7 +77,7 @@ class MessageGroup:
 
 
 class GroupSample(NamedTuple):
-    """A whole sample or command from the line. t: its time, by the sender's clock."""
+    """Complete sample or command from the link. t: its time, by the sender's clock."""
 
     t: int
     slots: Sequence[int]
@@ -85,30 +85,30 @@ class GroupSample(NamedTuple):
     time: int
 
     def write(self, vector: Any, shift: int = 0) -> None:
-        """Put it into a vector; `shift` is added to its time."""
+        """Write the sample into a vector. `shift` is added to its time."""
         vector[self.slots] = self.values
         vector[self.slots[self.time]] = self.t + shift
 
 
 def slot_indices(where: Mapping[str, Any], paths: Iterable[str], size: int) -> Any:
-    """Where the numbers of these leaves stand in a vector of a size, in order."""
+    """Return the indices of these leaves in a vector of this size, in order."""
     every = np.arange(size)
     return np.concatenate([np.zeros(0, np.intp), *(np.atleast_1d(every[where[p]]) for p in paths)])
 
 
 def sample_groups(dialect: Dialect, where: Where) -> dict[str, MessageGroup]:
-    """Sensor -> its group."""
+    """Return sensor -> its group."""
     prefix = "samples."
     return {g[len(prefix) :]: MessageGroup(dialect, g, where) for g in dialect.groups if g.startswith(prefix)}
 
 
 def command_group(dialect: Dialect, where: Where) -> MessageGroup:
-    """The command's group."""
+    """Return the group of the command."""
     return MessageGroup(dialect, COMMAND, where)
 
 
 def receive_messages(link: Link, endpoint: Endpoint, timeout: float) -> list[Message]:
-    """What has come and was accepted; who sent it may be answered."""
+    """Return the messages that were received and accepted. Their sender becomes the peer for replies."""
     messages = endpoint.feed(link.receive(timeout))
     if messages:
         link.accept_sender()
@@ -125,9 +125,9 @@ def request_answer(
     resend_period: float,
     clock: Clock = SYSTEM_CLOCK,
 ) -> T | None:
-    """Send packets, made anew each time, until a message is their answer; None after `patience` seconds.
+    """Send packets, made again each time, until a message answers them; return None after `patience` seconds.
 
-    answer: what a message says; None where it is no answer.
+    answer: returns the content of an answer; None for any other message.
     """
     deadline = clock.monotonic_ns() + patience * NS_PER_SECOND
     while clock.monotonic_ns() < deadline:

@@ -1,4 +1,4 @@
-"""The log of a flight: rows gathered from the vectors of compiled steps, handed to the writer's process.
+"""Log of a flight: rows gathered from the vectors of compiled steps, handed to the writer's process.
 
 Source: docs page, Fly.
 """
@@ -25,12 +25,12 @@ from trimtab.wire.mavlink import FrameCounts
 FRAMES = {"vehicle": "vehicle", "autopilot": "estimate"}
 """Side -> name of the vehicle's frame in its log."""
 ROWS = 16384
-"""Rows that the ring holds: how long the disk may keep the writer waiting."""
-WRITER_DIED = "the log's writer died; what it had written is there"
+"""Number of rows in the ring: it bridges the time for which the disk delays the writer."""
+WRITER_DIED = "the log's writer died; the rows written before are kept"
 
 
 class LogSource(NamedTuple):
-    """A vector whose numbers go into each row. name: path of a member -> path in the log, or None to leave it out."""
+    """Vector whose numbers go into each row. name: path of a member -> path in the log, or None to leave it out."""
 
     vector: Any
     members: Sequence[Member]
@@ -38,25 +38,25 @@ class LogSource(NamedTuple):
 
 
 def frame_signals(prefix: str) -> dict[str, tuple[str, Quantity]]:
-    """What a row has of the frames of its line, below a path; `count_frames` gives the numbers."""
+    """Return the signals of a link's frames, below a path. `count_frames` gives their values."""
     return {
         f"{prefix}.refused": ("i8", Quantity("1", "Frames refused so far.", kind="count")),
-        f"{prefix}.lost": ("i8", Quantity("1", "Frames so far that never came, by their numbers.", kind="count")),
-        f"{prefix}.damaged": ("i8", Quantity("1", "Frames so far whose checksum was wrong.", kind="count")),
-        f"{prefix}.garbage": ("i8", Quantity("1", "Bytes so far that belong to no frame.", kind="count")),
+        f"{prefix}.lost": ("i8", Quantity("1", "Frames lost so far, by their numbers.", kind="count")),
+        f"{prefix}.damaged": ("i8", Quantity("1", "Frames with a wrong checksum so far.", kind="count")),
+        f"{prefix}.garbage": ("i8", Quantity("1", "Bytes outside frames so far.", kind="count")),
     }
 
 
 def count_frames(counts: FrameCounts) -> tuple[int, int, int, int]:
-    """The numbers of `frame_signals`."""
+    """Return the values of `frame_signals`."""
     return counts.refusals, counts.lost, counts.checksum, counts.garbage
 
 
 class FlightRows:
-    """What a row of a flight holds: numbers of compiled steps' vectors, then those that come with each row."""
+    """Contents of a row of a flight: numbers of compiled steps' vectors, then those that come with each row."""
 
     def __init__(self, sources: Sequence[LogSource], own: Mapping[str, tuple[str, Quantity]]) -> None:
-        """Lay a row out.
+        """Define the layout of a row.
 
         Args:
             sources: vectors whose numbers go into each row.
@@ -73,7 +73,7 @@ class FlightRows:
         self._own, self.width = slice(stop, stop + len(own)), stop + len(own)
 
     def fill(self, row: Any, own: Sequence[float]) -> None:
-        """Put the numbers of now into a row, float64 (width,)."""
+        """Write the current numbers into a row, float64 (width,)."""
         for vector, index, where in self._picks:
             row[where] = vector[index]
         row[self._own] = own
@@ -83,7 +83,7 @@ class FlightRecorder(Protocol):
     """The log of a live end. Only `await_room` waits."""
 
     pose: Any
-    """Pose of the vehicle, as `logs.frames` has it. Each row holds the pose that was set last."""
+    """Pose of the vehicle, as in `logs.frames`. Each row holds the pose that was set last."""
 
     def start_clock(self, start: int, clock: Clock) -> None:
         """Set time zero to a time of the monotonic clock (ns). Call it before the first row."""
@@ -107,7 +107,7 @@ class FlightRecorder(Protocol):
 
 
 class FlightLog:
-    """Rows into a ring: a few microseconds each, and never a wait but in `await_room`."""
+    """Rows into a ring: a few microseconds each, without waiting except in `await_room`."""
 
     def __init__(
         self,
@@ -120,15 +120,15 @@ class FlightLog:
         """Start the writer's process.
 
         Args:
-            path: of a new file.
-            rows: what a row holds.
-            metadata: of the log.
+            path: path of a new file.
+            rows: contents of a row.
+            metadata: metadata of the log.
             frame: name of the vehicle's frame, whose poses are set, where time runs by a clock; empty: in virtual time.
-            limit: of what it may take on the disk; None: none.
+            limit: limit of its size on the disk; None: no limit.
         """
         self._rows, stop = rows, 1 + rows.width
         self.pose: Any = no_pose() if frame else np.zeros(0)
-        """As `logs.frames` has it; set it in place, and each row has it until it is set anew."""
+        """Pose as in `logs.frames`. Set it in place; each row holds it until it is set again."""
         self._row = np.zeros(stop + len(self.pose))
         self._numbers, self._poses = self._row[1:stop], self._row[stop:]
         self._ring = Ring.create(columns=len(self._row), rows=ROWS)
@@ -140,7 +140,7 @@ class FlightLog:
             raise
 
     def write_row(self, t: int, own: Sequence[float] = ()) -> None:
-        """A row: the vectors as they are now."""
+        """Write a row: the vectors as they are now."""
         self._row[0] = t
         self._rows.fill(self._numbers, own)
         self._poses[:] = self.pose
@@ -156,11 +156,11 @@ class FlightLog:
         self._stream.set_epoch(round(clock.unix() * NS_PER_SECOND) - clock.monotonic_ns() + start)
 
     def write_event(self, text: str) -> None:
-        """A line of text between rows."""
+        """Write a line of text between rows."""
         self._ring.write_text(text)
 
     def close(self, final: Mapping[str, Any] | None = None) -> LogFileSummary | None:
-        """End the log; None where the writer had died."""
+        """End the log. Return None if the writer had died."""
         try:
             return self._stream.close(final)
         finally:
@@ -172,7 +172,7 @@ class FlightLog:
 
 
 def list_log_problems(summary: LogFileSummary | None) -> list[str]:
-    """What is wrong with a log that has ended; None where its writer had died."""
+    """Return the problems of a log that has ended. summary: None if its writer had died."""
     if summary is None:
         return [WRITER_DIED]
     count = summary.dropped + summary.unwritten
@@ -246,7 +246,7 @@ def open_flight_log(
 
 
 def _select_numbers(source: LogSource, signals: list[Signal]) -> list[int]:
-    """Which numbers of a vector are logged; what they are goes to the end of `signals`."""
+    """Return the indices of the logged numbers of a vector. Their signals are appended to `signals`."""
     slots, at = [], 0
     for m in source.members:
         path = source.name(m.name)

@@ -1,10 +1,10 @@
-"""fly: an autopilot in real time against a vehicle at the far end of a line.
+"""fly: run an autopilot in real time against a vehicle at the far end of a link.
 
-One thread: it waits for packets until the next absolute deadline, makes one compiled step, sends the command, and hands
-a row to the log's process. Nothing in it waits for a disk, a console or a network.
+One thread waits for packets until the next absolute deadline, makes one compiled step, sends the command, and hands
+a row to the process that writes the log. The thread never waits for a disk, a console or a network.
 
-What the supervisor is asked in flight goes into the frame, as the sample that it reads; so the flight's log has it, and
-a replay repeats it.
+Requests to the supervisor in flight are written into the sensor sample that the supervisor reads. So the log holds
+them, and a replay repeats them.
 Source: docs pages, Fly and Supervisor.
 """
 
@@ -44,21 +44,21 @@ from trimtab.wire.streams import pack_text
 
 COUNT, HALT = "count", "halt"
 OVERRUN_POLICIES = (COUNT, HALT)
-"""What becomes of a flight when the work of a period ends after the next deadline."""
+"""Policies for an overrun, that is, for a period whose work ends after the next deadline."""
 MOST_PACKETS = 64
-"""Packets taken in one period, so that a flood can't stop the loop."""
+"""Maximum number of packets taken in one period, so that a flood cannot stop the loop."""
 SERVO_FRAME = ms(20)
-"""Commands are sent no more often than a servo takes them."""
+"""Shortest time between two commands: a servo takes no more."""
 PATIENCE_FACTOR = 3
-"""So many times as long it waits for a vehicle's clock where frames come at all."""
+"""Factor on the patience for the vehicle's clock, where frames do arrive."""
 SAMPLE_REPORT_PERIOD = seconds(10)
-"""At least, between two lines on samples that are refused."""
+"""Shortest time between two reports of rejected samples."""
 DISARM_TIMEOUT = seconds("0.5")
-"""How long it waits for an answer when it disarms."""
+"""Time to wait for the answer to a disarm request."""
 
 
 class LiveAutopilot:
-    """The autopilot's end of a line; `fly` runs it."""
+    """The autopilot's end of a link. `fly` runs it."""
 
     def __init__(
         self,
@@ -75,20 +75,20 @@ class LiveAutopilot:
         store: ParameterStore | None = None,
         machine: Machine = SYSTEM_MACHINE,
     ) -> None:
-        """Compile it.
+        """Compile the autopilot.
 
         Args:
-            scenario: whose autopilot.
-            link: to the vehicle.
+            scenario: scenario of the autopilot.
+            link: link to the vehicle.
             endpoint: makes the autopilot's end for a dialect.
-            seed: of the random numbers.
-            step: the compiled autopilot, if there is.
-            typed: the command that was typed, for those that people are told to type.
-            accepts: paths of settings at or below which the vehicle may differ from this end.
-            store: where parameters are stored when a ground station asks for it; None: nowhere.
-            confirms: that the vehicle may be armed again after a failsafe.
-            takes_over: have the vehicle handed over where another autopilot flies it; refused without.
-            machine: the computer that it runs on.
+            seed: seed of the random numbers.
+            step: the compiled autopilot, if there is one.
+            typed: the command that the user typed, for the commands that messages suggest.
+            accepts: paths at or below which the vehicle may differ from this end.
+            store: where parameters are stored when a ground station asks for it; None: they are not stored.
+            confirms: True confirms that the vehicle may be armed again after a failsafe.
+            takes_over: True takes the vehicle over from another autopilot that flies it; False refuses such a vehicle.
+            machine: the computer that the autopilot runs on.
         """
         self._takes_over, self._machine, self._clock = takes_over, machine, machine.clock
         scenario.check()
@@ -120,10 +120,10 @@ class LiveAutopilot:
     def connect(
         self, patience: float = 10.0, stop: Callable[[], bool] = lambda: False, *, follows_clock: bool = False
     ) -> None:
-        """Wait for the vehicle, and for its clock; refused where nobody answers in `patience` seconds.
+        """Wait for the vehicle and for its clock. Raise InputError if no vehicle answers within `patience` seconds.
 
-        A line over which frames do come may be a bad one, that loses most heartbeats: it has three times as long.
-        follows_clock: sign by the vehicle's clock where the two differ by too much.
+        If frames do arrive, the link may be one that loses most heartbeats: the patience is then three times as long.
+        follows_clock: sign by the vehicle's clock where the two clocks differ by too much.
         """
         began = self._clock.monotonic_ns()
         while not self.remote.is_ready and not stop():
@@ -159,20 +159,22 @@ class LiveAutopilot:
         stop: Callable[[], bool] = lambda: False,
         tell: Callable[[str], None] = lambda _: None,
     ) -> LiveFlightSummary:
-        """Arm as soon as there is an estimate, fly for `duration` (100 ns) from then on, disarm.
+        """Arm as soon as there is an estimate, fly for `duration` (100 ns) from arming, then disarm.
 
         Args:
-            duration: the scenario's when None.
-            log_limit: bytes that the log may take on the disk; None: any.
-            log: file of the flight's log.
+            duration: duration of the flight; None: the scenario's.
+            log_limit: maximum size of the log on the disk (bytes); None: no limit.
+            log: path of the flight's log.
             wanted_real_time: ask the system for real-time scheduling and locked memory.
-            overrun: "count" goes on after one; "halt" ends an armed flight at the first.
-            console: where a pilot watches, who then arms; its rows have been set.
-            stop: asked every period.
-            tell: is given lines for people.
+            overrun: "count" continues after an overrun; "halt" ends an armed flight at the first one.
+            console: console of the pilot, who then decides when to arm; its rows have been set.
+            stop: called every period; True ends the flight.
+            tell: receives the messages for the user.
         """
         if overrun not in OVERRUN_POLICIES:
-            raise InputError("overrun", f"{overrun!r} is no policy", choices=OVERRUN_POLICIES, fix=f'overrun="{HALT}"')
+            raise InputError(
+                "overrun", f"{overrun!r}is not a policy", choices=OVERRUN_POLICIES, fix=f'overrun="{HALT}"'
+            )
         self._halts, self._overrun = overrun == HALT, ""
         length = self.scenario.duration if duration is None else duration
         flight_log = self._flight_log = open_flight_log(
@@ -197,14 +199,14 @@ class LiveAutopilot:
                 flight_log.write_event(remark)
         try:
             with self._machine.real_time(wanted_real_time) as grant:
-                discard_packets(self.link)  # of all that came until now, and while memory was locked
+                discard_packets(self.link)  # packets that came until now, and while memory was locked
                 self.endpoint.begin_anew()
                 self.autopilot_end.drop_samples()
                 try:
                     t = self._run_loop(length, stop)
                 finally:
-                    cause, stopped = self._end_reason(), "it was aborted by request" if stop() else ""
-                    ended = "the supervisor had ended the flight" if self.supervised.mode == ENDED else ""
+                    cause, stopped = self._end_reason(), "the flight was aborted by request" if stop() else ""
+                    ended = "the supervisor ended the flight" if self.supervised.mode == ENDED else ""
                     was_armed = self.arming_time is not None
                     is_silent, has_stopped = self._silence.is_silent, self._pilot.has_stopped
                     remote = self.remote.list_problems(
@@ -212,7 +214,7 @@ class LiveAutopilot:
                     )
                     problems = [p for p in (cause, stopped, ended, *remote) if p]
                     is_ours = self.remote.has_authority or self.remote.is_asking
-                    if is_ours and not self.remote.is_taken:  # else it is none of this end's business
+                    if is_ours and not self.remote.is_taken:  # another autopilot's vehicle is left alone
                         self._disarm()
         finally:
             self._flight_log = None
@@ -263,13 +265,13 @@ class LiveAutopilot:
         return t
 
     def _end_reason(self) -> str:
-        """What ends a flight before its time; empty while nothing does."""
+        """Return why the flight must end before its time, or an empty string."""
         if self.arming_time is not None and self.remote.is_taken:
             return f"the vehicle was taken over by session {self.remote.owner:06x}"
         return self.remote.misfit or self.preflight.refusal or self._overrun or self._pilot.end_reason
 
     def _send_command(self, t: int, ahead: int) -> None:
-        """The command of now, on the vehicle's clock; its times rise, also where that clock turns out to be earlier."""
+        """Send the current command with the vehicle's time. Times increase even if that clock turns out earlier."""
         if t + ahead <= self._sent and self.remote.sync.jumps == self._jumps:
             ahead = self._sent + 1 - t
         self._sent, self._jumps = t + ahead, self.remote.sync.jumps
@@ -278,7 +280,7 @@ class LiveAutopilot:
         self._pilot.note_command()
 
     def _disarm(self) -> None:
-        """Ask until it is acknowledged, for half a second: soon after the vehicle's failsafe does it by itself."""
+        """Ask to disarm for up to half a second. Soon after that the vehicle's failsafe disarms anyway."""
         self.remote.disarm()
         deadline = self._clock.monotonic_ns() + DISARM_TIMEOUT * NS
         while self.remote.is_asking and self._clock.monotonic_ns() < deadline:
@@ -288,22 +290,22 @@ class LiveAutopilot:
             self.remote.due(self._clock.monotonic_ns() // NS)
 
     def _to_local(self, t: int) -> int:
-        """The vehicle's time as the loop's."""
+        """Return a time of the vehicle's clock as a time of the loop."""
         return self.remote.sync.to_local(t) - self.deadlines.start // NS
 
     def _is_believable(self, t: int) -> bool:
-        """Whether a sample of the vehicle's time t can be of now."""
+        """Return whether a sample with this vehicle time is recent enough to be accepted."""
         now = self._clock.monotonic_ns() // NS
         lead = self.remote.sync.show_local(t) - now
         is_believable = -LONGEST_SAMPLE_AGE <= lead <= MOST_SAMPLE_LEAD
         if self._flight_log is not None and not is_believable and now >= self._sample_report_time:
             self._sample_report_time = now + SAMPLE_REPORT_PERIOD
-            why = "of another clock" if lead > 0 else "of another clock, or it has waited for so long"
-            self._report(f"a sample is refused: its time is {to_seconds(lead):+.3f} s from now, {why}")
+            why = "the clocks differ" if lead > 0 else "the clocks differ, or it was delayed that long"
+            self._report(f"sample rejected: its time is {to_seconds(lead):+.3f} s from now, {why}")
         return is_believable
 
     def _receive_until(self, k: int) -> int:
-        """Take what comes until deadline k; returns when that was (ns)."""
+        """Handle packets until deadline k. Return the time when that ended (ns)."""
         packets = 0
         while True:
             left = self.deadlines.remaining(k)
@@ -315,15 +317,15 @@ class LiveAutopilot:
                 return self._clock.monotonic_ns()
 
     def _next_period(self, k: int) -> int:
-        """The period after k: the next one, or, far behind, the one that is due now."""
+        """Return the next period. Periods are skipped if the loop is far behind."""
         passed, behind = self.deadlines.count_passed(k + 1)
         if passed:
             self.skipped += passed
-            self._report(f"this end stood still for {to_seconds(behind):.3f} s: {passed} periods are passed over")
+            self._report(f"this end stalled for {to_seconds(behind):.3f} s: {passed} periods skipped")
         return k + 1 + passed
 
     def _update_line(self, t: int, now: int) -> None:
-        """Arm when there is something to fly with; keep the line."""
+        """Arm when there is a valid estimate, report news, and send what is due."""
         if self.remote.has_authority:
             self.arming_time = t if self.arming_time is None else self.arming_time
             self._pilot.wants_arming = False
@@ -343,7 +345,7 @@ class LiveAutopilot:
             self.link.send(packet)
 
     def _prepare_arming(self, now: int) -> None:
-        """Ask for what is looked at before arming; with all of it well, ask the vehicle to arm."""
+        """Collect the checks before arming. If all pass, ask the vehicle to arm."""
         preflight = self.preflight
         may_arm = preflight.update(now, self._silence.length(now))
         if self._pilot.wants_arming:
@@ -356,14 +358,14 @@ class LiveAutopilot:
                 self.link.send(packet)
 
     def _report_backward_sensors(self) -> None:
-        """Say of which sensors nothing is taken, because their time runs backwards."""
+        """Report each sensor whose samples are rejected because their time stamps decrease."""
         sensors = self.autopilot_end.backward_sensors
         for sensor in sensors if sensors != self._backward_sensors else ():
-            self._report(f"{sensor}: its time runs backwards, its samples are refused")
+            self._report(f"{sensor}: time stamps run backwards, samples rejected")
         self._backward_sensors = sensors
 
     def _report_supervisor(self, now: int) -> None:
-        """Say what the supervisor has decided, and pass it what it is asked."""
+        """Report the supervisor's decisions, and pass requests on to it."""
         self.remote.mode = self.supervised.mode
         if self.remote.requests:
             self.supervised.request(self.remote.requests.popleft())
@@ -393,7 +395,7 @@ class LiveAutopilot:
         )
 
     def _report(self, text: str) -> None:
-        """A line to people and into the log."""
+        """Report a line to the user and to the log."""
         self._tell(text)
         self._pilot.tell(text)
         if self._flight_log is not None:

@@ -1,9 +1,8 @@
-"""Where a vehicle is on the globe: its world frame, laid at an origin that somebody has said.
+"""Position of a vehicle on the globe: its world frame, placed at a given origin.
 
-A laboratory's floor has no latitude, so nothing is told of it until there is an origin: `trimtab vehicle --origin`, or
-a ground station's SET_GPS_GLOBAL_ORIGIN while it is disarmed. It serves maps alone: no sensor and no law knows of it.
-Heights are taken as they are said, above the sea: that W is laid as if above the ellipsoid makes distances wrong by
-2e-5 at most.
+A laboratory's floor has no latitude, so no position is sent until there is an origin: `trimtab vehicle --origin`, or a
+ground station's SET_GPS_GLOBAL_ORIGIN while it is disarmed. The position is for maps: no sensor and no law uses it.
+Heights are taken as given, above the sea. Placing W as if above the ellipsoid makes distances wrong by 2e-5 at most.
 Source: https://mavlink.io/en/messages/common.html, GLOBAL_POSITION_INT, HOME_POSITION, GPS_GLOBAL_ORIGIN.
 """
 
@@ -22,29 +21,29 @@ from trimtab.wire.protocol import Severity
 from trimtab.wire.telemetry import Place, VehicleMotion
 
 DEGREES = 1e-7
-"""Of MAVLink's latitudes and longitudes."""
+"""Unit of MAVLink's latitudes and longitudes (degrees)."""
 HIGHEST = 1e6
 SET_ORIGIN = "SET_GPS_GLOBAL_ORIGIN"
 
 
 def parse_origin(text: str) -> Place:
-    """A place from "LAT,LON,ALT", in degrees and metres above the sea; refused where it is none."""
+    """Return a place from "LAT,LON,ALT", in degrees and metres above the sea. Raise InputError for any other text."""
     try:
         latitude, longitude, height = map(float, text.split(","))
     except ValueError:
         raise InputError(
-            argument_name("origin"), f"{text!r} is not LAT,LON,ALT", fix=argument("origin", "38.9897,-76.9378,20")
+            argument_name("origin"), f"{text!r} must be LAT,LON,ALT", fix=argument("origin", "38.9897,-76.9378,20")
         ) from None
     place = Place(math.radians(latitude), math.radians(longitude), height)
     if not is_on_globe(place):
         raise InputError(
-            argument_name("origin"), f"{text!r} is no place on the globe", fix="degrees north and east, then metres"
+            argument_name("origin"), f"{text!r} is not a place on the globe", fix="degrees north and east, then metres"
         )
     return place
 
 
 def is_on_globe(place: Place) -> bool:
-    """Whether there is such a place, and a flight could begin there."""
+    """Return whether the place exists, and a flight could begin there."""
     limits = Place(math.pi / 2, math.pi, HIGHEST)
     return all(math.isfinite(v) and abs(v) <= limit for v, limit in zip(place, limits, strict=True))
 
@@ -55,18 +54,18 @@ class Globe:
     names: Collection[str] = (SET_ORIGIN,)
 
     def __init__(self, endpoint: Endpoint, motion: Callable[[], VehicleMotion], origin: Place | None = None) -> None:
-        """Compile it. motion: how the vehicle moves now.  origin: of W; None: not known yet."""
+        """Compile the block of the place. motion: returns the motion now.  origin: of W; None: not known yet."""
         self._endpoint, self._motion = endpoint, motion
         self._block = compile_block(place_block())
         self._position: Any = self._block.reads["p_WB"]
         self.origin: Place | None = None
         self.home: VehicleMotion | None = None
-        """How it was when it was last armed."""
+        """Motion of the vehicle when it was last armed."""
         if origin is not None:
             self._set_origin(origin)
 
     def place(self, p_WB: Any) -> Place | None:
-        """Where a position (m) in W is on the globe; None without an origin."""
+        """Return the place of a position (m) in W on the globe; None without an origin."""
         if self.origin is None:
             return None
         self._block.inputs[self._position] = p_WB
@@ -74,30 +73,30 @@ class Globe:
         return Place(*(float(self._block.result(name)) for name in Place._fields))
 
     def mark_home(self) -> None:
-        """It is home now."""
+        """Set home to the place of now."""
         self.home = self._motion()
 
     def position_fields(self, now: int) -> Mapping[str, Any] | None:
-        """GLOBAL_POSITION_INT."""
+        """Return the fields of GLOBAL_POSITION_INT."""
         motion = self._motion()
         place = self.place(motion.p_WB)
         return None if place is None else telemetry.global_position(now, motion, place, self._home(motion))
 
     def home_fields(self, now: int) -> Mapping[str, Any] | None:
-        """HOME_POSITION."""
+        """Return the fields of HOME_POSITION."""
         home = self._home(self._motion())
         place = self.place(home.p_WB)
         return None if place is None else telemetry.home_position(now, home.p_WB, quaternion(home.attitude), place)
 
     def origin_fields(self, now: int) -> Mapping[str, Any] | None:
-        """GPS_GLOBAL_ORIGIN."""
+        """Return the fields of GPS_GLOBAL_ORIGIN."""
         return None if self.origin is None else telemetry.global_origin(now, self.origin)
 
     def answer(self, message: Message, now: int, *, is_armed: bool) -> list[bytes]:
-        """Follow a request for another origin, if nobody flies; the origin that holds now, and why it stays."""
+        """Handle a request for another origin, if disarmed. Return the current origin, and why it was not changed."""
         latitude, longitude = (math.radians(message.get(n) * DEGREES) for n in ("latitude", "longitude"))
         place = Place(latitude, longitude, message.get("altitude") * 1e-3)
-        problem = "it is armed" if is_armed else "" if is_on_globe(place) else "there is no such place"
+        problem = "the vehicle is armed" if is_armed else "" if is_on_globe(place) else "not a place on the globe"
         if not problem:
             self._set_origin(place)
         fields, text = self.origin_fields(now), f"Origin not set: {problem}"
@@ -105,11 +104,11 @@ class Globe:
         return ([] if fields is None else [self._endpoint.pack("GPS_GLOBAL_ORIGIN", fields)]) + said
 
     def due(self, now: int, *, is_armed: bool) -> list[bytes]:
-        """Nothing besides what its streams tell."""
+        """Return nothing: all its messages are telemetry streams."""
         return []
 
     def _home(self, motion: VehicleMotion) -> VehicleMotion:
-        """Home; before it was ever armed it is where it is held."""
+        """Return home. Before the first arming it is the place where the vehicle is held."""
         return motion if self.home is None else self.home
 
     def _set_origin(self, origin: Place) -> None:

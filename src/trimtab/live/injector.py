@@ -1,4 +1,4 @@
-"""A fault put into a virtual vehicle that is flying, by its parameters.
+"""Fault injection into a flying virtual vehicle, through its parameters.
 
 Source: docs page, Faults.
 """
@@ -23,44 +23,44 @@ from trimtab.wire.protocol import REAL_32
 
 T = TypeVar("T")
 PATIENCE, RESEND_PERIOD = 10.0, 0.3
-"""Seconds until no answer is expected any more, and until a question is sent again."""
+"""Time to wait for an answer (s), and time until a question is sent again (s)."""
 FAULT_NUMBERS = ("start", "duration", "severity", "bias", "word")
-"""What is sent of a fault; the word last, for then it acts."""
+"""Numbers of a fault that are sent. The word comes last, since it makes the fault act."""
 
 
 def add_idle_faults(scenario: Scenario) -> Scenario:
-    """The scenario as a virtual vehicle flies it: on a real line, with a fault in every part that does nothing yet."""
+    """Return the scenario as a virtual vehicle flies it: on a real link, with an inactive fault in every part."""
     return add_dormant_faults(replace_links(scenario))
 
 
 class FaultPlan(NamedTuple):
-    """What is set for a fault. values: names of parameters, and their values, in order."""
+    """Parameters to set for a fault. values: parameter names and their values, in order."""
 
     fault: Fault
     values: dict[str, float]
 
 
 def fault_parameter_names(scenario: Scenario) -> dict[str, str]:
-    """Path of a number of the vehicle that flies a scenario -> its name on the wire."""
+    """Return path -> parameter name for the numbers of the vehicle that flies a scenario."""
     table = Parameters(add_idle_faults(scenario).world, "world").table()
     return {path: name for name, (path, _) in table.items()}
 
 
 def plan_fault(scenario: Scenario, text: str, names: Mapping[str, str] | None = None) -> FaultPlan:
-    """What to set for a fault written as text; refused where it can't be set while it flies.
+    """Return the parameters to set for a fault given as text. Raise InputError if it cannot be set in flight.
 
     Args:
-        scenario: as the vehicle was asked to fly it.
-        text: see the docs page, Faults.
-        names: as `fault_parameter_names` gives them; None: it is asked here.
+        scenario: scenario that the vehicle flies.
+        text: the fault, see the docs page, Faults.
+        names: result of `fault_parameter_names`; None: computed here.
     """
     where, fault = parse_fault(scenario, text)
     if fault.watch:
         fix = f"leave the condition out, or start the vehicle with  {argument_name('faults')}"
-        raise InputError(f"fault {text!r}", "a condition can't be set while it flies", fix=fix)
+        raise InputError(f"fault {text!r}", "a condition cannot be set in flight", fix=fix)
     if fault.field:
-        fix = f"name all of them ({where} …), or start the vehicle with  {argument_name('faults')}"
-        raise InputError(f"fault {text!r}", "one field of the input can't be chosen while it flies", fix=fix)
+        fix = f"name the whole input ({where} …), or start the vehicle with  {argument_name('faults')}"
+        raise InputError(f"fault {text!r}", "a single field of the input cannot be set in flight", fix=fix)
     before = f"world.{where.replace('sensor:', 'sensors.')}.fault"
     names = names or fault_parameter_names(scenario)
     numbers = {n: float(value) for n, value, _ in leaves(fault) if n in FAULT_NUMBERS}
@@ -68,13 +68,13 @@ def plan_fault(scenario: Scenario, text: str, names: Mapping[str, str] | None = 
 
 
 class Injector:
-    """Questions to a vehicle, and their answers."""
+    """Questions to a vehicle, with their answers."""
 
     def __init__(self, link: Link, endpoint: Endpoint, clock: Clock = SYSTEM_CLOCK) -> None:
         self.link, self.endpoint, self._clock = link, endpoint, clock
 
     def inject(self, plan: FaultPlan) -> int:
-        """Set all of a fault; its start counts from now. Returns when it begins by the vehicle's clock (100 ns)."""
+        """Set all numbers of a fault. Its start counts from now. Return its start by the vehicle's clock (100 ns)."""
         start = self.read_vehicle_time() + int(plan.fault.start)
         for k, (name, value) in enumerate(plan.values.items()):
             self.set(name, value if k else float(start))
@@ -93,12 +93,12 @@ class Injector:
         if result is not None:
             return result
         counts = self.endpoint.counts
-        problem = f"no vehicle answers ({what}); frames taken {counts.accepted}, refused {counts.refusals}"
-        fix = "start it: trimtab vehicle SCENARIO --listen URI; then give here its address, scenario, settings and key"
+        problem = f"no vehicle answers ({what}); frames accepted {counts.accepted}, refused {counts.refusals}"
+        fix = "start it: trimtab vehicle SCENARIO --listen URI; then give its address, scenario, settings and key here"
         raise InputError(argument_name("link"), problem, fix=fix)
 
     def read_vehicle_time(self) -> int:
-        """The vehicle's clock now (100 ns), to half a round trip."""
+        """Return the vehicle's clock now (100 ns), accurate to half a round trip."""
 
         def answer(message: Message) -> int | None:
             mine = message.name == "TIMESYNC" and message.get("tc1") > 0
@@ -109,7 +109,7 @@ class Injector:
         )
 
     def set(self, name: str, value: float) -> None:
-        """Set a parameter, until the vehicle has said that it holds."""
+        """Set a parameter. Repeat until the vehicle confirms its value."""
         to = {"target_system": 1, "target_component": 1}
         fields = {"param_id": name, "param_value": value, "param_type": REAL_32} | to
 
@@ -122,7 +122,7 @@ class Injector:
 
 
 def format_value(declared: Quantity, value: float) -> str:
-    """A number as people read it: a mode by its name, a time with its unit."""
+    """Return a number as text for the user: a mode by its name, a time with its unit."""
     if declared.kind == "time":
         return "until the end" if value >= FOREVER else format_time(int(value))
     return declared.modes[int(value)] if declared.modes else f"{value:g}"

@@ -1,6 +1,6 @@
-"""What a virtual vehicle tells ground stations of itself, which the autopilot neither asks for nor hears.
+"""Telemetry that a virtual vehicle sends to ground stations. The autopilot neither asks for it nor receives it.
 
-Posture and velocity are the true ones: a ground station is there to see what the vehicle really does.
+Position and velocity are the true ones: a ground station is there to show what the vehicle really does.
 Source: docs page, Telemetry.
 """
 
@@ -31,7 +31,7 @@ FORCE, RATE, FIELD = "specific_force", "angular_rate", "field"
 
 
 class Instruments:
-    """Reads a vehicle for its telemetry."""
+    """Reader of a vehicle for its telemetry."""
 
     def __init__(
         self,
@@ -42,15 +42,15 @@ class Instruments:
         origin: Place | None = None,
         clock: Clock = SYSTEM_CLOCK,
     ) -> None:
-        """Compile what is needed.
+        """Compile the blocks that telemetry needs.
 
         Args:
-            body: whose motion.
-            failsafe: its safe command names the outputs.
-            endpoint: the vehicle's.
-            flying: whether somebody commands it.
-            origin: where W is on the globe.
-            clock: its wall clock is sent as SYSTEM_TIME.
+            body: vehicle with the motion.
+            failsafe: failsafe whose safe command names the outputs.
+            endpoint: endpoint of the vehicle.
+            flying: returns True while the vehicle is commanded.
+            origin: place of W on the globe.
+            clock: clock whose wall-clock time is sent as SYSTEM_TIME.
         """
         self._body, self._endpoint, self._flying, self._clock = body, endpoint, flying, clock
         self._motion = compile_kept(motion_block, body.scenario)
@@ -62,12 +62,12 @@ class Instruments:
         self._range = np.where(span > 0, span, np.nan)
         self._imu, self._magnetometer = (find_sensor(body.world.writes, name) for name in (FORCE, FIELD))
         self.may_be_armed: Callable[[], bool] = lambda: True
-        """Whether all that is looked at before arming is well."""
+        """Returns True if all checks before arming pass."""
         self._pulses: tuple[float, ...] = ()
         self._pulse_time = -2 * RADIO_TIMEOUT
 
     def telemetry_streams(self) -> Streams:
-        """Everything it tells, at the rates of a slow line."""
+        """Return all telemetry, at rates for a slow link."""
         streams: dict[str, TelemetryStream] = {
             "ATTITUDE": TelemetryStream(lambda now: telemetry.attitude(now, self.vehicle_motion()), QUICK),
             "LOCAL_POSITION_NED": TelemetryStream(
@@ -89,14 +89,14 @@ class Instruments:
         return Streams(self._endpoint, streams)
 
     def handle_event(self, event: VehicleEvent, now: int) -> None:
-        """Take note of what the safety pilot's receiver says, and of where it is armed."""
+        """Note the data of the safety pilot's receiver, and the place of arming."""
         if isinstance(event, ArmRequest) and event.arm and not self._flying():
             self.globe.mark_home()
         if isinstance(event, ReceiverChannels):
             self._pulses, self._pulse_time = event.pulses, now
 
     def vehicle_motion(self) -> VehicleMotion:
-        """How it moves now."""
+        """Return the motion now."""
         motion, world = self._motion, self._body.world
         motion.inputs[motion.reads["t"]] = self._body.t
         for into, out in self._pairs:
@@ -105,7 +105,7 @@ class Instruments:
         return VehicleMotion(*(motion.result(name).tolist() for name in VehicleMotion._fields))
 
     def pose(self) -> list[float]:
-        """Position, attitude and place on the globe, as `logs.frames` has them."""
+        """Return position, attitude and place on the globe, as in `logs.frames`."""
         motion = self.vehicle_motion()
         place = self.globe.place(motion.p_WB)
         return [*motion.p_WB, *motion.attitude, *((math.nan,) * 3 if place is None else place)]
@@ -144,7 +144,7 @@ class Instruments:
 
 
 class SensorSlots(NamedTuple):
-    """Where a sensor's newest sample stands in a world's outputs. at: quantity -> there."""
+    """Slots of a sensor's newest sample in a world's outputs. at: quantity -> slot."""
 
     name: str
     at: Mapping[str, Any]
@@ -153,7 +153,7 @@ class SensorSlots(NamedTuple):
 
 
 def find_sensor(writes: Mapping[str, Any], quantity: str) -> SensorSlots | None:
-    """The first sensor that measures a quantity."""
+    """Return the slots of the first sensor that measures a quantity."""
     for path in writes:
         sensor, dot, name = path.partition(".value.")
         if dot and name == quantity and sensor.startswith("sensors."):
@@ -165,7 +165,7 @@ def find_sensor(writes: Mapping[str, Any], quantity: str) -> SensorSlots | None:
 
 
 def pair_slots(reads: Mapping[str, Any], writes: Mapping[str, Any]) -> list[tuple[Any, Any]]:
-    """Where each number of the state, and of what acts, stands for the motion and in the world."""
+    """Return pairs of slots, in motion block and world, for each number of the state and of the actuation."""
     acting = "input.truth", "input.u"
     pairs = [(p.removeprefix("input."), at) for p, at in reads.items() if p.startswith(acting)]
     return [(at, writes[p if p.startswith("truth") else f"actuators.{p}"]) for p, at in pairs]

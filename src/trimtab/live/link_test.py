@@ -1,11 +1,11 @@
-"""One-way delays of a link, measured as the source did.
+"""One-way delays of a link, measured as in the thesis [1].
 
 A request carries the sender's time; the far end appends its timer and echoes it. With one clock on both ends
 
     uplink = timer - t0,    downlink = now - t0 - uplink
 
-and with two the offset between them is taken from the quickest round trips, as if those took as long up as down.
-What comes of it: the table's figures, recordings to replay, and a channel model with the same moments.
+and with two, the offset between them is taken from the quickest round trips, as if up and down took the same time.
+The results are the table's figures, recordings to replay, and a channel model with the same moments.
 Source: [1] Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006, chapter 5.
 """
 
@@ -36,77 +36,77 @@ from trimtab.live.clock_time import (
 from trimtab.live.real_time import NS
 
 MOST_LOAD = 125_000
-"""Bytes per second that it will send, whoever asks."""
+"""Largest load that is sent (bytes per second), whatever is asked for."""
 LOAD_TIMEOUT = 3.0
-"""Seconds for which it sends load after the last request for it."""
+"""Time for which load is sent after the last request for it (s)."""
 BURST = 4
-"""Messages of load at once, at most, after a delay of the machine's own."""
+"""Maximum number of load messages sent at once, after a delay of this machine."""
 HELLO_PERIOD = 0.5
-"""Seconds between two hellos to the far end."""
+"""Time between two hellos to the far end (s)."""
 BITS_PER_BYTE = 10
-"""On a serial line, with start and stop bit; the source's rates count them."""
+"""Bits per byte on a serial line, with start and stop bit. The rates in the thesis count them."""
 QUICKEST_SHARE = 0.05
 """Share of the round trips from which the offset of two clocks is taken."""
 LEAST_SD = 1e-5
-"""Spread (s) of a model of a link that has none."""
+"""Spread (s) in a model of a link without spread."""
 
 
 class LinkTestPlan(NamedTuple):
-    """What to measure: load in kb/s each way (all that is sent, ten bits a byte), requests, and how many a second."""
+    """Plan of a measurement: load each way in kb/s (all bytes, ten bits each), requests, and requests per second."""
 
     up: float
     down: float
     requests: int = 300
     rate: float = 10.0
     patience: float = 3.0
-    """Seconds to wait for the last replies."""
+    """Time to wait for the last replies (s)."""
     seed: int = 0
 
     @property
     def first_patience(self) -> float:
-        """Seconds to wait for the first sign of life."""
+        """Return the time to wait for the first reply (s)."""
         return 10 * self.patience
 
 
 class Delays(NamedTuple):
-    """What was measured, in s; one entry a request in the order sent, NaN where no reply came."""
+    """Measured delays (s), one entry per request in the order sent, NaN where no reply came."""
 
     plan: LinkTestPlan
     send_times: np.ndarray[Any, Any]
     up: np.ndarray[Any, Any]
     down: np.ndarray[Any, Any]
     lost_up: int
-    """Requests that did not arrive; the others without a reply were lost on the way down."""
+    """Requests that did not arrive. The others without a reply were lost on the way down."""
     has_one_clock: bool
-    """Measured with one clock; else only the sum of up and down is certain."""
+    """True if one clock measured both ways; otherwise only the sum of up and down is certain."""
     data_rates: tuple[float, float]
-    """kb/s that were sent, and that arrived."""
+    """Rates sent and received (kb/s)."""
 
     @property
     def has_reply(self) -> np.ndarray[Any, Any]:
-        """Which requests were."""
+        """Return True for each request with a reply."""
         return np.isfinite(self.up)
 
 
 class LoadPace:
-    """Says when a message of load is due, so that all that is sent makes a rate (byte/s)."""
+    """Pacer of load messages, so that all bytes sent make up a given rate (byte/s)."""
 
     def __init__(self, size: int) -> None:
         self._size, self._due, self.rate = size, 0.0, 0.0
 
     def wait(self, t: float) -> float:
-        """Seconds from t (s) until the next message is due; an hour where there is no load."""
+        """Return the time from t (s) until the next message is due; an hour without load."""
         return max(self._due - t, 0.0) if self.rate > 0 else 3600.0
 
     def due(self, t: float) -> bool:
-        """Whether a message is due at t (s), which is then counted as sent."""
+        """Return whether a message is due at t (s). It then counts as sent."""
         if self.rate <= 0 or t < self._due:
             return False
         self.count_bytes(self._size, t)
         return True
 
     def count_bytes(self, size: int, t: float) -> None:
-        """So many bytes were sent at t (s)."""
+        """Count bytes that were sent at t (s)."""
         if self.rate > 0:
             earliest = t - BURST * self._size / self.rate if self._due else t
             self._due = max(self._due, earliest) + size / self.rate
@@ -122,10 +122,10 @@ def echo_requests(
     """Answer until `stop`, looked at ten times a second. Returns the number of requests echoed.
 
     Args:
-        link: to the measuring end.
-        stop: whether to end.
+        link: link to the measuring end.
+        stop: returns True to end.
         clock: clock of this end.
-        boot: what tells whose clock it is; None: this machine's.
+        boot: digest that identifies the clock; None: this machine's.
     """
     parser, pace, boot = ClockMessageParser(UP), LoadPace(len(LOAD_DOWN)), boot_digest() if boot is None else boot
     session, heard, echoed, until = -1, 0, 0, 0.0
@@ -159,11 +159,11 @@ def echo_requests(
 def measure_delays(
     link: Link, exchange: ClockTimeExchange, plan: LinkTestPlan, clock: Clock = SYSTEM_CLOCK
 ) -> Delays | None:
-    """Send requests under load and gather the replies; None where nobody answers.
+    """Send requests under load and collect the replies. Return None if the far end does not answer.
 
     Args:
-        link: to an end that echoes.
-        exchange: makes and reads the bytes.
+        link: link to an end that echoes.
+        exchange: codec of the messages.
         plan: load and number of requests.
         clock: clock of this end.
     """
@@ -180,7 +180,7 @@ def measure_delays(
 
 
 class _DelayMeasurement:
-    """One measurement: when each request left and, by its key, what the reply to it said and when it came."""
+    """One measurement: the departure time of each request and, by its key, content and arrival time of the reply."""
 
     def __init__(self, link: Link, exchange: ClockTimeExchange, plan: LinkTestPlan, clock: Clock) -> None:
         self._link, self._exchange, self._plan, self._clock = link, exchange, plan, clock
@@ -192,7 +192,7 @@ class _DelayMeasurement:
         return self._clock.monotonic_ns() / NS_PER_SECOND
 
     def await_far_end(self) -> bool:
-        """Speak until the far end answers."""
+        """Send hellos until the far end answers. Return whether it did."""
         end = self._seconds() + self._plan.first_patience
         while self._exchange.shared is None and self._seconds() < end:
             self._link.send(self._hello)
@@ -200,7 +200,7 @@ class _DelayMeasurement:
         return self._exchange.shared is not None
 
     def ask(self) -> None:
-        """Send the requests, out of step with whatever else is periodic, and the load between them."""
+        """Send the requests at irregular times, in step with nothing periodic, and the load between them."""
         draw, pace = random.Random(self._plan.seed), LoadPace(len(LOAD_UP))
         pace.rate = self._plan.up * 1e3 / BITS_PER_BYTE
         at = hello_at = self._seconds()
@@ -222,7 +222,7 @@ class _DelayMeasurement:
             self._gather_replies(min(at - t, hello_at - t, pace.wait(t)))
 
     def finish(self) -> None:
-        """Wait for the last replies, with the load going on, and hear how many requests arrived."""
+        """Wait for the last replies under load, and for the far end's count of requests."""
         end = self._seconds() + self._plan.patience
         while self._seconds() < end and len(self._back) < len(self._sent):
             self._link.send(self._hello)
@@ -231,7 +231,7 @@ class _DelayMeasurement:
                 self._gather_replies(left)
 
     def _gather_replies(self, wait: float) -> None:
-        """Take what comes within `wait` seconds; of two replies to one request the first counts."""
+        """Take the replies that arrive within `wait` seconds. Of two replies to one request the first counts."""
         data = self._link.receive(max(wait, 0.0))
         arrived = self._clock.monotonic_ns() // NS
         for key, uplink in self._exchange.read_replies(data) if data else ():
@@ -239,7 +239,7 @@ class _DelayMeasurement:
                 self._back.setdefault(key, (uplink, arrived))
 
     def delays(self, data_rates: tuple[float, float]) -> Delays:
-        """What came of it."""
+        """Return the results."""
         left = np.array(list(self._sent.values()), np.int64)
         came = np.array([key in self._back for key in self._sent], bool)
         answered = [(self._back[key], t0) for key, t0 in self._sent.items() if key in self._back]
@@ -254,15 +254,16 @@ class _DelayMeasurement:
 
 
 def clock_offset(up: np.ndarray[Any, Any], trip: np.ndarray[Any, Any]) -> float:
-    """How far the far clock is ahead (s), were the quickest round trips as quick up as down."""
+    """Return the lead of the far clock (s), if the quickest round trips took as long up as down."""
     quickest = np.argsort(trip)[: max(1, int(QUICKEST_SHARE * len(trip)))]
     return float(np.median((up - trip / 2)[quickest]))
 
 
 def link_traces(delays: Delays) -> dict[str, Trace]:
-    """Recordings of both ways, for LatencyTrace; of those without a reply, which were lost on which way is not known.
+    """Return recordings of both ways, for LatencyTrace.
 
-    They count as lost up at even distances, as many as the far end has missed.
+    For a request without a reply it is unknown which way lost it. As many as the far end has missed count as lost on
+    the way up, at even distances.
     """
     missing = np.flatnonzero(~delays.has_reply)
     lost_up = np.zeros(len(delays.send_times), bool)
@@ -274,26 +275,26 @@ def link_traces(delays: Delays) -> dict[str, Trace]:
     left = (delays.send_times + np.where(delays.has_reply, up, mean))[arrived_up]
     order = np.argsort(left, kind="stable")
     fell = ~delays.has_reply[arrived_up][order]
-    # a request that was answered late or never did arrive: the mean stands for its unknown uplink
+    # a request that was answered late or never did arrive: its uplink is unknown, use the mean
     upward = Trace(delays.send_times, np.where(lost_up, 0.0, np.where(delays.has_reply, up, mean)), lost_up)
     return {"up": upward, "down": Trace(left[order], np.where(fell, 0.0, down[arrived_up][order]), fell)}
 
 
 def summarise_latencies(seconds: np.ndarray[Any, Any]) -> Latencies:
-    """Mean, standard deviation, smallest and largest in ms, of those that are not NaN; a row of the source's table."""
+    """Return mean, standard deviation, smallest and largest (ms) of the finite values: a row of the thesis's table."""
     delays_ms = 1e3 * seconds[np.isfinite(seconds)]
     sd = float(delays_ms.std(ddof=1)) if len(delays_ms) > 1 else 0.0
     return Latencies(float(delays_ms.mean()), sd, float(delays_ms.min()), float(delays_ms.max()))
 
 
 def latency_rows(delays: Delays) -> dict[str, Latencies]:
-    """The rows "up", "down" and "round trip" of the source's table."""
+    """Return the rows "up", "down" and "round trip" of the thesis's table."""
     rows = {"up": delays.up, "down": delays.down, "round trip": delays.up + delays.down}
     return {path: summarise_latencies(seconds) for path, seconds in rows.items()}
 
 
 class DelayModel(NamedTuple):
-    """A shifted gamma distribution of latencies (s) with the moments that were measured, and the share lost."""
+    """Shifted gamma distribution of latencies (s) with the measured moments, and the share lost."""
 
     mean: float
     sd: float
@@ -301,7 +302,7 @@ class DelayModel(NamedTuple):
     loss: float
 
     def settings(self, path: str) -> list[str]:
-        """As settings of `trimtab run` for a scenario with links=measured; path: "up" or "down"."""
+        """Return settings of `trimtab run` for a scenario with links=measured. path: "up" or "down"."""
         table, period = np.round(gamma_table(self.mean, self.sd, self.shift), 6), SEND_PERIODS[path]
         where = f"world.{path}link"
         values = ",".join(f"{value:.6g}" for value in table)
@@ -310,7 +311,7 @@ class DelayModel(NamedTuple):
 
 
 def fit_delay_model(trace: Trace) -> DelayModel:
-    """Of one way: the distribution starts 2 ms below the smallest latency, as that of the source's table here."""
+    """Fit a model of one way. The distribution starts 2 ms below the smallest latency, as in the thesis."""
     row = summarise_latencies(trace.latency_s[~trace.lost])
     shift = max(row.min_ms - BELOW_MIN_MS, 0.0) / 1e3
     mean = max(row.mean_ms / 1e3, shift + LEAST_SD)

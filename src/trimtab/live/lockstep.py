@@ -1,8 +1,8 @@
-"""Both ends of a line in step: virtual time stands still until the other end has answered.
+"""Both ends of a link in lockstep: virtual time stands still until the other end has answered.
 
-The vehicle's end says what has changed and closes the instant; the autopilot's end answers with the command of that
-instant. So the numbers are those of `simulate`, whatever the line does: an instant is flown when all its samples are
-there, what is lost is sent again, and an instant that comes twice is answered with the same command.
+The vehicle's end sends the changed samples and closes the instant. The autopilot's end answers with the command of that
+instant. So the numbers are those of `simulate`, whatever the link does. An instant is flown once all its samples have
+arrived, lost packets are sent again, and a repeated instant is answered with the same command.
 
 Source: docs page, Lockstep.
 """
@@ -28,11 +28,11 @@ from trimtab.wire.mavlink import Endpoint
 from trimtab.wire.protocol import CommandCode
 
 RESEND_PERIOD = 0.2
-"""Seconds after which what has not been answered is sent again."""
+"""Time after which an unanswered packet is sent again (s)."""
 PATIENCE = 10.0
-"""Seconds of silence after which the other end is given up."""
+"""Silence after which the other end is given up (s)."""
 START_PATIENCE = 120.0
-"""Seconds that it may take to come up: it may have to be compiled."""
+"""Longest start of the other end (s): it may have to be compiled."""
 
 
 class NoAnswerError(Exception):
@@ -42,9 +42,9 @@ class NoAnswerError(Exception):
 def lead_lockstep(
     vehicle: VirtualVehicle, link: Link, endpoint: Endpoint, clock: Clock = SYSTEM_CLOCK
 ) -> Iterator[int]:
-    """The vehicle's end, for the scenario's duration: yields each instant after its command has come, and the end.
+    """Run the vehicle's end for the scenario's duration. Yield each instant after its command has arrived, and the end.
 
-    Raises NoAnswerError when nobody answers.
+    Raises NoAnswerError if the other end does not answer.
     """
     period, duration = vehicle.scenario.autopilot.period, vehicle.scenario.duration
     fresh = False
@@ -60,7 +60,7 @@ def lead_lockstep(
 
 
 def _await_command(vehicle: VirtualVehicle, link: Link, endpoint: Endpoint, t: int, clock: Clock) -> GroupSample:
-    """The command for instant t."""
+    """Return the command for instant t."""
     changed = vehicle.changed_sensors()
     patience = PATIENCE if t else START_PATIENCE
 
@@ -88,9 +88,9 @@ def follow_lockstep(
     period: int,
     clock: Clock = SYSTEM_CLOCK,
 ) -> Iterator[int]:
-    """The autopilot's end, for a duration: yields each instant after its step, before it is answered.
+    """Run the autopilot's end for a duration. Yield each instant after its step, before it is answered.
 
-    Raises NoAnswerError when the vehicle says nothing more.
+    Raises NoAnswerError if the vehicle falls silent.
     """
     instant = endpoint.dialect.groups[INSTANT][0]
     arming = {"command": CommandCode.ARM, "param1": 1.0, "param3": endpoint.session, "target_system": endpoint.system}
@@ -101,9 +101,9 @@ def follow_lockstep(
 
     deadline, heartbeat_time = now() + START_PATIENCE, 0.0
     while done + period < duration:
-        if now() > heartbeat_time:  # on some lines the vehicle knows only those ends that it hears
+        if now() > heartbeat_time:  # on some links the vehicle only knows ends that have sent something
             link.send(endpoint.pack("HEARTBEAT", HEARTBEAT))
-            if done < 0:  # firmware does nothing before it is armed; a virtual vehicle passes over the request
+            if done < 0:  # firmware does nothing before it is armed; a virtual vehicle ignores the request
                 link.send(endpoint.pack("COMMAND_LONG", arming))
             heartbeat_time = now() + RESEND_PERIOD
         for message in receive_messages(link, endpoint, RESEND_PERIOD):
@@ -126,7 +126,7 @@ MakeEndpoint = Callable[[Dialect], Endpoint]
 
 
 class LockstepVehicle:
-    """The vehicle's end: it leads."""
+    """Vehicle's end, which leads."""
 
     def __init__(self, scenario: Scenario, endpoint: MakeEndpoint, *, seed: int = 0) -> None:
         """Compile the world. endpoint: makes the vehicle's end for a dialect."""
@@ -137,7 +137,7 @@ class LockstepVehicle:
         self.body = VirtualVehicle(scenario, dialect, world)
 
     def run(self, link: Link, log: Path | None = None, log_period: int = ms(1)) -> LogFileSummary | None:
-        """Lead through the scenario's duration; raises NoAnswerError where nobody follows."""
+        """Lead through the scenario's duration. Raise NoAnswerError if no autopilot follows."""
         body = self.body
         flight_log = open_flight_log(
             log, body.log_sources(), {}, self.scenario, side="vehicle", seed=self.seed, log_period=log_period
@@ -155,7 +155,7 @@ class LockstepVehicle:
 
 
 class LockstepAutopilot:
-    """The autopilot's end: it follows."""
+    """Autopilot's end, which follows."""
 
     def __init__(self, scenario: Scenario, endpoint: MakeEndpoint, *, seed: int = 0) -> None:
         """Compile the autopilot. endpoint: makes its end for a dialect."""
@@ -166,7 +166,7 @@ class LockstepAutopilot:
         self.autopilot_end = AutopilotEnd(scenario, dialect, compile_autopilot(scenario, seed=seed))
 
     def run(self, link: Link, log: Path | None = None) -> LogFileSummary | None:
-        """Follow through the scenario's duration; raises NoAnswerError where nobody leads."""
+        """Follow through the scenario's duration. Raise NoAnswerError if no vehicle leads."""
         period = self.scenario.autopilot.period
         sources = self.autopilot_end.log_sources()
         flight_log = open_flight_log(

@@ -1,4 +1,4 @@
-"""The monitor inside a compiled autopilot: which formulas are broken, for people and for the flight's log.
+"""Monitor inside a compiled autopilot: violated formulas, for the user and for the flight's log.
 
 Source: docs pages, Fly and Monitor.
 """
@@ -11,7 +11,7 @@ from trimtab.loop.scenario import Scenario
 
 
 class _Watched(NamedTuple):
-    """A formula. robustness, verdict: where they stand among the outputs of the step."""
+    """Formula. robustness, verdict: their slots in the outputs of the step."""
 
     name: str
     text: str
@@ -21,7 +21,7 @@ class _Watched(NamedTuple):
 
 
 class CompiledMonitor:
-    """The monitor of a compiled step; where there is none, nothing is ever broken."""
+    """Monitor of a compiled step. Without one, no formula is ever violated."""
 
     def __init__(self, scenario: Scenario, step: CompiledBlock) -> None:
         """step: the compiled autopilot of this scenario."""
@@ -38,7 +38,7 @@ class CompiledMonitor:
         self._broken: set[str] = set()
 
     def describe_changes(self) -> list[str]:
-        """What has been broken or is kept again since this was last asked, a line each."""
+        """Return a message for each formula that is violated, or holds again, since the last call."""
         lines, outputs = [], self._step.outputs
         for watched in self._watched:
             is_broken = int(outputs[watched.verdict]) == VIOLATED
@@ -46,6 +46,6 @@ class CompiledMonitor:
                 continue
             self._broken ^= {watched.name}
             number = format_robustness(Assessment(watched.text, float(outputs[watched.robustness]), watched.unit))
-            what = "VIOLATED" if is_broken else "kept again"
+            what = "VIOLATED" if is_broken else "holds again"
             lines.append(f"monitor: {watched.name} {what}, robustness {number}: {watched.text}")
         return lines

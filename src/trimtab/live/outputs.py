@@ -1,8 +1,8 @@
-"""The vehicle's end of its outputs, which a process of their own makes safe when the vehicle's process falls silent.
+"""Outputs of a vehicle, seen from the vehicle. A separate process makes them safe when the vehicle falls silent.
 
-The vehicle hands over a row as often as it works one out, and at least each HEARTBEAT; the outputs' process applies it.
-No row for the watchdog's time, or the end of the socket between them, and it writes the safe row by itself: thrust at
-once, the lift fan after the failsafe's delay. `live.outputs_process` is that process.
+The vehicle hands over each row that it computes, and at least one per HEARTBEAT. The outputs' process applies it. If no
+row arrives within the watchdog's time, or the socket closes, that process writes the safe row: thrust at once, the lift
+fan after the failsafe's delay. `live.outputs_process` is that process.
 Source: docs page, Vehicle (Watchdog).
 """
 
@@ -21,10 +21,10 @@ from trimtab.core.clock import SYSTEM_CLOCK, Clock
 from trimtab.core.errors import InputError, argument_name
 
 HEARTBEAT = 5_000_000
-"""At least so often (ns) a row is handed over, changed or not."""
+"""Longest time (ns) between two rows, changed or not."""
 START_S, END_S = 10.0, 5.0
 HEAD = struct.Struct("<q??")
-"""Of a row: when it was handed over (ns of the monotonic clock), whether somebody commands, whether the lift turns."""
+"""Head of a row: time of the hand-over (ns, monotonic clock), True if a command is in force, True if the lift turns."""
 READY, TRIPPED, END = b"ready", b"tripped ", b"end"
 PORT_FILE, LOG_FILE = "outputs.bin", "outputs.txt"
 
@@ -114,7 +114,7 @@ def start_outputs_process(orders: OutputsOrders) -> OutputsProcess:
 
 
 class Outputs:
-    """The vehicle's end: hands rows over, and never waits."""
+    """Outputs as the vehicle sees them. They take rows and never wait."""
 
     def __init__(
         self,
@@ -152,7 +152,7 @@ class Outputs:
         self.is_alive = True
 
     def hand_over(self, is_commanded: bool, lift: bool, values: Sequence[float]) -> int:
-        """A row for the outputs; returns how long (ns) a silence was that had made them safe, mostly 0."""
+        """Hand a row over. Return the silence (ns) that had made the outputs safe, mostly 0."""
         now = self._clock.monotonic_ns()
         content = HEAD.pack(0, is_commanded, lift)[8:] + self._numbers.pack(*values)
         if content == self._content and now - self._stamp < HEARTBEAT:
@@ -169,7 +169,7 @@ class Outputs:
         return int(said.removeprefix(TRIPPED)) if said.startswith(TRIPPED) else 0
 
     def close(self) -> None:
-        """End them, safe."""
+        """End the outputs, safe."""
         with contextlib.suppress(OSError):
             self._line.send(END)
         self._line.close()

@@ -1,6 +1,6 @@
-"""The process of a vehicle's outputs: it applies the rows that come, and makes the outputs safe when none comes.
+"""Process of a vehicle's outputs: it applies the rows it receives, and makes the outputs safe without them.
 
-It needs nothing but the standard library, so that it starts in a moment.
+It needs only the standard library, so that it starts quickly.
 Source: docs page, Vehicle (Watchdog).
 """
 
@@ -68,14 +68,14 @@ class OutputsLoop:
         find_cause: Callable[[], str] = lambda: GONE,
         tell: Callable[[str], None] = write_error_line,
     ) -> None:
-        """Say that the outputs are ready.
+        """Report that the outputs are ready.
 
         Args:
             line: connection to the vehicle.
-            orders: what the vehicle asks for.
+            orders: orders of the vehicle.
             clock: clock of this process.
-            find_cause: says why no row comes from a vehicle whose connection is open.
-            tell: is given lines for the user.
+            find_cause: returns why no row arrives although the connection is open.
+            tell: receives the messages for the user.
         """
         self._line, self._clock, self._find_cause, self._timeout = line, clock, find_cause, orders.timeout
         self.watchdog = Watchdog(orders.safe, orders.timeout, orders.lift_delay, orders.latch)
@@ -101,7 +101,7 @@ class OutputsLoop:
             self._log.close()
 
     def step(self) -> int | None:
-        """Take the rows that have come and let time pass to now; return when to look again (ns), None: at a row."""
+        """Take the received rows and advance time to now. Return when to look again (ns), None: at the next row."""
         if not self._is_gone:
             self._take_rows()
         watchdog, now = self.watchdog, self._clock.monotonic_ns()
@@ -113,13 +113,13 @@ class OutputsLoop:
             why = "the vehicle has ended" if self._has_ended else GONE if self._is_gone else self._find_cause()
             self._log.write(f"safe, {watchdog.silence(now) * 1e-6:.1f} ms after the last row: {why}")
         elif state in (SAFE, LATCHED) and watchdog.row.state == DRIVEN:
-            self._log.write("rows come again")
+            self._log.write("rows arrive again")
         if state == SAFE and watchdog.row.state == LATCHED and not self._is_gone:
             self._log.write("latched until the vehicle is disarmed")
         return watchdog.next_check()
 
     def _take_rows(self) -> None:
-        """Take everything that lies waiting; note that the vehicle's end is closed, and whether it said so."""
+        """Take all waiting rows. Note whether the vehicle's end is closed, and whether the vehicle announced it."""
         while not self._is_gone:
             try:
                 data = self._line.recv(HEAD.size + self._numbers.size)
@@ -143,19 +143,19 @@ class OutputsLoop:
 
 
 def find_process_cause(vehicle: int) -> str:
-    """Say why no row comes from a process of this machine, as the system shows it."""
+    """Return why no row arrives from a process of this machine, as the system shows it."""
     try:
         words = Path(f"/proc/{vehicle}/stat").read_text(encoding="utf-8").rpartition(")")[2].split()
         state, is_exiting = words[0], bool(int(words[6]) & EXITING)
     except (OSError, IndexError):
         return GONE
-    if is_exiting:  # it gives back its memory first, and closes its sockets after
+    if is_exiting:  # a process frees its memory first and closes its sockets later
         return GONE
     return STOPPED if state in "Tt" else HANGS
 
 
 def main() -> None:
-    """Serve the vehicle whose socket is named; Ctrl-C and a request to terminate are the vehicle's affair."""
+    """Serve the vehicle whose socket is named. Ctrl-C and requests to terminate are left to the vehicle."""
     for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
         signal.signal(number, signal.SIG_IGN)
     gc.disable()

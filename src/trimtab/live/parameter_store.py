@@ -1,9 +1,9 @@
-"""Parameters that outlive a program: a file of settings, written when a ground station asks for it and never else.
+"""Parameters that outlive a program: a file of settings, written only when a ground station asks for it.
 
     {"scenario": "hovercraft/forward", "parameters": {"world.vehicle.mass": 2.8}}
 
-At the start they are settings like those after --set, which go before them. So the identity of the two ends, the log's
-metadata and a replay know of them as of any setting.
+At the start they act like settings with --set, which take precedence. So the identity of the two ends, the log's
+metadata and a replay treat them like any setting.
 Source: docs page, Ground stations.
 """
 
@@ -19,29 +19,29 @@ LARGEST_FILE = 1_000_000
 
 
 def read_parameters(file: Path | None, scenario: str) -> dict[str, str]:
-    """The settings in a file, as text by path; none where there is no file yet.
+    """Return the settings in a file, as text by path; none if there is no file yet.
 
-    Raises InputError for a file that is damaged, or of another scenario.
+    Raises InputError for a file that is damaged, or belongs to another scenario.
     """
     if file is None or not file.exists():
         return {}
     part = f"parameters '{file}'"
-    fix = "give another file, or remove it: the parameters are then those of the scenario"
+    fix = "give another file, or remove it to use the scenario's parameters"
     try:
         if file.stat().st_size > LARGEST_FILE:
-            raise ValueError("it is too large")
+            raise ValueError("the file is too large")
         content = json.loads(file.read_text("utf-8"))
         owner, parameters = content["scenario"], dict(content["parameters"])
         settings = {str(path): json.dumps(value) for path, value in parameters.items()}
     except (OSError, ValueError, TypeError, KeyError) as error:
         raise InputError(part, f"cannot be read: {error}", fix=fix) from None
     if owner != scenario:
-        raise InputError(part, f"are of {owner!r}, not of {scenario!r}", fix="give a file for each scenario")
+        raise InputError(part, f"belong to {owner!r}, not to {scenario!r}", fix="use one file per scenario")
     return settings
 
 
 class ParameterStore:
-    """The file, while the program runs."""
+    """File of parameters, while the program runs."""
 
     def __init__(
         self,
@@ -49,19 +49,19 @@ class ParameterStore:
         scenario: str = "",
         setting_path: Callable[[str], str | None] = lambda path: path,
     ) -> None:
-        """The parameters of a scenario, kept in a file; None: nowhere.
+        """Keep the parameters of a scenario in a file; None: they are not kept.
 
-        setting_path: path of a parameter -> that of its setting, None for one that is not kept.
+        setting_path: path of a parameter -> path of its setting; None: not kept.
         """
         self._file, self._scenario, self._setting_path = file, scenario, setting_path
 
     @property
     def is_there(self) -> bool:
-        """Whether there is a file to write."""
+        """True if there is a file to write."""
         return self._file is not None
 
     def write(self, values: ChangedValues | None) -> str:
-        """Keep numbers by path, beside those that the file has; None: none any more. Why not, empty where it did."""
+        """Store numbers by path, besides those in the file; None: clear the file. Return why not, or ""."""
         if self._file is None:
             return NO_STORE
         try:

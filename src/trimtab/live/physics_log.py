@@ -1,4 +1,4 @@
-"""Flights of a vehicle that another make's autopilot flies: each with a log of its own, and what people are told."""
+"""Flights of a vehicle under another make's autopilot: a log for each, and messages for the user."""
 
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
@@ -12,13 +12,13 @@ from trimtab.logs.stream import LogFileSummary
 from trimtab.loop.scenario import Scenario
 
 MOST_TOLD = 100
-"""Different lines that are told once, so that a flood of them can't fill terminal and log."""
+"""Maximum number of different messages that are reported once, so that a flood cannot fill terminal and log."""
 
 
 class PhysicsSummary(NamedTuple):
-    """What became of it. t, release_time (None: never let go), log and its file are those of the last flight.
+    """Result of the flights. t, release_time (None: never released), log and file are those of the last flight.
 
-    tally: a dataclass of counts, of what came.
+    tally: a dataclass that counts the received packets.
     """
 
     t: int
@@ -31,7 +31,7 @@ class PhysicsSummary(NamedTuple):
 
 
 class PhysicsFlights:
-    """The flights so far. summary: of the last one's log.  problems: of the logs, and what `add_problem` was given."""
+    """Flights so far. summary: of the last log.  problems: of the logs, and those given to `add_problem`."""
 
     def __init__(
         self,
@@ -44,7 +44,7 @@ class PhysicsFlights:
         period: int = ms(1),
         tell: Callable[[str], None] = lambda _: None,
     ) -> None:
-        """signals: what a row has besides the world's.  file: of the first flight, then NAME-2.  period: of rows."""
+        """signals: signals besides the world's.  file: of the first flight, then NAME-2.  period: of rows (100 ns)."""
         self.scenario, self.vehicle, self.signals, self.seed = scenario, vehicle, signals, seed
         self.file, self.period, self.tell = file, period, tell
         self.count = 0
@@ -53,7 +53,7 @@ class PhysicsFlights:
         self.summary: LogFileSummary | None = None
 
     def begin(self, text: str) -> None:
-        """Another flight, from the vehicle's first state; text: what is told of it."""
+        """Begin another flight, from the vehicle's first state. text: the message that announces it."""
         self.close()
         if self.count:
             self.vehicle.reset()
@@ -64,13 +64,13 @@ class PhysicsFlights:
         self.report(f"flight {self.count}: {text}")
 
     def log_file(self) -> Path | None:
-        """Of this flight."""
+        """Return the path of this flight's log."""
         if self.file is None or self.count == 1:
             return self.file
         return self.file.with_name(f"{self.file.stem}-{self.count}{self.file.suffix}")
 
     def write_row(self, t: int, values: Sequence[Any]) -> None:
-        """The row of the instant before t, where one is due; values: of `signals`."""
+        """Write the row of the instant before t, if one is due. values: of `signals`."""
         body = self.vehicle.body
         if self._log is None or not t or body.row_t % self.period:
             return
@@ -85,24 +85,24 @@ class PhysicsFlights:
             self.problems += list_log_problems(self.summary)
 
     def report(self, text: str) -> None:
-        """A line to people and into the log."""
+        """Report a line to the user and to the log."""
         self.tell(text)
         if self._log is not None:
             self._log.write_event(text)
 
     def report_once(self, text: str) -> None:
-        """The same, but no line twice."""
+        """Report a line, but no line twice."""
         if text not in self._told and len(self._told) < MOST_TOLD:
             self._told.add(text)
             self.report(text)
 
     def add_problem(self, text: str) -> None:
-        """What ends the flight, and makes the exit code 1."""
+        """Report a problem that ends the flight and makes the exit code 1."""
         self.problems.append(text)
         self.report(text)
 
     def summarise(self, tally: Any) -> PhysicsSummary:
-        """What became of it all."""
+        """Return the result of all flights."""
         vehicle, file = self.vehicle, self.log_file() if self.count else None
         problems = tuple(dict.fromkeys(self.problems))
         return PhysicsSummary(vehicle.body.t, vehicle.release_time, self.count, tally, self.summary, file, problems)

@@ -1,8 +1,8 @@
-"""What a pilot at a console wants of a flight, and what the flight tells the console.
+"""Pilot of a flight at a console: requests to the flight, and data for the console.
 
-Wishes are taken once a period and go where they go without a console: requests to the supervisor, numbers to the
-parameters, the stick into the frame, as the sample that the law reads. So the flight's log has them, and a replay
-repeats them. A stick that falls silent is the dead man's: hold, then the end.
+Requests are read once a period and take the same way as without a console: requests to the supervisor, values to the
+parameters, the stick into the sensor sample that the law reads. So the flight's log holds them, and a replay repeats
+them. If the stick sends no more data, the flight holds, and then ends (dead man's switch).
 Source: docs page, Console.
 """
 
@@ -23,35 +23,37 @@ from trimtab.live.supervised import REQUEST_MODES, CompiledSupervisor
 from trimtab.loop.supervisor import ENDED, HOLD
 
 HOLD_SILENCE = ms(500)
-"""Of a stick that somebody has, after which the supervisor is asked to hold; after END_SILENCE the flight is ended."""
+"""Silence of a stick that a pilot holds, after which the supervisor is asked to hold. After END_SILENCE the flight
+ends.
+"""
 CHECK_PERIOD, TIMING_PERIOD = ms(500), seconds(1)
 
 
 class NoPilot:
-    """A flight without a console: it arms when it may, and nobody is told."""
+    """Flight without a console. It arms as soon as it may."""
 
     wants_arming, shows_checks, has_stopped = True, False, False
     end_reason = ""
 
     def update(self, t: int) -> None:
-        """Nobody wishes anything."""
+        """Do nothing: there is no pilot."""
 
     def decide_arming(self, may_arm: bool) -> bool:
-        """Arm as soon as nothing speaks against it."""
+        """Return whether to arm: as soon as all checks pass."""
         return may_arm
 
     def note_command(self) -> None:
-        """Nobody measures."""
+        """Do nothing: no latency is measured."""
 
     def show(self, t: int, own: Sequence[float], deadlines: Deadlines) -> None:
-        """Nobody looks."""
+        """Do nothing: there is no console."""
 
     def tell(self, text: str) -> None:
-        """Nobody listens."""
+        """Do nothing: there is no console."""
 
 
 class Piloting:
-    """A flight's pilot. Times `t` are the loop's, in 100 ns."""
+    """Pilot of a flight. Times `t` are the loop's, in 100 ns."""
 
     def __init__(
         self,
@@ -64,14 +66,16 @@ class Piloting:
         report: Callable[[str], None],
         clock: Clock = SYSTEM_CLOCK,
     ) -> None:
-        """report: takes lines for the user and for the log.  clock: clock of this process."""
+        """report: receives the messages for the user and for the log.  clock: clock of this process."""
         self._clock = clock
         self._line, self._stick, self._supervised, self._parameters = line, stick, supervised, parameters
         self._remote, self._preflight, self._report = remote, preflight, report
         self.wants_arming, self.shows_checks, self.has_stopped = False, True, False
-        """A pilot has asked to arm, and it is not armed yet; checks are shown also before; the flight was ended."""
+        """wants_arming: a pilot asked to arm.  shows_checks: checks are shown before arming.  has_stopped: a pilot
+        ended it.
+        """
         self.end_reason = ""
-        """Why the loop has to end: it was stopped, and there is no supervisor that could hold it ended."""
+        """Reason why the loop must end: a pilot stopped it, and no supervisor can hold it ended."""
         self._t = 0
         self._pilot: int | None = None
         self._stick_time = 0
@@ -81,7 +85,7 @@ class Piloting:
         self._latencies: list[float] = []
 
     def update(self, t: int) -> None:
-        """Take what has come, before the step at integer time t."""
+        """Handle the received messages, before the step at integer time t."""
         self._t = t
         for wish in self._line.receive():
             self._follow(wish, t)
@@ -91,7 +95,7 @@ class Piloting:
         self._stick.set_inputs(t)
 
     def decide_arming(self, may_arm: bool) -> bool:
-        """Whether the vehicle is asked to arm now: when a pilot wants it, and nothing speaks against it."""
+        """Return whether to ask the vehicle to arm now: a pilot wants it, and all checks pass."""
         refusal = self._preflight.refusal
         if refusal:
             self._preflight.restart()
@@ -102,13 +106,13 @@ class Piloting:
         return may_arm and self.wants_arming and not refusal
 
     def note_command(self) -> None:
-        """A command was sent: so long it took from the console's server to the wire."""
+        """Note that a command was sent, to measure the latency from the console's server to the link."""
         now = self._clock.monotonic_ns() / NS_PER_SECOND
         self._latencies += [now - clock for clock in self._stick_clocks]
         self._stick_clocks.clear()
 
     def show(self, t: int, own: Sequence[float], deadlines: Deadlines) -> None:
-        """A row where one is due, and with some of them the checks before arming, or how deadlines are kept."""
+        """Send a row when one is due, and less often the checks before arming or the timing of the loop."""
         if t < self._next["row"]:
             return
         self._next["row"] = max(self._next["row"] + ROW_PERIOD, t)
@@ -121,7 +125,7 @@ class Piloting:
             self._send_timing(deadlines)
 
     def tell(self, text: str) -> None:
-        """A line for people."""
+        """Send a message for the user."""
         self._line.send("event", t=to_seconds(self._t), text=text)
 
     def _follow(self, wish: Mapping[str, Any], t: int) -> None:
@@ -134,22 +138,22 @@ class Piloting:
             self._pilot, self._stick_time, self._is_held = wish["pilot"], t, False
             self._report(f"page {wish['pilot']} has the stick")
         elif kind == "release" and self._pilot == wish["pilot"]:
-            self._release(t, "the stick was given back")
+            self._release(t, "the pilot released the stick")
         elif kind == "request":
             is_late = self._supervised.is_asked and wish["request"] != "end"
             if is_late:
-                self._answer(wish, "another request is being taken: ask again", "")
+                self._answer(wish, "another request is pending: try again", "")
             else:
                 self._answer(wish, "", self._ask(wish["request"]))
         elif kind == "stop":
             self._stop("stopped from the console")
         elif kind == "set":
             refusal = self._parameters.change(wish["path"], wish["slot"], wish["value"])
-            self._answer(wish, refusal, "set from the next step on")
+            self._answer(wish, refusal, "set, effective from the next step")
             value = self._parameters.value(wish["path"], wish["slot"])
             self._line.send("value", path=wish["path"], slot=wish["slot"], value=value)
         elif kind == "save":
-            self._answer(wish, self._parameters.ask_storage(), "stored when the flight ends")
+            self._answer(wish, self._parameters.ask_storage(), "will be stored when the flight ends")
         elif kind == "note":
             self._report(wish["text"])
 
@@ -157,7 +161,7 @@ class Piloting:
         self._line.send("answer", id=wish.get("id"), client=wish["client"], ok=not refusal, text=refusal or done)
 
     def _ask(self, request: str) -> str:
-        """What a pilot asks of the supervisor, and to arm of the vehicle; who is asked."""
+        """Pass a pilot's request to the supervisor, or a request to arm to the vehicle. Return which one is asked."""
         asks_vehicle = request == "arm" and not self._remote.has_authority
         if asks_vehicle:
             self._remote.confirms |= self.has_stopped
@@ -169,10 +173,10 @@ class Piloting:
             self._supervised.request(request)
         elif request == "end":
             self._stop("ended from the console")
-        return f"the {'vehicle' if asks_vehicle else 'supervisor'} is asked"
+        return f"the {'vehicle' if asks_vehicle else 'supervisor'} has the request"
 
     def _stop(self, why: str) -> None:
-        """End the flight at once: no valid command from the next step on, and the vehicle disarmed."""
+        """End the flight at once: the vehicle is disarmed, and no command is valid from the next step on."""
         if not self.has_stopped:
             self._report(why)
         self.has_stopped, self.wants_arming = True, False
@@ -188,14 +192,14 @@ class Piloting:
         self._supervised.request("hold")
 
     def _watch_stick(self, t: int) -> None:
-        """The dead man's rule."""
+        """Apply the dead man's rule."""
         silence = t - self._stick_time
         if self._pilot is None or silence < HOLD_SILENCE:
             return
         if silence >= END_SILENCE:
             self._pilot = None
             if self._remote.has_authority:
-                self._stop(f"nothing from the stick for {to_seconds(END_SILENCE):g} s: the flight is ended")
+                self._stop(f"no data from the stick for {to_seconds(END_SILENCE):g} s: flight ended")
         elif not self._is_held and self._remote.has_authority:
             self._is_held = self._supervised.mode in (None, HOLD)
             if not self._is_held:
@@ -217,7 +221,7 @@ class Piloting:
 
 
 def _describe_check(check: Mapping[str, Any]) -> dict[str, Any]:
-    """A check as the page shows it; a number that is not finite, so not measured or without a limit, is null."""
+    """Return a check as the page shows it. A number that is not finite (not measured, or no limit) becomes null."""
     numbers = {n: check[n] if math.isfinite(check[n]) else None for n in ("value", "limit")}
     texts = {"name": f"{check['of']}: {check['name']}", "unit": check["unit"]}
     return {**texts, **numbers, "ok": check["passes"], "reason": "" if check["passes"] else check["advice"]}

@@ -1,7 +1,7 @@
-"""Before `fly` asks a vehicle to arm: its own checks beside the vehicle's, how long it waits for them, and its refusal.
+"""Checks of `fly` before it asks a vehicle to arm, the time it waits for them, and its refusal.
 
-What the estimator knows is checked here, where it is known; what the vehicle knows, by the vehicle, which decides again
-by itself when it is asked to arm. Both are shown, and logged, as one table.
+The estimate is checked here. The vehicle checks its own state, and decides again when it is asked to arm. Both results
+are shown, and logged, as one table.
 Source: docs page, Arming.
 """
 
@@ -21,17 +21,17 @@ from trimtab.wire.arming import ArmingCheck, first_problem
 from trimtab.wire.mavlink import FrameCounts
 
 CHECK_PERIOD, PATIENCE = ms(100), seconds(10)
-"""How often it looks, and how long it waits for what can pass by waiting."""
+"""Period of the checks, and longest wait for a check that can pass by waiting."""
 LONGEST_SILENCE = 0.25
 STALE_AGE = 0.4
-"""Seconds: the oldest estimate where no supervisor says what is too old; its own default."""
+"""Largest age of an estimate (s) if there is no supervisor; the supervisor's own default."""
 MOST_SIGMA = {"m": 1.0, "m/s": 0.5, "rad": 0.35, "rad/s": 0.2}
-"""By unit: the greatest standard deviation of what an estimator says that it knows, and the law reads."""
+"""Largest standard deviation, by unit, of the estimated quantities that the law reads."""
 STATE = "estimate.state."
 
 
 class Preflight:
-    """The checks of a flight that has not been armed yet. Times `now` are this end's, in 100 ns."""
+    """Checks of a flight that has not been armed yet. Times `now` are this end's, in 100 ns."""
 
     def __init__(
         self,
@@ -41,7 +41,7 @@ class Preflight:
         counts: FrameCounts,
         disk: Disk = SYSTEM_DISK,
     ) -> None:
-        """Nothing looked at yet. counts: of the frames that this end hears.  disk: where the log is written."""
+        """Start without any check. counts: frame counters of this end.  disk: disk of the log."""
         self._end, self._remote, self._loss, self._disk = end, remote, FrameLoss(counts), disk
         supervisor = scenario.autopilot.supervisor
         self._stale_age = STALE_AGE if supervisor is None else float(supervisor.stale_age)
@@ -58,22 +58,22 @@ class Preflight:
         self._is_shown, self._obstacles = False, set[str]()
         self.log_folder: Path | None = None
         self.checks: list[ArmingCheck] = []
-        """The vehicle's, then the autopilot's, as they were last: what a sensor lacks, the estimate lacks."""
+        """Last results of the vehicle, then of the autopilot: a missing sensor explains a missing estimate."""
         self._theirs = 0
         self.is_decided = False
         self.obstacle = ""
-        """What is waited for now; empty for nothing that was known for a second."""
+        """Check that is waited for now; empty for the first second if no check fails."""
         self.refusal = ""
-        """Why the flight is given up; empty while it is not."""
+        """Reason for giving up the flight; empty while there is none."""
 
     def update(self, now: int, silence: int) -> bool:
-        """Whether the vehicle may be asked to arm now. silence: time since it was heard."""
+        """Return whether the vehicle may be asked to arm now. silence: time since data from the vehicle."""
         if self._began is None:
             self._began = now
         self._loss.follow(now)
-        self._remote.wants_checks = not self._remote.is_asking  # else one would overtake the other
+        self._remote.wants_checks = not self._remote.is_asking  # otherwise one request would overtake the other
         if self._remote.is_asking and now - self._began >= PATIENCE:
-            self.refusal = "arming refused by the vehicle, or it does not answer; see what it said"
+            self.refusal = "arming refused by the vehicle, or no answer; see its messages"
         if self._remote.is_asking or now < self._next:
             return False
         self._next = now + CHECK_PERIOD
@@ -88,19 +88,19 @@ class Preflight:
         if failing and (not waits or not all(c.heals for c in failing)):
             self.refusal = f"arming refused: {first_problem(failing)}"
         elif not waits and not is_told:
-            self.refusal = "arming refused: the vehicle's checks did not come whole; look at the line"
+            self.refusal = "arming refused: the vehicle's checks are incomplete; check the link"
         may_arm = is_told and not failing and not self.refusal
         self._began = now if may_arm else self._began
         self.is_decided = may_arm or bool(self.refusal)
         return may_arm
 
     def restart(self) -> None:
-        """Look anew, and wait for as long again."""
+        """Run the checks from scratch, with the full waiting time."""
         self._began, self.is_decided, self._is_shown, self.obstacle, self.refusal = None, False, False, "", ""
         self._obstacles.clear()
 
     def report(self, tell: Callable[[str], None]) -> None:
-        """Lines for people and for the log: what is waited for, each once; the checks, when it is decided."""
+        """Report each new obstacle once, and the table of checks when the decision is made."""
         obstacle = self.obstacle.partition(":")[0]
         if obstacle and obstacle not in self._obstacles and not self.refusal:
             self._obstacles.add(obstacle)
@@ -115,7 +115,7 @@ class Preflight:
 
     @property
     def table(self) -> str:
-        """All checks, a line each, aligned."""
+        """Table of all checks, aligned, one line each."""
         rows = [("", "check", "value", "limit", "")]
         for k, c in enumerate(self.checks):
             verdict = "ok" if c.passes else "confirmed" if self._is_confirmed(c) else "REFUSED"
@@ -124,7 +124,7 @@ class Preflight:
         return "\n".join("  ".join(f"{cell:{w}}" for cell, w in zip(row, widths, strict=True)).rstrip() for row in rows)
 
     def describe_checks(self) -> list[dict[str, Any]]:
-        """As JSON."""
+        """Return the checks for JSON."""
         return [
             {"of": "vehicle" if k < self._theirs else "autopilot", **c._asdict(), "passes": c.passes}
             for k, c in enumerate(self.checks)
@@ -143,22 +143,22 @@ class Preflight:
             for name, (at, unit) in self._sigmas.items()
         ]
         return [
-            ArmingCheck(
-                "estimate valid", read("estimate.valid"), 1, "", "look whether its sensors come", at_least=True
-            ),
-            ArmingCheck("estimate age", read("estimate.age"), self._stale_age, "s", "look whether its sensors come"),
+            ArmingCheck("estimate valid", read("estimate.valid"), 1, "", "check its sensors", at_least=True),
+            ArmingCheck("estimate age", read("estimate.age"), self._stale_age, "s", "check its sensors"),
             *sigmas,
-            ArmingCheck("supervisor's objections", float(check > 0), 0, "", f"it says: {CHECKS[check]}"),
-            ArmingCheck("command valid", float(self._end.has_command), 1, "", "the law has none yet", at_least=True),
-            ArmingCheck("line silence", silence, LONGEST_SILENCE, "s", "look at the line"),
-            ArmingCheck("frames lost", self._loss.share, MOST_LOSS, "%", "bring the two ends of the line nearer"),
+            ArmingCheck("supervisor's objections", float(check > 0), 0, "", f"reason: {CHECKS[check]}"),
             ArmingCheck(
-                "clock's round trip",
+                "command valid", float(self._end.has_command), 1, "", "wait for the law's first command", at_least=True
+            ),
+            ArmingCheck("link silence", silence, LONGEST_SILENCE, "s", "check the link"),
+            ArmingCheck("frames lost", self._loss.share, MOST_LOSS, "%", "move the two ends closer"),
+            ArmingCheck(
+                "clock round trip",
                 to_seconds(remote.sync.shortest),
                 to_seconds(QUICK_ROUND_TRIP),
                 "s",
-                "look at the line",
+                "check the link",
             ),
-            ArmingCheck("settings that differ", remote.count_differences(), 0, "", "--accept PATH where it is meant"),
-            ArmingCheck("space for the log", space, LEAST_SPACE, "MB", "make room on its disk", at_least=True),
+            ArmingCheck("settings that differ", remote.count_differences(), 0, "", "--accept PATH if intended"),
+            ArmingCheck("space for the log", space, LEAST_SPACE, "MB", "free disk space", at_least=True),
         ]

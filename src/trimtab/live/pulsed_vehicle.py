@@ -1,7 +1,7 @@
-"""A virtual vehicle that servo pulses move, for an autopilot of another make, and how it moves as that one is told.
+"""Virtual vehicle moved by servo pulses, for an autopilot of another make, and its motion as that autopilot gets it.
 
-It is held, and stands still, until its pulses leave their rest: no vehicle here has a ground to stand on. Let go, it
-goes on from the scenario's first state.
+The vehicle is held in place until its pulses leave their rest, since no vehicle here has a ground to stand on. After
+the release it continues from the scenario's first state.
 Source: docs pages, ArduPilot and PX4.
 """
 
@@ -29,13 +29,13 @@ from trimtab.wire.ardupilot_json import MOST_CHANNELS, PhysicsState
 from trimtab.wire.dialect import derive_dialect
 
 REST_BAND = 20e-6
-"""Pulses that differ by less from those at rest (s) are at rest."""
+"""Largest difference from the pulses at rest (s) that still counts as rest."""
 HALF = 0.5
 FORCE, RATE = "specific_force", "angular_rate"
 
 
 class PulsedVehicle:
-    """A compiled world, moved by pulses. The first `advance` is to time 0."""
+    """Compiled world, moved by pulses. The first `advance` is to time 0."""
 
     def __init__(
         self,
@@ -47,15 +47,15 @@ class PulsedVehicle:
         door: str = "ardupilot",
         most_channels: int = MOST_CHANNELS,
     ) -> None:
-        """Compile it.
+        """Compile the world.
 
         Args:
-            scenario: whose vehicle.
-            seed: of the random numbers.
-            channels: of the autopilot, from 1 on, for each number of a command; none: in their order.
-            release: it is held until a pulse is as wide (s); None: until one is not at rest.
-            door: argument that asked for it, for what is refused.
-            most_channels: that the autopilot has.
+            scenario: scenario of the vehicle.
+            seed: seed of the random numbers.
+            channels: channel of the autopilot, from 1, for each number of a command; empty: in order.
+            release: pulse width (s) that releases the vehicle; None: any pulse that is not at rest.
+            door: argument to name in error messages.
+            most_channels: number of channels of the autopilot.
         """
         bare = replace(scenario, world=replace(scenario.world, uplink=Wire()))
         self._world, frame, command = prepare_world(bare, seed=seed)
@@ -73,7 +73,7 @@ class PulsedVehicle:
         self.reset()
 
     def reset(self) -> None:
-        """Back to the scenario's first state, held."""
+        """Reset to the scenario's first state, held in place."""
         self._world.reset()
         self.body = VirtualVehicle(self._scenario, self._dialect, self._world)
         self._instants: Iterator[int] = self.body.instants()
@@ -83,11 +83,11 @@ class PulsedVehicle:
 
     @property
     def imu(self) -> str:
-        """The sensor whose samples the autopilot is given; empty: it gets the true motion."""
+        """Name of the sensor whose samples the autopilot gets; empty: it gets the true motion."""
         return "" if self._imu is None else self._imu.name
 
     def set_pulses(self, pulses: Sequence[int]) -> None:
-        """What acts from now on: widths of all channels (µs); where there is no pulse, what is safe."""
+        """Set the widths of all channels (µs) from now on. A channel without a pulse gets its safe value."""
         widths = np.array([pulses[c - 1] for c in self.channels]) * 1e-6
         widths = np.where(widths > 0, widths, self._safe)
         inputs, reads = self._world.inputs, self._world.reads
@@ -105,7 +105,7 @@ class PulsedVehicle:
         return bool((widths >= self._release).any())
 
     def advance(self, t: int, tell_row: Callable[[int], None] = lambda _: None) -> None:
-        """On to integer time t, by way of all instants at which something is due; tell_row: is given those, done."""
+        """Advance to integer time t through all instants at which something is due. tell_row: called with each."""
         while self._due <= t:
             self._step(self._due)
             tell_row(self._due)
@@ -118,7 +118,7 @@ class PulsedVehicle:
         self._is_new = False
 
     def state(self) -> PhysicsState:
-        """How it moves now, by its own IMU where it has one of three axes."""
+        """Return the motion now, with samples of the vehicle's own IMU if it has one of three axes."""
         motion, outputs = self._motion, self._world.outputs
         motion.inputs[motion.reads["t"]] = self.body.t
         for into, out in self._pairs:
@@ -133,7 +133,7 @@ class PulsedVehicle:
 
 
 def _physics_block(scenario: Scenario) -> BlockDefinition:
-    """A vehicle's motion as `PhysicsState` has it: `motion_block`, with an ideal IMU, at rest while it is held."""
+    """Define the block that computes `PhysicsState`: `motion_block` with an ideal IMU, at rest while held."""
     motion_of, ideal = motion_block(scenario), Imu()
 
     def step(p: Any, s: Any, now: Any) -> Any:
@@ -154,33 +154,33 @@ def _physics_block(scenario: Scenario) -> BlockDefinition:
         }
 
     first = replace(motion_of.input, input=dict(motion_of.input.input) | {"is_held": np.bool_(False)})
-    return motion_of._replace(name="physics", doc="How a vehicle moves, as ArduPilot is told.", step=step, input=first)
+    return motion_of._replace(name="physics", doc="Motion of a vehicle, as ArduPilot gets it.", step=step, input=first)
 
 
 def _check_channels(channels: Sequence[int], outputs: Sequence[PulseOutput], most: int) -> tuple[int, ...]:
-    """A channel for each output."""
+    """Return a channel for each output. Raise InputError for wrong channels."""
     usual = tuple(range(1, len(outputs) + 1))
     if not channels:
         return usual
     names = ", ".join(o.name for o in outputs)
     part, listed = argument_name("channels"), ",".join(map(str, usual))
-    fix = f"{argument('channels', listed)}, or these in another order"
+    fix = f"{argument('channels', listed)}, or the same numbers in another order"
     if len(channels) != len(outputs):
         problem = f"{len(channels)} channels for {len(outputs)} numbers of a command: {names}"
         raise InputError(part, problem, fix=fix)
     if len(set(channels)) < len(channels) or not all(1 <= c <= most for c in channels):
-        problem = f"{','.join(map(str, channels))} are not different channels from 1 to {most}"
+        problem = f"{','.join(map(str, channels))} must be different channels from 1 to {most}"
         raise InputError(part, problem, fix=fix)
     return tuple(channels)
 
 
 def _read_table(o: PulseOutput) -> tuple[Any, Any]:
-    """Widths (s), rising, and what each stands for."""
+    """Return the widths (s), increasing, and the values that they stand for."""
     widths, values = np.asarray(o.pulse.widths, float), np.asarray(o.pulse.values, float)
     order = np.argsort(widths)
     return widths[order], values[order]
 
 
 def _slot(o: PulseOutput, reads: Mapping[str, Any], size: int) -> int:
-    """Where an output's number stands in the inputs of a world."""
+    """Return the index of an output's number in the inputs of a world."""
     return int(np.atleast_1d(np.arange(size)[reads[f"command.value.{o.path}"]])[o.slot or 0])

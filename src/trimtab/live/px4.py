@@ -1,8 +1,7 @@
-"""A virtual vehicle as the simulator that PX4's SITL connects to: it tells its sensors, and moves by what PX4 answers.
+"""Virtual vehicle as the simulator that PX4's SITL connects to: it sends sensor data, and moves by PX4's answers.
 
-PX4 in lockstep waits for each sample, and the vehicle for each answer, so that neither waits for a clock. Before the
-first answer, and where PX4 runs by the clock, samples come at their rate in real time. A connection that is made anew
-begins another flight.
+In lockstep PX4 waits for each sample, and the vehicle for each answer, so that neither waits for a clock. Before the
+first answer, and while PX4 runs by the clock, samples are sent in real time. A new connection begins another flight.
 Source: docs page, PX4.
 """
 
@@ -46,29 +45,31 @@ from trimtab.wire.px4_simulator import (
 )
 
 ORIGIN = "38.9897,-76.9378,20"
-"""Where W is: PX4 knows the earth's field by place, so that it is where COLLEGE_PARK is the field."""
+"""Origin of W. PX4 derives the earth's field from the place, so this is the place where COLLEGE_PARK is the field."""
 STEP, SLOW_SAMPLES, FIX_SAMPLES = ms(4), 5, 25
-"""Time between samples of the inertial unit, as of PX4's own simulators; of the others, and of fixes, in samples."""
+"""Time between samples of the inertial unit, as in PX4's own simulators; other sensors and fixes, counted in
+samples.
+"""
 START = ms(1000)
-"""The first sample's time, which PX4 takes for its own: at 0 it would count as none."""
+"""Time of the first sample, which PX4 takes for its own time. 0 would count as no time."""
 LISTEN_S, SILENCE_S = 0.1, 1.0
-"""How long a connection is waited for before somebody may ask it to end; how long an answer is, before time goes on."""
+"""Time to wait for a connection before looking for a request to end; time to wait for an answer before going on (s)."""
 RATE_NOISE, FORCE_NOISE, FIELD_NOISE, PRESSURE_NOISE = np.radians(2000 / 32768), 9.80665 / 2048, 1e-7, 1.0
-"""Standard deviations (rad/s, m/s², T, Pa). The first two are a step of PX4's simulated converters; the others are
-reconstructed. PX4 takes a sensor whose samples stay the same for a dead one."""
+"""Standard deviations (rad/s, m/s², T, Pa). The first two are one step of PX4's simulated converters; the others are
+reconstructed. PX4 treats a sensor with constant samples as dead."""
 SYSTEM, COMPONENT = 1, 200
 
 OWN_SIGNALS: Mapping[str, tuple[str, Quantity]] = {
-    "firmware.held": ("?", Quantity("1", "The vehicle is held: its pulses have not left their rest yet.", kind="flag")),
+    "firmware.held": ("?", Quantity("1", "The vehicle is held in place: its pulses are still at rest.", kind="flag")),
     "px4.armed": ("?", Quantity("1", "PX4 is armed.", kind="flag")),
-    "px4.unanswered": ("i8", Quantity("1", "Samples so far that PX4 did not answer in time.", kind="count")),
+    "px4.unanswered": ("i8", Quantity("1", "Samples so far without an answer of PX4 in time.", kind="count")),
 }
-"""What a row of its log has besides the world's."""
+"""Signals of the log besides the world's."""
 
 
 @dataclass
 class AnswerTally:
-    """How many samples went, what came back. unanswered: after which time went on without PX4."""
+    """Counts of samples sent and of answers. unanswered: samples after which time went on without PX4."""
 
     samples: int = 0
     answers: int = 0
@@ -78,7 +79,7 @@ class AnswerTally:
 
 
 class Px4Simulator:
-    """A vehicle that PX4 flies; `serve` runs it."""
+    """Vehicle that PX4 flies. `serve` runs it."""
 
     def __init__(
         self,
@@ -92,10 +93,10 @@ class Px4Simulator:
         """Prepare one `serve`.
 
         Args:
-            scenario: of the vehicle, for its log.
+            scenario: scenario of the vehicle, for its log.
             vehicle: the vehicle.
-            link: that PX4 connects to.
-            seed: of the noise.
+            link: link that PX4 connects to.
+            seed: seed of the noise.
             clock: clock of this process.
         """
         self.scenario, self.vehicle, self.link, self.seed, self._clock = scenario, vehicle, link, seed, clock
@@ -122,13 +123,13 @@ class Px4Simulator:
         stop: Callable[[], bool] = lambda: False,
         tell: Callable[[str], None] = lambda _: None,
     ) -> PhysicsSummary:
-        """Fly until `duration` (100 ns) after it was let go, or until stop() says so.
+        """Fly until `duration` (100 ns) after the release, or until stop() returns True.
 
         Args:
-            duration: None runs on without end.
-            log: file of its log; that of a second flight is called NAME-2, and so on.
-            stop: asked at every sample, and ten times a second.
-            tell: is given lines for people.
+            duration: time after the release (100 ns); None: no end.
+            log: path of the log. The log of a second flight is called NAME-2, and so on.
+            stop: called at every sample, and ten times a second.
+            tell: receives the messages for the user.
         """
         self._flights.file, self._flights.tell, connection = log, tell, -1
         try:
@@ -150,14 +151,14 @@ class Px4Simulator:
         return duration is not None and release is not None and self.vehicle.body.t - release >= duration
 
     def _now(self) -> int:
-        """Time as PX4 is told it."""
+        """Return the time as sent to PX4."""
         return START + self.vehicle.body.t
 
     def _send_sample(self) -> None:
-        """What its sensors say now."""
+        """Send the sensor samples of now."""
         state, t = self.vehicle.state(), self._now()
         if not state.is_finite:
-            problem = f"its motion is no number any more, {to_seconds(self.vehicle.body.t):g} s into the flight"
+            problem = f"the motion is not finite, {to_seconds(self.vehicle.body.t):g} s into the flight"
             self._flights.add_problem(problem)
             return
         around, updated = self._surroundings(state), INERTIAL
@@ -190,9 +191,9 @@ class Px4Simulator:
         return noisy, spoilt
 
     def _await_answer(self, stop: Callable[[], bool]) -> ControlFrame | None:
-        """PX4's answer to the newest sample; None where none came in time, or PX4 runs by the clock and said nothing.
+        """Return PX4's answer to the newest sample; None if none came in time, or if PX4 runs by the clock.
 
-        Answers to samples that went before PX4 waited for any are passed over, so that it is not a sample behind.
+        Answers to samples sent before PX4 waited for any are skipped, so that it does not stay one sample behind.
         """
         sent, is_locked = self._now() // PER_MICROSECOND, self._last is not None and self._last.is_locked
         self._due = max(self._due + to_seconds(STEP), self._seconds() - SILENCE_S)
@@ -209,11 +210,13 @@ class Px4Simulator:
         self._is_in_step = newest is not None and newest.is_locked
         if is_locked and newest is None and self.link.statistics.connected and not stop():
             self.tally.unanswered += 1
-            self._flights.report_once(f"PX4 did not answer a sample in {SILENCE_S:g} s: time goes on without it")
+            self._flights.report_once(
+                f"PX4 did not answer a sample in {SILENCE_S:g} s: the vehicle flies on without it"
+            )
         return newest
 
     def _take(self, data: bytes | None) -> ControlFrame | None:
-        """The last answer that is in these bytes."""
+        """Return the last answer in these bytes."""
         answer = None
         for message in self._endpoint.feed(data):
             if message.name != "HIL_ACTUATOR_CONTROLS":
@@ -231,12 +234,12 @@ class Px4Simulator:
             self.tally.refused += refused
             counts.checksum = counts.downgraded = counts.garbage = 0
             self._flights.report_once(
-                "refused bytes that are no MAVLink 2: is it PX4's simulator module that connects here?"
+                "refused bytes that are not MAVLink 2: check that PX4's simulator module connects here"
             )
         return answer
 
     def _move(self, answer: ControlFrame | None) -> None:
-        """On by a step, under the newest answer; it stands still until there is one."""
+        """Advance by one step, with the newest answer. The vehicle stands still until there is one."""
         if answer is not None:
             if self._last is None:
                 self._flights.report(f"PX4 answers, {'in lockstep' if answer.is_locked else 'by the clock'}")
@@ -247,7 +250,7 @@ class Px4Simulator:
         self.vehicle.advance(self.vehicle.body.t + STEP, self._write_row)
 
     def _pulses(self, answer: ControlFrame) -> Sequence[int]:
-        """Widths (µs) of what PX4 sets; none, which is safe, while it is not armed."""
+        """Return the pulse widths (µs) that PX4 sets; no pulses, which is safe, while it is not armed."""
         pulses = [0] * CHANNELS
         if answer.is_armed:
             for channel, (rest, low, high) in self._spans.items():
@@ -256,24 +259,24 @@ class Px4Simulator:
         return pulses
 
     def _begin_flight(self) -> None:
-        """The vehicle back at its first state, and another log."""
+        """Reset the vehicle to its first state, and start another log."""
         self._begin_connection()
-        self._flights.begin("somebody has connected")
+        self._flights.begin("new connection")
         self.vehicle.advance(0, self._write_row)
 
     def _write_row(self, t: int) -> None:
-        """The row of the instant before t."""
+        """Write the row of the instant before t."""
         is_held, is_armed = self.vehicle.release_time is None, self._last is not None and self._last.is_armed
         self._flights.write_row(t, (is_held, is_armed, self.tally.unanswered))
 
 
 def pulse_span(o: PulseOutput) -> tuple[float, float, float]:
-    """Widths (s) of a control of 0, -1 and 1: rest and ends. A motor that rests at one end has no other way to turn."""
+    """Return the widths (s) of the controls 0, -1 and 1: rest and ends. A motor that rests at one end has one way."""
     return o.safe, min(o.pulse.widths), max(o.pulse.widths)
 
 
 def _surroundings_block() -> BlockDefinition:
-    """`Surroundings` of a motion; the parameters say where W is."""
+    """Define the block that computes `Surroundings` of a motion. Its parameters give the origin of W."""
 
     def step(p: Any, s: Any, now: Any) -> Any:
         latitude, longitude, height = p.from_ned(now["p_WB"])
@@ -285,4 +288,4 @@ def _surroundings_block() -> BlockDefinition:
     first = {"p_WB": np.zeros(3), "attitude": np.zeros(3), "airspeed": np.float64(0.0)}
     latitude, longitude, height = parse_origin(ORIGIN)
     plane = TangentPlane(latitude=latitude, longitude=longitude, height=height)
-    return BlockDefinition("surroundings", "What is around a vehicle.", step, lambda p: (), to_arrays(plane), first)
+    return BlockDefinition("surroundings", "Surroundings of a vehicle.", step, lambda p: (), to_arrays(plane), first)

@@ -1,9 +1,8 @@
-"""Real time on an ordinary machine: absolute deadlines, what the system grants, and what became of each deadline.
+"""Real time on an ordinary machine: absolute deadlines, rights granted by the system, statistics of the deadlines.
 
 A control period k ends at start + k * period, whatever happened before: lateness never adds up. A period whose work
-ended after the next deadline is an overrun. Where the thread itself was on the processor for longer than a period it is
-put down to its own work, else to the scheduler; periods that are made up afterwards, without a wait, to what the first
-one was put down to.
+ended after the next deadline is an overrun. If the thread itself used the processor for longer than a period, the
+overrun counts as its own, otherwise as the scheduler's. Periods made up afterwards without a wait count like the first.
 
 Times are counted as they come, in a fixed table: a few hundred nanoseconds each, nothing allocated.
 Source: G. Tene, HdrHistogram (buckets of constant relative width); docs page, Vehicle.
@@ -22,34 +21,34 @@ from trimtab.core.interfaces import Link
 from trimtab.core.time import UNITS_PER_SECOND, format_time, seconds
 
 NS = 100
-"""Nanoseconds in a unit of time."""
+"""Nanoseconds in a unit of time (100 ns)."""
 MOST_PACKETS = 64
-"""Packets taken at one instant, so that a flood can't stop the clock."""
+"""Maximum number of packets taken at one instant, so that a flood cannot stop the clock."""
 DISCARD_LIMIT = 10_000
-"""Packets thrown away at most."""
+"""Maximum number of packets thrown away."""
 LONGEST_DELAY = seconds("0.5")
 """A loop that is late by less than this catches up. A loop that is later skips periods."""
 SUB_BUCKET_BITS = 5
-"""Each doubling is cut into 2**SUB_BUCKET_BITS buckets: 3 % wide."""
+"""Number of bits for the buckets of a doubling: 2**SUB_BUCKET_BITS buckets, each 3 % wide."""
 BUCKETS = (64 - SUB_BUCKET_BITS) << SUB_BUCKET_BITS
 FIRST_DOUBLING, LAST_DOUBLING = 10, 30
-"""Powers of two (ns) between which a coarse count has its edges."""
+"""Powers of two (ns) of the first and last edge of the coarse histogram."""
 PRIORITY = 40
 MCL_CURRENT_AND_FUTURE = 3
 
 
 class WallClock:
-    """Integer time (100 ns) since it was made."""
+    """Integer time (100 ns) since the clock was made."""
 
     def __init__(self, clock: Clock = SYSTEM_CLOCK) -> None:
         self._clock, self.start = clock, clock.monotonic_ns()
 
     def now(self) -> int:
-        """Now."""
+        """Return the time now."""
         return (self._clock.monotonic_ns() - self.start) // NS
 
     def wait(self, t: int, link: Link, hear: Callable[[bytes], None]) -> int:
-        """Take what comes until integer time t, at least once and at most MOST_PACKETS late; returns now (ns)."""
+        """Handle packets until integer time t: one read at least, MOST_PACKETS late at most. Return the time (ns)."""
         due = self.start + t * NS
         late = 0
         while True:
@@ -63,7 +62,7 @@ class WallClock:
 
 
 def discard_packets(link: Link) -> int:
-    """Throw away what lies waiting, of a time when nobody looked; returns how many packets."""
+    """Throw away the packets that arrived while nothing was reading. Return their number."""
     count = 0
     while count < DISCARD_LIMIT and link.receive(0.0) is not None:
         count += 1
@@ -71,7 +70,7 @@ def discard_packets(link: Link) -> int:
 
 
 class TimeSummary(NamedTuple):
-    """Times in seconds; a quantile is the upper end of its bucket."""
+    """Summary of times (s). A quantile is the upper end of its bucket."""
 
     n: int
     p50: float
@@ -81,21 +80,21 @@ class TimeSummary(NamedTuple):
 
 
 class Histogram:
-    """Counts of times, given in ns."""
+    """Histogram of times, given in ns."""
 
     def __init__(self) -> None:
         self.counts = [0] * BUCKETS
         self.longest = 0
 
     def add(self, ns: int) -> None:
-        """Count one; below 0 counts as 0."""
+        """Count a time. A time below 0 counts as 0."""
         ns = max(ns, 0)
         self.longest = max(self.longest, ns)
         shift = max(ns.bit_length() - SUB_BUCKET_BITS - 1, 0)
         self.counts[min((shift << SUB_BUCKET_BITS) + (ns >> shift), BUCKETS - 1)] += 1
 
     def quantile(self, share: float) -> float:
-        """The time (s) that this share of all does not exceed; 0 when there is none."""
+        """Return the time (s) that this share of all times does not exceed; 0 if there are none."""
         rank, below = share * sum(self.counts), 0
         for bucket, count in enumerate(self.counts):
             below += count
@@ -104,7 +103,7 @@ class Histogram:
         return 0.0
 
     def count_doublings(self) -> tuple[list[float], list[int]]:
-        """Counts in bins that double, from 1 us to 1 s: their edges (s), one more; longer is in the last."""
+        """Return edges (s) and counts of bins that double from 1 us to 1 s. The last bin has all longer times."""
         first, last = FIRST_DOUBLING, LAST_DOUBLING
         starts = [(k + 1 - SUB_BUCKET_BITS) << SUB_BUCKET_BITS for k in range(first, last + 1)]
         bounds = [0, *starts[:-1], BUCKETS]
@@ -112,19 +111,19 @@ class Histogram:
         return [0.0, *(2**k * 1e-9 for k in range(first, last + 1))], counts
 
     def summary(self) -> TimeSummary:
-        """Count, median, tails."""
+        """Return count, median and tails."""
         tails = [self.quantile(share) for share in (0.5, 0.99, 0.999)]
         return TimeSummary(sum(self.counts), tails[0], tails[1], tails[2], self.longest * 1e-9)
 
 
 def bucket_end(bucket: int) -> int:
-    """The longest time (ns) that falls into a bucket."""
+    """Return the longest time (ns) of a bucket."""
     shift = max((bucket >> SUB_BUCKET_BITS) - 1, 0)
     return ((bucket - (shift << SUB_BUCKET_BITS) + 1) << shift) - 1
 
 
 class RealTimeGrant(NamedTuple):
-    """What the system granted: scheduler "fifo" or "ordinary", memory locked or not."""
+    """Rights granted by the system: scheduler "fifo" or "ordinary", memory locked or not."""
 
     scheduler: str
     locked: bool
@@ -136,9 +135,9 @@ class RealTimeGrant(NamedTuple):
 
 @contextlib.contextmanager
 def real_time(is_wanted: bool = True) -> Iterator[RealTimeGrant]:
-    """Within it this process is scheduled before ordinary ones and stays in memory, where that is allowed.
+    """Schedule this process before ordinary ones and lock its memory, where that is allowed, within this context.
 
-    The collector of cycles rests: the loop makes none, and a collection takes milliseconds.
+    The cycle collector is off: the loop makes no cycles, and a collection takes milliseconds.
     """
     before = os.sched_getscheduler(0), os.sched_getparam(0)
     scheduler, locked = "ordinary", False
@@ -161,13 +160,10 @@ def real_time(is_wanted: bool = True) -> Iterator[RealTimeGrant]:
 
 
 class Deadlines:
-    """Deadlines at a fixed period from now on, and how they were kept.
-
-    late: from deadline to wake-up.  step: the compiled step alone.  work: from wake-up to the end of the period's work.
-    """
+    """Deadlines at a fixed period from now on, with their statistics."""
 
     def __init__(self, period: int, clock: Clock = SYSTEM_CLOCK) -> None:
-        """Begin now. clock: clock of this process; its processor time tells own work from waiting for a processor."""
+        """Start now. clock: clock of this process; its processor time separates own work from waiting."""
         self.period, self._clock = period, clock
         self._before, self._over, self._blamed = clock.thread_ns(), False, False
         self.start = clock.monotonic_ns()
@@ -175,7 +171,7 @@ class Deadlines:
         self.own = self.scheduler = 0
 
     def remaining(self, k: int) -> float:
-        """Seconds until deadline k; negative when it has passed."""
+        """Return the time until deadline k (s); negative if it has passed."""
         return (self.start + k * self.period * NS - self._clock.monotonic_ns()) * 1e-9
 
     def count_passed(self, k: int) -> tuple[int, int]:
@@ -187,7 +183,7 @@ class Deadlines:
         return (behind // self.period if behind >= LONGEST_DELAY else 0), behind
 
     def record_period(self, k: int, woke: int, began: int, stepped: int) -> bool:
-        """Account for period k: when it woke, and when the step began and ended (ns). Returns whether it overran."""
+        """Record period k: its wake-up, start and end of the step (ns). Return whether it overran."""
         deadline = self.start + k * self.period * NS
         ended = self._clock.monotonic_ns()
         self.late.add(woke - deadline)
@@ -206,7 +202,7 @@ class Deadlines:
         return over
 
     def summary(self) -> dict[str, object]:
-        """All of it, times in seconds, for a report."""
+        """Return all statistics for a report, times in seconds."""
         return {
             "period": format_time(self.period),
             "late": self.late.summary()._asdict(),

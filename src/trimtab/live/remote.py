@@ -1,4 +1,4 @@
-"""A vehicle as the autopilot's end sees it: whether it is there, armed, what it says, and what its clock shows.
+"""Vehicle as seen from the autopilot's end: presence, arming state, messages and clock.
 
 Source: docs page, Fly; MAVLink's services heartbeat, command and timesync.
 """
@@ -35,23 +35,23 @@ from trimtab.wire.time_sync import TimeSync
 
 NO_AUTOPILOT = 8
 HEARTBEAT = {"type": VehicleType.ONBOARD_COMPUTER, "autopilot": NO_AUTOPILOT, "system_status": 4}
-"""Of an onboard computer that is no flight controller, running."""
+"""Heartbeat of a running onboard computer that is not a flight controller."""
 MOST_ASKS = 4
-"""Unanswered questions for it, after which the vehicle is one that doesn't know what it could be asked."""
+"""Number of unanswered questions after which the vehicle counts as one that cannot answer them."""
 MOST_REQUESTS = 8
 HEARTBEAT_PERIOD, ASK_PERIOD, DISARM_PERIOD = seconds(1), ms(500), ms(100)
 SYNC_QUICK, SYNC_SLOW = ms(50), seconds(1)
 QUICK_ANSWERS = 8
-"""Answers after which the other clock counts as known, and is asked for seldom."""
+"""Number of answers after which the vehicle's clock counts as known, and is asked for less often."""
 TOGETHER = seconds(1)
-"""A vehicle whose own end came no longer than this before the flight's has ended with it: where both were given one
-length, the vehicle counts it from its release, and this end from when it heard of that."""
+"""Longest time between the vehicle's own end and the flight's end at which both count as one end. Where both were given
+the same duration, the vehicle counts it from its release, and this end from the message that reports the release."""
 QUICK_ROUND_TRIP = ms(300)
-"""At least one answer must have been as quick as this: what waited in a queue tells little of a clock."""
+"""Longest round trip of the quickest answer: an answer that waited in a queue says little about a clock."""
 
 
 class RemoteVehicle:
-    """Keeps the line to a vehicle: heartbeats, time synchronisation, arming. Times `now` are this end's, in 100 ns."""
+    """Link to a vehicle: heartbeats, time synchronisation, arming. Times `now` are this end's, in 100 ns."""
 
     def __init__(
         self,
@@ -61,14 +61,14 @@ class RemoteVehicle:
         identity: IdentityComparison | None = None,
         accepts: Sequence[str] = (),
     ) -> None:
-        """Nothing known yet.
+        """Start without a vehicle.
 
         Args:
-            endpoint: this end of the line.
-            link: to the vehicle.
-            typed: the command that people are told to type again, with what was missing.
-            identity: compares the two scenarios; None compares their messages alone.
-            accepts: paths at or below which the two may differ.
+            endpoint: this end of the link.
+            link: link to the vehicle.
+            typed: the command that messages tell the user to type again, with what was missing.
+            identity: comparison of the two scenarios; None: only their messages are compared.
+            accepts: settings in which the two may differ, by path; a path includes everything below it.
         """
         self._identity, self._accepts = identity, tuple(accepts)
         self._dialect_problem = ""
@@ -76,32 +76,32 @@ class RemoteVehicle:
         self.sync = TimeSync()
         self.tell: Callable[[str], None] = lambda _: None
         self.armed = self.has_failed_safe = False
-        """It says that it is armed; it has stood in failsafe while it was this end's."""
+        """armed: the vehicle reports that it is armed.  has_failed_safe: it was in failsafe while this end owned it."""
         self.is_in_failsafe = False
         self.system = self.component = 0
         self.heartbeat_time: int | None = None
-        """When the vehicle's last heartbeat came."""
+        """Time of the vehicle's last heartbeat."""
         self._end_time: int | None = None
-        """When it was heard that it is not armed any more, for its own end has come."""
+        """Time at which the vehicle reported that it is disarmed because of its own end."""
         self.misfit = ""
-        """Why its messages can't be understood; empty while nothing speaks against it."""
+        """Reason why the vehicle's messages cannot be understood; empty if there is none."""
         self.remarks: list[str] = []
-        """What people have accepted before the flight; its log has it, too."""
+        """Differences that the user accepted before the flight. They are also logged."""
         self.untimely: UntimelyMessage | None = None
-        """The vehicle's answer to a question of now, refused for its stamp: the two clocks differ."""
+        """The vehicle's answer to a current question, rejected for its time stamp: the two clocks differ."""
         self.owner = 0
-        """Session of who flies it, as it said last; 0: nobody, or it doesn't say."""
+        """Session of the autopilot that flies the vehicle, as last reported; 0: none, or not reported."""
         self.has_authority = False
-        """Whether it has taken this end for its owner."""
+        """True while the vehicle accepts this end as its owner."""
         self.mode: int | None = None
-        """What this end's supervisor does, told in heartbeats; None: there is none that could be asked."""
+        """Mode of this end's supervisor, sent in heartbeats; None: no supervisor that takes requests."""
         self.checks = RemoteChecks()
-        """What the vehicle looks at before it is armed; asked for while `wants_checks`."""
+        """The vehicle's checks before arming. They are requested while `wants_checks`."""
         self.wants_checks = self.confirms = False
-        """confirms: that it may be armed again after a failsafe."""
+        """confirms: the user confirms that the vehicle may be armed again after a failsafe."""
         self._texts = TextAssembly()
         self.requests: deque[str] = deque(maxlen=MOST_REQUESTS)
-        """What a ground station wants of the supervisor, as the vehicle passed it on."""
+        """Requests of ground stations to the supervisor, as the vehicle forwarded them."""
         self._last_mode: int | None = None
         self._next = dict.fromkeys(("heartbeat", "sync", "ask", "version"), 0)
         self._arming_request: float | None = None
@@ -111,12 +111,12 @@ class RemoteVehicle:
         self._takes_over = False
 
     def is_of_vehicle(self, message: Message) -> bool:
-        """Whether a message is of the vehicle that was heard first."""
+        """Return whether a message comes from the vehicle that was received first."""
         return self.heartbeat_time is not None and (message.system, message.component) == (self.system, self.component)
 
     @property
     def is_ready(self) -> bool:
-        """Whether there is a vehicle whose clock is known."""
+        """True if there is a vehicle whose clock is known."""
         is_compared = self._compared and (self._identity is None or self._is_identity_told)
         return self.heartbeat_time is not None and self._is_clock_known and is_compared and not self.misfit
 
@@ -125,7 +125,7 @@ class RemoteVehicle:
         return self._clock_answers >= QUICK_ANSWERS and self.sync.shortest <= QUICK_ROUND_TRIP
 
     def find_problem(self, scenario: str) -> ConnectionProblem:
-        """Why it is not ready, for people."""
+        """Return why the vehicle is not ready, as a message for the user."""
         counts, traffic, stamps = self._endpoint.counts, self._link.statistics, self._endpoint.stamps
         start = f"trimtab vehicle {scenario} --listen …, with the same --set on both ends"
         differences = [] if self._identity is None else self._identity.differences(self.accepts)
@@ -143,16 +143,16 @@ class RemoteVehicle:
             lost = "" if traffic.connected else ": there is no connection"
             return ConnectionProblem(f"no vehicle answers{lost}", start)
         if counts.checksum or counts.unknown:
-            problem = f"wrong scenario: {counts.checksum + counts.unknown} frames don't fit"
+            problem = f"wrong scenario: {counts.checksum + counts.unknown} frames do not match its messages"
             return ConnectionProblem(problem, start)
         return ConnectionProblem("a vehicle answers, but its clock is not known yet", start)
 
     def accepts(self, path: str) -> bool:
-        """Whether the two ends may differ in a setting."""
+        """Return whether the two ends may differ in a setting."""
         return path != "messages" and any(path == own or path.startswith(f"{own}.") for own in self._accepts)
 
     def _compare_identities(self) -> None:
-        """What the vehicle has said of itself, once it is whole; what is accepted is told."""
+        """Compare the vehicle's identity once it is complete, and report accepted differences."""
         identity = self._identity
         if identity is None or self.misfit or not (identity.is_known or identity.is_unanswered):
             return
@@ -164,42 +164,42 @@ class RemoteVehicle:
             self._is_identity_told = True
             self.remarks += [f"accepted: {difference}" for difference in identity.differences()]
             if identity.is_unanswered:
-                self.remarks.append("the vehicle can't say which scenario it flies: only its messages were compared")
+                self.remarks.append("the vehicle does not report its scenario: only its messages were compared")
             for remark in self.remarks:
                 self.tell(remark)
 
     def count_differences(self) -> int:
-        """Settings in which the vehicle differs from this end, and that nobody has accepted."""
+        """Return the number of settings in which the vehicle differs from this end without being accepted."""
         return 0 if self._identity is None else len(self._identity.differences(self.accepts))
 
     def handle_untimely(self, untimely: Sequence[UntimelyMessage]) -> None:
-        """Note that the vehicle's clock is another, where a refused frame answers a question of this end."""
+        """Note that the clocks differ, if a frame that was rejected for its time answers a question of this end."""
         for refused in untimely:
             message = refused.message
             if message.name == "TIMESYNC" and message.get("tc1") > 0 and self.sync.is_open(message.get("ts1")):
                 if self.untimely is None:
                     which = "ahead of" if refused.lead > 0 else "behind"
-                    self.tell(f"the vehicle's time stamps are {abs(refused.lead):.1f} s {which} this end's: refused")
+                    self.tell(f"the vehicle's time stamps are {abs(refused.lead):.1f} s {which} this end's: rejected")
                 self.untimely = refused
 
     def follow_clock(self) -> None:
-        """Sign from now on by the clock of the vehicle that has answered."""
+        """Sign by the clock of the answering vehicle from now on."""
         if self.untimely is not None and self._endpoint.stamps is not None:
             self._endpoint.stamps.follow(self.untimely.stamp)
-            self.remarks.append(f"goes by the vehicle's clock, {self.untimely.lead:+.1f} s from this computer's")
+            self.remarks.append(f"signing by the vehicle's clock, {self.untimely.lead:+.1f} s from this computer's")
             self.tell(self.remarks[-1])
         self.untimely = None
 
     def offset(self, now: int) -> int:
-        """The vehicle's clock minus this end's (100 ns), as it is applied now: it turns, and does not jump."""
+        """Return the vehicle's clock minus this end's (100 ns), as applied now. It changes smoothly, without jumps."""
         return self.sync.to_remote(now) - now
 
     def handle_message(self, message: Message, now: int) -> None:
-        """Follow a message that is no sample."""
+        """Handle a message that is not part of a sample."""
         if message.name == "HEARTBEAT" and message.get("autopilot") != NO_AUTOPILOT:
             self._handle_heartbeat(message, now)
         elif (message.system, message.component) != (self.system, self.component):
-            return  # of a ground station, or of another vehicle, passed on by a router
+            return  # from a ground station, or of another vehicle, passed on by a router
         elif message.name == "TIMESYNC":
             self._handle_time_sync(message, now)
         elif message.name == "STATUSTEXT":
@@ -226,7 +226,7 @@ class RemoteVehicle:
         armed = bool(message.get("base_mode") & ModeFlag.ARMED)
         if self.armed and not armed:
             self._end_time = now if message.get("system_status") == State.POWEROFF else None
-            self.tell("the vehicle is not armed any more")
+            self.tell("the vehicle is no longer armed")
         self.is_in_failsafe = message.get("system_status") == State.CRITICAL
         self.has_failed_safe |= self.has_authority and self.is_in_failsafe
         if not armed:
@@ -236,14 +236,14 @@ class RemoteVehicle:
     def _handle_time_sync(self, message: Message, now: int) -> None:
         if not self.sync.handle_answer(message.get("tc1"), message.get("ts1"), now):
             if self.sync.doubles:
-                self._note_second_vehicle("one question for the time had two answers")
+                self._note_second_vehicle("two answers to one time request")
             return
         if self.sync.is_doubtful:
             self._next["sync"] = now
             return
-        if self.sync.jumps != self._jumps:  # it was started anew, say
+        if self.sync.jumps != self._jumps:  # for example, because it was restarted
             self._jumps, self._clock_answers = self.sync.jumps, 0
-            self.tell("the vehicle's clock is another now")
+            self.tell("the vehicle's clock has changed")
         self._clock_answers = min(self._clock_answers + 1, QUICK_ANSWERS)
 
     def _handle_acknowledgement(self, message: Message) -> None:
@@ -254,36 +254,39 @@ class RemoteVehicle:
         owner = message.get("result_param2")
         if command in OWNED_COMMANDS:
             self._follow_owner(owner)
-        is_ours = owner in (0, self._endpoint.session)  # else another end of this system and component was answered
+        is_ours = owner in (
+            0,
+            self._endpoint.session,
+        )  # else it answers another end of the same number
         if command == CommandCode.ARM and accepted and is_ours and self._arming_request is not None:
             self.armed = self.has_authority = bool(self._arming_request)
             self._arming_request = None
         elif command == CommandCode.ARM and not is_ours and self._arming_request == 0.0:
-            self._arming_request = None  # it is another's, and so is its end
+            self._arming_request = None  # it belongs to another autopilot, which ends its own flight
         elif command == CommandCode.RUN_CHECKS and not accepted:
             self.checks.handle_refusal()
         elif command == CommandCode.REQUEST_MESSAGE and not accepted:
             self._compared = True
 
     def _follow_owner(self, owner: int) -> None:
-        """Whose the vehicle is; not this end's any more where it has become another's."""
+        """Note the owner of the vehicle. Give up authority if the owner is another autopilot."""
         self.owner = owner
         if self.has_authority and owner not in (0, self._endpoint.session):
             self.has_authority = False
             self.tell(f"the vehicle belongs to another autopilot now, session {owner:06x}")
         elif owner == self._endpoint.session:
             self._takes_over = False
-            if self._arming_request:  # it tells all on the line, also where its acknowledgement was lost
+            if self._arming_request:  # the owner is broadcast, so a lost acknowledgement does no harm
                 self.armed = self.has_authority = True
                 self._arming_request = None
 
     @property
     def is_taken(self) -> bool:
-        """Whether it is another's, and this end does not ask for it."""
+        """True if the vehicle belongs to another autopilot and this end does not ask to take over."""
         return self.owner not in (0, self._endpoint.session) and not self._takes_over
 
     def _handle_request(self, message: Message) -> None:
-        """The vehicle passes on what a ground station wants; its own commands to others are none of this end's."""
+        """Handle a ground station's request that the vehicle forwards. Commands to other components are ignored."""
         own = self._endpoint.system, self._endpoint.component
         if (message.get("target_system"), message.get("target_component")) != own:
             return
@@ -296,28 +299,28 @@ class RemoteVehicle:
         self._link.send(self._endpoint.pack("COMMAND_ACK", answer | to))
 
     def _compare_dialects(self, theirs: bytes) -> None:
-        """Whether the vehicle has the same messages; one that doesn't say so is believed, for checksums tell too."""
+        """Compare the two dialects. A vehicle without a fingerprint is accepted, since checksums differ too."""
         ours = self._endpoint.dialect.fingerprint
         self._compared = True
         if any(theirs) and theirs != ours:
             both = f"its dialect is {theirs.hex()}, this scenario's {ours.hex()}"
-            self._dialect_problem = f"wrong scenario: the vehicle has other sensors, or takes other commands: {both}"
+            self._dialect_problem = f"wrong scenario: the vehicle has different sensors or commands: {both}"
             if self._identity is None:
                 self.misfit = self._dialect_problem
 
     def _compare_sessions(self, session: int) -> None:
-        """One vehicle has one session as long as it runs."""
+        """Compare sessions: a vehicle keeps one session while it runs."""
         if self._vehicle_session not in (0, session):
             self._note_second_vehicle(f"sessions {self._vehicle_session:06x} and {session:06x}")
         self._vehicle_session = session
 
     def _note_second_vehicle(self, by: str) -> None:
-        self.misfit = f"two vehicles answer on this line as {self.system}/{self.component}: {by}"
+        self.misfit = f"two vehicles answer on this link as {self.system}/{self.component}: {by}"
 
     def list_problems(self, was_armed: bool, is_silent: bool, now: int, is_stopped: bool = False) -> list[str]:
-        """What a script should know of a vehicle at the end of its flight, before it is disarmed.
+        """Return the problems of the vehicle at the end of its flight, before it is disarmed, for scripts.
 
-        is_stopped: a pilot has disarmed it.
+        is_stopped: a pilot has disarmed the vehicle.
         """
         ends_with_it = self._end_time is not None and now - self._end_time <= TOGETHER
         is_disarmed = not (self.armed or ends_with_it or self.is_taken)
@@ -325,12 +328,12 @@ class RemoteVehicle:
             "the vehicle was never armed": not was_armed,
             "the vehicle's failsafe acted": self.has_failed_safe,
             "the vehicle was not armed at the end": was_armed and is_disarmed and not is_stopped,
-            "nothing was heard from the vehicle at the end": was_armed and is_silent,
+            "no data from the vehicle at the end": was_armed and is_silent,
         }
         return [text for text, holds in problems.items() if holds]
 
     def due(self, now: int) -> None:
-        """Send what is to be sent by now."""
+        """Send the packets that are due now."""
         if now >= self._next["heartbeat"] or self.mode != self._last_mode:
             self._next["heartbeat"], self._last_mode = now + HEARTBEAT_PERIOD, self.mode
             mode = {} if self.mode is None else {"base_mode": ModeFlag.CUSTOM, "custom_mode": self.mode}
@@ -361,20 +364,20 @@ class RemoteVehicle:
 
     @property
     def is_asking(self) -> bool:
-        """Whether it has been asked to arm or disarm and has not answered yet."""
+        """True while a request to arm or disarm is unanswered."""
         return self._arming_request is not None
 
     def arm(self, *, takes_over: bool = False) -> None:
-        """Ask the vehicle to arm, again and again until it has answered; armed already, it is asked whose it is.
+        """Ask the vehicle to arm, repeatedly until it answers. A vehicle that is armed is asked for its owner.
 
-        takes_over: have it handed over by whoever flies it.
+        takes_over: take the vehicle over from the autopilot that flies it.
         """
         if self._arming_request is None and not self.has_authority:
             self._takes_over = takes_over
             self._arming_request, self._next["ask"] = 1.0, 0
 
     def disarm(self) -> None:
-        """Ask the vehicle to disarm, again and again until it has answered."""
+        """Ask the vehicle to disarm, repeatedly until it answers."""
         self._arming_request, self._next["ask"] = 0.0, 0
 
     def _send_command(self, command: CommandCode, first: float, others: Mapping[str, float] | None = None) -> None:

@@ -1,4 +1,4 @@
-"""How a vehicle moves by its own sensors: what it can be held to, and when it is at rest.
+"""Motion of a vehicle by its own sensors, for its limits and for the check that it is at rest.
 
 Source: docs page, Arming.
 """
@@ -17,7 +17,7 @@ FENCE, ENVELOPE = "fence", "envelope"
 
 
 class SensedQuantity(NamedTuple):
-    """A quantity, and the fields of sensors' values whose length it is, the better ones first."""
+    """Quantity, and the sensor fields whose length it is, the best ones first."""
 
     kind: str
     unit: str
@@ -33,7 +33,7 @@ QUANTITIES: Mapping[str, SensedQuantity] = {
 
 
 class Breach(NamedTuple):
-    """A limit that the vehicle is beyond: its kind, and what it says of it."""
+    """Limit that the vehicle violates: its kind, and a description."""
 
     kind: str
     text: str
@@ -47,36 +47,38 @@ class _SensedSlots(NamedTuple):
 
 
 class SensedMotion:
-    """The newest samples of a vehicle's sensors, as its quantities."""
+    """Newest samples of a vehicle's sensors, as quantities."""
 
     def __init__(self, body: VirtualVehicle, limits: VehicleLimits) -> None:
-        """Find what tells each quantity; refuses a limit on one that no sensor tells."""
+        """Find the sensor of each quantity. Raise InputError for a limit on a quantity without a sensor."""
         self._outputs, self._limits = body.world.outputs, limits
         self._slots = {name: slots for name in QUANTITIES if (slots := _find_sensor(body, name)) is not None}
         self.bounds = {name: bound for name in QUANTITIES if (bound := float(getattr(limits, name))) < NO_LIMIT}
         for name in self.bounds:
             if name not in self._slots:
-                problem = f"no sensor of this vehicle tells its {name}"
-                fix = f"leave it out; this vehicle's sensors tell {', '.join(self._slots) or 'nothing of its motion'}"
+                problem = f"no sensor of this vehicle measures its {name}"
+                fix = (
+                    f"leave it out; this vehicle's sensors measure {', '.join(self._slots) or 'nothing of its motion'}"
+                )
                 raise InputError(f"limits.{name}", problem, choices=self._slots, fix=fix)
         self._outside_since: dict[str, int] = {}
         self._moments: deque[tuple[int, float, float]] = deque()
 
     def sensor(self, name: str) -> str:
-        """Which sensor tells a quantity; empty: none."""
+        """Return the name of the sensor of a quantity; empty: none."""
         return self._slots[name].sensor if name in self._slots else ""
 
     def value(self, name: str) -> float:
-        """A quantity now; NaN where no sensor has told it."""
+        """Return a quantity now; NaN while no sensor has measured it."""
         at = self._slots.get(name)
         if at is None or not self._outputs[at.valid]:
             return math.nan
         return math.hypot(*(x for s in at.slots for x in self._outputs[s].ravel().tolist()))
 
     def find_breach(self, t: int, silences: Mapping[str, float]) -> Breach | None:
-        """The first limit beyond which the vehicle has been for long enough, or of which its sensor says nothing more.
+        """Return the first limit that has been violated for long enough, or whose sensor has fallen silent.
 
-        silences: sensors that have been silent for too long -> for how long (s).
+        silences: sensors that have been silent for too long -> silence (s).
         """
         for name, bound in self.bounds.items():
             value, sensor, quantity = self.value(name), self.sensor(name), QUANTITIES[name]
@@ -88,15 +90,15 @@ class SensedMotion:
         return None
 
     def note_moment(self, t: int) -> None:
-        """Remember how it moves now, for `mean_motion`."""
+        """Record the motion now, for `mean_motion`."""
         self._moments.append((t, self.value("speed"), self.value("rate")))
         while t - self._moments[0][0] > self._limits.rest_time:
             self._moments.popleft()
 
     def mean_motion(self) -> tuple[float, float]:
-        """Mean speed and rate of turn over the time of rest; infinite while it has not been watched for so long.
+        """Return mean speed and turn rate over the rest time; infinite while the record is shorter.
 
-        NaN where no sensor tells it.
+        NaN where no sensor measures it.
         """
         if not self._moments:
             return math.inf, math.inf
@@ -110,7 +112,7 @@ class SensedMotion:
 
 
 def _find_sensor(body: VirtualVehicle, name: str) -> _SensedSlots | None:
-    """The sensor whose value has the fields of a quantity."""
+    """Return the slots of the sensor whose value has the fields of a quantity."""
     writes = body.world.writes
     for fields in QUANTITIES[name].fields:
         for sensor in body.samples:

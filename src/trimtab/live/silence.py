@@ -1,43 +1,43 @@
-"""How long nothing has been heard, and when that is said."""
+"""Watch for silence on a link, and report when it starts and ends."""
 
 from trimtab.core.time import ms, to_seconds
 from trimtab.wire.mavlink import FrameCounts
 
 SILENCE = ms(250)
-"""After which it is said that nothing comes."""
+"""Time without data after which silence is reported."""
 SHORT_SILENCE = ms(100)
-"""A vehicle that was heard so lately is heard."""
+"""Time without data up to which the vehicle still counts as received."""
 
 
 class SilenceWatch:
-    """Watches the frames of an end; times `now` are that end's, in 100 ns."""
+    """Silence on one end of a link. Times `now` are that end's, in 100 ns."""
 
     def __init__(self, counts: FrameCounts, now: int = 0) -> None:
-        """counts: of the end that hears."""
+        """counts: frame counters of the receiving end."""
         self._counts, self._accepted, self._heard_time = counts, 0, now
         self.is_silent = False
-        """Whether it was said that nothing comes."""
+        """True once silence has been reported and has not ended."""
 
     def restart(self, now: int) -> None:
         """Count from now on."""
         self._heard_time = now
 
     def length(self, now: int) -> int:
-        """Time since it was last noted that a frame came."""
+        """Return the time since the last frame that `update` noted."""
         return now - self._heard_time
 
     def is_heard(self, now: int) -> bool:
-        """Whether something came since `update`, or shortly before."""
+        """Return whether a frame arrived since the last `update`, or shortly before it."""
         return self._counts.accepted != self._accepted or self.length(now) < SHORT_SILENCE
 
     def update(self, now: int) -> str:
-        """Note what came; a line for people where silence begins or ends, else nothing."""
+        """Note new frames. Return a message when silence starts or ends, otherwise an empty string."""
         length, news = self.length(now), ""
         if self._counts.accepted != self._accepted:
             if self.is_silent:
-                news = f"the vehicle is heard again, after {to_seconds(length):.3f} s"
+                news = f"data from the vehicle again after {to_seconds(length):.3f} s"
             self._accepted, self._heard_time, self.is_silent = self._counts.accepted, now, False
         elif length >= SILENCE and not self.is_silent:
             self.is_silent = True
-            news = f"nothing from the vehicle for {to_seconds(length):.3f} s"
+            news = f"no data from the vehicle for {to_seconds(length):.3f} s"
         return news

@@ -1,4 +1,4 @@
-"""What a vehicle is asked to do for ground stations besides telling its state, and the services that do it.
+"""Services that a vehicle offers to ground stations besides its telemetry.
 
 Source: docs page, Ground stations.
 """
@@ -18,11 +18,12 @@ from trimtab.wire.telemetry import Place
 
 
 class StationOptions(NamedTuple):
-    """What ground stations get of a vehicle.
+    """Options of a vehicle for ground stations.
 
-    log_folder: whose logs may be read; None: there are none.  transfer_rate: bytes a second of a file at most.
-    origin: where W is on the globe; None: nobody has said.  store: where parameters are stored when a station asks
-    for it; None: nowhere.
+    log_folder: folder of the logs that may be read; None: no logs.  transfer_rate: limit of file transfer, bytes a
+        second.
+    origin: place of W on the globe; None: not known.  store: where parameters are stored when a ground station asks for
+    it; None: they are not stored.
     """
 
     log_folder: Path | None = None
@@ -32,7 +33,7 @@ class StationOptions(NamedTuple):
 
 
 def station_services(endpoint: Endpoint, options: StationOptions, documents: Mapping[str, bytes]) -> list[Service]:
-    """The services of a vehicle's station. documents: files besides the logs, by name."""
+    """Return the services of a vehicle's station. documents: files besides the logs, by name."""
     files, rate = ServedFiles(documents, options.log_folder), options.transfer_rate
     return [
         MissionService(endpoint),

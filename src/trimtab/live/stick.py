@@ -1,4 +1,4 @@
-"""The stick inside a compiled autopilot: moved by a pilot in flight, it is the sample that a piloted law reads.
+"""Stick inside a compiled autopilot: a pilot moves it in flight, and a piloted law reads it as a sample.
 
 Source: docs pages, Console and Piloted.
 """
@@ -12,7 +12,7 @@ FIELDS = ("value.forward", "value.turn", "value.mode", "t", "age", "fresh", "val
 
 
 class CompiledStick:
-    """The stick of a compiled step; where the law reads none, it can't be moved."""
+    """Stick of a compiled step. It cannot be moved if the law reads none."""
 
     def __init__(self, scenario: Scenario, step: CompiledBlock) -> None:
         """step: the compiled autopilot of this scenario."""
@@ -24,16 +24,16 @@ class CompiledStick:
 
     @property
     def is_there(self) -> bool:
-        """Whether there is a stick to move."""
+        """True if there is a stick to move."""
         return self._slots is not None
 
     @property
     def mode(self) -> int:
-        """The mode that it was last moved in."""
+        """Mode of the last movement."""
         return 0 if self._slots is None else int(self._step.inputs[self._slots["value.mode"]])
 
     def move(self, forward: float, turn: float, mode: int, t: int) -> None:
-        """Put the stick here at integer time t, each axis from -1 to 1; the next step sees it."""
+        """Set the stick at integer time t, each axis from -1 to 1. The next step reads it."""
         if self._slots is None:
             return
         inputs, at = self._step.inputs, self._slots
@@ -41,7 +41,7 @@ class CompiledStick:
         inputs[at["t"]], inputs[at["valid"]], self._is_moved = t, True, True
 
     def set_inputs(self, t: int) -> None:
-        """What the step at integer time t reads of the stick."""
+        """Set the stick's inputs for the step at integer time t."""
         if self._slots is None:
             return
         inputs, at = self._step.inputs, self._slots

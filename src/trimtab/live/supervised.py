@@ -1,4 +1,4 @@
-"""The supervisor inside a compiled autopilot: what it has decided, and what it is asked in flight.
+"""Supervisor inside a compiled autopilot: its decisions, and requests to it in flight.
 
 Source: docs pages, Fly and Supervisor.
 """
@@ -12,11 +12,11 @@ from trimtab.loop.scenario import Scenario
 from trimtab.loop.supervisor import ENDED, FLYING, HOLD, LINK, LOST, REQUESTS, STANDBY
 
 REQUEST_MODES = {"arm": FLYING, "hold": HOLD, "resume": FLYING, "end": ENDED, "clear": STANDBY}
-"""Where a request leads: it isn't made again where that is so already, say because its acknowledgement was lost."""
+"""Mode that a request leads to. A request is not repeated in that mode, e.g. after a lost acknowledgement."""
 
 
 class CompiledSupervisor:
-    """The supervisor of a compiled step; where there is none, it decides nothing and takes no requests."""
+    """Supervisor of a compiled step. Without one, there are no decisions and requests are not taken."""
 
     def __init__(self, scenario: Scenario, step: CompiledBlock) -> None:
         """step: the compiled autopilot of this scenario."""
@@ -34,17 +34,17 @@ class CompiledSupervisor:
 
     @property
     def mode(self) -> int | None:
-        """The supervisor's, by its number; None where there is none, or it can't be asked."""
+        """Number of the supervisor's mode; None without a supervisor that takes requests."""
         return None if self._slots is None else int(self._step.outputs[self._codes[0][0]])
 
     @property
     def cause(self) -> int | None:
-        """Why it is in its mode, by its number; None where there is none."""
+        """Number of the cause of the mode; None without a supervisor."""
         return int(self._step.outputs[self._codes[1][0]]) if len(self._codes) > 1 else None
 
     @property
     def is_asked(self) -> bool:
-        """Whether a request waits for the next step, which takes one."""
+        """True while a request waits for the next step. A step takes one request."""
         return self._request is not None
 
     def request(self, request: str) -> None:
@@ -52,7 +52,7 @@ class CompiledSupervisor:
         self._request = None if self.mode in (None, REQUEST_MODES[request]) else request
 
     def set_inputs(self, t: int) -> None:
-        """What the step at integer time t reads of requests."""
+        """Set the requests that the step at integer time t reads."""
         if self._slots is None:
             return
         inputs, at = self._step.inputs, self._slots
@@ -63,7 +63,7 @@ class CompiledSupervisor:
         inputs[at["age"]] = (t - inputs[at["t"]]) * SECONDS_PER_UNIT
 
     def describe_changes(self) -> str:
-        """What it has decided since this was last asked, for people; empty for nothing."""
+        """Return the decisions since the last call, as a message; empty if there are none."""
         codes = tuple(int(self._step.outputs[at]) for at, _ in self._codes)
         if codes == self._last_codes:
             return ""
@@ -74,14 +74,14 @@ class CompiledSupervisor:
 def explain_change(
     supervised: CompiledSupervisor, remote: RemoteVehicle, backward_sensors: Sequence[str] | None, was_armed: bool
 ) -> str:
-    """What a supervisor, which sees samples only, can't know of the line and of the vehicle; empty for nothing.
+    """Return what a supervisor, which sees samples only, cannot know of link and vehicle; empty if nothing.
 
-    backward_sensors: those whose time runs backwards; None where the vehicle isn't heard, so that it is right.
+    backward_sensors: sensors with decreasing time stamps; None without data, when the supervisor is right.
     """
     if supervised.cause == LINK and supervised.mode == LOST and backward_sensors is not None:
         names = ", ".join(backward_sensors)
-        why = f"the time of {names} runs backwards" if names else "none of its sensors gives a sample"
-        return f", but the vehicle is heard: {why}"
+        why = f"time stamps of {names} run backwards" if names else "no sensor gives a sample"
+        return f", but the vehicle sends data: {why}"
     if supervised.mode == FLYING and was_armed and not remote.armed:
-        return f", but the vehicle is {'in failsafe' if remote.is_in_failsafe else 'not armed'}: nothing acts"
+        return f", but the vehicle is {'in failsafe' if remote.is_in_failsafe else 'not armed'}: commands are ignored"
     return ""

@@ -1,4 +1,4 @@
-"""A virtual vehicle in wall-clock time, behind a real transport, with its firmware's duties.
+"""Virtual vehicle in wall-clock time, behind a real link, with the duties of its firmware.
 
 Source: docs page, Vehicle.
 """
@@ -55,19 +55,19 @@ from trimtab.wire.station import Station, Status
 from trimtab.wire.telemetry import mav_type
 
 OWN_SIGNALS: Mapping[str, tuple[str, Quantity]] = {
-    "firmware.held": ("?", Quantity("1", "The vehicle is held: it has not been armed yet.", kind="flag")),
-    "firmware.late": ("f8", Quantity("s", "From the instant to its being worked on.")),
+    "firmware.held": ("?", Quantity("1", "The vehicle is held in place: it has not been armed yet.", kind="flag")),
+    "firmware.late": ("f8", Quantity("s", "Delay of the work at this instant.")),
     **frame_signals("wire"),
     **AUTHORITY_SIGNALS,
 }
-"""What a row of the vehicle's log has besides the world's and the failsafe's."""
+"""Signals of the vehicle's log besides those of the world and the failsafe."""
 OUTPUTS_DIED = "the outputs' process died"
 DISARM_DELAY = ms(50)
-"""How long it goes on after it was disarmed at its end: two frames of its servos and a little."""
+"""Time for which the vehicle keeps running after it was disarmed at its end: two servo frames and a little."""
 
 
 class VehicleSummary(NamedTuple):
-    """What became of a virtual vehicle. release_time, disarm_time: first armed, last disarmed (100 ns), or None."""
+    """Result of a virtual vehicle. release_time, disarm_time: first armed, last disarmed (100 ns), or None."""
 
     t: int
     release_time: int | None
@@ -77,11 +77,11 @@ class VehicleSummary(NamedTuple):
     lateness: Histogram
     log: LogFileSummary | None
     problems: tuple[str, ...]
-    """What a script should know of: times of failsafe, outputs that had to go safe by themselves, a lost log."""
+    """Problems for scripts: failsafes, outputs that went safe on their own, a lost log."""
 
 
 class LiveVehicle:
-    """A world, its duties and its end of a line; `serve` runs it."""
+    """World, duties and end of a link. `serve` runs them."""
 
     def __init__(
         self,
@@ -93,15 +93,15 @@ class LiveVehicle:
         station_options: StationOptions | None = None,
         machine: Machine = SYSTEM_MACHINE,
     ) -> None:
-        """Compile it.
+        """Compile the vehicle.
 
         Args:
-            scenario: whose vehicle.
-            link: to its autopilot and to ground stations.
+            scenario: scenario of the vehicle.
+            link: link to its autopilot and to ground stations.
             endpoint: makes the vehicle's end for a dialect.
-            seed: of the random numbers.
-            station_options: what ground stations get of it.
-            machine: the computer that it runs on.
+            seed: seed of the random numbers.
+            station_options: services for ground stations.
+            machine: the computer that the vehicle runs on.
         """
         options = station_options or StationOptions()
         self.scenario, self.link, self.seed = scenario, link, seed
@@ -189,7 +189,7 @@ class LiveVehicle:
                     self.instruments.handle_event(event, now)
 
     def _note_request(self, request: ArmRequest) -> None:
-        """The checks into the log where it is armed; a person's hand has disarmed it else."""
+        """Log the checks when the vehicle is armed. Note a confirmation when the user disarms it."""
         if request.by_hand and not request.arm:
             self.guard.confirm()
         if request.arm and not self.duties.is_commanded and self._flight_log is not None:
@@ -205,7 +205,7 @@ class LiveVehicle:
         self._report(f"{event.path} = {format_value(self._declared[event.path], event.value)}")
 
     def _report(self, text: str) -> None:
-        """A line into the log and to people."""
+        """Report a line to the log and to the user."""
         now = self.clock.now()
         self._tell(f"{now * 1e-7:9.3f} s  {text}")
         if self._flight_log is not None:
@@ -224,18 +224,18 @@ class LiveVehicle:
         stop: Callable[[], bool] = lambda: False,
         tell: Callable[[str], None] = lambda _: None,
     ) -> VehicleSummary:
-        """Run until `duration` (100 ns) after its release, or until stop() says so; it disarms first.
+        """Run until `duration` (100 ns) after the release, or until stop() returns True. Disarm before the end.
 
         Args:
-            duration: None runs on without end.
-            log_limit: bytes that the log may take on the disk; None: any.
-            log: file of the vehicle's own log, with the truth.
-            log_period: how often a row is written.
-            watchdog: silence (100 ns) after which the outputs, in a process of their own, go safe; None: no process.
-            outputs_folder: where the outputs' process keeps its port and its own log.
+            duration: time after the release (100 ns); None: no end.
+            log_limit: maximum size of the log on the disk (bytes); None: no limit.
+            log: path of the vehicle's own log, with the truth.
+            log_period: time between rows (100 ns).
+            watchdog: silence (100 ns) after which the outputs, in a separate process, go safe; None: no such process.
+            outputs_folder: folder for the port and the log of the outputs' process.
             wanted_real_time: ask the system for real-time scheduling and locked memory.
-            stop: asked at every instant.
-            tell: is given lines for people.
+            stop: called at every instant; True ends the run.
+            tell: receives the messages for the user.
         """
         self._tell = tell
         failsafe = self.duties.step
@@ -264,7 +264,7 @@ class LiveVehicle:
             with self._machine.real_time(wanted_real_time):
                 try:
                     self._run_loop(duration, log_period, stop)
-                finally:  # before real time ends, which takes longer than the watchdog waits
+                finally:  # before leaving real time, which takes longer than the watchdog allows
                     if self._outputs is not None:
                         self._outputs.close()
         finally:
@@ -292,15 +292,15 @@ class LiveVehicle:
         )
 
     def _hand_over(self, t: int) -> None:
-        """What acts now to the outputs' process, and what it says of itself."""
+        """Hand the current row to the outputs' process, and report its state."""
         outputs = self._outputs
         if outputs is None or not outputs.is_alive:
             return
         lift = bool(self.duties.step.result("lift"))
         silence = outputs.hand_over(self.duties.is_commanded, lift, self.body.world.inputs[self._row_slots].tolist())
         if silence:
-            self._problems.append("the outputs went safe by themselves")
-            self._announce(Severity.CRITICAL, f"outputs were safe: no row for {silence * 1e-6:.0f} ms")
+            self._problems.append("the outputs went safe on their own")
+            self._announce(Severity.CRITICAL, f"outputs went safe: no data for {silence * 1e-6:.0f} ms")
             if silence >= int(self._failsafe.timeout) * NS:
                 self.duties.handle_event(ArmRequest(False), t)
         if not outputs.is_alive:
@@ -322,19 +322,19 @@ class LiveVehicle:
                 break
             try:
                 self._run_instant(t, log_period)
-            except InputError as error:  # of an FMU that refuses a step
+            except InputError as error:  # raised by an FMU that refuses a step
                 self._problems.append(error.problem)
                 self._report(f"ended: {error.problem}")
                 break
 
     def _end_reason(self, t: int, duration: int | None, stop: Callable[[], bool]) -> str:
-        """Why it is to end now; empty: it isn't."""
+        """Return why the run must end now; empty: it continues."""
         if stop():
             return "ended by request"
         if self._outputs is not None and not self._outputs.is_alive:
             return f"ended: {OUTPUTS_DIED}"
         over = duration is not None and self.release_time is not None and t - self.release_time >= duration
-        return "ended, its time is over" if over else ""
+        return "ended: duration reached" if over else ""
 
     def _run_instant(self, t: int, log_period: int) -> None:
         flight_log = self._flight_log
@@ -364,14 +364,14 @@ class LiveVehicle:
         self.broadcast.send_private(self.requests.due(t))
 
     def _find_status(self) -> Status:
-        """What it is, and why it can't be armed."""
+        """Return the vehicle's status, with the reasons why it cannot be armed."""
         guard = self.guard
         return self.duties.status._replace(
             arming_problem=guard.problem, confirmation_problem=guard.confirmation_problem
         )
 
     def _announce_mode(self, t: int, breach: str) -> None:
-        """Tell the mode that it is in now. breach: what is beyond a limit."""
+        """Announce the current mode. breach: the limit that is violated, as text."""
         if self.duties.is_commanded:
             self.release_time, self.disarm_time = t if self.release_time is None else self.release_time, None
         elif self.duties.mode.mode == "disarmed":
@@ -384,6 +384,6 @@ class LiveVehicle:
         self._announce(severity, text)
 
     def _announce(self, severity: Severity, text: str) -> None:
-        """A line to ground stations, into the log and to people."""
+        """Report a line to ground stations, the log and the user."""
         self.station.queue_text(severity, text)
         self._report(text)

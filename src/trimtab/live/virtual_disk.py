@@ -32,13 +32,13 @@ class VirtualDisk:
     """The disk of one machine. It opens logs as `flight_log.SystemDisk` does."""
 
     def __init__(self, time: VirtualTime, owner: str, tell: Callable[[str], None] = lambda _: None) -> None:
-        """owner: whose disk, for the trace.  tell: is given lines for the user."""
+        """owner: name of the disk's owner, for the trace.  tell: receives the messages for the user."""
         self._time, self.owner, self.tell = time, owner, tell
         self.is_full = False
         self.is_writer_dead = False
-        """Whether the process that writes logs has died, unlike the program that flies."""
+        """True once the process that writes logs has died while the program flies on."""
         self.is_dead = False
-        """Whether the process that writes has been killed: nothing is written any more."""
+        """True once the writing process has been killed: no more rows are written."""
         self.logs: list[MemoryLog] = []
 
     def free_bytes(self, folder: Path) -> int:

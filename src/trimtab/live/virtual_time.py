@@ -36,7 +36,7 @@ class KilledError(BaseException):
 
 
 class VirtualTimeError(Exception):
-    """Nobody can wake, or a program hangs."""
+    """Error: no program can wake, or a program hangs."""
 
 
 class Readable(Protocol):
@@ -196,7 +196,7 @@ class VirtualTime:
         """Run until these programs have ended, all by default; then kill those that still run.
 
         Raises:
-            VirtualTimeError: nobody can wake, or a program hangs.
+            VirtualTimeError: no program can wake, or a program hangs.
         """
         self._awaited = awaited or tuple(self.programs)
         self._pass_on(None)
@@ -324,7 +324,7 @@ class VirtualTime:
             while not all(one.has_ended for one in self._awaited) and self._error is None:
                 if not self._events:
                     waiting = ", ".join(p.name for p in self.programs if not p.has_ended)
-                    raise VirtualTimeError(f"nobody can wake at {self.seconds:.6f} s: {waiting}")
+                    raise VirtualTimeError(f"no program can wake at {self.seconds:.6f} s: {waiting}")
                 self.now, _, _, _, action = heapq.heappop(self._events)
                 if self.now > MOST_TIME:
                     raise VirtualTimeError(f"the run goes on after {self.seconds:.0f} s")

@@ -1,4 +1,4 @@
-"""A world at the vehicle's end of a line: commands in, one instant at a time, samples out.
+"""World at the vehicle's end of a link: commands in, one instant at a time, samples out.
 
 Source: docs page, Vehicle.
 """
@@ -20,14 +20,14 @@ from trimtab.wire.dialect import Dialect
 from trimtab.wire.mavlink import Endpoint
 
 ACTUATION_PREFIXES = ("uplink.", "actuators.")
-"""Outputs of a world that tell of the time before an instant."""
+"""Prefixes of the outputs of a world that belong to the time before an instant."""
 NO_TIME = np.iinfo(np.int64).min
 PACE, PACED_INSTANTS = 0.5, 200
-"""Largest share of the shortest time between two of the first instants that a step of an FMU may take."""
+"""Largest share of the shortest of the first instants' intervals that a step of an FMU may take."""
 
 
 class VirtualVehicle:
-    """A compiled world; it knows nothing of clocks and transports. The first `advance` is to time 0."""
+    """Compiled world, independent of clocks and transports. The first `advance` is to time 0."""
 
     def __init__(self, scenario: Scenario, dialect: Dialect, world: CompiledBlock) -> None:
         """world: the compiled world of this scenario."""
@@ -42,21 +42,21 @@ class VirtualVehicle:
         self._sent_times: dict[str, Any] = dict.fromkeys(self.samples, NO_TIME)
         self.t = self.row_t = 0
         self.row: Any = np.zeros(len(world.outputs))
-        """What was at `row_t`, the instant before t, acting included: as a log of `simulate` has it."""
+        """Row of the instant `row_t` before t, actuation included, as in a log of `simulate`."""
         paths = [p for p in writes if p.startswith(ACTUATION_PREFIXES)]
         self._actuation_slots = slot_indices(writes, paths, len(world.outputs))
         self._last_outputs: Any = np.zeros(len(world.outputs))
         self._has_begun = False
 
     def instants(self) -> Iterator[int]:
-        """When it is to advance, from 0 on without end."""
+        """Return an iterator of the instants to advance to, from 0 on without end."""
         world = self.scenario.world
         return instants([*world.periods(), self.scenario.autopilot.period], world.max_step)
 
     def advance(self, t: int, *, fresh: bool, is_held: bool = False) -> None:
-        """On to integer time t, with the command that stands in the world's inputs, issued at the last instant.
+        """Advance to integer time t, with the command in the world's inputs, issued at the last instant.
 
-        fresh: that command is a new one.  is_held: the vehicle is held, its true state stays as it is.
+        fresh: the command is a new one.  is_held: the vehicle is held in place, its true state stays the same.
         """
         inputs = self.world.inputs
         at_t, at_h, at_first, at_held, at_fresh = self._input_slots
@@ -70,15 +70,15 @@ class VirtualVehicle:
         self.row_t, self.t, self._has_begun = self.t, t, True
 
     def log_sources(self) -> list[LogSource]:
-        """What a row of the vehicle's log has of its world."""
+        """Return the logged numbers of the vehicle's world."""
         return [LogSource(self.row, self.world.text.outputs, lambda p: p)]
 
     def final_truth(self) -> dict[str, Any]:
-        """The state now, which is the last one of a log that ends."""
+        """Return the state now, the last one of a log that ends."""
         return {p: np.array(self.world.outputs[at]) for p, at in self.world.writes.items() if p.startswith("truth.")}
 
     def changed_sensors(self) -> list[str]:
-        """The sensors whose sample has changed since this was last asked."""
+        """Return the sensors whose sample has changed since the last call."""
         outputs, sensors = self.world.outputs, list[str]()
         for sensor, (time, valid) in self._sample_slots.items():
             if outputs[valid] and outputs[time] != self._sent_times[sensor]:
@@ -87,12 +87,12 @@ class VirtualVehicle:
         return sensors
 
     def sample_packets(self, endpoint: Endpoint, sensors: list[str]) -> list[bytes]:
-        """The packets of these sensors' samples, as they are now."""
+        """Return the packets of these sensors' samples, as they are now."""
         return [packet for s in sensors for packet in self.samples[s].pack(endpoint, self.world.outputs)]
 
 
 def instants(periods: list[int], max_step: int) -> Iterator[int]:
-    """All instants from 0 on at which a period is due, gaps longer than max_step split evenly: `timetable` unending."""
+    """Yield all instants from 0 on at which a period is due, with gaps over max_step split evenly, as `timetable`."""
     t, distinct = 0, sorted(set(periods))
     yield 0
     while True:
@@ -104,7 +104,7 @@ def instants(periods: list[int], max_step: int) -> Iterator[int]:
 
 
 def check_pace(world: Any, scenario: Scenario) -> None:
-    """Refuse an FMU whose steps take longer than half of the time that there is for them; its program runs for it."""
+    """Raise InputError for an FMU whose steps take more than half of the available time. Runs the FMU to measure it."""
     if not isinstance(world, SteppedWorld):
         return
     periods = [*scenario.world.periods(), scenario.autopilot.period]
@@ -112,6 +112,6 @@ def check_pace(world: Any, scenario: Scenario) -> None:
     shortest = min(b - a for a, b in itertools.pairwise(times))
     took = world.measure_steps(shortest)
     if took > PACE * to_seconds(shortest):
-        problem = f"a step of the FMU takes {took * 1e3:.3g} ms here, and there is one each {format_time(shortest)}"
+        problem = f"a step of the FMU takes {took * 1e3:.3g} ms here, too long for one every {format_time(shortest)}"
         fix = f"{argument('lockstep', True)} on both sides, or {argument('settings', '50 ms', 'world.max_step')}"
         raise InputError(f"{scenario.name} by a clock", problem, fix=fix)

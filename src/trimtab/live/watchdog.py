@@ -1,6 +1,6 @@
-"""Which row of outputs acts, by what has come and when; and the small file by which a driver reads it.
+"""Watchdog of the outputs: which row is applied, and the small file in which a driver reads it.
 
-It needs nothing but the standard library, as the process of the outputs does.
+It needs only the standard library, since it runs in the process of the outputs.
 Source: docs page, Vehicle (Watchdog).
 """
 
@@ -12,13 +12,13 @@ from pathlib import Path
 from typing import NamedTuple
 
 PORT_HEAD = struct.Struct("<QqB?")
-"""Of the port: number of the writing (odd while it is under way), when it was written (ns), state, lift."""
+"""Head of the port: number of the write (odd during a write), time of the write (ns), state, lift."""
 STATES = ("waiting", "driven", "safe", "latched")
 WAITING, DRIVEN, SAFE, LATCHED = range(4)
 
 
 class OutputRow(NamedTuple):
-    """What acts. values: of the command, in the order of its record."""
+    """Row of outputs that is applied. values: of the command, in the order of its record."""
 
     state: int
     lift: bool
@@ -26,19 +26,19 @@ class OutputRow(NamedTuple):
 
 
 class Watchdog:
-    """Which row acts, by what has come and when; times in ns of one clock."""
+    """Choice of the row that is applied, by the received rows and the time. Times are in ns of one clock."""
 
     def __init__(self, safe: Sequence[float], timeout: int, lift_delay: int, latch: int) -> None:
-        """timeout: silence after which the safe row acts.  latch: silence after which it goes on acting until disarmed.
+        """timeout: silence after which the safe row acts.  latch: silence after which it stays until disarmed.
 
-        lift_delay: how long the lift fan turns on after the safe row began to act.
+        lift_delay: time for which the lift fan keeps turning after the safe row starts.
         """
         self._safe, self._timeout, self._lift_delay, self._latch = tuple(safe), timeout, lift_delay, latch
         self.row = OutputRow(WAITING, False, self._safe)
         self._stamp = self._lift_until = 0
 
     def take_row(self, stamp: int, is_commanded: bool, lift: bool, values: tuple[float, ...]) -> None:
-        """A row handed over at a time; where the safe one is latched it acts only once nobody commands any more."""
+        """Take a row handed over at a time. A latched safe row stays until the vehicle is no longer commanded."""
         state, lift_now = self.row.state, self.row.lift and self.row.state != DRIVEN
         latched = state == LATCHED or (state != WAITING and stamp - self._stamp >= self._latch)
         self._stamp = stamp
@@ -48,7 +48,7 @@ class Watchdog:
         self.row = OutputRow(DRIVEN, lift, values)
 
     def check(self, now: int, is_gone: bool = False) -> bool:
-        """Let time pass to now; whether the safe row begins to act. is_gone: nothing more can come."""
+        """Advance time to now. Return whether the safe row starts to act. is_gone: no more rows can come."""
         row = self.row
         if row.state == DRIVEN and (is_gone or now - self._stamp >= self._timeout):
             self._lift_until = now + (self._lift_delay if row.lift else 0)
@@ -61,7 +61,7 @@ class Watchdog:
         return False
 
     def next_check(self) -> int | None:
-        """When something may change by time alone; None for never."""
+        """Return the time of the next change by time alone; None if there is none."""
         if self.row.state == DRIVEN:
             return self._stamp + self._timeout
         times = [self._lift_until] if self.row.lift else []
@@ -69,37 +69,37 @@ class Watchdog:
         return min(times, default=None)
 
     def silence(self, now: int) -> int:
-        """How long nothing has been handed over."""
+        """Return the time since the last row."""
         return now - self._stamp
 
 
 def _open_own(path: str, flags: int) -> int:
-    """A file that nobody else can write to, whatever this process's mask says: who writes it moves the craft."""
+    """Open a file that no other user can write, whatever the umask: a writer of this file moves the vehicle."""
     return os.open(path, flags, 0o644)
 
 
 class OutputPort:
-    """A small file in shared memory with the row that acts now, for a driver or a bench to read."""
+    """Small file in shared memory with the row that is applied now, for a driver or a test bench."""
 
     def __init__(self, path: Path, values: int, *, create: bool = False) -> None:
-        """values: how many numbers a row has."""
+        """values: number of values in a row."""
         self._numbers = struct.Struct(f"<{values}d")
         size = PORT_HEAD.size + self._numbers.size
         with open(path, "x+b" if create else "r+b", opener=_open_own) as file:
             if create:
-                os.posix_fallocate(file.fileno(), 0, size)  # a full disk is found now, not by a signal at the first row
+                os.posix_fallocate(file.fileno(), 0, size)  # a full disk fails here, not with a signal at the first row
             self._memory = mmap.mmap(file.fileno(), size)
         self._count = 0
 
     def write(self, row: OutputRow, now: int) -> None:
-        """Have a row act from now (ns) on."""
+        """Apply a row from now (ns) on."""
         self._count += 2
         PORT_HEAD.pack_into(self._memory, 0, self._count - 1, now, row.state, row.lift)
         self._numbers.pack_into(self._memory, PORT_HEAD.size, *row.values)
         struct.pack_into("<Q", self._memory, 0, self._count)
 
     def read(self) -> tuple[int, OutputRow]:
-        """When the row that acts was written (ns), and the row."""
+        """Return the time when the current row was written (ns), and the row."""
         while True:
             count, stamp, state, lift = PORT_HEAD.unpack_from(self._memory, 0)
             values = self._numbers.unpack_from(self._memory, PORT_HEAD.size)

@@ -1,10 +1,10 @@
-"""What ArduPilot's SITL and its physics tell each other: servo pulses as a packet, the motion as a line of JSON.
+"""Messages between ArduPilot's SITL and its physics: servo pulses as a packet, the motion as a line of JSON.
 
     uint16 magic, 18458 with 16 channels or 29569 with 32      uint16 frame rate (Hz)      uint32 frame count
     uint16 pulse of each channel (µs)                          all little-endian
 
-The answer is a line of JSON between two line feeds. ArduPilot looks for its keys as text, so that there is no blank
-after a colon, and no key that begins like another one before it.
+The answer is a line of JSON between two line feeds. ArduPilot searches for the keys as text. So there is no blank after
+a colon, and no key that starts like an earlier one.
 
 Source: https://github.com/ArduPilot/ardupilot/blob/master/libraries/SITL/examples/JSON/readme.md.
 """
@@ -20,11 +20,11 @@ CHANNELS_OF: Mapping[int, int] = {18458: 16, 29569: 32}
 MOST_CHANNELS = 32
 HEAD = struct.Struct("<HHI")
 COUNTS = 2**32
-"""Of frames, before their number is zero again."""
+"""Number of frame counts before the count is zero again."""
 
 
 class PulsePacket(NamedTuple):
-    """What ArduPilot sends. rate: of frames (Hz); number: of this one; pulses: of each channel (µs), 0: none."""
+    """Packet of ArduPilot. rate: of frames (Hz); number: of this frame; pulses: of each channel (µs), 0: none."""
 
     rate: int
     number: int
@@ -32,7 +32,7 @@ class PulsePacket(NamedTuple):
 
 
 class PhysicsState(NamedTuple):
-    """What ArduPilot is told. Position and velocity in W, attitude roll, pitch, yaw (rad), the rest in B; SI units."""
+    """Motion for ArduPilot. Position and velocity in W, attitude roll, pitch, yaw (rad), the rest in B; SI units."""
 
     specific_force: Sequence[float]
     angular_rate: Sequence[float]
@@ -43,29 +43,29 @@ class PhysicsState(NamedTuple):
 
     @property
     def is_finite(self) -> bool:
-        """Whether all of it are numbers."""
+        """Return whether all values are finite numbers."""
         vectors = self.specific_force, self.angular_rate, self.position, self.attitude, self.velocity
         return all(math.isfinite(x) for v in (*vectors, (self.airspeed,)) for x in v)
 
 
 def parse_servos(packet: bytes) -> PulsePacket | str:
-    """A packet of ArduPilot's, or in words why it is none."""
+    """Return the content of a packet of ArduPilot, or a text that says why it is not valid."""
     if len(packet) < HEAD.size:
-        return f"{len(packet)} bytes are too few for a frame of ArduPilot's"
+        return f"{len(packet)} bytes are too few for an ArduPilot frame"
     magic, rate, count = HEAD.unpack_from(packet)
     channels = CHANNELS_OF.get(magic)
     if channels is None:
-        return f"it begins with {magic}; ArduPilot's frames begin with {' or '.join(map(str, CHANNELS_OF))}"
+        return f"it starts with {magic}; ArduPilot frames start with {' or '.join(map(str, CHANNELS_OF))}"
     length = HEAD.size + 2 * channels
     if len(packet) != length:
-        return f"{len(packet)} bytes; a frame of {channels} channels has {length}"
+        return f"{len(packet)} bytes; a frame of {channels} channels must have {length}"
     if rate == 0:
-        return "its frame rate is zero; SIM_RATE_HZ of ArduPilot sets it"
+        return "its frame rate is zero; set ArduPilot's SIM_RATE_HZ"
     return PulsePacket(rate, count, struct.unpack_from(f"<{channels}H", packet, HEAD.size))
 
 
 def format_state(t: float, state: PhysicsState) -> bytes:
-    """The answer: how it moves at t (s)."""
+    """Return the answer: the motion at t (s)."""
     roll, pitch, yaw = state.attitude
     content = {
         "timestamp": t,
@@ -79,5 +79,5 @@ def format_state(t: float, state: PhysicsState) -> bytes:
 
 
 def wrap_turn(angle: float) -> float:
-    """An angle between minus and plus half a turn."""
+    """Return an angle wrapped to between minus and plus half a turn."""
     return math.remainder(angle, 2 * math.pi)

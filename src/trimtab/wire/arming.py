@@ -1,11 +1,11 @@
-"""Checks before arming: what each looks at, what it found, and what is to be done; and how an autopilot asks for them.
+"""Checks before arming: quantity, value, limit and advice of each; and how an autopilot asks for them.
 
-It asks by MAVLink's command to run them, MAV_CMD_RUN_PREARM_CHECKS (401). The vehicle acknowledges, tells ground
-stations what fails, and answers who asked by one TUNNEL of a private type for each check:
+The autopilot sends MAVLink's command to run them, MAV_CMD_RUN_PREARM_CHECKS (401). The vehicle acknowledges, reports
+failing checks to ground stations, and answers the sender with one TUNNEL of a private type for each check:
 
     number of checks (2)  index (2)  flags (1)  value (8)  limit (8)  name, unit, advice (UTF-8, each ends with a 0)
 
-Flags: 1 the value has to be at least the limit, else at most; 2 it can pass by waiting.
+Flags: 1 the value must be at least the limit, else at most; 2 the check can pass by waiting.
 Source: https://mavlink.io/en/messages/common.html; docs page, Arming.
 """
 
@@ -25,18 +25,18 @@ AT_LEAST, HEALS = 1, 2
 MOST_TEXT = 128 - HEAD.size
 MOST_CHECKS = 64
 LONGEST_AGE = seconds(1)
-"""A check that is older is none."""
+"""Maximum age of a check."""
 ASK_PERIOD = ms(200)
 MOST_ASKS = 10
-"""Unanswered questions, after which the vehicle is one that has no checks to tell."""
+"""Number of unanswered questions after which the vehicle counts as one without checks."""
 CONFIRMATION = 21196
-"""Second parameter of the command to arm by which MAVLink's ground stations force it: here it confirms, no more."""
+"""Second parameter of the command to arm with which MAVLink's ground stations force it. Here it only confirms."""
 
 
 class ArmingCheck(NamedTuple):
-    """One check: `value` has to be at most `limit`, or at least. A value that is NaN is not measured, and passes.
+    """One check: `value` must be at most `limit`, or at least. A NaN value is not measured, and passes.
 
-    advice: what is to be done where it fails.  heals: it can pass by waiting, nobody need do anything.
+    advice: what to do if it fails.  heals: it can pass by waiting, without any action.
     """
 
     name: str
@@ -49,28 +49,28 @@ class ArmingCheck(NamedTuple):
 
     @property
     def passes(self) -> bool:
-        """Whether nothing speaks against arming."""
+        """True if the check does not prevent arming."""
         within = self.value >= self.limit if self.at_least else self.value <= self.limit
         return math.isnan(self.value) or within
 
     @property
     def value_text(self) -> str:
-        """The value with its unit."""
+        """Value with its unit."""
         return "not measured" if math.isnan(self.value) else _with_unit(self.value, self.unit)
 
     @property
     def limit_text(self) -> str:
-        """The limit with its unit."""
+        """Limit with its unit."""
         return f"at {'least' if self.at_least else 'most'} {_with_unit(self.limit, self.unit)}"
 
     @property
     def sentence(self) -> str:
-        """What is wrong, and what to do: the same for pilot, ground station and log."""
+        """Problem and advice: the same text for pilot, ground station and log."""
         return f"{self.name}: {self.value_text}, {self.limit_text}; {self.advice}"
 
     @property
     def record(self) -> str:
-        """The check as a line of a log."""
+        """Check as a line of a log."""
         return f"check {self.name}: {self.value_text}, {self.limit_text}: {'passed' if self.passes else 'refused'}"
 
 
@@ -79,13 +79,13 @@ def _with_unit(number: float, unit: str) -> str:
 
 
 def first_problem(checks: Sequence[ArmingCheck]) -> str:
-    """The sentence of the first check that fails, of those first that don't heal; empty where all pass."""
+    """Return the sentence of the first failing check, checks that cannot pass by waiting first; empty if all pass."""
     failing = [c for c in checks if not c.passes]
     return min(failing, key=lambda c: c.heals).sentence if failing else ""
 
 
 def pack_checks(endpoint: Endpoint, asker: Message, checks: Sequence[ArmingCheck]) -> list[bytes]:
-    """A packet for each check, to who has asked."""
+    """Return a packet for each check, to the sender of the question."""
     packets = []
     for k, check in enumerate(checks):
         flags = AT_LEAST * check.at_least | HEALS * check.heals
@@ -96,17 +96,17 @@ def pack_checks(endpoint: Endpoint, asker: Message, checks: Sequence[ArmingCheck
 
 
 class RemoteChecks:
-    """The autopilot's part: when it asks, and what the vehicle has said. Times `now` are this end's, in 100 ns."""
+    """The autopilot's side: its questions, and the vehicle's checks. Times `now` are this end's, in 100 ns."""
 
     def __init__(self) -> None:
-        """Nothing said yet."""
+        """Start without checks."""
         self._checks: dict[int, tuple[ArmingCheck, int]] = {}
         self._count = self._asks = self._next = 0
         self.has_none = False
-        """Whether the vehicle has no checks to tell: older firmware, or it is armed already."""
+        """True if the vehicle reports no checks: older firmware, or already armed."""
 
     def is_due(self, now: int) -> bool:
-        """Whether the vehicle is to be asked now."""
+        """Return whether to ask the vehicle now."""
         if self.has_none or now < self._next:
             return False
         self._next, self._asks = now + ASK_PERIOD, self._asks + 1
@@ -114,11 +114,11 @@ class RemoteChecks:
         return not self.has_none
 
     def handle_refusal(self) -> None:
-        """The vehicle has refused to tell."""
+        """Note that the vehicle refused to report its checks."""
         self.has_none = not self._count
 
     def handle_message(self, message: Message, now: int) -> None:
-        """Take in an answer of the vehicle; anything else is passed over."""
+        """Handle an answer of the vehicle. Other messages are ignored."""
         data = bytes(message.get("payload")[: message.get("payload_length")])
         if message.name != TUNNEL or message.get("payload_type") != CHECK_TYPE or len(data) < HEAD.size:
             return
@@ -131,6 +131,6 @@ class RemoteChecks:
         self._checks[index] = check, now
 
     def current(self, now: int) -> list[ArmingCheck]:
-        """The vehicle's checks, all of the last second; empty while some are missing."""
+        """Return the vehicle's checks, all of the last second; empty while some are missing."""
         recent = [check for k, (check, t) in sorted(self._checks.items()) if k < self._count and now - t <= LONGEST_AGE]
         return recent if len(recent) == self._count else []

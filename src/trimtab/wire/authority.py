@@ -1,15 +1,16 @@
-"""Who commands a vehicle: whoever armed it, until it is not armed any more, or hands over when it is asked to.
+"""Authority over a vehicle: it belongs to the sender that armed it, until it is disarmed or handed over on request.
 
 A sender is a system, a component and a session, a number that is drawn at each start: two programs with the same key
-and the same numbers are two senders. It travels where MAVLink leaves room, so that who knows nothing of it (session 0)
-is still understood: as the extension `session` of COMMAND, as parameters of commands, and in their acknowledgements.
+and the same numbers are two senders. The session is sent where MAVLink leaves room, so that senders without one
+(session 0) are still understood: as the extension `session` of COMMAND, as parameters of commands, and in their
+acknowledgements.
 
     MAV_CMD_COMPONENT_ARM_DISARM (400)          param3 the sender's session, param4 the vehicle's, 0 for any
     MAV_CMD_REQUEST_OPERATOR_CONTROL (32100)    param2 1, param5 the sender's session, param6 the vehicle's
     COMMAND_ACK of both                         result_param2 the session of the owner
 
-Ground stations, which have no session, may arm and disarm whatever flies, for they are a person's hand; a vehicle that
-one has armed belongs to whose command comes first. Commands of 32100 that nobody asked for tell whose it is.
+Ground stations have no session. They may arm and disarm any vehicle, since a person operates them. A vehicle armed by
+one belongs to the sender of the first command. An unrequested acknowledgement of 32100 announces the owner.
 Source: https://mavlink.io/en/messages/common.html; docs page, Vehicle.
 """
 
@@ -21,16 +22,16 @@ from trimtab.wire.definitions import Message
 SESSION = "session"
 """Name of the extension of COMMAND."""
 MOST_SESSIONS = 2**24
-"""A session is a whole number that the parameter of a command, a float of 32 bits, holds."""
+"""Upper limit of sessions: whole numbers that a command's parameter, a float of 32 bits, can hold."""
 
 
 def draw_session() -> int:
-    """A number for a program's run on a line, from 1 on."""
+    """Draw a number for a program's run on a link, from 1 on."""
     return 1 + secrets.randbelow(MOST_SESSIONS - 1)
 
 
 class Sender(NamedTuple):
-    """Who sent a message; session 0: it tells none, as ground stations do."""
+    """Sender of a message. Session 0: it has none, like ground stations."""
 
     system: int
     component: int
@@ -41,54 +42,54 @@ class Sender(NamedTuple):
 
 
 def parse_session(number: float) -> int:
-    """A session from the parameter of a command; 0 where it is none."""
+    """Return a session from the parameter of a command; 0 if it is not valid."""
     return int(number) if 0 < number < MOST_SESSIONS and number == int(number) else 0
 
 
 def command_sender(message: Message) -> Sender:
-    """Who sent a COMMAND."""
+    """Return the sender of a COMMAND."""
     session = message.get(SESSION) if SESSION in message.definition.where else 0
     return Sender(message.system, message.component, session)
 
 
 class Authority:
-    """A vehicle's owner. `is_armed` is set by the vehicle, which tells by `end_flight` that it is not any more."""
+    """Owner of a vehicle. The vehicle sets `is_armed`, and calls `end_flight` when it is disarmed."""
 
     def __init__(self, session: int) -> None:
-        """session: the vehicle's own."""
+        """session: the vehicle's own session."""
         self.session = session
         self.owner: Sender | None = None
         self.is_armed = False
         self.refused_commands = 0
-        """Commands so far of senders that the vehicle does not belong to."""
+        """Commands so far from senders that do not own the vehicle."""
 
     def is_addressed(self, session: int) -> bool:
-        """Whether what names a vehicle's session is for this one: two on one line have the same system."""
+        """Return whether a session addresses this vehicle: two vehicles on one link have the same system."""
         return session in (0, self.session)
 
     def find_arming_problem(self, sender: Sender) -> str:
-        """Why a sender may not arm; empty where it may."""
+        """Return why a sender may not arm; empty if it may."""
         is_taken = self.is_armed and self.owner is not None and sender.session and sender != self.owner
-        return f"it belongs to {self.owner}" if is_taken else ""
+        return f"vehicle belongs to {self.owner}" if is_taken else ""
 
     def find_disarming_problem(self, sender: Sender) -> str:
-        """Why a sender may not disarm: another autopilot ends its own flight only."""
+        """Return why a sender may not disarm: an autopilot may end its own flight only."""
         return self.find_arming_problem(sender)
 
     def arm(self, sender: Sender) -> None:
-        """A sender that may has armed."""
+        """Note that a sender has armed the vehicle."""
         if sender.session:
             self.owner, self.is_armed = sender, True
         elif not self.is_armed:
             self.owner, self.is_armed = None, True
 
     def take_over(self, sender: Sender) -> Sender | None:
-        """Hand over to who asks for it; returns whose it was."""
+        """Hand the vehicle over to a sender. Return the previous owner."""
         before, self.owner = self.owner, sender
         return before
 
     def accepts_command(self, sender: Sender) -> bool:
-        """Whether a sender's command is obeyed: the owner's, or the first after a ground station has armed."""
+        """Return whether a sender's command is obeyed: the owner's, or the first after a ground station has armed."""
         if not self.is_armed:
             return True
         if self.owner is None:
@@ -97,5 +98,5 @@ class Authority:
         return sender == self.owner
 
     def end_flight(self) -> None:
-        """Nobody commands it any more: whoever arms it next has it."""
+        """End the authority: the next sender that arms owns the vehicle."""
         self.owner, self.is_armed = None, False

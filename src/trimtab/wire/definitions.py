@@ -1,4 +1,4 @@
-"""Message definitions: MAVLink's XML read into what packing and parsing need; messages that have come in.
+"""Message definitions, read from MAVLink's XML for packing and parsing; received messages.
 
 A payload holds the fields ordered by the size of their elements, largest first, otherwise as declared; extension fields
 follow as declared. CRC_EXTRA is made of the message's name and of its fields without extensions.
@@ -34,11 +34,12 @@ MAX_PAYLOAD = 255
 
 
 class Field(NamedTuple):
-    """One field of a message.
+    """Field of a message.
 
-    type: MAVLink's name of its elements' type.  length: 0 for a single number, else how many; text is `char`.
-    at, slots: where its values start among those of the message, and how many they are; text is one.
-    default: what stands there when nothing else is said.
+    type: MAVLink's name of its elements' type.  length: 0 for a single number, else the number of elements; text is
+        `char`.
+    at, slots: index of its first value among those of the message, and number of values; a text is one value.
+    default: value of the field if none is given.
     """
 
     name: str
@@ -50,10 +51,10 @@ class Field(NamedTuple):
 
 
 class MessageDefinition(NamedTuple):
-    """A message: its fields in the order of the payload, and how its payload is packed.
+    """Message: its fields in the order of the payload, and the format of its payload.
 
-    crc_extra: what a sender with another definition has differently.  size: bytes of the payload, with extensions.
-    base: bytes without them.  ranges: for each value that is an integer, its lowest and highest; None for others.
+    crc_extra: byte that differs for another definition of the message.  size: bytes of the payload, with extensions.
+    base: bytes without them.  ranges: lowest and highest of each integer value; None for others.
     """
 
     name: str
@@ -66,7 +67,7 @@ class MessageDefinition(NamedTuple):
     ranges: tuple[tuple[int, int] | None, ...]
 
     def __repr__(self) -> str:
-        """Name and number: the rest is long."""
+        """Return name and number only, since the rest is long."""
         return f"<{self.name} {self.id}>"
 
     @property
@@ -76,7 +77,7 @@ class MessageDefinition(NamedTuple):
 
     @property
     def blank_values(self) -> list[Any]:
-        """Values of a message of which nothing is said."""
+        """Return the default values of a message."""
         values: list[Any] = []
         for f in self.fields:
             values += [b""] if f.type == "char" else [f.default] * f.slots
@@ -84,7 +85,7 @@ class MessageDefinition(NamedTuple):
 
 
 def read_definitions(text: str) -> dict[str, MessageDefinition]:
-    """Name -> definition of every message in the text of a MAVLink XML file; enumerations are passed over."""
+    """Return name -> definition of every message in the text of a MAVLink XML file. Enumerations are skipped."""
     root = ElementTree.fromstring(text)
     version = int(root.findtext("version", "3"))
     return {m.attrib["name"]: _read_definition(m, version) for m in root.iter("message")}
@@ -147,10 +148,10 @@ def _integer_range(kind: str) -> tuple[int, int] | None:
 
 
 class Message(NamedTuple):
-    """A decoded message.
+    """Decoded message.
 
-    values: in the order of the payload, arrays number by number, text as bytes; `places` of the dialect say which is
-    which.  system, component: who sent it.  is_signed: whether its signature was checked and right.
+    values: in the order of the payload, arrays number by number, text as bytes; see `places` of the dialect.
+    system, component: the sender.  is_signed: the signature was checked and valid.
     """
 
     name: str
@@ -161,11 +162,11 @@ class Message(NamedTuple):
     is_signed: bool
 
     def get(self, field: str) -> Any:
-        """A field by name: a number, a tuple of numbers, or a text."""
+        """Return a field by name: a number, a tuple of numbers, or a text."""
         return _field_value(self.definition.where[field], self.values)
 
     def fields(self) -> dict[str, Any]:
-        """Every field by name."""
+        """Return every field by name."""
         return {f.name: _field_value(f, self.values) for f in self.definition.fields}
 
 
@@ -176,22 +177,22 @@ def _field_value(field: Field, values: tuple[Any, ...]) -> Any:
 
 
 def arrange_values(definition: MessageDefinition, fields: Mapping[str, Any]) -> list[Any]:
-    """Values in the order of the payload from fields by name; what is not there is zero.
+    """Return values in the order of the payload from fields by name; missing fields are zero.
 
-    Raises InputError for a field that the message doesn't have, or with the wrong number of values.
+    Raises InputError for a field that the message does not have, or with the wrong number of values.
     """
     values = definition.blank_values
     for name, value in fields.items():
         field = definition.where.get(name)
         if field is None:
             near = closest(name, definition.where) or list(definition.where)
-            problem = f"there is no field {name!r}"
+            problem = f"no field {name!r}"
             raise InputError(f"message {definition.name}", problem, choices=near, fix=f"write {near[0]!r}")
         if field.type == "char":
             values[field.at] = value.encode() if isinstance(value, str) else bytes(value)
         elif field.length:
             if len(value) != field.length:
-                problem = f"{name} has {field.length} values, not {len(value)}"
+                problem = f"{name} must have {field.length} values, got {len(value)}"
                 raise InputError(f"message {definition.name}", problem, fix=f"give {field.length} values")
             values[field.at : field.at + field.slots] = value
         else:
@@ -200,10 +201,12 @@ def arrange_values(definition: MessageDefinition, fields: Mapping[str, Any]) -> 
 
 
 def fit_values(definition: MessageDefinition, values: Sequence[Any]) -> list[Any]:
-    """The same values, each the nearest that its type can hold; NaN becomes 0 in an integer."""
+    """Return the values, each limited to the nearest that its type can hold; NaN becomes 0 in an integer."""
     if len(values) != len(definition.ranges):
-        problem = f"has {len(definition.ranges)} values, not {len(values)}"
-        raise InputError(f"message {definition.name}", problem, fix="give them by name, or in the payload's order")
+        problem = f"must have {len(definition.ranges)} values, got {len(values)}"
+        raise InputError(
+            f"message {definition.name}", problem, fix="give the values by name, or in the payload's order"
+        )
     kinds = [f.type for f in definition.fields for _ in range(f.slots)]
     return [_fit_value(v, r, k) for v, r, k in zip(values, definition.ranges, kinds, strict=True)]
 

@@ -1,12 +1,12 @@
-"""A MAVLink dialect derived from the records that the two ends exchange, beside the standard messages.
+"""MAVLink dialect derived from the records that the two ends exchange, besides the standard messages.
 
     SAMPLE_<SENSOR>   t, valid and the leaves of the value, one message a sensor
-    COMMAND           t, valid and the leaves of the value; as an extension the session of who sends it
-    INSTANT           t and the number of samples: closes a frame, when the two ends walk in step
+    COMMAND           t, valid and the leaves of the value; as an extension the session of the sender
+    INSTANT           t and the number of samples: closes a frame, when the two ends run in lockstep
 
-What does not fit into one payload goes into numbered parts, SAMPLE_<SENSOR>_1 and so on, each with t and valid. Age and
-freshness are not sent: who receives a sample knows them better. Names and texts are such as MAVLink's generators take,
-for every language that they write.
+Content that does not fit into one payload goes into numbered parts, SAMPLE_<SENSOR>_1 and so on, each with t and valid.
+Age and freshness are not sent: the receiver of a sample knows them better. Names and texts are restricted to those that
+MAVLink's generators accept, for all their languages.
 Source: https://mavlink.io/en/guide/xml_schema.html.
 """
 
@@ -27,7 +27,7 @@ from trimtab.wire.authority import SESSION
 from trimtab.wire.definitions import MAX_PAYLOAD, SIZES, MessageDefinition, read_definitions
 
 FIRST_ID = 0x747400
-"""Ids of derived messages start here ("tt", then a byte), far from those of published dialects."""
+"""First id of derived messages ("tt", then a byte), far from those of published dialects."""
 MOST_MESSAGES = 256
 TYPES = {"f": "double", "b": "uint8_t", "i8": "int64_t", "i4": "int32_t", "u4": "uint32_t"}
 STANDARD = Path(__file__).with_name("standard.xml")
@@ -46,14 +46,14 @@ GENERATED_WORDS = """
     fieldnames ordered_fieldnames orders lengths array_lengths crc_extra unpacker instance_field instance_offset
     msgname native_format fieldtypes fielddisplays_by_name fieldenums_by_name fieldunits_by_name
 """
-"""Arguments and attributes of the code that the generators write."""
+"""Arguments and attributes in the code that the generators write."""
 RESERVED_WORDS = {
     w.lower() for w in (*LANGUAGE_WORDS.split(), *GENERATED_WORDS.split(), *keyword.kwlist, *dir(builtins))
 }
 
 
 class ValuePlace(NamedTuple):
-    """Where one value of a message belongs: the path of a leaf, which of its numbers, and MAVLink's type for it."""
+    """Place of one value of a message: path of a leaf, index of the number, and MAVLink's type."""
 
     path: str
     slot: int
@@ -65,7 +65,7 @@ class Dialect(NamedTuple):
 
     text: the definitions as MAVLink's XML.  definitions: every message by name; by_id: by number.
     groups: path of a sample ("samples.imu"), "command" or "instant" -> the messages that carry it.
-    places: name of a derived message -> where each of its values belongs.
+    places: name of a derived message -> place of each of its values.
     """
 
     text: str
@@ -76,12 +76,12 @@ class Dialect(NamedTuple):
 
     @property
     def fingerprint(self) -> bytes:
-        """Eight bytes that differ between dialects; two ends compare them before they trust each other's numbers."""
+        """Eight bytes that differ between dialects. Two ends compare them before they trust each other's numbers."""
         return hashlib.sha256(self.text.encode()).digest()[:8]
 
 
 class _FieldPiece(NamedTuple):
-    """A field to be: numbers start to start + numbers of the leaf at path; scalar for a leaf that is one number."""
+    """Planned field: numbers start to start + numbers of the leaf at path; scalar for a leaf of one number."""
 
     path: str
     start: int
@@ -97,12 +97,12 @@ class _FieldPiece(NamedTuple):
 
 
 def derive_dialect(frame_like: Frame, command_like: Command) -> Dialect:
-    """The dialect in which frames and commands of these structures travel.
+    """Return the dialect for frames and commands of these structures.
 
     Args:
-        frame_like, command_like: of the structure that the two ends agree on; the numbers in them don't matter.
+        frame_like, command_like: examples of the structures that both ends use; their values do not matter.
 
-    Raises InputError where there are more messages than ids.
+    Raises InputError if there are more messages than ids.
     """
     parts_of = {f"samples.{s}": _split_parts(sample, f"samples.{s}") for s, sample in frame_like.samples.items()}
     parts_of[COMMAND] = _split_parts(command_like, COMMAND, room=MAX_PAYLOAD - SIZES[SESSION_TYPE])
@@ -119,13 +119,13 @@ def derive_dialect(frame_like: Frame, command_like: Command) -> Dialect:
         groups[group] = tuple(unique_name(n, used_names) for n in several)
         contents |= dict(zip(groups[group], parts, strict=True))
     if len(contents) > MOST_MESSAGES:
-        problem = f"{len(contents)} messages are more than the {MOST_MESSAGES} numbers kept for them"
-        raise InputError("dialect", problem, fix="measure with fewer sensors, or put their values into one")
+        problem = f"{len(contents)} messages exceed the {MOST_MESSAGES} numbers reserved for them"
+        raise InputError("dialect", problem, fix="measure with fewer sensors, or combine several into one")
     return _make_dialect(standard, groups, contents)
 
 
 def _split_parts(record: Any, path: str, room: int = MAX_PAYLOAD) -> list[list[_FieldPiece]]:
-    """Time, validity and the leaves of the value, in as many payloads as they need."""
+    """Return time, validity and the leaves of the value, split into as many payloads as needed."""
     head, rest = [], []
     for below, value, declared in leaves(record):
         if not isinstance(declared, Quantity):
@@ -193,20 +193,20 @@ def _message_xml(name: str, number: int, group: str, fields: dict[str, _FieldPie
 
 
 def message_name(text: str) -> str:
-    """A message's name: capitals, digits and underscores, starting with a letter."""
+    """Return a legal message name: capitals, digits and underscores, starting with a letter."""
     return _legal_name(text).upper()
 
 
 def field_name(path: str) -> str:
-    """A field's name from the path of a leaf: what follows `value`, else its last part; dots become underscores."""
+    """Return a field name from the path of a leaf: the part after `value`, else the last, with underscores."""
     _, _, below = path.partition(".value.")
     return _legal_name(below or path.rsplit(".", 1)[-1])
 
 
 def unique_name(name: str, used_names: set[str]) -> str:
-    """The name, numbered where it is used already (case does not tell two apart); it is put to the used ones.
+    """Return the name, numbered if it is already used (case is ignored), and add it to the used names.
 
-    used_names: in small letters.
+    used_names: in lower case.
     """
     unique, k = name, 1
     while unique.lower() in used_names:
@@ -217,7 +217,7 @@ def unique_name(name: str, used_names: set[str]) -> str:
 
 
 def plain_text(text: str) -> str:
-    """A text of one line that can stand in XML, and in a comment or string of any language: no quotes, no backslash."""
+    """Return a text of one line that is safe in XML and in comments or strings of any language: no quotes."""
     ascii_only = text.replace("°", "deg").replace("²", "^2").replace("µ", "u").encode("ascii", "replace").decode()
     one_line = " ".join(re.sub("[\0-\x1f\x7f]", " ", ascii_only).split())
     one_line = one_line.replace('"', "'").replace("\\", "/").replace("*/", "* /").replace("'''", "'")

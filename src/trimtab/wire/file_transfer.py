@@ -1,11 +1,11 @@
-"""Files over MAVLink, read-only: listing, opening, reading, reading in bursts; all else is refused at once.
+"""Files over MAVLink, read-only: listing, opening, reading, reading in bursts. Everything else is refused at once.
 
 A request and its answer are 251 bytes in FILE_TRANSFER_PROTOCOL:
 
     number (2)  session (1)  operation (1)  size (1)  asked operation (1)  end of burst (1)  0 (1)  offset (4)  data
 
-A request that comes twice, since its answer was lost, is answered by the same answer. Logs are read while nobody flies:
-a disk may keep who reads it waiting, and the line belongs to the flight.
+A repeated request, whose answer was lost, gets the same answer. Logs are read only while the vehicle is disarmed: a
+disk may delay the reader, and the link belongs to the flight.
 Source: https://mavlink.io/en/services/ftp.html.
 """
 
@@ -24,15 +24,15 @@ HEAD, PAYLOAD = struct.Struct("<HBBBBBBI"), 251
 MOST_DATA = PAYLOAD - HEAD.size
 MOST_SESSIONS = 4
 IDLE_TIME = seconds(30)
-"""After which another may have a session's place."""
+"""Time without a request after which a session may be replaced."""
 LONGEST_BURST = 200
-"""Packets until the reader has to ask for more, so that a burst to nobody ends."""
+"""Maximum number of packets before the reader must ask for more, so that a burst without a reader ends."""
 FLYING_SHARE = 0.05
-"""Of the rate, while the vehicle is armed."""
+"""Share of the rate while the vehicle is armed."""
 
 
 class Operation(IntEnum):
-    """What is asked for, and the two answers."""
+    """Requested operations, and the two kinds of answer."""
 
     NONE = 0
     TERMINATE = 1
@@ -50,7 +50,7 @@ WRITING = range(6, 15)
 
 
 class FileError(IntEnum):
-    """Why not."""
+    """Reasons for a refusal."""
 
     FAIL = 1
     INVALID_SIZE = 3
@@ -78,7 +78,7 @@ class _Session(NamedTuple):
 
 
 class _Burst(NamedTuple):
-    """What is still to be sent. number: of the packet before.  left: packets."""
+    """Packets still to be sent. number: of the packet before.  left: packets."""
 
     owner: tuple[int, int]
     session: int
@@ -89,7 +89,7 @@ class _Burst(NamedTuple):
 
 
 class _RefusedError(Exception):
-    """An answer that is no."""
+    """Refusal of a request."""
 
     def __init__(self, why: FileError) -> None:
         super().__init__(why.name)
@@ -97,19 +97,19 @@ class _RefusedError(Exception):
 
 
 class FileTransferService:
-    """The vehicle's part. Times `now` are the vehicle's, in 100 ns."""
+    """The vehicle's side. Times `now` are the vehicle's, in 100 ns."""
 
     names: Collection[str] = (FILE_TRANSFER,)
 
     def __init__(self, endpoint: Endpoint, files: ServedFiles, rate: float) -> None:
-        """rate: bytes a second at most."""
+        """rate: maximum rate, bytes a second."""
         self._endpoint, self._files, self._pace = endpoint, files, Pace(rate)
         self._sessions: dict[int, _Session] = {}
         self._burst: _Burst | None = None
         self._answers: dict[tuple[int, int], tuple[bytes, list[bytes]]] = {}
 
     def answer(self, message: Message, now: int, *, is_armed: bool) -> list[bytes]:
-        """The packet that answers a message; a burst follows by itself."""
+        """Return the packet that answers a message. A burst follows later."""
         owner, payload = (message.system, message.component), bytes(message.get("payload"))
         last_payload, last_answer = self._answers.get(owner, (b"", []))
         if payload == last_payload:
@@ -130,7 +130,7 @@ class FileTransferService:
         return [self._pack(owner, answer) for answer in answers]
 
     def due(self, now: int, *, is_armed: bool) -> list[bytes]:
-        """The next packet of a burst, if it is time."""
+        """Return the next packet of a burst, if due."""
         burst = self._burst
         if burst is None or not self._pace.is_due(now):
             return []
@@ -153,7 +153,7 @@ class FileTransferService:
         return [packet]
 
     def _follow(self, request: _Request, owner: tuple[int, int], now: int, is_armed: bool) -> bytes | None:
-        """The data of an answer, a new session's number before it; None where a burst answers."""
+        """Return the data of an answer, after the number of a new session; None if a burst answers."""
         operation = request.operation
         if operation == Operation.NONE:
             return b""
@@ -232,7 +232,7 @@ class FileTransferService:
 
 
 def _make_answer(request: _Request, operation: Operation, data: bytes, is_last: bool = False) -> bytes:
-    """The payload of an answer."""
+    """Return the payload of an answer."""
     asked, number = request.operation, (request.number + 1) & 0xFFFF
     head = HEAD.pack(number, request.session, operation, len(data), asked, is_last, 0, request.offset)
     return (head + data).ljust(PAYLOAD, b"\0")

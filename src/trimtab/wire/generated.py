@@ -1,7 +1,7 @@
-"""A dialect for others: a Python module for pymavlink's tools, and C headers for a microcontroller.
+"""Generated code of a dialect: a Python module for pymavlink's tools, and C headers for a microcontroller.
 
-Both are written by MAVLink's own generator from the XML that this package reads itself, so that the two ends need
-nothing of trimtab to understand each other.
+Both are written by MAVLink's own generator from the XML that this package also reads, so that the other end needs
+nothing of trimtab.
 """
 
 import contextlib
@@ -22,11 +22,11 @@ from trimtab.wire.dialect import Dialect
 
 NAME = "trimtab"
 GENERATOR_LOCK = threading.Lock()
-"""The generator prints, and what it prints is caught for the whole process."""
+"""Lock around the generator: it prints, and its output is captured for the whole process."""
 
 
 def load_python_module(dialect: Dialect) -> ModuleType:
-    """The dialect as pymavlink knows dialects, made once and kept in the user's cache."""
+    """Return the dialect as a pymavlink module, made once and kept in the user's cache."""
     generator = load_generator()
     from pymavlink import __version__
 
@@ -51,7 +51,7 @@ def load_python_module(dialect: Dialect) -> ModuleType:
 
 
 def _make_module(generator: Any, dialect: Dialect, file: Path, stack: contextlib.ExitStack) -> Path:
-    """Write the module aside, then put it in place whole: two processes may do so at once."""
+    """Write the module to another file, then move it into place: two processes may do so at once."""
     own = Path(stack.enter_context(tempfile.TemporaryDirectory())) / file.name
     _run_generator(generator, dialect, own, "Python")
     with contextlib.suppress(OSError):  # a full or read-only cache
@@ -68,7 +68,7 @@ def _make_module(generator: Any, dialect: Dialect, file: Path, stack: contextlib
 
 
 def write_c_headers(dialect: Dialect, folder: Path) -> Path:
-    """Write the dialect's C headers into a folder; the folder to include as <trimtab/mavlink.h>."""
+    """Write the dialect's C headers into a folder. Return the folder to include as <trimtab/mavlink.h>."""
     generator = load_generator()
     try:
         folder.mkdir(parents=True, exist_ok=True)
@@ -81,7 +81,7 @@ def write_c_headers(dialect: Dialect, folder: Path) -> Path:
 
 
 def load_generator() -> Any:
-    """MAVLink's own, of an extra; refused where it is not installed."""
+    """Return MAVLink's own generator, from an extra. Raise InputError if it is not installed."""
     try:
         from pymavlink.generator import mavgen
     except ImportError:

@@ -1,7 +1,7 @@
-"""What two ends must agree on, compared by hash: name, version, messages, periods, and every number of the world.
+"""Identity that two ends compare by hash: name, version, messages, periods, and every number of the world.
 
 An identity is a text by path, e.g. "world.vehicle.mass" -> "2.6". Its digest is the first 8 bytes of the SHA-256 of its
-sorted lines. It is asked for by MAVLink's TUNNEL with private types, line by line, since only who differs needs them:
+sorted lines. It is requested by MAVLink's TUNNEL with private types, line by line, only if the digests differ:
 
     request    index (2)
     line       number of lines (2)   index (2)   digest (8)   "path=text" (UTF-8, cut at 116 bytes)
@@ -26,15 +26,15 @@ REQUEST_TYPE, LINE_TYPE = 0xF474, 0xF475
 REQUEST, LINE = struct.Struct("<H"), struct.Struct("<HH8s")
 PAYLOAD = 128
 MOST_NUMBERS = 4
-"""Tables of more are compared, and shown, by their hash."""
+"""Maximum count of numbers shown as such; longer tables are compared, and shown, by their hash."""
 MOST_LINES = 4096
 ASK_PERIOD, LINES_PERIOD, LINES_AT_ONCE = ms(500), ms(100), 5
 MOST_ASKS = 4
-"""Unanswered questions for it, after which the vehicle is one that can't say what it is."""
+"""Number of unanswered questions after which the vehicle counts as one without an identity."""
 
 
 def format_value(value: Any) -> str:
-    """A setting as text: numbers with all their digits, tables by their hash."""
+    """Return a setting as text: numbers with all their digits, tables by their hash."""
     if isinstance(value, str | bool) or value is None:
         return str(value)
     numbers = np.asarray(value)
@@ -47,13 +47,13 @@ def format_value(value: Any) -> str:
 
 
 def identity_digest(entries: Mapping[str, str]) -> bytes:
-    """Eight bytes that differ where the identities do."""
+    """Return eight bytes that differ if the identities do."""
     lines = sorted(f"{path}={text}" for path, text in entries.items())
     return hashlib.sha256("\n".join(lines).encode()).digest()[:8]
 
 
 class IdentityService:
-    """The vehicle's part: tells its identity line by line."""
+    """The vehicle's side: it sends its identity line by line."""
 
     def __init__(self, endpoint: Endpoint, entries: Mapping[str, str]) -> None:
         """entries: text by path."""
@@ -61,13 +61,13 @@ class IdentityService:
         self._digest = identity_digest(self._entries)
 
     def change(self, path: str, value: Any) -> None:
-        """A setting has another value now; one that is none of the identity's is passed over."""
+        """Change the value of a setting. A setting outside the identity is ignored."""
         if path in self._entries:
             self._entries[path] = format_value(value)
             self._digest = identity_digest(self._entries)
 
     def answer(self, message: Message) -> list[bytes]:
-        """The packets that answer a message; none where it is no request for this end."""
+        """Return the packets that answer a message; none if it is not a request for this end."""
         index = _parse_request(message)
         if index is None or message.get("target_system") not in (0, self._endpoint.system) or not self._entries:
             return []
@@ -78,18 +78,18 @@ class IdentityService:
 
 
 class SettingDifference(NamedTuple):
-    """A setting in which two ends differ; a text is empty where an end has no such setting."""
+    """Setting in which two ends differ. A text is empty if that end has no such setting."""
 
     path: str
     theirs: str
     ours: str
 
     def __str__(self) -> str:
-        return f"{self.path}: {self.theirs or 'none'} there, {self.ours or 'none'} here"
+        return f"{self.path}: {self.theirs or 'none'} on the vehicle, {self.ours or 'none'} here"
 
 
 class IdentityComparison:
-    """The autopilot's part: asks, and tells the differences. Times `now` are this end's, in 100 ns."""
+    """The autopilot's side: it asks, and lists the differences. Times `now` are this end's, in 100 ns."""
 
     def __init__(self, endpoint: Endpoint, entries: Mapping[str, str]) -> None:
         """entries: text by path."""
@@ -99,15 +99,15 @@ class IdentityComparison:
         self._count, self._asks, self._next = 0, 0, 0
         self._theirs = b""
         self.is_known = False
-        """Whether the vehicle's identity is known to be the same, or is known whole."""
+        """True once the vehicle's identity is known completely, or known to be the same."""
 
     @property
     def is_unanswered(self) -> bool:
-        """Whether the vehicle can't say what it is."""
+        """True if the vehicle does not report its identity."""
         return not self._theirs and self._asks > MOST_ASKS
 
     def due(self, now: int, system: int, component: int) -> list[bytes]:
-        """Questions to the vehicle that are to be sent by now."""
+        """Return the questions to the vehicle that are due now."""
         if self.is_known or self.is_unanswered or now < self._next:
             return []
         missing = [k for k in range(self._count) if k not in self._lines][:LINES_AT_ONCE] or [0]
@@ -116,18 +116,18 @@ class IdentityComparison:
         return [pack_tunnel(self._endpoint, system, component, REQUEST_TYPE, REQUEST.pack(k)) for k in missing]
 
     def handle_message(self, message: Message) -> None:
-        """Take in an answer of the vehicle; anything else is passed over."""
+        """Handle an answer of the vehicle. Other messages are ignored."""
         data = bytes(message.get("payload")[: message.get("payload_length")])
         if message.get("payload_type") != LINE_TYPE or len(data) < LINE.size:
             return
         count, index, digest = LINE.unpack_from(data)
-        if digest != self._theirs or count != self._count:  # the first answer, or a setting was changed meanwhile
+        if digest != self._theirs or count != self._count:  # first answer, or a setting has changed since
             self._theirs, self._count, self._lines = digest, min(count, MOST_LINES), {}
         self._lines[index] = data[LINE.size :]
         self.is_known = digest == self._digest or len(self._lines) >= self._count
 
     def differences(self, is_accepted: Callable[[str], bool] = lambda path: False) -> list[SettingDifference]:
-        """What differs and is not accepted, by path; empty while the vehicle's is not known."""
+        """Return the differences that are not accepted, by path; empty until the vehicle's identity is known."""
         if not self.is_known or self._theirs == self._digest:
             return []
         theirs = dict(_split_line(line) for line in self._lines.values())
@@ -140,7 +140,7 @@ class IdentityComparison:
 
 
 def cut_line(path: str, text: str) -> bytes:
-    """The line of a setting as it is sent."""
+    """Return the line of a setting as it is sent."""
     return f"{path}={text}".encode()[: PAYLOAD - LINE.size]
 
 
@@ -156,7 +156,7 @@ def _parse_request(message: Message) -> int | None:
 
 
 def pack_tunnel(endpoint: Endpoint, system: int, component: int, kind: int, data: bytes) -> bytes:
-    """The packet of a TUNNEL. kind: its private type; data: at most 128 bytes."""
+    """Return the packet of a TUNNEL. kind: its private type; data: at most 128 bytes."""
     fields = {"target_system": system, "target_component": component, "payload_type": kind}
     payload = tuple(data.ljust(PAYLOAD, b"\0"))
     return endpoint.pack(TUNNEL, fields | {"payload_length": len(data), "payload": payload})

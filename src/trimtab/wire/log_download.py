@@ -1,6 +1,6 @@
-"""Logs by MAVLink's own messages, which most stations' log pages use: their list, and their bytes, 90 at a time.
+"""Logs by MAVLink's own messages, which most stations' log pages use: a list, and the bytes, 90 at a time.
 
-Nothing is erased over a line. While the vehicle is armed a log has no bytes, as in `wire.file_transfer`.
+Nothing is erased over a link. While the vehicle is armed a log has no bytes, as in `wire.file_transfer`.
 Source: https://mavlink.io/en/messages/common.html, LOG_REQUEST_LIST and after.
 """
 
@@ -24,12 +24,12 @@ class _Download(NamedTuple):
 
 
 class LogService:
-    """The vehicle's part. Times `now` are the vehicle's, in 100 ns."""
+    """The vehicle's side. Times `now` are the vehicle's, in 100 ns."""
 
     names: Collection[str] = ("LOG_REQUEST_LIST", "LOG_REQUEST_DATA", "LOG_ERASE", "LOG_REQUEST_END")
 
     def __init__(self, endpoint: Endpoint, files: ServedFiles, rate: float) -> None:
-        """rate: bytes a second at most."""
+        """rate: maximum rate, bytes a second."""
         self._endpoint, self._files, self._pace = endpoint, files, Pace(rate)
         self._entries: deque[tuple[int, FileEntry]] = deque()
         self._count = 0
@@ -37,19 +37,19 @@ class LogService:
         self._download: _Download | None = None
 
     def answer(self, message: Message, now: int, *, is_armed: bool) -> list[bytes]:
-        """What answers a message at once; lists and bytes follow by themselves."""
+        """Return the immediate answer to a message. Lists and bytes follow later."""
         if message.name == "LOG_REQUEST_LIST":
             return self._start_list(message.get("start"), message.get("end"))
         if message.name == "LOG_REQUEST_DATA":
             return self._start_download(message, is_armed)
         if message.name == "LOG_ERASE":
-            fields = {"severity": 4, "text": "Logs are not erased over the line"}
+            fields = {"severity": 4, "text": "Logs are not erased over the link"}
             return [self._endpoint.pack("STATUSTEXT", fields)]
         self._close()
         return []
 
     def due(self, now: int, *, is_armed: bool) -> list[bytes]:
-        """The next entry of a list, or the next bytes of a log, if it is time."""
+        """Return the next entry of a list, or the next bytes of a log, if due."""
         if not self._pace.is_due(now):
             return []
         if self._entries:
@@ -86,7 +86,7 @@ class LogService:
         return []
 
     def _next_piece(self, download: _Download) -> bytes:
-        """One packet; fewer than 90 bytes say that the log ends here."""
+        """Return one packet. Fewer than 90 bytes mark the end of the log."""
         data = download.file.read(download.offset, min(PIECE, download.end - download.offset))
         end = download.offset + len(data)
         if len(data) < PIECE or end >= download.end:

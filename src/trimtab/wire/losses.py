@@ -1,35 +1,35 @@
-"""How many frames of a sender never came, by the gaps in its sequence numbers; none where the numbers mean nothing.
+"""Number of lost frames of a sender, by the gaps in its sequence numbers; none if the numbers are not sequential.
 
-A gap counts once frames have come in order after it: CONFIRMING in a row, each at most SMALL_GAP numbers on. A sender
-whose numbers jump about (at random, or two programs with one identity) never gives these; its gaps are no losses, and
-its frames are counted as disordered. A frame that comes late takes back the loss that it was counted as.
+A gap counts once frames have arrived in order after it: CONFIRMING in a row, each at most SMALL_GAP numbers on. If the
+numbers of a sender jump about (at random, or two programs with one identity), there is never such a row. Its gaps are
+not losses, and its frames count as disordered. A late frame cancels the loss that was counted for it.
 Source: https://mavlink.io/en/guide/serialization.html, packet sequence.
 """
 
 CONFIRMING = 6
 SMALL_GAP = 32
-"""One random number in eight follows the last within so many; six in a row do once in 200 000."""
+"""Largest small gap. One random number in eight is this close to the last; six in a row occur once in 200 000."""
 MOST_JUMPS = 3
-"""Jumps that are not confirmed, after which what was gathered is dropped."""
+"""Number of unconfirmed jumps after which the pending gaps are dropped."""
 NUMBERS = 256
 
 
 class SequenceGaps:
-    """The numbers of one sender."""
+    """Sequence numbers of one sender."""
 
     def __init__(self) -> None:
-        """Nothing heard yet."""
+        """Start without frames."""
         self._last: int | None = None
         self._gathered = self._in_order = self._jumps = self._lost = 0
         self._late_run = self._late_last = self._late_gap = self._taken_back = 0
 
     def follow(self, sequence: int) -> tuple[int, int]:
-        """The number of the next frame: frames that are lost, less one that came late; and disordered frames."""
+        """Take the number of the next frame. Return lost frames, less one if this one was late; and disordered ones."""
         last, self._last = self._last, sequence
         if last is None:
             return 0, 0
         missed = (sequence - last - 1) % NUMBERS
-        if missed >= NUMBERS // 2:  # it is one of those before
+        if missed >= NUMBERS // 2:  # an earlier frame
             self._last = last
             return self._handle_late_frame(sequence, missed)
         self._late_run = 0
@@ -47,9 +47,9 @@ class SequenceGaps:
         return 0, 0
 
     def _handle_late_frame(self, sequence: int, missed: int) -> tuple[int, int]:
-        """Take back the loss that a late frame was counted as; while the order is in doubt, it is one more doubt.
+        """Cancel the loss counted for a late frame. While the order is in doubt, it adds to the doubt.
 
-        Several in a row, in order among themselves, are not late: half of the numbers or more were lost before them.
+        Several frames in a row, in order, are not late: at least half of the numbers were lost before them.
         """
         if self._jumps:
             self._in_order = 0

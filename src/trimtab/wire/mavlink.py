@@ -1,9 +1,9 @@
-"""One end of a MAVLink 2 line: packs what it sends, parses and checks what it hears.
+"""One end of a MAVLink 2 link: packs sent messages, parses and checks received ones.
 
     0xFD  length  incompat  compat  sequence  system  component  id (3)  payload  checksum (2)  [link stamp (6) tag (6)]
 
-The tag is the first 48 bits of SHA-256 over the key and all that stands before it. Zeros at the end of a payload are
-left out. Nothing that is heard raises: what is refused is counted.
+The tag is the first 48 bits of SHA-256 over the key and all bytes before the tag. Zeros at the end of a payload are
+omitted. Received data never raises an exception: refused frames are counted.
 Source: https://mavlink.io/en/guide/serialization.html, https://mavlink.io/en/guide/message_signing.html.
 """
 
@@ -28,46 +28,46 @@ from trimtab.wire.stamps import Refusal, Stamps
 
 @dataclasses.dataclass
 class FrameCounts:
-    """Frames, except where it says bytes, since the end was opened."""
+    """Frames, or bytes where stated, since the end was opened."""
 
     sent: int = 0
     accepted: int = 0
     lost: int = 0
-    """Frames that never came, told by the gaps in their senders' sequence numbers."""
+    """Lost frames, by the gaps in their senders' sequence numbers."""
     disordered: int = 0
-    """Frames whose sender's sequence numbers jump about, so that nothing is known of its losses."""
+    """Frames of a sender whose sequence numbers jump about, so that its losses are unknown."""
     checksum: int = 0
-    """Wrong checksum: damaged, or of a sender with other definitions."""
+    """Wrong checksum: damaged, or from a sender with other definitions."""
     unknown: int = 0
     """No such message in this dialect."""
     unsigned: int = 0
     downgraded: int = 0
     """Frames of MAVLink 1, which cannot be signed."""
     unchecked: int = 0
-    """Signed frames taken by an end that has no key to check them with."""
+    """Signed frames accepted by an end without a key to check them."""
     wrong_signature: int = 0
     replayed: int = 0
-    """Signed rightly but not new."""
+    """Valid signature but replayed."""
     stale: int = 0
-    """Signed rightly by a clock that is behind: from before this end's start, or over a minute old."""
+    """Valid signature by a clock that is behind: from before this end's start, or over a minute old."""
     leading: int = 0
-    """Signed rightly by a clock that is far ahead."""
+    """Valid signature by a clock that is far ahead."""
     reflected: int = 0
-    """This end's own, sent back."""
+    """This end's own frames, sent back."""
     garbage: int = 0
-    """Bytes that belong to no frame."""
+    """Bytes outside frames."""
     clamped: int = 0
-    """Messages packed with a number that its type could not hold."""
+    """Messages packed with a number that its type cannot hold."""
 
     @property
     def refusals(self) -> int:
-        """Frames that came whole and were not taken."""
+        """Number of complete frames that were refused."""
         strangers = self.unsigned + self.downgraded + self.wrong_signature
         return self.unknown + strangers + self.replayed + self.stale + self.leading + self.reflected
 
 
 class UntimelyMessage(NamedTuple):
-    """A message that was signed rightly and refused for its stamp. lead: of that over this end's clock (s)."""
+    """Message with a valid signature, refused for its time stamp. lead: lead of the stamp over this end's clock (s)."""
 
     message: Message
     stamp: int
@@ -75,9 +75,9 @@ class UntimelyMessage(NamedTuple):
 
 
 class Numbering(NamedTuple):
-    """Frames that are numbered one after the other: of a component, and for whom.
+    """Sequence of frames that are numbered together: of a component, and for a group of receivers.
 
-    Who doesn't get all of a component's frames takes those in between for lost, unless they are numbered apart.
+    A receiver that does not get all of a component's frames counts gaps as losses, unless they are numbered separately.
     """
 
     component: int
@@ -92,10 +92,11 @@ NO_FRAME, NOT_YET = -1, 0
 
 
 class Endpoint:
-    """What a system and component sends and hears over one line. One thread at a time.
+    """End of a link for one system and component. Use one thread at a time.
 
-    key: signs all that is sent, and all that is not signed by it is refused. Without one, `unsigned` must be asked for:
-    whoever reaches the line can then command the vehicle.
+    key: signs all sent packets; packets not signed by it are refused. Without a key, `unsigned` must be requested,
+        since
+    anyone with access to the link can then command the vehicle.
     datagrams: each `feed` is a whole packet, so that a frame cut off in one is not looked for in the next.
     """
 
@@ -113,15 +114,17 @@ class Endpoint:
         is_reset: bool = False,
         session: int | None = None,
     ) -> None:
-        """Open one end; with a key that has a file, its time stamps are kept beside it until close().
+        """Open one end. With a key from a file, its time stamps are kept next to the file until close().
 
-        is_reset: the time stamps begin with this computer's clock, whatever is kept.
+        is_reset: start the time stamps with this computer's clock, whatever is stored.
         session: number of this end's session; None: drawn by the system's generator.
         """
         _check_arguments(system, component, link, key, unsigned)
         self.dialect, self.system, self.component, self.link = dialect, system, component, link
         self.session = draw_session() if session is None else session
-        """Tells this end from others of its system and component, also from itself before a restart."""
+        """Session that distinguishes this end from others of its system and component, and from itself before a
+        restart.
+        """
         self.counts = FrameCounts()
         self._datagrams = datagrams
         self._rest = b""
@@ -133,9 +136,11 @@ class Endpoint:
             store = key.path.with_name(f"{key.path.name}.{system}-{component}-{link}.time")
         self.stamps = Stamps(store, clock, is_reset=is_reset) if key else None
         self.untimely: list[UntimelyMessage] = []
-        """What was refused for its stamp alone in the last `feed`."""
+        """Messages refused for their time stamp alone in the last `feed`."""
         self.is_asked_by_stranger = False
-        """Whether one of this end's system asked for the time, as `fly` does, without the key, in the last `feed`."""
+        """True if a sender of this end's system asked for the time without the key, as `fly` does, in the last
+        `feed`.
+        """
         self._any_order = {
             "TIMESYNC",
             "TUNNEL",
@@ -144,19 +149,20 @@ class Endpoint:
         }
 
     def pack(self, name: str, values: Mapping[str, Any] | Sequence[Any] | bytes = ()) -> bytes:
-        """The bytes of a message.
+        """Return the bytes of a message.
 
         Args:
-            name: of a message of the dialect.
-            values: fields by name, those left out are zero; or all values in the order of the payload; or that itself.
+            name: name of a message of the dialect.
+            values: fields by name, missing ones are zero; or all values in the order of the payload; or the payload
+                itself.
 
-        Numbers that a type can't hold are put to the nearest that it can, and counted. A message or field that does not
-        exist is refused with InputError.
+        Numbers outside the range of their type are limited to it, and counted. An unknown message or field raises
+        InputError.
         """
         definition = self.dialect.definitions.get(name)
         if definition is None:
             near = closest(name, self.dialect.definitions) or list(self.dialect.groups)
-            raise InputError("wire", f"there is no message {name!r}", choices=near, fix=f"write {near[0]!r}")
+            raise InputError("wire", f"no message {name!r}", choices=near, fix=f"write {near[0]!r}")
         self.counts.sent += 1
         numbering = Numbering(self.component, False)
         if isinstance(values, bytes):
@@ -173,13 +179,13 @@ class Endpoint:
         return self._make_frame(definition, payload.rstrip(b"\0") or b"\0", numbering)
 
     def repack(self, frame: bytes) -> bytes:
-        """The message of a frame that this end has packed, numbered and signed anew for those who don't get all."""
+        """Return the message of a frame packed by this end, numbered and signed separately for other receivers."""
         _, length, _, _, _, _, component, low, high = HEADER.unpack_from(frame)
         definition = self.dialect.by_id[low | high << 16]
         return self._make_frame(definition, frame[HEADER.size : HEADER.size + length], Numbering(component, True))
 
     def forward(self, message: Message) -> bytes:
-        """A message of another component of this system, for those who don't hear that one."""
+        """Return a message of another component of this system, for receivers that do not get its packets."""
         definition = message.definition
         payload = definition.packing.pack(*message.values).rstrip(b"\0") or b"\0"
         return self._make_frame(definition, payload, Numbering(message.component, True))
@@ -203,7 +209,7 @@ class Endpoint:
         return digest.digest()[:6]
 
     def feed(self, data: bytes | None) -> list[Message]:
-        """The messages that are complete and accepted with these bytes, in order; never raises."""
+        """Return the messages completed and accepted with these bytes, in order. Never raises."""
         self.untimely, self.is_asked_by_stranger = [], False
         if not data:
             return []
@@ -228,7 +234,7 @@ class Endpoint:
         return messages
 
     def _read_frame(self, buffer: bytes, at: int, messages: list[Message]) -> int:
-        """How many bytes the frame at `at` has; NO_FRAME; or NOT_YET if more bytes are needed to tell."""
+        """Return the number of bytes of the frame at `at`; NO_FRAME; or NOT_YET if more bytes are needed."""
         if len(buffer) - at < HEADER.size:
             return NOT_YET
         _, length, flags, compat, sequence, system, component, low, high = HEADER.unpack_from(buffer, at)
@@ -248,7 +254,7 @@ class Endpoint:
         if self._keyed and flags and not hmac.compare_digest(self._signature_tag(frame[:-6]), frame[-6:]):
             self.counts.wrong_signature += 1
             self._note_stranger(definition.name, system)
-            return NO_FRAME  # it may have been cut, and another one may begin in what was taken for its signature
+            return NO_FRAME  # the frame may be cut, and another one may start inside the supposed signature
         values = definition.packing.unpack(frame[HEADER.size : end].ljust(definition.size, b"\0"))
         is_signed = bool(flags) and self._keyed is not None
         message = Message(definition.name, values, definition, system, component, is_signed)
@@ -286,7 +292,7 @@ class Endpoint:
         self.is_asked_by_stranger |= name == "TIMESYNC" and system == self.system
 
     def _skip_unknown(self, buffer: bytes, at: int, size: int, flags: int) -> int:
-        """An unknown message: its checksum can't be told, so it must be signed, or end where another frame starts."""
+        """Skip an unknown message. Its checksum is unknown, so it must be signed, or end where another frame starts."""
         if self._keyed and flags:
             frame = buffer[at : at + size]
             whole = hmac.compare_digest(self._signature_tag(frame[:-6]), frame[-6:])
@@ -296,7 +302,7 @@ class Endpoint:
         return size if whole else NO_FRAME
 
     def _skip_old_frame(self, buffer: bytes, at: int) -> int:
-        """A frame of MAVLink 1, which is refused: it has no signature."""
+        """Skip and refuse a frame of MAVLink 1, which has no signature."""
         if len(buffer) - at < 6:
             return NOT_YET
         length, definition = buffer[at + 1], self.dialect.by_id.get(buffer[at + 5])
@@ -316,30 +322,30 @@ class Endpoint:
         self.counts.disordered += disordered
 
     def begin_anew(self) -> None:
-        """Take the next frame of each sender for its first: what came in between was thrown away, and is no loss."""
+        """Take the next frame of each sender for its first: frames thrown away in between are not losses."""
         self._gaps.clear()
         self._rest = b""
 
     def store_stamps(self) -> None:
-        """Store time stamps ahead; call it every few seconds where waiting for a disk does no harm."""
+        """Store time stamps ahead. Call it every few seconds where waiting for a disk does no harm."""
         if self.stamps is not None:
             self.stamps.store_ahead()
 
     def close(self) -> None:
-        """Give back what the endpoint holds on disk."""
+        """Release the files of the endpoint."""
         if self.stamps is not None:
             self.stamps.close()
 
     def abandon(self) -> None:
-        """Give back what the endpoint holds on disk and store nothing, as the system does when a process dies."""
+        """Release the files of the endpoint and store nothing, as the system does when a process dies."""
         if self.stamps is not None:
             self.stamps.abandon()
 
 
 def checksum(data: bytes, extra: int) -> bytes:
-    """The two bytes that end a frame: CRC-16/MCRF4XX of all between its first byte and them, and of CRC_EXTRA.
+    """Return the two bytes that end a frame: CRC-16/MCRF4XX of all bytes after the first, and of CRC_EXTRA.
 
-    extra: of the message, 0 to 255, which refuses a sender with another definition of it.
+    extra: CRC_EXTRA of the message, 0 to 255, so that a sender with another definition is refused.
     """
     return mcrf4xx(data + bytes((extra,))).to_bytes(2, "little")
 
@@ -349,10 +355,12 @@ def _check_arguments(system: int, component: int, link: int, key: SigningKey | N
         if not low <= value <= 255:
             raise InputError("wire", f"{what} {value} is not from {low} to 255", fix=f"give {what}={max(low, 1)}")
     if key is None and not unsigned:
-        problem = "there is no key, so that anybody could command the vehicle"
+        problem = "no key: anyone could command the vehicle"
         raise InputError(
             "wire", problem, fix="give a key: create_key(key_path('VEHICLE')), or unsigned=True on loopback"
         )
     if key is not None and (unsigned or len(key.secret) != 32):
-        problem = "unsigned was asked for with a key" if unsigned else f"the key has {len(key.secret)} bytes, not 32"
+        problem = (
+            "unsigned was requested with a key" if unsigned else f"the key must have 32 bytes, got {len(key.secret)}"
+        )
         raise InputError("wire", problem, fix="leave out unsigned, or the key; load keys by load_key()")

@@ -1,4 +1,4 @@
-"""Missions, fences and rally points, of which a vehicle has none: every request is answered at once, by none or no.
+"""Missions, fences and rally points. The vehicle has none, so every request is answered at once: none, or refused.
 
     asked for        MISSION_REQUEST_LIST        MISSION_COUNT 0
     cleared          MISSION_CLEAR_ALL, or MISSION_COUNT 0 sent    MISSION_ACK accepted: it is as asked for
@@ -36,7 +36,7 @@ LIST_REQUEST = "MISSION_REQUEST_LIST"
 
 
 class MissionService:
-    """The vehicle's part."""
+    """The vehicle's side."""
 
     names: Collection[str] = (LIST_REQUEST, *RESULTS)
 
@@ -45,7 +45,7 @@ class MissionService:
         self._endpoint = endpoint
 
     def answer(self, message: Message, now: int, *, is_armed: bool) -> list[bytes]:
-        """The packet that answers a message."""
+        """Return the packet that answers a message."""
         to = {"target_system": message.system, "target_component": message.component}
         if "mission_type" in message.definition.where:
             to["mission_type"] = message.get("mission_type")
@@ -56,5 +56,5 @@ class MissionService:
         return [self._endpoint.pack("MISSION_ACK", {"type": result} | to)]
 
     def due(self, now: int, *, is_armed: bool) -> list[bytes]:
-        """Nothing comes by itself."""
+        """Return nothing: there are only answers."""
         return []

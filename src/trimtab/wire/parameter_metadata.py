@@ -1,7 +1,7 @@
-"""What was declared of parameters, as a file that ground stations read: unit, meaning, bounds, default, names of modes.
+"""Declarations of parameters as a file for ground stations: unit, meaning, bounds, default, names of modes.
 
-The vehicle says by COMPONENT_METADATA where a general file is; that one says where the file of parameters is. Both are
-read by MAVLink's file transfer.
+COMPONENT_METADATA names a general file, which names the file of parameters. Both are read by MAVLink's file
+transfer.
 Source: https://mavlink.io/en/services/component_information.html.
 """
 
@@ -21,7 +21,7 @@ GROUP_DEPTH = 2
 
 
 def metadata_documents(parameters: Parameters) -> dict[str, bytes]:
-    """Name -> content of both files."""
+    """Return name -> content of both files."""
     listed = [_describe(p, default) for p, default in zip(parameters.listed, parameters.defaults, strict=True)]
     own = _compress({"version": 1, "parameters": listed})
     types = [{"type": PARAMETER_TYPE, "uri": f"mftp:///{PARAMETERS}", "fileCrc": file_checksum(own)}]
@@ -29,13 +29,13 @@ def metadata_documents(parameters: Parameters) -> dict[str, bytes]:
 
 
 def component_metadata(now_ms: int, documents: Mapping[str, bytes]) -> Mapping[str, Any]:
-    """COMPONENT_METADATA."""
+    """Return COMPONENT_METADATA."""
     crc = file_checksum(documents[GENERAL])
     return {"time_boot_ms": now_ms, "file_crc": crc, "uri": f"mftp:///{GENERAL}"}
 
 
 def file_checksum(data: bytes) -> int:
-    """CRC-32 as MAVLink has it for files: without inversions."""
+    """Return the CRC-32 that MAVLink uses for files: without inversions."""
     return zlib.crc32(data, 0xFFFFFFFF) ^ 0xFFFFFFFF
 
 

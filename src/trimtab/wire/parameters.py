@@ -1,9 +1,9 @@
-"""The parameters of a vehicle as ground stations know them: names of 16 characters, values of 32 bits.
+"""Parameters of a vehicle for ground stations: names of 16 characters, values of 32 bits.
 
-A name is made of the path: initials of what leads to a parameter, then its own name, "world.vehicle.mass" -> WV_MASS;
-a long one is cut word by word. Where two meet, or one still is too long, it ends in five digits of its path's hash.
-Over the wire lists are sent at a pace, and a change is answered with the value that holds. A list begins with a hash of
-all names and values, by which a station that has kept them needs no list: it says so by setting _HASH_CHECK.
+A name is made of the path: initials of the leading parts, then its own name, "world.vehicle.mass" -> WV_MASS. A long
+one is shortened word by word. A name that is used twice or still too long ends in five digits of its path's hash. Lists
+are sent at a limited rate, and a change is answered with the value in force. A list starts with a hash of all names
+and values. A station with the same hash needs no list: it sets _HASH_CHECK.
 Source: https://mavlink.io/en/services/parameter.html (values as C casts); _HASH_CHECK is PX4's.
 """
 
@@ -27,22 +27,22 @@ from trimtab.wire.protocol import REAL_32, ParameterChange
 
 LONGEST = 16
 MOST_NUMBERS = 64
-"""A quantity of more numbers is a table, and none of them a parameter: lists would take minutes."""
+"""Quantities with more numbers are tables, not parameters: lists would take minutes."""
 FLOAT = struct.Struct("<f")
 WORD = 4
-"""To how many letters the words of a long name are cut."""
+"""Number of letters to which the words of a long name are shortened."""
 HASH, UNSIGNED_32, NO_INDEX = "_HASH_CHECK", 5, 0xFFFF
 PERIOD = seconds("0.02")
-"""Between two values of a list."""
+"""Time between two values of a list."""
 
 
 ChangedValues = Mapping[str, list[float]]
 """Path of a leaf -> all its numbers."""
-NO_STORE = "there is no file for them: --parameters FILE"
+NO_STORE = "no file (--parameters FILE)"
 
 
 class Parameter(NamedTuple):
-    """One number: its name on the wire, the leaf and which of its numbers, and what was declared of it."""
+    """One number: its name on the wire, its leaf and index, and its declaration."""
 
     name: str
     path: str
@@ -54,9 +54,9 @@ class Parameters:
     """Numbers of a tree of records, in the order of their declaration, by name and by index."""
 
     def __init__(self, tree: Any, path: str = "", only: Container[str] | None = None) -> None:
-        """Every quantity at or below a record but tables, e.g. a scenario's world; `path` is put before all paths.
+        """Collect all quantities of a record except tables, e.g. a scenario's world. `path` is a prefix of all paths.
 
-        only: paths; None: all.
+        only: paths to include; None: all.
         """
         numbers = [
             (where, slot if np.shape(value) else None, declared, float(number))
@@ -68,13 +68,13 @@ class Parameters:
         self.listed = tuple(Parameter(n, w, s or 0, d) for n, (w, s, d, _) in zip(names, numbers, strict=True))
         self.values = [value for *_, value in numbers]
         self.defaults = tuple(self.values)
-        """The values at the start."""
+        """Values at the start."""
         self._changed = set[str]()
         self._index = {p.name: k for k, p in enumerate(self.listed)}
         self._places = {(p.path, p.slot): k for k, p in enumerate(self.listed)}
 
     def table(self) -> dict[str, tuple[str, int]]:
-        """Name -> path of the leaf, and which of its numbers."""
+        """Return name -> path of the leaf and index of the number."""
         return {p.name: (p.path, p.slot) for p in self.listed}
 
     @property
@@ -85,7 +85,7 @@ class Parameters:
         return zlib.crc32(data, 0xFFFFFFFF) ^ 0xFFFFFFFF
 
     def changed_values(self) -> ChangedValues:
-        """All numbers of each leaf of which one has been changed since the start."""
+        """Return all numbers of each leaf that has changed since the start."""
         changed: dict[str, list[float]] = {path: [] for path in sorted(self._changed)}
         for own, value in zip(self.listed, self.values, strict=True):
             if own.path in changed:
@@ -93,19 +93,19 @@ class Parameters:
         return changed
 
     def find_index(self, name: str, index: int) -> int | None:
-        """The index of what a ground station asks for: by name where index is negative."""
+        """Return the index of the requested parameter: by name if the index is negative."""
         if index < 0:
             return self._index.get(name)
         return index if index < len(self.listed) else None
 
     def index_of(self, path: str, slot: int) -> int | None:
-        """The index of a number of a leaf; None where there is none such."""
+        """Return the index of a number of a leaf; None if there is none."""
         return self._places.get((path, slot))
 
     def change_value(self, index: int, value: float) -> str:
-        """Put a value in place if what was declared allows it, else say why not.
+        """Set a value if its declaration allows it. Return why not, or an empty string.
 
-        One that reads the same on the wire stays as it is, with all its digits.
+        A value that reads the same on the wire stays as it is, with all its digits.
         """
         if round_to_float32(self.values[index]) == value:
             return ""
@@ -117,7 +117,7 @@ class Parameters:
 
 
 def parameter_names(paths: Sequence[str]) -> list[str]:
-    """A name for each path, in the same order; no two are equal."""
+    """Return a unique name for each path, in the same order."""
     plain = [_short_name(path) for path in paths]
     counts, used_names = Counter(plain), set[str]()
     hashed = (name if counts[name] == 1 else _hash_name(path) for name, path in zip(plain, paths, strict=True))
@@ -142,7 +142,7 @@ def _hash_name(path: str) -> str:
 
 
 def round_to_float32(value: float) -> float:
-    """A number as 32 bits hold it."""
+    """Return a number as 32 bits hold it."""
     try:
         return FLOAT.unpack(FLOAT.pack(value))[0]
     except OverflowError:
@@ -168,21 +168,21 @@ def _refusal(declared: Quantity, value: float) -> str:
 
 
 class ParameterService:
-    """Answers for the parameters of one vehicle. Times are the vehicle's, in 100 ns."""
+    """Service for the parameters of one vehicle. Times are the vehicle's, in 100 ns."""
 
     def __init__(self, endpoint: Endpoint, parameters: Parameters) -> None:
-        """Nothing asked for yet."""
+        """Start without a request."""
         self._endpoint, self._parameters = endpoint, parameters
         self._listing: deque[int | None] = deque()
         self._sent_at: int | None = None
 
     def start_list(self) -> None:
-        """Send the hash, then every value, as they become due; asked for again meanwhile, the values alone."""
+        """Send the hash, then every value, as they become due. A repeated request sends the values alone."""
         values = range(len(self._parameters.listed))
         self._listing = deque(values if self._listing else [None, *values])
 
     def due(self, now: int) -> list[bytes]:
-        """The next value of the list that was asked for, if it is time."""
+        """Return the next value of the requested list, if it is due."""
         if not self._listing or (self._sent_at is not None and 0 <= now - self._sent_at < PERIOD):
             return []
         self._sent_at = now
@@ -190,21 +190,21 @@ class ParameterService:
         return [self._hash_packet() if index is None else self.value(index)]
 
     def read(self, message: Message) -> list[bytes]:
-        """The value that a PARAM_REQUEST_READ asks for; nothing if there is none."""
+        """Return the value that a PARAM_REQUEST_READ asks for; empty if there is none."""
         if message.get("param_index") < 0 and message.get("param_id") == HASH:
             return [self._hash_packet()]
         index = self._parameters.find_index(message.get("param_id"), message.get("param_index"))
         return [] if index is None else [self.value(index)]
 
     def change_value(self, message: Message) -> tuple[list[bytes], list[ParameterChange], str]:
-        """Follow a PARAM_SET: the value that holds now, the event if it is another, why it was refused."""
+        """Handle a PARAM_SET. Return the value in force, the event if it has changed, and why it was refused."""
         name = message.get("param_id")
-        if name == HASH:  # the station has them all
+        if name == HASH:  # the station has all values
             self._listing.clear()
             return [], [], ""
         index = self._parameters.find_index(name, -1)
         if index is None:
-            return [], [], f"there is no parameter {name!r}"
+            return [], [], f"no parameter {name!r}"
         own, before = self._parameters.listed[index], self._parameters.values[index]
         refusal = self._parameters.change_value(index, message.get("param_value"))
         value = self._parameters.values[index]
@@ -220,7 +220,7 @@ class ParameterService:
         return self._endpoint.pack("PARAM_VALUE", bits + payload[len(bits) :])  # the value stands first
 
     def value(self, index: int) -> bytes:
-        """The packet that tells a value."""
+        """Return the packet of a value."""
         own = self._parameters.listed[index]
         fields = {"param_id": own.name, "param_value": self._parameters.values[index], "param_type": REAL_32}
         fields |= {"param_count": len(self._parameters.listed), "param_index": index}

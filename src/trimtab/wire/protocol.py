@@ -1,10 +1,10 @@
-"""The part of MAVLink's common dialect that the vehicle's end speaks: its numbers, and what messages ask of a vehicle.
+"""Part of MAVLink's common dialect that the vehicle's end uses: its numbers, and the requests in messages.
 
-What has an autopilot hold, go on, or end its flight:
+Requests for an autopilot to hold, to resume, or to end its flight:
 
     hold     MAV_CMD_OVERRIDE_GOTO (252) with MAV_GOTO_DO_HOLD, where it is; MAV_CMD_DO_PAUSE_CONTINUE (193) with 0
     resume   MAV_CMD_OVERRIDE_GOTO with MAV_GOTO_DO_CONTINUE; MAV_CMD_DO_PAUSE_CONTINUE with 1
-    end      MAV_CMD_NAV_LAND (21), wherever that is asked for
+    end      MAV_CMD_NAV_LAND (21), at whatever place
 
 Source: https://mavlink.io/en/messages/common.html.
 """
@@ -16,26 +16,26 @@ from trimtab.wire.definitions import Message
 
 
 class ArmRequest(NamedTuple):
-    """Arm or disarm; arming comes only while nothing speaks against it. by_hand: a ground station asks, a person."""
+    """Request to arm or disarm. Arming comes only if all checks pass. by_hand: a person at a ground station asks."""
 
     arm: bool
     by_hand: bool = False
 
 
 class ModeRequest(NamedTuple):
-    """Change to a mode, by its number; only modes that are known and open come."""
+    """Request to change to a mode, by its number. Only known and open modes come."""
 
     mode: int
 
 
 class FlightRequest(NamedTuple):
-    """The autopilot is to "hold", to "resume" or to "end" its flight; comes only while there is one to be asked."""
+    """Request for the autopilot to "hold", to "resume" or to "end" its flight. Without an autopilot it never comes."""
 
     request: str
 
 
 class ParameterChange(NamedTuple):
-    """A number of the leaf at `path` has been given another value, which was found to be allowed."""
+    """Accepted change of a number of the leaf at `path`."""
 
     path: str
     slot: int
@@ -43,13 +43,13 @@ class ParameterChange(NamedTuple):
 
 
 class ReceiverChannels(NamedTuple):
-    """Pulse widths of a safety pilot's receiver, in seconds; NaN for a channel that isn't there."""
+    """Pulse widths of a safety pilot's receiver, in seconds; NaN for a missing channel."""
 
     pulses: tuple[float, ...]
 
 
 class JoystickAxes(NamedTuple):
-    """A joystick: forward, right, up, turn from -1 to 1, NaN where there is none."""
+    """Joystick axes: forward, right, up, turn from -1 to 1, NaN for a missing axis."""
 
     surge: float
     sway: float
@@ -61,7 +61,7 @@ VehicleEvent = ArmRequest | ModeRequest | FlightRequest | ParameterChange | Rece
 
 
 class VehicleType(IntEnum):
-    """MAV_TYPE: every vehicle of it, and the two ends on the ground and on board that are none."""
+    """MAV_TYPE: all types of vehicles, and the two types of ends on the ground and on board."""
 
     GENERIC = 0
     FIXED_WING = 1
@@ -168,23 +168,23 @@ class Capability(IntFlag):
 GENERIC_AUTOPILOT = 0
 REAL_32 = 9
 SET_MODE_MESSAGE = 11
-"""The number of SET_MODE, which is what its acknowledgement names."""
+"""Number of SET_MODE, as its acknowledgement names it."""
 VERSION_MESSAGE = 148
-"""The number of AUTOPILOT_VERSION."""
+"""Number of AUTOPILOT_VERSION."""
 HOLD, RESUME, END = "hold", "resume", "end"
 DENIED = ""
 GOTO_HOLD, GOTO_CONTINUE = 0, 1
 HOLD_POSITIONS = 0, 2
-"""Where to hold: not said, or MAV_GOTO_HOLD_AT_CURRENT_POSITION."""
+"""Places to hold: not given, or MAV_GOTO_HOLD_AT_CURRENT_POSITION."""
 PAUSES: dict[float, str] = {0: HOLD, 1: RESUME}
 CHANNELS = 18
 NAN = float("nan")
 ABSENT = {"RC_CHANNELS": (65535,), "RC_CHANNELS_OVERRIDE": (0, 65534, 65535)}
-"""Values that mean: no such channel; to be let alone; given back to the receiver."""
+"""Values that mean: no such channel; unchanged; released to the receiver."""
 
 
 class FlightCommand(NamedTuple):
-    """A command and its first two parameters."""
+    """Command and its first two parameters."""
 
     command: int
     first: float
@@ -196,11 +196,11 @@ FLIGHT_COMMANDS = {
     RESUME: FlightCommand(CommandCode.OVERRIDE_GOTO, GOTO_CONTINUE, 2),
     END: FlightCommand(CommandCode.LAND, 0, 0),
 }
-"""How one end of the line asks the other."""
+"""Commands with which one end of the link asks the other."""
 
 
 def parse_request(flight_command: FlightCommand) -> str | None:
-    """What a command asks for; DENIED where that can't be done; None for a command that asks for none of it."""
+    """Return the request of a command; DENIED if it cannot be done; None for another command."""
     command, first, second = flight_command
     if command == CommandCode.LAND:
         return END
@@ -214,7 +214,7 @@ def parse_request(flight_command: FlightCommand) -> str | None:
 
 
 def parse_channels(message: Message) -> ReceiverChannels:
-    """Pulse widths from RC_CHANNELS or RC_CHANNELS_OVERRIDE."""
+    """Return pulse widths from RC_CHANNELS or RC_CHANNELS_OVERRIDE."""
     fields = message.fields()
     many = fields.get("chancount", CHANNELS)
     raw = [fields[f"chan{k + 1}_raw"] for k in range(CHANNELS)]
@@ -224,5 +224,5 @@ def parse_channels(message: Message) -> ReceiverChannels:
 
 
 def parse_joystick(message: Message) -> JoystickAxes:
-    """A joystick from MANUAL_CONTROL; what lies outside of +-1000 is an axis that isn't there."""
+    """Return joystick axes from MANUAL_CONTROL. A value outside of +-1000 is a missing axis."""
     return JoystickAxes(*(v / 1000 if abs(v) <= 1000 else NAN for v in map(message.get, "xyzr")))

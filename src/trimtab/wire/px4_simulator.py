@@ -1,8 +1,8 @@
-"""What PX4 and its simulator tell each other: samples of sensors there, settings of actuators back, as MAVLink 2.
+"""Messages between PX4 and its simulator: sensor samples to PX4, actuator commands back, as MAVLink 2.
 
-    HIL_SENSOR (107)             there: inertial unit each time, magnetometer and pressures where their bits are set
-    HIL_GPS (113)                there: a fix
-    HIL_ACTUATOR_CONTROLS (93)   back: motors 0 to 1, servos -1 to 1, whether armed, whether PX4 waits for samples
+    HIL_SENSOR (107)             to PX4: inertial unit each time, magnetometer and pressures where their bits are set
+    HIL_GPS (113)                to PX4: a fix
+    HIL_ACTUATOR_CONTROLS (93)   back:   motors 0 to 1, servos -1 to 1, whether armed, whether PX4 waits for samples
 
 PX4's clock is the time of HIL_SENSOR when it waits (lockstep).
 Source: https://docs.px4.io/main/en/simulation/, "Simulator MAVLink API"; PX4-Autopilot,
@@ -28,11 +28,11 @@ ARMED, LOCKSTEP = 128, 1
 GAUSS, HECTOPASCAL, ICE = 1e-4, 100.0, 273.15
 PER_MICROSECOND = UNITS_PER_SECOND // 1_000_000
 FIX_3D, SATELLITES, ACCURACY = 3, 12, 100
-"""Of a receiver under an open sky; the accuracy is in cm."""
+"""Fix of a receiver under an open sky; the accuracy is in cm."""
 
 
 class ControlFrame(NamedTuple):
-    """What PX4 sends. time: PX4's (µs); controls: of its 16 outputs; is_locked: it waits for the next sample."""
+    """Answer of PX4. time: PX4's (µs); controls: of its 16 outputs; is_locked: PX4 waits for the next sample."""
 
     time: int
     controls: tuple[float, ...]
@@ -41,7 +41,7 @@ class ControlFrame(NamedTuple):
 
 
 class Surroundings(NamedTuple):
-    """What is around the vehicle: its place (rad, m), the air (Pa, K) and the earth's field in B (T)."""
+    """Surroundings of the vehicle: its place (rad, m), the air (Pa, K) and the earth's field in B (T)."""
 
     latitude: float
     longitude: float
@@ -53,23 +53,23 @@ class Surroundings(NamedTuple):
 
 
 def simulator_dialect() -> Dialect:
-    """The standard messages and those of PX4's simulators."""
+    """Return the standard messages and those of PX4's simulators."""
     standard, own = STANDARD.read_text("utf-8"), PX4.read_text("utf-8")
     definitions = read_definitions(standard) | read_definitions(own)
     return Dialect(standard + own, definitions, {d.id: d for d in definitions.values()}, {}, {})
 
 
 def read_controls(message: Message) -> ControlFrame | str:
-    """A message HIL_ACTUATOR_CONTROLS, or in words why it is of no use."""
+    """Return the content of HIL_ACTUATOR_CONTROLS, or a text that says why it is not usable."""
     controls = message.get("controls")
     if not all(map(math.isfinite, controls)):
-        return f"PX4's output {[*map(math.isfinite, controls)].index(False) + 1} is no number"
+        return f"PX4's output {[*map(math.isfinite, controls)].index(False) + 1} is not a finite number"
     mode, flags = message.get("mode"), message.get("flags")
     return ControlFrame(message.get("time_usec"), controls, bool(mode & ARMED), bool(flags & LOCKSTEP))
 
 
 def sensor_fields(t: int, state: PhysicsState, around: Surroundings, updated: int) -> Mapping[str, Any]:
-    """HIL_SENSOR of a motion at t (100 ns). updated: bits of what is a new sample."""
+    """Return HIL_SENSOR of a motion at t (100 ns). updated: bits of the new samples."""
     axes = "xyz"
     force = {f"{a}acc": x for a, x in zip(axes, state.specific_force, strict=True)}
     rate = {f"{a}gyro": x for a, x in zip(axes, state.angular_rate, strict=True)}
@@ -85,7 +85,7 @@ def sensor_fields(t: int, state: PhysicsState, around: Surroundings, updated: in
 
 
 def fix_fields(t: int, state: PhysicsState, around: Surroundings) -> Mapping[str, Any]:
-    """HIL_GPS of a motion at t (100 ns)."""
+    """Return HIL_GPS of a motion at t (100 ns)."""
     north, east, down = (round(100 * v) for v in state.velocity)
     course = math.degrees(math.atan2(state.velocity[1], state.velocity[0])) % 360
     return {

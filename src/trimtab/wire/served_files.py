@@ -1,9 +1,9 @@
-"""What a vehicle lets others read: documents that it holds in memory, and the logs of one folder. Nothing is written.
+"""Files that a vehicle serves: documents held in memory, and the logs of one folder. Nothing is written.
 
     /NAME         a document
     /logs/NAME    a log: a plain file of the log folder itself, with one of LOG_ENDINGS
 
-A path is taken apart before anything is opened: no other folder, no hidden file and no link can be named.
+A path is split before anything is opened: no other folder, no hidden file and no link can be named.
 """
 
 import contextlib
@@ -21,7 +21,7 @@ LARGEST_NAME = 200
 
 
 class FileEntry(NamedTuple):
-    """One file. size: bytes.  time: when it was last written (s, since 1970); 0 where that is not known."""
+    """One file. size: bytes.  time: last modification (s since 1970); 0 if not known."""
 
     name: str
     size: int
@@ -29,19 +29,19 @@ class FileEntry(NamedTuple):
 
 
 class OpenFile:
-    """A file that is being read."""
+    """File that is being read."""
 
     def __init__(self, data: bytes | int, size: int) -> None:
-        """data: all of it, or a descriptor, which is this object's from now on."""
+        """data: all of it, or a descriptor, which this object then owns."""
         self._data, self.size = data, size
 
     @property
     def is_log(self) -> bool:
-        """Whether reading it may wait for a disk."""
+        """Return whether reading may wait for a disk."""
         return isinstance(self._data, int)
 
     def read(self, offset: int, size: int) -> bytes:
-        """Bytes of it; fewer at the end, none beyond, or where the disk fails."""
+        """Return bytes of the file; fewer at the end, none beyond it or if the disk fails."""
         size = max(min(size, self.size - offset), 0)
         if isinstance(self._data, bytes):
             return self._data[offset : offset + size]
@@ -51,7 +51,7 @@ class OpenFile:
             return b""
 
     def close(self) -> None:
-        """Give the descriptor back."""
+        """Close the descriptor."""
         if isinstance(self._data, int):
             with contextlib.suppress(OSError):
                 os.close(self._data)
@@ -59,19 +59,19 @@ class OpenFile:
 
 
 class ServedFiles:
-    """The files of one vehicle."""
+    """Files of one vehicle."""
 
     def __init__(self, documents: Mapping[str, bytes] | None = None, folder: Path | None = None) -> None:
-        """Nothing is opened yet.
+        """Open nothing yet.
 
         Args:
             documents: name -> content.
-            folder: of the logs; None: there are none.
+            folder: folder of the logs; None: no logs.
         """
         self.documents, self.folder = dict(documents or {}), folder
 
     def list_logs(self) -> list[FileEntry]:
-        """The logs by name."""
+        """Return the logs by name."""
         entries = list[FileEntry]()
         with contextlib.suppress(OSError):
             for entry in os.scandir(self.folder) if self.folder is not None else ():
@@ -81,14 +81,14 @@ class ServedFiles:
         return sorted(entries)
 
     def list_folder(self, path: str) -> tuple[list[str], list[FileEntry]] | None:
-        """Folders and files at a path; None where there is no such folder."""
+        """Return folders and files at a path; None if there is no such folder."""
         parts = _split_path(path)
         if parts == []:
             return [LOGS], [FileEntry(name, len(data)) for name, data in sorted(self.documents.items())]
         return ([], self.list_logs()) if parts == [LOGS] else None
 
     def open(self, path: str) -> OpenFile | None:
-        """The file at a path; None where there is none that may be read."""
+        """Open the file at a path. Return None if it may not be read."""
         parts = _split_path(path)
         if parts is not None and len(parts) == 1 and parts[0] in self.documents:
             return OpenFile(self.documents[parts[0]], len(self.documents[parts[0]]))
@@ -106,23 +106,23 @@ class ServedFiles:
 
 
 class Pace:
-    """When the next packet of a transfer may leave, so that it is no faster than a rate."""
+    """Pacer of packets, so that a transfer does not exceed a rate."""
 
     def __init__(self, rate: float) -> None:
         """rate: bytes a second."""
         self._rate, self._next = rate, 0
 
     def is_due(self, now: int) -> bool:
-        """Whether one may leave; times in 100 ns."""
+        """Return whether a packet may leave. Times in 100 ns."""
         return now >= self._next
 
     def count(self, size: int, now: int, share: float = 1.0) -> None:
-        """A packet of so many bytes leaves now; share: of the rate that there is."""
+        """Count a packet of this size that leaves now. share: share of the rate that is available."""
         self._next = now + int(size / (self._rate * share) * UNITS_PER_SECOND)
 
 
 def _split_path(path: str) -> list[str] | None:
-    """The names in a path; None for one that leads up, or that is none."""
+    """Return the names in a path; None if it leads up or is not a path."""
     if "\0" in path or len(path) > LARGEST_NAME:
         return None
     parts = [part for part in path.split("/") if part not in ("", ".")]

@@ -1,18 +1,17 @@
-"""Time stamps of signed packets: those sent never repeat, not even after a restart; those received are taken once.
+"""Time stamps of signed packets. Sent stamps never repeat, not even after a restart. Each stamp is accepted once.
 
-A stamp counts 10 us since 2015. What is stored beside the key lies ten seconds ahead, so that it is written seldom;
-after a restart stamps go on from there. Time runs by the monotonic clock, so that a stepped wall clock changes nothing.
+A stamp counts 10 us since 2015. The stamp stored beside the key is ten seconds ahead, so that it is rarely written.
+After a restart stamps continue from there. Time runs by the monotonic clock: a stepped wall clock changes nothing.
 
-Refused as replayed: a stamp that was taken before from its stream (system, component, link); one that is 250 ms or more
-behind the newest of its stream. What has to come in order is refused, too, where its stamp is not newer than that of
-all before it that had to. Refused as stale: one that is not newer than this end's own stamp when it started; any that
-is over a minute behind this end. Refused as leading: one that is over 40 s ahead of this end's clock; were it taken,
-this end's own stamps, and those that it stores, would move up to it, and whoever has the right clock would be stale.
-A peer whose clock lags by less than that is refused until it has heard this end once: every MAVLink implementation
-moves its own stamp up to those that it accepts.
+Refused as replayed: a stamp that was accepted before from its stream (system, component, link); one that is 250 ms or
+more behind the newest of its stream. For ordered packets also: a stamp that is not newer than all ordered ones before.
+Refused as stale: a stamp that is not newer than this end's own stamp at its start, or over a minute behind this end.
+Refused as leading: a stamp over 40 s ahead of this end's clock. If accepted, this end's own and stored stamps would
+move up to it, and peers with the right clock would become stale. A peer whose clock lags by less than that is refused
+until it has received a packet of this end: every MAVLink implementation moves its own stamp up to those it accepts.
 Source: https://mavlink.io/en/guide/message_signing.html, which lets a new stream start up to a minute back, so that
-what was recorded in the minute before a restart could be sent again; here it can't. S. Kent, "IP encapsulating security
-payload", RFC 4303 (2005), section 3.4.3: packets that overtake one another, each taken once.
+packets recorded in the minute before a restart could be replayed; here they cannot. S. Kent, "IP encapsulating security
+payload", RFC 4303 (2005), section 3.4.3: packets that overtake one another, each accepted once.
 """
 
 import contextlib
@@ -27,26 +26,26 @@ from trimtab.core.errors import InputError
 
 try:
     import fcntl
-except ImportError:  # no such locks on this system: two processes with one identity are not told apart
+except ImportError:  # no such locks on this system: two processes with one identity go unnoticed
     fcntl = None
 
 EPOCH = 1_420_070_400
 """1 January 2015, in seconds of Unix time."""
 PER_SECOND = 100_000
 MARGIN = 60 * PER_SECOND
-"""How far behind a stamp may be."""
+"""Largest age of a stamp."""
 LONGEST_LATENESS = PER_SECOND // 4
-"""How far behind the newest of its stream a stamp may be: a vehicle that hears nothing for so long stops by itself."""
+"""Largest lag behind the newest stamp of a stream: a vehicle without data for this long stops by itself."""
 STORE_MARGIN = 10 * PER_SECOND
-"""How far ahead the stored stamp lies: after it was killed, a sender is ahead of its peers for so long."""
+"""Lead of the stored stamp. After a kill, a sender is ahead of its peers by up to this time."""
 MOST_LEAD = MARGIN - 2 * STORE_MARGIN
-"""How far a stamp may be ahead of this end's clock: with what is stored ahead, the right clock is still not stale."""
+"""Largest lead of a stamp over this end's clock. Even with the stored lead, the right clock is not stale then."""
 LARGEST = 2**48 - 1
 DIGITS = 20
 
 
 class Refusal(Enum):
-    """Why a stamp is not taken."""
+    """Reason why a stamp is not accepted."""
 
     REPLAYED = "replayed"
     STALE = "stale"
@@ -60,7 +59,7 @@ def running_clock(clock: Clock = SYSTEM_CLOCK) -> Callable[[], float]:
 
 
 class _Stream:
-    """What was taken from one sender, as far back as it matters."""
+    """Stamps accepted from one sender, as far back as they matter."""
 
     def __init__(self, floor: int) -> None:
         self.newest = self.ordered = floor
@@ -84,14 +83,14 @@ class _Stream:
 
 
 class Stamps:
-    """The stamps of one sender, and the newest of each stream that it hears."""
+    """Stamps of one sender, and the newest of each received stream."""
 
     def __init__(
         self, store: Path | None = None, clock: Callable[[], float] | None = None, *, is_reset: bool = False
     ) -> None:
-        """Start above what is stored and above now; `store` None keeps nothing. The file stays locked until close().
+        """Start above the stored stamp and above now; `store` None keeps nothing. The file stays locked until close().
 
-        is_reset: begin with now, whatever is stored: a clock that was wrong once has stored what is far ahead.
+        is_reset: start with now, whatever is stored, after a wrong clock stored a stamp far ahead.
         """
         self._clock, self._shift = clock or running_clock(), 0
         self._file = None if store is None else _open_store(store)
@@ -102,25 +101,25 @@ class Stamps:
         self._floor = self.last
         self._streams: dict[tuple[int, int, int], _Stream] = {}
         self.unsaved = 0
-        """How often the stamp ahead could not be written, e.g. because the disk is full."""
+        """Number of times the stamp could not be stored, e.g. because the disk is full."""
 
     def _current_stamp(self) -> int:
         return min(max(int((self._clock() - EPOCH) * PER_SECOND) + self._shift, 0), LARGEST)
 
     def next_stamp(self) -> int:
-        """A stamp greater than all before."""
+        """Return a stamp greater than all before."""
         self._raise_to(min(max(self.last + 1, self._current_stamp()), LARGEST))
         return self.last
 
     def store_ahead(self) -> None:
-        """Store ahead of time if half the margin is used up: call it now and then where waiting does no harm."""
+        """Store ahead if half the margin is used up. Call it now and then where waiting does no harm."""
         if self._file is not None and self.last + STORE_MARGIN // 2 > self._ceiling:
             self._write_store()
 
     def find_refusal(self, stream: tuple[int, int, int], stamp: int, ordered: bool = True) -> Refusal | None:
-        """Why a stamp of (system, component, link) may not be taken; nothing is remembered before `accept`.
+        """Return why a stamp of (system, component, link) is refused, or None. Nothing is remembered before `accept`.
 
-        ordered: its packet must not come after a later one that must not either.
+        ordered: its packet must not come after a later ordered one.
         """
         now = self._current_stamp()
         if stamp > max(now, self._floor) + MOST_LEAD:
@@ -132,17 +131,17 @@ class Stamps:
 
     @property
     def stored_lead(self) -> float:
-        """By how much this end began ahead of its clock (s), because so much was stored."""
+        """Lead of this end over its clock at the start (s), because of the stored stamp."""
         return max(self._floor - self._current_stamp(), 0) / PER_SECOND
 
     def lead(self, stamp: int) -> float:
-        """By how much a stamp is ahead of this end's own (s); negative behind it."""
+        """Return the lead of a stamp over this end's own (s); negative if it is behind."""
         return (stamp - max(self.last, self._current_stamp())) / PER_SECOND
 
     def follow(self, stamp: int) -> None:
-        """Go on from another end's stamp, ahead or behind, of which its answer has shown that it is of now.
+        """Continue from another end's stamp, ahead or behind, whose answer has proved to be current.
 
-        Nothing is stored any more: the clock that is followed is not this end's.
+        Nothing is stored from then on: this is not this end's own clock.
         """
         self._shift += stamp - self._current_stamp()
         self._floor = self.last = stamp
@@ -150,20 +149,20 @@ class Stamps:
         self._close_file()
 
     def accept(self, stream: tuple[int, int, int], stamp: int, ordered: bool = True) -> None:
-        """Remember the stamp of a packet whose signature was right; this end's own moves up to it."""
+        """Remember the stamp of a packet with a valid signature. This end's own stamp moves up to it."""
         if stream not in self._streams:
             self._streams[stream] = _Stream(self._floor)
         self._streams[stream].remember(stamp, ordered)
         self._raise_to(max(self.last, stamp))
 
     def close(self) -> None:
-        """Store exactly where the stamps stand, and give the file back."""
+        """Store the current stamps exactly, and release the file."""
         if self._file is not None:
             self._write_store(0)
         self._close_file()
 
     def abandon(self) -> None:
-        """Give the file back and store nothing, as the system does when a process dies."""
+        """Release the file and store nothing, as the system does when a process dies."""
         self._close_file()
 
     def _close_file(self) -> None:
@@ -201,8 +200,8 @@ def _open_store(store: Path) -> int:
             fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except OSError:
         os.close(file)
-        problem = "another process sends with this key, system, component and link; each would refuse the other's"
-        raise InputError(where, problem, fix="end the other one (Ctrl-C), then start this one again") from None
+        problem = "another process uses this key, system, component and link; each would refuse the other's packets"
+        raise InputError(where, problem, fix="end the other process (Ctrl-C), then start this one again") from None
     return file
 
 
@@ -215,5 +214,5 @@ def _read_store(file: int, store: Path) -> int:
         if 0 <= stamp <= LARGEST:
             return stamp
     os.close(file)
-    problem = f"holds {text[:32]!r} and no stamp"
+    problem = f"holds {text[:32]!r} instead of a time stamp"
     raise InputError(f"time stamps '{store}'", problem, fix=f"rm '{store}'  on a machine whose clock is right")

@@ -1,7 +1,7 @@
-"""The vehicle's end of the standard protocol: a state machine without I/O, driven by messages and by the time.
+"""Vehicle's end of the standard protocol: a state machine without I/O, driven by messages and by the time.
 
-Heartbeat, time synchronisation, arming, modes, parameters, versions, status text, a pilot's channels. What is asked of
-the vehicle comes out as events; the vehicle acts, and tells by `status` what it is.
+Heartbeat, time synchronisation, arming, modes, parameters, versions, status text, a pilot's channels. Requests to the
+vehicle are returned as events. The vehicle acts on them, and sets `status` to what it reports.
 Source: https://mavlink.io/en/services/ (heartbeat, command, parameter, timesync) and messages/common.html.
 """
 
@@ -40,22 +40,22 @@ from trimtab.wire.time_sync import NS_PER_UNIT
 
 HEARTBEAT_PERIOD = seconds(1)
 LISTENING_TIME = seconds(10)
-"""How long after its last heartbeat another system counts as one that listens."""
+"""Time since the last heartbeat for which another system counts as listening."""
 VERSION_REQUEST = CommandCode.REQUEST_MESSAGE, VERSION_MESSAGE
 
 
 WRITE_STORAGE, RESET_STORAGE = 1, 2
-"""First parameter of PREFLIGHT_STORAGE."""
+"""First parameter of PREFLIGHT_STORAGE: write, reset."""
 OWNED_COMMANDS = CommandCode.ARM, CommandCode.REQUEST_CONTROL
-"""Whose acknowledgements tell the session of the vehicle's owner."""
+"""Commands whose acknowledgements carry the session of the vehicle's owner."""
 
 
 class Status(NamedTuple):
-    """What the vehicle is, as it tells others.
+    """Status that the vehicle reports.
 
-    arming_problem: why it can't be armed, empty if it can.  confirmation_problem: why it can't be armed unless a person
-    confirms it.  closed_modes: mode -> why it can't be entered now.
-    autopilot_problem: why its autopilot can't be asked to hold, resume or end; empty if it can.
+    arming_problem: why it cannot be armed, empty if it can.  confirmation_problem: why it cannot be armed without a
+    confirmation of the user.  closed_modes: mode -> why it cannot be entered now.
+    autopilot_problem: why its autopilot cannot be asked to hold, resume or end; empty if it can.
     """
 
     mode: int = 0
@@ -64,30 +64,30 @@ class Status(NamedTuple):
     arming_problem: str = ""
     confirmation_problem: str = ""
     closed_modes: Mapping[int, str] = {}
-    autopilot_problem: str = "there is no autopilot that could be asked"
+    autopilot_problem: str = "no autopilot that takes requests"
 
 
 class StationResponse(NamedTuple):
-    """What a message leads to: packets to send, and what is asked of the vehicle."""
+    """Result of a message: packets to send, and requests to the vehicle."""
 
     replies: list[bytes]
     events: list[VehicleEvent]
 
 
 class Service(Protocol):
-    """Answers requests of one kind for a vehicle. Times `now` are the vehicle's, in 100 ns."""
+    """Service that answers requests of one kind for a vehicle. Times `now` are the vehicle's, in 100 ns."""
 
     @property
     def names(self) -> Collection[str]:
-        """The messages that it answers."""
+        """Names of the messages that the service answers."""
         ...
 
     def answer(self, message: Message, now: int, *, is_armed: bool) -> list[bytes]:
-        """The packets that answer a message."""
+        """Return the packets that answer a message."""
         ...
 
     def due(self, now: int, *, is_armed: bool) -> list[bytes]:
-        """What is to be sent by now."""
+        """Return the packets that are due now."""
         ...
 
 
@@ -96,7 +96,7 @@ def _arming_sender(message: Message) -> Sender:
 
 
 class Station:
-    """The vehicle's end. Set `status` whenever it changes; all times `now` are the vehicle's, in 100 ns."""
+    """Vehicle's end. Set `status` whenever it changes. All times `now` are the vehicle's, in 100 ns."""
 
     def __init__(
         self,
@@ -110,20 +110,20 @@ class Station:
         services: Sequence[Service] = (),
         store: Callable[[ChangedValues | None], str] = lambda _: NO_STORE,
     ) -> None:
-        """A vehicle at rest.
+        """Start with a vehicle at rest.
 
         Args:
-            endpoint: packs the replies; give what it has accepted to `handle_message`.
-            parameters: what ground stations can read and change.
-            modes: number of a mode -> its name for people.
-            vehicle: what it says it is.
-            streams: what is told again and again while another system (a ground station) is there.
-            authority: who commands it; None: nobody yet.
-            services: what it answers besides.
-            store: keeps changed parameters for the next start, None: forgets them; says why not.
+            endpoint: endpoint that packs the replies; pass the messages it accepts to `handle_message`.
+            parameters: parameters that ground stations can read and change.
+            modes: number of a mode -> its name for the user.
+            vehicle: type that the vehicle reports.
+            streams: telemetry, sent while another system (a ground station) is listening.
+            authority: owner of the vehicle; None: no owner yet.
+            services: services for further messages.
+            store: stores changed parameters for the next start, or None to clear them; returns why not.
         """
         if not modes:
-            raise InputError("station", "there are no modes", fix='give modes={0: "MANUAL", …}')
+            raise InputError("station", "needs at least one mode", fix='give modes={0: "MANUAL", …}')
         self._endpoint, self._modes = endpoint, dict(modes)
         self._parameters, self._held = ParameterService(endpoint, parameters), parameters
         self._store = store
@@ -132,9 +132,9 @@ class Station:
         self.status = Status(mode=next(iter(self._modes)))
         self.texts = TextQueue(endpoint)
         self.tell: Callable[[str], None] = lambda _: None
-        """Is given what is said of arming and control, for the vehicle's own log."""
+        """Receives the messages on arming and control, for the vehicle's own log."""
         self.arming_checks: Callable[[], Sequence[ArmingCheck]] = lambda: ()
-        """What is looked at before arming."""
+        """Returns the checks before arming."""
         self._heartbeat_at: int | None = None
         self._last_state = self.status.armed, self.status.state
         self._streams, self._listens_until = streams or Streams(endpoint, {}), 0
@@ -157,7 +157,7 @@ class Station:
         self._services = {name: service for service in services for name in service.names}
 
     def handle_message(self, message: Message, now: int) -> StationResponse:
-        """What a message leads to; those for others, and those that nothing is known of, lead to nothing."""
+        """Handle a message. Messages for other systems, and unknown ones, have no effect."""
         response = StationResponse([], [])
         answer, service = self._answers.get(message.name), self._services.get(message.name)
         if (answer is None and service is None) or not self._is_for_us(message):
@@ -170,7 +170,7 @@ class Station:
         return response
 
     def due(self, now: int) -> list[bytes]:
-        """What is to be sent by now: heartbeats, at once where its state is another, texts, streams, parameters."""
+        """Return the packets due now: heartbeats (at once when the state changes), texts, streams, parameters."""
         packets = self.texts.pack_texts()
         state = self.status.armed, self.status.state
         is_due = self._heartbeat_at is None or not 0 <= now - self._heartbeat_at < HEARTBEAT_PERIOD
@@ -184,7 +184,7 @@ class Station:
         return packets + self._parameters.due(now)
 
     def queue_text(self, severity: Severity, text: str) -> None:
-        """A line for people, sent with what is due next; what is too much is dropped and counted."""
+        """Queue a line for the user, sent with the next packets. Lines in excess are dropped and counted."""
         self.texts.queue_text(severity, text)
 
     def _warn(self, text: str) -> None:
@@ -195,7 +195,7 @@ class Station:
         return self._endpoint.pack(name, fields)
 
     def _is_for_us(self, message: Message) -> bool:
-        """Whether a message names this system and component, or all, or none."""
+        """Return whether a message is addressed to this system and component, to all, or to none."""
         where = message.definition.where
         for field, own in (("target_system", self._endpoint.system), ("target_component", self._endpoint.component)):
             if field in where and message.get(field) not in (0, own):
@@ -251,7 +251,7 @@ class Station:
         elif command == CommandCode.STORAGE and first in (WRITE_STORAGE, RESET_STORAGE):
             result = self._store_parameters(first == RESET_STORAGE)
         elif command == CommandCode.REBOOT:
-            self.queue_text(Severity.WARNING, "Not rebooted: end `trimtab vehicle` and start it again")
+            self.queue_text(Severity.WARNING, "Not rebooted: restart `trimtab vehicle` by hand")
             result = CommandResult.NOT_NOW if self.status.armed else CommandResult.UNSUPPORTED
         elif command == CommandCode.REQUEST_MESSAGE and first == 0:
             response.replies.append(self._heartbeat_packet())
@@ -276,7 +276,7 @@ class Station:
         return 0 if self.authority.owner is None else self.authority.owner.session
 
     def owner_packet(self) -> bytes:
-        """Whose the vehicle is, for all on the line."""
+        """Return the packet that announces the vehicle's owner to all on the link."""
         fields = {"command": CommandCode.REQUEST_CONTROL, "result_param2": self._owner_session}
         return self._pack_fields("COMMAND_ACK", **fields)
 
@@ -289,7 +289,7 @@ class Station:
         return CommandResult.ACCEPTED
 
     def _run_checks(self, message: Message, response: StationResponse) -> CommandResult:
-        """Tell who asks what each check found, and ground stations what fails."""
+        """Report each check to the sender, and failing checks to ground stations."""
         if self.status.armed:
             return CommandResult.NOT_NOW
         checks = self.arming_checks()
@@ -318,12 +318,12 @@ class Station:
         return CommandResult.ACCEPTED
 
     def _change_mode(self, flags: int, mode: float, response: StationResponse, part: float = 0.0) -> CommandResult:
-        """Enter a mode, where there is one of this number; part: of the mode, as PX4 has them: there are none here."""
-        has_parts = part == part and part != 0  # NaN says nothing
+        """Enter a mode if there is one of this number. part: sub-mode as in PX4; there are none here."""
+        has_parts = part == part and part != 0  # NaN means not given
         if not flags & ModeFlag.CUSTOM or mode not in self._modes or has_parts:
             known = ", ".join(f"{number} {name}" for number, name in self._modes.items())
             asked = f"{mode:g}.{part:g}" if has_parts else f"{mode:g}"
-            self.queue_text(Severity.WARNING, f"No mode {asked}; there are {known}")
+            self.queue_text(Severity.WARNING, f"No mode {asked}; available: {known}")
             return CommandResult.DENIED
         why = self.status.closed_modes.get(int(mode))
         if why:
@@ -336,7 +336,7 @@ class Station:
         if not request:
             return CommandResult.DENIED
         if self.status.autopilot_problem:
-            self.queue_text(Severity.WARNING, f"Not asked to {request}: {self.status.autopilot_problem}")
+            self.queue_text(Severity.WARNING, f"Cannot {request}: {self.status.autopilot_problem}")
             return CommandResult.NOT_NOW
         response.events.append(FlightRequest(request))
         return CommandResult.ACCEPTED
@@ -354,12 +354,16 @@ class Station:
 
     def _store_parameters(self, is_reset: bool) -> CommandResult:
         what = "reset" if is_reset else "stored"
-        why = "it is armed" if self.status.armed else self._store(None if is_reset else self._held.changed_values())
-        said = f"Parameters not {what}: {why}" if why else f"Parameters {what}, for the next start"
+        why = (
+            "the vehicle is armed"
+            if self.status.armed
+            else self._store(None if is_reset else self._held.changed_values())
+        )
+        said = f"Parameters not {what}: {why}" if why else f"Parameters {what} for the next start"
         self.queue_text(Severity.WARNING if why else Severity.NOTICE, said)
         if not why:
             return CommandResult.ACCEPTED
         return CommandResult.NOT_NOW if self.status.armed else CommandResult.FAILED
 
     def _refuse_key(self, message: Message, now: int, response: StationResponse) -> None:
-        self.queue_text(Severity.WARNING, "Keys are not taken over the link")
+        self.queue_text(Severity.WARNING, "Keys are not accepted over the link")

@@ -1,7 +1,7 @@
-"""What a vehicle tells unasked: messages sent again and again, and lines for people.
+"""Telemetry of a vehicle: messages sent repeatedly, and lines of text for the user.
 
-Each message has its own rate, which ground stations may ask to be another; one a call at most, so that a slow line is
-never given a burst. A long line goes in several messages; there are no more lines than can be sent.
+Each message has its own rate, which ground stations may change. At most one message is sent per call, so that a slow
+link never gets a burst. A long line of text is sent in several messages. Lines in excess are dropped.
 Source: https://mavlink.io/en/mavgen_python/howto_requestmessages.html; common.html, MAV_DATA_STREAM and STATUSTEXT.
 """
 
@@ -19,9 +19,9 @@ from trimtab.wire.telemetry import UNITS_PER_US
 PIECE = 50
 """Bytes of text in one message."""
 MOST = 20
-"""Messages of text that may wait."""
+"""Maximum number of waiting text messages."""
 FASTEST = ms(20)
-"""Nothing is sent more often, whatever is asked for."""
+"""Shortest period of a message, whatever is asked for."""
 SLOWEST = seconds(60)
 ALL_STREAMS = 0
 STREAMS: Mapping[int, frozenset[str]] = {
@@ -32,22 +32,22 @@ STREAMS: Mapping[int, frozenset[str]] = {
     10: frozenset({"ATTITUDE"}),
     11: frozenset({"VFR_HUD"}),
 }
-"""What REQUEST_DATA_STREAM means by its numbers."""
+"""Messages of REQUEST_DATA_STREAM by its numbers."""
 INTERVAL, HOME = "MESSAGE_INTERVAL", "HOME_POSITION"
 
 
 class TextQueue:
-    """Lines that wait to be sent; `dropped` counts those that found no room."""
+    """Lines that wait to be sent. `dropped` counts the lines without room."""
 
     def __init__(self, endpoint: Endpoint) -> None:
-        """Nothing to say."""
+        """Start without lines."""
         self._endpoint = endpoint
         self._waiting: deque[tuple[Severity, bytes, int, int]] = deque()
         self._number = 0
         self.dropped = 0
 
     def queue_text(self, severity: Severity, text: str) -> None:
-        """Put a line at the end."""
+        """Append a line."""
         pieces = _split_text(text.encode())
         if len(self._waiting) + len(pieces) > MOST:
             self.dropped += 1
@@ -57,7 +57,7 @@ class TextQueue:
         self._waiting.extend((severity, piece, number, k) for k, piece in enumerate(pieces))
 
     def pack_texts(self) -> list[bytes]:
-        """All that waits, packed."""
+        """Return all waiting lines, packed."""
         packets = [
             self._endpoint.pack("STATUSTEXT", {"severity": severity, "text": piece, "id": number, "chunk_seq": k})
             for severity, piece, number, k in self._waiting
@@ -67,22 +67,22 @@ class TextQueue:
 
 
 def pack_text(endpoint: Endpoint, severity: Severity, text: str) -> list[bytes]:
-    """The packets of one line, from an end that seldom has anything to say."""
+    """Return the packets of one line, for an end that rarely sends text."""
     queue = TextQueue(endpoint)
     queue.queue_text(severity, text)
     return queue.pack_texts()
 
 
 class TextAssembly:
-    """Lines out of their pieces; one of which a piece is lost is passed over."""
+    """Assembly of lines from their pieces. A line with a lost piece is dropped."""
 
     def __init__(self) -> None:
-        """No piece yet."""
+        """Start without pieces."""
         self._pieces: list[str] = []
         self._number = 0
 
     def join(self, message: Message) -> str | None:
-        """The line that a STATUSTEXT ends, with ? for what can't be printed; None where more is to come."""
+        """Return the line that a STATUSTEXT completes, with ? for unprintable characters; None if more is to come."""
         piece, number, place = (message.get(n) for n in ("text", "id", "chunk_seq"))
         if not number:
             return _make_printable(piece)
@@ -99,23 +99,23 @@ def _make_printable(text: str) -> str:
 
 
 def _split_text(text: bytes) -> list[bytes]:
-    """A text in as many messages as it needs; where the last is full, an empty one says that it ends."""
+    """Split a text into as many messages as it needs. If the last one is full, an empty one ends it."""
     pieces = [text[k : k + PIECE] for k in range(0, len(text), PIECE)] or [b""]
     return [*pieces, b""] if len(pieces) > 1 and len(pieces[-1]) == PIECE else pieces
 
 
 class TelemetryStream(NamedTuple):
-    """A message and how often it is sent unasked. fields: its fields at a time, None while there is nothing to tell."""
+    """Message and its period. fields: its fields at a time, None if there is nothing to send."""
 
     fields: Callable[[int], Mapping[str, Any] | None]
     period: int
 
 
 class Streams:
-    """The messages of one vehicle. Times are the vehicle's, in 100 ns."""
+    """Messages of one vehicle. Times are the vehicle's, in 100 ns."""
 
     def __init__(self, endpoint: Endpoint, streams: Mapping[str, TelemetryStream]) -> None:
-        """streams: name of a message -> what it tells."""
+        """streams: name of a message -> its stream."""
         self._endpoint, self._streams = endpoint, dict(streams)
         self._names = {endpoint.dialect.definitions[n].id: n for n in self._streams}
         self._periods = {n: s.period for n, s in self._streams.items()}
@@ -123,12 +123,12 @@ class Streams:
         self._next = 0 if self._due else FOREVER
 
     def add_on_request(self, name: str, fields: Callable[[int], Mapping[str, Any]]) -> None:
-        """Tell another message to who asks for it, and not unasked: not everybody knows it."""
+        """Add a message that is sent on request only, since not every station knows it."""
         self._streams[name] = TelemetryStream(fields, 0)
         self._names[self._endpoint.dialect.definitions[name].id] = name
 
     def due(self, now: int) -> list[bytes]:
-        """The one message that has been due for longest, if any is."""
+        """Return the message that has been due for longest, if there is one."""
         if now < self._next:
             return []
         name = min(self._due, key=lambda n: self._due[n])
@@ -139,7 +139,7 @@ class Streams:
         return self._stream_packet(name, now)
 
     def handle_command(self, command: int, first: float, second: float, now: int) -> tuple[CommandResult, list[bytes]]:
-        """Follow a request for a message, or for its rate: what to answer, and packets."""
+        """Handle a request for a message or its rate. Return the result and packets."""
         if command == CommandCode.REQUEST_MESSAGE and first == self._endpoint.dialect.definitions[INTERVAL].id:
             command, first = CommandCode.GET_INTERVAL, second
         if command == CommandCode.GET_HOME:
@@ -155,7 +155,7 @@ class Streams:
         return CommandResult.UNSUPPORTED, []
 
     def ask(self, message: Message, now: int) -> None:
-        """Follow a REQUEST_DATA_STREAM."""
+        """Handle a REQUEST_DATA_STREAM."""
         which, rate, start = (message.get(n) for n in ("req_stream_id", "req_message_rate", "start_stop"))
         unasked = [name for name, stream in self._streams.items() if stream.period]
         for name in unasked if which == ALL_STREAMS else STREAMS.get(which, ()):
@@ -182,7 +182,7 @@ class Streams:
         return CommandResult.ACCEPTED
 
     def _set_period(self, name: str, period: int, now: int) -> None:
-        """Send it each `period` from now on; 0: never."""
+        """Set the period of a message from now on; 0: never."""
         if name not in self._streams:
             return
         if not period:

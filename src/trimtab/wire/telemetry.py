@@ -1,4 +1,4 @@
-"""What a vehicle is and does, as fields of the standard messages that ground stations show. Nothing here has a state.
+"""State of a vehicle as fields of the standard messages that ground stations show. Nothing here has a state.
 
 Times `now` are the vehicle's, in 100 ns; all else is in SI units, as in `core.signals.Motion`.
 Source: https://mavlink.io/en/messages/common.html.
@@ -22,7 +22,7 @@ UNITS_PER_MS, UNITS_PER_US = 10_000, 10
 UNKNOWN_16, UNKNOWN_8 = 0xFFFF, 0xFF
 SERVOS, RECEIVER = 16, 18
 LOW_PULSE, PULSE_RANGE = 1000, 1000
-"""Of a servo (µs)."""
+"""Shortest pulse of a servo, and range of its pulses (µs)."""
 ON_GROUND = 1
 APPROACH = ("approach_x", "approach_y", "approach_z")
 BATTERY_CELLS, UNKNOWN_TEMPERATURE = 10, 32767
@@ -32,7 +32,7 @@ CAPABILITIES = Capability.COMMAND_INT | Capability.FILES | Capability.MAVLINK2 |
 
 
 class Health(IntFlag):
-    """MAV_SYS_STATUS_SENSOR: what a vehicle has, and whether it is well."""
+    """MAV_SYS_STATUS_SENSOR: bits of the parts that a vehicle has, and of those that are healthy."""
 
     GYRO = 1
     ACCELEROMETER = 2
@@ -44,7 +44,7 @@ class Health(IntFlag):
 
 
 class VehicleMotion(NamedTuple):
-    """How a vehicle moves: position in W, roll, pitch and yaw, velocity and angular velocity in B."""
+    """Motion of a vehicle: position in W, roll, pitch and yaw, velocity and angular velocity in B."""
 
     p_WB: Vector
     attitude: Vector
@@ -53,7 +53,7 @@ class VehicleMotion(NamedTuple):
 
 
 class Place(NamedTuple):
-    """On the globe: latitude, longitude (rad), height above the sea (m)."""
+    """Place on the globe: latitude, longitude (rad), height above the sea (m)."""
 
     latitude: float
     longitude: float
@@ -61,21 +61,21 @@ class Place(NamedTuple):
 
 
 def attitude(now: int, motion: VehicleMotion) -> Fields:
-    """ATTITUDE; angles from -pi to pi."""
+    """Return ATTITUDE; angles from -pi to pi."""
     angles = dict(zip(("roll", "pitch", "yaw"), map(_wrap_angle, motion.attitude), strict=True))
     rates = zip(("rollspeed", "pitchspeed", "yawspeed"), motion.w_WB_B, strict=True)
     return {"time_boot_ms": _milliseconds(now)} | angles | dict(rates)
 
 
 def local_position(now: int, motion: VehicleMotion) -> Fields:
-    """LOCAL_POSITION_NED; the origin is that of W."""
+    """Return LOCAL_POSITION_NED; the origin is that of W."""
     place = zip("xyz", motion.p_WB, strict=True)
     velocity = zip(("vx", "vy", "vz"), rotate_to_world(motion.attitude, motion.v_WB_B), strict=True)
     return {"time_boot_ms": _milliseconds(now)} | dict(place) | dict(velocity)
 
 
 def global_position(now: int, motion: VehicleMotion, place: Place, home: VehicleMotion) -> Fields:
-    """GLOBAL_POSITION_INT; heights are above the sea, and above home."""
+    """Return GLOBAL_POSITION_INT; heights are above the sea, and above home."""
     velocity = rotate_to_world(motion.attitude, motion.v_WB_B)
     return {
         "time_boot_ms": _milliseconds(now),
@@ -87,13 +87,13 @@ def global_position(now: int, motion: VehicleMotion, place: Place, home: Vehicle
 
 
 def home_position(now: int, p_WB: Vector, quaternion: Vector, place: Place) -> Fields:
-    """HOME_POSITION; nothing is known of how to approach it. quaternion: w, x, y, z of the turn from B to W."""
+    """Return HOME_POSITION, without an approach. quaternion: w, x, y, z of the rotation from B to W."""
     local = dict(zip("xyz", p_WB, strict=True)) | {"q": tuple(quaternion)}
     return {"time_usec": now // UNITS_PER_US} | _place_fields(place) | local | dict.fromkeys(APPROACH, math.nan)
 
 
 def global_origin(now: int, origin: Place) -> Fields:
-    """GPS_GLOBAL_ORIGIN: where the local frame's origin lies."""
+    """Return GPS_GLOBAL_ORIGIN: the place of the local frame's origin."""
     return {"time_usec": now // UNITS_PER_US} | _place_fields(origin)
 
 
@@ -103,13 +103,13 @@ def _place_fields(place: Place, names: Sequence[str] = ("latitude", "longitude",
 
 
 def battery_status() -> Fields:
-    """BATTERY_STATUS of which nothing is known: no vehicle here has a model of its battery."""
+    """Return BATTERY_STATUS with all values unknown: no vehicle here has a model of its battery."""
     voltages = (UNKNOWN_16,) * BATTERY_CELLS
     return {"voltages": voltages, "temperature": UNKNOWN_TEMPERATURE} | dict.fromkeys(UNKNOWN_OF_BATTERY, -1)
 
 
 def vfr_hud(motion: VehicleMotion) -> Fields:
-    """VFR_HUD; there is no wind, so the speed through the air is that over the ground."""
+    """Return VFR_HUD. There is no wind, so airspeed is ground speed."""
     north, east, down = rotate_to_world(motion.attitude, motion.v_WB_B)
     return {
         "airspeed": math.sqrt(sum(v * v for v in motion.v_WB_B)),
@@ -121,7 +121,7 @@ def vfr_hud(motion: VehicleMotion) -> Fields:
 
 
 def inertial_sample(t: int, specific_force: Vector, angular_rate: Vector, field: Vector | None = None) -> Fields:
-    """HIGHRES_IMU from a sample measured at t; field: of a magnetometer (T)."""
+    """Return HIGHRES_IMU from a sample measured at t. field: of a magnetometer (T)."""
     fields: dict[str, Any] = {"time_usec": t // UNITS_PER_US, "fields_updated": 0o77 if field is None else 0o777}
     for names, values in (("acc", specific_force), ("gyro", angular_rate), ("mag", field or (0.0, 0.0, 0.0))):
         fields |= {f"{axis}{names}": v for axis, v in zip("xyz", values, strict=True)}
@@ -131,14 +131,14 @@ def inertial_sample(t: int, specific_force: Vector, angular_rate: Vector, field:
 
 
 def servo_outputs(now: int, shares: Vector) -> Fields:
-    """SERVO_OUTPUT_RAW: what the actuators are given, from 1 ms at the lowest (0) to 2 ms at the highest (1)."""
+    """Return SERVO_OUTPUT_RAW: actuator commands from 1 ms at the lowest (0) to 2 ms at the highest (1)."""
     pulses = [round(LOW_PULSE + PULSE_RANGE * s) if math.isfinite(s) else 0 for s in shares[:SERVOS]]
     time = now // UNITS_PER_US & 0xFFFFFFFF
     return {"time_usec": time} | {f"servo{k + 1}_raw": pulse for k, pulse in enumerate(pulses)}
 
 
 def receiver_channels(now: int, pulses: Vector) -> Fields:
-    """RC_CHANNELS: what the safety pilot's receiver gives (s), NaN for a channel that isn't there."""
+    """Return RC_CHANNELS: pulses of the safety pilot's receiver (s), NaN for a missing channel."""
     raw = [round(p * 1e6) if math.isfinite(p) else UNKNOWN_16 for p in pulses[:RECEIVER]]
     raw += [UNKNOWN_16] * (RECEIVER - len(raw))
     count = max((k + 1 for k, v in enumerate(raw) if v != UNKNOWN_16), default=0)
@@ -147,9 +147,9 @@ def receiver_channels(now: int, pulses: Vector) -> Fields:
 
 
 def system_health(has: Health, well: Health, lost: int, accepted: int, refused: int) -> Fields:
-    """SYS_STATUS; there is no battery. lost, accepted, refused: frames of the line so far.
+    """Return SYS_STATUS without a battery. lost, accepted, refused: frames of the link so far.
 
-    A fence that isn't there is told to be well: MAVProxy reports a breach else.
+    A missing fence is reported as healthy, since MAVProxy otherwise reports a breach.
     """
     share = 10_000 * lost // max(lost + accepted, 1)
     return {
@@ -165,20 +165,20 @@ def system_health(has: Health, well: Health, lost: int, accepted: int, refused: 
 
 
 def landed_state(is_held: bool) -> Fields:
-    """EXTENDED_SYS_STATE: on the ground while it is held, else not known."""
+    """Return EXTENDED_SYS_STATE: on the ground while it is held in place, otherwise unknown."""
     return {"landed_state": ON_GROUND if is_held else 0}
 
 
 def system_time(now: int, unix: float) -> Fields:
-    """SYSTEM_TIME; unix: seconds since 1970 by the vehicle's computer."""
+    """Return SYSTEM_TIME. unix: seconds since 1970 by the vehicle's computer."""
     return {"time_unix_usec": int(unix * 1e6), "time_boot_ms": _milliseconds(now)}
 
 
 def mav_type(vehicle: Any) -> VehicleType:
-    """By the class variable MAV_TYPE, the name without its prefix, e.g. "SURFACE_BOAT"; GENERIC without one."""
+    """Return the type in the class variable MAV_TYPE, a name without prefix, e.g. "SURFACE_BOAT", else GENERIC."""
     name = optional_member(vehicle, "MAV_TYPE")
     if name not in VehicleType.__members__:
-        problem = f"{type(vehicle).__name__} declares MAV_TYPE = {name!r}, which is none that is known"
+        problem = f"{type(vehicle).__name__} declares MAV_TYPE = {name!r}, which is not a known type"
         choices = tuple(VehicleType.__members__)
         near = closest(str(name).upper().removeprefix("MAV_TYPE_"), choices, 1) or ["GENERIC"]
         raise InputError(
@@ -188,7 +188,7 @@ def mav_type(vehicle: Any) -> VehicleType:
 
 
 def version_fields(endpoint: Endpoint) -> dict[str, Any]:
-    """What an end can do, trimtab's version, the fingerprint of its dialect; session and system as its identity."""
+    """Return capabilities, trimtab's version, the dialect's fingerprint, and session and system as identity."""
     numbers = [min(int(n), 255) for n in re.findall(r"\d+", f"{__version__}.0.0")[:3]]
     return {
         "capabilities": CAPABILITIES,
@@ -199,7 +199,7 @@ def version_fields(endpoint: Endpoint) -> dict[str, Any]:
 
 
 def rotate_to_world(attitude: Vector, of_body: Vector) -> tuple[float, float, float]:
-    """A vector of B in W: turned by roll, then pitch, then yaw."""
+    """Return a vector of B in W: rotated by roll, then pitch, then yaw."""
     x, y, z = of_body
     (cr, cp, cy), (sr, sp, sy) = map(math.cos, attitude), map(math.sin, attitude)
     y, z = cr * y - sr * z, sr * y + cr * z

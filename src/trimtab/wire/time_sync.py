@@ -1,12 +1,12 @@
-"""The other end's clock, from TIMESYNC exchanges: its offset and drift, told by those that came back soonest.
+"""Clock of the other end, from TIMESYNC exchanges: its offset and drift, by the exchanges with short round trips.
 
 An exchange leaves here at t0, is answered at r by the other clock, and is back at t1:
 
     offset = r - (t0 + t1)/2        |error| <= (t1 - t0)/2        local = remote - offset
 
-The error is half of what the two ways differ, so exchanges count by how little they waited: a line through the offsets
-of the last minute, each weighted by 1/(excess over the shortest round trip)^2. What `to_local` applies turns towards
-that line by at most 1 ms a second, so that rising times come out rising.
+The error is half the difference of the two ways, so an exchange counts the more the less it waited: a line through the
+offsets of the last minute, each weighted by 1/(excess over the shortest round trip)^2. The offset applied in `to_local`
+moves towards that line by at most 1 ms a second, so that increasing times stay increasing.
 Source: D. L. Mills, "Internet time synchronization: the network time protocol", IEEE Trans. Communications 39 (1991),
 section V (minimum filter); https://mavlink.io/en/services/timesync.html.
 """
@@ -20,19 +20,19 @@ NS_PER_UNIT = 100
 WINDOW = seconds(60)
 LONGEST_WAIT = seconds(10)
 JUMP = seconds("0.5")
-"""What the bound on the error can't explain by this much is another clock, or one that was set."""
+"""Excess over the bound of the error that means another clock, or a clock that was set."""
 SLEW = 1e-3
-"""How fast the applied offset may turn."""
+"""Fastest change of the applied offset (s/s)."""
 HORIZON = seconds(1)
 FLOOR = 0.1, ms("0.01")
 """Excess that counts as none: part of the shortest round trip, and a time."""
 DRIFT = 1e-4
-"""Standard deviation of the drift of clocks, before anything is known."""
+"""Standard deviation of the drift of clocks, a priori."""
 MOST = 600
 
 
 class TimeSyncExchange(NamedTuple):
-    """One exchange: the other end's time, the offset it shows, and its round trip."""
+    """Exchange: the other end's time, the offset it shows, and its round trip."""
 
     remote: int
     offset: float
@@ -47,67 +47,67 @@ class OffsetLine(NamedTuple):
     drift: float
 
     def value(self, remote: int) -> float:
-        """The offset at a time of the other clock."""
+        """Return the offset at a time of the other clock."""
         return self.offset + self.drift * (remote - self.at)
 
 
 class TimeSync:
-    """This end's knowledge of the other's clock. All times are integers of 100 ns."""
+    """Estimate of the other end's clock. All times are integers of 100 ns."""
 
     def __init__(self) -> None:
-        """Nothing known."""
+        """Start without exchanges."""
         self._asked: deque[int] = deque(maxlen=16)
         self._exchanges: deque[TimeSyncExchange] = deque(maxlen=MOST)
         self._line = OffsetLine(0, 0.0, 0.0)
         self._from, self._applied, self._turn, self._after = 0, 0.0, 0.0, 0.0
         self.doubles = 0
-        """Questions that were answered twice, with two times: two clocks answer."""
+        """Questions that got two answers with two times: two clocks answer."""
         self._answered: tuple[int, int] = 0, 0
         self._doubtful: TimeSyncExchange | None = None
         self._last: int | None = None
         self._latest: int | None = None
         self._not_before: int | None = None
         self.refused = 0
-        """Answers to nothing that was asked, or that came too late."""
+        """Answers without a question, or too late."""
         self.jumps = 0
-        """How often the other clock turned out to be another: two exchanges in a row must say so."""
+        """Number of times that the other clock changed. Two exchanges in a row must agree on it."""
 
     @property
     def is_doubtful(self) -> bool:
-        """Whether the last exchange shows another clock than those before: ask again soon."""
+        """True if the last exchange shows another clock than those before: ask again soon."""
         return self._doubtful is not None
 
     def is_open(self, ts1: int) -> bool:
-        """Whether the question of a TIMESYNC's `ts1` was asked here and has no answer yet: who answers is live."""
+        """Return whether a TIMESYNC's `ts1` was asked here and is unanswered. Its answer is then live, not replayed."""
         return ts1 // NS_PER_UNIT in self._asked
 
     @property
     def is_known(self) -> bool:
-        """Whether there has been an exchange since the other clock was last found to be another."""
+        """True if there has been an exchange since the last change of the other clock."""
         return bool(self._exchanges)
 
     @property
     def offset(self) -> float:
-        """Their clock less ours at the newest exchange, as estimated (100 ns)."""
+        """Estimate of their clock less ours at the newest exchange (100 ns)."""
         return self._line.offset
 
     @property
     def drift(self) -> float:
-        """By how much theirs gains on ours, in seconds per second."""
+        """Drift of their clock against ours (s/s)."""
         return self._line.drift
 
     @property
     def shortest(self) -> int:
-        """The shortest round trip of the window (100 ns); half of it bounds the error. 0 while nothing is known."""
+        """Shortest round trip of the window (100 ns). Half of it bounds the error. 0 while nothing is known."""
         return min((e.round_trip for e in self._exchanges), default=0)
 
     def ask(self, now: int) -> dict[str, int]:
-        """Fields of a TIMESYNC to send now; ask some ten times a second at first, then once a second."""
+        """Return the fields of a TIMESYNC to send now. Ask about ten times a second at first, then once a second."""
         self._asked.append(now)
         return {"tc1": 0, "ts1": now * NS_PER_UNIT}
 
     def handle_answer(self, tc1: int, ts1: int, now: int) -> bool:
-        """Take in a TIMESYNC that came at `now`; whether it was an answer to this end's question."""
+        """Handle a TIMESYNC that came at `now`. Return whether it answers a question of this end."""
         sent = ts1 // NS_PER_UNIT
         self.doubles += tc1 > 0 and ts1 == self._answered[0] and tc1 != self._answered[1]
         if tc1 <= 0 or sent not in self._asked or not 0 <= now - sent <= LONGEST_WAIT:
@@ -136,7 +136,7 @@ class TimeSync:
         self._last, self._not_before = None, self._latest
 
     def _turn_offset(self, remote: int) -> None:
-        """Turn from what is applied at the last time given out, so that nothing given out changes."""
+        """Change the offset continuously from the last converted time, so that earlier results stay valid."""
         drift = min(max(self._line.drift, -SLEW), SLEW)
         if self._last is None:
             self._from, self._applied, self._turn = remote, self._line.value(remote), drift
@@ -147,19 +147,19 @@ class TimeSync:
         self._after = drift
 
     def _offset_at(self, remote: int) -> float:
-        """The applied offset: it turns for one horizon, and drifts on from there."""
+        """Return the applied offset: it moves for one horizon, and drifts on from there."""
         since = remote - self._from
         return self._applied + self._turn * min(since, HORIZON) + self._after * max(since - HORIZON, 0)
 
     def show_local(self, remote: int) -> int:
-        """Their time as `to_local` would give it; nothing is remembered, so that it may be found not to be believed."""
+        """Return their time as `to_local` would, without a trace, so that the time may still be rejected."""
         local = round(remote - self._offset_at(remote))
         return local if self._not_before is None else max(local, self._not_before)
 
     def to_local(self, remote: int) -> int:
-        """Their time, which is believed, as this end's; rising times come out rising, also over a jump of their clock.
+        """Return their time, once accepted, as this end's. Increasing times stay increasing, even if their clock jumps.
 
-        While nothing is known the time comes out as it is.
+        While nothing is known the time is returned unchanged.
         """
         local = self.show_local(remote)
         if self.is_known:
@@ -168,7 +168,7 @@ class TimeSync:
         return local
 
     def to_remote(self, local: int) -> int:
-        """This end's time as theirs: where `to_local` would give it back."""
+        """Return this end's time as theirs, the inverse of `to_local`."""
         near = local + self._offset_at(local + round(self._applied))
         return round(local + self._offset_at(round(near)))
 
@@ -178,7 +178,7 @@ def _is_other_clock(exchange: TimeSyncExchange, offset: float) -> bool:
 
 
 def fit_offset_line(exchanges: list[TimeSyncExchange]) -> OffsetLine:
-    """The weighted line through the offsets, at the newest exchange; a drift that few exchanges tell is taken small."""
+    """Return the weighted line through the offsets, at the newest exchange. Few exchanges give a small drift."""
     shortest = min(e.round_trip for e in exchanges)
     least = FLOOR[0] * shortest + FLOOR[1]
     weights = [(least / (least + e.round_trip - shortest)) ** 2 for e in exchanges]

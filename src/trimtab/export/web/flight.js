@@ -1,4 +1,4 @@
-// A flight in the page: moves the numbers that its sliders stand for, flies the whole run, draws it over the run as shipped.
+// A flight in the page: sets the numbers of its sliders, flies the whole run, draws it over the run as shipped.
 (() => {
   const root = document.currentScript.parentElement;
   const about = JSON.parse(root.querySelector("script[type='application/json']").textContent);
@@ -146,10 +146,10 @@
       plots.forEach((p, n) => draw(p.canvas, about.signals[n], n, rows));
       const shipped = number === about.seed.value && sliders.every((s, n) => values[n] === s.own);
       const others = shipped ? countDifferences(rows) : 0;
-      const verdict = others ? `${others} of ${reference.length} numbers are NOT the package's` : "the same bits as trimtab run";
+      const verdict = others ? `${others} of ${reference.length} numbers differ from trimtab run` : "the same bits as trimtab run";
       said.textContent =
         `${about.duration_s} s of flight, ${about.instants} steps, in ${took.toFixed(0)} ms. ` +
-        (shipped ? `As shipped: ${verdict}.` : "Grey: as shipped. Dashed: where it should go.");
+        (shipped ? `As shipped: ${verdict}.` : "Grey: as shipped. Dashed: target.");
       root.flight = { rows, took, values, seed: number, names: about.names, shipped, others };
     }
 
