@@ -104,7 +104,7 @@ def test_the_table_names_what_failed_and_how_to_see_it(kept):
         (["--require", "p95(settling:yaw_rate) <= 3"], "settling:yaw_rate"),
         (["--stop", "width(success) <= 2"], "no width"),
         (["--device", "gpu"], "no GPU"),
-        (["--rerun", "80"], "no run 80"),
+        (["--rerun", "80"], "run 80 does not exist"),
         (["--cluster", "tcp://10.0.0.1:8786"], "tls://"),
     ],
 )

@@ -76,7 +76,7 @@ def test_every_link_of_the_pages_leads_somewhere(site):
 
 SEARCHED = {
     "there is no such setting": "reference/messages",
-    "no number of runs shows a probability of": "reference/messages",
+    "a finite number of runs cannot prove a probability of": "reference/messages",
     "others can read or change it": "reference/messages",
     "whoever is on the way to could read the token and fly the craft": "reference/messages",
     "is not HOST:PORT with a port from 1 to 65535": "reference/messages",
