@@ -66,7 +66,7 @@ def test_robustness_in_a_requirement_a_stop_and_a_cost():
     wanted = (CostTerm(1.0, "rms:x"), CostTerm(-1.0, metric), CostTerm(-0.5, metric), CostTerm(2.0, "rms:v"))
     assert parse_cost(f"rms:x + -{metric} + -0.5*{metric} + 2*rms:v") == wanted
     for text in (metric, f"2*{metric}", f"0*{metric}"):
-        with pytest.raises(InputError, match="only a large one is good"):
+        with pytest.raises(InputError, match="a large robustness is good"):
             parse_cost(text)
 
 

@@ -131,7 +131,7 @@ def test_a_spread_of_what_varies_already_is_refused(braking):
     spread = {"world.uplink.fault.start": "uniform(0, 10)"}
     with pytest.raises(InputError, match="varies already"):
         plan_search("test", NAME, spread, fault_ranges=("uplink off @ 0.1..0.5 s",), faults=(), **COMMON)
-    with pytest.raises(InputError, match="is named"):
+    with pytest.raises(InputError, match="given by name"):
         plan_search("test", braking, {}, fault_ranges=("uplink off @ 0.1..0.5 s",), faults=(), seed=0)
     plan = plan_search("test", NAME, {}, fault_ranges=("uplink off @ 0.1..0.5 s",), faults=(), **COMMON)
     assert int(build_scenario(plan).world.uplink.fault.start) == seconds(0.5)
