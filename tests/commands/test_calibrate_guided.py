@@ -17,8 +17,8 @@ def walk(file: Path, procedure: str, *entries: str) -> str:
 def test_it_checks_saves_and_goes_on(tmp_path: Path) -> None:
     file = tmp_path / "reverse.csv"
     shown = walk(file, "reverse", "0,4", "0.4", "400", "0.1", "q")
-    assert "'0,4' is no number: write 0.4" in shown
-    assert "400 N is not in 0 to 100 N" in shown
+    assert "'0,4' is not a number: write 0.4" in shown
+    assert "400 N is outside 0 to 100 N" in shown
     assert "Rudder straight" in shown
     assert file.read_text().splitlines() == ["speed [rpm],forward [N],reverse [N],trial", "6000,0.4,0.1,1"]
     again = walk(file, "reverse", "0.55", "0.15", "u", "0.5", "0.16", "q")

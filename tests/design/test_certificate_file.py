@@ -49,9 +49,9 @@ def test_a_tiny_change_is_seen_by_the_digest(certificate):
 
 
 REFUSED = {
-    "no format": (lambda c: c.pop("format"), "is no certificate: format None"),
-    "another format": (lambda c: c.update(format="other"), "is no certificate: format 'other'"),
-    "the format before": (lambda c: c.update(format="trimtab certificate 1"), "format 'trimtab certificate 1'"),
+    "no format": (lambda c: c.pop("format"), "is not a certificate; its format is None"),
+    "another format": (lambda c: c.update(format="other"), "is not a certificate; its format is 'other'"),
+    "the format before": (lambda c: c.update(format="trimtab certificate 1"), "format is 'trimtab certificate 1'"),
     "no gain": (lambda c: c.pop("K"), "lacks 'K'"),
     "no digest": (lambda c: c.pop("digest"), "lacks 'digest'"),
     "no scope": (lambda c: c.pop("scope"), "lacks 'scope'"),
