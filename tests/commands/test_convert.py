@@ -100,7 +100,7 @@ def test_what_can_not_be_converted_is_refused_in_words(flight, tmp_path):
     (tmp_path / "bag").mkdir()
     refused = call("convert", flight, "--as", "ros2", "--out", tmp_path / "bag")
     assert refused.exit_code == 2
-    assert "is there already" in refused.stderr
+    assert "exists already" in refused.stderr
     refused = call("convert", flight, "--as", "rerun", "--out", tmp_path / "flight.txt")
     assert refused.exit_code == 2
     assert "flight.rrd" in refused.stderr

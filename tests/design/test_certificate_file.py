@@ -57,7 +57,7 @@ REFUSED = {
     "no scope": (lambda c: c.pop("scope"), "lacks 'scope'"),
     "no weight of the filter": (lambda c: c["observer"].pop("weight"), r"lacks 'observer\.weight'"),
     "an unknown key": (lambda c: c.update(proof="trust me"), "unknown key 'proof'"),
-    "an unknown key inside": (lambda c: c["observer"].update(holds=True), "unknown key 'holds'"),
+    "an unknown key inside": (lambda c: c["observer"].update(holds=True), "unknown key observer.'holds'"),
     "a wider scope": (lambda c: c.update(scope=["everywhere"]), "scope: .*everywhere"),
     "another shape": (lambda c: c.update(P=[[1.0]]), r"shape \(1, 1\), wanted numbers of shape \(4, 4\)"),
     "rows of unlike length": (lambda c: c["A"][1].pop(), "A"),

@@ -139,7 +139,7 @@ def test_robustness_of_a_block_is_that_of_each_log_alone(runs):
     [
         ("robustness:always(yaw_rat < 1)", "there is no signal 'yaw_rat'"),
         ("robustness:always(yaw_rate < 1 m)", "rad/s and m"),
-        ("robustness:always[0, 6 s](yaw_rate < 1)", "looks 6 s ahead, and the run lasts 5 s"),
+        ("robustness:always[0, 6 s](yaw_rate < 1)", "looks 6 s ahead, but the run lasts 5 s"),
         ("robustness:", "write KIND:SIGNAL"),
     ],
 )
