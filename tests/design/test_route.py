@@ -58,7 +58,7 @@ def test_random_floors():
 def test_too_narrow_a_gap_is_measured(gap):
     with pytest.raises(InputError, match=r"no route for a craft of radius 0\.4 m: the widest passage is") as refusal:
         find_route(task(wall(gap)))
-    widest = float(str(refusal.value).split("leaves ")[1].split()[0])
+    widest = float(str(refusal.value).split("widest passage is ")[1].split()[0])
     assert widest == pytest.approx(gap, abs=2 * GRID)
     assert f"{2 * (0.4 + MARGINS[-1]):.2f} m are needed" in str(refusal.value)
 

@@ -54,7 +54,7 @@ def test_squares_about_another_point():
     squares = complete_squares(p, there)
     assert squares.value() == p
     assert find_fault(Claim("p", p, {}, DEFINITE), proof(squares), there) == ""
-    assert "elsewhere" in find_fault(Claim("p", p, {}, DEFINITE), proof(squares), PLANE)
+    assert "away from rest" in find_fault(Claim("p", p, {}, DEFINITE), proof(squares), PLANE)
 
 
 def test_definite_means_at_rest_only():

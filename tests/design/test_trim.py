@@ -99,7 +99,7 @@ def test_unknowns_without_authority_and_solutions_that_are_not_alone():
     assert len(found.undetermined_unknowns) == 2
     wrong = trim(hovercraft(), free=("north",), x={"surge_velocity": 0.5}, loose=("north",))
     assert not wrong.is_found
-    assert any("no authority here: north" in w for w in wrong.why)
+    assert any("no effect here: north" in w for w in wrong.why)
 
 
 def test_a_minimum_that_is_no_solution_and_another_start_that_finds_one():

@@ -12,7 +12,11 @@ from trimtab.logs.mcap import read_mcap, write_mcap
 
 WRONG_FILES = {
     "empty": ("a.ulg", b"", "is empty"),
-    "not that": ("a.ulg", b"hello, world, hello", "is not a ULog file, although its name has that ending(.|\n)*Choices: ULog"),
+    "not that": (
+        "a.ulg",
+        b"hello, world, hello",
+        "is not a ULog file, although its name has that ending(.|\n)*Choices: ULog",
+    ),
     "nothing known": ("a.dat", b"hello, world, hello", r"has an unknown format(.|\n)*\.csv"),
     "damaged ulog": ("a.ulg", b"ULog\x01\x12\x35\x01" + b"\xff" * 4, "a.ulg': begins as ULog, but can't be read"),
     "damaged mcap": ("a.mcap", b"\x89MCAP0\r\n" + b"\x07" * 90, "begins as MCAP, but can't be read"),
@@ -64,7 +68,10 @@ def test_csv_says_its_units_and_two_sensors_share_it(write):
 
 WRONG_CSV = {
     "semicolons": ("t;x\n0,5;1,5\n", r"semicolons(.|\n)*decimal point"),
-    "decimal commas": ("t,x\n0,5,1,5\n", r"line 2 has 4 columns, but there are 2 names: it seems to have decimal commas"),
+    "decimal commas": (
+        "t,x\n0,5,1,5\n",
+        r"line 2 has 4 columns, but there are 2 names: it seems to have decimal commas",
+    ),
     "words": ("t,x\n0,up\n", r"no number: .*up"),
     "no rows": ("t,x\n", r"has no rows"),
     "no time": ("when,x\n0,1\n", r"does not say which column the time is(.|\n)*Choices: when, x(.|\n)*time = \{field"),
