@@ -80,7 +80,7 @@ def thin_rows(rows: Any, most: int) -> Any:
 
 
 def _axis_positions(parameters: Mapping[str, Any], runs: int) -> tuple[Any, Any, Any]:
-    """Return each run's place on each axis, 0 to 1, shape (parameters, runs), and the axes' smallest and largest values."""
+    """Return each run's place on each axis, 0 to 1, shape (parameters, runs), and smallest and largest values."""
     names, table = list(parameters), np.array([as_column(v, f"plot_parallel: {n}") for n, v in parameters.items()])
     if not names or table.shape[1] != runs or not np.isfinite(table).all():
         problem = (
