@@ -70,9 +70,9 @@ def test_comparison_counts_standard_errors() -> None:
     ("text", "words"),
     [
         ("value = ", "not valid TOML"),
-        ("a = 1", "says version None"),
+        ("a = 1", "has version None"),
         ('version = 1\n["A.b"]\nvalue = 1.0', "no value or no unit"),
-        ('version = 1\n["A.b"]\nvalue = "x"\nunit = "m"', "no number"),
+        ('version = 1\n["A.b"]\nvalue = "x"\nunit = "m"', "not numbers"),
         ('version = 1\n["A.b"]\nvalue = inf\nunit = "m"', "not finite"),
         ('version = 1\n["A.b"]\nvalue = 1.0\nunit = "m"\nstandard_error = -1.0', "standard_error"),
         ('version = 1\n["A.b"]\nvalue = 1.0\nunit = "m"\nsigma = 1.0', "unknown key 'sigma'"),
