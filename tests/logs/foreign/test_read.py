@@ -72,7 +72,7 @@ WRONG_CSV = {
         "t,x\n0,5,1,5\n",
         r"line 2 has 4 columns, but there are 2 names: it seems to have decimal commas",
     ),
-    "words": ("t,x\n0,up\n", r"no number: .*up"),
+    "words": ("t,x\n0,up\n", r"not a number: .*up"),
     "no rows": ("t,x\n", r"has no rows"),
     "no time": ("when,x\n0,1\n", r"does not name the column of times(.|\n)*Choices: when, x(.|\n)*time = \{field"),
     "all gaps": ("t,x\n0,\n1,\n", r"no row has only finite values: x"),
