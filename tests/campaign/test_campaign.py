@@ -124,10 +124,10 @@ def test_without_targets_a_success_is_a_state_that_stays_finite():
         ({"runs": 0}, "runs"),
         ({"seed": -1}, "seed"),
         ({"spread": {MASS: "normal(100%, 60%)"}}, "out of range"),
-        ({"spread": {"world.vehicle.mas": "normal(1, 2)"}}, "no such parameter"),
+        ({"spread": {"world.vehicle.mas": "normal(1, 2)"}}, "unknown parameter"),
         ({"metrics": ["settling:heading"]}, "no target"),
-        ({"success": ["settling:yaw_rate"]}, "neither METRIC"),
-        ({"sampling": "grid"}, "not a sampling"),
+        ({"success": ["settling:yaw_rate"]}, "is not a condition"),
+        ({"sampling": "grid"}, "unknown sampling"),
         ({"spread": {PERIOD: f"choice({', '.join(f'{k} ms' for k in range(1, 70))})"}}, "69 programs"),
         ({"spread": {PERIOD: "choice(1 ms, nonsense)"}}, "nonsense"),
     ],
@@ -191,7 +191,7 @@ def test_the_stop_rule_sees_rows_without_a_gap_only():
 
 
 def test_who_runs_once_more_names_a_run_there_is():
-    with pytest.raises(InputError, match="no run 150"):
+    with pytest.raises(InputError, match="run 150 does not exist"):
         campaign().scenario(150)
 
 

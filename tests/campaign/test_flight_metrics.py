@@ -103,7 +103,7 @@ def test_what_a_flight_does_not_have_is_refused_with_what_it_has(name, metric, s
 
 
 def test_no_gradient_goes_through_what_is_worked_out_afterwards():
-    with pytest.raises(InputError, match="worked out after a flight"):
+    with pytest.raises(InputError, match="computed after the flight"):
         tune(
             "quadrotor/track", gains={"autopilot.law.nominal.kx": "50%:200%"}, cost="rms:flight.roll", method="gradient"
         )

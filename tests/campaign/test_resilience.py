@@ -148,7 +148,7 @@ def test_interrupted_in_a_block_of_minutes(store):
 @pytest.mark.real_time
 def test_second_campaign_on_a_store_that_is_being_written(store, whole):
     child = flying(store, BLOCK)
-    with pytest.raises(InputError, match=r"another campaign is writing it") as refused:
+    with pytest.raises(InputError, match=r"another campaign is writing to it") as refused:
         small(RUNS).run(store)
     assert 'store="OTHER.zarr"' in refused.value.fix
     child.communicate()
@@ -204,7 +204,7 @@ def test_disk_that_is_full(tmp_path, whole, size):
     there = RUNS - int(flown)
     if size == "200k":
         assert "the disk is full" in refused
-        assert f": {there} runs are kept" in refused
+        assert f"; {there} finished runs are stored" in refused
         assert "start the same command again" in refused
         assert 0 < there < RUNS
     else:

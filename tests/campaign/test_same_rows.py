@@ -43,6 +43,6 @@ def test_row_is_that_of_a_single_run(whole):
 def test_workers_elsewhere_take_only_what_has_a_name():
     by_object = Campaign(small(1).scenario(0), runs=64)
     for of in (by_object, small(64, metrics=[lambda rows: rows["yaw_rate"][:, -1]])):
-        with pytest.raises(InputError, match="can't be given an object") as refused:
+        with pytest.raises(InputError, match="an object or a function of this program can't be sent") as refused:
             of.run(workers=lambda *_: iter(()))
         assert "file.py:function" in refused.value.fix

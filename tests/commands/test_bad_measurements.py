@@ -64,7 +64,7 @@ EVERY = {
     "a column is missing": (lambda x: [line.partition(",")[2] for line in x], "no column|line 1: the header is"),
     "semicolons and commas": (
         lambda x: [line.replace(",", ";").replace(".", ",") for line in x],
-        "line 1 is divided by semicolons|line 1: the header is",
+        "line 1 uses semicolons|line 1: the header is",
     ),
     "decimal commas": (lambda x: [x[0], *(line.replace(".", ",") for line in x[1:])], r"line \d+ has|line \d+: fields"),
     "a word": (lambda x: put(x, 8, 1, "n/a"), "line 8.*'n/a'"),
@@ -75,7 +75,7 @@ EVERY = {
     ),
     "three lines": (
         lambda x: x[:4],
-        "no angle was measured|readings|has 3 readings|nothing is above|2 packets arrived|samples are too few",
+        "no angle was measured|readings|has 3 readings|no value is above|2 packets arrived|samples are too few",
     ),
 }
 
@@ -95,17 +95,17 @@ def test_what_every_procedure_refuses(procedure, what, bench, tmp_path):
 
 
 OWN = {
-    "the force turns with the hull": ("hull", lambda x: swap(x, 0, 1), "'rudder' and 'hull' swapped"),
+    "the force turns with the hull": ("hull", lambda x: swap(x, 0, 1), "'rudder' and 'hull' are swapped"),
     "force and speed swapped": ("thrust", lambda x: swap(x, 1, 2), "line 2, column 'force'.*headings that are swapped"),
     "forward and reverse swapped": ("reverse", lambda x: swap(x, 1, 2), "reverse is more than forward in lines 2,"),
-    "force and slope swapped": ("inertia", lambda x: swap(x, 1, 2), "'force' and 'slope' swapped"),
-    "reference and gyro swapped": ("gyro", lambda x: swap(x, 1, 2), "the same axis, with the same sign"),
+    "force and slope swapped": ("inertia", lambda x: swap(x, 1, 2), "'force' and 'slope' are swapped"),
+    "reference and gyro swapped": ("gyro", lambda x: swap(x, 1, 2), "the same axis, the same sign"),
     "time and rate swapped": ("friction", lambda x: swap(x, 0, 1), "trial '1', line 3, column 'time'.*swapped"),
-    "degrees under radians": ("friction", lambda x: put(x, 1, 1, "yaw_rate [deg/s]"), "nothing is above"),
+    "degrees under radians": ("friction", lambda x: put(x, 1, 1, "yaw_rate [deg/s]"), "no value is above"),
     "grams under newtons": (
         "thrust",
         lambda x: alter(x, 2, lambda force: 102 * force),
-        "column 'force'.*is not in -0.5 to 100 N",
+        "column 'force'.*is outside -0.5 to 100 N",
     ),
     "a spike": ("spin-up", lambda x: put(x, 8, 1, "3"), "line 8, column 'yaw_rate': 3 is"),
     "a spike in a coast-down": ("friction", lambda x: put(x, 40, 1, "9"), "line 40, column 'yaw_rate': 9 is"),

@@ -133,7 +133,7 @@ def test_the_proof_needs_no_solver(file):
         (("--check", "x.json", "--set", "h_ft=90000"), "--set: cannot be combined with --check"),
         (("hypersonic", "--filter", "best"), "Choices: tuned, equal, accurate, printed, none"),
         (("hypersonic", "--set", "height=1"), "there is no setting 'height'"),
-        (("hypersonic", "--set", "h_ft=high"), "'high' is no number"),
+        (("hypersonic", "--set", "h_ft=high"), "'high' is not a number"),
         (("my_boat.py",), "there is no file"),
         (("examples/my_boat.py",), "design examples/my_boat.py --lqr"),
     ],

@@ -34,9 +34,9 @@ def test_json_has_what_matters(tmp_path):
 @pytest.mark.parametrize(
     ("old", "new", "says"),
     [
-        ("radius = 0.35 ", "radius = 1.2 ", "is 0.80 m from what is nearest"),
+        ("radius = 0.35 ", "radius = 1.2 ", "is 0.80 m from the nearest obstacle"),
         ("north = -3\n", "north = -9\n", "lies in an obstacle or beyond the floor"),
-        ("[craft]", "[ship]", "nothing is called [ship]"),
+        ("[craft]", "[ship]", "unknown section [ship]"),
     ],
 )
 def test_it_is_refused_with_the_reason(old, new, says, tmp_path):

@@ -145,7 +145,7 @@ def test_what_is_required_is_told_and_decides_the_exit_code():
         ("always(truth.yaw_rate <)", "at column 24"),
         ("always(truth.yaw_rat < 1)", "truth.yaw_rate"),
         ("truth.yaw_rate < 1", "Fix: --require 'always(truth.yaw_rate < 1)'"),
-        ("always[0, 3 s](truth.yaw_rate < 1)", "looks 3 s ahead, and the run lasts 2 s"),
+        ("always[0, 3 s](truth.yaw_rate < 1)", "looks 3 s ahead, but the run lasts 2 s"),
     ):
         refused = run("--require", formula)
         assert refused.exit_code == 2

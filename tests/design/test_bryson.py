@@ -38,7 +38,7 @@ def test_an_integral_is_a_state_more(cart):
 
 def test_refusals(cart):
     for limits, words in (
-        ({"x": 1.0}, "of F, v no limit"),
+        ({"x": 1.0}, "no limit is given for F, v"),
         ({"x": 0.0, "v": 1.0, "F": 1.0}, "above 0"),
         ({"y": 1.0, "F": 1.0}, "no 'y'"),
     ):

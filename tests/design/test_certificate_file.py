@@ -49,22 +49,22 @@ def test_a_tiny_change_is_seen_by_the_digest(certificate):
 
 
 REFUSED = {
-    "no format": (lambda c: c.pop("format"), "is no certificate: format None"),
-    "another format": (lambda c: c.update(format="other"), "is no certificate: format 'other'"),
-    "the format before": (lambda c: c.update(format="trimtab certificate 1"), "format 'trimtab certificate 1'"),
+    "no format": (lambda c: c.pop("format"), "is not a certificate; its format is None"),
+    "another format": (lambda c: c.update(format="other"), "is not a certificate; its format is 'other'"),
+    "the format before": (lambda c: c.update(format="trimtab certificate 1"), "format is 'trimtab certificate 1'"),
     "no gain": (lambda c: c.pop("K"), "lacks 'K'"),
     "no digest": (lambda c: c.pop("digest"), "lacks 'digest'"),
     "no scope": (lambda c: c.pop("scope"), "lacks 'scope'"),
     "no weight of the filter": (lambda c: c["observer"].pop("weight"), r"lacks 'observer\.weight'"),
-    "an unknown key": (lambda c: c.update(proof="trust me"), "'proof', which is not known"),
-    "an unknown key inside": (lambda c: c["observer"].update(holds=True), "'holds', which is not known"),
+    "an unknown key": (lambda c: c.update(proof="trust me"), "unknown key 'proof'"),
+    "an unknown key inside": (lambda c: c["observer"].update(holds=True), "unknown key observer.'holds'"),
     "a wider scope": (lambda c: c.update(scope=["everywhere"]), "scope: .*everywhere"),
-    "another shape": (lambda c: c.update(P=[[1.0]]), r"shape \(1, 1\), wanted \(4, 4\)"),
+    "another shape": (lambda c: c.update(P=[[1.0]]), r"shape \(1, 1\), wanted numbers of shape \(4, 4\)"),
     "rows of unlike length": (lambda c: c["A"][1].pop(), "A"),
     "text for a matrix": (lambda c: c.update(A="x"), "A"),
-    "text for a number": (lambda c: c["K"][0].__setitem__(0, "1.0"), "K: .*of numbers"),
-    "truth for a number": (lambda c: c["B"][0].__setitem__(0, False), "B: .*of numbers"),
-    "null for a number": (lambda c: c["observer"].update(weight=None), r"observer\.weight: .*of numbers"),
+    "text for a number": (lambda c: c["K"][0].__setitem__(0, "1.0"), "K: .*numbers of shape"),
+    "truth for a number": (lambda c: c["B"][0].__setitem__(0, False), "B: .*numbers of shape"),
+    "null for a number": (lambda c: c["observer"].update(weight=None), r"observer\.weight: .*numbers of shape"),
     "a method of no name": (lambda c: c.update(method="magic"), "'magic'"),
     "the other method": (lambda c: c.update(method="lmi"), "'lmi'"),
     "states of no name": (lambda c: c["observer"].update(estimated=["nothing", "else"]), "nothing"),
@@ -74,11 +74,11 @@ REFUSED = {
     "a number too large for floats": (lambda c: c["K"][0].__setitem__(0, 1e999), "no number"),
     "nothing of a number": (lambda c: c["P"][0].__setitem__(0, float("nan")), "no number"),
     "an entry beyond all systems": (lambda c: c["P"][0].__setitem__(0, 1e60), "beyond 1e[+]50"),
-    "an integer beyond floats": (lambda c: c["P"][0].__setitem__(0, 10**400), "no certificate"),
-    "a version of no form": (lambda c: c.update(version="best"), "'best' is no version"),
+    "an integer beyond floats": (lambda c: c["P"][0].__setitem__(0, 10**400), "is not a (valid )?certificate"),
+    "a version of no form": (lambda c: c.update(version="best"), "'best' is not a version"),
     "settings of no kind": (lambda c: c["about"].update(beam_m=[1.0]), r"about\.beam_m"),
     "a recorded number that is none": (lambda c: c["recorded"].update(kappa={"value": 0.1}), r"recorded\.kappa"),
-    "a list for the settings": (lambda c: c.update(about=["h"]), "no certificate"),
+    "a list for the settings": (lambda c: c.update(about=["h"]), "is not a (valid )?certificate"),
 }
 
 
@@ -93,7 +93,7 @@ def test_what_is_no_certificate_is_refused(certificate, case):
 
 
 def test_the_format_before_says_what_to_type(certificate):
-    with pytest.raises(InputError, match=r"trimtab design hypersonic --out old\.json  makes it anew"):
+    with pytest.raises(InputError, match=r"trimtab design hypersonic --out old\.json  writes a new one"):
         parse_certificate('{"format": "trimtab certificate 1"}', "old.json")
 
 
@@ -109,10 +109,10 @@ def test_files_that_cannot_be_read_are_refused(tmp_path):
     with pytest.raises(InputError, match="cannot be read"):
         read_certificate(tmp_path / "none.json")
     (tmp_path / "binary").write_bytes(b"\xff\xfe\x00")
-    with pytest.raises(InputError, match="it is no text"):
+    with pytest.raises(InputError, match="it is not a text file"):
         read_certificate(tmp_path / "binary")
     for text in ("{", "[" * 100_000):
-        with pytest.raises(InputError, match="is no JSON"):
+        with pytest.raises(InputError, match="is not valid JSON"):
             parse_certificate(text, "x")
-    with pytest.raises(InputError, match="format 'list'"):
+    with pytest.raises(InputError, match="format is 'list'"):
         parse_certificate("[]", "x")

@@ -102,12 +102,12 @@ def test_settings_are_those_of_the_function():
     ("given", "words"),
     [
         ({"lenght": 1.0}, "no setting 'lenght'.*settings={.length"),
-        ({"length": "long"}, "'long' is no number"),
-        ({"length": "nan"}, "'nan' is no number"),
-        ({"length": float("inf")}, "inf is no number"),
-        ({"length": True}, "True is no number"),
-        ({"length": 10**400}, "is no number"),
-        ({"kind": 1.0}, "1.0 is no text"),
+        ({"length": "long"}, "'long' is not a number"),
+        ({"length": "nan"}, "'nan' is not a number"),
+        ({"length": float("inf")}, "inf is not a number"),
+        ({"length": True}, "True is not a number"),
+        ({"length": 10**400}, "is not a number"),
+        ({"kind": 1.0}, "1.0 is not text"),
     ],
 )
 def test_settings_that_do_not_fit_are_refused(given, words):

@@ -68,7 +68,7 @@ def test_tustin_s_rule_keeps_the_response_at_the_warped_frequency():
 def test_refusals():
     with pytest.raises(InputError, match="sampled"):
         from_control(control.ss([[0.5]], [[1.0]], [[1.0]], [[0.0]], 0.1))
-    with pytest.raises(InputError, match="is no system"):
+    with pytest.raises(InputError, match="is not a system"):
         from_control(3)
-    with pytest.raises(InputError, match=r"sampled each 0\.1 s"):
+    with pytest.raises(InputError, match=r"sampled every 0\.1 s"):
         discrete_matrices(control.ss([[0.5]], [[1.0]], [[1.0]], [[0.0]], 0.1), 0.02)

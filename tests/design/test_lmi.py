@@ -58,7 +58,7 @@ def test_infeasible_is_refused_with_the_pole_and_the_violation():
     with pytest.raises(InputError, match=r"don't move -2 1/s.*\nFix: ask for a smaller decay"):
         lmi_gain([[1, 0], [0, -2]], [[1], [0]], np.eye(2), 1.0, decay=3.0)
     assert lmi_gain([[1, 0], [0, -2]], [[1], [0]], np.eye(2), 1.0, decay=1.5).poles[0].real < -1.5
-    with pytest.raises(InputError, match="give every state a weight"):
+    with pytest.raises(InputError, match="give a positive weight to every state"):
         lmi_gain(*DOUBLE_INTEGRATOR, np.diag([1.0, 0.0]), 1.0)
 
 

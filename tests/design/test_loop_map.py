@@ -70,5 +70,5 @@ def test_one_command_of_two_is_broken_with_the_other_closed():
 
 
 def test_a_loop_that_grows_has_no_margins():
-    with pytest.raises(InputError, match="not stable as it is"):
+    with pytest.raises(InputError, match="the loop is not stable"):
         loop_margins(made(gain=-1.0))

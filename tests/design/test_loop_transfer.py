@@ -88,8 +88,8 @@ def test_the_grid_is_dense_at_a_light_mode():
 @pytest.mark.parametrize(
     ("make", "says"),
     [
-        (lambda: loop_of_polynomials([1, 0, 0], [1, 2]), "no proper"),
-        (lambda: loop_of_polynomials([1], [0]), "no proper"),
+        (lambda: loop_of_polynomials([1, 0, 0], [1, 2]), "not a proper"),
+        (lambda: loop_of_polynomials([1], [0]), "not a proper"),
         (lambda: loop_of_gain([[1.0]], [[1.0]], [[1.0, 2.0]]), "don't fit"),
     ],
 )

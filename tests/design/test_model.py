@@ -98,7 +98,7 @@ def test_what_does_not_fit_is_refused():
         model_of_vehicle(Hovercraft(), np.zeros(6), U)
     with pytest.raises(InputError, match=r"2 names for f\(x, u\)"):
         model_of_functions(lambda x, u: jnp.zeros(3), ("a", "b"), ("u",))
-    with pytest.raises(InputError, match="names something twice"):
+    with pytest.raises(InputError, match="has a name twice"):
         model_of_functions(lambda x, u: x, ("a", "a"), ("u",))
     with pytest.raises(InputError, match=r"h\(x, u\)"):
         model_of_functions(lambda x, u: x, ("a", "b"), ("u",), h=lambda x, u: x[:1], outputs=("p", "q"))

@@ -56,7 +56,7 @@ def test_positions_show_the_heading_of_a_vehicle_that_accelerates_and_not_at_res
 
 
 def test_what_does_not_fit_is_refused():
-    with pytest.raises(InputError, match="don't fit"):
+    with pytest.raises(InputError, match="must fit together"):
         observability_gramian([np.eye(2)], [np.ones((1, 2))], [np.eye(1)])
     with pytest.raises(InputError, match="prior sigmas"):
         observability([np.eye(2)], [np.ones((1, 2))] * 2, [np.eye(1)] * 2, [1.0, 0.0])
@@ -81,7 +81,7 @@ def test_constant_pair_with_a_direction_that_nothing_shows():
     np.testing.assert_allclose(np.abs(found.hidden_directions @ [0, 1.0, 0]), 0, atol=1e-12)
     nilpotent = np.array([[0, 1.0], [0, 0]])
     assert constant_rank(nilpotent, [[1.0, 0]]).rank == 2
-    with pytest.raises(InputError, match="don't fit"):
+    with pytest.raises(InputError, match="must fit together"):
         constant_rank(A, [[1.0, 0]])
     with pytest.raises(InputError, match="3 finite sizes"):
         constant_rank(A, C, scale=[1.0, 0.0, 1.0])

@@ -141,6 +141,6 @@ def test_what_neither_fades_nor_grows_and_feeds_back_is_refused_by_name():
         return jnp.stack([u[0], x[2], x[0] - x[1]])
 
     model = model_of_functions(swinging, ("y", "swing", "swing_rate"), ("u",), h=lambda x, u: x[:1], outputs=("y",))
-    with pytest.raises(InputError, match=r"neither fades nor grows.*swing") as refused:
+    with pytest.raises(InputError, match=r"neither decay nor grow.*swing") as refused:
         invert_output(model, smooth_course(np.linspace(0, 4, 101), {"y": (0.0, 1.0)}, 1.0, 2.0, order=1))
     assert "another output" in refused.value.fix

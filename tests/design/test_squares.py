@@ -54,13 +54,13 @@ def test_squares_about_another_point():
     squares = complete_squares(p, there)
     assert squares.value() == p
     assert find_fault(Claim("p", p, {}, DEFINITE), proof(squares), there) == ""
-    assert "elsewhere" in find_fault(Claim("p", p, {}, DEFINITE), proof(squares), PLANE)
+    assert "away from rest" in find_fault(Claim("p", p, {}, DEFINITE), proof(squares), PLANE)
 
 
 def test_definite_means_at_rest_only():
     flat = Claim("flat", (x - y) ** 2, {}, DEFINITE)
     whole = proof(by_squares((ONE, x - y)))
-    assert find_fault(flat, whole, PLANE) == "the sum vanishes elsewhere than at rest: y = x"
+    assert find_fault(flat, whole, PLANE) == "the sum vanishes away from rest: y = x"
     assert find_fault(flat._replace(says=NONNEGATIVE), whole, PLANE) == ""
     assert not has_growing_forms(whole, PLANE)
 
@@ -91,7 +91,7 @@ def test_hypotheses_are_used_as_they_are_given():
     terms = (by_squares((ONE, 1 - x), times="left"), by_squares((ONE, 1 + x), times="right"))
     assert find_fault(claim, proof(*terms, scale=constant(2)), PLANE) == ""
     assert "differs from the claim" in find_fault(claim, proof(*terms), PLANE)
-    assert "no hypothesis" in find_fault(claim._replace(hypotheses={"left": 1 + x}), proof(*terms), PLANE)
+    assert "unknown hypothesis" in find_fault(claim._replace(hypotheses={"left": 1 + x}), proof(*terms), PLANE)
     assert "no term" in find_fault(claim._replace(says=POSITIVE), proof(*terms, scale=constant(2)), PLANE)
 
 
@@ -101,4 +101,4 @@ def test_weights_and_scales_are_positive_or_refused():
     assert "weight" in find_fault(claim, proof(by_squares((a + b, x), (-b, x))), PLANE)
     assert "weight" in find_fault(claim, proof(by_squares((a * x**2, ONE))), PLANE)
     assert "scale" in find_fault(claim, proof(by_squares((a, x)), scale=constant(0)), PLANE)
-    assert "not known" in find_fault(claim, proof(by_squares((a, symbol("z")))), PLANE)
+    assert "unknown name" in find_fault(claim, proof(by_squares((a, symbol("z")))), PLANE)

@@ -128,10 +128,10 @@ def linear(**changes):
 @pytest.mark.parametrize(
     ("changes", "text"),
     [
-        ({"A": [[1.0, 0.0]]}, r"A: shape \(1, 2\), wanted is \(1, 1\)"),
+        ({"A": [[1.0, 0.0]]}, r"A: got shape \(1, 2\), wanted \(1, 1\)"),
         ({"A": [[np.nan]]}, "A: not finite"),
         ({"left": [np.inf]}, "left: not finite"),
-        ({"start": np.zeros(11)}, r"start: shape \(11,\)"),
+        ({"start": np.zeros(11)}, r"start: got shape \(11,\)"),
         ({"dt": 0.0}, "11 instants, 0 s apart"),
         ({"start": np.zeros((1, 1))}, "1 instants, 0.1 s apart"),
         ({"scales": [-1.0]}, "sizes above zero"),
@@ -202,10 +202,10 @@ def test_filter_matrix_has_its_poles_and_its_step_response(order):
 @pytest.mark.parametrize(
     ("A", "S", "G", "text"),
     [
-        ([[-1.0]], [[-1.0]], [[1.0]], "pole -1 is one of the exosystem's"),
-        ([[-1.0]], [[0.0, 1.0]], [[1.0]], r"S: shape \(1, 2\)"),
-        ([[-1.0]], [[0.0]], [[1.0, 2.0]], r"G: shape \(1, 2\)"),
-        ([[np.nan]], [[0.0]], [[1.0]], "A: shape"),
+        ([[-1.0]], [[-1.0]], [[1.0]], "pole -1 is also a pole of the exosystem"),
+        ([[-1.0]], [[0.0, 1.0]], [[1.0]], r"S: got shape \(1, 2\)"),
+        ([[-1.0]], [[0.0]], [[1.0, 2.0]], r"G: got shape \(1, 2\)"),
+        ([[np.nan]], [[0.0]], [[1.0]], "A: got shape"),
     ],
 )
 def test_wrong_input_of_the_steady_response_is_refused(A, S, G, text):

@@ -93,7 +93,7 @@ class Output:
 
 
 def test_code_that_is_no_polynomial_is_refused_by_name():
-    with pytest.raises(InputError, match="Saturated: its code is no polynomial"):
+    with pytest.raises(InputError, match="Saturated: its code is not a polynomial"):
         closed_loop(Hovercraft(), Saturated(), HovercraftState(), {"surge_velocity": "u"})
 
 

@@ -113,7 +113,7 @@ def test_systems_that_are_not_square_and_modes_that_are_hidden():
 
 @pytest.mark.thorough
 def test_travelling_and_no_equilibrium():
-    with pytest.raises(InputError, match=r"no equilibrium: north' = 0\.5"):
+    with pytest.raises(InputError, match=r"not an equilibrium: north' = 0\.5"):
         zero_dynamics(hovercraft(surge_velocity=0.5))
     moving = zero_dynamics(hovercraft(surge_velocity=0.5), loose=("north",))
     assert moving.verdict == "marginal"

@@ -76,13 +76,13 @@ def test_every_link_of_the_pages_leads_somewhere(site):
 
 SEARCHED = {
     "there is no such setting": "reference/messages",
-    "no number of runs shows a probability of": "reference/messages",
+    "a finite number of runs cannot prove a probability of": "reference/messages",
     "other users can read or change it": "reference/messages",
     "anyone on the network path to could read the token and fly the craft": "reference/messages",
     "is not HOST:PORT with a port from 1 to 65535": "reference/messages",
     "does not settle": "reference/messages",
     "the solver Clarabel is not installed": "reference/messages",
-    "its ticks do not rise, or are no whole numbers": "reference/messages",
+    "its ticks do not rise, or are not whole numbers": "reference/messages",
     "neither sector was ever used": "reference/messages",
     "JAX finds no GPU, only": "reference/messages",
 }

@@ -176,7 +176,7 @@ def test_noise_passes_also_quantised_and_with_a_walk_that_leads_far():
 
 t = np.arange(SIZE) * DT
 MOTIONS = {
-    "knock": (np.where(np.arange(SIZE) == 9_000, 0.3, 0.0), "times the usual, 58.9"),
+    "knock": (np.where(np.arange(SIZE) == 9_000, 0.3, 0.0), "times the usual change, at 58.9"),
     "step": (np.where(t > 60, 0.3, 0.0), "times the usual"),
     "swinging": (0.1 * np.sin(2 * np.pi * t / 3), "not the noise of a still sensor"),
     "turned by hand": (0.5 * np.exp(-(((t - 40) / 2) ** 2)), "not the noise of a still sensor"),

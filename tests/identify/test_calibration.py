@@ -69,13 +69,13 @@ def test_comparison_counts_standard_errors() -> None:
 @pytest.mark.parametrize(
     ("text", "words"),
     [
-        ("value = ", "no TOML"),
-        ("a = 1", "says version None"),
+        ("value = ", "not valid TOML"),
+        ("a = 1", "has version None"),
         ('version = 1\n["A.b"]\nvalue = 1.0', "no value or no unit"),
-        ('version = 1\n["A.b"]\nvalue = "x"\nunit = "m"', "no number"),
+        ('version = 1\n["A.b"]\nvalue = "x"\nunit = "m"', "not numbers"),
         ('version = 1\n["A.b"]\nvalue = inf\nunit = "m"', "not finite"),
         ('version = 1\n["A.b"]\nvalue = 1.0\nunit = "m"\nstandard_error = -1.0', "standard_error"),
-        ('version = 1\n["A.b"]\nvalue = 1.0\nunit = "m"\nsigma = 1.0', "'sigma', which is not known"),
+        ('version = 1\n["A.b"]\nvalue = 1.0\nunit = "m"\nsigma = 1.0', "unknown key 'sigma'"),
         ('version = 1\n[[covariance]]\nof = ["A.b"]\nmatrix = [[1.0]]', "has no entry"),
     ],
 )

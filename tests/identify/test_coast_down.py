@@ -25,5 +25,5 @@ def test_a_coast_down_tells_its_kinds_of_friction_apart() -> None:
     fit = coast_down.fit_coast_down(trials, 0.1, "torque", 0.01)
     error = fit.standard_errors()
     assert (np.abs(fit.coefficients - 0.1 * np.array([0.03, 0.1, 0.05])) < 4 * error).all(), (fit.coefficients, error)
-    with pytest.raises(InputError, match="no coast-down"):
+    with pytest.raises(InputError, match="not a coast-down"):
         coast_down.fit_coast_down([(t, np.full(200, 3.0))], 0.1, "torque", 0.01)

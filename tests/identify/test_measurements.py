@@ -15,19 +15,19 @@ BAD = {
     "empty file": ("", "is empty"),
     "headings only": ("rudder [deg],speed [rpm],force [N]\n", "no measurement"),
     "missing column": ("rudder [deg],force [N]\n0,1\n", "no column 'speed'"),
-    "no unit": ("rudder,speed [rpm],force [N]\n0,6000,1\n", "doesn't say its unit"),
-    "unknown unit": ("rudder [deg],speed [knots],force [N]\n0,6000,1\n", "no unit of it"),
+    "no unit": ("rudder,speed [rpm],force [N]\n0,6000,1\n", "has no unit"),
+    "unknown unit": ("rudder [deg],speed [knots],force [N]\n0,6000,1\n", "which does not fit it"),
     "wrong unit": ("rudder [deg],speed [rpm],force [N]\n0,6000,40\n0,8000,720\n", "line 3"),
-    "degrees as radians": ("rudder [rad],speed [rpm],force [N]\n20,6000,1\n", "not in -1.5708 to 1.5708"),
+    "degrees as radians": ("rudder [rad],speed [rpm],force [N]\n20,6000,1\n", "outside -1.5708 to 1.5708"),
     "swapped axes": ("rudder [deg],force [N],speed [rpm]\n0,6000,0.4\n0,8000,0.7\n", "column 'force'"),
-    "krpm as rpm": ("rudder [deg],speed [rpm],force [N]\n0,6,0.4\n0,8,0.7\n", "nothing is above"),
+    "krpm as rpm": ("rudder [deg],speed [rpm],force [N]\n0,6,0.4\n0,8,0.7\n", "no value is above"),
     "decimal commas": ("rudder [deg];speed [rpm];force [N]\n0;6000;0,4\n", "semicolons"),
     "decimal commas between commas": ("rudder [deg],speed [rpm],force [N]\n0,6000,0,4\n", "line 2 has 4 cells"),
-    "quoted decimal comma": ('rudder [deg],speed [rpm],force [N]\n0,6000,"0,4"\n', "'0,4' is no number"),
+    "quoted decimal comma": ('rudder [deg],speed [rpm],force [N]\n0,6000,"0,4"\n', "'0,4' is not a number"),
     "no number": ("rudder [deg],speed [rpm],force [N]\n0,6000,abc\n", "column 'force': 'abc'"),
     "not finite": ("rudder [deg],speed [rpm],force [N]\n0,6000,nan\n", "not finite"),
     "repeated rows": ("rudder [deg],speed [rpm],force [N]\n0,6000,1\n0,7000,1\n0,6000,1\n", "lines 2 and 4"),
-    "two columns of a name": ("speed [rpm],speed [rpm],force [N],rudder [deg]\n1,2,3,4\n", "two columns"),
+    "has column of a name": ("speed [rpm],speed [rpm],force [N],rudder [deg]\n1,2,3,4\n", "has column"),
 }
 
 
@@ -83,7 +83,7 @@ def test_a_gauge_at_its_end_is_named(tmp_path: Path) -> None:
     file, rows = tmp_path / "thrust.csv", ["rudder [deg],speed [rpm],force [N]"]
     rows += [f"0,{n},{min(1e-8 * n * n, 0.8):.2f}" for n in range(5000, 12001, 500)]
     file.write_text("\n".join(rows), encoding="utf-8")
-    with pytest.raises(InputError, match=r"the gauge is at its end"):
+    with pytest.raises(InputError, match=r"the gauge is saturated"):
         thrust.fit_thrust(read_measurements(file, thrust.THRUST_COLUMNS), 0.01)
 
 

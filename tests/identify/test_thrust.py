@@ -25,5 +25,5 @@ def test_thrust_that_falls_otherwise_with_the_rudder_is_told() -> None:
         F = 0.0111 * n**2 * loss + 0.02 * g.standard_normal(len(n))
         fit = thrust.fit_thrust(rows(rudder=theta, speed=1000 * n, force=F), 0.0)
         assert fit.follows_formula() is formula
-    with pytest.raises(InputError, match="nothing is extrapolated"):
+    with pytest.raises(InputError, match="does not extrapolate"):
         thrust.tabulate_thrust(fit.angles, fit.by_angle, np.array([-45 * DEG]))

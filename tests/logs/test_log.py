@@ -151,7 +151,7 @@ def test_between_is_half_open_and_keeps_the_rest():
         ({"ticks": np.arange(5) * 1e4}, "float64"),
         ({"ticks": np.array([0, 2, 2, 3, 4]), "t": np.zeros(5)}, "rise strictly"),
         ({"ticks": np.array([-1, 2, 3, 4, 5]), "t": np.zeros(5)}, "rise strictly"),
-        ({"signals": {"truth.x": np.zeros(4)}}, r"shape \(4,\), the log has 5"),
+        ({"signals": {"truth.x": np.zeros(4)}}, r"shape \(4,\), but the log has 5"),
         ({"signals": {"truth.x": np.zeros((5, 2, 2))}}, "shape"),
         ({"signals": {"truth.x": np.array(list("abcde"))}}, "holds values of type"),
         ({"signals": {"truth.x": np.zeros(5, complex)}}, "holds values of type"),

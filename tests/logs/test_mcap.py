@@ -249,7 +249,7 @@ def test_a_later_format_is_refused(tmp_path):
         writer.add_metadata("trimtab", {})
         writer.add_metadata("trimtab.layout", {"format": "2"})
         writer.finish()
-    with pytest.raises(InputError, match="has format 2, this version reads 1"):
+    with pytest.raises(InputError, match="has format 2, but this version reads 1"):
         read_mcap(tmp_path / "new.mcap")
 
 

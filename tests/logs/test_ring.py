@@ -169,9 +169,9 @@ def test_putting_keeps_no_memory(ring):
 def test_what_cannot_be_made_is_refused(ring):
     with pytest.raises(InputError, match="one of each"):
         Ring.create(columns=0)
-    with pytest.raises(InputError, match="one named"):
+    with pytest.raises(InputError, match="ring named"):
         Ring.create(ring.name, columns=1)
-    with pytest.raises(InputError, match="none named"):
+    with pytest.raises(InputError, match="no ring named"):
         Ring.attach("trimtab-test-of-nobody")
     with pytest.raises(InputError, match="do not fit"):
         Ring.create(columns=1000, rows=10**9)

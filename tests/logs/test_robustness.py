@@ -118,7 +118,7 @@ def test_a_log_that_ends_before_the_formula_is_refused():
         (logged(X, 5.0), "always[0, 6 s](a.x < 6 m)"),
         (logged(X), "always[0, 2 s](once(always[0, 3 s](a.x < 6)))"),
     ):
-        with pytest.raises(InputError, match=r"looks . s ahead, and the run lasts . s.\nFix: settings={.duration"):
+        with pytest.raises(InputError, match=r"looks . s ahead, but the run lasts . s.\nFix: settings={.duration"):
             assess_formula(log, text)
     assert str(assess_formula(logged(X), "always(a.p[1] > -5.5)")) == "holds, robustness 0.5: always(a.p[1] > -5.5)"
     assert str(assess_formula(logged(X), "always(a.x < 4)")) == "VIOLATED, robustness -1 m: always(a.x < 4)"

@@ -121,13 +121,13 @@ REFUSED = {
     "no time": ("a,b\n1,2\n", "no column of times"),
     "too few columns": ("t,x\n1,2\n3\n", "line 3 has 1 columns"),
     "text": ("t,x\n1,left\n", "no number"),
-    "nan": ("t,x\n1,2\n2,nan\n", "line 3 is not finite"),
+    "nan": ("t,x\n1,2\n2,nan\n", "line 3 has a value that is not finite"),
     "no rows": ("t,x\n", "no rows"),
     "backwards": ("t,x\n1,2\n3,4\n2,5\n", r"after line 3: 3\.0, then 2\.0"),
     "hours": ("time [h],x\n0,1\n1,2\n", r"'time' is in 'h'(.|\n)*Choices: s, ms, us, ns, min(.|\n)*Fix: convert"),
-    "one name twice": ("t,a,a\n0,1,2\n1,3,4\n", r"'a' and 'a' are one signal, csv\.a"),
+    "one name twice": ("t,a,a\n0,1,2\n1,3,4\n", r"'a' and 'a' have the same signal, csv\.a"),
     "times twice": ("t,t,a\n0,0,2\n1,1,4\n", r"'t' and 't' are one signal"),
-    "names alike": ("t,gyro x,gyro-x\n0,1,2\n1,3,4\n", r"'gyro x' and 'gyro-x' are one signal, csv\.gyro_x"),
+    "names alike": ("t,gyro x,gyro-x\n0,1,2\n1,3,4\n", r"'gyro x' and 'gyro-x' have the same signal, csv\.gyro_x"),
     "nothing": ("", "no column of times"),
 }
 

@@ -295,9 +295,9 @@ def test_what_cannot_be_written_is_refused_before_the_flight(tmp_path, ring):
     assert (tmp_path / "old.mcap").read_text() == "an old flight"
     with pytest.raises(InputError, match="No such file"):
         start_writer(tmp_path / "no" / "flight.mcap", ring, signals=SIGNALS, metadata={})
-    with pytest.raises(InputError, match="have 8 numbers, the time and these signals have 7"):
+    with pytest.raises(InputError, match="have 8 numbers, but the time and these signals have 7"):
         start_writer(tmp_path / "new.mcap", ring, signals=SIGNALS[:-1], metadata={})
-    with pytest.raises(InputError, match="a name of the log's own"):
+    with pytest.raises(InputError, match="a name reserved for the log"):
         start_writer(tmp_path / "new.mcap", ring, signals=[("log.x", (7,), np.float64, None)], metadata={})
 
 

@@ -74,4 +74,4 @@ def test_bars_are_the_indices_largest_first(tmp_path):
 def test_what_could_not_be_told_is_written(tmp_path):
     found = sensitivity(np.full(80, 1.0), ("a", "b", "c"), noise=False)
     axes = plot_sensitivity(found, tmp_path / "s.png").axes[0]
-    assert "nothing to explain" in " ".join(words_of(axes))
+    assert "no variance to explain" in " ".join(words_of(axes))

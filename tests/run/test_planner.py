@@ -101,7 +101,7 @@ def test_random_floors(tmp_path):
 def test_no_way_is_refused_with_the_gap_that_there_is():
     low = np.array([[-0.1, -4], [0.1, -4], [0.1, -0.3], [-0.1, -0.3]])
     task = PlanTask(EMPTY._replace(polygons=(low, low * [1, -1])), (-2, 0), (2, 0), 0.4)
-    with pytest.raises(InputError, match=r"there is no way for a craft of radius 0\.4 m"):
+    with pytest.raises(InputError, match=r"no route for a craft of radius 0\.4 m"):
         plan_path(task)
 
 

@@ -150,7 +150,7 @@ def test_other_readings_of_the_coupling_work_too():
         (CLIMB, {"dt": 0.0}, "from steps of 0 s"),
         (CLIMB, {"seconds": 0.0}, "0 s in nodes"),
         (FilteredClimb(dh=1000.0, start=-20.0), {}, "not level"),
-        (FilteredClimb(V0=3000.0), {}, "level trim at 85000 ft, 3000 ft/s: there is no trim here"),
+        (FilteredClimb(V0=3000.0), {}, "level trim at 85000 ft, 3000 ft/s: no trim was found"),
     ],
 )
 def test_wrong_input_is_refused(climb, settings, text):
@@ -161,5 +161,5 @@ def test_wrong_input_is_refused(climb, settings, text):
 def test_a_climb_to_where_no_trim_is_is_refused():
     """By the end of a long table the speed is too low to fly level; the reason names the bounds."""
     slowing = FilteredClimb(dV=-4500.0, wV=2.0)
-    with pytest.raises(InputError, match=r"3202.08 ft/s: there is no trim here: off are .*; at a bound are .*delta_e"):
+    with pytest.raises(InputError, match=r"3202.08 ft/s: no trim was found: off are .*; at a bound are .*delta_e"):
         noncausal_table(CRAFT, slowing, 20.0)

@@ -1,1 +1,1 @@
-"""Thousands of runs: what is dispersed, where it runs, what it says."""
+"""Campaigns: many runs of one scenario with varied parameters, their workers and their statistics."""

@@ -1,4 +1,4 @@
-"""A campaign: one scenario flown thousands of times, each time a little otherwise, and what came of it.
+"""Campaigns: many runs of one scenario, each with its own parameters and noise, and their results.
 
 Source: docs page, Campaigns.
 """
@@ -34,10 +34,10 @@ from trimtab.run.simulate import simulate
 
 
 class CampaignResult(NamedTuple):
-    """What came of it. columns: by name, (n,); `run` is the number of each row.
+    """Result of a campaign. columns: name -> values (n,); the column `run` holds the number of each row's run.
 
-    success: the share of runs that did what they must, with its interval.  flown_runs, wall_s: of this session, and the
-    time they took (s).  block: of how many runs the rows were made at once.  identity: what made them, `identity`.
+    success: share of successful runs, with its interval.  flown_runs, wall_s: runs flown in this session, and the time
+    that they took (s).  block: number of runs simulated together.  identity: what determines the rows, see `identity`.
     """
 
     plan: CampaignPlan
@@ -62,7 +62,7 @@ class CampaignResult(NamedTuple):
         return f"Campaign of {self.plan.scenario}: {self.success.trials} runs, success {self.success}, {lost} lost"
 
     def _rows(self) -> list[tuple[str, str, str, str]]:
-        """Name, least, median and most of each column of numbers."""
+        """Return name, least, median and most of each numeric column."""
         rows: list[tuple[str, str, str, str]] = []
         for name, column in self.columns.items():
             if name in ("run", "success", "lost") or column.dtype.kind not in "fiu" or column.ndim != 1:
@@ -73,7 +73,7 @@ class CampaignResult(NamedTuple):
         return rows
 
     def to_dataframe(self) -> Any:
-        """A ``pandas.DataFrame``: a row for each run, under its number."""
+        """Return a ``pandas.DataFrame`` with one row for each run, indexed by the run's number."""
         try:
             import pandas
         except ImportError:
@@ -84,7 +84,7 @@ class CampaignResult(NamedTuple):
 
 
 class Campaign:
-    """One scenario in many worlds; a run's numbers depend on the campaign's seed and on the run's number alone.
+    """Many runs of one scenario. A run depends only on the campaign's seed and the run's number.
 
     >>> from trimtab import Campaign
     >>> campaign = Campaign("hovercraft/spin", runs=8, spread={"world.vehicle.mass": "normal(100%, 5%)"})
@@ -92,18 +92,18 @@ class Campaign:
     8
 
     Args:
-        scenario: its name in the catalogue, ``file.py:function``, or the scenario itself.
-        runs: how many.
-        seed: of the campaign.
+        scenario: name in the catalogue, ``file.py:function``, or a `Scenario`.
+        runs: number of runs.
+        seed: seed of the campaign.
         spread: path -> distribution or its text, e.g. {"world.vehicle.mass": "normal(100%, 5%)"}.
         correlate: pairs of paths -> correlation, e.g. {("world.vehicle.mass", "world.vehicle.inertia"): 0.8}.
-        metrics: texts, e.g. "settling:yaw_rate", or functions of `Rows` to (n,); of each target when empty.
-        success: conditions, e.g. "settling:yaw_rate <= 10"; each target reached for good when empty.
+        metrics: texts, e.g. "settling:yaw_rate", or functions from `Rows` to (n,). Default: the metrics of each target.
+        success: conditions, e.g. "settling:yaw_rate <= 10". Default: each target is reached and held.
         sampling: "random", "sobol" or "latin".
-        settings, without, faults: as `trimtab run` takes them; for a scenario that is named.
-        log_period: between the rows that metrics see.
+        settings, without, faults: as in `trimtab run`; only for a scenario given by name.
+        log_period: time between the rows that metrics see (100 ns).
 
-    Raises: InputError for what can't be flown, before anything is.
+    Raises: InputError for a campaign that can't be flown, before any run starts.
     """
 
     def __init__(
@@ -123,7 +123,7 @@ class Campaign:
         log_period: int = ms(10),
     ) -> None:
         if runs < 1:
-            raise InputError(argument_name("runs"), f"{runs} is no number of runs", fix=argument("runs", 1000))
+            raise InputError(argument_name("runs"), f"must be at least 1, got {runs}", fix=argument("runs", 1000))
         metrics = list(metrics)
         self.plan = plan_campaign(
             "Campaign",
@@ -147,7 +147,7 @@ class Campaign:
 
     @classmethod
     def from_dict(cls, plain: Mapping[str, Any]) -> "Campaign":
-        """The campaign of a plan as a store has it, `CampaignPlan.as_dict`."""
+        """Create the campaign from a stored plan, see `CampaignPlan.as_dict`."""
         campaign = cls.__new__(cls)
         campaign.plan, campaign.by_name = plan_from_dict(plain), True
         campaign.ready = prepare_campaign(campaign.plan)
@@ -164,23 +164,24 @@ class Campaign:
         progress: Callable[[int], None] | None = None,
         about: Mapping[str, Any] | None = None,
     ) -> CampaignResult:
-        """Fly what is missing.
+        """Fly the runs that are missing.
 
         Args:
-            store: folder of a Zarr store in which rows are kept as they are done, and looked for.
-            backend: "auto", "c" or "jax", as `simulate`.
-            threads: as many as there are cores when None.
-            workers: who flies the blocks, where it is not this process.
-            stop: asked after each block with the columns of all rows from run 0 on without a gap; True ends it.
-            progress: called with the number of rows that are done.
-            about: more attributes for the store.
+            store: folder of a Zarr store. Finished rows are saved there, and reused.
+            backend: "auto", "c" or "jax", as in `simulate`.
+            threads: number of threads; None: one for each core.
+            workers: function that flies the blocks; None: this process flies them.
+            stop: function called after each block with the columns of all rows from run 0 up to the first gap; the
+                campaign ends when it returns True.
+            progress: function called with the number of finished rows.
+            about: further attributes for the store.
 
-        Raises: InputError where the store holds another campaign, is being written, or the disk is full.
+        Raises: InputError if the store holds another campaign, another process is writing to it, or the disk is full.
         """
         began = time.perf_counter()
         if workers is not None and not self.by_name:
-            problem = "other machines can't be given an object or a function of this program"
-            fix = "name them, file.py:function, and put the file where the workers were started"
+            problem = "an object or a function of this program can't be sent to other machines"
+            fix = "write it as file.py:function, and put the file where the workers were started"
             raise InputError("workers", problem, fix=fix)
         used = "c" if backend == "c" or uses_c(self.ready, backend) else "jax"
         count = RowCount(progress)
@@ -197,7 +198,7 @@ class Campaign:
             with open_store(folder, attributes, self._example_row(), self.plan.runs, block) as rows:
                 flown = self._fly_blocks(fly, used, rows, block, stop, count)
                 columns = rows.read()
-            n = int(np.searchsorted(columns["run"], self.plan.runs))  # a store may have more
+            n = int(np.searchsorted(columns["run"], self.plan.runs))  # a store may hold more runs
             columns = {name: column[:n] for name, column in columns.items()}
         good = proportion(int(columns["success"].sum()), len(columns["run"]))
         return CampaignResult(self.plan, columns, good, flown, time.perf_counter() - began, block, who)
@@ -219,46 +220,50 @@ class Campaign:
                     break
         except WorkersLost as lost:
             stored = isinstance(rows, CampaignStore)
-            kept = f"{int(done.sum())} runs are kept" if stored else "no run is kept without a store"
+            kept = f"{int(done.sum())} finished runs are stored" if stored else "no run is saved without a store"
             raise InputError(lost.part, f"{lost}: {kept}", fix=lost.fix) from None
         finally:
             results.close()
         return flown
 
     def _example_row(self) -> dict[str, Any]:
-        """A value of each column's type."""
+        """Return an empty array of each column's type."""
         _, values = draw_runs(self.ready, 0, 1)
         metrics = {m.name: np.empty(1) for m in self.ready.metrics}
         return {**values, **metrics, "success": np.empty(1, bool), "lost": np.empty(1, bool)}
 
     def row_size(self) -> int:
-        """Bytes of a run's row, before a store compresses it."""
-        return sum(column.itemsize for column in self._example_row().values()) + 1  # and whether it is done
+        """Return the uncompressed size of one run's row, in bytes."""
+        return (
+            sum(column.itemsize for column in self._example_row().values()) + 1
+        )  # plus one byte: whether the row is done
 
     def scenario(self, run: int) -> Scenario:
-        """The scenario of one run, with all that is its own."""
+        """Return the scenario of one run, with the run's own parameters."""
         if not 0 <= run < self.plan.runs:
             raise InputError(
-                argument_name("rerun"), f"there is no run {run} among {self.plan.runs}", fix=argument("rerun", 0)
+                argument_name("rerun"),
+                f"run {run} does not exist; the campaign has {self.plan.runs} runs, numbered from 0",
+                fix=argument("rerun", 0),
             )
         return scenario_of(self.ready, run)
 
     def rerun(self, run: int, *, log_period: int | None = None, signals: tuple[str, ...] = ()) -> Log:
-        """One run once more, with its whole log; its numbers are those of its row."""
+        """Repeat one run and return its whole log; its metrics equal those of the stored row."""
         drawn, _ = draw_runs(self.ready, run, run + 1)
         period = self.plan.log_period if log_period is None else log_period
         word = int(drawn.words[0])
         return simulate(self.scenario(run), seed=self.plan.seed, run=word, log_period=period, signals=signals)
 
     def row(self, run: int, log: Log) -> dict[str, Any]:
-        """The row that a rerun's log makes, of one run: to be held against that of the campaign."""
+        """Compute the row of one run from the log of its rerun, to compare it with the stored row."""
         _, values = draw_runs(self.ready, run, run + 1)
         columns = {**values, **compute_log_metrics(self.ready, log)}
         return {name: column[0] for name, column in columns.items()}
 
 
 def _gapless_rows(rows: "MemoryStore | CampaignStore", done: Any) -> dict[str, Any]:
-    """Columns of the runs from 0 on without a gap."""
+    """Return the columns of the runs from 0 up to the first gap."""
     n = len(done) if done.all() else int(np.argmin(done))
     return {name: column[:n] for name, column in rows.read().items()}
 

@@ -1,17 +1,17 @@
-"""What is typed of a campaign's numbers: the one grammar of metrics, conditions, requirements, stops and costs.
+"""Grammar of metrics, conditions, requirements, stopping rules and costs, as the user types them.
 
     METRIC       KIND:SIGNAL, as in settling:yaw_rate, robustness:FORMULA, or file.py:function
-    CONDITION    METRIC <= NUMBER                       when a run is a success; <, > and >= too
+    CONDITION    METRIC <= NUMBER                       a run is a success if it holds; <, > and >= too
                  FORMULA                                the same as robustness:FORMULA > 0
     STATISTIC    success, pNN(METRIC), mean(METRIC), max(METRIC), min(METRIC)
-    REQUIREMENT  STATISTIC <= NUMBER @ CONFIDENCE%      what a campaign must show; >= too
+    REQUIREMENT  STATISTIC <= NUMBER @ CONFIDENCE%      the campaign must show this; >= too
     STOP         width(STATISTIC) <= NUMBER @ CONFIDENCE%
-    COST         WEIGHT*METRIC + METRIC + …             what tuning makes small; a robustness, whose weight is below
-                                                        0, as in -robustness:FORMULA, it makes large
+    COST         WEIGHT*METRIC + METRIC + …             tuning minimises it; a robustness has a negative weight,
+                                                        as in -robustness:FORMULA, so that it is maximised
 
-A metric's name may hold colons and dots. Without `@` the confidence is 95 %. Numbers are in SI units; a success may be
-in per cent. A FORMULA is one of signal temporal logic, `core.formula`. What a text means for a campaign is computed in
-`statistics` and in `search.cost`.
+The name of a metric may contain colons and dots. The default confidence is 95 %. Numbers are in SI units; a success may
+also be in per cent. A FORMULA is written in signal temporal logic, see `core.formula`. `statistics` and `search.cost`
+compute what a text stands for.
 """
 
 import math
@@ -27,9 +27,9 @@ from trimtab.core.formula import EXAMPLE, is_temporal
 from trimtab.core.units import NUMBER, find_sizes
 
 ROBUSTNESS = "robustness"
-"""Kind of the metric that is how far a run is from breaking a formula."""
+"""Kind of the metric that measures how far a run is from violating a formula."""
 LEVEL = 0.95
-"""Confidence where the text names none."""
+"""Default confidence."""
 EXTREMES = ("max", "min")
 COMPARE: Mapping[str, Callable[[Any, Any], Any]] = {
     "<=": operator.le,
@@ -49,35 +49,36 @@ _INSIDE = re.compile(r"\(.*\)")
 
 
 class MetricName(NamedTuple):
-    """A metric as written. kind: before the colon, a kind or a file.  subject: after it, a signal or a function."""
+    """Name of a metric. kind: text before the colon, a kind or file.  subject: text after it, a signal or function."""
 
     kind: str
     subject: str
 
     @property
     def is_function(self) -> bool:
-        """Whether it is a function of a file."""
+        """True if the metric is a function in a file."""
         return self.kind.endswith(".py")
 
 
 class Condition(NamedTuple):
-    """When a run is a success: a metric, how it is compared, and with what."""
+    """Condition for the success of a run: a metric, a comparison and a bound."""
 
     metric: str
     compare: str
     bound: float
 
     def holds(self, column: Any) -> Any:
-        """Whether it holds in each run (n,); never where the metric is no number."""
+        """Return, for each run (n,), whether the condition holds; False where the metric is NaN."""
         with np.errstate(invalid="ignore"):
             return COMPARE[self.compare](column, self.bound)
 
 
 class Requirement(NamedTuple):
-    """What a campaign must show.
+    """Requirement that a campaign must meet.
 
-    text: as written.  statistic: success, quantile, mean, max or min.  metric: of which; "success" for that.  p: which
-    quantile; nan for others.  relation: "<=" or ">=".  bound: in SI units.  level: confidence; nan for max, min.
+    text: as written.  statistic: success, quantile, mean, max or min.  metric: its metric; "success" for a success.  p:
+    level of the quantile; NaN for other statistics.  relation: "<=" or ">=".  bound: in SI units.  level: confidence;
+    NaN for max and min.
     """
 
     text: str
@@ -89,23 +90,23 @@ class Requirement(NamedTuple):
     level: float
 
     def check(self, metrics: Iterable[str], *, anytime: bool = False) -> None:
-        """Refuse what can't be judged, before anything flies.
+        """Raise InputError if the requirement can't be judged, before any run starts.
 
         Args:
-            metrics: names of those that the campaign gives.
-            anytime: whether flying stops on what it says.
+            metrics: names of the campaign's metrics.
+            anytime: True if the campaign stops early, depending on this result.
         """
         part = f"requirement '{self.text}'"
         _check_metric(part, self.metric, metrics, "ask for")
         if anytime and self.statistic == "mean":
-            problem = "the bound of a mean doesn't hold when flying stops on what it says"
-            raise InputError(part, problem, fix="fly a fixed number of runs, or ask for p50")
+            problem = "the bound of a mean does not hold if the campaign stops early, depending on it"
+            raise InputError(part, problem, fix="fly a fixed number of runs, or require p50")
 
 
 class StoppingRule(NamedTuple):
-    """When to stop. text: as written.  statistic: success or quantile.  metric, p: of which.
+    """Rule for stopping. text: as written.  statistic: success or quantile.  metric, p: its metric and level.
 
-    width: of the whole interval, upper bound minus lower, in the metric's unit.  level: two-sided confidence.
+    width: width of the whole interval, upper minus lower bound, in the metric's unit.  level: two-sided confidence.
     """
 
     text: str
@@ -116,25 +117,25 @@ class StoppingRule(NamedTuple):
     level: float
 
     def check(self, metrics: Iterable[str]) -> None:
-        """Refuse a metric that the campaign doesn't give, before anything flies."""
+        """Raise InputError if the campaign does not have the metric, before any run starts."""
         _check_metric(f"stopping '{self.text}'", self.metric, metrics, "stop on")
 
 
 class CostTerm(NamedTuple):
-    """A metric of a cost, and how much it counts."""
+    """One term of a cost: a metric and its weight."""
 
     weight: float
     metric: str
 
 
 def parse_metric(text: str) -> MetricName:
-    """Both sides of a metric's colon; whether a scenario has it says `statistics.metrics.find_metric`."""
+    """Split a metric at its colon; `statistics.metrics.find_metric` checks it against a scenario."""
     kind, _, subject = text.partition(":")
     return MetricName(kind, subject)
 
 
 def parse_condition(text: str) -> Condition:
-    """Read `METRIC <= NUMBER`, or a formula; whether that fits the signals says `statistics.metrics.find_metric`."""
+    """Read `METRIC <= NUMBER`, or a formula; `statistics.metrics.find_metric` checks it against the signals."""
     if is_temporal(text) and not text.lstrip().startswith(f"{ROBUSTNESS}:"):
         return Condition(f"{ROBUSTNESS}:{text.strip()}", ">", 0.0)
     match = _COMPARISON.fullmatch(text)
@@ -144,10 +145,10 @@ def parse_condition(text: str) -> Condition:
             return Condition(match["subject"], match["relation"], bound)
         if with_unit := NUMBER.fullmatch(match["bound"]):
             plain = with_unit[1] if 1.0 in find_sizes(with_unit[2]).values() else "NUMBER"
-            problem = f"{match['bound']!r} has a unit: a bound is a plain number in the metric's own unit"
+            problem = f"{match['bound']!r} has a unit; a bound must be a plain number in the metric's own unit"
             fix = argument("success", [f"{match['subject']} {match['relation']} {plain}"])
             raise InputError(argument_name("success"), problem, fix=fix)
-    problem = f"{text!r} is neither METRIC, a comparison and a number, nor a formula"
+    problem = f"{text!r} is not a condition; write a metric, a comparison and a number, or a formula"
     fix = f"{argument('success', ['settling:yaw_rate <= 10'])}, or {argument('success', [EXAMPLE])}"
     raise InputError(argument_name("success"), problem, choices=COMPARE, fix=fix)
 
@@ -156,25 +157,28 @@ def parse_requirement(text: str) -> Requirement:
     """Read `STATISTIC <= NUMBER @ CONFIDENCE%`."""
     part, match = f"requirement '{text}'", _COMPARISON.fullmatch(text.strip())
     if match is None or re.search("[<>=]", _INSIDE.sub("", match["subject"])):
-        _refuse_requirement(part, "that is no comparison of a statistic with a number")
+        _refuse_requirement(part, "must compare a statistic with a number")
     subject, relation = match["subject"], match["relation"]
     if relation not in ("<=", ">="):
-        _refuse_requirement(part, f"{relation!r} is no relation it knows", choices=("<=", ">="))
+        _refuse_requirement(part, f"unknown comparison {relation!r}", choices=("<=", ">="))
     kind, metric, p = _parse_statistic(subject, part, REQUIREMENTS)
     bound = _parse_number(match["bound"], percent=kind == "success")
     if bound is None or not math.isfinite(bound):
-        problem = f"{match['bound']!r} is no finite number"
+        problem = f"{match['bound']!r} is not a finite number"
         _refuse_requirement(part, problem, fix="write a plain number in SI units, without a unit")
     level = _parse_level(match["level"], part)
     if kind in EXTREMES:
         if match["level"] is not None:
-            problem = f"no number of runs tells the {kind} over all worlds, at no confidence"
-            fix = f"write `{subject} {relation} {bound:g}` for the runs flown, or a quantile: `p99.9({metric}) …`"
+            problem = f"a finite number of runs cannot bound the {kind} over all possible runs"
+            fix = (
+                f"write `{subject} {relation} {bound:g}` to judge only the runs flown, or require a "
+                f"quantile: `p99.9({metric}) …`"
+            )
             raise InputError(part, problem, fix=fix)
         level = math.nan
     if kind == "success" and not (0 < bound < 1):
         fix = "give a probability between 0 and 1, e.g. `success >= 0.999`"
-        raise InputError(part, f"no number of runs shows a probability of {bound:g}", fix=fix)
+        raise InputError(part, f"a finite number of runs cannot prove a probability of {bound:g}", fix=fix)
     return Requirement(text.strip(), kind, metric, p, relation, bound, level)
 
 
@@ -183,15 +187,15 @@ def parse_stopping(text: str) -> StoppingRule:
     part, match = f"stopping '{text}'", _COMPARISON.fullmatch(text.strip())
     inside = _WIDTH.fullmatch(match["subject"]) if match and match["relation"] == "<=" else None
     if match is None or inside is None:
-        raise InputError(part, "that is no width to stop at", choices=STOPS, fix=f"write e.g. `{STOPS[0]}`")
+        raise InputError(part, "must limit the width of an interval", choices=STOPS, fix=f"write e.g. `{STOPS[0]}`")
     kind, metric, p = _parse_statistic(inside["statistic"].strip(), part, STOPS)
     if kind not in ("success", "quantile"):
-        problem = f"there is no interval of the {kind} that holds when flying stops on it"
+        problem = f"the interval of the {kind} does not hold if the campaign stops early, depending on it"
         raise InputError(part, problem, choices=STOPS, fix="stop on the success or on a quantile, e.g. p50")
     width = _parse_number(match["bound"])
     if width is None or not 0 < width < (1 if kind == "success" else math.inf):
-        fix = "give a number above 0, in the metric's unit; for the success below 1"
-        raise InputError(part, f"{match['bound']!r} is no width", fix=fix)
+        fix = "write a number above 0, in the metric's unit; for the success also below 1"
+        raise InputError(part, f"{match['bound']!r} is not a valid width", fix=fix)
     return StoppingRule(text.strip(), kind, metric, p, width, _parse_level(match["level"], part))
 
 
@@ -203,12 +207,14 @@ def parse_cost(text: str) -> tuple[CostTerm, ...]:
         weight = _parse_number(match["weight"] or f"{match['minus'] or ''}1") if match else None
         if match is not None and parse_metric(match["metric"]).kind == ROBUSTNESS:
             if weight is None or not -math.inf < weight < 0:
-                problem = f"{piece!r} would make a robustness small, and only a large one is good"
+                problem = f"{piece!r} would minimise a robustness, but a large robustness is good"
                 raise InputError(
-                    argument_name("cost"), problem, fix=f"{argument('cost', '-' + match['metric'])}, a weight below 0"
+                    argument_name("cost"),
+                    problem,
+                    fix=f"{argument('cost', '-' + match['metric'])}, with a negative weight",
                 )
         elif match is None or weight is None or not 0 < weight < math.inf:
-            problem = f"{piece!r} is no metric with a weight above 0"
+            problem = f"{piece!r} is not a metric with a positive weight"
             raise InputError(
                 argument_name("cost"), problem, fix=argument("cost", "error_rms:yaw_rate + 2*error_rms:sway_velocity")
             )
@@ -217,7 +223,7 @@ def parse_cost(text: str) -> tuple[CostTerm, ...]:
 
 
 def _split_outside(text: str, separator: str) -> list[str]:
-    """Pieces between separators that are in no brackets."""
+    """Split a text at the separators outside parentheses."""
     pieces, depth = [""], 0
     for k, piece in enumerate(text.split(separator)):
         pieces[-1:] = [piece] if k == 0 else [f"{pieces[-1]}{separator}{piece}"] if depth > 0 else [pieces[-1], piece]
@@ -226,36 +232,36 @@ def _split_outside(text: str, separator: str) -> list[str]:
 
 
 def _parse_statistic(text: str, part: str, forms: Iterable[str]) -> tuple[str, str, float]:
-    """Statistic, metric and p, as a `Requirement` has them."""
+    """Read statistic, metric and p, as a `Requirement` holds them."""
     if text == "success":
         return "success", "success", math.nan
     call = _CALL.fullmatch(text)
     if call is None or call["metric"].count("(") != call["metric"].count(")"):
         fix = "write success, pNN(METRIC), mean(METRIC), max(METRIC) or min(METRIC)"
-        raise InputError(part, f"{text!r} is no statistic", choices=forms, fix=fix)
+        raise InputError(part, f"unknown statistic {text!r}", choices=forms, fix=fix)
     name = call["statistic"]
     if not name.startswith("p"):
         return name, call["metric"], math.nan
     p = _parse_number(name[1:] + "%", percent=True)
     if p is None or not 0 < p < 1:
-        fix = "write p95 for the value that 95 % of the worlds don't exceed; above p0, below p100"
-        raise InputError(part, f"{name!r} is no quantile", choices=("p5", "p50", "p95", "p99.9"), fix=fix)
+        fix = "the number after p must be above 0 and below 100; p95 is the value that 95 % of the runs do not exceed"
+        raise InputError(part, f"{name!r} is not a quantile", choices=("p5", "p50", "p95", "p99.9"), fix=fix)
     return "quantile", call["metric"], p
 
 
 def _parse_level(text: str | None, part: str) -> float:
-    """A confidence: "95%" or "0.95", above 50 % and below 100 %; 95 % where there is no text."""
+    """Read a confidence, "95%" or "0.95", above 50 % and below 100 %; the default is 95 %."""
     if text is None:
         return LEVEL
     level = _parse_number(text.strip(), percent=True)
     if level is None or not 0.5 < level < 1:
         fix = "write a confidence above 50 % and below 100 %, e.g. `@ 95%`"
-        raise InputError(part, f"{text.strip()!r} is no confidence", choices=("90%", "95%", "99%"), fix=fix)
+        raise InputError(part, f"{text.strip()!r} is not a valid confidence", choices=("90%", "95%", "99%"), fix=fix)
     return level
 
 
 def _parse_number(text: str, *, percent: bool = False) -> float | None:
-    """A number, or None; where it may be in per cent, "95%" is 0.95."""
+    """Read a number, or return None; with `percent`, "95%" gives 0.95."""
     share = percent and text.endswith("%")
     try:
         return float(text.removesuffix("%") if share else text) / (100 if share else 1)
@@ -267,8 +273,8 @@ def _check_metric(part: str, metric: str, metrics: Iterable[str], verb: str) -> 
     names = list(metrics)
     if metric not in names:
         near = closest(metric, names) or names
-        fix = f"add the metric {metric!r} to the campaign or {verb} one that it has"
-        raise InputError(part, f"there is no metric {metric!r}", choices=near, fix=fix)
+        fix = f"add the metric {metric!r} to the campaign, or {verb} one that it has"
+        raise InputError(part, f"unknown metric {metric!r}", choices=near, fix=fix)
 
 
 def _refuse_requirement(part: str, problem: str, choices: Iterable[str] = REQUIREMENTS, fix: str = "") -> NoReturn:

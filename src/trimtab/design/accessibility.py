@@ -1,9 +1,10 @@
-"""Where can the inputs lead at all? Accessibility by Lie brackets, and a condition that is enough for control.
+"""Accessibility by Lie brackets, and a sufficient condition for small-time local controllability.
 
-For x' = f(x) + sum g_j(x) u_j about an equilibrium: where the brackets of f and the g_j span all directions, the states
-reached in any short time fill a set with inner points (accessible); where in addition every bad bracket, with f an odd
-and each g_j an even number of times, is a combination of brackets of lower degree, they fill a neighbourhood of the
-point (small-time locally controllable, STLC). The second condition is enough, not needed. Offline code.
+Model: x' = f(x) + sum g_j(x) u_j about an equilibrium. If the brackets of f and the g_j span all directions, the states
+reached in any short time fill a set with inner points (accessible). A bracket is bad if it contains f an odd number of
+times and each g_j an even number. If in addition every bad bracket is a combination of brackets of lower degree, these
+states fill a neighbourhood of the point (small-time locally controllable, STLC). The second condition is sufficient,
+not necessary. Offline code.
 
 Source: [1] A. Isidori, "Nonlinear Control Systems", Springer 1995, chapter 2; [2] H. J. Sussmann, "A general theorem on
 local controllability", SIAM J. Control Optim. 25 (1987), theorem 7.3, with all weights 1.
@@ -24,23 +25,23 @@ from trimtab.design.lie import curved_inputs
 from trimtab.design.model import StateSpaceModel
 
 HIGHEST_DEGREE = 5
-"""Fields in the longest bracket that is formed."""
+"""Number of fields in the longest bracket computed."""
 AT_REST = 1e-8
-"""Rates at the point below this part of its size, or of 1, count as none: a trim is found to rounding only."""
+"""Relative size of rates at the point (of the point, or of 1) that counts as zero: a trim has rounding errors."""
 ROUNDING = 1e-9
-"""Coefficients below this part of the largest count as zero."""
+"""Relative size of coefficients, compared with the largest, that count as zero."""
 INDEPENDENT = 1e-7
-"""What is left of a bracket after those before it, in parts of itself, that counts as a new direction."""
+"""Relative remainder of a bracket, after projection on earlier ones, that counts as a new direction."""
 DRIFT = "f"
 TaylorField = dict[tuple[int, ...], Any]
-"""Powers of the deviations of the states -> coefficient (n,)."""
+"""Map from powers of the states' deviations to coefficients (n,)."""
 
 
 class LieBracket(NamedTuple):
-    """A bracket at the point.
+    """Value of a bracket at the point.
 
-    name: e.g. "[FY, [f, FY]]".  degree: how many fields are in it.  value: (n,).  is_bad: whether f is in it an odd,
-    and each input an even number of times.
+    name: e.g. "[FY, [f, FY]]".  degree: number of fields.  value: (n,).  is_bad: True if it contains f an odd number of
+    times and each input an even number.
     """
 
     name: str
@@ -50,13 +51,13 @@ class LieBracket(NamedTuple):
 
 
 class Accessibility(NamedTuple):
-    """What was found.
+    """Result of the accessibility test.
 
-    basis: brackets that give a new direction each, by degree.  rank: how many.  n: of the states.  bad: the bad
-    brackets that do not vanish, up to the degree at which all directions were there.  obstructions: those of them that
-    are no combination of lower ones.  curved: inputs in which the model is not affine, whose first-order part was
-    taken.  is_accessible, is_stlc: the verdicts; False of the latter decides nothing.  is_linear: whether the linear
-    model decides alone, as it is controllable.
+    basis: brackets that each give a new direction, by degree.  rank: their number.  n: number of states.  bad: bad
+    brackets that do not vanish, up to the degree at which the basis is complete.  obstructions: the bad brackets that
+    are not a combination of lower ones.  curved: inputs in which the model is not affine; their first-order part is
+    used.  is_accessible, is_stlc: verdicts; a False is_stlc decides nothing.  is_linear: True if the linear model is
+    controllable and decides alone.
     """
 
     basis: tuple[LieBracket, ...]
@@ -73,14 +74,14 @@ class Accessibility(NamedTuple):
 def find_accessibility(
     model: StateSpaceModel, x: Any = None, u: Any = None, *, highest: int = HIGHEST_DEGREE
 ) -> Accessibility:
-    """Brackets of a model at an equilibrium, by degree, until they span all directions or the highest is reached.
+    """Compute brackets at an equilibrium, by degree, until they span all directions or the highest degree is reached.
 
     Args:
-        model: of n states.
-        x, u: the point; where not given the model's own.
-        highest: degree beyond which no bracket is formed.
+        model: model with n states.
+        x, u: the point; default: the model's own.
+        highest: highest degree of a bracket.
 
-    Raises: InputError where the point is no equilibrium.
+    Raises: InputError if the point is not an equilibrium.
     """
     x0, u0 = model.point(x, u)
     check_rest(model, x0, u0)
@@ -105,9 +106,9 @@ def find_accessibility(
 
 
 def _linear_brackets(model: StateSpaceModel, x0: Any, u0: Any) -> tuple[LieBracket, ...]:
-    """The brackets that the linear model has, [f, … [f, g]] = ±A^k b, as far as each gives a new direction.
+    """Return the brackets of the linear model, [f, … [f, g]] = ±A^k b, as far as each gives a new direction.
 
-    States count in units of their size at the point. n of them where the linear model is controllable.
+    States are scaled by their size at the point. There are n brackets if the linear model is controllable.
     """
     size = np.where(x0 != 0, np.abs(x0), 1.0)
     A, B = (np.asarray(d) for d in jax.jacfwd(model.f, argnums=(0, 1))(jnp.asarray(x0), jnp.asarray(u0)))
@@ -127,18 +128,18 @@ def _linear_brackets(model: StateSpaceModel, x0: Any, u0: Any) -> tuple[LieBrack
 
 
 def check_rest(model: StateSpaceModel, x0: Any, u0: Any) -> None:
-    """Refuse a point at which the model moves."""
+    """Raise InputError for a point at which the model moves."""
     rate = np.abs(np.asarray(model.f(jnp.asarray(x0), jnp.asarray(u0))))
     moving = [n for n, r, size in zip(model.states, rate, np.abs(x0), strict=True) if not r <= AT_REST * max(1.0, size)]
     if moving:
-        problem = f"{', '.join(moving)} would not stay as they are at the model's point"
+        problem = f"{', '.join(moving)} would change at the model's point"
         raise InputError(
             "equilibrium", problem, fix="give x0 and u0 at which f(x0, u0) = 0; trimtab.design.trim finds one"
         )
 
 
 def expand_fields(model: StateSpaceModel, x0: Any, u0: Any, order: int) -> tuple[TaylorField, ...]:
-    """Taylor polynomials about a point of the drift f and of each input's field g_j, to an order of the states."""
+    """Return Taylor polynomials of the drift f and each input's field g_j about a point, to an order in the states."""
 
     def stack_fields(x: Any) -> Any:
         columns = jax.jacfwd(model.f, argnums=1)(x, jnp.asarray(u0))
@@ -161,7 +162,7 @@ def expand_fields(model: StateSpaceModel, x0: Any, u0: Any, order: int) -> tuple
 
 
 def bracket_fields(X: TaylorField, Y: TaylorField, order: int) -> TaylorField:
-    """[X, Y] = (dY/dx) X - (dX/dx) Y as a Taylor polynomial, to an order. Source: [1] section 1.2."""
+    """Return [X, Y] = (dY/dx) X - (dX/dx) Y as a Taylor polynomial, to an order. Source: [1] section 1.2."""
     total: TaylorField = {}
     size = 0.0
     for sign, inner, outer in ((1.0, X, Y), (-1.0, Y, X)):
@@ -180,7 +181,7 @@ def bracket_fields(X: TaylorField, Y: TaylorField, order: int) -> TaylorField:
 def _brackets_by_degree(
     fields: Sequence[TaylorField], names: Sequence[str], n: int, highest: int
 ) -> Iterator[list[LieBracket]]:
-    """Right-nested brackets, which span all others: of each degree those that don't vanish at the point."""
+    """Yield, for each degree, right-nested brackets (they span all others) that do not vanish at the point."""
     level = [((i,), names[i], field) for i, field in enumerate(fields)]
     origin = (0,) * n
     for degree in range(1, highest + 1):
@@ -203,7 +204,7 @@ def _is_bad(word: tuple[int, ...], count: int) -> bool:
 
 
 def _is_new(value: Any, others: Sequence[LieBracket]) -> bool:
-    """Whether a vector is no combination of the others' values."""
+    """Return True if a vector is not a combination of the others' values."""
     if not others:
         return True
     rows = np.array([b.value for b in others])

@@ -1,10 +1,10 @@
-"""A region from which a loop comes to rest: a quadratic Lyapunov function, and the largest level that can be proved.
+"""Region of attraction: a quadratic Lyapunov function, and the largest level that can be proved.
 
     -dV/dt - s(x) (c - V(x)) = z'G z,   s = x'S x,   S and G positive definite,   z = (x, products of x)
 
-so that V falls wherever V <= c, but at rest (S-procedure of sums of squares). The function comes from Lyapunov's
-equation of the linear loop, its weight is varied until the volume is the largest; S and G from a solver in floats,
-which are rounded and then made to fit exactly: nothing of the search has to be trusted.
+so that V falls wherever V <= c, except at rest (S-procedure of sums of squares). The function solves Lyapunov's
+equation of the linear loop; its weight is varied to maximise the volume. S and G come from a solver in floats, and are
+rounded and then made to fit exactly, so that the proof does not depend on the search.
 
 Source: [1] P. A. Parrilo, "Semidefinite programming relaxations for semialgebraic problems", Math. Programming 96
 (2003); [2] H. Peyrl, P. A. Parrilo, "Computing sum of squares decompositions with rational coefficients", Theoretical
@@ -28,17 +28,17 @@ from trimtab.design.squares import GramForm, SquaresProof
 from trimtab.design.theorem import FALLS, GROWS, INSIDE, LawTheorem
 
 SMALLEST_MARGIN = 1e-4
-"""Least eigenvalue of S and G, scaled, with which a level counts as reached: room for the rounding."""
+"""Smallest eigenvalue of S and G, scaled, at which a level counts as reached; leaves room for rounding."""
 DIGITS = 7
-"""Decimals that are kept of S and G, scaled."""
+"""Number of decimals kept of S and G, scaled."""
 TRIES = 200
-"""Shapes of V that are tried."""
+"""Number of shapes of V that are tried."""
 ROUGH, FINE = 1.03, 1.002
-"""Ratio to which a level is found, while shapes are compared and at the end."""
+"""Ratios to which a level is found: while shapes are compared, and at the end."""
 
 
 class AttractionRegion(NamedTuple):
-    """V, the level c, the proofs of the two claims about motion, and half the extent of V <= c along each state."""
+    """Region of attraction: V, the level c, proofs of both claims about motion, and the half widths of V <= c."""
 
     lyapunov: Polynomial
     level: Fraction
@@ -47,7 +47,7 @@ class AttractionRegion(NamedTuple):
 
 
 class _Loop(NamedTuple):
-    """The loop in deviations from rest. names: of them.  field: rates.  A: Jacobian, floats."""
+    """Loop in deviations from rest. names: of the states.  field: rates.  A: Jacobian, floats."""
 
     names: tuple[str, ...]
     field: dict[str, Polynomial]
@@ -55,13 +55,13 @@ class _Loop(NamedTuple):
 
 
 def find_region(theorem: LawTheorem, *, tries: int = TRIES) -> AttractionRegion:
-    """A large region of attraction of a loop whose field is of third degree at most and has no open parameters.
+    """Find a large region of attraction of a loop with a field of third degree at most and no open parameters.
 
     Args:
-        theorem: whose field and point of rest are taken.
-        tries: how many shapes of V are tried.
+        theorem: gives the field and the point of rest.
+        tries: number of shapes of V to try.
 
-    Raises: InputError where the linear loop is not stable, or the field has parameters or higher powers.
+    Raises: InputError if the linear loop is not stable, or the field has parameters or higher powers.
     """
     loop, n = _shift_loop(theorem), len(theorem.region.states)
     start, guess = np.zeros(n * (n + 1) // 2), 1.0
@@ -80,7 +80,7 @@ def find_region(theorem: LawTheorem, *, tries: int = TRIES) -> AttractionRegion:
     if level <= 0:
         raise InputError(
             "region",
-            "no level of any quadratic V was found",
+            "no level was found for any quadratic V",
             fix=f"try other gains: {argument('settings', 'VALUE', 'NAME')}",
         )
     return _round_region(theorem, loop, P, level)
@@ -93,20 +93,20 @@ def _shift_loop(theorem: LawTheorem) -> _Loop:
     powers = [sum(p for _, p in m) for f in field.values() for m in f.terms]
     if outside or max(powers) > 3:
         problem = f"the field has the open parameters {', '.join(outside)}" if outside else "the field has high powers"
-        raise InputError("region", problem, fix="give numbers, and a field of third degree at most")
+        raise InputError("region", problem, fix="use numbers, and a field of third degree at most")
     A = np.array([[float(f.terms.get(((k, 1),), 0)) for k in names] for f in field.values()])
     fast = np.linalg.eigvals(A).real.max()
     if fast >= 0:
         raise InputError(
             "region",
-            f"the linear loop is not stable: pole {fast:.4g}",
+            f"the linear loop is not stable; pole {fast:.4g}",
             fix=f"{argument('settings', 'VALUE', 'NAME')}, other gains",
         )
     return _Loop(names, field, A)
 
 
 def _lyapunov_matrix(loop: _Loop, z: Any) -> Any:
-    """P of Lyapunov's equation for the weight L L', of determinant 1; z: L's lower triangle, its diagonal in logs."""
+    """Solve Lyapunov's equation for the weight L L', of determinant 1; z: L's lower triangle, logs on the diagonal."""
     L = np.zeros_like(loop.A)
     L[np.tril_indices(len(L))] = z
     np.fill_diagonal(L, np.exp(np.diag(L)))
@@ -115,7 +115,7 @@ def _lyapunov_matrix(loop: _Loop, z: Any) -> Any:
 
 
 def _largest_level(loop: _Loop, P: Any, guess: float, ratio: float) -> float:
-    """The largest level that can be proved, to within a ratio, looked for around a guess; 0 where none is found."""
+    """Return the largest provable level, to within a ratio, searched around a guess; 0 if none is found."""
 
     def is_reached(level: float) -> bool:
         return _margin(loop, P, level, np.sqrt(level / np.diag(P))).margin > SMALLEST_MARGIN
@@ -134,7 +134,7 @@ def _largest_level(loop: _Loop, P: Any, guess: float, ratio: float) -> float:
 
 
 class _Solution(NamedTuple):
-    """margin: least eigenvalue of S and G.  S: (n, n).  kernel: what moves G without changing z'G z."""
+    """Solver's result. margin: smallest eigenvalue of S and G.  S: (n, n).  kernel: part of G that z'G z ignores."""
 
     margin: float
     S: Any
@@ -142,7 +142,7 @@ class _Solution(NamedTuple):
 
 
 class _Products(NamedTuple):
-    """z = (x, products of x): its monomials, and which pairs of them give each product."""
+    """Products of states. Monomials of z = (x, products of x), and the pairs of them that give each product."""
 
     z: tuple[Monomial, ...]
     pairs: dict[Monomial, list[tuple[int, int]]]
@@ -159,7 +159,7 @@ def _form_products(names: tuple[str, ...]) -> _Products:
 
 
 def _gram_matrix(coefficients: Mapping[Monomial, Any], kernel: Any, products: _Products, zero: Any) -> Any:
-    """A G with z'G z of these coefficients: each spread over its pairs, moved by the kernel's entries between them."""
+    """Return a G with z'G z of these coefficients: each is spread over its pairs and moved by the kernel's entries."""
     G = np.full((len(products.z),) * 2, zero, dtype=object if isinstance(zero, Fraction) else float)
     used = 0
     for m, pairs in products.pairs.items():
@@ -174,14 +174,14 @@ def _gram_matrix(coefficients: Mapping[Monomial, Any], kernel: Any, products: _P
 
 @lru_cache(maxsize=8)
 def _kernel_matrices(names: tuple[str, ...]) -> list[Any]:
-    """Matrices G with z'G z = 0, one for each entry of the kernel."""
+    """Return matrices G with z'G z = 0, one for each entry of the kernel."""
     products = _form_products(names)
     units = np.eye(sum(len(p) - 1 for p in products.pairs.values()))
     return [_gram_matrix({}, unit, products, 0.0) for unit in units]
 
 
 def _margin(loop: _Loop, P: Any, level: float, size: Any) -> _Solution:
-    """The largest margin of S and G at a level, in y = x/size; and S and the kernel."""
+    """Return the largest margin of S and G at a level, in y = x/size, with S and the kernel."""
     falls, inside = _scale_parts(loop, P, level, size)
     products, n, count, moves = _form_products(loop.names), len(P), len(inside), _kernel_matrices(loop.names)
     still = np.zeros(len(moves))
@@ -198,9 +198,9 @@ def _margin(loop: _Loop, P: Any, level: float, size: Any) -> _Solution:
 
 
 def _scale_parts(loop: _Loop, P: Any, level: Any, size: Any) -> tuple[dict[Monomial, Any], list[dict[Monomial, Any]]]:
-    """Coefficients of -dV/dt/level, and of y_i y_j (1 - V/level) for the upper entries of S, in y = x/size.
+    """Return coefficients of -dV/dt/level, and of y_i y_j (1 - V/level) for the upper entries of S, in y = x/size.
 
-    In floats where P, level and size are, exactly where they are Fractions.
+    The results are floats for float arguments, and exact for Fractions.
     """
     singles, one = [((name, 1),) for name in loop.names], P[0, 0] / P[0, 0]
     scaled, number = P * size * size[:, None] / level, Fraction if isinstance(one, Fraction) else float
@@ -225,7 +225,7 @@ def _scale_parts(loop: _Loop, P: Any, level: Any, size: Any) -> tuple[dict[Monom
 
 
 def _round_region(theorem: LawTheorem, loop: _Loop, P: Any, level: float) -> AttractionRegion:
-    """The same in short fractions, with G made to fit exactly."""
+    """Convert a region to short fractions, with a G that fits exactly."""
     products, unit = _form_products(loop.names), 10.0 ** np.floor(np.log10(np.abs(P).max()))
     P, c = _shorten_all(P / unit, 4), Fraction(f"{0.99 * level / unit:.3g}")
     rough = P.astype(float)
@@ -248,5 +248,5 @@ def _round_region(theorem: LawTheorem, loop: _Loop, P: Any, level: float) -> Att
 
 
 def _shorten_all(values: Any, digits: int) -> Any:
-    """Fractions of so many decimals, of floats."""
+    """Convert floats to fractions with a number of decimals."""
     return np.vectorize(lambda v: Fraction(f"{v:.{digits}f}"), otypes=[object])(values)

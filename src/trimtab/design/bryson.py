@@ -1,6 +1,6 @@
-"""Weights from stated limits, and the certified system of a linear model that they make.
+"""Weights from stated limits (Bryson's rule), and the certified system of a linear model with these weights.
 
-Bryson's rule: what may be as large as its limit counts as much as anything else at its own,
+Bryson's rule: every state and input at its limit has the same cost,
 
     Q = diag(1/limit(x)^2)        R = diag(1/limit(u)^2)
 
@@ -19,7 +19,7 @@ from trimtab.design.lqr import augment_integrals
 from trimtab.design.model import find_indices
 
 STRICT = 1.01
-"""Weight of the regulator in parts of the one that is certified, as in `trimtab design hypersonic`."""
+"""Regulator's weight relative to the certified weight, as in `trimtab design hypersonic`."""
 INTEGRAL = "integral of "
 
 
@@ -30,14 +30,14 @@ def weigh_by_limits(
     integrals: Mapping[str, float] | None = None,
     about: Mapping[str, Setting] | None = None,
 ) -> CertifiedSystem:
-    """The system whose gain `certificate.design_certificate` finds and proves.
+    """Build the system whose gain `certificate.design_certificate` finds and proves.
 
     Args:
-        name: of the vehicle.
-        linear: at a trim, with the states that are fed back.
-        limits: state or input -> how large it may become, of each; what must not count gets a large one.
-        integrals: state -> how large the integral of its error may become; these are appended to the states.
-        about: what else a certificate says, so that it can be built anew.
+        name: name of the vehicle.
+        linear: linear model at a trim, with the states that are fed back.
+        limits: state or input -> its limit, for each; a large limit for those that should not count.
+        integrals: state -> limit of the integral of its error; the integrals are appended to the states.
+        about: other content of a certificate, from which it can be rebuilt.
 
     Source: the rule's.
     """
@@ -49,8 +49,8 @@ def weigh_by_limits(
         words = " ".join(argument("limits", "NUMBER", n) for n in lacking)
         raise InputError(
             argument_name("limits"),
-            f"of {', '.join(lacking)} no limit is stated",
-            fix=f"{words}  (how large it may become)",
+            f"no limit is given for {', '.join(lacking)}",
+            fix=f"{words}  (the largest acceptable value)",
         )
     _check_limits({**limits, **{f"{INTEGRAL}{n}": v for n, v in integrals.items()}})
     A, B = augment_integrals(linear.A, linear.B, rows)
@@ -72,7 +72,7 @@ def weigh_by_limits(
 
 
 def fed_back_states(linear: LinearModel, idle: Iterable[str], named: Iterable[str]) -> tuple[str, ...]:
-    """The states of a feedback: those that something depends on, and those that are named."""
+    """Return the states of a feedback: those on which something depends, and those that are named."""
     left_out = set(idle) - set(named)
     return tuple(n for n in linear.states if n not in left_out)
 

@@ -1,8 +1,8 @@
-"""A gain with all that is needed to prove it again: matrices, weights, what is claimed, and of which system it is.
+"""Certificate of a gain: matrices, weights, claims and the name of the system, sufficient for a new proof.
 
-`design_certificate` makes one, `certificate_file` keeps it in a file of text without losing a digit, and
-`certificate_check.prove_certificate` proves it, without the solver that found it. A certificate speaks of the linear
-model of a named system: near the point, and not while an input saturates.
+`design_certificate` makes a certificate. `certificate_file` stores it as text without losing a digit.
+`certificate_check.prove_certificate` proves it without the solver that found it. A certificate applies to the linear
+model of a named system: near the point, and only while no input saturates.
 
 Source: [1] "Angular-accelerometer-based flexible-state estimation and tracking controller design for hypersonic flight
 vehicle", Aerospace 2022, 9(4), 206, eqs. 14, 15, corrected as in `composite`.
@@ -21,16 +21,16 @@ from trimtab.design.lqr import KalmanBucy, Lqr, kalman_bucy, lqr
 from trimtab.design.poles import sorted_poles
 
 ABOVE = 1.01
-"""The weight of the Lyapunov function is this many times the least one."""
+"""Weight of the Lyapunov function, relative to the smallest possible one."""
 METHODS = ("lqr", "lmi")
 
 
 class ObserverPart(NamedTuple):
-    """The filter of some of the states.
+    """Filter of some of the states.
 
-    estimated: names of these states.  A: A_eta (k, k).  C: (p, k).  Q: Q_eta (k, k).  R: (p, p).  P: P_eta (k, k).
-    L: (k, p).  weight: of the observer's part of the Lyapunov function.  least_weight: lambda*, above which (15) holds.
-    poles: of A - L C (k,).
+    estimated: names of these states.  A: A_eta (k, k).  C: (p, k).  Q: Q_eta (k, k).  R: (p, p).  P: P_eta (k, k). L:
+    (k, p).  weight: weight of the observer's part of the Lyapunov function.  least_weight: lambda*, above which (15)
+    holds.  poles: of A - L C (k,).
     """
 
     estimated: tuple[str, ...]
@@ -46,13 +46,13 @@ class ObserverPart(NamedTuple):
 
 
 class Certificate(NamedTuple):
-    """v = +K e, and its proof.
+    """Gain of v = +K e, and its proof.
 
-    system: what it is for, as `trimtab design SYSTEM` names it.  about: settings and point, name -> number or text.
-    method: "lqr" or "lmi".  states, inputs: names.  A: (n, n).  B: (n, m).  K: (m, n).  P: (n, n).  Qe: (n, n) and
-    Re: (m, m), the weights in (14).  Q: weight of the regulator (n, n), None for other methods.  scale: sizes of the
-    states (n,).  poles: of A + B K (n,).  observer: None where the whole state is measured.  recorded: name -> value
-    of the system's numbers.  version: of this package.
+    system: name of the system, as in `trimtab design SYSTEM`.  about: settings and point, name -> number or text.
+    method: "lqr" or "lmi".  states, inputs: names.  A: (n, n).  B: (n, m).  K: (m, n).  P: (n, n).  Qe: (n, n) and Re:
+    (m, m), the weights in (14).  Q: weight of the regulator (n, n), None for other methods.  scale: sizes of the states
+    (n,).  poles: of A + B K (n,).  observer: None if the whole state is measured.  recorded: name -> value of the
+    system's numbers.  version: of this package.
     """
 
     system: str
@@ -74,20 +74,20 @@ class Certificate(NamedTuple):
     version: str = __version__
 
     def feedback_matrices(self) -> composite.Feedback:
-        """What the conditions are made of, in floats."""
+        """Return the matrices of the conditions, in floats."""
         return composite.Feedback(self.A, self.B, self.K, self.P, self.Qe, np.linalg.inv(self.Re))
 
     def estimated_indices(self) -> Any:
-        """Where the estimated states are in e (k,)."""
+        """Indices of the estimated states in e (k,)."""
         return np.array([self.states.index(n) for n in self.observer.estimated] if self.observer else [], int)
 
     def observer_matrices(self, o: ObserverPart) -> composite.Observer:
-        """The same of the observer."""
+        """Return the observer's matrices, in floats."""
         return composite.Observer(o.A, o.C, o.Q, o.P, o.L, np.linalg.inv(o.R), self.estimated_indices())
 
 
 def design_certificate(system: CertifiedSystem) -> Certificate:
-    """A gain by the system's method, the steady filter of what it estimates, and all that proves them."""
+    """Design a gain by the system's method and the steady filter of its estimated states, with data for the proof."""
     s = system
     if s.method not in METHODS:
         raise InputError("method", f"{s.method!r}", choices=METHODS, fix=argument("method", "lqr"))
@@ -99,12 +99,12 @@ def design_certificate(system: CertifiedSystem) -> Certificate:
 
 
 def build_certificate(system: CertifiedSystem, gain: Lqr | LmiGain, kalman: KalmanBucy | None) -> Certificate:
-    """Put a certificate together; nothing is proved yet, see `certificate_check.prove_certificate`.
+    """Assemble a certificate without proving it, see `certificate_check.prove_certificate`.
 
     Args:
-        system: what it is of.
+        system: the certified system.
         gain: K (m, n) and P (n, n).
-        kalman: the filter of the system's estimated states, None where there are none.
+        kalman: filter of the system's estimated states, None without such states.
     """
     s = system
     certificate = Certificate(

@@ -1,9 +1,9 @@
-"""The proof of a certificate: that it is of the named system, and that what it claims follows, without a solver.
+"""Proof of a certificate: it belongs to the named system, and its claims follow, without a solver.
 
-The system is built anew from its code, and all data of the certificate is compared with it, entry by entry. Then every
-entry counts as the fraction that its float is: from P = P' > 0 and P (A + B K) + (A + B K)'P < 0 follows that A + B K
-is Hurwitz (Lyapunov); no eigenvalue is trusted. The list of conditions and their limits are those of this code, and
-each is evaluated whatever becomes of the others.
+The system is built again from its code, and all data of the certificate is compared with it, entry by entry. Each entry
+is then taken as the exact fraction of its float. P = P' > 0 and P (A + B K) + (A + B K)'P < 0 imply that A + B K is
+Hurwitz (Lyapunov), without eigenvalues. This code defines the conditions and their limits. Each condition is evaluated,
+whatever the result of the others.
 
 Source: [1] "Angular-accelerometer-based flexible-state estimation and tracking controller design for hypersonic flight
 vehicle", Aerospace 2022, 9(4), 206, eqs. 14, 15, corrected as in `composite`; proofs as in `exact`.
@@ -33,7 +33,7 @@ from trimtab.design.proof import (
 )
 
 SAME = 1e-6
-"""How far a number that is computed again may be from the recorded one, relative."""
+"""Largest relative deviation of a recomputed number from the recorded one."""
 ROBUST = {"K": 0.0, "K + R_e^-1 B'P/2": 0.5, "K - R_e^-1 B'P/2": -0.5}
 FLOATS = "floats"
 
@@ -44,9 +44,9 @@ def prove_certificate(
     """Prove a certificate again.
 
     Args:
-        certificate: of `design_certificate` or of a file.
-        system: what it must be of, built anew.
-        written: the digest in the file, where there is one.
+        certificate: from `design_certificate` or from a file.
+        system: the system of the certificate, built again.
+        written: digest in the file, if there is one.
     """
     lines = [*compare_with_system(certificate, system), *feedback_lines(certificate)]
     if certificate.observer is not None:
@@ -59,7 +59,7 @@ def prove_certificate(
 
 
 def feedback_lines(c: Certificate) -> Iterator[Line]:
-    """The conditions of gain and Lyapunov matrix."""
+    """Yield the conditions of gain and Lyapunov matrix."""
     inputs = c.inputs
     yield "Q_e > 0", lambda: definite_condition(c.Qe, c.states)
     yield "R_e > 0", lambda: definite_condition(c.Re, inputs)
@@ -74,7 +74,7 @@ def feedback_lines(c: Certificate) -> Iterator[Line]:
 
 
 def observer_lines(c: Certificate, o: ObserverPart) -> Iterator[Line]:
-    """The conditions of the filter, and of gain and filter together."""
+    """Yield the conditions of the filter, and of gain and filter together."""
     rows, names = [str(i) for i in range(len(o.R))], (*c.states, *(f"w.{n}" for n in o.estimated))
     yield "R > 0", lambda: definite_condition(o.R, rows)
     yield "P_eta > 0", lambda: definite_condition(o.P, o.estimated)
@@ -102,7 +102,7 @@ def _hurwitz_condition(c: Certificate) -> ProofCondition:
 
 
 def _also_positive(condition: ProofCondition, P: Any) -> ProofCondition:
-    """The condition, failed where P, without which it says nothing, is not positive definite."""
+    """Return the condition, failed if P is not positive definite, because the condition then proves nothing."""
     if condition.holds and not exact.prove_definite(P).holds:
         return condition._replace(holds=False, why="the Lyapunov matrix itself is not positive definite")
     return condition
@@ -177,19 +177,19 @@ def _closed_poles(c: Certificate) -> Any:
 
 
 def rational_feedback(c: Certificate) -> composite.Feedback:
-    """The feedback's matrices as fractions; R_e is inverted exactly."""
+    """Return the feedback's matrices as fractions; R_e is inverted exactly."""
     A, B, K, P, Qe, Re = (exact.as_fractions(M) for M in (c.A, c.B, c.K, c.P, c.Qe, c.Re))
     return composite.Feedback(A, B, K, P, Qe, exact.exact_inverse(Re))
 
 
 def rational_observer(c: Certificate, o: ObserverPart) -> composite.Observer:
-    """The observer's matrices as fractions."""
+    """Return the observer's matrices as fractions."""
     A, C, Q, P, L, R = (exact.as_fractions(M) for M in (o.A, o.C, o.Q, o.P, o.L, o.R))
     return composite.Observer(A, C, Q, P, L, exact.exact_inverse(R), c.estimated_indices())
 
 
 def _poles_condition(now: Any, then: Any) -> ProofCondition:
-    """Each pole beside the recorded one that is its own: pairs, so that none is counted twice and none left out."""
+    """Compare each pole with its own recorded one, in pairs, so that none is counted twice or left out."""
     if now.shape != then.shape:
         raise ValueError(f"{then.shape} poles recorded, there are {now.shape}")
     apart = np.abs(now[:, None] - then[None, :])

@@ -1,7 +1,7 @@
-"""A certificate as a file of text: JSON, data only, each float with the digits that give it back.
+"""Certificate files: JSON text with data only; each float is written so that it is read back exactly.
 
-All in a file is data. What is missing, is there twice, is not known, is no number or is of a size that no system has is
-refused; what can be compared with the system is no business of this module.
+A file is data only. Missing, duplicate or unknown keys, values that are not numbers, and implausibly large numbers are
+rejected. Comparison with the system is done elsewhere.
 
 Source: this module.
 """
@@ -25,7 +25,7 @@ SCOPE = (
     "void while an input saturates",
 )
 LARGEST = 1e50
-"""Entries beyond this are no state, weight or gain of anything."""
+"""Largest accepted absolute value of an entry."""
 FIX = (
     "trimtab design hypersonic --out certificate.json  writes one, "
     "trimtab design VEHICLE --lqr … --out gain.json  a gain"
@@ -33,13 +33,13 @@ FIX = (
 
 
 def certificate_json(certificate: Certificate) -> str:
-    """The certificate as text; floats by their shortest digits that give the same float again."""
+    """Return the certificate as text; floats have the shortest digits that give the same float again."""
     content = {"format": FORMAT, "scope": SCOPE} | _as_plain(certificate) | {"digest": certificate_digest(certificate)}
     return _join_matrix_rows(json.dumps(content, indent=1, allow_nan=False, ensure_ascii=False)) + "\n"
 
 
 def certificate_digest(certificate: Certificate) -> str:
-    """SHA-256 of all that the certificate says, against changes by accident; the proof does not rest on it."""
+    """Return the SHA-256 of the certificate, against accidental changes; the proof does not depend on it."""
     text = json.dumps(_as_plain(certificate), sort_keys=True, allow_nan=False)
     return hashlib.sha256(text.encode()).hexdigest()
 
@@ -57,7 +57,7 @@ def _as_plain(value: Any) -> Any:
 
 
 def _join_matrix_rows(text: str) -> str:
-    """Rows of numbers on one line each, for reading."""
+    """Join rows of numbers into one line each, for reading."""
     lines, row = [], ""
     for line in text.split("\n"):
         inner = line.strip()
@@ -76,41 +76,41 @@ def _join_matrix_rows(text: str) -> str:
 
 
 def read_certificate(path: str | Path) -> tuple[Certificate, str]:
-    """A certificate, and the digest that is written beside it."""
+    """Read a certificate, and the digest stored with it."""
     try:
         text = Path(path).read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
-        reason = getattr(error, "strerror", None) or "it is no text"
+        reason = getattr(error, "strerror", None) or "it is not a text file"
         raise InputError(f"file '{path}'", f"cannot be read: {reason}", fix=FIX) from error
     return parse_certificate(text, str(path))
 
 
 def parse_json(text: str, name: str) -> Any:
-    """The content of a text of JSON, in which every key is there once and every number is one.
+    """Parse JSON text in which every key occurs once and every number is finite.
 
     Args:
-        text: of the file.
-        name: of the file, for errors.
+        text: content of the file.
+        name: name of the file, for errors.
     """
     try:
         return json.loads(text, parse_constant=_refuse_constant, object_pairs_hook=_refuse_doubles)
     except (ValueError, RecursionError) as error:
-        raise InputError(f"file '{name}'", f"is no JSON: {error}", fix=FIX) from error
+        raise InputError(f"file '{name}'", f"is not valid JSON: {error}", fix=FIX) from error
 
 
 def parse_certificate(text: str, name: str) -> tuple[Certificate, str]:
-    """The certificate, and the digest that is written beside it.
+    """Parse a certificate, and the digest stored with it.
 
     Args:
-        text: of the file.
-        name: of the file, for errors.
+        text: content of the file.
+        name: name of the file, for errors.
     """
     content = parse_json(text, name)
     form = content.get("format") if isinstance(content, dict) else type(content).__name__
     if form != FORMAT:
         older = form == "trimtab certificate 1"  # whose conditions and limits were the file's own
-        fix = f"trimtab design hypersonic --out {name}  makes it anew" if older else FIX
-        raise InputError(f"file '{name}'", f"is no certificate: format {form!r}", choices=(FORMAT,), fix=fix)
+        fix = f"trimtab design hypersonic --out {name}  writes a new one" if older else FIX
+        raise InputError(f"file '{name}'", f"is not a certificate; its format is {form!r}", choices=(FORMAT,), fix=fix)
     try:
         _check_keys(content, ("format", "scope", "digest", *Certificate._fields), "", name)
         if content["scope"] != list(SCOPE):
@@ -119,7 +119,7 @@ def parse_certificate(text: str, name: str) -> tuple[Certificate, str]:
     except (KeyError, TypeError, ValueError, AttributeError, OverflowError) as error:
         if isinstance(error, InputError):
             raise
-        raise InputError(f"file '{name}'", f"holds what is no certificate: {error}", fix=FIX) from error
+        raise InputError(f"file '{name}'", f"is not a valid certificate: {error}", fix=FIX) from error
 
 
 def _parse_fields(c: dict[str, Any], name: str) -> Certificate:
@@ -132,11 +132,11 @@ def _parse_fields(c: dict[str, Any], name: str) -> Certificate:
         shapes["Q"] = (n, n)
     arrays = {key: _parse_array(c[key], shape, key, name) for key, shape in shapes.items()}
     if not (arrays["scale"] > 0).all():
-        raise InputError(f"file '{name}', scale", f"{arrays['scale']}", fix="sizes are above 0; " + FIX)
+        raise InputError(f"file '{name}', scale", f"{arrays['scale']}", fix="sizes must be above 0; " + FIX)
     about = {k: v if isinstance(v, str) else _parse_number(v, f"about.{k}", name) for k, v in c["about"].items()}
     version = _parse_text(c["version"], "version", name)
     if not re.fullmatch(r"\d+\.\d+[\w.+]*", version):
-        raise InputError(f"file '{name}', version", f"{version!r} is no version", fix=FIX)
+        raise InputError(f"file '{name}', version", f"{version!r} is not a version", fix=FIX)
     return Certificate(
         system=_parse_text(c["system"], "system", name),
         about=about,
@@ -166,19 +166,19 @@ def _parse_observer(o: dict[str, Any], states: tuple[str, ...], name: str) -> Ob
 
 
 def _check_keys(value: Any, wanted: Iterable[str], where: str, name: str) -> None:
-    """Exactly these keys: a claim that nobody checks has no place in a certificate."""
+    """Check for exactly these keys: an unchecked claim has no place in a certificate."""
     wanted = tuple(wanted)
     lacking = [key for key in wanted if key not in value]
     if lacking:
         raise InputError(f"file '{name}'", "lacks " + ", ".join(f"'{where}{k}'" for k in lacking), fix=FIX)
     unknown = [key for key in value if key not in wanted]
     if unknown:
-        raise InputError(f"file '{name}'", f"has {where}{unknown[0]!r}, which is not known", choices=wanted, fix=FIX)
+        raise InputError(f"file '{name}'", f"has the unknown key {where}{unknown[0]!r}", choices=wanted, fix=FIX)
 
 
 def _parse_text(value: Any, key: str, name: str) -> str:
     if not isinstance(value, str):
-        raise InputError(f"file '{name}', {key}", f"{value!r} is no text", fix=FIX)
+        raise InputError(f"file '{name}', {key}", f"{value!r} is not text", fix=FIX)
     return value
 
 
@@ -194,10 +194,10 @@ def _parse_number(value: Any, key: str, name: str) -> float:
 
 
 def _parse_array(value: Any, shape: tuple[int, ...], key: str, name: str) -> Any:
-    """Numbers, written as numbers: no text, no true and false."""
+    """Read numbers that are written as numbers: no text, no true and false."""
     array = np.array(value, object)
     if array.shape != shape or not all(type(v) in (int, float) for v in array.ravel()):
-        raise InputError(f"file '{name}', {key}", f"shape {array.shape}, wanted {shape}, of numbers", fix=FIX)
+        raise InputError(f"file '{name}', {key}", f"got shape {array.shape}, wanted numbers of shape {shape}", fix=FIX)
     array = array.astype(float)
     if not (np.abs(array) <= LARGEST).all():
         raise InputError(f"file '{name}', {key}", f"an entry is beyond {LARGEST:g}", fix=FIX)

@@ -1,7 +1,7 @@
-"""What a certificate is of: a system with a name, whose every matrix, weight, size and limit comes from code.
+"""Certified system: a named linear system whose matrices, weights, sizes and limits all come from code.
 
-A file says of which system it is, and with which settings; that system is built anew, and what the file holds is
-compared with it entry by entry. So no file can bring a plant, a weight, a size or a limit of its own.
+A file gives the name of its system and the settings. The system is built again from code, and the file's content is
+compared with it entry by entry. A file therefore can't introduce a plant, a weight, a size or a limit of its own.
 
 Source: this module.
 """
@@ -17,18 +17,18 @@ from trimtab.core.errors import InputError, argument, closest
 from trimtab.design.proof import Line, ProofCondition
 
 SAME = 1e-9
-"""How far an entry of a file may be from the system's, in parts of that very entry."""
+"""Largest relative deviation of an entry in a file from the system's entry."""
 SMALL = 1e-4
-"""Entries below this part of their row's largest, scaled, are held to that part of it: they may be rounding."""
+"""Relative size, within a scaled row, below which entries may be rounding; they are compared with this size instead."""
 ANEW = "computed anew, floats"
 Setting = float | str
 
 
 class LimitedNumber(NamedTuple):
-    """A number over a grid, with its limits.
+    """Number computed over a grid, with its limits.
 
-    value: holds where at least low, and below high.  how: over which grid, by what.  near: how far the one in a file
-    may be from it.
+    value: must be at least low, and below high.  how: the grid and the method.  near: largest deviation of the number
+    in a file.
     """
 
     value: float
@@ -39,23 +39,23 @@ class LimitedNumber(NamedTuple):
 
     @property
     def is_inside(self) -> bool:
-        """Whether it is within its limits."""
+        """True if the value is within its limits."""
         return self.low <= self.value < self.high
 
 
 LoopLines = Callable[[Any], Iterable[Line]]
-"""A certificate with a filter -> conditions of the whole loop."""
+"""Function from a certificate with a filter to conditions of the whole loop."""
 
 
 class CertifiedSystem(NamedTuple):
-    """A linear plant with weights, and a filter of some of its states, or none.
+    """Linear plant with weights, and optionally a filter of some of its states.
 
-    name: as `trimtab design NAME` has it.  about: settings, and point; name -> number or text.  method: "lqr" or "lmi".
+    name: as in `trimtab design NAME`.  about: settings and point; name -> number or text.  method: "lqr" or "lmi".
     states (n), inputs (m): names.  A: (n, n).  B: (n, m).  Qe: (n, n) and Re: (m, m), the weights in (14).  Q: weight
-    of the regulator (n, n), None for "lmi".  scale: sizes of the states (n,).  estimated: names of the k states that
-    are estimated.  C: (p, k), Q_eta: (k, k), R: (p, p): of their filter, None where there is none.  numbers: gain K
-    (m, n) -> what must be within limits, by name.  loop_lines: a certificate with a
-    filter -> further conditions.
+    of the regulator (n, n), None for "lmi".  scale: sizes of the states (n,).  estimated: names of the k estimated
+    states.  C: (p, k), Q_eta: (k, k), R: (p, p): of their filter, None without one.  numbers: function from the gain K
+    (m, n) to numbers with limits, by name.  loop_lines: function from a certificate with a filter to further
+    conditions.
     """
 
     name: str
@@ -78,32 +78,32 @@ class CertifiedSystem(NamedTuple):
 
     @property
     def A_eta(self) -> Any:
-        """The block of A that belongs to the estimated states (k, k): what else moves them is known to the filter."""
+        """Block of A for the estimated states (k, k); the filter knows all other effects on them."""
         at = self.estimated_indices()
         return self.A[np.ix_(at, at)]
 
     def estimated_indices(self) -> Any:
-        """Where the estimated states are in e (k,)."""
+        """Indices of the estimated states in e (k,)."""
         return np.array([self.states.index(name) for name in self.estimated], int)
 
 
 SystemFunction = Callable[..., CertifiedSystem]
-"""Settings by keyword, each with a default, -> the system."""
+"""Function from settings by keyword, each with a default, to the system."""
 
 
 def system_settings(function: Callable[..., Any], given: Mapping[str, object], part: str) -> dict[str, Setting]:
-    """The settings of a system's or theorem's function with those given put in; numbers may be given as text.
+    """Return the settings of a system's or theorem's function, with the given ones; numbers may be given as text.
 
     Args:
-        function: of the system.
+        function: function of the system.
         given: name -> number or text.
-        part: who asks, for errors.
+        part: name used in errors.
     """
     settings: dict[str, Setting] = {n: p.default for n, p in inspect.signature(function).parameters.items()}
     for name, value in given.items():
         if name not in settings:
             near = closest(name, settings, 1) or list(settings)[:1]
-            fix = argument("settings", "…", near[0]) if near else "leave it out: there are no settings"
+            fix = argument("settings", "…", near[0]) if near else "leave it out; there are no settings"
             raise InputError(part, f"there is no setting {name!r}", choices=settings, fix=fix)
         settings[name] = _as_setting(value, settings[name], f"{part}, {name}")
     return settings
@@ -112,23 +112,23 @@ def system_settings(function: Callable[..., Any], given: Mapping[str, object], p
 def _as_setting(value: object, default: Setting, part: str) -> Setting:
     if isinstance(default, str):
         if not isinstance(value, str):
-            raise InputError(part, f"{value!r} is no text", fix=f"{default!r} is the default")
+            raise InputError(part, f"{value!r} is not text", fix=f"{default!r} is the default")
         return value
     try:
         number = float(value) if isinstance(value, str | float | int) and not isinstance(value, bool) else math.nan
     except (ValueError, OverflowError):
         number = math.nan
     if not math.isfinite(number):
-        raise InputError(part, f"{value!r} is no number", fix=f"{default!r} is the default")
+        raise InputError(part, f"{value!r} is not a number", fix=f"{default!r} is the default")
     return number
 
 
 def compare_with_system(certificate: Any, system: CertifiedSystem) -> Iterator[Line]:
-    """The lines that say that a certificate's data is the system's, every entry of it.
+    """Yield the conditions that every entry of a certificate's data equals the system's.
 
     Args:
-        certificate: of `certificate.Certificate`.
-        system: built anew.
+        certificate: a `certificate.Certificate`.
+        system: the system, built again.
     """
     c, s, o = certificate, system, certificate.observer
     estimated = () if o is None else o.estimated
@@ -166,7 +166,7 @@ def compare_with_system(certificate: Any, system: CertifiedSystem) -> Iterator[L
 
 
 def number_lines(certificate: Any, system: CertifiedSystem) -> Iterator[Line]:
-    """The lines of the system's numbers: within limits, and the ones in the file, all of them and no others."""
+    """Yield the conditions of the system's numbers: within limits, and equal to those in the file, without others."""
     written, wanted = certificate.recorded, (len(system.inputs), len(system.states))
     if certificate.K.shape != wanted:
         why = f"the gain has shape {certificate.K.shape}, wanted {wanted}"
@@ -208,7 +208,7 @@ def _compare_about(there: Mapping[str, Setting], now: Mapping[str, Setting]) -> 
 
 
 def _compare_matrix(there: Any, now: Any, size: Any, names: tuple[Any, Any]) -> ProofCondition:
-    """Each entry in parts of itself; one that is small in its row, scaled by columns, in parts of SMALL of that."""
+    """Compare each entry, relative to itself; one that is small in its scaled row, relative to SMALL of that row."""
     meaning = "largest deviation of an entry"
     if (there is None) != (now is None) or (now is not None and there.shape != now.shape):
         shapes = ["nothing" if M is None else f"shape {M.shape}" for M in (there, now)]

@@ -1,14 +1,14 @@
-"""Lyapunov conditions for a state feedback that lives on an observer of some of its states, weighted.
+"""Lyapunov conditions, with a weight, for state feedback on an observer of some of the states.
 
     e' = (A + B K) e - B K E e_eta        e_eta' = (A_eta - L C) e_eta        V = e'P e/2 + weight e_eta'P_eta^-1 e_eta
 
-E picks the estimated states. Two conditions:
+E selects the estimated states. Two conditions:
 
     z(weight) = [Q_e, W E/2; E'W/2, weight Pi] > 0     W = P B R_e^-1 B'P     Pi = P_eta^-1 Q_eta P_eta^-1 + C'R^-1 C
 
-is [1]'s (15), corrected and with a weight; `decrease_matrix` is -dV/dt itself, for any gain. Both are in coordinates w
-with e_eta = P_eta w, which change no sign and need no inverse of P_eta. All functions take numbers as they
-come: float arrays, or arrays of fractions for exact results.
+is [1]'s (15), corrected and with a weight. `decrease_matrix` is -dV/dt itself, for any gain. Both are in coordinates w
+with e_eta = P_eta w, which keep all signs and need no inverse of P_eta. All functions accept float arrays, or arrays of
+fractions for exact results.
 
 Source: [1] "Angular-accelerometer-based flexible-state estimation and tracking controller design for hypersonic flight
 vehicle", Aerospace 2022, 9(4), 206, eqs. 14, 15; corrections: docs page.
@@ -23,7 +23,7 @@ from trimtab.core.errors import InputError
 
 
 class Feedback(NamedTuple):
-    """v = +K e.
+    """Feedback v = +K e.
 
     A: (n, n).  B: (n, m).  K: (m, n).  P: (n, n).  Qe: (n, n).  Re_inverse: R_e^-1 (m, m).
     """
@@ -37,10 +37,10 @@ class Feedback(NamedTuple):
 
 
 class Observer(NamedTuple):
-    """The filter of k of the states.
+    """Filter of k of the states.
 
     A: A_eta (k, k).  C: (p, k).  Q: Q_eta (k, k).  P: P_eta (k, k).  L: (k, p).  R_inverse: R^-1 (p, p).
-    at: places of these states in e (k,).
+    at: indices of these states in e (k,).
     """
 
     A: Any
@@ -53,47 +53,47 @@ class Observer(NamedTuple):
 
 
 def lyapunov_matrix(f: Feedback) -> Any:
-    """-(P (A + B K) + (A + B K)'P) (n, n): positive where V = e'P e falls, and then A + B K is Hurwitz."""
+    """Return -(P (A + B K) + (A + B K)'P) (n, n); positive if V = e'P e falls, which proves A + B K Hurwitz."""
     rate = f.P @ (f.A + f.B @ f.K)
     return -(rate + rate.T)
 
 
 def coupling_matrix(f: Feedback) -> Any:
-    """W = P B R_e^-1 B'P (n, n)."""
+    """Return W = P B R_e^-1 B'P (n, n)."""
     reach = f.P @ f.B
     return reach @ f.Re_inverse @ reach.T
 
 
 def inequality_matrix(f: Feedback) -> Any:
-    """Minus the left side of (14) (n, n): positive where it holds."""
+    """Return minus the left side of (14) (n, n); positive if (14) holds."""
     return lyapunov_matrix(f) - coupling_matrix(f) - f.Qe
 
 
 def dissipation_matrix(o: Observer) -> Any:
-    """P_eta Pi P_eta = Q_eta + P_eta C'R^-1 C P_eta (k, k)."""
+    """Return P_eta Pi P_eta = Q_eta + P_eta C'R^-1 C P_eta (k, k)."""
     across = o.P @ o.C.T
     return o.Q + across @ o.R_inverse @ across.T
 
 
 def observer_lyapunov_matrix(o: Observer) -> Any:
-    """-((A_eta - L C) P_eta + P_eta (A_eta - L C)') (k, k); `dissipation_matrix`, with the steady P_eta and L."""
+    """Return -((A_eta - L C) P_eta + P_eta (A_eta - L C)') (k, k); `dissipation_matrix` for steady P_eta, L."""
     rate = (o.A - o.L @ o.C) @ o.P
     return -(rate + rate.T)
 
 
 def weighted_matrix(f: Feedback, o: Observer, weight: Any) -> Any:
-    """z(weight) (n + k, n + k), (15) corrected."""
+    """Return z(weight) (n + k, n + k), the corrected (15)."""
     return _block_matrix(f.Qe, coupling_matrix(f)[:, o.at] @ o.P / 2, weight * dissipation_matrix(o))
 
 
 def decrease_matrix(f: Feedback, o: Observer, weight: Any, robust: Any = 0) -> Any:
-    """-dV/dt as a matrix of (e, w) (n + k, n + k), for the gain K + robust R_e^-1 B'P.
+    """Return -dV/dt as a matrix of (e, w) (n + k, n + k), for the gain K + robust R_e^-1 B'P.
 
     Args:
         f: the feedback.
         o: the observer.
-        weight: of the observer's part of V.
-        robust: 0: no robust term; +1/2: the published u_h; -1/2: u_h with the sign turned.
+        weight: weight of the observer's part of V.
+        robust: 0: no robust term; +1/2: the published u_h; -1/2: u_h with reversed sign.
     """
     whole = f._replace(K=f.K + robust * (f.Re_inverse @ f.B.T @ f.P))
     across = (f.P @ f.B @ whole.K)[:, o.at] @ o.P / 2
@@ -101,20 +101,20 @@ def decrease_matrix(f: Feedback, o: Observer, weight: Any, robust: Any = 0) -> A
 
 
 def least_weight(f: Feedback, o: Observer) -> float:
-    """lambda*, above which z(lambda) > 0: largest eigenvalue of E'W Q_e^-1 W E/4 against Pi."""
+    """Return lambda*, above which z(lambda) > 0: the largest eigenvalue of E'W Q_e^-1 W E/4 against Pi."""
     return _least_block_weight(weighted_matrix(f, o, 1.0), len(f.A))
 
 
 def least_decrease_weight(f: Feedback, o: Observer, robust: float = 0.0) -> float:
-    """The weight above which V falls: of `decrease_matrix`, infinite where A + B K itself does not make it fall."""
+    """Return the weight above which V falls, by `decrease_matrix`; infinite if A + B K itself does not make V fall."""
     return _least_block_weight(decrease_matrix(f, o, 1.0, robust), len(f.A))
 
 
 def printed_inequality(f: Feedback, o: Observer) -> Any:
-    """(15) as it is printed, in the only way its sizes fit, (k + m, k + m); negative definite where it holds.
+    """Return (15) as printed, in the only way its sizes fit, (k + m, k + m); negative definite if it holds.
 
-    [-2 sqrt(Q_e Pi), P B; B'P, -R_e] with Q_e and P B reduced to the estimated states. It is there for the record: the
-    root of a product that is not symmetric is taken, and its symmetric part, and the weight is missing.
+    [-2 sqrt(Q_e Pi), P B; B'P, -R_e] with Q_e and P B reduced to the estimated states. Kept for the record: it takes
+    the symmetric part of the root of a non-symmetric product, and lacks the weight.
     """
     inner = np.linalg.inv(o.P)
     Pi = inner @ dissipation_matrix(o) @ inner
@@ -124,7 +124,7 @@ def printed_inequality(f: Feedback, o: Observer) -> Any:
 
 
 def _least_block_weight(M: Any, n: int) -> float:
-    """The least weight of the lower block: largest eigenvalue of S'a^-1 S against b, of [a, S; S', b]."""
+    """Return the least weight of the lower block: the largest eigenvalue of S'a^-1 S against b, of [a, S; S', b]."""
     size = np.sqrt(np.abs(np.diag(M)))
     scaled = M / np.where(size > 0, np.outer(size, size), 1.0)
     a, S, b = scaled[:n, :n], scaled[:n, n:], scaled[n:, n:]
@@ -132,8 +132,10 @@ def _least_block_weight(M: Any, n: int) -> float:
         return float("inf")
     lowest = float(np.linalg.eigvalsh(b)[0])
     if lowest <= 0:
-        problem = f"the observer's part has an eigenvalue {lowest:.3g}, scaled, which no weight makes positive"
-        raise InputError("composite.weight", problem, fix="give every state process noise, and P_eta of that filter")
+        problem = f"the observer's part has an eigenvalue {lowest:.3g}, scaled, that no weight can make positive"
+        raise InputError(
+            "composite.weight", problem, fix="give process noise to every state, and use the P_eta of that filter"
+        )
     values: Any = eigh(S.T @ np.linalg.solve(a, S), b, eigvals_only=True)
     return float(values[-1])
 

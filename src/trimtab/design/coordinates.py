@@ -1,10 +1,10 @@
-"""Coordinates of a vehicle in space: twelve, not thirteen, so that no pole comes from the length of a quaternion.
+"""Coordinates of a vehicle in space: twelve instead of thirteen, without the length of a quaternion as a pole.
 
-A field of the state that is a quaternion q_XB says so by its frame of two letters and its shape (4,). Vectors of the
-frame X are then taken in the body's axes, so that what is steady in flight, a turn or a climb, is at rest here.
+A quaternion q_XB is recognised by its frame of two letters and its shape (4,). Vectors of the frame X are converted to
+body axes, so that steady flight (a turn or a climb) is an equilibrium.
 
-    trim_model     roll, pitch, yaw; velocities in body axes; positions as they are: a point is said in these
-    error_model    q = q_r exp(e): attitude and position against a reference that moves as the vehicle does there
+    trim_model     roll, pitch, yaw; velocities in body axes; positions unchanged: coordinates for stating a point
+    error_model    q = q_r exp(e): attitude and position relative to a reference that continues the steady flight
 
 A vehicle without a quaternion keeps its own states in both. Offline code.
 
@@ -28,17 +28,17 @@ from trimtab.design.model import StateSpaceModel, find_indices, input_names, rea
 AXES = ("forward", "starboard", "down")
 EULER = ("roll", "pitch", "yaw")
 TURN = ("x", "y", "z")
-"""Of a body's turn against steady flight, about its own axes."""
+"""Components of a body's rotation relative to steady flight, about its own axes."""
 DERIVED = ("speed", "angle_of_attack", "sideslip", "climb")
-"""Outputs of a vehicle with a velocity in space, besides its states: m/s, and angles in rad."""
+"""Outputs of a vehicle with a velocity in space, in addition to its states: m/s, and angles in rad."""
 STANDS = 1e-6
-"""Slower than this (m/s), or nearer to a right angle (rad), has no direction."""
+"""Speed (m/s), or distance from a right angle (rad), below which a direction is undefined."""
 SAME = 1e-9
-"""A state is a number of the motion where the two differ by less than this (m/s, rad)."""
+"""Largest difference (m/s, rad) at which a state counts as equal to a number of the motion."""
 
 
 class _StateField(NamedTuple):
-    """path, shape: of a field.  attitude: path of the quaternion that goes with it.
+    """Field of a state. path, shape: of the field.  attitude: path of its quaternion.
 
     form: "attitude"; "velocity" or "position" in the attitude's outer frame; "body velocity"; or "plain".
     """
@@ -50,17 +50,17 @@ class _StateField(NamedTuple):
 
 
 def attitude_fields(state: Any) -> dict[str, str]:
-    """Outer frame -> path of each quaternion in a state record."""
+    """Return outer frame -> path of each quaternion in a state record."""
     return {d.frame[0]: path for path, _, d in real_leaves(state) if _is_quaternion(d)}
 
 
 def error_names(state: Any, path: str) -> tuple[str, ...]:
-    """What `error_model` calls the numbers of a field; () where it is none of its."""
+    """Return the names in `error_model` of a field's numbers; () for other fields."""
     return tuple(name for leaf in _describe_leaves(state) if leaf.path == path for name in _error_names(leaf))
 
 
 def state_from_trim(state: Any, values: Mapping[str, float]) -> Any:
-    """The state record with numbers of `trim_model`'s coordinates put in, by name."""
+    """Return the state record with numbers in `trim_model`'s coordinates set by name."""
     fields = _describe_leaves(state)
     names = [name for leaf in fields for name in _trim_names(leaf)]
     z = np.array(_to_trim(state, fields))
@@ -69,16 +69,16 @@ def state_from_trim(state: Any, values: Mapping[str, float]) -> Any:
 
 
 def trim_model(vehicle: Any, x: Any, u: Any, *, t: float = 0.0) -> StateSpaceModel:
-    """The vehicle in the coordinates in which a point of steady flight is said.
+    """Build the vehicle's model in the coordinates in which a point of steady flight is stated.
 
-    Outputs are the states and, where the vehicle has a velocity in space, DERIVED: airspeed in still air, angle of
-    attack, sideslip and climb angle.
+    Outputs are the states and, for a vehicle with a velocity in space, DERIVED: airspeed in still air, angle of attack,
+    sideslip and climb angle.
 
     Args:
         vehicle: anything with `dynamics(t, x, u)`.
-        x: a state record, whose values are the model's point.
+        x: a state record; its values are the model's point.
         u: an input record, likewise.
-        t: when (s).
+        t: time (s).
     """
     fields = _describe_leaves(x)
     names = tuple(name for leaf in fields for name in _trim_names(leaf))
@@ -103,12 +103,12 @@ def trim_model(vehicle: Any, x: Any, u: Any, *, t: float = 0.0) -> StateSpaceMod
 
 
 def error_model(vehicle: Any, x: Any, u: Any, *, t: float = 0.0) -> StateSpaceModel:
-    """Deviations from steady flight: attitude and position against a reference that goes on moving as at (x, u).
+    """Build the model of deviations from steady flight, relative to a reference that continues as at (x, u).
 
-    The turn of q against the reference, in body axes; velocities in body axes; positions against the reference's, in
-    its body axes. All else as `trim_model` has it.
+    States: rotation of q relative to the reference, in body axes; velocities in body axes; positions relative to the
+    reference's, in its body axes. All others as in `trim_model`.
 
-    Args: as of `trim_model`.
+    Args: as in `trim_model`.
     """
     fields, us0 = _describe_leaves(x), record_vector(u)
     names = tuple(name for leaf in fields for name in _error_names(leaf))
@@ -134,10 +134,10 @@ def error_model(vehicle: Any, x: Any, u: Any, *, t: float = 0.0) -> StateSpaceMo
 
 
 def flight_names(vehicle: Any, model: StateSpaceModel) -> dict[str, str]:
-    """What a model of `trim_model` calls speed, climb, sideslip, roll, yaw and height, as far as it has names for them.
+    """Return the names in `trim_model` of speed, climb, sideslip, roll, yaw and height, as far as it has them.
 
-    Outputs and Euler angles of a vehicle with a quaternion; of another the states that are, near the model's point,
-    the numbers of its `motion`; none of several vehicles together.
+    For a vehicle with a quaternion: outputs and Euler angles. For another: the states that equal, near the model's
+    point, numbers of its `motion`. For several vehicles together: nothing.
     """
     fields = _describe_leaves(model.state_record)
     turns = [leaf.path for leaf in fields if leaf.form == "attitude"]
@@ -164,22 +164,22 @@ def flight_names(vehicle: Any, model: StateSpaceModel) -> dict[str, str]:
 
 
 def unsmooth_outputs(model: StateSpaceModel) -> dict[str, str]:
-    """Those of DERIVED that have no slope at a model's point -> why; {} for a model that was not made here."""
+    """Return outputs of DERIVED without a derivative at a model's point -> reason; {} for a model made elsewhere."""
     derived = [n for n in DERIVED if n in model.outputs and n not in model.states]
     if model.to_record is None or not derived:
         return {}
     y = dict(zip(model.outputs, model.evaluate(model.x0, model.u0)[1].tolist(), strict=True))
     if y.get("speed", 1.0) < STANDS:
-        return dict.fromkeys(derived, "of a vehicle that stands still")
+        return dict.fromkeys(derived, "the vehicle stands still")
     steep = {n: abs(abs(y.get(n, 0.0)) - np.pi / 2) < STANDS for n in ("climb", "sideslip")}
-    reasons = {"climb": "of a path straight up or down"} if steep["climb"] else {}
+    reasons = {"climb": "the path goes straight up or down"} if steep["climb"] else {}
     if steep["sideslip"]:
-        reasons |= dict.fromkeys(("angle_of_attack", "sideslip"), "of a motion straight to the side")
+        reasons |= dict.fromkeys(("angle_of_attack", "sideslip"), "the motion is straight to the side")
     return {n: why for n, why in reasons.items() if n in derived}
 
 
 def _evaluate_once(function: Callable[..., Any], *inputs: Any) -> Any:
-    """The same as function(*inputs), compiled as a whole: operation by operation takes ten times as long."""
+    """Evaluate function(*inputs), compiled as a whole, which is ten times as fast as operation by operation."""
     return jax.jit(function, compiler_options=FAST_COMPILE_OPTIONS)(*inputs)
 
 
@@ -259,7 +259,7 @@ def _from_trim(like: Any, fields: tuple[_StateField, ...], z: Any) -> Any:
     x = like
     for leaf in sorted(
         fields, key=lambda leaf: leaf.form != "attitude"
-    ):  # what is turned by an attitude comes after it
+    ):  # vectors in the frame of an attitude come after it
         own = values[leaf.path]
         if leaf.form == "attitude":
             x = _put(x, leaf.path, quaternion.from_euler(*own))
@@ -271,7 +271,7 @@ def _from_trim(like: Any, fields: tuple[_StateField, ...], z: Any) -> Any:
 
 
 def _to_error(r: Any, x: Any, fields: tuple[_StateField, ...]) -> Any:
-    """Deviations of x from r; velocities and what is plain as they are, so that their rates show what is no trim."""
+    """Return deviations of x from r; velocities and plain fields stay, so that their rates show a missing trim."""
     parts = []
     for leaf in fields:
         if leaf.form == "attitude":
@@ -307,7 +307,7 @@ def _from_error(r: Any, fields: tuple[_StateField, ...], z: Any) -> Any:
 
 
 def _derived_outputs(fields: tuple[_StateField, ...]) -> Any:
-    """State record -> DERIVED (4,), or None where there is no velocity in space."""
+    """Return a function from state record to DERIVED (4,), or None without a velocity in space."""
     moving = [leaf for leaf in fields if leaf.form in ("velocity", "body velocity")]
     if not moving:
         return None

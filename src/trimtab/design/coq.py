@@ -1,8 +1,8 @@
-"""A certificate as a file for the proof assistant Coq: positive definiteness and Lyapunov's inequality, as theorems.
+"""Certificates as files for the proof assistant Coq: positive definiteness and Lyapunov's inequality, as theorems.
 
-The file holds a checker of integers (Bareiss' elimination, each division tested), the proof that it is sound, for all
-real vectors, and the certificate's floats as the integers that they are, times a power of two. `coqc FILE.v` accepts it
-or does not; it believes neither this package nor any float.
+The file holds an integer checker (Bareiss' elimination, each division tested), the proof that the checker is sound for
+all real vectors, and the certificate's floats as exact integers times a power of two. `coqc FILE.v` accepts or rejects
+the file without relying on this package or on float arithmetic.
 
 Source: [1] E. H. Bareiss, "Sylvester's identity and multistep integer-preserving Gaussian elimination", Math. Comp. 22
 (1968); [2] The Coq Proof Assistant, reference manual 8.16.
@@ -179,11 +179,11 @@ Definition scaled (c : Z) (M : list (list Z)) : list (list Z) := map (map (Z.mul
 
 Open Scope Z_scope.
 """
-"""Quadratic forms, the checker, and why it is sound."""
+"""Quadratic forms, the checker, and the proof of its soundness."""
 
 
 def coq_text(certificate: Certificate) -> str:
-    """The file for `coqc`, for Coq 8.16 or newer."""
+    """Return the file for `coqc`, for Coq 8.16 or newer."""
     c = certificate
     lines = [
         f"(* {_as_comment(c.system)}: " + _as_comment(", ".join(f"{k} {v}" for k, v in c.about.items())),
@@ -200,7 +200,7 @@ def coq_text(certificate: Certificate) -> str:
 
 
 def _feedback_text(c: Certificate) -> Iterator[str]:
-    """e'P e is positive, and falls along e' = (A + B K) e."""
+    """Yield the theorems: e'P e is positive, and falls along e' = (A + B K) e."""
     n, powers = len(c.A), {name: _power(M) for name, M in {"A": c.A, "B": c.B, "K": c.K, "P": c.P}.items()}
     yield from (_matrix_text(name, getattr(c, name), power) for name, power in powers.items())
     most = max(powers["A"], powers["B"] + powers["K"])
@@ -214,7 +214,7 @@ def _feedback_text(c: Certificate) -> Iterator[str]:
 
 
 def _observer_text(o: ObserverPart) -> Iterator[str]:
-    """The same of P_eta and the filter's errors, e_eta' = (A_eta - L C) e_eta."""
+    """Yield the theorems of P_eta and the filter's errors, e_eta' = (A_eta - L C) e_eta."""
     k, matrices = len(o.A), {"A_eta": o.A, "C": o.C, "L": o.L, "P_eta": o.P}
     powers = {name: _power(M) for name, M in matrices.items()}
     yield from (_matrix_text(name, matrices[name], power) for name, power in powers.items())
@@ -237,16 +237,16 @@ def _theorem_text(name: str, matrix: str, n: int) -> str:
 
 
 def _matrix_text(name: str, M: Any, power: int) -> str:
-    """A definition; the integers are those of the floats times 2^power."""
+    """Return a definition; its integers are the floats times 2^power."""
     rows = [f"  [{'; '.join(f'({int(v * Fraction(2) ** power)})' for v in row)}]" for row in as_fractions(M)]
     return f"(* {name}, times 2^{power} *)\nDefinition {name} : list (list Z) := [\n" + ";\n".join(rows) + "]%Z.\n"
 
 
 def _power(M: Any) -> int:
-    """The least power of two that makes integers of all entries, at least 0."""
+    """Return the least power of two, at least 0, that makes all entries integers."""
     return max(v.denominator for v in as_fractions(M).ravel()).bit_length() - 1
 
 
 def _as_comment(text: str) -> str:
-    """Without what would end a comment, or begin another or a string."""
+    """Remove text that would end a comment, or begin a comment or a string."""
     return text.replace("*", "").replace('"', "")

@@ -1,10 +1,10 @@
-"""Feedback of a predicted state: a constant delay between command and plant, taken out of the loop.
+"""Feedback of a predicted state, which removes a constant delay between command and plant from the loop.
 
     x' = A x + B u(t - delay)     u(t) = K z(t)     z(t) = e^(A delay) x(t) + integral of e^(A s) B u(t - s), s < delay
 
-z is the state at which a command that is given now will arrive. It moves by z' = A z + B u, without delay, so that the
-loop has the poles of A + B K whatever the delay is; and a plant that is faster than the delay can be held. The command
-is held over a period, the delay is any number of them, whole or not. Offline code: LAPACK.
+z is the predicted state at the arrival of the current command. It moves by z' = A z + B u, without delay, so
+that the loop has the poles of A + B K for any delay, and even a plant that is faster than the delay can be stabilised.
+The command is held over a period. The delay may be any number of periods, whole or not. Offline code: LAPACK.
 
 Source: [1] Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006, eq. 5.1;
 [2] A. Manitius, A. Olbrot, "Finite spectrum assignment problem for systems with delays", IEEE Trans. Automatic Control
@@ -21,14 +21,14 @@ from trimtab.core.errors import InputError
 from trimtab.design.poles import sorted_poles
 
 ON_A_PERIOD = 1e-9
-"""A delay this near to a whole number of periods, in periods, is that number."""
+"""Largest distance (in periods) at which a delay is rounded to a whole number of periods."""
 
 
 class PredictiveFeedback(NamedTuple):
-    """u(k) = state_gain x(k) + sum of input_gains[j] u(k - 1 - j).
+    """Feedback u(k) = state_gain x(k) + sum of input_gains[j] u(k - 1 - j).
 
-    state_gain: K e^(A delay) (m, n).  input_gains: (N, m, m), of the N commands that are on their way, newest first.
-    A, B: of the plant.  K: (m, n).  delay, period: s.
+    state_gain: K e^(A delay) (m, n).  input_gains: (N, m, m), for the N commands in transit, newest first. A, B: of the
+    plant.  K: (m, n).  delay, period: s.
     """
 
     state_gain: Any
@@ -40,11 +40,11 @@ class PredictiveFeedback(NamedTuple):
     period: float
 
     def command(self, x: Any, sent: Any) -> Any:
-        """u (m,) from the state (n,) and the commands sent before (N, m), newest first."""
+        """Return u (m,) from the state (n,) and the commands sent before (N, m), newest first."""
         return self.state_gain @ x + np.einsum("jab,jb->a", self.input_gains, np.asarray(sent))
 
     def loop_matrix(self, delay: float | None = None) -> Any:
-        """One period of the loop, of (x, commands on their way), where the plant has this delay; its own if None."""
+        """Return one period of the loop, in (x, commands in transit), for a plant with this delay; None: its own."""
         actual = self.delay if delay is None else delay
         n, m = self.B.shape
         weights = _arriving_weights(self.A, self.B, self.period, actual)
@@ -64,50 +64,52 @@ class PredictiveFeedback(NamedTuple):
         return F
 
     def poles(self, delay: float | None = None) -> Any:
-        """Poles of the sampled loop, by falling size; below 1 it settles. At its own delay: without delay, and 0."""
+        """Return poles of the sampled loop, by falling size; stable below 1. At its own delay: those without, and 0."""
         poles = sorted_poles(self.loop_matrix(delay))
         return poles[np.argsort(-np.abs(poles), kind="stable")]
 
 
 def compensate_delay(A: Any, B: Any, K: Any, delay: float, period: float) -> PredictiveFeedback:
-    """The gains of a state feedback u = K x, for a plant that the command reaches late.
+    """Compute the gains of a state feedback u = K x for a plant that receives the command late.
 
     Args:
         A: (n, n).
         B: (n, m).
         K: (m, n), designed without delay, u = +K x.
-        delay: from the state's sample to the plant (s), constant, 0 or more.
-        period: for which a command is held (s).
+        delay: time from the state's sample to the plant (s), constant, 0 or more.
+        period: time for which a command is held (s).
 
-    Raises: InputError for matrices that don't fit, and times that are none.
+    Raises: InputError for matrices that don't fit, and invalid times.
     """
     A, B, K = (np.asarray(M, float) for M in (A, B, K))
     n, m = B.shape if B.ndim == 2 else (0, 0)
     if A.shape != (n, n) or K.shape != (m, n) or n == 0:
-        problem = f"A {A.shape}, B {B.shape}, K {K.shape} don't fit"
+        problem = f"A {A.shape}, B {B.shape}, K {K.shape} don't fit together"
         raise InputError("compensate_delay", problem, fix="give A (n, n), B (n, m), K (m, n)")
     if not (0 <= delay < math.inf and 0 < period < math.inf):
-        problem = f"a delay of {delay} s with a period of {period} s"
-        raise InputError("compensate_delay", problem, fix="give seconds: a delay of 0 or more, a period above 0")
+        problem = f"got a delay of {delay} s and a period of {period} s"
+        raise InputError("compensate_delay", problem, fix="the delay must be 0 s or more, the period above 0 s")
     gains = [K @ weight for weight in _waiting_weights(A, B, period, delay)]
     return PredictiveFeedback(K @ expm(A * delay), np.array(gains).reshape(-1, m, m), A, B, K, delay, period)
 
 
 def plain_feedback(A: Any, B: Any, K: Any, period: float) -> PredictiveFeedback:
-    """u = K x as it is, to compare: `poles(delay)` tells what a delay does to it."""
+    """Return u = K x without compensation, for comparison; `poles(delay)` shows the effect of a delay."""
     return compensate_delay(A, B, K, 0.0, period)
 
 
 def _waiting_weights(A: Any, B: Any, period: float, delay: float) -> list[Any]:
-    """What each command on its way, newest first, adds to the state at the time now + delay."""
+    """Return the effect of each command in transit, newest first, on the state at the time now + delay."""
     count = math.ceil(delay / period - ON_A_PERIOD)
     return [_integral(A, B, max((j - 1) * period, 0.0), min(j * period, delay)) for j in range(1, count + 1)]
 
 
 def _arriving_weights(A: Any, B: Any, period: float, delay: float) -> list[Any]:
-    """What each command, this period's first, then the one before, …, adds to the state at the end of this period."""
+    """Return the effect of each command, from this period's backwards, on the state at the end of this period."""
     count = math.ceil(delay / period - ON_A_PERIOD)
-    late = delay - (count - 1) * period if count else 0.0  # within a period, when the newer of two commands takes over
+    late = (
+        delay - (count - 1) * period if count else 0.0
+    )  # time within a period at which the newer of two commands takes over
     oldest, newer = _integral(A, B, period - late, period), _integral(A, B, 0.0, period - late)
     weights = [np.zeros_like(np.asarray(B, float)) for _ in range(count + 1)]
     weights[count] = weights[count] + oldest
@@ -116,7 +118,7 @@ def _arriving_weights(A: Any, B: Any, period: float, delay: float) -> list[Any]:
 
 
 def _integral(A: Any, B: Any, low: float, high: float) -> Any:
-    """Integral of e^(A s) B over s from low to high (n, m)."""
+    """Return the integral of e^(A s) B over s from low to high (n, m)."""
     n, m = B.shape
     whole = np.zeros((n + m, n + m))
     whole[:n, :n], whole[:n, n:] = A, B

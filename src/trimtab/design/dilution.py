@@ -1,4 +1,4 @@
-"""Where on the floor a constellation of beacons locates well: dilution of precision.
+"""Dilution of precision of a constellation of beacons over the floor.
 
 [1] is Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006.
 """
@@ -17,32 +17,32 @@ REACH = 9.144
 
 @record
 class DilutionMap:
-    """Horizontal dilution of precision over the floor: error of a fix over error of a range.
+    """Horizontal dilution of precision over the floor: error of a fix relative to error of a range.
 
     Frames:  W.    Source:  Langley, "Dilution of precision", GPS World, May 1999; cone and reach: [1] section 5.5.
     """
 
-    north: Any = quantity("m", "Of the rows (a,).", frame="W")
-    east: Any = quantity("m", "Of the columns (b,).", frame="W")
-    dilution: Any = quantity("1", "sqrt(trace((H'H)^-1)) (a, b); infinite where there is no fix.")
-    visible: Any = quantity("1", "How many beacons are in reach and cone (a, b).", kind="count")
-    beacons: Any = quantity("m", "The beacons (n, 3).", frame="W")
+    north: Any = quantity("m", "North coordinates of the rows (a,).", frame="W")
+    east: Any = quantity("m", "East coordinates of the columns (b,).", frame="W")
+    dilution: Any = quantity("1", "Dilution sqrt(trace((H'H)^-1)) (a, b); infinite where a fix is impossible.")
+    visible: Any = quantity("1", "Number of beacons within reach and cone (a, b).", kind="count")
+    beacons: Any = quantity("m", "Positions of the beacons (n, 3).", frame="W")
     down: Scalar = quantity("m", "Down coordinate of the unit.", frame="W")
 
     def coverage(self, limit: float = 2.0) -> float:
-        """Part of the map, 0 to 1, where the dilution is `limit` or less."""
+        """Return the share of the map, 0 to 1, with a dilution of `limit` or less."""
         return float(np.mean(np.asarray(self.dilution) <= limit))
 
 
 def dilution(directions: Any, visible: Any, *, common_error: bool = False) -> Any:
-    """sqrt(trace((H'H)^-1)) of the horizontal position, for unit error of each range.
+    """Return sqrt(trace((H'H)^-1)) of the horizontal position, for unit error of each range.
 
     Args:
-        directions: rate of each range with north and east (..., n, 2): the horizontal part of the unit vectors.
-        visible: which ranges there are (..., n).
-        common_error: whether a range error common to all is estimated too, as the closed form does.
+        directions: derivatives of each range by north and east (..., n, 2): horizontal part of the unit vectors.
+        visible: True for each available range (..., n).
+        common_error: True to estimate also a range error common to all, as the closed form does.
 
-    Returns: (...), infinite where the ranges don't fix a position.
+    Returns: (...), infinite where the ranges don't determine a position.
     """
     H = np.where(visible[..., None], directions, 0.0)
     if common_error:
@@ -65,20 +65,20 @@ def dilution_map(
     reach: float = REACH,
     common_error: bool = False,
 ) -> DilutionMap:
-    """The dilution over a grid of places on the floor.
+    """Compute the dilution over a grid of places on the floor.
 
     Args:
         beacons: positions in W (m), shape (n, 3).
-        north: of the rows (m), shape (a,).
-        east: of the columns (m), shape (b,).
+        north: north coordinates of the rows (m), shape (a,).
+        east: east coordinates of the columns (m), shape (b,).
         down: down coordinate of the unit (m).
-        cone: half the opening angle of beacons that look straight down (rad).
+        cone: half the opening angle of beacons that point straight down (rad).
         reach: longest range (m).
-        common_error: as `dilution`.
+        common_error: as in `dilution`.
     """
     beacons = np.asarray(beacons, np.float64)
     if beacons.ndim != 2 or beacons.shape[1] != 3:
-        fix = "give one row north, east, down each"
+        fix = "give one row (north, east, down) for each beacon"
         raise InputError("dilution_map.beacons", f"has shape {beacons.shape}", fix=fix)
     north, east = np.asarray(north, np.float64), np.asarray(east, np.float64)
     N, E = np.meshgrid(north, east, indexing="ij")

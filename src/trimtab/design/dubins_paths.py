@@ -1,8 +1,8 @@
-"""Shortest paths of a car that can't turn more tightly than on a circle: Dubins' six words.
+"""Shortest paths of a car with a minimum turning radius: Dubins' six words.
 
-A shortest path has three pieces at most: turns on the tightest circle, L and R, and straight lines, S. Of the words
-that can be made of them only LSL, RSR, LSR, RSL, RLR and LRL are ever shortest. So all six are drawn, each by the
-geometry of its circles, and the shortest is taken.
+A shortest path has at most three pieces: turns on the tightest circle, L and R, and straight lines, S. Only the words
+LSL, RSR, LSR, RSL, RLR and LRL can be shortest. All six are constructed by the geometry of their circles, and the
+shortest is chosen.
 
 [1] is L. E. Dubins, "On curves of minimal length with a constraint on average curvature, and with prescribed initial
 and terminal positions and tangents", American Journal of Mathematics 79 (1957) 497-516.
@@ -23,31 +23,33 @@ WORDS = ("LSL", "RSR", "LSR", "RSL", "RLR", "LRL")
 TURNS: Mapping[str, float] = MappingProxyType({"L": -1.0, "S": 0.0, "R": 1.0})
 """Sign of the curvature of each letter: positive to the right, which is clockwise seen from above."""
 TINY = 1e-9
-"""An arc (rad) that is short of a full turn by less is none, and so is a line that is shorter (radii): rounding."""
+"""Rounding limit: arcs (rad) this close to a full turn, and lines (radii) shorter than this, count as zero."""
 
 
 @record
 class DubinsPath:
-    """Three pieces, arcs and straight lines, at one speed; a reference. After the last piece it goes straight on.
+    """Path of three pieces, arcs and straight lines, at one speed; a reference. After its end it goes straight on.
 
     Frames:  W; headings clockwise from north.    Source:  [1].
     """
 
-    north: Scalar = quantity("m", "Where it begins.", frame="W", default=0.0)
-    east: Scalar = quantity("m", "Where it begins.", frame="W", default=0.0)
-    heading: Scalar = quantity("rad", "Its direction there.", kind="angle", frame="W", default=0.0)
-    radius: Scalar = quantity("m", "Of the arcs.", default=1.0, above=0)
-    speed: Scalar = quantity("m/s", "Along the path.", default=1.0, above=0)
-    turns: Any = quantity("1", "Of each piece: -1 left, 0 straight, 1 right.", shape=(3,), default=np.zeros(3))
-    lengths: Any = quantity("m", "Of each piece.", shape=(3,), default=np.zeros(3), low=0)
+    north: Scalar = quantity("m", "North coordinate of the start.", frame="W", default=0.0)
+    east: Scalar = quantity("m", "East coordinate of the start.", frame="W", default=0.0)
+    heading: Scalar = quantity("rad", "Heading at the start.", kind="angle", frame="W", default=0.0)
+    radius: Scalar = quantity("m", "Radius of the arcs.", default=1.0, above=0)
+    speed: Scalar = quantity("m/s", "Speed along the path.", default=1.0, above=0)
+    turns: Any = quantity(
+        "1", "Direction of each piece: -1 left, 0 straight, 1 right.", shape=(3,), default=np.zeros(3)
+    )
+    lengths: Any = quantity("m", "Length of each piece.", shape=(3,), default=np.zeros(3), low=0)
 
     @property
     def length(self) -> Any:
-        """Of all three pieces (m)."""
+        """Return the total length (m)."""
         return self.lengths[0] + self.lengths[1] + self.lengths[2]
 
     def at(self, t: Any) -> ReferencePoint:
-        """What is wanted at t (s)."""
+        """Return the reference at t (s)."""
         left = jnp.maximum(self.speed * t, 0.0)
         north, east, heading, curvature = self.north, self.east, self.heading, 0.0
         for k in range(3):
@@ -71,22 +73,22 @@ class DubinsPath:
 
 
 def dubins_path(word: str, start: Any, goal: Any, radius: float, speed: float = 1.0) -> DubinsPath | None:
-    """The shortest path of one word, or None where the word does not lead there.
+    """Return the shortest path of one word, or None if the word does not lead to the goal.
 
     Args:
         word: one of WORDS.
         start: north, east (m), heading (rad) (3,).
         goal: likewise.
-        radius: m, of the arcs.
-        speed: m/s, along it.
+        radius: radius of the arcs (m).
+        speed: speed along the path (m/s).
 
     Raises:
-        InputError: no such word, or a radius that is none.
+        InputError: unknown word, or invalid radius.
     """
     if word not in WORDS:
-        raise InputError("word", f"{word!r} is no word of a shortest path", choices=WORDS, fix=f"write {WORDS[0]}")
+        raise InputError("word", f"unknown word of a shortest path: {word!r}", choices=WORDS, fix=f"write {WORDS[0]}")
     if not radius > 0:
-        raise InputError("radius", f"a car turns on no circle of {radius:g} m", fix="give one above 0, e.g. 1.0")
+        raise InputError("radius", f"the radius must be above 0, got {radius:g} m", fix="give one above 0, e.g. 1.0")
     start, goal = np.asarray(start, np.float64), np.asarray(goal, np.float64)
     signs = np.array([TURNS[letter] for letter in word])
     first, last = (
@@ -96,7 +98,7 @@ def dubins_path(word: str, start: Any, goal: Any, radius: float, speed: float = 
     between = (last - first) / radius
     if word[1] != "S":
         candidates = _three_arcs(signs[0], between)
-    elif np.hypot(*between) < TINY:  # one circle, and no line on it
+    elif np.hypot(*between) < TINY:  # one circle, without a line
         candidates = [(float(start[2]), float(start[2]), 0.0)] if signs[0] == signs[2] else []
     else:
         candidates = _straight(signs, between)
@@ -114,22 +116,22 @@ def dubins_path(word: str, start: Any, goal: Any, radius: float, speed: float = 
 
 
 def shortest_path(start: Any, goal: Any, radius: float, speed: float = 1.0) -> DubinsPath:
-    """The shortest path from a pose to another: arguments as of `dubins_path`.
+    """Return the shortest path between two poses: arguments as in `dubins_path`.
 
     Raises:
-        InputError: a radius that is none.
+        InputError: invalid radius.
     """
     paths = [dubins_path(word, start, goal, radius, speed) for word in WORDS]
     return min((path for path in paths if path is not None), key=lambda path: path.length)
 
 
 def word_of(path: DubinsPath) -> str:
-    """The letters of a path's pieces."""
+    """Return the letters of a path's pieces."""
     return "".join({v: k for k, v in TURNS.items()}[float(turn)] for turn in path.turns)
 
 
 def _advance(pose: tuple[Any, Any, Any], bend: Any, s: Any) -> tuple[Any, Any, Any]:
-    """North, east (m) and heading (rad) a length s (m) on, along a curvature (1/m): by the chord, also of a line."""
+    """Return north, east (m) and heading (rad) after a length s (m) at a curvature (1/m), also for a straight line."""
     north, east, heading = pose
     half = bend * s / 2
     chord = s * jnp.where(half == 0, 1.0, jnp.sin(half) / jnp.where(half == 0, 1.0, half))
@@ -137,26 +139,26 @@ def _advance(pose: tuple[Any, Any, Any], bend: Any, s: Any) -> tuple[Any, Any, A
 
 
 def _right(heading: float) -> Any:
-    """The unit vector (2,) to the right of a heading (rad)."""
+    """Return the unit vector (2,) to the right of a heading (rad)."""
     return np.array([-np.sin(heading), np.cos(heading)])
 
 
 def _heading_of(right: Any) -> float:
-    """The heading (rad) whose right is along a vector (2,)."""
+    """Return the heading (rad) whose right is along a vector (2,)."""
     return float(np.arctan2(-right[0], right[1]))
 
 
 def _arc(angle: float) -> float:
-    """An angle (rad) as one in [0, 2 pi)."""
+    """Return an angle (rad) in [0, 2 pi)."""
     turn = float(np.mod(angle, 2 * np.pi))
     return 0.0 if 2 * np.pi - turn < TINY else turn
 
 
 def _straight(signs: Any, between: Any) -> list[tuple[float, float, float]]:
-    """Headings (rad) before and after a straight line, which are one, and its length, from circle to circle.
+    """Return headings (rad) before and after a straight line (they are equal), and its length from circle to circle.
 
-    between: from the first centre to the last (2,). In radii. The line is a tangent of both circles, an inner one where
-    the turns differ.
+    between: from the first centre to the last (2,). In radii. The line is a tangent of both circles, an inner tangent
+    if the turns differ.
     """
     direction, squared = float(np.arctan2(between[1], between[0])), float(between @ between)
     if signs[0] == signs[2]:
@@ -169,10 +171,10 @@ def _straight(signs: Any, between: Any) -> list[tuple[float, float, float]]:
 
 
 def _three_arcs(sign: float, between: Any) -> list[tuple[float, float, float]]:
-    """Headings (rad) where three circles touch, of both circles that touch first and last; the third is not used."""
+    """Return headings (rad) where three circles touch, for both circles that touch first and last; length 0."""
     distance = float(np.hypot(*between))
     if not 0 < distance <= 4:
-        return []  # too far apart, or one and the same circle, on which no other turn is wanted
+        return []  # too far apart, or the same circle, which needs no other turn
     across = np.array([-between[1], between[0]]) / distance * np.sqrt(4 - distance**2 / 4)
     middles = (between / 2 + across, between / 2 - across)
     return [(_heading_of(-sign * m), _heading_of(-sign * (m - between)), 0.0) for m in middles]

@@ -1,8 +1,8 @@
-"""Proofs about matrices of floats: positive definiteness and rank, without rounding.
+"""Exact proofs about float matrices: positive definiteness and rank, without rounding.
 
-Every float is a fraction with a power of two below; sums and products of fractions are exact. A symmetric matrix is
-positive definite where all its leading principal minors are positive; elimination without fractions (Bareiss) gives
-them as integers, at any size: nothing is rounded, so that nothing has to be bounded.
+Every float is a fraction with a power of two as denominator; sums and products of fractions are exact. A symmetric
+matrix is positive definite if all its leading principal minors are positive. Fraction-free elimination (Bareiss)
+computes them as integers of any size, so that no rounding error has to be bounded.
 
 Source: [1] E. H. Bareiss, "Sylvester's identity and multistep integer-preserving Gaussian elimination", Math. Comp. 22
 (1968).
@@ -18,10 +18,10 @@ EXACT = "exact, leading minors"
 
 
 class DefinitenessProof(NamedTuple):
-    """Whether a symmetric matrix is positive definite.
+    """Result of a proof that a symmetric matrix is positive definite.
 
-    holds: proved.  how: by what.  pivot: 0-based place of the first pivot that is not positive, or None.  value: that
-    pivot, minor over the minor before, in the matrix's own unit; nan where there is none.
+    holds: True if proved.  how: method.  pivot: index from 0 of the first non-positive pivot, or None.  value: that
+    pivot, i.e. minor over the minor before, in the matrix's own unit; NaN without one.
     """
 
     holds: bool
@@ -31,7 +31,7 @@ class DefinitenessProof(NamedTuple):
 
 
 def as_fractions(M: Any) -> Any:
-    """A matrix of floats or integers as the same one of Fractions (dtype object), which `@`, `+`, `-`, `*` keep so."""
+    """Convert a matrix of floats or integers to Fractions (dtype object); `@`, `+`, `-`, `*` keep the type."""
     values: Any = np.asarray(M)
     fractions = np.empty(values.shape, object)
     for i in np.ndindex(values.shape):
@@ -40,7 +40,7 @@ def as_fractions(M: Any) -> Any:
 
 
 def exact_inverse(M: Any) -> Any:
-    """The inverse of a matrix of Fractions, exactly; ZeroDivisionError where there is none."""
+    """Return the exact inverse of a matrix of Fractions; raise ZeroDivisionError if it is singular."""
     n = len(M)
     work = np.hstack([M, as_fractions(np.eye(n))])
     for k in range(n):
@@ -56,11 +56,11 @@ def exact_inverse(M: Any) -> Any:
 
 
 def prove_definite(M: Any) -> DefinitenessProof:
-    """Whether a symmetric matrix, of floats or of Fractions, is positive definite; ValueError where not symmetric.
+    """Prove that a symmetric matrix, of floats or Fractions, is positive definite; ValueError if it is not symmetric.
 
-    Source: [1], Sylvester's criterion: the pivots of the elimination are the leading minors, of the matrix times the
-    common denominator. Rows and columns are first scaled alike by powers of two, which changes no sign and keeps the
-    integers short.
+    Source: [1], Sylvester's criterion: the pivots of the elimination are the leading minors of the matrix times the
+    common denominator. Rows and columns are first scaled alike by powers of two, which keeps all signs and short
+    integers.
     """
     exact = as_fractions(M)
     if any(exact[i, j] != exact[j, i] for i in range(len(exact)) for j in range(i)):
@@ -83,7 +83,7 @@ def prove_definite(M: Any) -> DefinitenessProof:
 
 
 def exact_rank(M: Any) -> int:
-    """Rank of a matrix of floats or Fractions, exactly. Source: [1]."""
+    """Return the exact rank of a matrix of floats or Fractions. Source: [1]."""
     exact = as_fractions(M)
     work = as_integers(exact, _denominator(exact))
     rank, before = 0, 1
@@ -100,7 +100,7 @@ def exact_rank(M: Any) -> int:
 
 
 def _binary_exponent(value: Fraction) -> int:
-    """k with 2^(k-1) < value < 2^(k+1), of a positive fraction."""
+    """Return k with 2^(k-1) < value < 2^(k+1), for a positive fraction."""
     return value.numerator.bit_length() - value.denominator.bit_length()
 
 
@@ -109,7 +109,7 @@ def _denominator(M: Any) -> int:
 
 
 def as_integers(M: Any, common: int) -> Any:
-    """A matrix of Fractions times a common denominator, as integers of any size (dtype object)."""
+    """Return a matrix of Fractions times a common denominator, as integers of any size (dtype object)."""
     integers = np.empty(M.shape, object)
     for i in np.ndindex(M.shape):
         integers[i] = M[i].numerator * (common // M[i].denominator)

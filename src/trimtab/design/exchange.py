@@ -1,6 +1,6 @@
-"""Linear models and compensators to and from python-control and scipy.
+"""Conversion of linear models and compensators to and from python-control and scipy.
 
-`to_control` and `from_control` need python-control, which is the extra `control`; scipy comes along.
+`to_control` and `from_control` need python-control, from the extra `control`; scipy is always installed.
 
 Source: R. M. Murray and others, the Python Control Systems Library, python-control.org.
 """
@@ -15,29 +15,29 @@ from trimtab.design.linearise import LinearModel
 
 
 def to_control(linear: LinearModel) -> Any:
-    """A linear model as python-control's `StateSpace`, deviations from the point, with the names of all signals."""
+    """Convert a linear model to python-control's `StateSpace`, in deviations from the point, with all signal names."""
     names = {"states": list(linear.states), "inputs": list(linear.inputs), "outputs": list(linear.outputs)}
     return _import_control().ss(linear.A, linear.B, linear.C, linear.D, **names)
 
 
 def to_scipy(linear: LinearModel) -> Any:
-    """A linear model as scipy.signal's `StateSpace`; names are lost."""
+    """Convert a linear model to scipy.signal's `StateSpace`; names are lost."""
     from scipy.signal import StateSpace
 
     return StateSpace(linear.A, linear.B, linear.C, linear.D)
 
 
 def from_control(system: Any) -> LinearModel:
-    """A linear model of a continuous system of python-control (state space or transfer function) or scipy.signal.
+    """Convert a continuous system of python-control (state space, transfer function) or scipy.signal to a linear model.
 
-    Its point is zero; names are python-control's, or x0, u0, y0 and on.
+    Its point is zero; names are python-control's, or x0, u0, y0 etc.
 
-    Raises: InputError for a sampled system, or what is none.
+    Raises: InputError for a sampled system, or another object.
     """
     A, B, C, D, dt = system_matrices(system)
     if dt:
-        fix = "give the continuous one; a sampled compensator flies as it is: compensator_law"
-        raise InputError("from_control", f"the system is sampled, each {dt} s", fix=fix)
+        fix = "give the continuous system; a sampled compensator can fly directly: compensator_law"
+        raise InputError("from_control", f"the system is sampled every {dt} s", fix=fix)
     n, m, p = len(A), B.shape[1], len(C)
     states = _labels(system, "state_labels", "x", n)
     inputs, outputs = _labels(system, "input_labels", "u", m), _labels(system, "output_labels", "y", p)
@@ -46,14 +46,14 @@ def from_control(system: Any) -> LinearModel:
 
 
 def system_matrices(system: Any) -> tuple[Any, Any, Any, Any, float]:
-    """A, B, C, D of a system of python-control or scipy.signal, and its sampling period (s), 0 for a continuous one."""
+    """Return A, B, C, D and the sampling period (s, 0 if continuous) of a system of python-control or scipy.signal."""
     if not all(hasattr(system, n) for n in "ABCD"):
         if hasattr(system, "to_ss"):  # scipy.signal
             system = system.to_ss()
         elif type(system).__module__.partition(".")[0] == "control":
             system = _import_control().ss(system)
         else:
-            problem = f"a {type(system).__name__} is no system of python-control or scipy.signal"
+            problem = f"a {type(system).__name__} is not a system of python-control or scipy.signal"
             raise InputError("system", problem, fix="give control.ss(A, B, C, D), or scipy.signal.StateSpace")
     matrices = [np.atleast_2d(np.asarray(getattr(system, n), float)) for n in "ABCD"]
     n = 0 if matrices[0].size == 0 else len(matrices[0])
@@ -66,15 +66,17 @@ def system_matrices(system: Any) -> tuple[Any, Any, Any, Any, float]:
 
 
 def discrete_matrices(system: Any, period: float) -> tuple[Any, Any, Any, Any]:
-    """A, B, C, D of a compensator as it steps each `period` (s); a continuous one by Tustin's rule.
+    """Return A, B, C, D of a compensator that steps every `period` (s); a continuous one by Tustin's rule.
 
-    Raises: InputError for one that is sampled otherwise.
+    Raises: InputError for a compensator with another sampling period.
     """
     from scipy.signal import cont2discrete
 
     A, B, C, D, dt = system_matrices(system)
     if dt and not np.isclose(dt, period, rtol=1e-9):
-        raise InputError("compensator", f"it is sampled each {dt} s", fix=f"give period={dt}, or a continuous one")
+        raise InputError(
+            "compensator", f"it is sampled every {dt} s", fix=f"give period={dt}, or a continuous compensator"
+        )
     if dt or not len(A):
         return A, B, C, D
     sampled: Any = cont2discrete((A, B, C, D), period, method="bilinear")

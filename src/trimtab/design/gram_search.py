@@ -1,9 +1,8 @@
-"""Gram matrices that prove a claim, found by a solver, rounded, and made to fit exactly.
+"""Search for Gram matrices that prove a claim: found by a solver, rounded, and made to fit exactly.
 
     conclusion = z'G z + sum of y'S y * hypothesis,   G and S positive definite
 
-in coordinates in which the entries of z and y are single terms. What is found is checked by `squares`, which trusts
-nothing of this.
+in coordinates in which the entries of z and y are single terms. `squares` checks the result independently.
 
 Source: [1] H. Peyrl, P. A. Parrilo, "Computing sum of squares decompositions with rational coefficients", Theoretical
 Computer Science 409 (2008).
@@ -21,14 +20,14 @@ from trimtab.design.polynomial import Monomial, Polynomial, constant, multiply_m
 from trimtab.design.squares import Claim, GramForm, SquaresProof
 
 DIGITS = 7
-"""Decimals that are kept of what the solver finds."""
+"""Number of decimals kept of the solver's result."""
 
 
 class GramSearch(NamedTuple):
-    """Where to look.
+    """Setup of a search.
 
     states: state -> polynomial in the coordinates.  coordinates: coordinate -> polynomial in the states.  forms:
-    hypothesis, or "" for none -> the single terms in the coordinates whose Gram matrix is looked for.
+    hypothesis, or "" for none -> the single terms in the coordinates of the Gram matrix to find.
     """
 
     states: Mapping[str, Polynomial]
@@ -37,7 +36,7 @@ class GramSearch(NamedTuple):
 
 
 def find_gram_proof(claim: Claim, search: GramSearch) -> SquaresProof:
-    """A proof of a claim without open parameters; ArithmeticError where the solver finds none with a margin."""
+    """Find a proof of a claim without open parameters; raise ArithmeticError if the solver finds none with a margin."""
     z = [_as_monomial(form) for form in search.forms[""]]
     pairs: dict[Monomial, list[tuple[int, int]]] = {}
     for i, j in combinations_with_replacement(range(len(z)), 2):
@@ -64,7 +63,7 @@ def find_gram_proof(claim: Claim, search: GramSearch) -> SquaresProof:
 
 
 def _solve_margin(base: Any, moves: list[Any], sizes: list[int], first: int) -> Any:
-    """The values with the largest least eigenvalue of all matrices, in floats."""
+    """Return the values that maximise the smallest eigenvalue of all matrices, in floats."""
     start, steps, count = base.astype(float), np.array(moves).astype(float), len(moves)
 
     def inner(x: Any, k: int) -> Any:
@@ -77,12 +76,12 @@ def _solve_margin(base: Any, moves: list[Any], sizes: list[int], first: int) -> 
     matrices.append(lambda x: np.array([[1.0 - x[-1]]]))
     solution = minimise(lambda x: -x[-1], matrices, count + 1)
     if solution.status != "Solved" or not solution.x[-1] > 10.0**-DIGITS * len(base):
-        raise ArithmeticError(f"no Gram matrices with a margin: {solution.status}")
+        raise ArithmeticError(f"the solver found no Gram matrices with a margin: {solution.status}")
     return solution.x[:-1]
 
 
 def _spread_terms(p: Polynomial, pairs: Mapping[Monomial, list[tuple[int, int]]], n: int) -> Any:
-    """A Gram matrix of a polynomial, each term on the first pair that gives it; ArithmeticError where none does."""
+    """Return a Gram matrix of a polynomial, each term on its first pair; ArithmeticError if a term has no pair."""
     G = np.full((n, n), Fraction(0), object)
     for m, c in p.terms.items():
         if m not in pairs:
@@ -93,7 +92,7 @@ def _spread_terms(p: Polynomial, pairs: Mapping[Monomial, list[tuple[int, int]]]
 
 
 def _kernel_matrix(pairs: list[tuple[int, int]], k: int, n: int) -> Any:
-    """The matrix that moves a term from the first pair to the k-th, without changing the form."""
+    """Return the matrix that moves a term from the first pair to the k-th, without changing the form."""
     G = np.full((n, n), Fraction(0), object)
     for (i, j), sign in ((pairs[0], -1), (pairs[k], 1)):
         G[i, j] = G[j, i] = Fraction(sign) if i == j else Fraction(sign, 2)

@@ -1,9 +1,9 @@
-"""What inputs can hardly move and outputs can hardly see, of any linear model, within a time.
+"""Gramians of controllability and observability of any linear model, over a finite time.
 
     Wc = integral of exp(A t) B B' exp(A' t)        Wo = integral of exp(A' t) C' C exp(A t)        t from 0 to T
 
-in units that make rows and columns of the matrices alike. A finite time T, for a vehicle's place and heading are poles
-at zero, over which neither integral is finite. Offline code: LAPACK.
+in units that make rows and columns of the matrices alike. The time T is finite, because position and heading of a
+vehicle are poles at zero, for which the infinite integrals diverge. Offline code: LAPACK.
 
 Source: C.-T. Chen, "Linear System Theory and Design", Oxford 1999, sections 6.2, 6.3; C. F. Van Loan, "Computing
 integrals involving the matrix exponential", IEEE Trans. Automatic Control 23 (1978).
@@ -21,9 +21,9 @@ from trimtab.design.zero_dynamics import scale_system
 
 
 class WeakestDirection(NamedTuple):
-    """size: the Gramian's smallest eigenvalue in parts of its largest.  direction: of the states, scaled (n,).
+    """Weakest direction. size: smallest eigenvalue of the Gramian, relative to its largest.  direction: scaled (n,).
 
-    words: the same in words.
+    words: the direction in words.
     """
 
     size: float
@@ -32,7 +32,7 @@ class WeakestDirection(NamedTuple):
 
 
 class Gramians(NamedTuple):
-    """controllability, observability: the matrices (n, n), in units of the states' sizes (n,).
+    """Gramians. controllability, observability: matrices (n, n), in units of the states' sizes (n,).
 
     hardly_moved, hardly_seen: their weakest directions.
     """
@@ -45,16 +45,16 @@ class Gramians(NamedTuple):
 
 
 def find_gramians(linear: LinearModel, horizon: float) -> Gramians:
-    """Both Gramians over a time (s)."""
+    """Compute both Gramians over a time (s)."""
     if not (np.isfinite(horizon) and horizon > 0):
-        raise InputError("gramians.horizon", f"{horizon} s", fix="give a time above 0 s")
+        raise InputError("gramians.horizon", f"got {horizon} s", fix="give a time above 0 s")
     A, B, C, _, (sizes, _) = scale_system(linear)
     moved, seen = integrate_gramian(A, B, horizon), integrate_gramian(A.T, C.T, horizon)
     return Gramians(moved, seen, _find_weakest(moved, linear.states), _find_weakest(seen, linear.states), sizes)
 
 
 def integrate_gramian(A: Any, B: Any, horizon: float) -> Any:
-    """The integral of exp(A t) B B' exp(A' t) (n, n) over a time (s), by doubling of a short step."""
+    """Integrate exp(A t) B B' exp(A' t) (n, n) over a time (s), by doubling of a short step."""
     n = len(A)
     halvings = max(0, int(np.ceil(np.log2(max(np.abs(A).sum(axis=1).max(initial=0.0) * horizon, 1.0)))))
     step = horizon / 2**halvings

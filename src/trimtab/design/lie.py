@@ -1,8 +1,8 @@
 """Lie derivatives, relative degree and decoupling matrix of any model, by automatic differentiation.
 
-The derivatives of an output are taken along x' = f(x, u) with the input held until it appears; for a system affine in
-the inputs, f(x) + g(x) u, that is L_f^k h, and the derivative by u is L_g L_f^(r-1) h. Nothing here needs the system to
-be affine: where it is not, the matrix is dv/du at the point, v the highest derivatives. Offline code.
+An output is differentiated along x' = f(x, u), with the input held, until the input appears. For a system affine in the
+inputs, f(x) + g(x) u, the derivative is L_f^k h, and its derivative by u is L_g L_f^(r-1) h. The system need not be
+affine: the matrix is then dv/du at the point, with v the highest derivatives. Offline code.
 
 Source: [1] A. Isidori, "Nonlinear Control Systems", Springer 1995, sections 4.1, 5.1, 5.4; [2] H. Nijmeijer, A. van der
 Schaft, "Nonlinear Dynamical Control Systems", Springer 1990, chapter 13, for systems that are not affine.
@@ -20,23 +20,23 @@ from trimtab.core.record import FAST_COMPILE_OPTIONS
 from trimtab.design.model import Function, StateSpaceModel, find_indices, format_combination
 
 ROUNDING = 1e-10
-"""A sum this small a part of the sum of its terms' magnitudes counts as zero."""
+"""Size of a sum, relative to the sum of its terms' magnitudes, that counts as zero."""
 WEAK = 1e-13
-"""A state that changes a function by this small a part of what all do, each over its neighbourhood, is not in it."""
+"""Relative influence of a state on a function, over its neighbourhood, that counts as zero."""
 VANISHES = 1e-8
-"""A row this small a part of what it is around counts as zero at the point; singular values likewise."""
+"""Size of a row at the point, relative to its size around the point, that counts as zero; same for singular values."""
 Field = Callable[[Any], Any]
-"""x (n,) -> vector, traceable by jax."""
+"""Function from x (n,) to a vector, traceable by jax."""
 
 
 class RelativeDegree(NamedTuple):
-    """What was found.
+    """Vector relative degree at a point.
 
-    degrees: output -> how often it is differentiated until an input appears, or None where none ever does.
-    matrix: d(highest derivatives)/du at the point (p, m), for affine systems L_g L_f^(r-1) h.  condition: its condition
-    number after rows and columns are scaled to size 1, so that units don't count.  determinant: where it is square.
-    margin: output -> size of its row at the point in parts of the largest around it.  total: sum of the degrees.
-    defined: whether the vector relative degree is well defined here.  why: the reasons where it is not, in words.
+    degrees: output -> number of differentiations until an input appears, or None if none ever does.  matrix: d(highest
+    derivatives)/du at the point (p, m); L_g L_f^(r-1) h for affine systems.  condition: its condition number after rows
+    and columns are scaled to size 1, which removes the units.  determinant: if the matrix is square.  margin: output ->
+    size of its row at the point, relative to the largest around it.  total: sum of the degrees.  defined: True if the
+    vector relative degree is well defined here.  why: reasons if it is not, in words.
     """
 
     degrees: dict[str, int | None]
@@ -50,7 +50,7 @@ class RelativeDegree(NamedTuple):
 
 
 def lie_derivative(h: Field, field: Field, order: int = 1) -> Field:
-    """L_field^order h, a function of x. Source: [1] section 1.2: dh/dx field(x)."""
+    """Return L_field^order h, a function of x. Source: [1] section 1.2: dh/dx field(x)."""
     if order == 0:
         return h
     lower = lie_derivative(h, field, order - 1)
@@ -58,7 +58,7 @@ def lie_derivative(h: Field, field: Field, order: int = 1) -> Field:
 
 
 def affine_fields(model: StateSpaceModel, u: Any = None) -> tuple[Field, tuple[Field, ...]]:
-    """f(x) and the columns g_j(x) of x' = f(x) + sum g_j(x) u_j, expanded about an input u (zero where not given)."""
+    """Return f(x) and the columns g_j(x) of x' = f(x) + sum g_j(x) u_j, expanded about an input u (default: zero)."""
     base = jnp.zeros(len(model.inputs)) if u is None else jnp.asarray(model.point(u=u)[1])
 
     def column(j: int) -> Field:
@@ -72,7 +72,7 @@ def affine_fields(model: StateSpaceModel, u: Any = None) -> tuple[Field, tuple[F
 def curved_inputs(
     model: StateSpaceModel, x: Any = None, u: Any = None, *, radius: Any = None, samples: int = 32
 ) -> dict[str, tuple[str, ...]]:
-    """Inputs in which the model is not affine around a point -> states whose derivatives curve with them."""
+    """Return inputs in which the model is not affine near a point -> states whose derivatives are nonlinear in them."""
     points = sample_neighbourhood(model, x, u, radius, samples)
     slope = jax.jacfwd(model.f, argnums=1)
     both = jax.jit(jax.vmap(lambda a, b: (slope(a, b), jax.jacfwd(slope, 1)(a, b))))
@@ -83,9 +83,9 @@ def curved_inputs(
 
 
 def extend_inputs(model: StateSpaceModel, names: Sequence[str], order: int = 1) -> StateSpaceModel:
-    """Dynamic extension: the named inputs become states, and their derivatives of the given order the new inputs.
+    """Extend the model dynamically: named inputs become states, their derivatives of the given order the new inputs.
 
-    The result is affine in the new inputs, whatever the model is in the old ones. Names: "FX", "FX'", …
+    The result is affine in the new inputs, for any model. Names: "FX", "FX'", …
 
     Source: [1] section 5.4.
     """
@@ -110,7 +110,7 @@ def extend_inputs(model: StateSpaceModel, names: Sequence[str], order: int = 1) 
 
 
 def output_derivatives(model: StateSpaceModel, output: Any, order: int) -> Function:
-    """The order-th time derivative of an output (or of several: indices) along f, input held: a function of (x, u)."""
+    """Return the order-th time derivative of outputs (by index) along f, input held, as a function of (x, u)."""
 
     def differentiate(x: Any, u: Any) -> Any:
         return lie_derivative(lambda a: model.h(a, u)[output], lambda a: model.f(a, u), order)(x)
@@ -119,7 +119,7 @@ def output_derivatives(model: StateSpaceModel, output: Any, order: int) -> Funct
 
 
 def sample_neighbourhood(model: StateSpaceModel, x: Any, u: Any, radius: Any, samples: int) -> tuple[Any, Any]:
-    """The point and samples around it: states (samples + 1, n) and inputs (samples + 1, m)."""
+    """Return the point and samples around it: states (samples + 1, n) and inputs (samples + 1, m)."""
     x0, u0 = model.point(x, u)
     point = np.concatenate([x0, u0])
     size = 0.1 * np.maximum(1.0, np.abs(point))
@@ -138,20 +138,19 @@ def sample_neighbourhood(model: StateSpaceModel, x: Any, u: Any, radius: Any, sa
 def relative_degree(
     model: StateSpaceModel, x: Any = None, u: Any = None, *, radius: Any = None, samples: int = 32
 ) -> RelativeDegree:
-    """Vector relative degree at a point, and whether it is well defined there.
+    """Compute the vector relative degree at a point, and check that it is well defined there.
 
-    An input counts as appearing in a derivative if it does at the point or at any sample around it; where it does
-    around the point but not at it, the relative degree is not well defined, and that is said.
+    An input appears in a derivative if it does so at the point or at any sample around it. If it appears around the
+    point but not at it, the relative degree is not well defined, and the result reports that.
 
     Args:
-        model: the system; its outputs are those that are differentiated.
+        model: the system; its outputs are differentiated.
         x: state: vector, record, or changes to the model's own point.
         u: input, likewise.
-        radius: how far around the point samples lie: entry -> half width, or one number in parts of max(1, |value|);
-            0.1 where not given.
-        samples: how many.
+        radius: distance of the samples: entry -> half width, or one number relative to max(1, |value|). Default: 0.1.
+        samples: number of samples.
 
-    Source: [1] section 5.1 (5.2); [2] definition 13.1 where the system is not affine.
+    Source: [1] section 5.1 (5.2); [2] definition 13.1 if the system is not affine.
     """
     points = sample_neighbourhood(model, x, u, radius, samples)
     degrees: dict[str, int | None] = dict.fromkeys(model.outputs)
@@ -168,7 +167,7 @@ def relative_degree(
 
 
 def _derivative_rows(model: StateSpaceModel, outputs: list[int], order: int, points: tuple[Any, Any]) -> Any:
-    """Derivatives by u of the outputs' derivatives of one order, at all points (s, p, m); what only rounds is zero."""
+    """Return derivatives by u of the outputs' derivatives of one order at all points (s, p, m), free of rounding."""
     picked = np.array(outputs)
     if order == 0:
         slope = jax.jacfwd(lambda a, b: model.h(a, b)[picked], argnums=1)
@@ -190,7 +189,7 @@ def _require_finite(rows: Any) -> Any:
 
 
 def equilibrate(matrix: Any) -> Any:
-    """The matrix with rows and columns scaled to size 1, alternately; zero ones stay. Source: Ruiz, RAL-TR-2001-034."""
+    """Scale rows and columns of a matrix alternately to size 1; zero ones stay. Source: Ruiz, RAL-TR-2001-034."""
     scaled = np.array(matrix, float)
     for _ in range(20):
         for axis in (1, 0):
@@ -222,7 +221,7 @@ def _build_verdict(model: StateSpaceModel, degrees: dict[str, int | None], rows:
 
 
 def _explain_singularity(model: StateSpaceModel, rows: Any, explained: bool) -> list[str]:
-    """In words: where the decoupling matrix is singular, and which combination of outputs it can't move."""
+    """Explain where the decoupling matrix is singular, and which combination of outputs it can't move."""
     values = np.array([np.linalg.svd(equilibrate(r), compute_uv=False) for r in rows])
     singular = values[:, -1] <= VANISHES * values[:, 0]
     if not singular[0] or (explained and not singular.all()):

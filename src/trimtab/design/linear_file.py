@@ -1,4 +1,4 @@
-"""A linear model in a file of text, no digit lost: matrices, names, point, and where it came from."""
+"""Linear models in text files without loss of digits: matrices, names, point and origin."""
 
 import json
 from pathlib import Path
@@ -16,22 +16,22 @@ NAMES = ("states", "inputs", "outputs")
 
 
 def linear_json(linear: LinearModel, about: dict[str, Any]) -> str:
-    """The text of a file; about: what else it says, e.g. the vehicle's name and the point."""
+    """Return the text of a file; about: other content, e.g. the vehicle's name and the point."""
     numbers = {n: np.asarray(getattr(linear, n), float).tolist() for n in (*MATRICES, *VECTORS)}
     names = {n: list(getattr(linear, n)) for n in NAMES}
     return json.dumps({"format": FORMAT, "about": about, **names, **numbers}, indent=1) + "\n"
 
 
 def read_linear(file: Path) -> tuple[LinearModel, dict[str, Any]]:
-    """The model of a file, and what it says about it.
+    """Read a linear model from a file, and the rest of the file's content.
 
-    Raises: InputError for a file that is none, or whose matrices don't fit its names.
+    Raises: InputError for a file that is not a linear model, or whose matrices don't fit its names.
     """
     fix = "trimtab linearise VEHICLE --out model.json  writes one"
     try:
         data: Any = json.loads(file.read_text(encoding="utf-8"))
         if data.get("format") != FORMAT:
-            raise InputError(str(file), "is no linear model", fix=fix)
+            raise InputError(str(file), "is not a linear model", fix=fix)
         names = {n: tuple(str(word) for word in data[n]) for n in NAMES}
         n, m, p = (len(names[k]) for k in NAMES)
         shapes = {"A": (n, n), "B": (n, m), "C": (p, n), "D": (p, m), "x0": (n,), "u0": (m,), "y0": (p,), "drift": (n,)}

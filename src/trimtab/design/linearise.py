@@ -1,4 +1,4 @@
-"""Linearisation by automatic differentiation, in deviations from a point, with the names of all entries kept.
+"""Linearisation by automatic differentiation, in deviations from a point, with the names of all entries.
 
 Offline code: LAPACK.
 
@@ -15,17 +15,17 @@ from trimtab.design.model import StateSpaceModel, find_indices
 from trimtab.design.poles import balance_matrix, participation, sorted_poles
 
 ROUNDING = 1e-10
-"""Real and imaginary parts below this part of the largest entry of the scaled A count as zero."""
+"""Size of real and imaginary parts, relative to the largest entry of the scaled A, that counts as zero."""
 TOGETHER = 1e-6
-"""Poles closer than this part of the largest entry of the scaled A have their states in common."""
+"""Distance of poles, relative to the largest entry of the scaled A, below which they share their states."""
 
 
 class Eigenmode(NamedTuple):
-    """One real pole, or a conjugate pair.
+    """Mode of a linear model: one real pole, or a conjugate pair.
 
-    pole: with positive imaginary part where it is a pair.  frequency: |pole| (rad/s).  damping: -Re/|pole|; nan at 0.
-    time_constant: 1/|Re pole| (s), of decay or growth; infinite where neither.  states: name and participation of the
-    states that make it, largest first; participations of a mode sum to 1 and do not depend on units.
+    pole: for a pair, that with positive imaginary part.  frequency: |pole| (rad/s).  damping: -Re/|pole|; NaN at 0.
+    time_constant: 1/|Re pole| (s), of decay or growth; infinite without either.  states: name and participation of the
+    states in the mode, largest first; the participations sum to 1 and do not depend on units.
     """
 
     pole: complex
@@ -36,7 +36,7 @@ class Eigenmode(NamedTuple):
 
 
 class LinearModel(NamedTuple):
-    """dx' = A dx + B du, dy = C dx + D du, deviations from (x0, u0, y0).
+    """Linear model dx' = A dx + B du, dy = C dx + D du, in deviations from (x0, u0, y0).
 
     A: (n, n).  B: (n, m).  C: (p, n).  D: (p, m).  x0, u0, y0: the point.  drift: f(x0, u0) (n,), zero at a trim.
     states, inputs, outputs: names.
@@ -55,11 +55,11 @@ class LinearModel(NamedTuple):
     outputs: tuple[str, ...]
 
     def poles(self) -> Any:
-        """Eigenvalues of A (n,), by falling real part."""
+        """Return the eigenvalues of A (n,), by falling real part."""
         return sorted_poles(balance_matrix(self.A))
 
     def modes(self, *, least: float = 0.02) -> tuple[Eigenmode, ...]:
-        """Poles with their states, by falling real part; states with a participation below `least` are left out."""
+        """Return poles with their states, by falling real part; states with participation below `least` are omitted."""
         scaled = balance_matrix(self.A)
         size = max(np.abs(scaled).max(initial=0.0), np.finfo(float).tiny)
         modes: list[Eigenmode] = []
@@ -77,7 +77,7 @@ class LinearModel(NamedTuple):
         return tuple(modes)
 
     def table(self) -> str:
-        """The modes as text, one a line."""
+        """Return the modes as text, one for each line."""
         lines = [f"{'pole [1/s]':>24}  {'rad/s':>9}  {'damping':>8}  {'time [s]':>9}  states"]
         for m in self.modes():
             pole = f"{m.pole.real:+.5g}" + (f" ± {m.pole.imag:.5g}i" if m.pole.imag else "")
@@ -91,7 +91,7 @@ class LinearModel(NamedTuple):
         inputs: Iterable[str] | None = None,
         outputs: Iterable[str] | None = None,
     ) -> "LinearModel":
-        """The rows and columns of the named states, inputs and outputs, in that order; the others are held at zero."""
+        """Return the part with the named states, inputs and outputs, in that order; the others are held at zero."""
         i = find_indices(argument_name("states"), self.states if states is None else states, self.states)
         j = find_indices(argument_name("inputs"), self.inputs if inputs is None else inputs, self.inputs)
         k = find_indices(argument_name("outputs"), self.outputs if outputs is None else outputs, self.outputs)
@@ -101,11 +101,11 @@ class LinearModel(NamedTuple):
         return LinearModel(A, B, C, D, self.x0[i], self.u0[j], self.y0[k], self.drift[i], *labels)
 
     def settle(self, states: Iterable[str]) -> "LinearModel":
-        """The model without the named states, each at the value to which the others hold it: those that settle fast.
+        """Return the model without the named states, each replaced by its steady value for the others: fast states.
 
-        Outputs keep their meaning; `x0` and `drift` are those of the states that stay.
+        Outputs keep their meaning; `x0` and `drift` are those of the remaining states.
 
-        Raises: InputError where the named states do not settle by themselves.
+        Raises: InputError if the named states do not settle by themselves.
 
         Source: P. V. Kokotovic, H. K. Khalil, J. O'Reilly, "Singular perturbation methods in control", Academic Press
         1986, section 1.3: the slow model.
@@ -116,10 +116,10 @@ class LinearModel(NamedTuple):
         worst = np.linalg.eigvals(own).real.max(initial=-np.inf)
         if worst >= 0:
             names = ", ".join(self.states[i] for i in fast)
-            problem = f"with all else held {names} has a pole of {worst:+.4g} 1/s: it does not settle"
+            problem = f"with all other states held, {names} has a pole of {worst:+.4g} 1/s and does not settle"
             part = argument_name("fast")
             raise InputError(
-                part, problem, fix=f"leave it out of {part}, or use a sensor or an estimator that gives it"
+                part, problem, fix=f"leave it out of {part}, or use a sensor or an estimator that provides it"
             )
         to, by = np.linalg.solve(own, self.A[np.ix_(fast, slow)]), np.linalg.solve(own, self.B[fast])
         inner, outer = self.A[np.ix_(slow, fast)], self.C[:, fast]
@@ -129,7 +129,7 @@ class LinearModel(NamedTuple):
         return self._replace(A=A, B=B, C=C, D=D, x0=self.x0[slow], drift=self.drift[slow], states=names)
 
     def rescale(self, states: Any, inputs: Any = None, outputs: Any = None) -> "LinearModel":
-        """The same in units of the given sizes of states (n,), inputs (m,) and outputs (p,); ones where not given."""
+        """Return the model in units of the given sizes of states (n,), inputs (m,) and outputs (p,); default: ones."""
         sizes = []
         names = (self.states, self.inputs, self.outputs)
         for what, value, known in zip(("states", "inputs", "outputs"), (states, inputs, outputs), names, strict=True):
@@ -144,9 +144,9 @@ class LinearModel(NamedTuple):
 
 
 def linearise(model: StateSpaceModel, x: Any = None, u: Any = None) -> LinearModel:
-    """A, B, C, D at a point, by automatic differentiation.
+    """Compute A, B, C, D at a point, by automatic differentiation.
 
-    Where the point is no trim (`drift` not zero) the deviations obey dx' = A dx + B du + drift.
+    If the point is not a trim (`drift` not zero), the deviations follow dx' = A dx + B du + drift.
 
     Args:
         model: the system.
@@ -166,7 +166,7 @@ def linearise(model: StateSpaceModel, x: Any = None, u: Any = None) -> LinearMod
         if bad:
             problem = f"{what} or its derivative is not finite for {', '.join(bad)}"
             keep, choose = argument_name("output"), argument_name("at")
-            fix = f"keep the others alone with {keep}, or choose with {choose} a point where the model is smooth"
+            fix = f"keep only the others with {keep}, or choose with {choose} a point where the model is smooth"
             raise InputError("linearise", problem, fix=fix)
     return LinearModel(A, B, C, D, x0, u0, y0, drift, model.states, model.inputs, model.outputs)
 

@@ -1,17 +1,17 @@
-"""State feedback from a linear matrix inequality, with a bound on the closed loop's covariance made least.
+"""State feedback from a linear matrix inequality, with the least bound on the closed loop's covariance.
 
-Wanted are P > 0 and K with
+Find P > 0 and K with
 
     P (A + B K) + (A + B K)'P + P B R_e^-1 B'P + Q_e + 2 decay P < 0                                       [1, eq. 14]
 
-which X = P^-1, Y = K X make linear:
+The substitution X = P^-1, Y = K X makes the inequality linear:
 
     [A X + X A' + B Y + Y'B' + B R_e^-1 B' + 2 decay X, X; X, -Q_e^-1] < 0         X > 0
 
-Of all solutions the one with the least tr(Q_e X) + tr(R_e Y X^-1 Y') is taken, else the gain would be arbitrary. All is
-solved in scaled states and in inputs for which R_e = I, by Clarabel, which comes with the extra `design`. It takes the
-inequalities as functions; being affine, they are known from their values at zero and at the unit vectors. Offline code:
-LAPACK, Clarabel.
+Of all solutions, the one with the least tr(Q_e X) + tr(R_e Y X^-1 Y') is chosen; otherwise the gain would be arbitrary.
+The problem is solved in scaled states and in inputs for which R_e = I, by Clarabel, from the extra `design`. The
+inequalities are given as functions; because they are affine, their values at zero and at the unit vectors define them.
+Offline code: LAPACK, Clarabel.
 
 Source: [1] "Angular-accelerometer-based flexible-state estimation and tracking controller design for hypersonic flight
 vehicle", Aerospace 2022, 9(4), 206; [2] S. Boyd, L. El Ghaoui, E. Feron, V. Balakrishnan, "Linear matrix inequalities
@@ -33,17 +33,17 @@ from trimtab.design.lqr import check_matrices, state_sizes
 from trimtab.design.poles import format_pole, sorted_poles, uncontrollable_poles
 
 STRICT = 1e-7
-"""How far inside the inequality the solution must lie, in the scaled variables X, Y."""
+"""Distance of the solution from the boundary of the inequality, in the scaled variables X, Y."""
 MatrixBlock = Callable[[Any], Any]
-"""Variables (k,) -> symmetric matrix that must be positive semidefinite, affine."""
+"""Affine function from variables (k,) to a symmetric matrix that must be positive semidefinite."""
 
 
 class LmiGain(NamedTuple):
-    """v = +K e.
+    """Gain of v = +K e.
 
-    K: (m, n).  P: (n, n), of the inequality.  poles: of A + B K (n,), by falling real part.  margin: how far the
-    inequality holds in the scaled X, Y: smallest eigenvalue of minus its left side.  least: smallest eigenvalue of the
-    scaled X.  objective: what was made least.  status: the solver's word.
+    K: (m, n).  P: (n, n), of the inequality.  poles: of A + B K (n,), by falling real part.  margin: of the inequality
+    in the scaled X, Y: smallest eigenvalue of minus its left side.  least: smallest eigenvalue of the scaled X.
+    objective: minimised value.  status: the solver's status.
     """
 
     K: Any
@@ -56,9 +56,9 @@ class LmiGain(NamedTuple):
 
 
 class SemidefiniteSolution(NamedTuple):
-    """What the solver found.
+    """Result of the solver.
 
-    x: variables (k,).  status: the solver's word, e.g. "Solved", "PrimalInfeasible".  objective: at x.  margins:
+    x: variables (k,).  status: the solver's status, e.g. "Solved", "PrimalInfeasible".  objective: at x.  margins:
     smallest eigenvalue of each block at x.
     """
 
@@ -69,20 +69,20 @@ class SemidefiniteSolution(NamedTuple):
 
     @property
     def is_solved(self) -> bool:
-        """Whether the solver says it is solved, to its full or to its reduced tolerance."""
+        """True if the solver reports a solution, to its full or to its reduced tolerance."""
         return self.status in ("Solved", "AlmostSolved")
 
 
 def lmi_gain(A: Any, B: Any, Qe: Any, Re: Any, *, scale: Any = None, decay: float = 0.0) -> LmiGain:
-    """The gain K of v = +K e and the P that proves it; InputError where there is none, with what stands against it.
+    """Return the gain K of v = +K e and the P that proves it; raise InputError with the reasons if there is none.
 
     Args:
         A: (n, n).
         B: (n, m).
         Qe: weight in the inequality (n, n), positive definite.
         Re: weight of the inputs (m, m), positive definite.
-        scale: sizes of the states (n,); 1/sqrt of Qe's diagonal where not given.
-        decay: errors die out faster than exp(-decay t) (1/s).
+        scale: sizes of the states (n,); default: 1/sqrt of Qe's diagonal.
+        decay: errors decay faster than exp(-decay t) (1/s).
 
     Source: [1] eq. 14, as scaled semidefinite program.
     """
@@ -94,7 +94,7 @@ def lmi_gain(A: Any, B: Any, Qe: Any, Re: Any, *, scale: Any = None, decay: floa
     lowest = float(np.linalg.eigvalsh(Qs)[0])
     if lowest <= 0:
         problem = f"smallest eigenvalue {lowest:.6g}, scaled"
-        raise InputError("lmi_gain.Qe", problem, fix="give every state a weight")
+        raise InputError("lmi_gain.Qe", problem, fix="give a positive weight to every state")
     root = cholesky(Re, lower=True)
     As, Bs = A * d / d[:, None], solve_triangular(root, (B / d[:, None]).T, lower=True).T
     n, m = Bs.shape
@@ -117,7 +117,7 @@ def lmi_gain(A: Any, B: Any, Qe: Any, Re: Any, *, scale: Any = None, decay: floa
 
 
 def _inequality_blocks(A: Any, B: Any, Q: Any, decay: float) -> tuple[MatrixBlock, MatrixBlock, MatrixBlock]:
-    """The three matrices that must be positive: minus the inequality, X, and what bounds R Y X^-1 Y'; scaled."""
+    """Return the matrices that must be positive: minus the inequality, X, and the bound of R Y X^-1 Y'; scaled."""
     n, m = B.shape
     inner = np.linalg.inv(Q)
 
@@ -134,7 +134,7 @@ def _inequality_blocks(A: Any, B: Any, Q: Any, decay: float) -> tuple[MatrixBloc
 
 
 def _unpack_variables(z: Any, n: int, m: int) -> tuple[Any, Any, Any]:
-    """X (n, n), Y (m, n) and Z (m, m) of the variables."""
+    """Return X (n, n), Y (m, n) and Z (m, m) from the variables."""
     a, b = n * (n + 1) // 2, m * n
     return symmetric_matrix(z[:a], n), z[a : a + b].reshape(m, n), symmetric_matrix(z[a + b :], m)
 
@@ -147,7 +147,7 @@ def _objective(z: Any, Q: Any, m: int) -> float:
 def _explain_infeasibility(
     solution: SemidefiniteSolution, blocks: list[MatrixBlock], A: Any, B: Any, decay: float
 ) -> str:
-    """What stands against a solution: poles that nothing moves, else by how much the inequalities contradict."""
+    """Return the reasons against a solution: poles that no input moves, or the size of the contradiction."""
     reasons = [f"the solver ends with {solution.status}"]
     stuck = [p for p in uncontrollable_poles(A, B) if p.real >= -decay - 1e-9 * np.abs(A).max()]
     if stuck:
@@ -159,7 +159,7 @@ def _explain_infeasibility(
 
 
 def minimise(objective: Callable[[Any], Any], blocks: Sequence[MatrixBlock], k: int) -> SemidefiniteSolution:
-    """The variables (k,) that make an affine objective least while every block is positive semidefinite.
+    """Return the variables (k,) that minimise an affine objective while every block is positive semidefinite.
 
     Args:
         objective: (k,) -> number, affine.
@@ -189,7 +189,7 @@ def minimise(objective: Callable[[Any], Any], blocks: Sequence[MatrixBlock], k: 
 
 
 def least_violation(blocks: Sequence[MatrixBlock], k: int) -> float:
-    """The least t for which every block plus t I can be positive semidefinite; above 0: the blocks contradict.
+    """Return the least t for which all blocks plus t I can be positive semidefinite; above 0: the blocks contradict.
 
     It is bounded below by -1.
     """
@@ -198,14 +198,14 @@ def least_violation(blocks: Sequence[MatrixBlock], k: int) -> float:
 
 
 def symmetric_matrix(values: Any, n: int) -> Any:
-    """The symmetric matrix (n, n) whose upper triangle, row by row, is values (n (n + 1)/2,)."""
+    """Return the symmetric matrix (n, n) whose upper triangle, row by row, is values (n (n + 1)/2,)."""
     upper = np.zeros((n, n))
     upper[np.triu_indices(n)] = values
     return upper + np.triu(upper, 1).T
 
 
 def _pack_triangle(M: Any) -> Any:
-    """Upper triangle column by column, off the diagonal times sqrt 2, as Clarabel takes it."""
+    """Return the upper triangle by columns, with off-diagonal entries times sqrt 2, in Clarabel's format."""
     columns, rows, factors = _triangle_entries(len(M))
     return np.asarray(M)[columns, rows] * factors
 
@@ -220,6 +220,6 @@ def _import_solver() -> Any:
     try:
         import clarabel
     except ImportError as error:
-        fix = f"{install_command('design')}, or take the method lqr, which needs no solver"
+        fix = f"{install_command('design')}, or use the method lqr, which needs no solver"
         raise InputError("design", "the solver Clarabel is not installed", fix=fix) from error
     return clarabel

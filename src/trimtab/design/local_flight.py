@@ -1,7 +1,8 @@
-"""A body over the turning earth as one flies by it: place, velocity over the ground, attitude in north-east-down.
+"""Local coordinates of a body over the rotating earth: place, velocity over the ground, attitude to north-east-down.
 
-`vehicles.rigid_body` integrates against the stars, where level flight is no rest. For trim and linear models the same
-dynamics are said here in local coordinates, exactly: the earth turns and curves in both. Offline code.
+`vehicles.rigid_body` integrates in an inertial frame, in which level flight is not an equilibrium. For trim and linear
+models the same dynamics are expressed here in local coordinates, exactly, with the earth's rotation and curvature.
+Offline code.
 """
 
 from typing import Any, NamedTuple
@@ -20,23 +21,24 @@ from trimtab.vehicles.rigid_body import RigidBody, RigidBodyState
 
 @record
 class LocalFlightState:
-    """Flight as seen from the ground below. Frames: N north-east-down there, B the body's.
+    """State of flight relative to the ground below. Frames: N north-east-down there, B the body's.
 
     Source: Stevens, Lewis, Johnson, "Aircraft control and simulation", 3rd ed., section 1.7.
     """
 
     latitude: Scalar = quantity("rad", "Geodetic.", kind="angle")
     longitude: Scalar = quantity("rad", "Geodetic.", kind="angle")
-    height: Scalar = quantity("m", "Above the ellipsoid.")
-    velocity: Any = quantity("m/s", "Over the ground.", frame="B", shape=(3,))
+    height: Scalar = quantity("m", "Height above the ellipsoid.")
+    velocity: Any = quantity("m/s", "Velocity over the ground.", frame="B", shape=(3,))
     attitude: Any = quantity("1", "Quaternion q_NB, scalar first.", frame="NB", shape=(4,))
-    rate: Any = quantity("rad/s", "Angular velocity of B against the earth.", frame="B", shape=(3,))
+    rate: Any = quantity("rad/s", "Angular velocity of B relative to the earth.", frame="B", shape=(3,))
 
 
 class LocalFlight(NamedTuple):
-    """A vehicle whose RigidBodyState is said as a LocalFlightState.
+    """Vehicle whose RigidBodyState is expressed as a LocalFlightState.
 
-    vehicle: as it is.  earth: that it flies over.  path: of the RigidBodyState in its state, "" where that is all.
+    vehicle: the original vehicle.  earth: the earth below it.  path: path of the RigidBodyState in its state, "" for
+    the whole.
     """
 
     vehicle: Any
@@ -44,15 +46,15 @@ class LocalFlight(NamedTuple):
     path: str
 
     def to_local(self, t: Any, x: Any) -> Any:
-        """The vehicle's state at t (s) in local coordinates."""
+        """Convert the vehicle's state at t (s) to local coordinates."""
         return _with_record(x, self.path, self._localise(t, _record_at(x, self.path)))
 
     def to_inertial(self, t: Any, x: Any) -> Any:
-        """And back."""
+        """Convert a local state at t (s) to the vehicle's state."""
         return _with_record(x, self.path, self._globalise(t, _record_at(x, self.path)))
 
     def dynamics(self, t: Any, x: Any, u: Any) -> Any:
-        """The derivative of the local state; t: seconds."""
+        """Return the derivative of the local state; t: seconds."""
         own = jax.tree.map(lambda v: jnp.asarray(v, jnp.float64), self.to_inertial(t, x))
         rate = jax.tree.map(
             lambda v, d: jnp.broadcast_to(jnp.asarray(d, jnp.float64), jnp.shape(v)),
@@ -84,7 +86,7 @@ class LocalFlight(NamedTuple):
 
 
 def fly_locally(vehicle: Any, x: Any, *, t: float = 0.0) -> tuple[Any, Any]:
-    """A vehicle and its state in local coordinates where it is a body over the turning earth, else as they are."""
+    """Convert a vehicle over the rotating earth and its state to local coordinates; return others unchanged."""
     inside = [path for path, own in records(x) if isinstance(own, RigidBodyState)]
     bodies = [own for _, own in records(vehicle) if isinstance(own, RigidBody)]
     if len(inside) != 1 or not bodies:

@@ -1,10 +1,11 @@
-"""A loop as a linear map that repeats: poles, response where a command is broken, and the gain and delay it stands.
+"""Periodic linear map of a loop: poles, response where a command is broken, and margins of gain and delay.
 
     z(j+1) = A_j z(j) + B_j v(j)        c(j) = C_j z(j)        j = 0 … N-1, then again
 
-v = c closes it. Poles are those of the map over a period; margins are what gain, or delay in whole instants, between c
-and v the map stands, by its poles, exactly. The response is that of the fundamental: what c(t) has of exp(jwt) where
-v(t) = exp(jwt); what sampling folds to other frequencies is left out. `run.loop_linearisation` makes one of a scenario.
+v = c closes the loop. Poles are those of the map over a period. Margins are the gain, or the delay in whole instants,
+between c and v that the loop tolerates, computed exactly from its poles. The response is that of the fundamental: the
+part of c(t) in exp(jwt) for v(t) = exp(jwt), without what sampling folds to other frequencies. `run.loop_linearisation`
+makes the map of a scenario.
 
 Source: [1] S. Bittanti, P. Colaneri, "Periodic systems", Springer 2009, chapters 2 and 3; for folding [2] K. J. Åström,
 B. Wittenmark, "Computer-controlled systems", Prentice Hall 1997, chapter 7.
@@ -18,18 +19,19 @@ import numpy as np
 from trimtab.core.errors import InputError
 
 DEADBEAT = 1e-6
-"""Poles smaller than this over T are memory that a period empties."""
+"""Size over T below which a pole is memory that a period clears."""
 ROUNDING = 1e-12
-"""The same over a period so long that all memory was emptied in it: then it is rounding alone."""
+"""Size of such a pole over a period long enough to clear all memory; the rest is rounding."""
 STABLE = 1e-6
-"""A pole of size 1 and this more grows."""
+"""Excess of a pole's size over 1 that counts as growth."""
 
 
 class LoopMap(NamedTuple):
-    """A_j (N, n, n), B_j (N, n, m), C_j (N, m, n) of one period, what is under way in links put in the same place.
+    """Matrices A_j (N, n, n), B_j (N, n, m), C_j (N, m, n) of one period; data in transit have the same slots in each.
 
-    tick: between instants (s).  states: names of z (n,).  commands: names of c.  idle: of z (n,), what no command
-    depends on, such as the place, and clocks.  slowest: period of the slowest part (s).  period: N tick (s).
+    tick: time between instants (s).  states: names of z (n,).  commands: names of c.  idle: of z (n,), True for states
+    on which no command depends, such as the position, and clocks.  slowest: period of the slowest part (s).  period: N
+    tick (s).
     """
 
     A: Any
@@ -43,11 +45,11 @@ class LoopMap(NamedTuple):
 
     @property
     def period(self) -> float:
-        """T (s)."""
+        """Period T (s)."""
         return self.tick * len(self.A)
 
     def transition(self, gain: Any = 1.0, delay: int = 0) -> Any:
-        """The closed map over T of what is not idle, and of the commands under way; v = gain c of `delay` instants ago.
+        """Return the closed map over T of non-idle states and commands in transit; v = gain c of `delay` instants ago.
 
         Args:
             gain: a number, or one for each command (m,).
@@ -66,21 +68,21 @@ class LoopMap(NamedTuple):
         return whole
 
     def poles(self) -> Any:
-        """Eigenvalues of the closed map over T, by falling size; those of the idle states are left out."""
+        """Return the eigenvalues of the closed map over T, by falling size, without those of idle states."""
         poles = np.linalg.eigvals(self.transition())
         return poles[np.lexsort((-poles.imag, -np.abs(poles).round(12)))]
 
     @property
     def deadbeat(self) -> float:
-        """Poles smaller than this are at zero."""
+        """Size below which poles count as zero."""
         return ROUNDING if len(self.A) > 4 * int((~self.idle).sum()) else DEADBEAT
 
     def growth(self, gain: Any = 1.0, delay: int = 0) -> float:
-        """The largest size of a pole over T."""
+        """Return the largest size of a pole over T."""
         return float(np.abs(np.linalg.eigvals(self.transition(gain, delay))).max(initial=0.0))
 
     def response(self, w: Any) -> Any:
-        """-c/v at the frequencies w (rad/s): complex (k, m, m), negative feedback closes it as in `loop_transfer`."""
+        """Return -c/v at frequencies w (rad/s), complex (k, m, m); negative feedback, as in `loop_transfer`."""
         keep = ~self.idle
         A, B, C = self.A[:, keep][:, :, keep], self.B[:, keep], self.C[:, :, keep]
         n, m, N = A.shape[1], B.shape[2], len(A)
@@ -99,7 +101,7 @@ class LoopMap(NamedTuple):
         return np.array(values)
 
     def broken_loops(self, w: Any) -> Any:
-        """-c/v of each command alone, the others closed, at the frequencies w (rad/s): complex (k, m)."""
+        """Return -c/v of each command alone, with the others closed, at the frequencies w (rad/s): complex (k, m)."""
         whole = self.response(w)
         columns = []
         for i in range(whole.shape[1]):
@@ -110,23 +112,23 @@ class LoopMap(NamedTuple):
         return np.stack(columns, axis=1)
 
     def grid(self) -> Any:
-        """Frequencies (rad/s) from what is slow in the loop up to half the rate of its slowest part."""
+        """Return frequencies (rad/s) from the loop's slow motions up to half the rate of its slowest part."""
         high = math.pi / self.slowest
         slow = [abs(s) for s in self.continuous_poles() if abs(s) > 1e-6 * high]
         return np.geomspace(min(slow, default=1e-3 * high) / 10, high, 400)
 
     def continuous_poles(self) -> Any:
-        """log(pole)/T (1/s) of the poles that are not at zero, as whose samples they look."""
+        """Return log(pole)/T (1/s) of the non-zero poles, the equivalent continuous poles."""
         poles = self.poles()
         poles = poles[np.abs(poles) > self.deadbeat].astype(complex)
         return np.log(poles) / self.period
 
 
 class LoopMargins(NamedTuple):
-    """How far a loop is from growing, by its poles.
+    """Margins of a loop, from its poles.
 
-    gain_up, gain_down: factors of all commands (inf, 0 where none does harm).  delay: the largest delay of the command
-    in whole instants that it stands (s; inf beyond the longest tried).  crossings: of each command, broken alone:
+    gain_up, gain_down: factors on all commands (inf, 0 if none destabilises).  delay: largest tolerated delay of the
+    command, in whole instants (s; inf beyond the longest tried).  crossings: for each command, broken alone:
     frequencies at which it has size 1 (rad/s) with the phase margin there (rad), by the fundamental.
     """
 
@@ -137,15 +139,15 @@ class LoopMargins(NamedTuple):
 
 
 def loop_margins(loop: LoopMap, *, longest: float = 1.0) -> LoopMargins:
-    """Gain and delay margins of a loop that is stable; InputError where it is not.
+    """Compute gain and delay margins of a stable loop; raise InputError for an unstable one.
 
     Args:
         loop: the map.
-        longest: delay that is tried (s).
+        longest: largest delay that is tried (s).
     """
     if loop.growth() > 1 + STABLE:
-        problem = f"the loop grows by {loop.growth():.6g} in {loop.period:g} s: it is not stable as it is"
-        raise InputError("loop margins", problem, fix="change its gains, or shorten its delays")
+        problem = f"the loop is not stable; it grows by {loop.growth():.6g} in {loop.period:g} s"
+        raise InputError("loop margins", problem, fix="change the gains, or shorten the delays")
     up = _bisect_gain(loop, 1.0, 1e3)
     down = _bisect_gain(loop, 1.0, 1e-3)
     most = math.ceil(longest / loop.tick)
@@ -161,7 +163,7 @@ def loop_margins(loop: LoopMap, *, longest: float = 1.0) -> LoopMargins:
 
 
 def find_crossings(loop: LoopMap) -> dict[str, tuple[tuple[float, float], ...]]:
-    """Of each command, broken alone: (frequency, phase margin) where it has size 1 (rad/s, rad)."""
+    """Return, for each command broken alone, (frequency, phase margin) where it has size 1 (rad/s, rad)."""
     w = loop.grid()
     values = loop.broken_loops(w)
     crossings = {}
@@ -178,7 +180,7 @@ def find_crossings(loop: LoopMap) -> dict[str, tuple[tuple[float, float], ...]]:
 
 
 def _bisect_gain(loop: LoopMap, inside: float, outside: float) -> float:
-    """The factor between the two at which it begins to grow; infinite or 0 where it never does."""
+    """Return the factor between the two at which the loop begins to grow; infinite or 0 if it never does."""
     steps = np.geomspace(inside, outside, 40)[1:]
     for last, factor in zip((inside, *steps[:-1]), steps, strict=True):
         if loop.growth(factor) > 1 + STABLE:

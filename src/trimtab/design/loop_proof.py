@@ -1,15 +1,15 @@
-"""Stability of a whole loop, proved without rounding: sampled, of all plants of a box, and inside the inputs' limits.
+"""Exact stability proofs of a whole loop: sampled, for all plants in a box, and inside the inputs' limits.
 
-The Lyapunov matrices are found in floats, by no solver but LAPACK's, and count for nothing: what is proved is that they
-do their work, with every entry the fraction that its float is.
+The Lyapunov matrices are found in floats, with LAPACK only. The proof does not depend on how they are found: it checks
+them with every entry taken as the exact fraction of its float.
 
-    sampled:  rho^2 P - F'P F > 0                       rho < 1: z decays by rho a period
+    sampled:  rho^2 P - F'P F > 0                       rho < 1: z decays by rho in each period
     box:      P (A + r I) + (A + r I)'P < 0 at every vertex, one P for all: it then holds in their convex hull, also
-              while the plant changes in it. P from the S-procedure: each parameter is a bounded feedback, whose
-              multipliers are those that make the loop around it least; then a Riccati equation.
+              while the plant changes in it. P comes from the S-procedure: each parameter is a bounded feedback, with
+                            multipliers that minimise the loop around it; then a Riccati equation.
 
-    level:    |g z| < room wherever V(z) <= c, for each input that g is the slope of: the set is never left where V
-              falls, and no input saturates in it.
+    level:    |g z| < room wherever V(z) <= c, for each input with slope g: motions never leave the set where V falls,
+                  and no input saturates in it.
 
 Source: [1] S. Boyd, L. El Ghaoui, E. Feron, V. Balakrishnan, "Linear matrix inequalities in system and control theory",
 SIAM 1994, sections 5.1, 5.2, 6.1; proofs as in `exact`.
@@ -28,22 +28,22 @@ from trimtab.design.certificate import Certificate, ObserverPart
 from trimtab.design.proof import ProofCondition
 
 SHARE = 0.9
-"""Part of the slowest motion's decay that is proved of a sampled loop."""
+"""Share of the slowest motion's decay that is proved for a sampled loop."""
 ENOUGH = 0.97
-"""The loop around the parameters that is small enough for the Riccati equation."""
+"""Size of the loop around the parameters that is small enough for the Riccati equation."""
 FREQUENCIES = np.concatenate([np.linspace(0.0, 40.0, 320), np.geomspace(40.0, 4000.0, 40)])
-"""Where that loop is looked at (rad/s); only to find multipliers."""
+"""Frequencies (rad/s) at which that loop is evaluated; only used to find multipliers."""
 MEANING = "decay, 1/s"
 
 
 def prove_sampled(F: Any, size: Any, period: float, names: Sequence[str]) -> ProofCondition:
-    """The line of z = F z over each period: what of its decay is proved (1/s).
+    """Return the condition for z = F z over each period, with the proved part of its decay (1/s).
 
     Args:
         F: (n, n).
-        size: of the states (n,), in which the Lyapunov matrix is found.
-        period: (s).
-        names: of the states.
+        size: sizes of the states (n,), in which the Lyapunov matrix is found.
+        period: period (s).
+        names: names of the states.
     """
     scaled = F * size / size[:, None]
     slowest = -np.log(np.abs(np.linalg.eigvals(F)).max()) / period
@@ -64,14 +64,14 @@ def prove_sampled(F: Any, size: Any, period: float, names: Sequence[str]) -> Pro
 
 
 def prove_boxes(boxes: Sequence[Any], size: Any, rate: float, names: Sequence[str]) -> ProofCondition:
-    """The line of all plants of some boxes: each box with a Lyapunov matrix of its own.
+    """Return the condition for all plants of some boxes, each box with its own Lyapunov matrix.
 
     Args:
-        boxes: of each, the loop's matrices at its vertices (2^k, n, n), the last parameter changing fastest; between
-            them they are affine in each parameter.
-        size: of the states (n,), in which the Lyapunov matrices are found.
+        boxes: for each box, the loop's matrices at its vertices (2^k, n, n), the last parameter changing fastest;
+            between the vertices they are affine in each parameter.
+        size: sizes of the states (n,), in which the Lyapunov matrices are found.
         rate: decay to be proved (1/s).
-        names: of the states.
+        names: names of the states.
     """
     how = f"exact, {sum(len(vertices) for vertices in boxes)} vertices of {len(boxes)} boxes"
     multipliers = None
@@ -87,13 +87,13 @@ def prove_boxes(boxes: Sequence[Any], size: Any, rate: float, names: Sequence[st
 
 
 def prove_level(c: Certificate, o: ObserverPart, slope: Any, room: Any) -> ProofCondition:
-    """The line of the largest level set of V = e'P e/2 + weight e_eta'P_eta^-1 e_eta in which no input saturates.
+    """Return the condition of the largest level set of V = e'P e/2 + weight e_eta'P_eta^-1 e_eta without saturation.
 
     Args:
-        c: whose V it is, without the observer's part.
-        o: that part.
-        slope: of the inputs by (e, e_eta), linear (m, n + k).
-        room: between the inputs at rest and their nearer limits (m,).
+        c: certificate with this V, without the observer's part.
+        o: the observer's part.
+        slope: derivatives of the inputs by (e, e_eta), linear (m, n + k).
+        room: distance of the inputs at rest from their nearer limits (m,).
     """
     n, meaning, how = len(c.A), "level of V", f"exact, {len(room)} inputs"
     if not (np.asarray(room) > 0).all():
@@ -134,7 +134,7 @@ def _first_broken(vertices: Any, P: Any, rate: float, names: Sequence[str]) -> s
 
 
 def _common_lyapunov(vertices: Any, rate: float, multipliers: Any) -> tuple[Any, Any]:
-    """P for all of a box, in floats, or None; and the multipliers, to begin the next search with. Source: [1] 5.1."""
+    """Return P for a whole box, in floats, or None, and multipliers to start the next search. Source: [1] 5.1."""
     n, count = vertices.shape[-1], len(vertices).bit_length() - 1
     centre = vertices.mean(axis=0) + rate * np.eye(n)
     cube = vertices.reshape(*(2,) * count, n, n)
@@ -159,9 +159,9 @@ def _common_lyapunov(vertices: Any, rate: float, multipliers: Any) -> tuple[Any,
 
 
 def _search_multipliers(A: Any, H: Any, E: Any, start: Any) -> Any:
-    """What each parameter's feedback is multiplied by, so that the loop around all of them is below ENOUGH, if it may.
+    """Find multipliers of the parameters' feedback, so that the loop around all of them is below ENOUGH if possible.
 
-    The greatest singular value over FREQUENCIES is convex in their logarithms.
+    The largest singular value over FREQUENCIES is convex in the multipliers' logarithms.
     """
     k = len(E)
     if k < 2:
@@ -180,13 +180,13 @@ def _search_multipliers(A: Any, H: Any, E: Any, start: Any) -> Any:
 
 
 def _stop_early(intermediate_result: Any) -> None:
-    """Small enough is enough: ends the search."""
+    """Stop the search as soon as the loop is small enough."""
     if intermediate_result.fun < 0.9 * ENOUGH:
         raise StopIteration
 
 
 def _multiply(M: Any, N: Any) -> Any:
-    """M N of matrices of fractions whose denominators are powers of two, as floats have: by integers."""
+    """Multiply matrices of fractions whose denominators are powers of two, as in floats, through integers."""
     powers = [max(v.denominator for v in X.ravel()) for X in (M, N)]
     a, b = (exact.as_integers(X, power) for X, power in zip((M, N), powers, strict=True))
     product, whole = a @ b, powers[0] * powers[1]

@@ -1,4 +1,4 @@
-"""The transfer function L of a feedback loop, opened where the law's demand acts; negative feedback: 1 + L closes it.
+"""Transfer function L of a feedback loop, opened at the law's demand; negative feedback: 1 + L closes it.
 
 Offline code: LAPACK and scipy.
 
@@ -21,18 +21,18 @@ from trimtab.design.model import entry_names, model_of_vehicle, record_vector, u
 from trimtab.design.poles import balance_matrix, format_pole, sorted_poles, uncontrollable_poles
 
 PER_DECADE = 120
-"""Frequencies of `grid` in each decade."""
+"""Number of frequencies of `grid` in each decade."""
 NEAR = np.geomspace(1e-3, 10, 40)
-"""And beside each pole, in parts of its own damping."""
+"""Distances of further frequencies from each pole, relative to its damping."""
 UNSTABLE = 1e-9
-"""A closed loop's pole is stable where its real part is below minus this part of the largest entry of A."""
+"""Smallest decay of a stable closed-loop pole, relative to the largest entry of A."""
 
 
 class FeedbackLoop(NamedTuple):
-    """x' = A x + B e, y = C x + D e, closed by e = -y: L(s) = C (s I - A)^-1 B + D.
+    """Feedback loop x' = A x + B e, y = C x + D e, closed by e = -y: L(s) = C (s I - A)^-1 B + D.
 
-    A: (n, n).  B: (n, m).  C: (m, n).  D: (m, m).  period: 0 for a continuous loop; else the sampling period (s), and
-    x' is the next x.
+    A: (n, n).  B: (n, m).  C: (m, n).  D: (m, m).  period: 0 for a continuous loop; otherwise the sampling period (s),
+    and x' is the next x.
     """
 
     A: Any
@@ -42,23 +42,23 @@ class FeedbackLoop(NamedTuple):
     period: float = 0.0
 
     def frequency_response(self, w: Any) -> Any:
-        """L at frequencies w (k,) in rad/s, above 0: complex (k, m, m)."""
+        """Return L at frequencies w (k,) in rad/s, above 0: complex (k, m, m)."""
         w = np.atleast_1d(np.asarray(w, float))
         s = np.exp(1j * w * self.period) if self.period else 1j * w
         shifted = s[:, None, None] * np.eye(len(self.A)) - self.A
         return self.C @ np.linalg.solve(shifted, np.broadcast_to(self.B, (len(w), *self.B.shape))) + self.D
 
     def complementary_sensitivity(self) -> "FeedbackLoop":
-        """T = (I + L)^-1 L, from a disturbance of the demand to minus what it brings back, as A, B, C, D."""
+        """Return T = (I + L)^-1 L as A, B, C, D: from a disturbance of the demand to minus the loop's reaction."""
         try:
             F = np.linalg.inv(np.eye(len(self.D)) + self.D)
         except np.linalg.LinAlgError as error:
             fix = "give a loop whose direct part is not -1"
-            raise InputError("loop", "I + D has no inverse, so that nothing closes it", fix=fix) from error
+            raise InputError("loop", "I + D has no inverse, so the loop can't be closed", fix=fix) from error
         return FeedbackLoop(self.A - self.B @ F @ self.C, self.B @ F, F @ self.C, F @ self.D, self.period)
 
     def unstable_poles(self) -> tuple[complex, ...]:
-        """Closed poles that don't die out; hidden ones, which the loop neither moves nor sees, are left out."""
+        """Return closed poles that do not decay, without hidden ones, which the loop neither moves nor sees."""
         T = self.complementary_sensitivity()
         A = balance_matrix(T.A)
         hidden = np.array([*uncontrollable_poles(T.A, T.B), *uncontrollable_poles(T.A.T, T.C.T), np.inf])
@@ -71,26 +71,26 @@ class FeedbackLoop(NamedTuple):
         return tuple(unstable)
 
     def require_stable(self, part: str) -> "FeedbackLoop":
-        """Itself; InputError where it is not stable without any delay."""
+        """Return the loop itself; raise InputError if it is not stable without any delay."""
         bad = self.unstable_poles()
         if bad:
-            problem = f"the closed loop is not stable without a delay: pole {format_pole(bad[0])}"
-            raise InputError(part, problem, fix="change the gains, or the sign: the loop is closed by e = -y")
+            problem = f"the closed loop is not stable without a delay; pole {format_pole(bad[0])}"
+            raise InputError(part, problem, fix="change the gains, or their sign; the loop is closed by e = -y")
         return self
 
     def discretise(self, period: float) -> "FeedbackLoop":
-        """The loop as a computer sees it that samples y and holds e, each `period` (s)."""
+        """Sample the loop, as seen by a computer that samples y and holds e, every `period` (s)."""
         from scipy.signal import cont2discrete
 
         if self.period or not (math.isfinite(period) and period > 0):
             fix = "sample a continuous loop, with a period above 0 s"
-            raise InputError("loop.sampled", f"period {period} s of a loop of period {self.period} s", fix=fix)
+            raise InputError("loop.sampled", f"got period {period} s for a loop of period {self.period} s", fix=fix)
         sampled: Any = cont2discrete((self.A, self.B, self.C, self.D), period, method="zoh")
         A, B, C, D, _ = sampled
         return FeedbackLoop(A, B, C, D, float(period))
 
     def grid(self) -> Any:
-        """Frequencies (rad/s) at which nothing of L and T is missed: evenly in decades, and dense beside poles."""
+        """Return frequencies (rad/s) that resolve L and T: even in decades, and dense near poles."""
         poles: Any = np.concatenate([np.linalg.eigvals(self.A), np.linalg.eigvals(self.complementary_sensitivity().A)])
         if self.period:
             moved = np.where(np.abs(poles) > 1e-12, poles, 1e-12)
@@ -109,13 +109,13 @@ class FeedbackLoop(NamedTuple):
 
 
 def loop_of_polynomials(numerator: Any, denominator: Any) -> FeedbackLoop:
-    """The loop L(s) = numerator/denominator, coefficients by falling powers of s."""
+    """Create the loop L(s) = numerator/denominator, coefficients by falling powers of s."""
     from scipy.signal import tf2ss
 
     whole = [np.atleast_1d(np.asarray(p, float)) for p in (numerator, denominator)]
     num, den = (np.trim_zeros(p, "f") for p in whole)
     if not (np.isfinite(num).all() and np.isfinite(den).all() and den.any()) or len(num) > len(den):
-        problem = f"{whole[0].tolist()} / {whole[1].tolist()} is no proper transfer function"
+        problem = f"{whole[0].tolist()} / {whole[1].tolist()} is not a proper transfer function"
         raise InputError("loop", problem, fix="give finite coefficients by falling powers, the denominator's longer")
     num = num if len(num) else np.zeros(1)
     if len(den) == 1:
@@ -124,28 +124,30 @@ def loop_of_polynomials(numerator: Any, denominator: Any) -> FeedbackLoop:
 
 
 def loop_of_gain(A: Any, B: Any, K: Any) -> FeedbackLoop:
-    """The loop of u = +K x around x' = A x + B u, the sign in K as `lqr` gives it."""
+    """Create the loop of u = +K x around x' = A x + B u, with the sign of K from `lqr`."""
     A, B, K = (np.atleast_2d(np.asarray(M, float)) for M in (A, B, K))
     n, m = len(A), B.shape[1]
     if (A.shape, B.shape, K.shape) != ((n, n), (n, m), (m, n)):
-        raise InputError("loop", f"A {A.shape}, B {B.shape}, K {K.shape} don't fit", fix="give (n, n), (n, m), (m, n)")
+        raise InputError(
+            "loop", f"A {A.shape}, B {B.shape}, K {K.shape} don't fit together", fix="give (n, n), (n, m), (m, n)"
+        )
     return FeedbackLoop(A, B, -K, np.zeros((m, m)))
 
 
 def loop_of_law(vehicle: Any, law: Any, x: Any, state: Any = None) -> FeedbackLoop:
-    """The loop of a law around a vehicle, linear about a state at which the demand rests.
+    """Linearise the loop of a law around a vehicle at a state at which the demand rests.
 
-    The law is taken as a function of the estimated state alone: what it remembers stays as it is, so that of a law
-    that switches this is the loop of one mode.
+    The law is a function of the estimated state alone: its memory is constant. For a law that switches, the result is
+    therefore the loop of one mode.
 
     Args:
         vehicle: anything with `dynamics(t, x, u)` whose input is the law's demand.
         law: with `step(t, state, estimate)` -> (state, output), the output's field `demand` a record like the input.
         x: state record, e.g. `law.equilibrium()`.
-        state: of the law; that of its `init` where not given.
+        state: state of the law; default: that of its `init`.
 
     Raises:
-        InputError: where the demand does not rest at x: there is no loop about a point that the vehicle leaves.
+        InputError: if the demand does not rest at x, because the vehicle then leaves the point.
     """
     memory = law.init(Key(np.uint32(0), np.uint32(0))) if state is None else state
 
@@ -168,6 +170,6 @@ def loop_of_law(vehicle: Any, law: Any, x: Any, state: Any = None) -> FeedbackLo
         rate = closed @ rate
     if max(changes) > 1e-9 * max(np.abs(K).max(), 1.0):
         name = type(law).__name__
-        problem = f"the demand of {name} does not rest at this state: it changes by {max(changes):.3g} per s"
-        raise InputError("loop", problem, fix="give a trim, e.g. law.equilibrium(), or the result of design.trim")
+        problem = f"the demand of {name} does not rest at this state; it changes by {max(changes):.3g} per s"
+        raise InputError("loop", problem, fix="give a trim: law.equilibrium(), or the result of design.trim")
     return loop

@@ -16,14 +16,14 @@ from trimtab.core.errors import InputError, argument
 from trimtab.design.poles import format_pole, sorted_poles, uncontrollable_poles
 
 AXIS = 1e-9
-"""A real part this small a part of the scaled A counts as zero."""
+"""Size of a real part, relative to the scaled A, that counts as zero."""
 
 
 class Lqr(NamedTuple):
-    """v = +K e makes the integral of e'Q e + v'R v least.
+    """Regulator v = +K e that minimises the integral of e'Q e + v'R v.
 
-    K: (m, n), -R^-1 B'P, with the sign in it.  P: (n, n), e'P e is the cost from e.  poles: of A + B K (n,), by falling
-    real part.  residual: largest entry of A'P + P A - P B R^-1 B'P + Q in parts of the largest term, scaled.
+    K: (m, n), -R^-1 B'P, sign included.  P: (n, n), e'P e is the cost from e.  poles: of A + B K (n,), by falling real
+    part.  residual: largest entry of A'P + P A - P B R^-1 B'P + Q, relative to the largest term, scaled.
     """
 
     K: Any
@@ -33,7 +33,7 @@ class Lqr(NamedTuple):
 
 
 class KalmanBucy(NamedTuple):
-    """x^' = A x^ + L (y - C x^) with the least steady covariance.
+    """Filter x^' = A x^ + L (y - C x^) with the least steady covariance.
 
     L: (n, p), P C'R^-1.  P: (n, n) steady covariance.  poles: of A - L C (n,).  residual: as in `Lqr`.
     """
@@ -45,15 +45,15 @@ class KalmanBucy(NamedTuple):
 
 
 def lqr(A: Any, B: Any, Q: Any, R: Any, *, scale: Any = None) -> Lqr:
-    """The gain K of v = +K e, from the algebraic Riccati equation.
+    """Compute the gain K of v = +K e, from the algebraic Riccati equation.
 
     Args:
         A: (n, n).
         B: (n, m).
-        Q: weight of the states (n, n), at least positive semidefinite.
+        Q: weight of the states (n, n), positive semidefinite.
         R: weight of the inputs (m, m), positive definite.
-        scale: sizes of the states (n,), in which the equation is solved; 1/sqrt of Q's diagonal where not given, and 1
-            where that is zero.
+        scale: sizes of the states (n,), in which the equation is solved. Default: 1/sqrt of Q's diagonal, and 1 for
+            zeros.
 
     Source: [1] chapters 2, 3.
     """
@@ -66,7 +66,10 @@ def lqr(A: Any, B: Any, Q: Any, R: Any, *, scale: Any = None) -> Lqr:
         "the inputs don't move",
         As,
         Bs,
-        f"add an input, leave out the state of this pole, or go where an input acts: {argument('at', 'NAME=VALUE')}",
+        (
+            "add an input, leave out the state of this pole, or choose a point at which an input "
+            f"acts: {argument('at', 'NAME=VALUE')}"
+        ),
     )
     _refuse_pair("lqr", "the weight Q does not see", As.T, Qs, "give the states of this pole a weight")
     try:
@@ -82,14 +85,14 @@ def lqr(A: Any, B: Any, Q: Any, R: Any, *, scale: Any = None) -> Lqr:
 
 
 def kalman_bucy(A: Any, C: Any, Q: Any, R: Any, *, scale: Any = None) -> KalmanBucy:
-    """The steady filter of x' = A x + w, y = C x + n, as the dual of the regulator.
+    """Compute the steady filter of x' = A x + w, y = C x + n, as the dual of the regulator.
 
     Args:
         A: (n, n).
         C: (p, n).
         Q: density of w (n, n).
         R: density of n (p, p).
-        scale: sizes of the states (n,); 1 where not given.
+        scale: sizes of the states (n,); default: 1.
 
     Source: [1] chapter 7, duality.
     """
@@ -99,7 +102,7 @@ def kalman_bucy(A: Any, C: Any, Q: Any, R: Any, *, scale: Any = None) -> KalmanB
 
 
 def augment_integrals(A: Any, B: Any, rows: Any) -> tuple[Any, Any]:
-    """A (n + k, n + k) and B (n + k, m) of the states and, after them, the integrals of the k states at `rows`."""
+    """Return A (n + k, n + k) and B (n + k, m) of the states, followed by the integrals of the k states at `rows`."""
     A, B, rows = np.asarray(A, float), np.asarray(B, float), np.asarray(rows, int)
     n, k = len(A), len(rows)
     longer, wider = np.zeros((n + k, n + k)), np.zeros((n + k, B.shape[1]))
@@ -109,7 +112,7 @@ def augment_integrals(A: Any, B: Any, rows: Any) -> tuple[Any, Any]:
 
 
 def check_matrices(part: str, A: Any, B: Any, Q: Any, R: Any) -> tuple[Any, Any, Any, Any]:
-    """The four as finite float matrices that fit each other, Q and R symmetric, R positive definite."""
+    """Check that the matrices are finite and fit, Q and R symmetric, R positive definite; return them as floats."""
     A, B, Q, R = (np.atleast_2d(np.asarray(M, float)) for M in (A, B, Q, R))
     n, m = len(A), B.shape[1]
     for name, M, shape in (("A", A, (n, n)), ("B", B, (n, m)), ("Q", Q, (n, n)), ("R", R, (m, m))):
@@ -129,7 +132,7 @@ def check_matrices(part: str, A: Any, B: Any, Q: Any, R: Any) -> tuple[Any, Any,
 
 
 def state_sizes(part: str, scale: Any, Q: Any) -> Any:
-    """Sizes of the states (n,) as given, or as Q's diagonal makes them."""
+    """Return sizes of the states (n,), as given or from Q's diagonal."""
     if scale is None:
         weight = np.diag(Q)
         return 1 / np.sqrt(np.where(weight > 0, weight, 1.0))

@@ -1,17 +1,17 @@
-"""What a loop stands of the line it is closed over: constant delay, delay that varies, lost packets.
+"""Margins of a loop against the link that closes it: constant delay, varying delay, lost packets.
 
-`delay_margin`: the largest constant delay, phase margin over crossover frequency, over all crossovers.
+`delay_margin`: the largest constant delay, i.e. the least phase margin over crossover frequency of all crossovers.
 
-`jitter_margin`: every delay that varies in [0, tau], however it does, leaves the loop stable. Sufficient, not
-necessary: what the theorem does not promise may still be stable.
+`jitter_margin`: the loop is stable for every delay that varies in [0, tau], in any way. The condition is sufficient,
+not necessary: larger variations may still be stable.
 
-`mean_square`: how lost packets spread a signal under control.
+`mean_square`: spread of a controlled signal caused by lost packets.
 
     x(k+1) = w(k) where the packet came,  a x(k) + w(k) where it was lost;   w white, of variance 1
 
-Control that arrives takes x away within one step; with loss the step runs open. A packet is sent again up to
-`retransmissions` times within its step, each try lost with probability q: with one retransmission the step is lost with
-q^2, and E x^2 stays bounded where |a| q < 1. The number of retransmissions is free here; [1] has one.
+Control that arrives removes x within one step; after a loss the step runs open. A packet is sent again up to
+`retransmissions` times within its step, each try lost with probability q. With one retransmission the step is lost with
+q^2, and E x^2 stays bounded if |a| q < 1. Any number of retransmissions is allowed here; [1] has one.
 
 Offline code: LAPACK and scipy.
 
@@ -32,13 +32,13 @@ from trimtab.core.errors import InputError
 from trimtab.design.loop_transfer import FeedbackLoop
 
 PEAKS, CLOSE = 12, 0.7
-"""How many of the grid's highest peaks are looked at closer, and how high they must be beside the highest."""
+"""Number of the grid's highest peaks that are refined, and their least height relative to the highest."""
 NEARER = np.geomspace(1e-6, 0.3, 60)
-"""Frequencies beside a crossover, in parts of it: there T peaks when the constant delay is near its margin."""
+"""Relative distances of frequencies from a crossover, where T peaks when the constant delay is near its margin."""
 
 
 class Crossover(NamedTuple):
-    """A frequency (rad/s) at which an eigenvalue of L has size 1, its phase margin (rad), and their quotient (s)."""
+    """Crossover: frequency (rad/s) at which an eigenvalue of L has size 1, phase margin (rad), and their ratio (s)."""
 
     frequency: float
     phase_margin: float
@@ -46,9 +46,9 @@ class Crossover(NamedTuple):
 
 
 class DelayMargin(NamedTuple):
-    """Stable for every constant delay below `delay` (s; infinite where no delay does harm).
+    """Delay margin: stable for every constant delay below `delay` (s; infinite if no delay destabilises).
 
-    crossovers: all of them, by rising delay; the first decides. At its delay a pair of poles sits at its frequency.
+    crossovers: all of them, by rising delay; the first decides. At its delay a pair of poles lies at its frequency.
     """
 
     delay: float
@@ -56,18 +56,18 @@ class DelayMargin(NamedTuple):
 
 
 def delay_margin(loop: FeedbackLoop) -> DelayMargin:
-    """The delay margin of a continuous loop, the same delay in all of its signals.
+    """Compute the delay margin of a continuous loop, for the same delay in all of its signals.
 
-    det(I + exp(-j w tau) L(j w)) = 0 only where an eigenvalue of L(j w) has size 1; then tau = phase margin / w.
+    det(I + exp(-j w tau) L(j w)) = 0 requires an eigenvalue of L(j w) with size 1; then tau = phase margin / w.
 
-    Raises: InputError where the loop is sampled, or not stable without delay.
+    Raises: InputError if the loop is sampled, or not stable without delay.
     """
     if loop.period:
-        fix = "give the continuous loop; jitter_margin_samples is for sampled ones"
-        raise InputError("delay_margin", f"the loop is sampled each {loop.period} s", fix=fix)
+        fix = "give the continuous loop; jitter_margin_samples is for sampled loops"
+        raise InputError("delay_margin", f"the loop is sampled every {loop.period} s", fix=fix)
     loop.require_stable("delay_margin")
     if np.abs(np.linalg.eigvals(loop.D)).max(initial=0.0) >= 1:
-        return DelayMargin(0.0, ())  # of size 1 and more at every high frequency: no delay is short enough
+        return DelayMargin(0.0, ())  # L has size 1 or more at all high frequencies, so every delay is too long
     crossovers = []
     for w, k in _crossings(loop):
         (value,) = _eigenvalue_loci(loop, [w])[:, k]
@@ -78,13 +78,13 @@ def delay_margin(loop: FeedbackLoop) -> DelayMargin:
 
 
 def _eigenvalue_loci(loop: FeedbackLoop, w: Any) -> Any:
-    """Eigenvalues of L (len(w), m), by rising size: their sizes are continuous in w."""
+    """Return the eigenvalues of L (len(w), m), by rising size, so that their sizes are continuous in w."""
     values = np.linalg.eigvals(loop.frequency_response(w))
     return np.take_along_axis(values, np.argsort(np.abs(values), axis=1), axis=1)
 
 
 def _crossings(loop: FeedbackLoop) -> list[tuple[float, int]]:
-    """(frequency, which) where a locus passes size 1; the grid is refined where one comes near it and turns."""
+    """Return (frequency, locus) where a locus passes size 1; the grid is refined where one turns back near it."""
     from scipy.optimize import brentq
 
     solve: Any = brentq
@@ -105,7 +105,7 @@ def _crossings(loop: FeedbackLoop) -> list[tuple[float, int]]:
 
 
 def _insert_turning_points(w: Any, values: Any, function: Callable[[float], float]) -> tuple[Any, Any]:
-    """Grid and values, and between them the point next to 0 wherever the values come towards 0 and turn back."""
+    """Insert, into grid and values, the point next to 0 wherever the values approach 0 and turn back."""
     from scipy.optimize import minimize_scalar
 
     side, rising = np.sign(values), np.diff(np.abs(values)) > 0
@@ -125,24 +125,24 @@ def _insert_turning_points(w: Any, values: Any, function: Callable[[float], floa
 
 
 def jitter_margin(loop: FeedbackLoop, *, delay: float = 0.0) -> float:
-    """tau (s): stable for every delay in [delay, delay + tau] that varies with time.
+    """Return tau (s): the loop is stable for every time-varying delay in [delay, delay + tau].
 
         |T(j w)| < 1/(tau w) for all w                                                              [3, theorem 1]
 
-    with T = (I + L e)^-1 L e, e = exp(-j w delay), and its largest singular value where there are several signals, all
-    of which take the same delay.
+    with T = (I + L e)^-1 L e, e = exp(-j w delay). For several signals, which all have the same delay, it is the
+    largest singular value.
 
     Args:
         loop: continuous.
-        delay: the part of the delay that is always there (s).
+        delay: constant part of the delay (s).
 
     Returns:
-        0 where the constant delay alone is too long, or where L passes all frequencies.
+        0 if the constant delay alone is too long, or L does not fall at high frequencies.
 
-    Raises: InputError where the loop is sampled, or not stable without delay.
+    Raises: InputError if the loop is sampled, or not stable without delay.
     """
     if not (math.isfinite(delay) and delay >= 0):
-        raise InputError("jitter_margin", f"delay {delay} s", fix="give a constant delay of 0 s or more")
+        raise InputError("jitter_margin", f"delay {delay} s", fix="the constant delay must be 0 s or more")
     limit = delay_margin(loop)
     if delay >= limit.delay or loop.D.any():
         return 0.0
@@ -152,12 +152,12 @@ def jitter_margin(loop: FeedbackLoop, *, delay: float = 0.0) -> float:
 
     near = np.array([c.frequency for c in limit.crossovers])
     w = np.unique(np.concatenate([loop.grid(), near, *(near * (1 + s * d) for s in (-1, 1) for d in NEARER)]))
-    far = float(np.linalg.norm(loop.C @ loop.B, 2))  # w T as w grows
+    far = float(np.linalg.norm(loop.C @ loop.B, 2))  # limit of w T for large w
     return 1 / max(_refine_peak(gain, w), far, np.finfo(float).tiny)
 
 
 def jitter_margin_samples(loop: FeedbackLoop) -> float:
-    """N: stable for every whole number of periods in [0, N], varying from sample to sample.
+    """Return N: the loop is stable for every whole number of periods in [0, N], varying from sample to sample.
 
         |T(e^jw)| < 1/(N |e^jw - 1|) for all w                                                      [3, theorem 2]
 
@@ -165,9 +165,9 @@ def jitter_margin_samples(loop: FeedbackLoop) -> float:
         loop: sampled, see `FeedbackLoop.sampled`.
 
     Returns:
-        The bound as a real number: all whole N below it are safe.
+        The bound as a real number; every whole N below it is safe.
 
-    Raises: InputError where the loop is continuous, or not stable without delay.
+    Raises: InputError if the loop is continuous, or not stable without delay.
     """
     if not loop.period:
         fix = "loop.discretise(period), or jitter_margin for a continuous loop"
@@ -181,7 +181,7 @@ def jitter_margin_samples(loop: FeedbackLoop) -> float:
 
 
 def _largest_singular_value(L: Any) -> Any:
-    """Largest singular value of (I + L)^-1 L at each frequency, (k, m, m) -> (k,)."""
+    """Return the largest singular value of (I + L)^-1 L at each frequency, (k, m, m) -> (k,)."""
     return np.linalg.norm(np.linalg.solve(np.eye(L.shape[-1]) + L, L), 2, axis=(1, 2))
 
 
@@ -204,30 +204,32 @@ def _refine_peak(gain: Callable[[Any], Any], w: Any) -> float:
 
 
 def mean_square_growth(a: Any, q: Any, *, retransmissions: int = 1) -> Any:
-    """What E x^2 is multiplied by from one step to the next: a^2 q^(1 + retransmissions); bounded where below 1.
+    """Return the growth of E x^2 in one step: a^2 q^(1 + retransmissions); E x^2 is bounded if it is below 1.
 
     Args:
         a: the plant's pole, per step; any shape.
-        q: probability that one try is lost, in [0, 1]; of a shape that fits a's.
-        retransmissions: tries after the first.
+        q: probability that one try is lost, in [0, 1]; of a shape compatible with a's.
+        retransmissions: number of tries after the first.
     """
     a, q = np.asarray(a, float), np.asarray(q, float)
     if not (np.isfinite(a).all() and ((q >= 0) & (q <= 1)).all()):
-        raise InputError("packet_loss", f"a = {a}, q = {q}", fix="give a finite pole, and q in [0, 1]")
+        raise InputError("packet_loss", f"got a = {a}, q = {q}", fix="give a finite pole, and q in [0, 1]")
     if retransmissions < 0 or retransmissions != int(retransmissions):
-        raise InputError("packet_loss", f"{retransmissions!r} retransmissions", fix="give a whole number, 0 or more")
+        raise InputError(
+            "packet_loss", f"got {retransmissions!r} retransmissions", fix="give a whole number, 0 or more"
+        )
     return a**2 * q ** (1 + retransmissions)
 
 
 def mean_squares(a: float, q: float, steps: int, *, start: float = 0.0, retransmissions: int = 1) -> Any:
-    """E x^2 after 0, 1, …, `steps` steps (steps + 1,): E x(k+1)^2 = growth E x(k)^2 + 1, exact at every step.
+    """Return E x^2 after 0, 1, …, `steps` steps (steps + 1,): E x(k+1)^2 = growth E x(k)^2 + 1, exact at every step.
 
     Args:
         a: the plant's pole, per step.
         q: probability that one try is lost.
-        steps: how many.
+        steps: number of steps.
         start: E x(0)^2.
-        retransmissions: tries after the first.
+        retransmissions: number of tries after the first.
     """
     g = float(mean_square_growth(a, q, retransmissions=retransmissions))
     squares = np.empty(steps + 1)
@@ -238,15 +240,15 @@ def mean_squares(a: float, q: float, steps: int, *, start: float = 0.0, retransm
 
 
 def mean_square(a: Any, q: Any, *, retransmissions: int = 1) -> Any:
-    """The limit of E x^2, 1/(1 - a^2 q^2) with one retransmission; infinite where there is none [1, eq. 5.3]."""
+    """Return the limit of E x^2, 1/(1 - a^2 q^2) with one retransmission; infinite if it diverges [1, eq. 5.3]."""
     g = mean_square_growth(a, q, retransmissions=retransmissions)
     return np.where(g < 1, 1 / np.where(g < 1, 1 - g, 1.0), np.inf)
 
 
 def critical_loss(a: Any, *, retransmissions: int = 1) -> Any:
-    """The probability q of a lost try from which on E x^2 grows without bound: 1/|a| with one retransmission.
+    """Return the loss probability q of a try from which E x^2 grows without bound: 1/|a| with one retransmission.
 
-    1 for plants that are stable by themselves: no loss spreads them.
+    1 for plants that are stable by themselves, for which no loss does that.
     """
     size = np.maximum(np.abs(np.asarray(a, float)), 1.0)
     return size ** (-2.0 / (1 + retransmissions))

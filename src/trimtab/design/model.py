@@ -1,6 +1,6 @@
-"""A vehicle, or any x' = f(x, u), y = h(x, u), as functions of vectors whose entries have names.
+"""State-space models of a vehicle, or of any x' = f(x, u), y = h(x, u): functions of vectors with named entries.
 
-The design tools take this one form, so that none of them is for one vehicle alone. Offline code.
+All design tools use this form, so that they work for any vehicle. Offline code.
 
 Source: this module; the form is that of A. Isidori, "Nonlinear Control Systems", Springer 1995, chapter 5.
 """
@@ -17,15 +17,15 @@ from trimtab.core.errors import InputError, argument_name, closest
 from trimtab.core.record import FAST_COMPILE_OPTIONS, Quantity, is_record, leaves, with_leaf
 
 Function = Callable[[Any, Any], Any]
-"""(x (n,), u (m,)) -> vector, traceable by jax."""
+"""Function from (x (n,), u (m,)) to a vector, traceable by jax."""
 
 
 class StateSpaceModel(NamedTuple):
-    """x' = f(x, u), y = h(x, u), with the names of all entries.
+    """Model x' = f(x, u), y = h(x, u), with the names of all entries.
 
-    f: (x (n,), u (m,)) -> (n,).  h: -> (p,).  states, inputs, outputs: names.  x0, u0: the point it was made with.
-    state_record, input_record: what the vectors are as records, or None.  to_record: state vector -> record, where the
-    vector is not the record's own numbers (`design.coordinates`), or None.
+    f: (x (n,), u (m,)) -> (n,).  h: -> (p,).  states, inputs, outputs: names.  x0, u0: the model's own point.
+    state_record, input_record: records with the layout of the vectors, or None.  to_record: state vector -> record, if
+    the vector differs from the record's own numbers (`design.coordinates`), or None.
     """
 
     f: Function
@@ -40,17 +40,17 @@ class StateSpaceModel(NamedTuple):
     to_record: Callable[[Any], Any] | None = None
 
     def state(self, x: Any) -> Any:
-        """The state vector (n,) as the vehicle's record, or as it is where there is none."""
+        """Convert the state vector (n,) to the vehicle's record; return it unchanged without one."""
         if self.to_record is not None:
             return jax.jit(self.to_record, compiler_options=FAST_COMPILE_OPTIONS)(jnp.asarray(x))
         return x if self.state_record is None else unpack_record(self.state_record, x)
 
     def input(self, u: Any) -> Any:
-        """The input vector (m,) as the vehicle's record, or as it is where there is none."""
+        """Convert the input vector (m,) to the vehicle's record; return it unchanged without one."""
         return u if self.input_record is None else unpack_record(self.input_record, u)
 
     def keep(self, inputs: Iterable[str] = (), outputs: Iterable[str] = ()) -> "StateSpaceModel":
-        """The model with some of its inputs, the others held at u0, and some of its outputs; or all."""
+        """Return the model with some of its inputs (the others held at u0) and some of its outputs, or all."""
         j = np.array(find_indices(argument_name("inputs"), tuple(inputs) or self.inputs, self.inputs))
         k = np.array(find_indices(argument_name("outputs"), tuple(outputs) or self.outputs, self.outputs))
         held, f, h = jnp.asarray(self.u0), self.f, self.h
@@ -64,17 +64,17 @@ class StateSpaceModel(NamedTuple):
         )
 
     def evaluate(self, x: Any, u: Any) -> tuple[Any, Any]:
-        """x' (n,) and y (p,) at one point, as numpy arrays."""
+        """Return x' (n,) and y (p,) at one point, as numpy arrays."""
         rates, outputs = compile_functions(self.f, self.h)(jnp.asarray(x), jnp.asarray(u))
         return np.asarray(rates), np.asarray(outputs)
 
     def slopes(self, x: Any, u: Any) -> tuple[Any, Any, Any, Any]:
-        """A = df/dx, B = df/du, C = dh/dx, D = dh/du at one point, as numpy arrays."""
+        """Return A = df/dx, B = df/du, C = dh/dx, D = dh/du at one point, as numpy arrays."""
         (A, B), (C, D) = compile_slopes(self.f, self.h)(jnp.asarray(x), jnp.asarray(u))
         return np.asarray(A), np.asarray(B), np.asarray(C), np.asarray(D)
 
     def point(self, x: Any = None, u: Any = None) -> tuple[Any, Any]:
-        """State and input as finite float vectors; each a vector, a record, a mapping of changes to x0, or None."""
+        """Return state and input as finite float vectors; each may be a vector, a record, changes to x0, or None."""
         pairs = ((x, self.x0, self.states, "state"), (u, self.u0, self.inputs, "input"))
         vectors = [_as_vector(value, start, labels, what) for value, start, labels, what in pairs]
         return vectors[0], vectors[1]
@@ -82,19 +82,19 @@ class StateSpaceModel(NamedTuple):
 
 @lru_cache(maxsize=32)
 def compile_functions(f: Function, h: Function) -> Callable[[Any, Any], tuple[Any, Any]]:
-    """(x, u) -> f, h: compiled once for all points of a model."""
+    """Compile (x, u) -> f, h once for all points of a model."""
     return jax.jit(lambda x, u: (f(x, u), h(x, u)), compiler_options=FAST_COMPILE_OPTIONS)
 
 
 @lru_cache(maxsize=32)
 def compile_slopes(f: Function, h: Function) -> Callable[[Any, Any], Any]:
-    """(x, u) -> (df/dx, df/du), (dh/dx, dh/du): compiled once for all points of a model."""
+    """Compile (x, u) -> (df/dx, df/du), (dh/dx, dh/du) once for all points of a model."""
     slopes = [jax.jacfwd(function, argnums=(0, 1)) for function in (f, h)]
     return jax.jit(lambda x, u: tuple(slope(x, u) for slope in slopes), compiler_options=FAST_COMPILE_OPTIONS)
 
 
 def entry_names(value: Any) -> tuple[str, ...]:
-    """What each entry of a record's vector is, e.g. ("surge_velocity", "position[0]", "position[1]", "heading")."""
+    """Return the name of each entry of a record's vector, e.g. ("surge_velocity", "position[0]", "heading")."""
     names: list[str] = []
     for path, old, _ in real_leaves(value):
         names += [path] if np.ndim(old) == 0 else [f"{path}[{i}]" for i in range(int(np.size(old)))]
@@ -102,19 +102,19 @@ def entry_names(value: Any) -> tuple[str, ...]:
 
 
 def input_names(value: Any, states: Sequence[str]) -> tuple[str, ...]:
-    """`entry_names` of an input record; "u.rudder" where a state has that name too, as of a servo in the vehicle."""
+    """Return `entry_names` of an input record; "u.rudder" if a state has the same name, as for a vehicle's servo."""
     return tuple(f"u.{name}" if name in states else name for name in entry_names(value))
 
 
 def record_vector(value: Any) -> Any:
-    """The reals and angles of a record as one vector, in declared order."""
+    """Return the reals and angles of a record as one vector, in declared order."""
     if not entry_names(value):
         raise InputError("vector", f"{type(value).__name__} has no real fields", fix="give a state or an input record")
     return jnp.concatenate([jnp.ravel(jnp.asarray(v, jnp.float64)) for _, v, _ in real_leaves(value)])
 
 
 def unpack_record(like: Any, values: Any) -> Any:
-    """The record `like` with its reals and angles from a vector (n,); angles stay unwrapped."""
+    """Return the record `like` with its reals and angles from a vector (n,); angles stay unwrapped."""
     start, record = 0, like
     for path, old, _ in real_leaves(like):
         size = int(np.size(old))
@@ -134,16 +134,16 @@ def model_of_functions(
     x0: Any = None,
     u0: Any = None,
 ) -> StateSpaceModel:
-    """A model from functions of vectors.
+    """Create a model from functions of vectors.
 
     Args:
         f: the derivative, (x (n,), u (m,)) -> (n,).
         states: n names.
         inputs: m names.
-        h: the outputs -> (p,); all states where not given.
-        outputs: p names; where not given "y0", "y1", …, or those of the states.
-        x0: a state (n,), zeros where not given.
-        u0: an input (m,), zeros where not given.
+        h: the outputs -> (p,); default: all states.
+        outputs: p names; default: "y0", "y1", …, or those of the states.
+        x0: a state (n,); default: zeros.
+        u0: an input (m,); default: zeros.
     """
     x = np.zeros(len(states)) if x0 is None else np.asarray(x0, float)
     u = np.zeros(len(inputs)) if u0 is None else np.asarray(u0, float)
@@ -166,14 +166,14 @@ def model_of_vehicle(
     outputs: Iterable[str] | Mapping[str, Callable[[Any, Any], Any]] | None = None,
     t: float = 0.0,
 ) -> StateSpaceModel:
-    """A model of anything with `dynamics(t, x, u)` whose state and input are records.
+    """Create a model of any object with `dynamics(t, x, u)` whose state and input are records.
 
     Args:
         vehicle: the vehicle.
         x: a state record; its values are the model's x0.
         u: an input record; its values are the model's u0.
-        outputs: names of states, or name -> function of the two records; all states where not given.
-        t: time at which the dynamics are taken (s).
+        outputs: names of states, or name -> function of the two records; default: all states.
+        t: time at which the dynamics are evaluated (s).
     """
     for value, what in ((x, "state"), (u, "input")):
         if not is_record(value):
@@ -204,7 +204,7 @@ def model_of_vehicle(
 
 
 def find_indices(part: str, names: Iterable[str], known: Sequence[str]) -> list[int]:
-    """The places of names among the known ones; InputError says which is unknown or named twice."""
+    """Return the indices of names among the known ones; raise InputError for an unknown or repeated name."""
     places: list[int] = []
     for name in names:
         if name not in known:
@@ -218,7 +218,7 @@ def find_indices(part: str, names: Iterable[str], known: Sequence[str]) -> list[
 
 
 def format_combination(v: Any, names: Iterable[str]) -> str:
-    """A vector in words, largest entries first: "0.8 FX - 0.6 FY"; entries below 1 % of the largest are left out."""
+    """Format a vector, largest entries first: "0.8 FX - 0.6 FY"; entries below 1 % of the largest are left out."""
     pairs = sorted(zip(np.asarray(v), names, strict=True), key=lambda pair: -abs(pair[0]))
     sign = np.sign(pairs[0][0]) or 1.0
     text = ""
@@ -235,13 +235,13 @@ def _whole_state(x: Any, u: Any) -> Any:
 
 
 def real_leaves(value: Any) -> list[tuple[str, Any, Quantity]]:
-    """Path, value and declaration of a record's reals and angles, in declared order."""
+    """Return path, value and declaration of a record's reals and angles, in declared order."""
     return [(p, v, d) for p, v, d in leaves(value) if isinstance(d, Quantity) and d.kind in ("real", "angle")]
 
 
 def _check_length(what: str, labels: Sequence[str], source: str, shape: tuple[int, ...]) -> None:
     if len(set(labels)) != len(labels):
-        raise InputError(f"model.{what}", f"{tuple(labels)} names something twice", fix="give each entry its own name")
+        raise InputError(f"model.{what}", f"{tuple(labels)} has a name twice", fix="give each entry its own name")
     if shape != (len(labels),):
         problem = f"{len(labels)} names for {source} of shape {shape}"
         raise InputError(f"model.{what}", problem, fix=f"give a vector ({len(labels)},), or as many names as it has")

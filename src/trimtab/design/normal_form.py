@@ -1,17 +1,17 @@
-"""The normal form of a system with a relative degree: external coordinates, internal dynamics, the input that gives v.
+"""Normal form of a system with a relative degree: external coordinates, internal dynamics, and the input for a given v.
 
     xi = (y1, y1', …, y1^(r1-1), y2, …)        y_i^(r_i) = v_i        zeta' = Psi(xi, zeta, v)
 
-Coordinates and inputs are found by Newton's iteration and differentiated by the implicit function theorem, so that
-systems which are not affine in their inputs need nothing more.
+Coordinates and inputs are found by Newton's iteration and differentiated by the implicit function theorem. This works
+also for systems that are not affine in their inputs.
 
 `linear_normal_form` is its linearisation at a trim, from first derivatives only. With z = (xi, zeta) = phi(x) and
 v = w(x, u) the highest derivatives of the outputs, at a point where x' = f = 0
 
     dz' = Phi (f_x - f_u W_u^-1 W_x) Phi^-1 dz + Phi f_u W_u^-1 dv        Phi = dphi/dx
 
-because the term with the second derivative of phi is multiplied by f. It is what `linearise(normal_form(…).model())`
-gives, without the iterations in it, and quick. Offline code: LAPACK.
+because the term with the second derivative of phi is multiplied by f. It equals `linearise(normal_form(…).model())`,
+but is quick, without iterations. Offline code: LAPACK.
 
 Source: [1] A. Isidori, "Nonlinear Control Systems", Springer 1995, sections 4.1, 4.3, 5.1; the linearisation: derived
 here.
@@ -32,28 +32,27 @@ from trimtab.design.linearise import LinearModel
 from trimtab.design.model import StateSpaceModel, find_indices, model_of_functions
 
 AT_REST = 1e-8
-"""A derivative this small a part of what the states' own sizes make of A counts as zero."""
+"""Size of a derivative, relative to A times the states' sizes, that counts as zero."""
 EARLY = 1e-10
-"""An input that enters a derivative by this part of its row's size enters it."""
+"""Share of its row's size from which an input counts as entering a derivative."""
 SINGULAR = 1e-10
-"""A matrix is singular where its smallest singular value is this part of the largest, rows and columns of size 1."""
+"""Ratio of smallest to largest singular value of a singular matrix, with rows and columns of size 1."""
 ROUNDING = 1e-13
-"""A state that moves an output's derivative by this part of what the others do moves it not at all."""
+"""Influence of a state on an output's derivative, relative to that of the others, that counts as zero."""
 STEPS = 50
-"""Newton steps at most."""
+"""Maximum number of Newton steps."""
 SETTLED = 1e-9
-"""A step below this part of max(1, |value|) is the last but one."""
+"""Size of a step, relative to max(1, |value|), after which one more step is made."""
 
 
 class NormalForm(NamedTuple):
-    """Coordinates around a point, and the functions between them; all are traceable by jax.
+    """Coordinates around a point, and the functions between them, all traceable by jax.
 
     forward: x -> (xi, zeta).  backward: (xi, zeta) -> x.  invert: (x, v) -> u.  internal: (xi, zeta, v) -> zeta'.
-    backward and invert search from the point; where there is no solution near, they give nan.
-    external, internals, virtual: names of xi, e.g. ("h", "h'", "V"), zeta and v ("h''", "V'").
-    xi0, zeta0, v0, x0, u0: the point.  degree: as found there.
-    jacobian: dPsi/dzeta at the point (k, k), with v held.  condition: of d(xi, zeta)/dx, scaled.
-    inputs_enter: internal coordinates whose derivatives contain the inputs (as states chosen for zeta may).
+    backward and invert search from the point; they return NaN without a solution nearby. external, internals, virtual:
+    names of xi, e.g. ("h", "h'", "V"), zeta and v ("h''", "V'"). xi0, zeta0, v0, x0, u0: the point.  degree: relative
+    degree there. jacobian: dPsi/dzeta at the point (k, k), with v held.  condition: of d(xi, zeta)/dx, scaled.
+    inputs_enter: internal coordinates whose derivatives contain the inputs (possible for states chosen as zeta).
     """
 
     forward: Callable[[Any], tuple[Any, Any]]
@@ -74,7 +73,7 @@ class NormalForm(NamedTuple):
     inputs_enter: tuple[str, ...]
 
     def model(self) -> StateSpaceModel:
-        """The system in these coordinates: states (xi, zeta), inputs v, outputs y."""
+        """Return the system in these coordinates: states (xi, zeta), inputs v, outputs y."""
         orders = [r for r in self.degree.degrees.values() if r is not None]
         total, ends = sum(orders), np.cumsum(orders, dtype=int)
         differentiated = np.flatnonzero(orders)
@@ -101,14 +100,14 @@ def normal_form(
     internal: Iterable[str] | Mapping[str, Callable[[Any], Any]] | None = None,
     radius: Any = None,
 ) -> NormalForm:
-    """Coordinates (xi, zeta) around a point at which the vector relative degree is well defined.
+    """Compute coordinates (xi, zeta) around a point at which the vector relative degree is well defined.
 
     Args:
-        model: as many outputs as inputs.
+        model: model with as many outputs as inputs.
         x: state: vector, record, or changes to the model's own point.
         u: input, likewise.
-        internal: names of the states that make zeta, or name -> function of x (n,); chosen among the states where not
-            given, those that complete xi best.
+        internal: names of the states that make zeta, or name -> function of x (n,). Default: the states that complete
+            xi best.
         radius: as in `relative_degree`.
 
     Source: [1] propositions 4.1.3 and 5.1.2.
@@ -169,7 +168,7 @@ def _coordinate_functions(
 def _linearise_internal(
     model: StateSpaceModel, zeta: Any, labels: Any, slope: Any, slopes: Any, point: Any
 ) -> tuple[Any, float, Any]:
-    """dPsi/dzeta at the point, condition of the coordinates, and the internal ones into whose rates the inputs go.
+    """Return dPsi/dzeta at the point, condition of the coordinates, and internal coordinates that inputs enter.
 
     slope: dxi/dx.  slopes: dv/dx and dv/du. With xi and v held, dx = S dzeta and du = -(dv/du)^-1 dv/dx dx.
     """
@@ -180,7 +179,7 @@ def _linearise_internal(
     slopes_of_zeta = (jax.jacfwd(zeta)(jnp.asarray(point[0])), *jax.jacfwd(rate, (0, 1))(*map(jnp.asarray, point)))
     inner, by_state, by_input = (np.asarray(d) for d in slopes_of_zeta)
     whole = np.vstack([slope, inner])
-    fix = "name other states, or leave the choice open"
+    fix = "name other states, or omit the choice"
     condition = _condition_of_coordinates("normal_form.internal", whole, labels, fix)
     S = np.linalg.solve(whole, np.eye(len(whole))[:, len(slope) :])
     jacobian = by_state @ S - by_input @ np.linalg.solve(slopes[1], slopes[0] @ S)
@@ -189,7 +188,7 @@ def _linearise_internal(
 
 
 def _condition_of_coordinates(part: str, Phi: Any, labels: tuple[str, ...], fix: str) -> float:
-    """Condition of d(xi, zeta)/dx, scaled; InputError where it is singular: they are no coordinates."""
+    """Return the condition of d(xi, zeta)/dx, scaled; raise InputError if it is singular, i.e. not coordinates."""
     singular = np.linalg.svd(equilibrate(Phi), compute_uv=False)
     if not singular[-1] > SINGULAR * singular[0]:
         problem = f"{labels} don't complete the outputs and their derivatives to coordinates"
@@ -198,7 +197,7 @@ def _condition_of_coordinates(part: str, Phi: Any, labels: tuple[str, ...], fix:
 
 
 def _choose_internal(model: StateSpaceModel, slope: Any, choice: Any) -> tuple[tuple[str, ...], Any]:
-    """Names of the internal coordinates, and x -> zeta; slope: dxi/dx."""
+    """Return the names of the internal coordinates, and x -> zeta; slope: dxi/dx."""
     total, size = len(slope), len(model.states) - len(slope)
     if choice is None:
         free = np.linalg.svd(equilibrate(slope))[2][total:]  # directions in which no output moves
@@ -217,15 +216,15 @@ def _choose_internal(model: StateSpaceModel, slope: Any, choice: Any) -> tuple[t
             return a[rows]
 
     if len(labels) != size:
-        problem = f"{len(labels)} coordinates, and {len(model.states)} states less relative degree {total} leave {size}"
+        problem = f"got {len(labels)} coordinates; {len(model.states)} states minus relative degree {total} need {size}"
         raise InputError("normal_form.internal", problem, choices=model.states, fix=f"name {size}")
     return labels, zeta
 
 
 def solve_root(equation: Callable[[Any], Any], start: Any) -> Any:
-    """The root of a function of a vector near `start`, by Newton; nan where it doesn't settle.
+    """Find the root of a function of a vector near `start`, by Newton; NaN if the iteration does not settle.
 
-    Differentiable, by the implicit function theorem, with regard to all that `equation` closes over.
+    The result is differentiable, by the implicit function theorem, in all variables that `equation` closes over.
     """
 
     def newton(g: Any, z0: Any) -> Any:
@@ -250,11 +249,11 @@ def solve_root(equation: Callable[[Any], Any], start: Any) -> Any:
 def linear_normal_form(
     model: StateSpaceModel, degrees: Mapping[str, int], internal: Iterable[str], x: Any = None, u: Any = None
 ) -> LinearModel:
-    """dz' = A dz + B dv with z = (outputs and their derivatives, internal states) and v the highest derivatives.
+    """Return dz' = A dz + B dv with z = (outputs and their derivatives, internal states) and v the highest derivatives.
 
     Args:
-        model: as many outputs as inputs.
-        degrees: output -> relative degree, as `relative_degree` finds it; checked at the point.
+        model: model with as many outputs as inputs.
+        degrees: output -> relative degree, from `relative_degree`; checked at the point.
         internal: names of the states that complete the coordinates.
         x: a trim: vector, record, or changes to the model's own point.
         u: its input, likewise.
@@ -289,7 +288,7 @@ def linear_normal_form(
 def _output_orders(
     model: StateSpaceModel, degrees: Mapping[str, int], labels: tuple[str, ...]
 ) -> tuple[list[int], list[int]]:
-    """Degree of each output, and the places of the internal states."""
+    """Return the degree of each output, and the indices of the internal states."""
     find_indices("linear_normal_form.degrees", degrees, model.outputs)
     orders = [degrees.get(n, 0) for n in model.outputs]
     if len(model.outputs) != len(model.inputs) or min(orders, default=0) < 1:
@@ -303,7 +302,7 @@ def _output_orders(
 
 
 def _exact_chain_rows(A: Any, B: Any, chain: list[tuple[int, int]], orders: list[int]) -> tuple[Any, Any]:
-    """The rows of the outputs' chains as they are by definition, without rounding."""
+    """Return the rows of the outputs' chains, which are known by definition, without rounding."""
     for row, (i, k) in enumerate(chain):
         A[row], B[row] = 0.0, 0.0
         if k + 1 < orders[i]:
@@ -318,7 +317,7 @@ def _check_normal_form(model: StateSpaceModel, x0: Any, drift: Any, f_x: Any, xi
     moving = [n for n, v, s in zip(model.states, drift, around, strict=True) if not abs(v) <= AT_REST * max(s, 1e-9)]
     if moving:
         text = ", ".join(f"{n}' = {drift[model.states.index(n)]:.6g}" for n in moving)
-        raise InputError("linear_normal_form", f"no trim: {text}", fix="trim first")
+        raise InputError("linear_normal_form", f"not a trim: {text}", fix="trim first")
     early = np.abs(xi_u).max(axis=1, initial=0.0) > EARLY * np.abs(xi_x).max(axis=1)
     singular = np.linalg.svd(equilibrate(w_u), compute_uv=False)
     if early.any() or not singular[-1] > SINGULAR * singular[0]:

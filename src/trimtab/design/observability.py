@@ -1,5 +1,4 @@
-"""What a filter can see: the observability Gramian along a trajectory, in units of what is known beforehand, and the
-rank of a pair that does not change.
+"""Observability: the Gramian along a trajectory, scaled by the prior, and the rank of a constant pair.
 
 Offline code: LAPACK.
 
@@ -16,12 +15,12 @@ from trimtab.core.errors import InputError
 
 
 class Observability(NamedTuple):
-    """What was found.
+    """Observability along a trajectory.
 
-    gramian: scaled (n, n).  singular: its singular values, falling; 1: the measurements tell as much about that
-    direction as was known before.  rank: how many are above the tolerance.  hidden_directions: (n - rank, n), in units
-    of the prior's sigmas, those that are not seen.  remaining_sigmas: of each state, what is left when prior and
-    measurements are put together, in its own unit (n,).
+    gramian: scaled (n, n).  singular: its singular values, falling; at 1 the measurements tell as much about that
+    direction as the prior.  rank: number of values above the tolerance.  hidden_directions: (n - rank, n), unobservable
+    directions, in units of the prior's sigmas.  remaining_sigmas: of each state, with prior and measurements combined,
+    in its own unit (n,).
     """
 
     gramian: Any
@@ -32,11 +31,11 @@ class Observability(NamedTuple):
 
 
 class ConstantRank(NamedTuple):
-    """What was found of a pair that does not change.
+    """Observability of a constant pair.
 
-    rank: of the scaled observability matrix.  singular: its singular values, falling.  ratio: last of them over first.
-    hidden_directions: (n - rank, n), in units of the scale, those that no measurement shows.  time: the unit (s) in
-    which derivatives are counted.
+    rank: of the scaled observability matrix.  singular: its singular values, falling.  ratio: last over first.
+    hidden_directions: (n - rank, n), unobservable directions, in units of the scale.  time: unit (s) in which
+    derivatives are counted.
     """
 
     rank: int
@@ -47,25 +46,25 @@ class ConstantRank(NamedTuple):
 
 
 def constant_rank(A: Any, C: Any, *, scale: Any = None, tolerance: float = 1e-9) -> ConstantRank:
-    """Rank of [C; C A; C A^2; …] for x' = A x, y = C x, in units in which its rows compare.
+    """Return the rank of [C; C A; C A^2; …] for x' = A x, y = C x, in units that make its rows comparable.
 
-    Without scaling powers of fast poles bury the rows: time is counted in 1/|A|, states in their scale, and
-    rows of C by their length.
+    Without scaling, powers of fast poles hide the other rows. Time is counted in 1/|A|, states in their scale, and rows
+    of C by their length.
 
     Args:
         A: (n, n).
         C: (p, n).
-        scale: sizes of the states (n,); those that balance A where not given.
-        tolerance: singular values below this part of the largest count as zero.
+        scale: sizes of the states (n,); default: those that balance A.
+        tolerance: singular values below this share of the largest count as zero.
 
     Source: Kalman's rank condition.
     """
     A, C = np.atleast_2d(np.asarray(A, float)), np.atleast_2d(np.asarray(C, float))
     n = len(A)
     if A.shape != (n, n) or C.shape[1] != n or not (np.isfinite(A).all() and np.isfinite(C).all()):
-        problem = f"A {A.shape} and C {C.shape} don't fit each other, or are not finite"
+        problem = f"A {A.shape} and C {C.shape} must fit together and be finite"
         raise InputError("constant_rank", problem, fix="give (n, n) and (p, n)")
-    with np.errstate(invalid="ignore"):  # it casts scalings to integers on its way
+    with np.errstate(invalid="ignore"):  # it casts scalings to integers internally
         balance: Any = matrix_balance(A, permute=False, separate=True)
     d = np.asarray(balance[1][0] if scale is None else scale, float)
     if d.shape != (n,) or not (np.isfinite(d) & (d > 0)).all():
@@ -85,18 +84,18 @@ def constant_rank(A: Any, C: Any, *, scale: Any = None, tolerance: float = 1e-9)
 
 
 def observability_gramian(transitions: Any, rows: Any, noises: Any) -> Any:
-    """Sum over k of Phi_k' H_k' R_k^-1 H_k Phi_k (n, n), Phi_k from the first instant to instant k.
+    """Return the sum over k of Phi_k' H_k' R_k^-1 H_k Phi_k (n, n), Phi_k from the first instant to instant k.
 
     Args:
         transitions: (instants - 1, n, n), from each instant to the next.
-        rows: H at each instant (instants, m, n); zeros where nothing is measured.
+        rows: H at each instant (instants, m, n); zeros without a measurement.
         noises: R at each instant (instants, m, m).
 
     Source: [7] section 5.7, the information about the first state.
     """
     F, H, R = (np.asarray(x, float) for x in (transitions, rows, noises))
     if F.ndim != 3 or H.ndim != 3 or len(F) != len(H) - 1 or len(R) != len(H) or F.shape[2] != H.shape[2]:
-        problem = f"transitions {F.shape}, rows {H.shape} and noises {R.shape} don't fit each other"
+        problem = f"transitions {F.shape}, rows {H.shape} and noises {R.shape} must fit together"
         raise InputError("gramian", problem, fix="give (k-1, n, n), (k, m, n) and (k, m, m)")
     n = F.shape[1]
     Phi, G = np.eye(n), np.zeros((n, n))
@@ -110,19 +109,19 @@ def observability_gramian(transitions: Any, rows: Any, noises: Any) -> Any:
 
 
 def observability(transitions: Any, rows: Any, noises: Any, sigmas: Any, *, tolerance: float = 1e-9) -> Observability:
-    """Singular values of the Gramian scaled by the prior sigmas, and what stays unseen.
+    """Return the singular values of the Gramian scaled by the prior sigmas, and the unobservable directions.
 
     Scaling makes rad, m and m/s^2 comparable: a singular value s leaves 1/sqrt(1 + s) of the prior sigma along its
-    direction. Process noise is left out, so over long flights this says what could be seen, not what will be.
+    direction. Process noise is left out, so that for long flights the result is an upper limit of what a filter sees.
 
     Args:
         transitions, rows, noises: as in `observability_gramian`.
         sigmas: standard deviation of each state before the first measurement (n,).
-        tolerance: singular values below this part of the largest count as zero.
+        tolerance: singular values below this share of the largest count as zero.
     """
     scale = np.asarray(sigmas, float)
     if (scale <= 0).any() or not np.isfinite(scale).all():
-        raise InputError("observability", f"prior sigmas {scale}", fix="give finite ones above 0")
+        raise InputError("observability", f"got prior sigmas {scale}", fix="give finite values above 0")
     G = observability_gramian(transitions, rows, noises) * scale[:, None] * scale[None, :]
     values, vectors = np.linalg.eigh(G)
     values, vectors = np.maximum(values[::-1], 0.0), vectors[:, ::-1].T

@@ -1,14 +1,14 @@
-"""A floor with obstacles: how far a place is from the nearest of them, and the file that says where they stand.
+"""Floor with obstacles: clearance of a place, and the file with the obstacles' places.
 
 [floor]                              m; W, north and east
 north = [-4, 4]
 east = [-4, 4]
 [craft]
-radius = 0.4                         of the circle about its centre of mass that holds all of it
+radius = 0.4                         of the circle about its centre of mass that encloses it
 [start]
 north = -3
 east = -3
-heading = "90 deg"                   optional: else where the way sets out
+heading = "90 deg"                   optional; default: the initial direction of the route
 [goal]
 north = 3
 east = 3
@@ -50,7 +50,7 @@ radius = 0.8"""
 
 
 class ObstacleFloor(NamedTuple):
-    """A rectangle of floor (m, W) with what stands on it.
+    """Rectangular floor (m, W) with obstacles.
 
     north, east: from, to.  circles: (n, 3), north, east, radius.  polygons: each (k, 2), corners in either direction.
     """
@@ -61,7 +61,7 @@ class ObstacleFloor(NamedTuple):
     polygons: tuple[Any, ...] = ()
 
     def clearance(self, places: Any) -> Any:
-        """Distance (n,) of places (n, 2) from the nearest obstacle or edge of the floor; negative inside or beyond."""
+        """Return the distance (n,) of places (n, 2) from the nearest obstacle or edge; negative inside or beyond."""
         p = np.asarray(places, np.float64)
         edges = [p[:, 0] - self.north[0], self.north[1] - p[:, 0], p[:, 1] - self.east[0], self.east[1] - p[:, 1]]
         circles = [np.hypot(p[:, 0] - n, p[:, 1] - e) - r for n, e, r in np.reshape(self.circles, (-1, 3))]
@@ -69,9 +69,9 @@ class ObstacleFloor(NamedTuple):
 
 
 class PlanTask(NamedTuple):
-    """From where to where (m, W) over which floor, and how wide the craft is.
+    """Planning task: start and goal (m, W), the floor, and the radius of the craft.
 
-    heading: rad, of the nose at the start; None: where the way sets out.
+    heading: of the nose at the start (rad); None: the initial direction of the route.
     """
 
     floor: ObstacleFloor
@@ -82,26 +82,26 @@ class PlanTask(NamedTuple):
 
 
 def read_task(path: str | Path) -> PlanTask:
-    """The task of a file.
+    """Read the task from a file.
 
-    Raises: InputError for what is missing, unknown or impossible, with what to write.
+    Raises: InputError for missing, unknown or impossible content, with the text to write.
     """
     part = str(path)
     try:
         content = tomllib.loads(Path(path).read_text(encoding="utf-8"))
     except FileNotFoundError:
-        raise InputError(part, "there is no such file", fix=FIX) from None
+        raise InputError(part, "the file does not exist", fix=FIX) from None
     except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise InputError(part, f"it is no TOML: {error}", fix=FIX) from None
+        raise InputError(part, f"it is not valid TOML: {error}", fix=FIX) from None
     return parse_task(content, part)
 
 
 def parse_task(content: Mapping[str, Any], part: str = "plan") -> PlanTask:
-    """The task of a file's content."""
+    """Return the task from a file's content."""
     for name in content:
         if name not in SECTIONS:
             near = closest(name, SECTIONS, 1)
-            raise InputError(part, f"nothing is called [{name}]", choices=SECTIONS, fix=f"[{(near or SECTIONS)[0]}]")
+            raise InputError(part, f"unknown section [{name}]", choices=SECTIONS, fix=f"[{(near or SECTIONS)[0]}]")
     floor = ObstacleFloor(
         north=_span(content, part, "north"),
         east=_span(content, part, "east"),
@@ -129,7 +129,7 @@ def _section(content: Mapping[str, Any], part: str, name: str) -> Mapping[str, A
 def _span(content: Mapping[str, Any], part: str, name: str) -> tuple[float, float]:
     span = _section(content, part, "floor").get(name)
     if not isinstance(span, list) or len(span) != 2 or not all(map(_is_number, span)) or not span[0] < span[1]:
-        problem = f"{name} = {span!r} is not [FROM, TO] in metres, rising"
+        problem = f"{name} = {span!r} must be [FROM, TO] in metres, rising"
         raise InputError(f"{part} [floor]", problem, fix=f"{name} = [-4, 4]")
     return float(span[0]), float(span[1])
 
@@ -141,14 +141,14 @@ def _is_number(value: Any) -> bool:
 def _number(section: Mapping[str, Any], part: str, name: str) -> float:
     value = section.get(name)
     if not _is_number(value):
-        raise InputError(part, f"{name} = {value!r} is no number of metres", fix=f"{name} = 1.5")
+        raise InputError(part, f"{name} = {value!r} is not a number of metres", fix=f"{name} = 1.5")
     return float(value)  # pyright: ignore[reportArgumentType]
 
 
 def _positive(section: Mapping[str, Any], part: str, name: str) -> float:
     value = _number(section, part, name)
     if value <= 0:
-        raise InputError(part, f"{name} = {value:g} is not above 0", fix=f"{name} = 0.4")
+        raise InputError(part, f"{name} must be above 0, got {value:g}", fix=f"{name} = 0.4")
     return value
 
 
@@ -160,13 +160,13 @@ def _corners(section: Mapping[str, Any], part: str) -> Any:
     corners: Any = section.get("corners")
     rows: list[Any] = corners if isinstance(corners, list) else []
     if len(rows) < 3 or not all(isinstance(c, list) and len(c) == 2 and all(map(_is_number, c)) for c in rows):
-        problem = f"corners = {corners!r} are not three or more pairs of metres"
+        problem = f"corners = {corners!r} must be three or more pairs of metres"
         raise InputError(part, problem, fix="corners = [[1, 1], [2, 1], [2, 2]]")
     return np.array(rows, np.float64)
 
 
 def _angle(value: Any, part: str) -> float:
-    """rad, of a number in rad or a text with a unit."""
+    """Return an angle in rad, from a number in rad or a text with a unit."""
     number, _, unit = str(value).partition(" ")
     size = find_size(unit or "rad", "rad")
     try:
@@ -174,12 +174,12 @@ def _angle(value: Any, part: str) -> float:
     except ValueError:
         angle = np.nan
     if not np.isfinite(angle):
-        raise InputError(part, f"{value!r} is no angle", fix='heading = "90 deg"')
+        raise InputError(part, f"{value!r} is not an angle", fix='heading = "90 deg"')
     return angle
 
 
 def _polygon_distance(corners: Any, p: Any) -> Any:
-    """Signed distance (n,) of places from a polygon: negative inside."""
+    """Return the signed distance (n,) of places from a polygon; negative inside."""
     a, b = corners, np.roll(corners, -1, axis=0)
     along = b - a
     square = np.maximum((along**2).sum(axis=1), 1e-300)

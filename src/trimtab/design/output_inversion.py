@@ -1,10 +1,9 @@
-"""State and input of any vehicle whose outputs follow a wanted course exactly, also where it is non-minimum phase.
+"""Output inversion: state and input of any vehicle whose outputs follow a course exactly, even if non-minimum phase.
 
-In the normal form the outputs and their derivatives are given; what is left, zeta' = Psi(xi, zeta, v), is solved for
-the solution that stays bounded: it takes what is unstable from the future, and so moves before the outputs do. Places,
-whose values feed nothing back (north, east), are integrated from their start; a slow mode, as of speed, is taken from
-the past where it is stable, and from the future where not. Offline code; what comes of it is a feedforward beside a
-feedback.
+In the normal form the outputs and their derivatives are given. The rest, zeta' = Psi(xi, zeta, v), is solved for its
+bounded solution. That solution takes unstable modes from the future, and therefore moves before the outputs do. Places,
+whose values have no feedback (north, east), are integrated from their start. A slow mode, as of speed, is taken from
+the past if it is stable, and from the future otherwise. The result is a feedforward next to a feedback. Offline code.
 
 Source: S. Devasia, D. Chen, B. Paden, "Nonlinear inversion-based output tracking", IEEE Transactions on Automatic
 Control 41(7), 1996.
@@ -26,14 +25,14 @@ from trimtab.design.stable_inversion import ON_AXIS, BoundedSolution, bounded_so
 
 
 class Course(NamedTuple):
-    """times: (k,) (s).  derivatives: output -> (order + 1, k), the wanted output and its derivatives."""
+    """Course of outputs. times: (k,) (s).  derivatives: output -> (order + 1, k), output and derivatives."""
 
     times: Any
     derivatives: Mapping[str, Any]
 
 
 class Inversion(NamedTuple):
-    """times: (k,) (s).  x: (k, n).  u: (k, m).  internal: of the bounded solution.  form: the coordinates."""
+    """Inversion's result. times: (k,) (s).  x: (k, n).  u: (k, m).  internal: bounded solution.  form: coordinates."""
 
     times: Any
     x: Any
@@ -43,16 +42,16 @@ class Inversion(NamedTuple):
 
 
 class InternalMode(NamedTuple):
-    """pole: (1/s).  states: that it lives in, in words."""
+    """Mode of the internal dynamics. pole: (1/s).  states: states that take part, in words."""
 
     pole: complex
     states: str
 
 
 def internal_modes(form: NormalForm) -> tuple[tuple[str, ...], tuple[InternalMode, ...]]:
-    """Names of the internal places of a normal form, and the modes of what else is inside.
+    """Return the names of the internal places of a normal form, and the modes of its other internal coordinates.
 
-    Raises: InputError where a mode on the imaginary axis feeds back: no bounded motion is singled out.
+    Raises: InputError if a mode on the imaginary axis feeds back, because the bounded motion is then not unique.
     """
     places = find_places(form.jacobian)
     rest = [i for i in range(len(form.internals)) if i not in places]
@@ -66,26 +65,26 @@ def internal_modes(form: NormalForm) -> tuple[tuple[str, ...], tuple[InternalMod
     neutral = [m for m in modes if abs(m.pole.real) <= ON_AXIS * largest]
     if neutral:
         words = "; ".join(f"{m.pole:.3g} 1/s, in {m.states}" for m in neutral)
-        problem = f"inside there is what neither fades nor grows, and feeds back: {words}"
-        raise InputError("inversion", problem, fix="keep to another output, or to one more output by one more input")
+        problem = f"the internal dynamics have modes that neither decay nor grow, and feed back: {words}"
+        raise InputError("inversion", problem, fix="use another output, or one more output with one more input")
     return tuple(form.internals[i] for i in places), tuple(modes)
 
 
 def smooth_course(
     times: Any, changes: Mapping[str, tuple[float, float]], begin: float, end: float, order: int
 ) -> Course:
-    """Outputs that go from one value to another between two times, with `order` derivatives continuous.
+    """Create a course that goes from one value to another between two times, with `order` continuous derivatives.
 
     Args:
-        times: (k,) (s), evenly.
+        times: (k,) (s), evenly spaced.
         changes: output -> (first, last).
-        begin, end: of the change (s).
-        order: derivatives that are given, at least the relative degree.
+        begin, end: times of the change (s).
+        order: number of derivatives, at least the relative degree.
     """
     times = np.asarray(times, float)
     if not times[0] <= begin < end <= times[-1]:
         raise InputError(
-            "course", f"from {begin} to {end} s", fix="give times within the grid, the first before the last"
+            "course", f"got times from {begin} to {end} s", fix="give times within the grid, the first before the last"
         )
     q = order + 1  # t^q (1 - t)^q integrated: q derivatives vanish at both ends
     shape = np.polynomial.Polynomial([0.0] * q + [1.0]) * np.polynomial.Polynomial([1.0, -1.0]) ** q
@@ -103,15 +102,15 @@ def smooth_course(
 def invert_output(
     model: StateSpaceModel, course: Course, *, end: tuple[Any, Any] | None = None, tolerance: float = 1e-9
 ) -> Inversion:
-    """State and input along a course of all outputs.
+    """Compute state and input along a course of all outputs.
 
     Args:
-        model: as many inputs as outputs; its point is the equilibrium at the beginning of the course.
-        course: of each output as many derivatives as its relative degree, or more; evenly spaced.
-        end: x (n,) and u (m,) of the equilibrium at the end; where not given, the beginning's internal coordinates.
-        tolerance: as of `bounded_solution`.
+        model: model with as many inputs as outputs; its point is the equilibrium at the beginning of the course.
+        course: for each output at least as many derivatives as its relative degree; evenly spaced.
+        end: x (n,) and u (m,) of the equilibrium at the end; default: the internal coordinates of the beginning.
+        tolerance: as in `bounded_solution`.
 
-    Raises: InputError where there is no relative degree, or the iteration does not settle.
+    Raises: InputError without a relative degree, or if the iteration does not settle.
     Source: this module's.
     """
     form = normal_form(model)
@@ -147,5 +146,5 @@ def invert_output(
     both = jax.jit(jax.vmap(state_and_input), compiler_options=FAST_COMPILE_OPTIONS)
     x, u = (np.asarray(a) for a in both(jnp.asarray(xi), jnp.asarray(solution.zeta), jnp.asarray(v)))
     if not (np.isfinite(x).all() and np.isfinite(u).all()):
-        raise InputError("inversion", "no state near has these outputs", fix="make the course slower or smaller")
+        raise InputError("inversion", "no state nearby has these outputs", fix="make the course slower or smaller")
     return Inversion(np.asarray(course.times), x, u, solution, form)

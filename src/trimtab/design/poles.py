@@ -1,6 +1,6 @@
-"""Eigenvalues of a matrix: in order, as text, with the states that make them, and those that no input moves.
+"""Eigenvalues of a matrix: sorted, as text, with the states that take part, and those that no input moves.
 
-Offline code: LAPACK. No JAX: a certificate is proved without it.
+Offline code: LAPACK. No JAX, because certificates are proved without it.
 
 Source: [1] I. J. Pérez-Arriaga, G. C. Verghese, F. C. Schweppe, "Selective modal analysis", IEEE Trans. PAS 101 (1982).
 """
@@ -11,31 +11,31 @@ import numpy as np
 from scipy.linalg import get_lapack_funcs, schur, solve_sylvester
 
 UNCONTROLLABLE = 1e-9
-"""[s I - A, B] loses rank where its smallest singular value is below this part of the largest, scaled."""
+"""Ratio of singular values of [s I - A, B], scaled, below which it loses rank."""
 
 
 def sorted_poles(A: Any) -> Any:
-    """Eigenvalues of A (n, n), by falling real part; complex numbers, also where all are real."""
+    """Return the eigenvalues of A (n, n), by falling real part; always complex numbers."""
     poles = np.linalg.eigvals(A).astype(complex)
     return poles[np.lexsort((-poles.imag, -poles.real))]
 
 
 def format_pole(pole: complex) -> str:
-    """A pole, or the pair that it is of, as text (1/s)."""
+    """Format a pole, or its conjugate pair, as text (1/s)."""
     return f"{pole.real:+.6g}{f' ± {abs(pole.imag):.6g}i' if pole.imag else ''} 1/s"
 
 
 def balance_matrix(A: Any) -> Any:
-    """A similar to A by a diagonal of powers of two, rows and columns of like size."""
+    """Return a matrix similar to A by a diagonal of powers of two, with rows and columns of similar size."""
     balance: Any = get_lapack_funcs("gebal", (np.asarray(A, float),))
-    return balance(A, scale=1, permute=0)[0]  # matrix_balance warns where rounding asks for more than 2^63
+    return balance(A, scale=1, permute=0)[0]  # matrix_balance warns if rounding asks for more than 2^63
 
 
 def participation(A: Any, pole: complex, distance: float) -> Any:
-    """Diagonal of the spectral projector on the poles within `distance` of one, as shares (n,).
+    """Return the diagonal of the spectral projector on the poles within `distance` of one, as shares (n,).
 
-    For a single pole these are the participation factors of [1], products of its left and right eigenvector; poles that
-    coincide, where eigenvectors fail, are taken together.
+    For a single pole these are the participation factors of [1], products of its left and right eigenvectors. Poles
+    that coincide, for which eigenvectors fail, are taken together.
     """
     ordered: Any = schur(A, output="complex", sort=lambda s: abs(s - pole) <= distance)
     T, Q, k = ordered
@@ -45,11 +45,11 @@ def participation(A: Any, pole: complex, distance: float) -> Any:
 
 
 def uncontrollable_poles(A: Any, B: Any) -> tuple[complex, ...]:
-    """Eigenvalues of A (n, n), scaled, that B (n, m) does not move. Source: Popov, Belevitch, Hautus."""
+    """Return the eigenvalues of A (n, n), scaled, that B (n, m) does not move. Source: Popov, Belevitch, Hautus."""
     n = len(A)
     poles = []
     for s in np.linalg.eigvals(A):
-        # rows of unit length: a state that moves slowly is no state that nothing moves
+        # rows of unit length, so that a slow state does not count as uncontrollable
         rows = np.hstack([s * np.eye(n) - A, B])
         length = np.linalg.norm(rows, axis=1)
         singular = np.linalg.svd(rows / np.where(length > 0, length, 1.0)[:, None], compute_uv=False)

@@ -1,8 +1,8 @@
-"""Polynomials with exact coefficients, which a law's own code can be run on.
+"""Polynomials with exact coefficients, on which a law's own code can run.
 
-A law or a vehicle that only adds, multiplies and divides by single terms runs on these in place of numbers, and gives
-its polynomial: what is proved about it is then proved about the code. Powers may be negative in what never vanishes,
-e.g. k1/m u. A float counts as the decimal that it is written as: 2.6 is 13/5.
+A law or a vehicle that only adds, multiplies, and divides by single terms can run on polynomials instead of numbers.
+The result is the code's own polynomial, so that proofs about it are proofs about the code. Powers may be negative for
+names that never vanish, e.g. k1/m u. A float is taken as the decimal that is written: 2.6 is 13/5.
 
 Source: this module.
 """
@@ -17,15 +17,15 @@ import numpy as np
 from trimtab.core.errors import InputError
 
 Monomial = tuple[tuple[str, int], ...]
-"""(name, power) by name, no power 0."""
+"""Pairs (name, power), sorted by name, without power 0."""
 LONGEST_TEXT = 4000
-"""Characters of a polynomial's text beyond which it is refused: nobody can have read it."""
+"""Maximum length of a polynomial's text, in characters."""
 HIGHEST_POWER, MOST_TERMS = 12, 20
-"""Powers in a text beyond this, and above 2 those of so many terms, are refused: expanding them takes for ever."""
+"""Maximum power in a text, and maximum number of terms with powers above 2, to limit the time of expansion."""
 
 
 class Polynomial:
-    """A sum of terms, each a Fraction times powers of names. Immutable; compares by value.
+    """Sum of terms, each a Fraction times powers of names. Immutable; compares by value.
 
     terms: monomial -> coefficient, none of them zero.
     """
@@ -67,7 +67,7 @@ class Polynomial:
 
     def __pow__(self, power: Any) -> "Polynomial":
         if isinstance(power, bool) or power != int(power):
-            raise ArithmeticError(f"a power of {power!r} is no polynomial")
+            raise ArithmeticError(f"a power of {power!r} does not give a polynomial")
         base, product = self if power >= 0 else self.reciprocal(), constant(1)
         for _ in range(abs(int(power))):
             product = product * base
@@ -83,7 +83,7 @@ class Polynomial:
         return hash(frozenset(self.terms.items()))
 
     def __bool__(self) -> bool:
-        """Whether it has a term; not the value of a comparison, which no polynomial has."""
+        """Return True if it has a term."""
         return bool(self.terms)
 
     def __repr__(self) -> str:
@@ -91,18 +91,18 @@ class Polynomial:
 
     @property
     def names(self) -> frozenset[str]:
-        """All names that occur."""
+        """Return all names that occur."""
         return frozenset(name for m in self.terms for name, _ in m)
 
     def reciprocal(self) -> "Polynomial":
-        """1/p of a single term; ArithmeticError of any other."""
+        """Return 1/p of a single term; raise ArithmeticError for others."""
         if len(self.terms) != 1:
-            raise ArithmeticError(f"1/({self}) is no polynomial: only a single term can be divided by")
+            raise ArithmeticError(f"1/({self}) is not a polynomial; only a single term can be a divisor")
         ((m, c),) = self.terms.items()
         return Polynomial({tuple((name, -power) for name, power in m): 1 / c})
 
     def derivative(self, name: str) -> "Polynomial":
-        """The partial derivative."""
+        """Return the partial derivative."""
         terms: dict[Monomial, Fraction] = {}
         for m, c in self.terms.items():
             power = dict(m).get(name, 0)
@@ -112,7 +112,7 @@ class Polynomial:
         return Polynomial(terms)
 
     def substitute(self, values: Mapping[str, "Polynomial"]) -> "Polynomial":
-        """With names replaced by polynomials, all at once."""
+        """Replace names by polynomials, all at once."""
         total = constant(0)
         for m, c in self.terms.items():
             kept = tuple((name, power) for name, power in m if name not in values)
@@ -124,7 +124,7 @@ class Polynomial:
         return total
 
     def collect(self, names: Iterable[str]) -> dict[Monomial, "Polynomial"]:
-        """Monomial in these names -> its coefficient, a polynomial in the others."""
+        """Return monomial in these names -> its coefficient, a polynomial in the others."""
         chosen, parts = frozenset(names), {}
         for m, c in self.terms.items():
             inner = tuple(p for p in m if p[0] in chosen)
@@ -133,38 +133,38 @@ class Polynomial:
         return {inner: Polynomial(terms) for inner, terms in parts.items()}
 
     def sign(self, positive: Iterable[str]) -> int:
-        """1 or -1 where all coefficients have that sign and every name is positive; else 0, which decides nothing."""
+        """Return 1 or -1 if all coefficients have that sign and all names are positive; otherwise 0 (undecided)."""
         signs = {1 if c > 0 else -1 for c in self.terms.values()}
         return signs.pop() if len(signs) == 1 and self.names <= frozenset(positive) else 0
 
 
 def constant(value: Any) -> Polynomial:
-    """A number as a polynomial: integers and Fractions as they are, floats as the decimal that they are written as."""
+    """Convert a number to a polynomial: integers and Fractions exactly, floats as the decimal that is written."""
     if isinstance(value, Fraction):
         return Polynomial({(): value})
     number = np.asarray(value).item()
     if isinstance(number, bool) or not isinstance(number, int | float):
-        raise ArithmeticError(f"{value!r} is no number")
+        raise ArithmeticError(f"{value!r} is not a number")
     return Polynomial({(): Fraction(number) if isinstance(number, int) else Fraction(repr(number))})
 
 
 def symbol(name: str) -> Polynomial:
-    """A name as a polynomial."""
+    """Return a name as a polynomial."""
     return Polynomial({((name, 1),): Fraction(1)})
 
 
 def as_polynomial(value: Any) -> Polynomial:
-    """A polynomial as it is, a number as a constant."""
+    """Return a polynomial unchanged, and a number as a constant."""
     return value if isinstance(value, Polynomial) else constant(value)
 
 
 def lie_derivative_of(p: Polynomial, field: Mapping[str, Polynomial]) -> Polynomial:
-    """dp/dt along x' = field(x); names that the field has no rate of are constant."""
+    """Return dp/dt along x' = field(x); names without a rate in the field are constant."""
     return sum((p.derivative(name) * rate for name, rate in field.items()), constant(0))
 
 
 def format_polynomial(p: Polynomial) -> str:
-    """As text that `parse_polynomial` reads, e.g. "u^2 - 2*k1*r/d"."""
+    """Format a polynomial as text for `parse_polynomial`, e.g. "u^2 - 2*k1*r/d"."""
     text = ""
     for m, c in sorted(p.terms.items(), key=_place_of_term):
         above = [f"{name}^{power}" if power != 1 else name for name, power in m if power > 0]
@@ -176,29 +176,29 @@ def format_polynomial(p: Polynomial) -> str:
 
 
 def _place_of_term(term: tuple[Monomial, Fraction]) -> Any:
-    """Whole terms first, high powers before low ones."""
+    """Return a sort key: whole terms first, high powers before low ones."""
     m, _ = term
     return any(power < 0 for _, power in m), -sum(abs(power) for _, power in m), m
 
 
 def parse_polynomial(text: Any, part: str, names: Iterable[str]) -> Polynomial:
-    """The polynomial of a text with + - * / ^ and brackets.
+    """Read a polynomial from text with + - * / ^ and parentheses.
 
     Args:
         text: e.g. "k2*(v - d*r)^2".
-        part: what it is, for errors.
-        names: that may occur.
+        part: name used in errors.
+        names: allowed names.
 
-    Raises: InputError for anything else; nothing in the text is ever executed.
+    Raises: InputError for other text; nothing in the text is ever executed.
     """
     names = tuple(names)
     fix = "write e.g. k2*(v - d*r)^2"
     if not isinstance(text, str) or len(text) > LONGEST_TEXT:
-        raise InputError(part, f"{str(text)[:60]!r} is no polynomial", choices=names, fix=fix)
+        raise InputError(part, f"{str(text)[:60]!r} is not a polynomial", choices=names, fix=fix)
     try:
         return _evaluate(ast.parse(text.strip().replace("^", "**"), mode="eval").body, names)
     except (SyntaxError, ValueError, ArithmeticError, RecursionError, MemoryError) as error:
-        raise InputError(part, f"{text[:60]!r} is no polynomial: {error}", choices=names, fix=fix) from None
+        raise InputError(part, f"{text[:60]!r} is not a polynomial: {error}", choices=names, fix=fix) from None
 
 
 def _evaluate(node: ast.expr, names: tuple[str, ...]) -> Polynomial:
@@ -213,7 +213,7 @@ def _evaluate(node: ast.expr, names: tuple[str, ...]) -> Polynomial:
             power = _evaluate(right, names).terms.get((), Fraction(0))
             base = _evaluate(left, names)
             if abs(power) > HIGHEST_POWER or (abs(power) > 2 and len(base.terms) > MOST_TERMS):
-                raise ArithmeticError(f"a power of {power} of {len(base.terms)} terms")
+                raise ArithmeticError(f"power {power} of {len(base.terms)} terms is too large")
             return base**power
         case ast.BinOp(left=left, op=ast.Add() | ast.Sub() | ast.Mult() | ast.Div() as op, right=right):
             a, b = _evaluate(left, names), _evaluate(right, names)
@@ -221,11 +221,11 @@ def _evaluate(node: ast.expr, names: tuple[str, ...]) -> Polynomial:
                 return a + b if isinstance(op, ast.Add) else a - b
             return a * b if isinstance(op, ast.Mult) else a / b
         case _:
-            raise ArithmeticError(f"{ast.unparse(node)!r} is not known here")
+            raise ArithmeticError(f"{ast.unparse(node)!r} is not allowed here")
 
 
 def multiply_monomials(a: Monomial, b: Monomial) -> Monomial:
-    """The product of two monomials."""
+    """Return the product of two monomials."""
     powers = dict(a)
     for name, power in b:
         powers[name] = powers.get(name, 0) + power

@@ -1,4 +1,4 @@
-"""Lines of a proof: each condition evaluated by itself, with a number, and matrices proved definite without rounding.
+"""Proofs as lists of conditions: each evaluated by itself, with a number; definiteness is proved without rounding.
 
 Source: this module; proofs of definiteness as in `exact`.
 """
@@ -14,15 +14,14 @@ from trimtab.core.errors import InputError
 from trimtab.design import exact
 
 CLOSE = 1e-9
-"""How far identities (Riccati equations, K = -R_e^-1 B'P, L = P_eta C'R^-1) may be off, in parts of their largest term,
-scaled."""
+"""Largest error of identities (Riccati equations, K = -R_e^-1 B'P, L = P_eta C'R^-1), in parts of a scaled term."""
 
 
 class ProofCondition(NamedTuple):
-    """One line of the proof.
+    """One condition of a proof.
 
-    name: the condition.  holds: whether it is proved.  number: margin, deviation or value.  meaning: of the number.
-    how: by what.  why: what broke it, or what else is worth knowing.
+    name: the condition.  holds: True if proved.  number: margin, deviation or value.  meaning: of the number. how:
+    method.  why: reason of a failure, or a remark.
     """
 
     name: str
@@ -34,18 +33,18 @@ class ProofCondition(NamedTuple):
 
 
 class CertificateProof(NamedTuple):
-    """All conditions; holds: whether every one does."""
+    """All conditions of a proof; holds: True if all hold."""
 
     conditions: tuple[ProofCondition, ...]
     holds: bool
 
 
 Line = tuple[str, Callable[[], ProofCondition]]
-"""The name of a condition, and what evaluates it."""
+"""Name of a condition, and the function that evaluates it."""
 
 
 def evaluate_lines(lines: Iterable[Line]) -> CertificateProof:
-    """Every line, whatever became of those before; one that can't be computed fails, and says why."""
+    """Evaluate each condition, whatever the others give; one that can't be computed fails, with the reason."""
     conditions = []
     for name, compute in lines:
         try:
@@ -60,13 +59,13 @@ def evaluate_lines(lines: Iterable[Line]) -> CertificateProof:
 
 
 def definite_condition(M: Any, names: Sequence[str], unit: Any = None, label: str = "its diagonal") -> ProofCondition:
-    """The line of one matrix that must be positive definite, with a margin that is proved too.
+    """Return the condition that a matrix is positive definite, with a margin that is proved too.
 
     Args:
-        M: matrix of floats or of Fractions; fails where it is not symmetric.
-        names: of its rows.
-        unit: what the margin is measured in, positive definite; its own diagonal where not given.
-        label: name of that.
+        M: matrix of floats or of Fractions; the condition fails if it is not symmetric.
+        names: names of its rows.
+        unit: positive definite unit of the margin; default: M's own diagonal.
+        label: name of the unit.
     """
     meaning = f"margin in {label}"
     apart = np.argwhere(M != M.T)
@@ -81,19 +80,21 @@ def definite_condition(M: Any, names: Sequence[str], unit: Any = None, label: st
         return ProofCondition("", False, _smallest_eigenvalue(M, unit), meaning, proof.how, why)
     unit = np.diag(np.diag(M)) if unit is None else unit
     lowest = _smallest_eigenvalue(M, unit)
-    margin = float(f"{0.99 * lowest:.2e}") if np.isfinite(lowest) else 0.0  # so that what is shown is what is proved
+    margin = (
+        float(f"{0.99 * lowest:.2e}") if np.isfinite(lowest) else 0.0
+    )  # so that the number shown is the number proved
     if not (margin > 0 and exact.prove_definite(M - Fraction(margin) * unit).holds):
-        return ProofCondition("", True, 0.0, meaning, proof.how, "positive, by less than floats can tell")
+        return ProofCondition("", True, 0.0, meaning, proof.how, "positive, but by less than floats resolve")
     return ProofCondition("", True, margin, meaning, proof.how)
 
 
 def identity_condition(apart: Any, term: Any, names: tuple[Sequence[str], Sequence[str]]) -> ProofCondition:
-    """The line of an identity.
+    """Return the condition that an identity holds.
 
     Args:
-        apart: what should be zero, scaled.
-        term: one of its terms, scaled.
-        names: of rows and columns.
+        apart: difference that should be zero, scaled.
+        term: one of the identity's terms, scaled.
+        names: names of rows and columns.
     """
     off = float(np.abs(apart).max() / np.abs(term).max())
     i, j = (int(k) for k in np.unravel_index(int(np.abs(apart).argmax()), apart.shape))
@@ -102,13 +103,13 @@ def identity_condition(apart: Any, term: Any, names: tuple[Sequence[str], Sequen
 
 
 def _smallest_eigenvalue(M: Any, unit: Any) -> float:
-    """Smallest eigenvalue of M in units of `unit`, in floats; nan where floats cannot tell."""
+    """Return the smallest eigenvalue of M in units of `unit`, in floats; NaN if floats can't resolve it."""
     a = np.array(M, float)
     b = np.diag(np.abs(np.diag(a))) if unit is None else np.array(unit, float)
     size = np.sqrt(np.where(np.diag(b) > 0, np.diag(b), 1.0))
     b = b / np.outer(size, size) if np.diag(b).all() else np.eye(len(a))
     try:
         values: Any = eigh(a / np.outer(size, size), b, eigvals_only=True)
-    except (np.linalg.LinAlgError, ValueError):  # positive, but not for floats
+    except (np.linalg.LinAlgError, ValueError):  # positive, but not in floats
         return float("nan")
     return float(values[0])

@@ -1,4 +1,4 @@
-"""Hover of a multirotor that has lost a rotor and gives up its yaw: it spins about an axis that points down.
+"""Hover of a multirotor that has lost a rotor and gives up yaw control: it spins about an axis that points down.
 
 Offline code: scipy.
 
@@ -18,14 +18,14 @@ from trimtab.core.record import FAST_COMPILE_OPTIONS, to_arrays
 from trimtab.vehicles.quadrotor import Multirotor, MultirotorState, RotorSpeeds
 
 RESIDUAL = 1e-9
-"""Of an equation, in parts of weight or of what weight does at the longest arm: below it, it holds."""
+"""Relative residual of a solved equation, in units of the weight or its moment at the longest arm."""
 
 
 class RelaxedHover(NamedTuple):
-    """A steady spin without one rotor.
+    """Steady spin without one rotor.
 
-    axis: in B (3,), of length one; it points down while the body turns about it.  rate: in B (3,) (rad/s), along it.
-    thrusts: of the rotors (n,) (N), 0 of the one that is lost.
+    axis: in B (3,), of length one; it points down during the spin.  rate: in B (3,) (rad/s), along it. thrusts: of the
+    rotors (n,) (N), 0 for the lost one.
     """
 
     axis: Any
@@ -34,19 +34,19 @@ class RelaxedHover(NamedTuple):
 
 
 def find_relaxed_hover(craft: Multirotor, lost: int, ratio: float = 0.5) -> RelaxedHover:
-    """The spin in which thrust bears the weight in the mean, without the rotor `lost` [1, eqs. 16 to 23].
+    """Find the spin in which the mean thrust carries the weight, without the rotor `lost` [1, eqs. 16 to 23].
 
     Args:
         craft: a quadrotor.
         lost: index of the rotor.
-        ratio: thrust of the rotor opposite, in parts of each of the two others.
+        ratio: thrust of the opposite rotor, relative to each of the two others.
 
-    Raises: InputError for a craft without drag about z, or of another number of rotors, or where there is no such spin.
+    Raises: InputError if the craft has no drag about z or another number of rotors, or no such spin exists.
     """
     spins = np.asarray(craft.rotors.spins)
     if len(spins) != 4 or not float(np.asarray(craft.turning_drag)[2]) > 0:
-        problem = f"{len(spins)} rotors, and a drag of {np.asarray(craft.turning_drag)[2]:g} N m s about z"
-        fix = "give a quadrotor whose turning_drag[2] is above 0, else its spin has no end"
+        problem = f"got {len(spins)} rotors, and a drag of {np.asarray(craft.turning_drag)[2]:g} N m s about z"
+        fix = "give a quadrotor whose turning_drag[2] is above 0; without drag the spin has no limit"
         raise InputError("relaxed hover", problem, fix=fix)
     opposite = (lost + 2) % 4
     shares = np.where(np.arange(4) == opposite, ratio, 1.0)
@@ -66,7 +66,7 @@ def find_relaxed_hover(craft: Multirotor, lost: int, ratio: float = 0.5) -> Rela
     spin = -float(craft.rotors.torque_ratio) * each * float(spins @ shares) / float(craft.turning_drag[2])
     found: Any = root(equations, [0.01, 0.01, spin, each], tol=1e-14)
     if np.abs(found.fun).max() > RESIDUAL or found.x[3] <= 0:
-        problem = f"equations are off by {np.abs(found.fun).max():.2g} of the weight"
+        problem = f"no steady spin found; the equations are off by {np.abs(found.fun).max():.2g} of the weight"
         raise InputError("relaxed hover", problem, fix=f"try another ratio than {ratio:g}, e.g. 0.3")
     rate = found.x[:3]
     return RelaxedHover(np.sign(rate[2]) * rate / np.linalg.norm(rate), rate, shares * found.x[3])
@@ -74,11 +74,11 @@ def find_relaxed_hover(craft: Multirotor, lost: int, ratio: float = 0.5) -> Rela
 
 @partial(jax.jit, compiler_options=FAST_COMPILE_OPTIONS)
 def _angular_acceleration(craft: Multirotor, rate: Any, speed: Any) -> Any:
-    """Angular acceleration in B (3,) of a level craft at rest that turns at `rate` with rotors at `speed`."""
+    """Return the angular acceleration in B (3,) of a level craft at rest, turning at `rate` with rotors at `speed`."""
     x = MultirotorState(np.zeros(3), np.zeros(3), np.array([1.0, 0, 0, 0]), rate, speed)
     return craft.accelerations(x, RotorSpeeds(speed))[1]
 
 
 def relaxed_axes(craft: Multirotor, ratio: float = 0.5) -> Any:
-    """The axis (4, 3) that points down, for each rotor that may be lost."""
+    """Return the axis (4, 3) that points down, for the loss of each rotor."""
     return np.stack([find_relaxed_hover(craft, lost, ratio).axis for lost in range(4)])

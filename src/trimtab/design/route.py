@@ -1,7 +1,7 @@
-"""A way between obstacles that a craft of some width fits through, smooth and with a time for each place.
+"""Smooth, timed route between obstacles for a craft of some width.
 
-Search on a grid, shortcuts in straight lines, corners rounded as far as there is room, and a tempo from the
-accelerations that the craft has. Where there is no way, how wide the widest one would be.
+Search on a grid, straight shortcuts, corners rounded as far as there is room, and a tempo from the craft's
+accelerations. Without a route, the error reports the width of the widest passage.
 
 Source: P. Hart, N. Nilsson, B. Raphael, "A formal basis for the heuristic determination of minimum cost paths", IEEE
 Trans. Systems Science and Cybernetics 4 (1968) 100; the widest way: M. Pollack, "The maximum capacity through a
@@ -20,21 +20,21 @@ from trimtab.core.errors import InputError
 from trimtab.design.obstacles import ObstacleFloor, PlanTask
 
 GRID = 0.1
-"""m, between the places that the search looks at."""
+"""Distance between the places of the search grid (m)."""
 MARGINS = (0.3, 0.2, 0.12, 0.06)
-"""m, that the way keeps from obstacles beyond the craft's own radius: the first for which there is one."""
+"""Distances (m) to keep from obstacles beyond the craft's own radius; the first with a route is used."""
 SPACING = 0.05
-"""m, between the places of a way."""
+"""Distance between the places of a route (m)."""
 CONTROL = 0.4
-"""m, between the control points of the smooth way."""
+"""Distance between the control points of the smooth route (m)."""
 WEIGHTS = 0.2, 1.0, 0.15
-"""Of first to third derivative of the way by its length (1, m, m^2)."""
+"""Weights of the first to third derivative of the route by its length (1, m, m^2)."""
 ROOMS = (0.0, 200.0), (0.3, 5.0)
-"""Room beyond what is needed (m), and the weight of what is missing of it (1/m)."""
+"""Room beyond the required one (m), and the weight of missing room (1/m)."""
 
 
 class Tempo(NamedTuple):
-    """speed: most (m/s).  along: most acceleration along the way, and against it.  across: in curves (m/s^2)."""
+    """Limits of the tempo. speed (m/s).  along: acceleration along the route, both ways.  across: in curves (m/s^2)."""
 
     speed: float = 0.5
     along: float = 0.1
@@ -42,7 +42,7 @@ class Tempo(NamedTuple):
 
 
 class Route(NamedTuple):
-    """times (n,), s; places (n, 2), m in W; margin: m that was kept beyond the craft's radius."""
+    """Route. times (n,), s; places (n, 2), m in W; margin: distance kept beyond the craft's radius (m)."""
 
     times: Any
     places: Any
@@ -50,22 +50,22 @@ class Route(NamedTuple):
 
 
 class _Grid(NamedTuple):
-    """places (rows, columns, 2) and their clearance (rows, columns)."""
+    """Search grid. places (rows, columns, 2) and their clearance (rows, columns)."""
 
     places: Any
     clearance: Any
 
     def nearest(self, place: Any) -> tuple[int, int]:
-        """Row and column of the place nearest to one."""
+        """Return row and column of the nearest place."""
         away = ((self.places - np.asarray(place)) ** 2).sum(axis=2)
         row, column = np.unravel_index(np.argmin(away), away.shape)
         return int(row), int(column)
 
 
 def find_route(task: PlanTask, tempo: Tempo | None = None, part: str = "plan") -> Route:
-    """A way from rest to rest.
+    """Find a route from rest to rest.
 
-    Raises: InputError that says what is in the way: an end that touches an obstacle, or a passage that is too narrow.
+    Raises: InputError with the obstruction: an end that touches an obstacle, or a passage that is too narrow.
     """
     floor, tempo = task.floor, tempo or Tempo()
     _refuse_ends(task, part)
@@ -80,8 +80,8 @@ def find_route(task: PlanTask, tempo: Tempo | None = None, part: str = "plan") -
             places = _smooth(floor, _shortcut(floor, corners, room), room)
             return Route(_times(places, tempo), places, margin)
     widest = 2 * _widest(grid, *ends)
-    problem = f"there is no way for a craft of radius {task.radius:g} m: the widest one leaves {widest:.2f} m, and "
-    problem += f"{2 * (task.radius + MARGINS[-1]):.2f} m are needed, {100 * MARGINS[-1]:g} cm on either side included"
+    problem = f"no route for a craft of radius {task.radius:g} m: the widest passage is {widest:.2f} m, but "
+    problem += f"{2 * (task.radius + MARGINS[-1]):.2f} m are needed, including {100 * MARGINS[-1]:g} cm on either side"
     fix = f"move an obstacle, or plan for a craft of radius {max(widest / 2 - MARGINS[-1] - 0.01, 0.01):.2f} m"
     raise InputError(part, problem, fix=fix)
 
@@ -90,9 +90,13 @@ def _refuse_ends(task: PlanTask, part: str) -> None:
     for name, place in (("start", task.start), ("goal", task.goal)):
         left = float(task.floor.clearance([place])[0])
         if left < task.radius:
-            where = "lies in an obstacle or beyond the floor" if left < 0 else f"is {left:.2f} m from what is nearest"
-            problem = f"the {name} {place[0]:g} {place[1]:g} {where}, the craft's radius is {task.radius:g} m"
-            raise InputError(part, problem, fix=f"move the {name}, e.g. to where it has {task.radius + 0.1:g} m around")
+            where = (
+                "lies in an obstacle or beyond the floor" if left < 0 else f"is {left:.2f} m from the nearest obstacle"
+            )
+            problem = f"the {name} {place[0]:g} {place[1]:g} {where}; the craft's radius is {task.radius:g} m"
+            raise InputError(
+                part, problem, fix=f"move the {name} to a place with at least {task.radius + 0.1:g} m around it"
+            )
 
 
 def _make_grid(floor: ObstacleFloor) -> _Grid:
@@ -106,7 +110,7 @@ STEPS = [(a, b, GRID * float(np.hypot(a, b))) for a, b in itertools.product((-1,
 
 
 def _search(grid: _Grid, start: tuple[int, int], goal: tuple[int, int], room: float) -> "list[tuple[int, int]] | None":
-    """Cells of a shortest way whose places have that room; the ends, which may have less, are taken as they are."""
+    """Return the cells of a shortest route with that room; the ends may have less room."""
     free = grid.clearance >= room
     free[start] = free[goal] = True
     best, came = {start: 0.0}, {start: start}
@@ -134,7 +138,7 @@ def _search(grid: _Grid, start: tuple[int, int], goal: tuple[int, int], room: fl
 
 
 def _widest(grid: _Grid, start: tuple[int, int], goal: tuple[int, int]) -> float:
-    """Of all ways the most that is left at the narrowest place, as a clearance (m)."""
+    """Return the clearance (m) of the widest possible route at its narrowest place."""
     best = {start: float(grid.clearance[start])}
     queue = [(-best[start], start)]
     while queue:
@@ -154,7 +158,7 @@ def _widest(grid: _Grid, start: tuple[int, int], goal: tuple[int, int]) -> float
 
 
 def _shortcut(floor: ObstacleFloor, corners: Any, room: float) -> Any:
-    """The way without corners that a straight line can do without."""
+    """Return the route without corners that straight lines can skip."""
     kept, at = [corners[0]], 0
     while at < len(corners) - 1:
         ahead = len(corners) - 1
@@ -170,7 +174,7 @@ def _shortcut(floor: ObstacleFloor, corners: Any, room: float) -> Any:
 
 
 def _resample(places: Any, spacing: float) -> Any:
-    """Places along the same lines, evenly spaced."""
+    """Return evenly spaced places along the same lines."""
     lengths = np.append(0.0, np.cumsum(np.hypot(*np.diff(places, axis=0).T)))
     count = max(int(np.ceil(lengths[-1] / spacing)), 1) + 1
     along = np.linspace(0.0, lengths[-1], count)
@@ -178,7 +182,7 @@ def _resample(places: Any, spacing: float) -> Any:
 
 
 def _smooth(floor: ObstacleFloor, corners: Any, room: float) -> Any:
-    """Places of a spline of degree 5 near the lines through corners: little curvature, with room wherever there is."""
+    """Return places of a spline of degree 5 near the lines: little curvature, and enough room where possible."""
     lines = _resample(corners, SPACING)
     length, degree = SPACING * (len(lines) - 1), 5
     count = max(int(np.ceil(length / CONTROL)), degree + 1) + 1
@@ -214,7 +218,7 @@ def _smooth(floor: ObstacleFloor, corners: Any, room: float) -> Any:
 
 
 def _directions(floor: ObstacleFloor, places: Any) -> Any:
-    """Gradient (n, 2) of the clearance at places."""
+    """Return the gradient (n, 2) of the clearance at places."""
     h = 1e-6
     return np.column_stack(
         [(floor.clearance(places + d) - floor.clearance(places - d)) / (2 * h) for d in h * np.eye(2)]
@@ -222,7 +226,7 @@ def _directions(floor: ObstacleFloor, places: Any) -> Any:
 
 
 def _times(places: Any, tempo: Tempo) -> Any:
-    """When to be at each place (n,): from rest to rest, as fast as the tempo lets it."""
+    """Return the time at each place (n,): from rest to rest, as fast as the tempo allows."""
     step = np.hypot(*np.diff(places, axis=0).T)
     turn = np.zeros(len(places))
     direction = np.unwrap(np.arctan2(*np.diff(places, axis=0).T[::-1]))

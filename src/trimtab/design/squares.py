@@ -1,10 +1,10 @@
-"""Why a polynomial is nowhere negative: as a sum of squares, checked exactly, without a solver.
+"""Proofs that a polynomial is nowhere negative, as a sum of squares, checked exactly and without a solver.
 
     scale * conclusion = sum of weight * form^2 [* hypothesis]  +  sum of z'G z [* hypothesis]
 
-Weights and scale are positive, for all positive values of the names in them, as all their coefficients are; each G is
-positive definite, proved without rounding. So the conclusion is not negative wherever every hypothesis is positive.
-A file may claim any such sum: whether the two sides are the same polynomial is computed here.
+Weights and scale are positive for all positive values of their names, because all their coefficients are. Each G is
+positive definite, proved without rounding. The conclusion is therefore not negative wherever every hypothesis is
+positive. A file may claim any such sum; this module computes if both sides are the same polynomial.
 
 Source: [1] P. A. Parrilo, "Semidefinite programming relaxations for semialgebraic problems", Math. Programming 96
 (2003); definiteness as in `exact`.
@@ -19,13 +19,13 @@ from trimtab.design.polynomial import Polynomial, constant, symbol
 from trimtab.design.zero_set import ZeroBranch, solve_equations
 
 DEFINITE, NONNEGATIVE, POSITIVE = "zero at rest only", "not negative", "positive"
-"""What a claim says of its conclusion."""
+"""Possible statements of a claim about its conclusion."""
 SHOWN = 90
-"""Characters of a polynomial that a message shows."""
+"""Maximum number of characters of a polynomial in a message."""
 
 
 class WeightedSquares(NamedTuple):
-    """The sum of weight form^2, times a hypothesis where `times` names one.
+    """Sum of weight form^2, times the hypothesis named in `times`.
 
     times: name of a hypothesis, or "".  weights, forms: polynomials, as many of each.
     """
@@ -35,12 +35,12 @@ class WeightedSquares(NamedTuple):
     forms: tuple[Polynomial, ...]
 
     def value(self) -> Polynomial:
-        """The sum, without the hypothesis."""
+        """Return the sum, without the hypothesis."""
         return sum((w * f * f for w, f in zip(self.weights, self.forms, strict=True)), constant(0))
 
 
 class GramForm(NamedTuple):
-    """z'G z, times a hypothesis where `times` names one.
+    """Form z'G z, times the hypothesis named in `times`.
 
     times: name of a hypothesis, or "".  forms: z, k polynomials.  matrix: G, Fractions (k, k).
     """
@@ -50,7 +50,7 @@ class GramForm(NamedTuple):
     matrix: Any
 
     def value(self) -> Polynomial:
-        """The form, without the hypothesis."""
+        """Return the form, without the hypothesis."""
         z, total = self.forms, constant(0)
         for i, row in enumerate(self.matrix):
             total = total + z[i] * sum((constant(c) * b for c, b in zip(row, z, strict=True)), constant(0))
@@ -61,17 +61,17 @@ Term = WeightedSquares | GramForm
 
 
 class SquaresProof(NamedTuple):
-    """scale: polynomial that the conclusion is multiplied by.  terms: what that is the sum of."""
+    """Proof by squares. scale: polynomial factor of the conclusion.  terms: terms whose sum equals the product."""
 
     scale: Polynomial
     terms: tuple[Term, ...]
 
 
 class Claim(NamedTuple):
-    """What is to be proved, all of it from code.
+    """Claim to be proved, all of it from code.
 
-    name: of the claim.  conclusion: the polynomial.  hypotheses: name -> polynomial that is positive, where the
-    conclusion is asserted.  says: DEFINITE, NONNEGATIVE or POSITIVE.
+    name: of the claim.  conclusion: the polynomial.  hypotheses: name -> polynomial, positive where the conclusion is
+    asserted.  says: DEFINITE, NONNEGATIVE or POSITIVE.
     """
 
     name: str
@@ -81,7 +81,7 @@ class Claim(NamedTuple):
 
 
 class Region(NamedTuple):
-    """Where polynomials live: which names are states, which are positive, and where the loop rests.
+    """Names in polynomials: which are states, which are positive, and the loop's point of rest.
 
     states, positive: names.  rest: state -> polynomial in the positive names.
     """
@@ -92,16 +92,16 @@ class Region(NamedTuple):
 
 
 def find_fault(claim: Claim, proof: SquaresProof, region: Region) -> str:
-    """What is wrong with a proof of a claim, in words; nothing where it holds."""
+    """Return the fault of a proof of a claim, in words; an empty text if it holds."""
     if proof.scale.sign(region.positive) != 1:
-        return f"the scale {_shorten(proof.scale)} need not be positive"
+        return f"the scale {_shorten(proof.scale)} may be negative"
     total = constant(0)
     for term in proof.terms:
         fault = _find_term_fault(term, region)
         if fault:
             return fault
         if term.times and term.times not in claim.hypotheses:
-            return f"there is no hypothesis {term.times!r}"
+            return f"unknown hypothesis {term.times!r}"
         total = total + term.value() * (claim.hypotheses[term.times] if term.times else constant(1))
     apart = proof.scale * claim.conclusion - total
     if apart:
@@ -109,22 +109,22 @@ def find_fault(claim: Claim, proof: SquaresProof, region: Region) -> str:
     if claim.says == DEFINITE:
         return _find_zero_fault(proof, region)
     if claim.says == POSITIVE and not any(_is_strict(term, region) for term in proof.terms):
-        return "no term of the sum is positive by itself"
+        return "no term of the sum is strictly positive"
     return ""
 
 
 def unconditional_forms(proof: SquaresProof) -> tuple[Polynomial, ...]:
-    """What vanishes where the sum does, of the terms without hypotheses."""
+    """Return the forms that vanish where the sum vanishes, from terms without hypotheses."""
     return tuple(form for term in proof.terms if not term.times for form in term.forms)
 
 
 def is_at_rest(branches: Sequence[ZeroBranch], region: Region) -> bool:
-    """Whether a zero set is the point of rest, and nothing else."""
+    """Return True if a zero set is exactly the point of rest."""
     return len(branches) == 1 and branches[0].values == dict(region.rest)
 
 
 def has_growing_forms(proof: SquaresProof, region: Region) -> bool:
-    """Whether forms of first degree alone vanish at rest only: then the sum grows without bound in every direction."""
+    """Return True if forms of first degree vanish only at rest: then the sum grows without bound in every direction."""
     affine = [
         f
         for f in unconditional_forms(proof)
@@ -134,9 +134,9 @@ def has_growing_forms(proof: SquaresProof, region: Region) -> bool:
 
 
 def complete_squares(p: Polynomial, region: Region) -> WeightedSquares:
-    """A polynomial of second degree in the states as a sum of squares, with weights in the positive names.
+    """Write a polynomial of second degree in the states as a sum of squares, with weights in the positive names.
 
-    ArithmeticError where no order of the states leads to one.
+    Raises ArithmeticError if no order of the states succeeds.
     """
     shifted = p.substitute({n: symbol(n) + region.rest[n] for n in region.states})
     back, why = {n: symbol(n) - region.rest[n] for n in region.states}, ""
@@ -161,12 +161,12 @@ def _complete_in_order(p: Polynomial, order: tuple[str, ...], region: Region) ->
             raise ArithmeticError(f"{_shorten(rest)} is not of second degree in {name}")
         pivot, cross = parts[((name, 2),)], parts.get(((name, 1),), constant(0))
         if pivot.sign(region.positive) != 1 or (cross and len(pivot.terms) != 1):
-            raise ArithmeticError(f"the coefficient {_shorten(pivot)} of {name}^2 is no positive term")
+            raise ArithmeticError(f"the coefficient {_shorten(pivot)} of {name}^2 is not a positive term")
         form = symbol(name) + (cross / (2 * pivot) if cross else constant(0))
         weights, forms, rest = [*weights, pivot], [*forms, form], rest - pivot * form * form
     if rest:
         if rest.sign(region.positive) != 1:
-            raise ArithmeticError(f"{_shorten(rest)} is left over, and need not be positive")
+            raise ArithmeticError(f"the remainder {_shorten(rest)} may be negative")
         weights, forms = [*weights, rest], [*forms, constant(1)]
     return WeightedSquares("", tuple(weights), tuple(forms))
 
@@ -175,24 +175,24 @@ def _find_term_fault(term: Term, region: Region) -> str:
     known = frozenset(region.states) | frozenset(region.positive)
     for form in term.forms:
         if not form.names <= known:
-            return f"the form {_shorten(form)} has a name that is not known"
+            return f"the form {_shorten(form)} has an unknown name"
     if isinstance(term, WeightedSquares):
         bad = [w for w in term.weights if w.sign(region.positive) != 1]
-        return f"the weight {_shorten(bad[0])} need not be positive" if bad else ""
+        return f"the weight {_shorten(bad[0])} may be negative" if bad else ""
     proof = exact.prove_definite(term.matrix)
     at = "" if proof.pivot is None else _shorten(term.forms[proof.pivot])
-    return "" if proof.holds else f"the Gram matrix is not positive definite: pivot {proof.value:.6g} at {at}"
+    return "" if proof.holds else f"the Gram matrix is not positive definite; pivot {proof.value:.6g} at {at}"
 
 
 def _find_zero_fault(proof: SquaresProof, region: Region) -> str:
     branches = solve_equations(unconditional_forms(proof), region.states, region.positive)
     if is_at_rest(branches, region):
         return ""
-    return "the sum vanishes elsewhere than at rest: " + "; or ".join(str(b) for b in branches)
+    return "the sum vanishes away from rest: " + "; or ".join(str(b) for b in branches)
 
 
 def _is_strict(term: Term, region: Region) -> bool:
-    """Whether a term is positive everywhere that its hypothesis is."""
+    """Return True if a term is positive wherever its hypothesis is."""
     constants = [bool(f) and len(f.terms) == 1 and f.names <= frozenset(region.positive) for f in term.forms]
     return any(constants) if isinstance(term, WeightedSquares) else False
 

@@ -1,6 +1,7 @@
-"""Can any smooth feedback of the state hold this equilibrium? Two necessary conditions, checked numerically.
+"""Two necessary conditions for a smooth state feedback that holds an equilibrium, checked numerically.
 
-Both can only say no: a system that passes may still resist. Offline code: automatic derivatives, LAPACK and scipy.
+Both conditions can only exclude: a system that passes may still not be stabilisable. Offline code: automatic
+derivatives, LAPACK and scipy.
 
 Source: [2] C. I. Byrnes, A. Isidori, "On the attitude stabilization of rigid spacecraft", Automatica 27 (1991);
 [3] R. W. Brockett, "Asymptotic stability and feedback stabilization", in Differential Geometric Control Theory,
@@ -21,15 +22,15 @@ from trimtab.design.model import StateSpaceModel
 jax.config.update("jax_enable_x64", True)
 
 RANK_TOLERANCE = 1e-9
-"""Singular values below this part of the largest count as zero."""
+"""Ratio of singular values to the largest that counts as zero."""
 
 
 class ByrnesIsidori(NamedTuple):
-    """What byrnes_isidori found.
+    """Result of byrnes_isidori.
 
     h1: f2 = 0 only at x1 = 0 near the origin.  h2: df2/dx1 has full column rank n1 at the origin.
     rank_f2: that rank.  rank_inputs: number of independent inputs m'.  n1: size of x1.
-    is_excluded: True where no continuously differentiable feedback can stabilise the origin; False decides nothing.
+    is_excluded: True if no continuously differentiable feedback can stabilise the origin; False decides nothing.
     """
 
     h1: bool
@@ -41,13 +42,12 @@ class ByrnesIsidori(NamedTuple):
 
 
 class Brockett(NamedTuple):
-    """What brockett found.
+    """Result of brockett.
 
-    uncontrollable_unstable: eigenvalues with positive real part that no input reaches (where any, condition i fails).
-    controllability_rank: of the linearisation, n where it is controllable.
-    is_onto: whether each tried right-hand side is reached (condition iii).
-    missed_targets: (k, n) right-hand sides that are not.
-    is_excluded: True where no continuously differentiable feedback can stabilise the origin; False decides nothing.
+    uncontrollable_unstable: eigenvalues with positive real part that no input reaches (with any, condition i fails).
+    controllability_rank: of the linearisation, n if it is controllable.  is_onto: True if each tried right-hand side is
+    reached (condition iii).  missed_targets: (k, n) right-hand sides that are not reached.
+    is_excluded: True if no continuously differentiable feedback can stabilise the origin; False decides nothing.
     """
 
     uncontrollable_unstable: tuple[complex, ...]
@@ -58,7 +58,7 @@ class Brockett(NamedTuple):
 
 
 def numerical_rank(A: Any) -> int:
-    """Rank of a matrix (n, m), with RANK_TOLERANCE."""
+    """Return the rank of a matrix (n, m), with RANK_TOLERANCE."""
     s = np.linalg.svd(np.asarray(A), compute_uv=False)
     return int((s > RANK_TOLERANCE * max(s.max(initial=0.0), np.finfo(float).tiny)).sum())
 
@@ -85,8 +85,8 @@ def byrnes_isidori(
         n1: size of x1.
         n2: size of x2.
         m: size of u.
-        radius: how far from the origin H1 is sampled.
-        samples: how many points x2; at each f2(0, x2) = 0 and the rank of df2/dx1 are tested, which makes H1 hold near
+        radius: distance from the origin within which H1 is sampled.
+        samples: number of points x2; at each, f2(0, x2) = 0 and the rank of df2/dx1 are tested, which implies H1 near
             them by the implicit function theorem.
 
     Source: [2], as stated in [1] section 2.3.
@@ -104,7 +104,7 @@ def byrnes_isidori(
 
 @lru_cache(maxsize=8)
 def _compile_function(f: Callable[[Any, Any], Any], n: int) -> tuple[Callable[[Any], Any], Callable[[Any], Any]]:
-    """f of the stacked (x, u), and its derivative."""
+    """Compile f of the stacked (x, u), and its derivative."""
 
     def stack_arguments(z: Any) -> Any:
         return f(z[:n], z[n:])
@@ -115,17 +115,18 @@ def _compile_function(f: Callable[[Any, Any], Any], n: int) -> tuple[Callable[[A
 def is_reachable(
     f: Callable[[Any, Any], Any], b: Any, m: int, *, radius: float = 1.0, starts: int = 8, tolerance: float = 1e-9
 ) -> bool:
-    """Whether f(x, u) = b has a solution with every |x_i|, |u_i| < radius.
+    """Return True if f(x, u) = b has a solution with every |x_i|, |u_i| < radius.
 
-    Least squares from several starts; b counts as reached where the residual is below tolerance * |b|.
+    Least squares from several starts; b counts as reached if the residual is below tolerance * |b|.
 
     Args:
         f: (x (n,), u (m,)) -> (n,), traceable by jax.
         b: right-hand side (n,), not zero.
         m: size of u.
-        radius: half the side of the box; the box matters, as far away a nearly singular system reaches almost all.
-        starts: how many starts, the first near the origin.
-        tolerance: residual that counts as none.
+        radius: half the side of the box; it matters, because far away a nearly singular system reaches almost
+            everything.
+        starts: number of starts, the first near the origin.
+        tolerance: relative residual that counts as zero.
     """
     b = np.asarray(b, float)
     n = b.size
@@ -148,16 +149,16 @@ def is_reachable(
 
 
 def controllability_rank(A: Any, B: Any) -> int:
-    """Rank of [B, A B, ..., A^(n-1) B] for A (n, n) and B (n, m). Source: Kalman's rank condition.
+    """Return the rank of [B, A B, ..., A^(n-1) B] for A (n, n), B (n, m). Source: Kalman's rank condition.
 
-    Directions are added one by one, each made orthogonal to those before: powers of A would lose the weak ones.
+    Directions are added one by one, each made orthogonal to earlier ones; powers of A would lose the weak ones.
     """
     A, pending = np.asarray(A, float), list(np.asarray(B, float).T)
     basis = np.zeros((0, len(A)))
     while pending:
         vector = pending.pop(0)
         left = vector
-        for _ in range(2):  # once more, as the first time leaves rounding
+        for _ in range(2):  # once more, because the first time leaves rounding
             left = left - basis.T @ (basis @ left)
         size = np.linalg.norm(left)
         if size > RANK_TOLERANCE * np.linalg.norm(vector):
@@ -167,7 +168,7 @@ def controllability_rank(A: Any, B: Any) -> int:
 
 
 def uncontrollable_eigenvalues(A: Any, B: Any) -> tuple[complex, ...]:
-    """Eigenvalues of A (n, n) that B (n, m) does not move. Source: Popov, Belevitch, Hautus: rank [s I - A, B] < n."""
+    """Return eigenvalues of A that B does not move. Source: Popov, Belevitch, Hautus: rank [s I - A, B] < n."""
     A, B = np.asarray(A), np.asarray(B)
     n = len(A)
     return tuple(complex(s) for s in np.linalg.eigvals(A) if numerical_rank(np.hstack([s * np.eye(n) - A, B])) < n)
@@ -179,16 +180,17 @@ def brockett(
     """Check Brockett's conditions (i) and (iii) for x' = f(x, u) at the origin, an equilibrium.
 
     (i) the linearisation has no uncontrollable eigenvalue with positive real part; (iii) (x, u) -> f(x, u) reaches
-    every small right-hand side. (iii) holds if df/d(x, u) has rank n; otherwise the directions outside its range,
-    where it can fail, and some random ones are tried. Condition (ii), that some input drives every near state to the
-    origin, is not checked.
+    (i) the linearisation has no uncontrollable eigenvalue with positive real part; (iii) (x, u) -> f(x, u) reaches
+    every small right-hand side. (iii) holds if df/d(x, u) has rank n; otherwise the directions outside its range, where
+    it can fail, and some random ones are tried. Condition (ii), that some input drives every near state to the origin,
+    is not checked.
 
     Args:
         f: (x (n,), u (m,)) -> (n,), traceable by jax.
         n: size of x.
         m: size of u.
-        size: length of the right-hand sides that are tried.
-        radius: half the side of the box in which solutions are looked for.
+        size: length of the tried right-hand sides.
+        radius: half the side of the box in which solutions are searched.
         samples: number of random right-hand sides.
 
     Source: [3] theorem 1.
@@ -207,17 +209,17 @@ def brockett(
 
 
 class Cascade(NamedTuple):
-    """A model as x1' = a(x1) + B u, x2' = f2(x1, x2): x1, x2: places of their states."""
+    """Cascade x1' = a(x1) + B u, x2' = f2(x1, x2) of a model; x1, x2: indices of their states."""
 
     x1: tuple[int, ...]
     x2: tuple[int, ...]
 
 
 class SmoothFeedback(NamedTuple):
-    """What smooth_feedback found.
+    """Result of smooth_feedback.
 
-    brockett: of the whole model.  byrnes_isidori: of its cascade, None where it is none.  cascade: that, or None.
-    is_excluded: True where one of both excludes a continuously differentiable stabiliser; False decides nothing.
+    brockett: for the whole model.  byrnes_isidori: for its cascade, None without one.  cascade: the cascade, or None.
+    is_excluded: True if one of both excludes a continuously differentiable stabiliser; False decides nothing.
     """
 
     brockett: Brockett
@@ -227,10 +229,10 @@ class SmoothFeedback(NamedTuple):
 
 
 def find_cascade(model: StateSpaceModel, *, samples: int = 20) -> Cascade | None:
-    """The least x1 that the inputs enter and whose rates depend on nothing else; None where that is all states.
+    """Find the smallest x1 that the inputs enter and whose rates depend on nothing else; None if that is all states.
 
-    Told from derivatives at sampled points around the model's own; also None where the inputs enter x1 with
-    coefficients that change.
+    The decision uses derivatives at sampled points around the model's own point. The result is also None if the inputs
+    enter x1 with varying coefficients.
     """
     draws = np.random.default_rng(4)
     x0, u0 = model.point()
@@ -249,9 +251,9 @@ def find_cascade(model: StateSpaceModel, *, samples: int = 20) -> Cascade | None
 
 
 def smooth_feedback(model: StateSpaceModel) -> SmoothFeedback:
-    """Both necessary conditions, of a model at its own point, which must be an equilibrium.
+    """Check both necessary conditions for a model at its own point, which must be an equilibrium.
 
-    States and inputs are taken in units of their size at the point, where that is not zero.
+    States and inputs are scaled by their size at the point, if it is not zero.
     """
     x0, u0 = model.point()
     n, m = len(x0), len(u0)

@@ -1,20 +1,20 @@
-"""What internal dynamics do while an output follows its command: noncausal and exact, or causal and linear.
+"""Internal dynamics while an output follows its command: the exact noncausal solution, or the causal linear one.
 
-`bounded_solution`: zeta' = Psi(t, zeta) where the linearisation has poles on both sides. Forward integration follows an
-unstable mode to infinity. The solution that stays bounded takes what is stable from the past and what is unstable from
-the future, and so moves before what drives it. Picard's iteration: with A = dPsi/dzeta at one point, solve
+`bounded_solution`: zeta' = Psi(t, zeta) if the linearisation has poles on both sides. Forward integration follows an
+unstable mode to infinity. The bounded solution takes stable parts from the past and unstable parts from the future, and
+therefore moves before its cause. Picard's iteration: with A = dPsi/dzeta at one point, solve
 
-    zeta' = A zeta + w(t)        w = Psi(t, zeta of before) - A zeta of before
+    zeta' = A zeta + w(t)        w = Psi(t, previous zeta) - A (previous zeta)
 
-exactly for w piecewise linear, the stable part forward from the left boundary, the unstable part backward from the
-right one; again until nothing changes. A coordinate whose value goes into no rate but those of others like it is a
-place: it holds no mode, only the integral of its own rate, forward from the left boundary.
+exactly for w piecewise linear: the stable part forward from the left boundary, the unstable part backward from the
+right one. Repeat until nothing changes. A place is a coordinate whose value enters no rate except those of other
+places. A place has no mode; it is the integral of its own rate, forward from the left boundary.
 
-`solve_steady_response`: a linear system while a command from an exosystem lasts, X with X S = A X + G.
+`solve_steady_response`: a linear system driven by a command from an exosystem, X with X S = A X + G.
 
     omega' = S omega        zeta' = A zeta + G omega        zeta = X omega is the solution that follows omega alone
 
-It needs omega now and nothing else: causal, and indifferent to the signs of the poles of A. Offline code: LAPACK.
+It needs only the present omega: it is causal, for any signs of the poles of A. Offline code: LAPACK.
 
 Source: [1] S. Devasia, D. Chen, B. Paden, "Nonlinear inversion-based output tracking", IEEE Transactions on Automatic
 Control 41(7), 1996, section III; [2] B. A. Francis, "The linear multivariable regulator problem", SIAM Journal on
@@ -33,23 +33,23 @@ from scipy.linalg import expm, schur, solve_sylvester
 from trimtab.core.errors import InputError
 
 ON_AXIS = 1e-9
-"""Poles whose real part is below this part of the largest magnitude lie on the imaginary axis."""
+"""Real part, relative to the largest magnitude, below which poles lie on the imaginary axis."""
 FADED = 1e-40
-"""Powers of a transition matrix with entries below this no longer matter."""
+"""Size of a transition matrix's entries below which further powers are ignored."""
 GROWN = 1e3
-"""An iteration that changes this many times more than the first one did is given up."""
+"""Growth of an iteration's change, relative to the first one, at which the iteration is abandoned."""
 PLACE = 1e-12
-"""Entries of A below this part of the largest are zero."""
+"""Size of entries of A, relative to the largest, that counts as zero."""
 APART = 1e-9
-"""Poles of A and S nearer than this part of the largest magnitude are the same."""
+"""Distance of poles of A and S, relative to the largest magnitude, below which they are equal."""
 
 
 class BoundedSolution(NamedTuple):
-    """What the iteration ended with.
+    """Result of the iteration.
 
-    zeta: (n, k) on the grid.  rates: Psi there (n, k).  iterations: how many.  changes: the largest change of each, in
-    parts of the scales.  poles: of A without its places, those with positive real part last.  unstable: how many these
-    are.  places: which coordinates are places.
+    zeta: (n, k) on the grid.  rates: Psi there (n, k).  iterations: their number.  changes: largest change of each,
+    relative to the scales.  poles: of A without its places, those with positive real part last.  unstable: number of
+    these.  places: indices of the places.
     """
 
     zeta: Any
@@ -62,7 +62,7 @@ class BoundedSolution(NamedTuple):
 
 
 class _Split(NamedTuple):
-    """basis: (k, k); its columns span the stable and the unstable subspace; A there is stable (+) unstable."""
+    """Split of A. basis: (k, k); columns span the stable and the unstable subspace; A there is stable (+) unstable."""
 
     basis: Any
     stable: Any
@@ -81,19 +81,19 @@ def bounded_solution(
     tolerance: float = 1e-10,
     most: int = 30,
 ) -> BoundedSolution:
-    """The bounded solution on a uniform grid of n instants.
+    """Compute the bounded solution on a uniform grid of n instants.
 
     Args:
-        psi: zeta (n, k) on the whole grid -> its rates (n, k) there; what depends on time is inside.
-        A: dPsi/dzeta somewhere on the way (k, k), no pole on the imaginary axis but those of `find_places`; where makes
-            convergence faster or slower and does not change the solution.
+        psi: function from zeta (n, k) on the whole grid to its rates (n, k) there; it includes all time dependence.
+        A: dPsi/dzeta somewhere along the motion (k, k), with no poles on the imaginary axis except those of
+            `find_places`. The choice changes the speed of convergence, not the solution.
         start: first guess (n, k), such as the quasi-static one.
-        dt: of the grid (s).
+        dt: step of the grid (s).
         left: zeta (k,) at the first instant; its stable part is used.
         right: zeta (k,) at the last instant; its unstable part is used.
-        scales: (k,), a natural size of each coordinate.
-        tolerance: the iteration ends when no coordinate changes by more than this part of its scale.
-        most: iterations at most.
+        scales: (k,), natural size of each coordinate.
+        tolerance: the iteration ends when no coordinate changes by more than this share of its scale.
+        most: maximum number of iterations.
 
     Source: [1] section III; the exponential integration is exact for w piecewise linear.
     """
@@ -121,12 +121,12 @@ def bounded_solution(
             return BoundedSolution(zeta * scales, rates, len(changes), tuple(changes), poles, count, places)
     text = ", ".join(f"{c:.2g}" for c in changes)
     problem = f"the iteration does not settle below {tolerance:g}; successive changes, in scales: {text}"
-    fix = "make the command slower or smaller, take A where the motion is, or start nearer"
+    fix = "make the command slower or smaller, take A along the motion, or start nearer to the solution"
     raise InputError("bounded_solution", problem, fix=fix)
 
 
 def find_places(A: Any) -> tuple[int, ...]:
-    """Coordinates whose value goes into no rate, or only into those of others like it, as north and east do."""
+    """Return coordinates whose value enters no rate, or only those of others like it, as north and east."""
     size = np.abs(np.asarray(A, float))
     size = size > PLACE * max(size.max(initial=0.0), np.finfo(float).tiny)
     places: list[int] = []
@@ -139,13 +139,13 @@ def find_places(A: Any) -> tuple[int, ...]:
 
 
 def _integrate(rates: Any, dt: float) -> Any:
-    """From the first instant on (n, k), by cubic splines through the rates."""
+    """Integrate from the first instant on (n, k), by cubic splines through the rates."""
     times = dt * np.arange(len(rates))
     return CubicSpline(times, rates).antiderivative()(times) if rates.shape[1] else rates
 
 
 def bounded_residual(solution: BoundedSolution, dt: float) -> Any:
-    """What central differences of zeta and Psi differ by, (n - 2, k): an independent look at a solution."""
+    """Return the difference between central differences of zeta and Psi, (n - 2, k): an independent check."""
     return (solution.zeta[2:] - solution.zeta[:-2]) / (2 * dt) - solution.rates[1:-1]
 
 
@@ -155,26 +155,28 @@ def _check_arguments(A: Any, guess: Any, dt: float, scales: Any, left: Any, righ
     for name, (value, shape) in shapes.items():
         part = f"bounded_solution.{name}"
         if np.shape(value) != shape:
-            problem = f"shape {np.shape(value)}, wanted is {shape}"
+            problem = f"got shape {np.shape(value)}, wanted {shape}"
             raise InputError(part, problem, fix=f"give one for each of the {k} scales")
         if not np.isfinite(value).all():
             raise InputError(part, "not finite", fix="give finite values")
     if len(guess) < 2 or not dt > 0:
-        problem = f"{len(guess)} instants, {dt:g} s apart"
-        raise InputError("bounded_solution.dt", problem, fix="give at least two instants and a step above zero")
+        problem = f"got {len(guess)} instants, {dt:g} s apart"
+        raise InputError("bounded_solution.dt", problem, fix="give at least two instants and a step above 0")
     if not (scales > 0).all():
         raise InputError("bounded_solution.scales", f"{scales}", fix="give sizes above zero")
 
 
 def _split_subspaces(A: Any) -> _Split:
-    """A by its stable and its unstable subspace; InputError where it has poles on the imaginary axis."""
+    """Split A by its stable and its unstable subspace; raise InputError for poles on the imaginary axis."""
     if not len(A):
         return _Split(A, A, A)
     poles = np.linalg.eigvals(A)
     on = poles[np.abs(poles.real) <= ON_AXIS * np.abs(poles).max(initial=0.0)]
     if len(on):
         problem = f"A has poles on the imaginary axis: {', '.join(f'{p:.4g}' for p in on)}"
-        raise InputError("bounded_solution.A", problem, fix="no bounded solution is singled out there; change outputs")
+        raise InputError(
+            "bounded_solution.A", problem, fix="the bounded solution is not unique then; change the outputs"
+        )
     ordered: Any = schur(A, output="real", sort="lhp")
     T, Z, k = ordered
     mixed = solve_sylvester(T[:k, :k], -T[k:, k:], -T[:k, k:]) if 0 < k < len(A) else T[:k, k:]
@@ -184,7 +186,7 @@ def _split_subspaces(A: Any) -> _Split:
 
 
 def _solve_linear(split: _Split, w: Any, dt: float, left: Any, right: Any) -> Any:
-    """The bounded solution of zeta' = A zeta + w, w (n, k) piecewise linear; left, right in the basis."""
+    """Return the bounded solution of zeta' = A zeta + w, w (n, k) piecewise linear; left, right in the basis."""
     k = len(split.stable)
     driven = np.linalg.solve(split.basis, w.T)
     stable = _propagate_linear(split.stable, driven[:k], dt, left[:k])
@@ -193,7 +195,7 @@ def _solve_linear(split: _Split, w: Any, dt: float, left: Any, right: Any) -> An
 
 
 def _propagate_linear(A: Any, w: Any, dt: float, z0: Any) -> Any:
-    """z' = A z + w (k, n) from z0, A stable: z(j+1) = E z(j) + (p0 - p1) w(j) + p1 w(j+1), exact."""
+    """Solve z' = A z + w (k, n) from z0, A stable: z(j+1) = E z(j) + (p0 - p1) w(j) + p1 w(j+1), exact."""
     k = len(A)
     if not k:
         return w
@@ -209,12 +211,12 @@ def _propagate_linear(A: Any, w: Any, dt: float, z0: Any) -> Any:
 
 
 def solve_steady_response(A: Any, S: Any, G: Any) -> Any:
-    """X (k, m) with X S = A X + G.
+    """Return X (k, m) with X S = A X + G.
 
     Args:
-        A: of the system (k, k).
-        S: of the exosystem (m, m), no pole of A's among its own.
-        G: how the exosystem drives the system (k, m).
+        A: matrix of the system (k, k).
+        S: matrix of the exosystem (m, m), without a pole of A.
+        G: input of the exosystem to the system (k, m).
 
     Source: [2].
     """
@@ -222,19 +224,21 @@ def solve_steady_response(A: Any, S: Any, G: Any) -> Any:
     k, m = len(A), len(S)
     for name, M, shape in (("A", A, (k, k)), ("S", S, (m, m)), ("G", G, (k, m))):
         if M.shape != shape or not np.isfinite(M).all():
-            problem = f"shape {M.shape}, wanted is {shape}, all finite"
+            problem = f"got shape {M.shape}, wanted {shape}, all finite"
             raise InputError(f"following.{name}", problem, fix="give A (k, k), S (m, m), G (k, m)")
     inside, outside = np.linalg.eigvals(A), np.linalg.eigvals(S)
     gaps = np.abs(inside[:, None] - outside)
     i, j = np.unravel_index(np.argmin(gaps), gaps.shape)
     if gaps[i, j] <= APART * max(np.abs(inside).max(), np.abs(outside).max()):
-        problem = f"the system's pole {inside[i]:.6g} is one of the exosystem's: the command excites it for ever"
+        problem = (
+            f"the system's pole {inside[i]:.6g} is also a pole of the exosystem, so the response grows without end"
+        )
         raise InputError("following.S", problem, fix="change the command's poles")
     return solve_sylvester(A, -S, -G)
 
 
 def exosystem_matrix(w: float, order: int) -> Any:
-    """S (order, order) of (y - y_final, y', …) behind a filter of `order` equal poles at -w (rad/s)."""
+    """Return S (order, order) of (y - y_final, y', …) behind a filter of `order` equal poles at -w (rad/s)."""
     S = np.eye(order, k=1)
     S[-1] = [-float(math.comb(order, i)) * w ** (order - i) for i in range(order)]
     return S

@@ -1,9 +1,9 @@
-"""A theorem about a closed loop: what a law's code does for ever, with a Lyapunov function, and its exact proof.
+"""Theorems about a closed loop: long-term behaviour of a law's code, with a Lyapunov function and its exact proof.
 
-The loop is the vehicle's and the law's own code, run on polynomials; so are the Lyapunov function, thresholds and
-points of rest, where the law has them. A certificate holds the function and the sums of squares; the proof here looks
-at these and at the code, and solves nothing. Where -dV/dt vanishes on more than a point, LaSalle's largest invariant
-set is computed.
+The loop is the vehicle's and the law's own code, run on polynomials. The Lyapunov function, thresholds and points of
+rest also come from the law, if it has them. A certificate holds the function and the sums of squares. The proof here
+checks these against the code, and solves nothing. Where -dV/dt vanishes on more than a point, LaSalle's largest
+invariant set is computed.
 
 Source: [1] H. K. Khalil, "Nonlinear Systems", Prentice Hall 2002, theorems 4.2, 4.4 and section 8.2; [2] A. Hurwitz,
 Math. Annalen 46 (1895), for the minors.
@@ -34,16 +34,16 @@ from trimtab.design.squares import (
 from trimtab.design.zero_set import ZeroBranch, largest_invariant_set, solve_equations
 
 GROWS, FALLS = "V > 0", "-dV/dt >= 0"
-"""Names of the two claims that every theorem about a motion makes."""
+"""Names of the two claims of every theorem about a motion."""
 INSIDE = "c - V"
 """Name of the hypothesis of a region: V is below the level c."""
 EXACT = "exact, polynomials"
 
 
 class Counterexample(NamedTuple):
-    """A point at which a claim fails: so nothing like it can be claimed.
+    """Point at which a claim fails, so that it can't be claimed.
 
-    name: what fails there.  claim: with hypotheses and conclusion.  point: name -> number.
+    name: name of what fails.  claim: with hypotheses and conclusion.  point: name -> number.
     """
 
     name: str
@@ -52,16 +52,15 @@ class Counterexample(NamedTuple):
 
 
 class LawTheorem(NamedTuple):
-    """What is to be proved, all of it from code.
+    """Theorem to be proved, all of it from code.
 
-    name: as `trimtab design NAME` has it.  about: settings.  says: the theorem in words.  region: states, positive
-    names and point of rest.  field: rate of each state; empty where no motion is spoken of.  lyapunov: V of the law,
-    or None where the certificate brings it.  limits: where motions end, as state -> polynomial; what is found must be
-    these.  hurwitz: polynomials that are positive where the linear loop is stable, for all positive values of
-    hurwitz_positive.  claims: what else follows from hypotheses.  identities: name -> polynomial that vanishes.
-    counterexamples: what must not be claimed.  lines: further conditions.  multipliers: claim -> hypothesis -> its
-    weight, searches: claim -> where to look for Gram matrices, proofs: of claims; these help to make a certificate, and
-    prove nothing.
+    name: as in `trimtab design NAME`.  about: settings.  says: the theorem in words.  region: states, positive names
+    and point of rest.  field: rate of each state; empty for a theorem without motion.  lyapunov: V of the law, or None
+    if the certificate has it.  limits: end points of motions, as state -> polynomial; the ones found must equal these.
+    hurwitz: polynomials that are positive if the linear loop is stable, for all positive values of hurwitz_positive.
+    claims: further consequences of hypotheses.  identities: name -> polynomial that vanishes. counterexamples: claims
+    that fail.  lines: further conditions.  multipliers: claim -> hypothesis -> its weight, searches: claim -> setup of
+    the search for Gram matrices, proofs: of claims; these only help to make a certificate, and prove nothing.
     """
 
     name: str
@@ -83,7 +82,7 @@ class LawTheorem(NamedTuple):
 
 
 class TheoremCertificate(NamedTuple):
-    """What a file holds: of which theorem, V where there is a motion, its level where it is local, and the proofs."""
+    """Content of a file: the theorem, V for a motion, its level if it is local, and the proofs."""
 
     theorem: str
     about: Mapping[str, Setting]
@@ -97,15 +96,15 @@ class TheoremCertificate(NamedTuple):
 def closed_loop(
     vehicle: Any, law: Any, state: Any, names: Mapping[str, str]
 ) -> tuple[dict[str, Polynomial], Polynomial | None]:
-    """The field of a vehicle under a law, and the law's `lyapunov` output where it has one, as polynomials.
+    """Return the field of a vehicle under a law, and the law's `lyapunov` output if it has one, as polynomials.
 
     Args:
         vehicle: with `dynamics(t, x, u)`; its numbers may be polynomials.
         law: without memory, with an output `demand`; its numbers may be polynomials.
-        state: a state record; fields that are not named keep their values.
+        state: a state record; other fields keep their values.
         names: field of the state -> symbol.
 
-    Raises: InputError where the code does something else than add, multiply and divide by single terms.
+    Raises: InputError if the code does more than add, multiply, and divide by single terms.
     """
     try:
         x = replace(state, **{attribute: symbol(name) for attribute, name in names.items()})
@@ -115,13 +114,13 @@ def closed_loop(
         value = getattr(output, "lyapunov", None)
         return field, None if value is None else as_polynomial(value)
     except (TypeError, ValueError, ArithmeticError) as error:
-        problem = f"its code is no polynomial of {', '.join(names)}: {error}"
-        fix = "state a theorem about laws that add, multiply, and divide by single terms"
+        problem = f"its code is not a polynomial of {', '.join(names)}: {error}"
+        fix = "use laws that only add, multiply, and divide by single terms"
         raise InputError(type(law).__name__, problem, fix=fix) from error
 
 
 def motion_claims(theorem: LawTheorem, lyapunov: Polynomial, level: Fraction | None) -> tuple[Claim, ...]:
-    """V > 0 and -dV/dt >= 0, the latter within the level where there is one, and zero at rest only there."""
+    """Return the claims V > 0 and -dV/dt >= 0, the latter within the level if there is one, zero at rest only there."""
     inside = {} if level is None else {INSIDE: constant(level) - lyapunov}
     rate = -lie_derivative_of(lyapunov, theorem.field)
     falls = Claim(FALLS, rate, inside, NONNEGATIVE if level is None else DEFINITE)
@@ -129,7 +128,7 @@ def motion_claims(theorem: LawTheorem, lyapunov: Polynomial, level: Fraction | N
 
 
 def hurwitz_minors(field: Mapping[str, Polynomial], rest: Mapping[str, Polynomial]) -> tuple[Polynomial, ...]:
-    """Of the Jacobian at rest (n <= 3), polynomials that are all positive if and only if it is Hurwitz. Source: [2]."""
+    """Return polynomials of the Jacobian at rest (n <= 3), all positive if and only if it is Hurwitz. Source: [2]."""
     J = [[f.derivative(n).substitute(rest) for n in field] for f in field.values()]
     coefficients, power = [constant(1)], _unit_matrix(len(J))
     for k in range(1, len(J) + 1):  # Faddeev and LeVerrier
@@ -138,7 +137,11 @@ def hurwitz_minors(field: Mapping[str, Polynomial], rest: Mapping[str, Polynomia
         coefficients.append(c)
         power = [[power[i][j] + (c if i == j else constant(0)) for j in range(len(J))] for i in range(len(J))]
     if len(J) > 3:
-        raise InputError("hurwitz", f"{len(J)} states", fix="take a certificate with a Lyapunov function instead")
+        raise InputError(
+            "hurwitz",
+            f"got {len(J)} states; at most 3 are possible",
+            fix="take a certificate with a Lyapunov function instead",
+        )
     last = (coefficients[1] * coefficients[2] - coefficients[3],) if len(J) == 3 else ()
     return (*coefficients[1:], *last)
 
@@ -146,12 +149,12 @@ def hurwitz_minors(field: Mapping[str, Polynomial], rest: Mapping[str, Polynomia
 def prove_theorem(
     certificate: TheoremCertificate, theorem: LawTheorem, digests: tuple[str, str] | None = None
 ) -> CertificateProof:
-    """Every condition of a certificate, evaluated by itself.
+    """Evaluate every condition of a certificate by itself.
 
     Args:
-        certificate: made or read.
-        theorem: what it must be of, built anew from code.
-        digests: the one written in the file, and that of what it holds.
+        certificate: a new certificate, or one read from a file.
+        theorem: the theorem of the certificate, built again from code.
+        digests: the digest written in the file, and that of its content.
     """
     lines = list(_data_lines(certificate, theorem))
     if theorem.field:
@@ -170,7 +173,7 @@ def prove_theorem(
 
 
 def claims_of(theorem: LawTheorem, lyapunov: Polynomial | None, level: Fraction | None) -> tuple[Claim, ...]:
-    """All claims of a theorem that want a sum of squares."""
+    """Return all claims of a theorem that need a sum of squares."""
     motion = () if lyapunov is None or not theorem.field else motion_claims(theorem, lyapunov, level)
     return (*motion, *theorem.claims)
 

@@ -1,6 +1,6 @@
-"""A theorem's certificate as a file of text: JSON, data only; polynomials as text, numbers as fractions.
+"""Files of theorem certificates: JSON text with data only; polynomials as text, numbers as fractions.
 
-All in a file is data, and nothing in it is executed. What is missing, is there twice or is not known is refused.
+A file is data only, and nothing in it is executed. Missing, duplicate or unknown keys are rejected.
 
 Source: this module.
 """
@@ -39,25 +39,25 @@ FRACTION = re.compile(r"-?\d{1,400}(/\d{1,400})?")
 def design_theorem(
     theorem: LawTheorem, lyapunov: Polynomial | None = None, level: Fraction | None = None, **proofs: SquaresProof
 ) -> TheoremCertificate:
-    """A certificate of a theorem: squares are completed where no proof is given; a claim that resists has none.
+    """Create a certificate of a theorem; squares are completed for claims without a proof, if possible.
 
     Args:
-        theorem: what is to be proved.
-        lyapunov: V, where the law has none of its own.
-        level: of the region, where it is local.
-        proofs: of single claims, by name.
+        theorem: the theorem to prove.
+        lyapunov: V, if the law has none of its own.
+        level: level of the region, if the theorem is local.
+        proofs: proofs of single claims, by name.
     """
     V = theorem.lyapunov if lyapunov is None else lyapunov
     known = {**theorem.proofs, **proofs}
     for claim in claims_of(theorem, V, level):
         if claim.name not in known:
-            with suppress(ArithmeticError):  # its line will say that the file has no proof
+            with suppress(ArithmeticError):  # the condition will report that the file has no proof
                 known[claim.name] = _complete_proof(claim, theorem)
     return TheoremCertificate(theorem.name, theorem.about, theorem.says, V, level, known, __version__)
 
 
 def _complete_proof(claim: Claim, theorem: LawTheorem) -> SquaresProof:
-    """By Gram matrices where it says where to look; else by completing squares after its hypotheses are weighed."""
+    """Prove a claim by Gram matrices if a search is given; otherwise complete squares after weighting hypotheses."""
     if claim.name in theorem.searches:
         return find_gram_proof(claim, theorem.searches[claim.name])
     weights = theorem.multipliers.get(claim.name, {})
@@ -67,28 +67,30 @@ def _complete_proof(claim: Claim, theorem: LawTheorem) -> SquaresProof:
 
 
 def theorem_json(certificate: TheoremCertificate) -> str:
-    """The certificate as text."""
+    """Return the certificate as text."""
     content = {"format": FORMAT, "scope": SCOPE} | _as_plain(certificate) | {"digest": theorem_digest(certificate)}
     return json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
 
 
 def theorem_digest(certificate: TheoremCertificate) -> str:
-    """SHA-256 of all that the certificate says, against changes by accident; no proof rests on it."""
+    """Return the SHA-256 of the certificate, against accidental changes; no proof depends on it."""
     return hashlib.sha256(json.dumps(_as_plain(certificate), sort_keys=True).encode()).hexdigest()
 
 
 def parse_theorem(text: str, name: str) -> tuple[TheoremCertificate, str]:
-    """The certificate of a text, and the digest that is written beside it; InputError for what is none."""
+    """Parse a certificate and the digest stored with it; raise InputError for other text."""
     content = parse_json(text, name)
     form = content.get("format") if isinstance(content, dict) else type(content).__name__
     if form != FORMAT:
-        raise InputError(f"file '{name}'", f"is no theorem: format {form!r}", choices=(FORMAT,), fix=FIX)
+        raise InputError(
+            f"file '{name}'", f"is not a theorem's certificate; its format is {form!r}", choices=(FORMAT,), fix=FIX
+        )
     _check_keys(content, KEYS, name)
     if content["scope"] != list(SCOPE):
         raise InputError(f"file '{name}', scope", f"{content['scope']}", fix=FIX)
     V, level, proofs = content["lyapunov"], content["level"], content["proofs"]
     if not isinstance(proofs, dict):
-        raise InputError(f"file '{name}', proofs", f"{proofs!r} are no proofs", fix=FIX)
+        raise InputError(f"file '{name}', proofs", f"{proofs!r} must be a mapping of proofs", fix=FIX)
     certificate = TheoremCertificate(
         _parse_text(content["theorem"], f"file '{name}', theorem"),
         _parse_about(content["about"], f"file '{name}', about"),
@@ -102,11 +104,11 @@ def parse_theorem(text: str, name: str) -> tuple[TheoremCertificate, str]:
 
 
 def read_text(path: Path) -> str:
-    """The text of a file; InputError where there is none."""
+    """Return the text of a file; raise InputError if it can't be read."""
     try:
         return path.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
-        reason = getattr(error, "strerror", None) or "it is no text"
+        reason = getattr(error, "strerror", None) or "it is not a text file"
         raise InputError(f"file '{path}'", f"cannot be read: {reason}", fix=FIX) from error
 
 
@@ -130,13 +132,13 @@ def _as_plain(value: Any) -> Any:
 def _parse_proof(value: Any, part: str) -> SquaresProof:
     _check_keys(value, ("scale", "terms"), part)
     if not isinstance(value["terms"], list):
-        raise InputError(part, "its terms are no list", fix=FIX)
+        raise InputError(part, "its terms must be a list", fix=FIX)
     return SquaresProof(_parse_polynomial(value["scale"], part), tuple(_parse_term(t, part) for t in value["terms"]))
 
 
 def _parse_term(value: Any, part: str) -> Term:
     if not isinstance(value, dict):
-        raise InputError(part, f"{value!r} is no term", fix=FIX)
+        raise InputError(part, f"{value!r} is not a term", fix=FIX)
     if "gram" not in value:
         _check_keys(value, ("times", "squares"), part)
         pairs = [tuple(_parse_polynomial(p, part) for p in _parse_list(pair, part, 2)) for pair in value["squares"]]
@@ -168,24 +170,24 @@ def _parse_polynomial(text: Any, part: str) -> Polynomial:
 
 def _parse_fraction(text: Any, part: str) -> Fraction:
     if not isinstance(text, str) or not FRACTION.fullmatch(text) or re.search(r"/0+$", text):
-        raise InputError(part, f"{str(text)[:60]!r} is no fraction", fix="write e.g. 13/5; " + FIX)
+        raise InputError(part, f"{str(text)[:60]!r} is not a fraction", fix="write e.g. 13/5; " + FIX)
     return Fraction(text)
 
 
 def _parse_text(value: Any, part: str) -> str:
     if not isinstance(value, str):
-        raise InputError(part, f"{value!r} is no text", fix=FIX)
+        raise InputError(part, f"{value!r} is not text", fix=FIX)
     return value
 
 
 def _parse_about(value: Any, part: str) -> dict[str, Setting]:
     if not isinstance(value, dict) or not all(type(v) in (int, float, str) for v in value.values()):
-        raise InputError(part, f"{value!r} are no settings", fix=FIX)
+        raise InputError(part, f"{value!r} must be settings", fix=FIX)
     return value
 
 
 def _check_keys(value: Any, wanted: Iterable[str], part: str) -> None:
-    """Exactly these keys: a claim that nobody checks has no place in a certificate."""
+    """Check for exactly these keys: an unchecked claim has no place in a certificate."""
     wanted = tuple(wanted)
     if not isinstance(value, dict) or set(value) != set(wanted):
         there = sorted(value) if isinstance(value, dict) else type(value).__name__

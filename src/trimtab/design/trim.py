@@ -1,4 +1,4 @@
-"""Trim: the states and inputs at which chosen derivatives and outputs have the wanted values, or why there are none.
+"""Trim: states and inputs at which chosen derivatives and outputs have given values, or the reasons for failure.
 
 Bounded least squares (trust region reflective) with derivatives by automatic differentiation, then Newton steps down to
 rounding. Offline code: scipy, LAPACK.
@@ -19,20 +19,20 @@ from trimtab.core.units import find_unit
 from trimtab.design.model import StateSpaceModel, find_indices, format_combination
 
 RANK_TOLERANCE = 1e-9
-"""Singular values below this part of the largest count as zero."""
+"""Ratio of singular values to the largest that counts as zero."""
 AT_BOUND = 1e-9
-"""An unknown this near a bound, in parts of its scale, lies on it."""
+"""Distance of an unknown from a bound, relative to its scale, within which it lies on the bound."""
 
 
 class Trim(NamedTuple):
-    """The point, and where it is none the reasons.
+    """Trim point, or the reasons why none was found.
 
-    is_found: whether every equation holds.  x, u: the point (n,), (m,).  residual: equation -> what is left, in its own
-    unit, e.g. "speed'" -> 0.3.  relative: the same in parts of what the unknowns do to it, each moved by its scale.
+    is_found: True if every equation holds.  x, u: the point (n,), (m,).  residual: equation -> its residual, in its own
+    unit, e.g. "speed'" -> 0.3.  relative: the same, relative to the effect of the unknowns, each moved by its scale.
     active: unknown -> "low" or "high", the bounds that hold it.  powerless_unknowns: those that move no equation.
-    undetermined_unknowns: combinations of them that move none (several solutions).  rank: of the scaled Jacobian.
-    singular: its singular values.  why: the reasons, in words.  taken: state or output -> value, of conditions that
-    nobody asked for and that make it level flight.
+    undetermined_unknowns: combinations of unknowns that move no equation (several solutions).  rank: of the scaled
+    Jacobian.  singular: its singular values.  why: the reasons, in words.  taken: state or output -> value, of
+    conditions added by default for level flight.
     """
 
     is_found: bool
@@ -49,17 +49,17 @@ class Trim(NamedTuple):
     taken: Mapping[str, float] = MappingProxyType({})
 
     def require_trim(self, part: str = "trim") -> "Trim":
-        """Itself where the trim was found; InputError with the reasons where not."""
+        """Return the trim if it was found; otherwise raise InputError with the reasons."""
         if not self.is_found:
             fix = "free another unknown, widen a bound, or drop a condition"
-            raise InputError(part, "there is no trim here: " + "; ".join(self.why), fix=fix)
+            raise InputError(part, "no trim was found: " + "; ".join(self.why), fix=fix)
         return self
 
 
 class _Problem(NamedTuple):
-    """residual and jacobian: of the unknowns z (k,), the latter with regard to all of (x, u), in own units.
+    """Problem for the solver. residual, jacobian: functions of unknowns z (k,); the latter by all (x, u), own units.
 
-    low, high, scale, names: of the unknowns.  equations: names.  x, u: fixed values.  columns: where z is in (x, u).
+    low, high, scale, names: of the unknowns.  equations: names.  x, u: fixed values.  columns: indices of z in (x, u).
     """
 
     residual: Any
@@ -88,23 +88,23 @@ def trim(
     starts: int = 8,
     tolerance: float = 1e-10,
 ) -> Trim:
-    """Find the free states and inputs for which x' and y are as wanted; all others stay as they are.
+    """Find the free states and inputs for which x' and y have the wanted values; all others keep theirs.
 
     Args:
         model: the system.
-        free: names of the states and inputs to be found.
-        x: where to start and what to keep: vector, record, or changes to the model's own point.
+        free: names of the states and inputs to find.
+        x: start and fixed values: vector, record, or changes to the model's own point.
         u: likewise, for the input.
-        derivatives: state -> wanted derivative; zero for all that are not named.
-        loose: states whose derivative may be anything.
+        derivatives: state -> wanted derivative; default: zero.
+        loose: states whose derivative is not constrained.
         outputs: output -> wanted value, further equations.
         bounds: unknown -> (low, high).
-        scales: unknown -> size of a natural change; else the width between finite bounds, or the larger of 1 and
+        scales: unknown -> size of a natural change. Default: the width between finite bounds, or the larger of 1 and
             the start's magnitude.
-        starts: how many starts at most; the first is x and u, others only if it fails.
-        tolerance: an equation holds where it is off by less than this part of what the unknowns' scales do to it.
+        starts: maximum number of starts; the first is x and u, others are used only if it fails.
+        tolerance: relative residual below which an equation holds, compared with the effect of the unknowns' scales.
 
-    Returns: a Trim, found or not; `require_trim` turns a miss into an InputError.
+    Returns: a Trim, found or not; `require_trim` converts a failure into an InputError.
     Source: [1] section 3.6.
     """
     ranges = (bounds or {}, scales or {})
@@ -134,9 +134,13 @@ def _build_problem(
     both = (*model.states, *model.inputs)
     if len(set(both)) != len(both):
         twice = [n for n in model.states if n in model.inputs]
-        raise InputError("trim", f"{twice} are states and inputs", fix="give the entries of the model different names")
+        raise InputError(
+            "trim", f"{twice} are both states and inputs", fix="give the entries of the model different names"
+        )
     if not free:
-        raise InputError("trim.free", "nothing may move", choices=both, fix="name states or inputs to be found")
+        raise InputError(
+            "trim.free", "no state or input is free", choices=both, fix="name states or inputs to be found"
+        )
     columns = np.array(find_indices("trim.free", free, both))
     find_indices("trim.derivatives", derivatives, model.states)
     away = find_indices("trim.loose", loose, model.states)
@@ -144,7 +148,11 @@ def _build_problem(
     more = np.array(find_indices("trim.outputs", outputs, model.outputs), int)
     conflict = set(loose) & set(derivatives)
     if conflict:
-        raise InputError("trim.loose", f"{sorted(conflict)} have a wanted derivative too", fix="name each in one place")
+        raise InputError(
+            "trim.loose",
+            f"{sorted(conflict)} also have a wanted derivative",
+            fix="name each in one place",
+        )
     wanted = np.array([*(derivatives.get(model.states[i], 0.0) for i in rows), *outputs.values()], float)
     equations = (*(model.states[i] + "'" for i in rows), *outputs)
     if not len(wanted) or not np.isfinite(wanted).all():
@@ -200,7 +208,7 @@ def _draw_restart(p: _Problem, z0: Any, draws: np.random.Generator) -> Any:
 
 
 def _scale_equations(p: _Problem, z: Any) -> tuple[Any, Any, Any]:
-    """Residual and Jacobian in parts of the equations' scales, per scale of the unknowns; and those scales."""
+    """Return residual and Jacobian relative to the equations' scales, per scale of the unknowns, and those scales."""
     r, slopes = p.residual(z), p.jacobian(z)
     J, whole = slopes[:, p.columns] * p.scale, np.linalg.norm(slopes, axis=1)
     size = np.linalg.norm(J, axis=1)
@@ -210,7 +218,7 @@ def _scale_equations(p: _Problem, z: Any) -> tuple[Any, Any, Any]:
 
 
 def _search_root(p: _Problem, z: Any) -> tuple[Any, float]:
-    """Least squares and Newton from z: where it ends, and the largest relative residual there."""
+    """Run least squares and Newton from z; return the end point and its largest relative residual."""
     if not (np.isfinite(p.residual(z)).all() and np.isfinite(p.jacobian(z)).all()):
         return z, np.inf
     size = _scale_equations(p, z)[2]
@@ -227,7 +235,7 @@ def _search_root(p: _Problem, z: Any) -> tuple[Any, float]:
             gtol=1e-15,
             max_nfev=500,
         )
-    except (ValueError, np.linalg.LinAlgError):  # it ran to where the model is not finite
+    except (ValueError, np.linalg.LinAlgError):  # the search left the range in which the model is finite
         return z, np.inf
     return _refine_newton(p, np.clip(nearest.x * p.scale, p.low, p.high))
 
@@ -268,7 +276,7 @@ def _build_report(p: _Problem, z: Any, tolerance: float) -> Trim:
 
 
 def _explain_failure(p: _Problem, miss: Trim, missing: Any, r: Any, tolerance: float) -> tuple[str, ...]:
-    """The reasons, the most telling first."""
+    """Return the reasons, the most important first."""
     off = miss.relative
     worst = sorted((n for n in off if abs(off[n]) > tolerance), key=lambda n: -abs(off[n]))
     reasons = ["off are " + ", ".join(f"{n} by {miss.residual[n]:.6g}" for n in worst)]
@@ -276,16 +284,16 @@ def _explain_failure(p: _Problem, miss: Trim, missing: Any, r: Any, tolerance: f
     if miss.active:
         reasons.append("at a bound are " + ", ".join(f"{n} ({s}, {edges[s][n]:.6g})" for n, s in miss.active.items()))
     stuck = [format_combination(v, p.equations) for v in missing if abs(v @ r) > tolerance]
-    reasons += [f"nothing that is free moves {c} to first order" for c in stuck]
+    reasons += [f"no free unknown moves {c} to first order" for c in stuck]
     if miss.powerless_unknowns:
-        reasons.append(f"no authority here: {', '.join(miss.powerless_unknowns)}")
+        reasons.append(f"no effect here: {', '.join(miss.powerless_unknowns)}")
     if len(reasons) == 1:
-        reasons.append("the search ended where the least squares have a minimum that is not zero")
+        reasons.append("the search ended in a local minimum of the least squares")
     return tuple(reasons)
 
 
 def idle_states(model: StateSpaceModel, units: Mapping[str, str] = MappingProxyType({})) -> set[str]:
-    """States on which no derivative depends, near the model's point; also lengths and angles that move only those."""
+    """Return states on which no derivative depends near the model's point, and lengths and angles moving only those."""
     around = np.random.default_rng(0).uniform(-0.1, 0.1, (3, len(model.x0)))
     size = np.zeros((len(model.x0), len(model.x0)))
     for shift in (0 * around[0], *around):
@@ -309,7 +317,7 @@ def _is_configuration(unit: str) -> bool:
 
 
 def is_length(unit: str) -> bool:
-    """Whether a unit measures a length."""
+    """Return True if a unit measures a length."""
     try:
         return unit != "" and find_unit("unit", unit).name == "m"
     except InputError:

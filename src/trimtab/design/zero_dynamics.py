@@ -1,7 +1,7 @@
-"""Zeros and zero dynamics at an equilibrium, with a plain verdict: minimum phase, non-minimum phase, or marginal.
+"""Zeros and zero dynamics at an equilibrium, with a verdict: minimum phase, non-minimum phase, or marginal.
 
-Two ways that check each other: the invariant zeros of the linearisation (reduction of the Rosenbrock matrix, scaled),
-and the Jacobian of the internal dynamics of the normal form. Offline code: LAPACK.
+Two methods check each other: the invariant zeros of the linearisation (reduction of the Rosenbrock matrix, scaled), and
+the Jacobian of the internal dynamics of the normal form. Offline code: LAPACK.
 
 Source: [1] A. Emami-Naeini, P. Van Dooren, "Computation of zeros of linear multivariable systems", Automatica 18
 (1982); [2] A. Isidori, "Nonlinear Control Systems", Springer 1995, sections 4.3, 6.1.
@@ -20,17 +20,17 @@ from trimtab.design.normal_form import normal_form
 from trimtab.design.poles import balance_matrix, format_pole, participation
 
 RANK_TOLERANCE = 1e-10
-"""Singular values below this part of the scaled matrices' size count as zero."""
+"""Size of singular values, relative to the scaled matrices, that counts as zero."""
 AGREE = 1e-3
-"""Zeros and poles of the zero dynamics further apart than this part of their size are said to differ."""
+"""Relative difference between zeros and poles of the zero dynamics above which they are reported as different."""
 
 
 class Zeros(NamedTuple):
     """Invariant zeros.
 
     zeros: (k,), by falling real part.  states, inputs: the directions: states (k, n) and inputs (k, m) that keep the
-    output at zero as exp(zero t), largest entry of the scaled ones 1.  dominant: in words, which states they are.
-    size: magnitude of the matrix whose eigenvalues they are, to judge rounding by.
+    output at zero as exp(zero t), scaled to a largest entry of 1.  dominant: dominant states, in words.  size:
+    magnitude of the matrix whose eigenvalues they are, as a measure of rounding.
     """
 
     zeros: Any
@@ -41,14 +41,14 @@ class Zeros(NamedTuple):
 
 
 class ZeroDynamics(NamedTuple):
-    """What was found.
+    """Zero dynamics at an equilibrium.
 
-    verdict: "minimum phase", "non-minimum phase" or "marginal"; "undecided" where the linearisation has only good zeros
-    and there is no relative degree to say what the rest does.  offending: zeros with a real part above the tolerance,
-    or, where there are none, those within it.  zeros: invariant zeros of the linearisation.  jacobian: of the zero
-    dynamics (k, k), None where the relative degree is not well defined.  poles: its eigenvalues.  internals: its
-    coordinates.  tolerance: real parts this small count as zero (1/s).  why: remarks in words: offending zeros and what
-    they are, and why there is no jacobian.
+    verdict: "minimum phase", "non-minimum phase" or "marginal"; "undecided" if the linearisation has only stable zeros
+    and no relative degree decides the rest.  offending: zeros with a real part above the tolerance, or, without any,
+    those within it.  zeros: invariant zeros of the linearisation.  jacobian: of the zero dynamics (k, k), None if the
+    relative degree is not well defined.  poles: its eigenvalues.  internals: its coordinates.  tolerance: real parts
+    this small count as zero (1/s).  why: remarks: offending zeros with their states, and the reason for a missing
+    jacobian.
     """
 
     verdict: str
@@ -62,11 +62,11 @@ class ZeroDynamics(NamedTuple):
 
 
 def transmission_zeros(linear: LinearModel) -> Zeros:
-    """Invariant zeros of (A, B, C, D): where the rank of [[A - s I, B], [C, D]] falls below its normal rank.
+    """Compute the invariant zeros of (A, B, C, D): [[A - s I, B], [C, D]] loses its normal rank there.
 
-    For a minimal realisation these are the transmission zeros; uncontrollable and unobservable modes are among them.
-    The matrices are scaled first, so that units do not decide the ranks. Where the transfer function is not square,
-    or not of full rank, only the finite zeros are returned.
+    For a minimal realisation these are the transmission zeros; otherwise uncontrollable and unobservable modes are
+    included. The matrices are scaled first, so that units do not change the ranks. If the transfer function is not
+    square, or not of full rank, only the finite zeros are returned.
 
     Source: [1].
     """
@@ -79,7 +79,7 @@ def transmission_zeros(linear: LinearModel) -> Zeros:
     elif not Dt.size:
         zeros, size = np.linalg.eigvals(At), np.linalg.norm(At)
     else:
-        W = svd(np.hstack([Ct, Dt]))[2].T  # compress the columns: what is left after the outputs are zero
+        W = svd(np.hstack([Ct, Dt]))[2].T  # compress the columns: the rest when the outputs are zero
         W = W[:, len(Dt) :]
         M, N = np.hstack([At, Bt]) @ W, W[:k]
         zeros: Any = eig(M, N, right=False)
@@ -102,15 +102,15 @@ def zero_dynamics(
     tolerance: float | None = None,
     radius: Any = None,
 ) -> ZeroDynamics:
-    """Whether the outputs can be held at their equilibrium values without an internal state running away.
+    """Check if the outputs can be held at their equilibrium values without a diverging internal state.
 
     Args:
-        model: the system, as many outputs as inputs.
+        model: model with as many outputs as inputs.
         x: an equilibrium: vector, record, or changes to the model's own point.
         u: its input, likewise.
         internal: states that make the internal coordinates, as in `normal_form`.
         loose: states that may move at the equilibrium, because nothing depends on them.
-        tolerance: real parts below it (1/s) count as zero; from rounding where not given.
+        tolerance: real parts below it (1/s) count as zero; default: from rounding.
         radius: as in `relative_degree`.
     """
     linear = linearise(model, x, u)
@@ -123,12 +123,12 @@ def zero_dynamics(
     except InputError as refused:
         if internal is not None and refused.part == "normal_form.internal":
             raise
-        why = (f"zeros of the linearisation only: {refused.problem}",)
+        why = (f"only zeros of the linearisation: {refused.problem}",)
     else:
         internals, jacobian = form.internals, form.jacobian
         poles = _sort_by_real_part(np.linalg.eigvals(jacobian))
         if len(poles) != len(zeros.zeros) or np.abs(poles - zeros.zeros).max(initial=0.0) > AGREE * zeros.size:
-            why = (f"zeros {zeros.zeros} and poles of the zero dynamics {poles} differ: look at the scaling",)
+            why = (f"zeros {zeros.zeros} and poles of the zero dynamics {poles} differ; check the scaling",)
     names = zeros.dominant if jacobian is None or why else _dominant_coordinates(jacobian, internals, zeros)
     verdict, offending, words = _build_verdict(zeros.zeros, limit, names)
     if jacobian is None and verdict == "minimum phase":
@@ -161,33 +161,35 @@ def _check_rest(model: StateSpaceModel, linear: LinearModel, loose: list[str]) -
     if moving.any():
         pairs = zip(model.states, linear.drift, moving, strict=True)
         text = ", ".join(f"{n}' = {v:.6g}" for n, v, m in pairs if m)
-        raise InputError("zero_dynamics", f"no equilibrium: {text}", fix="trim first, or name what may move as loose")
+        raise InputError(
+            "zero_dynamics", f"not an equilibrium: {text}", fix="trim first, or name what may move as loose"
+        )
     depends = [model.states[i] for i in away if np.abs(np.delete(linear.A, away, axis=0)[:, i]).any()]
     if depends:
         raise InputError("zero_dynamics.loose", f"others depend on {', '.join(depends)}", fix="trim it instead")
 
 
 def scale_system(linear: LinearModel) -> tuple[Any, Any, Any, Any, tuple[Any, Any]]:
-    """The system in units that make rows and columns of [[A, B], [C, D]] alike; sizes of states and inputs."""
+    """Scale rows and columns of [[A, B], [C, D]] to be alike; return also the sizes of states and inputs."""
     n, m = linear.B.shape
     whole = np.block([[linear.A, linear.B], [linear.C, linear.D]])
     a, b, c = np.ones(n), np.ones(m), np.ones(len(linear.C))
     for _ in range(50):
         now = np.abs(whole) / np.concatenate([a, c])[:, None] * np.concatenate([a, b])
         off = now.copy()
-        off[np.arange(n), np.arange(n)] = 0.0  # a state's own entry does not change with its unit
+        off[np.arange(n), np.arange(n)] = 0.0  # a state's own entry does not depend on its unit
         rows, columns = off.max(axis=1), off.max(axis=0)
         rows, columns = (np.where(v > 0, v, 1.0) for v in (rows, columns))
         both = (off.max(axis=1)[:n] > 0) & (off.max(axis=0)[:n] > 0)
         a = a * np.where(both, np.sqrt(rows[:n] / columns[:n]), 1.0)
         b, c = b / np.sqrt(columns[n:]), c * np.sqrt(rows[n:])
-    a, b, c = (np.exp2(np.round(np.log2(v))) for v in (a, b, c))  # powers of two: nothing is rounded
+    a, b, c = (np.exp2(np.round(np.log2(v))) for v in (a, b, c))  # powers of two avoid rounding
     scaled = linear.rescale(a, b, c)
     return scaled.A, scaled.B, scaled.C, scaled.D, (a, b)
 
 
 def _reduce_system(A: Any, B: Any, C: Any, D: Any) -> tuple[Any, Any, Any, Any]:
-    """A system with the same finite zeros and D of full row rank. Source: [1] section 3, procedure REDUCE."""
+    """Return a system with the same finite zeros and D of full row rank. Source: [1] section 3, procedure REDUCE."""
     size = max(np.linalg.norm(np.block([[A, B], [C, D]]), 2), np.finfo(float).tiny)
     while len(C):
         U, s, _ = svd(D) if D.size else (np.eye(len(C)), np.zeros(0), None)
@@ -201,7 +203,7 @@ def _reduce_system(A: Any, B: Any, C: Any, D: Any) -> tuple[Any, Any, Any, Any]:
         rho = int((s > RANK_TOLERANCE * size).sum())
         if not rho:
             break
-        V = np.vstack([V[rho:], V[:rho]])  # states that the outputs do not see first
+        V = np.vstack([V[rho:], V[:rho]])  # unobservable states first
         A, B, C, k = V @ A @ V.T, V @ B, C @ V.T, len(A) - rho
         C, D = np.vstack([A[k:, :k], C[:, :k]]), np.vstack([B[k:], D])
         A, B = A[:k, :k], B[:k]
@@ -209,26 +211,26 @@ def _reduce_system(A: Any, B: Any, C: Any, D: Any) -> tuple[Any, Any, Any, Any]:
 
 
 def _zero_direction(A: Any, B: Any, C: Any, D: Any, s: complex) -> Any:
-    """State and input that keep the output at zero as exp(s t): the smallest singular vector, real where s is."""
+    """Return state and input that keep the output at zero as exp(s t): smallest singular vector, real for a real s."""
     whole: Any = np.block([[A - s * np.eye(len(A)), B], [C, D]])
     v = np.linalg.svd(whole if s.imag else whole.real)[2][-1].conj()
     return v / v[np.abs(v).argmax()]
 
 
 def _dominant_coordinates(jacobian: Any, internals: tuple[str, ...], zeros: Zeros) -> tuple[str, ...]:
-    """The internal coordinates that each zero lives in, by participation, which no unit changes."""
+    """Return the dominant internal coordinates of each zero, by participation, which does not depend on units."""
     balanced = balance_matrix(jacobian)
     return tuple(_dominant_states(participation(balanced, s, 1e-6 * zeros.size), internals) for s in zeros.zeros)
 
 
 def _dominant_states(direction: Any, names: tuple[str, ...]) -> str:
-    """The states with the largest entries: those above a tenth of the largest."""
+    """Return the states with the largest entries: those above a tenth of the largest."""
     size = np.abs(direction)
     return ", ".join(names[i] for i in np.argsort(-size, kind="stable") if size[i] > 0.1 * size.max(initial=0.0))
 
 
 def _sort_by_real_part(values: Any) -> Any:
-    """By falling real part; parts that only rounding tells apart are taken as one."""
+    """Sort by falling real part; parts that differ only by rounding count as equal."""
     values = np.asarray(values, complex)
     parts: Any = values / (np.abs(values).max(initial=0.0) or 1.0)
     return values[np.lexsort((-np.round(np.imag(parts), 9), -np.round(np.real(parts), 9)))]

@@ -1,11 +1,11 @@
-"""Where polynomials vanish together, and what of that place a motion never leaves: LaSalle's largest invariant set.
+"""Common zeros of polynomials, and the largest invariant set in them (LaSalle).
 
-Solved by elimination where it can be, with every step in words; where it can't, ArithmeticError, and nothing is
-claimed. Names that are said to be positive never vanish.
+Equations are solved by elimination if possible, with every step in words. Otherwise an ArithmeticError is raised, and
+nothing is claimed. Names declared positive never vanish.
 
 Source: [1] J. P. LaSalle, "Some extensions of Liapunov's second method", IRE Trans. Circuit Theory 7 (1960), theorem 3.
 Motions of a polynomial field are analytic: one that stays in a union of algebraic sets stays in one of them, so that
-the branches can be taken one by one.
+the branches can be treated one by one.
 """
 
 import math
@@ -16,14 +16,14 @@ from typing import NamedTuple
 from trimtab.design.polynomial import Monomial, Polynomial, constant, lie_derivative_of, symbol
 
 MOST_ROUNDS = 12
-"""Derivatives after which the search for an invariant set is given up."""
+"""Number of derivatives after which the search for an invariant set is abandoned."""
 
 
 class ZeroBranch(NamedTuple):
     """One piece of a zero set, a graph over its free unknowns.
 
-    values: unknown -> polynomial in the free ones and in the positive names.  free: the others.  steps: how it was
-    found, in words.
+    values: unknown -> polynomial in the free ones and in the positive names.  free: the others.  steps: steps of the
+    solution, in words.
     """
 
     values: dict[str, Polynomial]
@@ -32,7 +32,7 @@ class ZeroBranch(NamedTuple):
 
     @property
     def dimension(self) -> int:
-        """0 for a point, 1 for a line or curve."""
+        """Dimension: 0 for a point, 1 for a line or curve."""
         return len(self.free)
 
     def __str__(self) -> str:
@@ -42,10 +42,10 @@ class ZeroBranch(NamedTuple):
 def solve_equations(
     equations: Iterable[Polynomial], unknowns: Sequence[str], positive: Iterable[str]
 ) -> tuple[ZeroBranch, ...]:
-    """All common zeros of polynomials, as branches; ArithmeticError where elimination does not decide.
+    """Return all common zeros of polynomials, as branches; raise ArithmeticError if elimination does not decide.
 
     Args:
-        equations: each is to vanish.
+        equations: polynomials that must vanish.
         unknowns: names that may take any real value.
         positive: names that are above 0.
     """
@@ -56,10 +56,10 @@ def solve_equations(
 def largest_invariant_set(
     field: Mapping[str, Polynomial], equations: Iterable[Polynomial], positive: Iterable[str]
 ) -> tuple[ZeroBranch, ...]:
-    """The largest set within the zeros of the equations that motions of x' = field(x) stay in, by [1].
+    """Return the largest set within the zeros of the equations that motions of x' = field(x) never leave, by [1].
 
-    What is to vanish for ever has derivatives that vanish too: each branch is differentiated along the field, what
-    comes out is added to the equations, until nothing new does.
+    If something vanishes for ever, its derivatives vanish too. Each branch is differentiated along the field, and the
+    results are added to the equations, until nothing new appears.
     """
     positive, pending, whole = frozenset(positive), list(solve_equations(equations, tuple(field), positive)), []
     for _ in range(MOST_ROUNDS):
@@ -73,11 +73,11 @@ def largest_invariant_set(
         if not moving:
             return _drop_contained(whole)
         pending = list({str(b): b for b in moving}.values())
-    raise ArithmeticError(f"no end after {MOST_ROUNDS} derivatives")
+    raise ArithmeticError(f"no result after {MOST_ROUNDS} derivatives")
 
 
 def _leaving_rates(branch: ZeroBranch, field: Mapping[str, Polynomial]) -> list[tuple[Polynomial, str]]:
-    """What must vanish on a branch for a motion to stay in it, with the reason in words."""
+    """Yield the polynomials that must vanish on a branch for a motion to stay in it, with the reason in words."""
     rates = []
     for name, value in branch.values.items():
         constraint = symbol(name) - value
@@ -88,7 +88,7 @@ def _leaving_rates(branch: ZeroBranch, field: Mapping[str, Polynomial]) -> list[
 
 
 def _drop_contained(branches: Sequence[ZeroBranch]) -> tuple[ZeroBranch, ...]:
-    """Without branches that lie in another one."""
+    """Drop branches that lie in another branch."""
     kept = []
     for i, b in enumerate(branches):
         others = [o for j, o in enumerate(branches) if j != i and (o.dimension > b.dimension or j < i)]
@@ -106,7 +106,7 @@ def _solve(equations: tuple[Polynomial, ...], branch: ZeroBranch, positive: froz
         if not e.names & frozenset(branch.free):
             if e.sign(positive):
                 return []
-            raise ArithmeticError(f"whether {e} vanishes depends on the parameters")
+            raise ArithmeticError(f"the parameters decide if {e} vanishes")
     undecided = ""
     for e in sorted(rest, key=lambda e: len(e.terms)):
         for name, value in _linear_pivots(e, branch.free, positive):
@@ -121,7 +121,7 @@ def _solve(equations: tuple[Polynomial, ...], branch: ZeroBranch, positive: froz
         alternatives = _split(e, branch.free, positive)
         if alternatives is not None:
             return [b for extra in alternatives for b in _solve((*others, *extra), branch, positive)]
-    raise ArithmeticError(f"where {rest[0]} vanishes is not decided by elimination")
+    raise ArithmeticError(f"elimination does not decide where {rest[0]} vanishes")
 
 
 def _put(branch: ZeroBranch, name: str, value: Polynomial) -> ZeroBranch:
@@ -131,7 +131,7 @@ def _put(branch: ZeroBranch, name: str, value: Polynomial) -> ZeroBranch:
 
 
 def _linear_pivots(e: Polynomial, free: Sequence[str], positive: frozenset[str]) -> Iterator[tuple[str, Polynomial]]:
-    """Unknowns that the equation gives: each occurs once, linearly, times a term that never vanishes."""
+    """Yield unknowns that the equation determines: each occurs once, linearly, times a term that never vanishes."""
     for name in reversed(free):
         parts = e.collect((name,))
         slope = parts.get(((name, 1),))
@@ -140,7 +140,7 @@ def _linear_pivots(e: Polynomial, free: Sequence[str], positive: frozenset[str])
 
 
 def _split(e: Polynomial, free: Sequence[str], positive: frozenset[str]) -> list[tuple[Polynomial, ...]] | None:
-    """The equation as alternatives, each a set of simpler ones; None where it can't be told apart."""
+    """Split the equation into alternatives, each a set of simpler ones; None if it can't be split."""
     powers = [dict(m) for m in e.collect(free)]
     common = {n: min(p.get(n, 0) for p in powers) for n in free}
     content = {n: k for n, k in common.items() if k > 0}
@@ -153,7 +153,7 @@ def _split(e: Polynomial, free: Sequence[str], positive: frozenset[str]) -> list
     coefficients = e.collect(free)
     signs = {c.sign(positive) for c in coefficients.values()}
     even = all(k % 2 == 0 for m in coefficients for _, k in m)
-    if even and len(signs) == 1 and signs != {0}:  # a sum of what can't be negative: each of them vanishes
+    if even and len(signs) == 1 and signs != {0}:  # a sum of terms that can't be negative: each of them vanishes
         if () in coefficients:
             return []
         return [tuple(Polynomial({m: Fraction(1)}) for m in coefficients)]
@@ -165,7 +165,7 @@ def _split(e: Polynomial, free: Sequence[str], positive: frozenset[str]) -> list
 
 
 def _square_root(m: Monomial, c: Fraction) -> Polynomial | None:
-    """The root of a positive term, where it is one."""
+    """Return the root of a positive term, if it has one."""
     root = Fraction(math.isqrt(c.numerator), math.isqrt(c.denominator))
     if root * root != c or any(power % 2 for _, power in m):
         return None

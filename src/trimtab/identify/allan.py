@@ -1,12 +1,12 @@
-"""Allan variance of a still sensor: from a log to noise coefficients with their uncertainty, and to a filter's Q, R.
+"""Allan variance of a still sensor: noise coefficients with their uncertainty from a log, and a filter's Q and R.
 
-A still sensor's output is taken as white noise, flicker and random walk, all Gaussian:
+The output of a still sensor is modelled as white noise, flicker and random walk, all Gaussian:
 
     sigma²(tau) = N²/tau + (2 ln 2/pi) B² + K² tau/3
 
 N: angle (velocity) random walk; B: bias instability; K: rate (acceleration) random walk. The estimates at different tau
-share the same data; their joint covariance follows exactly from the second differences of the summed output, and the
-coefficients are fitted with it. So the stated errors are those that repeated logs show.
+share the same data. Their joint covariance follows exactly from the second differences of the summed output, and
+weights the fit of the coefficients. The stated errors therefore match the scatter of repeated logs.
 
 Source: IEEE Std 952-1997, annex C, for the coefficients; Greenhall, IEEE Trans. UFFC 38 (1991), and Riley, NIST SP 1065
 (2008), section 5, for the overlapping estimator and its covariance.
@@ -27,20 +27,20 @@ FLICKER = 2 * math.log(2) / math.pi
 NORMAL95 = 1.959963984540054
 ROUNDS = 8
 FINEST = 32
-"""Lags of a covariance are taken at least this often in the shorter averaging time."""
+"""Minimum number of lags of a covariance in the shorter averaging time."""
 KNOCK = 10.0
-"""A change between two samples of more than so many of its usual sigmas is no noise: 1e-23 for a Gaussian."""
+"""Largest plausible change between two samples, in usual sigmas: probability 1e-23 for a Gaussian."""
 MISFIT = 10.0
-"""Weighted squares of the misfit over the degrees of freedom: 1 for a log of this kind of noise."""
+"""Largest accepted misfit: weighted squares over the degrees of freedom; 1 for a good log."""
 MEDIAN = 0.6744897501960817
-"""Of the size of a standard normal number."""
+"""Median size of a standard normal number."""
 
 
 @record
 class Coefficient:
-    """A noise coefficient with its uncertainty. Source: this module."""
+    """Noise coefficient with its uncertainty. Source: this module."""
 
-    value: Scalar = quantity("1", "Estimate; 0 where the log shows none.")
+    value: Scalar = quantity("1", "Estimate; 0 if the log shows none.")
     standard_error: Scalar = quantity("1", "Standard error; for an estimate near 0, that of its upper limit.")
     low: Scalar = quantity("1", "Lower end of the 95 % interval.")
     high: Scalar = quantity("1", "Upper end of the 95 % interval.")
@@ -48,7 +48,7 @@ class Coefficient:
 
 @record
 class AllanFit:
-    """Allan deviation of a still log and what was fitted to it; U is the unit of the log (rad/s or m/s²).
+    """Allan deviation of a still log, and the fitted model; U is the unit of the log (rad/s or m/s²).
 
     Source: IEEE Std 952-1997, annex C; this module.
     """
@@ -66,15 +66,15 @@ class AllanFit:
 
 @record
 class FilterNoise:
-    """What a filter that steps with the sensor needs, of one axis; U is the sensor's unit. Source: this module."""
+    """Noise of one axis for a filter that steps with the sensor; U is the sensor's unit. Source: this module."""
 
-    sample_variance: Scalar = quantity("U^2", "R, where the sample is a measurement: N²/dt.")
+    sample_variance: Scalar = quantity("U^2", "R, if the sample is a measurement: N²/dt.")
     integral_variance: Scalar = quantity("(U s)^2", "Q of the integrated state in one step: N² dt.")
-    bias_variance: Scalar = quantity("U^2", "Q of the bias in one step: K² dt, with the flicker's share.")
+    bias_variance: Scalar = quantity("U^2", "Q of the bias in one step: K² dt, plus the flicker's share.")
 
 
 def overlapping_variance(y: Any, averages: Any) -> Any:
-    """Overlapping Allan variance of samples y (n,) at averages of m samples (k,); shape (k,).
+    """Return the overlapping Allan variance of samples y (n,) at averages of m samples (k,); shape (k,).
 
     Source: Riley, NIST SP 1065, eq. 9.
     """
@@ -84,25 +84,25 @@ def overlapping_variance(y: Any, averages: Any) -> Any:
 
 
 def octave_averages(samples: int) -> tuple[int, ...]:
-    """Averages 1, 2, 4, … samples up to an eighth of the log: longer ones say little."""
+    """Return averages of 1, 2, 4, … samples, up to an eighth of the log; longer ones are too uncertain."""
     return tuple(2**k for k in range(max(int(math.log2(samples / 8)), 0) + 1))
 
 
 def fit_allan(y: Any, sampling_period: float, averages: tuple[int, ...] | None = None) -> AllanFit:
-    """Allan deviation of a still log, and noise coefficients fitted to it by generalised least squares.
+    """Compute the Allan deviation of a still log, and fit noise coefficients by generalised least squares.
 
     Args:
-        y: samples (n,) of one axis, evenly spaced, at least 128; the mean does not matter, a ramp does.
+        y: samples (n,) of one axis, evenly spaced, at least 128. The mean has no effect, a ramp does.
         sampling_period: time between samples (s).
-        averages: numbers of samples to average over; octaves by default.
+        averages: numbers of samples to average over; default: octaves.
     """
     y = np.asarray(y, np.float64)
     if y.ndim != 1 or len(y) < 128 or not np.isfinite(y).all():
-        problem = f"the log has shape {y.shape}, and {int((~np.isfinite(y)).sum())} values that are not finite"
+        problem = f"got shape {y.shape}, and {int((~np.isfinite(y)).sum())} values that are not finite"
         raise InputError("allan", problem, fix="give at least 128 evenly spaced samples of one axis, without gaps")
     chosen = tuple(averages or octave_averages(len(y)))
     if min(chosen) < 1 or max(chosen) > len(y) // 3 or len(chosen) < 4:
-        problem = f"averages over {chosen} samples of a log of {len(y)}"
+        problem = f"got averages over {chosen} samples for a log of {len(y)}"
         raise InputError("allan", problem, fix=f"give at least 4 whole numbers from 1 to {len(y) // 3}")
     if not np.ptp(y) > 0:
         raise InputError("allan", "every sample is the same", fix="log at the sensor's full resolution")
@@ -136,17 +136,17 @@ def fit_allan(y: Any, sampling_period: float, averages: tuple[int, ...] | None =
 
 
 def confidence_interval(fit: AllanFit) -> tuple[Any, Any]:
-    """Lower and upper end (n,) of the 95 % confidence interval of each Allan deviation: the bars of the plot."""
+    """Return lower and upper end (n,) of the 95 % confidence interval of each Allan deviation, for the plot's bars."""
     tail = (1 - 0.95) / 2
     low, high = (2 * gammaincinv(fit.freedom / 2, part) for part in (1 - tail, tail))  # quantiles of chi squared
     return fit.deviation * np.sqrt(fit.freedom / low), fit.deviation * np.sqrt(fit.freedom / high)
 
 
 def filter_noise(fit: AllanFit, sampling_period: float | None = None) -> FilterNoise:
-    """The discrete noise of a filter that steps each `sampling_period` (s), by default that of the log.
+    """Compute the discrete noise of a filter that steps every `sampling_period` (s); default: that of the log.
 
     Flicker has no finite state. It is replaced by the random walk that has the flicker's Allan variance where white
-    noise falls below it: tau = N²/(0.44 B²). The filter then trusts its bias no longer than that time.
+    noise falls below it: tau = N²/(0.44 B²). The filter then relies on its bias no longer than that time.
     """
     dt = fit.sampling_period if sampling_period is None else float(sampling_period)
     N2, B2, K2 = fit.white.value**2, fit.flicker.value**2, fit.walk.value**2
@@ -156,13 +156,13 @@ def filter_noise(fit: AllanFit, sampling_period: float | None = None) -> FilterN
 
 
 def refuse_motion(name: str, y: Any, fit: AllanFit) -> None:
-    """Refuse a log of an axis of this name whose samples y (n,), with this fit, are not those of a still sensor.
+    """Raise InputError if the samples y (n,) of the named axis, with this fit, are not those of a still sensor.
 
-    Noise that is white, flicker and walk has differences that are Gaussian and an Allan deviation of the fitted form; a
-    knock, a step or a motion spoils that. A slow and steady motion that looks like a walk can't be told from one.
+    White noise, flicker and walk have Gaussian differences and an Allan deviation of the fitted form. A knock, a step
+    or a motion violates that. A slow and steady motion that looks like a walk can't be detected.
 
-    Source: this module; the scale of the differences from their median, so that a few knocks don't change it: Huber,
-    "Robust statistics", Wiley 1981.
+    Source: this module; the scale of the differences is computed from their median, so that a few knocks don't change
+    it: Huber, "Robust statistics", Wiley 1981.
     """
     change = np.diff(np.asarray(y, np.float64))
     usual = float(np.median(np.abs(change - np.median(change)))) / MEDIAN
@@ -170,12 +170,14 @@ def refuse_motion(name: str, y: Any, fit: AllanFit) -> None:
     if usual > 0 and size.max() > KNOCK * usual:
         at = float((np.argmax(size) + 1) * fit.sampling_period)
         jump = size.max()
-        problem = f"changes by {jump:.3g} within one sample, {jump / usual:.0f} times the usual, {at:.2f} s in"
+        problem = f"changes by {jump:.3g} within one sample, {jump / usual:.0f} times the usual change, at {at:.2f} s"
         raise InputError(f"signal {name!r}", problem, fix="keep the sensor still, or cut the log there")
     if fit.misfit > MISFIT:
         off = np.abs(np.log(fit.deviation / fit.model))
-        problem = f"is not the noise of a still sensor: at {fit.tau[np.argmax(off)]:.3g} s its Allan deviation is"
-        problem += f" {fit.deviation[np.argmax(off)]:.3g}, that of the nearest noise {fit.model[np.argmax(off)]:.3g}"
+        problem = f"is not the noise of a still sensor: at {fit.tau[np.argmax(off)]:.3g} s the Allan deviation is"
+        problem += (
+            f" {fit.deviation[np.argmax(off)]:.3g}, but that of the fitted noise is {fit.model[np.argmax(off)]:.3g}"
+        )
         problem += f" (misfit {fit.misfit:.0f}, 1 is good)"
         fix = "keep the sensor still and its temperature steady; if it only filters its output, say "
         fix += argument("shortest", "TIME")
@@ -183,7 +185,7 @@ def refuse_motion(name: str, y: Any, fit: AllanFit) -> None:
 
 
 def _coefficient(square: float, error: float) -> Coefficient:
-    """A coefficient from its square: the interval is that of the square, its ends rooted."""
+    """Return a coefficient from its square; its interval is the root of the square's interval."""
     high = math.sqrt(square + NORMAL95 * error)
     value = math.sqrt(square)
     near_zero = square < error
@@ -196,20 +198,20 @@ def _coefficient(square: float, error: float) -> Coefficient:
 
 
 def _kernels(lag: Any) -> Any:
-    """Generalised covariances (3, …) of the summed output, for a unit of white variance, B² and walk variance."""
+    """Return generalised covariances (3, …) of the summed output, per unit of white variance, B² and walk variance."""
     size = np.abs(lag)
     flicker = size**2 * np.log(np.where(size > 0, size, 1.0)) / (2 * math.pi)
     return np.stack([-size / 2, flicker, (size**3 - size) / 12])
 
 
 def _variance_basis(m: Any) -> Any:
-    """Allan variance (n, 3) of each kind of noise at averages of m samples (n,)."""
+    """Return the Allan variance (n, 3) of each kind of noise at averages of m samples (n,)."""
     return ((2 * _kernels(2 * m) - 8 * _kernels(m)) / (2 * m * m)).T
 
 
 @functools.lru_cache(maxsize=8)
 def _moments(samples: int, averages: tuple[int, ...]) -> Any:
-    """T (n, n, 3, 3): the covariance of the variances at two averages is theta' T theta."""
+    """Return T (n, n, 3, 3): the covariance of the variances at two averages is theta' T theta."""
     n = len(averages)
     T = np.zeros((n, n, 3, 3))
     for i in range(n):
@@ -220,7 +222,7 @@ def _moments(samples: int, averages: tuple[int, ...]) -> Any:
 
 
 def _pair_moments(points: int, m1: int, m2: int) -> Any:
-    """(3, 3): 2/(4 m1² m2² M1 M2) times the sum over all pairs of second differences of products of covariances."""
+    """Return (3, 3): 2/(4 m1² m2² M1 M2) times the sum over pairs of second differences of products of covariances."""
     M1, M2 = points - 2 * m1, points - 2 * m2
     stride = max(1, min(m1, m2) // FINEST)
     low, high = max(-(M2 - 1), -3 * m1 - m2), min(M1 - 1, 3 * m2 + m1)
@@ -235,6 +237,6 @@ def _pair_moments(points: int, m1: int, m2: int) -> Any:
 
 
 def _covariance(theta: Any, moments: Any) -> Any:
-    """Covariance (n, n) of the Allan variances under the model, kept positive definite."""
+    """Return the covariance (n, n) of the Allan variances under the model, kept positive definite."""
     C = np.einsum("c,ijcd,d->ij", theta, moments, theta)
     return C + np.diag(1e-9 * np.diag(C))

@@ -1,4 +1,4 @@
-"""Where the beacons are, from ranges to them and the motion of what measured the ranges.
+"""Survey of beacons, from ranges to them and the motion of the ranging unit.
 
 [1] is Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006.
 """
@@ -13,37 +13,37 @@ from trimtab.core.record import Scalar, quantity, record
 
 @record
 class BeaconSurvey:
-    """Surveyed beacons and the path along which they were surveyed.
+    """Surveyed beacons, and the path of the survey.
 
     Frames:  W, whose origin and orientation are those of the first pose and of the odometry.
     Source:  Triggs et al., "Bundle adjustment: a modern synthesis", 1999; the task is from [1] chapter 7.
     """
 
     beacons: Any = quantity("m", "Positions (n, 3).", frame="W")
-    covariance: Any = quantity("m^2", "Of each beacon's position (n, 3, 3).")
+    covariance: Any = quantity("m^2", "Covariance of each beacon's position (n, 3, 3).")
     path: Any = quantity("m", "North, east of the unit at each ping (k, 2).", frame="W")
     residual: Scalar = quantity("1", "Root of the sum of squared weighted residuals over their degrees of freedom.")
     iterations: Scalar = quantity("1", "Steps of Gauss and Newton.", kind="count")
 
     def standard_errors(self) -> Any:
-        """Of each coordinate of each beacon (m), (n, 3): from the ranges' and the odometry's noise as given."""
+        """Return standard errors of the beacons' coordinates (m), (n, 3), from the given noise of ranges, odometry."""
         return np.sqrt(np.diagonal(self.covariance, axis1=1, axis2=2))
 
 
 def survey_beacons(
     ranges: Any, odometry: Any, *, range_noise: float, odometry_noise: float, iterations: int = 30
 ) -> BeaconSurvey:
-    """Beacons and path by least squares over all pings, from ranges and the steps between them.
+    """Estimate beacons and path by least squares over all pings, from ranges and the steps between them.
 
     Args:
-        ranges: true ranges (m), cone error undone, shape (k, n); NaN where no reply arrived.
-        odometry: step from each ping to the next (m), north and east, shape (k - 1, 2), as odometry or inertial
-            navigation gives it; its frame becomes W, and the place of the first ping the origin.
+        ranges: true ranges (m), corrected for the cone error, shape (k, n); NaN without a reply.
+        odometry: step from each ping to the next (m), north and east, shape (k - 1, 2), from odometry or inertial
+            navigation. Its frame becomes W, with the place of the first ping as origin.
         range_noise: standard deviation of a range (m).
         odometry_noise: standard deviation of each coordinate of a step (m).
-        iterations: most steps of Gauss and Newton.
+        iterations: maximum number of Gauss-Newton steps.
 
-    The unit stays at down = 0 and the beacons are above it. Each beacon needs four pings, not on one line.
+    The unit stays at down = 0 and the beacons are above it. Each beacon needs four pings that are not on one line.
     """
     ranges, odometry = _check_ranges(ranges, odometry, range_noise, odometry_noise)
     k, n = ranges.shape
@@ -66,16 +66,16 @@ def survey_beacons(
 def _check_ranges(ranges: Any, odometry: Any, range_noise: float, odometry_noise: float) -> tuple[Any, Any]:
     ranges, odometry = np.asarray(ranges, np.float64), np.asarray(odometry, np.float64)
     if ranges.ndim != 2 or odometry.shape != (len(ranges) - 1, 2):
-        problem = f"ranges have shape {ranges.shape}, odometry {odometry.shape}"
+        problem = f"got ranges of shape {ranges.shape}, odometry of shape {odometry.shape}"
         raise InputError("survey", problem, fix="give (k, n) ranges and (k - 1, 2) steps between them")
     if not (range_noise > 0 and odometry_noise > 0):
-        problem = f"noise of {range_noise} m and {odometry_noise} m gives no weights"
+        problem = f"noise of {range_noise} m and {odometry_noise} m does not give weights"
         raise InputError("survey", problem, fix="give standard deviations above 0")
     return ranges, odometry
 
 
 def _guess_beacon(path: Any, ranges: Any, number: int) -> Any:
-    """A beacon (3,) from rho^2 = |p|^2 - 2 p.b + c, linear in b and c = |b|^2 + h^2, the path taken as it is."""
+    """Estimate a beacon (3,) from rho^2 = |p|^2 - 2 p.b + c, linear in b and c = |b|^2 + h^2, for the path as given."""
     there = np.isfinite(ranges)
     A = np.concatenate([-2 * path[there], np.ones((there.sum(), 1))], axis=1)
     if len(A) < 4 or np.linalg.matrix_rank(A - A.mean(0), tol=1e-3) < 2:
@@ -91,7 +91,7 @@ def _guess_beacon(path: Any, ranges: Any, number: int) -> Any:
 def _weighted_residuals(
     x: Any, ranges: Any, odometry: Any, range_noise: float, odometry_noise: float
 ) -> tuple[Any, Any]:
-    """Weighted residuals and their Jacobian: unknowns are n beacons (3 each), then k - 1 places (2 each)."""
+    """Return weighted residuals and their Jacobian: unknowns are n beacons (3 each), then k - 1 places (2 each)."""
     k, n = ranges.shape
     beacons = x[: 3 * n].reshape(n, 3)
     path = np.concatenate([np.zeros((1, 2)), x[3 * n :].reshape(k - 1, 2)])

@@ -1,4 +1,4 @@
-"""The calibration file: each number that a loop believes, with its unit, uncertainty and source, as TOML.
+"""Calibration files: the measured numbers of a loop with unit, uncertainty and source, as TOML.
 
     ["Thruster.coefficient"]
     value = 0.01112
@@ -13,9 +13,9 @@
     of = ["Hovercraft.inertia", "Hovercraft.arm"]
     matrix = [[…], […]]
 
-A number is named by the record that it belongs to and its field, as the reference names them, so that it reaches every
-copy of that record, in the world and in what the autopilot believes. Where two parts of one kind differ, the path of
-the setting names it: ``world.uplink.latency``. The content's SHA-256 names the calibration in logs.
+A number is named by its record and field, as in the reference, so that it applies to every copy of that record, in the
+world and in the autopilot's model. If two parts of one kind differ, the path of the setting names the number:
+``world.uplink.latency``. The content's SHA-256 identifies the calibration in logs.
 """
 
 import hashlib
@@ -36,11 +36,11 @@ HEAD = "# trimtab calibration: numbers that were measured, each with unit, uncer
 
 
 class Entry(NamedTuple):
-    """A number, or an array of them, that was measured.
+    """A measured number, or an array of them.
 
-    value: number or nested lists.  standard_error: of the same shape; None where it isn't known.
-    freedom: degrees of freedom of the standard errors.  source: data and what was left out of it.
-    procedure: what found it.
+    value: number or nested lists.  standard_error: of the same shape; None if unknown.
+    freedom: degrees of freedom of the standard errors.  source: data, and lines left out.
+    procedure: procedure that measured it.
     """
 
     value: Any
@@ -51,7 +51,7 @@ class Entry(NamedTuple):
     procedure: str = ""
 
     def interval(self) -> tuple[Any, Any]:
-        """Lower and upper end of the 95 % interval, of the value's shape; the value itself where no error is known."""
+        """Return the 95 % interval, in the value's shape; the value itself if the error is unknown."""
         value = np.asarray(self.value, np.float64)
         error = np.zeros_like(value) if self.standard_error is None else np.asarray(self.standard_error)
         reach = student_reach(self.freedom) * error
@@ -59,7 +59,7 @@ class Entry(NamedTuple):
 
 
 class Covariance(NamedTuple):
-    """Of numbers of one procedure. of: their names, ``Thruster.reverse_ratio[2]`` one of an array."""
+    """Covariance of numbers from one procedure. of: their names, ``Thruster.reverse_ratio[2]`` for one of an array."""
 
     of: tuple[str, ...]
     matrix: Any
@@ -67,13 +67,13 @@ class Covariance(NamedTuple):
 
 
 class Calibration(NamedTuple):
-    """Entries by name, and covariances of those that are not independent."""
+    """Entries by name, and covariances of dependent entries."""
 
     entries: Mapping[str, Entry]
     covariances: tuple[Covariance, ...] = ()
 
     def content_hash(self) -> str:
-        """SHA-256 of names, values, units, errors and covariances: the same numbers have the same hash."""
+        """Return the SHA-256 of names, values, units, errors and covariances: equal numbers have equal hashes."""
         plain = {
             "entries": {
                 n: [_plain(e.value), e.unit, _plain(e.standard_error)] for n, e in sorted(self.entries.items())
@@ -83,7 +83,7 @@ class Calibration(NamedTuple):
         return hashlib.sha256(json.dumps(plain, sort_keys=True).encode()).hexdigest()
 
     def merge(self, new: "Calibration") -> "Calibration":
-        """This one with the new entries; those that the same procedures found before, and their covariances, go."""
+        """Add new entries; remove earlier entries and covariances of the same procedures."""
         names = {e.procedure for e in new.entries.values()}
         old = {n: e for n, e in self.entries.items() if e.procedure not in names and n not in new.entries}
         kept = tuple(c for c in self.covariances if all(_base(n) in old for n in c.of))
@@ -91,27 +91,27 @@ class Calibration(NamedTuple):
 
 
 def read_calibration(path: str | Path) -> Calibration:
-    """Read a calibration file; refuses one that isn't, with the entry and what to write."""
+    """Read a calibration file; raise InputError with the entry and the text to write if it is not one."""
     where = f"calibration '{path}'"
     try:
         text = Path(path).read_text(encoding="utf-8")
     except FileNotFoundError:
         fix = f"make one: trimtab calibrate thrust thrust.csv --out {path}"
-        raise InputError(where, "there is no such file", fix=fix) from None
+        raise InputError(where, "the file does not exist", fix=fix) from None
     except (OSError, UnicodeDecodeError) as error:
-        raise InputError(where, f"cannot be read: {error}", fix="give a file that trimtab calibrate wrote") from None
+        raise InputError(where, f"cannot be read: {error}", fix="use a file that trimtab calibrate wrote") from None
     return parse_calibration(where, text)
 
 
 def parse_calibration(where: str, text: str) -> Calibration:
-    """The calibration of a file's text; where: what a refusal names."""
+    """Parse the calibration in a file's text; where: name used in errors."""
     try:
         content = tomllib.loads(text)
     except tomllib.TOMLDecodeError as error:
-        raise InputError(where, f"is no TOML: {error}", fix="give a file that trimtab calibrate wrote") from None
+        raise InputError(where, f"is not valid TOML: {error}", fix="use a file that trimtab calibrate wrote") from None
     if content.get("version") != VERSION:
-        problem = f"says version {content.get('version')!r}, this trimtab reads {VERSION}"
-        raise InputError(where, problem, fix="give a file that trimtab calibrate wrote")
+        problem = f"has version {content.get('version')!r}, but this trimtab reads version {VERSION}"
+        raise InputError(where, problem, fix="use a file that trimtab calibrate wrote")
     tables = {n: v for n, v in content.items() if n not in ("version", "covariance")}
     entries = {name: _read_entry(f"{where}, {name}", table) for name, table in tables.items()}
     covariances = tuple(_read_covariance(where, entries, table) for table in content.get("covariance", []))
@@ -119,7 +119,7 @@ def parse_calibration(where: str, text: str) -> Calibration:
 
 
 def format_calibration(calibration: Calibration) -> str:
-    """The text of a calibration file."""
+    """Return the text of a calibration file."""
     lines = [HEAD, f"version = {VERSION}", ""]
     for name, entry in sorted(calibration.entries.items()):
         lines += [f"[{json.dumps(name)}]", f"value = {_toml(entry.value)}", f"unit = {json.dumps(entry.unit)}"]
@@ -137,7 +137,7 @@ def format_calibration(calibration: Calibration) -> str:
 
 
 def flat_entries(calibration: Calibration) -> dict[str, tuple[float, float, float]]:
-    """Every single number: name, ``Thruster.reverse_ratio[2]`` one of an array -> value, standard error, freedom."""
+    """Return each single number: name (``Thruster.reverse_ratio[2]`` in an array) -> value, standard error, freedom."""
     flat: dict[str, tuple[float, float, float]] = {}
     for name, entry in calibration.entries.items():
         value = np.asarray(entry.value, np.float64)
@@ -148,12 +148,12 @@ def flat_entries(calibration: Calibration) -> dict[str, tuple[float, float, floa
 
 
 def index_name(name: str, index: Sequence[int]) -> str:
-    """Name of one number of an array, e.g. ``Thruster.reverse_ratio[2]``; the name itself of a single one."""
+    """Return the name of one number of an array, e.g. ``Thruster.reverse_ratio[2]``, or of a single number."""
     return name + (f"[{','.join(map(str, index))}]" if index else "")
 
 
 def joint_covariance(calibration: Calibration, names: Iterable[str]) -> Any:
-    """Covariance (k, k) of single numbers by their flat names: zero between those that were found apart."""
+    """Return the covariance (k, k) of single numbers by name: zero between numbers of different procedures."""
     names, flat = list(names), flat_entries(calibration)
     P = np.diag([flat[n][1] ** 2 for n in names])
     for c in calibration.covariances:
@@ -165,9 +165,9 @@ def joint_covariance(calibration: Calibration, names: Iterable[str]) -> Any:
 
 
 def compare_calibrations(a: Calibration, b: Calibration) -> dict[str, tuple[float | None, float | None, float | None]]:
-    """Single numbers that differ: name -> value in a, in b, and the difference in its own standard errors.
+    """Return single numbers that differ: name -> value in a, in b, and the difference in standard errors.
 
-    None where one of them lacks the number, or neither knows an error.
+    A value is None if that calibration lacks the number; the difference is None without a known error.
     """
     one, two = flat_entries(a), flat_entries(b)
     changes: dict[str, tuple[float | None, float | None, float | None]] = {}
@@ -190,29 +190,31 @@ def _plain(value: Any) -> Any:
 
 
 def _toml(value: Any) -> str:
-    """A number or nested lists, to the last bit."""
+    """Format a number or nested lists, exactly."""
     plain = np.asarray(value, np.float64).tolist()
     return repr(plain) if not isinstance(plain, list) else "[" + ", ".join(_toml(v) for v in plain) + "]"
 
 
 def _read_entry(where: str, table: Any) -> Entry:
-    fix = 'write value, unit and, where it is known, standard_error, e.g.  value = 2.6  unit = "kg"'
+    fix = 'write value, unit and, if known, standard_error, e.g.  value = 2.6  unit = "kg"'
     if not isinstance(table, dict) or "value" not in table or "unit" not in table:
         raise InputError(where, "has no value or no unit", fix=fix)
     unknown = set(table) - set(Entry._fields)
     if unknown:
-        raise InputError(where, f"has {sorted(unknown)[0]!r}, which is not known", choices=Entry._fields, fix=fix)
+        raise InputError(where, f"has the unknown key {sorted(unknown)[0]!r}", choices=Entry._fields, fix=fix)
     try:
         value = np.asarray(table["value"], np.float64)
         error = None if "standard_error" not in table else np.asarray(table["standard_error"], np.float64)
         freedom = float(table.get("freedom", math.inf))
     except (TypeError, ValueError):
-        raise InputError(where, "holds what is no number", fix=fix) from None
+        raise InputError(where, "holds values that are not numbers", fix=fix) from None
     if not np.isfinite(value).all():
         raise InputError(where, "its value is not finite", fix=fix)
     if error is not None and (error.shape != value.shape or not (np.isfinite(error) & (error >= 0)).all()):
-        problem = f"its standard_error is not one number of 0 or more for each of its value's {value.size}"
-        raise InputError(where, problem, fix="leave standard_error out where it isn't known")
+        problem = (
+            f"its standard_error must be one number of 0 or more for each of the {value.size} numbers of its value"
+        )
+        raise InputError(where, problem, fix="leave standard_error out if it is unknown")
     texts = {n: str(table[n]) for n in ("unit", "source", "procedure") if n in table}
     return Entry(value.tolist(), standard_error=None if error is None else error.tolist(), freedom=freedom, **texts)
 
@@ -226,10 +228,13 @@ def _read_covariance(where: str, entries: Mapping[str, Entry], table: Any) -> Co
     missing = [n for n in of if _base(n) not in entries]
     if missing:
         raise InputError(
-            where, f"a covariance is of {missing[0]!r}, which has no entry", choices=entries, fix="name one"
+            where,
+            f"a covariance names {missing[0]!r}, which has no entry",
+            choices=entries,
+            fix="use one of the entries",
         )
     good = matrix.shape == (len(of),) * 2 and np.isfinite(matrix).all() and np.allclose(matrix, matrix.T)
     if not good or np.linalg.eigvalsh(matrix).min() < -1e-9 * max(np.trace(matrix), 1e-300):
-        problem = f"the covariance of {', '.join(of)} is no symmetric, positive matrix of {len(of)} rows"
-        raise InputError(where, problem, fix="let trimtab calibrate write it")
+        problem = f"the covariance of {', '.join(of)} must be a symmetric, positive matrix of {len(of)} rows"
+        raise InputError(where, problem, fix="use the covariance that trimtab calibrate writes")
     return Covariance(of, matrix.tolist(), str(table.get("procedure", "")))

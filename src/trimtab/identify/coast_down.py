@@ -1,8 +1,8 @@
-"""Friction from a coast-down: a craft that spins or glides, let go, and how its speed falls.
+"""Friction from a coast-down: the falling speed of a craft that spins or glides freely.
 
     J r' = -(c0 tanh(r/r0) + c1 r + c2 |r| r)        m u' = -(c0 tanh(u/u0) + c1 u + c2 |u| u)
 
-Fitted to the speeds themselves (output error), the first speed of each trial with them; coefficients are never below 0.
+The model is fitted to the speeds (output error), with the first speed of each trial. Coefficients are never negative.
 
 Source: the form is that of `vehicles.hovercraft.Friction`; the fit, Ljung, "System identification", 1999, section 7.2.
 """
@@ -19,11 +19,11 @@ from trimtab.identify.calibration import Calibration, Covariance, Entry
 from trimtab.identify.measurements import TRIAL, MeasuredColumn, Measurements, refuse_spikes
 
 SPIN_COLUMNS = (
-    MeasuredColumn("time", "s", "since any instant"),
-    MeasuredColumn("yaw_rate", "rad/s", "rate of turn", -50, 50, most=0.2),
+    MeasuredColumn("time", "s", "time, from any start"),
+    MeasuredColumn("yaw_rate", "rad/s", "yaw rate", -50, 50, most=0.2),
 )
 GLIDE_COLUMNS = (
-    MeasuredColumn("time", "s", "since any instant"),
+    MeasuredColumn("time", "s", "time, from any start"),
     MeasuredColumn("speed", "m/s", "speed", -50, 50, most=0.1),
 )
 NAMES = ("coulomb", "viscous", "quadratic")
@@ -31,10 +31,11 @@ UNITS = {"torque": ("N m", "N m s", "N m s^2"), "force": ("N", "N s/m", "N s^2/m
 
 
 class FrictionFit(NamedTuple):
-    """coefficients: Coulomb, viscous, quadratic (3,), in the units of `UNITS`.  covariance: (3, 3), of those above 0.
+    """Fitted friction. coefficients: Coulomb, viscous, quadratic (3,), in `UNITS`.  covariance: (3, 3), if above 0.
 
-    trials: time, speed, fitted speed of each.  deviation: of a reading.  freedom: degrees of freedom of that.
-    kind: "torque" or "force".  inertia: what the speeds' changes were multiplied by.
+    trials: time, speed, fitted speed of each.  deviation: standard deviation of a reading.  freedom: its degrees of
+    freedom.
+    kind: "torque" or "force".  inertia: factor of the speeds' changes.
     """
 
     coefficients: Any
@@ -46,26 +47,28 @@ class FrictionFit(NamedTuple):
     inertia: float
 
     def standard_errors(self) -> Any:
-        """Of each coefficient (3,)."""
+        """Return the standard errors of the coefficients (3,)."""
         return np.sqrt(np.diagonal(self.covariance))
 
 
 def split_trials(data: Measurements, speed: str) -> list[tuple[Any, Any]]:
-    """Times and speeds of each trial, by the column `trial`; one trial where there is none."""
+    """Return times and speeds of each trial, by the column `trial`; without it, one trial."""
     lines = np.asarray(data.lines)
     which = data[TRIAL] if TRIAL in data else np.zeros(len(data))
     trials = []
     for name in dict.fromkeys(which.tolist()):
         t, v = data["time"][which == name], data[speed][which == name]
         if len(t) < 8:
-            problem = f"trial {name!r} has {len(t)} readings"
+            problem = f"trial {name!r} has only {len(t)} readings"
             raise InputError(f"file {data.file!r}", problem, fix="log at least 8, better 100, from full speed to rest")
         falls = np.flatnonzero(np.diff(t) <= 0)
         if len(falls):
             at = lines[which == name][falls[0] : falls[0] + 2]
-            problem = f"trial {name!r}, line {at[1]}, column 'time': {t[falls[0] + 1]:.9g} s is not after"
+            problem = f"trial {name!r}, line {at[1]}, column 'time': {t[falls[0] + 1]:.9g} s must be after"
             problem += f" {t[falls[0]]:.9g} s of line {at[0]}"
-            fix = "sort the lines by time, and number several runs in a column trial; are headings swapped?"
+            fix = (
+                "sort the lines by time, number several runs in a column trial, and check that headings are not swapped"
+            )
             raise InputError(f"file {data.file!r}", problem, fix=fix)
         refuse_spikes(data.select(which == name), speed)
         trials.append((t - t[0], v))
@@ -75,20 +78,22 @@ def split_trials(data: Measurements, speed: str) -> list[tuple[Any, Any]]:
 def fit_coast_down(
     trials: Sequence[tuple[Any, Any]], inertia: float, kind: str, slip: float, inertia_error: float = 0.0
 ) -> FrictionFit:
-    """Coulomb, viscous and quadratic friction from trials of times (s) and speeds.
+    """Fit Coulomb, viscous and quadratic friction to trials of times (s) and speeds.
 
     Args:
         trials: times (n,) from 0 and speeds (n,) of each, in rad/s or m/s.
         inertia: J (kg m²) or m (kg).
         kind: "torque" for a spin, "force" for a glide.
-        slip: speed at which dry friction is nearly full, that of the model.
-        inertia_error: standard error of the inertia, to which all coefficients are proportional.
+        slip: speed at which dry friction is nearly full, as in the model.
+        inertia_error: standard error of the inertia; all coefficients are proportional to the inertia.
     """
     size = max(float(np.max(np.abs(v))) for _, v in trials)
     falls = max(float(np.abs(v[:3]).mean() - np.abs(v[-3:]).mean()) for _, v in trials)
     if falls < 0.1 * size:
-        problem = f"the speed falls by {max(falls, 0.0):.3g} of {size:.3g} only: this is no coast-down"
-        raise InputError("friction", problem, fix="let it run out without thrust, to a third of its speed or to rest")
+        problem = f"the speed falls only by {max(falls, 0.0):.3g} of {size:.3g}; this is not a coast-down"
+        raise InputError(
+            "friction", problem, fix="let the craft slow down without thrust, to a third of its speed or to rest"
+        )
     rates = _scales(trials, size)
     start = np.concatenate([0.3 * np.ones(3), [v[0] for _, v in trials]])
     low = np.concatenate([np.zeros(3), np.full(len(trials), -np.inf)])
@@ -113,7 +118,7 @@ def fit_coast_down(
 
 
 def friction_calibration(file: str, fit: FrictionFit) -> Calibration:
-    """Entries of `Friction`, and their covariance."""
+    """Return the entries of `Friction`, and their covariance."""
     names = tuple(f"Friction.{fit.kind}_{name}" for name in NAMES)
     source = f"{file}: {len(fit.trials)} coast-down{'s' if len(fit.trials) > 1 else ''}, inertia {fit.inertia:.5g}"
     about: dict[str, Any] = {"freedom": fit.freedom, "source": source, "procedure": f"{fit.kind} friction"}
@@ -126,16 +131,16 @@ def friction_calibration(file: str, fit: FrictionFit) -> Calibration:
 
 
 def _scales(trials: Sequence[tuple[Any, Any]], size: float) -> Any:
-    """What each coefficient over the inertia would be if it alone slowed the craft: the size to search at."""
+    """Return, for each coefficient over the inertia, its size if it alone slowed the craft, as scale of the search."""
     times = [max(float(t[-1]), 1e-3) for t, _ in trials]
     rate = 1.0 / min(times)
     return np.array([rate * size, rate, rate / size])
 
 
 def _coast(c: Any, v0: float, t: Any, slip: float) -> Any:
-    """Speeds (n,) at times t (n,) under v' = -(c0 tanh(v/slip) + c1 v + c2 |v| v), from v0; Runge and Kutta.
+    """Return speeds (n,) at times t (n,) under v' = -(c0 tanh(v/slip) + c1 v + c2 |v| v), from v0; Runge-Kutta.
 
-    Dry friction changes over `slip`, so that the step follows the fastest of both.
+    Dry friction changes over `slip`; the step follows the faster of the two effects.
     """
     longest = min(0.02, 0.5 / (c[0] / slip + c[1] + 2 * c[2] * abs(v0) + 1e-9))
     v, out = float(v0), np.empty(len(t))

@@ -1,10 +1,10 @@
-"""How a gyro follows a changing rate: a difference equation with a delay, fitted to a sweep, and its inverse.
+"""Response of a gyro to a changing rate: a difference equation with a delay, fitted to a sweep, and its inverse.
 
     y_k = b0 u_{k-D} - a1 y_{k-1} - a2 y_{k-2} + o
 
-The output error is least: the model's own output is compared, not a prediction from the gyro's last samples. Both
-poles are kept inside the unit circle by the fit's own numbers (reflection coefficients); apart from its delay the model
-has no zeros but at 0, so it is of minimum phase and its inverse is stable.
+The fit minimises the output error: it compares the model's own output, not a prediction from the gyro's last samples.
+The parameters of the fit (reflection coefficients) keep both poles inside the unit circle. Apart from its delay the
+model has zeros only at 0, so it is minimum phase and its inverse is stable.
 
 [1] is Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006, eq. 6.2.
 
@@ -22,26 +22,26 @@ from trimtab.identify.calibration import Calibration, Covariance, Entry
 from trimtab.identify.measurements import MeasuredColumn, Measurements
 
 COLUMNS = (
-    MeasuredColumn("time", "s", "since any instant, evenly spaced"),
-    MeasuredColumn("reference", "rad/s", "true rate, e.g. of an encoder", -100, 100, most=0.05),
-    MeasuredColumn("gyro", "rad/s", "what the gyro shows", -100, 100, most=0.05),
+    MeasuredColumn("time", "s", "time, from any start, evenly spaced"),
+    MeasuredColumn("reference", "rad/s", "true rate, e.g. from an encoder", -100, 100, most=0.05),
+    MeasuredColumn("gyro", "rad/s", "rate measured by the gyro", -100, 100, most=0.05),
 )
 MOST_DELAY = 8
-"""Samples of delay that are tried."""
+"""Maximum delay that is tried, in samples."""
 SETTLE = 4
-"""Samples at the start that don't count: the gyro's memory of what was before."""
+"""Number of samples ignored at the start, which depend on earlier rates."""
 INSIDE = 0.999
-"""Largest reflection coefficient: poles stay so far inside the unit circle."""
+"""Largest reflection coefficient; keeps the poles inside the unit circle."""
 WILD = 12.0
-"""Usual deviations from the model beyond which a sample is a mistake: never by chance."""
+"""Deviation from the model, in usual deviations, beyond which a sample is an error."""
 NAMES = ("IdentifiedGyro.b0", "IdentifiedGyro.a1", "IdentifiedGyro.a2")
 
 
 class GyroFit(NamedTuple):
-    """b0, a1, a2: of the equation.  covariance: of these (3, 3).  delay: samples.  offset: rad/s.  period: s.
+    """Fitted gyro. b0, a1, a2: coefficients.  covariance: of these (3, 3).  delay: samples.  offset: rad/s.  period: s.
 
-    deviation: of the output error (rad/s).  fitted: the model's output (n,).  highest: Hz, up to where the reference
-    moved.
+    deviation: of the output error (rad/s).  fitted: the model's output (n,).  highest: largest frequency in the
+    reference (Hz).
     """
 
     b0: float
@@ -57,21 +57,21 @@ class GyroFit(NamedTuple):
     highest: float
 
     def gain(self) -> float:
-        """Output over a constant rate."""
+        """Gain at a constant rate."""
         return self.b0 / (1 + self.a1 + self.a2)
 
     def response(self, frequency: Any) -> Any:
-        """Complex gain at frequencies (Hz), the delay included."""
+        """Return the complex gain at frequencies (Hz), with the delay."""
         z1 = np.exp(-2j * np.pi * np.asarray(frequency) * self.period)
         return self.b0 * z1**self.delay / (1 + self.a1 * z1 + self.a2 * z1**2)
 
     def inverse(self, y: Any) -> Any:
-        """The rate (n,) that made the samples y (n,), but for the delay: u_k = (y_k + a1 y_{k-1} + a2 y_{k-2})/b0."""
+        """Return the rate (n,) for samples y (n,), without the delay: u_k = (y_k + a1 y_{k-1} + a2 y_{k-2})/b0."""
         return lfilter([1.0, self.a1, self.a2], [self.b0], np.asarray(y) - self.offset)
 
 
 def fit_gyro(data: Measurements) -> GyroFit:
-    """Delay, coefficients and offset of a gyro from a sweep; `COLUMNS`.
+    """Fit delay, coefficients and offset of a gyro to a sweep with the columns `COLUMNS`.
 
     Raises: InputError for uneven times, too few samples, or a gyro that does not follow the reference.
     """
@@ -83,7 +83,7 @@ def fit_gyro(data: Measurements) -> GyroFit:
     if len(t) < 200 or len(uneven):
         what = f"{len(t)} samples are too few" if len(t) < 200 else ""
         line = "" if what else f"line {data.lines[uneven[0] + 1]} comes {steps[uneven[0]]:.6g} s after the one before,"
-        problem = what or f"{line} the others after {period:.6g} s"
+        problem = what or f"{line} but the usual step is {period:.6g} s"
         raise InputError(where, problem, fix="log a sweep of 200 evenly spaced samples or more, without gaps")
     fits = [_fit_delay(u, y, delay) for delay in range(MOST_DELAY + 1)]
     delay = int(np.argmin([fit.cost for fit in fits]))
@@ -92,8 +92,8 @@ def fit_gyro(data: Measurements) -> GyroFit:
     freedom = n - 4
     deviation = float(np.sqrt(2 * best.cost / freedom))
     if deviation > 0.5 * np.std(y):
-        problem = f"the best model misses the gyro by {deviation:.3g} rad/s of {np.std(y):.3g}"
-        fix = "are reference and gyro the same axis, with the same sign, in the units of their headings?"
+        problem = f"the best model differs from the gyro by {deviation:.3g} rad/s of {np.std(y):.3g}"
+        fix = "check that reference and gyro have the same axis, the same sign, and the units of their headings"
         raise InputError(where, problem, fix=fix)
     _refuse_wild(data, best.fun, delay)
     b0, a1, a2, offset = _coefficients(best.x)
@@ -107,7 +107,7 @@ def fit_gyro(data: Measurements) -> GyroFit:
 
 
 def gyro_calibration(data: Measurements, fit: GyroFit) -> Calibration:
-    """Coefficients, and the delay that the inverse leaves."""
+    """Return the coefficients, and the delay that remains after the inverse."""
     source = f"{data.file}: {len(data)} samples each {1e3 * fit.period:.6g} ms, up to {fit.highest:.3g} Hz"
     about: dict[str, Any] = {"freedom": fit.freedom, "source": source, "procedure": "gyro"}
     errors = np.sqrt(np.diagonal(fit.covariance))
@@ -118,14 +118,14 @@ def gyro_calibration(data: Measurements, fit: GyroFit) -> Calibration:
 
 
 def _refuse_wild(data: Measurements, rest: Any, delay: int) -> None:
-    """Refuse a sample that the model misses by far more than the others."""
+    """Raise InputError for a sample that deviates from the model far more than the others."""
     off = np.abs(np.asarray(rest) - np.median(rest))
     usual = 1.4826 * float(np.median(off))
     if float(off.max()) > WILD * max(usual, 1e-12):
         line = int(data.lines[int(np.argmax(off)) + delay + SETTLE])
-        problem = f"line {line}: the gyro is {off.max():.3g} rad/s off its model, usually {usual:.2g}:"
-        problem += " a wrong number there, or in the reference just before"
-        raise InputError(f"file {data.file!r}", problem, fix="put the mean of its neighbours there, or cut the log")
+        problem = f"line {line}: the gyro is {off.max():.3g} rad/s off its model, usually {usual:.2g};"
+        problem += " this number, or the reference just before, is probably wrong"
+        raise InputError(f"file {data.file!r}", problem, fix="replace it by the mean of its neighbours, or cut the log")
 
 
 def _fit_delay(u: Any, y: Any, delay: int) -> Any:
@@ -137,14 +137,14 @@ def _fit_delay(u: Any, y: Any, delay: int) -> Any:
 
 
 def _coefficients(p: Any) -> tuple[float, float, float, float]:
-    """b0, a1, a2, offset from gain at rest, two numbers whose tanh are reflection coefficients, and the offset."""
+    """Return b0, a1, a2, offset from gain at rest, two numbers whose tanh are reflection coefficients, and offset."""
     k1, k2 = INSIDE * np.tanh(p[1]), INSIDE * np.tanh(p[2])
     a1, a2 = float(k1 * (1 + k2)), float(k2)
     return float(p[0] * (1 + a1 + a2)), a1, a2, float(p[3])
 
 
 def _coefficient_slopes(p: Any) -> Any:
-    """Jacobian (4, 4) of `_coefficients`, by central differences."""
+    """Return the Jacobian (4, 4) of `_coefficients`, by central differences."""
     h = 1e-6
     steps = (h * row for row in np.eye(4))
     return np.stack([(np.array(_coefficients(p + e)) - np.array(_coefficients(p - e))) / (2 * h) for e in steps], 1)

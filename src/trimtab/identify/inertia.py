@@ -1,4 +1,4 @@
-"""Moment of inertia about the vertical axis, from how fast a held vehicle spins up when it is let go.
+"""Moment of inertia about the vertical axis, from the spin-up of a vehicle when it is released.
 
 [1] is Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006.
 """
@@ -14,7 +14,7 @@ from trimtab.core.record import Scalar, quantity, record
 
 @record
 class SpinUpTrial:
-    """One trial: fan and rudder held, vehicle let go.
+    """One trial: fan and rudder held constant, vehicle released.
 
     Frames:  rudder angle from the body's x axis, slope positive clockwise.    Source: [1] section 4.3.3, table 4.2.
     """
@@ -26,7 +26,7 @@ class SpinUpTrial:
 
 @record
 class SlopeFit:
-    """A straight line through the start of a spin-up. Source: Press et al., "Numerical recipes", 3rd ed., sec. 15.2."""
+    """Straight line through the start of a spin-up. Source: Press et al., "Numerical recipes", 3rd ed., sec. 15.2."""
 
     slope: Scalar = quantity("rad/s^2", "Slope of the yaw rate.")
     standard_error: Scalar = quantity("rad/s^2", "Standard error of the slope, from the residuals.")
@@ -36,25 +36,25 @@ class SlopeFit:
 
 
 def lateral_force(force: Any, force_angle: Any) -> Any:
-    """FY = -f sin psi (N, in B) of a thrust f (N) at force angle psi (rad). Source: [1] chapter 4."""
+    """Return FY = -f sin psi (N, in B) of a thrust f (N) at force angle psi (rad). Source: [1] chapter 4."""
     return -force * np.sin(force_angle)
 
 
 def moment_of_inertia(arm: Any, FY: Any, slope: Any) -> Any:
-    """J = -d FY / (dr/dt) (kg m^2) from arm d (m), lateral force (N) and slope (rad/s^2). Source: [1] eq. 2.10."""
+    """Return J = -d FY / (dr/dt) (kg m^2) from arm d (m), lateral force (N), slope (rad/s^2). Source: [1] eq. 2.10."""
     return -arm * FY / slope
 
 
 def trial_inertia(
     trial: SpinUpTrial, arm: Any, force_angle: Callable[[Any], Any], decimals: int | None = None
 ) -> tuple[Any, Any]:
-    """Lateral force (N) and moment of inertia (kg m^2) of one trial.
+    """Compute lateral force (N) and moment of inertia (kg m^2) of one trial.
 
     Args:
-        trial: what was measured.
+        trial: measured values.
         arm: centre of mass to rudder pivot (m).
         force_angle: rudder angle to force angle, e.g. ``RudderGeometry().force_angle``.
-        decimals: round FY to this many decimals first; the source's table follows only with 2. None: no rounding.
+        decimals: number of decimals to which FY is rounded first; 2 reproduces the thesis' table. None: no rounding.
     """
     FY = lateral_force(trial.force, force_angle(trial.rudder_angle))
     FY = FY if decimals is None else np.round(FY, decimals)
@@ -62,10 +62,10 @@ def trial_inertia(
 
 
 def fit_slope(t: Any, yaw_rate: Any, window: float = np.inf) -> SlopeFit:
-    """Least-squares line through the yaw rate of the first `window` seconds.
+    """Fit a least-squares line to the yaw rate of the first `window` seconds.
 
-    Under a constant force the model's yaw rate is a straight line; friction and a moving servo bend it, so keep the
-    window short enough for the residuals to look like noise. The standard error takes them to be independent.
+    Under a constant force the model's yaw rate is a straight line. Friction and a moving servo bend it, so keep the
+    window short enough for the residuals to look like noise. The standard error assumes independent residuals.
 
     Args:
         t: times (s), shape (n,), at least 3 in the window.
@@ -74,13 +74,15 @@ def fit_slope(t: Any, yaw_rate: Any, window: float = np.inf) -> SlopeFit:
     """
     t, r = np.asarray(t, np.float64), np.asarray(yaw_rate, np.float64)
     if t.ndim != 1 or t.shape != r.shape:
-        raise InputError("fit_slope", f"t has shape {t.shape}, yaw_rate {r.shape}", fix="give two lists of one length")
+        raise InputError(
+            "fit_slope", f"t has shape {t.shape}, yaw_rate has shape {r.shape}", fix="give two lists of one length"
+        )
     if not (np.isfinite(t).all() and np.isfinite(r).all()):
-        raise InputError("fit_slope", "t or yaw_rate holds a value that is not finite", fix="leave those samples out")
+        raise InputError("fit_slope", "t or yaw_rate holds values that are not finite", fix="leave those samples out")
     inside = t - t[:1] <= window
     t, r = t[inside], r[inside]
     if len(t) < 3 or np.ptp(t) == 0:
-        problem = f"{len(t)} samples in the window of {window:g} s give no slope with an error"
+        problem = f"{len(t)} samples in the window of {window:g} s are too few for a slope with its error"
         raise InputError("fit_slope", problem, fix="use at least 3 at different times")
     centred = t - t.mean()
     spread = float(centred @ centred)
@@ -92,7 +94,7 @@ def fit_slope(t: Any, yaw_rate: Any, window: float = np.inf) -> SlopeFit:
 
 
 class LinearPortion(NamedTuple):
-    """Of a spin-up. start: s, when it was let go.  window: s, how long its rate rises as a line.  fit: of that."""
+    """Linear part of a spin-up. start: time of release (s).  window: duration of the linear rise (s).  fit: line."""
 
     start: float
     window: float
@@ -100,11 +102,11 @@ class LinearPortion(NamedTuple):
 
 
 def find_linear_portion(t: Any, yaw_rate: Any) -> LinearPortion:
-    """When a held vehicle was let go, and for how long its yaw rate then rises along a line.
+    """Find the release of a held vehicle, and the time for which its yaw rate then rises linearly.
 
-    The release is where the best parabola begins that is level before it. The window is the longest in which its bend,
-    q in r = s t + q t², moves the line's slope (by q times the window) by less than half its standard error; so the
-    error that is stated holds.
+    The release is the start of the best parabola that is level before it. The window is the longest in which the bend q
+    of r = s t + q t² changes the line's slope (by q times the window) by less than half its standard error. The stated
+    error therefore holds.
 
     Args:
         t: times (s), shape (n,), at least 20, rising.
@@ -112,18 +114,18 @@ def find_linear_portion(t: Any, yaw_rate: Any) -> LinearPortion:
     """
     t, r = np.asarray(t, np.float64), np.asarray(yaw_rate, np.float64)
     if len(t) < 20 or not (np.isfinite(t).all() and np.isfinite(r).all()):
-        problem = f"{len(t)} samples, or some not finite, show no release and rise"
+        problem = f"{len(t)} samples, or some not finite, are not enough to find a release and a rise"
         raise InputError("spin-up", problem, fix="log from before the release, 20 samples or more")
     top = float(np.max(np.abs(r)))
     low = r[: max(int(np.argmax(np.abs(r) >= 0.6 * top)) + 1, 8)]
     noise = float(np.median(np.abs(np.diff(r, 2)))) * 1.4826 / np.sqrt(6)
     if top < 8 * max(noise, 1e-12):
-        problem = f"the yaw rate reaches {top:.3g} rad/s, its noise is {noise:.3g}"
+        problem = f"the yaw rate reaches only {top:.3g} rad/s, with noise of {noise:.3g}"
         raise InputError("spin-up", problem, fix="use more thrust or rudder, or log for longer")
     n = len(low)
 
     def fit_rise(k: int) -> tuple[float, float]:
-        """Squares of the misfit and the bend of r = s t + q t² from sample k on, level before it."""
+        """Return the squared misfit and the bend of r = s t + q t² from sample k on, level before it."""
         since = np.maximum(t[:n] - t[k], 0)
         A = np.stack([since, since**2], 1)
         b = np.linalg.lstsq(A, low, None)[0]
@@ -133,7 +135,7 @@ def find_linear_portion(t: Any, yaw_rate: Any) -> LinearPortion:
     rise = slice(start, start + 1 + int(np.argmax(np.abs(r[start:]) >= 0.9 * np.max(np.abs(r[start:])))))
     since, rates = t[rise] - t[start], r[rise]
     if len(since) < 6:
-        raise InputError("spin-up", f"the rise has {len(since)} samples only", fix="log faster, or use less thrust")
+        raise InputError("spin-up", f"the rise has only {len(since)} samples", fix="log faster, or use less thrust")
     bend = abs(fit_rise(start)[1])
     step = float(np.median(np.diff(t)))
     window = (0.5 * noise * np.sqrt(12 * step) / max(bend, 1e-12)) ** 0.4
@@ -142,5 +144,5 @@ def find_linear_portion(t: Any, yaw_rate: Any) -> LinearPortion:
 
 
 def inertia_error(J: Any, fit: SlopeFit, force_error: Any = 0.0) -> Any:
-    """Standard error (kg m^2) of J from the slope's standard error and a relative error of the lateral force."""
+    """Return the standard error (kg m^2) of J from that of the slope and a relative error of the lateral force."""
     return abs(J) * np.sqrt((fit.standard_error / fit.slope) ** 2 + force_error**2)

@@ -1,8 +1,8 @@
-"""Noise of an inertial unit in a calibration: what its sensors have, and the Q and R that a filter takes.
+"""Noise of an inertial unit as a calibration: the noise of its sensors, and a filter's Q and R.
 
-A triad's model has one number for its three axes: the root of the mean square of theirs. A planar filter has numbers of
-the axes that it uses: the gyro about the vertical, the accelerometers forward and to starboard. Flicker is no part of
-the sensor's model; the filter's walk has its share, `allan.filter_noise`.
+A triad's model has one number for its three axes: their root mean square. A planar filter has separate numbers for the
+axes that it uses: the gyro about the vertical, the accelerometers forward and to starboard. The sensor's model does not
+include flicker; the filter's walk includes its share, see `allan.filter_noise`.
 """
 
 import math
@@ -15,12 +15,12 @@ from trimtab.identify.allan import FLICKER, NORMAL95, AllanFit, Coefficient, fil
 from trimtab.identify.calibration import Calibration, Entry
 
 UNLIKELY = 0.001
-"""Axes that chance makes differ so much less often are said to differ."""
+"""Probability below which a difference between axes is reported."""
 AXES = "xyz"
 
 
 class Triad(NamedTuple):
-    """Where the numbers of three axes go. unit: of a sample.  record: of the sensor.
+    """Destination of the numbers of three axes. unit: of a sample.  record: of the sensor.
 
     white: axis -> the filter's variance of a sample.  walk: axes, and the filter's walk of their biases.
     """
@@ -41,7 +41,7 @@ TRIADS: Mapping[str, Triad] = {
     ),
 }
 SQUARES = {"rad/s": ("rad^2/s^2", "rad^2/s^3"), "m/s^2": ("m^2/s^4", "m^2/s^5")}
-"""Unit of a sample -> units of a variance of it, and of that in a second."""
+"""Unit of a sample -> units of its variance, and of the variance's growth in a second."""
 
 
 Number = tuple[float, str, float]
@@ -49,7 +49,7 @@ Number = tuple[float, str, float]
 
 
 class NoiseCalibration(NamedTuple):
-    """notes: what the log does not show, or shows besides."""
+    """Calibration of noise. notes: missing or additional noise in the log."""
 
     calibration: Calibration
     notes: tuple[str, ...]
@@ -58,13 +58,13 @@ class NoiseCalibration(NamedTuple):
 def noise_calibration(
     triad: str, axes: Mapping[int, AllanFit], source: str, step: float | None = None
 ) -> NoiseCalibration:
-    """Entries of one triad, from the fits of its axes that were still.
+    """Return the entries of one triad, from the fits of its still axes.
 
     Args:
         triad: "gyro" or "accelerometer".
         axes: 0, 1 and 2 for x, y and z -> fit, in SI; at least one.
-        source: the data, in words.
-        step: s, of the filter; that of the samples when None.
+        source: description of the data.
+        step: step of the filter (s); None: that of the samples.
     """
     about: dict[str, Any] = {"source": source, "procedure": f"{triad} noise"}
     own, of_sensor = _sensor_numbers(TRIADS[triad], axes)
@@ -78,7 +78,7 @@ def noise_calibration(
 
 
 def _sensor_numbers(to: Triad, axes: Mapping[int, AllanFit]) -> tuple[dict[str, Number], list[str]]:
-    """Of the sensor's model, and notes."""
+    """Return the numbers of the sensor's model, and notes."""
     name, notes = f"{to.record}.bias_walk", list[str]()
     N2, of_N2 = _mean([_square(fit.white) for fit in axes.values()])
     K2, of_K2 = _mean([_square(fit.walk) for fit in axes.values()])
@@ -87,18 +87,19 @@ def _sensor_numbers(to: Triad, axes: Mapping[int, AllanFit]) -> tuple[dict[str, 
         found[name] = math.sqrt(K2), f"{to.unit}/s^0.5", of_K2 / (2 * math.sqrt(K2))
     else:
         most = math.sqrt(K2 + NORMAL95 * of_K2)
-        notes.append(f"{name} is not written: this log shows no walk, {most:.3g} {to.unit}/s^0.5 at most; log longer")
+        notes.append(f"{name} is not written: this log shows no walk, at most {most:.3g} {to.unit}/s^0.5; log longer")
     flickers = [AXES[i] for i, fit in axes.items() if fit.flicker.low > 0]
     if flickers:
         most = max(float(fit.flicker.value) for fit in axes.values())
         notes.append(
-            f"flicker of {most:.3g} {to.unit} in {', '.join(flickers)}: no sensor here has it, the filter does"
+            f"flicker of {most:.3g} {to.unit} in {', '.join(flickers)}: the sensor models have no "
+            "flicker, the filter does"
         )
     return found, notes
 
 
 def _filter_numbers(triad: str, axes: Mapping[int, AllanFit], dt: float) -> tuple[dict[str, Number], list[str]]:
-    """Of a filter that steps each dt (s), and notes."""
+    """Return the numbers of a filter that steps every dt (s), and notes."""
     to, found, notes = TRIADS[triad], dict[str, Number](), list[str]()
     variance, rate = SQUARES[to.unit]
     for axis, name in to.white.items():
@@ -114,17 +115,17 @@ def _filter_numbers(triad: str, axes: Mapping[int, AllanFit], dt: float) -> tupl
             found[to.walk[1]] = value, rate, error
         else:
             most = value + NORMAL95 * error
-            notes.append(f"{to.walk[1]} is not written: this log shows no walk, {most:.3g} {rate} at most; log longer")
+            notes.append(f"{to.walk[1]} is not written: this log shows no walk, at most {most:.3g} {rate}; log longer")
     return found, notes
 
 
 def _is_shown(value: float, error: float) -> bool:
-    """Whether 0 is outside the 95 % interval."""
+    """Return True if 0 is outside the 95 % interval."""
     return value > NORMAL95 * error
 
 
 def _square(c: Coefficient) -> tuple[float, float]:
-    """The square of a coefficient and its standard error: its interval is that of the square, rooted."""
+    """Return the square of a coefficient and its standard error; its interval is the root of the square's interval."""
     return float(c.value) ** 2, (float(c.high) ** 2 - float(c.value) ** 2) / NORMAL95
 
 
@@ -134,7 +135,7 @@ def _mean(squares: Sequence[tuple[float, float]]) -> tuple[float, float]:
 
 
 def _walk_of_filter(fit: AllanFit) -> tuple[float, float]:
-    """Growth of a bias's variance in a second, with the flicker's share, and its standard error."""
+    """Return the growth of a bias's variance in a second, with the flicker's share, and its standard error."""
     (N2, _), (B2, of_B2), (_, of_K2) = _square(fit.white), _square(fit.flicker), _square(fit.walk)
     dt, floor = float(fit.sampling_period), FLICKER * B2
     value = float(filter_noise(fit).bias_variance) / dt
@@ -143,11 +144,11 @@ def _walk_of_filter(fit: AllanFit) -> tuple[float, float]:
 
 
 def _compare_axes(triad: str, axes: Mapping[int, AllanFit]) -> list[str]:
-    """A note where the axes differ in their white noise by more than chance makes them."""
+    """Return a note if the axes differ in their white noise by more than chance."""
     squares = {AXES[i]: _square(fit.white) for i, fit in axes.items()}
     mean = _mean(list(squares.values()))[0]
     misfit = sum(((s - mean) / e) ** 2 for s, e in squares.values())
     if len(squares) < 2 or float(chdtrc(len(squares) - 1, misfit)) > UNLIKELY:
         return []
     each = ", ".join(f"{axis} {math.sqrt(s):.4g}" for axis, (s, _) in squares.items())
-    return [f"the {triad}'s axes differ in white noise ({each}): the sensor gets the root of their mean square"]
+    return [(f"the {triad}'s axes differ in white noise ({each}); the sensor gets their root mean square")]

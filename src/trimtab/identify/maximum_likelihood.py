@@ -1,19 +1,19 @@
-"""Parameters of a model from flights, by maximum likelihood: a Kalman filter's predictions and their derivatives.
+"""Maximum-likelihood estimates of model parameters from flights, by a Kalman filter and its derivatives.
 
     x_{k+1} = f(x_k, u_k(p), h_k; p) + w_k,   w ~ N(0, diag(q(p)) h_k)
     y_k = x_k[measured] + v_k,                v ~ N(0, diag(r(p)))
     log L(p) = -1/2 sum( e²/s + log(2 pi s) )      e, s: innovation, variance
 
-The filter predicts through the model's own step, with its derivatives for the covariance; e and s are differentiated
-along every parameter at once, noise variances among them, and the parameters follow Fisher's scoring:
+The filter predicts with the model's own step, and with its derivatives for the covariance. e and s are differentiated
+by all parameters at once, including noise variances. The parameters follow Fisher's scoring:
 
     I_ij = sum( e_i' e_j'/s + s_i' s_j'/(2 s²) )      g_i = sum( -e e_i'/s + (e²/s - 1) s_i'/(2 s) )
 
-A flight, and what comes after a long gap, begins with a state that is hardly known: so first states are estimated, too.
+The first state of a flight, and after a long gap, is nearly unknown; it is therefore estimated, too.
 
 Source: Åström, "Maximum likelihood and prediction error methods", Automatica 16 (1980); Kristensen, Madsen, Jørgensen,
 "Parameter estimation in stochastic grey-box models", Automatica 40 (2004), for scoring with a filter's innovations;
-Raue et al., Bioinformatics 25 (2009), for intervals and what can't be told, by the profile likelihood.
+Raue et al., Bioinformatics 25 (2009), for intervals and non-identifiable parameters, by the profile likelihood.
 """
 
 import functools
@@ -29,25 +29,25 @@ jax.config.update("jax_enable_x64", True)
 
 ITERATIONS = 40
 TOLERANCE = 0.02
-"""Done when a full step would change the log likelihood by less than this."""
+"""Change of the log likelihood in a full step below which the search ends."""
 HALF_CHI = 1.9207294103470585
 """Half of chi² of 1 degree of freedom at 95 %: the fall of the log likelihood at the ends of an interval."""
 COLLINEAR = 1e-4
-"""An eigenvalue of the information's correlations below this: what its vector holds can't be told apart."""
+"""Eigenvalue of the information's correlations below which the parameters in its vector are not identifiable."""
 SHARE = 0.3
-"""Part in such a vector from which a parameter is named."""
+"""Share in such a vector from which a parameter is named."""
 REACHES = np.array([-1.4, -0.8, 0.8, 1.4])
-"""Where the profile is computed, in half 95 % intervals by the information."""
+"""Places of the profile, in half 95 % intervals from the information."""
 CORRECTIONS = 1
-"""Steps by which the other parameters find where they are most likely, at each such place."""
+"""Number of scoring steps of the other parameters at each such place."""
 
 
 class Timeline(NamedTuple):
-    """One or more flights, put end to end: n steps.
+    """One or more flights, joined end to end: n steps.
 
-    h: s, length of the step before each instant (n,), 0 where a stretch begins.  begins: (n,) bool.
-    y: (n, k).  seen: (n, k) bool, what of y there is.  first: state that a stretch begins with (n, d), read there only.
-    drive: what the model makes its inputs of.
+    h: length of the step before each instant (n,) (s), 0 where a stretch begins.  begins: (n,) bool. y: (n, k).  seen:
+    (n, k) bool, True for available numbers of y.  first: first state of a stretch (n, d), read only there. drive: data
+    from which the model computes its inputs.
     """
 
     h: Any
@@ -59,11 +59,11 @@ class Timeline(NamedTuple):
 
 
 class Model(NamedTuple):
-    """What is fitted. Functions of the parameters p (m,), in any unit.
+    """Model to fit. Functions of the parameters p (m,), in any unit.
 
     step(p, x, u, h): the next state (d,) of state (d,) and input.  inputs(p, drive): of every step, (n, …) each.
-    process(p): q (d,), per second.  noise(p): r (k,).  measured: indices (k,).  wraps: (k,) bool, angles.
-    spread: variances (d,) of a state that a stretch begins with.
+    process(p): q (d,), per second.  noise(p): r (k,).  measured: indices (k,).  wraps: (k,) bool, True for angles.
+    spread: variances (d,) of the first state of a stretch.
     """
 
     step: Callable[[Any, Any, Any, Any], Any]
@@ -76,7 +76,7 @@ class Model(NamedTuple):
 
 
 class Innovations(NamedTuple):
-    """e, s: of each number of each measurement (n, k); what is not there has e = 0, s = 1.  x: states after (n, d)."""
+    """Innovations. e, s: of each measured number (n, k); e = 0, s = 1 if missing.  x: states after updates (n, d)."""
 
     e: Any
     s: Any
@@ -84,7 +84,7 @@ class Innovations(NamedTuple):
 
 
 class CompiledLikelihood(NamedTuple):
-    """What the search asks for; compiled once for timelines of one shape.
+    """Functions for the search, compiled once for timelines of one shape.
 
     score(timeline, p): log likelihood, gradient (m,), information (m, m).  value(timeline, p): log likelihood.
     slopes(timeline, p (n, m), along (j, m)): log likelihoods (n,), and their slopes along each direction (n, j).
@@ -98,7 +98,7 @@ class CompiledLikelihood(NamedTuple):
 
 
 class LikelihoodEstimate(NamedTuple):
-    """p: (m,).  information: (m, m).  log_likelihood.  converged.  iterations."""
+    """Estimate. p: (m,).  information: (m, m).  log_likelihood.  converged.  iterations."""
 
     p: Any
     information: Any
@@ -108,7 +108,7 @@ class LikelihoodEstimate(NamedTuple):
 
 
 def filter_innovations(model: Model, timeline: Timeline, p: Any) -> Innovations:
-    """Innovations of the whole timeline for parameters p (m,)."""
+    """Compute the innovations of the whole timeline for parameters p (m,)."""
     q, r, u = model.process(p), model.noise(p), model.inputs(p, timeline.drive)
     spread = jnp.asarray(model.spread)
 
@@ -140,7 +140,7 @@ def filter_innovations(model: Model, timeline: Timeline, p: Any) -> Innovations:
 
 
 def log_likelihood(model: Model, timeline: Timeline, p: Any) -> Any:
-    """Log likelihood of the measurements for parameters p (m,)."""
+    """Compute the log likelihood of the measurements for parameters p (m,)."""
     e, s, _ = filter_innovations(model, timeline, p)
     return -0.5 * jnp.sum(jnp.where(jnp.asarray(timeline.seen), e * e / s + jnp.log(2 * jnp.pi * s), 0.0))
 
@@ -155,14 +155,14 @@ def maximise_likelihood(
     free: Any = None,
     tell: Callable[[int, float], None] = lambda iteration, value: None,
 ) -> LikelihoodEstimate:
-    """The most likely parameters, by scoring with steps that are shortened until the likelihood grows.
+    """Maximise the likelihood, by scoring with steps that are shortened until the likelihood grows.
 
     Args:
-        likelihood: of the model that is fitted.  timeline: to what.
-        p: where it begins (m,).
+        likelihood: likelihood of the model.  timeline: the flights.
+        p: start of the search (m,).
         low, high: bounds (m,).
-        free: which parameters may change (m,) bool; all when None.
-        tell: is given iteration and log likelihood.
+        free: (m,) bool, True for parameters that may change; None: all.
+        tell: function called with iteration and log likelihood.
     """
     score, value = (functools.partial(f, timeline) for f in (likelihood.score, likelihood.value))
     p, low, high = (np.asarray(v, np.float64) for v in (p, low, high))
@@ -194,7 +194,7 @@ def maximise_likelihood(
 
 
 def compile_likelihood(model: Model) -> CompiledLikelihood:
-    """The likelihood of a model and its derivatives."""
+    """Compile the likelihood of a model and its derivatives."""
 
     def score(timeline: Timeline, p: Any) -> Any:
         def errors(p: Any) -> Any:
@@ -224,13 +224,13 @@ def compile_likelihood(model: Model) -> CompiledLikelihood:
 def profile_intervals(
     likelihood: CompiledLikelihood, timeline: Timeline, estimate: LikelihoodEstimate, of: Any, free: Any
 ) -> Any:
-    """95 % intervals (len(of), 2) of parameters `of`, from the fall of the likelihood as each is moved.
+    """Return 95 % intervals (len(of), 2) of parameters `of`, from the fall of the likelihood as each is moved.
 
-    The others follow to where they are most likely then: first by the information at the estimate, then by scoring
-    steps with the gradient there. An end beyond all that was tried is infinite.
+    The other parameters are optimised again: first by the information at the estimate, then by scoring steps with the
+    gradient there. An end beyond all tried places is infinite.
 
     Args:
-        of: indices.  free: those that follow (m,) bool; noise, which a flight tells apart badly, better does not.
+        of: indices.  free: (m,) bool, True for parameters that follow; noise, hardly observable, should not follow.
     """
     index, p = np.flatnonzero(free), np.asarray(estimate.p)
     I = estimate.information[np.ix_(index, index)]
@@ -271,7 +271,7 @@ def profile_intervals(
 
 
 def name_collinear(information: Any, names: list[str]) -> list[tuple[str, ...]]:
-    """Groups of parameters that the data can't tell apart, and single ones that it says nothing of."""
+    """Return groups of parameters that the data can't distinguish, and single ones that the data do not determine."""
     size = np.sqrt(np.diagonal(information))
     silent = size <= 1e-9 * max(float(size.max()), 1e-300)
     groups = [(names[i],) for i in np.flatnonzero(silent)]
@@ -286,7 +286,7 @@ def name_collinear(information: Any, names: list[str]) -> list[tuple[str, ...]]:
 
 
 def _damped_solve(A: Any, b: Any, damping: float) -> Any:
-    """Solve (A + damping diag(A)) x = b, what A says nothing of left as it is."""
+    """Solve (A + damping diag(A)) x = b; directions that A does not determine stay unchanged."""
     size = np.sqrt(np.maximum(np.diagonal(A), 1e-300))
     C = A / np.outer(size, size)
     values, vectors = np.linalg.eigh((C + C.T) / 2)
@@ -295,14 +295,14 @@ def _damped_solve(A: Any, b: Any, damping: float) -> Any:
 
 
 def _end_of_interval(reach: Any, fall: Any, sign: int) -> float:
-    """Where the fall passes HALF_CHI on one side, by its square root, which is nearly a line there."""
+    """Return the place where the fall passes HALF_CHI on one side, by its square root, which is nearly linear there."""
     side = np.sign(reach) == sign
     x, y = np.abs(reach[side]), np.sqrt(np.maximum(fall[side], 0.0))
     order = np.argsort(x)
     x, y = np.concatenate([[0.0], x[order]]), np.concatenate([[0.0], y[order]])
     wanted = np.sqrt(HALF_CHI)
     beyond = np.flatnonzero((y >= wanted) | ~np.isfinite(y))
-    if not len(beyond):  # as the last two go on, if they rise at all
+    if not len(beyond):  # extrapolate from the last two, if they rise at all
         slope = (y[-1] - y[-2]) / (x[-1] - x[-2])
         return sign * float(x[-1] + (wanted - y[-1]) / slope) if slope > 0.2 * wanted / x[-1] else sign * np.inf
     k = int(beyond[0])

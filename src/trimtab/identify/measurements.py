@@ -1,12 +1,12 @@
-"""Measurements that a person wrote down: CSV with a unit in each heading, each value traced to its line.
+"""Measurements written by hand: CSV files with a unit in each heading; errors name the line and column.
 
     speed [rpm],force [gf]
     6000,41
     8000,72
 
-Columns may stand in any order, others are left alone; ``trial`` numbers repeated measurements. What can't be meant as
-it stands is refused with its line and column: a number that is none, a unit that doesn't belong, values beyond what the
-column can hold (a wrong unit, columns swapped), a line that stands there twice.
+Columns may stand in any order, and other columns are ignored. ``trial`` numbers repeated measurements. Errors are
+reported with line and column: text instead of a number, a wrong unit, values outside the range of the column (wrong
+unit, swapped columns), and duplicate lines.
 """
 
 import csv
@@ -23,19 +23,19 @@ from trimtab.core.errors import InputError, closest
 from trimtab.core.units import UNITS, find_size
 
 TRIAL = "trial"
-"""Column that tells measurements apart that read the same."""
+"""Column that distinguishes equal readings."""
 
 
 AROUND = 2
-"""Readings on either side by which a spike is told."""
+"""Number of readings on either side that are compared with a spike."""
 SPIKE = 12.0
-"""A reading of a series that is more than so many of the usual deviations off those around it is none of it."""
+"""Deviation from the surrounding readings, in usual deviations, beyond which a reading is a spike."""
 
 
 class MeasuredColumn(NamedTuple):
-    """A column of a procedure.
+    """Column of a procedure.
 
-    low, high: what it can hold, in its unit.  most: the least that its greatest size is.  usual: the unit people write.
+    low, high: valid range, in its unit.  most: smallest plausible maximum.  usual: unit in which it is usually written.
     """
 
     name: str
@@ -48,7 +48,7 @@ class MeasuredColumn(NamedTuple):
     usual: str = ""
 
     def heading(self) -> str:
-        """As a file has it, e.g. ``angle [deg]``."""
+        """Heading in a file, e.g. ``angle [deg]``."""
         return f"{self.name} [{self.usual or self.unit}]"
 
 
@@ -56,7 +56,7 @@ class MeasuredColumn(NamedTuple):
 class Measurements:
     """Rows of a file.
 
-    file: its name.  lines: (n,), where each row stands.  values: column -> (n,), in the column's unit.
+    file: its name.  lines: (n,), line of each row.  values: column -> (n,), in the column's unit.
     """
 
     file: str
@@ -64,28 +64,28 @@ class Measurements:
     values: Mapping[str, Any]
 
     def __getitem__(self, name: str) -> Any:
-        """The values of a column (n,)."""
+        """Return the values of a column (n,)."""
         return self.values[name]
 
     def __contains__(self, name: object) -> bool:
-        """Whether the file has that column."""
+        """Return True if the file has that column."""
         return name in self.values
 
     def __len__(self) -> int:
-        """How many rows there are."""
+        """Return the number of rows."""
         return len(self.lines)
 
     def select(self, chosen: Any) -> "Measurements":
-        """The rows of a mask or of indices."""
+        """Return the rows of a mask or of indices."""
         return Measurements(self.file, self.lines[chosen], {n: v[chosen] for n, v in self.values.items()})
 
     def name_lines(self, chosen: Any) -> str:
-        """Lines of the rows of a mask, e.g. "lines 4, 7 and 12"."""
+        """Format the lines of a mask's rows, e.g. "lines 4, 7 and 12"."""
         return name_lines([int(n) for n in self.lines[chosen]])
 
 
 def name_lines(lines: Sequence[int], most: int = 6) -> str:
-    """Lines of a file in words."""
+    """Format line numbers in words."""
     if len(lines) == 1:
         return f"line {lines[0]}"
     if len(lines) > most:
@@ -98,10 +98,10 @@ def read_measurements(path: str | Path, columns: Iterable[MeasuredColumn], *, se
 
     Args:
         path: the file, text in UTF-8.
-        columns: those that the procedure reads; each but those with `needed=False` must be there.
-        series: whether the first column counts time, which must rise; else no line may stand there twice.
+        columns: columns of the procedure; all without `needed=False` are required.
+        series: True if the first column is time, which must rise; otherwise duplicate lines are rejected.
 
-    Raises: InputError that names file, line and column, and what to write.
+    Raises: InputError with file, line and column, and the text to write.
     """
     columns, where = tuple(columns), f"file '{path}'"
     rows = _read_rows(where, Path(path), columns)
@@ -127,7 +127,7 @@ def read_measurements(path: str | Path, columns: Iterable[MeasuredColumn], *, se
 
 
 def refuse_spikes(data: Measurements, name: str) -> None:
-    """Refuse a series with single readings far from those around them, of a speed that can't jump there and back."""
+    """Raise InputError for a series of speeds with single readings far from their neighbours."""
     values = np.asarray(data[name], np.float64)
     if len(values) < 2 * AROUND + 1:
         return
@@ -137,25 +137,25 @@ def refuse_spikes(data: Measurements, name: str) -> None:
     wild = off > np.maximum(SPIKE * 1.4826 * np.median(off), 0.05 * np.ptp(usual))
     if wild.any():
         k = int(np.argmax(np.where(wild, off, 0.0)))
-        more = f"; so are others in {data.name_lines(wild)}" if wild.sum() > 1 else ""
+        more = f"; other such readings: {data.name_lines(wild)}" if wild.sum() > 1 else ""
         problem = (
-            f"line {data.lines[k]}, column {name!r}: {values[k]:.6g} is {off[k]:.3g} off the readings around it{more}"
+            f"line {data.lines[k]}, column {name!r}: {values[k]:.6g} is {off[k]:.3g} off the surrounding readings{more}"
         )
         raise InputError(f"file {data.file!r}", problem + more, fix="correct it, or leave the line out")
 
 
 def describe_columns(columns: Iterable[MeasuredColumn]) -> str:
-    """The headings that a file needs, as one line of CSV."""
+    """Return the headings that a file needs, as one line of CSV."""
     return ",".join(c.heading() for c in columns if c.needed)
 
 
 def _read_rows(where: str, path: Path, columns: Sequence[MeasuredColumn]) -> list[tuple[int, list[str]]]:
-    """Line and cells of each row, the headings first; comments (#) and empty lines left out."""
+    """Return line and cells of each row, the headings first, without comments (#) and empty lines."""
     wanted = f"first line {describe_columns(columns)}, then a line of numbers for each measurement"
     try:
         text = path.read_text(encoding="utf-8-sig")
     except FileNotFoundError:
-        raise InputError(where, "there is no such file", fix=f"write one: {wanted}") from None
+        raise InputError(where, "the file does not exist", fix=f"write one: {wanted}") from None
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(where, f"cannot be read as text: {error}", fix=f"give CSV in UTF-8: {wanted}") from None
     numbered = [(n, line) for n, line in enumerate(text.splitlines(), 1) if line.strip() and not line.startswith("#")]
@@ -163,28 +163,30 @@ def _read_rows(where: str, path: Path, columns: Sequence[MeasuredColumn]) -> lis
         raise InputError(where, "is empty", fix=f"write {wanted}")
     first = numbered[0][1]
     if ";" in first or ("\t" in first and "," not in first):
-        problem = f"line {numbered[0][0]} is divided by {'semicolons' if ';' in first else 'tabs'}"
-        raise InputError(where, problem, fix="divide columns by commas, and write 1.5, not 1,5")
+        problem = f"line {numbered[0][0]} uses {'semicolons' if ';' in first else 'tabs'} between columns"
+        raise InputError(where, problem, fix="separate columns by commas, and write 1.5, not 1,5")
     rows = [(n, next(csv.reader([line]))) for n, line in numbered]
     if len(rows) == 1:
-        raise InputError(where, "has headings and no measurement", fix=f"write {wanted}")
+        raise InputError(where, "has headings but no measurements", fix=f"write {wanted}")
     for line, cells in rows[1:]:
         if len(cells) != len(rows[0][1]):
-            problem = f"line {line} has {len(cells)} cells, the headings are {len(rows[0][1])}"
-            raise InputError(where, problem, fix="write decimals with a point (1.5, not 1,5), one cell a heading")
+            problem = f"line {line} has {len(cells)} cells, but there are {len(rows[0][1])} headings"
+            raise InputError(
+                where, problem, fix="write decimals with a point (1.5, not 1,5), one cell for each heading"
+            )
     return rows
 
 
 def _match_headings(
     where: str, line: int, head: Sequence[str], columns: Sequence[MeasuredColumn]
 ) -> tuple[dict[str, int], dict[str, float]]:
-    """Place of each column, and the factor of the unit that its heading says."""
+    """Return the index of each column, and the factor of the unit in its heading."""
     at: dict[str, int] = {}
     factors: dict[str, float] = {}
     names = [re.split(r"\s*[\[(]", cell)[0].strip().lower().replace(" ", "_") for cell in head]
     for i, (name, cell) in enumerate(zip(names, head, strict=True)):
         if name in at:
-            raise InputError(where, f"line {line} has two columns {name!r}", fix="leave one of them out")
+            raise InputError(where, f"line {line} has column {name!r} twice", fix="leave one of them out")
         column = next((c for c in columns if c.name == name), None)
         if column is not None:
             match = re.search(r"[\[(](.*?)[\])]", cell)
@@ -203,11 +205,11 @@ def _match_headings(
 def _unit_factor(where: str, line: int, column: MeasuredColumn, unit: str | None) -> float:
     known = [known for known in UNITS[column.unit] if known != "1"]
     if unit is None and column.unit != "1":
-        problem = f"line {line}: column {column.name!r} doesn't say its unit"
-        raise InputError(where, problem, choices=known, fix=f"write {column.heading()}, or another of these")
+        problem = f"line {line}: column {column.name!r} has no unit"
+        raise InputError(where, problem, choices=known, fix=f"write {column.heading()}, or another of the choices")
     size = find_size(unit or "", column.unit)
     if size is None:
-        problem = f"line {line}: column {column.name!r} is in {unit!r}, which is no unit of it ({column.meaning})"
+        problem = f"line {line}: column {column.name!r} is in {unit!r}, which does not fit it ({column.meaning})"
         raise InputError(where, problem, choices=known, fix=f"write {column.heading()}")
     return size
 
@@ -219,7 +221,7 @@ def _read_column(where: str, column: MeasuredColumn, cells: Sequence[tuple[int, 
         try:
             values[i] = float(text)
         except ValueError:
-            problem = f"line {line}, column {column.name!r}: {text!r} is no number"
+            problem = f"line {line}, column {column.name!r}: {text!r} is not a number"
             fix = f"write {text.replace(',', '.')}" if re.fullmatch(r"-?\d+,\d+", text) else "leave the line out"
             raise InputError(where, problem, fix=fix) from None
         if not math.isfinite(values[i]):
@@ -229,23 +231,23 @@ def _read_column(where: str, column: MeasuredColumn, cells: Sequence[tuple[int, 
 
 
 def _refuse_values(where: str, column: MeasuredColumn, data: Measurements) -> None:
-    """Values beyond what the column can hold: another unit than the heading says, or columns swapped."""
+    """Raise InputError for values outside the column's range: another unit than the heading's, or swapped columns."""
     values = data[column.name]
     outside = (values < column.low) | (values > column.high)
     fits = f"{column.low:.6g} to {column.high:.6g} {column.unit}"
     about = f"column {column.name!r} ({column.meaning})"
     if outside.any():
         k = int(np.argmax(outside))
-        problem = f"line {data.lines[k]}, {about}: {values[k]:.6g} {column.unit} is not in {fits}"
-        raise InputError(where, problem, fix="correct the unit in the heading, headings that are swapped, or the value")
+        problem = f"line {data.lines[k]}, {about}: {values[k]:.6g} {column.unit} is outside {fits}"
+        raise InputError(where, problem, fix="correct the unit in the heading, the order of the headings, or the value")
 
 
 def _refuse_small(where: str, column: MeasuredColumn, data: Measurements) -> None:
-    """Values that are all smaller than anybody would measure: another unit than the heading says."""
+    """Raise InputError if all values are implausibly small: another unit than the heading's."""
     values, about = data[column.name], f"column {column.name!r} ({column.meaning})"
     if float(np.max(np.abs(values))) < column.most:
-        problem = f"{about}: nothing is above {np.max(np.abs(values)):.3g} {column.unit}"
-        fix = f"is its unit another than [{column.unit}] or what the heading says? Otherwise measure more of it"
+        problem = f"{about}: no value is above {np.max(np.abs(values)):.3g} {column.unit}"
+        fix = f"check if the unit is really [{column.unit}] or the heading's; otherwise measure larger values"
         raise InputError(where, problem, fix=fix)
 
 
@@ -253,9 +255,9 @@ def _refuse_order(where: str, time: str, data: Measurements) -> None:
     falls = np.flatnonzero(np.diff(data[time]) <= 0)
     if len(falls):
         k = int(falls[0])
-        problem = f"line {data.lines[k + 1]}, column {time!r}: {data[time][k + 1]:.9g} s is not after"
+        problem = f"line {data.lines[k + 1]}, column {time!r}: {data[time][k + 1]:.9g} s must be after"
         problem += f" {data[time][k]:.9g} s of line {data.lines[k]}"
-        raise InputError(where, problem, fix="sort the lines by time, and leave repeated ones out")
+        raise InputError(where, problem, fix="sort the lines by time, and remove repeated ones")
 
 
 def _refuse_repeats(where: str, data: Measurements) -> None:
@@ -264,6 +266,6 @@ def _refuse_repeats(where: str, data: Measurements) -> None:
         row = tuple(v[i] for v in data.values.values())
         if row in seen:
             problem = f"lines {seen[row]} and {line} are the same"
-            fix = f"leave one out; or, if it was measured twice, number the measurements in a column {TRIAL}"
+            fix = f"leave one out; or number repeated measurements in a column {TRIAL}"
             raise InputError(where, problem, fix=fix)
         seen[row] = int(line)

@@ -1,8 +1,8 @@
-"""Least squares of a few numbers, with their covariance, and without the readings that don't belong.
+"""Least squares of a few numbers, with their covariance, and without outliers.
 
-Which readings don't belong is found from a fit that they can't pull (least absolute deviations), and then tested on
-ordinary least squares of the others: a reading whose distance from the line of the others is beyond what one in a
-hundred such lists holds by chance is left out, and named.
+Outliers are found from a fit that they can't influence (least absolute deviations), and then tested on ordinary least
+squares of the others: a reading is left out, and named, if its distance from the line of the others exceeds the
+distance that occurs by chance in one of a hundred such lists.
 
 Source: Rousseeuw, Leroy, "Robust regression and outlier detection", 1987, section 5.1, for the scale and the
 re-weighting; Weisberg, "Applied linear regression", 2005, section 9.1, for the test of one reading against the others.
@@ -15,15 +15,15 @@ import numpy as np
 from scipy.special import stdtrit  # scipy.stats takes a second to import
 
 CHANCE = 0.01
-"""Probability that of a list of good readings any is left out."""
+"""Probability that any reading of a good list is left out."""
 ROUNDS = 50
 
 
 class LinearFit(NamedTuple):
-    """y = A b, of n readings and k numbers.
+    """Linear fit y = A b, of n readings and k numbers.
 
-    value: b (k,).  covariance: of b (k, k).  residuals: y - A b (n,), also of what was left out.  kept: (n,) bool.
-    deviation: standard deviation of a reading.  freedom: degrees of freedom of that.
+    value: b (k,).  covariance: of b (k, k).  residuals: y - A b (n,), also of outliers.  kept: (n,) bool. deviation:
+    standard deviation of a reading.  freedom: its degrees of freedom.
     """
 
     value: Any
@@ -34,27 +34,27 @@ class LinearFit(NamedTuple):
     freedom: int
 
     def standard_errors(self) -> Any:
-        """Of each number (k,)."""
+        """Return the standard error of each number (k,)."""
         return np.sqrt(np.diagonal(self.covariance))
 
     def interval(self) -> tuple[Any, Any]:
-        """Lower and upper end of the 95 % interval of each number (k,), by Student's t."""
+        """Return the 95 % interval of each number (k,), by Student's t."""
         reach = student_reach(self.freedom) * self.standard_errors()
         return self.value - reach, self.value + reach
 
 
 def student_reach(freedom: float) -> float:
-    """Standard errors from the estimate to either end of its 95 % interval."""
+    """Return the distance from the estimate to either end of its 95 % interval, in standard errors."""
     return float(stdtrit(freedom, 0.975)) if math.isfinite(freedom) else 1.959963984540054
 
 
 def fit_linear(A: Any, y: Any, floor: float = 0.0) -> LinearFit:
-    """Least squares of y (n,) by A (n, k), readings left out that don't belong; n > k.
+    """Fit y (n,) by A (n, k) with least squares, without outliers; n > k.
 
     Args:
-        A: what each number is multiplied by, of full rank.
+        A: factor of each number, of full rank.
         y: readings.
-        floor: the least standard deviation that a reading is taken to have, e.g. that of rounding; same unit as y.
+        floor: minimum standard deviation of a reading, e.g. that of rounding; same unit as y.
     """
     A, y = np.asarray(A, np.float64), np.asarray(y, np.float64)
     kept = _select_consistent(A, y, floor)
@@ -63,7 +63,7 @@ def fit_linear(A: Any, y: Any, floor: float = 0.0) -> LinearFit:
 
 
 def _fit_kept(A: Any, y: Any, kept: Any, floor: float) -> tuple[Any, Any, float, int]:
-    """Estimate, (A'A)^-1, deviation and freedom of the readings kept."""
+    """Return estimate, (A'A)^-1, deviation and freedom from the readings kept."""
     some = A[kept]
     scale = np.linalg.norm(some, axis=0)
     inverse = np.linalg.inv((some / scale).T @ (some / scale)) / np.outer(scale, scale)
@@ -74,7 +74,7 @@ def _fit_kept(A: Any, y: Any, kept: Any, floor: float) -> tuple[Any, Any, float,
 
 
 def _select_consistent(A: Any, y: Any, floor: float) -> Any:
-    """Mask (n,) of the readings that belong to one line with noise; at least 60 % and k + 2 of them stay."""
+    """Return a mask (n,) of the readings that fit one line with noise; at least 60 % and k + 2 of them stay."""
     n, k = A.shape
     kept = np.ones(n, bool)
     least = max(k + 2, math.ceil(0.6 * n))
@@ -103,7 +103,7 @@ def _select_consistent(A: Any, y: Any, floor: float) -> Any:
 
 
 def _least_deviations(A: Any, y: Any) -> Any:
-    """The numbers (k,) of least absolute deviations, by re-weighted least squares."""
+    """Return the numbers (k,) of least absolute deviations, by re-weighted least squares."""
     value = np.linalg.lstsq(A, y, rcond=None)[0]
     small = 1e-6 * (np.ptp(y) or 1.0)
     for _ in range(ROUNDS):

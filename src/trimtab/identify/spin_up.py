@@ -1,4 +1,4 @@
-"""Moment of inertia with its error, from a table of trials or from the log of one.
+"""Moment of inertia with its error, from a table of trials or from the log of one trial.
 
 [1] is Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006, section 4.3.3.
 """
@@ -17,18 +17,18 @@ from trimtab.identify.regression import LinearFit, fit_linear, student_reach
 from trimtab.identify.rudder import source_of
 
 TRIAL_COLUMNS = (
-    MeasuredColumn("rudder", "rad", "rudder angle held", -np.pi / 2, np.pi / 2, most=2 * DEG, usual="deg"),
-    MeasuredColumn("force", "N", "thrust held", -100, 100, most=0.02),
+    MeasuredColumn("rudder", "rad", "constant rudder angle", -np.pi / 2, np.pi / 2, most=2 * DEG, usual="deg"),
+    MeasuredColumn("force", "N", "constant thrust", -100, 100, most=0.02),
     MeasuredColumn("slope", "rad/s^2", "initial slope of the yaw rate", -1000, 1000),
 )
 SPIN_UP_COLUMNS = (
-    MeasuredColumn("time", "s", "since any instant, before the release"),
-    MeasuredColumn("yaw_rate", "rad/s", "rate of turn", -50, 50, most=0.05),
+    MeasuredColumn("time", "s", "time, from any start before the release"),
+    MeasuredColumn("yaw_rate", "rad/s", "yaw rate", -50, 50, most=0.05),
 )
 
 
 class InertiaOfTrials(NamedTuple):
-    """each: J of each trial (n,), kg m².  J, standard_error: their mean.  fit: of that."""
+    """Inertia from trials. each: J of each trial (n,), kg m².  J, standard_error: their mean.  fit: of the mean."""
 
     each: Any
     J: float
@@ -36,14 +36,14 @@ class InertiaOfTrials(NamedTuple):
     fit: LinearFit
 
     def reach(self) -> float:
-        """Half the 95 % interval of the mean."""
+        """Return half the 95 % interval of the mean."""
         return student_reach(self.fit.freedom) * self.standard_error
 
 
 class ForceGeometry(NamedTuple):
-    """Rudder angle to force angle, psi = (offset - theta)/ratio. arm: m.  covariance: of ratio and offset (2, 2).
+    """Geometry of the force: psi = (offset - theta)/ratio. arm: m.  covariance: of ratio and offset (2, 2).
 
-    What is not known of it is the same in every trial, so that repeating them does not help.
+    Its errors are the same in every trial, so repeated trials do not reduce them.
     """
 
     arm: float
@@ -52,11 +52,11 @@ class ForceGeometry(NamedTuple):
     covariance: Any
 
     def lateral_force(self, force: Any, rudder: Any) -> Any:
-        """FY (N) of a thrust with the rudder at an angle (rad)."""
+        """Return FY (N) of a thrust with the rudder at an angle (rad)."""
         return lateral_force(force, (self.offset - rudder) / self.ratio)
 
     def variance(self, mean: Callable[["ForceGeometry"], float]) -> float:
-        """Variance of a mean that is computed with this geometry, from what isn't known of it."""
+        """Return the variance of a mean computed with this geometry, from the geometry's errors."""
         h = 1e-6
         ratio = mean(self._replace(ratio=self.ratio + h)) - mean(self._replace(ratio=self.ratio - h))
         offset = mean(self._replace(offset=self.offset + h)) - mean(self._replace(offset=self.offset - h))
@@ -65,29 +65,32 @@ class ForceGeometry(NamedTuple):
 
 
 def inertia_of_trials(rows: Measurements, geometry: ForceGeometry) -> InertiaOfTrials:
-    """J = -d FY/r' of each trial of `TRIAL_COLUMNS` and their mean, [1] table 4.2.
+    """Compute J = -d FY/r' of each trial of `TRIAL_COLUMNS` and their mean, [1] table 4.2.
 
     Args:
-        rows: what was measured.
-        geometry: where the force of each rudder angle points.
+        rows: measured values.
+        geometry: direction of the force for each rudder angle.
     """
     if len(rows) < 2:
-        problem = f"{len(rows)} trial says nothing of how well J is known"
-        raise InputError(f"file {rows.file!r}", problem, fix="repeat it, best three times to either side")
+        problem = f"{len(rows)} trial does not give an uncertainty of J"
+        raise InputError(f"file {rows.file!r}", problem, fix="repeat the trial, best three times to either side")
     flat = np.abs(rows["slope"]) < 1e-6
     if flat.any():
         problem = f"{rows.name_lines(flat)}: a slope of 0 gives no moment of inertia"
         raise InputError(f"file {rows.file!r}", problem, fix="leave it out")
     sides = [np.unique(np.sign(rows[name])) for name in ("rudder", "force", "slope")]
     if [len(side) for side in sides] == [2, 2, 1]:
-        problem = "the force changes its sign with the rudder, the slope never does"
-        fix = "are the headings 'force' and 'slope' swapped? The force is the thrust held, the same to both sides"
+        problem = "the force changes its sign with the rudder, but the slope never does"
+        fix = (
+            "check if the headings 'force' and 'slope' are swapped; the force is the constant "
+            "thrust, equal to both sides"
+        )
         raise InputError(f"file {rows.file!r}", problem, fix=fix)
     J = _each_inertia(rows, geometry)
     wrong = J <= 0
     if wrong.any():
         problem = f"{rows.name_lines(wrong)}: the craft turned against the force"
-        fix = "angles and slopes are positive clockwise from above; correct the sign of one"
+        fix = "angles and slopes are positive clockwise seen from above; correct the sign of one"
         raise InputError(f"file {rows.file!r}", problem, fix=fix)
     fit = fit_linear(np.ones((len(J), 1)), J)
     shared = geometry.variance(lambda g: float(np.mean(_each_inertia(rows, g)[fit.kept])))
@@ -103,12 +106,12 @@ def _each_inertia(rows: Measurements, geometry: ForceGeometry) -> Any:
 def inertia_of_spin_up(
     part: LinearPortion, force: float, rudder: float, geometry: ForceGeometry
 ) -> tuple[float, float, int]:
-    """J (kg m²), its standard error from the slope's, and degrees of freedom, of one release.
+    """Compute J (kg m²), its standard error from the slope's, and degrees of freedom, from one release.
 
     Args:
-        part: of `find_linear_portion`.
-        force, rudder: held (N, rad).
-        geometry: where the force points.
+        part: result of `find_linear_portion`.
+        force, rudder: constant thrust and rudder angle (N, rad).
+        geometry: direction of the force.
     """
     slope, error = float(part.fit.slope), float(part.fit.standard_error)
 
@@ -117,7 +120,9 @@ def inertia_of_spin_up(
 
     J, FY = inertia(geometry), float(geometry.lateral_force(force, rudder))
     if J <= 0:
-        problem = f"the yaw rate changes by {slope:.3g} rad/s², the force of {FY:.3g} N turns it the other way"
+        problem = (
+            f"the yaw rate changes by {slope:.3g} rad/s², but the force of {FY:.3g} N turns the craft the other way"
+        )
         raise InputError(
             "calibrate inertia", problem, fix=f"correct the sign of {argument_name('rudder')} or of the yaw rate"
         )
@@ -125,6 +130,6 @@ def inertia_of_spin_up(
 
 
 def inertia_calibration(rows: Measurements, found: InertiaOfTrials) -> Calibration:
-    """The mean of the trials."""
+    """Return the entry of the trials' mean."""
     about: dict[str, Any] = {"source": source_of(rows, found.fit), "procedure": "inertia", "freedom": found.fit.freedom}
     return Calibration({"Hovercraft.inertia": Entry(found.J, "kg m^2", found.standard_error, **about)})

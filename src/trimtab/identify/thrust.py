@@ -1,4 +1,4 @@
-"""Thrust of a fan with a rudder behind it: from a gauge to its coefficient, its loss with the rudder, and reverse.
+"""Thrust of a fan with a rudder behind it: coefficient, loss with the rudder, and reverse thrust, from a gauge.
 
 [1] is Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006.
 """
@@ -19,30 +19,30 @@ from trimtab.identify.rudder import refuse_few, source_of
 THRUST_COLUMNS = (
     MeasuredColumn("rudder", "rad", "rudder angle", -np.pi / 2, np.pi / 2, usual="deg"),
     MeasuredColumn("speed", "rpm", "speed of the fan", 0, 60_000, most=1000),
-    MeasuredColumn("force", "N", "thrust that the gauge shows", -0.5, 100, most=0.02),
+    MeasuredColumn("force", "N", "thrust on the gauge", -0.5, 100, most=0.02),
 )
 REVERSE_COLUMNS = (
-    MeasuredColumn("speed", "rpm", "speed of the fan, in both directions alike", 0, 60_000, most=1000),
+    MeasuredColumn("speed", "rpm", "speed of the fan, the same in both directions", 0, 60_000, most=1000),
     MeasuredColumn("forward", "N", "thrust forward", 0, 100, most=0.02),
-    MeasuredColumn("reverse", "N", "thrust in reverse, as a size", 0, 100, most=0.005),
+    MeasuredColumn("reverse", "N", "thrust in reverse, positive", 0, 100, most=0.005),
 )
 SATURATED = 3
-"""So many of the strongest readings, all of them the greatest: the gauge may be at its end."""
+"""Number of strongest readings, all equal to the greatest, from which the gauge may be saturated."""
 AT_END = 0.9
-"""Of these readings at least this share is the greatest: one wild reading among many hides nothing."""
+"""Minimum share of these readings that are the greatest, so that a single wild reading hides nothing."""
 DIVISIONS = 1.5
-"""Forces that differ by fewer divisions of the gauge may read alike."""
+"""Difference of forces, in divisions of the gauge, below which readings may be equal."""
 UNLIKELY = 0.001
-"""A loss with the rudder that chance explains less often is not that of the formula."""
+"""Probability below which a loss with the rudder does not follow the formula."""
 CUBIC = 4
 
 
 class ThrustFit(NamedTuple):
-    """F = c n² eta(theta), n in krpm.
+    """Fitted thrust F = c n² eta(theta), n in krpm.
 
-    angles: rudder angles (m,), rad.  by_angle: c eta at each (m,), N/krpm².  errors: of these (m,).
-    coefficient, standard_error: c, N/krpm².  chance: probability of a misfit of the formula's eta as great as this one.
-    fit: of c to all readings by the formula.
+    angles: rudder angles (m,), rad.  by_angle: c eta at each (m,), N/krpm².  errors: of these (m,). coefficient,
+    standard_error: c, N/krpm².  chance: probability of a misfit of the formula's eta at least as large as this. fit: of
+    c to all readings by the formula.
     """
 
     angles: Any
@@ -54,18 +54,18 @@ class ThrustFit(NamedTuple):
     fit: LinearFit
 
     def follows_formula(self) -> bool:
-        """Whether thrust falls with the rudder as cos(theta - offset), as far as these readings tell."""
+        """True if the readings agree with thrust proportional to cos(theta - offset)."""
         return self.chance >= UNLIKELY
 
 
 def fit_thrust(data: Measurements, offset: float) -> ThrustFit:
-    """A quadratic in the speed for each rudder angle, and one for all with eta = cos(theta - offset). [1] chapter 4.
+    """Fit a quadratic in speed for each rudder angle, and one for all with eta = cos(theta - offset). [1] chapter 4.
 
     Args:
         data: `THRUST_COLUMNS`.
-        offset: rudder angle of full thrust (rad), of `rudder.fit_hull_angle`.
+        offset: rudder angle of full thrust (rad), from `rudder.fit_hull_angle`.
 
-    Raises: InputError for too few readings or a gauge at its end.
+    Raises: InputError for too few readings or a saturated gauge.
     """
     refuse_few(data, 2, "a quadratic")
     theta, n, F = data["rudder"], data["speed"] * 1e-3, data["force"]
@@ -79,7 +79,7 @@ def fit_thrust(data: Measurements, offset: float) -> ThrustFit:
         of = kept & (np.abs(theta - angle) < 0.06 * DEG)
         square = float(np.sum(n[of] ** 4))
         if square == 0:
-            problem = f"at rudder {angle / DEG:.1f}° no reading with the fan turning belongs to the others"
+            problem = f"at rudder {angle / DEG:.1f}° all readings with the fan turning disagree with the others"
             raise InputError(f"file {data.file!r}", problem, fix="measure this angle again")
         c = float(np.sum(n[of] ** 2 * F[of])) / square
         error = fit.deviation / np.sqrt(square)
@@ -93,7 +93,7 @@ def fit_thrust(data: Measurements, offset: float) -> ThrustFit:
 
 
 class ReverseFit(NamedTuple):
-    """y = y3 n³ + y2 n² + y1 n + y0, n in krpm: coefficients (4,), covariance, and the least speed measured (rpm)."""
+    """Fitted ratio y3 n³ + y2 n² + y1 n + y0, n in krpm: coefficients (4,), covariance, smallest speed (rpm)."""
 
     coefficients: Any
     covariance: Any
@@ -102,25 +102,27 @@ class ReverseFit(NamedTuple):
 
 
 def fit_reverse(data: Measurements, gauge_error: float) -> ReverseFit:
-    """Reverse over forward thrust as a cubic of the speed, [1] eq. 4.4; `REVERSE_COLUMNS`.
+    """Fit the ratio of reverse to forward thrust as a cubic of the speed, [1] eq. 4.4; `REVERSE_COLUMNS`.
 
     Args:
         data: readings at the same speeds in both directions.
-        gauge_error: standard deviation of a reading (N): a ratio of small forces counts less.
+        gauge_error: standard deviation of a reading (N); a ratio of small forces has less weight.
     """
     refuse_few(data, CUBIC, "a cubic")
     zero = data["forward"] <= 0
     if zero.any():
-        problem = f"{data.name_lines(zero)}: no forward thrust to divide by"
-        raise InputError(f"file {data.file!r}", problem, fix="leave speeds out at which the gauge shows nothing")
+        problem = f"{data.name_lines(zero)}: the forward thrust is zero, so there is no ratio"
+        raise InputError(f"file {data.file!r}", problem, fix="leave out speeds at which the gauge reads zero")
     for gauge in ("forward", "reverse"):
         refuse_saturation(data, gauge, data["speed"] ** 2)
     n, y = data["speed"] * 1e-3, data["reverse"] / data["forward"]
     if np.median(y) > 1:
-        problem = f"reverse is more than forward in {data.name_lines(y > 1)}"
-        raise InputError(f"file {data.file!r}", problem, fix="are the headings 'forward' and 'reverse' swapped?")
+        problem = f"reverse thrust exceeds forward thrust in {data.name_lines(y > 1)}"
+        raise InputError(
+            f"file {data.file!r}", problem, fix="check if the headings 'forward' and 'reverse' are swapped"
+        )
     if len(np.unique(n)) < CUBIC + 1:
-        problem = f"{len(np.unique(n))} different speeds can't hold a cubic"
+        problem = f"{len(np.unique(n))} different speeds are too few for a cubic"
         raise InputError(f"file {data.file!r}", problem, fix="measure at 5 speeds or more")
     weight = data["forward"] / (gauge_error * np.sqrt(1 + y * y))
     powers = np.stack([n**3, n**2, n, np.ones_like(n)], 1)
@@ -130,19 +132,19 @@ def fit_reverse(data: Measurements, gauge_error: float) -> ReverseFit:
     thrust = grid**2 * np.polyval(fit.value, grid)
     bad = np.flatnonzero((thrust <= 0) | (np.gradient(thrust) <= 0))
     if len(bad):
-        problem = f"the reverse thrust fitted does not rise at {1e3 * grid[bad[0]]:.0f} rpm, so it has no inverse"
-        fix = "measure more speeds between the others, or leave the slowest out, where the gauge shows hardly anything"
+        problem = f"the fitted reverse thrust does not rise at {1e3 * grid[bad[0]]:.0f} rpm, so it has no inverse"
+        fix = "measure more speeds between the others, or leave out the slowest, where the gauge hardly moves"
         raise InputError(f"file {data.file!r}", problem, fix=fix)
     return ReverseFit(fit.value, fit.covariance, slowest, fit)
 
 
 def refuse_saturation(data: Measurements, gauge: str, rising: Any) -> None:
-    """Refuse a gauge at its end: past some force it shows its greatest reading, though the force must differ.
+    """Raise InputError for a saturated gauge, which shows its greatest reading although the force must differ.
 
     Args:
-        data: of the fan, with its `speed`.
-        gauge: the column that the gauge was read into.
-        rising: what the forces are proportional to, about, at each reading (n,).
+        data: readings of the fan, with its `speed`.
+        gauge: column of the gauge.
+        rising: approximate size of the force at each reading (n,), to a common factor.
     """
     F = data[gauge]
     greatest, down = float(np.max(F)), np.argsort(-rising, kind="stable")
@@ -158,25 +160,27 @@ def refuse_saturation(data: Measurements, gauge: str, rising: Any) -> None:
         n = data["speed"][end]
         lines = data.name_lines(np.isin(np.arange(len(F)), end))
         problem = f"{lines}: column {gauge!r} reads {greatest:.4g} each time, while 'speed' goes from"
-        problem += f" {np.min(n):.6g} to {np.max(n):.6g}: the gauge is at its end"
-        raise InputError(f"file {data.file!r}", problem, fix="leave these lines out, or take a larger gauge")
+        problem += f" {np.min(n):.6g} to {np.max(n):.6g}; the gauge is saturated"
+        raise InputError(f"file {data.file!r}", problem, fix="leave these lines out, or use a larger gauge")
 
 
 def tabulate_thrust(angles: Any, by_angle: Any, rows: Any) -> Any:
-    """c eta (m,) at the rows' rudder angles (m,), linear between those measured; beyond them refused."""
+    """Interpolate c eta (m,) linearly at the rows' rudder angles (m,); raise InputError outside the measured range."""
     low, high = float(np.min(angles)), float(np.max(angles))
     outside = (np.asarray(rows) < low - 1e-6) | (np.asarray(rows) > high + 1e-6)
     if outside.any():
         first = float(np.asarray(rows)[np.argmax(outside)]) / DEG
         problem = (
-            f"a table at {first:.1f}° lies outside the rudder angles measured, {low / DEG:.1f}° to {high / DEG:.1f}°"
+            f"the table needs {first:.1f}°, outside the measured rudder angles of {low / DEG:.1f}° to {high / DEG:.1f}°"
         )
-        raise InputError("thrust table", problem, fix="measure up to both stops of the rudder: nothing is extrapolated")
+        raise InputError(
+            "thrust table", problem, fix="measure up to both stops of the rudder; the fit does not extrapolate"
+        )
     return np.interp(rows, angles, by_angle)
 
 
 def thrust_calibration(data: Measurements, thrust: ThrustFit) -> Calibration:
-    """The coefficient and the greatest speed; where eta is not the formula's, the thrust at each rudder angle too."""
+    """Return coefficient and maximum speed; if eta does not follow the formula, also thrust at each rudder angle."""
     about: dict[str, Any] = {"source": source_of(data, thrust.fit), "procedure": "thrust"}
     known = {"freedom": thrust.fit.freedom}
     c = Entry(thrust.coefficient, "N/krpm^2", thrust.standard_error, **known, **about)
@@ -190,7 +194,7 @@ def thrust_calibration(data: Measurements, thrust: ThrustFit) -> Calibration:
 
 
 def reverse_calibration(data: Measurements, reverse: ReverseFit) -> Calibration:
-    """The cubic and the least speed at which it holds."""
+    """Return the cubic, and the smallest speed at which it holds."""
     about: dict[str, Any] = {"source": source_of(data, reverse.fit), "procedure": "reverse"}
     name, errors = "Thruster.reverse_ratio", np.sqrt(np.diagonal(reverse.covariance))
     entries: Mapping[str, Entry] = {

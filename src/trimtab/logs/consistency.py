@@ -1,14 +1,14 @@
-"""Does a filter know how wrong it is? Averages of NIS and NEES against chi-square bounds, and whiteness of innovations.
+"""Consistency of a filter: averages of NIS and NEES against chi-square bounds, and whiteness of innovations.
 
-consistent: errors are as large as the filter says.  optimistic: larger, it is too sure.  pessimistic: smaller.
-Errors of one run hang together in time, so that a thousand samples may be worth ten draws: an average over one run is
-judged by how many independent draws it is worth. A factor is by how much errors exceed what the filter says.
+consistent: errors match the filter's sigmas.  optimistic: errors are larger.  pessimistic: errors are smaller. Errors
+of one run are correlated in time, so that a thousand samples may count as ten draws. An average over one run is judged
+by its effective number of independent draws. A factor is the ratio of errors to the filter's sigmas.
 
 Source: [4] Bar-Shalom, Li, Kirubarajan, "Estimation with applications to tracking and navigation", Wiley 2001, section
 5.4; [6] Ljung, Box, "On a measure of lack of fit in time series models", Biometrika 65 (1978); [9] Bayley, Hammersley,
 "The effective number of independent observations in an autocorrelated time series", J. R. Statist. Soc. B 8 (1946),
 here for squares of Gaussian numbers; [10] Madras, Sokal, "The pivot algorithm", J. Stat. Phys. 50 (1988), appendix C,
-for how far correlations are summed.
+for the range over which correlations are summed.
 """
 
 from typing import Any, NamedTuple
@@ -20,18 +20,18 @@ from trimtab.core.errors import InputError
 
 CONSISTENT, OPTIMISTIC, PESSIMISTIC, UNDECIDED = "consistent", "optimistic", "pessimistic", "undecided"
 HONEST, TELLING = 1.1, 2.0
-"""A factor up to the first is as good as 1, for any purpose; a verdict `consistent` excludes factors of the second."""
+"""Limits of a factor: up to the first it counts as 1; a verdict `consistent` excludes factors above the second."""
 FEW = 10
-"""Fewer draws than these say nothing but that errors are too large: the number itself is not well known then."""
+"""Number of draws below which the only possible verdict is that errors are too large."""
 WINDOW = 6
-"""Correlations are summed over so many times the correlation time that they sum to."""
+"""Range over which correlations are summed, in correlation times."""
 
 
 class Consistency(NamedTuple):
-    """What an average says.
+    """Verdict on an average.
 
-    mean: average of NIS or NEES.  expected: its degrees of freedom.  low, high: bounds of a consistent one.
-    inside: share of the instants whose average over runs lies in the bounds for one instant.  verdict: in a word.
+    mean: average of NIS or NEES.  expected: its degrees of freedom.  low, high: bounds for a consistent filter.
+    inside: share of the instants whose average over runs lies in the bounds for one instant.  verdict: one word.
     """
 
     mean: float
@@ -43,12 +43,12 @@ class Consistency(NamedTuple):
 
 
 class SingleRunConsistency(NamedTuple):
-    """An average of squares of normalised numbers, against the bounds of a consistent filter.
+    """Verdict on an average of squared normalised numbers, against the bounds of a consistent filter.
 
-    mean: of NIS, or of squared errors over sigma squared, for one instant.  expected: of a consistent filter.
-    low, high: bounds of that average.  draws: how many independent squares it is worth.
+    mean: of NIS, or of squared errors over sigma squared, for one instant.  expected: for a consistent filter.
+    low, high: bounds of that average.  draws: effective number of independent squares.
     factor: errors over sigmas.  factor_low, factor_high: its interval.  verdict: consistent, optimistic (sigmas too
-    small), pessimistic (too large) or undecided, where a factor of two could not be told.
+    small), pessimistic (too large), or undecided if a factor of two would not be detected.
     """
 
     mean: float
@@ -65,9 +65,9 @@ class SingleRunConsistency(NamedTuple):
 class Whiteness(NamedTuple):
     """Autocorrelation of innovations.
 
-    correlation: at lags 1, 2, … (lags,).  bound: that of a white sequence at one lag.  inside: share of lags within it.
-    statistic: of Ljung and Box over all lags.  p: its probability in a white sequence.
-    white: whether p is above 1 - probability.
+    correlation: at lags 1, 2, … (lags,).  bound: for a white sequence at one lag.  inside: share of lags within it.
+    statistic: of Ljung and Box over all lags.  p: its probability for a white sequence.
+    white: True if p is above 1 - probability.
     """
 
     correlation: Any
@@ -79,9 +79,9 @@ class Whiteness(NamedTuple):
 
 
 class Convergence(NamedTuple):
-    """How an estimate came to its truth.
+    """Convergence of an estimate to the truth.
 
-    time: from when on sigma stays below the wanted one, None if never.  final: last error in sigmas.
+    time: time from which sigma stays below the wanted one, None if never.  final: last error in sigmas.
     inside: share of the samples after that time with an error below two sigmas.
     """
 
@@ -91,11 +91,11 @@ class Convergence(NamedTuple):
 
 
 def chi_square_bounds(dof: int, n: int, probability: float = 0.95) -> tuple[float, float]:
-    """Between which the average of n independent chi-square numbers lies with a probability, equal tails outside.
+    """Return bounds of the average of n independent chi-square numbers, with equal tails outside.
 
     Args:
         dof: degrees of freedom of each.
-        n: how many are averaged.
+        n: number of values in the average.
         probability: above 0, below 1.
 
     Source: [4] section 5.4.2: n times the average is chi-square with n dof degrees of freedom.
@@ -109,28 +109,28 @@ def chi_square_bounds(dof: int, n: int, probability: float = 0.95) -> tuple[floa
 
 
 def gate_threshold(dof: int, probability: float) -> float:
-    """The NIS that a consistent filter's measurement of this dimension exceeds with 1 - probability."""
+    """Return the NIS that a consistent filter's measurement of this dimension exceeds with 1 - probability."""
     return float(chi_square_quantile(probability, dof))
 
 
 def chi_square_quantile(probability: Any, dof: Any) -> Any:
-    """What a chi-square number stays below with a probability; dof may be a fraction.
+    """Return the chi-square quantile of a probability; dof may be a fraction.
 
-    The functions behind it are used as they are: importing scipy.stats would take longer than a run.
+    It uses the underlying functions, because the import of scipy.stats would take longer than a run.
     """
     return 2 * special.gammaincinv(np.asarray(dof) / 2, probability)
 
 
 def nees_verdict(nees: Any, dof: int, probability: float = 0.95) -> Consistency:
-    """Of NEES over independent runs: its average over runs and time against the bounds of one instant's average.
+    """Judge NEES over independent runs: its average over runs and time, against the bounds of one instant's average.
 
-    Errors of one run hang together in time, so more instants do not count as more draws: the bounds for the whole
-    average are those of one instant, too wide rather than too narrow.
+    Errors of one run are correlated in time, so that more instants do not count as more draws. The bounds of the whole
+    average are those of one instant, which are too wide rather than too narrow.
 
     Args:
         nees: (runs, instants).
         dof: dimension of the error.
-        probability: of the bounds.
+        probability: probability of the bounds.
     """
     values = _check_finite("nees", nees, 2)
     low, high = chi_square_bounds(dof, values.shape[0], probability)
@@ -138,12 +138,12 @@ def nees_verdict(nees: Any, dof: int, probability: float = 0.95) -> Consistency:
 
 
 def nis_verdict(nis: Any, dof: int, probability: float = 0.95) -> Consistency:
-    """Of NIS of one run or of several: innovations are white in a consistent filter, so each is a draw of its own.
+    """Judge NIS of one or several runs: a consistent filter has white innovations, so each counts as a draw.
 
     Args:
-        nis: (updates,) or (runs, updates), one for each measurement that was made, the rejected ones too.
+        nis: (updates,) or (runs, updates), one for each measurement, including rejected ones.
         dof: dimension of the measurement.
-        probability: of the bounds.
+        probability: probability of the bounds.
     """
     values = np.atleast_2d(_check_finite("nis", nis))
     low, high = chi_square_bounds(dof, values.size, probability)
@@ -154,18 +154,18 @@ def nis_verdict(nis: Any, dof: int, probability: float = 0.95) -> Consistency:
 
 
 def whiteness(innovations: Any, lags: int = 20, probability: float = 0.95) -> Whiteness:
-    """Whether innovations in their own sigmas are white: autocorrelation at lags 1 to `lags`, and Ljung and Box's test.
+    """Test if normalised innovations are white: autocorrelation at lags 1 to `lags`, and Ljung and Box's test.
 
     Args:
         innovations: (updates,) or (updates, m), in order of measurement, normalised.
-        lags: how far to look; fewer than there are updates.
-        probability: of the bounds.
+        lags: maximum lag; fewer than the number of updates.
+        probability: probability of the bounds.
     """
     y = _check_finite("innovations", innovations)
     y = y[:, None] if y.ndim == 1 else y
     n, m = y.shape
     if not 0 < lags < n:
-        raise InputError("whiteness", f"{lags} lags of {n} updates", fix="look at fewer lags, or fly longer")
+        raise InputError("whiteness", f"{lags} lags are too many for {n} updates", fix="use fewer lags, or fly longer")
     power = np.sum(y * y)
     rho = np.array([np.sum(y[:-k] * y[k:]) / power for k in range(1, lags + 1)])
     effective = n * m - m * np.arange(1, lags + 1)  # products in each sum
@@ -176,13 +176,13 @@ def whiteness(innovations: Any, lags: int = 20, probability: float = 0.95) -> Wh
 
 
 def convergence(t: Any, error: Any, sigma: Any, wanted: float) -> Convergence:
-    """How an estimate, e.g. of a bias, converged.
+    """Describe the convergence of an estimate, e.g. of a bias.
 
     Args:
         t: times in s (n,).
         error: estimate minus truth (n,).
-        sigma: what the filter said of it (n,).
-        wanted: the sigma that counts as converged.
+        sigma: the filter's own sigma (n,).
+        wanted: sigma that counts as converged.
     """
     t, error, sigma = (_check_finite(name, x) for name, x in (("t", t), ("error", error), ("sigma", sigma)))
     above = np.flatnonzero(sigma >= wanted)
@@ -194,10 +194,10 @@ def convergence(t: Any, error: Any, sigma: Any, wanted: float) -> Convergence:
 
 
 def effective_draws(z: Any) -> Any:
-    """Of each column of z (n, m), by how many independent Gaussian numbers' squares its mean square is known: (m,).
+    """Return, for each column of z (n, m), the effective number of independent Gaussian squares in its mean (m,).
 
-    n over 1 + 2 sum (1 - k/n) rho_k², up to where rho is lost in its own noise; about zero, so that a lasting error
-    is one draw, however often it is looked at. A column of zeros is one draw, too: it says nothing.
+    The number is n over 1 + 2 sum (1 - k/n) rho_k², summed until rho is lost in its own noise. Correlations are about
+    zero, so that a lasting error is one draw. A column of zeros is one draw, too.
     """
     n = len(z)
     spectrum = np.fft.rfft(z, 2 * n, axis=0)
@@ -212,12 +212,12 @@ def effective_draws(z: Any) -> Any:
 
 
 def assess_average(mean: Any, draws: Any, dof: int, tail: float) -> SingleRunConsistency:
-    """What the average of a sum of squares of normalised numbers says.
+    """Judge the average of a sum of squared normalised numbers.
 
     Args:
-        mean: of the sum.
-        draws: what each of the squares in it is worth (dof,).
-        dof: how many squares are summed.
+        mean: average of the sum.
+        draws: effective number of draws of each square (dof,).
+        dof: number of squares in the sum.
         tail: probability of each side outside the bounds.
     """
     N = float(np.sum(draws))

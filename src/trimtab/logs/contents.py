@@ -1,4 +1,4 @@
-"""What an MCAP file holds, up to its end or to wherever it was cut; within a cut chunk, what can be decompressed.
+"""Content of an MCAP file, up to its end or to a cut; a cut chunk is decompressed as far as possible.
 
 Source: MCAP format specification 0 (mcap.dev/spec), section "Records".
 """
@@ -13,14 +13,14 @@ from typing import Any
 from trimtab.core.errors import InputError
 
 MAGIC = b"\x89MCAP0\r\n"
-"""At both ends of a file."""
+"""Bytes at both ends of a file."""
 FOOTER, CHANNEL, MESSAGE, CHUNK, METADATA, DATA_END = 0x02, 0x04, 0x05, 0x06, 0x0C, 0x0F
 RECORD, MESSAGE_HEAD, CHUNK_HEAD = struct.Struct("<BQ"), struct.Struct("<HIQQ"), struct.Struct("<QQQI")
 
 
 @dataclasses.dataclass
 class Contents:
-    """Metadata records by name, times (ns) and texts of the messages by topic. is_truncated: the file has no end."""
+    """Metadata records by name, times (ns) and texts of messages by topic. is_truncated: True without an end."""
 
     is_truncated: bool
     metadata: dict[str, dict[str, str]] = dataclasses.field(default_factory=dict)
@@ -30,11 +30,11 @@ class Contents:
 
 
 class _DamagedFileError(Exception):
-    """Something is there that no writer writes."""
+    """The file contains bytes that no writer produces."""
 
 
 def parse_contents(path: Any, data: bytes) -> Contents:
-    """All of a file that begins as MCAP files do; refused where it is damaged and not merely cut."""
+    """Parse a file that begins as MCAP; raise InputError if it is damaged, not merely cut."""
     contents = Contents(is_truncated=len(data) < 2 * len(MAGIC) or not data.endswith(MAGIC))
     try:
         for opcode, start, stop in _records(data, len(MAGIC)):
@@ -43,15 +43,15 @@ def parse_contents(path: Any, data: bytes) -> Contents:
             if opcode == FOOTER:
                 break
             _add_record(contents, opcode, data[start:stop], whole=stop <= len(data))
-    except Exception as error:  # of a cut file the rest is the rest; decoders raise what they like
+    except Exception as error:  # a cut file may end anywhere; decoders raise any type
         if not contents.is_truncated:
             problem = f"is damaged: {error or type(error).__name__}"
-            raise InputError(f"log file '{path}'", problem, fix="make it again, or copy it again") from None
+            raise InputError(f"log file '{path}'", problem, fix="make or copy the file again") from None
     return contents
 
 
 def _records(data: bytes, at: int) -> Iterator[tuple[int, int, int]]:
-    """Opcode, start and stop of each record's content; the last may stop beyond the end."""
+    """Yield opcode, start and stop of each record's content; the last may stop beyond the end."""
     while at + RECORD.size <= len(data):
         opcode, length = RECORD.unpack_from(data, at)
         at += RECORD.size
@@ -62,11 +62,11 @@ def _records(data: bytes, at: int) -> Iterator[tuple[int, int, int]]:
 def _verify_check_sum(data: bytes, start: int) -> None:
     (wanted,) = struct.unpack_from("<I", data, start)
     if wanted and wanted != zlib.crc32(memoryview(data)[: start - RECORD.size]):
-        raise _DamagedFileError("its check sum is another")
+        raise _DamagedFileError("its check sum is wrong")
 
 
 def _add_record(contents: Contents, opcode: int, content: bytes, *, whole: bool) -> None:
-    """Take in a record; of one that is cut off only a chunk has something to give."""
+    """Add a record; of a truncated record only a chunk is usable."""
     if opcode == CHUNK:
         inner = _decompress_chunk(content) if whole else _decompress_partial_chunk(content)
         for kind, start, stop in _records(inner, 0):
@@ -100,7 +100,7 @@ def _add_description(contents: Contents, opcode: int, content: bytes) -> None:
 
 
 def _decompress_chunk(content: bytes) -> bytes:
-    """The records in a chunk."""
+    """Return the records in a chunk."""
     from mcap.data_stream import ReadDataStream
     from mcap.records import Chunk
     from mcap.stream_reader import get_chunk_data_stream
@@ -110,7 +110,7 @@ def _decompress_chunk(content: bytes) -> bytes:
 
 
 def _decompress_partial_chunk(content: bytes) -> bytes:
-    """Of a chunk that is cut off, what its first bytes still say; no check sum covers that."""
+    """Return the records at the start of a truncated chunk; its check sum can't be verified."""
     at = CHUNK_HEAD.size
     (length,) = struct.unpack_from("<I", content, at)
     compression = content[at + 4 : at + 4 + length]

@@ -1,7 +1,7 @@
-"""Two logs held against each other: where they first differ, and by how much at most, signal by signal.
+"""Comparison of two logs: first difference, and largest difference of each signal.
 
-Instants that both have are compared, exactly: a NaN is equal to a NaN. It is for two flights, of which anything may
-differ, and tells all that does; whether two backends flew the same one, within roundings, is `run.replay.compare_logs`.
+Common instants are compared exactly; NaN equals NaN. Use it for two flights, which may differ in anything.
+`run.replay.compare_logs` checks if two backends computed the same flight, within rounding.
 """
 
 from typing import Any, NamedTuple
@@ -13,7 +13,7 @@ from trimtab.logs.log import Log
 
 
 class SignalDifference(NamedTuple):
-    """Of one signal. first_s, one, other: where it first differs, and both numbers there.  largest: difference."""
+    """Difference of one signal. first_s, one, other: first time, and both values there.  largest: difference."""
 
     path: str
     first_s: float
@@ -23,7 +23,7 @@ class SignalDifference(NamedTuple):
 
 
 class LogDifference(NamedTuple):
-    """instants: that both have.  signals: that differ, the first one first.  compared: how many signals both have.
+    """Differences of two logs. instants, compared: numbers of common instants, signals.  signals: differing, in time.
 
     only_one, only_other: paths that the other log lacks.
     """
@@ -36,19 +36,19 @@ class LogDifference(NamedTuple):
 
     @property
     def equal(self) -> bool:
-        """Whether every signal that both have is the same at every instant that both have."""
+        """True if all common signals are equal at all common instants."""
         return not self.signals
 
 
 def find_difference(one: Log, other: Log) -> LogDifference:
     """Compare two logs.
 
-    Raises: InputError where they have no instant or no signal in common.
+    Raises: InputError if they have no common instant or no common signal.
     """
     ticks, rows, others = np.intersect1d(one.ticks, other.ticks, assume_unique=True, return_indices=True)
     both = [path for path in one.paths if path in other.signals and one[path].shape[1:] == other[path].shape[1:]]
     if not len(ticks) or not both:
-        problem = "they have no instant in common" if both else "they have no signal in common"
+        problem = "the logs have no instant in common" if both else "the logs have no signal in common"
         raise InputError(
             "compare", problem, fix=f"compare logs of one scenario, with the same {argument_name('log_period')}"
         )

@@ -1,10 +1,10 @@
-"""Where a vehicle is, as messages that Foxglove and Lichtblick show on a map and in a 3-D scene.
+"""Poses of a vehicle, as messages that Foxglove and Lichtblick show on a map and in a 3-D scene.
 
     /tf        foxglove.FrameTransform   the vehicle's frame in W (north, east, down), and W in "map" (east, north, up)
-    /scene     foxglove.SceneUpdate      a box and an arrow that stand in the vehicle's frame, once
-    /location  foxglove.LocationFix      the place on the globe, where W's is known
+    /scene     foxglove.SceneUpdate      a box and an arrow fixed in the vehicle's frame, once
+    /location  foxglove.LocationFix      the place on the globe, if W's place is known
 
-Poses come with the rows of a log and are thinned out: 20 transforms and 5 places a second are enough to look at.
+Poses come with the rows of a log and are thinned to 20 transforms and 5 places a second.
 Source: Foxglove's message schemas (docs.foxglove.dev), and JSON Schema 2020-12.
 """
 
@@ -19,16 +19,16 @@ from trimtab.core.time import ms
 from trimtab.logs.messages import NS_PER_SECOND, NS_PER_TICK, Topic
 
 POSE_COLUMNS = 9
-"""Position in W (m), roll, pitch, yaw (rad), latitude, longitude (rad), height (m); NaN: not known."""
+"""Columns of a pose: position in W (m), roll, pitch, yaw (rad), latitude, longitude (rad), height (m); NaN: unknown."""
 TRANSFORM_PERIOD, PLACE_PERIOD = ms(50), ms(200)
 MAP, WORLD = "map", "world"
 HALF = math.sqrt(0.5)
 NED_IN_ENU = (0.0, HALF, HALF, 0.0)
-"""w, x, y, z of the turn that brings north, east, down to east, north, up."""
+"""Quaternion w, x, y, z that rotates north, east, down to east, north, up."""
 NO_TURN = (1.0, 0.0, 0.0, 0.0)
 BODY_COLOR, NOSE_COLOR = (0.2, 0.5, 0.9, 1.0), (0.9, 0.3, 0.1, 1.0)
 BODY_SIZE, NOSE_LENGTH = (0.6, 0.35, 0.15), 0.5
-"""Metres: a mark that can be seen and clicked at, not the vehicle's own size."""
+"""Size of the vehicle's mark (m), chosen for visibility, not the vehicle's own size."""
 
 
 def _numbers(*names: str) -> dict[str, Any]:
@@ -89,17 +89,17 @@ PLACE_SCHEMA = _object(
     "foxglove.LocationFix",
 )
 TRANSFORMS, SCENE, PLACES = range(3)
-"""Places of the topics in the list of them."""
+"""Indices of the topics in the list of topics."""
 
 
 def frame_topics() -> list[Topic]:
-    """The topics, in order."""
+    """Return the topics, in order."""
     named = {"/tf": TRANSFORM_SCHEMA, "/scene": SCENE_SCHEMA, "/location": PLACE_SCHEMA}
     return [Topic(name, {}, schema["title"], json.dumps(schema).encode()) for name, schema in named.items()]
 
 
 class FrameMessage(NamedTuple):
-    """A message. topic: its place among the topics.  time: ns."""
+    """Message. topic: index of its topic.  time: ns."""
 
     topic: int
     time: int
@@ -107,20 +107,20 @@ class FrameMessage(NamedTuple):
 
 
 class FrameWriter:
-    """Messages out of the poses that come with a log's rows."""
+    """Converter of the poses in a log's rows to messages."""
 
     def __init__(self, child: str) -> None:
-        """child: what the vehicle's frame is called."""
+        """Create a converter. child: name of the vehicle's frame."""
         self._child = child
         self._transform_time = self._place_time = -(2**62)
         self._has_scene = False
 
     def begin_file(self) -> None:
-        """Another file begins: it gets what stands still, too."""
+        """Repeat the fixed messages at the start of another file."""
         self._has_scene = False
 
     def messages(self, ticks: Any, poses: Any, epoch: int) -> list[FrameMessage]:
-        """Of rows at integer times (n,), with poses (n, POSE_COLUMNS); epoch: time of day at time zero (ns)."""
+        """Return messages for rows at integer times (n,), poses (n, POSE_COLUMNS); epoch: time of day at zero (ns)."""
         messages = list[FrameMessage]()
         for t, pose in zip(ticks.tolist(), poses.tolist(), strict=True):
             if t - self._transform_time < TRANSFORM_PERIOD or not all(map(math.isfinite, pose[:6])):
@@ -140,7 +140,7 @@ class FrameWriter:
 
 
 def quaternion(attitude: Any) -> tuple[float, float, float, float]:
-    """w, x, y, z of the rotation from B to W by roll, pitch and yaw (3-2-1)."""
+    """Return w, x, y, z of the rotation from B to W by roll, pitch and yaw (3-2-1)."""
     (cr, cp, cy), (sr, sp, sy) = (tuple(f(a / 2) for a in attitude) for f in (math.cos, math.sin))
     return (
         cr * cp * cy + sr * sp * sy,
@@ -151,7 +151,7 @@ def quaternion(attitude: Any) -> tuple[float, float, float, float]:
 
 
 def roll_pitch_yaw(q: Any) -> tuple[float, float, float]:
-    """Angles (3-2-1) of a quaternion w, x, y, z of any length; NaN where it has none."""
+    """Return the angles (3-2-1) of a quaternion w, x, y, z of any length; NaN without a length."""
     w, x, y, z = q
     n = w * w + x * x + y * y + z * z
     if not n > 0:
@@ -165,7 +165,7 @@ def roll_pitch_yaw(q: Any) -> tuple[float, float, float]:
 
 
 def no_pose() -> Any:
-    """A pose of which nothing is known."""
+    """Return a pose with all values unknown."""
     return np.full(POSE_COLUMNS, np.nan)
 
 

@@ -1,6 +1,6 @@
-"""An MCAP file that grows chunk by chunk: each is on the disk whole, or the file is as it was before.
+"""MCAP file that grows chunk by chunk: each chunk is written completely, or the file stays as it was.
 
-What was not written, for want of room, leaves no trace, so that a file with a gap is a sound file.
+A chunk that was not written, for lack of space, leaves no trace, so that a file with a gap is still valid.
 
 Source: MCAP format specification 0 (mcap.dev/spec).
 """
@@ -20,23 +20,23 @@ from trimtab.logs.messages import Topic
 MESSAGE_INDEX = 0x07
 MESSAGE_RECORD = struct.Struct("<BQHIQQ")
 LEVEL = 1
-"""Of zstd: a third of the time of its usual level, and hardly larger for numbers."""
+"""Compression level of zstd: a third of the time of its default level, and hardly larger for numbers."""
 
 Message = tuple[int, int, int, bytes]
 """Channel, sequence number, time (ns), text."""
 
 
 class GrowingFile:
-    """The file of a log while it is written.
+    """File of a log while it is written.
 
     Args:
         file: descriptor of an empty file, open for writing.
-        metadata: records by name, which come first and as they are, so that a text search finds them.
-        topics: what messages there will be; the channel of the k-th is k + 1.
+        metadata: records by name, written first and uncompressed, so that a text search finds them.
+        topics: topics of the messages; the channel of the k-th is k + 1.
     """
 
     def __init__(self, file: int, metadata: dict[str, dict[str, str]], topics: Sequence[Topic]) -> None:
-        """Write what comes before the first message; raises OSError where that can't be."""
+        """Write the head of the file; raise OSError if that fails."""
         from mcap import records
 
         self._file, self._size, self._sum = file, 0, 0
@@ -54,7 +54,7 @@ class GrowingFile:
         self._append(_encode_record([*self._schemas, *self._channels]))
 
     def add_metadata(self, metadata: dict[str, dict[str, str]]) -> None:
-        """Add metadata records; of two with one name the later counts. Raises OSError where there is no room."""
+        """Add metadata records; a later record replaces one of the same name. Raises OSError if the disk is full."""
         from mcap.records import Metadata, MetadataIndex
 
         for name, content in metadata.items():
@@ -63,7 +63,7 @@ class GrowingFile:
             self._metadata.append(MetadataIndex(offset=at, length=len(text), name=name))
 
     def write(self, messages: Sequence[Message]) -> None:
-        """Add messages as one chunk; raises OSError, with the file as it was, where it can't."""
+        """Add messages as one chunk; raise OSError, with the file unchanged, if that fails."""
         import zstandard
         from mcap.records import ChunkIndex
 
@@ -99,7 +99,7 @@ class GrowingFile:
             self._counts[channel] = self._counts.get(channel, 0) + 1
 
     def finish(self) -> None:
-        """Write the summary and the end; raises OSError where there is no room."""
+        """Write the summary and the end; raise OSError if the disk is full."""
         from mcap import records
         from mcap.opcode import Opcode
 
@@ -136,11 +136,11 @@ class GrowingFile:
         self._append(end + text + footer + MAGIC)
 
     def close(self) -> None:
-        """Give the descriptor back."""
+        """Close the descriptor."""
         os.close(self._file)
 
     def _append(self, data: bytes) -> None:
-        """Put bytes on the disk, all of them or none."""
+        """Write bytes to the disk, all of them or none."""
         try:
             rest = memoryview(data)
             while rest:
@@ -155,7 +155,7 @@ class GrowingFile:
 
     @property
     def size(self) -> int:
-        """Bytes in the file."""
+        """Return the size of the file in bytes."""
         return self._size
 
 
@@ -169,7 +169,7 @@ def _encode_record(items: Sequence[Any]) -> bytes:
 
 
 def _message_indices(messages: Sequence[Message], parts: list[bytes], at: int) -> tuple[list[bytes], dict[int, int]]:
-    """The index of each channel in a chunk, and where in the file it will be; at: where the first will be."""
+    """Return the index of each channel in a chunk, and its future place in the file; at: place of the first."""
     channels = np.array([m[0] for m in messages])
     starts = np.cumsum([0, *map(len, parts[:-1])])
     pairs = np.stack([np.array([m[2] for m in messages], np.uint64), starts.astype(np.uint64)], axis=1)

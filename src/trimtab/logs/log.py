@@ -1,4 +1,4 @@
-"""A run as arrays over time: every signal under its dotted path, with its unit and meaning."""
+"""Log of a run as arrays over time: every signal under its dotted path, with its unit and meaning."""
 
 import dataclasses
 import json
@@ -16,7 +16,7 @@ from trimtab.core.quantity import Quantity, component_paths, split_component
 from trimtab.core.time import UNITS_PER_SECOND, to_seconds
 
 SHOWN = 30
-"""Signals that a notebook shows of a log."""
+"""Number of signals of a log that a notebook shows."""
 HALF_TICK = 0.5 / UNITS_PER_SECOND
 PLAIN = {float, int, str, bool}
 
@@ -24,11 +24,11 @@ T = TypeVar("T")
 
 
 class LazyMapping(Mapping[str, T], Generic[T]):
-    """A read-only mapping whose values are made when they are first read, and kept.
+    """Read-only mapping that computes its values when they are first read, and keeps them.
 
     Args:
         names: the keys, in order.
-        make: value of a name; it is let go, with what it holds, when all are made.
+        make: function from a name to its value; released when all values are made.
     """
 
     def __init__(self, names: Mapping[str, Any], make: Callable[[str], T]) -> None:
@@ -62,18 +62,18 @@ class LazyMapping(Mapping[str, T], Generic[T]):
 
 @dataclasses.dataclass(frozen=True, eq=False, repr=False)
 class Log:
-    """A run as arrays over time; immutable: it holds its own copies, and they are read-only.
+    """Log of a run as arrays over time; immutable: it holds read-only copies.
 
-    A path names the block and then the field, e.g. ``truth.heading`` or ``sensors.navigation.value.yaw_rate``.
+    A path consists of block and field, e.g. ``truth.heading`` or ``sensors.navigation.value.yaw_rate``.
 
     Args:
         t: instants in seconds, shape (n,).
-        ticks: the same instants in integer units of 100 ns, int64 (n,), strictly rising, from 0 on. They are what
-            counts: t is kept as exactly ``core.time.to_seconds(ticks)``.
+        ticks: the same instants in integer units of 100 ns, int64 (n,), strictly rising, from 0 on. They are
+            authoritative: t is kept as exactly ``core.time.to_seconds(ticks)``.
         signals: path -> array (n,) or (n, k), boolean, integer or float, kept in its own type.
-        declarations: path -> what the quantity is: unit, meaning, frame, kind, names of the modes.
-        metadata: what can be written as JSON: version, scenario, seed, run, backend, duration_s, parameters, ...
-        final: path -> value at the end of the run, after the last step, where signals end one step earlier.
+        declarations: path -> declared quantity: unit, meaning, frame, kind, names of the modes.
+        metadata: JSON-compatible values: version, scenario, seed, run, backend, duration_s, parameters, ...
+        final: path -> value at the end of the run, after the last step, for signals that end one step earlier.
     """
 
     t: np.ndarray
@@ -87,7 +87,7 @@ class Log:
         ticks = _check_ticks(self.ticks)
         t = np.asarray(self.t, np.float64)
         if t.shape != ticks.shape or not (np.abs(t - to_seconds(ticks)) <= HALF_TICK).all():
-            raise InputError("log", "t and ticks are not the same instants", fix="pass t=to_seconds(ticks)")
+            raise InputError("log", "t and ticks are not the same instants", fix="t and ticks are different instants")
         signals = {str(path): _check_signal(str(path), values, len(ticks)) for path, values in self.signals.items()}
         _check_paths(signals)
         for name, value in (
@@ -110,7 +110,7 @@ class Log:
         metadata: LazyMapping[Any],
         final: Mapping[str, Any],
     ) -> "Log":
-        """The log of what a compiled flight gave, which needs no check: read-only arrays are taken as they are."""
+        """Create a log from a compiled flight without checks or copies; the arrays must be read-only."""
         log = object.__new__(cls)
         last = MappingProxyType({path: _check_value(path, value) for path, value in final.items()})
         for name, value in (
@@ -126,7 +126,7 @@ class Log:
 
     @property
     def paths(self) -> tuple[str, ...]:
-        """Every signal's path, in the order of the loop as recorded."""
+        """Paths of all signals, in the order of the loop as recorded."""
         return tuple(self.signals)
 
     def __reduce__(self) -> Any:
@@ -146,7 +146,7 @@ class Log:
         return values[:, index] if values.ndim == 2 and index < values.shape[1] else None
 
     def __getitem__(self, path: str) -> np.ndarray:
-        """The signal at a path: a read-only array (n,) or (n, k); "truth.velocity[2]" is one number of it, (n,)."""
+        """Return the signal at a path: a read-only array (n,) or (n, k); "truth.velocity[2]" is one element, (n,)."""
         if path not in self.signals:
             component = self._component(path)
             if component is not None:
@@ -159,21 +159,21 @@ class Log:
         return self.signals[path]
 
     def declaration(self, path: str) -> Quantity | None:
-        """What a signal, or one number of it, was declared as; None where nothing was."""
+        """Return the declared quantity of a signal, or of one element of it; None without a declaration."""
         return self.declarations.get(split_component(path)[0] if path not in self.declarations else path)
 
     def unit(self, path: str) -> str:
-        """The declared unit of a signal: "1" where it has none, "" where nothing was declared."""
+        """Return the declared unit of a signal: "1" without a unit, "" without a declaration."""
         self[path]
         declared = self.declaration(path)
         return "" if declared is None else declared.unit
 
     def numbers(self, path: str) -> list[str]:
-        """The path of each number of a signal: itself, or of a vector "truth.velocity[0]" and on."""
+        """Return the path of each number of a signal: the path itself, or "truth.velocity[0]" etc. for a vector."""
         return component_paths(path, self[path].shape[1:])
 
     def between(self, t0: float, t1: float) -> "Log":
-        """The instants t0 <= t < t1 (seconds, rounded to whole ticks); metadata and final stay those of the run."""
+        """Return the instants t0 <= t < t1 (seconds, rounded to ticks); metadata and final stay those of the run."""
         low, high = (float(np.clip(t, -1e11, 1e11)) for t in (t0, t1))
         first, last = (int(np.searchsorted(self.ticks, round(t * UNITS_PER_SECOND))) for t in (low, high))
         window = slice(first, max(first, last))
@@ -181,7 +181,7 @@ class Log:
         return dataclasses.replace(self, t=self.t[window], ticks=self.ticks[window], signals=signals)
 
     def to_xarray(self) -> Any:
-        """An ``xarray.Dataset`` over the coordinate ``time`` (s): units, long_name, flag meanings as in CF."""
+        """Return an ``xarray.Dataset`` over the coordinate ``time`` (s): units, long_name, flag meanings as in CF."""
         try:
             import xarray
         except ImportError:
@@ -196,7 +196,7 @@ class Log:
         return xarray.Dataset(variables, coords={"time": time}, attrs=attributes)
 
     def to_dataframe(self) -> Any:
-        """A ``pandas.DataFrame`` over time (s): a column for each number, e.g. "truth.velocity[2]"."""
+        """Return a ``pandas.DataFrame`` over time (s): a column for each number, e.g. "truth.velocity[2]"."""
         try:
             import pandas
         except ImportError:
@@ -215,7 +215,7 @@ class Log:
         return html_table(lines[0], ("signal", "unit", "least … most", "meaning"), rows, note)
 
     def _range(self, path: str) -> str:
-        """The least and the most of a signal."""
+        """Return the minimum and the maximum of a signal, as text."""
         values = self[path]
         finite = values[np.isfinite(values)] if values.dtype.kind == "f" else values
         return f"{finite.min():.4g} … {finite.max():.4g}" if finite.size else ""
@@ -245,12 +245,12 @@ class Log:
 
 
 def provenance() -> dict[str, str]:
-    """The version, and the class of machine within which compiled code gives the same bits: processor and system."""
+    """Return the version, and the class of machine with bit-equal compiled code: processor and system."""
     return {"version": __version__, "machine": f"{platform.machine()} {platform.system()}"}
 
 
 def to_plain(part: str, value: Any) -> Any:
-    """The same value in plain Python (dict, list, str, float, int, bool, None); refused where JSON has none."""
+    """Convert a value to plain Python (dict, list, str, float, int, bool, None); InputError for other types."""
     if isinstance(value, Mapping):
         return {_check_key(part, k): to_plain(f"{part}.{k}", v) for k, v in value.items()}
     if isinstance(value, list | tuple):
@@ -283,11 +283,11 @@ def _freeze(array: np.ndarray) -> np.ndarray:
 def _check_ticks(ticks: Any) -> np.ndarray:
     values = np.asarray(ticks)
     if values.ndim != 1 or values.dtype.kind not in "iu":
-        problem = f"ticks is an array {values.shape} of {values.dtype}"
+        problem = f"got ticks of shape {values.shape} and type {values.dtype}"
         raise InputError("log", problem, fix="pass whole numbers of 100 ns, int64, shape (n,)")
     array = _freeze(values.astype(np.int64))
     if len(array) and (array[0] < 0 or (np.diff(array) <= 0).any()):
-        raise InputError("log", "ticks do not rise strictly from 0 on", fix="pass each instant once, in order of time")
+        raise InputError("log", "ticks must rise strictly, from 0 on", fix="pass each instant once, in order of time")
     return array
 
 
@@ -302,7 +302,7 @@ def _check_numbers(part: str, values: Any) -> np.ndarray:
 def _check_signal(path: str, values: Any, n: int) -> np.ndarray:
     array = _check_numbers(f"log signal {path!r}", values)
     if array.ndim not in (1, 2) or len(array) != n:
-        problem = f"has shape {array.shape}, the log has {n} instants"
+        problem = f"has shape {array.shape}, but the log has {n} instants"
         raise InputError(f"log signal {path!r}", problem, fix=f"give it shape ({n},) or ({n}, k)")
     return array
 
@@ -314,7 +314,7 @@ def _check_value(path: str, value: Any) -> Any:
 
 def _check_paths(signals: Mapping[str, Any]) -> None:
     if not signals:
-        raise InputError("log", "there is no signal in it", fix="pass at least one, e.g. {'truth.heading': heading}")
+        raise InputError("log", "the log has no signal", fix="pass at least one, e.g. {'truth.heading': heading}")
     for path in signals:
         names = path.split(".")
         if len(names) < 2 or not all(names):
@@ -323,5 +323,5 @@ def _check_paths(signals: Mapping[str, Any]) -> None:
         above = [".".join(names[:i]) for i in range(1, len(names))]
         clash = next((p for p in above if p in signals), None)
         if clash:
-            problem = f"{clash!r} is a signal and also the group of {path!r}"
+            problem = f"{clash!r} is a signal, and also the group of {path!r}"
             raise InputError("log", problem, fix=f"rename one of them, e.g. '{clash}.value'")

@@ -1,7 +1,7 @@
-"""Logs as MCAP files, which Foxglove and the mcap command line tool open as they are.
+"""Logs as MCAP files, which Foxglove and the mcap command line tool open directly.
 
-One topic per block, JSON messages, schemas from the declared quantities. This module is the only one here that touches
-finished files; such a file appears whole or not at all. `logs.stream` writes them while something flies.
+One topic for each block, JSON messages, schemas from the declared quantities. Only this module reads and writes
+finished files; such a file is written atomically. `logs.stream` writes logs during a flight.
 
 Source: MCAP format specification 0 (mcap.dev/spec), well-known encodings "json" and "jsonschema".
 """
@@ -42,30 +42,30 @@ from trimtab.logs.messages import (
 )
 from trimtab.logs.spatial import spatial_poses
 
-if TYPE_CHECKING:  # the library is imported when a file is read or written, not by who only draws
+if TYPE_CHECKING:  # the library is imported only to read or write a file, not to draw
     from mcap.writer import Writer
 
 CHUNK_BYTES = 64 * 1024
-"""Uncompressed; a file that is cut short may lose the chunk at the cut."""
+"""Size of a chunk before compression; a truncated file may lose the chunk at the cut."""
 VEHICLE = "vehicle"
-"""What the frame of a vehicle is called whose poses stand in a log."""
+"""Name of the frame of a vehicle whose poses are in a log."""
 BLOCK_ROWS = 4096
-"""How many rows are turned to text at a time."""
+"""Number of rows that are converted to text at a time."""
 SAMPLE_ROWS, SAMPLES = 250, 4
-"""Rows one after another, and how often, that tell the size of a log."""
+"""Consecutive rows, and number of such samples, for an estimate of a log's size."""
 
 WRITE = "trimtab run SCENARIO --out DIR  writes a log, DIR/run.mcap"
 
 
 def write_mcap(log: Log, path: str | os.PathLike[str]) -> Path:
-    """Write a log; the file appears whole or not at all. Returns its path.
+    """Write a log atomically, and return its path.
 
     >>> import tempfile
     >>> from trimtab import simulate, write_log
     >>> write_log(simulate("hovercraft/spin", duration="100 ms"), f"{tempfile.mkdtemp()}/run.mcap").name
     'run.mcap'
 
-    Of a vehicle in space it has poses too, for maps and 3-D scenes: `logs.frames`.
+    For a vehicle in space it also writes poses, for maps and 3-D scenes: `logs.frames`.
     """
     with replace_file(path) as stream:
         _write_blocks(log, stream, [slice(first, first + BLOCK_ROWS) for first in range(0, len(log), BLOCK_ROWS)])
@@ -73,9 +73,9 @@ def write_mcap(log: Log, path: str | os.PathLike[str]) -> Path:
 
 
 def estimate_size(log: Log) -> int:
-    """Bytes that `write_mcap` will take for a log, from a few of its rows, so that it can be said before.
+    """Estimate the size in bytes of a log's file from a few of its rows, before it is written.
 
-    It writes some rows from all over the flight, since one at rest is packed smaller than one that moves.
+    The rows come from all parts of the flight, because rows at rest are compressed more than rows in motion.
     """
     few = min(SAMPLE_ROWS, len(log))
     starts = np.linspace(0, len(log) - few, SAMPLES).astype(int).tolist()
@@ -87,7 +87,7 @@ def estimate_size(log: Log) -> int:
 
 
 def _write_blocks(log: Log, stream: IO[bytes], blocks: Iterable[slice]) -> None:
-    """A file with these rows of a log."""
+    """Write a file with these rows of a log."""
     from mcap.writer import CompressionType, Writer
 
     writer = Writer(stream, CHUNK_BYTES, CompressionType.ZSTD, enable_data_crcs=True)
@@ -110,7 +110,7 @@ def _write_blocks(log: Log, stream: IO[bytes], blocks: Iterable[slice]) -> None:
 
 
 def read_mcap(path: str | os.PathLike[str]) -> Log:
-    """Read a log back, exactly as it was written.
+    """Read a log exactly as it was written.
 
     >>> import tempfile
     >>> from trimtab import read_log, simulate, write_log
@@ -118,28 +118,28 @@ def read_mcap(path: str | os.PathLike[str]) -> Log:
     >>> read_log(write_log(log, f"{tempfile.mkdtemp()}/run.mcap")).paths == log.paths
     True
 
-    A file that was cut short (a full disk, a copy that broke off) gives the instants before the cut, and
-    ``metadata["truncated"]`` is True; `final` is still that of the whole run.
+    A truncated file (full disk, interrupted copy) gives the instants before the cut, with ``metadata["truncated"]``
+    True; `final` is still that of the whole run.
     """
     contents = parse_contents(path, _read_bytes(Path(path)))
     if LAYOUT not in contents.metadata or RUN not in contents.metadata:
         raise InputError(
-            f"log file '{path}'", _missing_content(contents), fix="give a file that write_mcap or trimtab run wrote"
+            f"log file '{path}'", _missing_content(contents), fix="use a file that write_mcap or trimtab run wrote"
         )
     written = contents.metadata[LAYOUT].get("format")
     if written != FORMAT:
-        problem = f"has format {written}, this version reads {FORMAT}"
+        problem = f"has format {written}, but this version reads {FORMAT}"
         raise InputError(f"log file '{path}'", problem, fix="read it with the version of trimtab that wrote it")
     try:
         return _build_log(contents)
-    except Exception as error:  # whatever a foreign tool has changed, the answer names the file
+    except Exception as error:  # foreign tools may change anything; the answer names the file
         problem = f"is damaged: {getattr(error, 'problem', error)}"
         raise InputError(f"log file '{path}'", problem, fix="make it again") from None
 
 
 @contextmanager
 def replace_file(path: str | os.PathLike[str]) -> Iterator[IO[bytes]]:
-    """A stream to a file that takes its name when all is written; after an error any old file is still there."""
+    """Open a stream to a file that gets its name when all is written; after an error the old file is still there."""
     target = Path(path)
     beside = target.with_name(f".{target.name}.{uuid.uuid4().hex[:8]}.part")
     try:
@@ -176,12 +176,12 @@ def _write_rows(writer: "Writer", log: Log, channels: list[tuple[int, Fields]], 
 
 
 def _missing_content(contents: Contents) -> str:
-    """What is wrong with a file that does not say what it holds."""
+    """Describe the fault of a file without its own description."""
     if not contents.is_truncated:
         return "is an MCAP file, but not a log of trimtab"
     known = {key: load_json(text) for key, text in contents.metadata.get(RUN, {}).items()}
     rest = [f"{key} {known[key]}" for key in ("scenario", "seed") if key in known]
-    said = f"; all that is left says {', '.join(rest)}" if rest else ""
+    said = f"; the rest of the file gives {', '.join(rest)}" if rest else ""
     return f"is cut before its first sample, within its own description{said}"
 
 
@@ -190,7 +190,7 @@ def _build_log(contents: Contents) -> Log:
     signals, declared, final = (load_json(layout[name]) for name in ("signals", "declared", "final"))
     metadata = {key: load_json(text) for key, text in contents.metadata[RUN].items()}
     by_topic = group_by_topic(tuple(signals))
-    if any(contents.texts.values()):  # a tool may have taken topics out
+    if any(contents.texts.values()):  # another tool may have removed topics
         by_topic = {topic: fields for topic, fields in by_topic.items() if topic in contents.texts}
     rows = min(len(contents.texts.get(topic, ())) for topic in by_topic)
     if contents.is_truncated or rows < load_json(layout["rows"]):

@@ -1,9 +1,9 @@
-"""What is in a log's file, as text: which topic carries which signals, its JSON Schema, and a message an instant.
+"""Text content of a log's file: topics and their signals, JSON Schemas, and one message for each instant.
 
-Numbers survive exactly: JSON texts of floats are the shortest that read back to the same bits, infinities are ``1e999``
-and ``-1e999`` (valid JSON, read as infinite everywhere), NaN is ``null``.
+Numbers are exact: JSON texts of floats are the shortest that give the same bits, infinities are ``1e999`` and
+``-1e999`` (valid JSON, read as infinite everywhere), NaN is ``null``.
 
-Source: JSON Schema, draft 2020-12; of it what Foxglove reads: one type a property, enumerations as oneOf of const.
+Source: JSON Schema, draft 2020-12, as far as Foxglove reads it: one type a property, enumerations as oneOf of const.
 """
 
 import dataclasses
@@ -17,16 +17,16 @@ from trimtab.core.quantity import Quantity
 from trimtab.logs.log import Log, to_plain
 
 Fields = dict[str, tuple[str, ...]]
-"""Path of a signal -> the keys that lead to it in a message."""
+"""Map from the path of a signal to its keys in a message."""
 GROUPED = ("sensors", "downlink")
-"""Blocks of which there are several: each has a topic of its own."""
+"""Blocks with several members; each member has its own topic."""
 NOTE = "One message an instant. In numbers null stands for NaN, 1e999 for infinity."
 RUN, LAYOUT, FORMAT = "trimtab", "trimtab.layout", "1"
-"""Names of two metadata records, and the version of what is written."""
+"""Names of two metadata records, and the version of the format."""
 CLOCK, EPOCH = "trimtab.clock", "epoch_ns"
-"""Name of the record that says what time of day (ns since 1970) time zero was, and of the number; without it: 0."""
+"""Name of the record with the time of day at time zero (ns since 1970), and of its number; default: 0."""
 EVENTS = "/events"
-"""Topic of texts with a time; their schema is one that Foxglove lists as a log."""
+"""Topic of texts with a time; Foxglove shows its schema as a log."""
 EVENT_SCHEMA = {
     "title": "foxglove.Log",
     "type": "object",
@@ -44,7 +44,7 @@ NS_PER_SECOND = 1_000_000_000
 
 
 class Topic(NamedTuple):
-    """A topic of a log's file: its fields, its schema, and the schema's JSON text."""
+    """Topic of a log's file: its fields, its schema, and the schema's JSON text."""
 
     name: str
     fields: Fields
@@ -53,7 +53,7 @@ class Topic(NamedTuple):
 
 
 def group_by_topic(paths: tuple[str, ...]) -> dict[str, Fields]:
-    """Topic -> path -> the keys that lead to the value in a message."""
+    """Return topic -> path -> keys of the value in a message."""
     topics: dict[str, Fields] = {}
     for path in paths:
         names = path.split(".")
@@ -63,7 +63,7 @@ def group_by_topic(paths: tuple[str, ...]) -> dict[str, Fields]:
 
 
 def topic_schema(log: Log, topic: str, fields: Fields) -> dict[str, Any]:
-    """The JSON Schema of a topic: each property with its type, unit, meaning and, for a mode, the names."""
+    """Return the JSON Schema of a topic: each property with its type, unit, meaning and, for a mode, the names."""
     title = f"trimtab{topic.replace('/', '.')}"
     root: dict[str, Any] = {"title": title, "description": NOTE, "type": "object", "properties": {}}
     for path, keys in fields.items():
@@ -75,7 +75,7 @@ def topic_schema(log: Log, topic: str, fields: Fields) -> dict[str, Any]:
 
 
 def _property_schema(values: np.ndarray, declared: Quantity | None) -> dict[str, Any]:
-    """One type each: viewers refuse a schema with a union such as number or null."""
+    """Return the schema of a property with one type, because viewers reject unions such as number or null."""
     kind = {"b": "boolean", "f": "number"}.get(values.dtype.kind, "integer")
     schema: dict[str, Any] = {"type": kind}
     if values.ndim == 2:
@@ -94,7 +94,7 @@ def _property_schema(values: np.ndarray, declared: Quantity | None) -> dict[str,
 
 
 def log_topics(log: Log) -> list[Topic]:
-    """The topics of a log, in the order in which its messages are written."""
+    """Return the topics of a log, in the order in which its messages are written."""
     topics = []
     for name, fields in group_by_topic(log.paths).items():
         schema = topic_schema(log, name, fields)
@@ -103,12 +103,12 @@ def log_topics(log: Log) -> list[Topic]:
 
 
 def run_record(log: Log) -> dict[str, str]:
-    """The metadata record of the run: each value as JSON text."""
+    """Return the metadata record of the run: each value as JSON text."""
     return {key: dump_json(value) for key, value in log.metadata.items()}
 
 
 def layout_record(log: Log) -> dict[str, str]:
-    """The metadata record of the signals: types, shapes, declarations, last values and the number of instants."""
+    """Return the metadata record of the signals: types, shapes, declarations, last values and number of instants."""
     signals = {p: {"dtype": a.dtype.str, "shape": list(a.shape[1:])} for p, a in log.signals.items()}
     final = {p: {"dtype": np.asarray(v).dtype.str, "value": to_plain(p, v)} for p, v in log.final.items()}
     declared = {p: to_plain(p, dataclasses.asdict(d)) for p, d in log.declarations.items()}
@@ -117,9 +117,9 @@ def layout_record(log: Log) -> dict[str, str]:
 
 
 def message_texts(log: Log, fields: Fields, rows: slice) -> list[bytes]:
-    """The messages of a topic, one an instant: a template filled with the ready texts of the numbers.
+    """Return the messages of a topic, one for each instant: a template filled with the texts of the numbers.
 
-    That is much faster than json.dumps, and a number that stands still is turned to text once.
+    That is much faster than json.dumps, and a constant number is converted once.
     """
     columns: list[list[str]] = []
     template = _template(_tree(log, fields), rows, columns)
@@ -127,30 +127,30 @@ def message_texts(log: Log, fields: Fields, rows: slice) -> list[bytes]:
 
 
 def event_text(time: int, text: str) -> bytes:
-    """The message of an event, at a time (ns)."""
+    """Return the message of an event, at a time (ns)."""
     sec, nsec = divmod(time, NS_PER_SECOND)
     about = {"timestamp": {"sec": sec, "nsec": nsec}, "level": 2, "message": text, "name": "trimtab"}
     return json.dumps(about | {"file": "", "line": 0}, ensure_ascii=False).encode()
 
 
 def dump_json(value: Any) -> str:
-    """JSON text of free-form values; a number that JSON lacks becomes {"$float": "nan"}, to be told from None."""
+    """Return the JSON text of free-form values; a number that JSON lacks becomes {"$float": "nan"}, not None."""
     return json.dumps(_mark_non_finite(value), allow_nan=False, ensure_ascii=False)
 
 
 def load_json(text: str) -> Any:
-    """The value of such a text."""
+    """Return the value of a text from `dump_json`."""
     return json.loads(text, object_hook=lambda d: float(d["$float"]) if d.keys() == {"$float"} else d)
 
 
 def parse_quantity(fields: dict[str, Any]) -> Quantity:
-    """A declaration out of a layout."""
+    """Return the declaration in a layout."""
     plain: dict[str, Any] = {k: tuple(v) if isinstance(v, list) else v for k, v in fields.items()}
     return Quantity(**plain)
 
 
 def signal_values(messages: list[Any], keys: tuple[str, ...]) -> list[Any]:
-    """One signal out of the decoded messages of its topic."""
+    """Return one signal from the decoded messages of its topic."""
     for key in keys:
         messages = [message[key] for message in messages]
     return messages
@@ -165,7 +165,7 @@ def _mark_non_finite(value: Any) -> Any:
 
 
 def _tree(log: Log, fields: Fields) -> dict[str, Any]:
-    """The arrays of a topic, nested as its messages are."""
+    """Return the arrays of a topic, nested like its messages."""
     root: dict[str, Any] = {}
     for path, keys in fields.items():
         node = root
@@ -176,7 +176,7 @@ def _tree(log: Log, fields: Fields) -> dict[str, Any]:
 
 
 def _template(node: Any, rows: slice, columns: list[list[str]]) -> str:
-    """The JSON text of a node with %s for each number, whose texts are appended to columns in the same order."""
+    """Return the JSON text of a node with %s for each number; append the numbers' texts to columns in that order."""
     if isinstance(node, dict):
         inner = (json.dumps(k).replace("%", "%%") + ":" + _template(v, rows, columns) for k, v in node.items())
         return "{" + ",".join(inner) + "}"

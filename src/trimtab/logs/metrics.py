@@ -1,4 +1,4 @@
-"""How well a run met its targets: settling, first reach, overshoot and tail, as docs/logs/metrics.md defines them."""
+"""Metrics of a run against its targets: settling, first reach, overshoot and tail, see docs/logs/metrics.md."""
 
 import dataclasses
 from collections.abc import Iterable
@@ -10,12 +10,12 @@ from trimtab.core.errors import InputError
 from trimtab.logs.log import Log
 
 SHORT = {name: f"truth.{name}" for name in ("surge_velocity", "sway_velocity", "yaw_rate", "heading")}
-"""Short names of the signals asked for most."""
+"""Short names of common signals."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Target:
-    """Where a signal should go. `band` is absolute, in the signal's unit: |signal - value| <= band is inside.
+    """Target of a signal. `band` is absolute, in the signal's unit: |signal - value| <= band is inside.
 
     >>> from trimtab import Target
     >>> Target("truth.yaw_rate", 3.0, band=0.15).band
@@ -28,17 +28,17 @@ class Target:
 
     def __post_init__(self) -> None:
         if not (np.isfinite(self.value) and np.isfinite(self.band) and self.band > 0):
-            problem = f"value {self.value!r} and band {self.band!r} are not a finite number and one above 0"
+            problem = f"value {self.value!r} must be finite, and band {self.band!r} must be above 0"
             raise InputError(f"target of {self.path!r}", problem, fix="write e.g. Target('yaw_rate', 3.0, band=0.15)")
 
 
 def full_path(name: str) -> str:
-    """The path of a signal by its short name, e.g. "heading" for "truth.heading"; other names are paths already."""
+    """Return the path of a signal by its short name, e.g. "heading" for "truth.heading"; other names are paths."""
     return SHORT.get(name, name)
 
 
 def target_path(log: Log, target: Target) -> str:
-    """The path of a target's signal; refused where the log has none."""
+    """Return the path of a target's signal; raise InputError if the log lacks it."""
     path = full_path(target.path)
     try:
         log[path]
@@ -51,7 +51,7 @@ def target_path(log: Log, target: Target) -> str:
 
 
 def metrics(log: Log, targets: Iterable[Target], signals: Iterable[str]) -> dict[str, dict[str, float | None]]:
-    """Numbers of merit by signal: settling_s, first_reach_s, overshoot, tail_mean, tail_rms; None where there is none.
+    """Compute settling_s, first_reach_s, overshoot, tail_mean and tail_rms by signal; None if undefined.
 
     >>> from trimtab import Target, metrics, simulate
     >>> log = simulate("hovercraft/spin", duration="100 ms")
@@ -60,8 +60,8 @@ def metrics(log: Log, targets: Iterable[Target], signals: Iterable[str]) -> dict
 
     Args:
         log: the run.
-        targets: at most one for each signal; for signals left out the first three are None.
-        signals: paths or short names; they are the keys of what comes back.
+        targets: at most one for each signal; without one, the first three are None.
+        signals: paths or short names; they are the keys of the result.
     """
     by_path: dict[str, Target] = {}
     for target in targets:
@@ -69,19 +69,19 @@ def metrics(log: Log, targets: Iterable[Target], signals: Iterable[str]) -> dict
         if path in by_path:
             raise InputError("metrics", f"there are two targets for {path!r}", fix="keep one of them")
         by_path[path] = target
-    with np.errstate(over="ignore", invalid="ignore"):  # a run that ran away gives None, not a warning
+    with np.errstate(over="ignore", invalid="ignore"):  # a diverged run gives None, not a warning
         return {name: _merits(log, full_path(name), by_path.get(full_path(name))) for name in signals}
 
 
 def mode_switches(log: Log) -> int:
-    """How often the law switched its mode: the last ``law.switches``, or 0 for a law that does not count."""
+    """Return how often the law switched its mode: the last ``law.switches``, or 0 for a law that does not count."""
     if "law.switches" in log and len(log):
         return int(log["law.switches"][-1])
     return 0
 
 
 def nearest_target_value(log: Log, target: Target) -> float:
-    """The target's value; for an angle, that equal of it which is nearest to where the signal ends."""
+    """Return the target's value; for an angle, its equivalent nearest to the end of the signal."""
     path = full_path(target.path)
     x = log[path]
     ends = x[np.isfinite(x)]
@@ -93,8 +93,8 @@ def nearest_target_value(log: Log, target: Target) -> float:
 
 def _merits(log: Log, path: str, target: Target | None) -> dict[str, float | None]:
     if log[path].ndim != 1:
-        problem = f"signal {path!r} has {log[path].shape[1]} components at each instant"
-        raise InputError("metrics", problem, choices=log.numbers(path), fix=f"ask for one of them, e.g. {path}[0]")
+        problem = f"signal {path!r} has {log[path].shape[1]} components"
+        raise InputError("metrics", problem, choices=log.numbers(path), fix=f"use one of them, e.g. {path}[0]")
     t, x = log.t, log[path].astype(np.float64)
     numbers: dict[str, float | None] = {"settling_s": None, "first_reach_s": None, "overshoot": None}
     if target is not None and len(t):
@@ -117,7 +117,7 @@ def _settling(t: Any, error: Any, band: float) -> float | None:
 
 
 def _first_reach(t: Any, error: Any, band: float) -> float | None:
-    """First sample in the band, or the point between two samples at which their straight line meets the target."""
+    """Return the time of the first sample in the band, or of an interpolated crossing of the target."""
     inside = np.flatnonzero(np.abs(error) <= band)
     finite = np.isfinite(error)
     across = np.flatnonzero((np.sign(error[:-1]) * np.sign(error[1:]) < 0) & finite[:-1] & finite[1:])

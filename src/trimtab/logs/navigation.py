@@ -1,8 +1,8 @@
-"""Is the navigation of one run honest? What a log with an aided INS in it says about the filter's own sigmas.
+"""Consistency of the navigation of one run: a log with an aided INS, judged by the filter's own sigmas.
 
 Each sensor's updates are counted once; states that no sensor corrected are left out. One run holds few independent
-draws: every average is judged by its effective number of them (`logs.consistency`, with the sources), and the bounds of
-all rows together hold with the probability asked for.
+draws. Every average is therefore judged by its effective number of draws (`logs.consistency`, with the sources), and
+the bounds of all rows together hold with the requested probability.
 """
 
 from typing import Any, NamedTuple
@@ -22,13 +22,13 @@ from trimtab.logs.consistency import (
 from trimtab.logs.log import Log
 
 BY_POSITION = ("surge_velocity", "sway_velocity", "north", "east", "forward_bias", "starboard_bias")
-"""What only positions, or ranges, correct."""
+"""States that only positions, or ranges, correct."""
 BY_HEADING = ("heading", "gyro_bias")
-"""What headings correct, and positions through the motion."""
+"""States that headings correct, and positions through the motion."""
 
 
 SETTLED = 1.5
-"""A sigma has settled where it stays below so many times its largest value in the second half of the run."""
+"""Ratio to its largest value in the second half of the run below which a sigma has settled."""
 LAGS = 20
 GROUPS = {
     "heading": ("heading",),
@@ -38,14 +38,14 @@ GROUPS = {
     "gyro bias": ("gyro_bias",),
     "force bias": ("forward_bias", "starboard_bias"),
 }
-"""Fields of a NavigationState that are judged together, where the log has their truth."""
+"""Fields of a NavigationState that are judged together, if the log has their truth."""
 
 
 class AidingUpdates(NamedTuple):
     """Updates by one sensor: times (n,) s, NIS (n,), normalised innovations (n, dof).
 
-    refusals: how many the gate kept out.  missed_updates: those that came between two
-    rows of the log with another after them.
+    refusals: number rejected by the gate.  missed_updates: number between two rows of the log, with another update
+    after them.
     """
 
     t: Any
@@ -56,11 +56,11 @@ class AidingUpdates(NamedTuple):
 
 
 class Aiding(NamedTuple):
-    """How one aiding sensor's measurements fared.
+    """Result of one aiding sensor's measurements.
 
-    updates: measurements seen in the log, refused ones too.  refused: by the gate.  unseen: those that came between
-    two rows of the log with another after them.  nis: judged.  white: whether its innovations are white, None where
-    there are too few to tell.  p: how probable such a correlation is in a white sequence.
+    updates: measurements in the log, including rejected ones.  refused: rejected by the gate.  unseen: between two rows
+    of the log, with another update after them.  nis: verdict on NIS.  white: True if its innovations are white, None if
+    too few.  p: probability of such a correlation in a white sequence.
     """
 
     updates: int
@@ -72,11 +72,11 @@ class Aiding(NamedTuple):
 
 
 class SigmaConvergence(NamedTuple):
-    """What the run taught about a state, as its sigma has it: observability along the trajectory.
+    """Convergence of a state's sigma in the run: observability along the trajectory.
 
-    first, last: sigma at the first valid estimate, and its largest in the last quarter.  settled_s: from when on it
-    stays below 1.5 times its largest of the second half, in s of the run.  trend: converged; converging, still falling
-    at the end; unseen, hardly below where it began; growing.
+    first, last: sigma at the first valid estimate, and its largest in the last quarter.  settled_s: time from which it
+    stays below 1.5 times its largest of the second half, in s of the run.  trend: converged; converging (still falling
+    at the end); unseen (hardly below its start); growing.
     """
 
     first: float
@@ -86,10 +86,10 @@ class SigmaConvergence(NamedTuple):
 
 
 class Navigation(NamedTuple):
-    """What a run says about its navigation.
+    """Result of a run's navigation.
 
-    verdict: of all rows together.  probability: that a consistent filter keeps within all bounds.
-    since_s: errors and innovations are judged from there on, when the sigmas have settled.
+    verdict: on all rows together.  probability: with which a consistent filter stays within all bounds.
+    since_s: start of the judged errors and innovations, when the sigmas have settled.
     where: path of the state in the log.  aiding, errors, learned: by sensor, by group of states, by state.
     """
 
@@ -102,14 +102,14 @@ class Navigation(NamedTuple):
     learned: dict[str, SigmaConvergence]
 
     def plain(self) -> dict[str, Any]:
-        """Dictionaries of plain numbers and words, for JSON."""
+        """Return dictionaries of plain numbers and words, for JSON."""
         aiding = {name: a._asdict() | {"nis": a.nis._asdict()} for name, a in self.aiding.items()}
         rows = {part: {k: v._asdict() for k, v in getattr(self, part).items()} for part in ("errors", "learned")}
         return self._asdict() | {"aiding": aiding} | rows
 
 
 class Series(NamedTuple):
-    """A state as estimated, at the times that the estimates are of: t (n,) s, error (n,) or None, sigma (n,)."""
+    """A state at the times of its estimates: t (n,) s, error (n,) or None, sigma (n,)."""
 
     t: Any
     estimate: Any
@@ -118,11 +118,11 @@ class Series(NamedTuple):
 
 
 def assess_navigation(log: Log, probability: float = 0.95) -> Navigation | None:
-    """What a log says about its navigation; None where its estimate carries no innovations and sigmas.
+    """Assess the navigation in a log; None if its estimate has no innovations and sigmas.
 
     Args:
-        log: of a run; signals as they are by default.
-        probability: with which a consistent filter keeps within the bounds of all rows.
+        log: log of a run, with the default signals.
+        probability: with which a consistent filter stays within the bounds of all rows.
     """
     aids, states = fix_paths(log), state_series(log)
     if not aids or not states:
@@ -149,10 +149,11 @@ def assess_navigation(log: Log, probability: float = 0.95) -> Navigation | None:
 
 
 def state_series(log: Log) -> dict[str, Series]:
-    """Every state that has a sigma, by name, where an estimate was made anew; with its error where the log has truth.
+    """Return every state with a sigma, by name, at new estimates; with its error if the log has truth.
 
-    Left out is what nothing aided in this run (`unaided_states`). Empty where no estimate was valid. An estimate is of
-    the time of its newest measurement, so it is compared with the truth of that time, except while it coasts.
+    States without aiding in this run are left out (`unaided_states`). The result is empty without a valid estimate. An
+    estimate refers to the time of its newest measurement, so it is compared with the truth of that time, except while
+    it coasts.
     """
     base = state_path(log)
     if base is None:
@@ -176,19 +177,19 @@ def state_series(log: Log) -> dict[str, Series]:
 
 
 def innovations(log: Log) -> dict[str, tuple[Any, Any, int]]:
-    """By aiding sensor: times of its updates (n,) s, their NIS (n,), and its degrees of freedom; each range counts."""
+    """Return, by aiding sensor, times of updates (n,) s, their NIS (n,), and degrees of freedom; each range counts."""
     updates = {name: find_updates(log, path, -np.inf) for name, path in fix_paths(log).items()}
     return {name: (u.t, u.nis, u.normalised_innovations.shape[1]) for name, u in updates.items() if len(u.nis)}
 
 
 def state_path(log: Log) -> str | None:
-    """Path of the state that knows its sigmas; None where there is none."""
+    """Return the path of the state with sigmas; None without one."""
     sigmas = (p for p in log.paths if p.startswith("estimate.") and p.endswith(".sigma_heading"))
     return next((p.rpartition(".")[0] for p in sigmas), None)
 
 
 def fix_paths(log: Log) -> dict[str, str]:
-    """Name of each aiding sensor -> path of its fix; "range" where each range counts by itself."""
+    """Return the name of each aiding sensor -> path of its fix; "range" if each range counts by itself."""
     ends = ("nis", "normalised", "used", "rejected")
     fixes = [p[:-4] for p in log.paths if p.startswith("estimate.") and p.endswith(".nis")]
     whole = [p for p in fixes if all(f"{p}.{end}" in log for end in ends)]
@@ -196,15 +197,15 @@ def fix_paths(log: Log) -> dict[str, str]:
 
 
 def flag_signal(log: Log, path: str, otherwise: bool) -> Any:
-    """A signal (rows,) as booleans; the same everywhere where the log has none."""
+    """Return a signal (rows,) as booleans; a constant if the log lacks it."""
     return log[path].astype(bool) if path in log else np.full(len(log), otherwise)
 
 
 def unaided_states(log: Log) -> frozenset[str]:
-    """States that no measurement corrected, though the estimate was valid.
+    """Return the states that no measurement corrected, although the estimate was valid.
 
-    Of a vehicle without a position sensor the place is a guess that grows. Of a run without a valid estimate nothing
-    can be said: there, an aid that was wanted did not come.
+    Without a position sensor, the position is a guess with growing error. A run without a valid estimate gives no
+    states, because an expected aid may be missing.
     """
     base = state_path(log)
     if not flag_signal(log, "estimate.valid", True).any():
@@ -216,7 +217,7 @@ def unaided_states(log: Log) -> frozenset[str]:
 
 
 def find_updates(log: Log, path: str, since: float) -> AidingUpdates:
-    """A measurement counts where the number of those used and refused rises from one row to the next."""
+    """Return the updates: rows in which the number of used and rejected measurements rises."""
     refused = log[f"{path}.rejected"].astype(np.int64)
     more = np.diff(log[f"{path}.used"].astype(np.int64) + refused, prepend=0)
     new, nis = np.diff(refused, prepend=0), log[f"{path}.nis"]
@@ -230,10 +231,10 @@ def find_updates(log: Log, path: str, since: float) -> AidingUpdates:
 
 
 def _find_range_updates(log: Log, path: str, rows: Any, more: Any, new: Any) -> AidingUpdates:
-    """Of a RangeFix (rows, n): each range that was predicted is an update with one degree of freedom, in order.
+    """Return the updates of a RangeFix (rows, n): each predicted range is one with one degree of freedom, in order.
 
-    Not predicted are those that disagree with the rest, and all of a ping at which the filter waited for a start; then
-    the last innovations are left standing.
+    Not predicted are ranges that disagree with the rest, and all ranges of a ping at which the filter waited for a
+    start; then the last innovations remain.
     """
     nis, ran = log[f"{path}.nis"], flag_signal(log, f"{path}.tracking", True)
     rows = rows & np.append(ran[:1], ran[:-1])
@@ -258,7 +259,7 @@ def _assess_aiding(u: AidingUpdates, tail: float) -> Aiding:
 
 
 def _normalised_errors(s: Series, since: float) -> Any:
-    """Errors over sigmas, only where both are numbers."""
+    """Return errors over sigmas, only where both are finite."""
     ok = (s.t >= since) & np.isfinite(s.error) & (s.sigma > 0)
     return np.where(ok, s.error / np.where(s.sigma > 0, s.sigma, 1.0), np.nan)[s.t >= since]
 
@@ -275,5 +276,5 @@ def _assess_convergence(s: Series) -> SigmaConvergence:
 
 
 def _combine_verdicts(verdicts: list[str]) -> str:
-    """Too sure anywhere is too sure; a run is consistent where something says so and nothing contradicts."""
+    """Combine verdicts: optimistic if any is; consistent if some verdict supports it and none contradicts."""
     return next((v for v in (OPTIMISTIC, PESSIMISTIC, CONSISTENT) if v in verdicts), UNDECIDED)

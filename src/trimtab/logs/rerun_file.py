@@ -1,9 +1,9 @@
-"""A flight as a recording that Rerun's viewer opens: the moving body with its way, and every number over time.
+"""Recording of a flight for Rerun's viewer: the moving body with its path, and every number over time.
 
-    /world/vehicle        the body's frame and axes, in W      /world/way        where it has been
+    /world/vehicle        the body's frame and axes, in W      /world/way        the path so far
     /signals/truth/…      every signal of the log, by its path; vectors number by number
 
-The scene has W's axes: x north, y east, z down, which Rerun is told.
+The scene has W's axes: x north, y east, z down, as declared to Rerun.
 Source: Rerun's manual, Transform3D and send_columns.
 """
 
@@ -20,17 +20,17 @@ from trimtab.logs.log import Log
 NAME, TIMELINE = "trimtab", "time"
 SIGNALS, WORLD, BODY, WAY = "signals", "world", "world/vehicle", "world/way"
 AXIS_LENGTH = 0.5
-"""Metres: axes that can be seen, not the vehicle's own size."""
+"""Length of the axes (m), chosen for visibility, not the vehicle's own size."""
 MOST_NUMBERS = 64
-"""Of a signal that is shown; one with more, such as of each craft of a swarm, is left out."""
+"""Maximum number of elements of a signal; larger ones, such as those of a swarm's craft, are left out."""
 
 
 def write_rerun(file: Path, log: Log, motion: Any) -> dict[str, int]:
-    """Write a recording; how many rows its body has, and how many numbers over time there are.
+    """Write a recording; return the number of rows of its body, and the number of signals over time.
 
     Args:
-        file: that ends in .rrd; one that is there is replaced.
-        log: whose signals.
+        file: path that ends in .rrd; an existing file is replaced.
+        log: log with the signals.
         motion: `run.log_motion.MotionRows`.
 
     Raises:
@@ -57,7 +57,7 @@ def write_rerun(file: Path, log: Log, motion: Any) -> dict[str, int]:
 
 
 def _send_body(rr: Any, recording: Any, motion: Any) -> None:
-    """The frame that moves, its axes, and its way."""
+    """Send the moving frame, its axes, and its path."""
     times = [rr.TimeColumn(TIMELINE, duration=to_seconds(motion.ticks))]
     pose = {"translation": motion.position, "quaternion": motion.attitude[:, [1, 2, 3, 0]]}
     recording.send_columns(BODY, indexes=times, columns=rr.Transform3D.columns(**pose))

@@ -1,7 +1,7 @@
-"""A bounded ring in shared memory: rows of numbers, and short texts, from one process to one other.
+"""Bounded ring buffer in shared memory: rows of numbers, and short texts, from one process to another.
 
 The writing side never waits: when the ring is full, a row is dropped and counted, and the gap in the sequence numbers
-shows the reading side where. Either may die at any moment without the other's noticing: what was put stays readable.
+shows the reading side its place. Either side may end at any moment; rows already in the ring stay readable.
 """
 
 import shutil
@@ -17,26 +17,26 @@ import numpy as np
 from trimtab.core.errors import InputError
 
 COLUMNS, ROWS, EVENTS, ROWS_WRITTEN, ROWS_READ, ROWS_DROPPED, TEXTS_WRITTEN, TEXTS_READ = range(8)
-"""Places in the head: the sizes; then what the writing and the reading side have counted."""
+"""Indices in the head: the sizes, then the counters of the writing and the reading side."""
 HEAD = 128
 TEXT, TEXT_BYTES = 256, 232
-"""Bytes of an event's place, and how many of them its text may take."""
+"""Bytes for an event, and maximum number of bytes of its text."""
 SETTLE = 1e-4
-"""Seconds in which what one core has stored is seen by all others, whatever their memory's order."""
+"""Time (s) after which all cores see what one core has stored, in any memory order."""
 SHARED = Path("/dev/shm")
 
 
 class TextEvent(NamedTuple):
-    """A text. before: sequence number of the first row that was put after it."""
+    """Text. before: sequence number of the first row put after it."""
 
     before: int
     text: str
 
 
 class Ring:
-    """One side of a ring; made by `Ring.create`, and joined from another process by `Ring.attach`.
+    """One side of a ring; created by `Ring.create`, and joined from another process by `Ring.attach`.
 
-    One thread may put, and one thread may take.
+    One thread may write, and one thread may read.
     """
 
     def __init__(self, memory: shared_memory.SharedMemory, sizes: tuple[int, int, int]) -> None:
@@ -55,16 +55,16 @@ class Ring:
 
     @classmethod
     def create(cls, name: str = "", *, columns: int, rows: int = 4096, events: int = 256) -> "Ring":
-        """A new ring, whose memory is touched already.
+        """Create a ring, and touch its memory.
 
         Args:
-            name: under which the other side finds it; chosen when empty.
+            name: name for the other side; chosen if empty.
             columns: numbers in a row.
-            rows: how many it holds until the first is dropped.
-            events: how many texts it holds.
+            rows: capacity in rows, beyond which rows are dropped.
+            events: capacity in texts.
         """
         if min(columns, rows, events) < 1:
-            problem = f"{columns} columns, {rows} rows, {events} events"
+            problem = f"got {columns} columns, {rows} rows, {events} events"
             raise InputError("ring", problem, fix="give at least one of each")
         size = HEAD + 8 * rows * (columns + 1) + TEXT * events
         if SHARED.is_dir() and shutil.disk_usage(SHARED).free < size:
@@ -74,7 +74,9 @@ class Ring:
         try:
             memory = shared_memory.SharedMemory(name or None, create=True, size=size)
         except FileExistsError:
-            raise InputError("ring", f"there is one named {name!r}", fix="give another name, or none") from None
+            raise InputError(
+                "ring", f"a ring named {name!r} already exists", fix="give another name, or none"
+            ) from None
         with _buffer(memory)[:HEAD].cast("q") as head:
             head[COLUMNS], head[ROWS], head[EVENTS] = columns, rows, events
         ring = cls(memory, (columns, rows, events))
@@ -83,32 +85,32 @@ class Ring:
 
     @classmethod
     def attach(cls, name: str) -> "Ring":
-        """The ring of a name, from another process."""
+        """Attach to the ring of a name, from another process."""
         try:
             memory = _open_memory(name)
         except FileNotFoundError:
-            raise InputError("ring", f"there is none named {name!r}", fix="create it first") from None
+            raise InputError("ring", f"no ring named {name!r} exists", fix="create it first") from None
         with _buffer(memory)[:HEAD].cast("q") as head:
             sizes = head[COLUMNS], head[ROWS], head[EVENTS]
         return cls(memory, sizes)
 
     @property
     def name(self) -> str:
-        """Under which the other side finds it."""
+        """Name for the other side."""
         return self._memory.name
 
     @property
     def dropped_rows(self) -> int:
-        """Rows for which there was no room."""
+        """Number of rows dropped for lack of space."""
         return self._head[ROWS_DROPPED]
 
     @property
     def waiting_rows(self) -> int:
-        """Rows that were put and not yet taken."""
+        """Number of rows written and not yet read."""
         return self._head[ROWS_WRITTEN] - self._head[ROWS_READ]
 
     def write_row(self, row: Any) -> bool:
-        """Hand a row over, float64 (columns,); False where it had to be dropped. Waits for nobody."""
+        """Write a row, float64 (columns,), without waiting; return False if it had to be dropped."""
         head, n, sequence = self._head, self._written, self._sequence
         self._sequence = sequence + 1
         if n - head[ROWS_READ] >= self.rows:
@@ -121,7 +123,7 @@ class Ring:
         return True
 
     def write_text(self, text: str) -> bool:
-        """Hand a text over, cut at TEXT_BYTES; False where it had to be dropped."""
+        """Write a text, cut at TEXT_BYTES; return False if it had to be dropped."""
         head = self._head
         n = head[TEXTS_WRITTEN]
         if n - head[TEXTS_READ] >= self.events:
@@ -134,7 +136,7 @@ class Ring:
         return True
 
     def read_rows(self) -> tuple[Any, Any]:
-        """All rows that wait: their sequence numbers (n,) int64, and copies of the rows (n, columns)."""
+        """Return all waiting rows: their sequence numbers (n,) int64, and copies of the rows (n, columns)."""
         first, last = self._head[ROWS_READ], self._head[ROWS_WRITTEN]
         time.sleep(SETTLE)
         places = np.arange(first, last) % self.rows
@@ -143,7 +145,7 @@ class Ring:
         return taken
 
     def read_texts(self) -> list[TextEvent]:
-        """All texts that wait."""
+        """Return all waiting texts."""
         first, last = self._head[TEXTS_READ], self._head[TEXTS_WRITTEN]
         time.sleep(SETTLE)
         texts = []
@@ -155,7 +157,7 @@ class Ring:
         return texts
 
     def close(self) -> None:
-        """Leave the ring; it stays until `unlink`, or until whoever made it has ended."""
+        """Leave the ring; it stays until `unlink`, or until its creator has ended."""
         if self._memory.buf is None:
             return
         del self._sequences, self._numbers
@@ -164,7 +166,7 @@ class Ring:
         self._memory.close()
 
     def unlink(self) -> None:
-        """Take the name away; memory goes when nobody is in the ring any more."""
+        """Remove the name; the memory is freed when no process uses the ring."""
         self._memory.unlink()
 
     def __enter__(self) -> "Ring":
@@ -179,7 +181,7 @@ def _buffer(memory: shared_memory.SharedMemory) -> Any:
 
 
 def _open_memory(name: str) -> shared_memory.SharedMemory:
-    """Shared memory of another process, which that process alone will tidy away."""
+    """Open shared memory of another process, which alone will remove it."""
     if sys.version_info >= (3, 13):
         return shared_memory.SharedMemory(name, track=False)
     tracked: Callable[..., Any] = resource_tracker.register

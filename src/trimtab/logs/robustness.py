@@ -1,16 +1,16 @@
-"""How far a log is from breaking a formula of signal temporal logic, at each of its rows; vectorised over runs.
+"""Robustness of a formula of signal temporal logic at each row of a log; vectorised over runs.
 
-Time is that of the rows: an interval [a, b] of a row at t is the rows at t + a <= t' <= t + b, both ends included, as
-far as there are any. With p the numbers compared, and min and max of no rows +inf and -inf:
+Time is that of the rows: the interval [a, b] of a row at t is the set of existing rows at t + a <= t' <= t + b, both
+ends included. With p the numbers compared, and min and max of no rows +inf and -inf:
 
     x <= c, x < c    c - x         x == c   -|x - c|       always[a, b] F       min of F over the interval
     x >= c, x > c    x - c         x != c   |x - c|        F until[a, b] G      max over t' in it of
     not F  -F        F and G  min(F, G)                                            min(G(t'), min of F over [t, t'))
 
-The sign decides: above 0 the formula holds, below 0 it doesn't. So that it decides always, a comparison of equal
-numbers is +LEAST where it holds and -LEAST where it doesn't; one with what is no number is -inf, and so is its
-opposite. Least and largest over a sliding window take time in proportion to the rows, whatever its length: rows are
-parted so that each window has one boundary inside, from which it is looked up to either side.
+The sign decides: above 0 the formula holds, below 0 it doesn't. A comparison of equal numbers is +LEAST if it holds and
+-LEAST otherwise, so that the sign always decides. A comparison with NaN is -inf, and so is its opposite. Minimum and
+maximum over a sliding window take time in proportion to the rows, for any length: rows are divided so that each window
+contains one boundary, from which it is looked up to either side.
 
 Source: Donze, Maler, "Robust satisfaction of temporal logic over real-valued signals", FORMATS 2010; bounded until from
 an unbounded one: Donze, Ferrere, Maler, "Efficient robust monitoring for STL", CAV 2013, section 4; the windows: van
@@ -31,17 +31,17 @@ from trimtab.logs.log import Log
 from trimtab.logs.metrics import full_path
 
 LEAST = 1e-30
-"""What a comparison of equal numbers gives: so that the sign says whether it holds."""
+"""Robustness of a comparison of equal numbers, so that the sign shows if it holds."""
 EXTREMES = {"always": np.minimum, "historically": np.minimum, "eventually": np.maximum, "once": np.maximum}
 PENDING, HOLDS, VIOLATED = range(3)
 VERDICTS = ("pending", "holds", "violated")
-"""What is said of a formula in flight."""
+"""Verdicts on a formula in flight."""
 OPPOSITE = {"historically": "always", "once": "eventually", "since": "until"}
-"""What each word about the past is, when time runs backwards."""
+"""Future counterparts of the words about the past, for reversed time."""
 
 
 class Assessment(NamedTuple):
-    """What a log says of a formula. robustness: at the first row, in `unit`; the formula holds where it is above 0."""
+    """Verdict of a log on a formula. robustness: at the first row, in `unit`; the formula holds if it is above 0."""
 
     formula: str
     robustness: float
@@ -49,31 +49,31 @@ class Assessment(NamedTuple):
 
     @property
     def holds(self) -> bool:
-        """Whether the log keeps to the formula."""
+        """True if the log satisfies the formula."""
         return self.robustness > 0
 
     def __str__(self) -> str:
-        """In a line, as in "holds, robustness 0.12 rad/s: always(…)"."""
+        """Return one line, as in "holds, robustness 0.12 rad/s: always(…)"."""
         return f"{'holds' if self.holds else 'VIOLATED'}, robustness {format_robustness(self)}: {self.formula}"
 
 
 def format_robustness(assessment: Assessment) -> str:
-    """The number with its unit; what is of equal numbers is 0."""
+    """Format the robustness with its unit; that of equal numbers is 0."""
     value = 0.0 if abs(assessment.robustness) <= LEAST else assessment.robustness
     return f"{value:.4g}" + (f" {assessment.unit}" if assessment.unit != "1" else "")
 
 
 def fit_to_log(text: str, log: Log) -> Formula:
-    """Read a formula of the signals of a log; refuses what does not fit them."""
+    """Read a formula of the signals of a log; raise InputError if it does not fit them."""
     shapes = {path: values.shape[1:] for path, values in log.signals.items()}
     return fit_formula(text, shapes, {path: log.unit(path) for path in log.signals}, full_path)
 
 
 def assess_formula(log: Log, text: str) -> Assessment:
-    """What a log says of a formula, from its first row on.
+    """Evaluate a formula on a log, from its first row on.
 
     Raises:
-        InputError: a text that is no formula of its signals; a log that ends before the formula's last instant.
+        InputError: an invalid formula, or a log that ends before the formula's last instant.
     """
     formula = fit_to_log(text, log)
     end = log.metadata.get("duration_s")
@@ -84,20 +84,20 @@ def assess_formula(log: Log, text: str) -> Assessment:
 
 
 def check_length(formula: Formula, duration: int) -> None:
-    """Refuse a formula that looks beyond the end of a run of this duration (100 ns)."""
+    """Raise InputError for a formula that looks beyond the end of a run of this duration (100 ns)."""
     needed = least_length(formula.root)
     if needed > duration:
-        problem = f"it looks {format_time(needed)} ahead, and the run lasts {format_time(duration)}"
+        problem = f"it looks {format_time(needed)} ahead, but the run lasts {format_time(duration)}"
         fix = f"{argument('settings', format_time(needed), 'duration')}, or end its intervals earlier"
         raise InputError(f"formula {formula.text!r}", problem, fix=fix)
 
 
 def robustness(formula: Formula, ticks: Any, read: Callable[[str], Any]) -> Any:
-    """Robustness at each row of each run, (n, m).
+    """Return the robustness at each row of each run, (n, m).
 
     Args:
-        formula: fitted to the signals.
-        ticks: of the rows, int64 (m,), strictly rising.
+        formula: formula, fitted to the signals.
+        ticks: times of the rows, int64 (m,), strictly rising.
         read: path -> values (n, m) or (n, m, k).
     """
     with np.errstate(invalid="ignore", over="ignore", divide="ignore"):
@@ -106,7 +106,7 @@ def robustness(formula: Formula, ticks: Any, read: Callable[[str], Any]) -> Any:
 
 
 class _Rows:
-    """The rows of some runs, rows first: (m, n). Called with a formula, and 1 or -1 for one that is negated."""
+    """Rows of some runs, rows first: (m, n). Called with a formula and a sign: 1, or -1 for a negated one."""
 
     def __init__(self, ticks: Any, read: Callable[[str], Any]) -> None:
         self.ticks, self.read = ticks, read
@@ -128,7 +128,7 @@ class _Rows:
 
 
 def evaluate_number(tree: Any, read: Callable[[str], Any]) -> Any:
-    """The value of a number of a formula; read: path -> values, the components of a signal last."""
+    """Return the value of a number of a formula; read: path -> values, with the components of a signal last."""
     if isinstance(tree, Literal):
         return tree.value
     if isinstance(tree, SignalPath):
@@ -148,7 +148,7 @@ def evaluate_number(tree: Any, read: Callable[[str], Any]) -> Any:
 
 
 def compare(xp: Any, left: Any, relation: str, right: Any, sign: int) -> Any:
-    """Robustness of a comparison. xp: numpy, or jax.numpy.  sign: -1 where it is negated, so that NaN never holds."""
+    """Return the robustness of a comparison. xp: numpy, or jax.numpy.  sign: -1 if negated, so that NaN never holds."""
     room = right - left if relation in ("<", "<=") else left - right
     if relation in ("==", "!="):
         room = -abs(room) if relation == "==" else abs(room)
@@ -158,7 +158,7 @@ def compare(xp: Any, left: Any, relation: str, right: Any, sign: int) -> Any:
 
 
 def join(xp: Any, word: str, below: list[Any]) -> Any:
-    """Robustness of not, and, or, implies."""
+    """Return the robustness of not, and, or, implies."""
     if word == "not":
         return -below[0]
     if word == "and":
@@ -167,7 +167,7 @@ def join(xp: Any, word: str, below: list[Any]) -> Any:
 
 
 def _look_ahead(ticks: Any, word: str, low: int, high: int | None, below: list[Any]) -> Any:
-    """always, eventually or until, of formulas (m, n)."""
+    """Return the robustness of always, eventually or until, of formulas (m, n)."""
     first = np.searchsorted(ticks, ticks + low, "left")
     last = np.full(len(ticks), len(ticks) - 1) if high is None else np.searchsorted(ticks, ticks + high, "right") - 1
     if word != "until":
@@ -185,9 +185,9 @@ def _look_ahead(ticks: Any, word: str, low: int, high: int | None, below: list[A
 
 
 def slide(x: Any, first: Any, last: Any, extreme: Any) -> Any:
-    """Least or largest of x (m, n) over the rows first[i] … last[i] of each i, neither of which ever falls, (m, n).
+    """Return min or max of x (m, n) over the rows first[i] … last[i] of each i, both non-decreasing, (m, n).
 
-    extreme: np.minimum or np.maximum; of no rows it is +inf or -inf.
+    extreme: np.minimum or np.maximum; for no rows the result is +inf or -inf.
     """
     result = np.full(x.shape, np.inf if extreme is np.minimum else -np.inf)
     full = np.flatnonzero(first <= last)

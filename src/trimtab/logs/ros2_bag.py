@@ -1,9 +1,9 @@
-"""A flight as a bag of ROS 2: a folder that `ros2 bag play`, RViz and Foxglove open, with standard messages.
+"""Bag of ROS 2 from a flight: a folder for `ros2 bag play`, RViz and Foxglove, with standard messages.
 
     /odom          nav_msgs/msg/Odometry     place and attitude in `map`, velocities in `base_link`: the truth
     /tf            tf2_msgs/msg/TFMessage    `base_link` in `map`
-    /imu           sensor_msgs/msg/Imu       what an ideal IMU would have said
-    /NAME/imu      the same                  of each IMU of three axes that the vehicle had, as it measured
+    /imu           sensor_msgs/msg/Imu       measurement of an ideal IMU
+    /NAME/imu      the same                  of each three-axis IMU of the vehicle, as it measured
 
 ROS has east, north, up and forward, left, up (REP 103) where this package has north, east, down and forward,
 starboard, down. Source: REP 103, 105, 145; rosbag2, storage MCAP.
@@ -25,30 +25,30 @@ TYPES = {"odom": "nav_msgs/msg/Odometry", "tf": "tf2_msgs/msg/TFMessage", "imu":
 HALF = math.sqrt(0.5)
 NED_IN_ENU, FLU_IN_FRD = (0.0, HALF, HALF, 0.0), (0.0, 1.0, 0.0, 0.0)
 NO_ORIENTATION = -1.0
-"""First number of a covariance: there is no such measurement (sensor_msgs/Imu)."""
+"""First number of a covariance for a missing measurement (sensor_msgs/Imu)."""
 BAG_VERSION = 9
 
 
 class RosPose(NamedTuple):
-    """Place in `map` (n, 3), and attitude of `base_link` in it as x, y, z, w (n, 4)."""
+    """Position in `map` (n, 3), and attitude of `base_link` in it as x, y, z, w (n, 4)."""
 
     position: Any
     orientation: Any
 
 
 def convert_pose(position: Any, attitude: Any) -> RosPose:
-    """Places in W (n, 3) and quaternions q_WB, scalar first (n, 4), as ROS has them."""
+    """Convert positions in W (n, 3) and quaternions q_WB, scalar first (n, 4), to ROS axes."""
     turned = multiply_quaternions(multiply_quaternions(np.array(NED_IN_ENU), attitude), np.array(FLU_IN_FRD))
     return RosPose(position[:, [1, 0, 2]] * [1, 1, -1], turned[:, [1, 2, 3, 0]])
 
 
 def convert_vector(in_body: Any) -> Any:
-    """Vectors in B (n, 3) along forward, left, up."""
+    """Convert vectors in B (n, 3) to forward, left, up."""
     return in_body * [1, -1, -1]
 
 
 def multiply_quaternions(p: Any, q: Any) -> Any:
-    """p q, scalar first, row by row."""
+    """Return p q, scalar first, row by row."""
     a, b, c, d = np.moveaxis(np.asarray(p, float), -1, 0)
     w, x, y, z = np.moveaxis(np.asarray(q, float), -1, 0)
     rows = a * w - b * x - c * y - d * z, a * x + b * w + c * z - d * y
@@ -57,21 +57,21 @@ def multiply_quaternions(p: Any, q: Any) -> Any:
 
 
 def write_ros2_bag(folder: Path, motion: Any, imus: Mapping[str, Any], epoch: int = 0) -> dict[str, int]:
-    """Write a bag; topic -> how many messages. Rows that are not all numbers are left out.
+    """Write a bag; return topic -> number of messages. Rows with NaN are left out.
 
     Args:
-        folder: that does not exist yet.
+        folder: a folder that does not exist yet.
         motion: `run.log_motion.MotionRows`.
         imus: name of each sensor -> `run.log_motion.ImuRows`.
         epoch: time of day at time zero (ns).
 
     Raises:
-        InputError: the package rosbags is missing, or the folder is there already.
+        InputError: the package rosbags is missing, or the folder exists already.
     """
     part = f"folder '{folder}'"
     rosbag2 = import_package(part, "rosbags.rosbag2")
     if folder.exists():
-        raise InputError(part, "is there already", fix="name a new folder: a bag is written whole")
+        raise InputError(part, "exists already", fix="name a new folder; a bag is written as a whole")
     messages = RosMessages(import_package(part, "rosbags.typesys"), epoch)
     topics = {"/odom": ("odom", motion), "/tf": ("tf", motion), "/imu": ("imu", motion)}
     topics |= {f"/{name}/imu": ("imu", rows) for name, rows in imus.items()}
@@ -89,21 +89,21 @@ def write_ros2_bag(folder: Path, motion: Any, imus: Mapping[str, Any], epoch: in
 
 
 def _keep_finite(rows: Any) -> Any:
-    """The rows of which all are numbers."""
+    """Return the rows with only finite numbers."""
     good = np.logical_and.reduce([np.isfinite(c).reshape(len(c), -1).all(axis=1) for c in rows])
     return type(rows)(*(c[good] for c in rows))
 
 
 class RosMessages:
-    """Messages of ROS 2 Humble out of rows."""
+    """Encoder of rows as messages of ROS 2 Humble."""
 
     def __init__(self, typesys: Any, epoch: int) -> None:
-        """typesys: rosbags' module.  epoch: time of day at time zero (ns)."""
+        """Create an encoder. typesys: rosbags' module.  epoch: time of day at time zero (ns)."""
         self.store = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)
         self._epoch = epoch
 
     def encode(self, kind: str, rows: Any, *, is_measured: bool) -> list[tuple[int, bytes]]:
-        """Time (ns) and bytes of each message. is_measured: by an IMU, which knows no attitude."""
+        """Return time (ns) and bytes of each message. is_measured: by an IMU, which has no attitude."""
         times = (rows.ticks * NS_PER_TICK + self._epoch).tolist()
         if kind == "imu":
             pose = None if is_measured else convert_pose(rows.position, rows.attitude)

@@ -1,7 +1,7 @@
-"""A sensor's own samples out of a log, and into one: each once, at the time it was measured, whatever the log's rows.
+"""Samples of a sensor, from a log and into a log: each once, at the time of measurement, whatever the log's rows.
 
-A log's rows hold the last sample until there is a new one. Which is which, the sample's own time says. Of other loggers
-CSV files are read: a line of names, which may say their unit, ``gyro_z [rad/s]`` or ``gyro_z (rad/s)``, then a line of
+A log's rows hold the last sample until there is a new one; the sample's own time shows which. CSV files of other
+loggers can be read: a line of names, optionally with units, ``gyro_z [rad/s]`` or ``gyro_z (rad/s)``, then a line of
 numbers for each instant.
 """
 
@@ -20,18 +20,18 @@ from trimtab.core.units import UNITS, find_size
 from trimtab.logs.log import Log
 
 TIMES = ("t", "time", "time_s", "timestamp", "seconds")
-"""Names of the column of times, whatever their case."""
+"""Names of the column of times, in any case."""
 BLOCK = "csv"
-"""Before each signal's name, as a log's paths name a block first: ``csv.gyro_z``."""
+"""Block name before each signal's name: ``csv.gyro_z``."""
 
 RECEIVED, TRUTH = "downlink", "truth"
-"""Blocks of a log: what the autopilot is given, and what was so."""
+"""Blocks of a log: signals received by the autopilot, and the truth."""
 
 
 class Samples(NamedTuple):
     """Evenly spaced samples.
 
-    values: (n,) or (n, k).  ticks: int64 (n,), when each was measured.  period: s, from one to the next.
+    values: (n,) or (n, k).  ticks: int64 (n,), times of measurement.  period: s, between samples.
     """
 
     values: Any
@@ -40,9 +40,9 @@ class Samples(NamedTuple):
 
 
 class SampleSeries(NamedTuple):
-    """What one sensor, or the truth, said.
+    """Samples of one sensor, or of the truth.
 
-    ticks: int64 (n,), rising, when each was measured.  values: field -> (n,) or (n, k).
+    ticks: int64 (n,), rising, times of measurement.  values: field -> (n,) or (n, k).
     declarations: field -> unit and meaning.
     """
 
@@ -54,21 +54,21 @@ class SampleSeries(NamedTuple):
 def log_samples(
     sensors: Mapping[str, SampleSeries], truth: SampleSeries | None = None, metadata: Mapping[str, Any] | None = None
 ) -> Log:
-    """A log of samples that were recorded elsewhere: what a replay needs, and who compares with the truth.
+    """Create a log from samples recorded elsewhere, for a replay and, with truth, for comparison.
 
-    It has a row at each instant at which a sample was measured, as if it had arrived at once; each row holds the newest
-    of each sensor. Times may begin anywhere: the first row is at 0.
+    It has a row at each time of measurement, as if the sample had arrived at once; each row holds the newest sample of
+    each sensor. Times may begin anywhere; the first row is at 0.
 
     Args:
-        sensors: by name, as an estimator listens to them.
-        truth: is interpolated to the rows; at its own instants it is exact.
-        metadata: what else to say of the log.
+        sensors: by their names in the estimator.
+        truth: interpolated to the rows; exact at its own instants.
+        metadata: further metadata of the log.
 
     Raises:
         InputError: no sensor, ticks that do not rise, or a field of another length than the ticks.
     """
     if not sensors:
-        raise InputError("log_samples", "there is no sensor", fix='give some, e.g. {"ranging": SampleSeries(…)}')
+        raise InputError("log_samples", "no sensor was given", fix='give some, e.g. {"ranging": SampleSeries(…)}')
     every = dict(sensors) | ({TRUTH: truth} if truth is not None else {})
     for name, series in every.items():
         _check_series(name, series)
@@ -95,7 +95,7 @@ def log_samples(
         signals[f"{TRUTH}.{field}"] = np.stack(rows, axis=1).reshape(len(instants), *np.shape(values)[1:])
     declared |= {f"{TRUTH}.{f}": d for f, d in ({} if truth is None else truth.declarations).items()}
     signals["log.dropped"] = np.zeros(len(ticks), np.int64)
-    declared["log.dropped"] = Quantity("1", "Rows lost before this one: a row is a step.", kind="count")
+    declared["log.dropped"] = Quantity("1", "Number of rows lost before this row; a row is a step.", kind="count")
     return Log(to_seconds(ticks), ticks, signals, declared, dict(metadata or {}))
 
 
@@ -103,19 +103,19 @@ def _check_series(name: str, series: SampleSeries) -> None:
     ticks = np.asarray(series.ticks)
     if ticks.ndim != 1 or not len(ticks) or ticks.dtype.kind not in "iu" or (np.diff(ticks) <= 0).any():
         fix = "give whole numbers of 100 ns, sorted, each once: np.round(seconds * 1e7).astype(np.int64)"
-        raise InputError(f"sensor {name!r}", "its ticks do not rise, or are no whole numbers", fix=fix)
+        raise InputError(f"sensor {name!r}", "its ticks do not rise, or are not whole numbers", fix=fix)
     for field, values in series.values.items():
         if len(values) != len(ticks):
-            problem = f"its field {field!r} has {len(values)} values, its ticks are {len(ticks)}"
+            problem = f"its field {field!r} has {len(values)} values, but there are {len(ticks)} ticks"
             raise InputError(f"sensor {name!r}", problem, fix="give one value for each tick")
 
 
 def samples(log: Log, path: str) -> Samples:
-    """The samples of a signal, each once; refused where some are missing from the log, or come at uneven times.
+    """Return the samples of a signal, each once; raise InputError for missing samples or uneven times.
 
     Args:
-        log: of a run or of a sensor.
-        path: a signal of a sample, e.g. ``sensors.imu.value.angular_rate``; of other signals the rows are the samples.
+        log: log of a run or of a sensor.
+        path: a signal of a sample, e.g. ``sensors.imu.value.angular_rate``; for other signals each row is a sample.
     """
     values, ticks = log[path], log.ticks
     sample = sample_path(log, path)
@@ -125,12 +125,12 @@ def samples(log: Log, path: str) -> Samples:
         first = np.diff(ticks, prepend=-1) != 0
         values, ticks = values[first], ticks[first]
     if len(ticks) < 3:
-        raise InputError(f"signal {path!r}", f"has {len(ticks)} samples in this log", fix="log it for longer")
+        raise InputError(f"signal {path!r}", f"has only {len(ticks)} samples in this log", fix="log it for longer")
     gaps = np.diff(ticks)
     settings = log.metadata.get("parameters", {})
     period = settings.get(f"world.{sample}.period") if isinstance(settings, dict) else None
-    usual = float(period or np.median(gaps))  # as the run's settings have it, or the usual one
-    loose = 0.01 if sample else 0.5  # a sensor keeps its period; rows of other loggers come when they can
+    usual = float(period or np.median(gaps))  # from the run's settings, or the usual gap
+    loose = 0.01 if sample else 0.5  # a sensor keeps its period; rows of other loggers vary
     uneven = np.flatnonzero(np.abs(gaps - usual) > loose * usual)
     if len(uneven):
         _refuse_gaps(log, path, ticks, uneven, usual, sampled=sample is not None)
@@ -138,7 +138,7 @@ def samples(log: Log, path: str) -> Samples:
 
 
 def sample_path(log: Log, path: str) -> str | None:
-    """The path of the sample that a signal belongs to, e.g. ``sensors.imu``; None where it belongs to none."""
+    """Return the path of the sample of a signal, e.g. ``sensors.imu``; None for other signals."""
     before, value, _ = path.partition(".value.")
     return before if value and f"{before}.t" in log else None
 
@@ -146,12 +146,12 @@ def sample_path(log: Log, path: str) -> str | None:
 def _refuse_gaps(log: Log, path: str, ticks: Any, uneven: Any, usual: float, *, sampled: bool) -> None:
     at, gap = ticks[uneven[0]], np.diff(ticks)[uneven[0]]
     problem = f"its samples are not evenly spaced: usually {format_time(round(usual))}, but {format_time(int(gap))} at"
-    problem += f" {at / UNITS_PER_SECOND:.4f} s, and {len(uneven) - 1} such gaps more"
+    problem += f" {at / UNITS_PER_SECOND:.4f} s, and {len(uneven) - 1} more such gaps"
     fix = "cut the log to a stretch without gaps, or log again"
     rows = float(np.median(np.diff(log.ticks)))
     if sampled and rows > min(usual, np.diff(ticks).min()):
-        problem += f"; the rows of the log come each {format_time(round(rows))}, so it misses samples"
-        fix = "log rows more often than there are samples, e.g. simulate(…, log_period=ms(1))"
+        problem += f"; the log has a row every {format_time(round(rows))}, so it misses samples"
+        fix = "log rows more often than samples come, e.g. simulate(…, log_period=ms(1))"
     raise InputError(f"signal {path!r}", problem, fix=fix)
 
 
@@ -160,7 +160,7 @@ def read_csv(path: str | os.PathLike[str], time: str | None = None) -> Log:
 
     Args:
         path: the file.
-        time: name of the column of times, in s or the unit that it says; the first of TIMES that there is when None.
+        time: name of the column of times, in s or its own unit; None: the first of TIMES in the file.
     """
     where = f"log file '{path}'"
     names, units, lines = _read_lines(path)
@@ -168,7 +168,10 @@ def read_csv(path: str | os.PathLike[str], time: str | None = None) -> Log:
     if not chosen:
         problem = f"has no column {time!r}" if time else "has no column of times"
         raise InputError(
-            where, problem, choices=names, fix=f"name it time (in seconds), or say {argument('time', 'NAME')}"
+            where,
+            problem,
+            choices=names,
+            fix=f"name it time (in seconds), or give its name: {argument('time', 'NAME')}",
         )
     paths = _signal_paths(where, names, chosen[0])
     rows = _parse_numbers(where, lines, len(names), gaps=False)
@@ -180,13 +183,17 @@ def read_csv(path: str | os.PathLike[str], time: str | None = None) -> Log:
     declared = {paths[n]: Quantity(u or "1", f"Column {n}.") for n, u in zip(names, units, strict=True) if n in paths}
     if (np.diff(ticks) <= 0).any():
         at = int(np.argmax(np.diff(ticks) <= 0))
-        problem = f"its times do not rise after line {at + 2}: {seconds[at]}, then {seconds[at + 1]}"
-        raise InputError(where, problem, fix="sort it, leave out repeated rows, and give times to at least 100 ns")
+        problem = f"its times must rise, but after line {at + 2}: {seconds[at]}, then {seconds[at + 1]}"
+        raise InputError(
+            where,
+            problem,
+            fix=("sort the file, remove repeated rows, and write times with a resolution of at least 100 ns"),
+        )
     return Log(to_seconds(ticks), ticks, signals, declared, {"file": Path(path).name})
 
 
 class CsvColumns(NamedTuple):
-    """names: of the columns, without their units.  units: as the names said them, or nothing.  rows: (n, k)."""
+    """Columns of a file. names: without their units.  units: from the names, or empty.  rows: (n, k)."""
 
     names: list[str]
     units: list[str]
@@ -194,21 +201,21 @@ class CsvColumns(NamedTuple):
 
 
 def read_columns(path: str | os.PathLike[str], *, gaps: bool = False) -> CsvColumns:
-    """The numbers of a CSV file.
+    """Read the numbers of a CSV file.
 
     Args:
         path: the file.
-        gaps: take empty cells and such that are not finite as not a number; otherwise they are refused.
+        gaps: True to read empty and non-finite cells as NaN; False to reject them.
 
     Raises:
-        InputError: a file that can't be read, has no rows, or holds what is no number.
+        InputError: a file that can't be read, has no rows, or holds text instead of numbers.
     """
     names, units, lines = _read_lines(path)
     return CsvColumns(names, units, _parse_numbers(f"log file '{path}'", lines, len(names), gaps=gaps))
 
 
 def _read_lines(path: str | os.PathLike[str]) -> tuple[list[str], list[str], list[str]]:
-    """Names, their units, and the lines of numbers."""
+    """Return the names, their units, and the lines of numbers."""
     where = f"log file '{path}'"
     try:
         text = Path(path).read_text(encoding="utf-8-sig")
@@ -225,7 +232,7 @@ def _read_lines(path: str | os.PathLike[str]) -> tuple[list[str], list[str], lis
 
 
 def _time_scale(where: str, name: str, unit: str) -> float:
-    """Seconds of one unit of the column of times; one that says none is in seconds."""
+    """Return the length in seconds of the unit of the column of times; default: seconds."""
     scale = find_size(unit or "s", "s")
     if scale is None:
         problem = f"its column of times {name!r} is in {unit!r}"
@@ -235,13 +242,13 @@ def _time_scale(where: str, name: str, unit: str) -> float:
 
 
 def _signal_paths(where: str, names: list[str], time: str) -> dict[str, str]:
-    """Signal of each column but the times; two columns of one signal would hide each other."""
+    """Return the signal of each column except the times; raise InputError if two columns have the same signal."""
     paths: dict[str, str] = {}
     for i, name in enumerate(names):
         path = f"{BLOCK}.{re.sub(r'[^0-9A-Za-z]+', '_', name)}"
         same = next((n for n, p in paths.items() if p == path), None)
         if same is not None or name in names[:i]:
-            problem = f"columns {same or name!r} and {name!r} are one signal, {path}"
+            problem = f"columns {same or name!r} and {name!r} have the same signal, {path}"
             raise InputError(where, problem, fix=f"give them names that differ in letters or digits, e.g. {name}_2")
         if name != time:
             paths[name] = path
@@ -252,7 +259,7 @@ def _parse_numbers(where: str, lines: list[str], columns: int, *, gaps: bool) ->
     cells = [line.split(",") for line in lines]
     for i, row in enumerate(cells):
         if len(row) != columns:
-            problem = f"line {i + 2} has {len(row)} columns, the names are {columns}"
+            problem = f"line {i + 2} has {len(row)} columns, but there are {columns} names"
             fix = "give one number for each name, without commas inside"
             if len(row) == 2 * columns:
                 problem, fix = f"{problem}: it seems to have decimal commas", "write a decimal point: 1.5, not 1,5"
@@ -262,12 +269,14 @@ def _parse_numbers(where: str, lines: list[str], columns: int, *, gaps: bool) ->
     try:
         rows = np.array(cells, np.float64).reshape(len(cells), columns)
     except ValueError as error:
-        raise InputError(where, f"holds what is no number: {error}", fix="write numbers with a decimal point") from None
+        raise InputError(
+            where, f"holds text that is not a number: {error}", fix="write numbers with a decimal point"
+        ) from None
     if not len(rows) or not (gaps or np.isfinite(rows).all()):
         line = int(np.argmin(np.isfinite(rows).all(1))) + 2 if len(rows) else 0
         if not line:
             fix = "trimtab run SCENARIO --out DIR  writes a log; a table is a line of names, then lines of numbers"
             raise InputError(where, "has no rows", fix=fix)
-        fix = "leave such lines out; gaps are then named by their time"
-        raise InputError(where, f"line {line} is not finite", fix=fix)
+        fix = "leave such lines out; gaps are then reported by their time"
+        raise InputError(where, f"line {line} has a value that is not finite", fix=fix)
     return rows

@@ -1,17 +1,17 @@
-"""Flight in three dimensions as people read it: roll, pitch, yaw, altitude, speeds, out of a log's truth.
+"""Flight in three dimensions in readable form: roll, pitch, yaw, altitude, speeds, from a log's truth.
 
-A vehicle keeps its attitude as a quaternion and its place as three numbers; neither is read off a table or a picture.
-Which signals they are follows from what they were declared as:
+A vehicle has its attitude as a quaternion and its position as three numbers; neither is readable in a table or a plot.
+The declarations show which signals they are:
 
     attitude   (4,), unit 1, frame WB or IB: a quaternion, scalar first
     position   (3,), m, frame W or I: the attitude's       velocity  (3,), m/s, frame W, I or B
     rate       (3,), rad/s, frame B
 
-or, where a state has its angles as numbers, by the names `roll` and `pitch`; others of `DECLARED` then count by name.
+or, for a state with angles as numbers, by the names `roll` and `pitch`; others of `DECLARED` then count by name.
 
-What is worked out stands in the log as `flight.roll` and so on, in SI units and radians. In a world frame W angles and
-velocities are against W; over the turning earth, in an inertial frame I, they are against north, east and down where
-the vehicle is, its altitude is above the ellipsoid, and north and east are of the plane at its origin.
+Derived signals are in the log as `flight.roll` etc., in SI units and radians. In a world frame W, angles and velocities
+are relative to W. Over the rotating earth, in an inertial frame I, they are relative to north, east and down at the
+vehicle; its altitude is above the ellipsoid, and north and east are in the plane at its origin.
 
 Source: Diebel, "Representing attitude", Stanford 2006; Stevens, Lewis, Johnson, "Aircraft control and simulation", 1.6.
 """
@@ -27,22 +27,22 @@ from trimtab.logs.log import LazyMapping, Log
 
 FLIGHT, TRUTH = "flight.", "truth."
 DECLARED: Mapping[str, Quantity] = {
-    "roll": Quantity("rad", "To the right; unwrapped.", "WB", "angle"),
-    "pitch": Quantity("rad", "Nose up.", "WB", "angle"),
-    "yaw": Quantity("rad", "From north, clockwise from above; unwrapped.", "WB", "angle"),
-    "roll_rate": Quantity("rad/s", "About the nose.", "B"),
-    "pitch_rate": Quantity("rad/s", "About the axis to starboard.", "B"),
-    "yaw_rate": Quantity("rad/s", "About the axis down.", "B"),
-    "altitude": Quantity("m", "Up from the origin of W, or above the ellipsoid.", "W"),
-    "north": Quantity("m", "From the origin of W.", "W"),
-    "east": Quantity("m", "From the origin of W.", "W"),
-    "ground_speed": Quantity("m/s", "Level, over the ground."),
+    "roll": Quantity("rad", "Roll angle, positive to the right; unwrapped.", "WB", "angle"),
+    "pitch": Quantity("rad", "Pitch angle, positive nose up.", "WB", "angle"),
+    "yaw": Quantity("rad", "Yaw angle from north, clockwise from above; unwrapped.", "WB", "angle"),
+    "roll_rate": Quantity("rad/s", "Rate about the nose.", "B"),
+    "pitch_rate": Quantity("rad/s", "Rate about the axis to starboard.", "B"),
+    "yaw_rate": Quantity("rad/s", "Rate about the axis down.", "B"),
+    "altitude": Quantity("m", "Altitude above the origin of W, or above the ellipsoid.", "W"),
+    "north": Quantity("m", "Distance north of the origin of W.", "W"),
+    "east": Quantity("m", "Distance east of the origin of W.", "W"),
+    "ground_speed": Quantity("m/s", "Horizontal speed over the ground."),
     "climb": Quantity("m/s", "Upwards.", "W"),
-    "air_speed": Quantity("m/s", "Through the air, with the wind that is set."),
+    "air_speed": Quantity("m/s", "Speed through the air, with the wind of the settings."),
 }
-"""What is worked out, in the order in which it is shown."""
+"""Derived signals, in display order."""
 FLIGHT_DECLARED: Mapping[str, Quantity] = {FLIGHT + name: declared for name, declared in DECLARED.items()}
-"""The same by the paths that a log has them under."""
+"""Derived signals by their paths in a log."""
 ANGLES, RATES = ("roll", "pitch", "yaw"), ("roll_rate", "pitch_rate", "yaw_rate")
 
 
@@ -50,7 +50,7 @@ POSE = {"north", "east", "altitude", *ANGLES}
 
 
 class SpatialSignals(NamedTuple):
-    """Paths of the signals that say how a vehicle moves in space; "" where there is none.
+    """Paths of the signals of a vehicle's motion in space; "" for missing ones.
 
     frame: "W" or "I", of attitude and position.  velocity_frame: of the velocity; "" without one.
     """
@@ -64,11 +64,11 @@ class SpatialSignals(NamedTuple):
 
 
 def find_spatial(shapes: Mapping[str, tuple[int, ...]], declared: Mapping[str, Quantity]) -> SpatialSignals | None:
-    """The signals that say how a vehicle moves in space; None where no attitude is among them.
+    """Find the signals of a vehicle's motion in space; None without an attitude.
 
     Args:
-        shapes: path of each signal that is looked at -> its shape at one instant.
-        declared: what they were declared as.
+        shapes: path of each signal -> its shape at one instant.
+        declared: declarations of the signals.
     """
 
     def pick(unit: str, size: int, *frames: str) -> str:
@@ -84,9 +84,9 @@ def find_spatial(shapes: Mapping[str, tuple[int, ...]], declared: Mapping[str, Q
 
 
 class FlightSource(NamedTuple):
-    """What a flight in space is worked out from, in a log as in a campaign.
+    """Source signals of a flight in space, in a log or in a campaign.
 
-    signals: of a state with a quaternion, or None.  named: name of DECLARED -> path, where a state has them as numbers.
+    signals: of a state with a quaternion, or None.  named: name in DECLARED -> path, for a state with numbers.
     """
 
     signals: SpatialSignals | None
@@ -94,20 +94,20 @@ class FlightSource(NamedTuple):
 
     @property
     def paths(self) -> tuple[str, ...]:
-        """Paths of what is read."""
+        """Paths of the source signals."""
         return tuple(p for p in (self.signals[:4] if self.signals else self.named.values()) if p)
 
     def work_out(
         self, t: Any, rows: Mapping[str, Any], ends: Mapping[str, Any], end: float, parameters: Mapping[str, Any]
     ) -> tuple[dict[str, Any], dict[str, Any]]:
-        """`flight.roll` and so on in one flight, each (n,), and their last values where the signals' are known.
+        """Compute `flight.roll` etc. of one flight, each (n,), and their last values if those of the sources are known.
 
         Args:
             t: instants (n,) (s).
             rows: path of a signal -> its values (n, …).
-            ends: path -> its value at the end (…), which belongs to the line, so that angles go on from it.
-            end: when that is (s).
-            parameters: as of `work_out_flight`.
+            ends: path -> its value at the end (…), continuous with the rows, so that angles have no jump.
+            end: time of the end (s).
+            parameters: as in `work_out_flight`.
         """
         rows, n = {p: np.asarray(rows[p], float) for p in self.paths}, len(t)
         has_end = all(p in ends for p in self.paths)
@@ -122,17 +122,17 @@ class FlightSource(NamedTuple):
         return {p: x[:n] for p, x in flight.items()}, {p: x[-1] for p, x in flight.items()} if has_end else {}
 
     def flight_paths(self, shapes: Mapping[str, tuple[int, ...]], parameters: Mapping[str, Any]) -> list[str]:
-        """Which are worked out from signals of these shapes."""
+        """Return the paths that can be computed from signals of these shapes."""
         any_rows = {p: np.full((2, *shapes[p]), 7e6) for p in self.paths}
         return list(self.work_out(np.arange(2.0), any_rows, {}, 2.0, parameters)[0])
 
 
 def find_flight(shapes: Mapping[str, tuple[int, ...]], declared: Mapping[str, Quantity]) -> FlightSource | None:
-    """Of a vehicle alone that flies in space; None of any other, and of a swarm.
+    """Find the source signals of a single vehicle in space; None for any other vehicle, and for a swarm.
 
     Args:
-        shapes: path of each signal -> its shape at one instant; those of the truth count.
-        declared: what they were declared as.
+        shapes: path of each signal -> its shape at one instant; only those of the truth count.
+        declared: declarations of the signals.
     """
     truth = {p: shape for p, shape in shapes.items() if p.startswith(TRUTH)}
     signals, named = find_spatial(truth, declared), find_named((p for p, s in truth.items() if s == ()), TRUTH)
@@ -140,25 +140,25 @@ def find_flight(shapes: Mapping[str, tuple[int, ...]], declared: Mapping[str, Qu
 
 
 def find_logged_flight(log: Log) -> FlightSource | None:
-    """The same of the truth in a log."""
+    """Find the source signals of a flight in a log's truth."""
     return find_flight({p: log[p].shape[1:] for p in log.paths if p.startswith(TRUTH)}, log.declarations)
 
 
 def find_named(paths: Iterable[str], prefix: str) -> dict[str, str]:
-    """Name of DECLARED -> path, of a state that has its angles as numbers; none where it has no roll and pitch."""
+    """Return name in DECLARED -> path, for a state with angles as numbers; empty without roll and pitch."""
     known = set(paths)
     found = {name: prefix + name for name in DECLARED if prefix + name in known}
     return found if {"roll", "pitch"} <= found.keys() else {}
 
 
 def flight_sources(log: Log) -> set[str]:
-    """Paths of what a flight in space is worked out from."""
+    """Return the paths of the source signals of a flight in space."""
     found = find_logged_flight(log)
     return set(found.paths) if found else set()
 
 
 def with_flight(log: Log) -> Log:
-    """The same log, with `flight.roll` and so on beside the truth of a vehicle in space; any other log as it is."""
+    """Add `flight.roll` etc. to the log of a vehicle in space; return any other log unchanged."""
     found = find_logged_flight(log)
     if found is None or f"{FLIGHT}roll" in log:
         return log
@@ -167,9 +167,9 @@ def with_flight(log: Log) -> Log:
 
 
 def spatial_poses(log: Log) -> Any:
-    """Of a vehicle in space, as `logs.frames` has them (n, 9); None where its attitude or position isn't known.
+    """Return poses (n, 9) for `logs.frames` of a vehicle in space; None if attitude or position is unknown.
 
-    Position, roll, pitch and yaw in W; latitude, longitude and height over the turning earth, else NaN.
+    Position, roll, pitch and yaw in W; latitude, longitude and height over the rotating earth, otherwise NaN.
     """
     signals, named = find_logged_flight(log) or (None, {})
     if named.keys() >= POSE:
@@ -185,7 +185,7 @@ def spatial_poses(log: Log) -> Any:
 
 
 def _complete(numbers: dict[str, Any], t: Any) -> dict[str, Any]:
-    """Angles without jumps, and the speeds that follow from the place; of a state that has its numbers by name."""
+    """Add angles without jumps, and speeds derived from the position, for a state with numbers by name."""
     for name in ("roll", "yaw"):
         if name in numbers:
             numbers[name] = np.unwrap(numbers[name])
@@ -199,7 +199,7 @@ def _complete(numbers: dict[str, Any], t: Any) -> dict[str, Any]:
 
 
 def _extend(log: Log, flight: Mapping[str, Any], ends: Mapping[str, Any]) -> Log:
-    """The log with more signals, whose own are not looked at before somebody wants them."""
+    """Return the log with more signals; existing ones are read only on request."""
     for values in flight.values():
         values.setflags(write=False)
 
@@ -213,9 +213,9 @@ def _extend(log: Log, flight: Mapping[str, Any], ends: Mapping[str, Any]) -> Log
 
 
 def display_unit(path: str, unit: str) -> tuple[str, float]:
-    """The unit in which people read a signal, and what it is multiplied by.
+    """Return the display unit of a signal, and the factor to it.
 
-    In degrees are the angles and rates of a flight in space, and every heading, such as `law.heading_error`.
+    Degrees are used for angles and rates of a flight in space, and for headings, such as `law.heading_error`.
     """
     is_heading = path.rpartition(".")[2].startswith("heading") and unit == "rad"
     in_degrees = is_heading or (path.startswith(FLIGHT) and unit.startswith("rad"))
@@ -225,13 +225,13 @@ def display_unit(path: str, unit: str) -> tuple[str, float]:
 def work_out_flight(
     signals: SpatialSignals, t: Any, rows: Mapping[str, Any], parameters: Mapping[str, Any]
 ) -> dict[str, Any]:
-    """The numbers of DECLARED for which there are signals, each (n,).
+    """Compute the numbers of DECLARED for which signals exist, each (n,).
 
     Args:
-        signals: which they are.
+        signals: the source signals.
         t: instants (n,) (s).
         rows: path of a signal -> its values (n, …).
-        parameters: of the run, by path: of the earth, the origin and the wind where the frame is I.
+        parameters: parameters of the run, by path: earth, origin and wind for the frame I.
     """
     R, found = rotation_matrices(rows[signals.attitude]), dict[str, Any]()
     place: Any = rows.get(signals.position)
@@ -257,12 +257,12 @@ def work_out_flight(
 
 
 def place_parameters(parameters: Mapping[str, Any]) -> dict[str, Any]:
-    """Those of a run's parameters, by path, that `work_out_flight` reads."""
+    """Return the parameters of a run, by path, that `work_out_flight` reads."""
     return {p: v for p, v in parameters.items() if any(f".{part}." in p for part in ("earth", "origin", "wind"))}
 
 
 class _Local(NamedTuple):
-    """Where a vehicle is over the turning earth, row by row.
+    """Place of a vehicle over the rotating earth, row by row.
 
     axes: R_NI (n, 3, 3), to north, east, down there.  tangent_axes: R_WI (n, 3, 3), to those at the origin.  position:
     from the origin, in W (n, 3).  globe: latitude, longitude (rad), height above the ellipsoid (n, 3).  turning:
@@ -278,8 +278,8 @@ class _Local(NamedTuple):
 
 
 def _locate(t: Any, p_I: Any, parameters: Mapping[str, Any]) -> _Local:
-    """Places p_I (n, 3) (m) at t (s), over the earth that the run's parameters have, or else that of WGS84."""
-    from trimtab.environment import geodetic  # which imports JAX: few logs need it
+    """Locate p_I (n, 3) (m) at t (s), over the earth of the run's parameters, or WGS84."""
+    from trimtab.environment import geodetic  # it imports JAX, and few logs need it
 
     found = (p.removesuffix("earth.rate") for p in parameters if p.endswith(".earth.rate"))
     head = next(found, "")
@@ -307,7 +307,7 @@ def _locate(t: Any, p_I: Any, parameters: Mapping[str, Any]) -> _Local:
 
 
 def rotation_matrices(q: Any) -> Any:
-    """R (n, 3, 3) of quaternions (n, 4), the scalar first, of any length but zero."""
+    """Return R (n, 3, 3) of quaternions (n, 4), scalar first, of any length except zero."""
     w, x, y, z = np.asarray(q, float).T
     with np.errstate(divide="ignore", invalid="ignore"):
         s = 2 / (w * w + x * x + y * y + z * z)
@@ -320,9 +320,9 @@ def rotation_matrices(q: Any) -> Any:
 
 
 def euler_angles(R_WB: Any) -> tuple[Any, Any, Any]:
-    """Roll, pitch, yaw (rad), each (n,), of rotations (n, 3, 3); roll and yaw without jumps by a turn.
+    """Return roll, pitch, yaw (rad), each (n,), of rotations (n, 3, 3); roll and yaw without jumps of a turn.
 
-    Where the nose points straight up or down, roll and yaw are not told apart: roll is given as 0.
+    If the nose points straight up or down, roll and yaw are not distinguishable; roll is then 0.
     """
     up = R_WB[:, 2, 0]
     singular = np.abs(up) > 1 - 1e-12

@@ -1,4 +1,4 @@
-"""A log written while flying: by another process, out of a ring, so that no disk can keep the flight waiting."""
+"""Log written during a flight by another process, from a ring buffer, so that the disk never delays the flight."""
 
 import contextlib
 import json
@@ -24,20 +24,20 @@ from trimtab.logs.ring import Ring
 Signal = tuple[str, tuple[int, ...], Any, Quantity | None]
 """Path, shape of one instant's value, type, declaration."""
 COUNTER_SIGNALS: dict[str, Quantity] = {
-    "log.dropped": Quantity("1", "Rows before this one for which the ring had no room.", kind="count"),
-    "log.unwritten": Quantity("1", "Rows before this one for which the disk had no room.", kind="count"),
+    "log.dropped": Quantity("1", "Number of rows before this row that the ring dropped.", kind="count"),
+    "log.unwritten": Quantity("1", "Number of rows before this row that the disk had no room for.", kind="count"),
 }
-"""What the writer adds to each row."""
+"""Signals that the writer adds to each row."""
 START_S, END_S = 30.0, 30.0
-"""How long the writer may take to start and to end."""
+"""Time limits for the writer to start and to end (s)."""
 
 
 class LogFileSummary(NamedTuple):
-    """What became of a log.
+    """Summary of a log's file.
 
-    rows: in the file.  dropped: the ring had no room.  unwritten: the disk had no room, or the row was not later than
-    the one before.  size: bytes.  minute_size: bytes that a minute of flight took, None of less than two rows.
-    cpu_s: processor time of the writer.  whole: whether the file has its end.
+    rows: number in the file.  dropped: for lack of space in the ring.  unwritten: for lack of space on the disk, or not
+    later than the row before.  size: bytes.  minute_size: bytes for a minute of flight, None for fewer than two rows.
+    cpu_s: processor time of the writer.  whole: True if the file has its end.
     """
 
     rows: int
@@ -50,31 +50,31 @@ class LogFileSummary(NamedTuple):
 
 
 class LogStream:
-    """The writer of a log, seen from the process that flies; nothing here waits, or fails, until `close`."""
+    """Writer of a log, as seen from the flying process; it never waits, or fails, until `close`."""
 
     def __init__(self, path: Path, process: "subprocess.Popen[bytes]") -> None:
-        """Keep what `start_writer` has started."""
+        """Keep the process that `start_writer` has started."""
         self.path, self._process = path, process
 
     @property
     def is_alive(self) -> bool:
-        """Whether the writer is running."""
+        """True if the writer is running."""
         return self._process.poll() is None
 
     @property
     def pid(self) -> int:
-        """Of the writer's process."""
+        """Process ID of the writer."""
         return self._process.pid
 
     def set_epoch(self, epoch: int) -> None:
-        """Say, before the first row, what time of day (ns since 1970) time zero is."""
+        """Set, before the first row, the time of day (ns since 1970) at time zero."""
         with contextlib.suppress(OSError):
             assert self._process.stdin is not None
             self._process.stdin.write(json.dumps({EPOCH: epoch}).encode() + b"\n")
             self._process.stdin.flush()
 
     def close(self, final: Mapping[str, Any] | None = None) -> LogFileSummary | None:
-        """End the log and wait until it is on the disk; None where the writer had died.
+        """End the log and wait until it is on the disk; return None if the writer had died.
 
         Args:
             final: path -> value at the end, see `Log`.
@@ -102,26 +102,26 @@ def start_writer(
     frame: str = "",
     limit: LogLimit | None = None,
 ) -> LogStream:
-    """Start a process that writes what is put into a ring to a log file, four times a second or more often.
+    """Start a process that writes a ring's content to a log file, at least four times a second.
 
     A row of the ring is the integer time (100 ns, rising from 0 on), then the numbers of the signals in order.
 
     Args:
         path: a new file.
-        ring: made by this process.
-        signals: what a row holds after its time.
-        metadata: of the log: scenario, parameters, seed, backend, calibration, ...; version, machine and the time of
-            day are put in front.
-        frame: name of the vehicle's frame, whose pose then ends each row, see `logs.frames`; empty: there is none.
-        limit: of what it may take on the disk; None: none.
+        ring: a ring of this process.
+        signals: content of a row after its time.
+        metadata: metadata of the log: scenario, parameters, seed, backend, calibration, ...; version, machine and the
+            time of day are added in front.
+        frame: name of the vehicle's frame, whose pose then ends each row, see `logs.frames`; empty: no frame.
+        limit: limit of its size on the disk; None: no limit.
 
     Raises:
-        InputError: signals that don't fit the ring, a file that is there already or can't be written.
+        InputError: signals that don't fit the ring, a file that exists already or can't be written.
     """
     target, empty = Path(path), _empty_log(signals, metadata)
     width = 1 + sum(int(np.prod(shape)) for _, shape, _, _ in signals) + (POSE_COLUMNS if frame else 0)
     if width != ring.columns:
-        problem = f"its rows have {ring.columns} numbers, the time and these signals have {width}"
+        problem = f"its rows have {ring.columns} numbers, but the time and these signals have {width}"
         raise InputError("ring", problem, fix=f"Ring.create(columns={width})")
     about = {"path": str(target), "ring": ring.name, "run": run_record(empty), "layout": layout_record(empty)}
     orders = about | {"frame": frame, "limit": limit}
@@ -137,10 +137,10 @@ def start_writer(
 
 
 def _empty_log(signals: Sequence[Signal], metadata: Mapping[str, Any]) -> Log:
-    """The log before its first row."""
+    """Return the log before its first row."""
     taken = [path for path, _, _, _ in signals if path.startswith(("log.", f"{EVENTS[1:]}."))]
     if taken:
-        problem = f"signal {taken[0]!r} has a name of the log's own"
+        problem = f"signal {taken[0]!r} has a name reserved for the log"
         raise InputError("log", problem, fix=f"name it e.g. 'flight.{taken[0]}'")
     arrays = {path: np.empty((0, *shape), dtype) for path, shape, dtype, _ in signals}
     declared = {path: quantity for path, _, _, quantity in signals if quantity is not None}
@@ -156,7 +156,7 @@ def _empty_log(signals: Sequence[Signal], metadata: Mapping[str, Any]) -> Log:
 
 
 def _await_start(process: "subprocess.Popen[bytes]", about: bytes) -> None:
-    """Give the writer its orders; refuses what it refuses."""
+    """Send the writer its orders; raise InputError if it rejects them."""
     said = b""
     with contextlib.suppress(OSError):
         assert process.stdin is not None

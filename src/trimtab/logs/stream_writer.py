@@ -1,7 +1,7 @@
-"""The process that writes a log while something flies; `logs.stream` starts it.
+"""Process that writes a log during a flight; started by `logs.stream`.
 
-It reads its orders, one line of JSON, from standard input; another line there, or the end of it, ends the log. That end
-comes by itself when the flying process dies.
+It reads its orders, one line of JSON, from standard input; another line, or the end of the input, ends the log. The
+input also ends if the flying process dies.
 """
 
 import contextlib
@@ -42,14 +42,14 @@ from trimtab.logs.messages import (
 from trimtab.logs.ring import Ring, TextEvent
 
 POLL_S, CHUNK_S = 0.05, 0.2
-"""How often the ring is emptied, and how often what came is put on the disk."""
+"""Period in which the ring is emptied, and period of writing to the disk."""
 ROWS = 1000
-"""At most in a chunk."""
+"""Maximum number of rows in a chunk."""
 NICE = 5
 
 
 class Recorder:
-    """Rows and texts of a ring, into a file.
+    """Recorder of a ring's rows and texts into a file.
 
     Args:
         ring: the reading side.
@@ -68,11 +68,11 @@ class Recorder:
         path: Path | None = None,
         limit: LogLimit | None = None,
     ) -> None:
-        """Write the head of the file; raises OSError where that can't be.
+        """Write the head of the file; raise OSError if that fails.
 
-        frame: name of the vehicle's frame, whose pose stands at the end of each row, where the time of day is said
-            before the first; empty: neither.
-        path: of that file.  limit: of all files; None: there is none.
+        frame: name of the vehicle's frame, whose pose ends each row, if the time of day is set before the first; empty:
+        no frame and no time of day.
+        path: path of that file.  limit: of all files; None: no limit.
         """
         self._ring, self._run, self._layout = ring, run, layout
         self._signals: dict[str, Any] = load_json(layout["signals"])
@@ -95,7 +95,7 @@ class Recorder:
         self._full = ""
 
     def set_epoch(self, epoch: int) -> None:
-        """Time zero was this time of day (ns since 1970). Before the first row; without room it stays unknown."""
+        """Set the time of day at time zero (ns since 1970), before the first row; unknown if the disk is full."""
         with contextlib.suppress(OSError):
             self._file.add_metadata({CLOCK: {EPOCH: str(epoch)}})
             self._epoch = epoch
@@ -122,7 +122,7 @@ class Recorder:
         return int(rows[before - 1, 0]) if before else max(self._last, 0)
 
     def write(self) -> None:
-        """Put all that was taken on the disk, once the time of day is known."""
+        """Write all rows taken to the disk, once the time of day is known."""
         if self._epoch is None:
             return
         rows = np.concatenate([np.empty((0, self._ring.columns)), *self._rows])
@@ -157,7 +157,7 @@ class Recorder:
             self._full, self._lost = "", 0
 
     def _follow_limit(self, limit: LogLimit) -> None:
-        """End the file that is full and go on in a new one; the oldest go. Without room for one it stays as it is."""
+        """End a full file and continue in a new one, deleting the oldest; without room, keep the file."""
         if not limit.rolls or self._path is None or self._file.size >= limit.size:
             return
         before, following = self._file, self._open_next(numbered_file(self._path, self._number + 1))
@@ -176,7 +176,7 @@ class Recorder:
             self._removed += self._sizes.pop(oldest)
 
     def _open_next(self, path: Path) -> GrowingFile | None:
-        """A new file with the same head; None where there is no room for it."""
+        """Open a new file with the same head; return None if there is no room."""
         try:
             file = os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o666)
         except OSError:
@@ -193,7 +193,7 @@ class Recorder:
         return following
 
     def _end_file(self, file: GrowingFile, about: dict[str, str], final: str) -> bool:
-        """Write a file's last metadata and its end; whether there was room."""
+        """Write a file's last metadata and its end; return False if there is no room."""
         layout = {**self._layout, "rows": dump_json(self._file_rows), "final": final}
         number = {"file": dump_json(self._number)} if self._number > 1 else {}
         try:
@@ -205,7 +205,7 @@ class Recorder:
         return True
 
     def _count_failure(self, error: OSError, rows: int) -> None:
-        """Count what there was no room for; the flight goes on."""
+        """Count rows for which there was no room; the flight goes on."""
         if not self._full:
             _report(f"can't be written ({error.strerror}); the flight goes on, rows are counted, free some space")
         self._full = error.strerror or str(error)
@@ -237,7 +237,7 @@ class Recorder:
         return [(first + m.topic, 0, m.time, m.text) for m in messages]
 
     def _rows_as_log(self, rows: Any, dropped: Any, unwritten: Any) -> Log:
-        """Rows as signals in their own types."""
+        """Return rows as signals in their own types."""
         ticks, arrays, at = rows[:, 0].astype(np.int64), {}, 1
         for path, about in self._signals.items():
             if path in ("log.dropped", "log.unwritten"):
@@ -251,7 +251,7 @@ class Recorder:
         return Log(t=to_seconds(ticks), ticks=ticks, signals=arrays, declarations=self._declared)
 
     def finish(self, final: str | None) -> dict[str, Any]:
-        """Write all that is left, and the end. final: last values as JSON text; None where nobody said goodbye."""
+        """Write the rest, and the end. final: last values as JSON text; None if the flying process sent none."""
         if final is None:
             self._events.append((max(self._last, 0), "the flying process is gone, without a word"))
         self.read_ring()
@@ -265,7 +265,7 @@ class Recorder:
         return counts | costs
 
     def _minute_size(self, size: int) -> float | None:
-        """Bytes a minute of flight, of files that had to go too; None before there was a second row."""
+        """Return bytes for a minute of flight, including deleted files; None before the second row."""
         return None if self._last <= 0 else 60 * (size + self._removed - self._head) / to_seconds(self._last)
 
 
@@ -287,7 +287,7 @@ def main() -> None:
                 limit=None if orders["limit"] is None else LogLimit(*orders["limit"]),
             )
         except OSError as error:
-            fix = "give the path of a new file, in a folder of yours"
+            fix = "give the path of a new file, in a folder that you can write to"
             problem = f"cannot be written: {error.strerror or error}"
             raise InputError(f"log file '{orders['path']}'", problem, fix=fix) from None
     except InputError as error:
@@ -296,13 +296,13 @@ def main() -> None:
     print("{}", flush=True)
     said = record_until_stopped(recorder)
     result = recorder.finish(said)
-    with contextlib.suppress(OSError):  # whoever asked may be gone
+    with contextlib.suppress(OSError):  # the flying process may be gone
         os.write(sys.stdout.fileno(), json.dumps(result).encode() + b"\n")
     ring.close()
 
 
 def record_until_stopped(recorder: Recorder) -> str | None:
-    """Write until there is a word on standard input, or its end; gives the last values that it names, or None."""
+    """Write until a line on standard input, or its end; return its last values, or None."""
     due, heard = time.monotonic() + CHUNK_S, b""
     while True:
         if select.select([sys.stdin.buffer], [], [], POLL_S)[0]:
@@ -321,7 +321,7 @@ def record_until_stopped(recorder: Recorder) -> str | None:
 
 
 def _isolate_process() -> None:
-    """Outlive whoever stops the flight, and take no processor time from it."""
+    """Survive an interrupt of the flight, and yield processor time to it."""
     for name in ("SIGINT", "SIGHUP", "SIGTERM"):
         if hasattr(signal, name):
             signal.signal(getattr(signal, name), signal.SIG_IGN)

@@ -1,4 +1,4 @@
-"""A picture of Allan deviations with what was fitted to them."""
+"""Plot of Allan deviations with the fitted noise models."""
 
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
@@ -19,13 +19,13 @@ def plot_allan(
     path: PicturePath = None,
     title: str = "Allan deviation",
 ) -> "Figure":
-    """Draw each Allan deviation with its 95 % bars, the fitted model, and the parts of it that are not nothing.
+    """Draw each Allan deviation with its 95 % bars, the fitted model, and the model's non-zero parts.
 
     Args:
-        fits: by name.
-        units: of each, e.g. rad/s.
+        fits: fits by name.
+        units: unit of each fit, e.g. rad/s.
         path: where to save, see `PicturePath`.
-        title: what to write above.
+        title: title of the plot.
     """
     columns = min(COLUMNS, len(fits))
     rows = -(-len(fits) // columns)

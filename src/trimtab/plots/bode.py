@@ -1,4 +1,4 @@
-"""The Bode plot of a loop as it is flown: each command broken by itself, the others closed."""
+"""Bode plot of a loop as it is flown: each command broken by itself, the others closed."""
 
 from typing import TYPE_CHECKING, Any
 
@@ -15,9 +15,9 @@ def plot_bode(loop: LoopMap, path: PicturePath = None, title: str = "") -> "Figu
     """Draw size and phase of each broken loop, with a dot and the phase margin where its size is 1.
 
     Args:
-        loop: the map.
+        loop: map of the loop.
         path: where to save, see `PicturePath`.
-        title: what to write above.
+        title: title of the plot.
     """
     figure = new_figure(7.0, 5.6)
     axes: Any = figure.subplots(2, 1, sharex=True)

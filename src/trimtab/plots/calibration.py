@@ -1,4 +1,4 @@
-"""Pictures of calibrations: readings, the fit with its 95 % band, what was left out, and the residuals below."""
+"""Plots of calibrations: readings, the fit with its 95 % band, outliers, and the residuals below."""
 
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -30,7 +30,7 @@ class FitCurve(NamedTuple):
 
 
 class FitPanel(NamedTuple):
-    """Curves that share axes, with the names of these."""
+    """Curves that share axes, with the labels of the axes."""
 
     title: str
     x_label: str
@@ -40,12 +40,12 @@ class FitPanel(NamedTuple):
 
 
 def plot_fits(panels: Sequence[FitPanel], path: PicturePath = None, title: str = "") -> "Figure":
-    """Draw each panel: readings, fit and band above, residuals below; what was left out has a cross.
+    """Draw each panel: readings, fit and band above, residuals below; outliers have a cross.
 
     Args:
-        panels: what was fitted.
+        panels: the fits.
         path: where to save, see `PicturePath`.
-        title: what to write above.
+        title: title of the plot.
     """
     columns = min(COLUMNS, len(panels))
     rows = -(-len(panels) // columns)

@@ -1,4 +1,4 @@
-"""Pictures of a campaign: its worlds as lines, a metric's histogram, how an estimate converges, what factors matter.
+"""Plots of a campaign: its runs as lines, a metric's histogram, convergence of an estimate, sensitivity to factors.
 
 Source: Inselberg, "The plane with parallel coordinates", The Visual Computer 1 (1985).
 """
@@ -21,14 +21,14 @@ if TYPE_CHECKING:  # matplotlib is imported when something is drawn
     from matplotlib.figure import Figure
 
 MOST_LINES = 400
-"""So many worlds of a kind are drawn as lines at most; more would be one surface."""
+"""Maximum number of runs of each kind drawn as lines; more would merge into one area."""
 LIGHT = "#BFD9EA"
 LOOKS = 60
-"""At so many numbers of runs an estimate is drawn."""
+"""Number of points at which an estimate is drawn."""
 HUGE = 1e12
-"""What stands for infinite where matplotlib can't draw that: far outside the picture."""
+"""Value drawn for infinity, which matplotlib can't draw: far outside the plot."""
 BEYOND = 4.0
-"""A histogram ends so many times the width of its middle 90 % from the median: what lies beyond is counted."""
+"""Half width of a histogram around the median, in widths of its middle 90 %; values beyond are only counted."""
 
 
 def plot_parallel(
@@ -38,14 +38,14 @@ def plot_parallel(
     title: str = "",
     units: Mapping[str, str] = MappingProxyType({}),
 ) -> "Figure":
-    """Draw each world as a line through its parameters, failures on top; of many, some, and says how many.
+    """Draw each run as a line through its parameters, failures on top; of many runs, draw some, and state how many.
 
     Args:
         parameters: values by name, each of shape (n,): numbers, finite.
         success: of each run, shape (n,).
         path: where to save, see `PicturePath`.
-        title: what to write above.
-        units: of parameters, by name; of those that have one.
+        title: title of the plot.
+        units: units of the parameters, by name, if any.
     """
     good = as_column(success, "plot_parallel") > 0
     names = list(parameters)
@@ -73,17 +73,20 @@ def plot_parallel(
 
 
 def thin_rows(rows: Any, most: int) -> Any:
-    """Up to `most` of the rows, evenly spread over them, the first and the last included."""
+    """Return up to `most` of the rows, evenly spread, with the first and the last."""
     if len(rows) <= most:
         return rows
     return rows[np.linspace(0, len(rows) - 1, most).round().astype(int)]
 
 
 def _axis_positions(parameters: Mapping[str, Any], runs: int) -> tuple[Any, Any, Any]:
-    """Where each run lies on each axis, 0 to 1, shape (parameters, runs); smallest and largest value of each."""
+    """Return each run's place on each axis, 0 to 1, shape (parameters, runs), and smallest and largest values."""
     names, table = list(parameters), np.array([as_column(v, f"plot_parallel: {n}") for n, v in parameters.items()])
     if not names or table.shape[1] != runs or not np.isfinite(table).all():
-        problem = f"{len(names)} parameters of {table.shape[1:]} runs, success of {runs}: no finite value of each"
+        problem = (
+            f"got {len(names)} parameters of {table.shape[1:]} runs and success of {runs}, or "
+            "values that are not finite"
+        )
         raise InputError("plot_parallel", problem, fix="give one finite number for each run and parameter")
     low, high = table.min(axis=1), table.max(axis=1)
     place = (table - low[:, None]) / np.where(high > low, high - low, 1.0)[:, None]
@@ -92,7 +95,7 @@ def _axis_positions(parameters: Mapping[str, Any], runs: int) -> tuple[Any, Any,
 
 
 def _draw_lines(axes: Any, places: Any, colour: str, order: int) -> None:
-    """Lines of places (worlds, parameters), the fainter the more there are; a higher order lies on top."""
+    """Draw lines of places (runs, parameters), fainter for more lines; a higher order lies on top."""
     from matplotlib.collections import LineCollection
 
     k = np.arange(places.shape[1])
@@ -102,7 +105,7 @@ def _draw_lines(axes: Any, places: Any, colour: str, order: int) -> None:
 
 
 def short_names(names: Sequence[str]) -> list[str]:
-    """Paths by as many of their last parts as it takes to tell them apart."""
+    """Shorten paths to the last parts that distinguish them."""
     parts = [name.split(".") for name in names]
     for count in range(1, max(map(len, parts)) + 1):
         short = [".".join(p[-count:]) for p in parts]
@@ -121,13 +124,13 @@ def plot_histogram(
     level: float = 0.95,
     limit: float | None = None,
 ) -> "Figure":
-    """Draw how a metric is distributed over the runs, with quantiles and their bands.
+    """Draw the distribution of a metric over the runs, with quantiles and their bands.
 
     Args:
-        values: of each run, shape (n,). Runs without a finite value count as +inf: they are counted, not drawn.
+        shares: levels of the quantiles.
         shares: which quantiles.
         path: where to save, see `PicturePath`.
-        title: what to write above.
+        title: title of the plot.
         label: name and unit of the metric.
         level: confidence of each band.
         limit: a required value, drawn as a line.
@@ -166,9 +169,9 @@ def plot_convergence(
 
     Args:
         values: success (true or false) or a metric of runs 0 to n - 1, shape (n,).
-        p: which quantile of the metric; None: the share of successes.
+        p: level of the quantile of the metric; None: the share of successes.
         path, title: as in `plot_histogram`.
-        label: of the vertical axis.
+        label: label of the vertical axis.
         level: confidence of the intervals.
         limit: a required value, drawn as a line.
     """
@@ -194,10 +197,10 @@ def plot_convergence(
 
 
 def plot_sensitivity(effects: Sensitivity | Morris, path: PicturePath = None, title: str = "") -> "Figure":
-    """Draw what each factor matters, largest first, with intervals: total and first order, or mu* and sigma.
+    """Draw the importance of each factor, largest first, with intervals: total and first order, or mu* and sigma.
 
     Args:
-        effects: of `sensitivity` or of `morris`.
+        effects: result of `sensitivity` or of `morris`.
         path, title: as in `plot_histogram`.
     """
     if isinstance(effects, Sensitivity):
@@ -225,7 +228,7 @@ def plot_sensitivity(effects: Sensitivity | Morris, path: PicturePath = None, ti
 
 
 def _histogram_edges(finite: Any) -> tuple[float, float]:
-    """From where to where a histogram goes, of sorted values: over all of them, but far outliers."""
+    """Return the range of a histogram of sorted values: all values except far outliers."""
     if not len(finite):
         return 0.0, 1.0
     low, middle, high = np.percentile(finite, [5, 50, 95])
@@ -251,7 +254,7 @@ def _quantile_interval(x: Any, p: float | None, level: float, anytime: bool) -> 
 
 
 def _estimate_limits(estimates: Any, limit: float | None) -> tuple[float, float]:
-    """From where to where estimates and bands of the later half reach; a band without a bound goes to the edge."""
+    """Return the range of estimates and bands in the later half; an unbounded band goes to the edge."""
     shown = estimates[len(estimates) // 2 :]
     shown = np.r_[shown[np.isfinite(shown)], [] if limit is None else [limit]]
     if not len(shown):

@@ -1,4 +1,4 @@
-"""A picture of the dilution of precision over the floor, with the beacons and the edges of their cones."""
+"""Plot of the dilution of precision over the floor, with the beacons and the edges of their cones."""
 
 from typing import TYPE_CHECKING, Any
 
@@ -17,12 +17,12 @@ LEVELS = (0.8, 1.0, 1.2, 1.5, 2.0, 2.5, 3.0, 4.0, 6.0, 10.0)
 def plot_dilution(
     dilution_map: "DilutionMap", path: PicturePath = None, title: str = "Dilution of precision"
 ) -> "Figure":
-    """Draw a map: north up, east to the right. White: no fix. Lines: how many beacons are heard on their inner side.
+    """Draw a map: north up, east to the right. White: no fix. Lines: number of visible beacons on their inner side.
 
     Args:
         dilution_map: the map.
         path: where to save, see `PicturePath`.
-        title: what to write above.
+        title: title of the plot.
     """
     from matplotlib.colors import BoundaryNorm
 

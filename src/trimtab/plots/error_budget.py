@@ -1,4 +1,4 @@
-"""A picture of an error budget: bars for what each imperfection costs, a panel for each measure."""
+"""Plot of an error budget: bars for the effect of each imperfection, one panel for each measure."""
 
 from typing import TYPE_CHECKING, Any
 
@@ -14,12 +14,12 @@ ALONE, WITHOUT = BLUE, VERMILION
 
 
 def plot_error_budget(budget: ErrorBudget, path: PicturePath = None, title: str = "") -> "Figure":
-    """Draw the budget: for each measure the rms with an imperfection alone, and with all others but it.
+    """Draw the budget: for each measure, the rms with an imperfection alone, and with all others without it.
 
     Args:
         budget: the budget.
         path: where to save, see `PicturePath`.
-        title: what to write above.
+        title: title of the plot.
     """
     measures, n = list(budget.units), len(budget.costs)
     figure = new_figure(1.8 + 2.0 * len(measures), 1.4 + 0.28 * max(n, 3))

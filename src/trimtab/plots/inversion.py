@@ -1,4 +1,4 @@
-"""State and input along a course that an output follows exactly, and what they do before and after it."""
+"""Plot of state and input along a course that an output follows exactly, with the motion before and after it."""
 
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
@@ -12,9 +12,9 @@ if TYPE_CHECKING:  # matplotlib is imported when something is drawn
     from matplotlib.figure import Figure
 
 LEAST = 0.01
-"""A state is drawn that moves by more than this part of what moves most in its unit, and every output."""
+"""Smallest motion of a drawn state, relative to the largest motion in its unit; outputs are always drawn."""
 ROUNDING = 1e-6
-"""A state that moves by less than this part of its size stands still."""
+"""Motion of a state, relative to its size, below which it is constant."""
 
 
 def plot_inversion(
@@ -30,13 +30,13 @@ def plot_inversion(
     """Draw outputs, each other state that moves, and each input, over time; the course itself is shaded.
 
     Args:
-        found: the inversion.
+        found: result of the inversion.
         states, inputs: names of its columns.
-        span: when the course begins and ends (s).
+        span: beginning and end of the course (s).
         path: where to save, see `PicturePath`.
-        title: what to write above.
-        units: of states and inputs, by name; angles in rad are drawn in degrees.
-        outputs: what follows the course; those that are states are drawn first.
+        title: title of the plot.
+        units: units of states and inputs, by name; angles in rad are drawn in degrees.
+        outputs: outputs that follow the course; those that are states are drawn first.
     """
     units = units or {}
     moves = dict(zip(states, np.ptp(found.x, axis=0).tolist(), strict=True))

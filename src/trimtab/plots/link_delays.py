@@ -1,4 +1,4 @@
-"""A picture of the delays of a link: a histogram of each way and of the round trip, for each load."""
+"""Plot of the delays of a link: a histogram of each direction and of the round trip, for each load."""
 
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
@@ -17,9 +17,9 @@ def plot_link_delays(measured: Sequence[Delays], path: PicturePath = None, title
     """Draw the share of packets per ms of delay, with the fitted distribution over up and down.
 
     Args:
-        measured: one row of panels each.
+        measured: delays, one row of panels each.
         path: where to save, see `PicturePath`.
-        title: what to write above.
+        title: title of the plot.
     """
     figure = new_figure(WIDTH, 0.6 + ROW_HEIGHT * len(measured))
     every: Any = figure.subplots(len(measured), 3, squeeze=False)
@@ -49,8 +49,8 @@ def _draw_histogram(axes: Any, delays_ms: np.ndarray[Any, Any], fitted: DelayMod
 
 
 def gamma_density(fitted: DelayModel, seconds: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
-    """Of the shifted gamma distribution, in 1/s."""
-    from scipy import special  # a fifth of a second to import, and only pictures need it
+    """Return the density of the shifted gamma distribution, in 1/s."""
+    from scipy import special  # a fifth of a second to import, and only plots need it
 
     k = ((fitted.mean - fitted.shift) / fitted.sd) ** 2
     x = np.maximum(seconds - fitted.shift, 1e-12) * (fitted.mean - fitted.shift) / fitted.sd**2

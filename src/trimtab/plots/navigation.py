@@ -1,4 +1,4 @@
-"""A picture of a run's navigation: errors within the filter's own two sigmas, and how the measurements fared."""
+"""Plot of a run's navigation: errors within the filter's own two sigmas, and statistics of the measurements."""
 
 from typing import TYPE_CHECKING, Any
 
@@ -15,20 +15,20 @@ if TYPE_CHECKING:  # matplotlib is imported when something is drawn
     from matplotlib.figure import Figure
 COLUMNS, WIDTH, ROW_HEIGHT, TOP = 3, 16.0, 2.1, 0.7
 ROOM = 1.6
-"""The axes show so many times the band as it is late in the run: the start may lie far outside."""
+"""Range of the axes, in bands late in the run, because the start may lie far outside."""
 
 
 def plot_navigation(log: Log, path: PicturePath = None, title: str = "Navigation") -> "Figure":
     """Draw estimate minus truth with bands of two sigmas, biases as estimated, and NIS against its 95 % line.
 
     Args:
-        log: of a run whose estimate carries sigmas and innovations.
+        log: log of a run whose estimate has sigmas and innovations.
         path: where to save, see `PicturePath`.
-        title: what to write above; the verdict stands beside it.
+        title: title of the plot; the verdict is next to it.
     """
     states, aided = state_series(log), innovations(log)
     if not states:
-        problem = "the estimate in it carries no sigmas"
+        problem = "the estimate in the log has no sigmas"
         raise InputError("plot_navigation", problem, fix="log all signals of a run with an aided INS")
     judged = assess_navigation(log)
     states = {name: one for name, one in states.items() if len(one.t)}
@@ -55,13 +55,13 @@ def plot_navigation(log: Log, path: PicturePath = None, title: str = "Navigation
 
 
 def _unit(log: Log, name: str) -> tuple[str, float]:
-    """The unit of a state as people read it, and what its numbers are multiplied by."""
+    """Return the display unit of a state, and the factor to it."""
     path = next((p for p in log.paths if p.startswith("estimate.") and p.endswith(f".{name}")), "")
     return display_unit(path, log.unit(path) if path else "")
 
 
 def _label_times(every: Any, used: int) -> None:
-    """Times below the lowest panel of each column; panels after those used are left out."""
+    """Label times below the lowest panel of each column, and remove unused panels."""
     for axes in every[used:]:
         axes.set_axis_off()
     for axes in every[max(0, used - COLUMNS) : used]:
@@ -70,7 +70,7 @@ def _label_times(every: Any, used: int) -> None:
 
 
 def _draw_state(axes: Any, name: str, s: Series, unit: str) -> None:
-    """Error about zero, or the estimate by itself where there is no truth."""
+    """Draw the error about zero, or the estimate without truth."""
     middle = s.estimate if s.error is None else np.zeros(len(s.t))
     shown = s.estimate if s.error is None else s.error
     low, high = (decimate(s.t, middle + k * s.sigma) for k in (-2, 2))
@@ -90,7 +90,7 @@ def _draw_state(axes: Any, name: str, s: Series, unit: str) -> None:
 
 
 def _draw_nis(axes: Any, name: str, t: Any, nis: Any, dof: int) -> None:
-    """NIS of each update on a logarithmic scale, with what 95 % stay below, and the mean that is expected."""
+    """Draw NIS of each update on a logarithmic scale, with the 95 % limit, and the expected mean."""
     limit = gate_threshold(dof, 0.95)
     axes.plot(t, np.where(nis > 0, nis, np.nan), ".", color=BLUE, ms=3, alpha=0.5)
     axes.plot(t, np.where(nis > limit, nis, np.nan), ".", color=VERMILION, ms=3)

@@ -29,19 +29,19 @@ if TYPE_CHECKING:  # matplotlib is imported when something is drawn
     from matplotlib.figure import Figure
 
 POINTS = 2000
-"""Most points of a line."""
+"""Maximum number of points of a line."""
 MARKS = 14
-"""Heading marks along the path."""
+"""Number of heading marks along the path."""
 MARK_LENGTH = 0.05
-"""Of a heading mark, as a share of the picture."""
+"""Length of a heading mark, as a share of the plot."""
 LEAST = 0.5
-"""m, that the picture shows at least."""
+"""Smallest extent of the plot (m)."""
 FENCE_FARTHEST = 0.7
-"""A fence is drawn where it lies within so many spans of the flight; one farther off would make that small."""
+"""Largest distance of a drawn fence, in spans of the flight; a farther one would make the flight small."""
 
 
 class Fence(NamedTuple):
-    """Bounds of a supervisor (m): of north and east, and of the distance from the origin; infinite where none is."""
+    """Bounds of a supervisor (m): north, east, and distance from the origin; infinite without a bound."""
 
     south: float = -np.inf
     north: float = np.inf
@@ -51,18 +51,18 @@ class Fence(NamedTuple):
 
 
 def has_plan(log: Log) -> bool:
-    """Whether there is a plan view of it."""
+    """Return True if a plan view of the log is possible."""
     prefix = _prefix(log)
     return all(prefix + n in log and log[prefix + n].ndim == 1 for n in ("north", "east")) and len(log) > 0
 
 
 def has_profile(log: Log) -> bool:
-    """Whether there is a profile of it: a vehicle in space, whose place is known."""
+    """Return True if a profile of the log is possible: a vehicle in space with a known position."""
     return has_plan(log) and f"{FLIGHT}altitude" in log
 
 
 def _prefix(log: Log) -> str:
-    """Of north and east: worked out, or the truth's own."""
+    """Return the prefix of north and east: derived signals, or the truth's own."""
     return FLIGHT if f"{FLIGHT}north" in log else "truth."
 
 
@@ -73,14 +73,14 @@ def plot_plan(log: Log, ideal: Log | None = None, path: PicturePath = None, titl
         log: the run.
         ideal: the run to compare with, or None.
         path: where to save, see `PicturePath`.
-        title: what to write above.
+        title: title of the plot.
 
     Raises:
-        InputError: a vehicle that isn't in the plane.
+        InputError: the vehicle has no plan view.
     """
     log, ideal = with_flight(log), None if ideal is None else with_flight(ideal)
     if not has_plan(log):
-        problem = "its truth has no north and east"
+        problem = "the truth in the log has no north and east"
         raise InputError("plot_plan", problem, fix="draw it with plot_run instead")
     figure = new_figure(8.0, 7.0)
     axes: Any = figure.add_subplot()
@@ -91,7 +91,7 @@ def plot_plan(log: Log, ideal: Log | None = None, path: PicturePath = None, titl
 
 
 def draw_plan(axes: Any, log: Log, ideal: Log | None = None) -> None:
-    """Draw it into one panel."""
+    """Draw the plan view into one panel."""
     north, east = (log[_prefix(log) + name] for name in ("north", "east"))
     size, shown = _span(north, east), _thin(len(log))
     _draw_fence(axes, find_fence(log.metadata.get("parameters") or {}), north, east)
@@ -123,7 +123,7 @@ def draw_plan(axes: Any, log: Log, ideal: Log | None = None) -> None:
 
 
 def find_fence(parameters: Mapping[str, Any]) -> Fence:
-    """The tightest bounds that the settings of a logged run have for its position."""
+    """Return the tightest position bounds in the settings of a logged run."""
     bounds: dict[str, float] = {}
     for path, fields in parameters.items():
         head, _, name = path.rpartition(".")
@@ -140,7 +140,7 @@ def find_fence(parameters: Mapping[str, Any]) -> Fence:
 
 
 def _draw_fence(axes: Any, fence: Fence, north: Any, east: Any) -> None:
-    """Those of its sides that aren't far from the flight."""
+    """Draw the sides of a fence that aren't far from the flight."""
     size, look = _span(north, east), {"color": GREY, "lw": 1.2, "ls": ":"}
     label = {"label": "fence"}
     sides = ((fence.south, north, axes.axhline), (fence.north, north, axes.axhline))
@@ -154,7 +154,7 @@ def _draw_fence(axes: Any, fence: Fence, north: Any, east: Any) -> None:
 
 
 def draw_profile(axes: Any, log: Log, ideal: Log | None = None) -> None:
-    """Draw the altitude of a vehicle in space over the way that it flew, into one panel."""
+    """Draw the altitude of a vehicle in space over the distance flown, into one panel."""
     for one, colour, look in ((ideal, VERMILION, "--"), (log, BLUE, "-")):
         if one is None or not has_profile(one):
             continue
@@ -166,11 +166,11 @@ def draw_profile(axes: Any, log: Log, ideal: Log | None = None) -> None:
             axes.plot(way[:1], up[:1], "o", color=BLUE, mfc="white", ms=6)
             axes.plot(way[-1:], up[-1:], "o", color=BLUE, ms=5)
     style_axes(axes, "Profile", "", "altitude (m)")
-    axes.set_xlabel("way over the ground (m)", fontsize=9)
+    axes.set_xlabel("distance over the ground (m)", fontsize=9)
 
 
 def _draw_headings(axes: Any, headings: Any, places: Any, length: float) -> None:
-    """Short lines from the craft along its nose, at even times; places: east, north (2, n)."""
+    """Draw short lines from the craft along its nose, at even times; places: east, north (2, n)."""
     at = np.unique(np.linspace(0, len(headings) - 1, MARKS).astype(int))
     heading, places = headings[at], places[:, at]
     ahead = length * np.array([np.sin(heading), np.cos(heading)])

@@ -1,4 +1,4 @@
-"""A picture of a plan: floor, obstacles, the way that was searched, and the flight along it with what it takes."""
+"""Plot of a plan: floor, obstacles, the planned route, and the flight along it with its inputs."""
 
 from typing import TYPE_CHECKING, Any
 
@@ -12,17 +12,17 @@ if TYPE_CHECKING:  # matplotlib is imported when something is drawn
     from matplotlib.figure import Figure
 
 EACH = 50
-"""Rows between the outlines of the craft."""
+"""Number of rows between two outlines of the craft."""
 
 
 def plot_planned_path(task: PlanTask, plan: FlownPlan, path: PicturePath = None, title: str = "Plan") -> "Figure":
     """Draw a plan: north up, east to the right; circles are the craft, ticks its nose.
 
     Args:
-        task: what was asked for.
-        plan: what came of it.
+        task: the planning task.
+        plan: the resulting plan.
         path: where to save, see `PicturePath`.
-        title: what to write above.
+        title: title of the plot.
     """
     figure = new_figure(12.0, 6.4)
     grid: Any = figure.add_gridspec(3, 2, width_ratios=(1.25, 1))

@@ -1,4 +1,4 @@
-"""A picture of a replay: each estimated state and each command as recorded and as replayed, and both errors.
+"""Plot of a replay: each estimated state and each command, recorded and replayed, and both errors.
 
 Which rows there are follows from the logs' paths.
 """
@@ -19,14 +19,14 @@ SHOWN_PREFIXES = ("estimate.state.", "law.demand.", "command.value.")
 
 
 def common_signals(recorded: Log, replayed: Log) -> list[str]:
-    """Real signals of one component that both have: estimated states without their sigmas, demands, commands."""
+    """Return common real signals of one component: estimated states without their sigmas, demands, commands."""
     both = [p for p in recorded.paths if p in replayed and p.startswith(SHOWN_PREFIXES)]
     plain = [p for p in both if p.count(".") == 2 and not p.rpartition(".")[2].startswith("sigma_")]
     return [p for p in plain if recorded[p].dtype.kind == "f" and recorded[p].ndim == replayed[p].ndim == 1]
 
 
 def interpolate_truth(log: Log, path: str, ticks: Any) -> Any:
-    """The truth of an estimated state at the instants `ticks`, or None."""
+    """Return the truth of an estimated state at the instants `ticks`, or None."""
     name = f"truth.{path.removeprefix('estimate.state.')}"
     if not path.startswith("estimate.state.") or name not in log:
         return None
@@ -34,17 +34,17 @@ def interpolate_truth(log: Log, path: str, ticks: Any) -> Any:
 
 
 def plot_replay(log: Log, recorded: Log, replayed: Log, path: PicturePath = None, title: str = "Replay") -> "Figure":
-    """Draw the recorded signals with the replayed ones over them; beside each the errors, or the difference.
+    """Draw the recorded signals with the replayed ones over them, and the errors, or the difference, next to them.
 
     Args:
         log: the whole log, which may have the truth.
         recorded, replayed: the signals at the control instants, as `run.replay` gives them.
         path: where to save, see `PicturePath`.
-        title: what to write above.
+        title: title of the plot.
     """
     names = common_signals(recorded, replayed)
     if not names:
-        problem = "the two have no estimated state, demand or command in common"
+        problem = "the two logs have no estimated state, demand or command in common"
         raise InputError("plot_replay", problem, fix="record estimate, law and command")
     figure = new_figure(WIDTH, TOP + len(names) * ROW_HEIGHT)
     every: Any = figure.subplots(len(names), 2, sharex=True, squeeze=False)

@@ -40,23 +40,23 @@ if TYPE_CHECKING:  # matplotlib is imported when something is drawn
 
 COLUMNS, WIDTH, ROW_HEIGHT = 3, 16.0, 1.85
 LEFT, RIGHT, TOP, BOTTOM, GAP = 0.85, 0.25, 0.95, 0.6, 0.9
-"""Margins and the gap between columns, inches."""
+"""Margins and gap between columns (inches)."""
 PLAN_ROWS = 3
-"""Rows of the last column that the plan view takes; the profile of a vehicle in space has one more below."""
+"""Number of rows of the last column for the plan view; the profile of a vehicle in space has one more below."""
 IN_SPACE = {
     "Altitude": ("altitude",),
     "Speed": ("ground_speed", "climb", "air_speed"),
     "Attitude": ANGLES,
     "Rates": RATES,
 }
-"""Panels of a vehicle in space, and what they show of its flight."""
+"""Panels of a vehicle in space, and their signals."""
 LIMIT_FARTHEST = 0.5
-"""A limit of an input is drawn where it lies within so many of its spans; one farther off would make it small."""
+"""Largest distance of a drawn limit of an input, in spans of the input; a farther one would make the input small."""
 
 
 @dataclasses.dataclass(frozen=True)
 class Panel:
-    """One pair of axes. kind: line, log, mode, age or flags; demand_path: drawn behind."""
+    """One panel. kind: line, log, mode, age or flags; demand_path: signal drawn behind."""
 
     title: str
     paths: tuple[str, ...]
@@ -73,7 +73,7 @@ def plot_run(
     *,
     targets: Iterable[Target] = (),
 ) -> "Figure":
-    """Draw a run; with a path also save it (PNG, or what the suffix says; the file appears whole or not at all).
+    """Draw a run; with a path also save it (PNG, or the format of the suffix; the file is written atomically).
 
     >>> from trimtab import plot_run, simulate
     >>> len(plot_run(simulate("hovercraft/spin", duration="100 ms")).axes) > 4
@@ -82,8 +82,8 @@ def plot_run(
     Args:
         real: the run.
         ideal: the run to compare with, or None; drawn for the truth and the law.
-        path: where to save.
-        title: what to write above; without it the scenario and the seed.
+        path: path of the saved file.
+        title: title of the plot; default: the scenario and the seed.
         targets: drawn as a line with its band, in the panel of their signal.
     """
     from matplotlib.figure import Figure
@@ -130,9 +130,9 @@ def plot_run(
 
 
 def select_panels(log: Log, aimed: Collection[str] = ()) -> list[Panel]:
-    """What to draw, in the order of the loop's story: truth, forces, law, actuators, ages, flags.
+    """Select the panels, in the order of the loop: truth, forces, law, actuators, ages, flags.
 
-    Of a vehicle in space what its flight is worked out from is left out, but for what is aimed at.
+    For a vehicle in space, the sources of derived signals are left out, unless they have a target.
     """
     said = flight_sources(log) - set(aimed) if f"{FLIGHT}roll" in log else set[str]()
     drawn = [p for p in log.paths if _panel_kind(log, p) not in ("time", "flag") and p not in said]
@@ -165,7 +165,7 @@ def select_panels(log: Log, aimed: Collection[str] = ()) -> list[Panel]:
 
 
 def _tell_apart(panels: list[Panel]) -> list[Panel]:
-    """The panels, those that have the title of one before with where they are from: Heading, law.demand."""
+    """Add the origin to repeated panel titles: Heading, law.demand."""
     titles = [panel.title for panel in panels]
     return [
         dataclasses.replace(panel, title=f"{panel.title}, {panel.paths[0].rpartition('.')[0]}")
@@ -176,7 +176,7 @@ def _tell_apart(panels: list[Panel]) -> list[Panel]:
 
 
 def _panel_places(count: int, side_rows: int) -> list[tuple[int, int]]:
-    """Row and column of each panel, in reading order around the views of the track."""
+    """Return row and column of each panel, in reading order around the views of the track."""
     cells = ((row, column) for row in range(count + side_rows) for column in range(COLUMNS))
     free = (cell for cell in cells if not (cell[0] < side_rows and cell[1] == COLUMNS - 1))
     return list(itertools.islice(free, count))
@@ -189,18 +189,18 @@ def _panel_kind(log: Log, path: str) -> str:
 
 
 def _is_idle(log: Log, path: str) -> bool:
-    """Whether it is a term of a law, of several numbers, that is switched off: zero all the time."""
+    """Return True for a vector term of a law that is switched off, i.e. always zero."""
     return path.startswith("law.") and log[path].ndim > 1 and not log[path].any()
 
 
 def _title_of_path(path: str) -> str:
-    """A title from a path: surge_velocity becomes Surge velocity, speed_rpm Speed; symbols such as FX or h stay."""
+    """Return a title from a path: surge_velocity becomes Surge velocity, speed_rpm Speed; symbols such as FX stay."""
     name = path.rsplit(".", 1)[-1].removesuffix("_rpm").replace("_", " ")
     return name if len(name) == 1 else name[0].upper() + name[1:]
 
 
 def _short_label(name: str) -> str:
-    """A name that fits left of the axes, on several lines if need be."""
+    """Wrap a name so that it fits left of the axes."""
     return textwrap.fill(name, 13)
 
 
@@ -244,7 +244,7 @@ def _draw_panel(axes: Any, panel: Panel, real: Log, ideal: Log | None, targets: 
 
 
 def _draw_limits(axes: Any, panel: Panel, log: Log) -> None:
-    """Of an input, what it was declared to keep within, where that isn't far off."""
+    """Draw the declared limits of an input, if they aren't far off."""
     path = panel.paths[0]
     declared = log.declaration(path)
     known = log[path][np.isfinite(log[path])]

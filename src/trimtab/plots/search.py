@@ -1,4 +1,4 @@
-"""Pictures of a search: the margins of a search for the worst case, and the cost and gains of a tuning."""
+"""Plots of a search: the margins of a falsification, and the cost and gains of a tuning."""
 
 from typing import TYPE_CHECKING, Any
 
@@ -13,7 +13,7 @@ if TYPE_CHECKING:  # matplotlib is imported when something is drawn
 
 WIDTH, FALSIFY_HEIGHT, TUNE_HEIGHT = 13.0, 4.6, 4.2
 WORST = 60
-"""How many of the worst candidates are drawn across the box."""
+"""Number of the worst candidates drawn across the box."""
 
 
 def plot_falsify(
@@ -22,9 +22,9 @@ def plot_falsify(
     """Draw the search.
 
     Args:
-        search: what `falsify` gave.
+        search: result of `falsify`.
         path: where to save, see `PicturePath`.
-        title: what to write above.
+        title: title of the plot.
     """
     names = [name.rsplit(".", 1)[-1] for name in search.names]
     figure = new_figure(WIDTH, max(FALSIFY_HEIGHT, 1.6 + 0.32 * len(names)))
@@ -58,7 +58,7 @@ def _draw_margins(axes: Any, search: FalsificationResult) -> None:
 
 
 def _draw_candidates(axes: Any, search: FalsificationResult, names: list[str]) -> None:
-    """Coordinates of the worst candidates; the worst of all is joined by a line."""
+    """Draw coordinates of the worst candidates; those of the worst one are joined by a line."""
     _, once = np.unique(search.points, axis=0, return_index=True)
     worst = once[np.argsort(search.candidate_margins.min(axis=1)[once], kind="stable")][:WORST][::-1]
     rows = np.arange(len(names))
@@ -68,16 +68,16 @@ def _draw_candidates(axes: Any, search: FalsificationResult, names: list[str]) -
     axes.set_yticks(rows, names, fontsize=8)
     axes.set_xlim(-0.03, 1.03)
     axes.set_ylim(len(names) - 0.5, -0.5)
-    axes.set_xlabel(f"place between the bounds: the worst, and {len(worst)} bad ones", fontsize=9)
+    axes.set_xlabel(f"place between the bounds: the worst, and {len(worst)} other bad candidates", fontsize=9)
 
 
 def plot_tune(tuning: TuningResult, path: PicturePath = None, title: str = "Tuning") -> "Figure":
     """Draw a tuning.
 
     Args:
-        tuning: what `tune` gave.
+        tuning: result of `tune`.
         path: where to save, see `PicturePath`.
-        title: what to write above.
+        title: title of the plot.
     """
     figure = new_figure(WIDTH, TUNE_HEIGHT)
     axes: Any = figure.subplots(1, 3, gridspec_kw={"width_ratios": (3, 3, 2)})
@@ -105,7 +105,7 @@ def plot_tune(tuning: TuningResult, path: PicturePath = None, title: str = "Tuni
 
 
 def _draw_comparisons(axes: Any, tuning: TuningResult) -> None:
-    """Mean paired differences with their intervals."""
+    """Draw mean paired differences with their intervals."""
     bars = (("seen", tuning.seen_comparison, GREY), ("held out", tuning.held_out_comparison, BLUE))
     for i, (_, c, colour) in enumerate(bars):
         if np.isfinite(c.difference):

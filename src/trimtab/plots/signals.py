@@ -1,4 +1,4 @@
-"""Any signals of one log or of several, by their paths: a panel for each, over one time axis."""
+"""Plot of any signals of one log or of several, by their paths: one panel for each, over one time axis."""
 
 from collections.abc import Mapping, Sequence
 from fnmatch import fnmatchcase
@@ -28,15 +28,15 @@ if TYPE_CHECKING:  # matplotlib is imported when something is drawn
 
 COLOURS = (BLUE, VERMILION, GREEN, ORANGE)
 MOST = 24
-"""Panels of one picture."""
+"""Maximum number of panels in a plot."""
 
 
 def select_paths(log: Log, wanted: Sequence[str]) -> list[str]:
-    """Numbers of a log by their paths, in the order wanted: "truth.yaw_rate", "truth.velocity[2]", "law.*".
+    """Select numbers of a log by their paths, in the order wanted: "truth.yaw_rate", "truth.velocity[2]", "law.*".
 
     A vector gives each of its numbers; derived signals of a flight in space, such as "flight.roll", count too.
 
-    Raises: InputError with what is near.
+    Raises: InputError with similar paths.
     """
     log, chosen = with_flight(log), list[str]()
     for path in wanted:
@@ -58,13 +58,13 @@ def select_paths(log: Log, wanted: Sequence[str]) -> list[str]:
 
 
 def plot_signals(logs: Mapping[str, Log], paths: Sequence[str], path: PicturePath = None, title: str = "") -> "Figure":
-    """Draw signals, a panel each; with a path also save it.
+    """Draw signals, one panel each; with a path also save the plot.
 
     Args:
         logs: name -> log; with several each has its colour, and a log that lacks a signal is left out there.
-        paths: of numbers, as `select_paths` gives them.
+        paths: paths of numbers, as returned by `select_paths`.
         path: where to save; PNG, PDF or SVG by its suffix.
-        title: above it all.
+        title: title of the plot.
     """
     from matplotlib.figure import Figure
 

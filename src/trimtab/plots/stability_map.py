@@ -1,4 +1,4 @@
-"""The picture of a stability map: successes, the traced boundary, the points that were flown, theory beside it."""
+"""Plot of a stability map: successes, the traced boundary, the points that were flown, and the theory's curves."""
 
 from collections.abc import Iterable
 from typing import TYPE_CHECKING, Any
@@ -31,8 +31,8 @@ def plot_stability_map(
     Args:
         region: the map.
         path: where to save, see `PicturePath`.
-        title: what to write above; the scenario's name where not given.
-        theory: criteria whose lines are drawn too.
+        title: title of the plot; default: the scenario's name.
+        theory: criteria whose curves are drawn too.
     """
     from matplotlib.colors import LinearSegmentedColormap
     from matplotlib.lines import Line2D
@@ -60,7 +60,7 @@ def plot_stability_map(
 
 
 def _draw_criterion(axes: Any, one: StabilityCriterion) -> list[Any]:
-    """Draw the lines of a criterion; what the legend shows of it, if there are any."""
+    """Draw the curves of a criterion, and return its legend entries, if any."""
     from matplotlib.lines import Line2D
 
     look: tuple[str, Any] = LINES.get(one.name, (BLUE, ":"))
@@ -80,7 +80,7 @@ def _label(axis: Axis) -> str:
 
 
 def _cell_means(region: StabilityMap) -> Any:
-    """The mean share at the corners of the cell that each of the finest cells lies in (nx - 1, ny - 1)."""
+    """Return the mean share at the corners of the cell around each of the finest cells (nx - 1, ny - 1)."""
     grid = region.traced_boundary.grid()
     whole = np.empty((grid.shape[0] - 1, grid.shape[1] - 1))
     for i, j, size in region.traced_boundary.cells:

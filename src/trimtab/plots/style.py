@@ -1,6 +1,6 @@
-"""How every picture looks: colours, grid, titles, lines thinned to what a screen shows, and how it is saved.
+"""Style of all plots: colours, grid, titles, lines thinned to the resolution of a screen, and saving.
 
-Colours: Okabe and Ito, "Color universal design", 2008; told apart also without colour vision.
+Colours: Okabe and Ito, "Color universal design", 2008; distinguishable also without colour vision.
 """
 
 import io
@@ -22,32 +22,32 @@ ORANGE, PURPLE, SKY_BLUE = "#E69F00", "#CC79A7", "#56B4E9"
 SEVERAL = (BLUE, ORANGE, GREEN, PURPLE, SKY_BLUE, VERMILION, "#000000")
 DPI = 100
 PicturePath = str | os.PathLike[str] | None
-"""Where a picture is saved: PNG, or what the suffix says; the file appears whole or not at all. None: nowhere."""
+"""Path of a saved plot: PNG, or the format of the suffix; written atomically. None: not saved."""
 BINS = 600
-"""Bins to a line: about the pixels of a panel's width. Each keeps its extremes."""
+"""Number of bins of a line, about the width of a panel in pixels. Each bin keeps its extremes."""
 COLUMNS, TURNS, SWINGS, STRETCH = 100, 4, (0.2, 0.5), 15
 """Cut in so many columns, a line chatters where it turns round so often in each, over the lesser share of its span,
 and in half of them over the greater, in so many columns in a row: a period is then at most some pixels wide."""
 CHATTER = "where it chatters: range, mean"
-"""What a range in the place of a line is called in legends."""
+"""Legend entry of a range that is drawn instead of a line."""
 
 
 def new_figure(width: float, height: float) -> "Figure":
-    """A white figure, inches, whose panels make room for one another."""
+    """Create a white figure, in inches, whose panels make room for one another."""
     from matplotlib.figure import Figure
 
     return Figure(figsize=(width, height), dpi=DPI, facecolor="white", layout="constrained")
 
 
 def style_grid(axes: Any) -> None:
-    """A light grid below all that is drawn, and small numbers."""
+    """Draw a light grid below everything, and small numbers."""
     axes.grid(color="#d8d8d8", lw=0.6)
     axes.set_axisbelow(True)
     axes.tick_params(labelsize=8)
 
 
 def style_axes(axes: Any, title: str, note: str = "", unit: str = "") -> None:
-    """One panel of a signal: its title on the left, a note on the right, its unit beside it."""
+    """Style the panel of a signal: title on the left, note on the right, unit next to it."""
     axes.set_title(title, loc="left", fontsize=10, weight="bold")
     axes.set_title(note, loc="right", fontsize=8, color=GREY)
     axes.set_ylabel(unit if unit != "1" else "", fontsize=9)
@@ -57,9 +57,9 @@ def style_axes(axes: Any, title: str, note: str = "", unit: str = "") -> None:
 
 
 def decimate(t: np.ndarray, x: np.ndarray, bins: int = BINS) -> tuple[np.ndarray, np.ndarray]:
-    """Of each of `bins` stretches of a line the lowest, the highest and the first missing point; and both ends.
+    """Return the lowest, the highest and the first missing point of each of `bins` parts of a line, and both ends.
 
-    Drawn at that many pixels the picture is the same. Shapes (n,) and (n,) come back as (m,) and (m,), m <= 3 bins + 2.
+    Drawn at that many pixels, the plot is the same. Shapes (n,) and (n,) become (m,) and (m,), m <= 3 bins + 2.
     """
     n = len(x)
     if n <= 4 * bins:
@@ -75,9 +75,9 @@ def decimate(t: np.ndarray, x: np.ndarray, bins: int = BINS) -> tuple[np.ndarray
 
 
 def draw_line(axes: Any, t: np.ndarray, x: np.ndarray, *, logarithmic: bool = False, **look: Any) -> None:
-    """Draw a line thinned; where it chatters, so that a solid block would be left of it, its range, pale, and its mean.
+    """Draw a thinned line; where it would chatter into a solid block, draw its range, pale, and its mean.
 
-    Shapes (n,) and (n,).  logarithmic: judged on such a scale.  look: of `axes.plot`, with a color.
+    Shapes (n,) and (n,).  logarithmic: scale on which chatter is judged.  look: of `axes.plot`, with a color.
     """
     x = np.asarray(x, np.float64)
     if len(x) > 4 * BINS:
@@ -96,13 +96,13 @@ def draw_line(axes: Any, t: np.ndarray, x: np.ndarray, *, logarithmic: bool = Fa
 
 
 def _column_ranges(x: np.ndarray, size: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """The lowest, the highest and the mean of each column of so many; missing where one is missing."""
+    """Return lowest, highest and mean of each column of `size` points; missing if a point is missing."""
     padded = np.append(x, np.full(-len(x) % size, x[-1])).reshape(-1, size)
     return padded.min(1), padded.max(1), padded.mean(1)
 
 
 def _chattering_columns(x: np.ndarray, size: int) -> np.ndarray:
-    """In which columns a line chatters; a start far off doesn't count in its span."""
+    """Return the columns in which a line chatters; a start far off does not count in its span."""
     low, high, _ = _column_ranges(x, size)
     known = np.isfinite(low) & np.isfinite(high)
     if not known.any():
@@ -121,14 +121,14 @@ def _chattering_columns(x: np.ndarray, size: int) -> np.ndarray:
 
 
 def has_chatter(axes: Any) -> bool:
-    """Whether a line that chatters was drawn there."""
+    """Return True if a chattering line was drawn there."""
     return any(one.get_label() == CHATTER for one in axes.collections)
 
 
 def save_figure(
     figure: "Figure", path: PicturePath, title: str = "", note: str = "", *, title_size: float = 13
 ) -> "Figure":
-    """Write a title in the upper left corner, a note in the upper right, and save the figure where there is a path."""
+    """Write a title in the upper left corner, a note in the upper right, and save the figure if there is a path."""
     if title:
         figure.suptitle(title, fontsize=title_size, weight="bold", x=0.01, ha="left")
     if note:

@@ -1,4 +1,4 @@
-"""A picture of a swarm's run: the floor from above with the way of each craft, and how near any two came."""
+"""Plot of a swarm's run: the floor from above with the path of each craft, and the distances between craft."""
 
 from typing import TYPE_CHECKING, Any
 
@@ -23,22 +23,22 @@ if TYPE_CHECKING:  # matplotlib is imported when something is drawn
 
 WIDTH, HEIGHT = 14.0, 7.0
 WAY_POINTS = 400
-"""Most points of a craft's way that are drawn."""
+"""Maximum number of drawn points of a craft's path."""
 NOSE = 0.45
-"""Length of the mark that shows where a craft's nose points, m."""
+"""Length of the mark for the direction of a craft's nose (m)."""
 
 
 def plot_swarm(real: Log, ideal: Log | None = None, path: PicturePath = None, title: str = "Swarm") -> "Figure":
-    """Draw the ways of all craft from above; beside them the least distance of two, and the largest from a place.
+    """Draw the paths of all craft from above, the least distance of two, and the largest distance from a place.
 
     Args:
-        real: of a run whose truth has north, east and heading of several craft.
+        real: log of a run whose truth has north, east and heading of several craft.
         ideal: the run to compare with, or None.
         path: where to save, see `PicturePath`.
-        title: what to write above.
+        title: title of the plot.
     """
     if "truth.north" not in real or real["truth.north"].ndim != 2:
-        problem = "its truth is not that of several craft"
+        problem = "the truth in the log is not that of several craft"
         raise InputError("plot_swarm", problem, fix="draw it with plot_run instead")
     figure = new_figure(WIDTH, HEIGHT)
     panels: Any = figure.subplot_mosaic([["floor", "spacing"], ["floor", "astray"]], width_ratios=(1.1, 1.0))

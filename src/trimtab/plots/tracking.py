@@ -1,6 +1,6 @@
-"""A picture of how well a run tracks: wanted and flown, inputs, then each state nobody measures with its estimate.
+"""Plot of the tracking in a run: wanted and flown signals, inputs, then unmeasured states with their estimates.
 
-Which rows there are follows from the log's paths: a signal `law.X_wanted` beside `truth.X` makes one.
+The rows follow from the log's paths: a signal `law.X_wanted` next to `truth.X` makes one.
 """
 
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -29,22 +29,22 @@ if TYPE_CHECKING:  # matplotlib is imported when something is drawn
     from matplotlib.figure import Figure
 WIDTH, ROW_HEIGHT, TOP = 14.0, 1.7, 0.7
 ROOM = 1.3
-"""Axes show so many times what they have to."""
+"""Range of the axes, relative to the range of their content."""
 ABOVE, INSET = 0.8, (0.4, 0.56, 0.59, 0.34)
 """Room above an error, in its ranges, for an inset at this place of the axes: left, bottom, width, height."""
 WITHOUT = "estimate.state.without_measurement"
-"""What the estimator's model gives without any measurement: an error that vanishes there too proves nothing."""
+"""Estimate of the model without any measurement: an error that vanishes there too proves nothing."""
 
 
 class SignalRow(NamedTuple):
-    """One signal: its name, and whether the estimator has to find it (an estimate that differs from the truth)."""
+    """One signal: its name, and True if the estimator must find it (its estimate differs from the truth)."""
 
     name: str
     is_estimated: bool
 
 
 def tracking_rows(log: Log) -> list[SignalRow]:
-    """Tracked signals first, in the order of the log, then those that are estimated."""
+    """Return tracked signals first, in the order of the log, then estimated ones."""
     wanted = [p.removeprefix("law.").removesuffix("_wanted") for p in log.paths if _is_wanted(log, p)]
     rows = [SignalRow(name, _has_own_estimate(log, name)) for name in wanted]
     return sorted(rows, key=lambda row: row.is_estimated)
@@ -54,13 +54,13 @@ def plot_tracking(log: Log, path: PicturePath = None, title: str = "Tracking") -
     """Draw each wanted signal with its error; inputs between tracked and estimated ones.
 
     Args:
-        log: of a run whose law logs `X_wanted` for signals X of the truth.
+        log: log of a run whose law logs `X_wanted` for signals X of the truth.
         path: where to save, see `PicturePath`.
-        title: what to write above.
+        title: title of the plot.
     """
     rows = tracking_rows(log)
     if not rows:
-        problem = "its law logs no signal X_wanted beside truth.X"
+        problem = "the law in the log has no signal X_wanted next to truth.X"
         raise InputError("plot_tracking", problem, fix="draw it with plot_run instead")
     inputs = [p for p in log.paths if p.startswith("actuators.u.")]
     tracked = [r for r in rows if not r.is_estimated]
@@ -94,7 +94,7 @@ def _is_wanted(log: Log, path: str) -> bool:
 
 
 def _has_own_estimate(log: Log, name: str) -> bool:
-    """Whether there is an estimate of it that is not simply the truth, to rounding."""
+    """Return True if there is an estimate that differs from the truth by more than rounding."""
     path = f"estimate.state.{name}"
     if path not in log:
         return False
@@ -129,9 +129,9 @@ def _draw_row(pair: Any, log: Log, row: SignalRow) -> None:
 
 
 def _sigma(log: Log, name: str) -> np.ndarray | None:
-    """What the estimator believes of its error: a signal of the state, or one of a vector's numbers.
+    """Return the estimator's sigma: a signal of the state, or one element of a vector.
 
-    The vector has them in the order in which the states that the model gives without any measurement stand in the log.
+    The vector has the order in which the states of the model without measurement stand in the log.
     """
     path, several = f"estimate.state.sigma_{name}", "estimate.state.sigma"
     if path in log:
@@ -143,7 +143,7 @@ def _sigma(log: Log, name: str) -> np.ndarray | None:
 
 
 def _draw_error(axes: Any, log: Log, shown: list[tuple[np.ndarray, str]], sigma: np.ndarray | None = None) -> None:
-    """Errors, each with its colour, and the band of two sigmas; a start far off stands in an inset."""
+    """Draw errors, each with its colour, and the band of two sigmas; a start far off is in an inset."""
     band = [] if sigma is None else [-2 * sigma, 2 * sigma]
     end = _set_vertical_range(axes, log, *band, *(x for x, _ in shown))
     views = [(axes, slice(None))]
@@ -164,16 +164,16 @@ def _draw_error(axes: Any, log: Log, shown: list[tuple[np.ndarray, str]], sigma:
 
 
 def _signed_difference(log: Log, path: str, a: np.ndarray, b: np.ndarray) -> np.ndarray:
-    """a - b, the short way round for angles."""
+    """Return a - b, the short way round for angles."""
     off = a - b
     angle = path in log.declarations and log.declarations[path].kind == "angle"
     return np.angle(np.exp(1j * off)) if angle else off
 
 
 def _set_vertical_range(axes: Any, log: Log, *signals: np.ndarray, middle: bool = False) -> int:
-    """The vertical range of what comes after the first twentieth of the run: a start far off would hide all else.
+    """Set the vertical range after the first twentieth of the run, because a start far off would hide all else.
 
-    Returns: at which row the last signal's start has come within the range for good; 0 where it never was outside.
+    Returns: row from which the last signal's start stays within the range; 0 if it was never outside.
     """
     first = len(log) // 20
     late = np.concatenate([x[first:] for x in signals])
@@ -196,7 +196,7 @@ def _draw_input(axes: Any, log: Log, path: str) -> None:
 
 
 def _rms(log: Log, error: np.ndarray) -> str:
-    """What is left after the first tenth of the run."""
+    """Format the rms error after the first tenth of the run."""
     late = error[len(log) // 10 :]
     if not np.isfinite(late).all():
         return "lost"

@@ -50,17 +50,17 @@ def test_a_column_of_a_file_is_drawn_from(tmp_path):
 @pytest.mark.parametrize(
     ("text", "problem"),
     [
-        ("gauss(1, 2)", "no distribution"),
-        ("normal(1)", "1 numbers"),
-        ("normal(1, 0)", "STD 0 is not above 0"),
+        ("gauss(1, 2)", "unknown distribution"),
+        ("normal(1)", "wrong number of numbers: 1"),
+        ("normal(1, 0)", "STD must be above 0, got 0"),
         ("normal(1, x)", "'x'"),
         ("normal(1, inf)", "not finite"),
-        ("uniform(3, 1)", "LOW 3 is not below HIGH 1"),
-        ("lognormal(-1, 1)", "MEDIAN -1"),
-        ("choice()", "offers nothing"),
+        ("uniform(3, 1)", "LOW 3 must be below HIGH 1"),
+        ("lognormal(-1, 1)", "MEDIAN must be above 0, got -1"),
+        ("choice()", "offers no choices"),
         ("file(nowhere.csv:mass)", "cannot read"),
         ("file(nowhere.csv)", "names no column"),
-        ("2.6", "no distribution"),
+        ("2.6", "unknown distribution"),
     ],
 )
 def test_what_is_no_distribution_is_refused_with_the_way_to_write_it(text, problem):
@@ -70,7 +70,7 @@ def test_what_is_no_distribution_is_refused_with_the_way_to_write_it(text, probl
 
 
 @pytest.mark.parametrize(
-    ("content", "problem"), [("mass\n1\nx\n", "no number"), ("mass\nnan\n", "not finite"), ("a\n1\n", "no column")]
+    ("content", "problem"), [("mass\n1\nx\n", "not a number"), ("mass\nnan\n", "not finite"), ("a\n1\n", "no column")]
 )
 def test_a_bad_column_is_refused(tmp_path, content, problem):
     file = tmp_path / "measured.csv"
@@ -82,5 +82,5 @@ def test_a_bad_column_is_refused(tmp_path, content, problem):
 def test_a_share_of_zero_is_refused():
     with pytest.raises(InputError, match="own value is 0"):
         check_nominal("--spread x", parse_distribution("normal(100%, 5%)"), 0.0)
-    with pytest.raises(InputError, match="not above 0"):
+    with pytest.raises(InputError, match="must be above 0"):
         check_nominal("--spread x", parse_distribution("normal(2, 10%)"), -1.0)

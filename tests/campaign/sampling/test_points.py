@@ -109,8 +109,8 @@ def test_rows_are_these():
     ("factors", "correlated", "says"),
     [
         (["a", "b"], [["a", "b"]], "a, b are correlated"),
-        ([], [], "no parameter is dispersed"),
-        (["a", "a"], [], "'a' is there twice"),
+        ([], [], "no parameter varies"),
+        (["a", "a"], [], "'a' is given twice"),
         (["a", "noise"], [], "random numbers"),
     ],
 )

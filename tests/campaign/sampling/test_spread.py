@@ -73,13 +73,13 @@ def test_correlated_numbers_keep_their_distributions(scenario):
 @pytest.mark.parametrize(
     ("path", "text", "problem"),
     [
-        ("world.vehicle.mas", "normal(100%, 5%)", "no such parameter"),
-        ("autopilot.period", "uniform(1, 2)", "shapes the program"),
-        (LATENCY, "normal(1, 2)", "is one number"),
+        ("world.vehicle.mas", "normal(100%, 5%)", "unknown parameter"),
+        ("autopilot.period", "uniform(1, 2)", "changes the program"),
+        (LATENCY, "normal(1, 2)", "gives one number"),
         (f"{LATENCY}[65]", "normal(1, 2)", "has shape"),
         (f"{MASS}[0]", "normal(1, 2)", "has shape"),
-        (MASS, "choice(heavy, light)", "not all numbers"),
-        ("a[b]", "normal(1, 2)", "is no path"),
+        (MASS, "choice(heavy, light)", "only numbers"),
+        ("a[b]", "normal(1, 2)", "is not a path"),
     ],
 )
 def test_what_does_not_fit_is_refused(scenario, path, text, problem):
@@ -98,9 +98,9 @@ def test_what_is_named_twice_is_refused():
 @pytest.mark.parametrize(
     ("correlate", "problem"),
     [
-        ([(MASS, "other", 0.5)], "not dispersed"),
-        ([(MASS, INERTIA, 1.0)], "between -1 and 1"),
-        ([(MASS, MASS, 0.1)], "two paths"),
+        ([(MASS, "other", 0.5)], "does not vary"),
+        ([(MASS, INERTIA, 1.0)], "different paths, a correlation"),
+        ([(MASS, MASS, 0.1)], "two different paths"),
         (
             [(MASS, INERTIA, 0.9), (MASS, "world.vehicle.arm", 0.9), (INERTIA, "world.vehicle.arm", -0.9)],
             "positive definite",
@@ -128,9 +128,9 @@ def test_an_array_is_moved_along_directions(scenario):
     ("path", "text", "said"),
     [
         (LATENCY, "along(1, 2)", "moves an array along a direction"),
-        (f"{MASS}:1", "normal(1, 2)", "is of no direction"),
-        (f"{LATENCY}:1", "along(1, 2)", "has 2 numbers, the parameter has shape"),
-        (f"{MASS}:1", "along(1)", "has 1 numbers, the parameter has shape"),
+        (f"{MASS}:1", "normal(1, 2)", "does not name a direction"),
+        (f"{LATENCY}:1", "along(1, 2)", "it has 2, the parameter has shape"),
+        (f"{MASS}:1", "along(1)", "it has 1, the parameter has shape"),
     ],
 )
 def test_directions_that_are_none_are_refused(scenario, path, text, said):

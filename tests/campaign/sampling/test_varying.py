@@ -35,7 +35,7 @@ def test_a_range_is_read_with_its_unit_once_or_twice(braking):
     ("text", "message"),
     [
         ("downlink off @ 2 s", "no range"),
-        ("downlink off @ 3..2 s", "falls"),
+        ("downlink off @ 3..2 s", "must be below the second"),
         ("downlink off @ 2..2 s", "one value"),
         ("downlink gone @ 1..2 s", "no word"),
         ("sensor:sonar off @ 1..2 s", "no part"),
@@ -106,12 +106,12 @@ def test_pieces_of_a_stick_with_a_fault_lie_below_it():
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("stick.turn=pieces(5, 1)", "is not SENSOR.FIELD"),
-        ("stick.turn=pieces(0, -1:1)", "not a number of pieces"),
-        ("stick.mode=pieces(3, 0:2)", "no 'mode' to vary"),
-        ("stick.turn=pieces(3, -2:1)", "no range within"),
-        ("stick.turn=pieces(3, 1:-1)", "no range within"),
-        ("navigation.turn=pieces(3, -1:1)", "no stick"),
+        ("stick.turn=pieces(5, 1)", "must be SENSOR.FIELD"),
+        ("stick.turn=pieces(0, -1:1)", "must be from 1 to 100"),
+        ("stick.mode=pieces(3, 0:2)", "no field 'mode'"),
+        ("stick.turn=pieces(3, -2:1)", "must rise and lie within"),
+        ("stick.turn=pieces(3, 1:-1)", "must rise and lie within"),
+        ("navigation.turn=pieces(3, -1:1)", "is not a stick"),
     ],
 )
 def test_what_can_not_be_held_in_pieces_is_refused(text, message):
@@ -120,9 +120,9 @@ def test_what_can_not_be_held_in_pieces_is_refused(text, message):
 
 
 def test_one_stick_has_one_number_of_pieces_and_a_scenario_without_is_told_so(braking):
-    with pytest.raises(InputError, match="3 pieces already"):
+    with pytest.raises(InputError, match="already has 3 pieces"):
         with_pieces(build("hovercraft/pilot"), ("stick.turn=pieces(3, -1:1)", "stick.forward=pieces(4, 0:1)"))
-    with pytest.raises(InputError, match="which has none"):
+    with pytest.raises(InputError, match="which has no stick"):
         with_pieces(braking, ("stick.turn=pieces(3, -1:1)",))
     assert parse_pieces("stick.turn = pieces( 3 , -1 : 0.5 )").high == 0.5
 
@@ -131,7 +131,7 @@ def test_a_spread_of_what_varies_already_is_refused(braking):
     spread = {"world.uplink.fault.start": "uniform(0, 10)"}
     with pytest.raises(InputError, match="varies already"):
         plan_search("test", NAME, spread, fault_ranges=("uplink off @ 0.1..0.5 s",), faults=(), **COMMON)
-    with pytest.raises(InputError, match="is named"):
+    with pytest.raises(InputError, match="given by name"):
         plan_search("test", braking, {}, fault_ranges=("uplink off @ 0.1..0.5 s",), faults=(), seed=0)
     plan = plan_search("test", NAME, {}, fault_ranges=("uplink off @ 0.1..0.5 s",), faults=(), **COMMON)
     assert int(build_scenario(plan).world.uplink.fault.start) == seconds(0.5)

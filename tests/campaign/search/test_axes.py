@@ -139,7 +139,7 @@ def test_what_is_no_number_of_an_array_is_refused(quadrotor, make, says):
         (lambda s: axis_of_link("lag", [0, 1]), "delay, jitter, loss"),
         (lambda s: axis_of_link("delay", [0, 1], link="cable"), "uplink, downlink"),
         (lambda s: find_quantity(s, "autopilot.law.k3"), "autopilot.law.k2"),
-        (lambda s: find_quantity(s, "world.sensors.navigation.period"), "shapes the program"),
+        (lambda s: find_quantity(s, "world.sensors.navigation.period"), "changes the program"),
     ],
 )
 def test_refusals(forward, make, says):

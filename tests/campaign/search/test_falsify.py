@@ -235,11 +235,11 @@ def test_the_worst_hand_on_a_stick_flies_again(tmp_path):
 @pytest.mark.parametrize(
     ("change", "said"),
     [
-        ({"spread": {}}, "nothing may differ"),
+        ({"spread": {}}, "no parameter varies"),
         ({"spread": {"world.vehicle.mass": "uniform(-80%, 120%)"}}, "world.vehicle.mass"),
-        ({"spread": {"duration": "choice(3 s, 4 s)"}}, "no such parameter"),
+        ({"spread": {"duration": "choice(3 s, 4 s)"}}, "unknown parameter"),
         ({"success": ("settling:yaw_rate = 3",)}, "comparison"),
-        ({"runs": 20}, "no search"),
+        ({"runs": 20}, "too few for a search"),
         ({"words": 0}, "words"),
         ({"over": "median"}, "worst, mean"),
     ],

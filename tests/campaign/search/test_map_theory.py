@@ -97,5 +97,5 @@ def test_refusals(forward):
     heading, _ = catalogue.load_scenario("hovercraft/heading-bang-bang")
     with pytest.raises(InputError, match="no equilibrium"):
         linear_loop(heading)
-    with pytest.raises(InputError, match="a predictor stands before the law"):
+    with pytest.raises(InputError, match="the law has a predictor"):
         linear_loop(build("hovercraft/forward", {"predictor": "on"}))

@@ -87,7 +87,7 @@ def test_a_session_that_goes_on_is_one_that_was_not_broken_off(kept, tmp_path):
 @pytest.mark.thorough
 def test_a_folder_of_another_failure_is_refused(kept, tmp_path):
     folder, _ = kept
-    with pytest.raises(InputError, match="another failure"):
+    with pytest.raises(InputError, match="another study"):
         at_rest(1e-5, runs=RUNS, folder=folder)
     (tmp_path / "rare.json").write_text("{")
     with pytest.raises(InputError, match="can't be read"):
@@ -126,13 +126,13 @@ def test_the_command_writes_failures_that_fail_again(tmp_path):
 def test_what_can_not_be_estimated_is_refused():
     for change, message in (
         ({"runs": 100}, "too few"),
-        ({"spread": {"world.vehicle.mass": "normal(100%, 20%)"}}, "at its end"),
+        ({"spread": {"world.vehicle.mass": "normal(100%, 20%)"}}, "at an end of its range"),
         ({"spread": {"autopilot.period": "choice(1 ms, 2 ms)"}}, "shapes the program"),
     ):
         with pytest.raises(InputError, match=message):
             estimate_rare("hovercraft/spin", **{"spread": still.SPREAD, "runs": RUNS, **change})
     quiet = {"without": ["navigation-error"], "settings": {"duration": "1 s"}, "success": ["peak:yaw_rate <= 9"]}
-    with pytest.raises(InputError, match="nothing differs"):
+    with pytest.raises(InputError, match="nothing varies"):
         estimate_rare("hovercraft/zero-velocity", runs=RUNS, **quiet)
 
 

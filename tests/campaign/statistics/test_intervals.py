@@ -71,7 +71,7 @@ def test_too_few_runs_have_no_upper_bound():
     few, enough = quantile(np.arange(71.0), 0.95), quantile(np.arange(72.0), 0.95)
     assert (few.high, few.needed_runs) == (math.inf, 72)
     assert enough.high == 71.0
-    assert "both bounds want 72 runs" in str(few)
+    assert "both bounds need 72 runs" in str(few)
     assert str(enough) == "p95 68 (63 to 71)"
 
 

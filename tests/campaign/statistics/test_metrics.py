@@ -96,12 +96,12 @@ def test_a_run_that_ran_away_is_infinitely_bad(runs, kind):
 @pytest.mark.parametrize(
     ("text", "problem"),
     [
-        ("settle:yaw_rate", "not KIND:SIGNAL"),
+        ("settle:yaw_rate", "write KIND:SIGNAL"),
         ("settling:surge_velocity", "no target"),
         ("rms:truth.surge", "no signal"),
         ("rms:truth.position", "shape"),
         ("nowhere.py:miss", "no file"),
-        ("rms", "not KIND:SIGNAL"),
+        ("rms", "write KIND:SIGNAL"),
     ],
 )
 def test_texts_that_are_no_metric_are_refused(text, problem):
@@ -139,8 +139,8 @@ def test_robustness_of_a_block_is_that_of_each_log_alone(runs):
     [
         ("robustness:always(yaw_rat < 1)", "there is no signal 'yaw_rat'"),
         ("robustness:always(yaw_rate < 1 m)", "rad/s and m"),
-        ("robustness:always[0, 6 s](yaw_rate < 1)", "looks 6 s ahead, and the run lasts 5 s"),
-        ("robustness:", "is not KIND:SIGNAL"),
+        ("robustness:always[0, 6 s](yaw_rate < 1)", "looks 6 s ahead, but the run lasts 5 s"),
+        ("robustness:", "write KIND:SIGNAL"),
     ],
 )
 def test_a_formula_that_does_not_fit_the_scenario_is_refused(text, says):
@@ -163,8 +163,8 @@ def test_changes_of_a_mode_are_counted():
 @pytest.mark.parametrize(
     ("name", "says", "fix"),
     [
-        ("loop.overruns", "only a flight over a line has it", "trimtab fly SCENARIO --link … --out DIR"),
-        ("link.silence", "only a flight over a line has it", "trimtab fly SCENARIO --link … --out DIR"),
+        ("loop.overruns", "only a flight over a link has it", "trimtab fly SCENARIO --link … --out DIR"),
+        ("link.silence", "only a flight over a link has it", "trimtab fly SCENARIO --link … --out DIR"),
         ("flight.altitude", "this vehicle has no attitude in space", "peak:truth."),
         ("truth.yaw_rat", "there is no signal 'truth.yaw_rat'.\n", "peak:truth.yaw_rate"),
     ],

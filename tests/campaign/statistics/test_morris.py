@@ -131,7 +131,7 @@ def test_runs_that_tell_nothing_say_so():
     assert "no finite value" in morris(y, 4, NAMES, noise=False).note
     ranked = morris(y, 4, NAMES, noise=False, by_rank=True)
     assert set(ranked.order[:2]) == {"one", "two"}
-    assert "nothing to explain" in morris(np.ones(80), 4, NAMES, noise=False).note
+    assert "no variance to explain" in morris(np.ones(80), 4, NAMES, noise=False).note
 
 
 @pytest.mark.parametrize("call", [lambda: morris(np.ones(15), 0, NAMES), lambda: morris_rows(0, 2, 2, 3)])

@@ -139,7 +139,7 @@ def test_a_run_that_ran_away_leaves_no_variance_but_ranks():
 
 def test_equal_runs_have_nothing_to_explain():
     found = sensitivity(np.full(500, 3.0), NAMES, noise=False)
-    assert "nothing to explain" in found.note
+    assert "no variance to explain" in found.note
     assert np.isnan(found.total).all()
 
 

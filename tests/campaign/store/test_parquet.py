@@ -66,7 +66,7 @@ def test_files_that_are_none(tmp_path):
     with pytest.raises(InputError, match="cannot be read"):
         read_parquet(tmp_path / "a.parquet")
     pyarrow.parquet.write_table(pyarrow.table({"a": [1]}), tmp_path / "b.parquet")
-    with pytest.raises(InputError, match="holds no campaign"):
+    with pytest.raises(InputError, match="does not hold a campaign"):
         read_parquet(tmp_path / "b.parquet")
     with pytest.raises(InputError, match="cannot be written"):
         write_columns(COLUMNS, {}, tmp_path / "no" / "c.parquet")

@@ -31,11 +31,11 @@ def test_places_on_the_globe(write):
 
 REFUSED = {
     "topic": ("sensor_gyr", {}, r"flight.ulg'.*no topic 'sensor_gyr'(.|\n)*vehicle_attitude(.|\n)*\"sensor_gyro\""),
-    "no topic": ("", {}, r"\[sensor.imu\]: names no topic(.|\n)*sensor_gyro"),
+    "no topic": ("", {}, r"\[sensor.imu\]: has no topic(.|\n)*sensor_gyro"),
     "column": ("sensor_gyro", {"w": gyro("giro[0]")}, r"no column 'giro\[0\]'(.|\n)*Fix: .*\"gyro\[0\]\""),
-    "no unit": ("sensor_gyro", {"w": {"from": "gyro[0]"}}, r"says no unit(.|\n)*unit = \"deg/s\""),
-    "time": ({"topic": "sensor_gyro", "time": {"field": "temperature"}}, {}, r"does not say its unit(.|\n)*ms, us"),
-    "rows": ({"topic": "sensor_gyro", "where": {"temperature": 3}}, {}, r"no row temperature is 3(.|\n)*Choices: 20"),
+    "no unit": ("sensor_gyro", {"w": {"from": "gyro[0]"}}, r"has no unit(.|\n)*unit = \"deg/s\""),
+    "time": ({"topic": "sensor_gyro", "time": {"field": "temperature"}}, {}, r"has no unit(.|\n)*ms, us"),
+    "rows": ({"topic": "sensor_gyro", "where": {"temperature": 3}}, {}, r"temperature is never 3(.|\n)*Choices: 20"),
 }
 
 

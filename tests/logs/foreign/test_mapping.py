@@ -9,20 +9,20 @@ from trimtab.logs.foreign.mapping import parse_mapping
 
 WRONG_MAPPINGS = {
     "nothing": ({}, r"names no sensor(.|\n)*\[sensor.imu\]"),
-    "key": ({"sensors": {}}, r"'sensors' is no key(.|\n)*write sensor"),
-    "section": ({"sensor": {"imu": 3}}, r"it is a table"),
-    "field": ({"sensor": {"imu": {"fields": {"w": {"column": "x"}}}}}, r"'column' is no key(.|\n)*from, unit"),
-    "source": ({"sensor": {"imu": {"fields": {"w": {"unit": "m"}}}}}, r"does not say where it comes from"),
+    "key": ({"sensors": {}}, r"unknown key 'sensors'(.|\n)*write sensor"),
+    "section": ({"sensor": {"imu": 3}}, r"it must be a table"),
+    "field": ({"sensor": {"imu": {"fields": {"w": {"column": "x"}}}}}, r"unknown key 'column'(.|\n)*from, unit"),
+    "source": ({"sensor": {"imu": {"fields": {"w": {"unit": "m"}}}}}, r"does not have a source"),
     "unit": ({"sensor": {"imu": {"fields": {"w": gyro("x", "degs/s")}}}}, r"\[sensor.imu\], w, unit: 'degs/s' is no"),
     "near unit": ({"sensor": {"imu": {"fields": {"w": gyro("x", "degs/s")}}}}, r"Fix: unit = \"deg/s\""),
     "sign": ({"sensor": {"imu": {"fields": {"w": gyro(["x", "y"], sign=[1, 1, 1])}}}}, r"sign has 3 numbers"),
-    "sign of text": ({"sensor": {"imu": {"fields": {"w": gyro("x", sign="-")}}}}, r"is no list of numbers"),
+    "sign of text": ({"sensor": {"imu": {"fields": {"w": gyro("x", sign="-")}}}}, r"is not a list of numbers"),
     "quaternion": ({"sensor": {"imu": {"fields": {"w": {"quaternion": ["x"]}}}}}, r"w, x, y, z in this order"),
-    "no columns": ({"sensor": {"imu": {"fields": {"w": gyro([])}}}}, r"names no columns"),
+    "no columns": ({"sensor": {"imu": {"fields": {"w": gyro([])}}}}, r"has no columns"),
     "no fields": ({"sensor": {"imu": {"topic": "x"}}}, r"has no fields"),
-    "where": ({"sensor": {"imu": {"where": {"I": "0"}}}}, r"where: I = '0' is no number"),
-    "place": ({"sensor": {"gps": {"geodetic": {"latitude": "Lat"}}}}, r"does not say longitude"),
-    "truth": ({"sensor": {"imu": {"fields": {"w": gyro("x")}}}, "truth": 1}, r"it is a table"),
+    "where": ({"sensor": {"imu": {"where": {"I": "0"}}}}, r"where: I = '0' is not a number"),
+    "place": ({"sensor": {"gps": {"geodetic": {"latitude": "Lat"}}}}, r"has no longitude"),
+    "truth": ({"sensor": {"imu": {"fields": {"w": gyro("x")}}}, "truth": 1}, r"it must be a table"),
 }
 
 

@@ -12,8 +12,12 @@ from trimtab.logs.mcap import read_mcap, write_mcap
 
 WRONG_FILES = {
     "empty": ("a.ulg", b"", "is empty"),
-    "not that": ("a.ulg", b"hello, world, hello", "is no ULog file, though its name ends so(.|\n)*Choices: ULog"),
-    "nothing known": ("a.dat", b"hello, world, hello", r"has none of the known formats(.|\n)*\.csv"),
+    "not that": (
+        "a.ulg",
+        b"hello, world, hello",
+        "is not a ULog file, although its name has that ending(.|\n)*Choices: ULog",
+    ),
+    "nothing known": ("a.dat", b"hello, world, hello", r"has an unknown format(.|\n)*\.csv"),
     "damaged ulog": ("a.ulg", b"ULog\x01\x12\x35\x01" + b"\xff" * 4, "a.ulg': begins as ULog, but can't be read"),
     "damaged mcap": ("a.mcap", b"\x89MCAP0\r\n" + b"\x07" * 90, "begins as MCAP, but can't be read"),
     "damaged bag": ("a.bag", b"#ROSBAG V2.0\n" + b"\x07" * 90, "begins as a ROS bag, but can't be read"),
@@ -64,11 +68,14 @@ def test_csv_says_its_units_and_two_sensors_share_it(write):
 
 WRONG_CSV = {
     "semicolons": ("t;x\n0,5;1,5\n", r"semicolons(.|\n)*decimal point"),
-    "decimal commas": ("t,x\n0,5,1,5\n", r"line 2 has 4 columns, the names are 2: it seems to have decimal commas"),
-    "words": ("t,x\n0,up\n", r"no number: .*up"),
+    "decimal commas": (
+        "t,x\n0,5,1,5\n",
+        r"line 2 has 4 columns, but there are 2 names: it seems to have decimal commas",
+    ),
+    "words": ("t,x\n0,up\n", r"not a number: .*up"),
     "no rows": ("t,x\n", r"has no rows"),
-    "no time": ("when,x\n0,1\n", r"does not say which column the time is(.|\n)*Choices: when, x(.|\n)*time = \{field"),
-    "all gaps": ("t,x\n0,\n1,\n", r"in no row all values are finite: x"),
+    "no time": ("when,x\n0,1\n", r"does not name the column of times(.|\n)*Choices: when, x(.|\n)*time = \{field"),
+    "all gaps": ("t,x\n0,\n1,\n", r"no row has only finite values: x"),
     "two of one time": ("t,x\n0,1\n1,2\n1,3\n", r"have the time of another(.|\n)*1\.0000000 s: 2\.0, then 3\.0"),
     "clock anew": ("t,x\n7,1\n8,2\n0,3\n", r"jump back by 8 s at row 3"),
     "a time that is none": ("t,x\n0,1\n,3\n", r"row 2 of 't' is nan"),

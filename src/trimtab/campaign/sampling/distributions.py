@@ -1,9 +1,9 @@
-"""What a dispersed number is drawn from: each distribution as its quantile function, and as text.
+"""Distributions of dispersed parameters: each as a quantile function, and as text.
 
     value = Q(u),   u uniform in (0, 1)
 
-so that any design of points u, random, Latin or Sobol, gives values of any distribution. A number of the text may end
-in %: so much of what the scenario has there, as in normal(100%, 5%).
+so that points u of any design (random, Latin, Sobol) give values of any distribution. A number in the text may end in
+%: a percentage of the scenario's own value, as in normal(100%, 5%).
 
 Source: inverse transform sampling, e.g. Devroye, "Non-uniform random variate generation", Springer 1986, chapter II.
 """
@@ -20,22 +20,22 @@ from scipy import special
 from trimtab.core.errors import InputError, argument_name, closest
 
 ALONG = "along"
-"""Kind of a direction: a standard normal number, so many of which an array is moved along these of its own numbers."""
+"""Kind of a distribution that moves an array along a direction, by a standard normal multiple of that direction."""
 
 
 class Amount(NamedTuple):
-    """A number as it was written; `share` when it is one of the scenario's own value."""
+    """A number as written; `share` is True for a share of the scenario's own value."""
 
     number: float
     share: bool
 
     def of(self, nominal: float) -> float:
-        """The number itself, or that share of the nominal value."""
+        """Return the number itself, or the number times the nominal value for a share."""
         return self.number * nominal if self.share else self.number
 
 
 class Distribution(NamedTuple):
-    """A distribution as it was written, e.g. ``normal(2.6, 0.1)``; `choices` are the texts of a choice."""
+    """A distribution as written, e.g. ``normal(2.6, 0.1)``; `choices` are the texts of a choice."""
 
     text: str
     kind: str
@@ -45,11 +45,11 @@ class Distribution(NamedTuple):
 
     @property
     def is_relative(self) -> bool:
-        """Whether all its numbers are shares, so that it suits an array whole."""
+        """True if all numbers are shares, so that the distribution can scale a whole array."""
         return bool(self.amounts) and all(a.share for a in self.amounts)
 
     def quantile(self, u: Any, nominal: float) -> Any:
-        """Values at u (n,), uniform in (0, 1), of a parameter whose own value is `nominal`."""
+        """Return values at u (n,), uniform in (0, 1), of a parameter with the given nominal value."""
         if self.kind == "file":
             return np.asarray(self.column)[_index(u, len(self.column))]
         if self.kind == "choice":
@@ -60,12 +60,12 @@ class Distribution(NamedTuple):
         return of(u, *(a.of(nominal) for a in self.amounts))
 
     def pick(self, u: Any) -> Any:
-        """Which of the choices, (n,) from 0, at u."""
+        """Return the index (n,), from 0, of the choice at each u."""
         return _index(u, len(self.choices))
 
 
 class Kind(NamedTuple):
-    """How a kind is written and computed. check: what is wrong with its numbers, or nothing."""
+    """Kind of distribution. check: function that returns what is wrong with the numbers, or an empty text."""
 
     usage: str
     quantile: Callable[..., Any]
@@ -82,7 +82,9 @@ def _truncated_normal(u: Any, mean: Any, std: Any, low: Any, high: Any) -> Any:
 
 
 def _check_positive(*names: str) -> Callable[..., str]:
-    return lambda *values: next((f"{n} {v:g} is not above 0" for n, v in zip(names, values, strict=True) if v <= 0), "")
+    return lambda *values: next(
+        (f"{n} must be above 0, got {v:g}" for n, v in zip(names, values, strict=True) if v <= 0), ""
+    )
 
 
 KINDS: Mapping[str, Kind] = {
@@ -95,7 +97,7 @@ KINDS: Mapping[str, Kind] = {
         "truncated(MEAN, STD, LOW, HIGH)",
         _truncated_normal,
         lambda mean, std, low, high: (
-            _check_positive("STD")(std) or ("" if low < high else f"LOW {low:g} >= HIGH {high:g}")
+            _check_positive("STD")(std) or ("" if low < high else f"LOW {low:g} must be below HIGH {high:g}")
         ),
     ),
     "lognormal": Kind(
@@ -106,12 +108,14 @@ KINDS: Mapping[str, Kind] = {
     "uniform": Kind(
         "uniform(LOW, HIGH)",
         lambda u, low, high: low + (high - low) * u,
-        lambda low, high: "" if low < high else f"LOW {low:g} is not below HIGH {high:g}",
+        lambda low, high: "" if low < high else f"LOW {low:g} must be below HIGH {high:g}",
     ),
     "loguniform": Kind(
         "loguniform(LOW, HIGH)",
         lambda u, low, high: low * (high / low) ** u,
-        lambda low, high: _check_positive("LOW")(low) or ("" if low < high else f"LOW {low:g} >= HIGH {high:g}"),
+        lambda low, high: (
+            _check_positive("LOW")(low) or ("" if low < high else f"LOW {low:g} must be below HIGH {high:g}")
+        ),
     ),
     ALONG: Kind("along(V1, V2, …)", lambda u, *direction: special.ndtri(u), lambda *direction: ""),
 }
@@ -119,14 +123,14 @@ USAGE = [*(k.usage for k in KINDS.values()), "choice(A, B, …)", "file(NAME.csv
 
 
 def parse_distribution(text: str, part: str = "") -> Distribution:
-    """A distribution from its text; refused with the ways to write one. part: what refuses, else the spread."""
+    """Read a distribution from its text. part: what the error message names, by default the spread."""
     part = part or argument_name("spread")
     match = re.fullmatch(r"\s*([a-z]+)\s*\((.*)\)\s*", text)
     name = match[1] if match else text.partition("(")[0].strip()
     if not match or name not in (*KINDS, "choice", "file"):
         near = closest(name, [*KINDS, "choice", "file"], 1)
         usage = next((u for u in USAGE if near and u.startswith(near[0] + "(")), "normal(100%, 5%)")
-        raise InputError(part, f"{text!r} is no distribution", choices=USAGE, fix=f"write e.g. {usage}")
+        raise InputError(part, f"unknown distribution {text!r}", choices=USAGE, fix=f"write e.g. {usage}")
     inside = [piece.strip() for piece in match[2].split(",")]
     if name == "file":
         return Distribution(text, "file", column=_read_column(part, match[2].strip()))
@@ -135,7 +139,7 @@ def parse_distribution(text: str, part: str = "") -> Distribution:
     amounts = tuple(_parse_amount(part, text, piece) for piece in inside)
     kind = KINDS[name]
     if name != ALONG and len(amounts) != kind.usage.count(",") + 1:
-        raise InputError(part, f"{text!r} has {len(amounts)} numbers", fix=f"write {kind.usage}")
+        raise InputError(part, f"{text!r} has the wrong number of numbers: {len(amounts)}", fix=f"write {kind.usage}")
     distribution = Distribution(text, name, amounts)
     if not any(a.share for a in amounts) or distribution.is_relative:
         _check_numbers(part, distribution, [a.number for a in amounts])
@@ -143,11 +147,11 @@ def parse_distribution(text: str, part: str = "") -> Distribution:
 
 
 def check_nominal(part: str, distribution: Distribution, nominal: float) -> None:
-    """Refuse a distribution whose numbers, with their shares of the nominal value, are none."""
+    """Raise InputError if the numbers, with shares of the nominal value filled in, are not valid."""
     if distribution.kind not in KINDS:
         return
     if any(a.share for a in distribution.amounts) and nominal == 0:
-        problem = f"{distribution.text}: the scenario's own value is 0, and a share of it is 0"
+        problem = f"{distribution.text}: the scenario's own value is 0, so a share of it is always 0"
         raise InputError(part, problem, fix="give numbers without %")
     if not distribution.is_relative:
         _check_numbers(part, distribution, [a.of(nominal) for a in distribution.amounts])
@@ -172,7 +176,7 @@ def _parse_amount(part: str, text: str, piece: str) -> Amount:
 
 def _parse_choice(part: str, text: str, inside: list[str]) -> Distribution:
     if inside == [""]:
-        raise InputError(part, f"{text!r} offers nothing", fix="write e.g. choice(1, 2, 3)")
+        raise InputError(part, f"{text!r} offers no choices", fix="write e.g. choice(1, 2, 3)")
     try:
         amounts = tuple(_parse_amount(part, text, piece) for piece in inside)
     except InputError:
@@ -181,9 +185,9 @@ def _parse_choice(part: str, text: str, inside: list[str]) -> Distribution:
 
 
 def _read_column(part: str, place: str) -> tuple[float, ...]:
-    """The numbers of a column of a CSV file with a header."""
+    """Read the numbers of one column of a CSV file that has a header."""
     name, _, column = place.rpartition(":")
-    usage = "write file(measured.csv:mass), a CSV file whose first line names its columns"
+    usage = "write file(measured.csv:mass), with a CSV file whose first line names the columns"
     if not name or not column:
         raise InputError(part, f"file({place}) names no column", fix=usage)
     try:
@@ -197,7 +201,7 @@ def _read_column(part: str, place: str) -> tuple[float, ...]:
     try:
         numbers = tuple(float(row[column]) for row in rows)
     except (TypeError, ValueError):
-        raise InputError(part, f"column {column!r} of {name!r} holds what is no number", fix=usage) from None
+        raise InputError(part, f"column {column!r} of {name!r} holds text that is not a number", fix=usage) from None
     if not np.isfinite(numbers).all():
-        raise InputError(part, f"column {column!r} of {name!r} is not finite throughout", fix=usage)
+        raise InputError(part, f"column {column!r} of {name!r} holds values that are not finite", fix=usage)
     return tuple(sorted(numbers))

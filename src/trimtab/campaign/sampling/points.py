@@ -1,11 +1,12 @@
-"""Where in the unit cube each run of a campaign lies, from the campaign's seed and the run's number.
+"""Points of the runs in the unit cube, computed from the campaign's seed and the run's number.
 
     random   each number its own Philox stream of (seed, path): run k has its k-th number
     sobol    scrambled Sobol points, in order
-    latin    a Latin hypercube of all the runs, which therefore can't become more
+    latin    a Latin hypercube of all the runs; runs can't be added later
 
-Two designs say what matters, not how often: their rows are no independent worlds, and the random numbers of a run are
-one more factor, the last. Row k depends on the seed, k and the number of factors alone: a larger design appends rows.
+Two designs are for sensitivity, not for probabilities: their rows are not independent samples. There, the random
+numbers of a run are one more factor, the last. Row k depends only on the seed, k and the number of factors, so that a
+larger design appends rows.
 
     saltelli   two samples A and B, and A with one factor at a time taken from B
     morris     trajectories that change one factor after the other
@@ -39,22 +40,22 @@ from trimtab.core.errors import InputError, argument, argument_name
 from trimtab.core.rng import threefry2x32
 
 DESIGNS = ("saltelli", "morris")
-"""Designs whose rows are no independent worlds: they say what matters, not how often."""
+"""Designs for sensitivity; their rows are not independent samples."""
 SAMPLINGS = ("random", "sobol", "latin", *DESIGNS)
 NOISE = "noise"
-"""Name of the factor that is a run's random numbers."""
+"""Name of the factor that stands for a run's random numbers."""
 BITS = 32
 SALTELLI_STREAM = zlib.crc32(b"campaign.saltelli")
 MORRIS_STREAM = zlib.crc32(b"campaign.morris")
 MORRIS_LEVELS = np.array([0.05, 0.35, 0.65, 0.95])
 MORRIS_STEP = 0.6
-"""Two levels: from each level there is one step inside the grid, so that all levels are visited equally often."""
+"""Two levels: from each level exactly one step stays inside the grid, so that all levels are visited equally often."""
 
 
 class Points(NamedTuple):
-    """u: (n, d) in (0, 1).  words: (n,), second word of each run's key: which random numbers it flies with.
+    """Points of runs. u: (n, d) in (0, 1).  words: (n,), second word of each run's key; selects its random numbers.
 
-    In a design whose noise is no factor all words are 0.
+    All words are 0 in a design without the noise as a factor.
     """
 
     u: Any
@@ -62,19 +63,19 @@ class Points(NamedTuple):
 
 
 def points(sampling: str, seed: int, names: tuple[str, ...], runs: int, first: int, last: int) -> Points:
-    """The points of runs first … last - 1.
+    """Return the points of runs first … last - 1.
 
     Args:
         sampling: one of SAMPLINGS.
-        seed: of the campaign.
-        names: of what is drawn, one for each column.
-        runs: of the whole campaign; matters to a Latin hypercube only.
-        first, last: which runs.
+        seed: seed of the campaign.
+        names: names of the dispersed parameters, one for each column.
+        runs: number of runs of the whole campaign; only used by a Latin hypercube.
+        first, last: first run, and last run + 1.
     """
     if sampling not in SAMPLINGS:
         raise InputError(
             argument_name("sampling"),
-            f"{sampling!r} is not a sampling",
+            f"unknown sampling {sampling!r}",
             choices=SAMPLINGS,
             fix=argument("sampling", "random"),
         )
@@ -94,13 +95,13 @@ def points(sampling: str, seed: int, names: tuple[str, ...], runs: int, first: i
 
 
 def inside_cube(x: Any) -> Any:
-    """Points x in [0, 1] as points u in (0, 1), where every quantile is finite."""
+    """Map points x in [0, 1] to points u in (0, 1), where every quantile is finite."""
     return np.clip(x, 2.0**-54, 1 - 2.0**-53)
 
 
 def _stream(seed: int, name: str, first: int, last: int) -> Any:
     bits = np.random.Philox(key=np.array([seed, zlib.crc32(name.encode())], np.uint64))
-    bits.advance(first // 4)  # a counter of Philox gives four words
+    bits.advance(first // 4)  # one count of Philox's counter gives four words
     return np.random.Generator(bits).random(last - first + first % 4)[first % 4 :]
 
 
@@ -108,12 +109,14 @@ def _sobol(seed: int, d: int, first: int, last: int) -> Any:
     engine = qmc.Sobol(d, rng=np.random.default_rng(seed))
     if first:
         engine.fast_forward(first)
-    with warnings.catch_warnings(action="ignore", category=UserWarning):  # about balance, of the whole campaign
+    with warnings.catch_warnings(
+        action="ignore", category=UserWarning
+    ):  # the warning about balance does not apply: the whole campaign is balanced
         return engine.random(last - first)
 
 
 def check_factors(factors: Sequence[str], correlated: Iterable[Sequence[str]] = ()) -> None:
-    """Refuse factors whose effects can't be told apart, before anything flies.
+    """Raise InputError if the effects of the factors can't be separated, before any run starts.
 
     Args:
         factors: names of the parameters, without the noise.
@@ -121,38 +124,38 @@ def check_factors(factors: Sequence[str], correlated: Iterable[Sequence[str]] = 
     """
     groups = [tuple(g) for g in correlated if len(g) > 1]
     if groups:
-        problem = f"{', '.join(groups[0])} are correlated: a variance of both has no share of one"
-        fix = "draw them independently for the sensitivity, or fly the campaign with random sampling"
+        problem = f"{', '.join(groups[0])} are correlated, so their variance can't be divided between them"
+        fix = "draw them independently, or fly the campaign with random sampling"
         raise InputError("sensitivity", problem, fix=fix)
     if not factors:
         raise InputError(
             "sensitivity",
-            "no parameter is dispersed",
+            "no parameter varies",
             fix=f"add e.g. {argument('spread', 'uniform(80%, 120%)', 'PATH')}",
         )
     twice = sorted({f for f in factors if list(factors).count(f) > 1 or f == NOISE})
     if twice:
-        problem = f"the factor {twice[0]!r} is there twice, or has the name of the runs' random numbers"
+        problem = f"the factor {twice[0]!r} is given twice, or has the name reserved for the runs' random numbers"
         raise InputError("sensitivity", problem, fix="give each factor once, by its path")
 
 
 def rows_per_base(parameters: int, *, noise: bool = True) -> int:
-    """How many rows one base sample has: the factors, and A and B."""
+    """Return the number of rows of one base sample: one for each factor, and A and B."""
     return parameters + int(noise) + 2
 
 
 def saltelli_rows(seed: int, first: int, last: int, parameters: int, *, noise: bool = True) -> Points:
-    """Rows first to last - 1 of Saltelli's design.
+    """Return rows first to last - 1 of Saltelli's design.
 
     Args:
-        seed: of the campaign.
+        seed: seed of the campaign.
         first, last: numbers of the first row, from 0, and of the row after the last.
-        parameters: how many are dispersed, at least 1, without the noise.
-        noise: whether the random numbers of the runs are one more factor; False: all rows fly with the same.
+        parameters: number of dispersed parameters, at least 1, without the noise.
+        noise: True if the random numbers of the runs are one more factor; False: all rows share the same.
     """
     if not 0 <= first < last or not 1 <= parameters <= qmc.Sobol.MAXDIM // 2:
-        problem = f"rows {first} to {last} of {parameters} parameters are none"
-        raise InputError("saltelli", problem, fix="0 <= first < last and at least one parameter")
+        problem = f"rows {first} to {last} of {parameters} parameters are not a valid range of rows"
+        raise InputError("saltelli", problem, fix="give 0 <= first < last and at least one parameter")
     size = rows_per_base(parameters, noise=noise)
     base, place = np.divmod(np.arange(first, last), size)
     cube = _shifted_points(seed, int(base[0]), int(base[-1]) + 1, 2 * parameters)[base - base[0]]
@@ -164,9 +167,9 @@ def saltelli_rows(seed: int, first: int, last: int, parameters: int, *, noise: b
 
 
 def _shifted_points(seed: int, first: int, last: int, dimensions: int) -> Any:
-    """Points first to last - 1 of the shifted sequence, in (0, 1)."""
+    """Return points first to last - 1 of the shifted sequence, in (0, 1)."""
     engine = qmc.Sobol(dimensions, scramble=False, bits=BITS)
-    engine.fast_forward(max(first, 1))  # asked for without the first, it doesn't mind any number of points
+    engine.fast_forward(max(first, 1))  # without the first point, any number of points is allowed
     cube = engine.random(last - max(first, 1)) if last > 1 else np.empty((0, dimensions))
     if first == 0:
         cube = np.concatenate([np.zeros((1, dimensions)), cube])
@@ -177,25 +180,25 @@ def _shifted_points(seed: int, first: int, last: int, dimensions: int) -> Any:
 
 
 def rows_per_trajectory(parameters: int, *, noise: bool = True) -> int:
-    """How many rows one trajectory has: its start and a step of each factor."""
+    """Return the number of rows of one trajectory: its start, and one step for each factor."""
     return parameters + int(noise) + 1
 
 
 def morris_rows(seed: int, first: int, last: int, parameters: int, *, noise: bool = True) -> Points:
-    """Rows first to last - 1 of Morris's design; arguments as of `saltelli_rows`."""
+    """Return rows first to last - 1 of Morris's design; arguments as in `saltelli_rows`."""
     if not 0 <= first < last or parameters < 1:
-        problem = f"rows {first} to {last} of {parameters} parameters are none"
-        raise InputError("morris", problem, fix="0 <= first < last and at least one parameter")
+        problem = f"rows {first} to {last} of {parameters} parameters are not a valid range of rows"
+        raise InputError("morris", problem, fix="give 0 <= first < last and at least one parameter")
     trajectory, place = np.divmod(np.arange(first, last), rows_per_trajectory(parameters, noise=noise))
     begin, when, up = morris_trajectories(seed, trajectory, parameters + int(noise))
     stepped = when < place[:, None]
-    level = begin + 2 * (stepped == up)  # up: from the lower one to the one two above; down: the other way round
+    level = begin + 2 * (stepped == up)  # up: from the lower level to the one two above; down: the reverse
     words = 2 * trajectory + stepped[:, -1] if noise else np.zeros_like(trajectory)
     return Points(MORRIS_LEVELS[level[:, :parameters]], words.astype(np.uint32))
 
 
 def morris_trajectories(seed: int, trajectory: Any, factors: int) -> tuple[Any, Any, Any]:
-    """Of each trajectory and factor: its lower level (0 or 1), when it steps (0 first), and whether upwards."""
+    """Return the lower level (0 or 1), the order of the step (0 first) and its sign, for each trajectory and factor."""
     word = np.uint32(seed % 2**32)
     drawn = threefry2x32(word, np.uint32(MORRIS_STREAM), trajectory[:, None], np.arange(factors)[None])
     bits, order = (np.asarray(w, np.uint32) for w in drawn)

@@ -1,13 +1,14 @@
-"""Inputs and faults that vary in time, as coordinates of a search: numbers of a run, so that it compiles once.
+"""Inputs and faults that vary in time, as coordinates of a search; the program is compiled only once.
 
     --fault-range 'downlink off @ 2..10 s for 0.1..2 s'     each LOW..HIGH of a fault's text is a coordinate
-    --vary 'stick.turn=pieces(5, -1:1)'                    an input is held in so many equal pieces of the run
+    --vary 'stick.turn=pieces(5, -1:1)'                    an input is constant in each of 5 equal pieces of the run
 
-A fault is written as for ``--fault``; a range stands where a number does, with the unit once or twice. What a pilot's
-stick does is a script (`loop.stick_script`): with pieces its old entries go, and what of it doesn't vary is held in
-each piece as it was written for the beginning of the piece.
+A fault is written as for ``--fault``; a range replaces a number, with the unit once or twice. A pilot's stick follows a
+script (`loop.stick_script`). Pieces replace its entries: fields that do not vary keep, in each piece, the value that
+the script has at the beginning of the piece.
 
-Source: docs page, Falsify. Pieces: control points of Annapureddy et al., "S-TaLiRo", TACAS 2011, held, not joined.
+Source: docs page, Falsify. Pieces: control points of Annapureddy et al., "S-TaLiRo", TACAS 2011, held constant rather
+than interpolated.
 """
 
 import re
@@ -39,9 +40,9 @@ FIELDS = ("forward", "turn")
 
 
 class FaultRange(NamedTuple):
-    """A fault whose numbers are ranges. text: the fault at the upper ends, which shapes the program as the widest.
+    """A fault with ranges. text: the fault at the upper ends, which determines the size of the program.
 
-    where: the part.  ranges: field -> least and greatest, in its own unit (times in 100 ns).
+    where: the part.  ranges: field -> least and greatest value, in the field's own unit (times in 100 ns).
     """
 
     text: str
@@ -50,11 +51,11 @@ class FaultRange(NamedTuple):
 
 
 def parse_fault_range(scenario: Scenario, text: str) -> FaultRange:
-    """Read a fault with ranges; refused where either end is no fault of this scenario."""
+    """Read a fault with ranges; raise InputError if either end is not a valid fault of this scenario."""
     part, example = argument_name("fault_ranges", text), argument("fault_ranges", [FAULT_EXAMPLE])
     if not _RANGE.search(text):
         raise InputError(
-            part, "has no range LOW..HIGH", fix=f"{example}; or {argument_name('faults')}, for one that stands still"
+            part, "has no range LOW..HIGH", fix=f"{example}; or {argument_name('faults')}, for a fault without ranges"
         )
     low, high = (_RANGE.sub(lambda match, end=end: _end_text(match, end), text) for end in ("low", "high"))
     where, least = parse_fault(scenario, low)
@@ -64,11 +65,11 @@ def parse_fault_range(scenario: Scenario, text: str) -> FaultRange:
         if not isinstance(a, str) and a != b:
             if a > b:
                 raise InputError(
-                    part, f"{field}: the range falls, from its first number to its second", fix="swap them"
+                    part, f"{field}: the first number of the range must be below the second", fix="swap them"
                 )
             ranges[field] = (float(a), float(b))
     if not ranges:
-        raise InputError(part, "its ranges have one value each", fix=example)
+        raise InputError(part, "each range has only one value", fix=example)
     return FaultRange(high, where, ranges)
 
 
@@ -78,26 +79,26 @@ def _end_text(match: re.Match[str], end: str) -> str:
 
 
 def fault_spread(standing: Iterable[str], scenario: Scenario, texts: Iterable[str]) -> tuple[list[str], dict[str, str]]:
-    """All faults of a search as texts, and the spread of those with ranges.
+    """Return all faults of a search as texts, and the spread of the faults with ranges.
 
     Args:
-        standing: faults whose numbers stand still.
-        scenario: without any of them.
-        texts: of faults with ranges.
+        standing: faults without ranges.
+        scenario: scenario without any of these faults.
+        texts: texts of the faults with ranges.
     """
     faults, standing = [parse_fault_range(scenario, text) for text in texts], list(standing)
     places = [parse_fault(scenario, text)[0] for text in standing] + [f.where for f in faults]
     first, spread = len(places) - len(faults), dict[str, str]()
     for i, fault in enumerate(faults):
         kind, _, name = fault.where.partition(":")
-        around = places[first + i + 1 :].count(fault.where)  # later ones lie outside
+        around = places[first + i + 1 :].count(fault.where)  # later faults wrap earlier ones
         path = f"world.{'sensors.' + name if name else kind}{'.inner' * around}.fault"
         spread |= {f"{path}.{field}": f"uniform({a!r}, {b!r})" for field, (a, b) in fault.ranges.items()}
     return [*standing, *(f.text for f in faults)], spread
 
 
 class HeldInput(NamedTuple):
-    """An input held in equal pieces of a run. sensor, field: which.  number: of pieces.  low, high: bounds of each."""
+    """An input held constant in equal pieces of a run. number: of pieces.  low, high: bounds of each piece's value."""
 
     sensor: str
     field: str
@@ -112,40 +113,40 @@ def parse_pieces(text: str) -> HeldInput:
     if match is None:
         raise InputError(
             argument_name("vary", text),
-            "is not SENSOR.FIELD=pieces(COUNT, LOW:HIGH)",
+            "must be SENSOR.FIELD=pieces(COUNT, LOW:HIGH)",
             fix=argument("vary", [VARY_EXAMPLE]),
         )
     pieces = HeldInput(match["sensor"], match["field"], int(match["count"]), float(match["low"]), float(match["high"]))
     if not 1 <= pieces.number <= MOST_PIECES:
-        problem = f"{pieces.number} is not a number of pieces from 1 to {MOST_PIECES}"
+        problem = f"{pieces.number} pieces are not possible; the number must be from 1 to {MOST_PIECES}"
         raise InputError(argument_name("vary", text), problem, fix=argument("vary", [VARY_EXAMPLE]))
     return pieces
 
 
 def with_pieces(scenario: Scenario, texts: Iterable[str]) -> Scenario:
-    """The scenario whose stick has an entry for each piece, with the old script's values; refused without a script."""
+    """Give the stick's script one entry for each piece, with the old values; raise InputError without a script."""
     counts: dict[str, int] = {}
     for text in texts:
         pieces, part = parse_pieces(text), argument_name("vary", text)
         script = _find_script(scenario, pieces.sensor, part)[0]
         if pieces.field not in FIELDS:
             raise InputError(
-                part, f"a stick has no {pieces.field!r} to vary", choices=FIELDS, fix=argument("vary", [VARY_EXAMPLE])
+                part, f"a stick has no field {pieces.field!r}", choices=FIELDS, fix=argument("vary", [VARY_EXAMPLE])
             )
         bounds: Any = declarations(script)[pieces.field]
         if not bounds.low <= pieces.low < pieces.high <= bounds.high:
-            problem = f"{pieces.low:g}:{pieces.high:g} is no range within {bounds.low}:{bounds.high}"
+            problem = f"the range {pieces.low:g}:{pieces.high:g} must rise and lie within {bounds.low}:{bounds.high}"
             raise InputError(part, problem, fix=argument("vary", [VARY_EXAMPLE]))
         if counts.setdefault(pieces.sensor, pieces.number) != pieces.number:
-            problem = f"{pieces.sensor!r} is held in {counts[pieces.sensor]} pieces already"
-            raise InputError(part, problem, fix="the same number of pieces for all that one stick does")
+            problem = f"{pieces.sensor!r} already has {counts[pieces.sensor]} pieces"
+            raise InputError(part, problem, fix="use the same number of pieces for all fields of one stick")
     for sensor, count in counts.items():
         scenario = _replace_script(scenario, sensor, count)
     return scenario
 
 
 def pieces_spread(scenario: Scenario, texts: Iterable[str]) -> dict[str, str]:
-    """The spread of the pieces: path of each entry -> its distribution."""
+    """Return the spread of the pieces: path of each entry -> its distribution."""
     spread: dict[str, str] = {}
     for text in texts:
         pieces = parse_pieces(text)
@@ -155,28 +156,28 @@ def pieces_spread(scenario: Scenario, texts: Iterable[str]) -> dict[str, str]:
 
 
 def _find_script(scenario: Scenario, name: str, part: str) -> tuple[StickScript, str]:
-    """A sensor's script and its path, below the faults of the sensor."""
+    """Return a sensor's script and its path, inside the faults of the sensor."""
     sensor, path = scenario.world.sensors.get(name), f"world.sensors.{name}"
     while isinstance(sensor, FaultyPart):
         sensor, path = sensor.inner, f"{path}.inner"
     if isinstance(sensor, StickScript):
         return sensor, path
     sticks = [n for n, s in scenario.world.sensors.items() if isinstance(s, StickScript)]
-    problem = f"{name!r} is no stick of this scenario" + ("" if sticks else ", which has none")
+    problem = f"{name!r} is not a stick of this scenario" + ("" if sticks else ", which has no stick")
     fix = (
         argument("vary", [f"{sticks[0]}.turn=pieces(5, -1:1)"])
         if sticks
-        else "a scenario that is piloted, hovercraft/pilot"
+        else "use a scenario with a pilot: hovercraft/pilot"
     )
     raise InputError(part, problem, choices=sticks, fix=fix)
 
 
 def _replace_script(scenario: Scenario, name: str, count: int) -> Scenario:
-    """The scenario with entries at the beginnings of equal pieces."""
+    """Return the scenario with script entries at the beginning of each of `count` equal pieces."""
     old, _ = _find_script(scenario, name, argument_name("vary"))
     if count > scenario.duration // old.period:
-        problem = f"{count} pieces of {format_time(scenario.duration)} are shorter than a look at the stick"
-        raise InputError(argument_name("vary"), problem, fix="fewer pieces")
+        problem = f"{count} pieces in {format_time(scenario.duration)} are shorter than the stick's sampling period"
+        raise InputError(argument_name("vary"), problem, fix="use fewer pieces")
     times = np.arange(count, dtype=np.int64) * scenario.duration // count
     entry = np.searchsorted(np.asarray(old.times), times, side="right") - 1
     held = {f: np.append(np.asarray(getattr(old, f)), 0)[entry] for f in (*FIELDS, "mode")}

@@ -1,4 +1,4 @@
-"""Axes of a stability map: what changes along it, in a scenario whose program stays the same.
+"""Axes of a stability map: each changes a quantity of the scenario without changing its program.
 
 Source: docs page, Axes.
 """
@@ -24,11 +24,11 @@ def _keep_scenario(scenario: Scenario) -> Scenario:
 
 
 class Axis(NamedTuple):
-    """One axis.
+    """Axis of a stability map.
 
-    name: to show.  values: of the coarse grid (k,), rising.  unit: of them.  change: (scenario, value) -> path of a
-    quantity -> its new value; it gets the scenario as other axes have left it.  prepare: what is done once before.
-    link, kind: which link's "delay", "jitter" or "loss" it is, or empty.
+    name: name to show.  values: values of the coarse grid (k,), rising.  unit: unit of the values.  change: (scenario,
+    value) -> {path of a quantity: new value}; the scenario includes the changes of other axes.  prepare: applied once
+    to the scenario.  link, kind: link and "delay", "jitter" or "loss" for an axis of a link, otherwise empty.
     """
 
     name: str
@@ -40,15 +40,15 @@ class Axis(NamedTuple):
     kind: str = ""
 
     def check(self) -> None:
-        """Refuse values that are no rising list of two or more."""
+        """Raise InputError unless the values are a rising list of two or more."""
         values = np.asarray(self.values, float)
         if values.ndim != 1 or len(values) < 2 or not np.isfinite(values).all() or (np.diff(values) <= 0).any():
-            problem = f"{np.array2string(values, threshold=6)} is no rising list of two values or more"
+            problem = f"the values must be a rising list of two or more, got {np.array2string(values, threshold=6)}"
             raise InputError(f"axis {self.name!r}", problem, fix="give e.g. np.linspace(0.0, 0.6, 7)")
 
 
 def axis_of_path(path: str, values: Any, unit: str = "", *, name: str = "") -> Axis:
-    """The quantity at a path takes the values themselves; of an array one number, "autopilot.law.K[0,1]"."""
+    """Create the axis whose values replace a quantity, or one number of an array, e.g. "autopilot.law.K[0,1]"."""
     whole, at = split_index(path)
 
     def change(scenario: Scenario, value: float) -> Mapping[str, Any]:
@@ -58,7 +58,7 @@ def axis_of_path(path: str, values: Any, unit: str = "", *, name: str = "") -> A
 
 
 def _with_number(scenario: Scenario, path: str, at: tuple[int, ...], change: Callable[[Any], Any]) -> Any:
-    """The array at a path, with change(number) for that at an index."""
+    """Return the array at a path, with change(number) in place of the number at an index."""
     array = np.array(find_quantity(scenario, path)[0], float)
     if not has_index(array.shape, at):
         raise _misfit(path, array.shape)
@@ -67,19 +67,19 @@ def _with_number(scenario: Scenario, path: str, at: tuple[int, ...], change: Cal
 
 
 def _misfit(path: str, shape: tuple[int, ...]) -> InputError:
-    whole = ", or scale it whole, in percent" if shape else ""
+    whole = ", or scale the whole array, with values in percent" if shape else ""
     fix = f"write {first_number(path, shape)!r}{whole}"
-    return InputError(f"axis {path!r}", f"the parameter has shape {shape}, and an axis is of one number", fix=fix)
+    return InputError(f"axis {path!r}", f"the parameter has shape {shape}, but an axis must vary one number", fix=fix)
 
 
 def axis_of_scale(path: str, factors: Any, *, name: str = "") -> Axis:
-    """The quantity at a path, a number, an array or one number of it, is the scenario's own times a factor."""
+    """Create the axis whose values scale a quantity: a number, an array, or one number of an array."""
     whole, at = split_index(path)
 
     def change(scenario: Scenario, factor: float) -> Mapping[str, Any]:
         def scale(own: Any) -> Any:
             if not np.any(own):
-                problem = "the scenario's own value is 0, and a share of it is 0"
+                problem = "the scenario's own value is 0, so a share of it is always 0"
                 raise InputError(f"axis {path!r}", problem, fix="give numbers without %")
             return own * factor
 
@@ -91,15 +91,15 @@ def axis_of_scale(path: str, factors: Any, *, name: str = "") -> Axis:
 
 
 def axis_of_link(kind: str, values: Any, link: str = "uplink") -> Axis:
-    """Delay (s), jitter (s) or loss (probability) of a link, which becomes a `MeasuredLatency` where it is none.
+    """Create the axis of a link's delay (s), jitter (s) or loss (probability); the link becomes a `MeasuredLatency`.
 
-    delay: takes the place of the link's own latency, constant.  jitter: an even spread from 0 to the value, on top of
-    the delay axis, or of the link's mean latency where there is no such axis.  loss: each packet by itself.
-    A predictor is told the uplink's mean latency, and its horizon grows by the axis.
+    delay: replaces the link's own latency by a constant.  jitter: a uniform spread from 0 to the value, added to the
+    delay axis, or to the link's mean latency without a delay axis.  loss: each packet is lost independently. A
+    predictor uses the uplink's mean latency, and its horizon grows by the axis.
     """
     for what, name, choices in (("axis", kind, KINDS), ("link", link, LINKS)):
         if name not in choices:
-            raise InputError(what, f"there is no {name!r}", choices=choices, fix=f"write {choices[0]!r}")
+            raise InputError(what, f"{name!r} is not one of the choices", choices=choices, fix=f"write {choices[0]!r}")
     path = f"world.{link}." + ("loss" if kind == "loss" else "latency")
     added = np.ones(NODES) if kind == "delay" else even_latencies()
     longest = 0 if kind == "loss" else seconds(round(float(np.max(np.asarray(values, float), initial=0.0)), 3))
@@ -124,20 +124,20 @@ def axis_of_link(kind: str, values: Any, link: str = "uplink") -> Axis:
 
 
 def find_quantity(scenario: Scenario, path: str) -> tuple[Any, Quantity]:
-    """Value and declaration of a quantity; InputError where there is none, or where it shapes the program."""
+    """Return value and declaration of a quantity; raise InputError if it is missing or an option of the program."""
     value, declared = _find_leaf(scenario, path.split("."))
     if isinstance(declared, Quantity):
         return value, declared
     if declared is not None:
-        problem = "is a choice that shapes the program, not a number that a map could change"
+        problem = "is an option that changes the program, not a number that a map can vary"
         raise InputError(f"axis {path!r}", problem, fix=f"fly one map for each choice: {argument('settings', '…')}")
     known = [where for where, _, declared in leaves(scenario) if isinstance(declared, Quantity)]
     near = closest(path, known, 6) or known[:6]
-    raise InputError(f"axis {path!r}", "there is no such quantity", choices=near, fix=f"write {near[0]!r}")
+    raise InputError(f"axis {path!r}", "unknown quantity", choices=near, fix=f"write {near[0]!r}")
 
 
 def _find_leaf(value: Any, path: list[str]) -> tuple[Any, Any]:
-    """Value and declaration of the leaf at a path, or None and None."""
+    """Return value and declaration of the leaf at a path, or None and None."""
     for name, child, declared in children(value):
         if name == path[0] and isinstance(declared, Quantity | Option):
             return (child, declared) if len(path) == 1 else (None, None)
@@ -147,7 +147,7 @@ def _find_leaf(value: Any, path: list[str]) -> tuple[Any, Any]:
 
 
 def with_values(scenario: Scenario, values: Mapping[str, Any]) -> Scenario:
-    """The scenario with quantities changed, path -> value of the shape that it has there."""
+    """Return the scenario with quantities changed. values: path -> value, of the quantity's own shape."""
     for path, value in values.items():
         own, _ = find_quantity(scenario, path)
         if np.shape(value) != np.shape(own):
@@ -157,7 +157,7 @@ def with_values(scenario: Scenario, values: Mapping[str, Any]) -> Scenario:
 
 
 def enlarge_rings(scenario: Scenario, last: Scenario) -> Scenario:
-    """The scenario with rings long enough for the latencies that its links have in `last`."""
+    """Return the scenario with buffers long enough for the latencies of the links in `last`."""
     for link in LINKS:
         channel, longest = getattr(scenario.world, link), getattr(last.world, link)
         if isinstance(channel, MeasuredLatency):

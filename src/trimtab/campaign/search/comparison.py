@@ -1,4 +1,4 @@
-"""Costs of the same runs under two laws: which is less, by the paired t interval of their difference."""
+"""Comparison of two laws on the same runs, by the paired t interval of the difference of their costs."""
 
 from typing import Any, NamedTuple
 
@@ -9,9 +9,10 @@ from trimtab.campaign.statistics.intervals import proportion
 
 
 class Comparison(NamedTuple):
-    """runs: pairs.  before, after: mean costs.  difference, low, high: after - before and its interval; nan without.
+    """Comparison of two laws. runs: pairs.  before, after: mean costs.  difference: after - before.  low, high: bounds.
 
-    better, worse: runs in which the second costs less, and more.  improves: whether the interval says so.
+    The interval is NaN if a cost is infinite.  better, worse: runs in which the second costs less, and more.  improves:
+    True if the interval shows an improvement.
     """
 
     runs: int
@@ -27,7 +28,7 @@ class Comparison(NamedTuple):
 
 
 def compare(before: Any, after: Any, level: float = 0.95) -> Comparison:
-    """Costs (n,) of the same runs, before and after; n at least 2."""
+    """Compare costs (n,) of the same runs, before and after; n must be at least 2."""
     n = len(before)
     better, worse = int((after < before).sum()), int((after > before).sum())
     if np.isfinite(before).all() and np.isfinite(after).all():

@@ -1,11 +1,11 @@
-"""What tuning makes small: a weighted sum of metrics, e.g. ``error_rms:yaw_rate + 2*error_rms:sway_velocity``.
+"""Cost that tuning minimises: a weighted sum of metrics, e.g. ``error_rms:yaw_rate + 2*error_rms:sway_velocity``.
 
-A gradient needs a cost that is integrated while it flies; of the metrics those are
+A gradient needs a cost that is an integral over the run. These metrics are integrals:
 
     error_rms   sqrt(1/T int (x - target)^2 dt), over the second half        rms   the same of x, over the whole run
     mean        1/T int x dt
 
-at every instant of the run, where a metric sees the logged rows.
+They use every instant of the run, while metrics of a campaign use the logged rows.
 
 Source: docs page, Tune.
 """
@@ -32,15 +32,15 @@ INTEGRALS = ("error_rms", "rms", "mean")
 
 
 def evaluate_cost(terms: tuple[CostTerm, ...], columns: Mapping[str, Any]) -> Any:
-    """Costs (n,) of a campaign's columns; infinite for a run that was lost."""
+    """Return costs (n,) from a campaign's columns; infinite for a lost run."""
     total = np.sum([t.weight * columns[t.metric] for t in terms], axis=0)
     return np.where(columns["lost"] | np.isnan(total), np.inf, total)
 
 
 class IntegralCost(NamedTuple):
-    """A cost that is integrated: what `run.gradient.gradients` wants, and what is made of the integrals.
+    """Cost as an integral. cost: integrand for `run.gradient.gradients`.  since: start of each integral.
 
-    finish: integrals (n, k), slopes (n, k, d) -> costs (n,), slopes (n, d).
+    finish: integrals (n, k), slopes (n, k, d) -> costs (n,), slopes of the costs (n, d).
     """
 
     cost: Callable[[Signals], Any]
@@ -49,7 +49,7 @@ class IntegralCost(NamedTuple):
 
 
 def integral_cost(terms: tuple[CostTerm, ...], ready: PreparedCampaign) -> IntegralCost:
-    """The integrals of a cost; refuses what is none."""
+    """Convert a cost to integrals; raise InputError for a metric that is not an integral."""
     targets = {full_path(t.path): float(t.value) for t in ready.scenario.targets}
     declared = {path: d for path, _, d in logged_signals(signal_structure(run_inputs(ready.scenario)))}
     integrands, since = [], []
@@ -57,7 +57,7 @@ def integral_cost(terms: tuple[CostTerm, ...], ready: PreparedCampaign) -> Integ
         kind, name = parse_metric(term.metric)
         path = full_path(name)
         if kind not in INTEGRALS:
-            problem = f"{term.metric} is no integral over the run, and a gradient needs one"
+            problem = f"a gradient needs integrals over the run, but {term.metric} is not an integral"
             raise InputError(
                 argument_name("cost"),
                 problem,
@@ -65,11 +65,11 @@ def integral_cost(terms: tuple[CostTerm, ...], ready: PreparedCampaign) -> Integ
                 fix=f"{argument('method', 'search')} takes any metric",
             )
         if path.startswith(FLIGHT):
-            problem = f"{name} is worked out after a flight, and a gradient goes through the flight itself"
+            problem = f"{name} is computed after the flight, so it has no gradient"
             fix = f"{argument('method', 'search')}, or a signal of the truth"
             raise InputError(argument_name("cost"), problem, fix=fix)
         if kind == "error_rms" and declared[split_component(path)[0]].kind == "angle":
-            problem = f"{name} is an angle, whose target depends on where the run ends"
+            problem = f"{name} is an angle; its target depends on where the run ends"
             raise InputError(
                 argument_name("cost"),
                 problem,
@@ -85,7 +85,7 @@ def integral_cost(terms: tuple[CostTerm, ...], ready: PreparedCampaign) -> Integ
 
 @functools.cache
 def _integrand(terms: tuple[tuple[str, float, bool], ...]) -> Callable[[Signals], Any]:
-    """One function for one cost, so that it compiles once."""
+    """Return the integrand of a cost; cached, so that each cost compiles once."""
 
     def integrand(instant: Signals) -> Any:
         numbers = {

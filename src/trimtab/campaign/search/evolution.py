@@ -1,4 +1,4 @@
-"""CMA-ES in the unit cube, with restarts in which the population doubles (IPOP); a generation is one batch of runs.
+"""CMA-ES in the unit cube, with restarts that double the population (IPOP); each generation is one batch of runs.
 
 Source: Hansen, Ostermeier, "Completely derandomized self-adaptation in evolution strategies", Evolutionary Computation
 9 (2001); restarts: Auger, Hansen, "A restart CMA evolution strategy with increasing population size", CEC 2005; both by
@@ -23,11 +23,11 @@ SETTINGS = {
     "tolx": 1e-4,
 }
 FLAT = 8
-"""Generations of equal values after which a search starts anew."""
+"""Generations with equal values after which the search restarts."""
 
 
 class Generation(NamedTuple):
-    """x: (n, d), what was tried.  f: (n,), what is to be small.  mean: (d,), the centre then.  restart: from 0."""
+    """One generation. x: (n, d), candidates.  f: (n,), values to minimise.  mean: (d,), centre.  restart: from 0."""
 
     x: Any
     f: Any
@@ -44,15 +44,15 @@ def evolve(
     budget: int,
     seed: int,
 ) -> Iterator[Generation]:
-    """Generations until the budget is spent; stop asking to end earlier.
+    """Yield generations until the budget is spent; the caller may stop earlier.
 
     Args:
-        of: points (n, d) in [0, 1] -> values (n,), finite; only their order matters.
-        start: number of the restart -> where it starts, (d,).
-        step: first standard deviation, in parts of the cube.
-        population: of the first start, at least; each restart has twice as many.
-        budget: points that may be tried.
-        seed: of the search's own random numbers.
+        of: function from points (n, d) in [0, 1] to values (n,), finite; only their order matters.
+        start: function from the number of the restart to its start (d,).
+        step: initial standard deviation, as a fraction of the cube.
+        population: minimum population of the first start; each restart doubles it.
+        budget: maximum number of points.
+        seed: seed of the search's own random numbers.
     """
     cma: Any = importlib.import_module("cma")  # only a search needs it
     spent, restart, rng = 0, 0, np.random.default_rng(seed)

@@ -1,24 +1,25 @@
-"""Falsification: the worst case inside given bounds, searched for instead of waited for.
+"""Falsification: a search for the worst case inside given bounds.
 
     least over x in [0, 1]^d of  m(x) = least (or mean) over the run words of margin(run at Q(x), word)
 
-Q are the quantile functions of the spread, so that bounds and units are its own; a distribution without bounds is
-searched within three standard deviations. A candidate flies with the same few words of random numbers as every other
-(common random numbers), so that m has one value at a point. One part of the runs goes into Sobol points over the whole
-box; CMA-ES starts from the worst of them, then from the worst that lie elsewhere. The last runs fly the worst point
-with words that no candidate had.
+Q are the quantile functions of the spread, so that the search has its bounds and units. A distribution without bounds
+is searched within three standard deviations. Every candidate flies with the same few words of random numbers (common
+random numbers), so that m is a function of the point. A first part of the runs covers the whole box with Sobol points.
+CMA-ES then starts from the worst point, and later from the worst points elsewhere. The last runs fly the worst point
+with new words.
 
-The margin says how far a run is from failing: one number, below 0 for a failure, with a slope among successes and
-failures. Each condition has its room, in parts of the room that it allows, and a run has that of its worst condition:
+The margin is one number that measures how far a run is from failing. It is negative for a failure, and has a slope
+among successes and among failures. Each condition has a margin relative to its bound. The margin of a run is that of
+its worst condition:
 
     settling:s <= T      1 - max |e|/band, over the rows from the last one at or before T
     first_reach:s <= T   1 - min |e|/band, over the rows up to T
     any other <= b       (b - x)/|b|, or b - x where b = 0
     >= and >             the same with the other sign
-    margin               min of room/(1 + |room|), in (-1, 1);  a run that ran away: -2 + t/T of the row where it did
+    margin               min of room/(1 + |room|), in (-1, 1);  a diverged run: -2 + t/T, with t of its first bad row
 
-so that a signal that never settles is not just infinitely late, but so far from its band; and one that settles has the
-room that is left of it. A margin is negative where a condition does not hold, and only there.
+so that a signal that never settles is judged by its distance from the band, and a signal that settles by its remaining
+distance to the edge of the band. A margin is negative exactly where a condition does not hold.
 
 Source: Annapureddy, Liu, Fainekos, Sankaranarayanan, "S-TaLiRo: a tool for temporal logic falsification", TACAS 2011,
 for the search by robustness; Fainekos, Pappas, "Robustness of temporal logic specifications for continuous-time
@@ -59,23 +60,23 @@ from trimtab.run.simulate import simulate
 
 NAME = "margin"
 LEAST = 1e-12
-"""Of the margin of a condition that does not hold by less than can be told."""
+"""Smallest size of the margin of a violated condition."""
 OVER: Mapping[str, Callable[[Any], Any]] = {"worst": lambda m: m.min(axis=1), "mean": lambda m: m.mean(axis=1)}
-"""What is small at a point, of the margins (n, words) of its runs."""
+"""Functions that combine the margins (n, words) of a point's runs into the value to minimise."""
 TAIL = float(special.ndtr(-3.0))
-"""What is left out at each end of a distribution without bounds."""
+"""Probability cut off at each end of a distribution without bounds."""
 TOGETHER = 64
-"""Runs that fly at once, at least: fewer would not fill the lanes."""
+"""Minimum number of runs in a batch; fewer would not fill the processor's lanes."""
 FIRST, LAST = 0.15, 0.1
-"""Shares of the runs: points over the whole box, and more random numbers at the worst point."""
+"""Shares of the runs for the points over the whole box, and for new random numbers at the worst point."""
 STEP = 0.2
-"""First standard deviation of the search, in parts of the box."""
+"""Initial standard deviation of the search, as a fraction of the box."""
 APART = 0.3
-"""How far apart, in the largest coordinate, two starts lie."""
+"""Minimum distance between two starts, in the largest coordinate."""
 
 
 def with_margin(ready: PreparedCampaign) -> PreparedCampaign:
-    """The same campaign with one more column, `margin`."""
+    """Return the same campaign with one more column, `margin`."""
     of = {m.name: m for m in ready.metrics}
     signals = tuple(sorted({s for c in ready.success for s in of[c.metric].signals}))
     more = Metric(NAME, signals, lambda rows: margin(rows, ready.success, of))
@@ -83,17 +84,17 @@ def with_margin(ready: PreparedCampaign) -> PreparedCampaign:
 
 
 def margins(columns: Mapping[str, Any]) -> Any:
-    """Margins (n,) of a campaign's columns; a run whose last state is no number failed, whatever its metrics say."""
+    """Return margins (n,) from a campaign's columns; a lost run counts as a failure, whatever its metrics are."""
     return np.where(columns["lost"], np.minimum(columns[NAME], -1.0), columns[NAME])
 
 
 def margin(rows: Rows, conditions: tuple[Condition, ...], metrics: Mapping[str, Metric]) -> Any:
-    """Margins (n,) of some runs.
+    """Compute the margins (n,) of some runs.
 
     Args:
-        rows: of the runs.
-        conditions: all of which must hold.
-        metrics: by name, those of the conditions.
+        rows: rows of the runs.
+        conditions: conditions that must all hold.
+        metrics: metrics of the conditions, by name.
     """
     worst = np.min([_condition_margin(rows, c, metrics[c.metric]) for c in conditions], axis=0)
     wrong = [~np.isfinite(v).reshape(*v.shape[:2], -1).all(axis=2) for v in rows.signals.values()]
@@ -103,7 +104,7 @@ def margin(rows: Rows, conditions: tuple[Condition, ...], metrics: Mapping[str, 
 
 
 def _condition_margin(rows: Rows, condition: Condition, metric: Metric) -> Any:
-    """Margins of one condition: of the sign that the condition itself has."""
+    """Compute the margins of one condition; negative exactly where it does not hold."""
     with np.errstate(invalid="ignore", over="ignore"):
         value = np.asarray(metric.of(rows), np.float64)
         room = _distance_to_bound(rows, condition, value)
@@ -125,13 +126,13 @@ def _distance_to_bound(rows: Rows, condition: Condition, value: Any) -> Any:
 
 
 def spread_levels(ready: PreparedCampaign, x: Any) -> Any:
-    """Points u of the spread at points x in [0, 1]^d: tails of what has no bounds are left out."""
+    """Map points x in [0, 1]^d to points u of the spread; the tails of unbounded distributions are cut off."""
     tail = np.array([TAIL if f.distribution.kind in ("normal", "lognormal") else 0.0 for f in ready.spread.factors])
     return inside_cube(tail + (1 - 2 * tail) * x)
 
 
 class BoxSearch:
-    """What has been flown; called with points (n, d) it flies them and gives what is to be small, (n,)."""
+    """Search of the box, with all runs so far. Calling it flies points (n, d) and returns values to minimise (n,)."""
 
     def __init__(
         self, ready: PreparedCampaign, words: int, over: Callable[[Any], Any], options: Mapping[str, Any]
@@ -142,11 +143,11 @@ class BoxSearch:
         self.starts: list[Any] = []
 
     def __call__(self, x: Any) -> Any:
-        """What is to be small at points x (n, d): all fly with the same words."""
+        """Return the values to minimise at points x (n, d), all flown with the same words."""
         return self.over(self.fly_candidates(x, np.zeros(len(x), np.uint32)))
 
     def fly_candidates(self, x: Any, first: Any) -> Any:
-        """Margins (n, words) at points x (n, d), each with so many words from its first (n,) on."""
+        """Return margins (n, words) at points x (n, d), each flown with consecutive words from its first (n,)."""
         u = np.repeat(spread_levels(self.ready, x), self.words, axis=0)
         words = first[:, None] + np.arange(self.words, dtype=np.uint32)
         m = margins(fly_points(self.ready, u, words.ravel(), **self.options)).reshape(words.shape)
@@ -155,24 +156,26 @@ class BoxSearch:
         return m
 
     def refly_worst(self, n: int) -> None:
-        """Fly the worst candidate n times more, each time with words that are new."""
+        """Fly the worst candidate n more times, each time with new words."""
         x, m, *_ = self.candidates()
         first = self.words * np.arange(1, n + 1, dtype=np.uint32)
         self.restart += 1
         self.fly_candidates(np.repeat(x[[np.argmin(self.over(m))]], n, axis=0), first)
 
     def candidates(self) -> tuple[Any, ...]:
-        """All so far: points (n, d), margins (n, words), first word of each (n,), and its restart (n,)."""
+        """Return all candidates: points (n, d), margins (n, words), first word of each (n,), and restart (n,)."""
         return tuple(np.concatenate(parts) for parts in zip(*self.flights, strict=True))
 
     def remaining_candidates(self, runs: int) -> int:
-        """Candidates that may still fly."""
+        """Return the number of candidates that the remaining runs allow."""
         return runs // self.words - sum(len(x) for x, *_ in self.flights)
 
     def cover_box(self, n: int, until_first: bool) -> None:
-        """Sobol points over the whole box, in parts."""
+        """Fly Sobol points over the whole box, in batches."""
         d = len(self.ready.spread.factors)
-        with warnings.catch_warnings(action="ignore", category=UserWarning):  # balance: any number will do
+        with warnings.catch_warnings(
+            action="ignore", category=UserWarning
+        ):  # the warning about balance does not matter here
             points = qmc.Sobol(d, rng=np.random.default_rng(self.ready.plan.seed)).random(n)
         for part in np.array_split(points, max(n * self.words // 512, 1)):
             self(part)
@@ -180,7 +183,7 @@ class BoxSearch:
                 return
 
     def start(self, restart: int) -> Any:
-        """Where the next start is: the worst candidate of all that is not near an earlier start."""
+        """Return the next start: the worst candidate that is not near an earlier start."""
         self.restart = restart
         x, m, *_ = self.candidates()
         for i in np.argsort(self.over(m), kind="stable"):
@@ -193,13 +196,13 @@ class BoxSearch:
 
 
 class FalsificationResult(NamedTuple):
-    """The worst run, and how the search went.
+    """Worst run that was found, and the course of the search.
 
-    margin: of the worst run, as it flew again by itself; the run failed where it is negative.  values: path -> what the
-    parameters have there, to the bit.  point: (d,), where in the box.  word: its run word.  columns: the metrics of
-    that run.  flown_runs: in all.  first: after how many the first failure, or None.  candidate_margins: (n, words) in
-    the order flown.  points: (n, d).  stages: (n,), -1 for the Sobol points, then the restarts, last the worst point
-    with other words.
+    margin: margin of the worst run, repeated by itself; negative if the run failed.  values: path -> exact value of the
+    parameter.  point: (d,), the run's place in the box.  word: its run word.  columns: its metrics.  flown_runs: total
+    number of runs.  first: number of runs until the first failure, or None.  candidate_margins: (n, words), in the
+    order flown.  points: (n, d).  stages: (n,), -1 for the Sobol points, then the number of the restart; the largest
+    number marks the worst point with new words.
     """
 
     plan: CampaignPlan
@@ -218,7 +221,7 @@ class FalsificationResult(NamedTuple):
 
     @property
     def fails(self) -> bool:
-        """Whether a failure was found."""
+        """True if a failure was found."""
         return self.margin < 0
 
 
@@ -242,7 +245,7 @@ def falsify(
     progress: Callable[[int], None] | None = None,
     store: Path | None = None,
 ) -> FalsificationResult:
-    """Search for the run that fails worst.
+    """Search for the worst run.
 
     >>> from trimtab import falsify
     >>> brief, spread = {"duration": "1 s"}, {"world.vehicle.mass": "uniform(80%, 120%)"}
@@ -250,28 +253,28 @@ def falsify(
     False
 
     Args:
-        scenario: its name in the catalogue, ``file.py:function``, or the scenario itself.
-        spread: path -> distribution as text, whose bounds are those of the search, e.g. "uniform(80%, 120%)".
-        fault_ranges: faults with ranges for numbers, e.g. "downlink off @ 2..10 s for 0.1..2 s".
-        vary: inputs that are held in pieces, e.g. "stick.turn=pieces(5, -1:1)".
-        success: what a run must do, e.g. "settling:yaw_rate <= 10"; each target reached for good when empty.
-        runs: how many may fly.
-        words: with how many words of random numbers each candidate flies.
-        over: "worst" or "mean" of their margins is what is searched.
-        seed: of the runs' random numbers, and of the search.
-        until_first: end with the first failure.
-        settings, without, faults: as `trimtab run` takes them; for a scenario that is named.
-        backend, threads: as `simulate_batch`.
-        progress: called with the number of runs flown since.
-        store: folder that keeps what is flown; the same search goes on there.
+        scenario: name in the catalogue, ``file.py:function``, or a `Scenario`.
+        spread: path -> distribution as text; its bounds are those of the search, e.g. "uniform(80%, 120%)".
+        fault_ranges: faults with ranges, e.g. "downlink off @ 2..10 s for 0.1..2 s".
+        vary: inputs held constant in pieces, e.g. "stick.turn=pieces(5, -1:1)".
+        success: conditions of a success, e.g. "settling:yaw_rate <= 10". Default: each target is reached and held.
+        runs: maximum number of runs.
+        words: number of runs for each candidate, each with its own random numbers.
+        over: "worst" or "mean": how the margins of a candidate's runs are combined.
+        seed: seed of the runs' random numbers and of the search.
+        until_first: True to stop at the first failure.
+        settings, without, faults: as in `trimtab run`; only for a scenario given by name.
+        backend, threads: as in `simulate_batch`.
+        progress: function called with the number of runs flown since the last call.
+        store: folder that stores finished runs; the same search resumes from it.
 
-    Raises: InputError for what can't be flown, before anything is.
+    Raises: InputError for a search that can't be flown, before any run starts.
     """
     began = time.perf_counter()
     fault_ranges, vary = tuple(fault_ranges), tuple(vary)
     if not (spread or fault_ranges or vary):
         fix = argument("spread", "uniform(80%, 120%)", "world.vehicle.mass")
-        raise InputError(argument_name("spread"), "nothing may differ", fix=fix)
+        raise InputError(argument_name("spread"), "no parameter varies", fix=fix)
     plan = plan_search(
         "falsify",
         scenario,
@@ -307,20 +310,22 @@ def _open_memo(store: Path | None, ready: PreparedCampaign, backend: str) -> Fli
 
 def _check_search(ready: PreparedCampaign, runs: int, words: int, over: str) -> None:
     if over not in OVER:
-        raise InputError(
-            argument_name("over"), f"{over!r} is no way to take the runs of a candidate", choices=OVER, fix="worst"
-        )
+        raise InputError(argument_name("over"), f"must be one of the choices, got {over!r}", choices=OVER, fix="worst")
     if not 1 <= words <= TOGETHER:
-        raise InputError(argument_name("words"), f"{words} is not in 1 … {TOGETHER}", fix=argument("words", 4))
+        raise InputError(
+            argument_name("words"),
+            f"got {words} words, but the number must be from 1 to {TOGETHER}",
+            fix=argument("words", 4),
+        )
     if runs < 4 * TOGETHER:
-        raise InputError(argument_name("runs"), f"{runs} runs are no search", fix=argument("runs", 5000))
+        raise InputError(argument_name("runs"), f"{runs} runs are too few for a search", fix=argument("runs", 5000))
     refuse_options(ready)
     ends = [spread_levels(ready, np.full(len(ready.spread.factors), end)) for end in (0.0, 1.0)]
     check_bounds(ready, np.stack(ends))
 
 
 def _summarise_search(ready: PreparedCampaign, search: BoxSearch, backend: str, began: float) -> FalsificationResult:
-    """The worst run, flown once more by itself."""
+    """Fly the worst run once more by itself, and summarise the search."""
     x, m, first, stages = search.candidates()
     i, at = np.unravel_index(int(np.argmin(m)), m.shape)
     word = int(first[i] + at)

@@ -1,6 +1,6 @@
-"""What linear theory says of a stability map: delay margin, jitter margin and packet loss, where they apply.
+"""Linear theory for a stability map: delay margin, jitter margin and packet loss, where they apply.
 
-For it, how long a signal is under way around the loop: over the links, and held between packets and frames.
+The theory needs the delay of a signal around the loop: in transit on the links, and held between packets and frames.
 
 Source: docs page, Stability maps; the theorems are those of `design`.
 """
@@ -24,17 +24,17 @@ from trimtab.links.wire import DelayChain, Wire
 from trimtab.loop.scenario import Scenario
 
 DRAWS = 4096
-"""Quantiles over which rounded latencies are averaged."""
+"""Number of quantiles for the average of rounded latencies."""
 FINE = 30
-"""About as many points of the theory's own grid along an axis."""
+"""Approximate number of points of the theory's own grid along an axis."""
 FEW = 8
-"""As many, along an axis where every value has a linear loop of its own."""
+"""Approximate number of points along an axis on which the linear loop changes."""
 FAR = 10.0
-"""Where theory has no limit, so much (s) is to spare."""
+"""Margin (s) that stands for "no limit"."""
 
 
 class LoopDelay(NamedTuple):
-    """Age (s), from measurement to force: the least there ever is, its mean over time, and the most."""
+    """Delay from measurement to force (s): its minimum, its mean over time, and its maximum."""
 
     least: float
     mean: float
@@ -42,11 +42,11 @@ class LoopDelay(NamedTuple):
 
 
 def loop_delay(scenario: Scenario) -> LoopDelay:
-    """The delay of a scenario's loop.
+    """Compute the delay of a scenario's loop.
 
-    A latency counts until the instant at which the receiving end looks; where the actuators latch in frames that the
-    packets keep time with, until the next frame. Signals that are held for a time h are h/2 late on the mean and h at
-    most. Not counted: packets that wait for one another, lost ones, and what estimator and actuators add in dynamics.
+    A latency lasts until the receiver's next sampling instant. If the actuators latch in frames that are synchronous
+    with the packets, it lasts until the next frame. A signal held for a time h is h/2 late on average and h at most.
+    Not included: packets that wait for one another, lost packets, and the dynamics of estimator and actuators.
 
     Raises: InputError for links whose latency is not known.
     """
@@ -74,7 +74,7 @@ def _send_period(channel: Any) -> int:
 
 
 def _latencies(name: str, channel: Any, look: int) -> Any:
-    """Latencies (k,) in s, equally likely, rounded up to the instants at which somebody looks."""
+    """Return equally likely latencies (k,) in s, rounded up to the receiver's sampling instants."""
     if isinstance(channel, MeasuredLatency):
         from scipy.special import ndtri
 
@@ -92,9 +92,9 @@ def _latencies(name: str, channel: Any, look: int) -> Any:
 
 
 class StabilityCriterion(NamedTuple):
-    """One criterion over the plane: what is to spare, 0 on its line and positive on the stable side.
+    """One criterion over the plane of the map: its margin, 0 on the boundary and positive on the stable side.
 
-    name: of the criterion.  x, y: values of the axes (nx,), (ny,).  margin: (nx, ny), s or probability.
+    name: name of the criterion.  x, y: values of the axes (nx,), (ny,).  margin: (nx, ny), s or probability.
     """
 
     name: str
@@ -103,20 +103,20 @@ class StabilityCriterion(NamedTuple):
     margin: Any
 
     def zero_lines(self) -> list[Any]:
-        """Where it is 0: lines (k, 2) of values of x and y."""
+        """Return the curves of zero margin: arrays (k, 2) of values of x and y."""
         from contourpy import contour_generator
 
         return list(contour_generator(self.x, self.y, self.margin.T).lines(0.0))
 
 
 def linear_loop(scenario: Scenario) -> FeedbackLoop:
-    """The loop of a scenario's law around its vehicle, about the state at which the law says that it rests.
+    """Return the loop of a scenario's law and vehicle, linearised about the law's equilibrium.
 
-    Raises: InputError where the law has no `equilibrium`, the loop about it is none (see `loop_of_law`), or a predictor
-        stands before the law.
+    Raises: InputError if the law has no `equilibrium`, the loop can't be linearised (see `loop_of_law`), or a predictor
+    stands before the law.
     """
     if scenario.autopilot.predictor is not None:
-        problem = "a predictor stands before the law, so that the margins of the law's own loop say nothing"
+        problem = "the law has a predictor, so the margins of the law's own loop do not apply"
         raise InputError(
             "theory",
             problem,
@@ -126,24 +126,24 @@ def linear_loop(scenario: Scenario) -> FeedbackLoop:
     rest = optional_member(law, "equilibrium")
     if rest is None:
         fix = "give theory a loop function: loop=lambda scenario: of_law(vehicle, law, state)"
-        raise InputError("theory", f"{type(law).__name__} has no equilibrium about which it would be linear", fix=fix)
+        raise InputError("theory", f"{type(law).__name__} has no equilibrium to linearise about", fix=fix)
     return loop_of_law(scenario.world.vehicle, law, rest())
 
 
 def stability_criteria(
     diagram: StabilityMap, loop: Callable[[Scenario], FeedbackLoop] = linear_loop
 ) -> tuple[StabilityCriterion, ...]:
-    """The criteria that apply to a map.
+    """Return the criteria that apply to a map.
 
-    "delay margin" and "jitter margin" where an axis is a link's delay or jitter: the loop's mean delay against the
-    first, the span of its delay on top of the least against the second. "packet loss" where an axis is the uplink's
-    loss and the loop is a scalar one: there each step is lost with the link's probability, no packet is sent again.
+    "delay margin" and "jitter margin" apply if an axis is a link's delay or jitter. The delay margin limits the loop's
+    mean delay, the jitter margin the delay's range above its minimum. "packet loss" applies if an axis is the uplink's
+    loss and the loop is scalar: each step is lost with the link's probability, without retransmission.
 
     Args:
         diagram: the map.
-        loop: scenario -> its linear loop.
+        loop: function from a scenario to its linear loop.
 
-    Raises: InputError where no criterion applies, or there is no linear loop.
+    Raises: InputError if no criterion applies, or there is no linear loop.
     """
     kinds = {axis.kind for axis in (diagram.x, diagram.y)}
     if not kinds - {""}:
@@ -161,13 +161,13 @@ def stability_criteria(
             for name, spare in _remaining_margins(known[key], scenario, kinds).items():
                 margins.setdefault(name, np.full((len(x), len(y)), np.nan))[i, j] = spare
     if not margins:
-        problem = "the loss criterion is that of a scalar loop, and this one has more states"
+        problem = "the packet-loss criterion needs a scalar loop, but this loop has more states"
         raise InputError("theory", problem, fix="leave theory out, or map a delay: axis_of_link('delay', …)")
     return tuple(StabilityCriterion(name, x, y, spare) for name, spare in margins.items())
 
 
 class _Margins(NamedTuple):
-    """A loop, its delay margin (0 where it is not stable even without delay), jitter margins by constant delay."""
+    """A loop, its delay margin (0 if unstable without delay), and its jitter margins by constant delay."""
 
     loop: FeedbackLoop
     delay: float
@@ -178,7 +178,7 @@ class _Margins(NamedTuple):
         return _Margins(loop, 0.0 if loop.unstable_poles() else min(delay_margin(loop).delay, FAR), {})
 
     def allowed_jitter(self, least: float) -> float:
-        """Jitter margin on top of a constant delay; below 0 beyond the delay margin."""
+        """Return the jitter margin on top of a constant delay; below 0 beyond the delay margin."""
         if least >= self.delay:
             return self.delay - least
         if least not in self.jitter:
@@ -200,13 +200,13 @@ def _remaining_margins(margins: _Margins, scenario: Scenario, kinds: set[str]) -
 
 
 def _refine_axis(axis: Axis) -> Any:
-    """Values of an axis for the theory, those of the coarse grid among them."""
+    """Return the theory's values along an axis; they include those of the coarse grid."""
     coarse = np.asarray(axis.values, float)
     each = max((FINE if axis.kind else FEW) // (len(coarse) - 1), 1)
     return np.interp(np.arange((len(coarse) - 1) * each + 1) / each, np.arange(len(coarse)), coarse)
 
 
 def _loop_key(scenario: Scenario) -> bytes:
-    """What the linear loop follows from: all numbers of vehicle and law."""
+    """Return a key of the linear loop: all numbers of vehicle and law."""
     both = (*leaves(scenario.world.vehicle), *leaves(scenario.autopilot.law))
     return b"".join(np.asarray(v).tobytes() for _, v, declared in both if isinstance(declared, Quantity))

@@ -1,10 +1,10 @@
-"""How probable a rare failure is: splitting over a campaign's parameters and noise, and failures that fly again.
+"""Probability of rare failures, by splitting over a campaign's parameters and noise; failures found can be repeated.
 
-The margin is that of `falsify`; what differs is drawn as in a campaign. The noise has GROUPS words: the draws of a
-run's random numbers are dealt out among them, so that a part of the noise is drawn anew while the rest stays.
+The margin is that of `falsify`; parameters are drawn as in a campaign. The noise has GROUPS words. Each word controls a
+part of a run's random numbers, so that a part of the noise can be drawn again while the rest stays.
 
-Roots fly in rounds of BATCHES batches. A round depends on the seed and its number alone, so that a folder in which
-rounds are kept goes on where it ended, with the same result as if it had not.
+Roots fly in rounds of BATCHES batches. A round depends only on the seed and its number, so that a search resumed from
+its folder gives the same result as one without a break.
 
 Source: docs page, Rare failures; `campaign.statistics.splitting`.
 """
@@ -43,20 +43,20 @@ from trimtab.loop.scenario import Scenario
 from trimtab.run.simulate import simulate
 
 GROUPS = 32
-"""Words of the noise."""
+"""Number of words of the noise."""
 ROUNDS, BATCHES = 4, 10
-"""Rounds of the runs asked for; batches of a round, of whose means the interval is made."""
+"""Number of rounds, and number of batches in a round; the interval is computed from the batches' means."""
 LEAST_RUNS = 5000
 FARTHEST = 6.0
-"""Standard deviations at which parts must be ready to fly."""
+"""Largest distance, in standard deviations, at which parts must be valid."""
 STATE = "rare.json"
 PILOT_STREAM, ROUND_STREAM = 0, 1
 
 
 class Failure(NamedTuple):
-    """A run that fails. z: standard normal numbers of its parameters.  words: of its noise.  margin: as it was found.
+    """Run that fails. z: standard normal numbers of its parameters.  words: its noise.  margin: when it was found.
 
-    values: path -> what the parameters have there, to the bit.  columns: its metrics; both as it flew again by itself.
+    values: path -> exact value of the parameter.  columns: metrics; both from a repetition of the run by itself.
     """
 
     z: Any
@@ -67,8 +67,8 @@ class Failure(NamedTuple):
 
 
 class PilotReport(NamedTuple):
-    """What is known before the roots fly. runs: more that will be flown, about.  wall_s: about how long they take.
-
+    """Estimates before the roots fly. runs: number of further runs.  wall_s: time for them.  All are approximate.
+    width: half width of the interval, as a fraction of the probability.
     width: about half the interval's width, in parts of the probability.
     """
 
@@ -79,10 +79,10 @@ class PilotReport(NamedTuple):
 
 
 class Round(NamedTuple):
-    """What the roots of one round found, as it is kept.
+    """Result of the roots of one round, as stored.
 
-    sums: (BATCHES,), failing descendants of each batch.  failing_roots: how many had any.  survivors, taken: of each
-    level.  flown: runs.  worst, likeliest: z, words and margin of two failures, where there were any.
+    sums: (BATCHES,), failing descendants of each batch.  failing_roots: number of roots with a failing descendant.
+    survivors, taken: for each level.  flown: runs.  worst, likeliest: z, words and margin of two failures, if any.
     """
 
     sums: list[int]
@@ -95,11 +95,12 @@ class Round(NamedTuple):
 
 
 class RareResult(NamedTuple):
-    """The probability of a failure, its interval, and two failures.
+    """Probability of a failure, its interval, and two failures.
 
-    ladder: the levels.  roots: how many in all; failing_roots: of how many some descendant failed.  survivors: (K,),
-    points below each level.  taken: (K - 1,), share of the steps taken below each.  flown_runs: in all, with the pilot;
-    new_runs: of this session.  worst: the failure of least margin; likeliest: that of the most probable parameters.
+    ladder: the levels.  roots: total number of roots; failing_roots: number of roots with a failing descendant.
+    survivors: (K,), points below each level.  taken: (K - 1,), share of accepted steps below each level.  flown_runs:
+    total, with the pilot; new_runs: runs of this session.  worst: failure with the smallest margin; likeliest: failure
+    with the most probable parameters.
     """
 
     plan: CampaignPlan
@@ -135,28 +136,28 @@ def estimate_rare(
     progress: Callable[[int], None] | None = None,
     report: Callable[[PilotReport], None] | None = None,
 ) -> RareResult:
-    """The probability that a run fails, where failures are rare.
+    """Estimate the probability that a run fails, if failures are rare.
 
     Args:
-        scenario: its name in the catalogue, ``file.py:function``, or the scenario itself.
-        spread: path -> distribution as text; nothing but the noise differs without.
-        fault_ranges, vary: as of `falsify`; all within their bounds is equally probable.
-        success: what a run must do, e.g. "peak:yaw_rate <= 4"; each target reached for good when empty.
-        runs: how many may fly, about.
-        seed: of everything that is drawn.
-        settings, without, faults: as `trimtab run` takes them; for a scenario that is named.
-        folder: where rounds are kept as they are done, and looked for.
-        backend, threads: as `simulate_batch`.
-        progress: called with the number of runs flown since.
-        report: called once, after the pilot.
+        scenario: name in the catalogue, ``file.py:function``, or a `Scenario`.
+        spread: path -> distribution as text; without it only the noise varies.
+        fault_ranges, vary: as in `falsify`; values within their bounds are equally probable.
+        success: conditions of a success, e.g. "peak:yaw_rate <= 4". Default: each target is reached and held.
+        runs: approximate number of runs.
+        seed: seed of all random numbers.
+        settings, without, faults: as in `trimtab run`; only for a scenario given by name.
+        folder: folder in which finished rounds are stored, and from which they are resumed.
+        backend, threads: as in `simulate_batch`.
+        progress: function called with the number of runs flown since the last call.
+        report: function called once, after the pilot.
 
-    Raises: InputError for what can't be flown, before anything is; where the margin doesn't lead to a failure; where
-        the folder holds something else.
+    Raises: InputError if the scenario can't be flown (before any run starts), the margin doesn't lead to a failure, or
+    the folder holds something else.
     """
     began = time.perf_counter()
     if runs < LEAST_RUNS:
         raise InputError(
-            argument_name("runs"), f"{runs} runs are too few to get down to what is rare", fix=argument("runs", 100000)
+            argument_name("runs"), f"{runs} runs are too few to reach a rare failure", fix=argument("runs", 100000)
         )
     plan = plan_search(
         "rare",
@@ -189,7 +190,7 @@ def estimate_rare(
 
 
 def _check_differences(ready: PreparedCampaign) -> None:
-    """Refuse a spread that a search can't move, or that leads out of what can be flown."""
+    """Raise InputError for a spread that a search can't move, or that leaves the valid range."""
     refuse_options(ready)
     if ready.spread.factors:
         ends = np.array([[-FARTHEST], [FARTHEST]]) * np.ones(len(ready.spread.factors))
@@ -197,11 +198,11 @@ def _check_differences(ready: PreparedCampaign) -> None:
 
 
 class _Study:
-    """What is known of one failure: ladder, and the rounds so far."""
+    """State of one study: the ladder and the rounds so far."""
 
     ladder: Ladder
     roots: int
-    """Of a batch."""
+    """Number of roots in a batch."""
     words: int
 
     def __init__(self, ready: PreparedCampaign, options: Mapping[str, Any], folder: Path | None, used: str) -> None:
@@ -211,14 +212,14 @@ class _Study:
         self.new_runs, self.rate, self.d = 0, math.inf, len(ready.spread.factors)
 
     def margins(self, z: Any, words: Any) -> Any:
-        """Margins (n,) at parameters z (n, d) with words (n, m)."""
+        """Compute margins (n,) at parameters z (n, d) with words (n, m)."""
         if not words.shape[1]:
             words = np.zeros((len(z), GROUPS), np.uint32)
         self.new_runs += len(z)
         return margins(fly_points(self.ready, inside_cube(special.ndtr(z)), words, **self.options))
 
     def read_or_pilot(self, runs: int) -> None:
-        """The ladder that the folder has, with its rounds; or a new one, for so many runs in all."""
+        """Read the ladder and the rounds from the folder, or run the pilot for a total number of runs."""
         file = None if self.folder is None else self.folder / STATE
         if file is not None and file.exists():
             self._read(file)
@@ -226,7 +227,7 @@ class _Study:
         rng = np.random.default_rng([self.ready.plan.seed, PILOT_STREAM])
         self.words = GROUPS if self._find_noise(rng) else 0
         if not (self.d or self.words):
-            problem = "nothing differs: no parameter is spread, and no part draws random numbers"
+            problem = "nothing varies: no parameter has a spread, and no part draws random numbers"
             raise InputError(
                 argument_name("spread"), problem, fix=argument("spread", "normal(100%, 5%)", "world.vehicle.mass")
             )
@@ -235,8 +236,10 @@ class _Study:
         try:
             self.ladder = splitting.set_ladder(self.margins, rng, size, self.d, self.words)
         except splitting.Stalled as stalled:
-            problem = f"after {stalled.flown} runs the margin stays at {stalled.level:.4g} and leads to no failure"
-            fix = "a condition on what comes before the failure, e.g. a peak: its room is the way down"
+            problem = (
+                f"after {stalled.flown} runs the margin stays at {stalled.level:.4g} and does not approach a failure"
+            )
+            fix = "use a condition on a quantity that changes gradually before the failure, e.g. a peak"
             raise InputError(argument_name("success"), problem, fix=fix) from None
         self.rate = (self.new_runs - before) / (time.perf_counter() - began)
         rest = max(runs - self.ladder.flown, 0)
@@ -244,15 +247,15 @@ class _Study:
         self._write()
 
     def _find_noise(self, rng: np.random.Generator) -> bool:
-        """Whether other words make other runs."""
+        """Return True if other words change the runs."""
         n = 64
         z, words = rng.standard_normal((n, self.d)), rng.integers(0, 2**32, (2, n, GROUPS), dtype=np.uint32)
         first, second = self.margins(z, words[0]), self.margins(z, words[1])
-        self.new_runs = 0  # they are no part of the estimate
+        self.new_runs = 0  # these runs are not part of the estimate
         return not np.array_equal(first, second)
 
     def fly_rounds(self, wanted: int) -> None:
-        """Rounds that are missing, each kept when it is done."""
+        """Fly the missing rounds, and store each when it is done."""
         for number in range(len(self.rounds), wanted):
             rng = np.random.default_rng([self.ready.plan.seed, ROUND_STREAM, number])
             roots = BATCHES * self.roots
@@ -261,7 +264,7 @@ class _Study:
             self._write()
 
     def summarise(self, wall_s: float) -> RareResult:
-        """What all rounds say together."""
+        """Combine all rounds into the result."""
         sums = [n for r in self.rounds for n in r.sums]
         survivors = np.sum([r.survivors for r in self.rounds], axis=0)
         worst = min((r.worst for r in self.rounds if r.worst), key=lambda f: f[2], default=None)
@@ -325,11 +328,11 @@ class _Study:
             fix = f"{argument_name('out')} with a new folder"
             raise InputError(argument_name("out"), f"{str(file)!r} can't be read: {error}", fix=fix) from None
         if not same:
-            problem = f"{str(file.parent)!r} holds another failure, or one of another version or backend"
+            problem = f"{str(file.parent)!r} holds another study, or one from another version or backend"
             raise InputError(
                 argument_name("out"),
                 problem,
-                fix=f"{argument_name('out')} with a new folder, or what that one was made of",
+                fix=f"{argument_name('out')} with a new folder, or repeat the settings of the stored study",
             )
 
 

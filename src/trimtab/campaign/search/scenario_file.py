@@ -1,4 +1,4 @@
-"""A scenario as a file: the one of the catalogue, with the numbers that were found for it, to the bit. Data only."""
+"""Scenario files: a scenario of the catalogue with the exact parameter values that a search found. Data only."""
 
 import os
 import pprint
@@ -39,14 +39,14 @@ def scenario() -> Scenario:
 def write_scenario(
     file: Path, plan: CampaignPlan, values: Mapping[str, Any], about: str, words: tuple[int, ...] = ()
 ) -> None:
-    """Write the file, whole or not at all.
+    """Write the file atomically.
 
     Args:
-        file: where to; a scenario of one's own is looked for from its folder.
-        plan: names the scenario, its settings, and what is left out of it or broken in it.
+        file: path of the file; a user's own scenario is located relative to its folder.
+        plan: gives the scenario, its settings, its faults and what is left out.
         values: path -> number or array.
-        about: what the file says of itself; lines.
-        words: which noise run 0 of it has, where that is no run's of a campaign.
+        about: lines of the file's docstring.
+        words: words of the noise of run 0, if it is not the noise of a campaign's run.
     """
     own, _, function = plan.scenario.rpartition(":")
     head, name = '"""' + about.replace('"""', "'''").strip() + '\n"""\n', repr(plan.scenario)
@@ -87,7 +87,7 @@ def write_scenario(
 
 
 def check_file(part: str, file: Path) -> None:
-    """Refuse a name that is no Python file's."""
+    """Raise InputError if the name is not that of a Python file."""
     if file.suffix != ".py" or not file.stem.isidentifier():
         fix = f"{part} {file.with_name('found.py')}"
         raise InputError(part, f"{file.name!r} is not the name of a Python file", fix=fix)
@@ -96,7 +96,7 @@ def check_file(part: str, file: Path) -> None:
 
 
 def _path_expression(file: str, folder: Path) -> str:
-    """An expression for a file's path, seen from the file that will lie in the folder."""
+    """Return an expression for a file's path, relative to the folder of the file that will contain it."""
     return f"str(Path(__file__).parent / {Path(os.path.relpath(file, folder)).as_posix()!r})"
 
 

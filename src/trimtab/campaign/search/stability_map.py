@@ -1,4 +1,4 @@
-"""Where in the plane of two parameters a scenario succeeds, its boundary traced by refining only what is near it.
+"""Stability map: success of a scenario in the plane of two parameters, refined only near the boundary.
 
 Source: docs page, Stability maps; R. A. Finkel, J. L. Bentley, "Quad trees: a data structure for retrieval on composite
 keys", Acta Informatica 4 (1974), for the tree of cells. The rule by which cells are split is ours.
@@ -26,23 +26,23 @@ Cell = tuple[int, int, int]
 """Lower corner and size, in steps of the finest lattice."""
 DEEPEST = 12
 Success = Callable[[Batch], Any]
-"""The runs of a batch, with its log -> whether each succeeded (n,)."""
+"""Function from a batch with its log to the success (n,) of each run."""
 SWING = 0.1
-"""Most that may go on swinging at a run's end, in parts of a target's band."""
+"""Largest residual oscillation accepted at a run's end, as a fraction of a target's band."""
 ROWS = 300
-"""About as many rows of each run are looked at."""
+"""Approximate number of rows judged in each run."""
 NUMBERS = 20_000_000
-"""At most so many numbers of logs are held at once; larger rounds fly in parts."""
+"""Maximum number of logged values held at once; larger rounds are flown in parts."""
 ALL = 100
-"""About as many numbers are in a row where all signals are logged."""
+"""Approximate number of values in a row if all signals are logged."""
 
 
 class TracedBoundary(NamedTuple):
-    """What is known on a lattice of `shape` points, of which only some were looked at.
+    """Values on a lattice of `shape` points, of which only some were evaluated.
 
-    index: (n, 2) lattice points, in the order in which they were looked at.  value: (n,), in [0, 1].  call_index: (n,)
-    in which call each was made, from 0.  cells: (k, 3) lower corner and size of the cells that tile the lattice.
-    threshold: a point is inside where its value is at least that.
+    index: (n, 2) lattice points, in the order of evaluation.  value: (n,), in [0, 1].  call_index: (n,), number of the
+    call that evaluated each, from 0.  cells: (k, 3) lower corner and size of the cells that tile the lattice.
+    threshold: a point is inside if its value is at least the threshold.
     """
 
     shape: tuple[int, int]
@@ -54,30 +54,30 @@ class TracedBoundary(NamedTuple):
 
     @property
     def evaluated_points(self) -> int:
-        """How many points were needed."""
+        """Number of evaluated points."""
         return len(self.index)
 
     @property
     def of(self) -> int:
-        """How many points a full grid of the same resolution has."""
+        """Number of points of a full grid with the same resolution."""
         return self.shape[0] * self.shape[1]
 
     def grid(self) -> Any:
-        """The values on the whole lattice, NaN where nothing was looked at."""
+        """Return the values on the whole lattice, NaN where a point was not evaluated."""
         whole = np.full(self.shape, np.nan)
         whole[self.index[:, 0], self.index[:, 1]] = self.value
         return whole
 
     def boundary_cells(self) -> Any:
-        """The cells through which the boundary passes (k, 3): points both inside and outside on their edges."""
+        """Return the cells (k, 3) that contain the boundary: their edges have points both inside and outside."""
         inside, known = self.grid() >= self.threshold, ~np.isnan(self.grid())
         mixed = [_is_mixed(inside, known, c) for c in self.cells.tolist()]
         return self.cells[np.array(mixed, bool)]
 
     def crossings(self, line: int, axis: int = 0) -> list[tuple[int, int]]:
-        """Pairs of neighbouring known points between which a line along `axis` passes the boundary.
+        """Return pairs of neighbouring evaluated points between which a line along `axis` crosses the boundary.
 
-        line: the lattice index on the other axis; one of the coarse grid's, or few of its points are known.
+        line: lattice index on the other axis; use one of the coarse grid, other lines have few evaluated points.
         """
         values = self.grid().take(line, axis=1 - axis)
         known = np.flatnonzero(~np.isnan(values))
@@ -88,17 +88,17 @@ class TracedBoundary(NamedTuple):
 def trace_boundary(
     values: Callable[[Any], Any], coarse: tuple[int, int], depth: int, *, threshold: float = 0.5
 ) -> TracedBoundary:
-    """Look at a coarse grid, then only at the cells on whose edges there are points both inside and outside.
+    """Evaluate a coarse grid, then only the cells whose edges have points both inside and outside.
 
-    Each of `depth` levels halves those cells; all their new points are asked for in one call. Where a new point on an
-    edge shows that the boundary runs into the neighbour, the neighbour is split too, in a further call. What lies
-    between the points of the coarse grid and touches none of them is not seen.
+    Each of `depth` levels halves those cells and evaluates their new points in one call. If a new point on an edge
+    shows that the boundary enters the neighbouring cell, that cell is split too, in a further call. A region that lies
+    between the points of the coarse grid, and touches none of them, is not found.
 
     Args:
-        values: lattice points (k, 2) -> their values (k,).
-        coarse: points of the coarse grid along both axes, 2 or more each.
-        depth: how often a cell is halved; the lattice has (c - 1) 2^depth + 1 points along an axis.
-        threshold: a point is inside where its value is at least that.
+        values: function from lattice points (k, 2) to their values (k,).
+        coarse: number of points of the coarse grid along each axis, 2 or more.
+        depth: number of times that a cell is halved; the lattice has (c - 1) 2^depth + 1 points along an axis.
+        threshold: a point is inside if its value is at least the threshold.
     """
     check_grid(coarse, depth)
     size = 2**depth
@@ -131,15 +131,15 @@ def trace_boundary(
 
 
 def check_grid(coarse: tuple[int, int], depth: int) -> None:
-    """Refuse a coarse grid of less than a cell, and a depth beyond all use."""
+    """Raise InputError for a coarse grid without a cell, or for a depth out of range."""
     if min(coarse) < 2 or not 0 <= depth <= DEEPEST:
-        problem = f"a coarse grid of {coarse[0]} x {coarse[1]} points and depth {depth}"
+        problem = f"got a coarse grid of {coarse[0]} x {coarse[1]} points and depth {depth}"
         fix = f"give 2 points or more along each axis, and a depth of 0 to {DEEPEST}"
         raise InputError("boundary", problem, fix=fix)
 
 
 def _is_mixed(inside: Any, known: Any, cell: Cell) -> bool:
-    """Whether known points on the edges of a cell, in which nothing else is known, lie on both sides."""
+    """Return True if the evaluated points on the edges of an unsplit cell lie on both sides of the boundary."""
     i, j, size = cell
     at = (slice(i, i + size + 1), slice(j, j + size + 1))
     sides = inside[at][known[at]]
@@ -153,20 +153,20 @@ def _split_cell(cell: Cell) -> list[Cell]:
 
 
 def _cell_nodes(cell: Cell) -> list[tuple[int, int]]:
-    """Middle of a cell and of its edges."""
+    """Return the middle of a cell and the middles of its edges."""
     i, j, size = cell
     h = size // 2
     return [(i + h, j), (i, j + h), (i + h, j + h), (i + size, j + h), (i + h, j + size)]
 
 
 def parse_success(scenario: Scenario, texts: Iterable[str]) -> tuple[Success, tuple[str, ...]]:
-    """Which runs of a batch meet every condition, (n,), and the signals that must be logged for it.
+    """Return a function that judges the runs of a batch by all conditions, and the signals that it needs.
 
     Args:
-        scenario: what flies.
+        scenario: the scenario that is flown.
         texts: conditions, e.g. "error_rms:yaw_rate <= 0.5".
 
-    Raises: InputError for a condition on what the scenario doesn't have.
+    Raises: InputError for a condition that does not fit the scenario.
     """
     known = find_signals(scenario)
     conditions = [parse_condition(text) for text in texts]
@@ -184,10 +184,10 @@ def parse_success(scenario: Scenario, texts: Iterable[str]) -> tuple[Success, tu
 
 
 class StabilityMap(NamedTuple):
-    """Share of successes over the points that were flown.
+    """Stability map: share of successes at each point flown.
 
-    scenario: the one that was flown, with its links prepared and its rings long enough.  x, y: the axes.  at_x, at_y:
-    values of the whole lattice (nx,), (ny,).  traced_boundary: lattice points, shares and cells.  runs: of each point.
+    scenario: scenario as flown, with prepared links and long enough buffers.  x, y: axes.  at_x, at_y: values of the
+    whole lattice (nx,), (ny,).  traced_boundary: lattice points, shares and cells.  runs: number of runs at each point.
     """
 
     scenario: Scenario
@@ -201,17 +201,17 @@ class StabilityMap(NamedTuple):
 
     @property
     def sample_points(self) -> Any:
-        """What was flown, in values of the axes (n, 2)."""
+        """Return the points flown, in values of the axes (n, 2)."""
         i, j = self.traced_boundary.index.T
         return np.column_stack([self.at_x[i], self.at_y[j]])
 
     @property
     def share(self) -> Any:
-        """Of successes at each of `sample_points` (n,)."""
+        """Return the share of successes at each of `sample_points` (n,)."""
         return self.traced_boundary.value
 
     def crossings(self, y: float) -> list[tuple[float, float]]:
-        """Neighbouring values of x between which the boundary passes, along the lattice's line nearest to y."""
+        """Return pairs of neighbouring x values around the boundary, along the lattice line nearest to y."""
         line = int(np.abs(self.at_y - y).argmin())
         return [(float(self.at_x[a]), float(self.at_x[b])) for a, b in self.traced_boundary.crossings(line)]
 
@@ -234,31 +234,31 @@ def stability_map(
     progress: Callable[[int], None] = lambda more: None,
     memo: FlightMemo | None = None,
 ) -> StabilityMap:
-    """Fly a coarse grid, then halve `depth` times the cells through which the boundary passes.
+    """Fly a coarse grid, then halve `depth` times the cells that contain the boundary.
 
-    All new points of a level fly in one batch. Every point has the same seeds, so that neighbours differ by the
-    parameters alone and the boundary of a random scenario is smooth.
+    All new points of a level fly in one batch. Every point has the same seeds, so that neighbours differ only by their
+    parameters, and the boundary of a random scenario is smooth.
 
     Args:
-        scenario: what flies.
-        x, y: the axes; the coarse grid has their values.
-        runs: of each point.
-        depth: how often a cell is halved.
-        threshold: the boundary is where the share of successes passes this.
-        seed: of a point's first run; the others follow.
-        swing: most that may go on swinging at a run's end, in parts of each target's band; not for a `success` given.
-        success: which runs of a batch, with its log, succeed; `target_success` where not given.
-        signals: what is logged for `success`; the targets' where neither is given.
-        log_period: of the rows; a multiple of the autopilot's period with about 300 rows where not given.
-        backend, threads: as `simulate_batch`.
-        progress: called with the number of points flown since.
-        memo: what was flown before, and where to keep it; made for this scenario and success.
+        scenario: the scenario to fly.
+        x, y: the axes; their values are those of the coarse grid.
+        runs: number of runs at each point.
+        depth: number of times that a cell is halved.
+        threshold: share of successes at the boundary.
+        seed: seed of the first run at a point; the others follow.
+        swing: largest residual oscillation accepted, as a fraction of each target's band; unused with `success`.
+        success: function that judges the runs of a batch from its log. Default: `target_success`.
+        signals: signals logged for `success`. Default without `success`: the targets' signals.
+        log_period: period of the rows. Default: a multiple of the autopilot's period that gives about 300 rows.
+        backend, threads: as in `simulate_batch`.
+        progress: function called with the number of points flown since the last call.
+        memo: store of earlier flights; made for this scenario and this success.
 
     Raises:
-        InputError: before anything flies; every point of the coarse grid is checked as a scenario of its own.
+        InputError: before any run starts; every point of the coarse grid is checked as a scenario of its own.
     """
     if runs < 1 or not 0 < threshold <= 1:
-        problem = f"{runs} runs with threshold {threshold}"
+        problem = f"got {runs} runs and threshold {threshold}"
         raise InputError("stability_map", problem, fix="give one run or more, and a threshold in (0, 1]")
     for axis in (x, y):
         axis.check()
@@ -286,7 +286,7 @@ def stability_map(
 
 
 class _PointFlights(NamedTuple):
-    """Flies points. seeds: of each.  numbers: in the log of one run.  used: backends of the batches so far."""
+    """Flights at points. seeds: seeds of a point's runs.  numbers: values in one run's log.  used: backends so far."""
 
     scenario: Scenario
     seeds: range
@@ -297,7 +297,7 @@ class _PointFlights(NamedTuple):
     used: list[str]
 
     def share(self, own: dict[str, Any]) -> Any:
-        """Share of successes (k,) of k points; own: path -> values (k, …)."""
+        """Return the share of successes (k,) of k points. own: path -> values (k, …)."""
         points, runs = len(next(iter(own.values()))), len(self.seeds)
         each = max(NUMBERS // max(self.numbers * runs, 1), 1)
         slices = [slice(i, min(i + each, points)) for i in range(0, points, each)]
@@ -305,10 +305,12 @@ class _PointFlights(NamedTuple):
         return np.concatenate(ok).reshape(points, runs).mean(axis=1)
 
     def _fly_runs(self, spread: dict[str, Any]) -> Any:
-        """Whether each run succeeded (n,), the runs of a point side by side."""
+        """Return the success (n,) of each run; the runs of a point are neighbours."""
         count = len(next(iter(spread.values())))
         seeds = np.tile(self.seeds, count // len(self.seeds))
-        if self.used[:1] == ["c lanes"] and count < LEAST_LANE_RUNS:  # else another program had to be compiled
+        if (
+            self.used[:1] == ["c lanes"] and count < LEAST_LANE_RUNS
+        ):  # otherwise another program would have to be compiled
             more = np.arange(LEAST_LANE_RUNS) % count
             spread, seeds = {path: v[more] for path, v in spread.items()}, seeds[more]
         asked = (" ".join(spread), *spread.values(), seeds, str(self.options | {"threads": None}))
@@ -322,15 +324,17 @@ class _PointFlights(NamedTuple):
 
 
 def target_success(scenario: Scenario, swing: float = SWING) -> Success:
-    """Success where each target is inside its band over the last third of a run, and its swing dies away or is small.
+    """Return a judge: each target must stay in its band over the last third, with a small or decaying oscillation.
 
-    Small: below `swing` times the band, see `statistics.metrics.swing_amplitude`. So a limit cycle inside a band is no
-    success. Angles count modulo full turns.
+    Small: below `swing` times the band, see `statistics.metrics.swing_amplitude`. A limit cycle inside a band is
+    therefore not a success. Angles count modulo full turns.
     """
     targets = tuple(scenario.targets)
     if not targets:
         fix = "give the scenario targets=(Target(…),), or a success function of your own"
-        raise InputError(f"scenario {scenario.name!r}", "has no targets, so nothing tells success", fix=fix)
+        raise InputError(
+            f"scenario {scenario.name!r}", "has no targets; define success with conditions or a function", fix=fix
+        )
 
     def judge(batch: Batch) -> Any:
         ticks = np.asarray(batch.ticks)
@@ -351,7 +355,7 @@ def target_success(scenario: Scenario, swing: float = SWING) -> Success:
 
 
 def _prepare_map(scenario: Scenario, x: Axis, y: Axis) -> tuple[Scenario, tuple[str, ...]]:
-    """The scenario to fly and the paths that its points differ in; every coarse point is checked."""
+    """Return the scenario to fly and the paths that differ between points; check every coarse point."""
     base = y.prepare(x.prepare(scenario))
     last = with_values(base, values_at(base, x, y, x.values[-1], y.values[-1]))
     base = enlarge_rings(base, last)
@@ -365,7 +369,7 @@ def _prepare_map(scenario: Scenario, x: Axis, y: Axis) -> tuple[Scenario, tuple[
 
 
 def values_at(base: Scenario, x: Axis, y: Axis, a: float, b: float) -> dict[str, Any]:
-    """Path -> value at one point, y's changes on top of x's."""
+    """Return path -> value at one point; the changes of y are made after those of x."""
     first = x.change(base, float(a))
     second = y.change(base, float(b))
     if {*first} & {*second}:

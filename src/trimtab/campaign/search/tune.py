@@ -1,14 +1,15 @@
-"""Tuning: gains that make a cost small in the mean of many runs, and what they are worth in runs they have not seen.
+"""Tuning: gains that minimise the mean cost of many runs, and their performance in runs not used for tuning.
 
-A gain is a parameter with its range, ``autopilot.law.k1=0.5:3``, and a place x in it, in [0, 1]; in a range that is
-``loguniform(LOW, HIGH)`` it moves by ratio. A number may end in %, of the scenario's own value.
+A gain is a parameter with its range, ``autopilot.law.k1=0.5:3``. Its place x in the range is in [0, 1]. In a range
+written as ``loguniform(LOW, HIGH)`` the place is logarithmic. A number may end in %: a percentage of the scenario's own
+value.
 
-Gains are compared in runs with the same random numbers, which take what both have in common out of the difference:
+Gains are compared in runs with the same random numbers, so that common variation cancels in the difference:
 
     D_i = cost of the second - cost of the first, in run i        mean(D) ± t_{n-1} std(D)/sqrt(n)
 
-Where a cost is infinite there is no mean; then the runs in which the second is better are counted against those in
-which it is worse, and the share of them has its exact interval (sign test).
+If a cost is infinite, the mean does not exist. Then the runs in which the second is better are counted against those in
+which it is worse, and their share has its exact interval (sign test).
 
 Source: Law, "Simulation modeling and analysis", 5th ed. 2015, sections 10.2.1 (paired t) and 11.2 (common random
 numbers); Dixon, Mood, "The statistical sign test", Journal of the ASA 41 (1946); docs page, Tune.
@@ -53,9 +54,9 @@ from trimtab.run.gradient import gradients
 METHODS = ("search", "gradient")
 RANGES = ("uniform", "loguniform")
 UNSEEN = 2**31
-"""Number of the first run that no tuning flies."""
+"""Number of the first validation run; tuning flies only smaller numbers."""
 BOUND = 0.01
-"""A gain this near to an end of its range, in parts of it, is at that end."""
+"""Distance from an end of its range, as a fraction of the range, within which a gain counts as at that end."""
 
 
 def _falls(low: str, high: str) -> bool:
@@ -66,7 +67,7 @@ def _falls(low: str, high: str) -> bool:
 
 
 def parse_gain(path: str, text: str) -> Distribution:
-    """A range from its text."""
+    """Read a range from its text."""
     part, fix = (
         argument_name("gains", path),
         f"{argument('gains', '0.5:3', path)}, or {argument('gains', 'loguniform(0.01, 10)', path)}",
@@ -77,16 +78,16 @@ def parse_gain(path: str, text: str) -> Distribution:
             return parse_distribution(f"uniform({low}, {high})", part)
         except InputError:
             fix = argument("gains", f"{high}:{low}", path) if _falls(low, high) else fix
-            problem = f"{text!r} falls" if _falls(low, high) else f"{text!r} is not LOW:HIGH"
+            problem = f"{text!r} falls" if _falls(low, high) else f"{text!r} does not rise"
             raise InputError(part, problem, fix=fix) from None
     span = parse_distribution(text, part) if "(" in text else None
     if span is None or span.kind not in RANGES:
-        raise InputError(part, f"{text!r} is no range", choices=("LOW:HIGH", "loguniform(LOW, HIGH)"), fix=fix)
+        raise InputError(part, f"{text!r} is not a valid range", choices=("LOW:HIGH", "loguniform(LOW, HIGH)"), fix=fix)
     return span
 
 
 class Gains(NamedTuple):
-    """The gains among a campaign's factors. at: their columns.  own: the scenario's values.  start: (d,), places."""
+    """Gains among a campaign's factors. at: their columns.  own: the scenario's values.  start: (d,), their places."""
 
     ready: PreparedCampaign
     at: Any
@@ -95,17 +96,17 @@ class Gains(NamedTuple):
 
     @property
     def factors(self) -> tuple[Factor, ...]:
-        """The gains."""
+        """Return the factors that are gains."""
         return tuple(self.ready.spread.factors[i] for i in self.at)
 
     def spread_points(self, x: Any, first: int) -> Any:
-        """u (n, all): gains at x (n, d), and what is dispersed as in runs first … first + n - 1."""
+        """Return u (n, all): gains at x (n, d), and dispersed parameters as in runs first … first + n - 1."""
         u = draw_runs(self.ready, first, first + len(x))[0].u.copy()
         u[:, self.at] = inside_cube(x)
         return u
 
     def slope(self, x: Any) -> Any:
-        """How fast each gain changes with its place x (n, d): d gain/d x, of the same shape."""
+        """Return the derivative of each gain by its place x (n, d), of the same shape."""
         columns = []
         for factor, place, own in zip(self.factors, np.asarray(x).T, self.own, strict=True):
             low, high = (a.of(own) for a in factor.distribution.amounts)
@@ -116,22 +117,22 @@ class Gains(NamedTuple):
         return np.stack(columns, axis=1)
 
     def gain_values(self, x: Any) -> dict[str, float]:
-        """Gain, as it was written -> its value at x (d,)."""
+        """Return the value of each gain at x (d,), by the gain's text."""
         each = zip(self.factors, inside_cube(x), self.own, strict=True)
         return {f.text: float(f.distribution.quantile(np.array([u]), own)[0]) for f, u, own in each}
 
     def at_bounds(self, x: Any) -> tuple[str, ...]:
-        """Gains, as they were written, whose place in x (d,) is an end of their range, but for a hundredth of it."""
+        """Return the texts of gains whose place in x (d,) is within BOUND of an end of the range."""
         return tuple(f.text for f, place in zip(self.factors, x, strict=True) if abs(place - 0.5) > 0.5 - BOUND)
 
     def values(self, x: Any) -> dict[str, Any]:
-        """Path -> parameter with the gains at x (d,) in it, all else the scenario's own."""
+        """Return path -> parameter with the gains at x (d,); other elements keep the scenario's values."""
         alone = self.ready._replace(spread=Spread(self.factors))
         return parameters_at(alone, inside_cube(x))
 
 
 def campaign_gains(ready: PreparedCampaign, names: tuple[str, ...]) -> Gains:
-    """The gains of a campaign; refuses a range that the scenario's own value is not in."""
+    """Return the gains of a campaign; raise InputError if a range does not include the scenario's own value."""
     texts = [f.text for f in ready.spread.factors]
     at = np.array([i for i, text in enumerate(texts) if text in names])
     known = {path: value for path, value, _ in leaves(ready.scenario)}
@@ -141,11 +142,11 @@ def campaign_gains(ready: PreparedCampaign, names: tuple[str, ...]) -> Gains:
         part, value = argument_name("gains", factor.text), np.asarray(known[factor.path])
         if value.ndim and factor.at is None:
             fix = argument("gains", "LOW:HIGH", first_number(factor.path, value.shape))
-            raise InputError(part, f"has shape {value.shape}: a gain is one number", fix=fix)
+            raise InputError(part, f"has shape {value.shape}, but a gain must be one number", fix=fix)
         own = float(value[factor.at or ()])
-        low, high = (a.of(own) for a in factor.distribution.amounts)  # shares of a number below 0 fall
+        low, high = (a.of(own) for a in factor.distribution.amounts)  # shares of a negative number are in falling order
         if not min(low, high) <= own <= max(low, high):
-            problem = f"the scenario's own value, {own:g}, is not in {min(low, high):g} … {max(low, high):g}"
+            problem = f"the scenario's own value, {own:g}, must lie within {min(low, high):g} … {max(low, high):g}"
             raise InputError(
                 part,
                 problem,
@@ -158,13 +159,13 @@ def campaign_gains(ready: PreparedCampaign, names: tuple[str, ...]) -> Gains:
 
 
 class TuningResult(NamedTuple):
-    """What was found.
+    """Result of tuning.
 
-    values: path -> parameter with the gains in it, to the bit.  before, after: gain, as it was written -> number.
-    steps: how it went.  slopes: of the gradient's steps.  seen_comparison: against the scenario's own gains, in runs
-    that tuning flew.  held_out_comparison: in runs that it did not, which is what counts.  flown_runs: in all; a run
-    with its derivative along d gains counts d times.  at_bounds: gains that end at an end of their range, nearer than a
-    hundredth of it: a wider range may be worth more.
+    values: path -> exact parameter with the tuned gains.  before, after: text of the gain -> value.  steps: course of
+    the search.  slopes: slopes at the gradient's steps.  seen_comparison: comparison with the scenario's own gains, in
+    the runs used for tuning.  held_out_comparison: comparison in other runs; this decides.  flown_runs: total number of
+    runs; a run with its derivative along d gains counts d times.  at_bounds: gains within BOUND of an end of their
+    range; a wider range may be better.
     """
 
     plan: CampaignPlan
@@ -182,7 +183,7 @@ class TuningResult(NamedTuple):
 
     @property
     def is_improvement(self) -> bool:
-        """Whether the interval of the held-out runs says that it does."""
+        """True if the interval of the held-out runs shows an improvement."""
         return self.held_out_comparison.improves
 
 
@@ -206,7 +207,7 @@ def tune(
     progress: Callable[[int], None] | None = None,
     store: Path | None = None,
 ) -> TuningResult:
-    """Tune gains on many runs, then compare with the scenario's own on others.
+    """Tune gains on many runs, then compare them with the scenario's own gains on other runs.
 
     >>> from trimtab import tune
     >>> few = {"runs": 8, "held_out": 16, "iterations": 2, "settings": {"duration": "1 s"}, "cost": "rms:yaw_rate"}
@@ -214,19 +215,20 @@ def tune(
     ['autopilot.law.k1']
 
     Args:
-        scenario: its name in the catalogue, ``file.py:function``, or the scenario itself.
+        scenario: name in the catalogue, ``file.py:function``, or a `Scenario`.
         gains: path -> range, e.g. "0.5:3" or "loguniform(0.01, 10)"; the scenario's own value is the start.
         cost: metrics with weights, e.g. "error_rms:yaw_rate + 2*error_rms:sway_velocity".
-        method: "search" (CMA-ES, any metric) or "gradient" (costs that are integrals, needs a C compiler).
-        runs: of each candidate, or of each step of the gradient.  held_out: runs that decide whether it helps.
-        iterations: generations, or steps.  width: of the gradient's smoothing, in parts of each range.
-        spread: what else differs from run to run, as in a campaign.
-        seed: of the runs' random numbers, and of the method.
-        settings, without, faults: as `trimtab run` takes them; for a scenario that is named.
-        backend, threads: as `simulate_batch`.  progress: called with the number of runs flown since.
-        store: folder that keeps what is flown; the same tuning goes on there.
+        method: "search" (CMA-ES, any metric) or "gradient" (costs that are integrals; needs a C compiler).
+        runs: runs of each candidate, or of each gradient step.  held_out: number of validation runs.
+        iterations: generations, or gradient steps.  width: width of the gradient's smoothing, as a fraction of each
+            range.
+        spread: other parameters that vary from run to run, as in a campaign.
+        seed: seed of the runs' random numbers and of the method.
+        settings, without, faults: as in `trimtab run`; only for a scenario given by name.
+        backend, threads: as in `simulate_batch`.  progress: function called with the runs flown since the last call.
+        store: folder that stores finished runs; the same tuning resumes from it.
 
-    Raises: InputError for what can't be flown or tuned, before anything flies.
+    Raises: InputError for a scenario that can't be flown or tuned, before any run starts.
     """
     began = time.perf_counter()
     _check_tuning(gains, method, runs, held_out, iterations, width)
@@ -275,22 +277,22 @@ def _check_tuning(
     gains: Mapping[str, str], method: str, runs: int, held_out: int, iterations: int, width: float
 ) -> None:
     if not gains:
-        raise InputError(
-            argument_name("gains"), "nothing may be moved", fix=argument("gains", "0.5:3", "autopilot.law.k1")
-        )
+        raise InputError(argument_name("gains"), "no gain given", fix=argument("gains", "0.5:3", "autopilot.law.k1"))
     if method not in METHODS:
         raise InputError(
-            argument_name("method"), f"{method!r} is no method", choices=METHODS, fix=argument("method", "search")
+            argument_name("method"), f"unknown method {method!r}", choices=METHODS, fix=argument("method", "search")
         )
     for name, number, least in (("runs", runs, 4), ("held_out", held_out, 16), ("iterations", iterations, 1)):
         if number < least:
             raise InputError(argument_name(name), f"{number} is too few", fix=argument(name, max(least, 64)))
     if not 0 < width <= 0.5:
-        raise InputError(argument_name("width"), f"{width} is not in 0 … 0.5", fix=argument("width", 0.05))
+        raise InputError(
+            argument_name("width"), f"must be above 0 and at most 0.5, got {width}", fix=argument("width", 0.05)
+        )
 
 
 def _prepare_gains(plan: CampaignPlan, scenario: str | Scenario, gains: tuple[str, ...]) -> Gains:
-    """The gains of the campaign; what is wrong with their ranges is said of them, and first."""
+    """Return the gains of the campaign; check their ranges first, and name them in errors."""
     try:
         if isinstance(scenario, str):
             scenario = build_scenario(plan)
@@ -318,14 +320,14 @@ def _prepare_gains(plan: CampaignPlan, scenario: str | Scenario, gains: tuple[st
 
 
 class _GainFlights:
-    """Runs with gains at given places."""
+    """Flights with gains at given places."""
 
     def __init__(self, gains: Gains, terms: tuple[CostTerm, ...], runs: int, options: Mapping[str, Any]) -> None:
         self.gains, self.terms, self.runs, self.options = gains, terms, runs, options
         self.flown_runs = 0
 
     def costs(self, x: Any, first: int = 0, runs: int | None = None) -> Any:
-        """Costs (n, runs) at places x (n, d), each in the same runs from the first on."""
+        """Return costs (n, runs) at places x (n, d), each in the same runs from the first on."""
         n = runs or self.runs
         u = np.concatenate([self.gains.spread_points(np.repeat(place[None], n, axis=0), first) for place in x])
         words = np.tile(np.arange(first, first + n, dtype=np.uint32), len(x))
@@ -333,12 +335,12 @@ class _GainFlights:
         return evaluate_cost(self.terms, fly_points(self.gains.ready, u, words, **self.options)).reshape(len(x), n)
 
     def compare_gains(self, x: Any, first: int, runs: int) -> Comparison:
-        """The gains at x against the scenario's own, in runs from the first on."""
+        """Compare the gains at x with the scenario's own, in runs from the first on."""
         before, after = self.costs(np.stack([self.gains.start, x]), first, runs)
         return compare(before, after)
 
     def slope_function(self) -> Callable[[Any, int], tuple[Any, Any]]:
-        """What flies pairs with their derivatives."""
+        """Return the function that flies pairs of runs with their derivatives."""
         ready, gains = self.gains.ready, self.gains
         of = integral_cost(self.terms, ready)
         along = [(f.path, f.at or ()) for f in gains.factors]

@@ -1,23 +1,24 @@
-"""How gains are moved: without derivatives by CMA-ES, or by the gradient through the loop.
+"""Methods of tuning: CMA-ES without derivatives, or the gradient through the loop.
 
-**Search**: CMA-ES over the mean cost of many runs, the same ones for every candidate. A candidate in which some runs
-cost infinitely much is worse than any in which none does, and worse the more do.
+**Search**: CMA-ES over the mean cost of many runs, the same runs for every candidate. A candidate with infinite costs
+in some runs is worse than any candidate without, and the worse the more such runs it has.
 
-**Gradient**, with the switches smoothed: the cost is averaged over gains near by, and runs.
+**Gradient**, smoothed over switches: the cost is averaged over nearby gains and over runs.
 
     f_s(x) = E over eps ~ N(0, I) and runs of f(fold(x + s eps))           smooth, whatever switches in the loop
 
-A loop that switches has a cost that jumps with a gain. The derivative of one run sees no jump; the mean f_s has none.
-Of each pair x ± s eps, flown with the same random numbers, come two estimates of its slope:
+In a loop that switches, the cost jumps as a gain changes. The derivative of one run does not see the jump; the mean f_s
+has no jump. Each pair x ± s eps, flown with the same random numbers, gives two estimates of the slope:
 
-    first order    (g+ + g-)/2            mean of the runs' own derivatives: little scatter, blind to jumps
-    zeroth order   (f+ - f-) eps/(2 s)    a difference: sees the jumps, no bias, more scatter
+    first order    (g+ + g-)/2            mean of the runs' own derivatives: little scatter, ignores jumps
+    zeroth order   (f+ - f-) eps/(2 s)    a difference: includes jumps, no bias, more scatter
 
     g = g0 + a (g1 - g0)      a = -cov(g0, D)/(var(D) + b^2) in [0, 1],   D = g1 - g0,  b^2 = (mean(D)^2 - var(D))+
 
-with variances of means: the weight of least estimated mean square error. Where the two agree within their scatter the
-derivatives are used, where they differ by more the jumps count. Steps are Adam's, projected to the ranges; the gains
-are the mean of the last third (Polyak). Beyond its range a gain is folded back, so that f goes on continuously.
+with variances of means. The weight a has the least estimated mean square error: if both estimates agree within their
+scatter, the derivatives dominate; otherwise the difference does. Steps are Adam's, projected to the ranges. The result
+is the mean of the last third of the steps (Polyak). Gains beyond their range are folded back, so that f stays
+continuous.
 
 Source: Hansen, Ostermeier, Evolutionary Computation 9 (2001); common random numbers: Law, "Simulation modeling and
 analysis", 5th ed. 2015, section 11.2; Suh, Simchowitz, Zhang, Tedrake, "Do differentiable simulators give better policy
@@ -35,15 +36,15 @@ from trimtab.campaign.search.evolution import evolve
 from trimtab.core.errors import InputError, argument, argument_name
 
 STEP, POPULATION = 0.25, 8
-"""Of the search: first standard deviation, in parts of the ranges, and candidates of a generation, at least."""
+"""Initial standard deviation of the search, as a fraction of the ranges, and minimum population."""
 RATE, BETA1, BETA2 = 0.06, 0.8, 0.95
-"""Of Adam."""
+"""Parameters of Adam: learning rate and decay rates."""
 PairFlights = Callable[[Any, int], tuple[Any, Any]]
-"""Places (n, d) and the number of the first run, of which two each fly together -> costs (n,), slopes (n, d)."""
+"""Function from places (n, d) and the number of the first run to costs (n,) and slopes (n, d); pairs share a run."""
 
 
 class TuningStep(NamedTuple):
-    """flown: runs until then.  cost: mean of its runs.  x: (d,), where the gains were."""
+    """One step. flown_runs: runs so far.  cost: mean cost of its runs.  x: (d,), places of the gains."""
 
     flown_runs: int
     cost: float
@@ -51,7 +52,7 @@ class TuningStep(NamedTuple):
 
 
 def merit(costs: Any, reference: float) -> Any:
-    """What orders candidates by their costs (n, runs): z/(1 + z) in units of a reference; 1 and more where inf."""
+    """Score candidates by their costs (n, runs): z/(1 + z) in units of a reference; at least 1 with inf."""
     finite = np.isfinite(costs)
     share = 1 - finite.mean(axis=1)
     z = np.where(finite, costs, 0.0).sum(axis=1) / np.maximum(finite.sum(axis=1), 1) / max(abs(reference), 1e-12)
@@ -61,14 +62,14 @@ def merit(costs: Any, reference: float) -> Any:
 def search_gains(
     costs: Callable[[Any], Any], start: Any, runs: int, iterations: int, seed: int
 ) -> tuple[Any, list[TuningStep]]:
-    """The best gains found, and how it went.
+    """Search for the best gains; return them and the steps.
 
     Args:
-        costs: places (n, d) in [0, 1] -> costs (n, runs), of the same runs each time.
-        start: (d,), the scenario's own.
-        runs: of a candidate.
-        iterations: generations of the first restart's size.
-        seed: of the search.
+        costs: function from places (n, d) in [0, 1] to costs (n, runs), of the same runs each time.
+        start: (d,), places of the scenario's own gains.
+        runs: number of runs of a candidate.
+        iterations: number of generations of the first restart's size.
+        seed: seed of the search.
     """
     first = costs(start[None])
     finite = first[np.isfinite(first)]
@@ -105,7 +106,7 @@ def search_gains(
 
 
 class Slope(NamedTuple):
-    """slope: (d,).  weight: (d,), of the derivatives in it.  first, zeroth: (d,), the two estimates."""
+    """Slope of the cost. weight: (d,), weight of the derivatives.  first, zeroth: (d,), the two estimates."""
 
     slope: Any
     weight: Any
@@ -114,13 +115,13 @@ class Slope(NamedTuple):
 
 
 def fold_points(y: Any) -> tuple[Any, Any]:
-    """Points of the line folded into [0, 1], and the sign of the slope there."""
+    """Fold points of the line into [0, 1]; return them and the sign of the slope."""
     z = np.mod(y, 2.0)
     return np.where(z > 1, 2 - z, z), np.where(z > 1, -1.0, 1.0)
 
 
 def combine_estimates(first: Any, zeroth: Any) -> Slope:
-    """The slope of least estimated mean square error from samples (pairs, d) of both estimates."""
+    """Combine samples (pairs, d) of both estimates into the slope of least estimated mean square error."""
     n = len(first)
     difference = first - zeroth
     mean, spread = difference.mean(axis=0), difference.var(axis=0, ddof=1) / n
@@ -131,7 +132,7 @@ def combine_estimates(first: Any, zeroth: Any) -> Slope:
 
 
 def estimate_slope(flights: PairFlights, x: Any, eps: Any, width: float, first_run: int) -> tuple[float, Slope]:
-    """Mean cost and slope at x (d,) from pairs of runs: eps (pairs, d), standard normal."""
+    """Estimate mean cost and slope at x (d,) from pairs of runs. eps: (pairs, d), standard normal."""
     high, s_high = fold_points(x + width * eps)
     low, s_low = fold_points(x - width * eps)
     costs, slopes = flights(np.stack([high, low], axis=1).reshape(-1, len(x)), first_run)
@@ -146,15 +147,15 @@ def estimate_slope(flights: PairFlights, x: Any, eps: Any, width: float, first_r
 def descend_gradient(
     flights: PairFlights, start: Any, runs: int, iterations: int, width: float, seed: int
 ) -> tuple[Any, list[TuningStep], list[Slope]]:
-    """The gains found, and how it went; every iteration flies runs that no other did.
+    """Descend along the gradient; return gains, steps and slopes. Every iteration flies new runs.
 
     Args:
-        flights: flies places.
-        start: (d,), the scenario's own.
-        runs: of an iteration, half as many pairs.
-        iterations: steps.
-        width: s, in parts of the ranges.
-        seed: of the pairs.
+        flights: function that flies pairs at places.
+        start: (d,), places of the scenario's own gains.
+        runs: number of runs in an iteration, i.e. runs/2 pairs.
+        iterations: number of steps.
+        width: s, as a fraction of the ranges.
+        seed: seed of the pairs.
     """
     rng, pairs = np.random.default_rng(seed), runs // 2
     x, m, v, rate = np.array(start), np.zeros(len(start)), np.zeros(len(start)), RATE
@@ -163,11 +164,11 @@ def descend_gradient(
         cost, slope = estimate_slope(flights, x, rng.standard_normal((pairs, len(x))), width, k * pairs)
         if not np.isfinite(cost):
             if k == 0:
-                problem = "some runs near the scenario's own gains cost infinitely much, and have no slope"
+                problem = "some runs near the scenario's own gains have infinite cost, and therefore no slope"
                 raise InputError(
                     argument_name("method", "gradient"),
                     problem,
-                    fix=f"{argument('method', 'search')}, or another start by {argument_name('settings')}",
+                    fix=(f"{argument('method', 'search')}, or start from other gains with {argument_name('settings')}"),
                 )
             x, rate = before, rate / 2
             continue

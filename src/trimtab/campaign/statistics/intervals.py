@@ -1,35 +1,34 @@
-"""What the runs flown say of all worlds: a probability, a quantile and a mean, each with its interval.
+"""Intervals of a probability, a quantile and a mean, estimated from independent runs.
 
 **Probability**: Clopper and Pearson's interval, whose bounds are quantiles of a beta distribution,
 
     low:  P(X >= k | low) = (1 - level)/2          high: P(X <= k | high) = (1 - level)/2          X ~ Bin(n, p)
 
-**Quantile**: how many of n independent values lie below the p-quantile is binomial, so that order statistics bound it,
+**Quantile**: the number of values, out of n, below the p-quantile is binomial, so that order statistics bound it,
 
     P(X(l) > q_p) <= P(B <= l - 1) <= tail        P(X(u) < q_p) <= P(B >= u) <= tail        B ~ Bin(n, p)
 
-with X(1) <= ... <= X(n), the largest such l and the smallest such u. It holds for any distribution, with steps too.
+with X(1) <= ... <= X(n), the largest such l and the smallest such u. It holds for any distribution, also with steps.
 
-**Mean**: metrics of runs are skew (a few settle very late), and for one-sided bounds Student's t is then off by the
-order of 1/sqrt(n). A cubic transformation takes the skewness g of the runs out, which leaves an error of the order of
-1/n:
+**Mean**: metrics of runs are skew (a few settle very late). One-sided bounds by Student's t are then wrong by the order
+of 1/sqrt(n). A cubic transformation removes the runs' skewness g, which leaves an error of the order of 1/n:
 
-    h(w) = w + g w^2/3 + g^2 w^3/27 + g/(6 n)        w = (mean - mu)/s        sqrt(n) h(w) about as Student's t
+    h(w) = w + g w^2/3 + g^2 w^3/27 + g/(6 n)        w = (mean - mu)/s        sqrt(n) h(w): roughly Student's t
 
-It is monotonic and has an inverse, so that bounds follow: mu = mean - s h^-1(t/sqrt(n)).
+It is monotonic and has an inverse, which gives the bounds: mu = mean - s h^-1(t/sqrt(n)).
 
-**Anytime**: an interval made for a fixed number of runs holds the truth less often when one looks again and again and
-stops on what one sees. With `anytime` those of a probability and of a quantile hold it at all numbers of runs together
-in `level` of all campaigns: stop when you like, for any reason, go on later, look after every block.
+**Anytime**: an interval for a fixed number of runs covers the truth less often if the runs stop as soon as it looks
+good. With `anytime`, the intervals of a probability and of a quantile hold at all numbers of runs together, in `level`
+of all campaigns. You may then stop for any reason, resume later, and look after every block.
 
-With k successes in n runs, the evidence that the probability is above p, as a martingale under p (so that Ville's
-inequality bounds how often it ever reaches 1/tail), with theta spread uniformly over what is above p:
+Of k successes in n runs, the evidence that the probability is above p is a martingale under p, so that Ville's
+inequality bounds how often it ever reaches 1/tail. With theta uniform on [p, 1]:
 
     M(k, n, p) = 1/(1 - p) * integral over theta from p to 1 of (theta/p)^k ((1 - theta)/(1 - p))^(n - k)
                = B(k + 1, n - k + 1) (1 - I_p(k + 1, n - k + 1)) / ((1 - p) p^k (1 - p)^(n - k))
 
-The lower bound is the p at which M = 1/tail; the upper one follows with successes and failures exchanged. Bounds of a
-quantile are order statistics: how many values lie below the quantile is such a count, with a known p.
+The lower bound is the p at which M = 1/tail. The upper bound follows with successes and failures exchanged. Bounds of a
+quantile are order statistics: the number of values below the quantile is such a count, with a known p.
 
 Source: [1] Clopper, Pearson, "The use of confidence or fiducial limits illustrated in the case of the binomial",
 Biometrika 26 (1934); beta quantiles: [2] Johnson, Kemp, Kotz, "Univariate discrete distributions", Wiley 2005, section
@@ -53,21 +52,21 @@ from scipy import special, stats
 from trimtab.core.errors import InputError
 
 HALVINGS = 60
-"""Steps of the bisection: bounds are exact to 2^-60."""
+"""Steps of the bisection; bounds are exact to 2^-60."""
 MOST = 1 << 62
-"""Where the search for a number of runs ends."""
+"""Upper limit of the search for a number of runs."""
 LEAST_FOR_MEAN = 30
-"""Fewer runs say too little of their skewness: then there is no interval of the mean."""
+"""Minimum number of runs for an interval of the mean; fewer do not determine the skewness."""
 
 
 def check_level(part: str, level: float) -> None:
-    """Refuse a confidence that is not between 0 and 1."""
+    """Raise InputError unless the confidence is between 0 and 1."""
     if not 0 < level < 1:
-        raise InputError(f"{part}: level", f"{level} is no confidence", fix="give e.g. 0.95")
+        raise InputError(f"{part}: level", f"the confidence must be between 0 and 1, got {level}", fix="give e.g. 0.95")
 
 
 class Proportion(NamedTuple):
-    """A share of successes. low, high: its exact interval; the true probability lies within in `level` of all cases."""
+    """Share of successes. low, high: exact interval; contains the true probability in at least `level` of cases."""
 
     successes: int
     trials: int
@@ -77,26 +76,26 @@ class Proportion(NamedTuple):
     level: float
 
     def __str__(self) -> str:
-        """In per cent, as in "97.3 % (96.1 to 98.2)"."""
+        """Return the share in per cent, as in "97.3 % (96.1 to 98.2)"."""
         return f"{100 * self.share:.1f} % ({100 * self.low:.1f} to {100 * self.high:.1f})"
 
 
 def proportion(successes: int, trials: int, level: float = 0.95, *, anytime: bool = False) -> Proportion:
-    """The share of successes among independent trials, with the interval of Clopper and Pearson.
+    """Return the share of successes among independent trials, with the interval of Clopper and Pearson.
 
-    It never promises too much: it holds the truth at least as often as `level` says, for any probability and any number
-    of trials, also when all trials succeed.
+    The interval is conservative: it contains the true probability at least as often as `level`, for any probability and
+    any number of trials, also if all trials succeed.
 
     Args:
-        successes: k, how many succeeded.
-        trials: n, how many there were, at least one.
-        level: of confidence, between 0 and 1; half of the rest on each side.
-        anytime: whether the interval must hold at every number of runs at once, for stopping on what it says; then the
-            trials are runs 0 to n - 1, in order, none left out.
+        successes: k, number of successes.
+        trials: n, number of trials, at least one.
+        level: confidence, between 0 and 1; both tails are equal.
+        anytime: True if the interval must hold at every number of runs at once, for runs that stop depending on it.
+            Then the trials must be runs 0 to n - 1, in order, without gaps.
     """
     k, n = int(successes), int(trials)
     if n < 1 or not 0 <= k <= n or (k, n) != (successes, trials):
-        problem = f"{successes} of {trials} is no count of successes"
+        problem = f"{successes} successes in {trials} trials are not possible"
         raise InputError("proportion", problem, fix="give whole numbers, 0 <= successes <= trials, trials at least 1")
     check_level("proportion", level)
     tail = (1 - level) / 2
@@ -109,12 +108,11 @@ def proportion(successes: int, trials: int, level: float = 0.95, *, anytime: boo
 
 
 class Quantile(NamedTuple):
-    """A quantile of the runs flown, and the band that holds the quantile of all worlds in `level` of all campaigns.
+    """Quantile of the runs flown, with a band that contains the true quantile in at least `level` of all campaigns.
 
-    p: which quantile.  value: the smallest value that at least p of the runs don't exceed: always one that a run had.
-    low, high: the band; -inf or inf where so few runs have no bound on that side.  trials: how many runs.
-    not_finite: how many of them had no finite value.  needed_runs: how many runs a band with both bounds takes
-    at least.
+    p: level of the quantile.  value: smallest run value that at least p of the runs do not exceed.  low, high: the
+    band; -inf or inf if the runs are too few for a bound on that side.  trials: number of runs.  not_finite: number of
+    runs without a finite value.  needed_runs: minimum number of runs for a band with both bounds.
     """
 
     p: float
@@ -128,30 +126,30 @@ class Quantile(NamedTuple):
 
     @property
     def name(self) -> str:
-        """As in "p95"."""
+        """Name of the quantile, as in "p95"."""
         return f"p{100 * self.p:.10g}"
 
     def __str__(self) -> str:
-        """As in "p95 8.31 (8.02 to 8.77)"."""
-        few = "" if self.trials >= self.needed_runs else f"; both bounds want {self.needed_runs} runs"
+        """Return value and band, as in "p95 8.31 (8.02 to 8.77)"."""
+        few = "" if self.trials >= self.needed_runs else f"; both bounds need {self.needed_runs} runs"
         return f"{self.name} {self.value:.4g} ({self.low:.4g} to {self.high:.4g}{few})"
 
 
 def quantile(
     values: Any, p: float, level: float = 0.95, *, missing: float = math.inf, anytime: bool = False
 ) -> Quantile:
-    """A quantile with its band; several quantiles of one metric each hold at `level`, not all together.
+    """Return a quantile with its band. Bands of several quantiles each hold at `level`, not all together.
 
     Args:
         values: the metric of each run, shape (n,); runs are independent.
-        p: which quantile, between 0 and 1.
-        level: of confidence, between 0 and 1; half of the rest on each side.
-        missing: what a run counts as that gave NaN (it ran away, or never settled): inf is worse than every other; for
-            a metric of which little is bad, -inf.
-        anytime: whether the band must hold at every number of runs at once, for stopping on what it says.
+        p: level of the quantile, between 0 and 1.
+        level: confidence, between 0 and 1; both tails are equal.
+        missing: value of a run whose metric is NaN (a diverged run, or one that never settled). Use inf for the worst
+            value, or -inf for a metric of which small values are bad.
+        anytime: True if the band must hold at every number of runs at once, for runs that stop depending on it.
     """
     if not 0 < p < 1:
-        raise InputError("quantile", f"{p} is no share of the runs", fix="give e.g. 0.95")
+        raise InputError("quantile", f"p must be between 0 and 1, got {p}", fix="give e.g. 0.95")
     check_level("quantile", level)
     x = as_column(values, "quantile")
     n = len(x)
@@ -165,16 +163,16 @@ def quantile(
 
 
 def ranks(trials: int, p: float, level: float) -> tuple[int, int]:
-    """Which order statistics (1 the smallest) hold the p-quantile between them, in `level` of all campaigns.
+    """Return the ranks (1: the smallest) whose values bound the p-quantile in at least `level` of all campaigns.
 
-    0 for the first, or trials + 1 for the second, says that so few runs have no bound on that side.
+    0 for the lower rank, or trials + 1 for the upper rank: the runs are too few for a bound on that side.
     """
     tail = (1 - level) / 2
     return int(stats.binom.ppf(tail, trials, p)), int(stats.binom.isf(tail, trials, p)) + 1
 
 
 def ranks_anytime(trials: int, p: float, level: float) -> tuple[int, int]:
-    """The same at every number of runs at once."""
+    """Return the ranks for bounds that hold at every number of runs at once."""
     enough = -np.log((1 - level) / 2)
     counts = range(trials + 1)
     low = bisect_left(counts, True, key=lambda k: bool(log_evidence(trials - k, trials, 1 - p) < enough))
@@ -183,19 +181,19 @@ def ranks_anytime(trials: int, p: float, level: float) -> tuple[int, int]:
 
 
 def least_trials(p: float, level: float, *, anytime: bool = False) -> int:
-    """How many runs it takes at least until the band has both bounds: p^n and (1 - p)^n at most (1 - level)/2."""
+    """Return the minimum number of runs for a band with both bounds: p^n and (1 - p)^n at most (1 - level)/2."""
     tail, rare = (1 - level) / 2, max(p, 1 - p)
     return least_trials_anytime(rare, tail) if anytime else math.ceil(math.log(tail) / math.log(rare))
 
 
 def least_trials_anytime(p: float, tail: float) -> int:
-    """How many runs, all good, it takes at least until the lower bound of their probability reaches p."""
+    """Return the minimum number of successful runs for which the lower bound of the probability reaches p."""
     enough = -np.log(tail)
     return bisect_left(range(MOST), True, lo=1, key=lambda n: bool(log_evidence(n, n, p) >= enough))
 
 
 def log_evidence(k: Any, n: Any, p: Any) -> Any:
-    """The logarithm of M(k, n, p): how strongly k of n say that the probability is above p; arrays of any shape."""
+    """Return the logarithm of M(k, n, p), the evidence that the probability is above p; arrays of any shape."""
     k, n, p = (np.asarray(a, np.float64) for a in (k, n, p))
     with np.errstate(divide="ignore"):
         mass = special.betaln(k + 1, n - k + 1) + np.log(special.betaincc(k + 1, n - k + 1, p))
@@ -203,7 +201,7 @@ def log_evidence(k: Any, n: Any, p: Any) -> Any:
 
 
 def lower_bound(k: Any, n: Any, tail: float) -> Any:
-    """Below it the truth ever lies in at most `tail` of all campaigns; k of n succeeded, arrays of any shape."""
+    """Return the anytime lower bound for k successes in n runs; it fails in at most `tail` of campaigns; any shape."""
     k, n = np.broadcast_arrays(np.asarray(k, np.float64), np.asarray(n, np.float64))
     low, high = np.zeros(k.shape), k / n
     for _ in range(HALVINGS):
@@ -215,18 +213,18 @@ def lower_bound(k: Any, n: Any, tail: float) -> Any:
 
 
 def as_column(values: Any, part: str) -> Any:
-    """Values of runs as float64, shape (n,), at least one; refuses what is none."""
+    """Convert the values of runs to float64, shape (n,); raise InputError unless they are one number for each run."""
     x = np.asarray(values)
     if x.ndim != 1 or not len(x) or x.dtype.kind not in "biuf":
-        problem = f"an array of shape {x.shape} and type {x.dtype} is no column of runs"
-        raise InputError(part, problem, fix="give one number for each run, of at least one run")
+        problem = f"got an array of shape {x.shape} and type {x.dtype}"
+        raise InputError(part, problem, fix="give one number for each run, and at least one run")
     return x.astype(np.float64)
 
 
 class Mean(NamedTuple):
-    """The mean of the runs flown and an interval of that of all worlds; without bounds where the runs don't tell any.
+    """Mean of the runs flown, with an interval of the true mean; bounds are infinite if the runs do not give any.
 
-    not_finite: how many runs had no finite value; one is enough to make the mean infinite.
+    not_finite: number of runs without a finite value; a single one makes the mean infinite.
     """
 
     value: float
@@ -237,19 +235,19 @@ class Mean(NamedTuple):
     not_finite: int
 
     def __str__(self) -> str:
-        """As in "4.21 (4.05 to 4.4)"."""
+        """Return value and interval, as in "4.21 (4.05 to 4.4)"."""
         return f"{self.value:.4g} ({self.low:.4g} to {self.high:.4g})"
 
 
 def mean(values: Any, level: float = 0.95) -> Mean:
-    """The mean with its interval; approximate (docs/campaign/intervals.md has the coverage), unlike that of a quantile.
+    """Return the mean with an approximate interval; docs/campaign/intervals.md has its coverage.
 
-    Runs without a finite value make it inf, without an interval. Below 30 runs, or when all gave the same value, the
-    bounds are -inf and inf.
+    Runs without a finite value make the mean infinite, without an interval. With fewer than 30 runs, or if all values
+    are equal, the bounds are -inf and inf.
 
     Args:
         values: the metric of each run, shape (n,); runs are independent.
-        level: of confidence, between 0 and 1; half of the rest on each side.
+        level: confidence, between 0 and 1; both tails are equal.
     """
     check_level("mean", level)
     x = as_column(values, "mean")

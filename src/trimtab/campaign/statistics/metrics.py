@@ -1,8 +1,8 @@
-"""What is kept of each run: numbers of merit, computed for a block of runs at once, as `logs.metrics` does for one.
+"""Metrics of a campaign, computed for a block of runs at once; `logs.metrics` computes them for one run.
 
-A metric is written KIND:SIGNAL, e.g. ``settling:yaw_rate`` or ``peak:truth.sway_velocity``, or robustness:FORMULA, or
-is a function of a file, ``my_metrics.py:miss_distance``, of `Rows` to an array (n,). What never happens takes
-infinitely long: inf.
+A metric is KIND:SIGNAL, e.g. ``settling:yaw_rate`` or ``peak:truth.sway_velocity``, or robustness:FORMULA, or a
+function in a file, ``my_metrics.py:miss_distance``, from `Rows` to an array (n,). The time of an event that never
+happens is inf.
 
 Source: docs pages, Metrics (logs) and Campaigns.
 """
@@ -28,12 +28,12 @@ from trimtab.logs.spatial import FLIGHT, FlightSource
 
 @dataclasses.dataclass(frozen=True)
 class Rows:
-    """The logged rows of a block of n runs.
+    """Logged rows of a block of n runs.
 
-    t: (m,), s.  signals: by path, (n, m, …).  targets: of the scenario.  angles: paths of signals that wrap.
-    final: values at the end of the runs, after the last step, by path, (n, …); what isn't there ends with its last row.
-    flight: what `flight.roll` and so on are worked out from when they are asked for, as in a log.  end_time: of all, s.
-    parameters: of each run, by path, (n,), those that a flight over the turning earth is worked out with.
+    t: (m,), s.  signals: by path, (n, m, …).  targets: targets of the scenario.  angles: paths of signals that wrap.
+    final: values after the last step, by path, (n, …); a missing signal ends with its last row.  flight: source of
+    `flight.roll` etc., which are computed on request, as in a log.  end_time: end of all runs, s.  parameters: of each
+    run, by path, (n,), those needed for a flight over the rotating earth.
     """
 
     t: Any
@@ -50,13 +50,13 @@ class Rows:
     _errors: dict[str, Any] = dataclasses.field(default_factory=dict, init=False, repr=False, compare=False)
 
     def __getitem__(self, path: str) -> Any:
-        """A signal by its path or short name, (n, m, …); "truth.velocity[2]" is one number of it, (n, m)."""
+        """Return a signal by its path or short name, (n, m, …); "truth.velocity[2]" is one element of it, (n, m)."""
         whole, index = split_component(full_path(path))
         signal = self._work_out(whole)[0] if self._is_derived(whole) else self.signals[whole]
         return signal if index is None else signal[:, :, index]
 
     def end(self, path: str) -> Any:
-        """The value at the end of each run (n, …)."""
+        """Return the value at the end of each run (n, …)."""
         whole, index = split_component(full_path(path))
         if self._is_derived(whole):
             return self._work_out(whole)[1]
@@ -67,7 +67,7 @@ class Rows:
         return path.startswith(FLIGHT) and self.flight is not None and path not in self.signals
 
     def _work_out(self, path: str) -> tuple[Any, Any]:
-        """Rows (n, m) and last values (n,) of a number of a flight in space."""
+        """Return rows (n, m) and last values (n,) of a derived signal of a flight in space."""
         if not self._flights:
             flights = [self._work_out_run(i) for i in range(len(next(iter(self.signals.values()))))]
             for name in flights[0][0]:
@@ -84,7 +84,7 @@ class Rows:
         return self.flight.work_out(self.t, {p: self.signals[p][i] for p in paths}, ends, self.end_time, parameters)
 
     def error(self, path: str) -> Any:
-        """A signal less its target (n, m), read only; for an angle, less that equal nearest to where a run ends."""
+        """Return a signal minus its target (n, m), read-only; an angle's target is the one nearest to the end."""
         if path not in self._errors:
             error = self._errors[path] = self._error(path)
             error.setflags(write=False)
@@ -100,12 +100,12 @@ class Rows:
         return x - value[:, None]
 
     def band(self, path: str) -> float:
-        """The absolute band of a signal's target."""
+        """Return the absolute band of a signal's target."""
         return next(t for t in self.targets if full_path(t.path) == full_path(path)).band
 
 
 class Metric(NamedTuple):
-    """name: the column.  signals: what it reads, by path.  of: rows to (n,).  unit: of the column."""
+    """Metric of a run. name: its column.  signals: paths that it reads.  of: function from rows to (n,)."""
 
     name: str
     signals: tuple[str, ...]
@@ -119,10 +119,10 @@ class Metric(NamedTuple):
 
 
 def settling(rows: Rows, path: str) -> Any:
-    """Time (s) from the first row to the first after which the signal stays in its target's band; inf if it doesn't."""
+    """Return the time (s) from the first row until the signal stays in its target's band; inf if it never does."""
     error = rows.error(path)
     backwards = np.empty(error.shape)
-    np.abs(error[:, ::-1], out=backwards)  # in the order that is searched, which ends the search early
+    np.abs(error[:, ::-1], out=backwards)  # in the order of the search, so that it ends early
     inside = backwards <= rows.band(path)
     first = inside.shape[1] - np.argmin(inside, axis=1)
     first[inside.all(axis=1)] = 0
@@ -131,7 +131,7 @@ def settling(rows: Rows, path: str) -> Any:
 
 
 def first_reach(rows: Rows, path: str) -> Any:
-    """Time (s) to the first row in the band, or where two rows' straight line meets the target; inf if never."""
+    """Return the time (s) to the first row in the band, or to an interpolated crossing of the target; inf if never."""
     error, t = rows.error(path), rows.t - rows.t[0]
     inside = np.abs(error) <= rows.band(path)
     crosses = np.sign(error[:, :-1]) * np.sign(error[:, 1:]) < 0
@@ -147,7 +147,7 @@ def first_reach(rows: Rows, path: str) -> Any:
 
 
 def overshoot(rows: Rows, path: str) -> Any:
-    """How far the signal goes beyond its target, seen from where it starts; inf for a run that ran away."""
+    """Return how far the signal goes beyond its target, as seen from its start; inf for a diverged run."""
     error = rows.error(path)
     start = error[:, 0]
     beyond = np.where(start < 0, error.max(axis=1), -error.min(axis=1))
@@ -156,11 +156,12 @@ def overshoot(rows: Rows, path: str) -> Any:
 
 
 def swing_amplitude(rows: Rows, path: str) -> Any:
-    """Amplitude of what goes on swinging at a run's end, 0 where it dies away; inf for a run that ran away.
+    """Return the amplitude of the residual oscillation at a run's end, 0 if it decays; inf for a diverged run.
 
-    The last third of the run is halved. In each half the amplitude is half of largest less smallest value; where that
-    of the second half is below FADING times the first's, the swing dies away. Growth, a limit cycle and noise stay. A
-    constant offset is no swing, and a period longer than a sixth of the run is not seen whole.
+    The last third of the run is halved. The amplitude of a half is half of the largest minus the smallest value. If the
+    amplitude of the second half is below FADING times that of the first, the oscillation decays. Growth, a limit cycle
+    and noise remain. A constant offset is not an oscillation. A period longer than a sixth of the run is not seen
+    whole.
     """
     tail = _tail_errors(rows, path)
     half = tail.shape[1] // 2
@@ -170,7 +171,7 @@ def swing_amplitude(rows: Rows, path: str) -> Any:
 
 
 def error_rms(rows: Rows, path: str) -> Any:
-    """Root mean square of what is left to the target over the second half of a run; inf for a run that ran away."""
+    """Return the root mean square error over the second half of a run; inf for a diverged run."""
     return _or_inf(np.sqrt(np.mean(rows.error(path)[:, _start_index(rows, 1 / 2) :] ** 2, axis=1)))
 
 
@@ -179,7 +180,7 @@ def _tail_errors(rows: Rows, path: str) -> Any:
 
 
 def _start_index(rows: Rows, share: float) -> int:
-    """Index of the first row after a share of the run; a slice leaves rows as they lie, so that one run sums alike."""
+    """Return the index of the first row after a share of the run; a slice keeps the order of sums of a single run."""
     return int(np.searchsorted(rows.t, rows.t[0] + (rows.t[-1] - rows.t[0]) * share))
 
 
@@ -212,16 +213,16 @@ OF_SIGNALS: Mapping[str, Callable[[Rows, str], Any]] = {
     "changes": lambda rows, path: (np.diff(rows[path].astype(np.float64), axis=1) != 0).sum(axis=1).astype(np.float64),
 }
 FADING = 0.9
-"""A swing that is not smaller than so many parts of itself a sixth of the run before goes on."""
+"""Ratio of the amplitudes of two successive sixths of a run above which an oscillation does not count as decaying."""
 TIMES = ("settling", "first_reach")
 OF_A_LINE = ("loop.", "link.", "vehicle.")
-"""How the paths of those signals begin that only a flight over a real line has, in real time."""
+"""Prefixes of the paths of signals that only a real-time flight over a link has."""
 KINDS = (*OF_TARGETS, *OF_SIGNALS, ROBUSTNESS)
 
 
 @contextmanager
 def name_option(name: str, more: str = "") -> Iterator[None]:
-    """Within it what is wrong with a metric is said of the argument that it stands in; more: what follows it there."""
+    """Name, in errors, the argument that contains the metric. more: text that follows the metric in that argument."""
 
     def spell(outer: Spelling, named: str, value: Any, of: str | None) -> str:
         if named != "metrics":
@@ -240,14 +241,14 @@ def find_metric(
     units: Mapping[str, str] | None = None,
     duration: int | None = None,
 ) -> Metric:
-    """The metric that a text names; refuses what the scenario doesn't have.
+    """Find the metric that a text names; raise InputError if the scenario does not have it.
 
     Args:
         text: KIND:SIGNAL, robustness:FORMULA, or file.py:function.
-        signals: path -> shape of each signal of the scenario, and of what is worked out of a flight in space.
-        targets: of the scenario.
+        signals: path -> shape of each signal of the scenario, and of each derived signal of a flight in space.
+        targets: targets of the scenario.
         units: path -> unit of each signal.
-        duration: of a run, 100 ns, beyond which no formula may look; None: any.
+        duration: duration of a run, 100 ns, beyond which a formula can't look; None: no limit.
     """
     written = parse_metric(text)
     kind, name = written
@@ -259,7 +260,10 @@ def find_metric(
     if kind not in KINDS or not name:
         near = closest(kind, KINDS, 3) or KINDS
         raise InputError(
-            part, "is not KIND:SIGNAL", choices=KINDS, fix=argument("metrics", [f"{near[0]}:{name or 'yaw_rate'}"])
+            part,
+            "is not a metric; write KIND:SIGNAL",
+            choices=KINDS,
+            fix=argument("metrics", [f"{near[0]}:{name or 'yaw_rate'}"]),
         )
     path, target_paths = full_path(name), [full_path(t.path) for t in targets]
     if kind in OF_TARGETS and path not in target_paths:
@@ -274,7 +278,7 @@ def find_metric(
     numbers = component_paths(whole, signals[whole])
     if path not in numbers:
         choices = numbers[:8]
-        problem = f"{whole!r} has shape {signals[whole]}: a metric is of one number"
+        problem = f"{whole!r} has shape {signals[whole]}, but a metric needs one number"
         raise InputError(part, problem, choices=choices, fix=argument("metrics", [f"{kind}:{choices[0]}"]))
     of = OF_TARGETS.get(kind) or OF_SIGNALS[kind]
     unit = "s" if kind in TIMES else "1" if kind == "changes" else (units or {}).get(whole, "")
@@ -282,16 +286,16 @@ def find_metric(
 
 
 def _unknown_signal(part: str, kind: str, name: str, signals: Iterable[str]) -> InputError:
-    """What is said of a signal that a simulated run lacks."""
+    """Return the error for a signal that a simulated run does not have."""
     problem, near = f"there is no signal {name!r}", closest(full_path(name), signals, 6) or list(signals)[:6]
     fix = argument("metrics", [f"{kind}:{near[0]}"])
     if name.startswith(OF_A_LINE):
-        problem += ": only a flight over a line has it, no simulated run"
-        fix = "trimtab fly SCENARIO --link … --out DIR  has it in its log"
+        problem += "; only a flight over a link has it, not a simulated run"
+        fix = "trimtab fly SCENARIO --link … --out DIR  writes it to its log"
     elif name.startswith(FLIGHT):
         flown = [path for path in signals if path.startswith(FLIGHT)]
         near = flown or near
-        problem += "" if flown else ": the truth of this vehicle has no attitude in space"
+        problem += "" if flown else "; this vehicle has no attitude in space"
         fix = argument("metrics", [f"{kind}:{(closest(name, flown, 1) or near)[0]}"])
     return InputError(part, problem, choices=near, fix=fix)
 
@@ -299,7 +303,7 @@ def _unknown_signal(part: str, kind: str, name: str, signals: Iterable[str]) -> 
 def _formula_metric(
     text: str, formula: str, signals: Mapping[str, tuple[int, ...]], units: Mapping[str, str], duration: int | None
 ) -> Metric:
-    """How far a run is from breaking a formula, from its first row on: above 0 where it keeps to it."""
+    """Return the robustness of a formula from the first row on; above 0 if the run satisfies it."""
     fitted = fit_formula(formula, signals, units, full_path)
     if duration is not None:
         check_length(fitted, duration)
@@ -312,17 +316,17 @@ def _formula_metric(
 
 
 def default_metrics(targets: Iterable[Target]) -> list[str]:
-    """What is kept where nothing was asked for: settling and the tail's rms of each target."""
+    """Return the default metrics: settling and error_rms of each target."""
     return [f"{kind}:{short_name(t.path)}" for t in targets for kind in ("settling", "error_rms")]
 
 
 def short_name(path: str) -> str:
-    """The short name of a signal that has one, else its path."""
+    """Return the short name of a signal, or its path if it has none."""
     return next((short for short, full in SHORT.items() if full == path), path)
 
 
 def function_metric(name: str, function: Callable[[Rows], Any]) -> Metric:
-    """The metric that a function is; its attribute `signals`, where it has one, says what it reads."""
+    """Return the metric for a function; the optional attribute `signals` lists what it reads."""
     return Metric(name, tuple(getattr(function, "signals", ("truth",))), function)
 
 

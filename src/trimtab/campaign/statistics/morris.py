@@ -1,15 +1,15 @@
-"""Screening of many factors with few runs: elementary effects along the trajectories of a Morris design.
+"""Screening of many factors with few runs, by elementary effects along the trajectories of a Morris design.
 
-What a metric changes by when a trajectory changes one factor, over that step, is an elementary effect: the slope over
-the factor's range in probability, from its 5 % to its 95 % quantile. Over r trajectories
+An elementary effect is the change of a metric when a trajectory changes one factor, divided by that step: the slope
+over the factor's range in probability, from its 5 % to its 95 % quantile. Over r trajectories
 
     mu = mean of the effects         mu* = mean of their sizes         sigma = their standard deviation
 
-mu* says whether a factor matters; sigma near or above mu* that it does so in a non-linear way or together with others.
+mu* shows if a factor matters. A sigma near or above mu* shows a non-linear effect or an interaction with other factors.
 
-The random numbers of a run are one more factor, the last. What changes with them is divided by 1/3, the mean distance
-of two independent draws of a uniform factor, so that noise reads as a factor of the same spread would. Its sign means
-nothing, and so its mu is about 0.
+The random numbers of a run are one more factor, the last. Their effect is divided by 1/3, the mean distance of two
+independent draws of a uniform factor, so that noise is comparable to a factor with the same spread. The sign of this
+effect has no meaning, so its mu is about 0.
 
 Source: [1] Morris, "Factorial sampling plans for preliminary computational experiments", Technometrics 33 (1991); mu*:
 [2] Campolongo, Cariboni, Saltelli, "An effective screening design for sensitivity analysis of large models", Environ.
@@ -29,15 +29,15 @@ from trimtab.core.errors import InputError
 
 NOISE_STEP = 1 / 3
 LEAST = 4
-"""Fewer trajectories say nothing of sigma."""
+"""Minimum number of trajectories for an estimate of sigma."""
 
 
 class Morris(NamedTuple):
-    """Elementary effects of each factor; arrays of shape (factors,), NaN where the runs tell none.
+    """Elementary effects of each factor; arrays of shape (factors,), NaN if the runs give none.
 
-    factors: names, the noise last where it is one.  mu, mu_star, sigma: in the metric's unit for the factor's range.
-    *_low, *_high: intervals.  trajectories: how many were used.  rows: how many runs these are.  note: why there are
-    no effects, or "".
+    factors: names, the noise last if it is a factor.  mu, mu_star, sigma: in the metric's unit, for the factor's range.
+    *_low, *_high: intervals.  trajectories: number of trajectories used.  rows: number of their runs.  note: reason for
+    missing effects, or "".
     """
 
     factors: tuple[str, ...]
@@ -57,7 +57,7 @@ class Morris(NamedTuple):
 
     @property
     def order(self) -> tuple[str, ...]:
-        """The factors, largest mu* first."""
+        """Names of the factors, largest mu* first."""
         return tuple(self.factors[i] for i in np.argsort(-self.mu_star, kind="stable"))
 
 
@@ -70,15 +70,15 @@ def morris(
     level: float = 0.95,
     by_rank: bool = False,
 ) -> Morris:
-    """Elementary effects of a metric over the rows of `morris_rows(seed, 0, rows, len(parameters))`.
+    """Compute elementary effects of a metric over the rows of `morris_rows(seed, 0, rows, len(parameters))`.
 
     Args:
-        values: the metric of rows 0 to n - 1, shape (n,); whole trajectories among them are used.
-        seed: of the design: it says which factor changed in which row.
+        values: metric of rows 0 to n - 1, shape (n,); only whole trajectories are used.
+        seed: seed of the design; it determines which factor changes in which row.
         parameters: names, in the order of the design's columns, without the noise.
-        noise: whether the random numbers of the runs are a factor of the design.
+        noise: True if the random numbers of the runs are a factor of the design.
         level: confidence of the intervals.
-        by_rank: of the metric's rank among these rows; then runs without a finite value count as the last.
+        by_rank: True to use the metric's rank among these rows; runs without a finite value then rank last.
     """
     check_factors(parameters)
     check_level("morris", level)
@@ -87,7 +87,7 @@ def morris(
     count = len(x) // size
     if count < LEAST:
         fix = f"fly at least {LEAST * size} runs; 20 trajectories are {20 * size} runs"
-        raise InputError("morris", f"{len(x)} rows are {count} trajectories of {size}", fix=fix)
+        raise InputError("morris", f"got {len(x)} rows, i.e. {count} trajectories of {size} rows", fix=fix)
     x = x[: count * size]
     names = (*parameters, NOISE) if noise else tuple(parameters)
     x, note = rank_values(x) if by_rank else (x, explain_no_variance(x))
@@ -100,7 +100,7 @@ def morris(
 
 
 def _elementary_effects(table: Any, seed: int, parameters: int, noise: bool) -> Any:
-    """Elementary effects, shape (trajectories, factors)."""
+    """Return elementary effects, shape (trajectories, factors)."""
     _, when, up = morris_trajectories(seed, np.arange(len(table)), parameters + int(noise))
     change = np.take_along_axis(np.diff(table, axis=1), when, axis=1)
     step = np.where(up, MORRIS_STEP, -MORRIS_STEP)
@@ -110,18 +110,18 @@ def _elementary_effects(table: Any, seed: int, parameters: int, noise: bool) -> 
 
 
 def _mean_interval(x: Any, level: float) -> tuple[Any, Any, Any]:
-    """Mean of each column with Student's interval."""
+    """Return the mean of each column with Student's interval."""
     width = stats.t.ppf((1 + level) / 2, len(x) - 1) * x.std(axis=0, ddof=1) / np.sqrt(len(x))
     return x.mean(axis=0), x.mean(axis=0) - width, x.mean(axis=0) + width
 
 
 def _deviation_interval(x: Any, level: float) -> tuple[Any, Any, Any]:
-    """Standard deviation of each column; its interval from a jackknife of the logarithm of the variance."""
+    """Return the standard deviation of each column; its interval is a jackknife of the logarithm of the variance."""
     n = len(x)
     apart = (x - x.mean(axis=0)) ** 2
     whole = apart.sum(axis=0) / (n - 1)
     without = (apart.sum(axis=0) - apart * n / (n - 1)) / (n - 2)
-    certain = whole <= 1e-20 * np.square(x).mean(axis=0)  # a linear factor: what is left is rounding
+    certain = whole <= 1e-20 * np.square(x).mean(axis=0)  # a linear factor: the rest is rounding
     log = np.log(np.where(certain, 1.0, np.maximum(without, 1e-12 * whole)))
     pseudo = n * np.log(np.where(certain, 1.0, whole)) - (n - 1) * log
     _, low, high = _mean_interval(pseudo, level)

@@ -1,8 +1,8 @@
-"""Whether the runs of a campaign meet a requirement: met, not met, or undecided, and by which one-sided bound.
+"""Verdict on a campaign's requirement (met, not met or undecided) by a one-sided bound.
 
-A requirement `x <= b @ c` is met when the upper bound of x is at most b, not met when its lower bound is above b, and
-undecided between. Each bound holds with confidence c by itself: who demands 95 % is wrongly told "met" in at most 5 %
-of the campaigns in which it isn't so, and wrongly told "not met" in at most 5 % of those in which it is.
+A requirement `x <= b @ c` is met if the upper bound of x is at most b, not met if its lower bound is above b, and
+undecided in between. Each bound holds with confidence c by itself. At 95 %, a false "met" occurs in at most 5 % of the
+campaigns that violate the requirement, and a false "not met" in at most 5 % of those that satisfy it.
 
 Source: the bounds' modules; that a one-sided bound answers a one-sided question: Clopper, Pearson, Biometrika 26
 (1934); that no run exceeds a limit says, at confidence c, that at least (1 - c)^(1/n) of all worlds don't: [1] Wilks,
@@ -31,11 +31,12 @@ MET, NOT_MET, UNDECIDED = "met", "not met", "undecided"
 
 
 class RequirementVerdict(NamedTuple):
-    """What the runs say of a requirement.
+    """Verdict on a requirement.
 
-    outcome: met, not met or undecided.  value: of the runs flown.  low, high: bounds for all worlds, each one-sided at
-    the requirement's confidence; for max and min both are the value: they speak of the runs flown.  trials: how many
-    runs.  not_finite: how many had no finite value; they count against the requirement.  note: why.
+    outcome: met, not met or undecided.  value: value in the runs flown.  low, high: bounds of the true value, each
+    one-sided at the requirement's confidence; for max and min both are the value, which describes only the runs flown.
+    trials: number of runs.  not_finite: number of runs without a finite value; they count against the requirement.
+    note: reason.
     """
 
     requirement: Requirement
@@ -49,16 +50,16 @@ class RequirementVerdict(NamedTuple):
 
     @property
     def is_met(self) -> bool:
-        """Whether a gate may open: only when it is met; undecided is not good enough."""
+        """True if the requirement is met; an undecided one is not."""
         return self.outcome == MET
 
     def __str__(self) -> str:
-        """In a line, as in "met: success >= 0.99 @ 95%: 0.9962 in 5000 runs, at least 0.9943 …"."""
+        """Return one line, as in "met: success >= 0.99 @ 95%: 0.9962 in 5000 runs, at least 0.9943 …"."""
         return f"{self.outcome}: {self.requirement.text}: {self.value:.4g} in {self.trials} runs; {self.note}"
 
 
 def least_runs(requirement: Requirement, *, anytime: bool = False) -> int:
-    """How many runs it takes at least until a requirement can be met, if all go well."""
+    """Return the minimum number of runs that can meet a requirement, if every run is good."""
     if requirement.statistic == "success":
         share = requirement.bound if requirement.relation == ">=" else 1 - requirement.bound
     elif requirement.statistic == "quantile":
@@ -77,10 +78,10 @@ def evaluate_requirement(
     """Judge one requirement.
 
     Args:
-        requirement: which.
-        columns: metrics by name, each of shape (n,): independent runs, row 0 to n - 1, none left out; "success" is
-            true or false.
-        anytime: whether flying stopped, or may stop, on what is seen here.
+        requirement: the requirement.
+        columns: metrics by name, each of shape (n,): independent runs, rows 0 to n - 1, without gaps; "success" is true
+            or false.
+        anytime: True if the campaign stopped, or may stop, depending on this result.
     """
     requirement.check(columns, anytime=anytime)
     x = as_column(columns[requirement.metric], f"metric {requirement.metric!r}")
@@ -88,7 +89,7 @@ def evaluate_requirement(
     if requirement.statistic in EXTREMES:
         return _evaluate_extreme(requirement, x, bad)
     if requirement.statistic == "mean" and bad:
-        note = f"{bad} runs have no finite value, and so the mean has none"
+        note = f"{bad} runs have no finite value, so the mean has none"
         return RequirementVerdict(requirement, NOT_MET, math.inf, math.inf, math.inf, len(x), bad, note)
     value, low, high = _one_sided_bounds(requirement, x, anytime)
     upwards = requirement.relation == ">="
@@ -103,7 +104,7 @@ def evaluate_requirement(
 
 
 def _one_sided_bounds(requirement: Requirement, x: Any, anytime: bool) -> tuple[float, float, float]:
-    """The value, and both bounds, each one-sided at the level: the two-sided interval of level 2 c - 1."""
+    """Return the value and both bounds, each one-sided at the level: the two-sided interval of level 2 c - 1."""
     level = 2 * requirement.level - 1
     if requirement.statistic == "success":
         rate = success_proportion(x, level, anytime=anytime)
@@ -117,11 +118,11 @@ def _one_sided_bounds(requirement: Requirement, x: Any, anytime: bool) -> tuple[
 
 
 def success_proportion(success: Any, level: float, *, anytime: bool = False) -> Proportion:
-    """The share of successes in a column of true and false; refuses a column that holds anything else."""
+    """Return the share of successes in a column of true and false; raise InputError for other values."""
     x = as_column(success, "metric 'success'")
     if not np.isin(x, (0.0, 1.0)).all():
-        problem = "a success is neither true nor false"
-        raise InputError("metric 'success'", problem, fix="give true or false for each run; a run that ran away: false")
+        problem = "each success must be true or false"
+        raise InputError("metric 'success'", problem, fix="give true or false for each run; false for a diverged run")
     return proportion(int(x.sum()), len(x), level, anytime=anytime)
 
 
@@ -130,12 +131,12 @@ def _evaluate_extreme(requirement: Requirement, x: Any, bad: int) -> Requirement
     x = np.where(np.isfinite(x), x, -math.inf if upwards else math.inf)
     value = float(x.max() if requirement.statistic == "max" else x.min())
     met = value >= requirement.bound if upwards else value <= requirement.bound
-    note = "of the runs flown"
+    note = "in the runs flown"
     if met and (requirement.statistic == "max") != upwards:
         covered = (1 - LEVEL) ** (1 / len(x))
-        note += f"; at 95 % confidence at least {100 * covered:.4g} % of all worlds keep to it too"
+        note += f"; at 95 % confidence at least {100 * covered:.4g} % of all possible runs meet it too"
     if bad:
-        note += f"; {bad} runs have no finite value and count against it"
+        note += f"; {bad} runs have no finite value and count as violations"
     return RequirementVerdict(requirement, MET if met else NOT_MET, value, value, value, len(x), bad, note)
 
 
@@ -147,13 +148,13 @@ def _verdict_note(
         note = f"between {low:.4g} and {high:.4g}, each {at}"
         least = least_runs(requirement, anytime=anytime)
         if n < least:
-            note += f"; it takes {least} runs at least"
+            note += f"; at least {least} runs are needed"
         elif requirement.statistic == "mean" and math.isinf(high):
-            note += "; runs that all give the same value don't tell how far others lie"
+            note += "; all runs gave the same value, so their scatter is unknown"
         else:
-            note += "; more runs would tell"
+            note += "; more runs can decide"
     elif (outcome == MET) == (requirement.relation == ">="):
         note = f"at least {low:.4g} {at}"
     else:
         note = f"at most {high:.4g} {at}"
-    return note + (f"; {bad} runs have no finite value and count against it" if bad else "")
+    return note + (f"; {bad} runs have no finite value and count as violations" if bad else "")

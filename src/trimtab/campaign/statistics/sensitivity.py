@@ -1,9 +1,10 @@
-"""Which factor makes a metric vary: Sobol indices of first and total order from the rows of a Saltelli design.
+"""Sensitivity of a metric to each factor: Sobol indices of first and total order from the rows of a Saltelli design.
 
     S_i = V(E(Y | x_i)) / V(Y)          T_i = 1 - V(E(Y | all but x_i)) / V(Y)
 
-S_i is the share of the variance that would vanish if factor i were known; T_i what would remain if all but it were. The
-difference is what it does together with others. With the noise as a factor, its T is the share that no parameter tells.
+S_i is the share of the variance that would vanish if factor i were known. T_i is the share that would remain if all
+other factors were known. The difference comes from interactions. With the noise as a factor, its T is the share that
+the parameters do not explain.
 
 Source: [1] Sobol, Math. Comput. Simul. 55 (2001); [2] Saltelli et al., Comput. Phys. Commun. 181 (2010), table 2 (b)
 and (f), as scipy.stats.sobol_indices has them. Intervals: percentiles of a bootstrap over base samples, [3] Archer,
@@ -23,17 +24,17 @@ from trimtab.core.errors import InputError
 
 RESAMPLES = 1000
 TOGETHER = 50
-"""Resamples at a time: memory stays flat."""
+"""Number of resamples computed at a time, to limit memory."""
 LEAST = 8
-"""Fewer base samples have no interval worth its name."""
+"""Minimum number of base samples for a useful interval."""
 
 
 class Sensitivity(NamedTuple):
-    """Indices of each factor with their intervals; arrays of shape (factors,), NaN where the runs tell none.
+    """Indices of each factor with their intervals; arrays of shape (factors,), NaN if the runs give none.
 
-    factors: names, the noise last where it is one.  first, total: S and T.  *_low, *_high: the intervals.
-    variance: of the metric (of its ranks, where those were asked for).  base: how many base samples were used, a power
-    of two.  rows: how many runs these are.  note: why there are no indices, or "".
+    factors: names, the noise last if it is a factor.  first, total: S and T.  *_low, *_high: the intervals. variance:
+    variance of the metric, or of its ranks with `by_rank`.  base: number of base samples used, a power of two.  rows:
+    number of their runs.  note: reason for missing indices, or "".
     """
 
     factors: tuple[str, ...]
@@ -51,23 +52,23 @@ class Sensitivity(NamedTuple):
 
     @property
     def order(self) -> tuple[str, ...]:
-        """The factors, largest total index first."""
+        """Names of the factors, largest total index first."""
         return tuple(self.factors[i] for i in np.argsort(-self.total, kind="stable"))
 
 
 def sensitivity(
     values: Any, parameters: Sequence[str], *, noise: bool = True, level: float = 0.95, by_rank: bool = False
 ) -> Sensitivity:
-    """Indices of first and total order of a metric over the rows of `saltelli(seed, 0, rows, len(parameters))`.
+    """Compute indices of first and total order over the rows of `saltelli(seed, 0, rows, len(parameters))`.
 
     Args:
-        values: the metric of rows 0 to n - 1, shape (n,), true and false too. Of the whole base samples among them the
-            largest power of two is used.
+        values: metric of rows 0 to n - 1, shape (n,), or true and false. The largest power of two of whole base samples
+            is used.
         parameters: names, in the order of the design's columns, without the noise.
-        noise: whether the random numbers of the runs are a factor of the design.
+        noise: True if the random numbers of the runs are a factor of the design.
         level: confidence of the intervals.
-        by_rank: of the metric's rank among these rows; then runs without a finite value count as the last, and a few
-            extreme ones don't decide.
+        by_rank: True to use the metric's rank among these rows. Runs without a finite value then rank last, and a few
+            extreme runs do not dominate.
     """
     check_factors(parameters)
     check_level("sensitivity", level)
@@ -75,7 +76,9 @@ def sensitivity(
     x = as_column(values, "sensitivity")
     if len(x) < LEAST * size:
         fix = f"fly at least {LEAST * size} runs; 1024 base samples are {1024 * size} runs"
-        raise InputError("sensitivity", f"{len(x)} rows are {len(x) // size} base samples of {size}", fix=fix)
+        raise InputError(
+            "sensitivity", f"got {len(x)} rows, i.e. {len(x) // size} base samples of {size} rows", fix=fix
+        )
     base = 1 << int(np.log2(len(x) // size))
     x = x[: base * size]
     names = (*parameters, NOISE) if noise else tuple(parameters)
@@ -94,23 +97,23 @@ def sensitivity(
 
 
 def rank_values(x: Any) -> tuple[Any, str]:
-    """Ranks of the values in (0, 1), runs without a finite value last, and why they tell nothing, or ""."""
+    """Return ranks in (0, 1), runs without a finite value last, and the reason why they are useless, or ""."""
     ranked = stats.rankdata(np.where(np.isfinite(x), x, np.inf)) / len(x)
     return ranked, explain_no_variance(ranked)
 
 
 def explain_no_variance(x: Any) -> str:
-    """Why these values have no variance to share out, or ""."""
+    """Return the reason why these values have no variance, or ""."""
     bad = int(np.count_nonzero(~np.isfinite(x)))
     if bad:
-        return f"{bad} of {len(x)} runs have no finite value, so there is no variance: ask by rank, or of the success"
+        return f"{bad} of {len(x)} runs have no finite value, so there is no variance; use ranks, or the success"
     if np.ptp(x) <= 1e-12 * np.abs(x).max():
-        return "all runs gave the same value: there is nothing to explain"
+        return "all runs gave the same value, so there is no variance to explain"
     return ""
 
 
 def _bootstrap(a: Any, b: Any, ab: Any, level: float) -> tuple[Any, Any]:
-    """Percentiles (low, high), each of shape (2, factors): base samples drawn again, as weights of their moments."""
+    """Return percentiles (low, high), each of shape (2, factors), of resampled base samples, as weights of moments."""
     n, d = len(a), len(ab)
     products = np.concatenate([b * (ab - a), 0.5 * (a - ab) ** 2, [(a + b) / 2, (a * a + b * b) / 2]]).T
     rng, drawn = np.random.default_rng(n), []

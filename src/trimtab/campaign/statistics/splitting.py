@@ -1,28 +1,28 @@
-"""The probability of a rare failure by generalised splitting, over parameters and noise.
+"""Probability of a rare failure by generalised splitting, over parameters and noise.
 
-A run is a point (z, w): standard normal numbers z (d,), which stand for its parameters, and words w (m,), each of which
-names the random numbers of one part of the noise's draws. Its margin g(z, w) is below 0 for a failure. Levels
-g1 > g2 > … > gK = 0 lead there:
+A run is a point (z, w). The standard normal numbers z (d,) stand for its parameters. Each of the words w (m,) selects
+the random numbers of one part of the noise. The margin g(z, w) is below 0 for a failure. Levels g1 > g2 > … > gK = 0
+lead to the failure:
 
     P(g < 0) = P(g < g1) P(g < g2 | g < g1) … P(g < 0 | g < g(K-1))
 
-**Pilot.** A subset simulation: of `size` points the tenth with the least margins gives the next level, and from each of
-them a Markov chain of SPLIT points, all below that level, gives the next points. It sets levels and steps, which from
-then on stand still.
+**Pilot.** A subset simulation. Of `size` points, the tenth with the smallest margins sets the next level. From each of
+them, a Markov chain of SPLIT points below that level gives the next points. The pilot sets levels and steps, which are
+fixed afterwards.
 
-**Splitting.** Roots are drawn independently. A point below level k becomes a chain of SPLIT points (itself the first)
-that stay below it, by a kernel that leaves the distribution of what lies below it as it is. A root with c descendants
-that fail says
+**Splitting.** Roots are drawn independently. A point below level k starts a chain of SPLIT points (itself the first)
+that stay below it. The chain's kernel keeps the distribution below the level. A root with c failing descendants
+estimates
 
     c / SPLIT^(K - 1)
 
-whose mean is P(g < 0), exactly: levels, lengths and kernels don't depend on what these roots find. So roots are
-independent and unbiased, and an interval follows from means of batches of them, as that of any mean.
+with mean P(g < 0) exactly, because levels, lengths and kernels do not depend on these roots. Roots are therefore
+independent and unbiased, and the means of batches of roots give an interval.
 
-**Kernel.** Parameters take a preconditioned Crank-Nicolson step, z' = sqrt(1 - s^2) z + s xi with xi standard normal;
-words are drawn anew, each with probability q, which resamples this part of the noise whole and keeps the rest to the
-bit. Half of the steps do both, a quarter parameters alone, a quarter noise alone; a step that leaves the level is not
-taken. Both leave the unconditional distribution as it is, whatever the noise is drawn from.
+**Kernel.** Parameters take a preconditioned Crank-Nicolson step, z' = sqrt(1 - s^2) z + s xi with xi standard normal.
+Each word is drawn again with probability q, which resamples its part of the noise and leaves the rest exactly as it
+was. Half of the steps do both, a quarter parameters alone, a quarter noise alone. A step above the level is rejected.
+Both keep the unconditional distribution, whatever the distribution of the noise.
 
 Source: Botev, Kroese, "Efficient Monte Carlo simulation via the generalized splitting method", Statistics and Computing
 22 (2012), algorithm 2.1 and its unbiasedness, pilot by their algorithm 4.1; Au, Beck, "Estimation of small failure
@@ -40,19 +40,19 @@ import numpy as np
 from trimtab.campaign.statistics.intervals import Mean, mean
 
 SPLIT = 10
-"""Length of a chain; one in so many of the pilot's points lies below the next level."""
+"""Length of a chain; one in SPLIT of the pilot's points lies below the next level."""
 MOST_LEVELS = 40
 ACCEPTANCE = 0.44
-"""Share of steps taken to which the pilot adapts their size."""
+"""Share of accepted steps to which the pilot adapts their size."""
 CORRELATION = 3.0
-"""By how much points of chains say less than independent ones: seen on linear margins of 1 to 32 dimensions."""
+"""Factor on the variance for correlation within chains; observed on linear margins of 1 to 32 dimensions."""
 BOTH, PARAMETERS, NOISE = range(3)
 Margins = Callable[[Any, Any], Any]
-"""z (n, d), words (n, m) uint32 -> margins (n,)."""
+"""Function from z (n, d) and words (n, m) uint32 to margins (n,)."""
 
 
 class ChainStates(NamedTuple):
-    """z: (n, d).  words: (n, m), uint32.  margin: (n,).  root: (n,), which each descends from."""
+    """States of chains. z: (n, d).  words: (n, m), uint32.  margin: (n,).  root: (n,), the ancestor of each."""
 
     z: Any
     words: Any
@@ -60,14 +60,14 @@ class ChainStates(NamedTuple):
     root: Any
 
     def __getitem__(self, which: Any) -> "ChainStates":  # pyright: ignore[reportIncompatibleMethodOverride]
-        """Some of them."""
+        """Return some of the states."""
         return ChainStates(self.z[which], self.words[which], self.margin[which], self.root[which])
 
 
 class Ladder(NamedTuple):
-    """What the pilot set. levels: (K,), falling, the last 0.  steps: (K - 1, d), s of each parameter below each level.
+    """Result of the pilot. levels: (K,), falling, the last 0.  steps: (K - 1, d), s of each parameter below each level.
 
-    refresh: (K - 1,), q.  estimate: of the probability, from the pilot alone; it is biased.  flown: runs of the pilot.
+    refresh: (K - 1,), q.  estimate: probability from the pilot alone, biased.  flown: runs of the pilot.
     """
 
     levels: Any
@@ -78,12 +78,12 @@ class Ladder(NamedTuple):
 
     @property
     def roots_cost(self) -> float:
-        """Runs that a root takes on the average, as far as the pilot tells."""
+        """Average number of runs for a root, estimated by the pilot."""
         return 1 + (len(self.levels) - 1) * (SPLIT - 1) / SPLIT
 
 
 class Stalled(Exception):
-    """The pilot found no way down. level: where it stays.  flown: runs so far."""
+    """The pilot made no progress. level: margin at which it stays.  flown: runs so far."""
 
     def __init__(self, level: float, flown: int) -> None:
         super().__init__(f"margins stay at {level:.6g}")
@@ -95,7 +95,7 @@ def _draw_words(rng: np.random.Generator, shape: tuple[int, ...]) -> Any:
 
 
 def draw_roots(margins: Margins, rng: np.random.Generator, n: int, d: int, m: int) -> ChainStates:
-    """n independent points with d parameters and m words."""
+    """Draw n independent points with d parameters and m words."""
     z, words = rng.standard_normal((n, d)), _draw_words(rng, (n, m))
     return ChainStates(z, words, margins(z, words), np.arange(n))
 
@@ -103,7 +103,7 @@ def draw_roots(margins: Margins, rng: np.random.Generator, n: int, d: int, m: in
 def take_step(
     margins: Margins, rng: np.random.Generator, at: ChainStates, level: float, steps: Any, refresh: float
 ) -> tuple[ChainStates, Any, Any]:
-    """One step of each chain below a level: where they are then, which kind each tried, and which were taken."""
+    """Make one step of each chain below a level; return the new states, the kinds of steps, and which were accepted."""
     (n, d), m = at.z.shape, at.words.shape[1]
     kinds = rng.choice(3, n, p=[0.5, 0.25, 0.25]) if d and m else np.full(n, PARAMETERS if d else NOISE)
     s = np.where((kinds != NOISE)[:, None], steps, 0.0)
@@ -129,13 +129,13 @@ def _join(parts: list[ChainStates]) -> ChainStates:
 
 
 class _Pace:
-    """Sizes of steps, adapted to the share of steps that is taken. s: in deviations of what lies below; q: of words."""
+    """Step sizes, adapted to the share of accepted steps. s: relative to the deviation below the level; q: of words."""
 
     def __init__(self) -> None:
         self.s, self.q = 0.6, 0.3
 
     def adapt(self, kinds: Any, taken: Any, times: int) -> None:
-        """After the times-th step of a level: larger where more steps were taken than wanted."""
+        """Adapt after step number `times` of a level: larger steps if more were accepted than wanted."""
         for kind in (PARAMETERS, NOISE):
             if (kinds == kind).any():
                 change = math.exp(2 * (float(taken[kinds == kind].mean()) - ACCEPTANCE) / math.sqrt(times))
@@ -146,7 +146,7 @@ class _Pace:
 
 
 def set_ladder(margins: Margins, rng: np.random.Generator, size: int, d: int, m: int) -> Ladder:
-    """The pilot: levels and steps, from so many points a level. Raises: Stalled."""
+    """Run the pilot, with `size` points for each level, and return levels and steps. Raises: Stalled."""
     points, pace = draw_roots(margins, rng, size, d, m), _Pace()
     levels: list[float] = []
     steps: list[Any] = []
@@ -175,9 +175,9 @@ def set_ladder(margins: Margins, rng: np.random.Generator, size: int, d: int, m:
 
 
 class Descent(NamedTuple):
-    """What some roots found. counts: (n,), descendants of each that fail.  survivors: (K,), points below each level.
+    """Result of some roots. counts: (n,), failing descendants of each.  survivors: (K,), points below each level.
 
-    taken: (K - 1,), share of the steps below each level that were taken.  failures: the points that fail.  flown: runs.
+    taken: (K - 1,), share of accepted steps below each level.  failures: points that fail.  flown: runs.
     """
 
     counts: Any
@@ -188,7 +188,7 @@ class Descent(NamedTuple):
 
 
 def descend(margins: Margins, rng: np.random.Generator, ladder: Ladder, n: int, d: int, m: int) -> Descent:
-    """Split n roots down a ladder that stands still."""
+    """Split n roots down a fixed ladder."""
     points, flown = draw_roots(margins, rng, n, d, m), n
     survivors, accepted = np.zeros(len(ladder.levels), np.int64), np.zeros(len(ladder.levels) - 1)
     for k, level in enumerate(ladder.levels):
@@ -208,15 +208,15 @@ def descend(margins: Margins, rng: np.random.Generator, ladder: Ladder, n: int, 
 
 
 def probability(sums: Any, roots: int, ladder: Ladder, level: float = 0.95) -> Mean:
-    """The probability of a failure with its interval. sums: failing descendants of each batch.  roots: of a batch."""
+    """Return the failure probability and its interval. sums: failing descendants of each batch.  roots: of a batch."""
     found = mean(np.asarray(sums, np.float64) / roots / float(SPLIT) ** (len(ladder.levels) - 1), level)
     return found._replace(low=max(found.low, 0.0))
 
 
 def expected_width(ladder: Ladder, roots: int) -> float:
-    """About half the interval's width, in parts of the probability, that so many roots will have.
+    """Return the approximate half width of the interval for a number of roots, as a fraction of the probability.
 
-    A level's share p is known to (1 - p)/(p n), as of n independent points, times CORRELATION for what chains share.
+    The relative variance of a level's share p is (1 - p)/(p n), as for n independent points, times CORRELATION.
     """
     own = (SPLIT - 1) * CORRELATION * (len(ladder.levels) - 1)
     return 2 * math.sqrt((own + SPLIT - 1) / roots)

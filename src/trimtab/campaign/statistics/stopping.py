@@ -1,13 +1,13 @@
-"""Stopping a campaign as soon as an interval is as narrow as wanted: `width(success) <= 0.004 @ 95%`.
+"""Rule that stops a campaign as soon as an interval is narrow enough: `width(success) <= 0.004 @ 95%`.
 
-It is looked at after each block, over runs 0 to n - 1 in order: never over those that happened to finish first, for
-runs that fail are often the quick ones. Whoever stops on what he sees sees something else: the plain interval of 95 %
-stopped at a width holds some probabilities in 93.4 % only, a plain quantile's band in far fewer. So
+The rule is evaluated after each block, over runs 0 to n - 1 in order. It never uses the runs that happened to finish
+first, because failing runs are often the quick ones. Stopping on an observed width reduces the coverage: the plain 95 %
+interval then covers some probabilities in only 93.4 % of cases, and a plain quantile's band in far fewer. Therefore
 
-- a probability gets the interval of Clopper and Pearson with tails 0.6 times as large, which by exact calculation holds
-  at least as often as `level` says, for every probability, for this rule and no other;
-- a quantile gets the band that holds at every number of runs at once (`anytime` in `intervals`): how often any other
-  held would depend on the metric's distribution, which nobody knows.
+- a probability gets the interval of Clopper and Pearson with tails 0.6 times as large. By exact calculation it holds at
+  least as often as `level`, for every probability, with this rule only;
+- a quantile gets the band that holds at every number of runs at once (`anytime` in `intervals`), because the coverage
+  of any other band would depend on the metric's unknown distribution.
 
 docs/campaign/metrics.md has the numbers.
 
@@ -26,12 +26,13 @@ from trimtab.campaign.statistics.intervals import quantile
 from trimtab.campaign.statistics.requirement import success_proportion
 
 TAILS = 0.6
-"""Tails of the interval of a probability, relative to those of one for a fixed number of runs."""
+"""Tails of the interval of a probability, relative to those for a fixed number of runs."""
 
 
 class StoppingState(NamedTuple):
-    """How far it is. is_met: whether to stop.  value, low, high: of the runs so far.  expected_runs: in all, if no
-    value changes: the width goes down with the square root of them; inf where nothing can be foreseen.
+    """Progress of a stopping rule. is_met: True to stop.  value, low, high: in the runs so far.
+
+    expected_runs: estimated total, for a width that falls with the square root of the runs; inf if unknown.
     """
 
     is_met: bool
@@ -42,18 +43,18 @@ class StoppingState(NamedTuple):
     expected_runs: float
 
     def __str__(self) -> str:
-        """As in "0.9971 (0.9943 to 0.9987), 5000 of about 21000 runs"."""
+        """Return a summary, as in "0.9971 (0.9943 to 0.9987), 5000 of about 21000 runs"."""
         rest = f"of about {self.expected_runs:.2g}" if math.isfinite(self.expected_runs) else "so far"
         rest = "enough" if self.is_met else rest
         return f"{self.value:.4g} ({self.low:.4g} to {self.high:.4g}), {self.trials} runs, {rest}"
 
 
 def evaluate_stopping(rule: StoppingRule, columns: Mapping[str, Any]) -> StoppingState:
-    """Whether the interval is as narrow as the rule asks.
+    """Evaluate a stopping rule.
 
     Args:
-        rule: which.
-        columns: metrics by name, each of shape (n,): rows 0 to n - 1 of independent runs, none left out.
+        rule: the rule.
+        columns: metrics by name, each of shape (n,): rows 0 to n - 1 of independent runs, without gaps.
     """
     rule.check(columns)
     if rule.statistic == "success":

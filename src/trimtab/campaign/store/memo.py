@@ -1,9 +1,9 @@
-"""Flights of a search, kept as they come, so that the same search goes on where it was stopped.
+"""Stored flights of a search, from which the same search resumes after a stop.
 
-A search is the same each time: its points follow from its seed and from what flew before. So each block of flights is
-kept under the SHA-256 of what made it (the plan, the scenario, this package, a scenario's own file) and of what was
-asked for. Started again, the search asks for the same, and what was flown is read instead. A file that can't be read is
-flown again. Changed code that a scenario's own file imports isn't noticed: give that a new folder.
+A search is reproducible: its points follow from its seed and from earlier flights. Each block of flights is stored
+under the SHA-256 of its origin (plan, scenario, this package, a scenario's own file) and of its request. After a
+restart, the search makes the same requests and reads the stored blocks. An unreadable file is flown again. Changes in
+code that a scenario's own file imports are not detected; use a new folder for them.
 """
 
 import hashlib
@@ -25,12 +25,12 @@ Columns = dict[str, Any]
 
 
 class FlightMemo:
-    """What was flown, in a folder of files, one a block.
+    """Flights stored in a folder, one file for each block.
 
     Args:
-        folder: where; made if need be. None: nothing is kept.
-        about: what makes the flights, besides what is asked for: names of plan and scenario, metrics.
-        scenario: its name; the text of a file of its own counts, too.
+        folder: the folder, created if missing; None: nothing is stored.
+        about: origin of the flights besides the request: names of plan and scenario, metrics.
+        scenario: name of the scenario; the text of its own file is part of the key, too.
     """
 
     def __init__(self, folder: Path | None, about: Mapping[str, Any], scenario: str = "") -> None:
@@ -49,7 +49,7 @@ class FlightMemo:
                 ) from None
 
     def recall(self, asked: Iterable[Any], fly: Callable[[], Columns]) -> Columns:
-        """The columns of what is asked for, arrays: as they were flown before, or by flying now."""
+        """Return the columns for a request (arrays): the stored ones, or those flown now."""
         if self.folder is None:
             return fly()
         file = self.folder / f"{self._digest(asked)}.npz"

@@ -1,4 +1,4 @@
-"""Rows of a campaign as a Parquet file or as an xarray Dataset, with what decided them.
+"""Export of a campaign's rows to a Parquet file or an xarray Dataset, with the plan that produced them.
 
 Source: Apache Parquet, file format, key-value metadata; Apache Arrow, format, schemas.
 """
@@ -15,7 +15,7 @@ from trimtab.campaign.campaign import CampaignResult
 from trimtab.core.errors import InputError, install_command
 
 ABOUT = b"trimtab"
-"""Key of the metadata under which a file says of which campaign its rows are, as JSON."""
+"""Metadata key of the JSON text that describes the campaign."""
 
 
 def write_parquet(result: CampaignResult, file: str | Path) -> Path:
@@ -24,12 +24,12 @@ def write_parquet(result: CampaignResult, file: str | Path) -> Path:
 
 
 def write_columns(columns: Mapping[str, Any], about: Mapping[str, Any], file: str | Path) -> Path:
-    """Write columns to a Parquet file, whole or not at all.
+    """Write columns to a Parquet file, atomically.
 
     Args:
         columns: name -> (n,), as `read_store` gives them.
-        about: goes with the rows, plain data: the store's attributes.
-        file: where to; one that is there is replaced.
+        about: plain data stored with the rows: the store's attributes.
+        file: path of the file; an existing file is replaced.
     """
     pa, parquet = import_arrow()
     file = Path(file)
@@ -47,22 +47,22 @@ def write_columns(columns: Mapping[str, Any], about: Mapping[str, Any], file: st
 
 
 def read_parquet(file: str | Path) -> tuple[dict[str, Any], dict[str, Any]]:
-    """What a file says of its campaign, and its columns (n,)."""
+    """Return the description of a file's campaign, and its columns (n,)."""
     pa, parquet = import_arrow()
     part = f"parquet {str(file)!r}"
     try:
         table = parquet.read_table(file)
     except (OSError, pa.ArrowInvalid) as error:
-        raise InputError(part, f"cannot be read: {error}", fix="name a file that a campaign has exported") from None
+        raise InputError(part, f"cannot be read: {error}", fix="name a file that a campaign exported") from None
     metadata = table.schema.metadata or {}
     if ABOUT not in metadata:
-        raise InputError(part, "holds no campaign", fix="name a file that a campaign has exported")
+        raise InputError(part, "does not hold a campaign", fix="name a file that a campaign exported")
     columns = {name: table[name].to_numpy() for name in table.column_names}
     return json.loads(metadata[ABOUT]), columns
 
 
 def as_dataset(columns: Mapping[str, Any], about: Mapping[str, Any]) -> Any:
-    """The same rows as an xarray Dataset over `run`; what decided them is its attribute `trimtab`, JSON."""
+    """Return the same rows as an xarray Dataset over `run`; its attribute `trimtab` is the description as JSON."""
     try:
         import xarray
     except ImportError:
@@ -73,7 +73,7 @@ def as_dataset(columns: Mapping[str, Any], about: Mapping[str, Any]) -> Any:
 
 
 def import_arrow() -> tuple[Any, Any]:
-    """The library, and its module for these files; refused with what to install."""
+    """Import pyarrow and its parquet module; raise InputError with the command that installs it."""
     try:
         import pyarrow
         import pyarrow.parquet

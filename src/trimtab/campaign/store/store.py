@@ -1,8 +1,8 @@
-"""Rows of a campaign, in memory, or on disk as a Zarr group: an array for each column, and one of which rows are done.
+"""Rows of a campaign, in memory or on disk as a Zarr group: one array for each column, one that marks finished rows.
 
-A block's `done` is written after its columns have reached the disk, each chunk under another name and then renamed:
-whatever ends the process, a row is done or it isn't, and the same campaign started again flies those that are not.
-Chunks carry a checksum; where one is damaged or gone, its block is flown anew.
+A block's `done` is written after its columns have reached the disk. Each chunk is written under another name and then
+renamed. However the process ends, a row is either done or not, and the same campaign started again flies the missing
+rows. Chunks carry a checksum; a block with a damaged or missing chunk is flown again.
 """
 
 import contextlib
@@ -23,45 +23,45 @@ from trimtab.core.errors import InputError, argument, argument_name, install_com
 DONE = "done"
 LOCK = ".lock"
 PARTIAL = ".partial"
-"""Ends the names under which Zarr writes before it renames."""
+"""Suffix of the temporary names under which Zarr writes before it renames."""
 LONGEST_KEY = 160
-"""Bytes of an array's name."""
+"""Maximum length of an array's name in bytes."""
 
 
 class MemoryStore:
-    """Rows in memory, gone with the process; as `CampaignStore` else."""
+    """Rows in memory, lost with the process; otherwise like `CampaignStore`."""
 
     def __init__(self, runs: int) -> None:
         self._runs, self._finished_rows = runs, np.zeros(runs, bool)
         self._columns: dict[str, Any] = {}
 
     def finished_rows(self) -> Any:
-        """Which rows are there: bool (runs,)."""
+        """Return which rows are finished: bool (runs,)."""
         return self._finished_rows.copy()
 
     def write(self, first: int, columns: Mapping[str, Any]) -> None:
-        """Keep the rows of a block."""
+        """Store the rows of a block."""
         for name, column in columns.items():
             rows = self._columns.setdefault(name, np.zeros(self._runs, np.asarray(column).dtype))
             rows[first : first + len(column)] = column
         self._finished_rows[first : first + len(columns["success"])] = True
 
     def read(self) -> dict[str, Any]:
-        """Every column by name, of the rows that are done, and `run`, their numbers."""
+        """Return every column of the finished rows by name, and `run`, their numbers."""
         done = self._finished_rows
         return {"run": np.flatnonzero(done), **{name: rows[done] for name, rows in self._columns.items()}}
 
 
 def array_key(name: str) -> str:
-    """The name of a column's array: slashes of a path of a file would make groups, and a folder's name has an end."""
+    """Return the name of a column's array: without slashes, which would make groups, and of limited length."""
     key = name.replace("/", "|")
     return key if len(key.encode()) <= LONGEST_KEY else f"{key[:80]}-{hashlib.sha256(name.encode()).hexdigest()[:16]}"
 
 
 def has_store(folder: Path) -> bool:
-    """Whether a store is there, and not only what is left of a process that was killed while it made one.
+    """Return True if the folder holds a store, not only the remains of a process that was killed while it made one.
 
-    Raises: InputError for a folder of something else.
+    Raises: InputError if the folder holds other files.
     """
     about = folder / "zarr.json"
     files = [f for f in folder.rglob("*") if f.is_file() and f.name != LOCK and f.suffix != PARTIAL]
@@ -69,12 +69,12 @@ def has_store(folder: Path) -> bool:
         return about.exists() and bool(about.read_text()) and bool(json.loads(about.read_text()).get("attributes"))
     if not about.exists():
         fix = f"name another store: {argument('store', 'NAME.zarr')}"
-        raise InputError(f"store {str(folder)!r}", "is a folder with other things in it", fix=fix)
+        raise InputError(f"store {str(folder)!r}", "holds files that are not of a campaign's store", fix=fix)
     return True
 
 
 def create_group(zarr: Any, folder: Path, columns: Mapping[str, Any], runs: int, block: int) -> Any:
-    """The group of a new store, over what a process left that was killed while it made it."""
+    """Create the group of a new store, over the remains of a killed process."""
     group = zarr.open_group(folder, mode="a")
     options: dict[str, Any] = {"shape": (runs,), "chunks": (block,), "overwrite": True}
     options["compressors"] = [zarr.codecs.ZstdCodec(level=0, checksum=True)]
@@ -85,13 +85,13 @@ def create_group(zarr: Any, folder: Path, columns: Mapping[str, Any], runs: int,
 
 
 def sync_descriptions(folder: Path) -> None:
-    """See the descriptions of the group and of its arrays onto the disk."""
+    """Flush the descriptions of the group and of its arrays to the disk."""
     sync_files(folder.glob("*/zarr.json"))
     sync_files([folder / "zarr.json"])
 
 
 def sync_files(files: Iterable[Path]) -> None:
-    """Return when the files and their names are on the disk; it takes them together, not one after the other."""
+    """Flush files and their names to the disk, several at a time."""
     with ThreadPoolExecutor(8) as pool:
         list(pool.map(_sync_file, files))
 
@@ -121,22 +121,22 @@ class CampaignStore:
         self.close()
 
     def close(self) -> None:
-        """Let others write."""
+        """Release the lock."""
         os.close(self._lock)
 
     @property
     def attributes(self) -> dict[str, Any]:
-        """What the store says of its campaign."""
+        """Description of the campaign, from the store."""
         return dict(self._group.attrs)
 
     def finished_rows(self) -> Any:
-        """Which rows are there: bool (runs,)."""
+        """Return which rows are finished: bool (runs,)."""
         return np.asarray(self._arrays[DONE][:])
 
     def write(self, first: int, columns: Mapping[str, Any]) -> None:
-        """Keep the rows of a block, which begins at a multiple of the block's length.
+        """Store the rows of a block that begins at a multiple of the block's length.
 
-        Raises: InputError where there is no room, or the disk fails; what was done before remains.
+        Raises: InputError if the disk is full or fails; earlier rows remain.
         """
         n = len(next(iter(columns.values())))
         try:
@@ -148,23 +148,23 @@ class CampaignStore:
         except OSError as error:
             full = error.errno in (errno.ENOSPC, errno.EDQUOT)
             cause = "the disk is full" if full else error.strerror or error
-            problem = f"{cause}: {int(self.finished_rows().sum())} runs are kept"
-            fix = ("make room, then " if full else "") + "start the same command again: it goes on from there"
+            problem = f"{cause}; {int(self.finished_rows().sum())} finished runs are stored"
+            fix = ("make room, then " if full else "") + "start the same command again; it resumes there"
             raise InputError(f"store {str(self.folder)!r}", problem, fix=fix) from None
 
     def read(self) -> dict[str, Any]:
-        """Every column by name, of the rows that are done, and `run`, their numbers."""
+        """Return every column of the finished rows by name, and `run`, their numbers."""
         try:
             done = self.finished_rows()
             columns = {n: np.asarray(a[: len(done)])[done] for n, a in self._arrays.items() if n != DONE}
         except RuntimeError as error:
             problem = f"a chunk is damaged: {error}"
-            fix = "start the command that made it again: it flies the runs of such chunks anew"
+            fix = "start the command that made the store again; it flies the damaged runs again"
             raise InputError(f"store {str(self.folder)!r}", problem, fix=fix) from None
         return {"run": np.flatnonzero(done), **columns}
 
     def repair(self) -> None:
-        """Forget the blocks of which a chunk is damaged or gone."""
+        """Mark blocks with a damaged or missing chunk as not done."""
         for k in self._damaged_chunks(DONE, set()):
             self._chunk_path(DONE, k).unlink()
         done, bounds = self.finished_rows(), self._chunk_bounds()
@@ -177,7 +177,7 @@ class CampaignStore:
                     self._chunk_path(name, k).unlink(missing_ok=True)
 
     def _damaged_chunks(self, name: str, needed: set[int]) -> set[int]:
-        """Which chunks of a column can't be read, or are gone though needed."""
+        """Return the chunks of a column that are unreadable, or missing though needed."""
         there = {int(f.name) for f in self._chunk_path(name, 0).parent.glob("*")}
         if self._is_readable(name, slice(None)):
             return needed - there
@@ -192,7 +192,7 @@ class CampaignStore:
         return True
 
     def _chunk_bounds(self) -> list[tuple[int, int]]:
-        """First row and last + 1 of each chunk."""
+        """Return first row and last row + 1 of each chunk."""
         runs = self._arrays[DONE].shape[0]
         return [(first, min(first + self._block, runs)) for first in range(0, runs, self._block)]
 
@@ -203,14 +203,14 @@ class CampaignStore:
 def open_store(
     folder: Path, about: Mapping[str, Any], columns: Mapping[str, Any], runs: int, block: int
 ) -> CampaignStore:
-    """Open the store of a campaign, or make it; grow it where more runs are wanted.
+    """Open the store of a campaign, or create it; enlarge it if more runs are wanted.
 
     Args:
-        folder: of the store, e.g. mass.zarr.
-        about: attributes; `identity` in it must be that of a store that is there.
+        folder: folder of the store, e.g. mass.zarr.
+        about: attributes; `identity` must equal that of an existing store.
         columns: name -> an array of a row's type.
-        runs: how many there will be.
-        block: rows of a chunk, for a new store.
+        runs: total number of runs.
+        block: number of rows in a chunk, for a new store.
     """
     zarr = _import_zarr()
     part = f"store {str(folder)!r}"
@@ -229,7 +229,7 @@ def open_store(
             group = create_group(zarr, folder, columns, runs, block)
             group = group.update_attributes({**about, "columns": list(columns), "block": block})
             sync_descriptions(folder)
-        for half in folder.rglob("*" + PARTIAL):  # what killed processes left
+        for half in folder.rglob("*" + PARTIAL):  # remains of killed processes
             half.unlink()
         store = CampaignStore(folder, group, lock)
         if was_there:
@@ -247,24 +247,24 @@ def open_store(
 
 
 def read_store(folder: Path) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Attributes and columns of a store that is there; a campaign may be writing it meanwhile."""
+    """Return attributes and columns of an existing store; a campaign may be writing to it."""
     zarr = _import_zarr()
     if not (folder / "zarr.json").exists():
         fix = "trimtab campaign SCENARIO --store NAME.zarr"
-        raise InputError(argument_name("store"), f"there is no store {str(folder)!r}", fix=fix)
+        raise InputError(argument_name("store"), f"the store {str(folder)!r} does not exist", fix=fix)
     group = zarr.open_group(folder, mode="r")
     if "identity" not in group.attrs:
         raise InputError(
             f"store {str(folder)!r}",
-            "holds no campaign",
-            fix=f"name the store of one: {argument('store', 'NAME.zarr')}",
+            "does not hold a campaign",
+            fix=f"name a campaign's store: {argument('store', 'NAME.zarr')}",
         )
     store = CampaignStore(folder, group, -1)
     return store.attributes, store.read()
 
 
 def estimate_store_size(folder: Path, runs: int) -> int | None:
-    """Bytes that a store of so many runs will take, by the blocks that are there; None before the first."""
+    """Estimate the size of a store with this number of runs, in bytes, from finished blocks; None before the first."""
     arrays, finished = _finished_chunks(folder, runs)
     with contextlib.suppress(OSError):
         kept = sum((array / "c" / k).stat().st_size for array in arrays for k in finished)
@@ -274,12 +274,12 @@ def estimate_store_size(folder: Path, runs: int) -> int | None:
 
 
 def count_missing_rows(folder: Path, runs: int) -> int:
-    """How many of so many runs a store that is there, or is not, has to be given yet."""
+    """Return the number of rows that a store, existing or not, still lacks."""
     return runs - sum(_finished_chunks(folder, runs)[1].values())
 
 
 def _finished_chunks(folder: Path, runs: int) -> tuple[list[Path], dict[str, int]]:
-    """Folders of the arrays; name of each chunk that is done -> how many of so many runs are in it."""
+    """Return the folders of the arrays, and the number of rows in each finished chunk, by the chunk's name."""
     with contextlib.suppress(OSError, ValueError, KeyError):
         about = json.loads((folder / "zarr.json").read_text())["attributes"]
         block, arrays = int(about["block"]), [folder / array_key(name) for name in [*about["columns"], DONE]]
@@ -289,14 +289,14 @@ def _finished_chunks(folder: Path, runs: int) -> tuple[list[Path], dict[str, int
 
 
 def read_block_length(folder: Path) -> int | None:
-    """Rows of a chunk of the store that is there, or None."""
+    """Return the number of rows in a chunk of an existing store, or None."""
     with contextlib.suppress(OSError, ValueError, KeyError):
         return int(json.loads((folder / "zarr.json").read_text())["attributes"]["block"])
     return None
 
 
 def missing_blocks(done: Any, runs: int, block: int) -> Iterator[tuple[int, int]]:
-    """First and last + 1 of each block in which a row is missing."""
+    """Yield first and last + 1 of each block with a missing row."""
     for first in range(0, runs, block):
         last = min(first + block, runs)
         if not done[first:last].all():
@@ -304,35 +304,41 @@ def missing_blocks(done: Any, runs: int, block: int) -> Iterator[tuple[int, int]
 
 
 def _acquire_lock(folder: Path, part: str) -> int:
-    """The store's lock, which ends with this process."""
+    """Acquire the store's lock, which ends with this process."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
         lock = os.open(folder / LOCK, os.O_RDWR | os.O_CREAT, 0o600)
     except OSError as error:
-        problem = f"cannot write there: {(error.strerror or str(error)).lower()}"
+        problem = f"cannot write to this folder: {(error.strerror or str(error)).lower()}"
         raise InputError(
-            part, problem, fix=f"{argument_name('store')} with a folder of yours, e.g. {argument('store', 'mass.zarr')}"
+            part,
+            problem,
+            fix=(
+                f"{argument_name('store')} with a folder that you can write to, e.g. {argument('store', 'mass.zarr')}"
+            ),
         ) from None
     try:
         fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
     except OSError:
         os.close(lock)
-        fix = f"wait for it to end, or give this one another store: {argument('store', 'OTHER.zarr')}"
-        raise InputError(part, "another campaign is writing it", fix=fix) from None
+        fix = f"wait until it ends, or use another store: {argument('store', 'OTHER.zarr')}"
+        raise InputError(part, "another campaign is writing to it", fix=fix) from None
     return lock
 
 
 def _check_identity(part: str, there: Mapping[str, Any], here: Mapping[str, Any]) -> None:
-    """Refuse to mix rows that another campaign, scenario, version or machine made."""
+    """Raise InputError if the stored rows come from another campaign, scenario, version or machine."""
     was, now = there.get("identity"), here["identity"]
     if was == now:
         return
     if not isinstance(was, Mapping):
-        raise InputError(part, "holds no campaign", fix=f"name another store: {argument('store', 'NAME.zarr')}")
+        raise InputError(part, "does not hold a campaign", fix=f"name another store: {argument('store', 'NAME.zarr')}")
     apart = [name for name in now if was.get(name) != now[name]]
-    differences = ", ".join(f"{name} (there {was.get(name)}, here {now[name]})" for name in apart)
-    fix = f"the command that made it is in its attribute `command`; or name another: {argument('store', 'OTHER.zarr')}"
-    raise InputError(part, f"holds rows of another campaign: {differences} differs", fix=fix)
+    differences = ", ".join(f"{name} (stored {was.get(name)}, now {now[name]})" for name in apart)
+    fix = (
+        f"its attribute `command` has the command that made it; or use another store: {argument('store', 'OTHER.zarr')}"
+    )
+    raise InputError(part, f"holds rows of another campaign; different: {differences}", fix=fix)
 
 
 def _import_zarr() -> Any:

@@ -1,6 +1,6 @@
-"""Runs flown together, those of a campaign or at points that a search asks for, and what the metrics say of them.
+"""Simulation of many runs together, those of a campaign or at the points of a search, and their metrics.
 
-Who flies the blocks of a campaign is a `Workers`: this process (`local`) or others (`cluster`).
+A function of type `Workers` flies the blocks of a campaign, in this process (`local`) or in others (`cluster`).
 """
 
 import dataclasses
@@ -33,15 +33,15 @@ from trimtab.run.simulate import Batch, simulate_batch
 from trimtab.run.walk_program import WalkProgram, lower_structure, walk_structure
 
 TOGETHER = 48_000
-"""Rows that are looked at in one go: a cache holds them, memory is slow, and fresh memory slower."""
+"""Number of rows judged at a time; they fit into the processor's cache."""
 Blocks = list[tuple[int, int]]
 BlockResults = Generator[tuple[int, dict[str, Any]], None, None]
 Workers = Callable[[PreparedCampaign, Blocks, str], BlockResults]
-"""Flies blocks, each (first, last + 1), on the backend "c" or "jax": first run and columns of each, in any order."""
+"""Function that flies blocks (first, last + 1) on backend "c" or "jax"; yields first run and columns, in any order."""
 
 
 class WorkersLost(Exception):
-    """Those who fly are gone; the campaign says how many runs are kept. part, fix: as of an InputError."""
+    """All workers are lost; the campaign adds the number of finished runs. part, fix: as in an InputError."""
 
     def __init__(self, part: str, problem: str, fix: str) -> None:
         super().__init__(problem)
@@ -49,7 +49,7 @@ class WorkersLost(Exception):
 
 
 def batch_rows(scenario: Scenario, batch: Batch) -> Rows:
-    """What metrics see of a batch."""
+    """Return the rows of a batch, as metrics read them."""
     declared = {c.path: c.declaration for c in batch.columns if c.declaration is not None}
     flight = find_flight({c.path: c.shape for c in batch.columns}, declared)
     own, n = scenario_place(scenario) if flight else {}, len(batch.seeds)
@@ -66,7 +66,7 @@ def batch_rows(scenario: Scenario, batch: Batch) -> Rows:
 
 
 def compute_metrics(ready: PreparedCampaign, rows: Rows) -> dict[str, Any]:
-    """Metrics, success and lost of some runs, each (n,); rows.final has the last values of the whole truth."""
+    """Compute metrics, success and lost of some runs, each (n,); rows.final has the last values of the whole truth."""
     n = len(next(iter(rows.final.values())))
     metrics: dict[str, Any] = {m.name: np.empty(n) for m in ready.metrics}
     together = max(TOGETHER // max(len(rows.t), 1), 1)
@@ -75,7 +75,7 @@ def compute_metrics(ready: PreparedCampaign, rows: Rows) -> dict[str, Any]:
         three = (rows.signals, rows.final, rows.parameters)
         signals, ends, own = ({path: v[part] for path, v in of.items()} for of in three)
         some = dataclasses.replace(rows, signals=signals, final=ends, parameters=own)
-        with np.errstate(over="ignore", invalid="ignore"):  # a run that ran away is counted, not warned of
+        with np.errstate(over="ignore", invalid="ignore"):  # a diverged run is counted, not warned of
             for metric in ready.metrics:
                 metrics[metric.name][part] = _metric_column(metric, some, part.stop - first)
     last = np.stack([np.asarray(v, np.float64).reshape(n, -1).sum(axis=1) for v in rows.final.values()])
@@ -87,7 +87,7 @@ def compute_metrics(ready: PreparedCampaign, rows: Rows) -> dict[str, Any]:
 
 
 def compute_log_metrics(ready: PreparedCampaign, log: Log) -> dict[str, Any]:
-    """The same of the log of one run."""
+    """Compute metrics, success and lost from the log of one run."""
     log = with_flight(log)
     angles = frozenset(path for path, declared in log.declarations.items() if declared.kind == "angle")
     signals = {path: signal[None] for path, signal in log.signals.items()}
@@ -98,15 +98,15 @@ def compute_log_metrics(ready: PreparedCampaign, log: Log) -> dict[str, Any]:
 def _metric_column(metric: Metric, rows: Rows, n: int) -> Any:
     column = np.asarray(metric.of(rows), np.float64)
     if column.shape != (n,):
-        problem = f"gave shape {column.shape}, wanted is {(n,)}"
-        raise InputError(argument_name("metrics", metric.name), problem, fix="one number a run")
+        problem = f"returned shape {column.shape}, but must return {(n,)}"
+        raise InputError(argument_name("metrics", metric.name), problem, fix="return one number for each run")
     return column
 
 
 def fly_block(ready: PreparedCampaign, first: int, last: int, **options: Any) -> dict[str, Any]:
-    """Rows first … last - 1: by name what differs, then each metric, `success` and `lost`, each (n,).
+    """Fly rows first … last - 1; return by name what varies, then each metric, `success` and `lost`, each (n,).
 
-    options: backend, threads and progress, as of `simulate_batch`.
+    options: backend, threads and progress, as in `simulate_batch`.
     """
     drawn, values = draw_runs(ready, first, last)
     return {**values, **_fly_values(ready, values, drawn.words, options)}
@@ -121,10 +121,10 @@ def fly_points(
     memo: FlightMemo | None = None,
     **options: Any,
 ) -> dict[str, Any]:
-    """Metrics, `success` and `lost` at points u (n, d) of the spread, with the random numbers that words (n,) name.
+    """Return metrics, `success` and `lost` at points u (n, d) of the spread, with the random numbers of words (n,).
 
-    progress: is given how many more were flown, from time to time.  memo: what was flown before, and where to keep it.
-    options: backend, threads, as of `simulate_batch`.
+    progress: function called with the number of runs flown since the last call.  memo: store of earlier flights.
+    options: backend, threads, as in `simulate_batch`.
     """
     parts: list[dict[str, Any]] = []
     for first in range(0, len(words), max(ready.block, 1)):
@@ -137,14 +137,14 @@ def fly_points(
 
 
 def _fly_levels(ready: PreparedCampaign, u: Any, words: Any, options: Mapping[str, Any]) -> dict[str, Any]:
-    """What metrics say of runs at points u (n, d) of the spread."""
+    """Return the metrics of runs at points u (n, d) of the spread."""
     return _fly_values(ready, spread_values(ready.spread, ready.scenario, u), words, options)
 
 
 def _fly_values(
     ready: PreparedCampaign, values: Mapping[str, Any], words: Any, options: Mapping[str, Any]
 ) -> dict[str, Any]:
-    """What metrics say of runs with these values, by what was written, each (n,)."""
+    """Return the metrics of runs with these values of the spread's texts, each (n,)."""
     arrays = spread_arrays(ready.spread, ready.scenario, values)
     columns: dict[str, Any] = {m.name: np.empty(len(words)) for m in ready.metrics}
     columns |= {"success": np.empty(len(words), bool), "lost": np.empty(len(words), bool)}
@@ -165,7 +165,7 @@ def _fly_values(
 
 
 def uses_c(ready: PreparedCampaign, backend: str) -> bool:
-    """Whether C flies the runs: where it is asked for, or a compiler is here and the loop can be written in C."""
+    """Return True if C flies the runs: on request, or if a compiler is here and the loop can be written in C."""
 
     def lower() -> WalkProgram:
         search = search_compiler("c")
@@ -178,7 +178,7 @@ def uses_c(ready: PreparedCampaign, backend: str) -> bool:
 
 
 def _group_by_program(values: Mapping[str, Any], options: list[str], n: int) -> list[tuple[dict[str, int], Any]]:
-    """Runs of one program: what was picked for each option, and their places in the block."""
+    """Group runs by program; return the choice of each option, and the runs' places in the block."""
     if not options:
         return [({}, np.arange(n))]
     groups = []

@@ -1,4 +1,4 @@
-"""A campaign in this process: blocks fly while those before are measured and written; Ctrl-C breaks it off."""
+"""Workers in this process: blocks fly while earlier ones are measured and written; Ctrl-C stops them."""
 
 import functools
 import threading
@@ -14,28 +14,28 @@ from trimtab.campaign.workers.block import BlockResults, Blocks, Workers, fly_bl
 from trimtab.campaign.workers.prepare import FEWEST, PreparedCampaign
 
 AHEAD = 2
-"""Blocks under way: one's metrics are taken while the other flies on all cores."""
+"""Number of blocks in progress: the metrics of one are computed while the other flies on all cores."""
 
 
 class _CampaignAborted(Exception):
-    """Nobody waits for the block any more."""
+    """The campaign has ended, so that the block is not needed."""
 
 
 class RowCount:
-    """Tells how many rows are done, never fewer than before: those that fly count before they are kept."""
+    """Progress in finished rows, which never falls; rows in flight count before they are stored."""
 
     def __init__(self, progress: Callable[[int], None] | None) -> None:
         self._progress, self._alone, self._most = progress, threading.Lock(), 0
         self._pieces: dict[int, int] = {}
 
     def fly(self, start: int, done: int) -> None:
-        """Of the piece that starts there, so many have flown; start is -1 for what was there before."""
+        """Report that `done` runs of the piece from `start` on have flown; start -1: runs from earlier sessions."""
         with self._alone:
             self._pieces[start] = max(self._pieces.get(start, 0), done)  # runs of other choices begin at 0 again
             self._tell(sum(self._pieces.values()))
 
     def keep(self, done: int) -> None:
-        """So many are kept."""
+        """Report that `done` rows are stored."""
         with self._alone:
             self._tell(done)
 
@@ -46,11 +46,11 @@ class RowCount:
 
 
 def local_workers(threads: int | None = None, count: RowCount | None = None) -> Workers:
-    """Workers in this process.
+    """Return workers in this process.
 
     Args:
-        threads: as many as there are cores when None.
-        count: hears a few times a second how many rows have flown.
+        threads: number of threads; None: one for each core.
+        count: receives, a few times a second, the number of rows flown.
     """
     rows = count or RowCount(None)
 
@@ -89,6 +89,6 @@ def local_workers(threads: int | None = None, count: RowCount | None = None) -> 
 
 
 def _split_block(first: int, last: int, backend: str) -> Blocks:
-    """What is flown in one call: JAX can't be broken off, and a processor gains nothing by more runs at once."""
+    """Split a block into calls: JAX can't be interrupted, and a processor gains nothing from more runs at once."""
     size = FEWEST if backend == "jax" and jax.default_backend() == "cpu" else last - first
     return [(start, min(start + size, last)) for start in range(first, last, size)]

@@ -1,6 +1,6 @@
-"""The plan of a campaign, checked against its scenario, and what each run of it is.
+"""Plan of a campaign, checked against its scenario, and the parameters of each run.
 
-A plan is plain data and decides every row, so that a later session or another machine makes the same rows.
+A plan is plain data and determines every row, so that a later session or another machine makes the same rows.
 """
 
 import hashlib
@@ -32,20 +32,20 @@ from trimtab.run.walk_program import signal_structure
 from trimtab.scenarios.build import CALIBRATION, build
 
 MEMORY = 48 * 2**20
-"""Bytes of logged rows that a block holds at once, about."""
+"""Approximate memory for the logged rows of a block, in bytes."""
 FEWEST, MOST = 64, 2048
-"""Runs of a block."""
+"""Minimum and maximum number of runs in a block."""
 VARIANTS = 64
-"""Programs that choices of options may ask for."""
+"""Maximum number of programs for the choices of options."""
 
 
 class CampaignPlan(NamedTuple):
-    """The campaign. Settings, imperfections and faults as `trimtab run` takes them.
+    """Plan of a campaign. Settings, imperfections and faults are as in `trimtab run`.
 
-    spread: what differs and what it is drawn from.  correlate: pairs of what was written, with their correlation.
-    runs: of the whole campaign; only a Latin hypercube's rows depend on it.  success: conditions, all of which hold.
-    calibration: what the file held that the settings named, so that no other machine needs it.  inputs: which are held
-    in pieces, as after `--vary`.
+    spread: texts of varied parameters and their distributions.  correlate: pairs of these texts, with their
+    correlation.  runs: total number of runs; only a Latin hypercube's rows depend on it.  success: conditions that must
+    all hold.  calibration: content of the file named in the settings, so that other machines do not need it.  inputs:
+    inputs held constant in pieces, as after `--vary`.
     """
 
     scenario: str
@@ -64,7 +64,7 @@ class CampaignPlan(NamedTuple):
     inputs: tuple[str, ...] = ()
 
     def as_dict(self) -> dict[str, Any]:
-        """As JSON has it."""
+        """Return the plan as JSON-compatible data."""
         return json.loads(json.dumps(self._asdict() | {"spread": [[p, d._asdict()] for p, d in self.spread]}))
 
 
@@ -77,9 +77,9 @@ def plan_campaign(
     seed: int,
     **rest: Any,
 ) -> CampaignPlan:
-    """The plan of a scenario, which is named or given itself; then settings, without and faults have no place.
+    """Create the plan of a scenario given by name, or as an object without settings, without and faults.
 
-    part: what a refusal names.  rest: fields of the plan.
+    part: name used in errors.  rest: fields of the plan.
     """
     check_seed(seed)
     own = dict(settings or {})
@@ -89,7 +89,7 @@ def plan_campaign(
         content = format_calibration(read_calibration(file)) if file else ""
         return CampaignPlan(scenario, *changes, seed=seed, calibration=content, **rest)
     if any(changes) or file:
-        raise InputError(part, "settings are for a scenario that is named", fix="change the scenario itself")
+        raise InputError(part, "settings need a scenario given by name", fix="change the scenario itself")
     return CampaignPlan(scenario.name, seed=seed, **rest)
 
 
@@ -102,15 +102,15 @@ def plan_search(
     vary: Iterable[str] = (),
     **rest: Any,
 ) -> CampaignPlan:
-    """The plan of a search, whose points are those of a spread, of faults with ranges and of inputs held in pieces.
+    """Create the plan of a search, over a spread, faults with ranges and inputs held in pieces.
 
-    fault_ranges, vary: texts, see `sampling.varying`.  rest: as of plan_campaign.
+    fault_ranges, vary: texts, see `sampling.varying`.  rest: as in plan_campaign.
     """
     ranges, inputs = tuple(fault_ranges), tuple(vary)
     if not ranges and not inputs:
         return plan_campaign(part, scenario, **rest, spread=_parse_spread(spread))
     if not isinstance(scenario, str):
-        raise InputError(part, "faults and inputs that vary are for a scenario that is named", fix="file.py:function")
+        raise InputError(part, "varied faults and inputs need a scenario given by name", fix="file.py:function")
     bare = plan_campaign(part, scenario, **{**rest, "faults": ()})
     built = with_pieces(build_scenario(bare), inputs)
     rest["faults"], more = fault_spread(rest["faults"], built, ranges)
@@ -118,7 +118,7 @@ def plan_search(
     more |= pieces_spread(build_scenario(plan), inputs)
     for path in spread:
         if path in more:
-            raise InputError(argument_name("spread", path), "is among what varies already", fix="keep one of them")
+            raise InputError(argument_name("spread", path), "already varies", fix="keep one of them")
     return plan._replace(spread=_parse_spread({**spread, **more}))
 
 
@@ -129,13 +129,13 @@ def _parse_spread(spread: Mapping[str, str]) -> tuple[tuple[str, Distribution], 
 
 
 def build_scenario(plan: CampaignPlan) -> Scenario:
-    """The scenario that a plan names, with its settings and calibration."""
+    """Build the scenario that a plan names, with its settings and calibration."""
     calibration = parse_calibration("calibration", plan.calibration) if plan.calibration else None
     return with_pieces(build(plan.scenario, dict(plan.settings), plan.without, plan.faults, calibration), plan.inputs)
 
 
 def plan_from_dict(plain: Mapping[str, Any]) -> CampaignPlan:
-    """The plan of what `CampaignPlan.as_dict` gave."""
+    """Create a plan from the result of `CampaignPlan.as_dict`."""
     fields = {name: _as_tuples(value) for name, value in plain.items()}
     fields["spread"] = tuple((path, _distribution_from_dict(d)) for path, d in plain["spread"])
     return CampaignPlan(**fields)
@@ -151,13 +151,13 @@ def _as_tuples(value: Any) -> Any:
 
 
 def identity(plan: CampaignPlan, scenario: Scenario, backend: str) -> dict[str, str]:
-    """What must be equal for two rows of one number to be equal: the campaign, the scenario, what computes it."""
+    """Return what must be equal for equal rows: the campaign, the scenario and the program that computes them."""
     of_plan = plan.as_dict()
     if plan.sampling != "latin":
         del of_plan["runs"]
     for name in ("calibration", "inputs"):
         if not of_plan[name]:
-            del of_plan[name]  # as plans were before there was any
+            del of_plan[name]  # absent in older plans
     about = describe_scenario(scenario)
     of_scenario = {"parameters": about["parameters"], "parts": about["parts"]}
     digests = {"campaign": of_plan, "scenario": of_scenario, "files": _file_digests(plan)}
@@ -165,7 +165,7 @@ def identity(plan: CampaignPlan, scenario: Scenario, backend: str) -> dict[str, 
 
 
 def _file_digests(plan: CampaignPlan) -> dict[str, str]:
-    """Name of each file of Python that the plan names -> digest of what it holds."""
+    """Return the digest of each Python file that the plan names, by its name."""
     texts = (plan.scenario, *plan.metrics, *plan.success)
     names = {text.partition(".py:")[0].strip() + ".py" for text in texts if ".py:" in text}
     return {name: hashlib.sha256(Path(name).read_bytes()).hexdigest() for name in sorted(names)}
@@ -176,7 +176,7 @@ def _digest(plain: Any) -> str:
 
 
 class PreparedCampaign(NamedTuple):
-    """A plan, checked against its scenario. block: runs that fly together, and are kept together."""
+    """Plan, checked against its scenario. block: number of runs that fly together and are stored together."""
 
     plan: CampaignPlan
     scenario: Scenario
@@ -190,14 +190,14 @@ class PreparedCampaign(NamedTuple):
 def prepare_campaign(
     plan: CampaignPlan, scenario: Scenario | None = None, own: Iterable[Metric] = ()
 ) -> PreparedCampaign:
-    """Check everything that can be checked before anything flies.
+    """Check everything that can be checked before any run starts.
 
     Args:
         plan: the campaign.
-        scenario: where it is not to be built from the plan's name and settings.
+        scenario: the scenario; None: it is built from the plan's name and settings.
         own: metrics that are functions.
 
-    Raises: InputError with what to type instead.
+    Raises: InputError with the text to type instead.
     """
     if scenario is None:
         scenario = build_scenario(plan)
@@ -232,16 +232,16 @@ def prepare_campaign(
 
 
 def with_spread_parts(scenario: Scenario, factors: Iterable[Factor]) -> Scenario:
-    """The scenario with the optional parts that what differs leads into, e.g. the hovercraft's friction."""
+    """Add optional parts whose parameters are spread, e.g. the hovercraft's friction."""
     for factor in factors:
         scenario = with_part_of(scenario, factor.path)
     return scenario
 
 
 class KnownSignals(NamedTuple):
-    """What metrics of a scenario may name: shape and unit of each signal by path, and of what follows from a flight.
+    """Signals that metrics of a scenario may name: shape and unit by path, with the derived signals of a flight.
 
-    flight: what `flight.roll` and so on are worked out from; None of a vehicle that isn't in space.
+    flight: source of `flight.roll` etc.; None for a vehicle that is not in space.
     """
 
     shapes: dict[str, tuple[int, ...]]
@@ -249,13 +249,13 @@ class KnownSignals(NamedTuple):
     flight: FlightSource | None
 
     def source_signals(self, paths: Iterable[str]) -> tuple[str, ...]:
-        """The signals that must be logged for these, sorted."""
+        """Return the sorted signals that must be logged for these paths."""
         source = self.flight.paths if self.flight else ()
         return tuple(sorted({one for p in paths for one in (source if p.startswith(FLIGHT) else (p,))}))
 
 
 def find_signals(scenario: Scenario) -> KnownSignals:
-    """The signals of a scenario; nothing flies."""
+    """Return the signals of a scenario, without flying it."""
     signals = list(logged_signals(signal_structure(run_inputs(scenario))))
     shapes, declared = {p: tuple(np.shape(value)) for p, value, _ in signals}, {p: d for p, _, d in signals}
     flight = find_flight(shapes, declared)
@@ -266,19 +266,19 @@ def find_signals(scenario: Scenario) -> KnownSignals:
 
 
 def scenario_place(scenario: Scenario) -> dict[str, Any]:
-    """Those of a scenario's numbers, by path, with which a flight over the turning earth is worked out."""
+    """Return the parameters, by path, that are needed to compute a flight over the rotating earth."""
     return place_parameters({p: v for p, v, d in leaves(scenario) if isinstance(d, Quantity) and np.ndim(v) == 0})
 
 
 def draw_runs(ready: PreparedCampaign, first: int, last: int) -> tuple[Points, dict[str, Any]]:
-    """Points of the runs first … last - 1, and what each has where it differs."""
+    """Return the points of the runs first … last - 1, and their values of the spread."""
     names = tuple(f.text for f in ready.spread.factors)
     drawn = points(ready.plan.sampling, ready.plan.seed, names, ready.plan.runs, first, last)
     return drawn, spread_values(ready.spread, ready.scenario, drawn.u)
 
 
 def _check_values(ready: PreparedCampaign) -> None:
-    """Refuse a spread that leaves a parameter's range, naming the run; parts check themselves at each extreme."""
+    """Raise InputError, with the run's number, if the spread leaves a valid range; parts check their extreme values."""
     extremes: dict[str, list[tuple[float, int]]] = {}
     for first in range(0, ready.plan.runs, 2**16):
         _, values = draw_runs(ready, first, min(first + 2**16, ready.plan.runs))
@@ -297,19 +297,21 @@ def _check_values(ready: PreparedCampaign) -> None:
     options = program_options(ready).values()
     count = int(np.prod([len(set(f.distribution.choices)) for f in options] or [1]))
     if count > VARIANTS:
-        problem = f"the choices of {', '.join(f.path for f in options)} make {count} programs"
-        raise InputError(argument_name("spread"), problem, fix=f"at most {VARIANTS} together: offer fewer choices")
+        problem = f"the choices of {', '.join(f.path for f in options)} need {count} programs"
+        raise InputError(
+            argument_name("spread"), problem, fix=f"offer fewer choices: at most {VARIANTS} programs together"
+        )
 
 
 def parameters_at(ready: PreparedCampaign, u: Any) -> dict[str, Any]:
-    """Path -> value of each parameter at the point u (d,) of the spread, to the bit as it flies there; no options."""
+    """Return the exact value of each parameter at the point u (d,) of the spread, by path; no options."""
     dtypes = {path: d.dtype() for path, _, d in leaves(ready.scenario) if isinstance(d, Quantity)}
     arrays = spread_arrays(ready.spread, ready.scenario, spread_values(ready.spread, ready.scenario, u[None]))
     return {path: np.asarray(array[0]).astype(dtypes[path])[()] for path, array in arrays.items()}
 
 
 def scenario_at(ready: PreparedCampaign, u: Any) -> Scenario:
-    """The scenario at the point u (d,) of the spread, options too."""
+    """Return the scenario at the point u (d,) of the spread, with its options."""
     values = spread_values(ready.spread, ready.scenario, u[None])
     scenario = scenario_variant(ready, {text: int(values[text][0]) for text in program_options(ready)})
     for path, value in parameters_at(ready, u).items():
@@ -318,34 +320,34 @@ def scenario_at(ready: PreparedCampaign, u: Any) -> Scenario:
 
 
 def scenario_of(ready: PreparedCampaign, run: int) -> Scenario:
-    """The scenario of one run, with all that is its own."""
+    """Return the scenario of one run, with the run's own parameters."""
     return scenario_at(ready, draw_runs(ready, run, run + 1)[0].u[0])
 
 
 def program_options(ready: PreparedCampaign) -> dict[str, Factor]:
-    """What differs and shapes the program, by what was written."""
+    """Return the varied options, by text; they change the program."""
     declared = {path: d for path, _, d in leaves(ready.scenario)}
     return {f.text: f for f in ready.spread.factors if isinstance(declared[f.path], Option)}
 
 
 def scenario_variant(ready: PreparedCampaign, picks: Mapping[str, int]) -> Scenario:
-    """The scenario with the choices of these numbers, by what was written."""
+    """Return the scenario with these choices. picks: text -> number of the choice."""
     texts = {f.path: f.distribution.choices[picks[text]] for text, f in program_options(ready).items()}
     return with_settings(ready.scenario, texts) if texts else ready.scenario
 
 
 def refuse_options(ready: PreparedCampaign) -> None:
-    """Refuse a spread of what shapes the program: a search moves numbers."""
+    """Raise InputError for a spread of an option, because a search can only move numbers."""
     for text, factor in program_options(ready).items():
-        problem = f"{factor.path} shapes the program, and a search moves numbers"
+        problem = f"{factor.path} changes the program, but a search can only move numbers"
         fix = f"one search each, e.g. {argument('settings', factor.distribution.choices[0], factor.path)}"
         raise InputError(argument_name("spread", text), problem, fix=fix)
 
 
 def check_bounds(ready: PreparedCampaign, ends: Any) -> None:
-    """Refuse bounds beyond what a part can be flown with: each parameter at its ends, and all at once.
+    """Raise InputError for bounds beyond a part's valid range; each parameter is tested at its ends, and all together.
 
-    ends: (2, d), the least and the largest point.
+    ends: (2, d), the smallest and the largest point.
     """
     middle, names = ends.mean(axis=0), [f.text for f in ready.spread.factors]
     corners = [(ends[side], "all at one end") for side in (0, 1)]
@@ -358,7 +360,7 @@ def check_bounds(ready: PreparedCampaign, ends: Any) -> None:
         try:
             scenario_at(ready, point).check()
         except InputError as error:
-            problem = f"can't be flown at its end: {error.part}: {error.problem}"
+            problem = f"can't be flown at an end of its range: {error.part}: {error.problem}"
             raise InputError(
                 argument_name("spread", name), problem, choices=error.choices, fix="narrower bounds"
             ) from None

@@ -1,4 +1,4 @@
-"""Logs of other systems as logs of ours: PX4's ULog, ArduPilot's BIN, MCAP, ROS bags and CSV, by a mapping file."""
+"""Conversion of other systems' logs: PX4's ULog, ArduPilot's BIN, MCAP, ROS bags and CSV, with a mapping file."""
 
 from trimtab.logs.foreign.read import detect_format, is_own_log, list_topics, read_foreign
 

@@ -1,7 +1,7 @@
 """ArduPilot's dataflash log, .BIN: topics are its message types, such as IMU, ATT and GPS.
 
-Sensors of one kind share a type and differ in a field, mostly ``I``: a mapping chooses by  where = {I = 0}. Units are
-those that the file says. Source: ArduPilot, Logger library; read by pymavlink's DFReader.
+Sensors of one kind share a type and differ in a field, usually ``I``: a mapping selects one by  where = {I = 0}. Units
+come from the file. Source: ArduPilot, Logger library; read by pymavlink's DFReader.
 """
 
 import contextlib
@@ -25,11 +25,11 @@ from trimtab.logs.foreign.tables import (
 )
 
 TIMES = {"TimeUS": "us", "TimeMS": "ms"}
-"""Columns of times, new and old."""
+"""Columns of times, new and old format."""
 
 
 def list_bin(path: Path) -> list[TopicSummary]:
-    """Every message type that the file has a message of."""
+    """List every message type with at least one message."""
     rows = _read_messages(path, None)
     found = []
     for name, (columns, values) in rows.items():
@@ -42,10 +42,10 @@ def list_bin(path: Path) -> list[TopicSummary]:
 
 
 def read_bin(path: Path, topics: Iterable[str]) -> dict[str, Table]:
-    """Tables of some message types.
+    """Read tables of some message types.
 
     Raises:
-        InputError: no such type, or no sound message in the file.
+        InputError: unknown type, or no valid message in the file.
     """
     wanted = sorted(set(topics))
     with _open(path) as reader:
@@ -70,7 +70,7 @@ def read_bin(path: Path, topics: Iterable[str]) -> dict[str, Table]:
 
 
 def _read_messages(path: Path, types: list[str] | None) -> dict[str, tuple[list[str], list[list[Any]]]]:
-    """Type -> its columns, and the values of each message."""
+    """Return, for each type, its columns and the values of each message."""
     rows: dict[str, tuple[list[str], list[list[Any]]]] = {}
     with _open(path) as reader:
         try:
@@ -78,7 +78,7 @@ def _read_messages(path: Path, types: list[str] | None) -> dict[str, tuple[list[
                 while (message := reader.recv_match(type=types)) is not None:
                     columns, values = rows.setdefault(message.get_type(), (list(message.fmt.columns), []))
                     values.append([_plain(getattr(message, name)) for name in columns])
-        except Exception as error:  # whatever it raises over damaged bytes, the answer names the file
+        except Exception as error:  # damaged bytes may raise any error; the answer names the file
             refuse_damage(name_file(path), "a .BIN of ArduPilot", error)
     return rows
 
@@ -89,7 +89,7 @@ def _plain(value: Any) -> Any:
 
 @contextlib.contextmanager
 def _open(path: Path) -> Iterator[Any]:
-    """The reader, whose file is closed after use."""
+    """Open the reader, and close its file after use."""
     where = name_file(path)
     package = import_package(where, "pymavlink.DFReader")
     try:
@@ -108,6 +108,6 @@ def _open(path: Path) -> Iterator[Any]:
 
 @contextlib.contextmanager
 def _silence() -> Iterator[None]:
-    """It prints what it skips."""
+    """Suppress the reader's printed warnings."""
     with contextlib.redirect_stderr(io.StringIO()), contextlib.redirect_stdout(io.StringIO()):
         yield

@@ -1,4 +1,4 @@
-"""A table of a foreign log as a sensor's samples: rows chosen, times in order, values in SI and our axes."""
+"""Conversion of a table of a foreign log to a sensor's samples: rows selected, sorted by time, in SI and our axes."""
 
 from collections.abc import Iterable
 from typing import Any, NamedTuple
@@ -14,31 +14,31 @@ from trimtab.logs.foreign.tables import Table
 from trimtab.logs.samples import SampleSeries
 
 DISORDER = UNITS_PER_SECOND
-"""Rows that are this much (100 ns) older than one before them are no disorder of a logger: its clock began anew."""
+"""Age of a row relative to an earlier one (100 ns) from which the clock was restarted, not merely out of order."""
 EQUATOR, FLATTENING = 6378137.0, 1 / 298.257223563
 """WGS 84: radius at the equator (m), flattening."""
 
 
 class Conversion(NamedTuple):
-    """series: the samples.  counts: rows, and how many of them were put in order or left out, by reason."""
+    """Converted samples. series: the samples.  counts: rows, and numbers of sorted and omitted rows, by reason."""
 
     series: SampleSeries
     counts: dict[str, int]
 
 
 def convert_table(where: str, table: Table, mapping: TopicMap) -> Conversion:
-    """The samples of one sensor.
+    """Convert the samples of one sensor.
 
-    Rows are sorted by time. Left out, and counted, are rows that are the same as another in time and values, and rows
-    with a value that is not finite.
+    Rows are sorted by time. Duplicates of a row in time and values, and rows with non-finite values, are left out and
+    counted.
 
     Args:
-        where: names file and topic.
-        table: of the topic.
-        mapping: of the sensor.
+        where: name of file and topic.
+        table: table of the topic.
+        mapping: mapping of the sensor.
 
     Raises:
-        InputError: an unknown column or unit, no rows, times that jump back, or one time with two values.
+        InputError: unknown column or unit, no rows, times that jump back, or one time with two values.
     """
     chosen = _choose_rows(where, table, mapping)
     ticks = _read_ticks(where, table, mapping)[chosen]
@@ -65,40 +65,42 @@ def convert_table(where: str, table: Table, mapping: TopicMap) -> Conversion:
 def _column(where: str, table: Table, name: str, key: str) -> Any:
     if name not in table.columns:
         near = closest(name, table.columns, 1)
-        fix = f'{key}: "{near[0]}"' if near else f"name one of them in the mapping, in {key}"
-        raise InputError(where, f"has no column {name!r}, which {key} names", choices=table.columns, fix=fix)
+        fix = f'{key}: "{near[0]}"' if near else f"in the mapping, set {key} to one of the choices"
+        raise InputError(where, f"has no column {name!r}, which {key} uses", choices=table.columns, fix=fix)
     column = np.asarray(table.columns[name])
     if column.dtype.kind not in "biuf":
         choices = [n for n, c in table.columns.items() if np.asarray(c).dtype.kind in "biuf"]
-        raise InputError(where, f"its column {name!r} holds no numbers", choices=choices, fix=f"in {key} name another")
+        raise InputError(
+            where, f"its column {name!r} holds no numbers", choices=choices, fix=f"in {key} use another column"
+        )
     return column
 
 
 def _choose_rows(where: str, table: Table, mapping: TopicMap) -> Any:
-    """Numbers of the rows that count."""
+    """Return the indices of the selected rows."""
     size = len(next(iter(table.columns.values()), ()))
     mask = np.ones(size, bool)
     for name, value in mapping.rows.items():
         column = _column(where, table, name, f"{mapping.where}, where")
         if size and not (column == value).any():
             there = [f"{v:g}" for v in np.unique(column)[:12]]
-            raise InputError(where, f"in no row {name} is {value!r}", choices=there, fix=f"where = {{{name} = …}}")
+            raise InputError(where, f"{name} is never {value!r}", choices=there, fix=f"where = {{{name} = …}}")
         mask &= column == value
     return np.flatnonzero(mask)
 
 
 def _read_ticks(where: str, table: Table, mapping: TopicMap) -> Any:
-    """Times of all rows in 100 ns, int64 (n,): whole numbers of any unit exactly."""
+    """Return times of all rows in 100 ns, int64 (n,); whole numbers of any unit are exact."""
     field = mapping.time.field or table.time
     key = f"{mapping.where}, time"
     if not field:
         fix = f'{key}: time = {{field = "…", unit = "s"}}'
-        raise InputError(where, "the mapping does not say which column the time is", choices=table.columns, fix=fix)
+        raise InputError(where, "the mapping does not name the column of times", choices=table.columns, fix=fix)
     column = _column(where, table, field, key)
     unit = mapping.time.unit or (table.time_unit if field == table.time else table.units.get(field, ""))
     size = find_size(unit, "s") if unit else None
     if size is None:
-        problem = f"{key} is in {unit!r}, which is no unit of time" if unit else f"{key} does not say its unit"
+        problem = f"{key} is in {unit!r}, which is not a unit of time" if unit else f"{key} has no unit"
         raise InputError(where, problem, choices=UNITS["s"], fix=f'time = {{field = "{field}", unit = "us"}}')
     per_tick = round(1 / (size * UNITS_PER_SECOND)), round(size * UNITS_PER_SECOND)
     if column.dtype.kind in "iu":
@@ -117,7 +119,7 @@ def _convert_field(
     if field.constant is not None:
         value, unit = np.asarray(field.constant), find_unit(key, field.unit or "1")
         if value.dtype.kind not in "biuf":
-            raise InputError(key, f"constant = {field.constant!r} is no number", fix="constant = false, or 0.0")
+            raise InputError(key, f"constant = {field.constant!r} is not a number", fix="constant = false, or 0.0")
         same = np.broadcast_to(value * unit.scale, (len(chosen), *value.shape))
         kind = "flag" if value.dtype.kind == "b" else unit.kind
         return same, Quantity(unit.name, field.doc or "The same in every row.", kind=kind)
@@ -136,18 +138,18 @@ def _convert_field(
 
 
 def _find_written_unit(where: str, table: Table, key: str, columns: Iterable[str]) -> str:
-    """The unit that the file itself says of its columns."""
+    """Return the unit that the file gives for its columns."""
     written = {table.units.get(name, "") for name in columns}
     if len(written) != 1 or not (unit := written.pop()):
-        problem = f"{key} says no unit, and the file says none for all of {', '.join(columns)}"
-        raise InputError(where, problem, fix='write e.g.  unit = "deg/s"; unit = "1" where there is none')
+        problem = f"{key} has no unit, and the file does not give one for all of {', '.join(columns)}"
+        raise InputError(where, problem, fix='write e.g.  unit = "deg/s"; unit = "1" for a number without unit')
     return unit
 
 
 def _place(where: str, table: Table, mapping: GeodeticMap, chosen: Any) -> dict[str, Any]:
-    """North and east (m), and down if there is an altitude, on the plane that touches the ellipsoid at the origin.
+    """Return north and east (m), and down with an altitude, on the plane tangent to the ellipsoid at the origin.
 
-    Good to 1e-4 of the distance within some kilometres.
+    Accurate to 1e-4 of the distance within some kilometres.
     """
     names = {"latitude": mapping.latitude, "longitude": mapping.longitude}
     scale = find_unit(where, mapping.unit).scale
@@ -173,19 +175,19 @@ def _keep_finite(where: str, ticks: Any, values: dict[str, Any]) -> tuple[Any, d
         sound &= np.isfinite(array).reshape(len(ticks), -1).all(axis=1)
     if not sound.any():
         bad = [name for name, array in values.items() if not np.isfinite(array).any()]
-        raise InputError(where, f"in no row all values are finite: {', '.join(bad or values)}", fix="map other columns")
+        raise InputError(where, f"no row has only finite values: {', '.join(bad or values)}", fix="map other columns")
     return ticks[sound], {name: array[sound] for name, array in values.items()}, int((~sound).sum())
 
 
 def _order_rows(
     where: str, ticks: Any, values: dict[str, Any], mapping: TopicMap
 ) -> tuple[Any, dict[str, Any], int, int]:
-    """Rows by time, each once; how many were not in order, and how many were the same as another."""
+    """Sort rows by time, without duplicates; return also the numbers of unsorted rows and of duplicates."""
     late = np.maximum.accumulate(ticks) - ticks
     if late.max() >= DISORDER:
         row = int(np.argmax(late >= DISORDER))
         problem = f"its times jump back by {late[row] / UNITS_PER_SECOND:g} s at row {row + 1}"
-        raise InputError(where, problem, fix="cut the log there, or map a column of times that rises")
+        raise InputError(where, problem, fix="cut the log there, or map a column of rising times")
     order = np.argsort(ticks, kind="stable")
     ticks, values = ticks[order], {name: array[order] for name, array in values.items()}
     again = np.flatnonzero(np.diff(ticks) == 0) + 1
@@ -193,10 +195,10 @@ def _order_rows(
         other = [k for k in again if not np.array_equal(array[k], array[k - 1])]
         if other:
             k = other[0]
-            problem = f"{len(other)} rows have the time of another and another {name}, the first at"
+            problem = f"{len(other)} rows have the time of another row but a different {name}, the first at"
             problem += f" {ticks[k] / UNITS_PER_SECOND:.7f} s: {array[k - 1]}, then {array[k]}"
             fix = (
-                f"choose the rows of one sensor: in {mapping.where}  where = {{I = 0}}; or map another column of times"
+                f"select the rows of one sensor: in {mapping.where}  where = {{I = 0}}; or map another column of times"
             )
             raise InputError(where, problem, fix=fix)
     keep = np.ones(len(ticks), bool)

@@ -1,4 +1,4 @@
-"""The mapping file: which columns of a foreign log are the samples of which sensor, in which unit. TOML, only data.
+"""Mapping files: the columns of a foreign log that are a sensor's samples, with their units. TOML, only data.
 
     [sensor.imu]
     topic = "sensor_combined"
@@ -12,7 +12,7 @@
     [truth.fields]
     heading = {quaternion = ["q[0]", "q[1]", "q[2]", "q[3]"]}
 
-Docs page, Foreign logs, says what each key means.
+The docs page Foreign logs explains each key.
 """
 
 import os
@@ -38,7 +38,7 @@ EXAMPLE = 'angular_rate = {from = ["gx", "gy", "gz"], unit = "deg/s"}'
 
 
 class TimeMap(NamedTuple):
-    """field: column of times, or nothing for the format's own.  unit: of it.  offset: 100 ns, added to each."""
+    """Mapping of time. field: column of times, empty for the format's own.  unit: its unit.  offset: added, 100 ns."""
 
     field: str = ""
     unit: str = ""
@@ -46,12 +46,12 @@ class TimeMap(NamedTuple):
 
 
 class FieldMap(NamedTuple):
-    """One field of a sensor: (sign * column + offset) in its unit, then in SI.
+    """Mapping of one field of a sensor: (sign * column + offset) in its unit, then converted to SI.
 
-    columns: one for each component; none where it is a constant.  unit: as written, None where it isn't.
-    sign, offset: (k,) or one for all.  single: a value is a number, not a list of k.
-    quaternion: the columns are w, x, y, z of a rotation, the field is its yaw.  constant: a value for every row.
-    unwrap: count full turns.  doc: what it means.
+    columns: one for each component; none for a constant.  unit: as written, None if missing.
+    sign, offset: (k,) or one for all.  single: True if a value is a number, not a list of k.
+    quaternion: the columns are w, x, y, z of a rotation, whose yaw is the field.  constant: value for every row.
+    unwrap: True to count full turns.  doc: meaning of the field.
     """
 
     columns: tuple[str, ...]
@@ -66,7 +66,7 @@ class FieldMap(NamedTuple):
 
 
 class GeodeticMap(NamedTuple):
-    """Latitude and longitude that become north and east (m), and down of the altitude, from an origin on.
+    """Mapping of latitude and longitude to north and east (m), and of altitude to down, from an origin.
 
     origin: latitude and longitude (deg), and altitude (m) if given; empty for the first row.
     """
@@ -80,7 +80,7 @@ class GeodeticMap(NamedTuple):
 
 
 class TopicMap(NamedTuple):
-    """A sensor, or the truth.  where: its section.  rows: column -> the value of the rows that count."""
+    """Mapping of a sensor, or of the truth.  where: its section.  rows: column -> value in the selected rows."""
 
     where: str
     topic: str
@@ -91,7 +91,7 @@ class TopicMap(NamedTuple):
 
 
 class LogMapping(NamedTuple):
-    """sensors: by the name that an estimator listens to.  truth: None where there is none.  content: as written."""
+    """Mapping of a log. sensors: by their names in the estimator.  truth: None without truth.  content: as written."""
 
     sensors: Mapping[str, TopicMap]
     truth: TopicMap | None
@@ -102,7 +102,7 @@ def read_mapping(path: str | os.PathLike[str]) -> LogMapping:
     """Read a mapping file.
 
     Raises:
-        InputError: a file that can't be read, or says what a mapping doesn't.
+        InputError: a file that can't be read, or with content that a mapping does not have.
     """
     where = f"mapping '{path}'"
     try:
@@ -110,15 +110,15 @@ def read_mapping(path: str | os.PathLike[str]) -> LogMapping:
     except OSError as error:
         raise InputError(where, f"cannot be read: {error.strerror or error}", fix="check the path") from None
     except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
-        raise InputError(where, f"is not TOML: {error}", fix="mend that line; an example is in docs/logs") from None
+        raise InputError(where, f"is not TOML: {error}", fix="correct that line; an example is in docs/logs") from None
     return parse_mapping(content, where)
 
 
 def parse_mapping(content: Mapping[str, Any], where: str = "mapping") -> LogMapping:
-    """A mapping from the content of its file, as `tomllib` gives it.
+    """Read a mapping from the content of its file, as given by `tomllib`.
 
     Raises:
-        InputError: it names no sensor, or says what a mapping doesn't.
+        InputError: no sensor, or content that a mapping does not have.
     """
     _check_keys(where, content, KEYS)
     sensors = _take(where, content, "sensor", dict, {})
@@ -141,7 +141,7 @@ def _parse_topic(where: str, table: Mapping[str, Any]) -> TopicMap:
     rows = _take(where, table, "where", dict, {})
     for name, value in rows.items():
         if not isinstance(value, int | float):
-            raise InputError(f"{where}, where", f"{name} = {value!r} is no number", fix=f"where = {{{name} = 0}}")
+            raise InputError(f"{where}, where", f"{name} = {value!r} is not a number", fix=f"where = {{{name} = 0}}")
     if not fields and geodetic is None:
         raise InputError(where, "has no fields", fix=f"write below it  {EXAMPLE}")
     return TopicMap(
@@ -164,16 +164,16 @@ def _parse_field(where: str, table: Mapping[str, Any]) -> FieldMap:
     _check_keys(where, table, FIELD_KEYS)
     sources = [key for key in SOURCES if key in table]
     if len(sources) != 1:
-        problem = f"says {' and '.join(sources)}" if sources else "does not say where it comes from"
-        raise InputError(where, problem, choices=SOURCES, fix=f"one of them, e.g. {EXAMPLE}")
+        problem = f"has {' and '.join(sources)}, but must have one of them" if sources else "does not have a source"
+        raise InputError(where, problem, choices=SOURCES, fix=f"use one of them, e.g. {EXAMPLE}")
     source = table.get("from", table.get("quaternion", []))
     columns = _texts(where, sources[0], [source] if isinstance(source, str) else source)
     is_quaternion = "quaternion" in table
     if not columns and "constant" not in table:
-        raise InputError(where, "names no columns", fix=f"e.g. {EXAMPLE}")
+        raise InputError(where, "has no columns", fix=f"e.g. {EXAMPLE}")
     if is_quaternion and len(columns) != 4:
-        problem = f"its quaternion has {len(columns)} columns"
-        raise InputError(where, problem, fix='name w, x, y, z in this order: quaternion = ["q[0]", "q[1]", …]')
+        problem = f"its quaternion has {len(columns)} columns, but must have 4"
+        raise InputError(where, problem, fix='give w, x, y, z in this order: quaternion = ["q[0]", "q[1]", …]')
     single = is_quaternion or isinstance(source, str)
     unit = _take(where, table, "unit", str, None)
     if unit is not None:
@@ -196,47 +196,49 @@ def _parse_geodetic(where: str, table: Mapping[str, Any]) -> GeodeticMap:
     _check_keys(where, table, GEODETIC_KEYS)
     origin = _numbers(where, "origin", table.get("origin", []))
     if len(origin) not in (0, 2, 3):
-        problem = f"its origin has {len(origin)} numbers"
+        problem = f"its origin has {len(origin)} numbers, but must have 2 or 3"
         raise InputError(where, problem, fix="origin = [latitude, longitude] in degrees, or with altitude in m")
     units = {key: _take(where, table, key, str, default) for key, default in (("unit", "deg"), ("altitude_unit", "m"))}
     for key, unit in units.items():
         find_unit(f"{where}, {key}", unit)
     for key in ("latitude", "longitude"):
         if key not in table:
-            raise InputError(where, f"does not say {key}", fix='geodetic = {latitude = "Lat", longitude = "Lng"}')
+            raise InputError(where, f"has no {key}", fix='geodetic = {latitude = "Lat", longitude = "Lng"}')
     names = {key: _take(where, table, key, str, "") for key in ("latitude", "longitude", "altitude")}
     return GeodeticMap(**names, **units, origin=origin)
 
 
 def _components(where: str, key: str, value: Any, size: int) -> Any:
-    """One number for all components, or one for each."""
+    """Return one number for all components, or one for each."""
     numbers = _numbers(where, key, value if isinstance(value, list) else [value])  # pyright: ignore[reportUnknownArgumentType]
     if len(numbers) not in (1, size):
-        raise InputError(where, f"{key} has {len(numbers)} numbers, the columns are {size}", fix="give one for each")
+        raise InputError(
+            where, f"{key} has {len(numbers)} numbers, but there are {size} columns", fix="give one for each"
+        )
     return numbers[0] if len(numbers) == 1 else np.array(numbers)
 
 
 def _numbers(where: str, key: str, value: Any) -> tuple[float, ...]:
     several: list[Any] = list(value) if isinstance(value, Sequence) and not isinstance(value, str) else [None]  # pyright: ignore[reportUnknownArgumentType]
     if any(isinstance(v, bool) or not isinstance(v, int | float) for v in several):
-        raise InputError(where, f"{key} = {value!r} is no list of numbers", fix=f"{key} = [1, -1, -1]")
+        raise InputError(where, f"{key} = {value!r} is not a list of numbers", fix=f"{key} = [1, -1, -1]")
     return tuple(several)
 
 
 def _texts(where: str, key: str, value: Any) -> tuple[str, ...]:
     several: list[Any] = list(value) if isinstance(value, list) else [None]  # pyright: ignore[reportUnknownArgumentType]
     if not all(isinstance(v, str) for v in several):
-        raise InputError(where, f"{key} = {value!r} names no columns", fix=f'{key} = ["x", "y", "z"]')
+        raise InputError(where, f"{key} = {value!r} must be names of columns", fix=f'{key} = ["x", "y", "z"]')
     return tuple(several)
 
 
 def _take(where: str, table: Mapping[str, Any], key: str, kind: type, *default: Any) -> Any:
-    """A value of a kind, or the default."""
+    """Return the value of a key if it has the right type, or the default."""
     if key not in table and default:
         return default[0]
     if not isinstance(table.get(key), kind):
         words = {dict: "a table: {…}", str: 'a text: "…"', bool: "true or false"}
-        raise InputError(f"{where}, {key}", f"is {table.get(key)!r}", fix=f"it is {words[kind]}")
+        raise InputError(f"{where}, {key}", f"is {table.get(key)!r}", fix=f"it must be {words[kind]}")
     return table[key]
 
 
@@ -245,4 +247,4 @@ def _check_keys(where: str, table: Mapping[str, Any], known: Sequence[str]) -> N
         if key not in known:
             near = closest(key, known, 1)
             fix = f"write {near[0]}" if near else "leave it out"
-            raise InputError(where, f"{key!r} is no key of it", choices=known, fix=fix)
+            raise InputError(where, f"unknown key {key!r}", choices=known, fix=fix)

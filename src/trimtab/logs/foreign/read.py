@@ -1,6 +1,6 @@
-"""Which format a file has, and its log by way of a mapping.
+"""Detection of a file's format, and conversion of its log by a mapping.
 
-CSV needs no package and is read here: a line of names, which may say units, and a line of numbers an instant.
+CSV needs no package and is read here: a line of names, optionally with units, then a line of numbers for each instant.
 """
 
 import os
@@ -24,7 +24,7 @@ from trimtab.logs.samples import TIMES, TRUTH, SampleSeries, log_samples, read_c
 
 
 def list_csv(path: Path) -> list[TopicSummary]:
-    """A CSV file in a line, under its own name."""
+    """List a CSV file as one topic, under its own name."""
     table = _read_table(path)
     scale = find_size(table.time_unit, "s") or 1.0
     seconds = table.columns[table.time] * scale if table.time else []
@@ -33,7 +33,7 @@ def list_csv(path: Path) -> list[TopicSummary]:
 
 
 def read_csv_topics(path: Path, topics: Iterable[str]) -> dict[str, Table]:
-    """The file's table, under whatever a mapping calls its topic; a topic that ends in .csv is a file beside it."""
+    """Read the file's table, under any topic name in the mapping; a topic that ends in .csv is a file next to it."""
     files = {topic: path.with_name(topic) if topic.lower().endswith(".csv") else path for topic in topics}
     tables = {file: _read_table(file) for file in set(files.values())}
     return {topic: tables[file] for topic, file in files.items()}
@@ -48,7 +48,7 @@ def _read_table(path: Path) -> Table:
 
 
 class LogFormat(NamedTuple):
-    """A foreign format: its name, how its files begin and end, and what reads them."""
+    """Foreign format: its name, the beginning and endings of its files, and its readers."""
 
     name: str
     magic: bytes
@@ -65,14 +65,14 @@ ROSBAG = LogFormat("ROS bag", b"#ROSBAG V2.0", (".bag",), list_bag, read_bag)
 CSV = LogFormat("CSV", b"", (".csv", ".txt"), list_csv, read_csv_topics)
 FORMATS = (ULOG, BIN, MCAP, ROSBAG2, ROSBAG, CSV)
 HEAD_BYTES = 1 << 20
-"""Of a log of ours: within them it says what it is."""
+"""Number of bytes at the start of a trimtab log that identify it."""
 
 
 def detect_format(path: str | os.PathLike[str]) -> LogFormat:
-    """The format of a file, or of a folder of rosbag2, by how it begins.
+    """Detect the format of a file, or of a folder of rosbag2, by its first bytes.
 
     Raises:
-        InputError: no such file, an empty one, or none of these formats.
+        InputError: missing or empty file, or unknown format.
     """
     file, where = Path(path), name_file(Path(path))
     if file.is_dir():
@@ -86,7 +86,7 @@ def detect_format(path: str | os.PathLike[str]) -> LogFormat:
     except OSError as error:
         raise InputError(where, f"cannot be read: {error.strerror or error}", fix="check the path") from None
     if not head:
-        raise InputError(where, "is empty", fix="copy it again from where it was recorded")
+        raise InputError(where, "is empty", fix="copy it again from the recorder")
     for one in FORMATS:
         if one.magic and head.startswith(one.magic):
             return one
@@ -95,13 +95,13 @@ def detect_format(path: str | os.PathLike[str]) -> LogFormat:
         return CSV
     if file.suffix == ".db3":
         raise InputError(where, "is one part of a rosbag2", fix=f"give its folder: {file.parent}")
-    problem = f"is no {by_name.name} file, though its name ends so" if by_name else "has none of the known formats"
-    fix = "a text of columns must be called .csv; other formats convert to one of these first"
+    problem = f"is not a {by_name.name} file, although its name has that ending" if by_name else "has an unknown format"
+    fix = "a table of text must be named .csv; convert other formats to one of these first"
     raise InputError(where, f"{problem}: it begins with {head[:8]!r}", choices=[f.name for f in FORMATS], fix=fix)
 
 
 def is_own_log(path: str | os.PathLike[str]) -> bool:
-    """Whether a file is a log of trimtab; also where it is of no known format: `read_mcap` says what is wrong then."""
+    """Return True for a log of trimtab, and for an unknown format, which `read_mcap` then reports."""
     try:
         kind = detect_format(path)
         if kind is not MCAP:
@@ -113,7 +113,7 @@ def is_own_log(path: str | os.PathLike[str]) -> bool:
 
 
 def list_topics(path: str | os.PathLike[str]) -> list[TopicSummary]:
-    """The topics of a foreign log, with fields, counts and rates.
+    """List the topics of a foreign log, with fields, counts and rates.
 
     Raises:
         InputError: a file that can't be read.
@@ -122,17 +122,17 @@ def list_topics(path: str | os.PathLike[str]) -> list[TopicSummary]:
 
 
 def read_foreign(path: str | os.PathLike[str], mapping: str | os.PathLike[str] | LogMapping) -> Log:
-    """A foreign log as one of ours, as `logs.samples.log_samples` makes it: what a replay of an estimator needs.
+    """Read a foreign log in the form of `logs.samples.log_samples`, for a replay of an estimator.
 
-    Its metadata say the format, the mapping, when the first row was on the foreign clock (``start_s``), and of each
-    sensor under ``converted`` its rows, and how many were out of order, duplicates or not finite.
+    Its metadata give the format, the mapping, the first row's time on the foreign clock (``start_s``), and, for each
+    sensor under ``converted``, the number of its rows, and how many were out of order, duplicates or not finite.
 
     Args:
         path: a ULog, BIN, MCAP, bag or CSV file, or the folder of a rosbag2.
-        mapping: a mapping file, or what `read_mapping` gives.
+        mapping: a mapping file, or the result of `read_mapping`.
 
     Raises:
-        InputError: names the file, the topic and the column, and what to write instead.
+        InputError: with file, topic and column, and the text to write instead.
     """
     file, kind = Path(path), detect_format(path)
     chosen = mapping if isinstance(mapping, LogMapping) else read_mapping(mapping)
@@ -142,7 +142,7 @@ def read_foreign(path: str | os.PathLike[str], mapping: str | os.PathLike[str] |
     for one in every.values():
         if not one.topic and kind is not CSV:
             names = [summary.name for summary in kind.list_topics(file)]
-            raise InputError(one.where, "names no topic", choices=names, fix='topic = "…"')
+            raise InputError(one.where, "has no topic", choices=names, fix='topic = "…"')
     tables = kind.read_topics(file, {one.topic for one in every.values()})
     series: dict[str, SampleSeries] = {}
     counts: dict[str, Any] = {}

@@ -1,7 +1,7 @@
 """MCAP files with JSON or ROS 2 messages, and ROS bags: a folder of rosbag2, or one .bag file of ROS 1.
 
-Fields are named as in the message, ``angular_velocity.x``, arrays by index; ``header.stamp`` is one number of ns, and
-``log_time`` the time at which the message was written down.
+Fields are named as in the message, ``angular_velocity.x``, arrays by index. ``header.stamp`` is one number of ns, and
+``log_time`` the time at which the message was recorded.
 """
 
 import json
@@ -26,21 +26,21 @@ from trimtab.logs.foreign.tables import (
 
 Decode = Callable[[bytes], Any]
 Message = tuple[str, int, Decode | None, bytes]
-"""Topic, time in ns, what decodes it, if there is such, and its bytes."""
+"""Topic, time in ns, decoder or None, and the message's bytes."""
 LISTED = 20
-"""Messages of a topic that are decoded to list its fields."""
+"""Number of messages of a topic that are decoded to list its fields."""
 
 
 def list_mcap(path: Path) -> list[TopicSummary]:
-    """Every topic of an MCAP file; those in other encodings have no fields."""
+    """List every topic of an MCAP file; those in other encodings have no fields."""
     return _summarise_messages(_read_all(path, "MCAP", _mcap_messages(path, None), LISTED))
 
 
 def read_mcap_topics(path: Path, topics: Iterable[str]) -> dict[str, Table]:
-    """Tables of some topics of an MCAP file.
+    """Read tables of some topics of an MCAP file.
 
     Raises:
-        InputError: no such topic, messages in another encoding than JSON and CDR, or a damaged file.
+        InputError: unknown topic, messages in another encoding than JSON and CDR, or a damaged file.
     """
     wanted = set(topics)
     grouped = _read_all(path, "MCAP", _mcap_messages(path, wanted))
@@ -48,15 +48,15 @@ def read_mcap_topics(path: Path, topics: Iterable[str]) -> dict[str, Table]:
 
 
 def list_bag(path: Path) -> list[TopicSummary]:
-    """Every topic of a bag."""
+    """List every topic of a bag."""
     return _summarise_messages(_read_all(path, "a ROS bag", _bag_messages(path, None), LISTED))
 
 
 def read_bag(path: Path, topics: Iterable[str]) -> dict[str, Table]:
-    """Tables of some topics of a bag.
+    """Read tables of some topics of a bag.
 
     Raises:
-        InputError: no such topic, a type of message that nobody says, or a damaged bag.
+        InputError: unknown topic, message type without a definition, or damaged bag.
     """
     wanted = set(topics)
     return _stack_topics(path, wanted, _read_all(path, "a ROS bag", _bag_messages(path, wanted)), list_bag)
@@ -65,7 +65,7 @@ def read_bag(path: Path, topics: Iterable[str]) -> dict[str, Table]:
 def _read_all(
     path: Path, kind: str, messages: Iterator[Message], most: int | None = None
 ) -> dict[str, list[tuple[int, Any]]]:
-    """Topic -> time of each message, and its flat content: of the first `most`, and where it can be decoded."""
+    """Return topic -> time of each message, and content of the first `most` ones, if it can be decoded."""
     grouped: dict[str, list[tuple[int, Any]]] = {}
     try:
         for topic, time, decode, data in messages:
@@ -76,7 +76,7 @@ def _read_all(
                 several.append((time, dict(flatten_message(decode(data)))))
     except InputError:
         raise
-    except Exception as error:  # whatever a library raises over damaged bytes, the answer names the file
+    except Exception as error:  # damaged bytes may raise any error; the answer names the file
         refuse_damage(name_file(path), kind, error)
     return grouped
 
@@ -101,7 +101,7 @@ def _stack_topics(
         times = [time for time, _ in grouped[topic]]
         messages = [flat for _, flat in grouped[topic]]
         if any(flat is None for flat in messages):
-            problem = "its messages are neither JSON nor ROS 2 CDR with a schema that says their fields"
+            problem = "its messages are neither JSON nor ROS 2 CDR with a schema"
             fix = "convert it, e.g. with  ros2 bag convert, or to CSV"
             raise InputError(f"{name_file(path)}, topic {topic!r}", problem, fix=fix)
         tables[topic] = stack_messages(name_file(path), topic, messages, times)
@@ -109,7 +109,7 @@ def _stack_topics(
 
 
 def _mcap_messages(path: Path, topics: set[str] | None) -> Iterator[Message]:
-    """In the order of the file, so that also what a crash left without an index is read."""
+    """Yield messages in the order of the file, so that a file without an index, after a crash, can be read."""
     from mcap.exceptions import EndOfFile
     from mcap.reader import NonSeekingReader
 
@@ -135,13 +135,13 @@ def _find_decoder(path: Path, encoding: str, schema: Any) -> Decode | None:
 
 
 def _cdr_decoder(path: Path, name: str, form: str, text: str) -> Decode | None:
-    """Of messages of ROS 2; None where nothing says what their fields are.
+    """Return a decoder for ROS 2 messages; None without a definition of their fields.
 
     Args:
-        path: names the file.
-        name: of the type of message.
-        form: of its definition: ``ros2msg``, ``ros2idl``, or anything else where there is none.
-        text: the definition. Without one the types of ROS 2 Humble are taken.
+        path: path of the file, for errors.
+        name: name of the message type.
+        form: form of the definition: ``ros2msg``, ``ros2idl``, or anything else without one.
+        text: the definition; without one, the types of ROS 2 Humble are used.
     """
     typesys = import_package(name_file(path), "rosbags.typesys")
     store = typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)
@@ -157,7 +157,7 @@ def _cdr_decoder(path: Path, name: str, form: str, text: str) -> Decode | None:
 
 
 def _bag_messages(path: Path, topics: set[str] | None) -> Iterator[Message]:
-    """Of a folder of rosbag2, or of a .bag file of ROS 1."""
+    """Yield messages of a rosbag2 folder, or of a .bag file of ROS 1."""
     if path.is_dir():
         rosbag2 = import_package(name_file(path), "rosbags.rosbag2")
         with rosbag2.Reader(path) as reader:

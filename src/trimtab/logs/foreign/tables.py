@@ -1,4 +1,4 @@
-"""What every reader of a foreign format gives: topics, each a table of columns, and one line about each topic."""
+"""Common form of foreign logs: topics, each as a table of columns, and a summary of each topic."""
 
 import importlib
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -11,16 +11,16 @@ from trimtab.core.errors import InputError, closest, install_command
 from trimtab.core.time import FOREVER
 
 LOG_TIME = "log_time"
-"""Column of the time at which a message was written down, in ns, where the format itself has one."""
+"""Column of the time at which a message was recorded, in ns, if the format has one."""
 LONGEST_ARRAY = 64
-"""Elements of an array that become columns: pictures and point clouds are no sensors' samples."""
+"""Maximum length of an array that becomes columns; images and point clouds are not samples of a sensor."""
 
 
 class Table(NamedTuple):
     """One topic of a foreign log.
 
-    columns: name -> (n,), in its own type.  units: name -> unit, as far as the file says it.
-    time: name of the usual column of times, or nothing.  time_unit: of that column.
+    columns: name -> (n,), in its own type.  units: name -> unit, if the file gives it.
+    time: name of the usual column of times, or empty.  time_unit: its unit.
     """
 
     columns: Mapping[str, Any]
@@ -30,10 +30,10 @@ class Table(NamedTuple):
 
 
 class TopicSummary(NamedTuple):
-    """One topic in a line.
+    """Summary of one topic.
 
-    name: as a mapping names it.  fields: that a mapping can name.  rows: how many.
-    rate: Hz, from the first to the last row; 0 where there are fewer than two, or no times.
+    name: name for a mapping.  fields: fields that a mapping can use.  rows: number of rows.
+    rate: Hz, from the first to the last row; 0 for fewer than two rows, or without times.
     """
 
     name: str
@@ -43,10 +43,10 @@ class TopicSummary(NamedTuple):
 
 
 def import_package(where: str, module: str) -> Any:
-    """A module of the extra ``logs``.
+    """Import a module of the extra ``logs``.
 
     Raises:
-        InputError: it isn't installed.
+        InputError: it is not installed.
     """
     try:
         return importlib.import_module(module)
@@ -57,31 +57,31 @@ def import_package(where: str, module: str) -> Any:
 
 
 def refuse_topic(where: str, topic: str, known: Iterable[str]) -> NoReturn:
-    """Refuse a topic that a file does not have, with those that it has."""
+    """Raise InputError for a topic that a file does not have, with the topics that it has."""
     names = sorted(known)
     near = closest(topic, names, 1)
-    fix = f'topic = "{near[0]}"' if near else "name one of them as  topic = …  in the mapping"
+    fix = f'topic = "{near[0]}"' if near else "set  topic = …  in the mapping to one of the choices"
     raise InputError(where, f"has no topic {topic!r}", choices=names, fix=fix)
 
 
 def refuse_damage(where: str, kind: str, error: Exception) -> NoReturn:
-    """Refuse a file that begins as a format and can't be read as it."""
+    """Raise InputError for a file that begins like a format but can't be read."""
     said = str(error).partition("\n")[0][:200]
     problem = f"begins as {kind}, but can't be read: {type(error).__name__}: {said}"
     raise InputError(where, problem, fix="copy it again from where it was recorded") from None
 
 
 def summarise_rows(name: str, fields: Sequence[str], seconds: Any) -> TopicSummary:
-    """The line of a topic whose rows have the times `seconds` (n,)."""
+    """Summarise a topic whose rows have the times `seconds` (n,)."""
     times = np.asarray(seconds, np.float64)
     span = float(times.max() - times.min()) if len(times) > 1 else 0.0
     return TopicSummary(name, tuple(fields), len(times), (len(times) - 1) / span if span > 0 else 0.0)
 
 
 def flatten_message(value: Any, name: str = "") -> Iterator[tuple[str, Any]]:
-    """Numbers of a decoded message by dotted name, arrays by index: ``linear.x``, ``covariance[0]``.
+    """Yield the numbers of a decoded message by dotted name, arrays by index: ``linear.x``, ``covariance[0]``.
 
-    A time in seconds and nanoseconds is one number of ns. Texts and long arrays are left out.
+    A time in seconds and nanoseconds becomes one number of ns. Texts and long arrays are left out.
     """
     if isinstance(value, bool | int | float | np.number | np.bool_):
         yield name, value
@@ -108,22 +108,22 @@ def _flatten_members(members: Mapping[str, Any], name: str) -> Iterator[tuple[st
 
 
 def stack_messages(where: str, topic: str, messages: Sequence[Mapping[str, Any]], times: Sequence[int]) -> Table:
-    """Messages as a table; what a message lacks is not a number.
+    """Collect messages in a table; missing values become NaN.
 
     Args:
-        where: names the file.
-        topic: of the messages.
-        messages: flat, each as `flatten_message` gives it.
-        times: ns, when each was written down.
+        where: name of the file.
+        topic: topic of the messages.
+        messages: flat messages from `flatten_message`.
+        times: times of recording (ns).
     """
     names = list(dict.fromkeys(name for message in messages for name in message))
     if LOG_TIME in names:
         raise InputError(f"{where}, topic {topic!r}", f"has a field {LOG_TIME!r} of its own", fix="rename the field")
     columns = {name: np.array([message.get(name, np.nan) for message in messages]) for name in names}
-    held = [min(time, FOREVER) for time in times]  # only a damaged file has later ones
+    held = [min(time, FOREVER) for time in times]  # only damaged files have later times
     return Table(columns | {LOG_TIME: np.array(held, np.int64)}, {}, LOG_TIME, "ns")
 
 
 def name_file(path: str | Path) -> str:
-    """How a message names a file."""
+    """Return the name of a file in errors."""
     return f"log file '{path}'"

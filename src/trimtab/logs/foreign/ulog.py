@@ -1,4 +1,4 @@
-"""PX4's ULog: topics are uORB messages, ``sensor_accel[1]`` is the second instance of one.
+"""PX4's ULog: topics are uORB messages; ``sensor_accel[1]`` is the second instance of one.
 
 Source: PX4 user guide, ULog file format; read by pyulog.
 """
@@ -25,7 +25,7 @@ TIME, TIME_UNIT = "timestamp", "us"
 
 
 def list_ulog(path: Path) -> list[TopicSummary]:
-    """Every topic of a ULog file; a field of an array is ``q[0]``."""
+    """List every topic of a ULog file; the elements of an array are named ``q[0]`` etc."""
     found = []
     for data in _load(path, None).data_list:
         count = len(next(iter(data.data.values()), ()))
@@ -35,10 +35,10 @@ def list_ulog(path: Path) -> list[TopicSummary]:
 
 
 def read_ulog(path: Path, topics: Iterable[str]) -> dict[str, Table]:
-    """Tables of some topics of a ULog file.
+    """Read tables of some topics of a ULog file.
 
     Raises:
-        InputError: no such topic, or a damaged file.
+        InputError: unknown topic, or damaged file.
     """
     wanted = set(topics)
     log = _load(path, sorted({name.partition("[")[0] for name in wanted}))
@@ -61,7 +61,7 @@ def _load(path: Path, names: list[str] | None) -> Any:
     where = name_file(path)
     package = import_package(where, "pyulog")
     try:
-        with open(path, "rb") as stream, contextlib.redirect_stdout(io.StringIO()):  # it prints what it skips
+        with open(path, "rb") as stream, contextlib.redirect_stdout(io.StringIO()):  # the reader prints warnings
             return package.ULog(stream, names)
-    except Exception as error:  # whatever it raises over damaged bytes, the answer names the file
+    except Exception as error:  # damaged bytes may raise any error; the answer names the file
         refuse_damage(where, "ULog", error)
