@@ -1,4 +1,4 @@
-"""Fly a scenario from Python: ideal beside real, each imperfection switched off in turn."""
+"""Fly a scenario from Python: ideal and real, then with each imperfection switched off in turn."""
 
 import numpy as np
 
@@ -14,7 +14,7 @@ print("final surge velocity:", log.final["truth.surge_velocity"], log.unit("trut
 
 
 def wander(flown) -> float:
-    """Standard deviation of sway (m/s) after 8 s, median over ten seeds."""
+    """Return the standard deviation of sway (m/s) after 8 s, median over ten seeds."""
     logs = simulate_many(flown, seeds=range(10), log_period=ms(20), signals=("truth",))
     return float(np.median([one.between(8, 15)["truth.sway_velocity"].std() for one in logs]))
 

@@ -1,4 +1,4 @@
-"""Any JAX function in C: called in under a microsecond, in lanes, with its gradient, and written for a board.
+"""Compile any JAX function to C: calls in under a microsecond, lanes, its gradient, and C for a board.
 
 trimtab export examples/compile_a_law.py:thrust --out thrust
 """
@@ -13,23 +13,23 @@ import trimtab
 
 
 def thrust(state, gains):
-    """Thrust (N) and torque (N m) that bring a boat to rest. state: velocity forward (m/s), yaw rate (rad/s)."""
+    """Return thrust (N) and torque (N m) that bring a boat to rest. state: velocity forward (m/s), yaw rate (rad/s)."""
     wish = -gains["k"] * state
     return {"force": 2.0 * jnp.tanh(wish[0] / 2.0), "torque": 0.3 * jnp.tanh(wish[1] / 0.3)}
 
 
 example = (np.array([0.4, 0.1]), {"k": np.array([3.0, 0.5])})
-"""Arguments of `thrust`, for `trimtab export`: shapes and types count; the numbers are its test."""
+"""Arguments of `thrust` for `trimtab export`: shapes and types matter; the numbers are test data."""
 
 
 def main() -> None:
-    """Compile, call, differentiate, fly many, write."""
+    """Compile, call, differentiate, evaluate many, export."""
     law = trimtab.compile(thrust, *example)
     state, gains = example
     print("one:", law(state, gains))
 
     states = np.random.default_rng(0).normal(size=(1000, 2))
-    many = law.lanes(states, gains)  # the gains have no axis of runs: they are the same for all
+    many = law.lanes(states, gains)  # the gains have no run axis: all runs share them
     print("many:", many["force"].shape, "the same bits:", many["force"][7] == law(states[7], gains)["force"])
 
     def effort(gains, state):

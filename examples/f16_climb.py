@@ -1,4 +1,4 @@
-"""An F-16 climbs 30 m by its elevator, which first pushes it down: trimtab run examples/f16_climb.py:scenario"""
+"""An F-16 climbs 30 m by its non-minimum-phase elevator: trimtab run examples/f16_climb.py:scenario"""
 
 from typing import Annotated, Literal
 
@@ -30,7 +30,7 @@ CLIMB, BEGIN, END = 30.0, 1.5, 5.5
 
 
 def scenario(course: Course = "inverted") -> Scenario:
-    """From 1.5 s on; the tail, whose lift goes down to turn the nose up, is in the way for a fourteenth of a second."""
+    """Return a climb from 1.5 s on. The tail first pushes down, with a zero at +14 1/s."""
     craft, still = F16FlatEarth(), dive()
     level = level_flight(craft, 540 * FOOT, 1000 * FOOT)
     x, u = F16State(*level.x), F16Controls(*level.u)

@@ -1,4 +1,4 @@
-"""Fly the hovercraft on its own navigation: inertial unit, ultrasonic network, filters; and ask how good it was."""
+"""Fly the hovercraft with inertial unit, ultrasonic network and filters, and assess the navigation."""
 
 import numpy as np
 

@@ -1,4 +1,4 @@
-"""The first flight: drive forward over a radio, ideal beside real. Writes first-flight.png."""
+"""Drive a hovercraft forward over a radio, ideal and real. Writes first-flight.png."""
 
 import matplotlib.pyplot as plt
 

@@ -1,4 +1,4 @@
-"""Fly thousands of worlds: how often does it come to rest in time, and what does the worst one look like?"""
+"""Fly thousands of runs with varied parameters: success rate, and the worst run."""
 
 from pathlib import Path
 
@@ -9,7 +9,7 @@ from trimtab.logs.mcap import write_mcap
 
 
 def main() -> None:
-    """Bring the hovercraft to rest with a mass, an inertia and a radio that nobody knows exactly."""
+    """Bring the hovercraft to rest with uncertain mass, inertia and radio."""
     campaign = Campaign(
         "hovercraft/zero-velocity",
         runs=1000,

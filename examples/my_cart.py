@@ -1,4 +1,4 @@
-"""A pole on a cart, held up by a gain of its own linear model: trimtab run examples/my_cart.py:scenario"""
+"""A pole on a cart, balanced by a gain from its linear model: trimtab run examples/my_cart.py:scenario"""
 
 import jax.numpy as jnp
 
@@ -14,35 +14,35 @@ from trimtab.sensors.flight_state import TrueState
 
 @record
 class CartState:
-    """Where it is. Source: this file."""
+    """Position and velocity of cart and pole. Source: this file."""
 
-    position: Scalar = quantity("m", "Of the cart.", default=0.0)
-    velocity: Scalar = quantity("m/s", "Its derivative.", default=0.0)
-    lean: Scalar = quantity("rad", "Of the pole from upright, the way the cart goes.", kind="angle", default=0.0)
-    lean_rate: Scalar = quantity("rad/s", "Its derivative.", default=0.0)
+    position: Scalar = quantity("m", "Position of the cart.", default=0.0)
+    velocity: Scalar = quantity("m/s", "Velocity of the cart.", default=0.0)
+    lean: Scalar = quantity("rad", "Lean of the pole, in the direction of the cart.", kind="angle", default=0.0)
+    lean_rate: Scalar = quantity("rad/s", "Angular velocity of the pole.", default=0.0)
 
 
 @record
 class Push:
-    """What moves it. Source: this file."""
+    """Input of the cart. Source: this file."""
 
-    force: Scalar = quantity("N", "Along the cart's way.", default=0.0)
+    force: Scalar = quantity("N", "Force along the track of the cart.", default=0.0)
 
 
 @record
 class Cart:
     """A cart of 1 kg, a pole of 0.5 m. Source: Åström, Murray, "Feedback systems", 2008, example 2.1."""
 
-    bob: Scalar = quantity("kg", "At the end of the pole.", default=0.1, above=0)
+    bob: Scalar = quantity("kg", "Mass at the end of the pole.", default=0.1, above=0)
 
     def dynamics(self, t, x, u):
-        """The derivative of x."""
+        """Return the derivative of x."""
         s, c = jnp.sin(x.lean), jnp.cos(x.lean)
         a = (u.force - 0.1 * x.velocity + self.bob * s * (0.5 * x.lean_rate**2 - 9.80665 * c)) / (1 + self.bob * s**2)
         return CartState(x.velocity, a, x.lean_rate, (9.80665 * s - a * c) / 0.5)
 
     def motion(self, t, x, u):
-        """No sensor on it feels any."""
+        """Return no motion: no sensor on the cart needs it."""
         return no_motion()
 
 
@@ -50,7 +50,7 @@ LIMITS, T = {"position": 0.3, "velocity": 1.0, "lean": 0.1, "lean_rate": 1.0, "f
 
 
 def scenario(believed=None) -> Scenario:
-    """Upright from a lean of 0.1 rad, with 10 ms on the way to the motor."""
+    """Return a flight from a lean of 0.1 rad to upright, with a delay of 10 ms to the motor."""
     law = design_feedback(believed or Cart(), CartState(), Push(), LIMITS, {"position": 0.5})
     push, link = DirectActuation(Push(), period=T), DelayChain(period=T, steps=2)
     world = World(Cart(), {"state": TrueState(period=T)}, push, downlink=Wire(period=T), uplink=link, max_step=T)

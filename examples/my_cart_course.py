@@ -1,4 +1,4 @@
-"""The cart of my_cart.py goes half a metre exactly as wanted: trimtab run examples/my_cart_course.py:scenario"""
+"""The cart of my_cart.py follows a course of half a metre exactly: trimtab run examples/my_cart_course.py:scenario"""
 
 import sys
 from pathlib import Path
@@ -17,7 +17,7 @@ from trimtab.loop.linear_laws import track_course
 
 
 def scenario(believed=None) -> Scenario:
-    """From 2 s on within 1.5 s; the pole leans the way it will go before the cart does."""
+    """Return a move from 2 s on within 1.5 s. The pole leans before the cart moves."""
     still = upright(believed)
     model = model_of_vehicle(believed or Cart(), CartState(), Push(), outputs=["position"])
     course = smooth_course(np.linspace(0, 6, 1201), {"position": (0.0, 0.5)}, 2.0, 3.5, order=2)

@@ -1,4 +1,4 @@
-"""A climb of one's own with the hypersonic vehicle: other command, other filter, and what it costs.
+"""A climb of your own with the hypersonic vehicle: another command, another filter, and its cost.
 
 python examples/my_climb.py                       this comparison
 trimtab run examples/my_climb.py:scenario         one flight with table and pictures
@@ -14,7 +14,7 @@ from trimtab.scenarios.hypersonic import hypersonic_scenario
 
 
 def scenario(filter="tuned"):
-    """Up 2 000 ft and 300 ft/s faster, a little quicker than the catalogue's climbs, with noise."""
+    """Return a climb by 2 000 ft and 300 ft/s, slightly faster than the catalogue's climbs, with noise."""
     climb = FilteredClimb(dh=2000.0, dV=300.0, wh=0.08, wV=0.08)
     return hypersonic_scenario("my-climb", climb, 60.0, filter=filter, noise="on")
 

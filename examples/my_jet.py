@@ -8,7 +8,7 @@ from trimtab.vehicles.imperial import FOOT
 
 
 def system():
-    """Vehicle, state and input to start from; centre of mass as in the book's table, 35 % of the chord."""
+    """Return vehicle, initial state and input; centre of mass as in the book's table, at 35 % of the chord."""
     jet = F16(centre=0.35)
     ahead, level = [502 * FOOT, 0.0, 0.0], [0.0, 2 * DEG, 0.0]
     start = jet.body.start(0.6, -1.4, 0.0, velocity=ahead, angles=level, rate=np.zeros(3), over_ground=True)

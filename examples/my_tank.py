@@ -1,4 +1,4 @@
-"""A truck with a tank, whose water swings unseen: estimated and calmed: trimtab run examples/my_tank.py:scenario"""
+"""A truck with a tank, whose unmeasured slosh is estimated and damped: trimtab run examples/my_tank.py:scenario"""
 
 import jax.numpy as jnp
 
@@ -15,34 +15,34 @@ from trimtab.sensors.planar_pose import NoisyPlanarPose
 
 @record
 class TankState:
-    """Where truck and water are. Source: this file."""
+    """State of truck and water. Source: this file."""
 
-    position: Scalar = quantity("m", "Of the truck.", default=0.0)
-    velocity: Scalar = quantity("m/s", "Its derivative.", default=0.0)
-    slosh: Scalar = quantity("m", "Of the water, against the truck.", default=0.0)
-    slosh_rate: Scalar = quantity("m/s", "Its derivative.", default=0.0)
+    position: Scalar = quantity("m", "Position of the truck.", default=0.0)
+    velocity: Scalar = quantity("m/s", "Velocity of the truck.", default=0.0)
+    slosh: Scalar = quantity("m", "Displacement of the water relative to the truck.", default=0.0)
+    slosh_rate: Scalar = quantity("m/s", "Velocity of the water relative to the truck.", default=0.0)
 
 
 @record
 class Push:
-    """What moves it. Source: this file."""
+    """Input of the truck. Source: this file."""
 
-    force: Scalar = quantity("N", "On the truck.", default=0.0)
+    force: Scalar = quantity("N", "Force on the truck.", default=0.0)
 
 
 @record
 class Tank:
-    """1 kg of truck, and water that swings at 5 rad/s, damped by a hundredth. Source: this file."""
+    """Truck of 1 kg with water that sloshes at 5 rad/s, damping ratio 0.01. Source: this file."""
 
-    water: Scalar = quantity("kg", "That swings.", default=0.3, above=0)
+    water: Scalar = quantity("kg", "Mass of the sloshing water.", default=0.3, above=0)
 
     def dynamics(self, t, x, u):
-        """The derivative of x."""
+        """Return the derivative of x."""
         pull = 25.0 * x.slosh + 0.1 * x.slosh_rate
         return TankState(x.velocity, a := u.force + self.water * pull, x.slosh_rate, -pull - a)
 
     def motion(self, t, x, u):
-        """What a sensor on it feels."""
+        """Return the motion that sensors measure."""
         return replace(no_motion(), t=t, p_WB=jnp.stack([x.position, 0.0, 0.0]))
 
 
@@ -51,7 +51,7 @@ FIRST, T = {"position": 0.1, "velocity": 0.1, "slosh": 0.05, "slosh_rate": 0.25}
 
 
 def scenario() -> Scenario:
-    """Half a metre to go, with water that swings at first; its place alone is measured, to 2 mm."""
+    """Return a move by half a metre, with initial slosh. Only the position is measured, to 2 mm."""
     sensors = {"pose": NoisyPlanarPose(position_noise=0.002, period=T), "actuators": ActingInput(period=T)}
     observer = design_filter(Tank(), TankState(), Push(), sensors, {"pose.north": 0.002}, FIRST, period=T)
     world = World(Tank(), sensors, DirectActuation(Push(), period=T), Wire(period=T), Wire(period=T), max_step=T)
