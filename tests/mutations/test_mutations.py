@@ -11,6 +11,11 @@ ROOT = Path(__file__).parents[2]
 MUTATIONS = read_mutations()
 
 
+def test_each_mutation_matches_one_place():
+    texts = {m.file: (ROOT / m.file).read_text(encoding="utf-8") for m in MUTATIONS}
+    assert not [m.name for m in MUTATIONS if texts[m.file].count(m.old) != 1]
+
+
 @pytest.mark.thorough
 @pytest.mark.parametrize("mutation", MUTATIONS, ids=[m.name for m in MUTATIONS])
 def test_a_mutation_changes_one_place_and_python_stays_valid(mutation):
