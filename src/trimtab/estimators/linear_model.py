@@ -25,7 +25,7 @@ class LinearModelFilterState:
 
     e: Any = quantity("1", "Deviation from the trim (n,), each in its state's unit.")
     P: Any = quantity("1", "Its covariance (n, n).")
-    t: Scalar = quantity("100 ns", "The last instant.", kind="time")
+    t: Scalar = quantity("100 ns", "Time of the last step.", kind="time")
     seen: Any = quantity("100 ns", "When the last sample of each sensor was measured.", kind="time")
     measured: Scalar = quantity("100 ns", "When the newest sample used was measured.", kind="time")
     started: Scalar = quantity("1", "Whether an input and a measurement have come.", kind="flag")
@@ -40,7 +40,7 @@ class FilteredEstimate:
 
     t: Scalar = quantity("100 ns", "Now, at the autopilot.", kind="time")
     age: Scalar = quantity("s", "Time since the newest measurement in it was made.")
-    fresh: Scalar = quantity("1", "Whether a measurement was used at this instant.", kind="flag")
+    fresh: Scalar = quantity("1", "True if a measurement was used in this step.", kind="flag")
     valid: Scalar = quantity("1", "Whether the state means anything yet.", kind="flag")
     state: Any = part("The estimated state, the vehicle's record.")
     P: Any = quantity("1", "Covariance of its numbers, in declared order, row by row (n n,).")

@@ -19,11 +19,11 @@ class Passthrough:
 
     @property
     def listens(self) -> tuple[str, ...]:
-        """The one sensor."""
+        """Return the name of the sensor."""
         return (self.sensor,)
 
     def init(self, key: Key) -> tuple[()]:
-        """No state."""
+        """Return the empty state."""
         return ()
 
     def step(self, t: Any, state: tuple[()], frame: Frame) -> tuple[tuple[()], Estimate]:

@@ -170,7 +170,7 @@ class PreintegratedMotion(NamedTuple):
 
 
 def empty_imu_history(slots: int) -> ImuHistory:
-    """Before the first."""
+    """Return the initial value, before the first measurement."""
     return ImuHistory(np.full(slots, NEVER, np.int64), np.zeros((slots, 3)), np.zeros((slots, 2)))
 
 

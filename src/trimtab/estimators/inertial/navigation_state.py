@@ -21,13 +21,17 @@ from trimtab.estimators.kalman import NO_GATE, CovarianceHealth, Update, covaria
 class HeadingFix:
     """How the heading measurements fared, up to the newest in order of measurement. Source: docs page."""
 
-    innovation: Any = quantity("rad", "Measured minus predicted.", kind="angle", shape=(1,))
-    normalised: Any = quantity("1", "The same in its own sigma.", shape=(1,))
+    innovation: Any = quantity("rad", "Innovation: measured minus predicted.", kind="angle", shape=(1,))
+    normalised: Any = quantity("1", "Innovation divided by its standard deviation.", shape=(1,))
     nis: Scalar = quantity("1", "Its square; chi-square with one degree of freedom.")
-    used: Scalar = quantity("1", "How many were used.", kind="count")
-    rejected: Scalar = quantity("1", "How many were outside the gate.", kind="count")
-    rejected_in_a_row: Scalar = quantity("1", "How many since the last that was used.", kind="count")
-    given_in: Scalar = quantity("1", "How often so many in a row were refused that the filter gave in.", kind="count")
+    used: Scalar = quantity("1", "Number of measurements used.", kind="count")
+    rejected: Scalar = quantity("1", "Number of measurements rejected by the gate.", kind="count")
+    rejected_in_a_row: Scalar = quantity("1", "Number of measurements rejected since the last one used.", kind="count")
+    given_in: Scalar = quantity(
+        "1",
+        "Number of times the filter accepted a measurement outside the gate after too many rejections in a row.",
+        kind="count",
+    )
 
 
 @record
@@ -37,10 +41,14 @@ class PositionFix:
     innovation: Any = quantity("m", "Measured minus predicted, north and east.", frame="W", shape=(2,))
     normalised: Any = quantity("1", "The same in their own sigmas.", shape=(2,))
     nis: Scalar = quantity("1", "y' S^-1 y; chi-square with two degrees of freedom.")
-    used: Scalar = quantity("1", "How many were used.", kind="count")
-    rejected: Scalar = quantity("1", "How many were outside the gate.", kind="count")
-    rejected_in_a_row: Scalar = quantity("1", "How many since the last that was used.", kind="count")
-    given_in: Scalar = quantity("1", "How often so many in a row were refused that the filter gave in.", kind="count")
+    used: Scalar = quantity("1", "Number of measurements used.", kind="count")
+    rejected: Scalar = quantity("1", "Number of measurements rejected by the gate.", kind="count")
+    rejected_in_a_row: Scalar = quantity("1", "Number of measurements rejected since the last one used.", kind="count")
+    given_in: Scalar = quantity(
+        "1",
+        "Number of times the filter accepted a measurement outside the gate after too many rejections in a row.",
+        kind="count",
+    )
 
 
 @record
@@ -62,30 +70,30 @@ class NavigationState:
     sigma_heading: Scalar = quantity("rad", "Standard deviation of the estimate.")
     sigma_north: Scalar = quantity("m", "Standard deviation of the estimate.")
     sigma_east: Scalar = quantity("m", "Standard deviation of the estimate.")
-    gyro_bias: Scalar = quantity("rad/s", "What the gyro reads too much.")
-    forward_bias: Scalar = quantity("m/s^2", "What the forward accelerometer reads too much.")
-    starboard_bias: Scalar = quantity("m/s^2", "What the starboard accelerometer reads too much.")
+    gyro_bias: Scalar = quantity("rad/s", "Estimated bias of the gyro.")
+    forward_bias: Scalar = quantity("m/s^2", "Estimated bias of the forward accelerometer.")
+    starboard_bias: Scalar = quantity("m/s^2", "Estimated bias of the starboard accelerometer.")
     sigma_gyro_bias: Scalar = quantity("rad/s", "Standard deviation of the estimate.")
     sigma_forward_bias: Scalar = quantity("m/s^2", "Standard deviation of the estimate.")
     sigma_starboard_bias: Scalar = quantity("m/s^2", "Standard deviation of the estimate.")
-    heading_fix: Any = part("How the heading measurements fared.")
-    position_fix: Any = part("How the position fixes fared.")
+    heading_fix: Any = part("Statistics of the heading updates.")
+    position_fix: Any = part("Statistics of the position updates.")
     covariance: CovarianceHealth = part("Whether the covariance is still one.")
-    imu: SensorWatch = part("What the IMU has done.")
-    heading_sensor: Any = part("What the heading sensor has done; None without one.")
-    position_sensor: Any = part("What the position sensor has done; None without one.")
+    imu: SensorWatch = part("Watch of the IMU's samples.")
+    heading_sensor: Any = part("Watch of the heading sensor's samples; None without a heading sensor.")
+    position_sensor: Any = part("Watch of the position sensor's samples; None without a position sensor.")
     coasting: Scalar = quantity("1", "Whether the IMU is silent: constant velocity assumed, sigmas grow.", kind="flag")
-    clock_backwards: Scalar = quantity("1", "How often the autopilot's own time ran backwards.", kind="count")
+    clock_backwards: Scalar = quantity("1", "Number of times the autopilot's own time ran backwards.", kind="count")
 
 
 def no_heading_fix() -> HeadingFix:
-    """Before the first."""
+    """Return the initial value, before the first measurement."""
     none = np.int32(0)
     return HeadingFix(np.zeros(1), np.zeros(1), np.float64(0), none, none, none, none)
 
 
 def no_position_fix() -> PositionFix:
-    """Before the first."""
+    """Return the initial value, before the first measurement."""
     none = np.int32(0)
     return PositionFix(np.zeros(2), np.zeros(2), np.float64(0), none, none, none, none)
 

@@ -52,10 +52,12 @@ class RadioErrors:
     """
 
     noise: Scalar = quantity("m", "White noise.", default=0.15, above=0)
-    scale: Scalar = quantity("1", "By how much all ranges are too long.", default=0.0, above=-0.5)
+    scale: Scalar = quantity(
+        "1", "Scale error common to all ranges; positive when they are too long.", default=0.0, above=-0.5
+    )
     sigma_scale: Scalar = quantity("1", "Standard deviation of that.", default=0.01, low=0)
     sigma_error: Scalar = quantity("m", "Standard deviation of a beacon's error.", default=0.1, low=0)
-    gate: Scalar = quantity("1", "Largest NIS of a range that is believed.", default=15.137, above=0)
+    gate: Scalar = quantity("1", "NIS gate for ranges.", default=15.137, above=0)
     patience: Scalar = quantity(
         "1", "Refusals in a row after which the filter gives in; 0: never.", default=8, kind="count"
     )
@@ -78,15 +80,19 @@ class PlanarStart:
 class RadioFix:
     """How ranges fared, at the newest; arrays have one entry for each beacon. Source: docs page."""
 
-    innovation: Any = quantity("m", "Measured minus predicted; 0 where none came.")
-    normalised: Any = quantity("1", "The same in its own sigma.")
-    nis: Any = quantity("1", "Its square.")
-    accepted: Any = quantity("1", "Which ranges were used.", kind="flag")
+    innovation: Any = quantity("m", "Innovations: measured minus predicted; 0 where no range arrived.")
+    normalised: Any = quantity("1", "Innovation divided by its standard deviation.")
+    nis: Any = quantity("1", "NIS: square of the normalised innovation.")
+    accepted: Any = quantity("1", "True for each range that was used.", kind="flag")
     refused_in_a_row: Any = quantity("1", "Ranges of this beacon refused since one was used.", kind="count")
     used: Scalar = quantity("1", "Ranges used so far.", kind="count")
     rejected: Scalar = quantity("1", "Ranges refused so far.", kind="count")
     rejected_in_a_row: Scalar = quantity("1", "Ranges refused since any was used.", kind="count")
-    given_in: Scalar = quantity("1", "How often so many in a row were refused that the filter gave in.", kind="count")
+    given_in: Scalar = quantity(
+        "1",
+        "Number of times the filter accepted a measurement outside the gate after too many rejections in a row.",
+        kind="count",
+    )
     late: Scalar = quantity("1", "Ranges too far from the newest odometry: not used.", kind="count")
 
 
@@ -97,32 +103,32 @@ class RobotNavigation:
     heading: Scalar = quantity("rad", "Angle from north to the body's x axis; unwrapped.", kind="angle")
     north: Scalar = quantity("m", "Position, north.", frame="W")
     east: Scalar = quantity("m", "Position, east.", frame="W")
-    speed: Scalar = quantity("m/s", "Of the newest odometry.")
+    speed: Scalar = quantity("m/s", "Speed at the newest odometry.")
     yaw_rate: Scalar = quantity("rad/s", "Of the newest odometry, without its bias.")
     turn_bias: Scalar = quantity("rad/s", "By how much odometry turns too fast.")
     course: Scalar = quantity("rad", "Angle from the body's x axis to its course.", kind="angle")
-    range_scale: Scalar = quantity("1", "By how much all ranges are too long.")
+    range_scale: Scalar = quantity("1", "Scale error common to all ranges; positive when they are too long.")
     range_error: Any = quantity("m", "Error of each beacon's ranges (n,).")
     sigma_heading: Scalar = quantity("rad", "Standard deviation of the estimate.")
     sigma_north: Scalar = quantity("m", "Standard deviation of the estimate.")
     sigma_east: Scalar = quantity("m", "Standard deviation of the estimate.")
     covariance_north_east: Scalar = quantity("m^2", "Covariance of north and east.", frame="W")
-    position_fix: RadioFix = part("How ranges fared.")
+    position_fix: RadioFix = part("Statistics of the range updates.")
 
 
 @record
 class OdometryState:
-    """All that changes. Source: docs page."""
+    """State of the filter. Source: docs page."""
 
     t: Scalar = quantity("100 ns", "Time of the newest odometry.", kind="time")
     distance: Scalar = quantity("m", "Way driven until then.")
     turn: Scalar = quantity("rad", "Angle turned until then.", kind="angle")
-    speed: Scalar = quantity("m/s", "Of the newest odometry.")
-    rate: Scalar = quantity("rad/s", "Of the newest odometry.")
+    speed: Scalar = quantity("m/s", "Speed at the newest odometry.")
+    rate: Scalar = quantity("rad/s", "Speed at the newest odometry.")
     moved: Scalar = quantity("1", "Whether there has been a motion: speed and rate are known.", kind="flag")
     x: Any = quantity("1", "Heading, north, east, turn bias, course, scale, beacons' errors (6 + n,).")
     P: Any = quantity("1", "Covariance of estimate minus truth (6 + n, 6 + n).")
-    fix: RadioFix = part("How ranges fared.")
+    fix: RadioFix = part("Statistics of the range updates.")
 
 
 class PredictedRange(NamedTuple):
@@ -145,18 +151,18 @@ class OdometryRanging:
     Source:  docs page.
     """
 
-    noise: OdometryNoise = part("Of odometry.", default=OdometryNoise())
-    errors: RadioErrors = part("Of the ranges.", default=RadioErrors())
-    start: PlanarStart = part("What is believed at first.", default=PlanarStart())
+    noise: OdometryNoise = part("Noise of the odometry.", default=OdometryNoise())
+    errors: RadioErrors = part("Errors of the ranges.", default=RadioErrors())
+    start: PlanarStart = part("Initial estimate and its uncertainty.", default=PlanarStart())
     beacons: Any = quantity("m", "Surveyed positions (n, 3).", default=SQUARE, frame="W")
     down: Scalar = quantity("m", "Down coordinate of the vehicle's antenna.", default=0.0, frame="W")
-    longest: Scalar = quantity("s", "A range may be so far from the newest odometry.", default=1.0, above=0)
-    odometry: str = option("Name of the odometry; its samples have `distance` and `turn`.", default="odometry")
-    ranging: str = option("Name of the ranging; its samples have `range` and `arrived`.", default="ranging")
+    longest: Scalar = quantity("s", "Maximum time between a range and the newest odometry.", default=1.0, above=0)
+    odometry: str = option("Name of the odometry sensor; its samples have `distance` and `turn`.", default="odometry")
+    ranging: str = option("Name of the ranging sensor; its samples have `range` and `arrived`.", default="ranging")
 
     @property
     def listens(self) -> tuple[str, ...]:
-        """Odometry and ranging."""
+        """Return the names of the odometry and the ranging."""
         return (self.odometry, self.ranging)
 
     def check(self) -> None:
@@ -167,7 +173,7 @@ class OdometryRanging:
             raise InputError("OdometryRanging.beacons", f"shape {shape} instead of (n, 3)", fix=fix)
 
     def init(self, key: Key) -> OdometryState:
-        """Nothing measured yet."""
+        """Return the initial state, before any measurement."""
         return first_state(self, initial_belief(self.start, self.errors, np.shape(self.beacons)[0]))
 
     def step(self, t: Any, state: OdometryState, frame: Frame) -> tuple[OdometryState, Estimate]:

@@ -29,12 +29,12 @@ POSE = 3
 
 @record
 class LaggedState:
-    """All that changes. Source: docs page."""
+    """State of the filter. Source: docs page."""
 
     drive: OdometryState = part("Of the filter; its states are followed by the kept poses, the newest first.")
     times: Any = quantity("100 ns", "Of the kept poses (k,).", kind="time")
-    speeds: Any = quantity("m/s", "Of the odometry then (k,).")
-    rates: Any = quantity("rad/s", "Of the odometry then (k,).")
+    speeds: Any = quantity("m/s", "Speeds at the kept poses (k,).")
+    rates: Any = quantity("rad/s", "Speeds at the kept poses (k,).")
 
 
 @record
@@ -55,7 +55,7 @@ class LaggedOdometry:
 
     @property
     def listens(self) -> tuple[str, ...]:
-        """Odometry and ranging."""
+        """Return the names of the odometry and the ranging."""
         return self.filter.listens
 
     def check(self) -> None:

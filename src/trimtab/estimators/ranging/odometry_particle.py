@@ -38,14 +38,14 @@ from trimtab.estimators.ranging.particle_cloud import Cloud, cloud_moments, effe
 from trimtab.estimators.ranging.position import SQUARE
 
 THROW, COMB = 1, 3
-"""Streams of the draws."""
+"""Streams of the random draws."""
 
 
 @record
 class OdometryParticleState:
-    """All that changes. Source: docs page."""
+    """State of the filter. Source: docs page."""
 
-    key: Key = part("Of the draws.")
+    key: Key = part("Key of the random draws.")
     cloud: Cloud = part("Particles at the newest odometry.")
     drive: OdometryState = part("Odometry, how ranges fared, and the cloud's mean and covariance.")
     heard: Any = quantity("m", "Newest range of each beacon (n,).")
@@ -66,25 +66,31 @@ class OdometryParticle:
     Source:  docs page.
     """
 
-    noise: OdometryNoise = part("Of odometry.", default=OdometryNoise())
-    errors: RadioErrors = part("Of the ranges.", default=RadioErrors())
+    noise: OdometryNoise = part("Noise of the odometry.", default=OdometryNoise())
+    errors: RadioErrors = part("Errors of the ranges.", default=RadioErrors())
     start: PlanarStart = part("Sigmas of turn bias and course; where it begins is not read.", default=PlanarStart())
     beacons: Any = quantity("m", "Surveyed positions (n, 3).", default=SQUARE, frame="W")
     down: Scalar = quantity("m", "Down coordinate of the vehicle's antenna.", default=0.0, frame="W")
-    longest: Scalar = quantity("s", "A range may be so far from the newest odometry.", default=1.0, above=0)
+    longest: Scalar = quantity("s", "Maximum time between a range and the newest odometry.", default=1.0, above=0)
     pair_time: Scalar = quantity("s", "Two ranges of a first place may be so far apart.", default=1.0, above=0)
     start_sigma: Scalar = quantity("m", "Of that place.", default=1.0, above=0)
-    wrong: Scalar = quantity("1", "Share of ranges that mean nothing.", default=0.02, above=0, high=0.9)
-    width: Scalar = quantity("m", "Over which these spread.", default=50.0, above=0)
-    share: Scalar = quantity("1", "Of heading variance that is drawn when redrawing.", default=0.5, low=0, high=0.99)
+    wrong: Scalar = quantity("1", "Probability that a range is an outlier.", default=0.02, above=0, high=0.9)
+    width: Scalar = quantity("m", "Width of the uniform distribution of outliers.", default=50.0, above=0)
+    share: Scalar = quantity(
+        "1",
+        "Share of each particle's heading variance that resampling turns into spread.",
+        default=0.5,
+        low=0,
+        high=0.99,
+    )
     sure: Scalar = quantity("m", "Position sigma below which the estimate is valid.", default=1.0, above=0)
     N: int = option("Number of particles.", default=200)
-    odometry: str = option("Name of the odometry; its samples have `distance` and `turn`.", default="odometry")
-    ranging: str = option("Name of the ranging; its samples have `range` and `arrived`.", default="ranging")
+    odometry: str = option("Name of the odometry sensor; its samples have `distance` and `turn`.", default="odometry")
+    ranging: str = option("Name of the ranging sensor; its samples have `range` and `arrived`.", default="ranging")
 
     @property
     def listens(self) -> tuple[str, ...]:
-        """Odometry and ranging."""
+        """Return the names of the odometry and the ranging."""
         return (self.odometry, self.ranging)
 
     def check(self) -> None:
@@ -97,7 +103,7 @@ class OdometryParticle:
             raise InputError("OdometryParticle.N", f"{self.N} particles are no cloud", fix="take 100 or more")
 
     def init(self, key: Key) -> OdometryParticleState:
-        """Nothing measured yet."""
+        """Return the initial state, before any measurement."""
         n = np.shape(self.beacons)[0]
         x, P = initial_belief(self.start, self.errors, n)
         k = x.shape[0]

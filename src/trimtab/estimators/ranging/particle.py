@@ -46,7 +46,7 @@ from trimtab.estimators.ranging.range_errors import RangeErrorModel
 from trimtab.estimators.ranging.range_model import unit_geometry
 
 COMB = 3
-"""Stream of the draws."""
+"""Stream of the random draws."""
 
 
 @record
@@ -56,28 +56,30 @@ class ParticleFix:
     effective: Scalar = quantity("1", "Effective sample size, from 1 to N.")
     believed: Any = quantity("1", "Share of the weight that believes the range of each beacon (n,).")
     used: Scalar = quantity("1", "Pings used so far.", kind="count")
-    unit: Scalar = quantity("1", "Which unit pinged.", kind="count")
+    unit: Scalar = quantity("1", "Index of the unit that pinged.", kind="count")
     redrawn: Scalar = quantity("1", "How often the particles were redrawn.", kind="count")
     doubted: Scalar = quantity("1", "Pings in a row of which most was not believed.", kind="count")
     tracking: Scalar = quantity("1", "Whether there are particles.", kind="flag")
     starts: Scalar = quantity("1", "How often they were thrown.", kind="count")
-    scale: Scalar = quantity("1", "By how much all ranges are too long.")
+    scale: Scalar = quantity("1", "Scale error common to all ranges; positive when they are too long.")
 
 
 @record
 class ParticleState:
-    """All that changes. Source: docs page."""
+    """State of the filter. Source: docs page."""
 
-    key: Key = part("Of the draws.")
+    key: Key = part("Key of the random draws.")
     cloud: Cloud = part("At the time of the last ping used.")
     at: Scalar = quantity("100 ns", "That time.", kind="time")
     history: ImuHistory = part("Of the IMU since then, and some.")
     fix: ParticleFix = part("How they fare.")
-    imu: SensorWatch = part("What the IMU has done.")
-    position: SensorWatch = part("What the ranging has done.")
-    heading: Any = part("None: no heading sensor.", default=None)
+    imu: SensorWatch = part("Watch of the IMU's samples.")
+    position: SensorWatch = part("Watch of the ranging sensor's samples.")
+    heading: Any = part("Always None: there is no heading sensor.", default=None)
     clock: Scalar = quantity("100 ns", "Latest time of the autopilot so far.", kind="time", default=NEVER)
-    clock_backwards: Scalar = quantity("1", "How often that time ran backwards.", kind="count", default=0)
+    clock_backwards: Scalar = quantity(
+        "1", "Number of times the autopilot's time ran backwards.", kind="count", default=0
+    )
 
 
 @record
@@ -95,24 +97,31 @@ class Particle:
     """
 
     intake: Intake = part(
-        "What is read; `position` names the ranging.", default=Intake(heading="", position="ranging", slots=64)
+        "Selection and checks of the samples; `position` names the ranging.",
+        default=Intake(heading="", position="ranging", slots=64),
     )
     noise: InertialNoise = part("Of the IMU.", default=InertialNoise())
     errors: RangeErrorModel = part("Of the ranges; beacons' errors are considered.", default=RangeErrorModel())
     start: InertialStart = part("Velocity at first, and sigmas.", default=InertialStart())
-    arms: LeverArms = part("Where the IMU sits.", default=LeverArms())
+    arms: LeverArms = part("Position of the IMU on the vehicle.", default=LeverArms())
     beacons: Any = quantity("m", "Surveyed positions (n, 3).", default=SQUARE, frame="W")
     units: Any = quantity("m", "Positions (m, 3) of the vehicle's units.", default=PAIR, frame="B")
     down: Scalar = quantity("m", "Down coordinate of the vehicle's reference point.", default=0.0, frame="W")
-    wrong: Scalar = quantity("1", "Share of ranges that mean nothing.", default=0.05, above=0, high=0.9)
-    width: Scalar = quantity("m", "Over which these spread.", default=6.0, above=0)
-    share: Scalar = quantity("1", "Of heading variance that is drawn when redrawing.", default=0.5, low=0, high=0.99)
+    wrong: Scalar = quantity("1", "Probability that a range is an outlier.", default=0.05, above=0, high=0.9)
+    width: Scalar = quantity("m", "Width of the uniform distribution of outliers.", default=6.0, above=0)
+    share: Scalar = quantity(
+        "1",
+        "Share of each particle's heading variance that resampling turns into spread.",
+        default=0.5,
+        low=0,
+        high=0.99,
+    )
     start_sigma: Scalar = quantity("m", "Of the two ranges of a first place.", default=0.03, above=0)
     sure: Scalar = quantity("m", "Position sigma below which the estimate is valid.", default=0.3, above=0)
     sure_heading: Scalar = quantity("rad", "And heading sigma.", default=0.5, above=0)
     patience: Scalar = quantity("1", "Pings in a row, mostly not believed, until a new throw.", default=8, kind="count")
     N: int = option("Number of particles.", default=300)
-    cone: bool = option("Whether ranges are too long off the axis.", default=True, choices=(True, False))
+    cone: bool = option("Model the cone error: ranges are too long off the axis.", default=True, choices=(True, False))
 
     listens = property(listened_sensors)
 
@@ -126,7 +135,7 @@ class Particle:
         check_positions("Particle", self)
 
     def init(self, key: Key) -> ParticleState:
-        """Nothing measured yet."""
+        """Return the initial state, before any measurement."""
         n, o, none = np.shape(self.beacons)[0], np.float64(0), np.int32(0)
         k = 9 + n
         cloud = Cloud(np.zeros((self.N, k)), np.zeros((self.N, k, k)), np.full(self.N, 1.0 / self.N))

@@ -34,7 +34,7 @@ from trimtab.estimators.ranging.range_model import (
 )
 
 START = 1
-"""First stream of the draws."""
+"""First stream of the random draws."""
 
 
 @record

@@ -140,11 +140,11 @@ class RangingPosition:
 
     @property
     def listens(self) -> tuple[str, ...]:
-        """The one sensor."""
+        """Return the name of the sensor."""
         return (self.sensor,)
 
     def init(self, key: Key) -> RangingPositionState:
-        """No fix."""
+        """Return the initial state, without a fix."""
         m, o, never = np.shape(self.units)[0], np.float64(0), np.int64(-FOREVER)
         no, none = np.bool_(False), np.int32(0)
         fix = RangingFix(o, o, o, no, none, o, o, o, o, o, none, np.int32(-1), np.int32(NONE), no, none, none)

@@ -34,7 +34,7 @@ class RangeErrorModel:
     scale_walk: Scalar = quantity("1/sqrt(s)", "How it wanders.", default=1e-5, low=0)
     survey: Scalar = quantity("m", "Of a beacon's error along the range.", default=0.005, low=0)
     moved: Scalar = quantity("m", "Of the error of a beacon that was found moved.", default=1.0, above=0)
-    gate: Scalar = quantity("1", "Largest NIS of a range that is believed.", default=15.137, above=0)
+    gate: Scalar = quantity("1", "NIS gate for ranges.", default=15.137, above=0)
     patience: Scalar = quantity(
         "1", "Refusals in a row after which a beacon, or all, are doubted; 0: never.", default=8, kind="count"
     )
@@ -66,24 +66,24 @@ class RangeFix:
     Source: docs page, Tightly coupled ranging.
     """
 
-    innovation: Any = quantity("m", "Measured minus predicted; 0 where none came.")
-    normalised: Any = quantity("1", "The same in its own sigma.")
-    nis: Any = quantity("1", "Its square.")
-    accepted: Any = quantity("1", "Which ranges were used.", kind="flag")
+    innovation: Any = quantity("m", "Innovations: measured minus predicted; 0 where no range arrived.")
+    normalised: Any = quantity("1", "Innovation divided by its standard deviation.")
+    nis: Any = quantity("1", "NIS: square of the normalised innovation.")
+    accepted: Any = quantity("1", "True for each range that was used.", kind="flag")
     refused_in_a_row: Any = quantity("1", "Ranges of this beacon refused since one was used.", kind="count")
     moved: Any = quantity("1", "Which beacons were found to be elsewhere than surveyed.", kind="flag")
     error: Any = quantity("m", "Estimated error of each beacon's ranges.")
     sigma_error: Any = quantity("m", "Its standard deviation.")
-    scale: Scalar = quantity("1", "By how much all ranges are too long.")
+    scale: Scalar = quantity("1", "Scale error common to all ranges; positive when they are too long.")
     sigma_scale: Scalar = quantity("1", "Its standard deviation.")
-    unit: Scalar = quantity("1", "Which unit pinged.", kind="count")
+    unit: Scalar = quantity("1", "Index of the unit that pinged.", kind="count")
     used: Scalar = quantity("1", "Ranges used so far.", kind="count")
     rejected: Scalar = quantity("1", "Ranges refused so far.", kind="count")
     invalid: Scalar = quantity("1", "Ranges that were not positive numbers.", kind="count")
     agreed_in_a_row: Any = quantity("1", "Ranges of a moved beacon that fitted its survey, in a row.", kind="count")
     mostly_refused: Scalar = quantity("1", "Pings in a row of which most ranges were refused.", kind="count")
     tracking: Scalar = quantity("1", "Whether the filter runs; else it waits for a start.", kind="flag")
-    starts: Scalar = quantity("1", "How often it has started.", kind="count")
+    starts: Scalar = quantity("1", "Number of starts of the filter.", kind="count")
 
 
 def no_range_fix(n: int) -> RangeFix:

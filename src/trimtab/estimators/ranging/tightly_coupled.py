@@ -44,16 +44,16 @@ from trimtab.estimators.ranging.start import (
 class TightNode:
     """State, its covariance and the start under way at one instant. Source: docs page."""
 
-    t: Scalar = quantity("100 ns", "The instant.", kind="time")
-    felt: Any = quantity("1", "IMU: yaw rate (rad/s), force per mass forward and starboard (m/s^2).", shape=(3,))
-    doubt: Any = quantity("1", "1 where gyro, or accelerometers, can't be trusted.", shape=(2,))
+    t: Scalar = quantity("100 ns", "Time of this state.", kind="time")
+    felt: Any = quantity("1", "IMU sample: yaw rate (rad/s), specific force forward and starboard (m/s^2).", shape=(3,))
+    doubt: Any = quantity("1", "1 where the gyro, or the accelerometers, cannot be trusted.", shape=(2,))
     x: Any = quantity("1", "As Belief.x, then the scale and each beacon's error; (9 + n,).")
     P: Any = quantity("1", "Covariance of estimate minus truth (9 + n, 9 + n).")
     force: Any = quantity("m/s^2", "Force per mass in the Jacobian, without bias.", frame="B", shape=(2,))
     steady: Any = quantity("m/s^2", "The same, low-passed as tells rest from motion.", frame="B", shape=(2,))
     start: RangingStart = part("Pings until the filter can start.")
-    heading_fix: HeadingFix = part("How headings fared.")
-    position_fix: RangeFix = part("How ranges fared.")
+    heading_fix: HeadingFix = part("Statistics of the heading updates.")
+    position_fix: RangeFix = part("Statistics of the range updates.")
 
 
 @record
@@ -71,12 +71,13 @@ class TightlyCoupled:
     """
 
     intake: Intake = part(
-        "What is read; `position` names the ranging.", default=Intake(heading="", position="ranging", slots=48)
+        "Selection and checks of the samples; `position` names the ranging.",
+        default=Intake(heading="", position="ranging", slots=48),
     )
-    noise: InertialNoise = part("Of IMU and heading sensor.", default=InertialNoise())
-    errors: RangeErrorModel = part("Of the ranges.", default=RangeErrorModel())
-    start: InertialStart = part("What is believed at first.", default=InertialStart())
-    arms: LeverArms = part("Where the IMU sits.", default=LeverArms())
+    noise: InertialNoise = part("Noise of the IMU and of the heading sensor.", default=InertialNoise())
+    errors: RangeErrorModel = part("Errors of the ranges.", default=RangeErrorModel())
+    start: InertialStart = part("Initial estimate and its uncertainty.", default=InertialStart())
+    arms: LeverArms = part("Position of the IMU on the vehicle.", default=LeverArms())
     beacons: Any = quantity("m", "Surveyed positions (n, 3).", default=SQUARE, frame="W")
     units: Any = quantity("m", "Positions (m, 3) of the vehicle's units.", default=PAIR, frame="B")
     down: Scalar = quantity("m", "Down coordinate of the vehicle's reference point.", default=0.0, frame="W")
@@ -88,7 +89,7 @@ class TightlyCoupled:
     )
     start_heading: Scalar = quantity("rad", "Heading sigma that is enough to start.", default=0.25, above=0)
     start_time: Scalar = quantity("s", "Longest time that a start may take.", default=3.0, above=0)
-    cone: bool = option("Whether ranges are too long off the axis.", default=True, choices=(True, False))
+    cone: bool = option("Model the cone error: ranges are too long off the axis.", default=True, choices=(True, False))
     begins: str = option('From "ranges", or as `start` says ("given").', default="ranges", choices=("ranges", "given"))
 
     AIDED_BY: ClassVar[str] = "ranges"
@@ -102,7 +103,7 @@ class TightlyCoupled:
         check_positions("TightlyCoupled", self)
 
     def init(self, key: Key) -> InertialState:
-        """Nothing measured yet."""
+        """Return the initial state, before any measurement."""
         return initial_inertial_state(self, key, np.shape(self.beacons)[0] + 1)
 
     def step(self, t: Any, state: InertialState, frame: Frame) -> tuple[InertialState, Estimate]:
@@ -111,7 +112,7 @@ class TightlyCoupled:
         return state, replace(estimate, valid=estimate.valid & estimate.state.position_fix.tracking)
 
     def first(self) -> TightNode:
-        """Before the first sample."""
+        """Return the initial state, before the first sample."""
         s, n = self.start, np.shape(self.beacons)[0]
         variances = jnp.concatenate([s.variances(), self.errors.variances(n)])
         running = self.begins == "given"
@@ -126,7 +127,7 @@ class TightlyCoupled:
         )
 
     def propagate(self, node: TightNode, dt: Any, felt: Any, doubt: Any) -> TightNode:
-        """A time dt (s) on, to where the IMU reads felt (3,)."""
+        """Propagate by dt (s); the IMU reads `felt` (3,) at the end."""
         m = propagate_coupled(self, node, dt, felt, doubt)
         signs = SIGNS[:, None] * SIGNS[None, :]
         F, Q = m.F * signs, m.Q * signs
@@ -176,7 +177,7 @@ class TightlyCoupled:
         )
 
     def belief(self, node: TightNode) -> Belief:
-        """Of the IMU's point."""
+        """Return the belief at the IMU's point."""
         return Belief(node.x[:DIMENSION], node.P[:DIMENSION, :DIMENSION])
 
 

@@ -127,7 +127,7 @@ class UltrasonicInertial:
             raise InputError("UltrasonicInertial", "the INS reads no positions", fix="set inertial.intake.position")
 
     def init(self, key: Key) -> UltrasonicInertialState:
-        """Nothing measured yet."""
+        """Return the initial state, before any measurement."""
         return UltrasonicInertialState(self.positioning.init(key), self.inertial.init(key))
 
     def step(self, t: Any, state: UltrasonicInertialState, frame: Frame) -> tuple[UltrasonicInertialState, Estimate]:
