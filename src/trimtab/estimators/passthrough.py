@@ -1,4 +1,4 @@
-"""The estimator that believes one sensor: for sensors that already give the state that the law reads."""
+"""Estimator that passes on one sensor, for sensors that already give the state that the law reads."""
 
 from typing import Any
 
@@ -27,7 +27,7 @@ class Passthrough:
         return ()
 
     def step(self, t: Any, state: tuple[()], frame: Frame) -> tuple[tuple[()], Estimate]:
-        """The sample's value, valid from the first sample on."""
+        """Return the sample's value, valid from the first sample on."""
         newest = frame.samples[self.sensor]
         age = to_seconds(t - newest.t)
         return state, Estimate(t=t, age=age, fresh=newest.fresh, valid=newest.valid, state=newest.value)

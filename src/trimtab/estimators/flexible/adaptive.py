@@ -76,7 +76,7 @@ def modal_accelerations(craft: Hypersonic, x: Any) -> tuple[Any, Any, Any]:
 
 
 def propagate_modes(craft: Hypersonic, x: Any, b: Any, dt: Any) -> Any:
-    """Return x (6,) after dt (s) under a held forcing b (4,) of eta; the part linear in s by the exponential's series."""
+    """Return x (6,) after dt (s) under a held forcing b (4,) of eta; the linear part in s by the exponential series."""
     by, still = stretch_factors(x), jnp.zeros(2)
 
     def rate(s: Any) -> Any:

@@ -115,7 +115,7 @@ class FlexibleModeFilter:
 
     @classmethod
     def from_publication(cls, **changes: Any) -> "FlexibleModeFilter":
-        """Q = 1e-5 I and R = 10 as published, P(0) = I, no offset: the gain is so small that measurements do not matter."""
+        """Q = 1e-5 I and R = 10 as published, P(0) = I, no offset: the gain is too small for measurements to matter."""
         return cls(**{"Q": PRINTED_Q, "R": 10.0, "P0": (1.0,) * 4, "offset_sigma": 0.0} | changes)
 
     @classmethod

@@ -131,7 +131,9 @@ class Intake:
         }
         for name, (patience, frozen) in limits.items():
             if 0 < patience < frozen:
-                problem = f"Number of events kept: at least those within the longest delay, plus a reserve."
+                problem = (
+                    f"the filter gives in after {patience} samples, before {frozen} equal ones show a frozen sensor"
+                )
                 raise InputError(f"intake.frozen_{name}", problem, fix=f"set it to at most {patience}")
         if not self.imu or len(set(self.listens())) < len(self.listens()):
             problem = f"sensors {self.listens()} must include an IMU, and each name must be used once"
