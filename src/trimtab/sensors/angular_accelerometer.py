@@ -45,8 +45,8 @@ class AngularAccelerometer:
         default=0.01,
         source="chosen",
     )
-    scale_factor: Scalar = imperfection("1", "Error of the scale.", "Relative scale error.", low=None)
-    offset: Scalar = imperfection("rad/s^2", "Error of the zero.", "Zero error.", low=None)
+    scale_factor: Scalar = imperfection("1", "Relative scale error.", "angular-accelerometer-scale-factor", low=None)
+    offset: Scalar = imperfection("rad/s^2", "Zero error.", "angular-accelerometer-offset", low=None)
     period: int = period("Time between samples.", default=ms(5))
 
     def init(self, key: Key) -> Key:
@@ -103,7 +103,7 @@ class AngularAccelerometerUnit:
     scale_factor: Scalar = imperfection(
         "1", "Standard deviation of the scale's error, drawn for each run.", "angular-accelerometer-scale-factor"
     )
-    bandwidth: Scalar = imperfection("Hz", "-3 dB; 0: no limit.", "Bandwidth (-3 dB); 0: no limit.")
+    bandwidth: Scalar = imperfection("Hz", "Bandwidth (-3 dB); 0: no limit.", "angular-accelerometer-bandwidth")
     delay: Scalar = imperfection("s", "Delay from the motion to the output.", "angular-accelerometer-delay")
     slope1: Scalar = imperfection(
         "1/(slug ft)^1/2", "Slope of mode 1 at the sensor.", "angular-accelerometer-place", low=None

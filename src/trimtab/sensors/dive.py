@@ -36,9 +36,9 @@ class DiveSensor:
     attitude_noise: Scalar = imperfection(
         "rad", "Standard deviation of each roll and pitch sample.", "navigation-error"
     )
-    heading_noise: Scalar = imperfection("rad", "Of the heading.", "Standard deviation of each heading sample.")
-    velocity_noise: Scalar = imperfection("m/s", "Of the log.", "Standard deviation of each sample of the log.")
-    rate_noise: Scalar = imperfection("rad/s", "Of both rates.", "Standard deviation of each sample of both rates.")
+    heading_noise: Scalar = imperfection("rad", "Standard deviation of each heading sample.", "navigation-error")
+    velocity_noise: Scalar = imperfection("m/s", "Standard deviation of each sample of the log.", "navigation-error")
+    rate_noise: Scalar = imperfection("rad/s", "Standard deviation of each sample of both rates.", "navigation-error")
     period: int = period("Time between samples.", default=ms(50))
 
     def init(self, key: Key) -> Key:

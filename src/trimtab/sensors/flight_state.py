@@ -151,9 +151,9 @@ class FlexibleTruthReading:
     alpha: Scalar = quantity("rad", "Angle of attack.", kind="angle")
     q: Scalar = quantity("rad/s", "Pitch rate, nose up.", frame="B")
     eta1: Scalar = quantity("(slug ft)^1/2", "Displacement of mode 1.")
-    eta1_rate: Scalar = quantity("Rate of the displacement of mode 1.", "Its rate.")
+    eta1_rate: Scalar = quantity("(slug ft)^1/2/s", "Rate of the displacement of mode 1.")
     eta2: Scalar = quantity("(slug ft)^1/2", "Displacement of mode 2.")
-    eta2_rate: Scalar = quantity("Rate of the displacement of mode 2.", "Its rate.")
+    eta2_rate: Scalar = quantity("(slug ft)^1/2/s", "Rate of the displacement of mode 2.")
 
 
 @record

@@ -135,14 +135,16 @@ class FlexibleModeFilter:
         """Raise InputError if a variance is invalid or the period is too long for the discrete model."""
         check_variances("FlexibleModeFilter", Q=self.Q, P0=self.P0)
         if not math.isfinite(self.R):
-            raise InputError("FlexibleModeFilter.R", f"{self.R} is not finite", fix="{self.R} must be finite")
+            raise InputError(
+                "FlexibleModeFilter.R", f"{self.R} must be finite", fix="corrects=False uses no measurement"
+            )
         A, _ = modal_dynamics(self.craft)
         norm = float(np.abs(np.asarray(A)).sum(1).max()) * to_seconds(self.period)
         if norm >= 16:
             most = format_time(int(self.period * 16 / norm))
             modes = f"{float(self.craft.modes.w1):g} and {float(self.craft.modes.w2):g} rad/s"
             problem = f"the period {format_time(self.period)} is too long for modes of {modes}"
-            raise InputError("set it below {most}", problem, fix=f"below {most}")
+            raise InputError("FlexibleModeFilter.period", problem, fix=f"set it below {most}")
 
     def model(self) -> ModalModel:
         """Return the discrete model of one period."""

@@ -40,9 +40,9 @@ class ModalState:
     """State of both modes. Source: [1] eq. 1."""
 
     eta1: Scalar = quantity("(slug ft)^1/2", "Displacement of mode 1.")
-    eta1_rate: Scalar = quantity("Rate of the displacement of mode 1.", "Its rate.")
+    eta1_rate: Scalar = quantity("(slug ft)^1/2/s", "Rate of the displacement of mode 1.")
     eta2: Scalar = quantity("(slug ft)^1/2", "Displacement of mode 2.")
-    eta2_rate: Scalar = quantity("Rate of the displacement of mode 2.", "Its rate.")
+    eta2_rate: Scalar = quantity("(slug ft)^1/2/s", "Rate of the displacement of mode 2.")
 
 
 @record

@@ -204,7 +204,7 @@ class GnssInertial:
     def check(self) -> None:
         """Raise InputError if the window is too small or a sensor name is used twice."""
         if self.slots < 2:
-            raise InputError("slots", f"{self.slots} samples are too few", fix="{self.slots} samples are too few")
+            raise InputError("slots", f"{self.slots} samples are too few", fix="keep more than delay divided by period")
         if self.carried < 1:
             raise InputError(
                 "carried",

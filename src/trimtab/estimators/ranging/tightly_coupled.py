@@ -108,7 +108,7 @@ class TightlyCoupled:
         """Raise InputError if the intake is invalid, or beacons or units are not lists of positions."""
         self.intake.check()
         if not self.intake.position:
-            raise InputError("name it in intake.position", "no ranging sensor is named", fix="name it")
+            raise InputError("TightlyCoupled.intake.position", "no ranging sensor is named", fix="name it")
         check_positions("TightlyCoupled", self)
 
     def init(self, key: Key) -> InertialState:

@@ -124,7 +124,7 @@ class UltrasonicInertial:
             fix = "set it to x, y of the unit; with two units leave it at zero, as lever arms are taken off here"
             raise InputError("UltrasonicInertial", problem, fix=fix)
         if not self.inertial.intake.position:
-            raise InputError("UltrasonicInertial", "the INS reads no positions", fix="the INS must read positions")
+            raise InputError("UltrasonicInertial", "the INS must read positions", fix="set inertial.intake.position")
 
     def init(self, key: Key) -> UltrasonicInertialState:
         """Return the initial state, before any measurement."""
