@@ -37,7 +37,7 @@ Q = K'R K: the 1200 and 3000 beside them are not theirs. actuators: chosen, for 
 
 
 class LoadFactorDesign(NamedTuple):
-    """level: the trim.  linear: the model there.  along: elevator gain.  aside: aileron, rudder gain, u = +K x (rad)."""
+    """level: the trim.  linear: the model there.  along: elevator gain.  aside: aileron, rudder gain; u = K x (rad)."""
 
     level: Trim
     linear: LinearModel
