@@ -70,7 +70,7 @@ def test_who_mistypes_it_is_shown_it():
 
 @pytest.mark.parametrize(("typed", "path"), [("mass", "world.vehicle.mass"), ("k1", "autopilot.law.k1")])
 def test_a_setting_typed_by_its_last_word_is_shown_with_its_path(typed, path):
-    with pytest.raises(InputError, match=f"no such setting(.|\n)*Fix: .*{re.escape(path)}"):
+    with pytest.raises(InputError, match=f"no setting of this name(.|\n)*Fix: .*{re.escape(path)}"):
         build(NAME, {typed: "3"})
 
 

@@ -218,7 +218,7 @@ def test_a_file_there_is_not_and_one_that_is_no_text(tmp_path):
     with pytest.raises(InputError, match="cannot be read"):
         build(str(tmp_path / "none.toml"))
     (tmp_path / "odd.toml").write_bytes(b"\xff\xfe")
-    with pytest.raises(InputError, match="no UTF-8"):
+    with pytest.raises(InputError, match="not UTF-8"):
         build(str(tmp_path / "odd.toml"))
 
 

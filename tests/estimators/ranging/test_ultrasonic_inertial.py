@@ -216,6 +216,6 @@ def test_parts_that_do_not_fit_are_refused():
     assert one.listens == ("imu", "ranging")
     assert UltrasonicInertial(magnetometer="compass").listens == ("imu", "ranging", "compass")
     blind = AidedInertialCoupled(intake=Intake(heading="", position=""))
-    with pytest.raises(InputError, match="reads no positions"):
+    with pytest.raises(InputError, match="must read positions"):
         UltrasonicInertial(inertial=blind).check()
     assert PAIR.shape == (2, 3)
