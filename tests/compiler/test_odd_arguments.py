@@ -74,7 +74,7 @@ def bad_calls() -> dict[str, tuple[tuple[Any, ...], str]]:
         "key": ((np.ones(3), KEY), "k is a typed key.\nFix: pass jax.random.key_data"),
         "bytes": ((bytes(24), 1.0), "x has shape"),
         "a tree in itself": ((inside_itself(), 1.0), "not a tree"),
-        "keys of several types": (({1: 1, "a": 2}, 1.0), "no trees"),
+        "keys of several types": (({1: 1, "a": 2}, 1.0), "not a tree"),
         "a number beyond floats": ((np.ones(3), 10**400), "too large"),
         "only a shape": ((jax.ShapeDtypeStruct((3,), np.float64), 1.0), "x has shape"),
         "long double": ((np.zeros(3, np.longdouble), 1.0), "float128|longdouble|float96"),
