@@ -19,8 +19,8 @@ TOLERANCE = {"f64": 1e-9, "f32": 2e-4}
 """Tolerance of each output, relative to its largest size in the vectors, or to 1e-3 if that is larger."""
 
 ROUNDINGS = 8
-"""Of the largest signal in the same unit: an error of 0.01 ft at 85 000 ft has no more digits than the altitude has.
-Most seen in the hypersonic climb: 5, in 100 runs of a second and 6 whole ones."""
+"""Tolerance, in roundings of the largest signal in the same unit: an error of 0.01 ft at 85 000 ft has no more digits
+than the altitude has. Largest seen in the hypersonic climb: 5, in 100 runs of a second and 6 whole ones."""
 
 
 class SampleVectors(NamedTuple):

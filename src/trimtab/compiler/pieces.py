@@ -12,8 +12,9 @@ from trimtab.compiler.ir import TYPES, Block, Buffer, Define, Emit, If, Local, L
 WHOLE = 6000
 """Maximum number of statements of one function."""
 WHOLE_BLOCK = 20_000
-"""The same of an exported block. It is compiled once and flown by small processors, which a frame costs more: the aided
-INS in pieces takes a Cortex-M7 1.8 times the instructions and five times the stack."""
+"""Maximum number of statements of one function of an exported block. It is compiled once and runs on small processors,
+where a frame costs more: the aided INS in pieces takes a Cortex-M7 1.8 times the instructions and five times the stack.
+"""
 PIECE = 400
 """Number of statements of each piece of a larger program."""
 LEAST = 40
@@ -52,7 +53,7 @@ NO_PIECES = Pieces({}, set(), {}, [], {})
 
 
 class PieceFrame:
-    """What the pieces of a function share: a struct on its stack or, where that is too much, in the workspace.
+    """Data shared by the pieces of a function: a struct on its stack or, where that is too much, in the workspace.
 
     function: whose pieces they are.  lanes: runs side by side, 0 for one.  arguments: (type, name) of what each piece
     is given besides the frame.  names: of the values in the struct and of the places of inputs.  functions: text of

@@ -126,7 +126,7 @@ class HeadingBangBang:
     Valid:   turn_rate of about 1 rad/s. A fast turn coasts on past the target for longer than it takes to get there:
              at 1.5 rad/s one ideal run in a thousand swings to and fro by 120 degrees for ever, at 3 rad/s a third.
     Source:  [1] section 2.3.3; gains [1] tables 6.1 and 6.4, reconstructed; the default turn_rate is this project's,
-             the source's runs take 1.5 rad/s.
+             the thesis's runs use 1.5 rad/s.
     """
 
     reads: ClassVar[tuple[str, ...]] = READS

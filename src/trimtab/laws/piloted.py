@@ -105,7 +105,7 @@ class Piloted:
       and turns, in which the nose has to come round before F is right.
     The actuators are in none of the proofs: a force more than some 21 degrees off the body's axis comes out along it.
 
-    Dead man:  a stick that is older than stick_timeout, was never valid or is no number counts as let go, in the mode
+    Dead man:  a stick that is older than stick_timeout, never valid or not a number counts as released, in the mode
                it had. In manual that is no thrust: the vehicle slides on. Before the first stick the mode is damped.
     Windup:    references stand still while the law isn't asked, and after a pause or a change of mode begin where the
                vehicle is; in assisted they slow down as the error of velocity nears `leash`.

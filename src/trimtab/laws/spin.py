@@ -22,7 +22,7 @@ BRAKE, SPIN = 0, 1
 
 @record
 class ConstantSpin:
-    """Spins at a constant yaw rate (the source's PI law; it contains no integrator).
+    """Spins at a constant yaw rate (the thesis's PI law; it contains no integrator).
 
         FX = -k1 u        FY = -k2 (v - d (r - r_ref))                                    [1, eq. 2.39]
 
@@ -37,7 +37,7 @@ class ConstantSpin:
 
     k1: Scalar = quantity("kg/s", "Gain on surge velocity.", default=0.5, above=0, source="[1] table 6.4")
     k2: Scalar = quantity("kg/s", "Gain on sway and yaw-rate error.", default=3.5, above=0, source="[1] table 6.4")
-    reference: Scalar = quantity("rad/s", "Wanted yaw rate, Pir/J.", default=3.0, frame="B", source="[1] table 6.4")
+    reference: Scalar = quantity("rad/s", "Reference yaw rate, Pir/J.", default=3.0, frame="B", source="[1] table 6.4")
     model: Hovercraft = part("Vehicle model used by the law.", default=Hovercraft())
 
     def init(self, key: Any) -> tuple[()]:

@@ -21,7 +21,7 @@ SWING, BALANCE = range(2)
 class SwingUpState:
     """Active law. Source: this module."""
 
-    mode: Scalar = quantity("1", "Which law is on.", kind="mode", modes=MODES, default=np.int32(SWING))
+    mode: Scalar = quantity("1", "Active law.", kind="mode", modes=MODES, default=np.int32(SWING))
 
 
 @record
@@ -29,7 +29,7 @@ class SwingUpOutput:
     """Demand and signals of the law. Source: this module."""
 
     demand: CartForce = part("Demanded force on the cart.")
-    mode: Scalar = quantity("1", "Which law is on.", kind="mode", modes=MODES)
+    mode: Scalar = quantity("1", "Active law.", kind="mode", modes=MODES)
     energy: Scalar = quantity("J", "Energy of the pole, 0 where it stands upright at rest.")
     lean: Scalar = quantity("rad", "Angle of the pole from upright, by the shortest way.", kind="angle")
 

@@ -98,7 +98,9 @@ class ForwardMomentum:
 
     k1: Scalar = quantity("kg/s", "Gain on surge velocity.", default=1.0, above=0, source="[1] table 6.2")
     k2: Scalar = quantity("kg/s", "Gain on the rudder pivot's slip.", default=4.0, above=0, source="[1] table 6.2")
-    reference: Scalar = quantity("kg m/s", "Wanted momentum PXr, > 0.", default=2.8, frame="B", source="[1] table 6.2")
+    reference: Scalar = quantity(
+        "kg m/s", "Reference momentum PXr, > 0.", default=2.8, frame="B", source="[1] table 6.2"
+    )
     model: Hovercraft = part("Vehicle model used by the law.", default=Hovercraft())
 
     def check(self) -> None:
@@ -140,7 +142,9 @@ class ForwardMomentumMatched:
     reads: ClassVar[tuple[str, ...]] = READS
 
     k1: Scalar = quantity("kg/s", "Gain on surge velocity.", default=1.0, above=0, source="[1] table 6.2")
-    reference: Scalar = quantity("kg m/s", "Wanted momentum PXr, > 0.", default=2.8, frame="B", source="[1] table 6.2")
+    reference: Scalar = quantity(
+        "kg m/s", "Reference momentum PXr, > 0.", default=2.8, frame="B", source="[1] table 6.2"
+    )
     model: Hovercraft = part("Vehicle model used by the law.", default=Hovercraft())
 
     def check(self) -> None:
@@ -185,7 +189,9 @@ class ReverseMomentum:
     k1: Scalar = quantity("kg/s", "Gain on surge velocity.", default=1.5, above=0, source="[1] table 6.3")
     k2: Scalar = quantity("kg/s", "Gain on sway and yaw.", default=1.0, above=0, source="[1] table 6.3")
     theta: Scalar = quantity("1", "Weight of yaw; more than J/(d^2 m).", default=1.44, source="[1] table 6.3")
-    reference: Scalar = quantity("kg m/s", "Wanted momentum PXr, < 0.", default=-1.98, frame="B", source="[1] tab. 6.3")
+    reference: Scalar = quantity(
+        "kg m/s", "Reference momentum PXr, < 0.", default=-1.98, frame="B", source="[1] tab. 6.3"
+    )
     model: Hovercraft = part("Vehicle model used by the law.", default=Hovercraft())
 
     def check(self) -> None:

@@ -96,7 +96,7 @@ def build_library(source: str, language: str = "c", *, extra: tuple[str, ...] = 
         language: ``c`` or ``c++``.
         extra: further flags and libraries, which come last.
 
-    Raises NoCompiler where there is none that works, BuildFailed where it makes no library or no folder takes it.
+    Raises NoCompiler if no compiler works, BuildFailed if the compiler makes no library or no folder accepts it.
     """
     found = search_compiler(language)
     if found.compiler is None:

@@ -1,8 +1,8 @@
 """Cache of compiled libraries between runs, in folders of this user alone.
 
 An entry is a library KEY.so and a manifest KEY.txt that holds the library's checksum. Both are written under other
-names and renamed, the manifest last, so an entry is whole or there is none; and a library that its manifest doesn't
-vouch for counts as none. Libraries go to the user's cache, and where that can't be had to a folder that ends with the
+names and renamed, the manifest last, so an entry is either whole or absent. A library that does not match its manifest
+is ignored. Libraries go to the user's cache or, if that is unavailable, to a folder that is removed at the end of the
 process.
 """
 

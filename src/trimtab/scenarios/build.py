@@ -137,7 +137,7 @@ def find_scenario(scenario: Scenario | str) -> Scenario:
     if isinstance(scenario, Scenario):
         return scenario
     if not isinstance(scenario, str):  # pyright: ignore[reportUnnecessaryIsInstance]
-        problem = f"a {type(scenario).__name__} is no scenario"
+        problem = f"a {type(scenario).__name__} is not a scenario"
         raise InputError("scenario", problem, fix='give a Scenario or a name, "hovercraft/spin"')
     return _keep_scenario(scenario) if scenario in catalogue.scenario_names() else build(scenario)
 
@@ -211,7 +211,7 @@ def _replace_links_by_recordings(scenario: Scenario, settings: Mapping[str, str]
 
     Packets leave as often as those of the link whose place it takes, and the far end looks each millisecond.
 
-    Raises: InputError for a file that is no recording.
+    Raises: InputError for a file that is not a recording.
     """
     world = scenario.world
     for name in LINKS:

@@ -44,7 +44,7 @@ def read_gain(file: str) -> Certificate:
     """
     certificate, digest = read_certificate(Path(file))
     if certificate_digest(certificate) != digest:
-        fix = f"trimtab design {certificate.system} --lqr … --out {file}  makes it anew"
+        fix = f"trimtab design {certificate.system} --lqr … --out {file}  makes it again"
         raise InputError(f"file '{file}'", "was changed after it was written: its digest is another", fix=fix)
     return certificate
 

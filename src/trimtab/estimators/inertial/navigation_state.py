@@ -1,5 +1,5 @@
-"""What an aided inertial navigation system tells: the state at the vehicle's reference point, how sure it is, and how
-its measurements fared as they were fused.
+"""Output of an aided inertial navigation system: state at the vehicle's reference point, its uncertainty, and
+statistics of the fused measurements.
 
 Source: docs page, Aided inertial navigation.
 """
@@ -23,7 +23,7 @@ class HeadingFix:
 
     innovation: Any = quantity("rad", "Innovation: measured minus predicted.", kind="angle", shape=(1,))
     normalised: Any = quantity("1", "Innovation divided by its standard deviation.", shape=(1,))
-    nis: Scalar = quantity("1", "Its square; chi-square with one degree of freedom.")
+    nis: Scalar = quantity("1", "NIS: squared normalised innovation; chi-square with one degree of freedom.")
     used: Scalar = quantity("1", "Number of measurements used.", kind="count")
     rejected: Scalar = quantity("1", "Number of measurements rejected by the gate.", kind="count")
     rejected_in_a_row: Scalar = quantity("1", "Number of measurements rejected since the last one used.", kind="count")

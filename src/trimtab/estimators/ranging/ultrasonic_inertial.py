@@ -76,12 +76,12 @@ class UltrasonicInertial:
         heading    R = (s^2 sum (g_1 e)^2 + (g_2 e)^2                    s_b survey_error
                         + s_b^2 sum ((g_1 - g_2) e)^2) / base^2
 
-    for noise is drawn for each range, and a beacon that is not where the map says moves both units' places alike, as
-    far as both heard it. Until the INS knows its heading, what a unit may have moved
-    between the two pings counts as error of the heading; its heading's variance, as error of B(phi) lever. One unit
-    alone is `inertial.arms.aiding`: its place goes to the form as it is, which takes the lever arm off itself.
+    because noise is drawn for each range, and a displaced beacon moves both units' places alike, as far as both receive
+    it. Until the INS knows its heading, the possible motion of a unit between the two pings counts as error of the
+    heading, and the heading's variance as error of B(phi) lever. A single unit is at `inertial.arms.aiding`: its place
+    goes to the form unchanged, which applies the lever arm itself.
 
-    `state.position_sensor` also tells of the pings: frozen ranges, ranges that are no numbers, pings out of time.
+    `state.position_sensor` also reports on the pings: frozen ranges, non-finite ranges, pings out of time.
 
     Frames:  beacons in W, levers in B.
     Valid:   one or two units; two give a heading. Not modelled: that heading and position of one ping share its ranges.

@@ -71,7 +71,7 @@ class Equipment(NamedTuple):
     navigation: the navigation system, see `_navigation`.  supervisor: "automatic" flies as soon as all
     checks pass, inside a speed envelope, and, where the position is known, over the floor and 5 m around it.
     bus: "slave" has the ultrasonic units' samples pass a slow bus on the vehicle, before the radio.
-    craft, fan: vehicle and thrust fan, the source's or its chapter 7's.
+    craft, fan: vehicle and thrust fan, the thesis's or its chapter 7's.
     """
 
     links: Links
@@ -102,7 +102,7 @@ def hovercraft_scenario(
         duration_s: length (s).
         targets: where signals should go, for the metrics.
         equipment: what was chosen.
-        errors: of navigation "errors"; the source's when None.
+        errors: of navigation "errors"; the thesis's when None.
         floor: north from, to, east from, to (m), over which the ultrasonic beacons of the others hang.
     """
     downlink, uplink = _choose_links(equipment.links)

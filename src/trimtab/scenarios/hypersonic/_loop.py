@@ -1,7 +1,6 @@
 """Whole loop of the hypersonic vehicle, plant, filter, law and inversion, as a matrix: in continuous time, and sampled.
 
-By automatic differentiation through what flies, at level flight of the vehicle that the law believes in; the plant may
-be another.
+By automatic differentiation through the flown code, at level flight of the law's vehicle model; the plant may differ.
 
 Source: [1] "Angular-accelerometer-based flexible-state estimation and tracking controller design for hypersonic flight
 vehicle", Aerospace 2022, 9(4), 206, eqs. 6-13, whose loop it is; the sampled one is in the order in which it flies.
@@ -27,7 +26,7 @@ from trimtab.vehicles.hypersonic import Hypersonic, HypersonicInput, HypersonicS
 PLANT = ("h", "V", "alpha", "theta", "q", "eta1", "eta1_rate", "eta2", "eta2_rate")
 ESTIMATE = ("eta1 estimated", "eta1_rate estimated", "eta2 estimated", "eta2_rate estimated")
 SAMPLED = (*PLANT, *ESTIMATE, "h before", "h' before", "V before", "alpha before", "q before", "Phi", "delta_e")
-"""Of the sampled loop: the plant's, the estimate, and the measured flight and the input of one period ago."""
+"""States of the sampled loop: the plant's, the estimate, and the measured flight and the input of one period ago."""
 INTEGRALS = ("integral of h", "integral of V")
 """Further states of either loop, at its end, where the gain has eleven columns."""
 INTEGRAL_SIZES = (1000.0, 100.0)
