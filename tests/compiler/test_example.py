@@ -26,7 +26,7 @@ def inside_itself() -> list[Any]:
 def bad_programs() -> dict[str, tuple[Any, tuple[Any, ...], str, str]]:
     x = np.zeros(3)
     return {
-        "no function": (3, (1.0,), "int is no function", ""),
+        "no function": (3, (1.0,), "int is not a function", ""),
         "too few": (scaled, (1.0,), "missing a required argument: 'k'", ""),
         "dates": (lambda x: x, (np.zeros(2, "M8[s]"),), "cannot be used", ""),
         "objects": (lambda x: x, (np.array([None]),), "cannot be used", ""),
@@ -37,12 +37,12 @@ def bad_programs() -> dict[str, tuple[Any, tuple[Any, ...], str, str]]:
         "half": (lambda x: x, (np.float16(1),), "float16", "float32"),
         "key": (lambda k: jax.random.uniform(k), (KEY,), "typed key", "wrap_key_data"),
         "key out": (lambda k: jax.random.key(k), (3,), "typed key", "key_data"),
-        "in itself": (lambda x: x, (inside_itself(),), "no tree", ""),
-        "keys of several types": (lambda d: d[1], ({1: 1.0, "a": 2.0},), "no tree", ""),
-        "text out": (lambda x: "a", (1.0,), "returns no array", ""),
+        "in itself": (lambda x: x, (inside_itself(),), "not a tree", ""),
+        "keys of several types": (lambda d: d[1], ({1: 1.0, "a": 2.0},), "not a tree", ""),
+        "text out": (lambda x: "a", (1.0,), "does not return arrays", ""),
         "numpy": (lambda x: np.sin(np.asarray(x)), (1.0,), "numpy array", "jax.numpy"),
         "mask": (lambda x: x[x > 0], (x,), "number of elements", "jnp.where"),
-        "range": (lambda n: sum(range(n)), (3,), "decides in Python", "fori_loop"),
+        "range": (lambda n: sum(range(n)), (3,), "branches in Python", "fori_loop"),
         "2^31 in": (lambda x: x[:1], (jax.ShapeDtypeStruct((2**16, 2**15), np.float64),), "2147483648", "2**31"),
         "2^31 within": (lambda x: jnp.broadcast_to(x, (2**31,)).sum(), (1.0,), "test_example.py", "2**31"),
         "2^32 within": (lambda x: jnp.outer(x, x).min(), (np.zeros(2**16),), "4294967296", "2**31"),

@@ -66,15 +66,15 @@ def deleted() -> jax.Array:
 
 def bad_calls() -> dict[str, tuple[tuple[Any, ...], str]]:
     return {
-        "RuntimeError": ((Raising(RuntimeError), 1.0), "x is no array: boom"),
-        "MemoryError": ((Raising(MemoryError), 1.0), "x is no array: boom"),
-        "IndexError": ((Raising(IndexError), 1.0), "x is no array: boom"),
-        "__array__ without": ((NoArray(), 1.0), "x is no array"),
-        "deleted": ((deleted(), 1.0), "x is no array: Array has been deleted"),
+        "RuntimeError": ((Raising(RuntimeError), 1.0), "x is not an array: boom"),
+        "MemoryError": ((Raising(MemoryError), 1.0), "x is not an array: boom"),
+        "IndexError": ((Raising(IndexError), 1.0), "x is not an array: boom"),
+        "__array__ without": ((NoArray(), 1.0), "x is not an array"),
+        "deleted": ((deleted(), 1.0), "x is not an array: Array has been deleted"),
         "key": ((np.ones(3), KEY), "k is a typed key.\nFix: pass jax.random.key_data"),
         "bytes": ((bytes(24), 1.0), "x has shape"),
-        "a tree in itself": ((inside_itself(), 1.0), "no trees"),
-        "keys of several types": (({1: 1, "a": 2}, 1.0), "no trees"),
+        "a tree in itself": ((inside_itself(), 1.0), "not a tree"),
+        "keys of several types": (({1: 1, "a": 2}, 1.0), "not a tree"),
         "a number beyond floats": ((np.ones(3), 10**400), "too large"),
         "only a shape": ((jax.ShapeDtypeStruct((3,), np.float64), 1.0), "x has shape"),
         "long double": ((np.zeros(3, np.longdouble), 1.0), "float128|longdouble|float96"),

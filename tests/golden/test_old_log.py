@@ -63,7 +63,7 @@ def test_a_log_of_an_estimator_that_is_another_since_is_read_and_not_repeated():
     assert np.isfinite(log["estimate.state.heading"]).all()
     done = CliRunner().invoke(main, ["replay", str(OLD_INS), "--json"])
     assert done.exit_code == 2
-    assert "is built otherwise than the recorded one" in done.output
+    assert "differs from the recorded one" in done.output
     assert "replay with the version that recorded it" in done.output
 
 

@@ -84,7 +84,7 @@ def test_switched_off_nothing_is_learnt():
 @pytest.mark.parametrize(
     ("changes", "says"),
     [
-        ({"kappa": 1.0}, "not below 1"),
+        ({"kappa": 1.0}, "must be below 1"),
         ({"eps": 0.0}, "above 0"),
         ({"sizes": (0.0,) * 9}, "above 0"),
         ({"BP": np.full((2, 9), np.nan)}, "not finite"),

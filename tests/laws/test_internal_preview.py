@@ -89,7 +89,7 @@ def test_what_it_cannot_fly_is_said_and_stays_finite():
 
 
 def test_no_nodes_is_refused_and_so_is_no_horizon():
-    with pytest.raises(InputError, match="0 intervals ahead"):
+    with pytest.raises(InputError, match="at least 1, got 0"):
         replace(form(), intervals=0).check()
     with pytest.raises(InputError, match="horizon"):
         preview_internal(CRAFT, level_trim(CRAFT, H0, V0), horizon=0.0)

@@ -84,7 +84,7 @@ def test_damaged_memory_is_renewed(fake, cache: Path, damage: str) -> None:
         ("echo tcc version 0.9.27; exit 0", "neither gcc nor clang, but 'tcc version 0.9.27'"),
         ('case "$*" in *probe*) echo ld: cannot find -lm; exit 1;; esac', "cannot find -lm"),
         ('case "$*" in *probe*) exit 0;; esac', "cannot be loaded"),
-        ('case "$*" in *-ffp-contract*) echo unrecognized; exit 1;; esac', "needed is gcc 8, clang 10 or newer"),
+        ('case "$*" in *-ffp-contract*) echo unrecognized; exit 1;; esac', "gcc 8, clang 10 or newer is needed"),
         ('case "$*" in *probe*) sed -i s/1.0/2.0/ probe.c;; esac', "wrong numbers"),
     ],
 )
@@ -104,7 +104,7 @@ def test_one_that_hangs_is_stopped(fake, monkeypatch: pytest.MonkeyPatch) -> Non
     fake(always="sleep 60")
     monkeypatch.setattr(module, "PROBE_LIMIT", 0.3)
     monkeypatch.setattr(module, "NAMES", {"c": ("CC",)})
-    assert "no end after 0.3 s" in search_compiler("c").problem
+    assert "did not end within 0.3 s" in search_compiler("c").problem
 
 
 def test_none_says_what_was_tried_and_what_to_install(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

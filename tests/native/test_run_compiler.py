@@ -40,7 +40,7 @@ def test_one_that_hangs_is_stopped_with_its_children(tmp_path: Path) -> None:
     outcome = shell("sleep 60 & echo $! >child; wait", tmp_path, limit=0.3)
     assert time.monotonic() - began < 5.0
     assert outcome.status is None
-    assert "no end after 0.3 s" in outcome.interruption
+    assert "did not end within 0.3 s" in outcome.interruption
     child = int((tmp_path / "child").read_text())
     while is_running(child) and time.monotonic() - began < 5.0:
         time.sleep(0.01)
@@ -51,8 +51,8 @@ def test_one_that_hangs_is_stopped_with_its_children(tmp_path: Path) -> None:
     ("text", "words"),
     [
         ("kill -9 $$", "killed by signal 9"),
-        ("echo 'gcc: fatal error: Killed signal terminated program cc1'; exit 1", "program that it started was killed"),
-        ("echo 'clang: error: unable to execute command: Killed'; exit 254", "program that it started was killed"),
+        ("echo 'gcc: fatal error: Killed signal terminated program cc1'; exit 1", "child program was killed"),
+        ("echo 'clang: error: unable to execute command: Killed'; exit 254", "child program was killed"),
     ],
 )
 def test_being_killed_is_no_verdict_on_the_program(tmp_path: Path, text: str, words: str) -> None:

@@ -56,7 +56,7 @@ def test_a_ring_is_as_long_as_the_longest_latency_needs(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("text", "said"), [("3", "is no recording(.|\\n)*link-test"), ("nothing.csv", "there is no such file")]
+    ("text", "said"), [("3", "is not a recording(.|\\n)*link-test"), ("nothing.csv", "there is no such file")]
 )
 def test_what_is_no_recording_is_refused(text, said):
     with pytest.raises(InputError, match=said):
@@ -64,13 +64,13 @@ def test_what_is_no_recording_is_refused(text, said):
 
 
 def test_who_mistypes_it_is_shown_it():
-    with pytest.raises(InputError, match=r"no such choice(.|\n)*Fix: settings=\{\"uplink\": "):
+    with pytest.raises(InputError, match=r"no choice and no setting(.|\n)*Fix: settings=\{\"uplink\": "):
         build(NAME, {"uplnk": "up.csv"})
 
 
 @pytest.mark.parametrize(("typed", "path"), [("mass", "world.vehicle.mass"), ("k1", "autopilot.law.k1")])
 def test_a_setting_typed_by_its_last_word_is_shown_with_its_path(typed, path):
-    with pytest.raises(InputError, match=f"no such setting(.|\n)*Fix: .*{re.escape(path)}"):
+    with pytest.raises(InputError, match=f"no setting of this name(.|\n)*Fix: .*{re.escape(path)}"):
         build(NAME, {typed: "3"})
 
 

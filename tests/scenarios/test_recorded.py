@@ -116,10 +116,10 @@ def craft():
     )
     for name in (f"{own}:craft", "os:abort", "own:craft"):
         log = recorded(tmp_path, scenario, scenario=name, choices={})
-        with pytest.raises(InputError, match="not in the catalogue, and no file is run"):
+        with pytest.raises(InputError, match="not in the catalogue; no file is run"):
             rebuild_scenario(log)
         choices = {"scenario": name, "arguments": {}, "settings": {}, "without": [], "faults": []}
-        with pytest.raises(InputError, match="not in the catalogue, and no file is run"):
+        with pytest.raises(InputError, match="not in the catalogue; no file is run"):
             rebuild_scenario(recorded(tmp_path, scenario, scenario="hovercraft/spin", choices=choices))
     assert not mark.exists()
     check_alike(rebuild_scenario(recorded(tmp_path, scenario, scenario="os:abort"), f"{own}:craft"), scenario)
@@ -136,5 +136,5 @@ def test_a_scenario_that_is_built_otherwise_is_refused(tmp_path):
     with pytest.raises(InputError, match=r"scenario=.file\.py:function"):
         rebuild_scenario(gone)
     assert rebuild_scenario(gone, "hovercraft/zero-velocity").name == "hovercraft/zero-velocity"
-    with pytest.raises(InputError, match="does not say its scenario"):
+    with pytest.raises(InputError, match="does not contain its scenario"):
         rebuild_scenario(Log(gone.t, gone.ticks, gone.signals))

@@ -176,7 +176,7 @@ def test_files_that_it_names_are_looked_for_beside_it(tmp_path, monkeypatch):
         ("[world.vehicle\nmass = 3", r"my.toml:1:15: Expected ']'"),
         ("a = 1\na = 2", r"my.toml:2:6: Cannot overwrite"),
         ('base = "hovercraft/spn"', r"my.toml:1:1: scenario 'hovercraft/spn'"),
-        ('base = "my_boat.py:scenario"', r"my.toml:1:1: base: .* runs nothing"),
+        ('base = "my_boat.py:scenario"', r"my.toml:1:1: base: .* runs no code"),
         ('base = "my.toml"', r"my.toml:1:1: base: .* based on this file again"),
         ('base = "hovercraft/spin"\n[choices]\nlinks = "chan"', r"my.toml:3:1: links: 'chan' is not a choice"),
         ('base = "hovercraft/spin"\nwithout = ["x"]', r"my.toml:2:1: .*no imperfection 'x'"),
@@ -190,7 +190,7 @@ def test_files_that_it_names_are_looked_for_beside_it(tmp_path, monkeypatch):
         ),
         ('base = "hovercraft/spin"\n[autopilot.law]\npart = "Spni"', r"my.toml:3:1: autopilot.law: unknown part"),
         ('base = "hovercraft/spin"\n[world.actuators]\npart = "none"', r"my.toml:3:1: world.actuators: .*be left out"),
-        ('[world.vehicle]\npart = "Hovercraft"', r"my.toml: world.actuators: there is none"),
+        ('[world.vehicle]\npart = "Hovercraft"', r"my.toml: world.actuators: the part is missing"),
     ],
 )
 def test_what_is_wrong_is_said_with_its_line(tmp_path, text, said):
@@ -215,10 +215,10 @@ def test_what_is_typed_beside_it_is_no_line_of_it(tmp_path):
 
 
 def test_a_file_there_is_not_and_one_that_is_no_text(tmp_path):
-    with pytest.raises(InputError, match="can't be read"):
+    with pytest.raises(InputError, match="cannot be read"):
         build(str(tmp_path / "none.toml"))
     (tmp_path / "odd.toml").write_bytes(b"\xff\xfe")
-    with pytest.raises(InputError, match="no UTF-8"):
+    with pytest.raises(InputError, match="not UTF-8"):
         build(str(tmp_path / "odd.toml"))
 
 

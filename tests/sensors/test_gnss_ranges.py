@@ -121,5 +121,5 @@ def test_an_almanac_is_put_on_the_local_map():
 
 
 def test_places_without_velocities_are_refused():
-    with pytest.raises(InputError, match="not both"):
+    with pytest.raises(InputError, match="must both"):
         replace(QUIET, velocities=np.zeros((7, 3))).check()

@@ -1,4 +1,4 @@
-"""What is known of a program before it is text: what no result needs, and what is the same in every run of a batch.
+"""Analysis of a program before it becomes text: needed results, and values that agree in all runs of a batch.
 
 What is the same in every run is computed once, and branches on it stay branches.
 """
@@ -20,7 +20,7 @@ class _NeededValues:
         self.todo: list[Value] = []
 
     def collect_uses(self, block: Block, around: list[Any]) -> None:
-        """Note who writes which buffer, and what each value needs besides its operands."""
+        """Note the writers of each buffer, and the requirements of each value besides its operands."""
         for item in block.items:
             if isinstance(item, Define):
                 self.operands[id(item.value)] = [*item.value.args, *_enclosing_tests(around)]
@@ -69,7 +69,7 @@ def _enclosing_tests(around: list[Any]) -> list[Value]:
 
 
 def prune(blocks: list[Block], results: list[Value], buffers: list[Buffer]) -> set[int]:
-    """Keep in the blocks only what the results and these buffers need; returns ids of the values and buffers kept."""
+    """Remove all that the results and these buffers do not need; return ids of the kept values and buffers."""
     needed = _NeededValues()
     for block in blocks:
         needed.collect_uses(block, [])
@@ -110,30 +110,30 @@ def _sweep(block: Block, needed: _NeededValues) -> None:
 
 
 class VaryingValues:
-    """Ids of the values, buffers, branches and loops that differ between the runs of a batch."""
+    """Return ids of the values, buffers, branches and loops that differ between the runs of a batch."""
 
     def __init__(self, values: set[int], buffers: set[int]) -> None:
         self.values, self.buffers = values, buffers
         self.changed = False
 
     def __call__(self, thing: Any) -> bool:
-        """Whether a value or buffer differs between runs."""
+        """Return True if a value or buffer differs between runs."""
         return id(thing) in self.values or id(thing) in self.buffers
 
     def add(self, thing: Any, to: set[int]) -> None:
-        """This differs between runs."""
+        """Mark a value or buffer as differing between runs."""
         if id(thing) not in to:
             to.add(id(thing))
             self.changed = True
 
     def value(self, value: Value) -> None:
-        """Mark a computed value where its operands differ, or the buffer that it is loaded from does."""
+        """Mark a computed value if its operands, or the buffer that it is loaded from, differ."""
         if any(self(a) for a in value.args) or (value.op == "load" and self(value.attr)):
             self.add(value, self.values)
 
 
 def find_varying(blocks: list[Block], inputs: list[Any], feedback: list[tuple[Any, Any]]) -> VaryingValues:
-    """What differs between runs when these inputs do.
+    """Return the values and buffers that differ between runs if these inputs do.
 
     feedback: (state as it comes in, state as it goes out) of what the caller carries from call to call.
     """
@@ -152,7 +152,7 @@ def find_varying(blocks: list[Block], inputs: list[Any], feedback: list[tuple[An
 
 
 def _mark_block(block: Block, varying: VaryingValues, masked: bool) -> None:
-    """masked: whether only some of the runs execute this block."""
+    """Mark what differs in a block. masked: True if only some of the runs execute this block."""
     for item in block.items:
         if isinstance(item, Define):
             varying.value(item.value)
@@ -178,13 +178,13 @@ def _mark_block(block: Block, varying: VaryingValues, masked: bool) -> None:
 
 
 CHEAP = ("sqrt", "floor", "ceil", "round_even", "round_away")
-"""Elementary functions that are an instruction or two."""
+"""Elementary functions that take one or two instructions."""
 CALL, TURNS = 40, 16
-"""Operations of an elementary function, and turns of a loop that ends on data, as they are counted here."""
+"""Assumed operations of an elementary function, and turns of a loop that ends on data."""
 
 
 def vector_share(blocks: list[Block]) -> float:
-    """The share of a single run's operations that lies in loops of which a C compiler makes vectors.
+    """Return the share of a single run's operations in loops that a C compiler vectorises.
 
     Such a loop is the innermost, carries nothing, and calls nothing.
     """
@@ -193,7 +193,7 @@ def vector_share(blocks: list[Block]) -> float:
 
 
 def _count_operations(blocks: list[Block]) -> tuple[float, float]:
-    """Operations of these blocks, and how many of them are in loops that become vectors."""
+    """Return the operations of these blocks, and how many of them are in vectorised loops."""
     work = vectors = 0.0
     for item in (item for block in blocks for item in block.items):
         if isinstance(item, Define):
@@ -215,7 +215,7 @@ def _is_cheap(item: Any) -> bool:
 
 
 def defined_values(blocks: list[Block]) -> list[Value]:
-    """All values that are computed in some blocks, nested ones included."""
+    """Return all values that are computed in some blocks, nested ones included."""
     values: list[Value] = []
     for block in blocks:
         for item in block.items:

@@ -9,15 +9,15 @@ import numpy as np
 from trimtab.compiler.ir import NAMES, TYPES, Buffer, Builder, Value
 
 UNROLL = 48
-"""Arrays of more elements than this are kept in buffers, and handled by loops."""
+"""Number of elements above which an array is kept in a buffer and handled by loops."""
 ROW = 24
-"""So are those with a longer axis: vectors of beacons, which loops handle as fast with a fraction of the text."""
+"""Axis length above which an array is kept in a buffer: loops are as fast on vectors of beacons, with far less text."""
 
 Index = list[Value]
 
 
 class ElementUpdate(NamedTuple):
-    """One element that is to be written: its row-major position, its number, and whether it is written at all."""
+    """Element to be written: its row-major position, its value, and whether it is written at all."""
 
     position: Value
     number: Value
@@ -47,34 +47,34 @@ class Array:
 
     @property
     def size(self) -> int:
-        """How many elements."""
+        """Return the number of elements."""
         return math.prod(self.shape)
 
 
 def type_name(dtype: Any) -> str:
-    """Our short name of a numpy type; raises KeyError for one that C text can't have."""
+    """Return our short name of a numpy type; raise KeyError for a type without C text."""
     return NAMES[np.dtype(dtype)]
 
 
 def is_small(shape: tuple[int, ...]) -> bool:
-    """Whether an array of this shape is unrolled."""
+    """Return True if an array of this shape is unrolled."""
     return math.prod(shape) <= UNROLL and max(shape, default=0) <= ROW
 
 
 def scalars(values: Sequence[Value], shape: tuple[int, ...], dtype: str) -> Array:
-    """A small array of values in row-major order."""
+    """Return a small array of values in row-major order."""
     items = np.empty(len(values), object)
     items[:] = values
     return Array(shape, dtype, items.reshape(shape))
 
 
 def scalar(value: Value) -> Array:
-    """An array of shape ()."""
+    """Return an array of shape ()."""
     return scalars([value], (), value.dtype)
 
 
 def constant(b: Builder, data: Any, dtype: str | None = None) -> Array:
-    """A known array."""
+    """Return a constant array."""
     data = np.asarray(data)
     dtype = dtype or type_name(data.dtype)
     if is_small(data.shape):
@@ -83,7 +83,7 @@ def constant(b: Builder, data: Any, dtype: str | None = None) -> Array:
 
 
 def flat_index(b: Builder, shape: tuple[int, ...], index: Index) -> Value:
-    """The row-major position of an index."""
+    """Return the row-major position of an index."""
     if all(i.op == "const" for i in index):
         at = 0
         for extent, i in zip(shape, index, strict=True):
@@ -97,7 +97,7 @@ def flat_index(b: Builder, shape: tuple[int, ...], index: Index) -> Value:
 
 
 def read_flat(b: Builder, array: Array, position: Value) -> Value:
-    """The element at a row-major position."""
+    """Return the element at a row-major position."""
     if array.items is not None:
         if position.op == "const":
             return array.items.ravel()[int(position.const)]
@@ -109,27 +109,27 @@ def read_flat(b: Builder, array: Array, position: Value) -> Value:
 
 
 def read_element(b: Builder, array: Array, index: Index) -> Value:
-    """The element at an index; the index of an axis of length 1 is taken as 0."""
+    """Return the element at an index; the index of an axis of length 1 is taken as 0."""
     index = [b.index(0) if n == 1 else i for n, i in zip(array.shape, index, strict=True)]
     return read_flat(b, array, flat_index(b, array.shape, index))
 
 
 def element_list(b: Builder, array: Array) -> list[Value]:
-    """All elements in row-major order; for small arrays."""
+    """Return all elements in row-major order; for small arrays."""
     if array.items is not None:
         return list(array.items.ravel())
     return [read_flat(b, array, b.index(i)) for i in range(array.size)]
 
 
 def element_array(b: Builder, array: Array) -> Any:
-    """All elements as an object array of the array's shape; for small arrays."""
+    """Return all elements as an object array of the array's shape; for small arrays."""
     if array.items is not None:
         return array.items
     return scalars(element_list(b, array), array.shape, array.dtype).items
 
 
 def store_in_memory(b: Builder, array: Array) -> Array:
-    """The same array in a buffer, which serves all who read these values by a computed index: nobody writes to it."""
+    """Return the array in a buffer shared by all readers at a computed index; nobody writes to it."""
     if array.items is None:
         return array
     elements = tuple(array.items.ravel())
@@ -147,7 +147,7 @@ def _make_buffer(b: Builder, dtype: str, elements: tuple[Value, ...]) -> Buffer:
 
 
 def loop_over_indices(b: Builder, shape: tuple[int, ...], body: Callable[[Index], None]) -> None:
-    """Nested loops over all indices of a shape."""
+    """Write nested loops over all indices of a shape."""
 
     def nest(index: Index) -> None:
         if len(index) == len(shape):
@@ -161,7 +161,7 @@ def loop_over_indices(b: Builder, shape: tuple[int, ...], body: Callable[[Index]
 
 
 def build_array(b: Builder, shape: tuple[int, ...], dtype: str, element: Callable[[Index], Value]) -> Array:
-    """The array whose element at an index is element(index): unrolled when small, else loops into a new buffer."""
+    """Return the array whose element at an index is element(index): unrolled if small, else by loops into a buffer."""
     if is_small(shape):
         found = [element([b.index(i) for i in index]) for index in np.ndindex(*shape)]
         return scalars(found, shape, dtype)
@@ -185,14 +185,14 @@ def copy_into(b: Builder, target: Buffer, source: Array) -> None:
 
 
 def copy_array(b: Builder, array: Array) -> Array:
-    """The same array in a new buffer that nothing else refers to."""
+    """Return the array in a new buffer that has no other references."""
     made = b.local_buffer(array.dtype, array.size)
     copy_into(b, made, array)
     return Array(array.shape, array.dtype, buffer=made)
 
 
 def apply_updates(b: Builder, array: Array, in_place: bool) -> Array:
-    """The array with its updates written; in place, what else refers to the buffer is changed."""
+    """Return the array with its updates written; in place, other references to the buffer change too."""
     plain = Array(array.shape, array.dtype, buffer=array.buffer)
     target = plain if in_place else copy_array(b, plain)
     write_updates(b, target, array.updates)

@@ -25,7 +25,7 @@ from trimtab.compiler.writer import Writer
 
 
 class BlockDefinition(NamedTuple):
-    """What a block is, before it is text.
+    """Definition of a block, before it becomes text.
 
     Attributes:
         name: before every name in the text.
@@ -45,7 +45,7 @@ class BlockDefinition(NamedTuple):
 
 
 class BlockText(NamedTuple):
-    """The text of a block, and what its structs hold.
+    """Text of a block, and the contents of its structs.
 
     workspace: bytes that its functions are given as their last argument, aligned to 64; 0 where they take none.
     is_function: it has neither parameters nor state, and is one function of this name.
@@ -65,7 +65,7 @@ class BlockText(NamedTuple):
     flags: tuple[str, ...] = ()
 
     def call(self, p: str, s: str, in_: str, out: str, workspace: str) -> str:
-        """The text of a step."""
+        """Return the text of a step."""
         name = self.name if self.is_function else f"{self.name}_step"
         given = [in_, out] if self.is_function else [p, s, in_, out]
         return f"{name}({', '.join([*given, *([workspace] if self.workspace else [])])});"
@@ -74,7 +74,7 @@ class BlockText(NamedTuple):
 def function_block(
     function: Callable[..., Any], example: tuple[Any, ...], name: str, names: list[str]
 ) -> BlockDefinition:
-    """A pure function as a block without parameters and state, its arguments by name."""
+    """Return a pure function as a block without parameters and state, with its arguments by name."""
 
     def step(p: Any, s: Any, given: dict[str, Any]) -> tuple[Any, Any]:
         return s, function(*(given[n] for n in names))
@@ -83,7 +83,7 @@ def function_block(
 
 
 def block_text(block: BlockDefinition, real: str = "f64") -> BlockText:
-    """The C of a block. real: "f64" computes in double, "f32" in float."""
+    """Return the C of a block. real: "f64" computes in double, "f32" in float."""
     begin, state = jax.make_jaxpr(block.init, return_shape=True)(block.parameters)
     each, shapes = jax.make_jaxpr(block.step, return_shape=True)(block.parameters, state, block.input)
     with report_fault(f"block {block.name!r}"):
@@ -91,7 +91,7 @@ def block_text(block: BlockDefinition, real: str = "f64") -> BlockText:
 
 
 def _traced_block_text(block: BlockDefinition, real: str, init: tuple[Any, Any], step: tuple[Any, Any]) -> BlockText:
-    """The C of a block whose functions are traced, each with the shapes of its results."""
+    """Return the C of a block whose functions are traced, each with the shapes of its results."""
     name, (begin, state), (each, shapes) = block.name, init, step
     P, S = members(block.parameters, real), members(state, real)
     IN, OUT = members(block.input, real), members(shapes[1], real)
@@ -130,13 +130,13 @@ def _traced_block_text(block: BlockDefinition, real: str, init: tuple[Any, Any],
 
 
 def _step_arguments(name: str, alone: bool) -> list[tuple[str, str]]:
-    """Types and names of what a step is given, without the workspace."""
+    """Return types and names of the arguments of a step, without the workspace."""
     own = [] if alone else [(f"const {name}_params *", "p"), (f"{name}_state *", "s")]
     return [*own, (f"const {name}_in *", "in"), (f"{name}_out *", "out")]
 
 
 def _function_heads(name: str, workspace: int, alone: bool) -> tuple[str, str, str]:
-    """Declarations of defaults, init and step; of a function alone there is only the last."""
+    """Return declarations of defaults, init and step; for a function only the last."""
     more = ", void *workspace" if workspace else ""
     if alone:
         return "", "", f"{name}(const {name}_in *in, {name}_out *out{more})"
@@ -211,7 +211,7 @@ class StructPlace(NamedTuple):
 
 
 class _Body(NamedTuple):
-    """The text of a routine. pieces: functions that it calls.  workspace, frame: bytes, as of a block's text."""
+    """Text of a routine. pieces: functions that it calls.  workspace, frame: bytes, as of a block's text."""
 
     pieces: str
     lines: list[str]
@@ -220,7 +220,7 @@ class _Body(NamedTuple):
 
 
 class _Routine:
-    """One function of a block: its jaxpr lowered, where its operands come from, and where its results go."""
+    """One function of a block: its lowered jaxpr, the sources of its operands, and the destinations of its results."""
 
     def __init__(self, jaxpr: Any, sources: list[StructPlace], targets: list[StructPlace], real: str) -> None:
         self.b = b = Builder()
@@ -236,7 +236,7 @@ class _Routine:
         self.results: list[tuple[str, Member, Array]] = []
         rest = iter(arrays)
         pairs = [(place, m, next(rest)) for place in targets for m in place.members]
-        # what others read of the state's arrays goes out before these are overwritten
+        # other readers of the state's arrays must be written before these are overwritten
         for place, m, a in pairs:
             if not self._state_buffer(place, m):
                 self._write_result(place, m, a)
@@ -248,7 +248,7 @@ class _Routine:
         self.workspace = plan_workspace(self.blocks, results=buffers)
 
     def _state_buffer(self, place: StructPlace, m: Member) -> Buffer | None:
-        """The buffer in which a member is kept between calls, if it is one."""
+        """Return the buffer in which a member is kept between calls, or None."""
         for base, other, array, _ in self.operands:
             if base == place.base and other.path == m.path:
                 return array.buffer
@@ -265,7 +265,7 @@ class _Routine:
         self.results.append((place.base, m, array))
 
     def _alias_result(self, array: Array) -> bool:
-        """Let a result's own memory be the member itself, where nothing else needs it: no copy, and no stack."""
+        """Use the member's own memory for a result, if nothing else needs it: no copy, and no stack."""
         buffer = array.buffer
         if buffer is None or buffer.kind != "local" or array.offset is not None:
             return False
@@ -276,7 +276,7 @@ class _Routine:
         return bool(own)
 
     def _write_states(self, pairs: list[tuple[StructPlace, Member, Array]]) -> None:
-        """Large states end in their own buffers; one that another state reads from is copied first."""
+        """Write large states to their own buffers; one that another state reads is copied first."""
         own = [self._state_buffer(place, m) for place, m, _ in pairs]
         moves = []
         for (place, m, a), target in zip(pairs, own, strict=True):
@@ -289,11 +289,11 @@ class _Routine:
             copy_into(self.b, target, source)
 
     def has_data_dependent_loop(self) -> bool:
-        """Whether some loop runs as long as a condition holds."""
+        """Return True if some loop runs as long as a condition holds."""
         return _has_while_loop(self.blocks)
 
     def write_body(self, w: Writer, function: str, arguments: list[tuple[str, str]]) -> _Body:
-        """The body of the function of this name and these arguments."""
+        """Return the body of the function with this name and these arguments."""
         blocks = self.blocks
         w.live, w.workspace, start = self.live, self.workspace, len(w.lines)
         w.note_sincos(blocks)
@@ -303,7 +303,7 @@ class _Routine:
                 continue
             assert array.items is not None
             for k, v in enumerate(array.items.ravel()):
-                if not writable and id(v) in self.live:  # read where it is used: a branch not taken loads nothing
+                if not writable and id(v) in self.live:  # loaded where it is used: a branch not taken loads nothing
                     w.names[id(v)] = m.at(base, k)
                 elif id(v) in self.live:
                     w.names[id(v)] = name = w.fresh("x")

@@ -11,7 +11,7 @@ from trimtab.compiler.ir import is_float
 from trimtab.compiler.text import C_TYPES, ELEMENTARY, LIMITS, float_suffix, vector_type
 
 INLINED = 24
-"""Calls of a function that a program has at most, for it to be written out at each: else it is called."""
+"""Number of calls up to which a function is inlined; above, it is called."""
 EXCHANGES = ("tv_gather", "tv_scatter")
 _TWO_OPERANDS = {
     "div": "return b == 0 ? (T)-1 : SIGNED b == (T)-1 ? (T)(0u - (U)a) : ELSE (T)(a / b);",
@@ -31,7 +31,7 @@ _ONE_OPERAND = {
 
 
 def helper_text(name: str) -> str:
-    """The text of one helper, e.g. tt_div_i32, tv_max_f64; KeyError where there is none of that name."""
+    """Return the text of one helper, e.g. tt_div_i32, tv_max_f64; raise KeyError for an unknown name."""
     return _lane_helper(name) if name.startswith("tv_") else _scalar_helper(name)
 
 
@@ -68,7 +68,7 @@ def _scalar_helper(name: str) -> str:
 
 
 def _saturation(to: str, source: str) -> str:
-    """A number of floating point as a whole one: towards zero, the nearest there is, 0 for NaN."""
+    """Return the conversion of a float to an integer: towards zero, saturating, 0 for NaN."""
     low, high = LIMITS[to] if to[0] == "i" else ("0", LIMITS[to][1])
     power, suffix = int(to[1:]) - (to[0] == "i"), float_suffix(source)
     below = f"x <= -0x1p{power}{suffix}" if to[0] == "i" else f"x <= 0.0{suffix}"
@@ -81,7 +81,7 @@ x = x == x ? x : (vf64){}; vf64 low = tv_splat_f64(-2147483648.0), high = tv_spl
 
 
 def _lane_helper(name: str) -> str:
-    """What only lanes need; else a comparison of vectors, or the scalar helper for each lane."""
+    """Return a helper that only lanes need; else a comparison of vectors, or the scalar helper for each lane."""
     if name == "tv_any":
         return _function_text("bool", name, "vi64 m", "return ttv_any(m);")
     if match := re.fullmatch(r"tv_(splat|take|pick|put|gather|scatter)_(\w+)", name):
@@ -145,7 +145,7 @@ def _function_text(result: str, name: str, parameters: str, body: str) -> str:
 
 
 def helper_texts(used: Mapping[str, int]) -> str:
-    """Text of all helpers among these names, in an order that compiles; elementary functions are not among them.
+    """Return the text of all helpers among these names, in an order that compiles, without elementary functions.
 
     used: name -> how often it is called.
     """

@@ -40,7 +40,7 @@ void NAME_fast(NAME_memory *a)
 
 
 def compile_block(block: BlockDefinition) -> "CompiledBlock":
-    """A block compiled by the machine's C compiler, in its first state.
+    """Compile a block with the machine's C compiler, in its initial state.
 
     Raises:
         InputError: a primitive without C text, naming the line that made it; or no C compiler.
@@ -82,11 +82,11 @@ class CompiledBlock:
         return np.ctypeslib.as_array(where(self._at), shape=(sum(m.size for m in members),))
 
     def reset(self) -> None:
-        """Back to the state before the first step, with the parameters that it was compiled with."""
+        """Restore the state before the first step, with the parameters that it was compiled with."""
         self._begin(self._at)
 
     def step(self) -> None:
-        """One step: from `inputs` to `outputs`."""
+        """Run one step: from `inputs` to `outputs`."""
         self._step(self._at)
 
     def set_inputs(self, values: Mapping[str, Any]) -> None:
@@ -95,7 +95,7 @@ class CompiledBlock:
             self.inputs[self._find_slot(self.reads, "input", path)] = value
 
     def result(self, path: str) -> Any:
-        """An output by path."""
+        """Return an output by path."""
         return self.outputs[self._find_slot(self.writes, "output", path)]
 
     def _find_slot(self, slots: Mapping[str, Any], kind: str, path: str) -> Any:
@@ -107,7 +107,7 @@ class CompiledBlock:
 
 
 def _library_source(text: BlockText) -> str:
-    """All in one file: the block, the functions between rows and structs, and what Python calls."""
+    """Return one file with the block, the functions between rows and structs, and the functions that Python calls."""
     name = text.name
     source = text.source.replace(f'#include "{name}.h"\n', "")
     offsets = ", ".join(f"offsetof({name}_params, {m.path})" for m in text.parameters) or "0"

@@ -59,7 +59,7 @@ def compile(
 
 
 class CompiledFunction:
-    """A compiled function: call it as the one that it was made of, with the shapes and types of the example.
+    """Compiled function: call it like the original, with the shapes and types of the example.
 
     Numbers of Python are taken for arrays without axes; arrays of other types where nothing is lost, such as float32
     for float64. Everything else is refused with InputError before anything runs. Calls from several threads may
@@ -190,14 +190,14 @@ class CompiledFunction:
         return tuple(self._flatten(arguments)[0])
 
     def _flatten(self, arguments: tuple[Any, ...], batch: bool = False) -> tuple[list[Any], int]:
-        """Contiguous arrays of the types that the text takes, and how many runs they are of."""
+        """Return contiguous arrays of the types that the text takes, and their number of runs."""
         if len(arguments) != len(self._example):
             problem = f"it takes {len(self._example)} arguments ({', '.join(self._names)}), was given {len(arguments)}"
             raise self._refusal(problem)
         try:
             paths, structure = jax.tree_util.tree_flatten_with_path(arguments)
         except (ValueError, SystemError) as reason:  # such as keys of a dict that cannot be ordered, a list in itself
-            raise self._refusal(f"the arguments are no trees: {reason}") from None
+            raise self._refusal(f"the arguments are not a tree: {reason}") from None
         if structure != self._structure:
             raise self._refusal(f"the arguments are built as {structure}, the example as {self._structure}")
         arrays = [self._array(p, v, a, batch) for (p, v), a in zip(paths, self._inputs, strict=True)]
@@ -224,7 +224,7 @@ class CompiledFunction:
         try:
             found = np.asarray(value)
         except Exception as reason:  # the object's own __array__ may raise anything
-            raise self._refusal(f"{self._path(path)} is no array: {reason}") from None
+            raise self._refusal(f"{self._path(path)} is not an array: {reason}") from None
         shapes = f"{wanted.shape}" + (f" or (runs, {str(wanted.shape)[1:]}" if batch else "")
         if found.shape != wanted.shape and not (batch and found.shape[1:] == wanted.shape and found.ndim):
             raise self._refusal(
@@ -254,7 +254,7 @@ class CompiledFunction:
 
 
 def _can_stand_for(value: Any, given: np.dtype[Any], wanted: np.dtype[Any]) -> bool:
-    """Whether numbers of one type may be given for another: nothing is lost; Python's own as JAX takes them."""
+    """Return True if one type may be given for another without loss; Python's own numbers as JAX takes them."""
     if type(value) is float:
         return wanted.kind == "f"
     if type(value) is int:
@@ -268,14 +268,14 @@ def export_callable(
 ) -> ExportedFolder:
     """Write a function of JAX as C99, without compiling it here; see `CompiledFunction.export`."""
     name = function_identifier(_function_name(function) if name is None else name)
-    trace_example(function, example, name)  # refuses what cannot be traced
+    trace_example(function, example, name)  # rejects what cannot be traced
     arguments = jax.tree.map(_example_numbers, example)
     block = function_block(function, arguments, name, _argument_names(function, len(example)))
     return export_function(folder, block, function, arguments)
 
 
 def _function_name(function: Callable[..., Any]) -> str:
-    """The name of a function for messages; "function" where it has none."""
+    """Return the name of a function for messages; "function" if it has none."""
     name = getattr(function, "__name__", "")
     return name if isinstance(name, str) and name.isidentifier() else "function"
 
@@ -292,12 +292,12 @@ def _argument_names(function: Callable[..., Any], count: int) -> list[str]:
 
 
 def _example_numbers(leaf: Any) -> Any:
-    """An array of an example; zeros where it is only a shape."""
+    """Return an array of an example; zeros if it is only a shape."""
     return np.zeros(leaf.shape, leaf.dtype) if isinstance(leaf, jax.ShapeDtypeStruct) else np.asarray(leaf)
 
 
 def _tree_nodes(tree: Any, results: bool = False) -> list[TreeNode] | None:
-    """A tree of tuples, lists, dicts and records place by place, or None where there is something else in it."""
+    """Return a tree of tuples, lists, dicts and records node by node, or None if it contains anything else."""
     nodes = [] if results else None
     try:
         nodes = list(_walk(tree, results))

@@ -23,17 +23,17 @@ OWN_FUNCTIONS = (
     *("sqrt", "rsqrt", "floor", "ceil", "trunc", "round_even", "round_away"),
 )
 HELPER_FUNCTIONS = ("abs", "copysign", "is_finite", "splat", "all", "any")
-"""Small parts that generated vector code needs as well; `any` only in vectors."""
+"""Small functions that generated vector code needs as well; `any` only in vectors."""
 EXACT_FUNCTIONS = {
     **{name: f"{name}f" for name in ("sqrt", "floor", "ceil", "trunc", "fmod")},
     **{"round_even": "rintf", "round_away": "roundf"},
 }
-"""Functions whose result every C library gives alike, rounded right, by their names for float."""
+"""Functions with correctly rounded results in every C library, by their names for float."""
 FUNCTIONS = (*OWN_FUNCTIONS, "fmod")
 SINGLE_PRECISION_NAMES = {name: EXACT_FUNCTIONS.get(name, f"{name}f") for name in FUNCTIONS}
-"""Functions for float by what the C library calls them; asked for with an f behind the name."""
+"""Functions for float by their C library names, called with the suffix f."""
 FAR = {"sin": 1, "cos": 1, "tan": 1, "log": 1, "log1p": 1, "atan2": 2, "pow": 2}
-"""Functions with a slow path for what is out of range, and how many arguments each takes."""
+"""Functions with a slow path outside their range, and their number of arguments."""
 
 _LINE = "{inline}{type} {name}({parameters})\n{{\n{body}}}"
 
@@ -73,13 +73,13 @@ def _forbid_inlining(text: str, functions: Iterable[str]) -> str:
 
 @cache
 def _blocks(name: str) -> list[str]:
-    """Blocks of this runtime text, parted by blank lines: first what stands before the functions, then each of them."""
+    """Return blocks of this runtime text, separated by blank lines: first the prelude, then each function."""
     return files("trimtab.compiler").joinpath("runtime", f"{name}.h").read_text("utf-8").strip().split("\n\n")
 
 
 @cache
 def _functions(prefix: str) -> dict[str, str]:
-    """C text of each function by name, for prefix tt (one number) or ttv (vectors)."""
+    """Return the C text of each function by name, for prefix tt (one number) or ttv (vectors)."""
     vector = prefix == "ttv"
     blocks = [
         *_blocks("vector" if vector else "scalar")[1:],
@@ -98,7 +98,7 @@ def _functions(prefix: str) -> dict[str, str]:
 
 
 def _replace_tokens(block: str, vector: bool) -> str:
-    """The block with its tokens replaced."""
+    """Return the block with its tokens replaced."""
     tokens = {"F64": "vf64", "U64": "vu64", "M64": "vi64", "INLINE": "TTV_INLINE", "COLD": "TTV_COLD"}
     if not vector:
         tokens = {"F64": "double", "U64": "uint64_t", "M64": "int", "INLINE": "TT_INLINE", "COLD": "TT_COLD"}
@@ -107,7 +107,7 @@ def _replace_tokens(block: str, vector: bool) -> str:
 
 
 def _lane_by_lane(name: str, arity: int, near: str = "") -> str:
-    """Vectors through the function for one number; with `near`, it gives y for the numbers where that is right."""
+    """Return vectors through the function for one number; with `near`, y holds for the lanes where near is true."""
     arguments = ("x", "z")[:arity]
     parameters = [*(["vi64 near"] if near else []), *(f"vf64 {a}" for a in arguments), *(["vf64 y"] if near else [])]
     each = [*(["near[i] != 0"] if near else []), *(f"{a}[i]" for a in arguments), *(["y[i]"] if near else [])]
@@ -118,7 +118,7 @@ def _lane_by_lane(name: str, arity: int, near: str = "") -> str:
 
 
 def _with_dependencies(names: Iterable[str], prefix: str) -> Iterator[str]:
-    """Blocks of these functions, each after those that it calls."""
+    """Return the blocks of these functions, each after those that it calls."""
     functions, done = _functions(prefix), set[str]()
 
     def visit(name: str) -> Iterator[str]:
@@ -135,7 +135,7 @@ def _with_dependencies(names: Iterable[str], prefix: str) -> Iterator[str]:
 
 
 def _single_precision(name: str) -> str:
-    """The function of this name for float: that for double, rounded, or the C library's (scalar.h, TT_SINGLE)."""
+    """Return the function of this name for float: double's, rounded, or the C library's (scalar.h, TT_SINGLE)."""
     two = name in ("pow", "fmod", "atan2")
     parameters, arguments = ("float x, float z", "x, z") if two else ("float x", "x")
     library = {"rsqrt": "1.0f / sqrtf(x)", "logistic": "1.0f / (1.0f + expf(-x))"}
@@ -165,7 +165,7 @@ typedef float vf32 __attribute__((vector_size(4 * LANES)));
 
 
 def preamble_text(writer: Writer, lanes: int = 0) -> str:
-    """Text that goes before functions written by this writer; lanes 0 for scalar C."""
+    """Return the text that precedes functions written by this writer; lanes 0 for scalar C."""
     parts = [LICENCE_NOTE, INCLUDES, used_elementary_text(writer, lanes)]
     if lanes:
         parts.append(LANE_TYPES)
@@ -175,7 +175,7 @@ def preamble_text(writer: Writer, lanes: int = 0) -> str:
 
 
 def used_elementary_text(writer: Writer, lanes: int = 0) -> str:
-    """The elementary functions that this writer used, e.g. sincos for tt_sincos and ttv_sincos."""
+    """Return the elementary functions that this writer used, e.g. sincos for tt_sincos and ttv_sincos."""
     known = {*FUNCTIONS, *(f"{name}f" for name in SINGLE_PRECISION_NAMES)}
     names = [n.split("_", 1)[1] for n in writer.used if n.startswith(("tt_", "ttv_"))]
     called = [n for n, count in writer.used.items() if count > INLINED]

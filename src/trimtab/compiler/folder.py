@@ -1,4 +1,4 @@
-"""The folder of a block as C: its text, a test that anybody can run, and the samples that it is tested with."""
+"""Folder of a block as C: its text, a test that anyone can run, and the samples for that test."""
 
 import json
 from collections.abc import Callable
@@ -16,11 +16,11 @@ from trimtab.compiler.structs import Member, row_declarations, row_functions
 from trimtab.core.errors import InputError, argument, argument_name
 
 TOLERANCE = {"f64": 1e-9, "f32": 2e-4}
-"""Of each output, as a part of its largest size in the vectors; or of 1e-3, if that is larger."""
+"""Tolerance of each output, relative to its largest size in the vectors, or to 1e-3 if that is larger."""
 
 ROUNDINGS = 8
-"""Of the largest signal in the same unit: an error of 0.01 ft at 85 000 ft has no more digits than the altitude has.
-Most seen in the hypersonic climb: 5, in 100 runs of a second and 6 whole ones."""
+"""Tolerance, in roundings of the largest signal in the same unit: an error of 0.01 ft at 85 000 ft has no more digits
+than the altitude has. Largest seen in the hypersonic climb: 5, in 100 runs of a second and 6 whole ones."""
 
 
 class SampleVectors(NamedTuple):
@@ -34,7 +34,7 @@ class SampleVectors(NamedTuple):
 
 
 class ExportedFolder(NamedTuple):
-    """What was exported, and the files."""
+    """Result of an export, and its files."""
 
     block: BlockText
     files: list[Path]
@@ -43,7 +43,7 @@ class ExportedFolder(NamedTuple):
 def write_folder(
     folder: Path, block: BlockText, vectors: SampleVectors, about: dict[str, Any], real: str
 ) -> list[Path]:
-    """Write all files; gives their paths. The folder is made where it is missing.
+    """Write all files and return their paths. The folder is created if it is missing.
 
     Raises InputError where it cannot be written.
     """
@@ -87,17 +87,17 @@ def write_folder(
 
 
 def column_names(members: list[Member]) -> list[str]:
-    """One name for each number: a path, with the index of an element of an array."""
+    """Return one name for each number: a path, with the index of an element of an array."""
     return [m.path if not m.shape else f"{m.path}[{k}]" for m in members for k in range(m.size)]
 
 
 def exact_numbers(array: Any) -> Any:
-    """An array with Python's own numbers, as they are written into vectors."""
+    """Return an array with Python's own numbers, as they are written into vectors."""
     return np.asarray(array).astype(object)
 
 
 def tolerances(members: list[Member], outputs: Any) -> list[float]:
-    """How far each output may be from the simulated one; whole numbers and truth values not at all.
+    """Return the tolerance of each output against the simulated one; integers and truth values must be equal.
 
     The elements of an array are one signal and have one tolerance, and a signal may be off by ROUNDINGS of the largest
     in the same unit, as where logs are compared (`run.replay`).
@@ -196,7 +196,7 @@ WIDE = {"i64": ("(int64_t)strtoll", "PRId64"), "u64": ("(uint64_t)strtoull", "PR
 
 
 def _row_texts(block: BlockText) -> str:
-    """Functions that set the inputs from a row of text, and print the outputs as one; 64-bit integers exactly."""
+    """Return functions that set inputs from a row of text, and print outputs as one; 64-bit integers exactly."""
     clear, read, k = [], [], 0
     for m in block.inputs:
         if m.dtype in WIDE:
@@ -331,5 +331,5 @@ def export_function(
 
 
 def _row(tree: Any) -> Any:
-    """All numbers of a tree in a row."""
+    """Return all numbers of a tree in a row."""
     return np.concatenate([np.zeros(0, object), *(exact_numbers(v).ravel() for v in jax.tree.leaves(tree))])

@@ -1,4 +1,4 @@
-"""Any JAX function as a compiled one: traced, lowered, written and called through pointers to arrays."""
+"""Compile any JAX function: trace, lower, write, and call it through pointers to arrays."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -21,7 +21,7 @@ from trimtab.compiler.writer import Writer
 
 
 class Function:
-    """A lowered function: its program, what goes in and what comes out, as flat lists of arrays."""
+    """Lowered function: its program, its inputs and outputs, as flat lists of arrays."""
 
     def __init__(self, jaxpr: Any, real: str = "f64", hoist: bool = False) -> None:
         self.b = Builder(hoist)
@@ -38,11 +38,11 @@ class Function:
         self.live = prune(self.blocks, kept, [a.buffer for a in self.outputs if a.buffer is not None])
 
     def text(self, name: str, lanes: int = 0) -> str:
-        """C, or C++ over lanes: `void name(const void *const *in, void *const *out, void *workspace, int32_t runs)`."""
+        """Return C, or C++ over lanes, of `void name(const void *const *in, void *const *out, void *, int32_t)`."""
         return self.program_text(name, lanes).text
 
     def program_text(self, name: str, lanes: int = 0, large_as_data: bool = False) -> "FunctionText":
-        """The same, with the bytes of workspace that the caller gives, aligned to 64, and numbers of large tables."""
+        """Return the text, the bytes of workspace that the caller provides, aligned to 64, and large tables."""
         blocks = self.blocks
         varying = find_varying(blocks, _array_contents(self.inputs), []) if lanes else None
         names = {} if lanes else self._result_names()
@@ -75,11 +75,11 @@ class Function:
         return FunctionText(text, size, tables, build_level(blocks, lanes))
 
     def vector_share(self) -> float:
-        """The share of its operations that become vectors in a single run."""
+        """Return the share of its operations that become vectors in a single run."""
         return vector_share(self.blocks)
 
     def _result_names(self) -> dict[int, str]:
-        """Names of the buffers that lie in the caller's arrays, because they are a result as they are."""
+        """Name the buffers in the caller's arrays, because they are results unchanged."""
         own = {id(i.buffer) for block in (self.b.prologue, self.b.top) for i in block.items if isinstance(i, Local)}
         names: dict[int, str] = {}
         for i, a in enumerate(self.outputs):
@@ -90,7 +90,7 @@ class Function:
 
 
 class FunctionText(NamedTuple):
-    """The text of a function, the bytes of workspace that it needs, and the numbers of its large tables.
+    """Text of a function, the bytes of workspace that it needs, and the numbers of its large tables.
 
     tables: what `NAME_tables` is given once, before the first call.  flags: for the compiler, beyond the usual ones.
     """
@@ -102,7 +102,7 @@ class FunctionText(NamedTuple):
 
 
 def _array_contents(arrays: list[Array]) -> list[Any]:
-    """Values and buffers that arrays consist of, offsets among them."""
+    """Return values and buffers of which arrays consist, offsets included."""
     return [
         thing
         for a in arrays
@@ -111,7 +111,7 @@ def _array_contents(arrays: list[Array]) -> list[Any]:
 
 
 def parameter_array(shape: tuple[int, ...], dtype: str, in_memory: bool) -> Array:
-    """An array that is given: scalars, or a buffer where it is large or indexed."""
+    """Return a given array: scalars, or a buffer if it is large or indexed."""
     size = math.prod(shape)
     if is_small(shape) and not in_memory:
         return scalars([Value("input", (), dtype) for _ in range(size)], shape, dtype)
@@ -175,5 +175,5 @@ def _lane_number(text: str, dtype: str) -> str:
 
 
 def lower_function(function: Callable[..., Any], arguments: Sequence[Any], real: str = "f64") -> Function:
-    """A JAX function lowered for arguments of these shapes and types."""
+    """Lower a JAX function for arguments of these shapes and types."""
     return Function(jax.make_jaxpr(function)(*arguments), real)

@@ -101,7 +101,7 @@ RESERVED_FUNCTIONS = frozenset(
 
 
 def identifier(name: str) -> str:
-    """A name of a member of a struct: ASCII, with an underscore before a digit and behind a reserved word or a macro.
+    """Return a struct member's name: ASCII, underscore before a digit and after a reserved word or a macro.
 
     >>> [identifier(name) for name in ("rate", "new", "a b", "2nd", "NAN", "\u03b8_0")]
     ['rate', 'new_', 'a_b', '_2nd', 'NAN_', 'theta_0']
@@ -114,7 +114,7 @@ def identifier(name: str) -> str:
 
 
 def function_identifier(name: str) -> str:
-    """A name of a function, with an underscore behind names that the C library or the generated text have.
+    """Return a function's name, with an underscore after names used by the C library or the generated text.
 
     >>> [function_identifier(name) for name in ("cost", "read", "sin", "export", "tt_sin")]
     ['cost', 'read_', 'sin_', 'export_', 'tt_sin_']
@@ -124,7 +124,7 @@ def function_identifier(name: str) -> str:
 
 
 def distinct(name: str, taken: Collection[str]) -> str:
-    """A name that is not taken: the same, or with a number behind it."""
+    """Return a free name: the same, or with a number after it."""
     made, number = name, 2
     while made in taken:
         made, number = f"{name}_{number}", number + 1
@@ -132,7 +132,7 @@ def distinct(name: str, taken: Collection[str]) -> str:
 
 
 def _ascii(character: str) -> str:
-    """A letter in ASCII: without its accent, or the name of a Greek letter."""
+    """Return a letter in ASCII: without its accent, or the name of a Greek letter."""
     if character.isascii():
         return character
     plain = "".join(c for c in unicodedata.normalize("NFKD", character) if not unicodedata.combining(c))

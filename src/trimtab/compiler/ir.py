@@ -1,4 +1,4 @@
-"""What a program is between JAX and C: scalars computed once, buffers for what is large, branches and loops.
+"""Program between JAX and C: scalars computed once, buffers for large arrays, branches and loops.
 
 Every value is assigned once and belongs to one block; equal computations are found and shared. A branch joins values,
 a loop carries them. The same program is printed as scalar C or as C++ over lanes.
@@ -26,17 +26,17 @@ TYPES = {
     "f32": np.float32,
     "f64": np.float64,
 }
-LARGEST = 2**31 - 2**16  # numbers of an array: an index, and the end of a loop, must fit an int32
+LARGEST = 2**31 - 2**16  # limit of an array's size: an index and the end of a loop must fit an int32
 NAMES = {np.dtype(t): name for name, t in TYPES.items()}
 
 
 def is_float(dtype: str) -> bool:
-    """Whether values of this type are floating point."""
+    """Return True if values of this type are floating point."""
     return dtype[0] == "f"
 
 
 class Value:
-    """One scalar. op "const" has a number, "input", "carry", "index" and "join" are given by what surrounds them."""
+    """One scalar. op "const" has a number; "input", "carry", "index" and "join" are given by their surroundings."""
 
     __slots__ = ("args", "attr", "const", "dtype", "invariant", "op")
 
@@ -58,47 +58,47 @@ class Buffer:
 
     @property
     def is_read_only(self) -> bool:
-        """Whether nothing ever writes to it."""
+        """Return True if nothing ever writes to the buffer."""
         return self.kind in ("const", "input")
 
 
 class Block:
-    """Statements in order."""
+    """Sequence of statements."""
 
     def __init__(self) -> None:
         self.items: list[Any] = []
 
 
 class Define:
-    """A value is computed."""
+    """Computation of a value."""
 
     def __init__(self, value: Value) -> None:
         self.value = value
 
 
 class Local:
-    """A buffer of this block begins to exist."""
+    """Beginning of a buffer's life in this block."""
 
     def __init__(self, buffer: Buffer) -> None:
         self.buffer = buffer
 
 
 class Store:
-    """buffer[index] = value."""
+    """Assignment buffer[index] = value."""
 
     def __init__(self, buffer: Buffer, index: Value, value: Value) -> None:
         self.buffer, self.index, self.value = buffer, index, value
 
 
 class If:
-    """Either block; joins are (result, value of the first, value of the second)."""
+    """Branch; joins are (result, value of the first block, value of the second)."""
 
     def __init__(self, test: Value, first: Block, second: Block) -> None:
         self.test, self.first, self.second = test, first, second
         self.joins: list[tuple[Value, Value, Value]] = []
 
     def join(self, x: Value, y: Value) -> Value:
-        """x where the first block is taken, else y."""
+        """Result of a branch: x if the first block is taken, else y."""
         if x is y:
             return x
         joined = Value("join", (), x.dtype)
@@ -107,14 +107,14 @@ class If:
 
 
 class Emit:
-    """Values that are handed to the outside, as text that whoever prints the program writes."""
+    """Values that are given to the outside, as text by the printer of the program."""
 
     def __init__(self, values: list[Value]) -> None:
         self.values = values
 
 
 class Loop:
-    """count times (a number, its name, or a value that is the same in all lanes), or while the head block's test holds.
+    """Loop `count` times (a number, its name, or a value equal in all lanes), or while the head block's test holds.
 
     carries are (variable, start, next).
     """
@@ -127,7 +127,7 @@ class Loop:
 
 
 class Builder:
-    """Writes a program. With `hoist`, what depends on invariant inputs alone is put before everything else, once."""
+    """Writer of a program. With `hoist`, computations on invariant inputs alone are moved to its beginning, once."""
 
     def __init__(self, hoist: bool = False) -> None:
         self.prologue, self.top = Block(), Block()
@@ -138,12 +138,12 @@ class Builder:
 
     @property
     def block(self) -> Block:
-        """Where statements go now."""
+        """Return the current block for statements."""
         return self.blocks[-1]
 
     @contextmanager
     def write_into(self, block: Block) -> Iterator[None]:
-        """Write into a block; what is computed there is unknown outside."""
+        """Write into a block; values computed there are unknown outside."""
         self.blocks.append(block)
         self.known.append({})
         try:
@@ -154,11 +154,11 @@ class Builder:
 
     @property
     def is_in_loop(self) -> bool:
-        """Whether what is written now may be computed more than once."""
+        """Return True if the code written now may be computed more than once."""
         return len(self.blocks) > 2
 
     def before_all(self, key: Any, make: Callable[[], Any]) -> Any:
-        """What has this key already; else what is made now, before every loop and branch that is being written."""
+        """Return the value with this key, else make it now, before every loop and branch that is being written."""
         if key not in self.known[1]:
             blocks, known = self.blocks, self.known
             self.blocks, self.known = blocks[:2], known[:2]
@@ -167,14 +167,14 @@ class Builder:
         return self.known[1][key]
 
     def memoise(self, key: Any, make: Callable[[], Any]) -> Any:
-        """What has this key already, here or around; else what is made now."""
+        """Return the value with this key, here or in an enclosing block; else make it now."""
         for table in reversed(self.known):
             if key in table:
                 return table[key]
         return self.known[-1].setdefault(key, make())
 
     def const(self, number: Any, dtype: str) -> Value:
-        """A known number."""
+        """Return a constant."""
         exact = np.asarray(number).astype(TYPES[dtype])
         key = dtype, exact.tobytes()
         if key not in self.constants:
@@ -182,11 +182,11 @@ class Builder:
         return self.constants[key]
 
     def index(self, number: int) -> Value:
-        """A known index."""
+        """Return a constant index."""
         return self.constants.get(number) or self.constants.setdefault(number, self.const(number, "i32"))
 
     def op(self, op: str, *args: Value, dtype: str, attr: Any = None) -> Value:
-        """A computed value: folded, found again, or new."""
+        """Return a computed value: folded, found again, or new."""
         folded = _fold(self, op, args, dtype)
         if folded is not None:
             return folded
@@ -202,7 +202,7 @@ class Builder:
         return value
 
     def load(self, buffer: Buffer, index: Value) -> Value:
-        """An element of a buffer, as it is now."""
+        """Return an element of a buffer, as it is now."""
         if buffer.data is not None and index.op == "const":
             return self.const(buffer.data[int(index.const)], buffer.dtype)
         if buffer.is_read_only:
@@ -212,7 +212,7 @@ class Builder:
         return value
 
     def local_buffer(self, dtype: str, size: int) -> Buffer:
-        """A new buffer of this block."""
+        """Return a new buffer of this block."""
         buffer = Buffer(dtype, size, "local")
         self.block.items.append(Local(buffer))
         return buffer
@@ -224,7 +224,7 @@ class Builder:
     def loop(
         self, count: int | Value, starts: list[Value], body: Callable[[Value, list[Value]], list[Value]]
     ) -> list[Value]:
-        """Run body(index, carried) `count` times; returns what is carried at the end."""
+        """Run body(index, carried) `count` times; return the values carried at the end."""
         made = Loop(count, Value("index", (), "i32", attr=count), Block())
         variables = [Value("carry", (), s.dtype) for s in starts]
         with self.write_into(made.body):
@@ -260,7 +260,7 @@ class Builder:
         return variables
 
     def branch(self, test: Value, first: Callable[[], Value], second: Callable[[], Value]) -> Value:
-        """first() where the test holds, else second(); only one of them is computed."""
+        """Return first() if the test holds, else second(); only one of them is computed."""
         made = If(test, Block(), Block())
         with self.write_into(made.first):
             x = first()
@@ -297,7 +297,7 @@ _ARITHMETIC: dict[str, Callable[..., Any]] = {
 
 
 def _fold(b: Builder, op: str, args: tuple[Value, ...], dtype: str) -> Value | None:
-    """The value that an operation is known to have, or None.
+    """Return the known value of an operation, or None.
 
     Arithmetic on known numbers, and identities that are exact for every input: NaN, infinities, signed zeros. A product
     with zero is not folded: it is NaN where the other factor is not finite.
@@ -368,7 +368,7 @@ def _fold_comparison(b: Builder, op: str, value: Value, wanted: bool) -> Value |
 
 
 def _is_number(value: Value, number: float) -> bool:
-    """Whether a value is exactly this number, the sign of a zero included."""
+    """Return True if a value is exactly this number, including the sign of a zero."""
     if value.op != "const" or value.const != number:
         return False
     return not is_float(value.dtype) or np.signbit(value.const) == np.signbit(np.float64(number))

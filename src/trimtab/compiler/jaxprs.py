@@ -1,4 +1,4 @@
-"""The one place that reads what a jaxpr says: names and parameters of primitives as this version of JAX writes them."""
+"""Reader of jaxprs: the only module that depends on names and parameters of primitives in this version of JAX."""
 
 import os
 from importlib import import_module
@@ -27,7 +27,7 @@ CALLS = {
 
 
 class Scan(NamedTuple):
-    """A scan: constants, carried values and slices, in this order, go into the body."""
+    """Scan: constants, carried values and slices, in this order, are the inputs of the body."""
 
     body: ClosedJaxpr
     constants: int
@@ -37,7 +37,7 @@ class Scan(NamedTuple):
 
 
 class While(NamedTuple):
-    """A while loop: constants of the test, constants of the body, carried values."""
+    """While loop: constants of the test, constants of the body, carried values."""
 
     test: ClosedJaxpr
     test_constants: int
@@ -46,78 +46,78 @@ class While(NamedTuple):
 
 
 def primitive_name(primitive: Any) -> str:
-    """A primitive's name; closed_call's, which JAX from 0.11 on calls eval_jaxpr, is the old one."""
+    """Return a primitive's name; closed_call, which JAX from 0.11 on names eval_jaxpr, keeps its old name."""
     return "closed_call" if primitive is core.closed_call_p else primitive.name
 
 
 def close_jaxpr(jaxpr: Any, consts: Any = ()) -> ClosedJaxpr:
-    """A jaxpr with its constants."""
+    """Return a jaxpr with its constants."""
     return jaxpr if hasattr(jaxpr, "consts") else ClosedJaxpr(jaxpr, consts)
 
 
 def program_of_call(equation: Any) -> ClosedJaxpr | None:
-    """The program that an equation merely calls, or None."""
+    """Return the program that an equation merely calls, or None."""
     key = CALLS.get(primitive_name(equation.primitive))
     return None if key is None else close_jaxpr(equation.params[key])
 
 
 def linear_solution(equation: Any) -> tuple[ClosedJaxpr, int, int]:
-    """The program that solves in a custom_linear_solve, and which operands, from and to, are its constants."""
+    """Return the solving program of a custom_linear_solve, and the range of operands that are its constants."""
     lengths, programs = equation.params["const_lengths"], equation.params["jaxprs"]
     first = lengths.matvec + lengths.vecmat
     return close_jaxpr(programs.solve), first, first + lengths.solve
 
 
 def right_side_count(equation: Any) -> int:
-    """How many arrays the right side of a custom_linear_solve has."""
+    """Return the number of arrays on the right side of a custom_linear_solve."""
     return len(equation.invars) - sum(equation.params["const_lengths"])
 
 
 def platform_position(equation: Any) -> int:
-    """Which branch of lax.platform_dependent is taken on a CPU."""
+    """Return the branch of lax.platform_dependent for a CPU."""
     platforms = equation.params["platforms"]
     chosen = [i for i, names in enumerate(platforms) if names is not None and "cpu" in names]
     return chosen[0] if chosen else platforms.index(None)
 
 
 SPECIAL_FUNCTIONS = ("igamma", "igammac", "igamma_grad_a", "regularized_incomplete_beta", "bessel_i0e")
-"""Primitives that JAX compiles by a program of its own."""
+"""Return the primitives that JAX compiles by a program of its own."""
 
 
 def special_function(name: str) -> Any:
-    """What JAX compiles a special function to, a program of arrays of one shape."""
+    """Return the program of JAX for a special function, on arrays of one shape."""
     program = getattr(special, f"{name}_impl")
     return program if name == "bessel_i0e" else lambda *x: program(*x, dtype=x[0].dtype)
 
 
 def draw_gamma(key: Any, shape: Any, *, log_space: bool) -> Any:
-    """JAX's own program of random_gamma: Marsaglia and Tsang's method, one number after the other."""
+    """Return JAX's own program of random_gamma: Marsaglia and Tsang's method, one number after the other."""
     return RANDOM._gamma_impl(key, shape, log_space=log_space)
 
 
 def raises_of_equinox(equation: Any) -> bool:
-    """Whether a pure_callback is what equinox.error_if makes, which does nothing else than raise an error."""
+    """Return True if a pure_callback comes from equinox.error_if, which only raises an error."""
     called = getattr(equation.params["callback"], "callback_func", None)
     return getattr(called, "__module__", None) == "equinox._errors"
 
 
 def is_key(aval: Any) -> bool:
-    """Whether an array holds keys of jax.random."""
+    """Return True if an array holds keys of jax.random."""
     return bool(jax.numpy.issubdtype(aval.dtype, jax.dtypes.prng_key))
 
 
 def physical_shape(aval: Any) -> tuple[int, ...]:
-    """The shape of an array in memory: a key has an axis of words."""
+    """Return the shape of an array in memory: a key has an axis of words."""
     return (*aval.shape, *aval.dtype._impl.key_shape) if is_key(aval) else aval.shape
 
 
 def physical_type(aval: Any) -> Any:
-    """The type of an array in memory."""
+    """Return the type of an array in memory."""
     return np.dtype(np.uint32) if is_key(aval) else aval.dtype
 
 
 def key_implementation(equation: Any) -> Any:
-    """The generator of random numbers that an equation names, or whose keys it is given."""
+    """Return the generator of random numbers that an equation names, or of its keys."""
     return equation.params["impl"] if "impl" in equation.params else equation.invars[0].aval.dtype._impl
 
 
@@ -132,7 +132,7 @@ NEWER = {
 
 
 def implementation(equation: Any) -> Any:
-    """What computes a primitive of another package in JAX's terms, or None where it is JAX's own.
+    """Return the JAX function for a primitive of another package, or None for JAX's own.
 
     Of JAX's own there are two from 0.11 on that were made of others before: log2, and searchsorted as a whole.
     """
@@ -144,7 +144,7 @@ def implementation(equation: Any) -> Any:
 
 
 def scan_parameters(equation: Any) -> Scan:
-    """Parameters of a scan. JAX from 0.11 on has constants, carries and slices as a tree, before it their numbers."""
+    """Return the parameters of a scan. JAX from 0.11 on has constants, carries, slices as a tree, before as counts."""
     p = equation.params
     if "ft_in" in p:
         constants, carries, _ = (len(list(part)) for part in p["ft_in"].unpack())
@@ -154,23 +154,23 @@ def scan_parameters(equation: Any) -> Scan:
 
 
 def while_parameters(equation: Any) -> While:
-    """Parameters of a while loop."""
+    """Return the parameters of a while loop."""
     p = equation.params
     return While(close_jaxpr(p["cond_jaxpr"]), p["cond_nconsts"], close_jaxpr(p["body_jaxpr"]), p["body_nconsts"])
 
 
 def cond_branches(equation: Any) -> list[ClosedJaxpr]:
-    """The branches of a cond; its first operand is the index of the one that is taken."""
+    """Return the branches of a cond; its first operand is the index of the one that is taken."""
     return [close_jaxpr(j) for j in equation.params["branches"]]
 
 
 def literal_value(atom: Any) -> Any:
-    """The number of a literal, or None for a variable."""
+    """Return the number of a literal, or None for a variable."""
     return np.asarray(atom.val) if isinstance(atom, Literal) else None
 
 
 def source_line(equation: Any) -> str | None:
-    """file:line of the Python that made an equation, or None where all of it is JAX's own, or the compiler's."""
+    """Return file:line of the Python that made an equation, or None if it is all JAX's own, or the compiler's."""
     frame: Any = source_info_util.user_frame(equation.source_info.traceback)
     if frame is None or frame.file_name.startswith(OWN_FOLDER):
         return None
@@ -182,7 +182,7 @@ INDEXED_PRIMITIVES += ("scatter", "scatter-add", "scatter-sub", "scatter-mul", "
 
 
 def indexed_inputs(jaxpr: Any, skip: int = 0) -> set[int]:
-    """Positions, counted after `skip`, of the inputs that are read or written at computed indices."""
+    """Return positions, counted after `skip`, of the inputs that are read or written at computed indices."""
     found: set[Any] = set()
     for equation in jaxpr.eqns:
         if equation.primitive.name in INDEXED_PRIMITIVES:
@@ -195,7 +195,7 @@ def indexed_inputs(jaxpr: Any, skip: int = 0) -> set[int]:
 
 
 def _inner_programs(equation: Any) -> list[tuple[Any, Any]]:
-    """The programs inside an equation, each with the operands that it is given, one for each of its inputs."""
+    """Return the programs inside an equation, each with its operands, one for each of its inputs."""
     call = program_of_call(equation)
     if call is not None:
         return [(call.jaxpr, equation.invars)]

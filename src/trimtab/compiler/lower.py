@@ -1,4 +1,4 @@
-"""jaxpr -> program: calls inlined, a large array changed in place only where nobody reads the old one afterwards.
+"""Lowering of a jaxpr to a program: calls are inlined, large arrays changed in place if the old one is not read later.
 
 A primitive that has no rule is refused with its name, the Python line that made it, and what to write instead.
 """
@@ -35,7 +35,7 @@ ALTERNATIVES = {
 
 
 CONTROL = ("cond", "scan", "while")
-"""Primitives whose programs lower themselves what they read."""
+"""Primitives whose programs lower their own operands."""
 
 UPDATING = ("dynamic_update_slice", "scatter")
 """Primitives that write elements of their first operand."""
@@ -45,12 +45,12 @@ CALLBACKS = ("pure_callback", "io_callback", "debug_callback", "debug_print")
 
 
 class CompilerFaultError(InputError):
-    """The compiler failed on a program that it should have compiled or refused."""
+    """Failure of the compiler on a program that it should have compiled or rejected."""
 
 
 @contextmanager
 def report_fault(what: str, where: Callable[[], str] | None = None) -> Iterator[None]:
-    """Report an unexpected exception once, as a fault of trimtab, with what to send.
+    """Report an unexpected exception once as a fault of trimtab, with the information to send.
 
     Args:
         what: is being compiled, for the message.
@@ -69,7 +69,7 @@ def report_fault(what: str, where: Callable[[], str] | None = None) -> Iterator[
 
 
 class Site:
-    """One equation with its operands: what a rule works on."""
+    """Equation with its operands: the input of a rule."""
 
     def __init__(self, lowering: "Lowering", equation: Any, operands: list[Array], dying: list[bool]) -> None:
         self.lowering, self.equation, self.operands, self.dying = lowering, equation, operands, dying
@@ -80,19 +80,19 @@ class Site:
         self.dtype: str = lowering.type_name(jaxprs.physical_type(aval)) if aval is not None else ""
 
     def inline(self, jaxpr: Any, operands: list[Array], dying: list[bool] | None = None) -> list[Array]:
-        """The results of another program on these operands; those that die may be changed in place."""
+        """Return the results of another program on these operands; those not read later may be changed in place."""
         return self.lowering.lower_program(jaxpr, operands, dying or [False] * len(operands))
 
 
 class Lowering:
-    """Lowers programs into a builder. rules: by primitive name. real: "f64", or "f32" for every float64."""
+    """Lowering of programs into a builder. rules: by primitive name. real: "f64", or "f32" for every float64."""
 
     def __init__(self, b: Builder, rules: dict[str, Rule], real: str = "f64") -> None:
         self.b, self.rules, self.real = b, rules, real
         self.around: list[Any] = []
 
     def source_line(self) -> str:
-        """file:line of the innermost Python that made what is lowered now and is not JAX's own."""
+        """Return file:line of the innermost user Python that made the equation being lowered."""
         for equation in reversed(self.around):
             found = jaxprs.source_line(equation)
             if found is not None:
@@ -100,7 +100,7 @@ class Lowering:
         return "a line of JAX's own"
 
     def type_name(self, dtype: Any) -> str:
-        """Our name of a JAX type."""
+        """Return our name of a JAX type."""
         try:
             name = type_name(dtype)
         except (KeyError, TypeError):
@@ -113,7 +113,7 @@ class Lowering:
         return self.real if name == "f64" else name
 
     def check_sizes(self, variables: Any) -> None:
-        """Refuse arrays that a 32-bit index does not reach."""
+        """Raise InputError for arrays beyond the reach of a 32-bit index."""
         for shape in (jaxprs.physical_shape(v.aval) for v in variables):
             if math.prod(shape) >= 2**31:
                 where = f", from {self.source_line()}," if self.around else ""
@@ -123,12 +123,12 @@ class Lowering:
                 )
 
     def new_array(self, aval: Any) -> Array:
-        """A new buffer for an array of this abstract value."""
+        """Return a new buffer for an array of this abstract value."""
         dtype, shape = self.type_name(jaxprs.physical_type(aval)), jaxprs.physical_shape(aval)
         return Array(shape, dtype, buffer=self.b.local_buffer(dtype, math.prod(shape)))
 
     def lower_program(self, jaxpr: Any, operands: list[Array], dying: list[bool]) -> list[Array]:
-        """The results of a closed jaxpr. dying: which operands nobody reads afterwards."""
+        """Return the results of a closed jaxpr. dying: operands that are not read afterwards."""
         results = self._lower_equations(jaxpr, operands, dying)
         for k, (array, may_change) in enumerate(results):
             shared = any(array.buffer is other.buffer for i, (other, _) in enumerate(results) if i != k)
@@ -137,7 +137,7 @@ class Lowering:
         return [array for array, _ in results]
 
     def _lower_equations(self, jaxpr: Any, operands: list[Array], dying: list[bool]) -> list[tuple[Array, bool]]:
-        """The results, some with updates to be written, and whether each one's buffer is read by nobody else."""
+        """Return the results, some with pending updates, and whether each one's buffer has no other reader."""
         inner = jaxpr.jaxpr
         env: dict[Any, Array] = {}
         doomed: dict[Any, bool] = {}
@@ -168,7 +168,7 @@ class Lowering:
     def _is_last_use(
         self, atom: Any, k: int, env: dict[Any, Array], doomed: dict[Any, bool], last: dict[Any, int]
     ) -> bool:
-        """Whether the buffer of an operand is read by nobody after equation k, under any name."""
+        """Return True if the buffer of an operand is not read after equation k, under any name."""
         if jaxprs.literal_value(atom) is not None:
             return False
         buffer = env[atom].buffer
@@ -200,7 +200,7 @@ class Lowering:
         return rule(site)
 
     def _known_results(self, equation: Any, operands: list[Array]) -> list[Array] | None:
-        """The results where they are tables of integers or truth values that follow from such tables: indices, mostly.
+        """Return the results if they are tables of integers or truth values from such tables: mostly indices.
 
         Floats are left to the code, whose elementary functions are not quite JAX's; so are results of a few scalars,
         which are known one by one.
@@ -224,18 +224,18 @@ class Lowering:
         return [constant(self.b, np.asarray(x)) for x in each]
 
     def refusal(self, name: str) -> InputError:
-        """Of a primitive without C text."""
+        """Raise InputError for a primitive without C text."""
         fix = ALTERNATIVES.get(name, "it with what trimtab.compiler.coverage lists")
         return InputError("export", f"primitive {name!r}, from {self.source_line()}, has no C text", fix=f"write {fix}")
 
     def _lower_foreign(self, equation: Any, operands: list[Array], dying: list[bool]) -> list[Array]:
-        """A primitive of another package, by what computes it outside of JAX's compiler."""
+        """Return the results of a primitive of another package, from its computation outside JAX's compiler."""
         compute, params = jaxprs.implementation(equation), equation.params
         shapes = [jax.ShapeDtypeStruct(v.aval.shape, v.aval.dtype) for v in equation.invars]
         return self.lower_program(jax.make_jaxpr(lambda *x: compute(*x, **params))(*shapes), operands, dying)
 
     def _store_operands(self, equation: Any, operands: list[Array]) -> None:
-        """Where loops are made, small arrays are put in memory before them; what isn't read there is pruned."""
+        """Put small arrays in memory before the loop being written; unread ones are pruned."""
         if all(is_small(v.aval.shape) for v in [*equation.outvars, *equation.invars]):
             return
         for array in operands:
@@ -244,7 +244,7 @@ class Lowering:
 
 
 def _known_data(array: Array) -> Any:
-    """The numbers of an array that the program knows, row-major; None of another."""
+    """Return the numbers of an array that the program knows, row-major; None for another."""
     if array.updates or array.offset is not None:
         return None
     if array.items is not None:
@@ -254,18 +254,18 @@ def _known_data(array: Array) -> Any:
 
 
 def is_alone(operands: list[Array], which: int) -> bool:
-    """Whether no other operand of an equation is read from the same buffer."""
+    """Return True if no other operand of an equation is read from the same buffer."""
     return not any(a.buffer is operands[which].buffer for i, a in enumerate(operands) if i != which)
 
 
 def _takes_updates(equation: Any, operand: int) -> bool:
-    """Whether what lowers an equation minds itself that elements of this operand are still to be written."""
+    """Return True if the rule of an equation handles pending updates of this operand itself."""
     name = equation.primitive.name
     return jaxprs.program_of_call(equation) is not None or name == "select_n" or (name in UPDATING and operand == 0)
 
 
 def _last_uses(jaxpr: Any) -> dict[Any, int]:
-    """Variable -> the last equation that reads it; results are read after all."""
+    """Return for each variable the last equation that reads it; results are read after all."""
     last: dict[Any, int] = {}
     for k, equation in enumerate(jaxpr.eqns):
         for atom in equation.invars:

@@ -1,4 +1,4 @@
-"""Large programs in pieces: functions of bounded size, and which values and arrays go from one to another.
+"""Large programs in pieces: functions of bounded size, with the values and arrays passed between them.
 
 A C compiler's time for one function grows faster than its text. What is too large is written as functions that
 are called one after the other; what several of them need lies in a frame, a struct that each is given.
@@ -10,16 +10,17 @@ from typing import Any, NamedTuple
 from trimtab.compiler.ir import TYPES, Block, Buffer, Define, Emit, If, Local, Loop, Store, Value
 
 WHOLE = 6000
-"""Statements that one function may have."""
+"""Maximum number of statements of one function."""
 WHOLE_BLOCK = 20_000
-"""The same of an exported block. It is compiled once and flown by small processors, which a frame costs more: the aided
-INS in pieces takes a Cortex-M7 1.8 times the instructions and five times the stack."""
+"""Maximum number of statements of one function of an exported block. It is compiled once and runs on small processors,
+where a frame costs more: the aided INS in pieces takes a Cortex-M7 1.8 times the instructions and five times the stack.
+"""
 PIECE = 400
-"""Statements of each piece of a program that has more."""
+"""Number of statements of each piece of a larger program."""
 LEAST = 40
-"""Fewer statements than this are not worth a call."""
+"""Minimum number of statements worth a call."""
 STACK = 1 << 14
-"""Bytes of values between pieces that a function keeps on the stack at most."""
+"""Maximum bytes of values between pieces that a function keeps on the stack."""
 ALIGNMENT = 64
 PAIRED = ("sin_of", "cos_of")
 PIECE_TEXT = """\
@@ -34,7 +35,7 @@ PIECE_TEXT = """\
 
 
 class Pieces(NamedTuple):
-    """How a program is divided. Piece 0 is the function that calls the others.
+    """Division of a program. Piece 0 is the function that calls the others.
 
     runs: id of a block that is divided -> its statements in order, with the number of their piece.
     crossing: ids of what lies in the frame.  uses: piece -> what it needs from others.  inputs: what is in the frame
@@ -52,7 +53,7 @@ NO_PIECES = Pieces({}, set(), {}, [], {})
 
 
 class PieceFrame:
-    """What the pieces of a function share: a struct on its stack or, where that is too much, in the workspace.
+    """Data shared by the pieces of a function: a struct on its stack or, where that is too much, in the workspace.
 
     function: whose pieces they are.  lanes: runs side by side, 0 for one.  arguments: (type, name) of what each piece
     is given besides the frame.  names: of the values in the struct and of the places of inputs.  functions: text of
@@ -67,38 +68,38 @@ class PieceFrame:
         self.fresh: list[Value | Buffer] = []
 
     def add_value(self, kind: str, name: str, dtype: str, varies: bool) -> None:
-        """A member for a value, or mask, of this type."""
+        """Add a member for a value, or mask, of this type."""
         size = _byte_count(dtype, self.lanes if varies else 0)
         self.members.append((size, size, f"{kind} {name};"))
 
     def add_array(self, kind: str, name: str, buffer: Buffer, varies: bool) -> None:
-        """A member for an array itself."""
+        """Add a member for an array itself."""
         each, count = _byte_count(buffer.dtype, self.lanes if varies else 0), max(buffer.size, 1)
         self.members.append((each, each * count, f"{kind} {name}[{count}];"))
 
     def add_pointer(self, kind: str, name: str) -> None:
-        """A member for the place of an array; kind: of the pointer."""
+        """Add a member for the place of an array; kind: of the pointer."""
         self.members.append((8, 8, f"{kind}{name};"))
 
     @property
     def size(self) -> int:
-        """Bytes of the struct, where a pointer has eight; 0 for a program in one piece."""
+        """Return the bytes of the struct, with pointers of eight bytes; 0 for a program in one piece."""
         return -(-sum(size for _, size, _ in self.members) // ALIGNMENT) * ALIGNMENT if self.functions else 0
 
     @property
     def stack(self) -> int:
-        """Bytes of it that lie on the stack: all or none."""
+        """Return the bytes of the struct on the stack: all or none."""
         return self.size if self.size <= STACK else 0
 
     def text(self) -> str:
-        """The struct and the functions; nothing for a program in one piece."""
+        """Return the text of the struct and the functions; empty for a program in one piece."""
         if not self.functions:
             return ""
         members = [f"    {text}" for _, _, text in sorted(self.members, key=lambda m: -m[0])]  # nothing is padded
         return "\n".join([PIECE_TEXT, "typedef struct {", *members, f"}} {self.function}_frame;\n", *self.functions])
 
     def place(self, workspace: int) -> tuple[str, int]:
-        """The line that says where it lies, and the bytes of workspace with it, which are so many without."""
+        """Return the declaration of the frame, and the bytes of workspace including it."""
         if not self.functions:
             return "", workspace
         kind = f"{self.function}_frame"
@@ -107,7 +108,7 @@ class PieceFrame:
         return f"    {kind} *const f = ({kind} *)((char *)workspace + {workspace});", workspace + self.size
 
     def piece_text(self, number: int, lines: list[str]) -> tuple[str, str]:
-        """A piece, and its call."""
+        """Add a piece, and return its call."""
         name, keyword = f"{self.function}_piece{number}", "__restrict" if self.lanes else "restrict"
         given = ", ".join([f"{self.function}_frame *{keyword} f", *(f"{kind}{name}" for kind, name in self.arguments)])
         silence = " ".join(f"(void){name};" for name in ["f", *(name for _, name in self.arguments)])
@@ -139,12 +140,12 @@ def plan_pieces(
 
 
 def is_large(blocks: list[Block], exported: bool = False) -> bool:
-    """Whether a program has more statements than one function, or one function of an exported block, may have."""
+    """Return True if a program has more statements than one function (of an exported block, if so) may have."""
     return sum(_count_statements(block.items) for block in blocks) > (WHOLE_BLOCK if exported else WHOLE)
 
 
 def build_level(blocks: list[Block], lanes: int = 0) -> tuple[str, ...]:
-    """The compiler's flag for a large program: half the time and less, and it runs as fast within a seventh.
+    """Return the compiler flag for a large program: at most half the build time, within a seventh of the speed.
 
     Vectors gain so little by -O1 that -Og is enough for them.
     """
@@ -162,7 +163,7 @@ def _count_statements(items: list[Any]) -> int:
 
 
 def _must_stay(item: Any) -> bool:
-    """Whether a statement needs what only the first function has: the timetable, the log."""
+    """Return True if a statement needs something that only the first function has: the timetable, the log."""
     if isinstance(item, Define):
         return item.value.op == "load" and item.value.attr.name.isidentifier()  # else behind an argument
     return isinstance(item, Emit) or any(_must_stay(i) for block in _inner_blocks(item) for i in block.items)

@@ -1,4 +1,4 @@
-"""Between which integers a value lies, as far as its own operations say: tests that always come out the same go."""
+"""Integer bounds of values, from their own operations: tests with a constant result are removed."""
 
 from typing import TYPE_CHECKING
 
@@ -9,13 +9,13 @@ if TYPE_CHECKING:
 
 OPERATIONS = ("lt", "le", "gt", "ge", "eq", "ne", "max", "min", "and")
 DEPTH = 6
-"""Operations that are followed back."""
+"""Maximum number of operations that are followed back."""
 LONGEST_TABLE = 4096
-"""Of numbers that are looked through, or computed, while a program is lowered."""
+"""Maximum number of values that are examined, or computed, while a program is lowered."""
 
 
 def certain_result(op: str, args: "tuple[Value, ...]") -> bool | int | None:
-    """What two integers say of a comparison, or which of two operands the result is; None where it is open."""
+    """Result of comparing two integers, or of choosing one of two operands; None if it is open."""
     if len(args) != 2 or op not in OPERATIONS:
         return None
     x, y = (integer_bounds(a) for a in args)
@@ -41,7 +41,7 @@ def certain_result(op: str, args: "tuple[Value, ...]") -> bool | int | None:
 
 
 def integer_bounds(v: "Value", depth: int = DEPTH) -> tuple[int, int] | None:
-    """The least and the largest integer that a value can be; None where nothing is known, or it is no integer."""
+    """Return the least and the largest integer that a value can be; None if unknown or not an integer."""
     if v.dtype[0] not in "iu":
         return None
     if v.op == "const":
@@ -94,7 +94,7 @@ def _bounds_of_operation(v: "Value", depth: int) -> tuple[int, int] | None:
 
 
 def _bounds_of_extreme(op: str, bounds: list[tuple[int, int] | None]) -> tuple[int, int] | None:
-    """Of a minimum or maximum: one side is known as soon as one operand is."""
+    """Return the bounds of a minimum or maximum: one side is known as soon as one operand is."""
     if None in bounds:
         return None
     first, second = (b for b in bounds if b)
@@ -107,6 +107,6 @@ def _join(x: tuple[int, int] | None, y: tuple[int, int] | None) -> tuple[int, in
 
 
 def _inside(v: "Value", low: int, high: int) -> tuple[int, int] | None:
-    """These bounds, where no number between them is outside of the type."""
+    """Return these bounds if no number between them is outside the type."""
     least, most = _type_bounds(v.dtype)
     return (low, high) if least <= low and high <= most else None

@@ -25,21 +25,21 @@ class Member(NamedTuple):
 
     @property
     def size(self) -> int:
-        """How many numbers."""
+        """Return the number of elements."""
         return math.prod(self.shape)
 
     @property
     def numpy_type(self) -> np.dtype[Any]:
-        """Type of its numbers."""
+        """Return the type of the elements."""
         return np.dtype(TYPES[self.dtype])
 
     def at(self, base: str, k: int | str) -> str:
-        """Text of element k, e.g. s->law.timer or s->P[3]."""
+        """Return the text of element k, e.g. s->law.timer or s->P[3]."""
         return f"{base}{self.path}" if not self.shape else f"{base}{self.path}[{k}]"
 
 
 def members(tree: Any, real: str) -> list[Member]:
-    """The leaves of a tree of records, in the order of JAX; real: "f64", or "f32" for every float64."""
+    """Return the leaves of a tree of records, in the order of JAX; real: "f64", or "f32" for every float64."""
     declared = {path: d for path, _, d in leaves(tree) if isinstance(d, Quantity)}
     found, paths = [], dict[tuple[str, ...], str]()
     for keys, value in jax.tree_util.tree_flatten_with_path(tree)[0]:
@@ -52,7 +52,7 @@ def members(tree: Any, real: str) -> list[Member]:
 
 
 def _member_path(names: tuple[str, ...], paths: dict[tuple[str, ...], str]) -> str:
-    """The C path of a member. paths: those of all so far, of which no two are the same; this one is added."""
+    """Return the C path of a member. paths: those so far, all different; this one is added."""
     if not names:
         return ""
     if names not in paths:
@@ -63,7 +63,7 @@ def _member_path(names: tuple[str, ...], paths: dict[tuple[str, ...], str]) -> s
 
 
 def struct_text(name: str, held: list[Member], doc: str) -> str:
-    """The typedef of a struct with these members, nested as their paths are."""
+    """Return the typedef of a struct with these members, nested as their paths are."""
     tree: dict[str, Any] = {}
     for m in held:
         *groups, last = m.path.split(".")
@@ -98,12 +98,12 @@ def _comment_text(m: Member) -> str:
 
 
 def comment_text(text: str) -> str:
-    """Text that can stand in a comment of C: one line, neither opening nor ending a comment."""
+    """Return text that can stand in a comment of C: one line, neither opening nor ending a comment."""
     return " ".join(text.replace("*/", "* /").replace("/*", "/ *").replace("??/", "?? /").split())
 
 
 def row_declarations(name: str, inputs: list[Member], outputs: list[Member]) -> str:
-    """Declarations of the functions between rows of numbers and the structs of a block of this name."""
+    """Return declarations of the functions between rows of numbers and the structs of a block of this name."""
     n_in, n_out = sum(m.size for m in inputs), sum(m.size for m in outputs)
     return f"""enum {{ VECTORS_IN = {n_in}, VECTORS_OUT = {n_out} }};
 
@@ -113,7 +113,7 @@ void vectors_get_out(const {name}_out *out, double *row);
 
 
 def row_functions(name: str, inputs: list[Member], outputs: list[Member]) -> str:
-    """Bodies of the functions between rows of numbers and the structs of a block of this name."""
+    """Return bodies of the functions between rows of numbers and the structs of a block of this name."""
     sets = _row_lines(inputs, lambda m, i, k: f"{m.at('in->', i)} = {_from_double(m, f'row[{k}]')};")
     gets = _row_lines(outputs, lambda m, i, k: f"row[{k}] = (double){m.at('out->', i)};")
     sets, gets = sets or ["    (void)row; (void)in;"], gets or ["    (void)out; (void)row;"]
@@ -123,11 +123,11 @@ def row_functions(name: str, inputs: list[Member], outputs: list[Member]) -> str
 
 
 LOOPED = 256
-"""Arrays of more numbers than this are copied by a loop."""
+"""Number of elements above which an array is copied by a loop."""
 
 
 def _row_lines(held: list[Member], line: Callable[[Member, Any, Any], str]) -> list[str]:
-    """line(member, element, place in the row) for every number."""
+    """Return line(member, element, place in the row) for every number."""
     lines, start = [], 0
     for m in held:
         if m.size > LOOPED:

@@ -1,4 +1,4 @@
-"""Known numbers in a text: short tables stand there, long ones may be given as data when the library is loaded."""
+"""Constant tables: short ones are part of the text, long ones may be given as data when the library is loaded."""
 
 from collections.abc import Sequence
 from hashlib import sha256
@@ -10,11 +10,11 @@ from trimtab.compiler.ir import TYPES, Buffer
 from trimtab.compiler.text import C_TYPES, number_literal
 
 LITERALS = 1024
-"""Numbers of a table that stand in the text, where larger ones may be given as data."""
+"""Maximum length of a table in the text, if longer ones may be given as data."""
 
 
 def table_text(name: str, buffer: Buffer, as_data: bool) -> str:
-    """The declaration of a table, with its numbers unless they are given as data."""
+    """Return the declaration of a table, with its numbers unless they are given as data."""
     if as_data:
         return f"static {C_TYPES[buffer.dtype]} {name}[{buffer.size}];"
     numbers = ", ".join(number_literal(n, buffer.dtype) for n in buffer.data) or "0"
@@ -22,12 +22,12 @@ def table_text(name: str, buffer: Buffer, as_data: bool) -> str:
 
 
 def table_numbers(buffer: Buffer) -> Any:
-    """The numbers of a table as C has them."""
+    """Return the numbers of a table in C."""
     return np.asarray(buffer.data, TYPES[buffer.dtype])
 
 
 def filling_text(function: str, names: Sequence[str], numbers: Sequence[Any], linkage: str = "") -> str:
-    """`void FUNCTION_tables(const void *const *tables)`, which fills tables before the first call.
+    """Return `void FUNCTION_tables(const void *const *tables)`, which fills tables before the first call.
 
     The digest of the numbers is part of the text: two functions that differ in them alone are two libraries.
     """

@@ -36,7 +36,7 @@ Use = Callable[[str], str]
 
 
 def number_literal(number: Any, dtype: str) -> str:
-    """A number as C text that reads back to the same bits."""
+    """Return a number as C text that reads back to the same bits."""
     if dtype == "bool":
         return "true" if number else "false"
     if is_float(dtype):
@@ -56,12 +56,12 @@ def number_literal(number: Any, dtype: str) -> str:
 
 
 def vector_type(t: str) -> str:
-    """Type of a value over lanes; truth values are masks of 64-bit lanes."""
+    """Return the type of a value over lanes; truth values are masks of 64-bit lanes."""
     return "vi64" if t == "bool" else f"v{t}"
 
 
 def check_lane_type(dtype: str) -> None:
-    """Refuse numbers that lanes don't carry; the caller falls back to scalar code."""
+    """Raise an error for numbers that lanes don't carry; the caller falls back to scalar code."""
     if dtype not in LANE_TYPES:
         raise InputError(
             "lanes", f"numbers of type {dtype} are not carried in lanes", choices=LANE_TYPES, fix="lanes=1"
@@ -69,12 +69,12 @@ def check_lane_type(dtype: str) -> None:
 
 
 def lane_mask(mask: str, dtype: str) -> str:
-    """A mask as wide as the numbers that it selects."""
+    """Return a mask as wide as the numbers that it selects."""
     return f"__builtin_convertvector({mask}, vi32)" if dtype in HALF else mask
 
 
 class _Operation(NamedTuple):
-    """A value to be computed, and the texts of its operands. use: notes that a helper is called, and gives its name."""
+    """Value to be computed, and the texts of its operands. use: notes the call of a helper and returns its name."""
 
     value: Value
     operands: list[str]
@@ -83,24 +83,24 @@ class _Operation(NamedTuple):
 
     @property
     def t(self) -> str:
-        """Type of the operands."""
+        """Return the type of the operands."""
         return self.value.args[0].dtype if self.value.args else self.value.dtype
 
     def type(self, t: str) -> str:
-        """Type of a number, or of such numbers over lanes."""
+        """Return the type of a number, or of such numbers over lanes."""
         return vector_type(t) if self.lanes else C_TYPES[t]
 
     def call(self, name: str, *operands: str) -> str:
-        """A call of a helper."""
+        """Return a call of a helper."""
         return f"{self.use(('tv_' if self.lanes else 'tt_') + name)}({', '.join(operands or self.operands)})"
 
     def narrow(self, text: str) -> str:
-        """A cast back from int, in which C computes narrower types."""
+        """Return a cast back from int, in which C computes narrower types."""
         return f"({C_TYPES[self.t]})({text})" if self.t in ("i8", "i16", "u8", "u16") else text
 
 
 def expression(v: Value, name: Name, use: Use, varies: Callable[[Any], bool] | None = None) -> str:
-    """The right-hand side that computes a value.
+    """Return the right-hand side that computes a value.
 
     Args:
         v: the value.
@@ -140,7 +140,7 @@ def _comparison(o: _Operation) -> str:
 
 
 def _full_mask(o: _Operation, text: str) -> str:
-    """A comparison over lanes as a mask of 64 bits."""
+    """Return a comparison over lanes as a mask of 64 bits."""
     return f"__builtin_convertvector({text}, vi64)" if o.t in HALF else f"(vi64)({text})"
 
 
@@ -252,13 +252,13 @@ def _elementary(o: _Operation) -> str:
 
 
 def single_precision_lanes(name: str, operands: list[str], use: Use) -> str:
-    """A call of the function for float: the bits are those of one number."""
+    """Return a call of the function for float: the bits are those of one number."""
     use(f"ttv_{name}")
     return f"{use(f'tv_{name}_f32')}({', '.join(operands)})"
 
 
 def float_suffix(t: str) -> str:
-    """What C appends to a number or a function of float."""
+    """Return the suffix that C uses for a number or a function of float."""
     return "f" if t == "f32" else ""
 
 
@@ -284,4 +284,4 @@ OPERATIONS: dict[str, Callable[[_Operation], str]] = {
     "population_count": lambda o: o.call(f"popcount_{o.t}"),
     "nextafter": lambda o: o.call(f"nextafter_{o.t}"),
 }
-"""Operation -> its text; a load is written apart, for its operand is a buffer."""
+"""Text by operation; a load is written separately, as its operand is a buffer."""

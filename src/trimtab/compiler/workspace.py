@@ -1,4 +1,4 @@
-"""Where large arrays of a program live: not on the stack, but in memory that the caller gives.
+"""Memory for large arrays of a program: not the stack, but a workspace that the caller provides.
 
 Generated code allocates nothing. What a small program needs lies on the stack; where its arrays together are too much
 for that, the large ones get places in a workspace, whose size is known when the text is written. Two arrays share a
@@ -12,21 +12,21 @@ from trimtab.compiler.analysis import VaryingValues
 from trimtab.compiler.ir import TYPES, Block, Buffer, Define, If, Local, Loop, Store
 
 STACK = 1 << 17
-"""Bytes of arrays that an exported block or a loop keeps on the stack at most."""
+"""Maximum bytes of arrays that an exported block or a loop keeps on the stack."""
 CALL_STACK = 1 << 15
-"""The same of a function that Python calls, perhaps from a thread with a small stack."""
+"""Maximum bytes of arrays on the stack of a function that Python calls, perhaps from a thread with a small stack."""
 ALIGNMENT = 64
-"""Of a workspace and of every array in it, bytes."""
+"""Alignment of a workspace and of every array in it, bytes."""
 
 
 class Workspace(NamedTuple):
-    """Places of large arrays: id of a buffer -> its first byte; and how many bytes there are in all."""
+    """Places of large arrays: first byte by id of a buffer, and the total number of bytes."""
 
     places: dict[int, int]
     size: int
 
     def __contains__(self, buffer: object) -> bool:
-        """Whether a buffer has a place here."""
+        """Return True if a buffer has a place here."""
         return id(buffer) in self.places
 
 
@@ -42,7 +42,7 @@ def plan_workspace(
     elsewhere: Collection[int] = (),
     stack: int | None = None,
 ) -> Workspace:
-    """The places of a program's large arrays.
+    """Return the places of a program's large arrays.
 
     Args:
         blocks: of the program, one after the other.
@@ -84,7 +84,7 @@ def _inner_items(item: Any) -> list[Any]:
 
 
 def _local_buffers(items: list[Any]) -> list[Buffer]:
-    """All buffers that begin in these statements, nested ones included."""
+    """Return all buffers that begin in these statements, nested ones included."""
     names: list[Buffer] = []
     for item in items:
         names += [item.buffer] if isinstance(item, Local) else _local_buffers(_inner_items(item))
@@ -92,7 +92,7 @@ def _local_buffers(items: list[Any]) -> list[Buffer]:
 
 
 def _uses(item: Any) -> set[int]:
-    """Ids of the buffers that a statement reads or writes, nested ones included."""
+    """Return ids of the buffers that a statement reads or writes, nested ones included."""
     if isinstance(item, Store | Local):
         return {id(item.buffer)}
     if isinstance(item, Define):
@@ -109,7 +109,7 @@ class _Plan:
         self.size = 0
 
     def place(self, buffer: Buffer, taken: list[tuple[int, int]]) -> tuple[int, int]:
-        """Place a buffer, if it is large, where nothing of these lies; its first byte and the one behind it."""
+        """Place a buffer, if it is large, clear of all these; return its first byte and the one after it."""
         size, start = self.large.get(id(buffer), 0), 0
         for low, high in sorted(taken):
             if start + size <= low:

@@ -22,7 +22,7 @@ PAIR = {"sin_of": "s", "cos_of": "c"}
 
 
 class Writer:
-    """Writes blocks as text. varying: None for scalar C, else what differs between lanes.
+    """Writer of blocks as text. varying: None for scalar C, else the values that differ between lanes.
 
     names: texts of inputs, states and buffers, by id; live: ids of the values that are needed; workspace: where large
     arrays lie.
@@ -39,24 +39,24 @@ class Writer:
         self.lines: list[str] = []
         self.depth, self.count = 1, 0
         self.masks: list[str] = []
-        self.used: dict[str, int] = {}  # helpers and elementary functions, and how often each is called
+        self.used: dict[str, int] = {}  # number of uses of each helper and elementary function
         self.constants: dict[int, str] = {}
         self.tables: list[str] = []
         self.data: list[Buffer] | None = None  # tables whose numbers are given when the library is loaded
         self.record: Callable[[list[Value]], None] = lambda values: None
-        self.keep: list[Any] = []  # ids are names here, so what they belong to must stay
+        self.keep: list[Any] = []  # ids serve as names, so their objects must stay alive
         self.pieces, self.piece, self.frame = NO_PIECES, 0, PieceFrame()
 
     def varies(self, thing: Any) -> bool:
-        """Whether a value or buffer differs between lanes."""
+        """Return True if a value or buffer differs between lanes."""
         return self.varying is not None and self.varying(thing)
 
     def write_line(self, text: str) -> None:
-        """One line at the present depth."""
+        """Write one line at the present depth."""
         self.lines.append("    " * self.depth + text)
 
     def fresh(self, prefix: str = "v") -> str:
-        """A name that is not in use."""
+        """Return an unused name."""
         self.count += 1
         return f"{prefix}{self.count}"
 
@@ -66,13 +66,13 @@ class Writer:
         return name
 
     def type(self, dtype: str, varies: bool) -> str:
-        """C type of a scalar or, where it varies, of a vector."""
+        """Return the C type of a scalar or, where it varies, of a vector."""
         if varies:
             check_lane_type(dtype)
         return vector_type(dtype) if varies else C_TYPES[dtype]
 
     def name(self, thing: Any) -> str:
-        """Text of a value as it is, or of a buffer."""
+        """Return the text of a value as it is, or of a buffer."""
         if isinstance(thing, Buffer):
             return self.buffer(thing)
         if thing.op == "const":
@@ -80,14 +80,14 @@ class Writer:
         return self.names[id(thing)]
 
     def vector_text(self, thing: Any) -> str:
-        """Text of a value as a vector."""
+        """Return the text of a value as a vector."""
         text = self.name(thing)
         if isinstance(thing, Buffer) or self.varies(thing):
             return text
         return f"{self.note_use(f'tv_splat_{thing.dtype}')}({text})"
 
     def buffer(self, buffer: Buffer) -> str:
-        """Name of a buffer; a table of constants is written down at its first use."""
+        """Return the name of a buffer; a table of constants is written at its first use."""
         if id(buffer) not in self.names and buffer.data is not None:
             self.names[id(buffer)] = name = self.fresh("table")
             self.keep.append(buffer)
@@ -98,7 +98,7 @@ class Writer:
         return self.names[id(buffer)]
 
     def write_block(self, block: Block) -> None:
-        """All statements of a block, those of a large program in its pieces."""
+        """Write all statements of a block, those of a large program in its pieces."""
         runs = self.pieces.runs.get(id(block)) if not self.piece else None
         for number, items in runs or [(0, block.items)]:
             if number:
@@ -107,7 +107,7 @@ class Writer:
                 self.write_items(items)
 
     def write_items(self, items: list[Any]) -> None:
-        """Statements one after the other."""
+        """Write statements one after the other."""
         for item in items:
             if isinstance(item, Define):
                 self.write_definition(item.value)
@@ -123,7 +123,7 @@ class Writer:
                 self.write_loop(item)
 
     def declare_buffer(self, buffer: Buffer, name: str = "") -> str:
-        """An array on the stack or in the frame, or where the workspace has a place for it.
+        """Declare an array on the stack or in the frame, or at its place in the workspace.
 
         What has a name already lies elsewhere.
         """
@@ -146,7 +146,7 @@ class Writer:
         return self.names[id(buffer)]
 
     def write_definition(self, v: Value) -> None:
-        """const TYPE name = expression;"""
+        """Write const TYPE name = expression;"""
         varies = self.varies(v)
         if v.op in PAIR:
             if id(v) not in self.frame.names:
@@ -166,7 +166,7 @@ class Writer:
         self.share(v)
 
     def write_sincos(self, v: Value, name: str, kind: str) -> None:
-        """Sine and cosine of one angle, or the one that is needed."""
+        """Write sine and cosine of one angle, or the one that is needed."""
         prefix = "ttv_" if self.varies(v) else "tt_"
         suffix = "f" if v.dtype == "f32" else ""
         wanted = [which for which in ("sin_of", "cos_of") if (which, id(v)) in self.live_pairs]
@@ -192,7 +192,7 @@ class Writer:
                 self.live_pairs.add((v.op, id(v.args[0])))
 
     def write_store(self, item: Store) -> None:
-        """buffer[index] = value, in the lanes that take part."""
+        """Write buffer[index] = value, in the lanes that take part."""
         target, index = self.name(item.buffer), self.name(item.index)
         if not self.varies(item.buffer):
             self.write_line(f"{target}[{index}] = {self.name(item.value)};")
@@ -207,17 +207,17 @@ class Writer:
             self.write_line(f"{target}[{index}] = {value};")
 
     def active_mask(self) -> str:
-        """The mask of the lanes that take part here."""
+        """Return the mask of the lanes that take part here."""
         return self.masks[-1] if self.masks else f"{self.note_use('tv_splat_bool')}(true)"
 
     def write_braces(self, opening: str, block: Block) -> None:
-        """A block in braces."""
+        """Write a block in braces."""
         self.write_line(opening)
         self.depth += 1
         self.write_block(block)
 
     def write_branch(self, item: If) -> None:
-        """A real branch where all lanes agree; else both sides, each in its lanes."""
+        """Write a real branch where all lanes agree; else both sides, each in its lanes."""
         if self.varies(item.test):
             self.write_masked_branch(item)
             return
@@ -235,7 +235,7 @@ class Writer:
         self.share_variables([joined for joined, _, _ in item.joins])
 
     def declare_join(self, joined: Value, start: str = "") -> tuple[str, bool]:
-        """A variable that blocks assign, of the block or of the frame: its name, and whether it is a vector."""
+        """Declare a variable that blocks assign, in the block or the frame; return its name, and if it is a vector."""
         wide = self.varies(joined)
         name, kind = self.fresh(), self.type(joined.dtype, wide)
         if id(joined) in self.pieces.crossing and not self.piece:
@@ -250,7 +250,7 @@ class Writer:
         return name, wide
 
     def write_masked_branch(self, item: If) -> None:
-        """Both sides, each skipped where no lane takes it."""
+        """Write both sides, each skipped where no lane takes it."""
         outer = f" & {self.masks[-1]}" if self.masks else ""
         test, yes, no = self.name(item.test), self.fresh("m"), self.fresh("m")
         self.write_line(f"const vi64 {yes} = {test}{outer};")
@@ -263,7 +263,7 @@ class Writer:
         self.share_variables([joined for joined, _, _ in item.joins])
 
     def write_side(self, mask: str, block: Block, results: list[Any], first: bool) -> None:
-        """One side of a masked branch, with what it gives."""
+        """Write one side of a masked branch, with its results."""
         braces = bool(block.items)
         if braces:
             self.share_mask(mask)
@@ -281,7 +281,7 @@ class Writer:
             self.write_line("}")
 
     def write_loop(self, item: Loop) -> None:
-        """for or while; lanes that are done keep what they carry."""
+        """Write for or while; finished lanes keep their carried values."""
         carried = []
         for variable, start, next_ in item.carries:
             begin = self.vector_text(start) if self.varies(variable) else self.name(start)
@@ -347,14 +347,14 @@ class Writer:
             self.frame.fresh.append(thing)
 
     def share_type(self, thing: Value | Buffer) -> str:
-        """C type of what lies in the frame: a value, or a pointer to an array."""
+        """Return the C type of a member of the frame: a value, or a pointer to an array."""
         kind = self.type(thing.dtype, self.varies(thing))
         if isinstance(thing, Value):
             return kind
         return f"const {kind} *" if thing.is_read_only and not self.varies(thing) else f"{kind} *"
 
     def share_variables(self, variables: list[Value]) -> None:
-        """The same of what a branch or loop of this piece gives; that of the first function is in the frame already."""
+        """Declare a result of a branch or loop of this piece; one of the first function is in the frame already."""
         for variable in variables if self.piece else []:
             self.share(variable)
 
@@ -365,14 +365,14 @@ class Writer:
             self.write_line(f"f->{mask} = {mask};")
 
     def divide(self, pieces: Pieces, frame: PieceFrame) -> None:
-        """Write what follows in these pieces; inputs that they need, and aren't given, are put into their frame."""
+        """Write the following statements in these pieces; inputs that they need and do not get go into their frame."""
         self.pieces, self.piece, self.frame = pieces, 0, frame
         for thing in pieces.inputs:
             if self.names[id(thing)].isidentifier():  # else behind an argument, as in s->x
                 self.share(thing)
 
     def write_piece(self, number: int, items: list[Any]) -> None:
-        """A function of these statements, and its call."""
+        """Write a function of these statements, and return its call."""
         lines, depth, outer = self.lines, self.depth, dict[int, str]()
         self.lines, self.depth, self.piece = [], 1, number
         for thing in self.pieces.uses.get(number, []):

@@ -1,8 +1,8 @@
-"""The Kalman filter's two steps on small matrices: pure, unrolled, no LAPACK.
+"""Prediction and update of the Kalman filter on small matrices: pure, unrolled, no LAPACK.
 
-An innovation y = z - h(x) comes from the caller, so that the same update serves a linear filter, an extended one and
-a filter of errors. A measurement that is not finite is never used, and neither is one outside the gate; both leave
-state and covariance bit for bit as they were.
+The caller gives the innovation y = z - h(x), so that the same update serves a linear filter, an extended filter and an
+error-state filter. A measurement that is not finite or lies outside the gate is not used, and leaves state and
+covariance unchanged bit for bit.
 
 Source: [4] Bar-Shalom, Li, Kirubarajan, "Estimation with applications to tracking and navigation", Wiley 2001,
 sections 5.2 (update in Joseph's form) and 5.4 (consistency). [5] Schmidt, "Application of state-space methods to
@@ -18,15 +18,15 @@ from trimtab.core.linalg import cholesky, solve_lower, solve_spd, symmetric
 from trimtab.core.record import Scalar, quantity, record
 
 NO_GATE = float("inf")
-"""A gate through which every finite measurement passes."""
+"""Gate that accepts every finite measurement."""
 
 
 class Update(NamedTuple):
-    """What an update did.
+    """Result of an update.
 
     x: state (n,).  P: covariance (n, n).  innovation: (m,), 0 where the measurement was not finite.
     S: its covariance (m, m).  nis: y' S^-1 y, chi-square with m degrees of freedom when the filter is consistent.
-    accepted: whether the measurement was used.  finite: whether it was a number at all.
+    accepted: True if the measurement was used.  finite: True if the measurement was finite.
     """
 
     x: Any
@@ -40,27 +40,29 @@ class Update(NamedTuple):
 
 @record
 class CovarianceHealth:
-    """Signals that tell whether a covariance is still one. Source: docs page, Kalman filter."""
+    """Signals of a covariance's health. Source: docs page, Kalman filter."""
 
-    positive: Scalar = quantity("1", "Whether it is finite and positive definite.", kind="flag")
-    asymmetry: Scalar = quantity("1", "Largest difference of P from its transpose, of the largest variance.")
-    least_pivot: Scalar = quantity("1", "Smallest share of a variance that the states before it do not explain.")
-    eigenvalue_bound: Scalar = quantity("1", "No eigenvalue of the correlation matrix is below this; 0 if unhealthy.")
+    positive: Scalar = quantity("1", "True if the covariance is finite and positive definite.", kind="flag")
+    asymmetry: Scalar = quantity("1", "Largest difference of P from its transpose, relative to the largest variance.")
+    least_pivot: Scalar = quantity("1", "Smallest share of a variance that is not explained by the preceding states.")
+    eigenvalue_bound: Scalar = quantity(
+        "1", "Lower bound of the eigenvalues of the correlation matrix; 0 if unhealthy."
+    )
     trace: Scalar = quantity("1", "Sum of the variances, each in its own unit squared.")
 
 
 def predict(x: Any, P: Any, F: Any, Q: Any) -> tuple[Any, Any]:
-    """State F x (n,) and covariance F P F' + Q (n, n), made symmetric. Source: [4] section 5.2."""
+    """Return the state F x (n,) and covariance F P F' + Q (n, n), made symmetric. Source: [4] section 5.2."""
     return F @ x, predict_covariance(P, F, Q)
 
 
 def predict_covariance(P: Any, F: Any, Q: Any) -> Any:
-    """F P F' + Q (n, n), made symmetric, for filters that move their state otherwise."""
+    """Return F P F' + Q (n, n), made symmetric, for filters that propagate their state in another way."""
     return symmetric(F @ P @ F.T + Q)
 
 
 def update(x: Any, P: Any, y: Any, H: Any, R: Any, *, gate: Any = NO_GATE, consider: Any = None) -> Update:
-    """Joseph's form: x + K y and (I - K H) P (I - K H)' + K R K', K = P H' S^-1, S = H P H' + R.
+    """Return the update in Joseph's form: x + K y and (I - K H) P (I - K H)' + K R K', K = P H' S^-1, S = H P H' + R.
 
     Args:
         x: state (n,).
@@ -68,7 +70,7 @@ def update(x: Any, P: Any, y: Any, H: Any, R: Any, *, gate: Any = NO_GATE, consi
         y: innovation z - h(x), (m,); for states that are errors, measured error minus H x.
         H: derivative of h (m, n).
         R: covariance of the measurement's noise (m, m).
-        gate: largest NIS that is believed, e.g. the 0.9999 quantile of chi-square with m degrees of freedom.
+        gate: largest NIS that is accepted, e.g. the 0.9999 quantile of chi-square with m degrees of freedom.
         consider: (n,) of ones, with zeros for states that keep their estimate but whose uncertainty counts ([5]); their
             rows of the gain are zero, and Joseph's form keeps P the true covariance of that poorer filter.
 
@@ -84,16 +86,16 @@ def update(x: Any, P: Any, y: Any, H: Any, R: Any, *, gate: Any = NO_GATE, consi
     if consider is not None:
         K = K * consider[:, None]
     A = jnp.eye(x.shape[0]) - K @ H
-    accepted = finite & (nis <= gate)  # a nis that is NaN is not
+    accepted = finite & (nis <= gate)  # rejects a nis that is NaN
     new_x = jnp.where(accepted, x + K @ y, x)
     new_P = jnp.where(accepted, symmetric(A @ P @ A.T + K @ R @ K.T), P)
     return Update(new_x, new_P, y, S, nis, accepted, finite)
 
 
 def inflate_covariance(P: Any, y: Any, H: Any, R: Any) -> Any:
-    """P (n, n) times NIS/m where that is above 1: as uncertain as it must have been for this innovation to be usual.
+    """Return P (n, n) times NIS/m where that is above 1, so that this innovation becomes a typical one.
 
-    For a filter that has to give in: its measurements agree with each other and not with it.
+    For a filter whose measurements agree with each other but not with the estimate.
     """
     y = jnp.where(jnp.isfinite(y), y, 0.0)
     nis = y @ solve_spd(symmetric(H @ P @ H.T + R), y)
@@ -101,10 +103,10 @@ def inflate_covariance(P: Any, y: Any, H: Any, R: Any) -> Any:
 
 
 def update_sequentially(x: Any, P: Any, y: Any, H: Any, variances: Any, *, gate: Any = NO_GATE) -> Update:
-    """The same for independent noises of these variances (m,), one scalar at a time: no matrix is factored.
+    """Return the update for independent noises of these variances (m,), one scalar at a time: no matrix is factored.
 
-    The gate holds for each scalar by itself, so one outlier of several measurements does not cost the others. nis is
-    the sum over those that were finite; without a refusal it equals that of `update`, and S then is diagonal: the
+    The gate applies to each scalar on its own, so an outlier does not affect the other measurements. nis is the sum
+    over those that were finite; without a rejection it equals that of `update`. S is diagonal: the
     variance of each innovation given those before. accepted and finite have shape (m,).
 
     Source: [4] section 5.2, applied to one component after another.
@@ -122,13 +124,13 @@ def update_sequentially(x: Any, P: Any, y: Any, H: Any, variances: Any, *, gate:
 
 
 def nees(error: Any, P: Any) -> Any:
-    """e' P^-1 e: chi-square with n degrees of freedom when P is the covariance of e. NaN where P is not one."""
+    """Return e' P^-1 e: chi-square with n degrees of freedom if P is the covariance of e. NaN if P is invalid."""
     half = solve_lower(cholesky(P), error)
     return half @ half
 
 
 def covariance_health(P: Any) -> CovarianceHealth:
-    """Signals of a covariance (n, n).
+    """Return the health signals of a covariance (n, n).
 
     The pivots d_j of P = L diag(d) L' over their variances P_jj multiply to the determinant of the correlation matrix,
     whose trace is n: so its least eigenvalue is at least determinant ((n-1)/n)^(n-1), by the inequality of the means.
@@ -138,7 +140,7 @@ def covariance_health(P: Any) -> CovarianceHealth:
     i, k = np.triu_indices(n)
     flat = P.reshape(-1)
     upper, lower = flat[i * n + k], flat[k * n + i]
-    apart = jnp.max(jnp.abs(upper - lower))  # not finite where one of them is not
+    apart = jnp.max(jnp.abs(upper - lower))  # not finite if any pivot is not finite
     shares = _pivots((upper + lower) / 2, n) / variances
     positive = jnp.isfinite(apart) & jnp.all(shares > 0) & jnp.all(variances > 0)
     determinant = jnp.prod(shares)
@@ -153,7 +155,7 @@ def covariance_health(P: Any) -> CovarianceHealth:
 
 
 def _pivots(upper: Any, n: int) -> Any:
-    """d (n,) of P = L diag(d) L' from the upper triangle of P (n (n + 1)/2,), row by row.
+    """Return d (n,) of P = L diag(d) L' from the upper triangle of P (n (n + 1)/2,), row by row.
 
     d_j is the variance of state j that is left when those before it are known. Source: Golub & Van Loan, "Matrix
     computations", section 4.1.

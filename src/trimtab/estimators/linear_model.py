@@ -1,4 +1,4 @@
-"""The Kalman filter of any vehicle's linear model: all of its states, from the sensors that there are."""
+"""Kalman filter of any vehicle's linear model: estimates all states from the available sensors."""
 
 from typing import Any
 
@@ -16,38 +16,38 @@ from trimtab.estimators.inertial.sensor_watch import NEVER
 
 TURNS = np.zeros((4, 4))
 TURNS[3, 2] = 0.005
-"""A heading over 5 ms by its rate: the default's model, which nobody flies."""
+"""Model of the default: a heading over 5 ms from its rate; a placeholder."""
 
 
 @record
 class LinearModelFilterState:
-    """What the filter remembers. Source: docs page, Linear model filter."""
+    """State of the filter. Source: docs page, Linear model filter."""
 
     e: Any = quantity("1", "Deviation from the trim (n,), each in its state's unit.")
-    P: Any = quantity("1", "Its covariance (n, n).")
-    t: Scalar = quantity("100 ns", "The last instant.", kind="time")
-    seen: Any = quantity("100 ns", "When the last sample of each sensor was measured.", kind="time")
-    measured: Scalar = quantity("100 ns", "When the newest sample used was measured.", kind="time")
-    started: Scalar = quantity("1", "Whether an input and a measurement have come.", kind="flag")
+    P: Any = quantity("1", "Covariance of the deviation (n, n).")
+    t: Scalar = quantity("100 ns", "Time of the last step.", kind="time")
+    seen: Any = quantity("100 ns", "Time of measurement of the last sample of each sensor.", kind="time")
+    measured: Scalar = quantity("100 ns", "Time of measurement of the newest sample used.", kind="time")
+    started: Scalar = quantity("1", "True once an input and a measurement have arrived.", kind="flag")
 
 
 @record
 class FilteredEstimate:
-    """An Estimate of a vehicle's whole state, with what the filter believes of it.
+    """Estimate of a vehicle's whole state, with the filter's uncertainty.
 
     Source: docs page, Linear model filter.
     """
 
-    t: Scalar = quantity("100 ns", "Now, at the autopilot.", kind="time")
-    age: Scalar = quantity("s", "Time since the newest measurement in it was made.")
-    fresh: Scalar = quantity("1", "Whether a measurement was used at this instant.", kind="flag")
-    valid: Scalar = quantity("1", "Whether the state means anything yet.", kind="flag")
-    state: Any = part("The estimated state, the vehicle's record.")
-    P: Any = quantity("1", "Covariance of its numbers, in declared order, row by row (n n,).")
-    nis: Scalar = quantity("1", "Of this instant's measurements, summed: chi-square with `used` degrees of freedom.")
-    used: Scalar = quantity("1", "How many numbers were measured and used at this instant.", kind="count")
-    stick: Any = part("None: it has no pilot.", default=None)
-    dt: Any = part("Time between two steps of the law (s), for the law alone; else None.", default=None)
+    t: Scalar = quantity("100 ns", "Time of the estimate, at the autopilot.", kind="time")
+    age: Scalar = quantity("s", "Age of the newest measurement used.")
+    fresh: Scalar = quantity("1", "True if a measurement was used in this step.", kind="flag")
+    valid: Scalar = quantity("1", "True if the state is usable.", kind="flag")
+    state: Any = part("Estimated state, in the vehicle's record.")
+    P: Any = quantity("1", "Covariance of the state's numbers, in declared order, row by row (n n,).")
+    nis: Scalar = quantity("1", "NIS summed over this step's measurements: chi-square with `used` degrees of freedom.")
+    used: Scalar = quantity("1", "Number of values measured and used in this step.", kind="count")
+    stick: Any = part("Always None: the filter has no pilot.", default=None)
+    dt: Any = part("Time between two steps of the law (s), for the law only; else None.", default=None)
 
 
 @record
@@ -57,8 +57,8 @@ class LinearModelFilter:
         e = Ad e + Bd (u - u0)                  P = Ad P Ad' + Qd
         r = y - y0 - C e - D (u - u0)           then number by number in Joseph's form
 
-    u is what has acted since the last command, as `acting` tells (`sensors.flight_state.ActingInput`). A sample is used
-    at the instant at which it was measured, or within a period; one that is older, or not finite, is not.
+    u is the input that has acted since the last command, as given by `acting` (`sensors.flight_state.ActingInput`). A
+    sample is used at the instant at which it was measured, or within a period; an older or non-finite one is not used.
 
     Frames:  of the vehicle's states.
     Valid:   near the trim, for noise that is white. Not modelled: delay and biases of the sensors.
@@ -66,29 +66,29 @@ class LinearModelFilter:
              section 5.2.
     """
 
-    x0: Any = part("State at the trim, the vehicle's record.", default=PlanarState(0.0, 0.0, 0.0, 0.0))
-    u0: Any = quantity("1", "Input there (m,).", default=np.zeros(0))
+    x0: Any = part("State at the trim, in the vehicle's record.", default=PlanarState(0.0, 0.0, 0.0, 0.0))
+    u0: Any = quantity("1", "Input at the trim (m,).", default=np.zeros(0))
     channels: tuple[str, ...] = option(
-        "What is measured: a sensor and a number of it.", default=("navigation.heading",)
+        "Measured values, each a sensor and one of its numbers.", default=("navigation.heading",)
     )
-    acting: tuple[str, ...] = option("Likewise what acts on the vehicle.", default=())
-    Ad: Any = quantity("1", "Of one period (n, n).", default=np.eye(4) + TURNS)
-    Bd: Any = quantity("1", "Of one period (n, m).", default=np.zeros((4, 0)))
-    Qd: Any = quantity("1", "Covariance of one period's disturbance (n, n).", default=1e-4 * np.eye(4))
-    C: Any = quantity("1", "Measured numbers by states (p, n).", default=np.eye(4)[3:])
-    D: Any = quantity("1", "Measured numbers by inputs (p, m).", default=np.zeros((1, 0)))
-    y0: Any = quantity("1", "Measured numbers at the trim (p,).", default=np.zeros(1))
-    R: Any = quantity("1", "Variances of their noise (p,).", default=np.array([1e-4]), above=0)
-    P0: Any = quantity("1", "First covariance (n, n).", default=np.eye(4))
+    acting: tuple[str, ...] = option("Acting inputs, each a sensor and one of its numbers.", default=())
+    Ad: Any = quantity("1", "Transition matrix over one period (n, n).", default=np.eye(4) + TURNS)
+    Bd: Any = quantity("1", "Input matrix over one period (n, m).", default=np.zeros((4, 0)))
+    Qd: Any = quantity("1", "Covariance of the disturbance over one period (n, n).", default=1e-4 * np.eye(4))
+    C: Any = quantity("1", "Output matrix: measured values by states (p, n).", default=np.eye(4)[3:])
+    D: Any = quantity("1", "Feedthrough matrix: measured values by inputs (p, m).", default=np.zeros((1, 0)))
+    y0: Any = quantity("1", "Measured values at the trim (p,).", default=np.zeros(1))
+    R: Any = quantity("1", "Variances of the measurement noise (p,).", default=np.array([1e-4]), above=0)
+    P0: Any = quantity("1", "Initial covariance (n, n).", default=np.eye(4))
     period: int = period("Time between predictions.", default=ms(5))
 
     @property
     def listens(self) -> tuple[str, ...]:
-        """The sensors of the channels, and those of the input."""
+        """Return the names of the sensors of the channels and of the input."""
         return tuple(dict.fromkeys((*_sensors(self.channels), *_sensors(self.acting))))
 
     def check(self) -> None:
-        """Refuse matrices that don't fit each other."""
+        """Raise InputError if the shapes of the matrices do not match."""
         n, m, p = len(self.Ad), len(self.acting), len(self.channels)
         shapes = {
             "u0": (m,),
@@ -103,20 +103,20 @@ class LinearModelFilter:
         }
         for name, shape in shapes.items():
             if np.shape(getattr(self, name)) != shape:
-                problem = f"shape {np.shape(getattr(self, name))}, wanted {shape}"
+                problem = f"has shape {np.shape(getattr(self, name))}, must have {shape}"
                 raise InputError(
                     f"LinearModelFilter.{name}", problem, fix="make it with loop.linear_filter.design_filter"
                 )
 
     def init(self, key: Key) -> LinearModelFilterState:
-        """The trim, nothing measured."""
+        """Return the initial state: the trim, before any measurement."""
         never = np.int64(NEVER)
         seen = np.full(len(_sensors(self.channels)), never)
         P = jnp.asarray(self.P0)
         return LinearModelFilterState(jnp.zeros(len(self.Ad)), P, np.int64(0), seen, never, jnp.asarray(False))
 
     def step(self, t: Any, s: LinearModelFilterState, frame: Frame) -> tuple[LinearModelFilterState, FilteredEstimate]:
-        """One period on, and corrected by what was measured since; between periods the estimate is held."""
+        """Predict over one period and correct with the measurements since; between periods the estimate is held."""
         due = ~s.started | (t - s.t >= self.period)
         names = _sensors(self.channels)
         samples = [frame.samples[name] for name in names]
@@ -156,7 +156,7 @@ class LinearModelFilter:
         return state, estimate
 
     def _acting_change(self, frame: Frame) -> tuple[Any, Any]:
-        """u - u0 (m,), zero where it is not known; whether it is."""
+        """Return u - u0 (m,), zero if unknown, and whether it is known."""
         numbers = [_number(frame, name) - self.u0[i] for i, name in enumerate(self.acting)]
         du = jnp.stack(numbers) if numbers else jnp.zeros(0)
         valid = [frame.samples[name].valid for name in _sensors(self.acting)]
@@ -169,7 +169,7 @@ def _sensors(channels: tuple[str, ...]) -> tuple[str, ...]:
 
 
 def _number(frame: Frame, channel: str) -> Any:
-    """The number of a channel, e.g. ``encoder.position`` or ``imu.force[2]``, in the newest sample of its sensor."""
+    """Return the value of a channel, e.g. ``encoder.position`` or ``imu.force[2]``, in its sensor's newest sample."""
     sensor, _, path = channel.partition(".")
     value = frame.samples[sensor].value
     for name in path.split("."):
@@ -180,7 +180,7 @@ def _number(frame: Frame, channel: str) -> Any:
 
 
 def _add(record: Any, change: Any) -> Any:
-    """The record with a vector added to its numbers, in declared order."""
+    """Return the record with a vector added to its numbers, in declared order."""
     leaves, tree = jax.tree.flatten(record)
     ends = np.cumsum([np.size(own) for own in leaves])
     parts = [change[int(end) - np.size(own) : int(end)] for own, end in zip(leaves, ends, strict=True)]

@@ -1,4 +1,4 @@
-"""The estimator that believes one sensor: for sensors that already give the state that the law reads."""
+"""Estimator that passes on one sensor, for sensors that already give the state that the law reads."""
 
 from typing import Any
 
@@ -19,15 +19,15 @@ class Passthrough:
 
     @property
     def listens(self) -> tuple[str, ...]:
-        """The one sensor."""
+        """Return the name of the sensor."""
         return (self.sensor,)
 
     def init(self, key: Key) -> tuple[()]:
-        """No state."""
+        """Return the empty state."""
         return ()
 
     def step(self, t: Any, state: tuple[()], frame: Frame) -> tuple[tuple[()], Estimate]:
-        """The sample's value, valid from the first sample on."""
+        """Return the sample's value, valid from the first sample on."""
         newest = frame.samples[self.sensor]
         age = to_seconds(t - newest.t)
         return state, Estimate(t=t, age=age, fresh=newest.fresh, valid=newest.valid, state=newest.value)

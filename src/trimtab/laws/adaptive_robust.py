@@ -1,4 +1,4 @@
-"""Robust terms with adapted bounds, added to a state feedback v = yd^(r) + K e: as published, and as they hold."""
+"""Robust terms with adapted bounds, added to a state feedback v = yd^(r) + K e: as published, and corrected."""
 
 from typing import Any, NamedTuple
 
@@ -11,19 +11,19 @@ from trimtab.core.record import Scalar, option, quantity, record
 SIGNS = ("minus", "published", "off")
 FORMS = ("smooth", "sign", "off")
 SIZES = (100.0, 20.0, 20.0, 0.01, 0.02, 0.2, 2.0, 0.2, 2.0)
-"""What counts as much: (h, h', V, alpha, Q, eta1, eta1', eta2, eta2') in ft, s, rad and (slug ft)^1/2."""
+"""Sizes of the errors (h, h', V, alpha, Q, eta1, eta1', eta2, eta2') in ft, s, rad and (slug ft)^1/2."""
 
 
 @record
 class AdaptationState:
-    """The estimated bounds. Source: [1] eq. 18."""
+    """Estimated bounds. Source: [1] eq. 18."""
 
-    rho0: Scalar = quantity("ft/s^2", "Bound of the uncertainty that does not grow with the error.")
-    rho1: Scalar = quantity("ft/s^2", "Bound per error, sized.")
+    rho0: Scalar = quantity("ft/s^2", "Bound of the uncertainty that is independent of the error.")
+    rho1: Scalar = quantity("ft/s^2", "Bound of the uncertainty per scaled error.")
 
 
 class RobustTerms(NamedTuple):
-    """u_h and u_s (ft/s^2, each (2,)), and s = B'P e (2,) that both are made of."""
+    """Terms u_h and u_s (ft/s^2, each (2,)), and s = B'P e (2,) from which both are computed."""
 
     u_h: Any
     u_s: Any
@@ -39,38 +39,38 @@ class AdaptiveRobust:
         rho0' = q0 (|s| - sigma rho0)                             published: sigma = 0
         rho1' = q1 (|e| |s| - sigma rho1)
 
-    |e| is of the error in parts of `sizes`: else it is the altitude's alone. With the gain K = -R^-1 B'P of a linear
-    quadratic regulator the published u_h halves K, for its sign is the wrong one; minus makes it 1.5 K. The published
-    bounds only grow, and sgn chatters; here they are smoothed, may leak, and stop at `cap`.
+    |e| is that of the error divided by `sizes`; otherwise the altitude would dominate. With the gain K = -R^-1 B'P of a
+    linear quadratic regulator the published u_h halves K, because its sign is wrong; minus makes it 1.5 K. The
+    published bounds only grow, and sgn chatters. Here sgn is smoothed, the bounds may leak, and they stop at `cap`.
 
     Source:  [1] "Angular-accelerometer-based flexible-state estimation and tracking controller design for hypersonic
              flight vehicle", Aerospace 2022, 9(4), 206, eqs. 16-18, mended as docs page, Adaptive robust terms, says;
              it prints none of the constants.
     """
 
-    BP: Any = quantity("1", "B'P of the Lyapunov function e'Pe.", shape=(2, 9))
+    BP: Any = quantity("1", "Matrix B'P of the Lyapunov function e'Pe.", shape=(2, 9))
     R: Any = quantity("1", "Diagonal of the weight R of v.", default=(0.01, 0.04), shape=(2,), above=0)
-    sizes: Any = quantity("1", "Errors that count as much.", default=SIZES, shape=(9,), above=0)
+    sizes: Any = quantity("1", "Sizes of the errors, for scaling.", default=SIZES, shape=(9,), above=0)
     damping: str = option("Sign of u_h.", default="off", choices=SIGNS)
     switching: str = option("Form of u_s.", default="off", choices=FORMS)
     kappa: Scalar = quantity("1", "Bound of the uncertainty of the input's gain.", default=0.0, low=0)
     q0: Scalar = quantity("1", "Rate of adaptation of rho0.", default=10.0, low=0)
     q1: Scalar = quantity("1", "Rate of adaptation of rho1.", default=0.01, low=0)
-    eps: Scalar = quantity("1", "Width of the smoothing, in s.", default=0.01, above=0)
-    sigma: Scalar = quantity("1/s", "Leak of both bounds.", default=0.0, low=0)
-    cap: Scalar = quantity("ft/s^2", "Most that either bound may become.", default=20.0, above=0)
+    eps: Scalar = quantity("1", "Width of the smoothing, in units of s.", default=0.01, above=0)
+    sigma: Scalar = quantity("1/s", "Leak rate of both bounds.", default=0.0, low=0)
+    cap: Scalar = quantity("ft/s^2", "Upper limit of each bound.", default=20.0, above=0)
 
     def check(self) -> None:
-        """Refuse a gain that may be uncertain by all of itself: then no sign of v is known."""
+        """Raise InputError if kappa is 1 or more: then the sign of v's effect is unknown."""
         if float(np.max(self.kappa)) >= 1:
-            raise InputError("AdaptiveRobust.kappa", f"{self.kappa} is not below 1", fix="give a bound below 1")
+            raise InputError("AdaptiveRobust.kappa", f"must be below 1, got {self.kappa}", fix="give a bound below 1")
 
     def init(self) -> AdaptationState:
-        """Nothing learnt."""
+        """Return the initial bounds, before any adaptation."""
         return AdaptationState(jnp.asarray(0.0), jnp.asarray(0.0))
 
     def terms(self, state: AdaptationState, e: Any) -> RobustTerms:
-        """u_h and u_s for the error e (9,)."""
+        """Return u_h and u_s for the error e (9,)."""
         s = jnp.asarray(self.BP) @ e
         u_h = {"minus": -0.5, "published": 0.5, "off": 0.0}[self.damping] * s / jnp.asarray(self.R) / (1 + self.kappa)
         bound = (state.rho0 + state.rho1 * self._size(e)) / (1 + self.kappa)
@@ -83,7 +83,7 @@ class AdaptiveRobust:
         return RobustTerms(u_h, u_s, s)
 
     def adapt(self, dt: Any, state: AdaptationState, e: Any, s: Any) -> AdaptationState:
-        """The bounds a time dt (s) later; nothing is learnt where u_s is off."""
+        """Return the bounds after dt (s); they do not adapt where u_s is off."""
         if self.switching == "off":
             return state
         size = jnp.sqrt(jnp.sum(s * s))

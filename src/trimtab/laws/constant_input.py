@@ -1,4 +1,4 @@
-"""A law that wants the same input all the time: to see what a vehicle does by itself, or under steps of its input."""
+"""A law with a constant demand: shows a vehicle's own motion, or its response to steps of the input."""
 
 from typing import Any, ClassVar
 
@@ -8,27 +8,27 @@ from trimtab.core.signals import Estimate, PlanarForce
 
 @record
 class ConstantInputOutput:
-    """What is wanted. Source: docs page, Constant input."""
+    """Demand of the law. Source: docs page, Constant input."""
 
-    demand: Any = part("Wanted input.")
+    demand: Any = part("Demanded input.")
 
 
 @record
 class ConstantInput:
-    """Wants the input u0, whatever the estimate says. Its numbers may change in flight by a schedule.
+    """Demands the input u0, independent of the estimate. A schedule may change u0 in flight.
 
     Frames:  the input's.
     Source:  docs page, Constant input.
     """
 
-    u0: Any = part("The input, a record of the vehicle's.", default=PlanarForce(0.0, 0.0))
+    u0: Any = part("Constant input, in the vehicle's record.", default=PlanarForce(0.0, 0.0))
 
     reads: ClassVar[tuple[str, ...]] = ()
 
     def init(self, key: Any) -> tuple[()]:
-        """No state."""
+        """Return the empty state."""
         return ()
 
     def step(self, t: Any, state: tuple[()], estimate: Estimate) -> tuple[tuple[()], ConstantInputOutput]:
-        """The input."""
+        """Return the demand: the constant input."""
         return state, ConstantInputOutput(self.u0)

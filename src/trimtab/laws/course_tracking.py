@@ -1,4 +1,4 @@
-"""State feedback about a course computed before: wanted state and input by time, as of the inversion of an output."""
+"""State feedback about a precomputed course: reference state and input by time, as from an output inversion."""
 
 from typing import Any
 
@@ -14,20 +14,20 @@ from trimtab.laws.state_vector import add_to_input
 
 @record
 class CourseTrackingState:
-    """How long it has run, and the feedback's integrals. Source: this module."""
+    """Running time and the feedback's integrals. Source: this module."""
 
-    time: Scalar = quantity("s", "Since it began.", default=0.0)
-    feedback: StateFeedbackState = part("Of the feedback.", default=StateFeedbackState(np.zeros(0)))
+    time: Scalar = quantity("s", "Time since the law started.", default=0.0)
+    feedback: StateFeedbackState = part("State of the feedback.", default=StateFeedbackState(np.zeros(0)))
 
 
 @record
 class CourseTracking:
-    """A feedforward beside a feedback: what the course says, and the gain on what is off it.
+    """Feedforward with feedback: the course's input, plus a gain on the deviation from the course.
 
         u = u_d(t) + K (x - x_d(t)) + L z
 
-    x_d and u_d are linear between nodes, and stay at the first and the last. Where an output is non-minimum phase, x_d
-    moves before it does (`design.output_inversion`); the course belongs to the vehicle that it was computed for.
+    x_d and u_d are linear between nodes, and constant before the first and after the last. If the output is non-minimum
+    phase, x_d moves before the output (`design.output_inversion`). A course is valid only for its own vehicle.
 
     Frames:  of the states.
     Valid:   near the course, for a gain that holds along it. A quaternion is interpolated number by number: nodes a
@@ -36,32 +36,34 @@ class CourseTracking:
              Control 41(7), 1996, section IV.
     """
 
-    feedback: StateFeedback = part("The gain, about the course's first point.", default=StateFeedback())
-    x: Any = quantity("1", "x_d at the nodes (k, n), as the feedback's x0.", default=np.zeros((2, 4)))
-    du: Any = quantity("1", "u_d less the feedback's u0, at the nodes (k, m).", default=np.zeros((2, 2)))
-    spacing: Scalar = quantity("s", "Between nodes.", default=0.1, above=0)
+    feedback: StateFeedback = part("Feedback, with its gain about the course's first point.", default=StateFeedback())
+    x: Any = quantity("1", "Reference state x_d at the nodes (k, n), as the feedback's x0.", default=np.zeros((2, 4)))
+    du: Any = quantity(
+        "1", "Reference input u_d minus the feedback's u0, at the nodes (k, m).", default=np.zeros((2, 2))
+    )
+    spacing: Scalar = quantity("s", "Time between nodes.", default=0.1, above=0)
 
     def check(self) -> None:
-        """Refuse a course that does not fit the gain."""
+        """Raise InputError if the course does not match the gain."""
         self.feedback.check()
         k, n, m = len(self.x), np.size(self.feedback.x0), np.shape(self.feedback.K)[0]
         if k < 2 or np.shape(self.x) != (k, n) or np.shape(self.du) != (k, m):
-            problem = f"x {np.shape(self.x)} and du {np.shape(self.du)} don't fit {n} states and {m} inputs"
+            problem = f"x {np.shape(self.x)} and du {np.shape(self.du)} do not match {n} states and {m} inputs"
             raise InputError("CourseTracking.x", problem, fix=f"give x (k, {n}) and du (k, {m}), k at least 2")
 
     @property
     def reads(self) -> tuple[str, ...]:
-        """Fields of the state: those of the feedback."""
+        """Return the state fields that the feedback reads."""
         return self.feedback.reads
 
     def init(self, key: Any) -> CourseTrackingState:
-        """The course begins."""
+        """Return the initial state, at the start of the course."""
         return CourseTrackingState(jnp.asarray(0.0), self.feedback.init(key))
 
     def step(
         self, t: Any, state: CourseTrackingState, estimate: Estimate
     ) -> tuple[CourseTrackingState, StateFeedbackOutput]:
-        """The demand at integer time t."""
+        """Return the demand at integer time t."""
         x, du = jnp.asarray(self.x), jnp.asarray(self.du)
         place = jnp.clip(state.time / self.spacing, 0.0, len(x) - 1.0)
         node = jnp.minimum(jnp.floor(place), len(x) - 2.0).astype(int)

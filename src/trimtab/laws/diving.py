@@ -12,36 +12,36 @@ from trimtab.vehicles.torpedo import CRUISE, TorpedoControls
 
 @record
 class DivingState:
-    """What the autopilots remember. Source: Fossen, "Handbook", 2021, section 15.3."""
+    """State of the autopilots. Source: Fossen, "Handbook", 2021, section 15.3."""
 
-    began: Scalar = quantity("1", "Whether it has been asked before.", kind="flag")
-    depth: Scalar = quantity("m", "The depth on the way to the one asked.", frame="W")
-    depth_integral: Scalar = quantity("m s", "Of the depth's error.")
-    pitch_integral: Scalar = quantity("rad s", "Of the pitch angle's error.")
-    steering: SteeringState = part("Of the heading autopilot.")
+    began: Scalar = quantity("1", "True after the first step.", kind="flag")
+    depth: Scalar = quantity("m", "Depth reference on its way to the commanded depth.", frame="W")
+    depth_integral: Scalar = quantity("m s", "Integral of the depth error.")
+    pitch_integral: Scalar = quantity("rad s", "Integral of the pitch angle's error.")
+    steering: SteeringState = part("State of the heading autopilot.")
 
 
 @record
 class DivingOutput:
-    """What the autopilots ask for, and why. Source: Fossen, "Handbook", 2021, section 15.3."""
+    """Demand and signals of the autopilots. Source: Fossen, "Handbook", 2021, section 15.3."""
 
-    demand: TorpedoControls = part("Fins and shaft.")
-    depth_reference: Scalar = quantity("m", "The depth on the way to the one asked.", frame="W")
-    depth_error: Scalar = quantity("m", "How much too deep.")
-    pitch_asked: Scalar = quantity("rad", "By the depth loop.", kind="angle")
-    heading_reference: Scalar = quantity("rad", "Of the heading autopilot.", kind="angle", frame="W")
+    demand: TorpedoControls = part("Demand to the fins and the shaft.")
+    depth_reference: Scalar = quantity("m", "Depth reference on its way to the commanded depth.", frame="W")
+    depth_error: Scalar = quantity("m", "Depth error: positive when too deep.")
+    pitch_asked: Scalar = quantity("rad", "Pitch angle commanded by the depth loop.", kind="angle")
+    heading_reference: Scalar = quantity("rad", "Reference of the heading autopilot.", kind="angle", frame="W")
 
 
 @record
 class Diving:
     """Holds depth and heading at a given shaft speed.
 
-        z_r goes to the depth asked, no faster than `climb`
+        z_r goes to the commanded depth, no faster than `climb`
         theta_c = -asin(z_r'/U) + kz (z - z_r) + kzi integral,     |theta_c| <= steepest
         delta_s = (U0/U)^2 (kp (theta - theta_c) + kd q + ki integral)
         the rudder as in `Steering`
 
-    The integrals find what buoyancy, propeller torque and a roll angle need; each stands still at its limit.
+    The integrals compensate buoyancy, propeller torque and a roll angle; each is held at its limit.
 
     Frames:  depth down, pitch nose up; positive stern planes push the tail up and the nose down, as SNAME has it.
     Valid:   small roll; above the speed at which the planes can hold the buoyancy.
@@ -53,29 +53,31 @@ class Diving:
 
     depth: Scalar = quantity("m", "Wanted.", frame="W", default=5.0)
     heading: Scalar = quantity("rad", "Wanted.", kind="angle", default=0.0)
-    shaft_speed: Scalar = quantity("rad/s", "Of the propeller, held.", default=CRUISE * 1750 / 1500, low=0)
-    climb: Scalar = quantity("m/s", "Fastest change of depth.", default=0.25, above=0)
-    kz: Scalar = quantity("rad/m", "Pitch per depth error.", default=0.2, low=0)
-    kzi: Scalar = quantity("rad/(m s)", "Pitch per integral of it.", default=0.02, low=0)
-    steepest: Scalar = quantity("rad", "Most pitch asked.", kind="angle", default=0.3, above=0)
-    kp: Scalar = quantity("1", "Stern planes per pitch error.", default=1.0, low=0)
-    kd: Scalar = quantity("s", "Stern planes per pitch rate.", default=1.4, low=0)
-    ki: Scalar = quantity("1/s", "Stern planes per integral of the pitch error.", default=0.2, low=0)
-    speed: Scalar = quantity("m/s", "U0, for which the gains are.", default=1.76, above=0)
-    slowest: Scalar = quantity("m/s", "Speed below which they grow no more.", default=1.2, above=0)
-    limit: Scalar = quantity("rad", "Most stern planes.", kind="angle", default=0.237, above=0)
+    shaft_speed: Scalar = quantity(
+        "rad/s", "Speed of the propeller shaft, held constant.", default=CRUISE * 1750 / 1500, low=0
+    )
+    climb: Scalar = quantity("m/s", "Maximum rate of the depth reference.", default=0.25, above=0)
+    kz: Scalar = quantity("rad/m", "Pitch angle per depth error.", default=0.2, low=0)
+    kzi: Scalar = quantity("rad/(m s)", "Pitch angle per integral of the depth error.", default=0.02, low=0)
+    steepest: Scalar = quantity("rad", "Maximum commanded pitch angle.", kind="angle", default=0.3, above=0)
+    kp: Scalar = quantity("1", "Stern plane angle per pitch error.", default=1.0, low=0)
+    kd: Scalar = quantity("s", "Stern plane angle per pitch rate.", default=1.4, low=0)
+    ki: Scalar = quantity("1/s", "Stern plane angle per integral of the pitch error.", default=0.2, low=0)
+    speed: Scalar = quantity("m/s", "Speed U0 for which the gains are given.", default=1.76, above=0)
+    slowest: Scalar = quantity("m/s", "Speed below which the gains stay constant.", default=1.2, above=0)
+    limit: Scalar = quantity("rad", "Maximum stern plane angle.", kind="angle", default=0.237, above=0)
     steering: Steering = part(
-        "The heading autopilot.",
+        "Heading autopilot.",
         default=Steering(kp=1.0, kd=1.3, ki=0.1, speed=1.76, slowest=1.2, limit=0.237, frequency=1.0, fastest=0.2),
     )
 
     def init(self, key: Any) -> DivingState:
-        """Nothing asked yet."""
+        """Return the initial state, before any command."""
         zero = jnp.asarray(0.0)
         return DivingState(jnp.asarray(False), zero, zero, zero, self.steering.init())
 
     def step(self, t: Any, state: DivingState, estimate: Estimate) -> tuple[DivingState, DivingOutput]:
-        """The demand at integer time t; nothing moves while the estimate is not valid."""
+        """Return the demand at integer time t; nothing changes while the estimate is not valid."""
         x, dt = estimate.state, estimate.dt
         speed = jnp.maximum(x.surge_velocity, self.slowest)
         on_way = jnp.where(state.began, state.depth, x.depth)

@@ -1,6 +1,6 @@
-"""A craft of a formation: its point goes where it belongs beside the leader's, keeps from the others, and is followed.
+"""A craft of a formation: its point keeps its place beside the leader and clear of the others, and the craft follows.
 
-Three layers. A wanted velocity of the point, from the leader's newest message; the barrier, from everybody's
+Three layers: a velocity command of the point, from the leader's newest message; the barrier, from all messages
 (`laws.separation`); and the craft, whose centre of percussion follows its point.
 """
 
@@ -18,37 +18,43 @@ from trimtab.laws.separation import Separation, norm
 from trimtab.vehicles.hovercraft import Hovercraft
 
 LONGEST_STEP = ms(100)
-"""A longer pause counts as none: the point stands still meanwhile."""
+"""Longest pause between steps that is integrated; during a longer one the point stands still."""
 TURN_ROUND = 0.3
-"""Cosine of the angle between force and nose beyond which the other end of the craft takes over."""
+"""Cosine of the angle between force and nose beyond which the other end of the craft is turned to the force."""
 
 
 @record
 class FormationState:
-    """The point that the craft follows. Source: derived here."""
+    """Point that the craft follows. Source: derived here."""
 
-    t: Scalar = quantity("100 ns", "When the law was asked last.", kind="time")
-    north: Scalar = quantity("m", "Reference point.", frame="W")
-    east: Scalar = quantity("m", "Reference point.", frame="W")
-    backing: Scalar = quantity("1", "Whether the tail goes first.", kind="flag")
-    reverse: Scalar = quantity("1", "Whether the fan turns in reverse.", kind="flag")
+    t: Scalar = quantity("100 ns", "Time of the last step.", kind="time")
+    north: Scalar = quantity("m", "Reference point, north.", frame="W")
+    east: Scalar = quantity("m", "Reference point, east.", frame="W")
+    backing: Scalar = quantity("1", "True if the tail goes first.", kind="flag")
+    reverse: Scalar = quantity("1", "True if the fan turns in reverse.", kind="flag")
 
 
 @record
 class FormationOutput:
-    """What the law asks for and says, and why. Source: derived here."""
+    """Demand and signals of the law. Source: derived here."""
 
-    demand: SwarmInput = part("Force wanted at the rudder pivot, and the message to the others.")
-    off_place: Scalar = quantity("m", "Of the point from its place in the formation; 0 where the leader is unknown.")
-    off_point: Scalar = quantity("m", "Of the centre of percussion from the point.")
-    clearance: Scalar = quantity("m", "Least distance to a neighbour's point beyond the one to keep, at worst.")
-    oldest: Scalar = quantity("s", "Age of the oldest of the newest messages; the start of time where none came.")
-    speed: Scalar = quantity("m/s", "Of the point.")
+    demand: SwarmInput = part("Demanded force at the rudder pivot, and the message to the others.")
+    off_place: Scalar = quantity(
+        "m", "Distance of the point from its place in the formation; 0 while the leader is unknown."
+    )
+    off_point: Scalar = quantity("m", "Distance of the centre of percussion from the point.")
+    clearance: Scalar = quantity(
+        "m", "Worst-case distance to the nearest neighbour's point, minus the distance to be kept."
+    )
+    oldest: Scalar = quantity(
+        "s", "Age of the oldest of the neighbours' newest messages; the start of time if none came."
+    )
+    speed: Scalar = quantity("m/s", "Speed of the point.")
 
 
 @record
 class Formation:
-    """Keeps its place beside craft 0, the leader, which alone knows the route; keeps from everybody.
+    """Keeps the craft's place beside craft 0, the leader that knows the route, and its distance from all others.
 
         leader    u = c' + k (c - q)          c: the route, a circle of `radius` about a centre, at `pace`
         follower  u = u_0 + k (q_0 + age u_0 + place - q)     q_0, u_0, age: the leader's newest message
@@ -58,14 +64,14 @@ class Formation:
                   FX = n.F + m a r^2,   FY = (J/d) k_r (r - r_d),   r_d = k_h wrap(direction of ±F - heading)
 
     P is accelerated along the nose n alone (`laws.pose`), so that the nose is turned to the force, or away from it.
-    A message of the leader older than `horizon` gives the place where it was then, at rest.
+    A leader's message older than `horizon` is not extrapolated: the leader counts as at rest there.
 
     Proven:  apart: see Separation; the points never come nearer than its distance. In formation: while the barrier
              allows what is wanted, and the leader goes at a steady velocity, e = q_0 + place - q obeys e' = -k e,
              however late the messages are, for an extrapolated steady point is exact. Only simulated: that the craft
              stays near its point, formation while the barrier holds back, a leader on a circle (e is at most
              pace^2/radius times age (1/k + age/2)).
-    Decentralised: a command is a function of the craft's own estimate, its own point, and what it has heard.
+    Decentralised: a command depends on the craft's own estimate, its own point, and the messages received.
     Valid:   for a fan that gives a force along the nose; starts with points further apart than the distance.
     Source:  derived here; leader and followers: J. Desai, J. Ostrowski, V. Kumar, IEEE Trans. Robotics and Automation
              17 (2001) 905. Gains are this project's.
@@ -73,43 +79,45 @@ class Formation:
 
     reads: ClassVar[tuple[str, ...]] = ("own", "peers")
 
-    number: Scalar = quantity("1", "Of this craft; 0 leads.", kind="count", default=np.int32(0))
-    north: Scalar = quantity("m", "Place beside the leader.", frame="W", default=0.0)
-    east: Scalar = quantity("m", "Place beside the leader.", frame="W", default=0.0)
-    centre_north: Scalar = quantity("m", "Centre of the route.", frame="W", default=0.0)
-    centre_east: Scalar = quantity("m", "Centre of the route.", frame="W", default=0.0)
-    radius: Scalar = quantity("m", "Of the route; 0: it stays at the centre.", default=0.0, low=0)
-    pace: Scalar = quantity("m/s", "Along the route.", default=0.1, low=0)
-    k: Scalar = quantity("1/s", "Speed of the point per way to its place.", default=0.2, above=0)
-    horizon: Scalar = quantity("s", "How long the leader is believed to go on.", default=3.0, above=0)
+    number: Scalar = quantity("1", "Number of this craft; 0 leads.", kind="count", default=np.int32(0))
+    north: Scalar = quantity("m", "Place beside the leader, north.", frame="W", default=0.0)
+    east: Scalar = quantity("m", "Place beside the leader, east.", frame="W", default=0.0)
+    centre_north: Scalar = quantity("m", "Centre of the route, north.", frame="W", default=0.0)
+    centre_east: Scalar = quantity("m", "Centre of the route, east.", frame="W", default=0.0)
+    radius: Scalar = quantity("m", "Radius of the route; 0: the leader stays at the centre.", default=0.0, low=0)
+    pace: Scalar = quantity("m/s", "Speed along the route.", default=0.1, low=0)
+    k: Scalar = quantity("1/s", "Speed of the point per distance to its place.", default=0.2, above=0)
+    horizon: Scalar = quantity("s", "Longest extrapolation of the leader's last message.", default=3.0, above=0)
     leash: Scalar = quantity("m", "Lag of the craft at which its point waits.", default=0.6, above=0)
     kp: Scalar = quantity("1/s", "Speed per lag.", default=0.35, above=0)
-    catch_up: Scalar = quantity("m/s", "Most speed on behalf of the lag.", default=0.2, above=0)
+    catch_up: Scalar = quantity("m/s", "Maximum speed due to the lag.", default=0.2, above=0)
     kv: Scalar = quantity("1/s", "Gain on the speed of P.", default=1.4, above=0)
     kh: Scalar = quantity("1/s", "Yaw rate per error of the nose.", default=1.1, above=0)
     kr: Scalar = quantity("1/s", "Yaw acceleration per error of yaw rate.", default=1.3, above=0)
-    turn_rate: Scalar = quantity("rad/s", "Most yaw rate.", default=1.1, above=0)
-    push: Scalar = quantity("N", "Most forward force.", default=1.4, above=0)
-    pull: Scalar = quantity("N", "Most backward force.", default=0.5, above=0)
-    swing: Scalar = quantity("N", "Most force to the side.", default=0.35, above=0)
-    cone: Scalar = quantity("1", "Least force along the nose per force to the side.", default=2.7, low=0)
-    grip: Scalar = quantity("N", "Force along the nose at which the fan turns over.", default=0.1, above=0)
-    dead_zone: Scalar = quantity("N", "Force for which the nose doesn't turn.", default=0.08, above=0)
-    separation: Separation = part("Keeps the points apart.", default=Separation())
-    model: Hovercraft = part("What the law believes of the vehicle.", default=Hovercraft())
+    turn_rate: Scalar = quantity("rad/s", "Maximum yaw rate.", default=1.1, above=0)
+    push: Scalar = quantity("N", "Maximum forward force.", default=1.4, above=0)
+    pull: Scalar = quantity("N", "Maximum backward force.", default=0.5, above=0)
+    swing: Scalar = quantity("N", "Maximum force to the side.", default=0.35, above=0)
+    cone: Scalar = quantity("1", "Minimum force along the nose per force to the side.", default=2.7, low=0)
+    grip: Scalar = quantity("N", "Force along the nose at which the fan changes its direction.", default=0.1, above=0)
+    dead_zone: Scalar = quantity("N", "Force below which the nose does not turn.", default=0.08, above=0)
+    separation: Separation = part("Barrier that keeps the points apart.", default=Separation())
+    model: Hovercraft = part("Vehicle model used by the law.", default=Hovercraft())
 
     def check(self) -> None:
-        """Refuse a leader whom nobody could keep up with."""
+        """Raise InputError if the leader is too fast for the others."""
         if np.any(np.asarray(self.pace) >= np.asarray(self.separation.speed)):
-            problem = f"the leader goes at {self.pace} m/s, and nobody's point at more than {self.separation.speed} m/s"
+            problem = (
+                f"the leader's pace, {self.pace} m/s, must be below that of the points, {self.separation.speed} m/s"
+            )
             raise InputError("Formation.pace", problem, fix="set a pace below separation.speed")
 
     def init(self, key: Any) -> FormationState:
-        """No point yet: it begins where the craft is."""
+        """Return the initial state, without a point: it starts at the craft."""
         return FormationState(np.int64(NEVER), *np.zeros(2), *np.zeros(2, np.bool_))
 
     def step(self, t: Any, state: FormationState, estimate: Estimate) -> tuple[FormationState, FormationOutput]:
-        """The demand and the message at integer time t."""
+        """Return the demand and the message at integer time t."""
         s, peers = estimate.state.own, estimate.state.peers
         body, a = planar(s.heading), self.model.percussion_arm
         p = jnp.stack([s.north, s.east]) + a * body[:, 0]
@@ -139,7 +147,7 @@ class Formation:
         )
 
     def _find_place(self, t: Any, q: Any, peers: Peers) -> tuple[Any, Any]:
-        """The way (2,) from the point to its place, and the velocity (2,) of that place."""
+        """Return the vector (2,) from the point to its place, and the velocity (2,) of that place."""
         said = peers.message()
         place = jnp.stack([self.north, self.east])
         age = to_seconds(t - said.t[0])
@@ -156,7 +164,7 @@ class Formation:
         return way, jnp.where(leads, along, jnp.where(known, u, 0.0))
 
     def _steer(self, state: FormationState, F: Any, nose: Any, s: Any) -> tuple[PlanarForce, Any, Any]:
-        """The demand for a force F (2,) wanted in W, whether the tail goes first, and whether the fan is in reverse."""
+        """Return the demand for a force F (2,) in W, whether the tail goes first, and whether the fan is in reverse."""
         size, along = norm(F), nose @ F
         backing = along < size * jnp.where(state.backing, TURN_ROUND, -TURN_ROUND)
         end = jnp.where(backing, -F, F)

@@ -1,4 +1,4 @@
-"""Tracking in space by thrust along one body axis: geometric control on SE(3), without an angle that is singular.
+"""Tracking in space by thrust along one body axis: geometric control on SE(3), without a singular angle.
 
 [1] is T. Lee, M. Leok, N. H. McClamroch, "Geometric tracking control of a quadrotor UAV on SE(3)", CDC 2010.
 """
@@ -18,15 +18,15 @@ from trimtab.vehicles.quadrotor import Multirotor, RotorDemand
 
 DOWN = np.array([0.0, 0.0, 1.0])
 LEAST_LENGTH = 1e-6
-"""A vector shorter than this, in its unit, has no direction: it is left as if it were so long."""
+"""Smallest length of a vector, in its unit, for a direction: a shorter one is divided by this."""
 
 
 UNLIMITED = 1e9
-"""N; a limit of this size is none."""
+"""Force limit (N) that means no limit."""
 
 
 class Motion3(NamedTuple):
-    """A vector and its first two derivatives, each (3,)."""
+    """Vector and its first two derivatives, each (3,)."""
 
     value: Any
     rate: Any
@@ -34,7 +34,7 @@ class Motion3(NamedTuple):
 
 
 class AttitudeCommand(NamedTuple):
-    """R_WC (3, 3) that is wanted, with its rate (3,) (rad/s) and its derivative (3,) (rad/s^2), in C."""
+    """Reference attitude R_WC (3, 3), with its rate (3,) (rad/s) and its derivative (3,) (rad/s^2), in C."""
 
     R: Any
     rate: Any
@@ -43,62 +43,62 @@ class AttitudeCommand(NamedTuple):
 
 @record
 class GeometricTrackingOutput:
-    """What the law wants, and how far it is from it. Source: [1] section III."""
+    """Demand and errors of the law. Source: [1] section III."""
 
-    demand: RotorDemand = part("What the rotors are to do.")
-    position_error: Any = quantity("m", "Position less the wanted one.", frame="W", shape=(3,))
-    velocity_error: Any = quantity("m/s", "Velocity less the wanted one.", frame="W", shape=(3,))
-    attitude_error: Scalar = quantity("1", "Psi: 0 where the attitude is the wanted one, 2 half a turn off.")
+    demand: RotorDemand = part("Demand to the rotors.")
+    position_error: Any = quantity("m", "Position error: position minus reference.", frame="W", shape=(3,))
+    velocity_error: Any = quantity("m/s", "Velocity error: velocity minus reference.", frame="W", shape=(3,))
+    attitude_error: Scalar = quantity("1", "Attitude error Psi: 0 at the reference attitude, 2 half a turn away.")
     distance: Scalar = quantity("m", "Length of the position error.")
 
 
 @record
 class GeometricTrackingState:
-    """How long the law has run. Source: this module."""
+    """Running time of the law. Source: this module."""
 
-    time: Scalar = quantity("s", "Since it began.", default=0.0)
+    time: Scalar = quantity("s", "Time since the law started.", default=0.0)
 
 
 @record
 class GeometricTracking:
-    """Thrust and moments that follow a place and a heading, for nearly every first state.
+    """Thrust and moments that track a position and a heading, from almost every initial state.
 
         f = -(A · R e3)      A = -kx ex - kv ev - m g e3 + m x_d''
         M = -kR eR - kW eW + W × J W - J (W^ R.T Rc Wc - R.T Rc Wc')
         Psi = tr(I - Rc.T R)/2      eR = (Rc.T R - R.T Rc)v/2      eW = W - R.T Rc Wc
 
-    Rc has the third axis -A/|A| and the first one nearest to the wanted heading. Its rates follow from the believed
-    craft, whose drag and lag the law doesn't know. Errors decay exponentially from Psi < 1, and are drawn in from
-    Psi < 2, with a bound on eW [1, propositions 2 to 4].
+    Rc has the third axis -A/|A| and the first one nearest to the reference heading. Its rates follow from the vehicle
+    model, without drag and lag. Errors decay exponentially from Psi < 1, and are attracted from Psi < 2, with a bound
+    on eW [1, propositions 2 to 4].
 
     Frames:  W north-east-down, B body.
-    Valid:   A ≠ 0: nothing is wanted that falls freely; the heading is not along the thrust.
+    Valid:   A ≠ 0: the reference is not in free fall; the heading is not along the thrust.
     Source:  [1] eqs. 12 to 21, its gains.
     """
 
-    craft: Multirotor = part("What it believes of the vehicle: mass, inertia and gravity.", default=Multirotor())
-    reference: Any = part("Where it is to be: a reference in space.", default=FixedPlace())
-    kx: Scalar = quantity("N/m", "Of the position.", default=16 * 4.34, above=0, source="[1] 16 m")
-    kv: Scalar = quantity("N s/m", "Of the velocity.", default=5.6 * 4.34, above=0, source="[1] 5.6 m")
-    kR: Scalar = quantity("N m", "Of the attitude.", default=8.81, above=0, source="[1]")
-    kW: Scalar = quantity("N m s", "Of the rate.", default=2.54, above=0, source="[1]")
-    most: Scalar = quantity("N", "Longest -kx ex - kv ev; [1] has no such limit.", default=UNLIMITED, above=0)
+    craft: Multirotor = part("Vehicle model used by the law: mass, inertia and gravity.", default=Multirotor())
+    reference: Any = part("Reference position in space.", default=FixedPlace())
+    kx: Scalar = quantity("N/m", "Position gain.", default=16 * 4.34, above=0, source="[1] 16 m")
+    kv: Scalar = quantity("N s/m", "Velocity gain.", default=5.6 * 4.34, above=0, source="[1] 5.6 m")
+    kR: Scalar = quantity("N m", "Attitude gain.", default=8.81, above=0, source="[1]")
+    kW: Scalar = quantity("N m s", "Gain of the angular rate.", default=2.54, above=0, source="[1]")
+    most: Scalar = quantity("N", "Maximum length of -kx ex - kv ev; [1] has no such limit.", default=UNLIMITED, above=0)
 
     reads: ClassVar[tuple[str, ...]] = ("position", "velocity", "attitude", "rate")
 
     def init(self, key: Key) -> GeometricTrackingState:
-        """Its time begins."""
+        """Return the initial state, at time zero."""
         return GeometricTrackingState()
 
     def step(
         self, t: Any, state: GeometricTrackingState, estimate: Estimate
     ) -> tuple[GeometricTrackingState, GeometricTrackingOutput]:
-        """The demand at integer time t."""
+        """Return the demand at integer time t."""
         output = self.track(self.reference.at(state.time), flyable_state(estimate))
         return GeometricTrackingState(state.time + estimate.dt), output
 
     def track(self, wanted: SpatialPoint, x: Any) -> GeometricTrackingOutput:
-        """The demand of a state x, which has what the law reads, for a wanted point."""
+        """Return the demand of a state x, which has what the law reads, for a reference point."""
         R = quaternion.to_matrix(x.attitude)
         A = self.command_force(wanted, x, R)
         thrust = -A.value @ R[:, 2]
@@ -122,7 +122,7 @@ class GeometricTracking:
         )
 
     def command_force(self, wanted: SpatialPoint, x: Any, R: Any) -> Motion3:
-        """A (N) in W, and its derivatives as the believed craft moves under the thrust that follows from it.
+        """Return A (N) in W, and its derivatives as the model moves under the resulting thrust.
 
         Each derivative of the correction follows from that of the velocity, which the force just found gives.
         """
@@ -142,19 +142,19 @@ class GeometricTracking:
         return Motion3(A, A1, self._limit(F).acceleration + m * wanted.snap)
 
     def _limit(self, F: Motion3) -> Motion3:
-        """A correction no longer than `most`, and its derivatives."""
+        """Return a correction limited to the length `most`, and its derivatives."""
         too_long = F.value @ F.value > self.most**2
         return Motion3(*(jnp.where(too_long, self.most * u, v) for u, v in zip(_direction(F), F, strict=True)))
 
 
 def flyable_state(estimate: Estimate) -> Any:
-    """The estimated state; level with the nose to the north until there is one, for a quaternion of zeros is none."""
+    """Return the estimated state; before there is one (a quaternion of zeros), level with the nose to the north."""
     x = estimate.state
     return replace(x, attitude=jnp.where(estimate.valid, x.attitude, jnp.array([1.0, 0.0, 0.0, 0.0])))
 
 
 def heading_vector(wanted: SpatialPoint) -> Motion3:
-    """The level unit vector along the wanted heading, and its derivatives, in W."""
+    """Return the level unit vector along the reference heading, and its derivatives, in W."""
     c, s, o = jnp.cos(wanted.heading), jnp.sin(wanted.heading), jnp.zeros_like(wanted.heading)
     along, across = jnp.stack([c, s, o]), jnp.stack([-s, c, o])
     w = wanted.heading_rate
@@ -162,7 +162,7 @@ def heading_vector(wanted: SpatialPoint) -> Motion3:
 
 
 def command_attitude(A: Motion3, heading: Motion3) -> AttitudeCommand:
-    """The attitude whose third axis is -A/|A| and whose first one is nearest to the heading [1, eqs. 12 and 13]."""
+    """Return the attitude with the third axis -A/|A| and the first axis nearest to the heading [1, eqs. 12 and 13]."""
     b3 = _direction(Motion3(-A.value, -A.rate, -A.acceleration))
     b2 = _direction(_cross(b3, heading))
     b1 = _cross(b2, b3)
@@ -173,7 +173,7 @@ def command_attitude(A: Motion3, heading: Motion3) -> AttitudeCommand:
 
 
 def _direction(v: Motion3) -> Motion3:
-    """v/|v| and its derivatives."""
+    """Return v/|v| and its derivatives."""
     n = jnp.sqrt(jnp.maximum(v.value @ v.value, LEAST_LENGTH**2))
     u = v.value / n
     n1 = u @ v.rate
@@ -183,7 +183,7 @@ def _direction(v: Motion3) -> Motion3:
 
 
 def _cross(a: Motion3, b: Motion3) -> Motion3:
-    """a × b and its derivatives."""
+    """Return a × b and its derivatives."""
     cross = jnp.cross
     first = cross(a.rate, b.value) + cross(a.value, b.rate)
     second = cross(a.acceleration, b.value) + 2 * cross(a.rate, b.rate) + cross(a.value, b.acceleration)
@@ -191,5 +191,5 @@ def _cross(a: Motion3, b: Motion3) -> Motion3:
 
 
 def _vee(S: Any) -> Any:
-    """v (3,) of which the antisymmetric part of S (3, 3) is the cross matrix."""
+    """Return v (3,), whose cross matrix is the antisymmetric part of S (3, 3)."""
     return jnp.stack([S[2, 1] - S[1, 2], S[0, 2] - S[2, 0], S[1, 0] - S[0, 1]]) / 2

@@ -1,4 +1,4 @@
-"""Ground collision avoidance: below a deck, nose down, it rolls the wings level and pulls up, by load-factor control.
+"""Ground collision avoidance: in a descent below a deck, rolls the wings level and pulls up, by load-factor control.
 
 [1] is P. Heidlauf, A. Collins, M. Bolender, S. Bak, "Verification challenges in F-16 ground collision avoidance and
 other automated maneuvers", ARCH 2018.
@@ -22,7 +22,7 @@ STANDBY, ROLL, PULL = range(3)
 
 @record
 class LoadFactorControl:
-    """Elevator, aileron and rudder by state feedback with integrals of what is wanted: load factor, roll rate, no slip.
+    """Elevator, aileron and rudder by state feedback with integrals of the commands: load factor, roll rate, no slip.
 
         elevator       = trim - K (alpha - alpha0, q, ∫(nz - 1 - nz_ref))
         aileron, rudder =      - K (beta, p, r, ∫(ps - ps_ref), ∫(ny + r))        ps = p cos alpha + r sin alpha
@@ -35,14 +35,14 @@ class LoadFactorControl:
 
     longitudinal: Any = quantity(
         "1",
-        "Elevator (rad) over alpha (rad), q (rad/s), integral (s).",
+        "Gain of the elevator (rad) over alpha (rad), q (rad/s), integral (s).",
         shape=(3,),
         default=np.array([-2.7452436, -0.5424604, -0.6759631]),
         source="scenarios.f16._gains",
     )
     lateral: Any = quantity(
         "1",
-        "Aileron and rudder (rad) over beta (rad), p, r (rad/s), integrals of ps (rad) and of side load and r.",
+        "Gain of aileron and rudder (rad) over beta (rad), p, r (rad/s), integrals of ps (rad) and of side load and r.",
         shape=(2, 5),
         default=np.array(
             [
@@ -57,12 +57,12 @@ class LoadFactorControl:
     throttle: Scalar = quantity("1", "Throttle.", default=0.1401371, low=0, high=1)
 
     def errors(self, x: Any, load: Any, roll: Any) -> Any:
-        """What is integrated (3,): of the load factor (1), the roll rate about the path (rad/s), and the slip."""
+        """Return the integrands (3,): load factor (1), roll rate about the path (rad/s), and slip."""
         about_path = x.roll_rate * jnp.cos(x.alpha) + x.yaw_rate * jnp.sin(x.alpha)
         return jnp.stack([x.normal_load - 1 - load, about_path - roll, x.side_load + x.yaw_rate])
 
     def surfaces(self, x: Any, integrals: Any) -> F16Controls:
-        """The surfaces for a measured flight and the three integrals."""
+        """Return the surfaces for a measured flight and the three integrals."""
         along = jnp.stack([x.alpha - self.trim_alpha, x.pitch_rate, integrals[0]])
         aside = jnp.stack([x.beta, x.roll_rate, x.yaw_rate, integrals[1], integrals[2]])
         aileron, rudder = -jnp.asarray(self.lateral) @ aside
@@ -72,27 +72,27 @@ class LoadFactorControl:
 
 @record
 class GroundAvoidanceState:
-    """What the law remembers. Frames: none. Source: [1]."""
+    """State of the law. Frames: none. Source: [1]."""
 
-    integrals: Any = quantity("s", "Of load factor, roll rate (rad), side load and yaw rate.", shape=(3,))
-    mode: Scalar = quantity("1", "What it does.", kind="mode", modes=MODES)
-    pulls: Scalar = quantity("s", "For how long it has pulled.")
+    integrals: Any = quantity("s", "Integrals of load factor, roll rate (rad), side load and yaw rate.", shape=(3,))
+    mode: Scalar = quantity("1", "Active mode.", kind="mode", modes=MODES)
+    pulls: Scalar = quantity("s", "Duration of the pull-up so far.")
 
 
 @record
 class GroundAvoidanceOutput:
-    """What the law wants. Source: [1]."""
+    """Demand of the law. Source: [1]."""
 
-    demand: F16Controls = part("Surfaces and throttle.")
-    mode: Scalar = quantity("1", "What it does.", kind="mode", modes=MODES)
-    load_wanted: Scalar = quantity("1", "Load factor above 1 that is asked for.")
-    roll_wanted: Scalar = quantity("rad/s", "Roll rate about the path that is asked for.")
-    load_error: Scalar = quantity("1", "Load factor above what is asked for.")
+    demand: F16Controls = part("Demand to the surfaces and the throttle.")
+    mode: Scalar = quantity("1", "Active mode.", kind="mode", modes=MODES)
+    load_wanted: Scalar = quantity("1", "Commanded load factor above 1.")
+    roll_wanted: Scalar = quantity("rad/s", "Commanded roll rate about the path.")
+    load_error: Scalar = quantity("1", "Load factor above the commanded one.")
 
 
 @record
 class GroundAvoidance:
-    """The collision avoidance of the F-16 of [1].
+    """Collision avoidance of the F-16 of [1].
 
         standby  --flies down, below the deck-->  roll  --wings level, roll rate low-->  pull
         pull     --flies up, and has pulled long enough-->  standby
@@ -104,18 +104,18 @@ class GroundAvoidance:
     Source:  [1]; its numbers are those of the authors' program AeroBenchVV.
     """
 
-    control: LoadFactorControl = part("What follows load factor and roll rate.", default=LoadFactorControl())
-    deck: Scalar = quantity("m", "Altitude below which it acts.", default=1000 * FOOT)
-    load: Scalar = quantity("1", "Load factor above 1 of the pull-up.", default=5.0)
-    roll_gain: Scalar = quantity("1/s", "Roll rate per bank.", default=4.0)
-    roll_damping: Scalar = quantity("1", "Roll rate less per roll rate.", default=2.0)
+    control: LoadFactorControl = part("Controller of load factor and roll rate.", default=LoadFactorControl())
+    deck: Scalar = quantity("m", "Altitude below which the law acts.", default=1000 * FOOT)
+    load: Scalar = quantity("1", "Load factor above 1 in the pull-up.", default=5.0)
+    roll_gain: Scalar = quantity("1/s", "Roll rate per bank angle.", default=4.0)
+    roll_damping: Scalar = quantity("1", "Reduction of the roll rate per roll rate.", default=2.0)
     most_roll: Scalar = quantity(
-        "rad/s", "Fastest roll rate that is asked for; far beyond any: [1] has no limit.", default=100.0, above=0
+        "rad/s", "Maximum commanded roll rate; far beyond any real one, as [1] has no limit.", default=100.0, above=0
     )
-    level_bank: Scalar = quantity("rad", "Bank that counts as level.", default=5 * DEG, kind="angle", above=0)
-    level_rate: Scalar = quantity("rad/s", "Roll rate that counts as none.", default=10 * DEG, above=0)
-    path: Scalar = quantity("rad", "Path angle at which it has done its work.", default=0.0, kind="angle")
-    least_pull: Scalar = quantity("s", "Shortest pull-up.", default=2.0, low=0)
+    level_bank: Scalar = quantity("rad", "Bank angle that counts as level.", default=5 * DEG, kind="angle", above=0)
+    level_rate: Scalar = quantity("rad/s", "Roll rate that counts as zero.", default=10 * DEG, above=0)
+    path: Scalar = quantity("rad", "Path angle at which the pull-up ends.", default=0.0, kind="angle")
+    least_pull: Scalar = quantity("s", "Minimum duration of the pull-up.", default=2.0, low=0)
 
     reads: ClassVar[tuple[str, ...]] = (
         "alpha",
@@ -131,11 +131,11 @@ class GroundAvoidance:
     )
 
     def init(self, key: Key) -> GroundAvoidanceState:
-        """On standby, integrals empty."""
+        """Return the initial state: standby, integrals zero."""
         return GroundAvoidanceState(jnp.zeros(3), np.int32(STANDBY), jnp.zeros(()))
 
     def step(self, t: Any, state: GroundAvoidanceState, estimate: Estimate) -> tuple[Any, GroundAvoidanceOutput]:
-        """Surfaces and throttle at time t."""
+        """Return surfaces and throttle at time t."""
         x, dt = estimate.state, estimate.dt
         mode = self._next_mode(state, x)
         pulls, rolls = mode == PULL, mode == ROLL

@@ -29,34 +29,34 @@ READS = ("surge_velocity", "sway_velocity", "yaw_rate", "heading")
 DAMP, TURN = 0, 1
 """Modes."""
 WRAPPING = (
-    "Error by the shortest way, not wrapped at all, or of the heading in [0, 2 pi) without wrapping the difference."
+    "Error by the shortest way, without wrapping, or of the heading in [0, 2 pi) without wrapping the difference."
 )
 
 
 @record
 class HeadingLawState:
-    """Where a heading law is. Source: [1] section 2.3."""
+    """State of a heading law. Source: [1] section 2.3."""
 
-    mode: Scalar = quantity("1", "Which law is on.", kind="mode", modes=("damp", "turn"))
-    switches: Scalar = quantity("1", "How often the law has changed.", kind="count")
-    spin_reference: Scalar = quantity("rad/s", "Yaw rate that turning aims for; 0 before the first.", frame="B")
+    mode: Scalar = quantity("1", "Active law.", kind="mode", modes=("damp", "turn"))
+    switches: Scalar = quantity("1", "Number of changes of the active law.", kind="count")
+    spin_reference: Scalar = quantity("rad/s", "Yaw rate reference of the turn; 0 before the first.", frame="B")
 
 
 @record
 class HeadingOutput:
-    """What a heading law asks for. Source: [1] section 2.3."""
+    """Demand and signals of a heading law. Source: [1] section 2.3."""
 
-    demand: PlanarForce = part("Force wanted at the rudder pivot.")
-    mode: Scalar = quantity("1", "Which law is on.", kind="mode", modes=("damp", "turn"))
-    switches: Scalar = quantity("1", "How often the law has changed.", kind="count")
-    spin_reference: Scalar = quantity("rad/s", "Yaw rate that turning aims for; 0 before the first.", frame="B")
-    heading_error: Scalar = quantity("rad", "Heading minus target, wrapped as asked.")
+    demand: PlanarForce = part("Demanded force at the rudder pivot.")
+    mode: Scalar = quantity("1", "Active law.", kind="mode", modes=("damp", "turn"))
+    switches: Scalar = quantity("1", "Number of changes of the active law.", kind="count")
+    spin_reference: Scalar = quantity("rad/s", "Yaw rate reference of the turn; 0 before the first.", frame="B")
+    heading_error: Scalar = quantity("rad", "Heading minus target, wrapped as configured.")
     lyapunov: Scalar = quantity("J", "V while damping, W about the present reference while turning.")
-    provision: Scalar = quantity("rad/s", "Size that a new reference must exceed, from the one held so far.")
+    provision: Scalar = quantity("rad/s", "Bound that a new reference must exceed, for the present one.")
 
 
 def heading_error(wrapping: str, heading: Any, target: Any) -> Any:
-    """e (rad), heading minus target. Source: [1] section 6.1, figure 6.11 ("modulo", reconstructed)."""
+    """Return e (rad), heading minus target. Source: [1] section 6.1, figure 6.11 ("modulo", reconstructed)."""
     if wrapping == "shortest":
         return wrap(heading - target)
     return (wrap_positive(heading) if wrapping == "modulo" else heading) - target
@@ -70,7 +70,7 @@ def _first_state() -> HeadingLawState:
 def _decide(
     law: Any, state: HeadingLawState, estimate: Estimate, e: Any, start_at: Any, go_on_at: Any
 ) -> HeadingLawState:
-    """The mode and reference from now on; nothing moves while the estimate is not valid.
+    """Return the next mode and reference; nothing changes while the estimate is not valid.
 
     Args:     e: heading error (rad).    start_at, go_on_at: reference (rad/s) of a turn that would start, or go on.
     """
@@ -91,7 +91,7 @@ def _decide(
 def _output(
     law: Any, t: Any, before: HeadingLawState, now: HeadingLawState, estimate: Estimate, e: Any
 ) -> HeadingOutput:
-    """What follows from the mode and reference of now."""
+    """Return the demand that follows from the present mode and reference."""
     model, reference = law.turning.model, before.spin_reference
     _, damp = law.damping.step(t, (), estimate)
     _, turn = replace(law.turning, reference=now.spin_reference).step(t, (), estimate)
@@ -110,8 +110,8 @@ def _output(
 def _check_law(name: str, law: Any) -> None:
     target = np.asarray(law.target)
     if law.wrapping == "modulo" and not np.all((target >= 0) & (target < 2 * np.pi)):
-        problem = f"with wrapping 'modulo' the target must be in [0, 2 pi), it is {law.target} rad"
-        raise InputError(f"{name}.target", problem, fix="add a full turn to it, or take wrapping 'shortest'")
+        problem = f"with wrapping 'modulo' the target must be in [0, 2 pi), got {law.target} rad"
+        raise InputError(f"{name}.target", problem, fix="add a full turn to the target, or use wrapping 'shortest'")
 
 
 @record
@@ -126,20 +126,22 @@ class HeadingBangBang:
     Valid:   turn_rate of about 1 rad/s. A fast turn coasts on past the target for longer than it takes to get there:
              at 1.5 rad/s one ideal run in a thousand swings to and fro by 120 degrees for ever, at 3 rad/s a third.
     Source:  [1] section 2.3.3; gains [1] tables 6.1 and 6.4, reconstructed; the default turn_rate is this project's,
-             the source's runs take 1.5 rad/s.
+             the thesis's runs use 1.5 rad/s.
     """
 
     reads: ClassVar[tuple[str, ...]] = READS
 
-    target: Scalar = quantity("rad", "Wanted heading.", kind="angle", default=0.0)
-    turn_rate: Scalar = quantity("rad/s", "Size of the yaw rate to turn with.", default=1.0, above=0)
-    tolerance: Scalar = quantity("rad", "Error that is good enough.", default=np.pi / 180, above=0, source="[1] 6.1.6")
-    damping: ZeroVelocity = part("The law in damp.", default=ZeroVelocity())
-    turning: ConstantSpin = part("The law in turn; its own reference is not used.", default=ConstantSpin())
+    target: Scalar = quantity("rad", "Target heading.", kind="angle", default=0.0)
+    turn_rate: Scalar = quantity("rad/s", "Yaw rate of the turn, without sign.", default=1.0, above=0)
+    tolerance: Scalar = quantity(
+        "rad", "Tolerance of the heading error.", default=np.pi / 180, above=0, source="[1] 6.1.6"
+    )
+    damping: ZeroVelocity = part("Law used in damp.", default=ZeroVelocity())
+    turning: ConstantSpin = part("Law used in turn; its own reference is not used.", default=ConstantSpin())
     wrapping: str = option(WRAPPING, default="shortest", choices=("shortest", "none", "modulo"))
 
     def check(self) -> None:
-        """Refuse a target that cannot be reached."""
+        """Raise InputError if the target cannot be reached."""
         _check_law("HeadingBangBang", self)
 
     def init(self, key: Any) -> HeadingLawState:
@@ -147,7 +149,7 @@ class HeadingBangBang:
         return _first_state()
 
     def step(self, t: Any, state: HeadingLawState, estimate: Estimate) -> tuple[HeadingLawState, HeadingOutput]:
-        """The demand at integer time t; mode and reference change before it is computed."""
+        """Return the demand at integer time t, with the mode and reference after their update."""
         e = heading_error(self.wrapping, estimate.state.heading, self.target)
         now = _decide(self, state, estimate, e, -jnp.sign(e) * self.turn_rate, state.spin_reference)
         return now, _output(self, t, state, now, estimate, e)
@@ -174,18 +176,26 @@ class HeadingProportional:
 
     reads: ClassVar[tuple[str, ...]] = READS
 
-    target: Scalar = quantity("rad", "Wanted heading.", kind="angle", default=0.0)
+    target: Scalar = quantity("rad", "Target heading.", kind="angle", default=0.0)
     k: Scalar = quantity("1/s", "Yaw rate per heading error.", default=1.0, above=0, source="[1] 6.1, figure 6.11")
-    tolerance: Scalar = quantity("rad", "Error that is good enough.", default=np.pi / 180, above=0, source="[1] 6.1.6")
-    floor: Scalar = quantity("rad/s", "Least size of the reference, if floored.", default=0.8, above=0)
-    margin: Scalar = quantity("1", "Part of limit_point_value below which it may fall.", default=0.7, above=0, high=1)
-    damping: ZeroVelocity = part("The law in damp.", default=ZeroVelocity())
-    turning: ConstantSpin = part("The law in turn; its own reference is not used.", default=ConstantSpin())
+    tolerance: Scalar = quantity(
+        "rad", "Tolerance of the heading error.", default=np.pi / 180, above=0, source="[1] 6.1.6"
+    )
+    floor: Scalar = quantity("rad/s", "Minimum size of the reference, if floored.", default=0.8, above=0)
+    margin: Scalar = quantity(
+        "1", "Fraction of limit_point_value below which the reference may fall.", default=0.7, above=0, high=1
+    )
+    damping: ZeroVelocity = part("Law used in damp.", default=ZeroVelocity())
+    turning: ConstantSpin = part("Law used in turn; its own reference is not used.", default=ConstantSpin())
     wrapping: str = option(WRAPPING, default="shortest", choices=("shortest", "none", "modulo"))
-    form: str = option("As published, or kept from freezing.", default="floored", choices=("floored", "literal"))
+    form: str = option(
+        "Variant: literal as published, or floored to avoid the bad limit point.",
+        default="floored",
+        choices=("floored", "literal"),
+    )
 
     def check(self) -> None:
-        """Refuse a target that cannot be reached."""
+        """Raise InputError if the target cannot be reached."""
         _check_law("HeadingProportional", self)
 
     def init(self, key: Any) -> HeadingLawState:
@@ -193,7 +203,7 @@ class HeadingProportional:
         return _first_state()
 
     def step(self, t: Any, state: HeadingLawState, estimate: Estimate) -> tuple[HeadingLawState, HeadingOutput]:
-        """The demand at integer time t; mode and reference change before it is computed."""
+        """Return the demand at integer time t, with the mode and reference after their update."""
         model, reference = self.turning.model, state.spin_reference
         e = heading_error(self.wrapping, estimate.state.heading, self.target)
         W = lyapunov(model, estimate.state, reference)

@@ -1,8 +1,8 @@
 """Internal states zeta_d that go with a command, in the order (alpha, Q, eta1, eta1', eta2, eta2').
 
-Four ways, by what is known of the command: all of it beforehand (`InternalTable`, computed offline, kept by time); the
-next few seconds (`PreviewInternal`, computed in flight, moving before the command does); the filter that it comes from
-(`SylvesterInternal`, linear and causal); only what it is now (`QuasiStaticInternal`, as though it stood still).
+Four ways, by the knowledge of the command: all of it beforehand (`InternalTable`, computed offline, stored by time);
+the next few seconds (`PreviewInternal`, computed in flight, moving before the command does); the command's filter
+(`SylvesterInternal`, linear and causal); only the present value (`QuasiStaticInternal`, as though it were constant).
 """
 
 from typing import Any
@@ -19,75 +19,74 @@ from trimtab.laws.path_inversion import internal_rates, invert_path, path_turn_r
 from trimtab.vehicles.hypersonic import Hypersonic
 
 INTERNALS = 6
-"""alpha, Q, eta1, eta1', eta2, eta2'."""
+"""Number of internal states: alpha, Q, eta1, eta1', eta2, eta2'."""
 STATES = 7
-"""Of both filters: h - h_f, h', h'', h''', V - V_f, V', V''."""
+"""Number of states of both filters: h - h_f, h', h'', h''', V - V_f, V', V''."""
 FARTHEST = 0.05
 """Largest Newton step in the angle of attack (rad)."""
 WIDEST = 0.1
-"""Largest angle of attack looked at (rad): beyond it the curves of the model no longer hold, and searches get lost."""
+"""Largest angle of attack searched (rad): beyond it the model's curves no longer hold, and searches diverge."""
 SETTLED = 1e-7
-"""A last Newton step below this (rad) has found the root: the next one is its square."""
+"""Last Newton step (rad) below which the root counts as found: the next step would be its square."""
 FIRST_ALPHA = 0.03
-"""Where a search of the angle of attack starts (rad)."""
+"""Initial angle of attack of a search (rad)."""
 Complex = tuple[Any, Any]
 """Real and imaginary part."""
 
 
 @record
 class InternalTable:
-    """Wanted internal states zeta_d by time: cubic Hermite between nodes, held at both ends.
+    """Reference internal states zeta_d by time: cubic Hermite between nodes, constant before and after them.
 
     With s the passed part of an interval D between the nodes z0, z1 whose rates are r0, r1:
 
         zeta_d = z0 + s^2 (3 - 2 s) (z1 - z0) + D s (1 - s) ((1 - s) r0 - s r1)
 
-    It is for one command: whoever fills it says which. Order: (alpha, Q, eta1, eta1', eta2, eta2'), in rad, rad/s and
-    modal units.
+    A table is for one command. Order: (alpha, Q, eta1, eta1', eta2, eta2'), in rad, rad/s and modal units.
 
     Source: the interpolation formula is the textbook one (Hairer, Norsett, Wanner, "Solving ordinary differential
             equations I", section II.6); the nodes are from the bounded solution, see docs page.
     """
 
-    nodes: Any = quantity("1", "zeta_d at the nodes (n, 6), n at least 2, each in its own unit.")
-    rates: Any = quantity("1/s", "Its rate there (n, 6).")
+    nodes: Any = quantity("1", "Internal states zeta_d at the nodes (n, 6), n at least 2, each in its own unit.")
+    rates: Any = quantity("1/s", "Rates of zeta_d at the nodes (n, 6).")
     first: Scalar = quantity("s", "Time of the first node.", default=0.0)
     spacing: Scalar = quantity("s", "Time between nodes.", default=0.1, above=0)
-    exact: bool = option("Whether the nodes solve the internal dynamics; else a linear model.", default=True)
+    exact: bool = option("True if the nodes solve the internal dynamics; False for a linear model.", default=True)
 
     def check(self) -> None:
-        """Refuse what is not a table of six columns, or not finite."""
+        """Raise InputError if the table does not have six columns or is not finite."""
         for name, value in (("nodes", self.nodes), ("rates", self.rates)):
             shape = np.shape(value)
             if len(shape) != 2 or shape[0] < 2 or shape[1] != INTERNALS:
-                problem = f"has shape {shape}, wanted is (n, {INTERNALS}) with n at least 2"
+                problem = f"has shape {shape}, must be (n, {INTERNALS}) with n at least 2"
                 raise InputError(f"InternalTable.{name}", problem, fix="give a row for each node")
             if not np.isfinite(np.asarray(value)).all():
                 row = int(np.argmin(np.isfinite(np.asarray(value)).all(axis=1)))
                 raise InputError(f"InternalTable.{name}", f"row {row} is not finite", fix="build the table again")
         if np.shape(self.nodes) != np.shape(self.rates):
-            problem = f"{len(self.nodes)} nodes and {len(self.rates)} rates"
+            problem = f"got {len(self.nodes)} nodes and {len(self.rates)} rates; the numbers must be equal"
             raise InputError("InternalTable.rates", problem, fix="give a rate for each node")
 
     def check_duration(self, seconds: float) -> None:
-        """Refuse a run that outlasts the table: after its end the last node would be wanted for ever."""
+        """Raise InputError if the run is longer than the table: after its end the last node would be held for ever."""
         end = float(self.first + self.spacing * (np.shape(self.nodes)[0] - 1))
         if seconds > end + float(self.spacing):
-            problem = f"the table ends at {end:g} s, the run at {seconds:g} s"
+            problem = f"the table ends at {end:g} s, but the run at {seconds:g} s"
             shorter, preview = argument("duration", f"{end:g}"), argument("settings", "preview", "internal")
             fix = f"{shorter}, or {preview}, which needs no table"
             raise InputError("InternalTable", problem, fix=fix)
 
     def init(self, key: Any) -> tuple[()]:
-        """No state."""
+        """Return the empty state."""
         return ()
 
     def step(self, t: Any, state: tuple[()], command: Any) -> tuple[tuple[()], Any]:
-        """zeta_d (6,) at time t (s); the command is the one that the table was made for, and isn't looked at."""
+        """Return zeta_d (6,) at time t (s); the command is not read, as the table is made for one command."""
         return state, self.at(t)
 
     def at(self, t: Any) -> Any:
-        """zeta_d (6,) at time t (s)."""
+        """Return zeta_d (6,) at time t (s)."""
         intervals = np.shape(self.nodes)[0] - 1
         position = jnp.clip((t - self.first) / self.spacing, 0.0, 1.0 * intervals)
         begin = jnp.minimum(jnp.floor(position), intervals - 1.0)
@@ -100,7 +99,7 @@ class InternalTable:
 
 @record
 class SylvesterInternal:
-    """Wanted internal states for a `FilteredClimb`, by the linearised inside, without the future.
+    """Reference internal states for a `FilteredClimb`, by the linearised internal dynamics, without the future.
 
     Both filters obey omega' = S omega with omega = (h - h_f, h', h'', h''', V - V_f, V', V''). With X S = A22 X + G,
 
@@ -113,16 +112,18 @@ class SylvesterInternal:
             those of the command.
     """
 
-    X: Any = quantity("1", "Follows omega (6, 7) of these wh and wV, each entry in its own unit.", shape=(6, STATES))
-    rest: Any = quantity("1", "A22^-1 A21 (6, 3): by (h, h', V), each entry in its own unit.", shape=(6, 3))
+    X: Any = quantity(
+        "1", "Matrix X: zeta_d by omega (6, 7) of these wh and wV, each entry in its own unit.", shape=(6, STATES)
+    )
+    rest: Any = quantity("1", "Matrix A22^-1 A21 (6, 3): by (h, h', V), each entry in its own unit.", shape=(6, 3))
     zeta_0: Any = quantity("1", "Trim at the start (6,), each in its own unit.", shape=(6,))
 
     def init(self, key: Any) -> tuple[()]:
-        """No state."""
+        """Return the empty state."""
         return ()
 
     def step(self, t: Any, state: tuple[()], command: FilteredClimb) -> tuple[tuple[()], Any]:
-        """zeta_d (6,) at time t (s)."""
+        """Return zeta_d (6,) at time t (s)."""
         p = command.at(t)
         to_h, to_V = p.h - command.h0 - command.dh, p.V - command.V0 - command.dV
         omega = (to_h, p.h_rate, p.h_acceleration, p.h_jerk, to_V, p.V_rate, p.V_acceleration)
@@ -133,7 +134,7 @@ class SylvesterInternal:
 
 
 def solve_quasi_static(craft: Hypersonic, p: Any, alpha: Any, steps: int) -> tuple[list[Any], Any]:
-    """zeta at which nothing inside turns or bends while the path is as wanted, and whether it was found.
+    """Return the zeta at which the internal dynamics rest on the reference path, and whether it was found.
 
         M(alpha) = 0 with the input of `invert_path`        Q = a_n/V        eta_i = N_i/w_i^2        eta_i' = 0
 
@@ -163,43 +164,43 @@ def solve_quasi_static(craft: Hypersonic, p: Any, alpha: Any, steps: int) -> tup
 
 @record
 class QuasiStaticState:
-    """What is kept between steps. Source: this module."""
+    """State between steps. Source: this module."""
 
     alpha: Scalar = quantity("rad", "Angle of attack found last.", kind="angle")
-    found: Scalar = quantity("1", "Whether the search ended at a root.", kind="flag")
+    found: Scalar = quantity("1", "True if the search ended at a root.", kind="flag")
 
 
 @record
 class QuasiStaticInternal:
-    """Wanted internal states for what the command is now, as though it stayed so.
+    """Reference internal states for the present command, as if it stayed constant.
 
         M(alpha) = 0 while h'' and V' are as wanted        zeta_d = (alpha, a_n/V, N1/w1^2, 0, N2/w2^2, 0)
 
-    Needs neither the future nor the past of the command, and no linearisation; what it leaves out is the time that the
-    inside takes. Where there is no such angle of attack, the state says so, and the last one is kept.
+    Needs neither the future nor the past of the command, and no linearisation; it neglects the duration of the internal
+    motion. If there is no such angle of attack, the state records it, and the last one is kept.
 
     Source: the internal dynamics of [1] "Angular-accelerometer-based flexible-state estimation and tracking controller
             design for hypersonic flight vehicle", Aerospace 2022, 9(4), 206, eq. 7, with all rates but the path's left
             out; chosen here.
     """
 
-    craft: Any = part("The vehicle believed in.", default=Hypersonic())
-    alpha: Scalar = quantity("rad", "Where the first search starts.", default=FIRST_ALPHA, kind="angle")
-    steps: int = option("Newton steps each time.", default=4)
+    craft: Any = part("Vehicle model used by the law.", default=Hypersonic())
+    alpha: Scalar = quantity("rad", "Initial angle of attack of the first search.", default=FIRST_ALPHA, kind="angle")
+    steps: int = option("Newton steps per search.", default=4)
 
     def init(self, key: Any) -> QuasiStaticState:
-        """Nothing found yet."""
+        """Return the initial state, before any search."""
         return QuasiStaticState(alpha=jnp.asarray(self.alpha, float), found=jnp.asarray(False))
 
     def step(self, t: Any, state: QuasiStaticState, command: Any) -> tuple[QuasiStaticState, Any]:
-        """zeta_d (6,) at time t (s); command: has `at(t)` -> PathPoint."""
+        """Return zeta_d (6,) at time t (s); command: has `at(t)` -> PathPoint."""
         zeta, found = solve_quasi_static(self.craft, command.at(t), state.alpha, self.steps)
         return QuasiStaticState(alpha=zeta[0], found=found), jnp.stack(zeta)
 
 
 @record
 class FadingModes:
-    """Modes q' = l q + L w that fade, one of each complex pair, and how they make up the coordinates: zeta = Re(R q).
+    """Modes q' = l q + L w that decay, one of each complex pair, and their map to the coordinates: zeta = Re(R q).
 
     Those that grow are kept as they are in reversed time, where they fade.
 
@@ -212,20 +213,20 @@ class FadingModes:
     right: Any = quantity("1", "Real and imaginary part of R (2, k, p), each entry in its own unit.")
 
     def modal_input(self, w: Any) -> Complex:
-        """L w for w (k, n): (p, n)."""
+        """Return L w for w (k, n): (p, n)."""
         return _matrix_product(self.left[0], w), _matrix_product(self.left[1], w)
 
     def reconstruct(self, q: Complex) -> Any:
-        """Re(R q) for q (p, 1): (k, 1)."""
+        """Return Re(R q) for q (p, 1): (k, 1)."""
         return _matrix_product(self.right[0], q[0]) - _matrix_product(self.right[1], q[1])
 
     def powers(self, t: Any) -> Complex:
-        """exp(l t) for times t (s) of shape (1, n): (p, n)."""
+        """Return exp(l t) for times t (s) of shape (1, n): (p, n)."""
         size, angle = jnp.exp(self.decay[:, None] * t), self.turning[:, None] * t
         return size * jnp.cos(angle), size * jnp.sin(angle)
 
     def weights(self, dt: Any) -> tuple[Complex, Complex]:
-        """What w at begin and end of a step dt (s) adds to q, exactly where w is linear between; each (p, 1)."""
+        """Return what w at begin and end of a step dt (s) adds to q, exactly where w is linear between; each (p, 1)."""
         still = dt <= 0
         step = jnp.where(still, 1.0, dt)
         pole = (self.decay[:, None], self.turning[:, None])
@@ -238,19 +239,19 @@ class FadingModes:
 
 @record
 class PreviewState:
-    """What is kept between steps. Source: this module."""
+    """State between steps. Source: this module."""
 
     t: Scalar = quantity("s", "Time of the last step.")
-    q: Any = quantity("1", "Modes that come from the past, real and imaginary part (2, p, 1).")
-    w: Any = quantity("1", "What drove them at the last step (k, 1), each entry in its own unit per second.")
+    q: Any = quantity("1", "Decaying modes, real and imaginary part (2, p, 1).")
+    w: Any = quantity("1", "Input w of the modes at the last step (k, 1), each entry in its own unit per second.")
     alpha: Any = quantity("rad", "Quasi-static angle of attack at the nodes of the last step (n + 1,).", kind="angle")
-    started: Scalar = quantity("1", "Whether there was a step.", kind="flag")
-    found: Scalar = quantity("1", "Whether every node had its angle of attack.", kind="flag")
+    started: Scalar = quantity("1", "True after the first step.", kind="flag")
+    found: Scalar = quantity("1", "True if an angle of attack was found at every node.", kind="flag")
 
 
 @record
 class PreviewInternal:
-    """Wanted internal states from the command now and over the next seconds.
+    """Reference internal states from the command now and over the next seconds.
 
         zeta' = A22 zeta + w        w = Psi(zeta_s) - A22 zeta_s        zeta_s: quasi-static
 
@@ -263,33 +264,33 @@ class PreviewInternal:
             Journal of Dynamic Systems, Measurement, and Control 121(4), 1999.
     """
 
-    A22: Any = quantity("1", "dPsi/dzeta at a trim (k, k), each entry in its own unit.")
-    past: FadingModes = part("Modes that fade.")
-    future: FadingModes = part("Modes that grow, in reversed time.")
-    craft: Any = part("The vehicle believed in.", default=Hypersonic())
-    horizon: Scalar = quantity("s", "How far ahead the command is read: H.", default=4.0, above=0)
-    alpha: Scalar = quantity("rad", "Where the first search starts.", default=FIRST_ALPHA, kind="angle")
-    intervals: int = option("Nodes ahead.", default=40)
-    steps: int = option("Newton steps each time.", default=3)
+    A22: Any = quantity("1", "Jacobian dPsi/dzeta at a trim (k, k), each entry in its own unit.")
+    past: FadingModes = part("Decaying modes.")
+    future: FadingModes = part("Growing modes, in reversed time.")
+    craft: Any = part("Vehicle model used by the law.", default=Hypersonic())
+    horizon: Scalar = quantity("s", "Horizon H over which the command is read ahead.", default=4.0, above=0)
+    alpha: Scalar = quantity("rad", "Initial angle of attack of the first search.", default=FIRST_ALPHA, kind="angle")
+    intervals: int = option("Number of nodes ahead.", default=40)
+    steps: int = option("Newton steps per search.", default=3)
 
     def check(self) -> None:
-        """Refuse a horizon of no time or without nodes."""
+        """Raise InputError if the horizon is zero or has no nodes."""
         if not self.horizon > 0:
-            problem = f"{float(self.horizon):g} s ahead"
+            problem = f"the horizon must be above 0, got {float(self.horizon):g} s"
             raise InputError("PreviewInternal.horizon", problem, fix="give some seconds: the error is exp(-l horizon)")
         if self.intervals < 1:
-            problem = f"{self.intervals} intervals ahead"
-            raise InputError("PreviewInternal.intervals", problem, fix="give at least one, better one each 0.1 s")
+            problem = f"the number of intervals must be at least 1, got {self.intervals}"
+            raise InputError("PreviewInternal.intervals", problem, fix="give at least one, better one per 0.1 s")
 
     def init(self, key: Any) -> PreviewState:
-        """Nothing yet: the first step takes the quasi-static solution."""
+        """Return the initial state; the first step takes the quasi-static solution."""
         p, k = jnp.shape(self.past.decay)[0], jnp.shape(self.A22)[0]
         off = jnp.asarray(False)
         alpha = jnp.full(self.intervals + 1, 1.0 * self.alpha)
         return PreviewState(jnp.zeros(()), jnp.zeros((2, p, 1)), jnp.zeros((k, 1)), alpha, off, off)
 
     def step(self, t: Any, state: PreviewState, command: Any) -> tuple[PreviewState, Any]:
-        """zeta_d (6,) at time t (s); command: has `at(t)` -> PathPoint for t an array."""
+        """Return zeta_d (6,) at time t (s); command: has `at(t)` -> PathPoint for t an array."""
         d = self.horizon / self.intervals
         p = command.at(t + d * jnp.arange(self.intervals + 1.0))
         still, found = solve_quasi_static(self.craft, p, state.alpha, self.steps)
@@ -302,7 +303,7 @@ class PreviewInternal:
         return new, wanted[:, 0]
 
     def _propagate_past(self, t: Any, state: PreviewState, w: Any, zeta: Any) -> Complex:
-        """The modes that fade, from the last step to t; at the first step as zeta says."""
+        """Return the decaying modes, from the last step to t; at the first step those of zeta."""
         dt = jnp.maximum(t - state.t, 0.0)
         begin, end = self.past.weights(dt)
         E = self.past.powers(dt * jnp.ones((1, 1)))
@@ -312,7 +313,7 @@ class PreviewInternal:
         return jnp.where(state.started, q[0], first[0]), jnp.where(state.started, q[1], first[1])
 
     def _sum_future(self, w: Any, zeta: Any, d: Any) -> Complex:
-        """The modes that grow, summed from the end of the horizon; in reversed time w has the other sign."""
+        """Return the growing modes, summed from the end of the horizon; in reversed time w has the other sign."""
         far, near = self.future.weights(d)
         real, imaginary = self.future.modal_input(-w)
         near_part = _multiply(near, (real[:, :-1], imaginary[:, :-1]))
@@ -323,7 +324,7 @@ class PreviewInternal:
 
 
 def _matrix_product(M: Any, x: Any) -> Any:
-    """M x for M (a, b), x (b, n), summed in a fixed order."""
+    """Return M x for M (a, b), x (b, n), summed in a fixed order."""
     return (jnp.asarray(M)[:, :, None] * x[None]).sum(axis=1)
 
 

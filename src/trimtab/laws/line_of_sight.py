@@ -22,35 +22,35 @@ SLOW = 0.05
 
 @record
 class LineOfSightState:
-    """How far along the path the law is, and what it has summed up. Source: [1], [2]."""
+    """Path parameter and integrals of the law. Source: [1], [2]."""
 
-    progress: Scalar = quantity("s", "The path's own time.")
+    progress: Scalar = quantity("s", "Path parameter: the path's own time.")
     tangent: Scalar = quantity("rad", "Direction of the path.", kind="angle", frame="W")
-    integral: Scalar = quantity("m", "Of the cross-track error, as [1] has it.")
-    speed_integral: Scalar = quantity("m", "Of the speed's error.")
-    steering: SteeringState = part("Of the heading autopilot.")
+    integral: Scalar = quantity("m", "Integral of the cross-track error, as in [1].")
+    speed_integral: Scalar = quantity("m", "Integral of the speed error.")
+    steering: SteeringState = part("State of the heading autopilot.")
 
 
 @record
 class LineOfSightOutput:
-    """What the law asks for, and why. Source: [1], [2]."""
+    """Demand and signals of the law. Source: [1], [2]."""
 
-    demand: VesselControls = part("Rudder and shafts.")
-    cross_track: Scalar = quantity("m", "How far the vessel is to starboard of the path.")
-    along_track: Scalar = quantity("m", "How far ahead of the path's point.")
+    demand: VesselControls = part("Demand to the rudder and the shafts.")
+    cross_track: Scalar = quantity("m", "Cross-track error: distance of the vessel to starboard of the path.")
+    along_track: Scalar = quantity("m", "Along-track distance ahead of the path's point.")
     tangent: Scalar = quantity("rad", "Direction of the path.", kind="angle", frame="W")
-    heading_asked: Scalar = quantity("rad", "By line of sight.", kind="angle", frame="W")
-    heading_reference: Scalar = quantity("rad", "Of the autopilot's reference model.", kind="angle", frame="W")
-    yaw_rate_reference: Scalar = quantity("rad/s", "Of the autopilot's reference model.")
+    heading_asked: Scalar = quantity("rad", "Heading commanded by line of sight.", kind="angle", frame="W")
+    heading_reference: Scalar = quantity("rad", "Heading of the autopilot's reference model.", kind="angle", frame="W")
+    yaw_rate_reference: Scalar = quantity("rad/s", "Yaw rate of the autopilot's reference model.")
     integral: Scalar = quantity("m", "I.")
-    north_reference: Scalar = quantity("m", "The path's point.", frame="W")
-    east_reference: Scalar = quantity("m", "The path's point.", frame="W")
-    progress: Scalar = quantity("s", "The path's own time.")
+    north_reference: Scalar = quantity("m", "Path's point, north.", frame="W")
+    east_reference: Scalar = quantity("m", "Path's point, east.", frame="W")
+    progress: Scalar = quantity("s", "Path parameter: the path's own time.")
 
 
 @record
 class LineOfSight:
-    """Steers at a point ahead on the path, and learns the angle at which a current has to be met.
+    """Steers at a point ahead on the path, and adapts to the angle needed against a current.
 
         psi_c = chi - atan((e + s I)/D)        I' = D e/(D^2 + (e + s I)^2)                          [1]
         D = near + (far - near) exp(-(e/width)^2)
@@ -72,27 +72,27 @@ class LineOfSight:
 
     reads: ClassVar[tuple[str, ...]] = ("surge_velocity", "sway_velocity", "yaw_rate", "heading", "north", "east")
 
-    reference: Any = part("The path.", default=Circle(radius=5.0, period=60.0))
-    speed: Scalar = quantity("m/s", "u_d, over the ground, ahead.", default=0.58, above=0)
+    reference: Any = part("Path to be followed.", default=Circle(radius=5.0, period=60.0))
+    speed: Scalar = quantity("m/s", "Speed u_d, over the ground, ahead.", default=0.58, above=0)
     far: Scalar = quantity("m", "Lookahead on the path.", default=3.0, above=0)
-    near: Scalar = quantity("m", "Lookahead far off the path, where it is to be reached soon.", default=2.0, above=0)
-    width: Scalar = quantity("m", "Error at which the lookahead has come down by 63 %.", default=2.0, above=0)
-    integral_gain: Scalar = quantity("m/s", "s; 0: without integral.", default=0.1, low=0)
-    along_gain: Scalar = quantity("1/s", "g: how soon the path's point is abreast again.", default=1.0, low=0)
-    chord: Scalar = quantity("s", "Of the path's own time, for its direction.", default=6.0, above=0)
+    near: Scalar = quantity("m", "Lookahead far off the path, for a fast approach.", default=2.0, above=0)
+    width: Scalar = quantity("m", "Error at which the lookahead is reduced by 63 %.", default=2.0, above=0)
+    integral_gain: Scalar = quantity("m/s", "Integral gain s; 0: without integral.", default=0.1, low=0)
+    along_gain: Scalar = quantity("1/s", "Gain g: rate at which the path's point returns abeam.", default=1.0, low=0)
+    chord: Scalar = quantity("s", "Interval of the path's own time for its direction.", default=6.0, above=0)
     shaft_per_speed: Scalar = quantity("rad/m", "n_u.", default=180.0, low=0)
     speed_gain: Scalar = quantity("rad/m", "kp.", default=150.0, low=0)
     speed_integral_gain: Scalar = quantity("rad/(m s)", "ki.", default=40.0, low=0)
-    shaft_limit: Scalar = quantity("rad/s", "Fastest that the shafts are asked to turn.", default=209.0, above=0)
-    steering: Steering = part("The heading autopilot.", default=Steering())
+    shaft_limit: Scalar = quantity("rad/s", "Maximum commanded shaft speed.", default=209.0, above=0)
+    steering: Steering = part("Heading autopilot.", default=Steering())
 
     def init(self, key: Any) -> LineOfSightState:
-        """At the path's beginning."""
+        """Return the initial state, at the beginning of the path."""
         zero = jnp.asarray(0.0)
         return LineOfSightState(zero, zero, zero, zero, self.steering.init())
 
     def step(self, t: Any, state: LineOfSightState, estimate: Estimate) -> tuple[LineOfSightState, LineOfSightOutput]:
-        """The demand at integer time t; nothing moves while the estimate is not valid."""
+        """Return the demand at integer time t; nothing changes while the estimate is not valid."""
         x, dt = estimate.state, estimate.dt
         point, chord = self._path(state.progress)
         way = jnp.sqrt(chord @ chord + 1e-18)
@@ -126,19 +126,19 @@ class LineOfSight:
         return tree_where(estimate.valid, new, state), output
 
     def _path(self, progress: Any) -> tuple[Any, Any]:
-        """Its point (2,) (m) at a time of its own, and the chord about it (2,) (m)."""
+        """Return the path's point (2,) (m) at its own time, and the chord about it (2,) (m)."""
         half = self.chord / 2
         after, before = self.reference.at(progress + half), self.reference.at(jnp.maximum(progress - half, 0.0))
         return self.reference.at(progress).place, after.place - before.place
 
     def _guide(self, tangent: Any, e: Any, integral: Any) -> tuple[Any, Any]:
-        """Heading asked (rad), and the rate of the integral (m/s per unit of s)."""
+        """Return the commanded heading (rad), and the rate of the integral (m/s per unit of s)."""
         lookahead = self.near + (self.far - self.near) * jnp.exp(-((e / self.width) ** 2))
         off = e + self.integral_gain * integral
         return tangent - jnp.arctan2(off, lookahead), lookahead * e / (lookahead**2 + off**2)
 
     def _drive(self, integral: Any, surge: Any, dt: Any) -> tuple[Any, Any]:
-        """Shaft speed (rad/s), and the next integral of the speed's error (m), which stands still at the limits."""
+        """Return the shaft speed (rad/s), and the next integral of the speed error (m), which is held at the limits."""
         e = self.speed - surge
         asked = self.shaft_per_speed * self.speed + self.speed_gain * e + self.speed_integral_gain * integral
         shaft = jnp.clip(asked, 0.0, self.shaft_limit)

@@ -1,4 +1,4 @@
-"""A small neural network in the place of a tracking law of a multirotor; its numbers are data, read from a file.
+"""A small neural network instead of a multirotor's tracking law; its weights are read from a file.
 
     y = W3 tanh(W2 tanh(W1 x + b1) + b2) + b3        any number of layers
 
@@ -28,11 +28,11 @@ from trimtab.vehicles.quadrotor import Multirotor, RotorDemand
 SUFFIX = ".json"
 INPUTS, OUTPUTS = 18, 4
 STANDARD_GRAVITY = 9.80665
-"""What the apparent vertical is measured in (m/s^2)."""
+"""Unit of the apparent vertical (m/s^2)."""
 
 
 class Network(NamedTuple):
-    """The numbers of a policy.
+    """Weights and scales of a policy.
 
     scale: inputs are divided by it (18,), and held within -1 and 1.  layers: weights (n, m) and biases (n,) of each.
     centre, span: of thrust (N) and moments (N m): an output of -1 to 1 stands for centre - span to centre + span (4,).
@@ -46,7 +46,7 @@ class Network(NamedTuple):
 
 @functools.cache
 def read_network(name: str) -> Network:
-    """The numbers of a file; a name without a folder and without .json is one of the package's own."""
+    """Return the weights in a file; a name without a folder and without .json is one of the package's own."""
     file = Path(name) if name.endswith(SUFFIX) else Path(__file__).with_name(f"policy_{name}{SUFFIX}")
     try:
         told = json.loads(file.read_text(encoding="utf-8"))
@@ -56,12 +56,12 @@ def read_network(name: str) -> Network:
         )
     except OSError as error:
         own = [f.stem.removeprefix("policy_") for f in Path(__file__).parent.glob(f"policy_*{SUFFIX}")]
-        problem = f"there is no file of weights '{name}' ({error.strerror})"
+        problem = f"weight file '{name}' cannot be read ({error.strerror})"
         raise InputError(
             "policy", problem, choices=own, fix="python examples/neural_policy/train_policy.py --out mine.json"
         ) from None
     except (ValueError, KeyError, TypeError) as error:
-        problem = f"'{name}' holds no weights: {error}"
+        problem = f"'{name}' does not contain weights: {error}"
         raise InputError(
             "policy", problem, fix="python examples/neural_policy/train_policy.py --out mine.json"
         ) from None
@@ -70,11 +70,11 @@ def read_network(name: str) -> Network:
 
 
 def _check_network(name: str, network: Network) -> None:
-    """Refuse numbers that fit neither one another nor what the law has to give."""
+    """Raise InputError if the weights do not fit each other or the law's inputs and outputs."""
     width, problem = INPUTS, ""
     for weights, bias in network.layers:
         if weights.ndim != 2 or weights.shape[1] != width or bias.shape != weights.shape[:1]:
-            problem = f"weights {weights.shape} and bias {bias.shape} do not follow on {width} numbers"
+            problem = f"weights {weights.shape} and bias {bias.shape} do not match {width} inputs"
             break
         width = len(bias)
     if not problem and (
@@ -83,7 +83,7 @@ def _check_network(name: str, network: Network) -> None:
         problem = f"it makes {width} numbers, scaled by {len(network.scale)}, not {OUTPUTS} out of {INPUTS}"
     numbers = np.concatenate([np.ravel(x) for x in (network.scale, *sum(network.layers, ()), *network[2:])])
     if not problem and not (np.isfinite(numbers).all() and (network.scale > 0).all()):
-        problem = "not all numbers are finite, or a scale isn't above 0"
+        problem = "all numbers must be finite, and all scales above 0"
     if problem:
         raise InputError(
             "policy", f"'{name}': {problem}", fix="python examples/neural_policy/train_policy.py --out mine.json"
@@ -91,7 +91,7 @@ def _check_network(name: str, network: Network) -> None:
 
 
 def observe(wanted: SpatialPoint, x: Any, gravity: Any) -> Any:
-    """What the network sees (18,), all in B: it does not matter where the craft is and where north is.
+    """Return the inputs of the network (18,), all in B: independent of position and north.
 
     Errors of position (m) and velocity (m/s), rate (rad/s), apparent vertical where the wanted acceleration is flown
     (g), the wanted heading's direction, and the wanted jerk (m/s^3).
@@ -112,7 +112,7 @@ def observe(wanted: SpatialPoint, x: Any, gravity: Any) -> Any:
 
 
 def evaluate(network: Network, seen: Any) -> Any:
-    """Thrust (N) and moments (N m), (4,), within the network's span, of what is seen (18,)."""
+    """Return thrust (N) and moments (N m), (4,), within the network's span, for the inputs (18,)."""
     h = jnp.clip(seen / network.scale, -1, 1)
     for weights, bias in network.layers[:-1]:
         h = jnp.tanh(jnp.asarray(weights) @ h + bias)
@@ -122,59 +122,57 @@ def evaluate(network: Network, seen: Any) -> Any:
 
 @record
 class NeuralPolicyOutput:
-    """What the network wants, how far the craft is from its place, and whether it knows such a state. Source: own."""
+    """Demand and errors of the network, and the extrapolation beyond its training. Source: own."""
 
-    demand: RotorDemand = part("What the rotors are to do.")
-    position_error: Any = quantity("m", "Position less the wanted one.", frame="W", shape=(3,))
-    velocity_error: Any = quantity("m/s", "Velocity less the wanted one.", frame="W", shape=(3,))
+    demand: RotorDemand = part("Demand to the rotors.")
+    position_error: Any = quantity("m", "Position error: position minus reference.", frame="W", shape=(3,))
+    velocity_error: Any = quantity("m/s", "Velocity error: velocity minus reference.", frame="W", shape=(3,))
     distance: Scalar = quantity("m", "Length of the position error.")
-    stretch: Scalar = quantity("1", "Largest input in parts of what it was trained on; beyond 1 it is held at 1.")
+    stretch: Scalar = quantity("1", "Largest input relative to the training range; above 1 it is clipped to 1.")
 
 
 @record
 class NeuralPolicyState:
-    """How long the policy has flown. Source: this module."""
+    """Running time of the policy. Source: this module."""
 
-    time: Scalar = quantity("s", "Since it began.", default=0.0)
+    time: Scalar = quantity("s", "Time since the law started.", default=0.0)
 
 
 @record
 class NeuralPolicy:
-    """Thrust and moments by a network that has learned them, of what `observe` says.
+    """Thrust and moments by a trained network, from the inputs of `observe`.
 
-    It has no state, and knows nothing that it was not shown: another mass or inertia, a turning reference, wind. Inputs
-    beyond those that it was trained on are held at their end (`stretch`), outputs within their span; nothing is proved.
+    The network has no state, and is not trained for another mass or inertia, a turning reference, or wind. Inputs
+    beyond the training range are clipped (`stretch`), as are outputs beyond their span. Nothing is proved.
 
     Frames:  W north-east-down, B body.
     Valid:   the craft that it was trained for, within its scale; a reference whose heading stands still.
     Source:  this project; trained by examples/neural_policy/train_policy.py on the law of laws/geometric_tracking.py.
     """
 
-    craft: Multirotor = part(
-        "What it believes of the vehicle: gravity, and the number of rotors.", default=Multirotor()
-    )
-    reference: Any = part("Where it is to be: a reference in space.", default=FixedPlace())
-    policy: str = option("Whose numbers: a name of the package's own, or a file.json.", default="quadrotor")
+    craft: Multirotor = part("Vehicle model used by the law: gravity and the number of rotors.", default=Multirotor())
+    reference: Any = part("Reference position in space.", default=FixedPlace())
+    policy: str = option("Weights: a name of the package's own, or a file.json.", default="quadrotor")
 
     reads: ClassVar[tuple[str, ...]] = ("position", "velocity", "attitude", "rate")
 
     def check(self) -> None:
-        """Refuse a file without fitting numbers."""
+        """Raise InputError if the file has no fitting weights."""
         read_network(self.policy)
 
     def init(self, key: Key) -> NeuralPolicyState:
-        """Its time begins."""
+        """Return the initial state, at time zero."""
         return NeuralPolicyState()
 
     def step(
         self, t: Any, state: NeuralPolicyState, estimate: Estimate
     ) -> tuple[NeuralPolicyState, NeuralPolicyOutput]:
-        """The demand at integer time t."""
+        """Return the demand at integer time t."""
         output = self.track(self.reference.at(state.time), flyable_state(estimate))
         return NeuralPolicyState(state.time + estimate.dt), output
 
     def track(self, wanted: SpatialPoint, x: Any) -> NeuralPolicyOutput:
-        """The demand of a state x, which has what the law reads, for a wanted point."""
+        """Return the demand of a state x, which has what the law reads, for a reference point."""
         network = read_network(self.policy)
         seen = observe(wanted, x, self.craft.gravity)
         y = evaluate(network, seen)

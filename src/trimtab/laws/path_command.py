@@ -1,4 +1,4 @@
-"""What altitude and speed should do: steps through filters that are smooth enough for the inversion."""
+"""Command of altitude and speed: steps through filters that are smooth enough for the inversion."""
 
 import math
 from typing import Any
@@ -11,15 +11,15 @@ from trimtab.core.record import Scalar, quantity, record
 
 @record
 class PathPoint:
-    """Wanted altitude and speed at one instant, with the derivatives that an inversion asks for. Source: [1] eq. 5."""
+    """Commanded altitude and speed at one instant, with the derivatives that an inversion needs. Source: [1] eq. 5."""
 
     h: Scalar = quantity("ft", "Altitude.", frame="W")
-    h_rate: Scalar = quantity("ft/s", "Its rate.", frame="W")
-    h_acceleration: Scalar = quantity("ft/s^2", "Its second derivative.", frame="W")
-    h_jerk: Scalar = quantity("ft/s^3", "Its third derivative.", frame="W")
+    h_rate: Scalar = quantity("ft/s", "Rate of the altitude.", frame="W")
+    h_acceleration: Scalar = quantity("ft/s^2", "Second derivative of the altitude.", frame="W")
+    h_jerk: Scalar = quantity("ft/s^3", "Third derivative of the altitude.", frame="W")
     V: Scalar = quantity("ft/s", "Speed along the path.")
-    V_rate: Scalar = quantity("ft/s^2", "Its rate.")
-    V_acceleration: Scalar = quantity("ft/s^3", "Its second derivative.")
+    V_rate: Scalar = quantity("ft/s^2", "Rate of the speed.")
+    V_acceleration: Scalar = quantity("ft/s^3", "Second derivative of the speed.")
 
 
 @record
@@ -38,23 +38,23 @@ class FilteredClimb:
             hypersonic flight vehicle", Aerospace 2022, 9(4), 206, are not printed there: chosen here, see docs page.
     """
 
-    h0: Scalar = quantity("ft", "Altitude before.", default=85000.0)
-    V0: Scalar = quantity("ft/s", "Speed before.", default=7702.0808, above=0)
+    h0: Scalar = quantity("ft", "Altitude before the step.", default=85000.0)
+    V0: Scalar = quantity("ft/s", "Speed before the step.", default=7702.0808, above=0)
     dh: Scalar = quantity("ft", "Step of altitude.", default=0.0)
     dV: Scalar = quantity("ft/s", "Step of speed.", default=0.0)
     wh: Scalar = quantity("rad/s", "Bandwidth of the altitude's filter.", default=0.06, above=0, source="chosen")
     wV: Scalar = quantity("rad/s", "Bandwidth of the speed's filter.", default=0.06, above=0, source="chosen")
-    start: Scalar = quantity("s", "When both steps come.", default=5.0, low=0, source="chosen")
+    start: Scalar = quantity("s", "Time of both steps.", default=5.0, low=0, source="chosen")
 
     def check(self) -> None:
-        """Refuse a speed that ends at zero or below."""
+        """Raise InputError if the final speed is zero or below."""
         end = float(self.V0) + float(self.dV)
         if end <= 0:
-            problem = f"the speed would end at {end:g} ft/s"
+            problem = f"the final speed must be above 0, got {end:g} ft/s"
             raise InputError("FilteredClimb.dV", problem, fix=f"give more than {-float(self.V0):g} ft/s")
 
     def at(self, t: Any) -> PathPoint:
-        """What is wanted at time t (s)."""
+        """Return the command at time t (s)."""
         since = jnp.maximum(t - self.start, 0.0)
         h = filtered_step(since * self.wh, 4)
         V = filtered_step(since * self.wV, 3)
@@ -70,7 +70,7 @@ class FilteredClimb:
 
 
 def filtered_step(a: Any, order: int) -> list[Any]:
-    """The unit step through (s + 1)^-order at a time a >= 0, and its derivatives up to the order less one.
+    """Return the unit step through (s + 1)^-order at a time a >= 0, and its derivatives up to the order less one.
 
     The k-th derivative is e^-a times a polynomial: each differentiation of a^j/j! e^-a gives a^(j-1)/(j-1)! - a^j/j!.
     """

@@ -1,4 +1,4 @@
-"""Whether the hovercraft can follow a reference: its inverse dynamics, held against the limits of fan and rudder.
+"""Feasibility of a reference for the hovercraft: its inverse dynamics, compared with the limits of fan and rudder.
 
 The centre of percussion P of the rudder pivot, a = J/(m d) ahead of the centre of mass, is accelerated only along the
 nose. So its path says everything else. With s the wanted acceleration of P less that of friction,
@@ -26,29 +26,31 @@ from trimtab.core.rotation import DEG
 from trimtab.vehicles.hovercraft import Hovercraft
 
 STEP = 0.02
-"""s, between the instants that are looked at."""
+"""Time (s) between the instants that are checked."""
 SLOWEST = 8.0
-"""Times slower: as far as a feasible tempo is looked for."""
+"""Largest slowdown in the search for a feasible tempo."""
 
 
 @record
 class ThrustLimits:
-    """What fan and rudder give, as a law believes. Defaults: the source's, with the rudder at its stops.
+    """Limits of fan and rudder, as assumed by a law. Defaults: the thesis's, with the rudder at its stops.
 
     Source: [1] chapter 4, reconstructed (docs page, Errata).
     """
 
-    push: Scalar = quantity("N", "Most forward force.", default=1.3, above=0)
-    pull: Scalar = quantity("N", "Most backward force.", default=0.6, above=0)
-    angle: Scalar = quantity("rad", "Most angle of the force off the body's axis.", default=21 * DEG, above=0, high=1.5)
-    dead_zone: Scalar = quantity("N", "Up to it no force comes out.", default=0.05, low=0)
-    turn_rate: Scalar = quantity("rad/s", "Most yaw rate.", default=1.5, above=0)
-    drift: Scalar = quantity("m/s", "Most velocity that may be lost in the dead zone.", default=0.1, above=0)
-    reserve: Scalar = quantity("1", "Share of forces that is kept for errors.", default=0.2, low=0, high=0.9)
+    push: Scalar = quantity("N", "Maximum forward force.", default=1.3, above=0)
+    pull: Scalar = quantity("N", "Maximum backward force.", default=0.6, above=0)
+    angle: Scalar = quantity(
+        "rad", "Maximum angle of the force off the body's axis.", default=21 * DEG, above=0, high=1.5
+    )
+    dead_zone: Scalar = quantity("N", "Dead zone: below this thrust no force comes out.", default=0.05, low=0)
+    turn_rate: Scalar = quantity("rad/s", "Maximum yaw rate.", default=1.5, above=0)
+    drift: Scalar = quantity("m/s", "Maximum velocity that may be lost in the dead zone.", default=0.1, above=0)
+    reserve: Scalar = quantity("1", "Fraction of the forces reserved for errors.", default=0.2, low=0, high=0.9)
 
 
 class PathMotion(NamedTuple):
-    """What a reference asks of the craft at each instant t (s): arrays (n,), of `specific` (n, 2).
+    """Motion that a reference demands of the craft at each instant t (s): arrays (n,), of `specific` (n, 2).
 
     heading (rad, unwrapped), yaw_rate (rad/s), FX, FY (N).  specific: acceleration that the thrust has to give, in W.
     """
@@ -62,7 +64,7 @@ class PathMotion(NamedTuple):
 
 
 class _Breach(NamedTuple):
-    """A limit that is broken: what, by how much it is used (above 1), and when."""
+    """Violated limit: description, degree of use (above 1), and time."""
 
     problem: str
     use: float
@@ -70,7 +72,7 @@ class _Breach(NamedTuple):
 
 
 def path_motion(reference: Any, model: Hovercraft, duration: float, slower: float = 1.0) -> PathMotion:
-    """Inverse dynamics of a reference of P over a duration (s); slower: so many times slower than it is."""
+    """Return the inverse dynamics of a reference of P over a duration (s); slower: slowdown factor."""
     t = np.linspace(0.0, duration * slower, max(int(duration / STEP), 8) + 1)
 
     def at(x: Any) -> ReferencePoint:
@@ -94,7 +96,7 @@ def path_motion(reference: Any, model: Hovercraft, duration: float, slower: floa
 
 
 def refuse_infeasible(reference: Any, model: Hovercraft, limits: ThrustLimits, duration: float) -> None:
-    """Refuse a reference that breaks a limit within the duration (s).
+    """Raise InputError if the reference violates a limit within the duration (s).
 
     Raises:
         InputError: which limit, by what, when, and how many times slower it would be feasible.
@@ -102,13 +104,13 @@ def refuse_infeasible(reference: Any, model: Hovercraft, limits: ThrustLimits, d
     breach = _worst_breach(path_motion(reference, model, duration), model, limits)
     if breach is None:
         return
-    problem = f"the hovercraft can't follow it: at {breach.t:.1f} s {breach.problem}"
+    problem = f"the hovercraft cannot follow the reference: at {breach.t:.1f} s {breach.problem}"
     factor = _feasible_tempo(reference, model, limits, duration)
     raise InputError("reference", problem, fix=_slower_text(reference, factor))
 
 
 def _line_of(specific: Any) -> Any:
-    """Direction of the thrust's line, continuous through zero; where there is none, between its neighbours."""
+    """Return the direction of the thrust's line, continuous through zero; where it is zero, between its neighbours."""
     size = np.hypot(*specific.T)
     some = np.flatnonzero(size > 1e-6 * max(float(size.max(initial=0.0)), 1e-6))
     if not len(some):
@@ -118,7 +120,7 @@ def _line_of(specific: Any) -> Any:
 
 
 def _friction_at(model: Hovercraft, velocity: Any, heading: Any, rate: Any) -> tuple[Any, Any]:
-    """Acceleration of P by friction (n, 2), in W, and its torque (n,)."""
+    """Return the acceleration of P by friction (n, 2), in W, and its torque (n,)."""
     c, s = np.cos(heading), np.sin(heading)
     surge = c * velocity[:, 0] + s * velocity[:, 1]
     sway = -s * velocity[:, 0] + c * velocity[:, 1] - model.percussion_arm * rate
@@ -128,7 +130,7 @@ def _friction_at(model: Hovercraft, velocity: Any, heading: Any, rate: Any) -> t
 
 
 def _worst_breach(motion: PathMotion, model: Hovercraft, limits: ThrustLimits) -> _Breach | None:
-    """The limit that is broken most, or None."""
+    """Return the limit that is violated most, or None."""
     t, FX, FY = motion.t, motion.FX, motion.FY
     thrusts = model.mass * np.hypot(*motion.specific.T) >= limits.dead_zone
     share, edge = 1 - float(limits.reserve), np.tan(float(limits.angle))
@@ -144,28 +146,28 @@ def _worst_breach(motion: PathMotion, model: Hovercraft, limits: ThrustLimits) -
     }
     name = max(uses, key=lambda n: float(uses[n].max()))
     k = int(uses[name].argmax())
-    kept = f", of which {100 * float(limits.reserve):g} % are kept for errors"
+    kept = f", of which {100 * float(limits.reserve):g} % are reserved for errors"
     texts = {
         "push": f"it needs {FX[k]:.2f} N forward, and the fan gives {float(limits.push):.2f} N{kept}",
         "pull": f"it needs {-FX[k]:.2f} N backward, and the fan gives {float(limits.pull):.2f} N{kept}",
         "side": f"it needs {abs(FY[k]):.2f} N to the side with {abs(FX[k]):.2f} N along the nose,"
         f" and the rudder turns the force by {float(limits.angle) / DEG:.0f} degrees at most",
-        "turn": f"the nose has to turn at {abs(motion.yaw_rate[k]):.2f} rad/s, and {rate:.2f} rad/s is its limit",
-        "drift": f"thrust below the dead zone, {float(limits.dead_zone):g} N, has to have given {lost[k]:.2f} m/s",
+        "turn": f"the nose has to turn at {abs(motion.yaw_rate[k]):.2f} rad/s, above its limit of {rate:.2f} rad/s",
+        "drift": f"thrust in the dead zone, below {float(limits.dead_zone):g} N, would lose {lost[k]:.2f} m/s",
     }
     use = float(uses[name][k])
     return _Breach(texts[name], use, float(t[k])) if use > 1 else None
 
 
 def _velocity_loss(motion: PathMotion, thrusts: Any) -> Any:
-    """Size of the velocity (m/s) that the wanted thrust has not given since it fell below the dead zone (n,)."""
+    """Return the velocity (m/s) lost since the thrust fell below the dead zone (n,)."""
     given = np.cumsum(motion.specific, axis=0) * (motion.t[1] - motion.t[0])
     since = np.maximum.accumulate(np.where(thrusts, np.arange(len(motion.t)), 0))
     return np.where(thrusts, 0.0, np.hypot(*(given - given[since]).T))
 
 
 def _feasible_tempo(reference: Any, model: Hovercraft, limits: ThrustLimits, duration: float) -> float | None:
-    """How many times slower it is feasible, to a hundredth; None: up to SLOWEST not at all."""
+    """Return the slowdown that makes it feasible, to a hundredth; None: not feasible up to SLOWEST."""
 
     def holds(slower: float) -> bool:
         return _worst_breach(path_motion(reference, model, duration, slower), model, limits) is None
@@ -183,11 +185,11 @@ def _feasible_tempo(reference: Any, model: Hovercraft, limits: ThrustLimits, dur
 
 def _slower_text(reference: Any, factor: float | None) -> str:
     if factor is None:
-        return f"no tempo down to {SLOWEST:g} times slower is feasible: make the path larger, or its bends wider"
+        return f"it is infeasible even {SLOWEST:g} times slower: make the path larger, or its bends wider"
     times = {n: getattr(reference, n) for n in ("period", "ease") if hasattr(reference, n)}
     if not times:
         return f"let it take {factor:.2f} times as long: divide its speeds by that, or multiply its times"
     sets = " ".join(
         argument("settings", f"{float(v) * factor:.3g}", f"autopilot.law.reference.{n}") for n, v in times.items()
     )
-    return f"{factor:.2f} times slower it is feasible: {sets}"
+    return f"{factor:.2f} times slower is feasible: {sets}"

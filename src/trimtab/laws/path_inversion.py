@@ -1,4 +1,4 @@
-"""Fuel ratio and elevator that give wanted accelerations of altitude and speed, exactly; and what that does inside."""
+"""Fuel ratio and elevator for given accelerations of altitude and speed, exactly, and the resulting internal rates."""
 
 from typing import Any, NamedTuple
 
@@ -12,10 +12,10 @@ STEEPEST = 0.99
 
 
 class PathInversion(NamedTuple):
-    """Phi and delta_e (rad) that give (h'', V') = v.
+    """Input Phi and delta_e (rad) that gives (h'', V') = v.
 
-    solvable: whether any elevator does; where not, u has the one that comes nearest. False too where the path is
-    steeper than STEEPEST.  slope: d(normal force)/d(delta_e) (lbf/ft), zero where elevator and lift part.
+    solvable: False if no elevator angle does, u then has the nearest one; also False if the path is steeper than
+    STEEPEST.  slope: d(normal force)/d(delta_e) (lbf/ft), zero at the edge of solvability.
     """
 
     u: HypersonicInput
@@ -25,19 +25,19 @@ class PathInversion(NamedTuple):
 
 @record
 class InputLimits:
-    """What engine and elevator can do. Source: chosen, for [1] prints none; docs page."""
+    """Limits of engine and elevator. Source: chosen, as [1] prints none; docs page."""
 
-    Phi_low: Scalar = quantity("1", "Least fuel ratio.", default=0.02, low=0)
-    Phi_high: Scalar = quantity("1", "Most fuel ratio.", default=1.5, above=0)
-    delta_low: Scalar = quantity("rad", "Least elevator: -20 deg.", default=-0.3490658503988659, kind="angle")
-    delta_high: Scalar = quantity("rad", "Most elevator: 25.8 deg.", default=0.450294947014537, kind="angle")
+    Phi_low: Scalar = quantity("1", "Minimum fuel ratio.", default=0.02, low=0)
+    Phi_high: Scalar = quantity("1", "Maximum fuel ratio.", default=1.5, above=0)
+    delta_low: Scalar = quantity("rad", "Minimum elevator angle: -20 deg.", default=-0.3490658503988659, kind="angle")
+    delta_high: Scalar = quantity("rad", "Maximum elevator angle: 25.8 deg.", default=0.450294947014537, kind="angle")
 
     def bounds(self) -> tuple[tuple[Any, Any], tuple[Any, Any]]:
-        """Least and most of fuel ratio and elevator: (least, least), (most, most)."""
+        """Return the limits of fuel ratio and elevator: (minima, maxima)."""
         return (self.Phi_low, self.delta_low), (self.Phi_high, self.delta_high)
 
     def clip(self, u: HypersonicInput) -> tuple[HypersonicInput, Any]:
-        """The input within the limits, and whether it had to be moved."""
+        """Return the input within the limits, and whether it was clipped."""
         Phi = jnp.clip(u.Phi, self.Phi_low, self.Phi_high)
         delta_e = jnp.clip(u.delta_e, self.delta_low, self.delta_high)
         return HypersonicInput(Phi, delta_e), (Phi != u.Phi) | (delta_e != u.delta_e)
@@ -46,7 +46,7 @@ class InputLimits:
 def solve_elevator(
     craft: Hypersonic, h: Any, h_rate: Any, V: Any, alpha: Any, v1: Any, v2: Any
 ) -> tuple[Any, Any, Any]:
-    """delta_e (rad), whether there is one, and the slope of the equation in it.
+    """Return delta_e (rad), whether there is a solution, and the slope of the equation in it.
 
     Thrust eliminated between the two accelerations, what is left is quadratic in the elevator, for drag is:
 
@@ -73,7 +73,7 @@ def solve_elevator(
 
 
 def solve_fuel_ratio(craft: Hypersonic, h: Any, h_rate: Any, V: Any, alpha: Any, v2: Any, delta_e: Any) -> Any:
-    """Phi that gives V' = v2 with this elevator: T = (m (v2 + g sin gamma) + D)/cos alpha."""
+    """Return the Phi that gives V' = v2 with this elevator: T = (m (v2 + g sin gamma) + D)/cos alpha."""
     air, engine = craft.forces.aerodynamics, craft.forces.propulsion
     drag = air.drag(craft.forces.dynamic_pressure(h, V), alpha, delta_e)
     sine = jnp.clip(h_rate / V, -STEEPEST, STEEPEST)
@@ -82,9 +82,9 @@ def solve_fuel_ratio(craft: Hypersonic, h: Any, h_rate: Any, V: Any, alpha: Any,
 
 
 def invert_path(craft: Hypersonic, h: Any, h_rate: Any, V: Any, alpha: Any, v1: Any, v2: Any) -> PathInversion:
-    """The input with which altitude accelerates by v1 and speed by v2 (ft/s^2); nothing is clipped.
+    """Return the input with which altitude accelerates by v1 and speed by v2 (ft/s^2); nothing is clipped.
 
-    Args:     craft: the vehicle believed in.    h, h_rate: altitude (ft) and its rate (ft/s).    V: speed (ft/s).
+    Args:     craft: the vehicle model.    h, h_rate: altitude (ft) and its rate (ft/s).    V: speed (ft/s).
               alpha: angle of attack (rad).
     """
     delta_e, solvable, slope = solve_elevator(craft, h, h_rate, V, alpha, v1, v2)
@@ -93,13 +93,13 @@ def invert_path(craft: Hypersonic, h: Any, h_rate: Any, V: Any, alpha: Any, v1: 
 
 
 def path_turn_rate(h_rate: Any, V: Any, v1: Any, v2: Any) -> Any:
-    """gamma' (rad/s) of a path with this h' and V (ft/s) while h'' = v1 and V' = v2 (ft/s^2)."""
+    """Return gamma' (rad/s) of a path with this h' and V (ft/s) while h'' = v1 and V' = v2 (ft/s^2)."""
     sine = jnp.clip(h_rate / V, -STEEPEST, STEEPEST)
     return (v1 - v2 * sine) / (V * jnp.sqrt(1 - sine * sine))
 
 
 def internal_rates(craft: Hypersonic, h: Any, h_rate: Any, V: Any, v1: Any, v2: Any, zeta: Any) -> list[Any]:
-    """Psi: the rates of zeta = (alpha, Q, eta1, eta1', eta2, eta2') while h'' = v1 and V' = v2 exactly.
+    """Return Psi: the rates of zeta = (alpha, Q, eta1, eta1', eta2, eta2') while h'' = v1 and V' = v2 exactly.
 
     Every argument but the craft may be an array of instants; zeta and the rates are six of them. alpha' = Q - gamma'
     with V gamma' = (v1 - v2 sin gamma)/cos gamma: no force is in it.

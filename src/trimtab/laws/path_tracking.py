@@ -1,4 +1,4 @@
-"""Tracking of a path in time by the hovercraft: thrust along the nose, the nose turned to where thrust is wanted.
+"""Tracking of a path in time by the hovercraft: thrust along the nose, and the nose turned to the needed thrust.
 
 [1] is Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006.
 """
@@ -21,34 +21,36 @@ from trimtab.vehicles.hovercraft import Hovercraft
 
 @record
 class PathTrackingState:
-    """When the law began, and how far along the path it is. Source: derived here."""
+    """State of the law: its start, and the progress along the path. Source: derived here."""
 
-    began: Scalar = quantity("1", "Whether it has been asked before.", kind="flag")
-    t: Scalar = quantity("100 ns", "When it was asked last.", kind="time")
-    progress: Scalar = quantity("s", "The path's own time.")
-    heading: Scalar = quantity("rad", "Of the craft when the path last began to rest.", kind="angle")
-    rest: PoseState = part("Of the law that holds it where the path rests.")
+    began: Scalar = quantity("1", "True after the first step.", kind="flag")
+    t: Scalar = quantity("100 ns", "Time of the last step.", kind="time")
+    progress: Scalar = quantity("s", "Path parameter: the path's own time.")
+    heading: Scalar = quantity("rad", "Heading of the craft when the path last began to rest.", kind="angle")
+    rest: PoseState = part("State of the law used while the path rests.")
 
 
 @record
 class PathTrackingOutput:
-    """What the law asks for, and why. P is the centre of percussion. Source: derived here."""
+    """Demand and signals of the law. P is the centre of percussion. Source: derived here."""
 
-    demand: PlanarForce = part("Force wanted at the rudder pivot.")
-    north_reference: Scalar = quantity("m", "Where P is wanted.", frame="W")
-    east_reference: Scalar = quantity("m", "Where P is wanted.", frame="W")
-    heading_reference: Scalar = quantity("rad", "Where the nose is wanted; where it is, without thrust.", kind="angle")
-    yaw_rate_reference: Scalar = quantity("rad/s", "At what rate it is to turn.")
-    position_error: Scalar = quantity("m", "Of P, from where it is wanted.")
-    velocity_error: Scalar = quantity("m/s", "Of P.")
-    lyapunov: Scalar = quantity("m^2/s^2", "V of the law.")
-    progress: Scalar = quantity("s", "The path's own time.")
-    backing: Scalar = quantity("1", "Whether the tail, not the nose, points along the wanted thrust.", kind="flag")
-    resting: Scalar = quantity("1", "Whether the path rests: held by the law for that.", kind="flag")
+    demand: PlanarForce = part("Demanded force at the rudder pivot.")
+    north_reference: Scalar = quantity("m", "Reference position of P, north.", frame="W")
+    east_reference: Scalar = quantity("m", "Reference position of P, east.", frame="W")
+    heading_reference: Scalar = quantity(
+        "rad", "Reference heading of the nose; the present one without thrust.", kind="angle"
+    )
+    yaw_rate_reference: Scalar = quantity("rad/s", "Reference yaw rate.")
+    position_error: Scalar = quantity("m", "Distance of P from its reference.")
+    velocity_error: Scalar = quantity("m/s", "Velocity error of P.")
+    lyapunov: Scalar = quantity("m^2/s^2", "Lyapunov function V of the law.")
+    progress: Scalar = quantity("s", "Path parameter: the path's own time.")
+    backing: Scalar = quantity("1", "True if the tail, not the nose, points along the demanded thrust.", kind="flag")
+    resting: Scalar = quantity("1", "True if the path rests and the law for rest is active.", kind="flag")
 
 
 class _Errors(NamedTuple):
-    """Of P, (2,) in W: place e (m), velocity v (m/s); and what is wanted: acceleration, jerk, less friction."""
+    """Errors of P, (2,) in W: position e (m), velocity v (m/s); and the reference: acceleration, jerk, less drag."""
 
     e: Any
     v: Any
@@ -58,7 +60,7 @@ class _Errors(NamedTuple):
 
 
 class _End(NamedTuple):
-    """One end of the craft turned along the wanted thrust: its yaw rate, what V says of it, and torque to get there."""
+    """One end of the craft turned along the demanded thrust: its yaw rate, its part of V, and the torque for it."""
 
     rate: Any
     V: Any
@@ -67,7 +69,7 @@ class _End(NamedTuple):
 
 @record
 class PathTracking:
-    """Has the centre of percussion P follow a reference, place and velocity, by thrust along the nose.
+    """Makes the centre of percussion P follow a reference, in position and velocity, by thrust along the nose.
 
     P is accelerated along the nose n only (`laws.pose`): v_P' = n w for FX = m (w + a r^2). With the errors of place
     and velocity e, v, the acceleration and jerk of the reference A, A',
@@ -105,36 +107,42 @@ class PathTracking:
 
     reads: ClassVar[tuple[str, ...]] = READS
 
-    reference: Any = part("Where P is wanted.", default=Circle())
-    progress: str = option("What the path's own time follows.", default="time", choices=("time", "path"))
-    k1: Scalar = quantity("1/s^2", "Acceleration per error of place.", default=0.2, above=0)
-    k2: Scalar = quantity("1/s", "Acceleration per error of velocity.", default=0.6, above=0)
+    reference: Any = part("Reference position of P.", default=Circle())
+    progress: str = option(
+        "Time base of the path: elapsed time, or the craft's progress along the path.",
+        default="time",
+        choices=("time", "path"),
+    )
+    k1: Scalar = quantity("1/s^2", "Acceleration per position error.", default=0.2, above=0)
+    k2: Scalar = quantity("1/s", "Acceleration per velocity error.", default=0.6, above=0)
     kn: Scalar = quantity("1/s", "Yaw rate per sine of the nose's error.", default=1.0, above=0)
     kr: Scalar = quantity("1/s", "Yaw acceleration per error of yaw rate.", default=2.0, above=0)
     q: Scalar = quantity("s^2", "Weight of the nose in V.", default=10.0, above=0)
     p: Scalar = quantity("m^2", "Weight of the yaw rate in V.", default=0.5, above=0)
     s0: Scalar = quantity(
-        "m/s^2", "Wanted acceleration below which the nose isn't turned to it.", default=0.05, above=0
+        "m/s^2", "Demanded acceleration below which the nose is not turned to it.", default=0.05, above=0
     )
-    kp: Scalar = quantity("1/m", "path: change of the path's rate per way ahead.", default=1.0, above=0)
-    rest: Pose = part("What holds the craft where the path rests.", default=Pose())
-    side: Scalar = quantity("N", "Force to the side that may come with none along the nose.", default=0.2, above=0)
-    limits: ThrustLimits = part("What fan and rudder give.", default=ThrustLimits())
-    model: Hovercraft = part("What the law believes of the vehicle.", default=Hovercraft())
+    kp: Scalar = quantity(
+        "1/m", "Change of the path's rate per distance ahead, with progress by path.", default=1.0, above=0
+    )
+    rest: Pose = part("Law used while the path rests.", default=Pose())
+    side: Scalar = quantity("N", "Force to the side that is allowed without any along the nose.", default=0.2, above=0)
+    limits: ThrustLimits = part("Limits of fan and rudder.", default=ThrustLimits())
+    model: Hovercraft = part("Vehicle model used by the law.", default=Hovercraft())
 
     def check_duration(self, seconds: float) -> None:
-        """Refuse a reference that the craft can't follow within a run of that length."""
+        """Raise InputError if the craft cannot follow the reference within a run of this length."""
         refuse_infeasible(self.reference, self.model, self.limits, seconds)
 
     def init(self, key: Any) -> PathTrackingState:
-        """Not begun."""
+        """Return the initial state, before the first step."""
         zero, rest = np.asarray(0.0), self.rest.init(key)
         return PathTrackingState(np.asarray(False), np.asarray(0, np.int64), progress=zero, heading=zero, rest=rest)
 
     def step(
         self, t: Any, state: PathTrackingState, estimate: Estimate
     ) -> tuple[PathTrackingState, PathTrackingOutput]:
-        """The demand at integer time t."""
+        """Return the demand at integer time t."""
         s = estimate.state
         body = planar(s.heading)
         progress, point, rests = self._progress(t, state, s, body)
@@ -165,14 +173,14 @@ class PathTracking:
         )
 
     def _away(self, errors: _Errors, backs: Any) -> Any:
-        """How far the nose is from where it is wanted (rad); none where no thrust is."""
+        """Return the angle of the nose from its reference (rad); zero where no thrust is demanded."""
         wanted = self._demand(errors)
         line, thrusts = jnp.where(backs, -wanted, wanted), wanted @ wanted > 1e-12
         aim = jnp.arctan2(jnp.where(thrusts, line[1], 0.0), jnp.where(thrusts, line[0], 1.0))
         return jnp.where(thrusts, wrap(aim - errors.heading), 0.0)
 
     def _limit(self, wanted: PlanarForce) -> PlanarForce:
-        """What fan and rudder can give of a force (N); a little to the side also without any along the nose."""
+        """Return the part of a force (N) that fan and rudder can give; a little also to the side alone."""
         FX = jnp.clip(wanted.FX, -self.limits.pull, self.limits.push)
         most = jnp.maximum(jnp.tan(self.limits.angle) * jnp.abs(FX), self.side)
         return PlanarForce(FX=FX, FY=jnp.clip(wanted.FY, -most, most))
@@ -180,7 +188,7 @@ class PathTracking:
     def _hold(
         self, t: Any, state: PathTrackingState, estimate: Estimate, point: ReferencePoint, heading: Any
     ) -> tuple[PoseState, PlanarForce]:
-        """What the law for rest would do: P at the point, the nose where that wants it, or where it was."""
+        """Return the demand of the law for rest: P at the point, the nose at the path's heading, or where it was."""
         heading = jnp.where(point.has_heading, point.heading, heading)
         place = point.place - self.model.percussion_arm * planar(heading)[:, 0]
         law = replace(self.rest, north=place[0], east=place[1], heading=heading, model=self.model)
@@ -188,7 +196,7 @@ class PathTracking:
         return rest, output.demand
 
     def _progress(self, t: Any, state: PathTrackingState, s: Any, body: Any) -> tuple[Any, ReferencePoint, Any]:
-        """The path's own time now, what it wants there, and whether the path rests there."""
+        """Return the path's own time now, the reference there, and whether the path rests there."""
         since = jnp.where(state.began, to_seconds(t - state.t), 0.0)
         rate = jnp.asarray(1.0)
         if self.progress == "path":
@@ -205,7 +213,7 @@ class PathTracking:
         return jnp.stack([s.north, s.east]) + self.model.percussion_arm * body[:, 0]
 
     def _errors(self, s: Any, body: Any, point: ReferencePoint) -> tuple[_Errors, Any]:
-        """Errors of P, and the torque of friction (N m)."""
+        """Return the errors of P, and the torque of friction (N m)."""
         arm = self.model.percussion_arm
         velocity = body @ jnp.stack([s.surge_velocity, s.sway_velocity + arm * s.yaw_rate])
         e, v = self._place(s, body) - point.place, velocity - point.velocity
@@ -223,7 +231,7 @@ class PathTracking:
         return errors._replace(jerk=point.jerk - change), torque
 
     def _drag(self, velocity: Any, heading: Any, rate: Any) -> tuple[Any, Any]:
-        """Acceleration of P by friction (m/s^2, W), and the torque (N m), at a velocity of P (m/s, W)."""
+        """Return the acceleration of P by friction (m/s^2, W), and the torque (N m), at a velocity of P (m/s, W)."""
         body, model = planar(heading), self.model
         surge, side = body.T @ velocity
         X, Y, torque = model.friction.wrench(surge, side - model.percussion_arm * rate, rate)
@@ -231,15 +239,15 @@ class PathTracking:
         return body @ along, torque
 
     def _demand(self, errors: _Errors) -> Any:
-        """s (m/s^2), in W."""
+        """Return s (m/s^2), in W."""
         return errors.acceleration - self.k1 * errors.e - self.k2 * errors.v
 
     def _thrust(self, errors: _Errors, heading: Any) -> Any:
-        """w (m/s^2), along the nose."""
+        """Return w (m/s^2), along the nose."""
         return planar(heading)[:, 0] @ self._demand(errors)
 
     def _turn_end(self, end: float, errors: _Errors, point: ReferencePoint, s: Any, w: Any) -> _End:
-        """Yaw rate, V and yaw acceleration with the nose (1.0) or the tail (-1.0) along the wanted thrust."""
+        """Return yaw rate, V and yaw acceleration with the nose (1.0) or the tail (-1.0) along the demanded thrust."""
         across = planar(s.heading)[:, 1]
         wanted = self._demand(errors)
         y = across @ wanted
@@ -251,7 +259,7 @@ class PathTracking:
         return _End(rate, V, acceleration - self.kr * z + end * self.q / self.p * size * y)
 
     def _rate(self, end: float, errors: _Errors) -> Any:
-        """r_d (rad/s)."""
+        """Return r_d (rad/s)."""
         body, s = planar(errors.heading), self._demand(errors)
         n, b = body[:, 0], body[:, 1]
         w, y, size = n @ s, b @ s, _size(s)
@@ -264,18 +272,18 @@ class PathTracking:
         return jnp.clip(rate, -self.limits.turn_rate, self.limits.turn_rate)
 
     def error_energy(self, e: Any, v: Any) -> Any:
-        """The first three terms of V, of errors of place (m) and velocity (m/s), each (2,)."""
+        """Return the first three terms of V, of errors of position (m) and velocity (m/s), each (2,)."""
         k1, k2 = self.k1, self.k2
         return v @ v / 2 + k2 / 2 * (e @ v) + (k1 / 2 + k2**2 / 4) * (e @ e)
 
 
 def _size(s: Any) -> Any:
-    """|s|, smooth at zero (m/s^2)."""
+    """Return |s|, smooth at zero (m/s^2)."""
     return jnp.sqrt(s @ s + 1e-12)
 
 
 def decay(law: PathTracking) -> float:
-    """mu (1/s), the rate at which V falls."""
+    """Return mu (1/s), the rate at which V falls."""
     k1, k2 = float(law.k1), float(law.k2)
     M = np.array([[k1 + k2**2 / 2, k2 / 2], [k2 / 2, 1.0]])
     own = float(np.linalg.eigvals(np.linalg.solve(M, np.diag([k1 * k2, k2]))).real.min()) / 2

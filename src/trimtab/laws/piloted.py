@@ -1,4 +1,4 @@
-"""A pilot flies the hovercraft: the stick moves thrust, velocities in the body, or the velocity over the floor.
+"""Piloted hovercraft: the stick moves thrust, velocities in the body, or the velocity over the floor.
 
 The fan is at the tail, so sway has no actuator of its own. Without drag a steady turn at speed V and rate w needs the
 force m V w across the path, and the only steady force without a torque is along the nose: in a steady turn the nose
@@ -22,49 +22,55 @@ from trimtab.vehicles.hovercraft import Hovercraft
 
 MANUAL, DAMPED, ASSISTED = range(len(STICK_MODES))
 LONGEST_STEP = ms(100)
-"""After a longer pause the references begin again where the vehicle is: the law was not asked meanwhile."""
+"""Longest pause between steps; after a longer one the references restart at the vehicle's state."""
 TURN_DEAD_ZONE = 0.2
-"""rad/s: with a wanted yaw rate of this size or more damped steering leaves sway alone."""
+"""Reference yaw rate (rad/s) from which on damped steering ignores sway."""
 REVERSE_SWAY = -0.5
-"""Weight of sway while backing; between 0 and -m d^2/J = -2.8 it damps."""
+"""Weight of sway while backing; it damps between 0 and -m d^2/J = -2.8."""
 REVERSE_SPEED = 0.1
-"""m/s backward, at and beyond which sway has that weight."""
+"""Backward speed (m/s) at and beyond which sway has that weight."""
 
 NOSE_FREE = 1.6
-"""Times nose_force: so large a force has the nose for itself."""
+"""Force, as a multiple of nose_force, that fully determines the nose's direction."""
 BACKING = 0.3, 0.8
-"""Share of the force against the course below which the nose turns to it again, and above which the fan pulls back."""
+"""Share of the force against the course below which the nose turns to it again; above, the fan pulls back."""
 
 
 @record
 class PilotedState:
-    """What the law remembers. Source: derived here."""
+    """State of the law. Source: derived here."""
 
-    t: Scalar = quantity("100 ns", "When it was asked last.", kind="time")
+    t: Scalar = quantity("100 ns", "Time of the last step.", kind="time")
     mode: Scalar = quantity("1", "Mode of the last step.", kind="mode", modes=STICK_MODES)
-    began: Scalar = quantity("1", "Whether it has been asked before.", kind="flag")
-    speed: Scalar = quantity("m/s", "Reference: of surge, or along the course.")
-    rate: Scalar = quantity("rad/s", "Reference: of yaw, or of the course.")
+    began: Scalar = quantity("1", "True after the first step.", kind="flag")
+    speed: Scalar = quantity("m/s", "Reference of surge, or of the speed along the course.")
+    rate: Scalar = quantity("rad/s", "Reference of the yaw rate, or of the course's rate.")
     course: Scalar = quantity("rad", "Reference of the course, clockwise from north; unwrapped.", kind="angle")
-    backing: Scalar = quantity("1", "Whether the fan pulls backward instead of turning the nose round.", kind="flag")
+    backing: Scalar = quantity("1", "True if the fan pulls backward instead of turning the nose round.", kind="flag")
 
 
 @record
 class PilotedOutput:
-    """What the law asks for, and why. Source: derived here."""
+    """Demand and signals of the law. Source: derived here."""
 
-    demand: PlanarForce = part("Force wanted at the rudder pivot.")
-    mode: Scalar = quantity("1", "What the stick moves.", kind="mode", modes=STICK_MODES)
-    stick_lost: Scalar = quantity("1", "Whether there is no stick, or too old a one: it counts as let go.", kind="flag")
-    speed_reference: Scalar = quantity("m/s", "Of surge if damped, along the course if assisted; else 0.")
-    rate_reference: Scalar = quantity("rad/s", "Of yaw if damped, of the course if assisted; else 0.")
-    course_reference: Scalar = quantity("rad", "Wanted course if assisted, else that of the nose.", kind="angle")
-    heading_reference: Scalar = quantity("rad", "Where the nose is wanted if assisted, else where it is.", kind="angle")
-    velocity_error: Scalar = quantity("m/s", "Size of the error of velocity, of surge if damped; 0 if manual.")
+    demand: PlanarForce = part("Demanded force at the rudder pivot.")
+    mode: Scalar = quantity("1", "Active mode of the stick.", kind="mode", modes=STICK_MODES)
+    stick_lost: Scalar = quantity("1", "True if the stick is missing or too old: it counts as released.", kind="flag")
+    speed_reference: Scalar = quantity(
+        "m/s", "Reference of surge if damped, of the speed along the course if assisted; else 0."
+    )
+    rate_reference: Scalar = quantity(
+        "rad/s", "Reference of the yaw rate if damped, of the course's rate if assisted; else 0."
+    )
+    course_reference: Scalar = quantity("rad", "Reference course if assisted, else the nose's heading.", kind="angle")
+    heading_reference: Scalar = quantity(
+        "rad", "Reference heading of the nose if assisted, else the actual one.", kind="angle"
+    )
+    velocity_error: Scalar = quantity("m/s", "Velocity error, of surge if damped; 0 if manual.")
 
 
 class _Hand(NamedTuple):
-    """The stick as the law takes it."""
+    """Stick as the law reads it."""
 
     forward: Any
     turn: Any
@@ -74,7 +80,7 @@ class _Hand(NamedTuple):
 
 @record
 class Piloted:
-    """Does what a pilot's stick says, in one of three ways that the stick chooses.
+    """Follows a pilot's stick in one of three modes that the stick selects.
 
         manual    F = thrust forward, turned by deflection turn: FX = |F| cos, FY = -|F| sin, as by a radio control
         damped    FX = k1 (u_r - u)                        FY = k2 (d (r - r_r) - s v)
@@ -99,7 +105,7 @@ class Piloted:
       and turns, in which the nose has to come round before F is right.
     The actuators are in none of the proofs: a force more than some 21 degrees off the body's axis comes out along it.
 
-    Dead man:  a stick that is older than stick_timeout, was never valid or is no number counts as let go, in the mode
+    Dead man:  a stick that is older than stick_timeout, never valid or not a number counts as released, in the mode
                it had. In manual that is no thrust: the vehicle slides on. Before the first stick the mode is damped.
     Windup:    references stand still while the law isn't asked, and after a pause or a change of mode begin where the
                vehicle is; in assisted they slow down as the error of velocity nears `leash`.
@@ -109,36 +115,40 @@ class Piloted:
 
     reads: ClassVar[tuple[str, ...]] = (*VELOCITIES, "heading")
 
-    thrust: Scalar = quantity("N", "manual: force of full stick.", default=1.2, above=0)
-    deflection: Scalar = quantity("rad", "manual: angle of the force at full turn.", default=0.36, above=0, high=1.5)
-    surge_range: Scalar = quantity("m/s", "damped: surge of full stick.", default=0.8, above=0)
-    yaw_range: Scalar = quantity("rad/s", "damped: yaw rate of full turn.", default=1.5, above=0)
-    speed_range: Scalar = quantity("m/s", "assisted: speed of full stick.", default=0.8, above=0)
-    course_range: Scalar = quantity("rad/s", "assisted: rate of the course of full turn.", default=0.6, above=0)
-    acceleration: Scalar = quantity("m/s^2", "Of the wanted speed.", default=0.3, above=0)
-    yaw_acceleration: Scalar = quantity("rad/s^2", "damped: of the wanted yaw rate.", default=1.0, above=0)
-    course_acceleration: Scalar = quantity("rad/s^2", "assisted: of the wanted rate.", default=0.3, above=0)
-    turn_acceleration: Scalar = quantity("m/s^2", "assisted: most speed times rate.", default=0.35, above=0)
-    k1: Scalar = quantity("kg/s", "damped: gain on surge.", default=2.0, above=0)
-    k2: Scalar = quantity("kg/s", "damped: gain on sway and yaw rate.", default=2.5, above=0)
-    k: Scalar = quantity("1/s", "assisted: gain on the error of velocity.", default=0.8, above=0)
-    kh: Scalar = quantity("1/s", "assisted: yaw rate per error of heading.", default=1.0, above=0)
-    kr: Scalar = quantity("1/s", "assisted: yaw acceleration per error of yaw rate.", default=3.0, above=0)
-    turn_rate: Scalar = quantity("rad/s", "assisted: most yaw rate to turn the nose.", default=1.0, above=0)
-    push: Scalar = quantity("N", "assisted: most forward force.", default=1.4, above=0)
-    pull: Scalar = quantity("N", "assisted: most backward force.", default=0.7, above=0)
-    swing: Scalar = quantity("N", "assisted: most force to the side.", default=0.4, above=0)
-    nose_force: Scalar = quantity(
-        "N", "assisted: force at which the nose leaves the course for it.", default=0.35, above=0
+    thrust: Scalar = quantity("N", "Force of full stick in manual.", default=1.2, above=0)
+    deflection: Scalar = quantity("rad", "Angle of the force at full turn in manual.", default=0.36, above=0, high=1.5)
+    surge_range: Scalar = quantity("m/s", "Surge velocity of full stick in damped.", default=0.8, above=0)
+    yaw_range: Scalar = quantity("rad/s", "Yaw rate of full turn in damped.", default=1.5, above=0)
+    speed_range: Scalar = quantity("m/s", "Speed of full stick in assisted.", default=0.8, above=0)
+    course_range: Scalar = quantity("rad/s", "Rate of the course of full turn in assisted.", default=0.6, above=0)
+    acceleration: Scalar = quantity("m/s^2", "Acceleration limit of the speed reference.", default=0.3, above=0)
+    yaw_acceleration: Scalar = quantity(
+        "rad/s^2", "Acceleration limit of the yaw rate reference in damped.", default=1.0, above=0
     )
-    nose_dead_zone: Scalar = quantity("N", "assisted: force for which the nose doesn't turn.", default=0.03, low=0)
-    leash: Scalar = quantity("m/s", "assisted: error of velocity at which references wait.", default=0.4, above=0)
-    stick_timeout: Scalar = quantity("s", "Oldest stick that counts.", default=0.3, above=0)
-    stick: str = option("Name of the sample with the pilot's stick.", default="stick")
-    model: Hovercraft = part("What the law believes of the vehicle.", default=Hovercraft())
+    course_acceleration: Scalar = quantity(
+        "rad/s^2", "Acceleration limit of the rate reference in assisted.", default=0.3, above=0
+    )
+    turn_acceleration: Scalar = quantity("m/s^2", "Maximum speed times rate in assisted.", default=0.35, above=0)
+    k1: Scalar = quantity("kg/s", "Gain on surge in damped.", default=2.0, above=0)
+    k2: Scalar = quantity("kg/s", "Gain on sway and yaw rate in damped.", default=2.5, above=0)
+    k: Scalar = quantity("1/s", "Gain on the velocity error in assisted.", default=0.8, above=0)
+    kh: Scalar = quantity("1/s", "Yaw rate per heading error in assisted.", default=1.0, above=0)
+    kr: Scalar = quantity("1/s", "Yaw acceleration per yaw rate error in assisted.", default=3.0, above=0)
+    turn_rate: Scalar = quantity("rad/s", "Maximum yaw rate to turn the nose in assisted.", default=1.0, above=0)
+    push: Scalar = quantity("N", "Maximum forward force in assisted.", default=1.4, above=0)
+    pull: Scalar = quantity("N", "Maximum backward force in assisted.", default=0.7, above=0)
+    swing: Scalar = quantity("N", "Maximum force to the side in assisted.", default=0.4, above=0)
+    nose_force: Scalar = quantity("N", "Force at which the nose leaves the course, in assisted.", default=0.35, above=0)
+    nose_dead_zone: Scalar = quantity(
+        "N", "Force below which the nose does not turn, in assisted.", default=0.03, low=0
+    )
+    leash: Scalar = quantity("m/s", "Velocity error at which the references wait, in assisted.", default=0.4, above=0)
+    stick_timeout: Scalar = quantity("s", "Maximum age of a stick sample.", default=0.3, above=0)
+    stick: str = option("Name of the sensor that gives the pilot's stick.", default="stick")
+    model: Hovercraft = part("Vehicle model used by the law.", default=Hovercraft())
 
     def init(self, key: Any) -> PilotedState:
-        """Never asked; damped."""
+        """Return the initial state: mode damped."""
         zero, no = np.asarray(0.0), np.asarray(False)
         return PilotedState(
             t=np.asarray(0, np.int64),
@@ -151,7 +161,7 @@ class Piloted:
         )
 
     def step(self, t: Any, state: PilotedState, estimate: Estimate) -> tuple[PilotedState, PilotedOutput]:
-        """The demand at integer time t."""
+        """Return the demand at integer time t."""
         s = estimate.state
         hand = self._read_stick(state, estimate)
         before, dt = self._begin_again(t, state, hand.mode, s)
@@ -176,7 +186,7 @@ class Piloted:
         )
 
     def _read_stick(self, state: PilotedState, estimate: Estimate) -> _Hand:
-        """Where the stick is; let go, in the last mode, where there is none."""
+        """Return the stick; if it is missing, released in the last mode."""
         if estimate.stick is None:
             return _Hand(jnp.asarray(0.0), jnp.asarray(0.0), state.mode, jnp.asarray(True))
         sample, stick = estimate.stick, estimate.stick.value
@@ -191,7 +201,7 @@ class Piloted:
         return _Hand(take(stick.forward), take(stick.turn), mode, ~held)
 
     def _begin_again(self, t: Any, state: PilotedState, mode: Any, s: Any) -> tuple[PilotedState, Any]:
-        """The state at the begin of a step, and the time since the last (s): none where it begins anew."""
+        """Return the state at the start of a step, and the time since the last (s): zero after a restart."""
         gap = t - state.t
         goes_on = state.began & (gap >= 0) & (gap <= LONGEST_STEP) & (mode == state.mode) & (mode != MANUAL)
         backing = s.surge_velocity < 0
@@ -214,7 +224,7 @@ class Piloted:
         return tree_where(goes_on, same, anew), jnp.where(goes_on, to_seconds(gap), 0.0)
 
     def _ramp_damped(self, s: PilotedState, hand: _Hand, dt: Any) -> PilotedState:
-        """References of surge and yaw rate, dt (s) on."""
+        """Return the references of surge and yaw rate after dt (s)."""
         speed = _ramp(s.speed, hand.forward * self.surge_range, self.acceleration * dt)
         rate = _ramp(s.rate, hand.turn * self.yaw_range, self.yaw_acceleration * dt)
         return replace(s, speed=speed, rate=rate)
@@ -227,7 +237,7 @@ class Piloted:
         return PlanarForce(FX=self.k1 * (reference.speed - s.surge_velocity), FY=self.k2 * slip)
 
     def _lead_course(self, before: PilotedState, hand: _Hand, dt: Any, s: Any) -> tuple[PilotedState, Any, Any]:
-        """References dt (s) on, the force wanted in W (N, north and east), and the size of the error (m/s)."""
+        """Return the references after dt (s), the demanded force in W (N, north and east), and velocity error (m/s)."""
         c, n = jnp.cos(s.heading), jnp.sin(s.heading)
         side = s.sway_velocity + self.model.percussion_arm * s.yaw_rate
         velocity = jnp.stack([c * s.surge_velocity - n * side, n * s.surge_velocity + c * side])
@@ -251,7 +261,7 @@ class Piloted:
         return replace(now, backing=backing), F, jnp.sqrt(error @ error)
 
     def _fly_assisted(self, reference: PilotedState, F: Any, s: Any) -> tuple[PlanarForce, Any]:
-        """The demand (N), and where the nose is wanted (rad)."""
+        """Return the demand (N), and the reference heading of the nose (rad)."""
         size = jnp.sqrt(F @ F)
         rest = self.nose_force * jnp.maximum(1 - size / (NOSE_FREE * self.nose_force), 0.0)
         share = jnp.maximum(1 - self.nose_dead_zone / jnp.where(size > 0, size, 1.0), 0.0)
@@ -272,10 +282,10 @@ def _flip(whether: Any, y: Any, x: Any) -> tuple[Any, Any]:
 
 
 def _direction(angle: Any) -> Any:
-    """Unit vector (north, east) at an angle (rad) clockwise from north."""
+    """Return the unit vector (north, east) at an angle (rad) clockwise from north."""
     return jnp.stack([jnp.cos(angle), jnp.sin(angle)])
 
 
 def _ramp(value: Any, wanted: Any, most: Any) -> Any:
-    """value, nearer to what is wanted by `most` at most."""
+    """Return value moved towards the target by at most `most`."""
     return value + jnp.clip(wanted - value, -most, most)

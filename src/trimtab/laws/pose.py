@@ -1,4 +1,4 @@
-"""Rest at a place and a heading: the hovercraft brakes, aims, goes there straight, turns on the spot, and stays.
+"""Rest at a position and heading: the hovercraft brakes, aims, goes there straight, turns on the spot, and stays.
 
 No smooth feedback of the state can do this (design/stabilisability.py). What makes it easy is a point of the body that
 can be steered like the end of a stick: P, a = J/(m d) ahead of the centre of mass, is the centre of percussion of the
@@ -35,27 +35,27 @@ STEPS = ("brake", "aim", "go", "hold")
 
 @record
 class PoseState:
-    """Where the law is. Source: derived here."""
+    """State of the law. Source: derived here."""
 
     mode: Scalar = quantity("1", "Step.", kind="mode", modes=STEPS)
-    nose: Scalar = quantity("rad", "Where the nose is wanted.", kind="angle")
-    rounds: Scalar = quantity("1", "How often it has begun to brake.", kind="count")
+    nose: Scalar = quantity("rad", "Reference heading of the nose.", kind="angle")
+    rounds: Scalar = quantity("1", "Number of rounds, each begun by braking.", kind="count")
 
 
 @record
 class PoseOutput:
-    """What the law asks for, and why. Source: derived here."""
+    """Demand and signals of the law. Source: derived here."""
 
-    demand: PlanarForce = part("Force wanted at the rudder pivot.")
+    demand: PlanarForce = part("Demanded force at the rudder pivot.")
     mode: Scalar = quantity("1", "Step.", kind="mode", modes=STEPS)
-    rounds: Scalar = quantity("1", "How often it has begun to brake.", kind="count")
-    heading_reference: Scalar = quantity("rad", "Where the nose is wanted.", kind="angle")
-    distance: Scalar = quantity("m", "Of the centre of percussion from where it is to rest.")
-    speed: Scalar = quantity("m/s", "Of the centre of percussion.")
+    rounds: Scalar = quantity("1", "Number of rounds, each begun by braking.", kind="count")
+    heading_reference: Scalar = quantity("rad", "Reference heading of the nose.", kind="angle")
+    distance: Scalar = quantity("m", "Distance of the centre of percussion from its target.")
+    speed: Scalar = quantity("m/s", "Speed of the centre of percussion.")
 
 
 class _Swing(NamedTuple):
-    """Of the nose about the wanted heading: rad, rad/s, rad/s^2."""
+    """Swing of the nose about the target heading: rad, rad/s, rad/s^2."""
 
     angle: Any
     rate: Any
@@ -64,7 +64,7 @@ class _Swing(NamedTuple):
 
 @record
 class Pose:
-    """Brings the hovercraft to rest at a place and a heading, in four steps about its centre of percussion P.
+    """Brings the hovercraft to rest at a position and heading, in four steps about its centre of percussion P.
 
         brake  w = -k n.v_P            the nose turns to the line of v_P          until |v_P| < rest_speed
         aim    w = -k n.v_P            the nose turns to the line to the goal     until it is there
@@ -93,32 +93,34 @@ class Pose:
 
     reads: ClassVar[tuple[str, ...]] = READS
 
-    north: Scalar = quantity("m", "Where the centre of mass is to rest.", frame="W", default=0.0)
-    east: Scalar = quantity("m", "Where the centre of mass is to rest.", frame="W", default=0.0)
-    heading: Scalar = quantity("rad", "Where the nose is to point.", kind="angle", default=0.0)
+    north: Scalar = quantity("m", "Target position of the centre of mass.", frame="W", default=0.0)
+    east: Scalar = quantity("m", "Target position of the centre of mass.", frame="W", default=0.0)
+    heading: Scalar = quantity("rad", "Target heading of the nose.", kind="angle", default=0.0)
     k: Scalar = quantity("1/s", "Gain on the speed of P.", default=2.0, above=0)
-    c: Scalar = quantity("1/s", "Speed per way that is left.", default=0.5, above=0)
-    speed: Scalar = quantity("m/s", "Most speed to go at.", default=0.6, above=0)
+    c: Scalar = quantity("1/s", "Speed per remaining distance.", default=0.5, above=0)
+    speed: Scalar = quantity("m/s", "Maximum speed in go.", default=0.6, above=0)
     kh: Scalar = quantity("1/s", "Yaw rate per error of heading.", default=1.5, above=0)
     kr: Scalar = quantity("1/s", "Yaw acceleration per error of yaw rate.", default=6.0, above=0)
-    turn_rate: Scalar = quantity("rad/s", "Most yaw rate.", default=1.5, above=0)
-    aligned: Scalar = quantity("rad", "Error of the nose with which to go.", default=0.001, above=0)
-    near: Scalar = quantity("m", "Way left that is good enough to hold.", default=0.01, above=0)
+    turn_rate: Scalar = quantity("rad/s", "Maximum yaw rate.", default=1.5, above=0)
+    aligned: Scalar = quantity("rad", "Heading error of the nose below which go starts.", default=0.001, above=0)
+    near: Scalar = quantity("m", "Remaining distance below which hold starts.", default=0.01, above=0)
     rest_speed: Scalar = quantity("m/s", "Speed that counts as rest.", default=1e-3, above=0)
-    far: Scalar = quantity("m", "Way left at which a new round begins.", default=0.1, above=0)
+    far: Scalar = quantity("m", "Remaining distance at which a new round begins.", default=0.1, above=0)
     leave_speed: Scalar = quantity("m/s", "Speed at which a new round begins.", default=0.1, above=0)
-    swing: Scalar = quantity("rad", "hold: most swing of the nose.", default=0.025, above=0)
-    f: Scalar = quantity("rad/s", "hold: frequency of the swing.", default=3.0, above=0)
-    h: Scalar = quantity("1/s", "hold: rate at which what is left across vanishes.", default=0.3, above=0)
-    s0: Scalar = quantity("m/s^2", "hold: s at which the swing is full.", default=1e-3, above=0)
-    model: Hovercraft = part("What the law believes of the vehicle.", default=Hovercraft())
+    swing: Scalar = quantity("rad", "Maximum swing of the nose in hold.", default=0.025, above=0)
+    f: Scalar = quantity("rad/s", "Frequency of the swing in hold.", default=3.0, above=0)
+    h: Scalar = quantity("1/s", "Rate at which the lateral error vanishes in hold.", default=0.3, above=0)
+    s0: Scalar = quantity("m/s^2", "Value of s at which the swing is full in hold.", default=1e-3, above=0)
+    model: Hovercraft = part("Vehicle model used by the law.", default=Hovercraft())
 
     def check(self) -> None:
-        """Refuse bounds that would let no hold last."""
+        """Raise InputError if the bounds let no hold last."""
         for inner, outer in (("near", "far"), ("rest_speed", "leave_speed")):
             low, high = np.asarray(getattr(self, inner)), np.asarray(getattr(self, outer))
             if not np.all(low < high):
-                problem = f"hold begins within {inner}, {low}, and ends beyond {outer}, {high}: it must be less"
+                problem = (
+                    f"hold begins within {inner}, {low}, which must be less than {outer}, {high}, beyond which it ends"
+                )
                 raise InputError(
                     f"Pose.{inner}",
                     problem,
@@ -131,7 +133,7 @@ class Pose:
         return PoseState(mode=zero, nose=np.asarray(0.0), rounds=np.asarray(1, np.int32))
 
     def step(self, t: Any, state: PoseState, estimate: Estimate) -> tuple[PoseState, PoseOutput]:
-        """The demand at integer time t; the step changes before it is computed."""
+        """Return the demand at integer time t, with the step after its update."""
         s, arm = estimate.state, self.model.percussion_arm
         body = planar(s.heading)
         n = body[:, 0]
@@ -156,7 +158,7 @@ class Pose:
         )
 
     def _swing(self, t: Any, now: PoseState, heading: Any, way: Any, v: Any) -> "tuple[_Swing, Any]":
-        """Swing of the nose, and the acceleration along it (m/s^2) that moves P across; none but in hold."""
+        """Return the swing of the nose, and the acceleration along it (m/s^2) that moves P sideways; only in hold."""
         across = planar(self.heading)[:, 1]
         s = jnp.where(now.mode == HOLD, self.h**2 * (across @ way) - 2 * self.h * (across @ v), 0.0)
         size = self.swing * jnp.sqrt(jnp.minimum(jnp.abs(s) / self.s0, 1.0))
@@ -167,7 +169,7 @@ class Pose:
         return _Swing(angle, self.f * size * jnp.cos(phase), -(self.f**2) * angle), push
 
     def _decide(self, state: PoseState, estimate: Estimate, way: Any, v: Any) -> PoseState:
-        """Step and nose from now on; nothing changes while the estimate is not valid."""
+        """Return the next step and reference heading; nothing changes while the estimate is not valid."""
         heading = estimate.state.heading
         distance, speed, mode = _size(way), _size(v), state.mode
         left = (mode == HOLD) & ((distance > self.far) | (speed > self.leave_speed))
@@ -202,12 +204,12 @@ def _size(vector: Any) -> Any:
 
 
 def _angle(vector: Any, otherwise: Any) -> Any:
-    """Of a vector, clockwise from north; of none `otherwise`."""
+    """Return the direction of a vector, clockwise from north; `otherwise` for a zero vector."""
     known = vector @ vector > 0
     return jnp.where(known, jnp.arctan2(jnp.where(known, vector[1], 0.0), jnp.where(known, vector[0], 1.0)), otherwise)
 
 
 def _nearer_end(line: Any, heading: Any) -> Any:
-    """Of a line the direction that is nearer to the heading."""
+    """Return the direction of a line that is nearer to the heading."""
     back = jnp.abs(wrap(line - heading)) > np.pi / 2
     return jnp.where(back, line + np.pi, line)

@@ -1,4 +1,4 @@
-"""The source's way to rest at a place and a heading: six steps out of laws that each do one thing.
+"""Rest at a position and heading as in the thesis: six steps out of laws that each do one thing.
 
 Source: [1] Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006,
 section 2.3.1, in words; the numbers, and what ends a step, are reconstructed (docs page).
@@ -24,24 +24,26 @@ STEPS = ("compute", "align", "move", "stop", "final", "hold")
 
 @record
 class PoseStepsState:
-    """Where the law is. Source: [1] section 2.3.1."""
+    """State of the law. Source: [1] section 2.3.1."""
 
     mode: Scalar = quantity("1", "Step.", kind="mode", modes=STEPS)
-    bearing: Scalar = quantity("rad", "Of the goal when it was computed last, clockwise from north.", kind="angle")
-    turning: HeadingLawState = part("Of the heading law in align and final.")
-    rounds: Scalar = quantity("1", "How often it has computed the way.", kind="count")
+    bearing: Scalar = quantity(
+        "rad", "Bearing of the goal when it was last computed, clockwise from north.", kind="angle"
+    )
+    turning: HeadingLawState = part("State of the heading law in align and final.")
+    rounds: Scalar = quantity("1", "Number of computations of the error vector.", kind="count")
 
 
 @record
 class PoseStepsOutput:
-    """What the law asks for, and why. Source: [1] section 2.3.1."""
+    """Demand and signals of the law. Source: [1] section 2.3.1."""
 
-    demand: PlanarForce = part("Force wanted at the rudder pivot.")
+    demand: PlanarForce = part("Demanded force at the rudder pivot.")
     mode: Scalar = quantity("1", "Step.", kind="mode", modes=STEPS)
-    rounds: Scalar = quantity("1", "How often it has computed the way.", kind="count")
-    heading_reference: Scalar = quantity("rad", "What the heading law turns to, or turned to last.", kind="angle")
-    distance: Scalar = quantity("m", "Of the centre of mass from where it is to rest.")
-    speed_reference: Scalar = quantity("m/s", "In move, else 0.")
+    rounds: Scalar = quantity("1", "Number of computations of the error vector.", kind="count")
+    heading_reference: Scalar = quantity("rad", "Target of the heading law, present or last.", kind="angle")
+    distance: Scalar = quantity("m", "Distance of the centre of mass from its target.")
+    speed_reference: Scalar = quantity("m/s", "Speed reference in move, else 0.")
 
 
 @record
@@ -62,25 +64,27 @@ class PoseBySteps:
 
     reads: ClassVar[tuple[str, ...]] = READS
 
-    north: Scalar = quantity("m", "Where the centre of mass is to rest.", frame="W", default=0.0)
-    east: Scalar = quantity("m", "Where the centre of mass is to rest.", frame="W", default=0.0)
-    heading: Scalar = quantity("rad", "Where the nose is to point.", kind="angle", default=0.0)
-    near: Scalar = quantity("m", "Way left that is good enough.", default=0.3, above=0)
-    near_heading: Scalar = quantity("rad", "Error of heading that is good enough.", default=10 * DEG, above=0)
-    speed_gain: Scalar = quantity("1/s", "move: speed per way left.", default=0.35, above=0)
-    least_speed: Scalar = quantity("m/s", "move: at least.", default=0.1, above=0)
-    most_speed: Scalar = quantity("m/s", "move: at most.", default=0.6, above=0)
-    passed: Scalar = quantity("m", "move ends with so much left.", default=0.1, low=0)
-    off_course: Scalar = quantity("rad", "move ends at such an error of bearing, while not near.", default=0.6, above=0)
-    margin: Scalar = quantity("1", "stop ends below this part of the switching energy.", default=0.3, above=0, high=1)
-    turn: HeadingBangBang = part("The law in align and final; its target is not used.", default=HeadingBangBang())
-    forward: ForwardMomentum = part(
-        "The law in move; its reference is not used.", default=ForwardMomentum(k1=2.0, k2=9.0)
+    north: Scalar = quantity("m", "Target position of the centre of mass.", frame="W", default=0.0)
+    east: Scalar = quantity("m", "Target position of the centre of mass.", frame="W", default=0.0)
+    heading: Scalar = quantity("rad", "Target heading of the nose.", kind="angle", default=0.0)
+    near: Scalar = quantity("m", "Tolerance of the remaining distance.", default=0.3, above=0)
+    near_heading: Scalar = quantity("rad", "Tolerance of the heading error.", default=10 * DEG, above=0)
+    speed_gain: Scalar = quantity("1/s", "Speed per remaining distance in move.", default=0.35, above=0)
+    least_speed: Scalar = quantity("m/s", "Minimum speed in move.", default=0.1, above=0)
+    most_speed: Scalar = quantity("m/s", "Maximum speed in move.", default=0.6, above=0)
+    passed: Scalar = quantity("m", "Remaining distance at which move ends.", default=0.1, low=0)
+    off_course: Scalar = quantity("rad", "Bearing error at which move ends, while not near.", default=0.6, above=0)
+    margin: Scalar = quantity(
+        "1", "Fraction of the switching energy below which stop ends.", default=0.3, above=0, high=1
     )
-    damping: ZeroVelocity = part("The law in stop and hold.", default=ZeroVelocity())
+    turn: HeadingBangBang = part("Law used in align and final; its target is not used.", default=HeadingBangBang())
+    forward: ForwardMomentum = part(
+        "Law used in move; its reference is not used.", default=ForwardMomentum(k1=2.0, k2=9.0)
+    )
+    damping: ZeroVelocity = part("Law used in stop and hold.", default=ZeroVelocity())
 
     def init(self, key: Any) -> PoseStepsState:
-        """About to compute the way."""
+        """Return the initial state: the error vector is computed next."""
         return PoseStepsState(
             mode=np.asarray(COMPUTE, np.int32),
             bearing=np.asarray(0.0),
@@ -89,7 +93,7 @@ class PoseBySteps:
         )
 
     def step(self, t: Any, state: PoseStepsState, estimate: Estimate) -> tuple[PoseStepsState, PoseStepsOutput]:
-        """The demand at integer time t; the step changes before it is computed."""
+        """Return the demand at integer time t, with the step after its update."""
         s = estimate.state
         way = jnp.stack([self.north - s.north, self.east - s.east])
         distance, along = jnp.sqrt(way @ way), jnp.cos(s.heading) * way[0] + jnp.sin(s.heading) * way[1]
@@ -118,7 +122,7 @@ class PoseBySteps:
         )
 
     def _decide(self, state: PoseStepsState, estimate: Estimate, way: Any, distance: Any, along: Any) -> Any:
-        """Step and bearing from now on; nothing changes while the estimate is not valid."""
+        """Return the next step and bearing; nothing changes while the estimate is not valid."""
         s, mode = estimate.state, state.mode
         towards = jnp.where(distance > 0, jnp.arctan2(way[1], jnp.where(distance > 0, way[0], 1.0)), s.heading)
         off, off_bearing = jnp.abs(wrap(s.heading - self.heading)), jnp.abs(wrap(s.heading - towards))

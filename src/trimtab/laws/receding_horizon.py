@@ -1,4 +1,4 @@
-"""Receding-horizon control of the hovercraft: the best seconds ahead within its limits, fifty times a second.
+"""Receding-horizon control of the hovercraft: the best next seconds within its limits, fifty times a second.
 
 Source: derived here from the model of Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of
 Maryland, 2006, eq. 2.11. The way to solve it is [1] M. Diehl, H. Bock, J. Schlöder, "A real-time iteration scheme for
@@ -28,51 +28,53 @@ from trimtab.laws.pose import READS
 from trimtab.vehicles.hovercraft import Hovercraft, HovercraftState
 
 STAGES = 13
-"""Moves ahead."""
+"""Number of moves ahead."""
 SLOTS = 8
-"""Moves that are remembered: what is under way to the fan."""
+"""Number of past moves kept: those in transit to the fan."""
 
 
 @record
 class RecedingHorizonOutput:
-    """What the law asks for, and how well its program was solved. Source: docs page."""
+    """Demand, and signals of the solution of the program. Source: docs page."""
 
-    demand: PlanarForce = part("Force wanted at the rudder pivot.")
+    demand: PlanarForce = part("Demanded force at the rudder pivot.")
     thrust: Scalar = quantity("N", "Signed force of the fan in the demand.")
-    force_angle: Scalar = quantity("rad", "Its angle from the body's axis.", kind="angle")
-    north_reference: Scalar = quantity("m", "Where P is wanted.", frame="W")
-    east_reference: Scalar = quantity("m", "Where P is wanted.", frame="W")
-    position_error: Scalar = quantity("m", "Of P, from where it is wanted.")
-    velocity_error: Scalar = quantity("m/s", "Of P.")
-    primal: Scalar = quantity("1", "Most by which a limit is broken in the plan, in N or rad.")
-    dual: Scalar = quantity("1", "What is left of the gradient: the plan's distance from the best.")
-    solved: Scalar = quantity("1", "Both are within the tolerance.", kind="flag")
-    infeasible: Scalar = quantity("1", "No plan keeps the limits.", kind="flag")
-    rho: Scalar = quantity("1", "Weight of the limits.")
-    cost: Scalar = quantity("1", "Of the plan before it was improved.")
+    force_angle: Scalar = quantity("rad", "Angle of the demanded force from the body's axis.", kind="angle")
+    north_reference: Scalar = quantity("m", "Reference position of P, north.", frame="W")
+    east_reference: Scalar = quantity("m", "Reference position of P, east.", frame="W")
+    position_error: Scalar = quantity("m", "Distance of P from its reference.")
+    velocity_error: Scalar = quantity("m/s", "Velocity error of P.")
+    primal: Scalar = quantity("1", "Largest violation of a limit in the plan, in N or rad.")
+    dual: Scalar = quantity("1", "Residual gradient: the plan's distance from the optimum.")
+    solved: Scalar = quantity("1", "True if both residuals are within the tolerance.", kind="flag")
+    infeasible: Scalar = quantity("1", "True if no plan keeps the limits.", kind="flag")
+    rho: Scalar = quantity("1", "Weight of the limits in the program.")
+    cost: Scalar = quantity("1", "Cost of the plan before its improvement.")
 
 
 @record
 class RecedingHorizonState:
-    """What the law remembers. Source: docs page."""
+    """State of the law. Source: docs page."""
 
-    began: Scalar = quantity("1", "Whether it has been asked before.", kind="flag")
-    start: Scalar = quantity("100 ns", "When it was asked first: then the reference begins.", kind="time")
-    thrust: Any = quantity("N", "Plan: signed force of the fan in each stage.", shape=(STAGES,))
-    angle: Any = quantity("rad", "Plan: force angle in each stage.", kind="angle", shape=(STAGES,))
-    multipliers: Any = quantity("1", "Of the limits in the last program.", shape=(4 * STAGES,))
+    began: Scalar = quantity("1", "True after the first step.", kind="flag")
+    start: Scalar = quantity("100 ns", "Time of the first step, at which the reference begins.", kind="time")
+    thrust: Any = quantity("N", "Planned signed force of the fan in each stage.", shape=(STAGES,))
+    angle: Any = quantity("rad", "Planned force angle in each stage.", kind="angle", shape=(STAGES,))
+    multipliers: Any = quantity("1", "Multipliers of the limits in the last program.", shape=(4 * STAGES,))
     rho: Scalar = quantity("1", "Weight of the limits in the last program.")
-    sent_thrust: Any = quantity("N", "Asked for at the last instants, newest first.", shape=(SLOTS,))
-    sent_angle: Any = quantity("rad", "Asked for at the last instants, newest first.", kind="angle", shape=(SLOTS,))
+    sent_thrust: Any = quantity("N", "Signed force demanded at the last instants, newest first.", shape=(SLOTS,))
+    sent_angle: Any = quantity(
+        "rad", "Force angle demanded at the last instants, newest first.", kind="angle", shape=(SLOTS,)
+    )
     output: Any = part("Last output, held until the next.")
 
 
 @record
 class RecedingHorizon:
-    """Follows a reference by the best plan within the limits; its first move is flown, then it plans anew.
+    """Follows a reference by the best plan within the limits: flies its first move, then plans again.
 
-    Each `period` the state is carried to where it will be when a move arrives, by the moves that are under way. From
-    there the plan of the last period, moved on, is flown on the model: U = (thrust, force angle) in STAGES moves of
+    Each `period` the state is predicted to the arrival of the next move, under the moves in transit. From there the
+    shifted plan of the last period is simulated on the model: U = (thrust, force angle) in STAGES moves of
     `stage` each. Its residuals (place, velocity, yaw rate, heading, the moves and their changes, each times its weight)
     are linear in small changes of the plan, and the best of these within the limits is a quadratic program:
 
@@ -90,39 +92,37 @@ class RecedingHorizon:
 
     reads: ClassVar[tuple[str, ...]] = READS
 
-    reference: Any = part("Where to be, and when.", default=Circle())
-    position: Scalar = quantity("1/m", "Weight of an error of place.", default=2.0, low=0)
-    velocity: Scalar = quantity("s/m", "Weight of an error of velocity.", default=1.5, low=0)
-    yaw: Scalar = quantity("s/rad", "Weight of yaw rate other than that of the path.", default=0.1, low=0)
-    heading: Scalar = quantity("1/rad", "Weight of an error of heading, where one is wanted.", default=0.5, low=0)
-    aim: Scalar = quantity(
-        "s^2/m", "Weight of a nose that doesn't point the way it has to be pushed.", default=1.0, low=0
-    )
-    k1: Scalar = quantity("1/s^2", "Acceleration for which the nose turns, per error of place.", default=0.25, low=0)
-    k2: Scalar = quantity("1/s", "The same, per error of velocity.", default=0.5, low=0)
+    reference: Any = part("Reference position over time.", default=Circle())
+    position: Scalar = quantity("1/m", "Weight of the position error.", default=2.0, low=0)
+    velocity: Scalar = quantity("s/m", "Weight of the velocity error.", default=1.5, low=0)
+    yaw: Scalar = quantity("s/rad", "Weight of the yaw rate error relative to the path's.", default=0.1, low=0)
+    heading: Scalar = quantity("1/rad", "Weight of the heading error, where a heading is given.", default=0.5, low=0)
+    aim: Scalar = quantity("s^2/m", "Weight of the angle between the nose and the needed force.", default=1.0, low=0)
+    k1: Scalar = quantity("1/s^2", "Acceleration to which the nose turns, per position error.", default=0.25, low=0)
+    k2: Scalar = quantity("1/s", "Acceleration to which the nose turns, per velocity error.", default=0.5, low=0)
     least: Scalar = quantity(
-        "m/s^2", "Acceleration of the path below which it wants no yaw rate.", default=0.03, above=0
+        "m/s^2", "Acceleration of the path below which it demands no yaw rate.", default=0.03, above=0
     )
-    last: Scalar = quantity("1", "Times the weights in the last stage.", default=2.0, low=0)
+    last: Scalar = quantity("1", "Factor of the weights in the last stage.", default=2.0, low=0)
     effort: Scalar = quantity("1/N", "Weight of thrust.", default=0.1, low=0)
     steering: Scalar = quantity("1/rad", "Weight of the force angle.", default=0.1, low=0)
     thrust_change: Scalar = quantity("1/N", "Weight of a change of thrust.", default=0.2, low=0)
     angle_change: Scalar = quantity("1/rad", "Weight of a change of angle.", default=0.3, low=0)
     damping: Scalar = quantity("1", "Weight of a change of the plan.", default=0.1, above=0)
-    push: Scalar = quantity("N", "Most force ahead.", default=1.35, above=0)
-    pull: Scalar = quantity("N", "Most force back.", default=0.6, above=0)
-    deflection: Scalar = quantity("rad", "Most force angle.", default=0.36, above=0, high=1.2, kind="angle")
-    thrust_rate: Scalar = quantity("N/s", "Most change of thrust.", default=8.0, above=0)
-    angle_rate: Scalar = quantity("rad/s", "Most change of the force angle.", default=3.0, above=0)
-    lag: Scalar = quantity("s", "From a demand to its force: uplink and servo frame.", default=0.05, low=0)
-    stage: int = period("Length of a stage.", default=ms(200))
-    period: int = period("How often it plans.", default=ms(20))
-    rounds: int = option("Factorisations for a plan.", default=2)
-    iterations: int = option("Iterations after each.", default=25)
-    model: Hovercraft = part("What the law believes of the vehicle.", default=Hovercraft())
+    push: Scalar = quantity("N", "Maximum forward force.", default=1.35, above=0)
+    pull: Scalar = quantity("N", "Maximum backward force.", default=0.6, above=0)
+    deflection: Scalar = quantity("rad", "Maximum force angle.", default=0.36, above=0, high=1.2, kind="angle")
+    thrust_rate: Scalar = quantity("N/s", "Maximum rate of the thrust.", default=8.0, above=0)
+    angle_rate: Scalar = quantity("rad/s", "Maximum rate of the force angle.", default=3.0, above=0)
+    lag: Scalar = quantity("s", "Delay from a demand to its force: uplink and servo frame.", default=0.05, low=0)
+    stage: int = period("Duration of a stage.", default=ms(200))
+    period: int = period("Time between plans.", default=ms(20))
+    rounds: int = option("Factorisations per plan.", default=2)
+    iterations: int = option("Iterations after each factorisation.", default=25)
+    model: Hovercraft = part("Vehicle model used by the law.", default=Hovercraft())
 
     def init(self, key: Any) -> RecedingHorizonState:
-        """A plan of a little thrust: at none the force angle moves nothing."""
+        """Return an initial plan with a little thrust: without thrust the force angle has no effect."""
         o, no, slots = np.asarray(0.0), np.asarray(False), np.zeros(SLOTS)
         output = RecedingHorizonOutput(PlanarForce(o, o), o, o, o, o, o, o, o, o, no, no, o, o)
         return RecedingHorizonState(
@@ -138,13 +138,13 @@ class RecedingHorizon:
         )
 
     def step(self, t: Any, state: RecedingHorizonState, estimate: Estimate) -> tuple[Any, RecedingHorizonOutput]:
-        """The demand at integer time t: a new one each period, held in between."""
+        """Return the demand at integer time t: a new one each period, held in between."""
         due = estimate.valid & ((t % self.period == 0) | ~state.began)
         state = jax.lax.cond(due, lambda: self._plan(t, state, estimate), lambda: state)
         return state, state.output
 
     def _plan(self, t: Any, state: RecedingHorizonState, estimate: Estimate) -> RecedingHorizonState:
-        """One improved plan, and its first move as the demand."""
+        """Return one improved plan, and its first move as the demand."""
         sent = jnp.stack([state.sent_thrust, state.sent_angle], axis=1)
         here = jnp.stack([getattr(estimate.state, name) for name in READS])
         x = self._carry_on(here, sent, estimate.age + self.lag)
@@ -177,12 +177,12 @@ class RecedingHorizon:
         )
 
     def _limits(self) -> tuple[Any, Any, Any]:
-        """Least and most move, and most rate, (2,) each."""
+        """Return the limits of a move and of its rate: minimum, maximum and maximum rate, (2,) each."""
         low = jnp.stack([-self.pull, -self.deflection])
         return low, jnp.stack([self.push, self.deflection]), jnp.stack([self.thrust_rate, self.angle_rate])
 
     def _carry_on(self, x: Any, sent: Any, ahead: Any) -> Any:
-        """The state (6,) a time `ahead` (s) after the estimate's, under the moves that act until then."""
+        """Return the state (6,) a time `ahead` (s) after the estimate's, under the moves that act until then."""
         each = to_seconds(self.period)
 
         def slot(k: Any, x: Any) -> Any:
@@ -192,7 +192,7 @@ class RecedingHorizon:
         return jax.lax.fori_loop(0, SLOTS, slot, x)
 
     def _fly(self, x: Any, move: Any, h: Any) -> Any:
-        """The state (6,) h (s) later under a move."""
+        """Return the state (6,) h (s) later under a move."""
         force = _force(move)
 
         def rate(t: Any, x: Any) -> Any:
@@ -202,7 +202,7 @@ class RecedingHorizon:
         return rk4(rate, 0.0, x, h)
 
     def _program(self, x: Any, begin: Any, nominal: Any, before: Any) -> tuple[QuadraticProgram, Any]:
-        """The program in dU (stage by stage: thrust, angle), and what the nominal plan costs."""
+        """Return the program in dU (stage by stage: thrust, angle), and the cost of the nominal plan."""
         flat = nominal.reshape(-1)
         r = self._residuals(x, begin, flat)
         J = jax.jacfwd(lambda plan: self._residuals(x, begin, plan))(flat)
@@ -226,7 +226,7 @@ class RecedingHorizon:
         return jnp.tile(jnp.stack([thrust, angle]), STAGES)
 
     def _residuals(self, x: Any, begin: Any, plan: Any) -> Any:
-        """Weighted errors (8 STAGES,) at the end of each stage of a plan."""
+        """Return the weighted errors (8 STAGES,) at the end of each stage of a plan."""
         h = to_seconds(self.stage)
 
         def stage(x: Any, given: Any) -> tuple[Any, Any]:
@@ -238,14 +238,14 @@ class RecedingHorizon:
         return jax.lax.scan(stage, x, (jnp.arange(STAGES), plan.reshape(STAGES, 2)))[1].reshape(-1)
 
     def _away(self, x: Any, wanted: Any) -> tuple[Any, Any]:
-        """Errors of place and velocity of P, (2,) in W."""
+        """Return the errors of position and velocity of P, (2,) in W."""
         u, v, r, heading = x[0], x[1], x[2], x[3]
         body, arm = planar(heading), self.model.percussion_arm
         place = x[4:6] + arm * body[:, 0] - wanted.place
         return place, body @ jnp.stack([u, v + arm * r]) - wanted.velocity
 
     def _errors(self, x: Any, wanted: Any) -> Any:
-        """Weighted errors (8,) of a state (6,)."""
+        """Return the weighted errors (8,) of a state (6,)."""
         r, heading = x[2], x[3]
         place, velocity = self._away(x, wanted)
         push = wanted.acceleration - self.k1 * place - self.k2 * velocity
@@ -283,5 +283,5 @@ class RecedingHorizon:
 
 
 def _force(move: Any) -> PlanarForce:
-    """In B, of thrust (N) and force angle (rad)."""
+    """Return the force in B of thrust (N) and force angle (rad)."""
     return PlanarForce(FX=move[0] * jnp.cos(move[1]), FY=-move[0] * jnp.sin(move[1]))

@@ -1,4 +1,4 @@
-"""Tracking that survives the loss of a rotor: the quadrotor gives up its yaw, spins, and steers the axis of its spin.
+"""Tracking after the loss of a rotor: the quadrotor gives up its yaw, spins, and steers the axis of its spin.
 
 [1] is M. W. Mueller, R. D'Andrea, "Stability and control of a quadrocopter despite the complete loss of one, two, or
 three propellers", ICRA 2014; [2] S. Sun, L. Sijbers, X. Wang, C. de Visser, "High-speed flight of quadrotor despite
@@ -19,34 +19,36 @@ from trimtab.laws.geometric_tracking import GeometricTracking, flyable_state
 from trimtab.vehicles.quadrotor import RotorDemand, RotorSpeeds
 
 LEAST_COSINE = 0.2
-"""Of the angle between the wanted direction and the body's z axis: nearer to a right angle, it is taken as this."""
+"""Smallest cosine of the angle between the demanded direction and the body's z axis."""
 UPRIGHT = np.tile([0.0, 0.0, 1.0], (4, 1))
 
 
 @record
 class RotorLossState:
-    """How long the law has run, and for how long each rotor has been too slow. Source: this module."""
+    """Running time of the law, and each rotor's time below idle speed. Source: this module."""
 
-    time: Scalar = quantity("s", "Since it began; it stands still from the loss on.")
-    slow: Any = quantity("s", "Each rotor's time below the speed at which it idles (n,); stays where it is lost.")
+    time: Scalar = quantity("s", "Time since the law started; it stops at the loss of a rotor.")
+    slow: Any = quantity("s", "Each rotor's time below its idle speed (n,); kept for a lost rotor.")
 
 
 @record
 class RotorLossOutput:
-    """What the law wants, and how far it is from it. Source: this module."""
+    """Demand and errors of the law. Source: this module."""
 
-    demand: RotorDemand = part("What the rotors are to do.")
-    position_error: Any = quantity("m", "Position less the wanted one.", frame="W", shape=(3,))
-    velocity_error: Any = quantity("m/s", "Velocity less the wanted one.", frame="W", shape=(3,))
-    attitude_error: Scalar = quantity("1", "Psi of the law for four rotors; with three, 1 - cos of the axis' error.")
+    demand: RotorDemand = part("Demand to the rotors.")
+    position_error: Any = quantity("m", "Position error: position minus reference.", frame="W", shape=(3,))
+    velocity_error: Any = quantity("m/s", "Velocity error: velocity minus reference.", frame="W", shape=(3,))
+    attitude_error: Scalar = quantity(
+        "1", "Attitude error Psi with four rotors; with three, 1 - cos of the axis' error."
+    )
     distance: Scalar = quantity("m", "Length of the position error.")
-    lost: Scalar = quantity("1", "Whether a rotor is lost.", kind="flag")
-    rotor: Scalar = quantity("1", "Which one, from 0; -1: none.", kind="count")
+    lost: Scalar = quantity("1", "True if a rotor is lost.", kind="flag")
+    rotor: Scalar = quantity("1", "Index of the lost rotor, from 0; -1: none.", kind="count")
 
 
 @record
 class RotorLossTracking:
-    """The law for all rotors while they turn; without one of them, the axis that it then spins about is steered.
+    """Uses the law for all rotors while they turn; after a loss, steers the axis about which the vehicle then spins.
 
         d = R.T (-A/|A|)      d' = d × w      s = d - axis
         d'' wanted = -ks s c - kd d'    c = d_z/max(d_z, 0.2)
@@ -68,29 +70,31 @@ class RotorLossTracking:
     Source:  [1] section III for the axis; [2] section IV for the inversion; its gains are chosen.
     """
 
-    nominal: GeometricTracking = part("The law while all rotors turn.", default=GeometricTracking())
-    axes: Any = quantity("1", "Down in B, for each rotor that may be lost (n, 3).", frame="B", default=UPRIGHT)
-    ks: Scalar = quantity("1/s^2", "Of the axis.", default=100.0, above=0)
-    kd: Scalar = quantity("1/s", "Of its rate.", default=18.0, above=0)
-    kx: Scalar = quantity("1/s^2", "Of the position.", default=3.0, above=0)
-    kv: Scalar = quantity("1/s", "Of the velocity.", default=2.8, above=0)
-    lead: Scalar = quantity("s", "How far ahead rates and direction are taken.", default=0.02, low=0)
-    idle: Scalar = quantity("rad/s", "A rotor that works is never slower.", default=43.0, above=0)
-    patience: Scalar = quantity("s", "For how long it has to be slower.", default=0.012, low=0)
+    nominal: GeometricTracking = part("Law while all rotors turn.", default=GeometricTracking())
+    axes: Any = quantity(
+        "1", "Spin axes, down in B, for each rotor that may be lost (n, 3).", frame="B", default=UPRIGHT
+    )
+    ks: Scalar = quantity("1/s^2", "Gain of the axis error.", default=100.0, above=0)
+    kd: Scalar = quantity("1/s", "Gain of the axis' rate.", default=18.0, above=0)
+    kx: Scalar = quantity("1/s^2", "Gain of the position error.", default=3.0, above=0)
+    kv: Scalar = quantity("1/s", "Gain of the velocity error.", default=2.8, above=0)
+    lead: Scalar = quantity("s", "Time by which rates and direction are predicted.", default=0.02, low=0)
+    idle: Scalar = quantity("rad/s", "Lowest speed of a working rotor.", default=43.0, above=0)
+    patience: Scalar = quantity("s", "Time below that speed after which a rotor counts as lost.", default=0.012, low=0)
 
     reads: ClassVar[tuple[str, ...]] = ("position", "velocity", "attitude", "rate", "rotor_speed")
 
     @property
     def reference(self) -> Any:
-        """Where it is to be."""
+        """Return the reference."""
         return self.nominal.reference
 
     def init(self, key: Key) -> RotorLossState:
-        """All rotors are believed to work."""
+        """Return the initial state: all rotors work."""
         return RotorLossState(np.float64(0.0), np.zeros(np.size(self.nominal.craft.rotors.spins)))
 
     def step(self, t: Any, state: RotorLossState, estimate: Estimate) -> tuple[RotorLossState, RotorLossOutput]:
-        """The demand at integer time t."""
+        """Return the demand at integer time t."""
         x, dt = flyable_state(estimate), estimate.dt
         known = jnp.any(state.slow >= self.patience)
         slow = jnp.where(known, state.slow, jnp.where(jnp.abs(x.rotor_speed) < self.idle, state.slow + dt, 0.0))
@@ -112,7 +116,7 @@ class RotorLossTracking:
         return RotorLossState(jnp.where(lost, state.time, state.time + dt), slow), output
 
     def _spin(self, wanted: SpatialPoint, x: Any, gone: Any) -> tuple[RotorDemand, Any]:
-        """The demand without the first rotor that is gone, and 1 - cos of the angle between axis and direction."""
+        """Return the demand without the first lost rotor, and 1 - cos of the angle between axis and direction."""
         craft = self.nominal.craft
         axis = jnp.asarray(self.axes)[jnp.argmax(gone)]
         ahead, yaw = self._look_ahead(x)
@@ -123,9 +127,9 @@ class RotorLossTracking:
         d, w = -(R.T @ A) / size, ahead.rate
         d_rate = jnp.cross(d, w)
         s = d - axis
-        rest = -self.kd * d_rate - jnp.cross(d_rate, w)  # of d'' = d' × w + d × w', whose x and y give roll and pitch
+        rest = -self.kd * d_rate - jnp.cross(d_rate, w)  # x and y of d'' = d' × w + d × w' give roll and pitch
         dz = jnp.where(jnp.abs(d[2]) < LEAST_COSINE, jnp.where(d[2] < 0, -LEAST_COSINE, LEAST_COSINE), d[2])
-        pull = self.ks / jnp.maximum(d[2], LEAST_COSINE)  # upside down too it draws towards the axis, not to its mirror
+        pull = self.ks / jnp.maximum(d[2], LEAST_COSINE)  # attracted by the axis also upside down, not by its mirror
         roll = -pull * s[1] + (rest[1] + d[0] * yaw) / dz
         turn = jnp.stack([roll, pull * s[0] + (d[1] * yaw - rest[0]) / dz, yaw])
         J, spin = jnp.asarray(craft.inertia), craft.rotors.angular_momentum(x.rotor_speed)
@@ -134,7 +138,7 @@ class RotorLossTracking:
         return RotorDemand(size / axis[2], moment, ~gone), 1 - d @ axis
 
     def _look_ahead(self, x: Any) -> tuple[Any, Any]:
-        """The state `lead` later, as the rotors now turn, and the yaw acceleration (rad/s^2)."""
+        """Return the state `lead` later, at the present rotor speeds, and the yaw acceleration (rad/s^2)."""
         turn = self.nominal.craft.accelerations(x, RotorSpeeds(x.rotor_speed))[1]
         rate = x.rate + self.lead * turn
         attitude = quaternion.retract(x.attitude, self.lead / 2 * (x.rate + rate))

@@ -1,7 +1,7 @@
-"""A barrier that keeps the reference points of a swarm apart, whatever messages are late or lost.
+"""Barrier that keeps the reference points of a swarm apart, even with late or lost messages.
 
-Each craft steers a point of its own making, q, of which it knows exactly where it is, and its body follows that point.
-What is proven concerns the points: `Separation` limits each one's velocity so that no two come nearer than `distance`.
+Each craft moves a reference point q, whose position it knows exactly, and its body follows that point. The proof
+concerns the points: `Separation` limits each one's velocity so that no two come nearer than `distance`.
 """
 
 from typing import Any, NamedTuple
@@ -13,15 +13,15 @@ from trimtab.core.signals import Peers
 from trimtab.core.time import NEVER, to_seconds
 
 SLIDES = 3
-"""So often the wanted velocity is moved to the edge of what the worst neighbour allows."""
+"""Number of times the velocity command is moved to the edge of the worst neighbour's limit."""
 FREE = 1e9
-"""More room, or speed, than there is."""
+"""Value larger than any room or speed."""
 
 
 class _Neighbours(NamedTuple):
-    """Arrays (n,). room: least of (a/2)(|q - q_j| - D), m/s.  north, east: unit vector from j to q.
+    """Limits by neighbour (n,). room: least of (a/2)(|q - q_j| - D), m/s.  north, east: unit vector from j to q.
 
-    doubt: by how much that vector may be another one.  others: false for the craft itself.
+    doubt: bound of that vector's error.  others: False for the craft itself.
     """
 
     room: Any
@@ -33,7 +33,7 @@ class _Neighbours(NamedTuple):
 
 @record
 class Separation:
-    """Limits the velocity of a point so that it keeps from all others, of each of which only an old place is known.
+    """Limits the velocity of a point so that it keeps clear of all others, of which only old positions are known.
 
         h_ij = |q_i - q_j| - D  is to stay >= 0.    Every point keeps |u| <= V.
         j said q^ at a time `age` ago: it is within V age of q^.   rho = |q_i - q^|,  e^ = (q_i - q^)/rho
@@ -49,21 +49,23 @@ class Separation:
              points, and dt a step with a dt <= 1. A norm is convex, so d(t + dt) >= d + dt e.(u_i - u_j). By (*)
              e.u_i >= e^.u_i - s |u_i| >= -(a/2) max(h^, 0) >= -(a/2) h_ij, for h^ <= h_ij and 0 <= h_ij; likewise
              -e.u_j. So h_ij(t + dt) >= (1 - a dt) h_ij(t) >= 0. (docs page, tests)
-    Assumes: what is said was true at the time said; clocks agree to within a slot's margin; nobody else is there.
-    Not proven: that the body stays near its point, which is measured; that everybody gets where it wants to.
+    Assumes: messages are true at their time stamps; clocks agree to within a slot's margin; no other vehicle is there.
+    Not proven: that the body stays near its point, which is measured; that every craft reaches its target.
     Source:  derived here. Half of the rate for each of two: L. Wang, A. Ames, M. Egerstedt, IEEE Trans. Robotics 33
              (2017) 661; barriers in discrete time: A. Agrawal, K. Sreenath, RSS 2017.
     """
 
-    distance: Scalar = quantity("m", "D: least distance of two points.", default=1.8, above=0)
+    distance: Scalar = quantity("m", "Minimum distance D of two points.", default=1.8, above=0)
     rate: Scalar = quantity(
-        "1/s", "a: share of the room that two may use up in a second.", default=1.0, above=0, high=10
+        "1/s", "Rate a: share of the room that two points may use up in a second.", default=1.0, above=0, high=10
     )
-    speed: Scalar = quantity("m/s", "V: most speed of a point; everybody's.", default=0.2, above=0)
-    swerve: Scalar = quantity("1", "Velocity to starboard for each that a neighbour takes away.", default=2.0, low=0)
+    speed: Scalar = quantity("m/s", "Maximum speed V of a point; the same for all.", default=0.2, above=0)
+    swerve: Scalar = quantity(
+        "1", "Velocity to starboard per velocity that a neighbour takes away.", default=2.0, low=0
+    )
 
     def limit(self, t: Any, number: Any, q: Any, wanted: Any, peers: Peers) -> tuple[Any, Any, Any]:
-        """The velocity (2,) that is allowed, its least room (m), and the oldest age (s) of what was heard.
+        """Return the allowed velocity (2,), its least room (m), and the oldest age (s) of the messages.
 
         Args:     number: of this craft.    q: its point (2,), m.    wanted: velocity (2,), m/s.
         """
@@ -98,7 +100,7 @@ class Separation:
         return near, jnp.min(jnp.where(others, h, FREE)), jnp.max(jnp.where(others, age, 0.0))
 
     def _slide(self, u: Any, near: _Neighbours) -> Any:
-        """The velocity moved away from the neighbour that allows it least."""
+        """Return the velocity moved away from the neighbour with the least room."""
         speed = norm(u)
         spare = near.north * u[0] + near.east * u[1] - near.doubt * speed + near.room
         spare = jnp.where(near.others, spare, FREE)
@@ -116,7 +118,7 @@ class Separation:
 
 
 def norm(v: Any) -> Any:
-    """Length of a vector; its derivative at 0 is 0."""
+    """Return the length of a vector; its derivative at 0 is 0."""
     square = v @ v
     some = square > 0
     return jnp.where(some, jnp.sqrt(jnp.where(some, square, 1.0)), 0.0)

@@ -1,4 +1,4 @@
-"""Spinning on the spot at a constant yaw rate, and when it is safe to start.
+"""Spinning on the spot at a constant yaw rate, and the conditions for a safe start.
 
 Throughout, a reference is a yaw rate (rad/s), Pir = J reference; J is the inertia and D = d^2 m.
 
@@ -22,7 +22,7 @@ BRAKE, SPIN = 0, 1
 
 @record
 class ConstantSpin:
-    """Spins at a constant yaw rate (the source's PI law; it contains no integrator).
+    """Spins at a constant yaw rate (the thesis's PI law; it contains no integrator).
 
         FX = -k1 u        FY = -k2 (v - d (r - r_ref))                                    [1, eq. 2.39]
 
@@ -37,32 +37,32 @@ class ConstantSpin:
 
     k1: Scalar = quantity("kg/s", "Gain on surge velocity.", default=0.5, above=0, source="[1] table 6.4")
     k2: Scalar = quantity("kg/s", "Gain on sway and yaw-rate error.", default=3.5, above=0, source="[1] table 6.4")
-    reference: Scalar = quantity("rad/s", "Wanted yaw rate, Pir/J.", default=3.0, frame="B", source="[1] table 6.4")
-    model: Hovercraft = part("What the law believes of the vehicle.", default=Hovercraft())
+    reference: Scalar = quantity("rad/s", "Reference yaw rate, Pir/J.", default=3.0, frame="B", source="[1] table 6.4")
+    model: Hovercraft = part("Vehicle model used by the law.", default=Hovercraft())
 
     def init(self, key: Any) -> tuple[()]:
-        """No state."""
+        """Return the empty state."""
         return ()
 
     def step(self, t: Any, state: tuple[()], estimate: Estimate) -> tuple[tuple[()], VelocityOutput]:
-        """The demand at integer time t."""
+        """Return the demand at integer time t."""
         s = estimate.state
         FY = -self.k2 * (s.sway_velocity - self.model.arm * (s.yaw_rate - self.reference))
         return state, VelocityOutput(PlanarForce(-self.k1 * s.surge_velocity, FY), self.lyapunov(s))
 
     def lyapunov(self, s: Any) -> Any:
-        """W (J); s: any record with the fields in `reads`."""
+        """Return W (J); s: any record with the fields in `reads`."""
         return lyapunov(self.model, s, self.reference)
 
 
 def lyapunov(model: Hovercraft, s: Any, reference: Any) -> Any:
-    """W (J) about a reference yaw rate (rad/s): m (u^2 + v^2)/2 + J (r - reference)^2/2. Source: [1] eq. 2.37."""
+    """Return W (J) about a reference yaw rate (rad/s): m (u^2 + v^2)/2 + J (r - reference)^2/2: [1] eq. 2.37."""
     energy = model.mass * (s.surge_velocity**2 + s.sway_velocity**2) / 2
     return energy + model.inertia * (s.yaw_rate - reference) ** 2 / 2
 
 
 def limit_point_value(model: Hovercraft, reference: Any) -> Any:
-    """W (J) at the bad limit point, (J + D) reference^2/2: below it ConstantSpin reaches the good one.
+    """Return W (J) at the bad limit point, (J + D) reference^2/2: below it ConstantSpin reaches the good one.
 
     Source: [1] section 2.2.6.
     """
@@ -70,7 +70,7 @@ def limit_point_value(model: Hovercraft, reference: Any) -> Any:
 
 
 def switching_energy(model: Hovercraft, reference: Any) -> Any:
-    """eps (J): kinetic energy below which ConstantSpin may take over, D^2 reference^2 / (8 (J + D)).
+    """Return eps (J): kinetic energy below which ConstantSpin may take over, D^2 reference^2 / (8 (J + D)).
 
     It implies W < limit_point_value, with 43 % to spare in energy for the default model. Source: [1] eq. 2.48.
     """
@@ -79,7 +79,7 @@ def switching_energy(model: Hovercraft, reference: Any) -> Any:
 
 
 def switching_energy_sharp(model: Hovercraft, reference: Any) -> Any:
-    """The largest eps (J) with the property of switching_energy: D^2 reference^2 / (2 (sqrt J + sqrt(J + D))^2).
+    """Return the largest eps (J) with the property of switching_energy: D^2 reference^2 / (2 (sqrt J + sqrt(J + D))^2).
 
     A pure yaw rate against the reference, with this energy, has W = limit_point_value exactly.
     Source: derived here, from the root that [1, eq. 2.47] replaces by a larger one.
@@ -89,7 +89,7 @@ def switching_energy_sharp(model: Hovercraft, reference: Any) -> Any:
 
 
 def safe_reference_bound(model: Hovercraft, W: Any, reference: Any) -> Any:
-    """The yaw rate (rad/s, >= 0) above which a new reference of the same sign keeps ConstantSpin safe.
+    """Return the yaw rate (rad/s, >= 0) above which a new reference of the same sign keeps ConstantSpin safe.
 
     (sqrt(2 W/J) + |reference|) / (1 + sqrt(1 + D/J)), where W (J) is taken about the present reference. Below
     |reference|, that is exactly while W < limit_point_value, the bound is tight, and any larger reference is safe too.
@@ -103,19 +103,19 @@ def safe_reference_bound(model: Hovercraft, W: Any, reference: Any) -> Any:
 
 @record
 class SpinSupervisorState:
-    """Where the supervisor is. Source: [1] section 2.2.6."""
+    """State of the supervisor. Source: [1] section 2.2.6."""
 
-    mode: Scalar = quantity("1", "Which law is on.", kind="mode", modes=("brake", "spin"))
-    switches: Scalar = quantity("1", "How often the law has changed.", kind="count")
+    mode: Scalar = quantity("1", "Active law.", kind="mode", modes=("brake", "spin"))
+    switches: Scalar = quantity("1", "Number of changes of the active law.", kind="count")
 
 
 @record
 class SupervisedSpinOutput:
-    """What SupervisedSpin asks for. Source: [1] section 2.2.6."""
+    """Demand and signals of SupervisedSpin. Source: [1] section 2.2.6."""
 
-    demand: PlanarForce = part("Force wanted at the rudder pivot.")
-    mode: Scalar = quantity("1", "Which law is on.", kind="mode", modes=("brake", "spin"))
-    switches: Scalar = quantity("1", "How often the law has changed.", kind="count")
+    demand: PlanarForce = part("Demanded force at the rudder pivot.")
+    mode: Scalar = quantity("1", "Active law.", kind="mode", modes=("brake", "spin"))
+    switches: Scalar = quantity("1", "Number of changes of the active law.", kind="count")
     lyapunov: Scalar = quantity("J", "V while braking, W while spinning.")
 
 
@@ -132,10 +132,10 @@ class SupervisedSpin:
 
     reads: ClassVar[tuple[str, ...]] = READS
 
-    braking: ZeroVelocity = part("The law before the switch.", default=ZeroVelocity())
-    spinning: ConstantSpin = part("The law after it; its reference is what is wanted.", default=ConstantSpin())
+    braking: ZeroVelocity = part("Law before the switch.", default=ZeroVelocity())
+    spinning: ConstantSpin = part("Law after the switch; its reference is the commanded one.", default=ConstantSpin())
     threshold: str = option(
-        "Energy at which to switch: as published, or the sharp one, 1.74 times as much for the default model.",
+        "Energy at which to switch: as published, or the sharp bound, 1.74 times as large for the default model.",
         default="published",
         choices=("published", "sharp"),
     )
@@ -147,7 +147,7 @@ class SupervisedSpin:
     def step(
         self, t: Any, state: SpinSupervisorState, estimate: Estimate
     ) -> tuple[SpinSupervisorState, SupervisedSpinOutput]:
-        """The demand at integer time t; the mode changes before it is computed."""
+        """Return the demand at integer time t, with the mode after its update."""
         _, brake = self.braking.step(t, (), estimate)
         _, spin = self.spinning.step(t, (), estimate)
         limit = switching_energy if self.threshold == "published" else switching_energy_sharp

@@ -1,6 +1,6 @@
-"""Tracking of altitude and speed by exact inversion around the bounded internal motion that the command asks for.
+"""Tracking of altitude and speed by exact inversion around the bounded internal motion that belongs to the command.
 
-Before it flies, commands that no level flight ends and tables that are not the command's are refused.
+Before a flight, commands that do not end in level flight and tables of other commands are rejected.
 
 [1] is "Angular-accelerometer-based flexible-state estimation and tracking controller design for hypersonic flight
 vehicle", Aerospace 2022, 9(4), 206.
@@ -28,9 +28,9 @@ from trimtab.vehicles.hypersonic import Hypersonic, HypersonicInput
 INTERNAL_SIZES = (1e-2, 1e-2, 1.0, 10.0, 1.0, 10.0)
 """Sizes of (alpha, Q, eta1, eta1', eta2, eta2')."""
 SOLVED = 1e-4
-"""A node solves the internal dynamics when its rates are right to this part of the sizes, each second."""
+"""Largest error of a node's rates, in sizes per second, for the node to solve the internal dynamics."""
 LAST = 1e5
-"""A time (s) by which every command has come to its end."""
+"""Time (s) by which every command has ended."""
 STEPS = 8
 K_FLOWN = (
     (0.0893010, 0.688045, -0.355907, 1742.964, 536.101, -0.581358, -0.140480, -1.351494, -0.363934),
@@ -43,52 +43,54 @@ NO_INTEGRAL = ((0.0, 0.0), (0.0, 0.0))
 
 @record
 class StableInversionState:
-    """What the law remembers. Source: [1] eqs. 13, 18; integrals are an addition."""
+    """State of the law. Source: [1] eqs. 13, 18; integrals are an addition."""
 
-    internal: Any = part("State of the wanted internal motion.")
+    internal: Any = part("State of the reference internal motion.")
     adaptation: AdaptationState = part("Adapted bounds.")
     integral: Any = quantity("ft s", "Integrals of the errors of h (ft s) and V (ft).", shape=(2,))
-    t: Scalar = quantity("100 ns", "Last instant.", kind="time")
-    started: Scalar = quantity("1", "Whether there has been one.", kind="flag")
+    t: Scalar = quantity("100 ns", "Time of the last step.", kind="time")
+    started: Scalar = quantity("1", "True after the first step.", kind="flag")
 
 
 @record
 class StableInversionOutput:
-    """What the law asks for, and why. Frames: as the vehicle's. Source: [1] eqs. 13, 16-18."""
+    """Demand and signals of the law. Frames: as the vehicle's. Source: [1] eqs. 13, 16-18."""
 
     demand: HypersonicInput = part("Fuel ratio and elevator, within the limits.")
-    h_wanted: Scalar = quantity("ft", "Altitude wanted.", frame="W")
-    V_wanted: Scalar = quantity("ft/s", "Speed wanted.")
-    h_error: Scalar = quantity("ft", "Altitude minus wanted.")
-    V_error: Scalar = quantity("ft/s", "Speed minus wanted.")
-    alpha_wanted: Scalar = quantity("rad", "Angle of attack that the command needs.", kind="angle")
-    q_wanted: Scalar = quantity("rad/s", "Pitch rate that it needs.")
-    eta1_wanted: Scalar = quantity("(slug ft)^1/2", "Displacement of mode 1 that it needs.")
-    eta1_rate_wanted: Scalar = quantity("(slug ft)^1/2/s", "Its rate.")
-    eta2_wanted: Scalar = quantity("(slug ft)^1/2", "Displacement of mode 2 that it needs.")
-    eta2_rate_wanted: Scalar = quantity("(slug ft)^1/2/s", "Its rate.")
-    v: Any = quantity("ft/s^2", "Accelerations of altitude and speed asked of the inversion.", shape=(2,))
+    h_wanted: Scalar = quantity("ft", "Altitude reference.", frame="W")
+    V_wanted: Scalar = quantity("ft/s", "Speed reference.")
+    h_error: Scalar = quantity("ft", "Altitude minus reference.")
+    V_error: Scalar = quantity("ft/s", "Speed minus reference.")
+    alpha_wanted: Scalar = quantity("rad", "Angle of attack required by the command.", kind="angle")
+    q_wanted: Scalar = quantity("rad/s", "Pitch rate required by the command.")
+    eta1_wanted: Scalar = quantity("(slug ft)^1/2", "Displacement of mode 1 required by the command.")
+    eta1_rate_wanted: Scalar = quantity("(slug ft)^1/2/s", "Rate of mode 1 required by the command.")
+    eta2_wanted: Scalar = quantity("(slug ft)^1/2", "Displacement of mode 2 required by the command.")
+    eta2_rate_wanted: Scalar = quantity("(slug ft)^1/2/s", "Rate of mode 2 required by the command.")
+    v: Any = quantity("ft/s^2", "Accelerations of altitude and speed demanded of the inversion.", shape=(2,))
     s: Any = quantity("1", "B'P e.", shape=(2,))
     u_h: Any = quantity("ft/s^2", "Damping term.", shape=(2,))
     u_s: Any = quantity("ft/s^2", "Switching term.", shape=(2,))
     rho0: Scalar = quantity("ft/s^2", "Adapted bound.")
     rho1: Scalar = quantity("ft/s^2", "Adapted bound per error.")
     integral: Any = quantity("ft s", "Integrals of the errors of h (ft s) and V (ft).", shape=(2,))
-    saturated: Scalar = quantity("1", "Whether a limit holds the input.", kind="flag")
-    unsolvable: Scalar = quantity("1", "Whether no elevator gives what is asked for.", kind="flag")
-    outside: Scalar = quantity("1", "Whether flight is outside the range in which the model was fitted.", kind="flag")
+    saturated: Scalar = quantity("1", "True if the input is at a limit.", kind="flag")
+    unsolvable: Scalar = quantity("1", "True if no elevator angle gives the demand.", kind="flag")
+    outside: Scalar = quantity(
+        "1", "True if the flight is outside the range for which the model was fitted.", kind="flag"
+    )
 
 
 @record
 class FitRange:
-    """Where the vehicle's curves were fitted. Source: docs page, Hypersonic vehicle: valid range."""
+    """Range for which the vehicle's curves were fitted. Source: docs page, Hypersonic vehicle: valid range."""
 
-    h: Any = quantity("ft", "Altitude, from and to.", default=(80000.0, 95000.0), shape=(2,))
-    V: Any = quantity("ft/s", "Speed, from and to.", default=(7000.0, 9000.0), shape=(2,))
-    alpha: Any = quantity("rad", "Angle of attack, from and to.", default=(0.0, 0.0698131700797732), shape=(2,))
+    h: Any = quantity("ft", "Altitude, minimum and maximum.", default=(80000.0, 95000.0), shape=(2,))
+    V: Any = quantity("ft/s", "Speed, minimum and maximum.", default=(7000.0, 9000.0), shape=(2,))
+    alpha: Any = quantity("rad", "Angle of attack, minimum and maximum.", default=(0.0, 0.0698131700797732), shape=(2,))
 
     def is_outside(self, h: Any, V: Any, alpha: Any) -> Any:
-        """Whether one of the three is out of its range."""
+        """Return True if one of the three is out of its range."""
         pairs = ((h, self.h), (V, self.V), (alpha, self.alpha))
         return jnp.stack([(value < low) | (value > high) for value, (low, high) in pairs]).any()
 
@@ -108,31 +110,35 @@ class StableInversion:
     Source:  [1] eqs. 13, 16-18, mended. Its printed K destabilises: docs page.
     """
 
-    internal: Any = part("Wanted internal motion: a record of laws.internal_*.", default=QuasiStaticInternal())
-    craft: Hypersonic = part("The vehicle believed in.", default=Hypersonic())
-    command: Any = part("What altitude and speed should do.", default=FilteredClimb())
+    internal: Any = part("Reference internal motion: a record of laws.internal_*.", default=QuasiStaticInternal())
+    craft: Hypersonic = part("Vehicle model used by the law.", default=Hypersonic())
+    command: Any = part("Command of altitude and speed.", default=FilteredClimb())
     K: Any = quantity("1", "Feedback gain, v = +K e.", default=K_FLOWN, shape=(2, 9))
     Ki: Any = quantity("1", "Gain of the integrals of e_h and e_V.", default=NO_INTEGRAL, shape=(2, 2))
     robust: AdaptiveRobust = part(
         "Adaptive robust terms.",
         default=AdaptiveRobust(BP=tuple(tuple(-r * k for k in row) for r, row in zip(R_FLOWN, K_FLOWN, strict=True))),
     )
-    limits: InputLimits = part("What the inputs can do.", default=InputLimits())
-    fit: FitRange = part("Where the model holds.", default=FitRange())
+    limits: InputLimits = part("Limits of the inputs.", default=InputLimits())
+    fit: FitRange = part("Range in which the model holds.", default=FitRange())
 
     reads: ClassVar[tuple[str, ...]] = ("h", "h_rate", "V", "alpha", "q", "eta1", "eta1_rate", "eta2", "eta2_rate")
 
     def check(self) -> None:
-        """Refuse limits that leave no room."""
+        """Raise InputError if the limits leave no room."""
         low, high = self.limits.Phi_low, self.limits.Phi_high
         if not (low < high and self.limits.delta_low < self.limits.delta_high):
-            raise InputError("StableInversion.limits", f"{self.limits} leave no room", fix="give low below high")
+            raise InputError(
+                "StableInversion.limits",
+                f"each low must be below its high, got {self.limits}",
+                fix="give low below high",
+            )
         check_command_ends(self.craft, self.command, self.limits)
         if isinstance(self.internal, InternalTable) and self.internal.exact:
             check_internal_table(self.craft, self.command, self.internal, self.limits)
 
     def init(self, key: Key) -> StableInversionState:
-        """Nothing remembered."""
+        """Return the initial state."""
         return StableInversionState(
             internal=self.internal.init(key),
             adaptation=self.robust.init(),
@@ -144,7 +150,7 @@ class StableInversion:
     def step(
         self, t: Any, state: StableInversionState, estimate: Estimate
     ) -> tuple[StableInversionState, StableInversionOutput]:
-        """Fuel ratio and elevator at integer time t."""
+        """Return fuel ratio and elevator at integer time t."""
         x, now = estimate.state, to_seconds(t)
         dt = jnp.where(state.started, to_seconds(t - state.t), 0.0)
         want: PathPoint = self.command.at(now)
@@ -183,10 +189,10 @@ class StableInversion:
         return new, output
 
     def _rescale_internal_states(self, x: Any, zeta: Any) -> Any:
-        """Wanted internal states for the modes that are, where their frequencies are estimated.
+        """Return the reference internal states for the estimated frequencies of the modes.
 
-        A load bends a mode by N/w^2: what the believed frequency wants is off by the square of how far that is off. An
-        estimator that knows no better is off by as much, and feedback sees no difference; one that does would.
+        A load bends a mode by N/w^2, so a frequency error enters the reference squared. An estimator with the same
+        frequency error is off by as much, and feedback sees no difference; one that estimates the frequency would.
         """
         frequencies = optional_member(x, "frequencies")
         if isinstance(frequencies, tuple):
@@ -196,14 +202,14 @@ class StableInversion:
         return jnp.stack([zeta[i] * by for i, by in enumerate(scale)])
 
     def _error(self, x: Any, want: PathPoint, zeta: Any) -> Any:
-        """e (9,), in the order of [1]."""
+        """Return e (9,), in the order of [1]."""
         have = (x.h, x.h_rate, x.V, x.alpha, x.q, x.eta1, x.eta1_rate, x.eta2, x.eta2_rate)
         wanted = (want.h, want.h_rate, want.V, *(zeta[i] for i in range(6)))
         return jnp.stack([jnp.asarray(a - b) for a, b in zip(have, wanted, strict=True)])
 
 
 def check_command_ends(craft: Any, command: Any, limits: InputLimits) -> None:
-    """Refuse a command that begins or ends where the craft believed in has no level flight within its limits."""
+    """Raise InputError if a command begins or ends where the model has no level flight within its limits."""
     found, u, h, V = (np.asarray(a) for a in _level_flight_at_ends(craft, command))
     for i, where in enumerate(("begins", "ends")):
         if not found[i]:
@@ -214,11 +220,11 @@ def check_command_ends(craft: Any, command: Any, limits: InputLimits) -> None:
 
 
 def check_internal_table(craft: Any, command: Any, table: InternalTable, limits: InputLimits) -> None:
-    """Refuse a table of another command or vehicle, and a command that needs more than the inputs have."""
+    """Raise InputError if a table is for another command or vehicle, or a command exceeds the limits of the inputs."""
     t = table.first + table.spacing * np.arange(len(table.nodes))
     wrong, u = (np.asarray(a) for a in _table_residual(craft, command, t, table.nodes, table.rates))
     if not wrong.max() < SOLVED:
-        when = f"its rates are off by {wrong.max():.2g} of what counts, at {t[wrong.argmax()]:g} s"
+        when = f"its rates are off by {wrong.max():.2g} of their sizes, at {t[wrong.argmax()]:g} s"
         problem = f"the table was made for another command or vehicle: {when}"
         preview = argument("settings", "preview", "internal")
         fix = f"{preview}, which needs no table, or fly a scenario made with that command"
@@ -227,7 +233,7 @@ def check_internal_table(craft: Any, command: Any, table: InternalTable, limits:
 
 
 def _check_input_limits(limits: InputLimits, u: Any, where: list[str]) -> None:
-    """u: fuel ratio and elevator (2, n), at places `where`."""
+    """Return u: fuel ratio and elevator (2, n), at places `where`."""
     low, high = (np.array([*pair]) for pair in limits.bounds())
     for value, least, most, what in zip(u, low, high, ("fuel ratio", "elevator (rad)"), strict=True):
         beyond = np.maximum(least - value, value - most)
@@ -239,7 +245,7 @@ def _check_input_limits(limits: InputLimits, u: Any, where: list[str]) -> None:
 
 @partial(jax.jit, compiler_options=FAST_COMPILE_OPTIONS)
 def _level_flight_at_ends(craft: Any, command: Any) -> Any:
-    """Whether level flight was found at the command's begin and end (2,), its input (2, 2), h and V (2,)."""
+    """Return whether level flight was found at the command's begin and end (2,), its input (2, 2), h and V (2,)."""
     p: PathPoint = command.at(jnp.array([0.0, LAST]))
     still = jnp.zeros(2)
     level = PathPoint(p.h, still, still, still, p.V, still, still)
@@ -250,9 +256,9 @@ def _level_flight_at_ends(craft: Any, command: Any) -> Any:
 
 @partial(jax.jit, compiler_options=FAST_COMPILE_OPTIONS)
 def _table_residual(craft: Any, command: Any, t: Any, nodes: Any, rates: Any) -> tuple[Any, Any]:
-    """How far a table's rates (n, 6) are from the internal dynamics at its nodes, in parts of INTERNAL_SIZES (n,).
+    """Return the error of a table's rates (n, 6) against the internal dynamics, as a fraction of INTERNAL_SIZES (n,).
 
-    And fuel ratio and elevator (rad) that the command needs there (2, n).
+    The second result is the fuel ratio and elevator (rad) that the command needs there (2, n).
     """
     p: PathPoint = command.at(t)
     path = (p.h, p.h_rate, p.V)

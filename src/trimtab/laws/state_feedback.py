@@ -1,4 +1,4 @@
-"""Feedback of the whole state about a trim, with integral action: what `trimtab design --lqr` makes a gain for."""
+"""Feedback of the whole state about a trim, with integral action: the law for a gain of `trimtab design --lqr`."""
 
 from typing import Any
 
@@ -17,16 +17,16 @@ PLANAR = ("surge_velocity", "sway_velocity", "yaw_rate", "heading")
 class StateFeedbackState:
     """Integrals of the chosen errors. Source: this module."""
 
-    integrals: Any = quantity("1", "Each in its state's unit times a second.")
+    integrals: Any = quantity("1", "Integrals, each in its state's unit times a second.")
 
 
 @record
 class StateFeedbackOutput:
-    """What the law gives, and from what. Source: this module."""
+    """Demand and signals of the law. Source: this module."""
 
-    demand: Any = part("Wanted input.")
+    demand: Any = part("Demanded input.")
     error: Any = quantity("1", "Deviation of the state, each in its own unit.")
-    integrals: Any = quantity("1", "Each in its state's unit times a second.")
+    integrals: Any = quantity("1", "Integrals, each in its state's unit times a second.")
 
 
 @record
@@ -46,34 +46,34 @@ class StateFeedback:
     """
 
     reads: tuple[str, ...] = option("Fields of the state, in the order of K's columns.", default=PLANAR)
-    K: Any = quantity("1", "Gain (m, n), the sign in it.", default=np.zeros((2, 4)))
-    x0: Any = quantity("1", "State where it rests, the fields' numbers one after another.", default=np.zeros(4))
-    u0: Any = part("Input there, the vehicle's record.", default=PlanarForce(0.0, 0.0))
+    K: Any = quantity("1", "Gain (m, n), including its sign.", default=np.zeros((2, 4)))
+    x0: Any = quantity("1", "State at the trim, the fields' numbers one after another.", default=np.zeros(4))
+    u0: Any = part("Input at the trim, in the vehicle's record.", default=PlanarForce(0.0, 0.0))
     integrated: tuple[int, ...] = option("Rows of e that are integrated.", default=())
     L: Any = quantity("1", "Gain of the integrals (m, k).", default=np.zeros((2, 0)))
-    most: Any = quantity("1", "Most that each integral may become (k,).", default=np.zeros(0), low=0)
-    attitude: str = option("Field that is a quaternion, where `turned` or `places` names any.", default="")
+    most: Any = quantity("1", "Maximum size of each integral (k,).", default=np.zeros(0), low=0)
+    attitude: str = option("Field that is a quaternion, needed if `turned` or `places` names a field.", default="")
     turned: tuple[str, ...] = option("Fields whose errors are taken in body axes.", default=())
     places: tuple[str, ...] = option("Fields whose errors are taken in the body axes of x0.", default=())
-    believed: Any = part("The vehicle that K is designed for, for the log to compare; or None.", default=None)
+    believed: Any = part("Vehicle for which K is designed, for comparison in the log; or None.", default=None)
 
     def check(self) -> None:
-        """Refuse gains that don't fit each other."""
+        """Raise InputError if the shapes of the gains do not match."""
         K, L, k = np.shape(self.K), np.shape(self.L), len(self.integrated)
         if len(K) != 2 or len(L) != 2 or (K[0], k) != L or np.shape(self.most) != (k,):
-            problem = f"K {K}, L {L}, most {np.shape(self.most)} and {k} integrals don't fit"
+            problem = f"K {K}, L {L}, most {np.shape(self.most)} and {k} integrals don't fit each other"
             raise InputError("StateFeedback.K", problem, fix="give K (m, n), L (m, k) and most (k,)")
         if any(not 0 <= row < K[1] for row in self.integrated):
             raise InputError("StateFeedback.integrated", f"{self.integrated}", fix=f"name rows from 0 to {K[1] - 1}")
 
     def init(self, key: Any) -> StateFeedbackState:
-        """No integral yet."""
+        """Return the initial integrals, zero."""
         return StateFeedbackState(jnp.zeros(len(self.integrated)))
 
     def step(
         self, t: Any, state: StateFeedbackState, estimate: Estimate
     ) -> tuple[StateFeedbackState, StateFeedbackOutput]:
-        """The demand at integer time t."""
+        """Return the demand at integer time t."""
         e = state_error(estimate.state, self.reads, self.x0, self.attitude, self.turned, self.places)
         rows = [e[i] for i in self.integrated]
         z = state.integrals

@@ -1,4 +1,4 @@
-"""A linear compensator made elsewhere, flown as a law: x(k+1) = A x(k) + B e(k), u = u0 + C x(k) + D e(k)."""
+"""A linear compensator designed elsewhere, flown as a law: x(k+1) = A x(k) + B e(k), u = u0 + C x(k) + D e(k)."""
 
 from typing import Any
 
@@ -15,19 +15,19 @@ from trimtab.laws.state_vector import add_to_input, state_error
 
 @record
 class StateSpaceState:
-    """Memory of the compensator. Source: this module."""
+    """State of the law. Source: this module."""
 
-    x: Any = quantity("1", "Its state.")
-    u: Any = quantity("1", "What it added to the trim's input last.")
-    began: Scalar = quantity("100 ns", "When the period of that began.", kind="time")
+    x: Any = quantity("1", "State of the compensator.")
+    u: Any = quantity("1", "Last output of the compensator, added to the trim's input.")
+    began: Scalar = quantity("100 ns", "Time at which its period began.", kind="time")
 
 
 @record
 class StateSpaceOutput:
-    """What the law gives, and from what. Source: this module."""
+    """Demand and signals of the law. Source: this module."""
 
-    demand: Any = part("Wanted input.")
-    error: Any = quantity("1", "Deviation of what it reads, each in its own unit.")
+    demand: Any = part("Demanded input.")
+    error: Any = quantity("1", "Deviation of the fields read, each in its own unit.")
 
 
 @record
@@ -36,36 +36,36 @@ class StateSpaceLaw:
 
         x(k+1) = A x(k) + B e(k)        u(k) = u0 + C x(k) + D e(k)        once each `period`, held between
 
-    The autopilot may step more often than it; `design.exchange` makes one of an object of python-control or scipy.
+    The autopilot may step more often. `design.exchange` makes a compensator from an object of python-control or scipy.
 
     Frames:  those of the fields.    Valid: near (x0, u0).    Not modelled: limits of the inputs.
     Source:  K. J. Åström, B. Wittenmark, "Computer-controlled systems", Prentice Hall 1997, chapters 2 and 8.
     """
 
     reads: tuple[str, ...] = option("Fields of the state, in the order of B's columns.", default=PLANAR)
-    A: Any = quantity("1", "Of the compensator (k, k).", default=np.zeros((1, 1)))
-    B: Any = quantity("1", "(k, n), n errors.", default=np.zeros((1, 4)))
-    C: Any = quantity("1", "(m, k), m inputs.", default=np.zeros((2, 1)))
-    D: Any = quantity("1", "(m, n).", default=np.zeros((2, 4)))
+    A: Any = quantity("1", "Matrix A of the compensator (k, k).", default=np.zeros((1, 1)))
+    B: Any = quantity("1", "Matrix B of the compensator (k, n), n errors.", default=np.zeros((1, 4)))
+    C: Any = quantity("1", "Matrix C of the compensator (m, k), m inputs.", default=np.zeros((2, 1)))
+    D: Any = quantity("1", "Matrix D of the compensator (m, n).", default=np.zeros((2, 4)))
     x0: Any = quantity(
-        "1", "Where what it reads is wanted, the fields' numbers one after another.", default=np.zeros(4)
+        "1", "Trim values of the fields read, the fields' numbers one after another.", default=np.zeros(4)
     )
-    u0: Any = part("Input there, the vehicle's record.", default=PlanarForce(0.0, 0.0))
-    period: int = period("For which A, B, C, D are made.", default=ms(1))
+    u0: Any = part("Input at the trim, in the vehicle's record.", default=PlanarForce(0.0, 0.0))
+    period: int = period("Period for which A, B, C, D are made.", default=ms(1))
 
     def check(self) -> None:
-        """Refuse matrices that don't fit each other."""
+        """Raise InputError if the shapes of the matrices do not match."""
         A, B, C, D = (np.shape(M) for M in (self.A, self.B, self.C, self.D))
         if not (len(A) == len(B) == len(C) == len(D) == 2) or not (A[0] == A[1] == B[0] == C[1] and (C[0], B[1]) == D):
-            problem = f"A {A}, B {B}, C {C}, D {D} don't fit"
+            problem = f"A {A}, B {B}, C {C}, D {D} don't fit each other"
             raise InputError("StateSpaceLaw.A", problem, fix="give (k, k), (k, n), (m, k), (m, n)")
 
     def init(self, key: Any) -> StateSpaceState:
-        """At rest."""
+        """Return the initial state, zero."""
         return StateSpaceState(jnp.zeros(np.shape(self.A)[0]), jnp.zeros(np.shape(self.C)[0]), np.int64(NEVER))
 
     def step(self, t: Any, state: StateSpaceState, estimate: Estimate) -> tuple[StateSpaceState, StateSpaceOutput]:
-        """The demand at integer time t."""
+        """Return the demand at integer time t."""
         e = state_error(estimate.state, self.reads, self.x0)
         began = t // self.period * self.period
         due = began != state.began

@@ -1,4 +1,4 @@
-"""An estimated state as the vector that a linear law multiplies, and a vector of inputs as the vehicle's record.
+"""Estimated state as the vector that a linear law multiplies, and a vector of inputs as the vehicle's record.
 
 A field of four numbers without a unit is a quaternion, and counts as the turn from the wanted one: three numbers, in
 body axes.
@@ -22,7 +22,7 @@ def state_error(
     turned: Sequence[str] = (),
     places: Sequence[str] = (),
 ) -> Any:
-    """The deviation (n,) of the named fields of a state from the point, a vector of them in the same order.
+    """Return the deviation (n,) of the named fields of a state from the point, a vector of them in the same order.
 
     Args:
         state: of the estimate, a record.
@@ -55,7 +55,7 @@ def _has_no_unit(state: Any, name: str) -> bool:
 
 
 def add_to_input(trim: Any, change: Any) -> Any:
-    """The input record of a trim with a vector (m,) added to its numbers, in declared order."""
+    """Return the input record of a trim with a vector (m,) added to its numbers, in declared order."""
     values, tree = jax.tree.flatten(trim)
     new, begin = [], 0
     for own in values:

@@ -1,4 +1,4 @@
-"""Heading autopilot of a craft that steers by a rudder: a reference model, and PID about it."""
+"""Heading autopilot of a craft with a rudder: a reference model, and PID control about it."""
 
 from typing import Any
 
@@ -10,48 +10,47 @@ from trimtab.core.rotation import wrap
 
 @record
 class SteeringState:
-    """What the autopilot remembers. Source: Fossen, "Handbook", 2021, section 15.3."""
+    """State of the autopilot. Source: Fossen, "Handbook", 2021, section 15.3."""
 
-    began: Scalar = quantity("1", "Whether it has been asked before.", kind="flag", default=False)
-    heading: Scalar = quantity("rad", "Of the reference model.", kind="angle", default=0.0)
-    yaw_rate: Scalar = quantity("rad/s", "Of the reference model.", default=0.0)
-    integral: Scalar = quantity("rad s", "Of the heading's error.", default=0.0)
+    began: Scalar = quantity("1", "True after the first step.", kind="flag", default=False)
+    heading: Scalar = quantity("rad", "Heading of the reference model.", kind="angle", default=0.0)
+    yaw_rate: Scalar = quantity("rad/s", "Yaw rate of the reference model.", default=0.0)
+    integral: Scalar = quantity("rad s", "Integral of the heading error.", default=0.0)
 
 
 @record
 class Steering:
     """Turns to a heading by the rudder, along a smooth reference.
 
-        psi_d' = r_d,   r_d' = w^2 (psi_c - psi_d) - 2 z w r_d,   |r_d| <= fastest        psi_c: asked
+        psi_d' = r_d,   r_d' = w^2 (psi_c - psi_d) - 2 z w r_d,   |r_d| <= fastest        psi_c: commanded
         delta = (U0/U)^2 (kp e + kd (r - r_d) + ki integral of e)          e = psi - psi_d, by the shortest way
 
-    The force of a rudder goes with the square of the speed, so the gains go with the inverse of it, from `slowest` up:
-    a rudder behind a screw has its stream also where the vessel is slow. The integral stands still while the rudder is
-    at its limit.
+    A rudder's force grows with the square of the speed, so the gains go with its inverse, from `slowest` up: a rudder
+    behind a screw has its stream even when the vessel is slow. The integral is held while the rudder is at its limit.
 
     Frames:  positive rudder pushes the stern to starboard and turns to port, as SNAME has it.
     Valid:   also for a craft that does not keep its course by itself; then kd must outweigh that.
     Source:  T. I. Fossen, "Handbook of marine craft hydrodynamics and motion control", 2nd ed., 2021, section 15.3.
     """
 
-    kp: Scalar = quantity("1", "Rudder per heading error.", default=1.0, low=0)
-    kd: Scalar = quantity("s", "Rudder per yaw rate.", default=0.9, low=0)
-    ki: Scalar = quantity("1/s", "Rudder per integral of the error.", default=0.05, low=0)
-    speed: Scalar = quantity("m/s", "U0, for which the gains are.", default=0.58, above=0)
-    slowest: Scalar = quantity("m/s", "Speed below which they grow no more.", default=0.58, above=0)
-    limit: Scalar = quantity("rad", "Most rudder.", kind="angle", default=0.6, above=0)
-    frequency: Scalar = quantity("rad/s", "w of the reference model.", default=2.0, above=0)
-    damping: Scalar = quantity("1", "z of the reference model.", default=1.0, above=0)
-    fastest: Scalar = quantity("rad/s", "Most yaw rate of the reference model.", default=0.35, above=0)
+    kp: Scalar = quantity("1", "Rudder angle per heading error.", default=1.0, low=0)
+    kd: Scalar = quantity("s", "Rudder angle per yaw rate.", default=0.9, low=0)
+    ki: Scalar = quantity("1/s", "Rudder angle per integral of the error.", default=0.05, low=0)
+    speed: Scalar = quantity("m/s", "Speed U0 for which the gains are given.", default=0.58, above=0)
+    slowest: Scalar = quantity("m/s", "Speed below which the gains stay constant.", default=0.58, above=0)
+    limit: Scalar = quantity("rad", "Maximum rudder angle.", kind="angle", default=0.6, above=0)
+    frequency: Scalar = quantity("rad/s", "Natural frequency w of the reference model.", default=2.0, above=0)
+    damping: Scalar = quantity("1", "Damping ratio z of the reference model.", default=1.0, above=0)
+    fastest: Scalar = quantity("rad/s", "Maximum yaw rate of the reference model.", default=0.35, above=0)
 
     def init(self) -> SteeringState:
-        """Nothing asked yet."""
+        """Return the initial state, before any command."""
         return SteeringState(jnp.asarray(False), jnp.asarray(0.0), jnp.asarray(0.0), jnp.asarray(0.0))
 
     def steer(
         self, state: SteeringState, asked: Any, heading: Any, yaw_rate: Any, speed: Any, dt: Any
     ) -> tuple[SteeringState, Any]:
-        """Rudder (rad) for a heading asked, with the next state.
+        """Return the rudder angle (rad) for a commanded heading, with the next state.
 
         Args:
             state: from the step before.

@@ -19,19 +19,19 @@ SWING, BALANCE = range(2)
 
 @record
 class SwingUpState:
-    """Which law is on. Source: this module."""
+    """Active law. Source: this module."""
 
-    mode: Scalar = quantity("1", "Which law is on.", kind="mode", modes=MODES, default=np.int32(SWING))
+    mode: Scalar = quantity("1", "Active law.", kind="mode", modes=MODES, default=np.int32(SWING))
 
 
 @record
 class SwingUpOutput:
-    """What the law asks for, and of what. Source: this module."""
+    """Demand and signals of the law. Source: this module."""
 
-    demand: CartForce = part("Force wanted on the cart.")
-    mode: Scalar = quantity("1", "Which law is on.", kind="mode", modes=MODES)
-    energy: Scalar = quantity("J", "Of the pole, 0 where it stands upright.")
-    lean: Scalar = quantity("rad", "From upright by the shortest way.", kind="angle")
+    demand: CartForce = part("Demanded force on the cart.")
+    mode: Scalar = quantity("1", "Active law.", kind="mode", modes=MODES)
+    energy: Scalar = quantity("J", "Energy of the pole, 0 where it stands upright at rest.")
+    lean: Scalar = quantity("rad", "Angle of the pole from upright, by the shortest way.", kind="angle")
 
 
 @record
@@ -48,26 +48,26 @@ class SwingUp:
     Source:  [1] eqs. 7 and 8; K: design.lqr with weights (1, 1, 10, 1) and 0.1, see the test.
     """
 
-    craft: CartPole = part("What it believes of the cart-pole.", default=CartPole())
+    craft: CartPole = part("Model of the cart-pole used by the law.", default=CartPole())
     k: Scalar = quantity("s/(kg m)", "Acceleration per energy and rate.", default=8.0, above=0)
-    n: Scalar = quantity("1", "Greatest acceleration of the swing, in g.", default=0.6, above=0)
-    k_x: Scalar = quantity("1/s^2", "Centring while it swings.", default=0.6, low=0)
-    k_v: Scalar = quantity("1/s", "The same, of the speed.", default=0.6, low=0)
+    n: Scalar = quantity("1", "Maximum acceleration of the swing, in g.", default=0.6, above=0)
+    k_x: Scalar = quantity("1/s^2", "Centring gain on the position while it swings.", default=0.6, low=0)
+    k_v: Scalar = quantity("1/s", "Centring gain on the speed while it swings.", default=0.6, low=0)
     K: Any = quantity(
         "1", "Gain of (m, m/s, rad, rad/s), N each.", shape=(4,), default=np.array([-3.1623, -5.9155, -49.507, -12.844])
     )
-    catch: Scalar = quantity("rad", "Lean at which it begins to balance.", default=0.35, above=0)
-    catch_rate: Scalar = quantity("rad/s", "And rate.", default=2.0, above=0)
-    release: Scalar = quantity("rad", "Lean at which it gives up.", default=0.9, above=0)
+    catch: Scalar = quantity("rad", "Angle from upright within which balancing begins.", default=0.35, above=0)
+    catch_rate: Scalar = quantity("rad/s", "Rate below which balancing begins.", default=2.0, above=0)
+    release: Scalar = quantity("rad", "Angle from upright beyond which balancing ends.", default=0.9, above=0)
 
     reads: ClassVar[tuple[str, ...]] = ("position", "speed", "angle", "angle_rate")
 
     def init(self, key: Any) -> SwingUpState:
-        """It hangs."""
+        """Return the initial state: swing."""
         return SwingUpState()
 
     def step(self, t: Any, state: SwingUpState, estimate: Estimate) -> tuple[SwingUpState, SwingUpOutput]:
-        """The force at integer time t."""
+        """Return the force at integer time t."""
         x = estimate.state
         lean, energy = wrap(x.angle), self.craft.energy(x)
         nearly = (abs(lean) < self.catch) & (abs(x.angle_rate) < self.catch_rate)

@@ -1,4 +1,4 @@
-"""What a rotating platform is told to do: a rate by time, whatever the navigation says."""
+"""Command of a rotating platform: a rate by time, independent of the navigation."""
 
 import math
 from typing import Any, ClassVar
@@ -13,7 +13,7 @@ from trimtab.vehicles.rotating_platform import PlatformDrive
 
 @record
 class TurntableOutput:
-    """What the law gives. Source: this module."""
+    """Demand of the law. Source: this module."""
 
     demand: PlatformDrive = part("Commanded rate.")
 
@@ -33,21 +33,21 @@ class Turntable:
 
     reads: ClassVar[tuple[str, ...]] = ()
 
-    rate: Scalar = quantity("rad/s", "Greatest rate, with its sign.", default=math.radians(-115))
+    rate: Scalar = quantity("rad/s", "Largest rate, with its sign.", default=math.radians(-115))
     ramp: Scalar = quantity("s", "Time to reach a constant rate; 0: at once.", default=1.0, low=0)
-    cycle: Scalar = quantity("s", "Time T of a cycle of square wave or sine.", default=2.0, above=0)
-    waveform: str = option("How the rate changes.", default="constant", choices=("constant", "square", "sine"))
+    cycle: Scalar = quantity("s", "Period T of the square wave or sine.", default=2.0, above=0)
+    waveform: str = option("Waveform of the rate.", default="constant", choices=("constant", "square", "sine"))
 
     def init(self, key: Any) -> tuple[()]:
-        """No state."""
+        """Return the empty state."""
         return ()
 
     def step(self, t: Any, state: tuple[()], estimate: Estimate) -> tuple[tuple[()], TurntableOutput]:
-        """The commanded rate at integer time t."""
+        """Return the commanded rate at integer time t."""
         return state, TurntableOutput(PlatformDrive(rate=self.rate * self.share(to_seconds(t))))
 
     def share(self, s: Any) -> Any:
-        """Rate over the greatest one at a time (s)."""
+        """Return the rate over the largest one at a time (s)."""
         if self.waveform == "constant":
             return jnp.where(s < self.ramp, s / jnp.where(self.ramp > 0, self.ramp, 1.0), 1.0)
         phase = s / self.cycle - jnp.floor(s / self.cycle)

@@ -20,14 +20,14 @@ READS = ("surge_velocity", "sway_velocity", "yaw_rate")
 
 @record
 class VelocityOutput:
-    """What a velocity law asks for. Source: [1] section 2.2."""
+    """Demand of a velocity law. Source: [1] section 2.2."""
 
-    demand: PlanarForce = part("Force wanted at the rudder pivot.")
-    lyapunov: Scalar = quantity("J", "The law's Lyapunov function, or the distance that stands in for it.")
+    demand: PlanarForce = part("Demanded force at the rudder pivot.")
+    lyapunov: Scalar = quantity("J", "Lyapunov function of the law, or the distance used instead.")
 
 
 def _error_energy(model: Hovercraft, s: Any, surge_velocity: Any, stretch: Any = 1.0) -> Any:
-    """Kinetic energy (J) of the velocity error, its yaw part times stretch."""
+    """Return the kinetic energy (J) of the velocity error, its yaw part times stretch."""
     error = s.surge_velocity - surge_velocity
     return model.mass * (error**2 + s.sway_velocity**2) / 2 + stretch * model.inertia * s.yaw_rate**2 / 2
 
@@ -50,29 +50,29 @@ class ZeroVelocity:
 
     k1: Scalar = quantity("kg/s", "Gain on surge velocity.", default=1.0, above=0, source="[1] table 6.1")
     k2: Scalar = quantity("kg/s", "Gain on the rudder pivot's slip.", default=2.5, above=0, source="[1] table 6.1")
-    model: Hovercraft = part("What the law believes of the vehicle.", default=Hovercraft())
+    model: Hovercraft = part("Vehicle model used by the law.", default=Hovercraft())
 
     def init(self, key: Any) -> tuple[()]:
-        """No state."""
+        """Return the empty state."""
         return ()
 
     def step(self, t: Any, state: tuple[()], estimate: Estimate) -> tuple[tuple[()], VelocityOutput]:
-        """The demand at integer time t."""
+        """Return the demand at integer time t."""
         s = estimate.state
         demand = PlanarForce(-self.k1 * s.surge_velocity, -self.k2 * (s.sway_velocity - self.model.arm * s.yaw_rate))
         return state, VelocityOutput(demand, self.lyapunov(s))
 
     def lyapunov(self, s: Any) -> Any:
-        """V (J), the kinetic energy [1, eq. 2.17]; s: any record with the fields in `reads`."""
+        """Return V (J), the kinetic energy [1, eq. 2.17]; s: any record with the fields in `reads`."""
         return _error_energy(self.model, s, 0.0)
 
     def equilibrium(self) -> HovercraftState:
-        """The velocities at which the closed loop rests."""
+        """Return the equilibrium velocities of the closed loop."""
         return HovercraftState()
 
 
 def slow_manifold_rate(law: ZeroVelocity) -> Any:
-    """c (s) in r' = -c r^3, where ZeroVelocity ends up: v = d r, u = d m r^2/k1 to leading order.
+    """Return c (s) in r' = -c r^3, the final motion of ZeroVelocity: v = d r, u = d m r^2/k1 to leading order.
 
     c = m^2 d^2 / (k1 (J + d^2 m)). Source: derived here, not in [1] (docs page).
     """
@@ -98,31 +98,33 @@ class ForwardMomentum:
 
     k1: Scalar = quantity("kg/s", "Gain on surge velocity.", default=1.0, above=0, source="[1] table 6.2")
     k2: Scalar = quantity("kg/s", "Gain on the rudder pivot's slip.", default=4.0, above=0, source="[1] table 6.2")
-    reference: Scalar = quantity("kg m/s", "Wanted momentum PXr, > 0.", default=2.8, frame="B", source="[1] table 6.2")
-    model: Hovercraft = part("What the law believes of the vehicle.", default=Hovercraft())
+    reference: Scalar = quantity(
+        "kg m/s", "Reference momentum PXr, > 0.", default=2.8, frame="B", source="[1] table 6.2"
+    )
+    model: Hovercraft = part("Vehicle model used by the law.", default=Hovercraft())
 
     def check(self) -> None:
-        """Refuse a reference that is not forward."""
+        """Raise InputError if the reference is not forward."""
         _check_forward("ForwardMomentum", self.reference)
 
     def init(self, key: Any) -> tuple[()]:
-        """No state."""
+        """Return the empty state."""
         return ()
 
     def step(self, t: Any, state: tuple[()], estimate: Estimate) -> tuple[tuple[()], VelocityOutput]:
-        """The demand at integer time t."""
+        """Return the demand at integer time t."""
         s, model = estimate.state, self.model
         FX = -self.k1 * (s.surge_velocity - self.reference / model.mass)
         FY = -self.k2 * (s.sway_velocity - model.arm * s.yaw_rate)
         return state, VelocityOutput(PlanarForce(FX, FY), self.lyapunov(s))
 
     def lyapunov(self, s: Any) -> Any:
-        """W (J) with lambda = 1 + kappa; s: any record with the fields in `reads`."""
+        """Return W (J) with lambda = 1 + kappa; s: any record with the fields in `reads`."""
         kappa = self.reference / (self.k2 * self.model.arm)
         return _error_energy(self.model, s, self.reference / self.model.mass, 1 + kappa)
 
     def equilibrium(self) -> HovercraftState:
-        """The velocities at which the closed loop rests."""
+        """Return the equilibrium velocities of the closed loop."""
         return HovercraftState(surge_velocity=self.reference / self.model.mass)
 
 
@@ -140,19 +142,21 @@ class ForwardMomentumMatched:
     reads: ClassVar[tuple[str, ...]] = READS
 
     k1: Scalar = quantity("kg/s", "Gain on surge velocity.", default=1.0, above=0, source="[1] table 6.2")
-    reference: Scalar = quantity("kg m/s", "Wanted momentum PXr, > 0.", default=2.8, frame="B", source="[1] table 6.2")
-    model: Hovercraft = part("What the law believes of the vehicle.", default=Hovercraft())
+    reference: Scalar = quantity(
+        "kg m/s", "Reference momentum PXr, > 0.", default=2.8, frame="B", source="[1] table 6.2"
+    )
+    model: Hovercraft = part("Vehicle model used by the law.", default=Hovercraft())
 
     def check(self) -> None:
-        """Refuse a reference that is not forward."""
+        """Raise InputError if the reference is not forward."""
         _check_forward("ForwardMomentumMatched", self.reference)
 
     def init(self, key: Any) -> tuple[()]:
-        """No state."""
+        """Return the empty state."""
         return ()
 
     def step(self, t: Any, state: tuple[()], estimate: Estimate) -> tuple[tuple[()], VelocityOutput]:
-        """The demand at integer time t."""
+        """Return the demand at integer time t."""
         s, model = estimate.state, self.model
         k2 = self.reference / (2 * model.arm)
         FX = -self.k1 * (s.surge_velocity - self.reference / model.mass)
@@ -160,11 +164,11 @@ class ForwardMomentumMatched:
         return state, VelocityOutput(PlanarForce(FX, FY), self.lyapunov(s))
 
     def lyapunov(self, s: Any) -> Any:
-        """W (J) with lambda = 1; s: any record with the fields in `reads`."""
+        """Return W (J) with lambda = 1; s: any record with the fields in `reads`."""
         return _error_energy(self.model, s, self.reference / self.model.mass)
 
     def equilibrium(self) -> HovercraftState:
-        """The velocities at which the closed loop rests."""
+        """Return the equilibrium velocities of the closed loop."""
         return HovercraftState(surge_velocity=self.reference / self.model.mass)
 
 
@@ -185,45 +189,49 @@ class ReverseMomentum:
     k1: Scalar = quantity("kg/s", "Gain on surge velocity.", default=1.5, above=0, source="[1] table 6.3")
     k2: Scalar = quantity("kg/s", "Gain on sway and yaw.", default=1.0, above=0, source="[1] table 6.3")
     theta: Scalar = quantity("1", "Weight of yaw; more than J/(d^2 m).", default=1.44, source="[1] table 6.3")
-    reference: Scalar = quantity("kg m/s", "Wanted momentum PXr, < 0.", default=-1.98, frame="B", source="[1] tab. 6.3")
-    model: Hovercraft = part("What the law believes of the vehicle.", default=Hovercraft())
+    reference: Scalar = quantity(
+        "kg m/s", "Reference momentum PXr, < 0.", default=-1.98, frame="B", source="[1] tab. 6.3"
+    )
+    model: Hovercraft = part("Vehicle model used by the law.", default=Hovercraft())
 
     def check(self) -> None:
-        """Refuse a reference that is not backward, and a theta that leaves the equilibrium unstable."""
+        """Raise InputError if the reference is not backward or theta makes the equilibrium unstable."""
         if not np.all(np.asarray(self.reference) < 0):
-            problem = f"the reference momentum must be negative, it is {self.reference} kg m/s"
+            problem = f"the reference momentum must be negative, got {self.reference} kg m/s"
             fix = "write e.g. -1.98; ForwardMomentum drives forward"
             raise InputError("ReverseMomentum.reference", problem, fix=fix)
         least = self.model.inertia / (self.model.arm**2 * self.model.mass)
         if not np.all(np.asarray(self.theta) > least):
-            problem = f"theta must be above J/(d^2 m) = {least:.4g}, it is {self.theta}"
-            raise InputError("ReverseMomentum.theta", problem, fix=f"the source takes four times that, {4 * least:.4g}")
+            problem = f"theta must be above J/(d^2 m) = {least:.4g}, got {self.theta}"
+            raise InputError(
+                "ReverseMomentum.theta", problem, fix=f"use e.g. four times that as in the thesis, {4 * least:.4g}"
+            )
 
     def init(self, key: Any) -> tuple[()]:
-        """No state."""
+        """Return the empty state."""
         return ()
 
     def step(self, t: Any, state: tuple[()], estimate: Estimate) -> tuple[tuple[()], VelocityOutput]:
-        """The demand at integer time t."""
+        """Return the demand at integer time t."""
         s, model = estimate.state, self.model
         FX = -self.k1 * (s.surge_velocity - self.reference / model.mass)
         FY = self.k2 * (s.sway_velocity + self.theta * model.arm * s.yaw_rate)
         return state, VelocityOutput(PlanarForce(FX, FY), self.lyapunov(s))
 
     def lyapunov(self, s: Any) -> Any:
-        """(PX - PXr)^2/2m + PY^2/2m + Pi^2/2J (J): a distance, NOT a Lyapunov function: it can grow for a while.
+        """Return (PX - PXr)^2/2m + PY^2/2m + Pi^2/2J (J): a distance, NOT a Lyapunov function: it can grow for a while.
 
         s: any record with the fields in `reads`. `trimtab design hovercraft/reverse` finds one that falls in a region.
         """
         return _error_energy(self.model, s, self.reference / self.model.mass)
 
     def equilibrium(self) -> HovercraftState:
-        """The velocities at which the closed loop rests."""
+        """Return the equilibrium velocities of the closed loop."""
         return HovercraftState(surge_velocity=self.reference / self.model.mass)
 
 
 def _check_forward(name: str, reference: Any) -> None:
     if not np.all(np.asarray(reference) > 0):
-        problem = f"the reference momentum must be positive, it is {reference} kg m/s"
+        problem = f"the reference momentum must be positive, got {reference} kg m/s"
         fix = "drive backward with ReverseMomentum, stop with ZeroVelocity"
         raise InputError(f"{name}.reference", problem, fix=fix)

@@ -1,4 +1,4 @@
-"""Path following of a car at constant speed: it steers at a virtual target that runs along the path before it.
+"""Path following of a car at constant speed: it steers at a virtual target that runs along the path ahead.
 
 [1] is A. Micaelli, C. Samson, "Trajectory tracking for unicycle-type and two-steering-wheels mobile robots", INRIA
 report 2097, 1993.
@@ -20,36 +20,38 @@ from trimtab.core.signals import Estimate
 from trimtab.vehicles.dubins_car import CarTurn, DubinsCar
 
 SLOW = 0.05
-"""Pace (m/s) of a path below which it counts as that: so the target gets away from where a path rests."""
+"""Minimum pace (m/s) of a path: a lower one counts as this, so that the target leaves places where a path rests."""
 REST = 1e-12
 """Pace (m/s) of a path below which it has no direction."""
 BEGIN = 0.02
-"""s, of the path's own time: where it is taken to begin."""
+"""Path's own time (s) at which the path is taken to begin."""
 STEP = 0.02
-"""s, of the path's own time, between the instants at which its curvature is looked at before a run."""
+"""Interval (s) of the path's own time at which its curvature is checked before a run."""
 
 
 @record
 class VirtualTargetState:
-    """How far along the path the target is. Source: [2]."""
+    """Progress of the target along the path. Source: [2]."""
 
-    progress: Scalar = quantity("s", "The path's own time; below 0 before its beginning.", default=0.0)
+    progress: Scalar = quantity("s", "Path parameter: the path's own time; below 0 before its beginning.", default=0.0)
     tangent: Scalar = quantity("rad", "Direction of the path.", kind="angle", frame="W", default=0.0)
 
 
 @record
 class VirtualTargetOutput:
-    """What the law asks for, and why. Source: [2]."""
+    """Demand and signals of the law. Source: [2]."""
 
-    demand: CarTurn = part("Turn rate wanted.")
-    cross_track: Scalar = quantity("m", "How far the car is to the right of the target.")
-    along_track: Scalar = quantity("m", "How far ahead of it.")
-    heading_error: Scalar = quantity("rad", "From the path's direction, by the shortest way.", kind="angle")
-    lyapunov: Scalar = quantity("m^2", "V of the law.")
-    saturated: Scalar = quantity("1", "Whether it would turn more tightly than the car can.", kind="flag")
-    north_reference: Scalar = quantity("m", "The target.", frame="W")
-    east_reference: Scalar = quantity("m", "The target.", frame="W")
-    progress: Scalar = quantity("s", "The path's own time.")
+    demand: CarTurn = part("Demanded turn rate.")
+    cross_track: Scalar = quantity("m", "Cross-track error: distance of the car to the right of the target.")
+    along_track: Scalar = quantity("m", "Along-track distance ahead of the target.")
+    heading_error: Scalar = quantity(
+        "rad", "Heading error from the path's direction, by the shortest way.", kind="angle"
+    )
+    lyapunov: Scalar = quantity("m^2", "Lyapunov function V of the law.")
+    saturated: Scalar = quantity("1", "True if the demand exceeds the car's tightest turn.", kind="flag")
+    north_reference: Scalar = quantity("m", "Position of the target, north.", frame="W")
+    east_reference: Scalar = quantity("m", "Position of the target, east.", frame="W")
+    progress: Scalar = quantity("s", "Path parameter: the path's own time.")
 
 
 class _Tangent(NamedTuple):
@@ -64,7 +66,7 @@ class _Tangent(NamedTuple):
 
 @record
 class VirtualTarget:
-    """Follows a path in place, not in time: the target runs as far along it as the car has come.
+    """Follows a path in position, not in time: the target runs along it with the car's progress.
 
         s' = V cos q + k1 a                                  how fast the target runs
         r = kappa s' - g e V sin(q)/q - k2 q                 how fast the car turns
@@ -81,14 +83,14 @@ class VirtualTarget:
 
     reads: ClassVar[tuple[str, ...]] = ("north", "east", "heading")
 
-    reference: Any = part("The path.", default=Circle(ease=0.0))
-    craft: DubinsCar = part("What it believes of the car.", default=DubinsCar())
-    k1: Scalar = quantity("1/s", "How soon the target is abreast again.", default=2.0, above=0)
+    reference: Any = part("Path to be followed.", default=Circle(ease=0.0))
+    craft: DubinsCar = part("Model of the car used by the law.", default=DubinsCar())
+    k1: Scalar = quantity("1/s", "Rate at which the target returns abeam.", default=2.0, above=0)
     k2: Scalar = quantity("1/s", "Turn rate per heading error.", default=2.5, above=0)
     g: Scalar = quantity("1/m^2", "Heading per cross-track error, squared.", default=2.5, above=0)
 
     def check_duration(self, seconds: float) -> None:
-        """Refuse a path that bends more than the car can within a run of that length."""
+        """Raise InputError if the path bends more tightly than the car can within a run of this length."""
         t = np.arange(0.0, seconds + STEP, STEP)
         bend = np.abs(np.asarray(jax.vmap(lambda t: self._tangent(t, 0.0).curvature)(t)))
         k = int(bend.argmax())
@@ -101,13 +103,13 @@ class VirtualTarget:
             raise InputError("reference", problem, fix=fix)
 
     def init(self, key: Any) -> VirtualTargetState:
-        """The target stands where the path begins."""
+        """Return the initial state: the target at the path's beginning."""
         return VirtualTargetState(progress=BEGIN)
 
     def step(
         self, t: Any, state: VirtualTargetState, estimate: Estimate
     ) -> tuple[VirtualTargetState, VirtualTargetOutput]:
-        """The turn at integer time t; the target stands still while the estimate is not valid."""
+        """Return the turn at integer time t; the target stands still while the estimate is not valid."""
         x, V = estimate.state, self.craft.speed
         target = self._tangent(state.progress, state.tangent)
         c, s = jnp.cos(target.heading), jnp.sin(target.heading)
@@ -132,7 +134,7 @@ class VirtualTarget:
         return tree_where(estimate.valid, new, state), output
 
     def _tangent(self, progress: Any, heading: Any) -> _Tangent:
-        """Of the path at a time of its own (s), with what is before its beginning; where it rests it has the heading.
+        """Return the path at a time of its own (s), extended before its beginning; where it rests it has the heading.
 
         It is looked at from `BEGIN` on: a path that sets out from rest has a direction there.
         """
@@ -150,6 +152,6 @@ class VirtualTarget:
 
 
 def _sine_ratio(q: Any) -> Any:
-    """Of sin(q) and q (rad); 1 where q is none."""
+    """Return sin(q)/q for q (rad); 1 where q is zero."""
     small = jnp.abs(q) < 1e-4
     return jnp.where(small, 1 - q**2 / 6, jnp.sin(q) / jnp.where(small, 1.0, q))

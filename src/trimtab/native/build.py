@@ -1,4 +1,4 @@
-"""C or C++ text to a shared library, built once per text, compiler and CPU, and kept."""
+"""Build C or C++ text to a shared library, once per text, compiler and CPU, and keep it."""
 
 import functools
 import os
@@ -32,7 +32,7 @@ if TYPE_CHECKING:
     import ctypes
 
 GENERATION = "1"
-"""Part of every key: raise it when libraries built so far must not be used again."""
+"""Part of every key: raise it when existing libraries must not be used again."""
 COMMON = (
     *("-O2", "-march=native", "-ffp-contract=off", "-fwrapv", "-fno-math-errno"),
     *("-fno-tree-slp-vectorize", "--param=vect-epilogues-nomask=0"),
@@ -57,19 +57,19 @@ another order; they are if what they call is put in their place, such as tanh, w
 text over lanes is the compiler's to improve."""
 LIBRARIES = {"c": ("-lm",), "c++": ("-lpthread", "-lm")}
 OLDER_FLAGS = {"-std=c++17": "-std=c++1z"}
-"""What compilers of the time before a name was settled call it."""
+"""Names of flags in older compilers."""
 TIME_LIMIT = 300.0
-"""Seconds that a compiler may take."""
+"""Maximum duration of a compilation (s)."""
 LINES, WIDTH = 20, 160
-"""Lines, and characters of each, that an error gives of what the compiler said."""
+"""Maximum number of lines, and of characters per line, of the compiler's output in an error."""
 
 
 class BuildError(InputError):
-    """A compiler is there, but no library could be had; the problem has the first lines of what it said."""
+    """Failure to build a library with a working compiler; the problem has the first lines of the compiler's output."""
 
 
 class _BuildJob(NamedTuple):
-    """What is to be built, with what."""
+    """Text to be built, with compiler and flags."""
 
     compiler: Compiler
     language: str
@@ -78,25 +78,25 @@ class _BuildJob(NamedTuple):
 
     @property
     def key(self) -> str:
-        """What decides on the library: text, flags, compiler, CPU and this file's generation."""
+        """Return the key of the library: text, flags, compiler, CPU and this file's generation."""
         given = (GENERATION, self.language, *FLAGS[self.language], *LIBRARIES[self.language], *self.extra)
         return sha256("\0".join((*given, self.compiler.identity, cpu_identity(), self.source)).encode()).hexdigest()
 
     @property
     def part(self) -> str:
-        """Who speaks in an error."""
+        """Return the subject of an error."""
         return f"compiler {self.compiler.path} ({self.compiler.identity})"
 
 
 def build_library(source: str, language: str = "c", *, extra: tuple[str, ...] = ()) -> Path:
-    """The shared library of a C99 (``c``) or C++17 (``c++``) text; from the cache, where it has been built before.
+    """Return the shared library of a C99 (``c``) or C++17 (``c++``) text; from the cache, if it has been built before.
 
     Args:
         source: the whole text. What it includes, beyond the system's headers, isn't part of what is remembered.
         language: ``c`` or ``c++``.
         extra: further flags and libraries, which come last.
 
-    Raises NoCompiler where there is none that works, BuildFailed where it makes no library or no folder takes it.
+    Raises NoCompiler if no compiler works, BuildFailed if the compiler makes no library or no folder accepts it.
     """
     found = search_compiler(language)
     if found.compiler is None:
@@ -109,20 +109,20 @@ def build_library(source: str, language: str = "c", *, extra: tuple[str, ...] = 
     except OSError as reason:
         raise BuildError(
             "cache of compiled programs",
-            f"no folder took the library: {reason}",
+            f"no folder accepts the library: {reason}",
             fix=MAKE_ROOM_FIX,
         ) from reason
 
 
 def load_library(path: Path) -> "ctypes.CDLL":
-    """Load a library that build gave."""
+    """Load a library made by build."""
     import ctypes
 
     try:
         return ctypes.CDLL(os.fspath(path))
     except OSError as reason:
         raise BuildError(
-            f"library {path}", f"it cannot be loaded: {reason}", fix="remove it, then it is built anew."
+            f"library {path}", f"it cannot be loaded: {reason}", fix="the library cannot be loaded: {reason}"
         ) from reason
 
 
@@ -137,7 +137,7 @@ def _build_in_folder(job: _BuildJob, folder: Path) -> Path:
 
 
 def _compile_source(job: _BuildJob, work: Path) -> tuple[str, ...]:
-    """Compile to program.so in the work folder; gives the flags that did it."""
+    """Compile to program.so in the work folder; return the flags that were used."""
     (work / f"program.{SUFFIX[job.language]}").write_text(job.source, encoding="utf-8")
     first = _try_flags(job, FLAGS[job.language], work)
     if first.status == 0:
@@ -151,13 +151,13 @@ def _compile_source(job: _BuildJob, work: Path) -> tuple[str, ...]:
     said = "\n".join(f"    {line[:WIDTH]}" for line in first.text.strip().splitlines()[:LINES]) or "    nothing"
     raise BuildError(
         job.part,
-        f"it refused the {job.language.upper()} text with status {first.status} and said\n{said}",
-        fix=f"try {NEEDED_VERSIONS}, named in CC or CXX; if that refuses it too, the text is at fault.",
+        f"the compiler rejected the {job.language.upper()} text with status {first.status}:\n{said}",
+        fix=f"try {NEEDED_VERSIONS}, named in CC or CXX; if that fails too, the text is at fault.",
     )
 
 
 def _try_flags(job: _BuildJob, flags: tuple[str, ...], work: Path, name: str = "program") -> CompilerOutcome:
-    """Run the compiler to an end, with a library if the status is 0."""
+    """Run the compiler to its end; there is a library if the status is 0."""
     library = work / f"{name}.so"
     library.unlink(missing_ok=True)
     arguments = (*flags, "-shared", "-fPIC", "-o", library.name, f"{name}.{SUFFIX[job.language]}")
@@ -174,7 +174,7 @@ def _try_flags(job: _BuildJob, flags: tuple[str, ...], work: Path, name: str = "
 
 
 def _is_library(path: Path) -> bool:
-    """Whether a file begins as libraries of ELF or Mach-O do and, ELF of 64 bits, is as long as it says."""
+    """Return True if a file begins like an ELF or Mach-O library and, for 64-bit ELF, has the length that it states."""
     try:
         content = path.read_bytes()
     except OSError:
@@ -186,7 +186,7 @@ def _is_library(path: Path) -> bool:
 
 
 def _find_accepted_flags(job: _BuildJob, work: Path) -> tuple[str, ...]:
-    """The flags that the compiler takes, found with one line of text; those that decide on numbers must be."""
+    """Return the flags that the compiler accepts, tested with one line of text; flags that affect results must be."""
     (work / f"flags.{SUFFIX[job.language]}").write_text("int nothing;\n")
 
     def takes(*flags: str) -> bool:
@@ -204,7 +204,7 @@ def _find_accepted_flags(job: _BuildJob, work: Path) -> tuple[str, ...]:
         elif flag in REQUIRED[job.language] or flag in OLDER_FLAGS:
             raise BuildError(
                 job.part,
-                f"it is too old: it refuses {flag}",
-                fix=f"install {NEEDED_VERSIONS}, and name it in CC or CXX if another comes first.",
+                f"the compiler is too old: it rejects {flag}",
+                fix=f"install {NEEDED_VERSIONS}, and name it in CC or CXX if another is found first.",
             )
     return tuple(taken)

@@ -1,8 +1,8 @@
-"""Compiled libraries kept between runs, in folders of this user's alone.
+"""Cache of compiled libraries between runs, in folders of this user alone.
 
 An entry is a library KEY.so and a manifest KEY.txt that holds the library's checksum. Both are written under other
-names and renamed, the manifest last, so an entry is whole or there is none; and a library that its manifest doesn't
-vouch for counts as none. Libraries go to the user's cache, and where that can't be had to a folder that ends with the
+names and renamed, the manifest last, so an entry is either whole or absent. A library that does not match its manifest
+is ignored. Libraries go to the user's cache or, if that is unavailable, to a folder that is removed at the end of the
 process.
 """
 
@@ -18,14 +18,14 @@ from typing import TypeVar
 from trimtab.core.cache_folder import cache_folder, is_owned_by_user
 
 LIMIT = 512 * 2**20
-"""Bytes that the cache may hold; beyond, what was used longest ago goes."""
+"""Maximum size of the cache in bytes; beyond, the least recently used entries are removed."""
 PATIENCE = 300.0
-"""Seconds to wait for another process that builds the same library."""
+"""Longest wait (s) for another process that builds the same library."""
 DAY = 86400.0
 MAKE_ROOM_FIX = (
-    "free some space, or set TRIMTAB_CACHE to a folder that only you can write to and that may hold programs."
+    "free some space, or set TRIMTAB_CACHE to a folder that only you can write to and that may contain programs."
 )
-"""What to do where no folder will do."""
+"""Fix for the case that no folder can be used."""
 
 _private_folders: list[Path] = []
 _folder_problems: list[str] = []
@@ -34,12 +34,12 @@ Result = TypeVar("Result")
 
 
 def cached_library_folder() -> Path:
-    """The folder of libraries that outlast the process; OSError where there is none that is safe."""
+    """Return the folder of libraries that outlast the process; OSError if there is none that is safe."""
     return _check_runnable(cache_folder("c"))
 
 
 def private_folder() -> Path:
-    """A folder of this process alone, removed at its end."""
+    """Return a folder of this process alone, removed at its end."""
     if not _private_folders or not _private_folders[-1].is_dir():
         import atexit
         import shutil
@@ -53,12 +53,12 @@ def private_folder() -> Path:
 
 
 def cache_problem() -> str:
-    """Why this process couldn't use the user's cache, or nothing; then every process compiles anew."""
+    """Return the reason why this process cannot use the user's cache, or ""; then every process compiles again."""
     return _folder_problems[-1] if _folder_problems else ""
 
 
 def try_folders(action: Callable[[Path], Result]) -> Result:
-    """What action gives, in the first folder where no OSError stops it; OSError with all reasons where each did."""
+    """Return the action's result in the first folder where it works; OSError with all reasons if none does."""
     reasons: list[str] = []
     for folder in (cached_library_folder, private_folder):
         try:
@@ -71,7 +71,7 @@ def try_folders(action: Callable[[Path], Result]) -> Result:
 
 
 def find_library(key: str) -> Path | None:
-    """The library of that key, if one is whole."""
+    """Return the cached library for this key, or None if it is missing or damaged."""
     with contextlib.suppress(OSError):
         if library := find_in_folder(cached_library_folder(), key):
             return library
@@ -79,7 +79,7 @@ def find_library(key: str) -> Path | None:
 
 
 def find_in_folder(folder: Path, key: str) -> Path | None:
-    """The library of that key in a folder, unless entry, owner, mode or checksum is wrong."""
+    """Return the library for this key in a folder, unless entry, owner, mode or checksum is wrong."""
     manifest, library = folder / f"{key}.txt", folder / f"{key}.so"
     said = _parse_manifest(read_private_file(manifest))
     content = read_private_file(library)
@@ -92,7 +92,7 @@ def find_in_folder(folder: Path, key: str) -> Path | None:
 
 
 def store_library(folder: Path, key: str, library: Path, about: dict[str, str]) -> Path:
-    """Take over a finished library, which lies in a work folder of that folder, as the entry of that key."""
+    """Move a finished library from the work folder into the cache as the entry for this key."""
     library.chmod(0o700)
     with library.open("rb+") as file:
         said = {"key": key, "sha256": sha256(file.read()).hexdigest(), **about}
@@ -105,7 +105,7 @@ def store_library(folder: Path, key: str, library: Path, about: dict[str, str]) 
 
 
 def read_private_file(path: Path) -> bytes | None:
-    """The content of a plain file of this user's that nobody else can write to; otherwise None."""
+    """Return the content of a plain file of this user that nobody else can write to; otherwise None."""
     try:
         descriptor = os.open(path, os.O_RDONLY | getattr(os, "O_NOFOLLOW", 0) | getattr(os, "O_NONBLOCK", 0))
     except OSError:
@@ -121,7 +121,7 @@ def read_private_file(path: Path) -> bytes | None:
 
 
 def write_atomically(path: Path, text: str) -> None:
-    """Write a file so that it is there whole or not at all."""
+    """Write a file atomically: it exists whole or not at all."""
     with work_folder(path.parent) as work:
         draft = work / "draft"
         with draft.open("x", encoding="utf-8") as file:
@@ -134,7 +134,7 @@ def write_atomically(path: Path, text: str) -> None:
 
 @contextlib.contextmanager
 def work_folder(folder: Path) -> Iterator[Path]:
-    """A new folder in the folder, this user's alone, gone at the end."""
+    """Make a new folder in the folder, for this user alone, removed at the end."""
     import shutil
     import tempfile
 
@@ -147,8 +147,8 @@ def work_folder(folder: Path) -> Iterator[Path]:
 
 @contextlib.contextmanager
 def lock_key(folder: Path, key: str) -> Iterator[None]:
-    """Wait while another process builds that key. A courtesy: where files can't be locked two may build, harmlessly."""
-    from filelock import FileLock  # takes longer than a run whose library is there
+    """Wait while another process builds that key. If files can't be locked, both build, which is harmless."""
+    from filelock import FileLock  # takes longer than running with an existing library
 
     name = folder / f"{key}.lock"
     lock = FileLock(name, timeout=PATIENCE, mode=0o600, poll_interval=0.02)
@@ -158,7 +158,7 @@ def lock_key(folder: Path, key: str) -> Iterator[None]:
         yield
     finally:
         if lock.is_locked:
-            with contextlib.suppress(OSError):  # while it is held, so that nobody else's is removed
+            with contextlib.suppress(OSError):  # while it is locked, so that nobody else's is removed
                 name.unlink()
             with contextlib.suppress(OSError):
                 lock.release()
@@ -176,7 +176,7 @@ def _parse_manifest(content: bytes | None) -> dict[str, str]:
 
 
 def _remove_old_entries(folder: Path, spare: str) -> None:
-    """Remove what killed builds left more than a day ago, and the entries used longest ago beyond the limit."""
+    """Remove leftovers of killed builds after a day, and the least recently used entries beyond the limit."""
     now, whole, total = time.time(), [], 0
     for name, ends in _files_by_key(folder).items():
         used = max(about.st_mtime for about in ends.values())

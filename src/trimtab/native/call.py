@@ -1,4 +1,4 @@
-"""Compiled functions as callables of Python that cost well under a microsecond: what `call.c` is told of a program.
+"""Compiled functions as Python callables that cost well under a microsecond: the description of a program for `call.c`.
 
 The generated text stays plain C over pointers; arguments are checked and taken apart, and results put together, by one
 small library that knows Python and is built once per machine.
@@ -18,11 +18,11 @@ from trimtab.native.build import build_library
 
 KINDS = {"leaf": 0, "tuple": 1, "list": 2, "dict": 3, "none": 4, "record": 5}
 NUMBERS = {"float64": "d", "float32": "f", "int64": "l", "int32": "i", "bool": "?"}
-"""Types of arrays without axes that Python's own numbers can stand for."""
+"""Types of scalars for which Python's own numbers can be given."""
 
 
 class TreeNode(NamedTuple):
-    """One place of a tree, in the order in which it is walked; its parts follow it.
+    """Node of a tree, in the order in which it is walked; its parts follow it.
 
     kind: of KINDS.  keys: of a dict in JAX's order, or names of a record's fields.  parts: how many follow it.
     """
@@ -34,19 +34,19 @@ class TreeNode(NamedTuple):
 
 
 class ArrayType(NamedTuple):
-    """Shape and type of an array that goes in or out."""
+    """Shape and type of an input or output array."""
 
     shape: tuple[int, ...]
     dtype: np.dtype[Any]
 
     @property
     def width(self) -> int:
-        """How many bytes."""
+        """Return the number of bytes."""
         return int(np.prod(self.shape, dtype=np.int64)) * self.dtype.itemsize
 
 
 class LoadedFunction(NamedTuple):
-    """A compiled function and what surrounds it.
+    """Compiled function with its surroundings.
 
     function: `void f(const void *const *in, void *const *out, void *workspace, int32_t runs)`.
     workspace: bytes that each call needs.  takes: the tuple of arguments as a tree; a first node of -1 parts leaves all
@@ -106,7 +106,7 @@ class _Batch(ctypes.Structure):
 
 @functools.cache
 def _libraries() -> tuple[Any, Any]:
-    """The library of calls: as it is called with Python's lock held, and without."""
+    """Return the library of calls: one that holds Python's lock during a call, and one that does not."""
     text = "\n".join(files("trimtab.native").joinpath(name).read_text("utf-8") for name in ("call.c", "batch.c"))
     extra = ("-pthread", *(("-undefined", "dynamic_lookup") if sys.platform == "darwin" else ()))
     path = str(build_library(f"#define HEAD {object.__basicsize__}\n{text}", extra=extra))
@@ -126,7 +126,7 @@ def _libraries() -> tuple[Any, Any]:
 
 
 def make_callable(program: LoadedFunction) -> Callable[..., Any]:
-    """A callable of Python that runs a program; safe from several threads at once."""
+    """Return a Python callable that runs a program; safe from several threads at once."""
     locked, _ = _libraries()
     kept: list[Any] = [program]
     made = _Program()
@@ -144,7 +144,7 @@ def make_callable(program: LoadedFunction) -> Callable[..., Any]:
 
 
 def run_batch(program: LoadedFunction, inputs: Sequence[Any], runs: int, lanes: int, threads: int) -> list[Any]:
-    """Results of many runs, (runs, ...) each. inputs: contiguous arrays (runs, ...) of the types of the program."""
+    """Return the results of many runs, (runs, ...) each. inputs: contiguous arrays (runs, ...) in the right types."""
     _, free = _libraries()
     outputs = [np.empty((runs, *a.shape), a.dtype) for a in program.outputs]
     kept: list[Any] = []
@@ -158,7 +158,7 @@ def run_batch(program: LoadedFunction, inputs: Sequence[Any], runs: int, lanes: 
     b.width_out = _pointer(_numbers([a.width for a in program.outputs]), kept)
     if free.trimtab_batch(ctypes.addressof(b), min(threads, -(-runs // lanes))):
         each = f"{program.workspace} bytes of workspace for each of {threads} threads"
-        raise InputError("compiled function", f"there is no memory for {each}", fix="threads=1, or smaller arrays")
+        raise InputError("compiled function", f"not enough memory for {each}", fix="threads=1, or smaller arrays")
     return outputs
 
 
@@ -177,7 +177,7 @@ def _numbers(numbers: Sequence[int]) -> Any:
 
 
 def array_addresses(arrays: Sequence[Any]) -> Any:
-    """Pointers to the numbers of arrays, as C takes them; the arrays must stay."""
+    """Return pointers to the numbers of arrays, for C; the arrays must stay alive."""
     return (ctypes.c_void_p * max(len(arrays), 1))(*[a.ctypes.data for a in arrays])
 
 

@@ -1,4 +1,4 @@
-"""The machine's own C and C++ compilers: which there is, what it calls itself, what it knows of the CPU.
+"""The machine's C and C++ compilers: which are present, their identity, and their knowledge of the CPU.
 
 Running a compiler so that it can do no harm: bounded in time, its files in a folder that goes, its end known.
 """
@@ -29,11 +29,11 @@ NO_ROOM_MESSAGES = (
     "File size limit exceeded",
 )
 KILL_MESSAGES = ("Killed signal terminated", "Terminated signal terminated", "unable to execute command: Killed")
-"""What gcc's and clang's drivers say, with an exit status of their own, when a program that they started was killed."""
+"""Messages of the gcc and clang drivers, with an exit status of their own, when a child program was killed."""
 
 
 class CompilerOutcome(NamedTuple):
-    """How a run ended.
+    """Result of a run.
 
     Attributes:
         status: the exit status; negative, the signal that killed it; None, it had to be stopped.
@@ -45,17 +45,17 @@ class CompilerOutcome(NamedTuple):
 
     @property
     def interruption(self) -> str:
-        """How it was kept from judging the program, or nothing where it did judge."""
+        """Return the interruption that kept the run from judging the program, or ""."""
         if self.status is None:
             return self.text
         if self.status < 0:
             return f"it was killed by signal {-self.status}"
         killed = self.status and any(words in self.text for words in KILL_MESSAGES)
-        return "a program that it started was killed" if killed else ""
+        return "a child program was killed" if killed else ""
 
 
 def run_compiler(command: tuple[str, ...], work: Path, limit: float) -> CompilerOutcome:
-    """Run a command in a work folder, where its own intermediate files go too; it ends after limit seconds.
+    """Run a command in a work folder, which also gets its intermediate files; it is stopped after limit seconds.
 
     Raises OSError where the folder takes no more: another one may.
     """
@@ -87,9 +87,9 @@ def _run_process(command: tuple[str, ...], work: Path, limit: float) -> Compiler
         said, _ = started.communicate(timeout=limit)
         return CompilerOutcome(started.returncode, said.decode("utf-8", "replace"))
     except subprocess.TimeoutExpired:
-        return CompilerOutcome(None, f"it had no end after {limit:g} s")
+        return CompilerOutcome(None, f"it did not end within {limit:g} s")
     finally:
-        if started.returncode is None:  # stopped with all that it started, also when this process is interrupted
+        if started.returncode is None:  # stopped with all its children, also when this process is interrupted
             os.killpg(started.pid, signal.SIGKILL)
             started.wait()
         if started.stdout:
@@ -97,10 +97,10 @@ def _run_process(command: tuple[str, ...], work: Path, limit: float) -> Compiler
 
 
 NAMES = {"c": ("CC", "gcc", "clang", "cc"), "c++": ("CXX", "g++", "clang++", "c++")}
-"""Per language the environment's variable that names a compiler, then the names that are tried."""
+"""Environment variable that names a compiler, per language, followed by the names that are tried."""
 SUFFIX = {"c": "c", "c++": "cpp"}
 REQUIRED = {"c": ("-std=c99", "-ffp-contract=off", "-fwrapv"), "c++": ("-ffp-contract=off", "-fwrapv")}
-"""Flags without which the numbers could differ: a compiler that refuses one is of no use."""
+"""Flags without which results could differ: a compiler that rejects one cannot be used."""
 NEEDED_VERSIONS = "gcc 8, clang 10 or newer"
 INSTALL = {
     "c": "install gcc (Debian: apt install gcc libc6-dev; Fedora: dnf install gcc; macOS: xcode-select --install)",
@@ -111,15 +111,15 @@ PROBE = {
     "c++": '#include <cmath>\nextern "C" double probe(double x) { return std::floor(x) + 1.0; }\n',
 }
 PROBE_LIMIT = 30.0
-"""Seconds that a compiler may take for next to nothing."""
+"""Maximum duration (s) of a trivial compilation."""
 
 
 class NoCompilerError(InputError):
-    """There is no compiler that works; the problem says what was tried, the fix what to install."""
+    """Error: no compiler works. The problem lists the attempts, the fix what to install."""
 
 
 class Compiler(NamedTuple):
-    """A compiler that was tried and works.
+    """Compiler that was tried and works.
 
     Attributes:
         path: the executable.
@@ -139,7 +139,7 @@ class Compiler(NamedTuple):
 
 
 class CompilerSearch(NamedTuple):
-    """What looking for a compiler gave: a compiler, or why there is none and what to do."""
+    """Result of the search for a compiler: a compiler, or the reasons why there is none and the fix."""
 
     compiler: Compiler | None
     problem: str = ""
@@ -147,7 +147,7 @@ class CompilerSearch(NamedTuple):
 
 
 def find_compiler(language: str = "c") -> Compiler | None:
-    """The compiler for ``c`` or ``c++``: CC or CXX, else gcc, clang or cc; None where none works.
+    """Return the compiler for ``c`` or ``c++``: CC or CXX, else gcc, clang or cc; None if none works.
 
     One works if it makes a shared library that loads and gives the right number. That is found out once per process,
     and remembered in the cache: the next process only looks whether the executable is still the same.
@@ -156,23 +156,23 @@ def find_compiler(language: str = "c") -> Compiler | None:
 
 
 def search_compiler(language: str) -> CompilerSearch:
-    """As find_compiler, with the reasons."""
+    """Return the result of find_compiler, with the reasons."""
     if language not in NAMES:
-        raise InputError("build", f"there is no language {language!r}", choices=NAMES)
+        raise InputError("build", f"unknown language {language!r}", choices=NAMES)
     try:
         return _search_on_path(language, os.environ.get(NAMES[language][0], ""), os.environ.get("PATH", os.defpath))
     except OSError as reason:
-        return CompilerSearch(None, f"compilers could not be tried in any folder: {reason}", MAKE_ROOM_FIX)
+        return CompilerSearch(None, f"no folder is available to try compilers: {reason}", MAKE_ROOM_FIX)
 
 
 def lane_count(compiler: Compiler) -> int:
-    """Doubles that one instruction takes under -march=native: 8 with AVX-512 F, DQ and VL, 4 with AVX2, else 1."""
+    """Return the doubles per instruction under -march=native: 8 with AVX-512 F, DQ and VL, 4 with AVX2, else 1."""
     return compiler.width
 
 
 @functools.cache
 def cpu_identity() -> str:
-    """Identity of the CPU's model and features: code made for one isn't run on another."""
+    """Return the identity of the CPU's model and features: code made for one isn't run on another."""
     for source in ("/sys/devices/system/cpu/modalias", "/proc/cpuinfo"):
         try:
             content = Path(source).read_bytes()
@@ -210,12 +210,12 @@ def _search_on_path(language: str, wished: str, path: str) -> CompilerSearch:
 
 
 def _split_command(wished: str) -> tuple[str, ...]:
-    """CC may hold options, as in 'ccache gcc'."""
+    """Return the words of CC, which may include options, as in 'ccache gcc'."""
     import shlex
 
     try:
         return tuple(shlex.split(wished))
-    except ValueError:  # a quote that doesn't end
+    except ValueError:  # an unterminated quote
         return (wished,)
 
 
@@ -228,7 +228,7 @@ def _find_executable(name: str, path: str) -> str | None:
 
 
 def _cache_key(executable: str, words: tuple[str, ...], language: str, path: str) -> str:
-    """Changes when an executable that is named does, or the CPU."""
+    """Return a key that changes with the named executable, or the CPU."""
     parts = [language, cpu_identity(), *words]
     for file in filter(None, [executable, *(_find_executable(word, path) for word in words[1:])]):
         about = os.stat(file)
@@ -254,7 +254,7 @@ def _save_to_cache(note: str, found: Compiler | str) -> None:
 
 
 def _try_compiler(executable: str, options: tuple[str, ...], language: str, folder: Path) -> Compiler | str:
-    """The compiler, or why it can't be used."""
+    """Return the compiler, or the reason why it can't be used."""
     with work_folder(folder) as work:
         said = run_compiler((executable, *options, "--version"), work, PROBE_LIMIT)
         first = said.text.strip().splitlines()[:1]
@@ -272,7 +272,7 @@ def _try_compiler(executable: str, options: tuple[str, ...], language: str, fold
 
 
 def _find_defect(command: tuple[str, ...], language: str, work: Path) -> str:
-    """Why a compiler makes no library that gives the right number; nothing, if it does."""
+    """Return the reason why a compiler makes no library that gives the right number, or ""."""
     import ctypes
 
     source, library = f"probe.{SUFFIX[language]}", work / "probe.so"
@@ -281,13 +281,13 @@ def _find_defect(command: tuple[str, ...], language: str, work: Path) -> str:
     said = run_compiler((*command, *arguments), work, PROBE_LIMIT)
     if said.status or said.interruption:
         why = said.interruption or " ".join(said.text.split())[:300]
-        return f"it makes no library with {' '.join(REQUIRED[language])} ({why}); needed is {NEEDED_VERSIONS}"
+        return f"it cannot make a library with {' '.join(REQUIRED[language])} ({why}); {NEEDED_VERSIONS} is needed"
     try:
         probe = ctypes.CDLL(str(library)).probe
     except (OSError, AttributeError) as reason:
-        return f"what it makes cannot be loaded ({reason})"
+        return f"its library cannot be loaded ({reason})"
     probe.restype, probe.argtypes = ctypes.c_double, [ctypes.c_double]
-    return "" if probe(41.5) == 42.0 else "what it makes gives wrong numbers"
+    return "" if probe(41.5) == 42.0 else "its library gives wrong numbers"
 
 
 def _vector_width(command: tuple[str, ...], language: str, work: Path) -> int:
@@ -298,7 +298,7 @@ def _vector_width(command: tuple[str, ...], language: str, work: Path) -> int:
 
 
 def _parse_version(line: str) -> tuple[int, ...]:
-    """The version in a first line such as 'gcc (Debian 12.2.0-14) 12.2.0': not the packager's, in brackets."""
+    """Return the version in a first line such as 'gcc (Debian 12.2.0-14) 12.2.0': not the packager's, in brackets."""
     import re
 
     found = re.search(r"\s(\d+(?:\.\d+)+)", re.sub(r"\([^)]*\)", "", line))

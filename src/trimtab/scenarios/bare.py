@@ -1,4 +1,4 @@
-"""A scenario with nothing in it but wires: what a scenario file begins with that names no base."""
+"""Empty scenario with wires only: the base of a scenario file that names no base."""
 
 from typing import Any
 
@@ -9,7 +9,7 @@ from trimtab.loop.world import World
 
 
 def scenario() -> Scenario:
-    """No vehicle, no sensor, no law: settings put them there, and `scenarios.build` refuses what lacks one."""
+    """Return a scenario without vehicle, sensor or law; settings add them; `scenarios.build` checks that."""
     nothing: Any = None
     return Scenario(
         world=World(vehicle=nothing, sensors={}, actuators=nothing, downlink=Wire(), uplink=Wire()),

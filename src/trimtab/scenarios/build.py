@@ -1,4 +1,4 @@
-"""A scenario from what is typed: its name, settings, and what is left out of it or broken in it."""
+"""Build a scenario from user input: its name, settings, and what is left out of it or made to fail."""
 
 import functools
 from collections.abc import Iterable, Mapping
@@ -31,12 +31,12 @@ CALIBRATION = "calibration"
 REFERENCE = "reference"
 PREDICTOR = "predictor"
 SPECIAL = (*LINKS, *link_latency.SETTINGS, MISMATCH, CALIBRATION, REFERENCE, PREDICTOR, GAIN)
-"""Names among the settings that are no paths."""
+"""Names of settings that are not paths."""
 SWITCH = {
-    "off": "the law reads the estimate as it is",
-    "on": "a predictor carries it over the delay of both links, by the commands under way",
+    "off": "the law reads the estimate unchanged",
+    "on": "a predictor propagates the estimate over the delay of both links, with the commands in transit",
 }
-"""What may be chosen for a predictor, in any scenario."""
+"""Choices of the predictor, in any scenario."""
 NEEDED = {
     "world.vehicle": "Hovercraft",
     "world.actuators": "FanDrive",
@@ -45,7 +45,7 @@ NEEDED = {
     "autopilot.allocation": "ThrustVectorAllocation",
     "initial": "HovercraftState",
 }
-"""Parts that every scenario has -> an example."""
+"""Parts that every scenario has, each with an example."""
 
 
 def build(
@@ -57,7 +57,7 @@ def build(
     in_virtual_time: bool = True,
     gain: Certificate | None = None,
 ) -> Scenario:
-    """The scenario of a name with its settings, checked; it notes in `choices` what it was built from.
+    """Return the named scenario with its settings, checked; its `choices` record the arguments.
 
     >>> from trimtab import build
     >>> build("hovercraft/spin", {"links": "measured", "world.vehicle.mass": "3000 g"}).world.vehicle.mass
@@ -70,14 +70,14 @@ def build(
             "uplink.delay", ".jitter", ".loss" and those of the downlink are its numbers (`loop.link_latency`),
             "mismatch" names copies of the vehicle that are meant to differ (`loop.beliefs`), "calibration" a file of
             `trimtab calibrate`, "predictor" is "on" or "off" (`loop.predictor`), "reference" is what the law is to
-            follow (`loop.reference_text`), "gain" a file of a gain in the law's place (`scenarios.gain_file`). A value
+            follow (`loop.reference_text`), "gain" a file of a gain instead of the law (`scenarios.gain_file`). A value
             such as ``steps(0 s: 1, 5 s: 2)`` changes in flight (`loop.setpoint_schedule`). Settings go before a
             calibration.
         without: imperfections to switch off.
         faults: to inject, as after ``--fault``.
-        calibration: where it isn't in a file.
-        in_virtual_time: whether the flight ends with the scenario's duration, so that a later fault is a mistake.
-        gain: where it isn't in a file.
+        calibration: a calibration that is not in a file.
+        in_virtual_time: True if the flight ends with the scenario's duration, so that a later fault is an error.
+        gain: a gain that is not in a file.
 
     Raises: InputError with what to type instead.
     """
@@ -130,21 +130,21 @@ def build(
 
 
 def find_scenario(scenario: Scenario | str) -> Scenario:
-    """The scenario itself, or that of a name, as `build` has it.
+    """Return the scenario itself, or the named one, as `build` does.
 
     Raises: InputError for what is neither.
     """
     if isinstance(scenario, Scenario):
         return scenario
     if not isinstance(scenario, str):  # pyright: ignore[reportUnnecessaryIsInstance]
-        problem = f"a {type(scenario).__name__} is no scenario"
+        problem = f"a {type(scenario).__name__} is not a scenario"
         raise InputError("scenario", problem, fix='give a Scenario or a name, "hovercraft/spin"')
     return _keep_scenario(scenario) if scenario in catalogue.scenario_names() else build(scenario)
 
 
 @functools.lru_cache(maxsize=32)
 def _keep_scenario(name: str) -> Scenario:
-    """A scenario of the catalogue, the same object each time, so that it is compiled once."""
+    """Return a scenario of the catalogue, the same object each time, so that it is compiled once."""
     return build(name)
 
 
@@ -155,7 +155,7 @@ def _build_file(
     faults: list[str],
     others: tuple[Calibration | None, bool, Certificate | None],
 ) -> Scenario:
-    """The scenario of a file, which is that of its base with the file's settings, and so it stands in logs.
+    """Return the scenario of a file: its base with the file's settings, recorded as such in logs.
 
     others: arguments of `build`, as they are.
     """
@@ -172,7 +172,7 @@ def _build_file(
         with spell_with(spell_toml):
             scenario = build_base()
     except InputError as error:
-        if named_path(error) in settings:  # typed beside the file, so that it is said again in the words of who typed
+        if named_path(error) in settings:  # typed beside the file, so errors must use the typed form
             build_base()
         raise file.locate(error) from None
     changes: dict[str, Any] = {"name": file.name} if file.name else {}
@@ -182,7 +182,7 @@ def _build_file(
 
 
 def _refuse_gaps(scenario: Scenario, settings: Iterable[str]) -> None:
-    """Refuse a scenario that lacks a part, as one that is put together from nothing may, or a key of nothing."""
+    """Raise InputError if a part is missing, as in a scenario built from nothing, or a setting has no target."""
     if scenario.world.vehicle is None:
         known = declarations(scenario)
         for path in [path for path in settings if path.partition(".")[0] not in known]:
@@ -195,23 +195,23 @@ def _refuse_gaps(scenario: Scenario, settings: Iterable[str]) -> None:
         if getattr(getattr(scenario, owner) if owner else scenario, field) is None:
             raise InputError(
                 argument_name("settings", path),
-                "there is none",
+                "the part is missing",
                 fix=f"name a part: {argument('settings', example, path)}",
             )
 
 
 def _typed_reference(name: str, settings: Mapping[str, str]) -> str:
-    """The reference among the settings, where it is none of the scenario's own choices; "" where there is none."""
+    """Return the reference among the settings if it is not one of the scenario's own choices; else ""."""
     text = settings.get(REFERENCE, "")
     return "" if text in catalogue.scenario_choices(name).get(REFERENCE, ()) else text
 
 
 def _replace_links_by_recordings(scenario: Scenario, settings: Mapping[str, str]) -> Scenario:
-    """The scenario over the recordings that ``uplink=FILE.csv`` and ``downlink=FILE.csv`` among the settings name.
+    """Return the scenario with the recordings that ``uplink=FILE.csv`` and ``downlink=FILE.csv`` name as its links.
 
     Packets leave as often as those of the link whose place it takes, and the far end looks each millisecond.
 
-    Raises: InputError for a file that is no recording.
+    Raises: InputError for a file that is not a recording.
     """
     world = scenario.world
     for name in LINKS:
@@ -219,7 +219,7 @@ def _replace_links_by_recordings(scenario: Scenario, settings: Mapping[str, str]
             file, own = settings[name], getattr(world, name)
             if not file.endswith(".csv"):
                 fix = f"{argument('settings', 'FILE.csv', name)}, as  trimtab link-test URI --out DIR  writes it"
-                raise InputError(argument_name("settings", name), f"{file!r} is no recording", fix=fix)
+                raise InputError(argument_name("settings", name), f"{file!r} is not a recording of a link", fix=fix)
             trace, each = read_trace(file), optional_member(own, "send_period") or own.period
             slots = required_slots(float(trace.latency_s.max()), each, ms(1))
             link = LatencyTrace.of(trace, send_period=each, period=ms(1), capacity=max(slots, 64))
@@ -228,13 +228,13 @@ def _replace_links_by_recordings(scenario: Scenario, settings: Mapping[str, str]
 
 
 def _add_predictor(scenario: Scenario, settings: Mapping[str, str]) -> Scenario:
-    """The scenario with a predictor of what its autopilot believes, where ``predictor=on`` is among the settings.
+    """Return the scenario with a predictor of its autopilot's model, if ``predictor=on`` is among the settings.
 
     Raises: InputError for another choice, or an uplink of which no latency is known.
     """
     chosen = settings.get(PREDICTOR, "off")
     if chosen not in SWITCH:
-        problem = f"{chosen!r} is no choice"
+        problem = f"{chosen!r} is not a valid choice"
         raise InputError(
             argument_name("settings", PREDICTOR), problem, choices=SWITCH, fix=argument("settings", "on", PREDICTOR)
         )
@@ -245,37 +245,39 @@ def _add_predictor(scenario: Scenario, settings: Mapping[str, str]) -> Scenario:
 
 
 def _find_gain(settings: Mapping[str, str], reference: str) -> Certificate | None:
-    """The gain among the settings, if there is one; refused beside a typed reference."""
+    """Return the gain among the settings, if any; raise InputError if a reference is given as well."""
     if GAIN not in settings:
         return None
     if reference:
-        fix = f"leave one of them out; where the gain is to hold it: {argument('settings', '…', 'autopilot.law.x0')}"
-        raise InputError(argument_name("settings", REFERENCE), "a gain holds one state, and follows nothing", fix=fix)
+        fix = f"leave one of them out; to move the gain's trim: {argument('settings', '…', 'autopilot.law.x0')}"
+        raise InputError(
+            argument_name("settings", REFERENCE), "a gain holds one state and cannot follow a reference", fix=fix
+        )
     return read_gain(settings[GAIN])
 
 
 def _calibrate(scenario: Scenario, calibration: Calibration) -> tuple[Scenario, dict[str, Any]]:
-    """The scenario with the numbers of a calibration, and what logs say of it."""
+    """Return the scenario with the values of a calibration, and the calibration's entry for logs."""
     calibrated = with_calibration(scenario, calibration)
     about = {"sha256": calibration.content_hash(), "used": calibrated.used, "unused": list(calibrated.unused)}
     return calibrated.scenario, about | {"content": format_calibration(calibration)}
 
 
 def _refuse_choices(name: str, scenario: Scenario, rest: Mapping[str, str]) -> None:
-    """Refuse a name that is neither a choice of the scenario nor a setting of its own, with those that look like it."""
+    """Raise InputError for a name that is neither a choice nor a setting of the scenario, with similar names."""
     paths = [path for path, _, _ in leaves(scenario)]
     known = [*catalogue.scenario_choices(name), *SPECIAL, *(p for p in paths if "." not in p)]
     for wrong in [n for n in rest if "." not in n and n not in known]:
         near = closest(wrong, [*known, *paths], 6)
         show = f"trimtab list {name}  shows every setting by its path"
         fix = f"{argument('settings', '…', near[0])}      {show}" if near else show
-        problem = f"scenario {name!r} has no such choice and no such setting"
+        problem = f"scenario {name!r} has no choice and no setting of this name"
         raise InputError(argument_name("settings", wrong), problem, choices=near or known, fix=fix)
 
 
 def _refuse_navigation(name: str) -> None:
     chosen = {n: catalogue.scenario_choices(n).get("navigation", ()) for n in catalogue.scenario_names()}
     offer = [n for n, choices in chosen.items() if choices]
-    problem = f"scenario {name!r} has one navigation only; there is a choice in {', '.join(offer)}"
-    fix = f"leave it out; what can be chosen here:  trimtab list {name}"
+    problem = f"scenario {name!r} has only one navigation; there is a choice in {', '.join(offer)}"
+    fix = f"leave it out; to see the choices here:  trimtab list {name}"
     raise InputError(argument_name("navigation"), problem, fix=fix)

@@ -20,12 +20,12 @@ from trimtab.core.errors import InputError, argument, argument_name, closest
 
 TOML = ".toml"
 BARE = "bare"
-"""The base of a scenario file that names none."""
+"""Base of a scenario file that names none."""
 FOLDER = Path(__file__).parent
 
 
 def scenario_names() -> dict[str, str]:
-    """Name of each scenario -> first line of its docstring; read from the files, nothing is imported.
+    """Return each scenario's name with the first line of its docstring; read from the files, nothing is imported.
 
     >>> from trimtab import scenario_names
     >>> scenario_names()["hovercraft/spin"]
@@ -36,13 +36,13 @@ def scenario_names() -> dict[str, str]:
 
 
 def scenario_files() -> dict[str, Path]:
-    """Name of each scenario -> its file."""
+    """Return each scenario's name with its file."""
     files = [file for file in sorted(FOLDER.glob("*/*.py")) if not file.name.startswith("_")]
     return {f"{file.parent.name}/{file.stem}".replace("_", "-"): file for file in files}
 
 
 def check_name(name: str, verb: str = "run") -> None:
-    """Refuse a name that is in no catalogue, with those of its family, or with all. verb: for the fix."""
+    """Raise InputError for a name outside the catalogue, with similar or all names. verb: for the fix."""
     known = scenario_files()
     if name in known:
         return
@@ -50,22 +50,22 @@ def check_name(name: str, verb: str = "run") -> None:
         _refuse_bare_file(name, verb)
     family = [n for n in known if n.partition("/")[0] == name.partition("/")[0]]
     near = closest(name, family or known, 1) or family[:1]
-    every = "trimtab list  shows them all; your own is  file.py:function"
+    every = "trimtab list  shows all scenarios; your own:  file.py:function"
     fix = f"trimtab {verb} {near[0]}      {every}" if near else every
     raise InputError(f"scenario {name!r}", "there is no such scenario", choices=family or known, fix=fix)
 
 
 def _refuse_bare_file(name: str, verb: str) -> None:
-    """Refuse a Python file without the function in it."""
+    """Raise InputError for a Python file without a function name."""
     if Path(name).is_file():
-        problem, fix = "it is a file, and the function in it is not named", f"trimtab {verb} {name}:scenario"
+        problem, fix = "this is a file; name the function in it, too", f"trimtab {verb} {name}:scenario"
     else:
-        problem, fix = "there is no such file", f"a file of yours, as in  trimtab {verb} my_boat.py:scenario"
+        problem, fix = "there is no such file", f"give a file of your own, as in  trimtab {verb} my_boat.py:scenario"
     raise InputError(f"scenario {name!r}", problem, fix=fix)
 
 
 def load_scenario(name: str, settings: Mapping[str, str] | None = None) -> tuple[Any, dict[str, str]]:
-    """The scenario of a name, and the settings that are not arguments of its function.
+    """Return the named scenario, and the settings that are not arguments of its function.
 
     Args:
         name: in the catalogue, or ``module:function``, or ``file.py:function``, or ``file.toml``.
@@ -87,9 +87,9 @@ def load_scenario(name: str, settings: Mapping[str, str] | None = None) -> tuple
     for parameter in inspect.signature(build).parameters.values():
         named = parameter.kind not in (parameter.VAR_POSITIONAL, parameter.VAR_KEYWORD)
         if named and parameter.default is parameter.empty and parameter.name not in arguments:
-            problem = f"its argument {parameter.name!r} has no default, and no setting gives it"
+            problem = f"its argument {parameter.name!r} has no default and is not set"
             fix = argument("settings", "…", parameter.name)
-            fix += "; to export a function that is no scenario:  example = (…,)  in its file"
+            fix += "; to export a function that is not a scenario:  example = (…,)  in its file"
             raise InputError(f"scenario {name!r}", problem, fix=fix)
     if ":" not in name:
         return build(**arguments), rest
@@ -97,17 +97,17 @@ def load_scenario(name: str, settings: Mapping[str, str] | None = None) -> tuple
         return build(**arguments), rest
     except InputError:
         raise
-    except Exception as error:  # of the file that is named
+    except Exception as error:  # of the named file
         raise _own_code_error(name, error) from error
 
 
 def scenario_choices(name: str) -> dict[str, tuple[str, ...]]:
-    """The choices that a scenario's function offers, e.g. {"initial": ("moving", "rest")}."""
+    """Return the choices that a scenario's function offers, e.g. {"initial": ("moving", "rest")}."""
     return _argument_choices(_find_function(name))
 
 
 def choice_lines(name: str) -> dict[str, dict[str, str]]:
-    """One line for each choice of those arguments that have them: ``Annotated[Literal[…], {"choice": "line"}]``."""
+    """Return one line per choice of those arguments that have them: ``Annotated[Literal[…], {"choice": "line"}]``."""
     hints = typing.get_type_hints(_find_function(name), include_extras=True)
     noted = {n: hint.__metadata__[0] for n, hint in hints.items() if typing.get_origin(hint) is typing.Annotated}
     return {argument: dict(lines) for argument, lines in noted.items() if isinstance(lines, Mapping)}
@@ -133,20 +133,20 @@ def _find_function(name: str) -> Callable[..., Any]:
 
 
 def _file_function(name: str) -> Callable[..., Any]:
-    """A function of the arguments of a scenario file's base, which gives the file's scenario."""
-    from trimtab.scenarios.toml_file import read_scenario_file  # numpy, which a name does not need
+    """Return a function of the arguments of a scenario file's base, which gives the file's scenario."""
+    from trimtab.scenarios.toml_file import read_scenario_file  # numpy is not needed for a name
 
     base = _find_function(read_scenario_file(name).base)
 
     @functools.wraps(base)
     def scenario(**arguments: str) -> Any:
-        return importlib.import_module("trimtab.scenarios.build").build(name, arguments)  # which reads the catalogue
+        return importlib.import_module("trimtab.scenarios.build").build(name, arguments)  # it reads the catalogue
 
     return scenario
 
 
 def load_function(name: str) -> Callable[..., Any]:
-    """A function outside the package: ``module:function``, or ``file.py:function``."""
+    """Return a function outside the package: ``module:function``, or ``file.py:function``."""
     where, _, attribute = name.rpartition(":")
     module = _load_file(name, Path(where)) if where.endswith(".py") else _load_module(name, where)
     build = getattr(module, attribute or "scenario", None)
@@ -162,7 +162,7 @@ def _load_file(name: str, path: Path) -> Any:
     spec = importlib.util.spec_from_file_location(path.stem, path)
     if spec is None or spec.loader is None or not path.is_file():
         problem = f"there is no file {str(path)!r}{'' if path.is_absolute() else f' in {Path.cwd()}'}"
-        fix = f"give its path from there; to begin one: trimtab new vehicle {path.stem}"
+        fix = f"give a path that exists; to create a vehicle: trimtab new vehicle {path.stem}"
         raise InputError(f"scenario {name!r}", problem, fix=fix)
     module = importlib.util.module_from_spec(spec)
     sys.modules[path.stem] = module
@@ -177,8 +177,8 @@ def _load_file(name: str, path: Path) -> Any:
 
 
 def _own_code_error(name: str, error: Exception) -> InputError:
-    """What somebody's own file did wrong, in a sentence with its line."""
-    from trimtab.loop.own_code import refuse_own_code  # JAX, which a name does not need
+    """Return a sentence with the line at which a user's own file failed."""
+    from trimtab.loop.own_code import refuse_own_code  # JAX is not needed for a name
 
     return refuse_own_code(f"scenario {name!r}", error)
 
@@ -191,5 +191,5 @@ def _load_module(name: str, where: str) -> Any:
     except ModuleNotFoundError as error:
         if error.name != where.split(".")[0]:
             raise
-        fix = f"run from the folder that holds {where}.py, or give the file: {where}.py:scenario"
-        raise InputError(f"scenario {name!r}", f"there is no module {where!r}", fix=fix) from None
+        fix = f"run from the folder that contains {where}.py, or give the file: {where}.py:scenario"
+        raise InputError(f"scenario {name!r}", f"module {where!r} not found", fix=fix) from None

@@ -1,4 +1,4 @@
-"""The scenario of an FMU that is named in the place of a scenario: it alone, its inputs held or by a schedule."""
+"""Scenario of an FMU that is named instead of a scenario: the FMU alone, its inputs held or scheduled."""
 
 import math
 from collections.abc import Callable
@@ -19,12 +19,15 @@ from trimtab.vehicles.fmu import first_state, load, neutral_input, read_interfac
 
 Trust = Annotated[
     Literal["no", "yes"],
-    {"no": "nothing in the file is run", "yes": "its program runs with your rights: you know who made it"},
+    {
+        "no": "nothing in the file is run",
+        "yes": "the FMU's program runs with your rights: use it only if you trust its maker",
+    },
 ]
 
 
 def fmu_scenario(file: str) -> Callable[..., Scenario]:
-    """The function that gives the scenario of an FMU."""
+    """Return the function that gives the scenario of an FMU."""
 
     def scenario(trust_code: Trust = "no") -> Scenario:
         """The FMU as its maker proposes to fly it: as long, and as often asked."""
@@ -55,5 +58,5 @@ def fmu_scenario(file: str) -> Callable[..., Scenario]:
 
 
 def _ticks(value: float | None) -> int:
-    """A time in 100 ns, rounded; 0 of none."""
+    """Return a time in 100 ns, rounded; 0 for None."""
     return 0 if value is None or not math.isfinite(value) else round(value * UNITS_PER_SECOND)

@@ -1,7 +1,7 @@
-"""``gain=FILE.json`` among a scenario's settings: it flies by a gain of ``trimtab design VEHICLE --lqr --out FILE``.
+"""Fly a scenario by a gain from ``trimtab design VEHICLE --lqr --out FILE``: setting ``gain=FILE.json``.
 
-The gain takes the place of the law, about the trim that its file says; it knows the vehicle for which it was designed,
-while the world flies its own. The file is data: nothing that it names is run, but for the catalogue's own scenarios.
+The gain replaces the law, about the trim in its file; it uses the vehicle for which it was designed as its model, while
+the world flies its own. The file is data: nothing that it names is run, except the catalogue's own scenarios.
 
 Source: docs page, Gains in flight.
 """
@@ -32,35 +32,35 @@ from trimtab.scenarios import catalogue
 GAIN = "gain"
 VEHICLE = "world.vehicle."
 BAND = 0.2
-"""A target is met within this part of the limit by which the gain was designed."""
+"""Tolerance of a target, as a fraction of the limit used in the design of the gain."""
 TURNING = "rad/s"
-"""Unit of rates: how fast it turns on its way is no aim of a flight."""
+"""Unit of rates, which have no targets in a flight."""
 
 
 def read_gain(file: str) -> Certificate:
-    """The gain of a file.
+    """Return the gain of a file.
 
     Raises: InputError for a file that is none, or that says something else than what was written.
     """
     certificate, digest = read_certificate(Path(file))
     if certificate_digest(certificate) != digest:
-        fix = f"trimtab design {certificate.system} --lqr … --out {file}  makes it anew"
+        fix = f"trimtab design {certificate.system} --lqr … --out {file}  makes it again"
         raise InputError(f"file '{file}'", "was changed after it was written: its digest is another", fix=fix)
     return certificate
 
 
 def note_gain(certificate: Certificate) -> dict[str, str]:
-    """What logs keep of a gain: all of it, for its file may be gone."""
+    """Return the log entry of a gain: all of it, as its file may be deleted."""
     return {"system": certificate.system, "content": certificate_json(certificate)}
 
 
 def vehicle_settings(pairs: Iterable[tuple[str, str]]) -> dict[str, str]:
-    """Settings of a vehicle, typed as ``mass=0.9`` or ``world.vehicle.mass=0.9`` -> by path below the vehicle."""
+    """Return settings of a vehicle, typed as ``mass=0.9`` or ``world.vehicle.mass=0.9``, by path below the vehicle."""
     return {path.removeprefix(VEHICLE): text for path, text in pairs}
 
 
 def with_gain(name: str, scenario: Scenario, certificate: Certificate) -> Scenario:
-    """The scenario with the law of a gain, about the trim that the gain is for; its targets are that trim.
+    """Return the scenario with the law of a gain, about the gain's trim; its targets are that trim.
 
     Args:
         name: as typed.
@@ -87,7 +87,7 @@ def with_gain(name: str, scenario: Scenario, certificate: Certificate) -> Scenar
 
 
 def refuse_slow_sampling(certificate: Certificate, period: int) -> None:
-    """Refuse a gain whose loop is not stable where its output is held for a control period (100 ns)."""
+    """Raise InputError if the loop is unstable with its output held for a control period (100 ns)."""
     n, m = certificate.B.shape
     size = np.zeros((n + m, n + m))
     size[:n, :n], size[:n, n:] = certificate.A, certificate.B
@@ -126,22 +126,22 @@ def _refuse_unread(law: StateFeedback, estimate: Any, system: str) -> None:
         design_command = f"trimtab design {system} --lqr …"
         for name in lacking:
             design_command = f"{design_command} --fast {name}"
-        fix = f"{design_command}  takes what settles by itself out of the feedback"
+        fix = f"{design_command}  removes states that settle by themselves from the feedback"
         raise InputError(argument_name("settings", GAIN), problem, choices=given, fix=fix)
 
 
 def _believed_vehicle(name: str, certificate: Certificate) -> Any:
-    """The vehicle for which a gain was designed, by the words of its file."""
+    """Return the vehicle for which a gain was designed, from its file."""
     about = {n: str(certificate.about.get(n, "")) for n in ("set", "believed")}
     given, believed = (
         [(path, text) for path, _, text in (word.partition("=") for word in words.split("; ") if word)]
         for words in about.values()
     )
     if "calibration" in dict(given):
-        fix = "design it without, and say what is believed: trimtab design SCENARIO --lqr … --believed NAME=VALUE"
+        fix = "design it without, and give the model: trimtab design SCENARIO --lqr … --believed NAME=VALUE"
         raise InputError(
             argument_name("settings", GAIN),
-            "the gain was designed with a calibration, which its file does not hold",
+            "the gain was designed with a calibration, which its file does not contain",
             fix=fix,
         )
     own = certificate.system if certificate.system in catalogue.scenario_names() else name
@@ -153,7 +153,7 @@ def _believed_vehicle(name: str, certificate: Certificate) -> Any:
 
 
 def catalogue_choices(name: str, pairs: Iterable[tuple[str, str]]) -> dict[str, str]:
-    """Those of some settings that are choices of a scenario's function."""
+    """Return the settings that are choices of a scenario's function."""
     offered = catalogue.scenario_choices(name)
     return {path: text for path, text in pairs if path in offered}
 
@@ -164,7 +164,7 @@ def _are_alike(a: Any, b: Any) -> bool:
 
 
 def _trim_targets(certificate: Certificate, law: StateFeedback, x: Any) -> tuple[Target, ...]:
-    """Each number that is fed back, but for rates and attitudes, at the trim within a part of its limit."""
+    """Return a target per value fed back, except rates and attitudes: the trim, within a fraction of its limit."""
     sizes = dict(zip(certificate.states, np.asarray(certificate.scale).tolist(), strict=True))
     numbers = state_numbers(law, x)
     return tuple(

@@ -1,4 +1,4 @@
-"""The scenario of a log: built again from the choices that the log records, every setting as it was."""
+"""Rebuild the scenario of a log from the recorded choices, with every setting as it was."""
 
 import contextlib
 import itertools
@@ -23,14 +23,14 @@ from trimtab.scenarios.catalogue import BARE
 from trimtab.scenarios.gain_file import GAIN
 
 COMPARED_PATHS = ("autopilot", "world.sensors")
-"""What a replay needs as it was: what flies, and what it is given. The rest of the world is only kept if it fits."""
+"""Parts that a replay needs unchanged: the autopilot and its inputs. The rest of the world is kept only if it fits."""
 SETTING = "a setting"
 RENAMED_CLASSES = {"Clock": "UnitClock", "Unmeasured": "ModelPrediction"}
-"""Class of a part in an old log -> its name now."""
+"""Present names of parts, by their class in an old log."""
 
 
 def rebuild_scenario(log: Log, name: str | None = None) -> Scenario:
-    """Build a log's scenario again, as it was built; then each setting gets its recorded value.
+    """Build a log's scenario again as it was built, then set each setting to its recorded value.
 
     Args:
         log: with the metadata that simulate and fly write. One without choices is older than their record, or of a
@@ -47,7 +47,7 @@ def rebuild_scenario(log: Log, name: str | None = None) -> Scenario:
     if name is None or not isinstance(settings, Mapping):
         missing = "its scenario" if name is None else "its parameters"
         fix = f"give a log of trimtab run or trimtab fly, or name the scenario: {argument('scenario', 'NAME')}"
-        raise InputError("replay", f"the log does not say {missing}", fix=fix)
+        raise InputError("replay", f"the log does not contain {missing}", fix=fix)
     parts = log.metadata.get("parts")
     recorded = _recorded_classes(settings, parts)
     compared = _keep_compared(recorded)
@@ -65,22 +65,20 @@ def rebuild_scenario(log: Log, name: str | None = None) -> Scenario:
 
 
 def _check_catalogue(name: str) -> str:
-    """A recorded name; refused where the catalogue has none such: a log is data, and nothing is imported for it."""
+    """Return a recorded name if it is in the catalogue, else raise InputError: a log must not cause an import."""
     known = {**catalogue.scenario_names(), BARE: ""}
     if name not in known:
         is_file = ":" in name
-        problem = (
-            f"the log's own name is {name!r}, which is not in the catalogue, and no file is run because a log names it"
-        )
-        fix = f"name it yourself, if it is yours: {argument('scenario', name if is_file else 'file.py:function')}"
+        problem = f"the log names {name!r}, which is not in the catalogue; no file is run because a log names it"
+        fix = f"give the name yourself, if it is yours: {argument('scenario', name if is_file else 'file.py:function')}"
         raise InputError("replay", problem, choices=() if is_file else known, fix=fix)
     return name
 
 
 def _build_candidates(name: str, choices: Mapping[str, Any]) -> Iterator[Scenario]:
-    """The scenario of the recorded choices; of a log without any, that of every combination of arguments in turn."""
+    """Return the scenario of the recorded choices; for a log without any, of every combination of arguments in turn."""
     if choices:
-        files = (*LINKS, CALIBRATION, GAIN)  # which may be gone, or hold something else by now
+        files = (*LINKS, CALIBRATION, GAIN)  # it may be gone or changed by now
         settings = {p: text for p, text in choices["settings"].items() if p not in files}
         content = choices.get(CALIBRATION)
         calibration = None if content is None else parse_calibration("the log's calibration", content["content"])
@@ -94,13 +92,13 @@ def _build_candidates(name: str, choices: Mapping[str, Any]) -> Iterator[Scenari
     offered = catalogue.scenario_choices(name)
     if all(offered.values()):
         for values in itertools.product(*offered.values()):
-            with contextlib.suppress(InputError):  # choices that don't go together
+            with contextlib.suppress(InputError):  # choices that cannot be combined
                 yield catalogue.load_scenario(name, dict(zip(offered, values, strict=True)))[0]
 
 
 def _add_live_variants(candidates: Iterator[Scenario], side: Any) -> Iterator[Scenario]:
-    """Each one; as `fly` has it, which can be asked to hold or to end, and whose pilot has the stick; as `vehicle` has
-    it, with a fault in every part that waits to be set. side: of a line, "vehicle" where the log is that end's own.
+    """Yield each candidate, then its variants as flown by `fly` (can hold or end, and the pilot has the stick) and by
+    `vehicle` (with a pending fault in every part). side: end of a link, "vehicle" if the log is the vehicle's own.
     """
     for scenario in candidates:
         yield scenario
@@ -113,13 +111,13 @@ def _add_live_variants(candidates: Iterator[Scenario], side: Any) -> Iterator[Sc
 
 
 def _recorded_classes(settings: Mapping[str, Any], parts: Any) -> dict[str, str]:
-    """The paths of settings, and the class of each part where the log says it, by its name of today."""
+    """Return the paths of settings, and the present class name of each part that the log names."""
     classes: dict[str, str] = dict(parts or {})
     return dict.fromkeys(settings, SETTING) | {path: RENAMED_CLASSES.get(c, c) for path, c in classes.items()}
 
 
 def _setting_classes(scenario: Scenario, parts: Any) -> dict[str, str]:
-    """The same of a scenario."""
+    """Return the paths of settings and the class names of a scenario."""
     return dict.fromkeys((p for p, _, _ in leaves(scenario)), SETTING) | (part_classes(scenario) if parts else {})
 
 
@@ -128,7 +126,7 @@ def _keep_compared(classes: dict[str, str]) -> dict[str, str]:
 
 
 def _set_values(scenario: Scenario, settings: Mapping[str, Any]) -> Scenario:
-    """Every setting that there is, as recorded: floats to the bit."""
+    """Set every setting as recorded: floats to the bit."""
     for path, old, declared in list(leaves(scenario)):
         if path not in settings or plain_setting(old) == settings[path]:
             continue
@@ -148,7 +146,7 @@ def _lists_to_tuples(value: Any) -> Any:
 def _difference_error(name: str, classes: dict[str, str], recorded: dict[str, str]) -> InputError:
     path = min(p for p in {*classes, *recorded} if classes.get(p) != recorded.get(p))
     was, now = recorded.get(path, "missing"), classes.get(path, "missing")
-    problem = f"the catalogue's {name!r} is built otherwise than the recorded one: {path} was {was}, is {now}"
-    fix = "replay with the version that recorded it, or name a scenario built alike: "
+    problem = f"the catalogue's {name!r} differs from the recorded one: {path} was {was}, is {now}"
+    fix = "replay with the version that recorded it, or name a scenario with the same parts: "
     fix += argument("scenario", "file.py:function")
     return InputError("replay", problem, fix=fix)

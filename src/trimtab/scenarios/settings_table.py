@@ -1,4 +1,4 @@
-"""Every setting of a scenario, to look at in a program or a notebook: what ``trimtab list SCENARIO`` prints."""
+"""Table of a scenario's settings, for programs and notebooks: the content of ``trimtab list SCENARIO``."""
 
 from collections.abc import Iterator, Mapping
 from typing import Any, NamedTuple
@@ -14,7 +14,7 @@ from trimtab.scenarios.build import find_scenario
 
 TICK = "100 ns"
 SHOWN = 40
-"""Rows that a table prints; it has them all."""
+"""Maximum number of rows that are printed; the table holds all."""
 
 
 class Setting(NamedTuple):
@@ -40,7 +40,7 @@ class Setting(NamedTuple):
 
 
 class SettingsTable(Mapping[str, Setting]):
-    """Path -> setting, in the order of the loop; a part's path, ``table["world.vehicle"]``, gives those below it."""
+    """Settings by path, in the order of the loop; a part's path, ``table["world.vehicle"]``, gives those below it."""
 
     def __init__(self, name: str, settings: Mapping[str, Setting]) -> None:
         self.name, self._settings = name, dict(settings)
@@ -75,16 +75,16 @@ class SettingsTable(Mapping[str, Setting]):
 
 
 def settings(scenario: Scenario | str) -> SettingsTable:
-    """Every setting of a scenario by its path, with value, unit and meaning.
+    """Return every setting of a scenario by its path, with value, unit and meaning.
 
     >>> from trimtab import settings
     >>> settings("hovercraft/spin")["world.vehicle.mass"]
     Setting(value=2.6, unit='kg', doc='Total mass with batteries.', choices=())
 
     Args:
-        scenario: it, or its name.
+        scenario: the scenario, or its name.
 
-    Raises: InputError for a name that there is none of.
+    Raises: InputError for an unknown name.
     """
     scenario = find_scenario(scenario)
     rows: dict[str, Setting] = {}

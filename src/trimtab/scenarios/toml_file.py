@@ -12,8 +12,8 @@
     [autopilot.law]
     part = "ConstantSpin"         # the class of a part; the one that is there stays as it is
 
-Tables and keys are the paths of `trimtab list SCENARIO`. What a file says are settings of its base, as after ``--set``,
-and so they stand in logs: a replay needs no file.
+Tables and keys are the paths of `trimtab list SCENARIO`. A file's entries are settings of its base, as after ``--set``,
+and logs record them as such: a replay needs no file.
 
 Source: docs page, Scenario files.
 """
@@ -32,11 +32,11 @@ from trimtab.logs.metrics import Target, full_path
 from trimtab.scenarios.catalogue import BARE, TOML
 
 PART = "part"
-"""Key of the class of a part in its table."""
+"""Key of a part's class in its table."""
 OWN = ("base", "name", "without", "faults", "targets", "choices")
-"""Keys that are no paths."""
+"""Keys that are not paths."""
 FILES = ("uplink", "downlink", "calibration", "reference")
-"""Choices that may be a file's name, which is looked for from the scenario file's folder."""
+"""Choices that may be a file name, relative to the scenario file's folder."""
 TARGET_KEYS = ("signal", "value", "band")
 FIX = "see a whole one by  trimtab list hovercraft/spin --toml, or its schema by  trimtab list --schema"
 _HEADER = re.compile(r"\s*\[\[?([^\[\]]+)\]\]?\s*(#.*)?")
@@ -45,7 +45,7 @@ _NO_BRACKETS = re.compile(r"\"(?:\\.|[^\"\\])*\"|'[^']*'|#.*")
 
 
 class ScenarioFile(NamedTuple):
-    """What a file, with those that it is based on, says. base: a name of the catalogue, or BARE.
+    """Contents of a file and the files that it is based on. base: a name of the catalogue, or BARE.
 
     settings: text by path.  targets: as they stand there.  places: key -> file, line and column, from 1.
     """
@@ -60,14 +60,14 @@ class ScenarioFile(NamedTuple):
     places: Mapping[str, tuple[str, int, int]]
 
     def find_place(self, path: str) -> str:
-        """File, line and column of what a path, or the nearest above it, is set by; the file alone where nothing is."""
+        """Return file, line and column that set a path, or the nearest above it; only the file if there is none."""
         for key in (f"choices.{path}", f"{path}.{PART}", *_and_above(path)):
             if key in self.places:
                 return ":".join(map(str, self.places[key]))
         return self.file
 
     def locate(self, error: InputError) -> InputError:
-        """The same error with the line at which the file says it."""
+        """Return the same error with the line of the file that causes it."""
         path = named_path(error)
         if path == "scenario":
             path = "without" if "imperfection" in error.problem else "base"
@@ -77,7 +77,7 @@ class ScenarioFile(NamedTuple):
         return InputError(part, error.problem, choices=error.choices, fix=error.fix)
 
     def parse_target(self, target: Mapping[str, Any], units: Mapping[str, str]) -> Target:
-        """A target as the metrics have it. units: of the signals whose unit is known."""
+        """Return a target in the form of the metrics. units: of the signals whose unit is known."""
         where = f"{self.find_place('targets')}: targets"
         for key in (*TARGET_KEYS, *target):
             if key not in target or key not in TARGET_KEYS:
@@ -90,29 +90,29 @@ class ScenarioFile(NamedTuple):
 
 
 def named_path(error: InputError) -> str:
-    """Of which setting, or other argument, an error speaks that was raised while `spell_toml` held; "" of none."""
+    """Return the setting or argument named by an error raised while `spell_toml` was active; "" for none."""
     match = re.match(r"[A-Za-z_][\w.-]*", error.part)
     return match[0] if match else ""
 
 
 def spell_toml(outer: Spelling, name: str, value: Any, path: str | None) -> str:
-    """A setting as a scenario file has it; other arguments as in Python."""
+    """Return a setting in the notation of a scenario file; other arguments as in Python."""
     if name == "settings" and path is not None:
         return path if value is None else _setting_line(path, str(value))
     return spell_python(name, value, path)
 
 
 def signal_units(scenario: Any) -> dict[str, str]:
-    """Unit of each signal of the truth."""
+    """Return the unit of each signal of the truth."""
     return {f"truth.{path}": d.unit for path, _, d in leaves(scenario.initial) if isinstance(d, Quantity)}
 
 
 def read_scenario_file(name: str, chain: tuple[str, ...] = ()) -> ScenarioFile:
-    """A file, and what it is based on, read and put together.
+    """Read a file and the files that it is based on, and combine them.
 
     chain: files on the way here.
 
-    Raises: InputError with file, line and column for what is no TOML, no key of a scenario file, or no value.
+    Raises: InputError with file, line and column for invalid TOML, an unknown key, or an invalid value.
     """
     content, places = _read(name), {}
     text = Path(name).read_text(encoding="utf-8")
@@ -139,15 +139,17 @@ def read_scenario_file(name: str, chain: tuple[str, ...] = ()) -> ScenarioFile:
 
 
 def _on_base(file: ScenarioFile, where: str, chain: tuple[str, ...]) -> ScenarioFile:
-    """The file on that which it is based on, where that is a file, too."""
+    """Return the file combined with its base, if that is a file, too."""
     if ":" in file.base or file.base.endswith(".py"):
-        problem = f"{file.base!r} is a file of Python, and a scenario file runs nothing"
+        problem = f"{file.base!r} is a Python file, and a scenario file runs no code"
         raise InputError(where, problem, fix='base = "hovercraft/spin", or another file, "NAME.toml"')
     if not file.base.endswith(TOML):
         return file
     below_name = str(Path(file.file).parent / file.base)
     if str(Path(below_name).resolve()) in chain:
-        raise InputError(where, f"{file.base!r} is based on this file again", fix="base it on one of the catalogue")
+        raise InputError(
+            where, f"{file.base!r} is based on this file again", fix="base it on a scenario of the catalogue"
+        )
     below = read_scenario_file(below_name, chain)
     return file._replace(
         base=below.base,
@@ -161,13 +163,13 @@ def _on_base(file: ScenarioFile, where: str, chain: tuple[str, ...]) -> Scenario
 
 
 def merge_settings(below: Mapping[str, str], own: Mapping[str, str]) -> dict[str, str]:
-    """Settings over others: where a part is replaced by another, what was set in it goes with it."""
+    """Merge settings over others: where a part is replaced, the settings inside the old part are dropped."""
     replaced = tuple(f"{path}." for path, text in own.items() if path in below and below[path] != text)
     return {path: text for path, text in below.items() if not path.startswith(replaced)} | dict(own)
 
 
 def find_places(text: str) -> dict[str, tuple[int, int]]:
-    """Path of each key and table that begins a line of TOML -> its line and column, from 1."""
+    """Return the line and column, from 1, of each key and table that begins a line of TOML."""
     places: dict[str, tuple[int, int]] = {}
     table, depth, in_text = "", 0, False
     for number, line in enumerate(text.splitlines(), 1):
@@ -188,7 +190,7 @@ def find_places(text: str) -> dict[str, tuple[int, int]]:
 
 
 class _Places(NamedTuple):
-    """Says where a key stands, for an error."""
+    """Return the position of a key, for an error."""
 
     file: str
     places: Mapping[str, tuple[str, int, int]]
@@ -213,10 +215,10 @@ def _read(name: str) -> dict[str, Any]:
         with open(name, "rb") as stream:
             return tomllib.load(stream)
     except OSError as error:
-        problem = f"can't be read: {error.strerror or error}"
+        problem = f"cannot be read: {error.strerror or error}"
         raise InputError(f"scenario file {name!r}", problem, fix="give the path of a .toml file") from None
     except UnicodeDecodeError:
-        raise InputError(f"scenario file {name!r}", "is no UTF-8 text", fix="save it as UTF-8") from None
+        raise InputError(f"scenario file {name!r}", "is not UTF-8 text", fix="save it as UTF-8") from None
     except tomllib.TOMLDecodeError as error:
         problem, match = str(error), re.search(r"\s*\(at line (\d+), column (\d+)\)", str(error))
         lines = Path(name).read_text(encoding="utf-8").splitlines() or [""]
@@ -226,7 +228,7 @@ def _read(name: str) -> dict[str, Any]:
 
 
 def _flatten(tree: Mapping[str, Any], above: str = "") -> Iterator[tuple[str, Any]]:
-    """Path and value of all keys; a table's `part` is the value of the table's own path."""
+    """Return path and value of all keys; a table's `part` is the value of the table's own path."""
     for key, value in tree.items():
         path = f"{above}.{key}" if above else key
         if key == PART and above:
@@ -242,7 +244,7 @@ def _flatten(tree: Mapping[str, Any], above: str = "") -> Iterator[tuple[str, An
 
 
 def _as_text(where: str, value: Any) -> str:
-    """A value as ``--set`` has it."""
+    """Return a value in the notation of ``--set``."""
     if isinstance(value, str):
         return value
     if isinstance(value, bool | int | float):
@@ -254,7 +256,7 @@ def _as_text(where: str, value: Any) -> str:
 
 def _refuse(where: str, value: Any) -> Any:
     fix = 'a number, a text such as "3 kg", true or false, or a list of them'
-    raise InputError(where, f"{value} is a {type(value).__name__}, which no setting is", fix=fix)
+    raise InputError(where, f"{value} is a {type(value).__name__}, which is not valid for a setting", fix=fix)
 
 
 def _expect(value: Any, kind: Any, where: str, what: str, fix: str) -> Any:
@@ -287,7 +289,7 @@ def _parse_size(where: str, text: str, unit: str | None) -> float:
 
 
 def _setting_line(path: str, value: str) -> str:
-    """What to write in a file for a setting."""
+    """Return the text to write in a file for a setting."""
     table, _, key = path.rpartition(".")
     if re.fullmatch(r"[A-Z]\w*(\.\w+)?", value) and not value.isupper():
         table, key = path, PART

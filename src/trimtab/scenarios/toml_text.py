@@ -1,4 +1,4 @@
-"""A scenario written as a scenario file (`scenarios.toml_file`), every setting with its unit and meaning."""
+"""Write a scenario as a scenario file (`scenarios.toml_file`), every setting with its unit and meaning."""
 
 import json
 from collections.abc import Iterable, Mapping
@@ -13,14 +13,14 @@ from trimtab.loop.parts import find_class, part_modules
 from trimtab.scenarios.toml_file import PART, signal_units
 
 FEW = 16
-"""Numbers of a list that are written; of a longer one only how many there are: it stays the base's."""
+"""Maximum length of a list that is written; of a longer one only the length, so the base's values stay."""
 NOT_WRITTEN = ("name",)
 WHOLE = ("world", "autopilot")
-"""Records that are no parts to choose."""
+"""Records that cannot be chosen as parts."""
 
 
 def format_scenario(name: str, scenario: Any, choices: Mapping[str, tuple[str, ...]]) -> str:
-    """A file based on a scenario of the catalogue that is that scenario, to the bit.
+    """Return a file based on a scenario of the catalogue that equals that scenario, to the bit.
 
     choices: of each argument, the first of which it is by itself.
     """
@@ -56,7 +56,7 @@ def _format_line(key: str, value: Any, declared: Quantity | Option) -> str:
 
 
 def _format_value(value: Any, declared: Quantity | Option) -> tuple[str, str]:
-    """A value as TOML has it, "" where it is not written, and what is said before its meaning."""
+    """Return a value in TOML, "" where it is not written, and the text before its meaning."""
     if isinstance(declared, Option):
         if declared.kind == "period":
             return json.dumps(format_time(value)), ""
@@ -91,7 +91,7 @@ def _format_targets(targets: Iterable[Target], units: Mapping[str, str]) -> list
 
 
 def scenario_schema() -> dict[str, Any]:
-    """JSON schema of a scenario file, made of the records' declarations: each part's fields, units and meanings."""
+    """Return the JSON schema of a scenario file, from the records' declarations: fields, units and meanings."""
     classes = {name: find_class("schema", name) for name in sorted(part_modules())}
     text = {"type": "string"}
     kinds = [
@@ -102,9 +102,9 @@ def scenario_schema() -> dict[str, Any]:
     target = {"signal": text, "value": {"type": ["number", "string"]}, "band": {"type": ["number", "string"]}}
     own = {
         "base": {**text, "description": "A scenario of the catalogue, or another scenario file."},
-        "name": {**text, "description": "What logs and pictures call it."},
-        "without": {"type": "array", "items": text, "description": "Imperfections that are switched off."},
-        "faults": {"type": "array", "items": text, "description": "As after --fault."},
+        "name": {**text, "description": "Name of the scenario in logs and plots."},
+        "without": {"type": "array", "items": text, "description": "Imperfections to be switched off."},
+        "faults": {"type": "array", "items": text, "description": "Faults, written as after --fault."},
         "choices": {"type": "object", "description": "Arguments of the base, and predictor, uplink, reference …"},
         "targets": {
             "type": "array",

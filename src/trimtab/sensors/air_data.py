@@ -1,4 +1,4 @@
-"""Air data: airspeed out of the pressure in a pitot tube, angles of attack and sideslip out of vanes."""
+"""Air data: airspeed from the pressure in a pitot tube, angles of attack and sideslip from vanes."""
 
 from typing import Any
 
@@ -12,27 +12,29 @@ from trimtab.environment.atmosphere import HEAT_RATIO, standard_atmosphere
 
 ZERO = (0.0, 0.0, 0.0)
 SEA_DENSITY = 1.225
-"""kg/m³, of the U.S. Standard Atmosphere 1976: what makes an equivalent airspeed."""
+"""Air density at sea level (kg/m³), U.S. Standard Atmosphere 1976; used for the equivalent airspeed."""
 
 
 @record
 class AirDataReading:
-    """What probes in the air give. Source: docs page, Sensors in space."""
+    """Sample of the air data probes. Source: docs page, Sensors in space."""
 
-    impact_pressure: Scalar = quantity("Pa", "In the pitot tube, above the static one.")
-    equivalent_airspeed: Scalar = quantity("m/s", "At which air of the sea's density would have this dynamic pressure.")
-    airspeed: Scalar = quantity("m/s", "Through the air, with the density of the standard atmosphere here.")
+    impact_pressure: Scalar = quantity("Pa", "Impact pressure: pitot pressure minus static pressure.")
+    equivalent_airspeed: Scalar = quantity(
+        "m/s", "Equivalent airspeed: gives the same dynamic pressure at sea-level density."
+    )
+    airspeed: Scalar = quantity("m/s", "True airspeed, with the density of the standard atmosphere here.")
     alpha: Scalar = quantity("rad", "Angle of attack.", kind="angle")
     beta: Scalar = quantity("rad", "Angle of sideslip.", kind="angle")
 
 
 @record
 class AirDataState:
-    """What probes remember: the run's zeros. Source: docs page, Sensors in space."""
+    """State of the probes: the zero errors of this run. Source: docs page, Sensors in space."""
 
-    key: Key = part("Of the noise.")
-    pressure_offset: Scalar = quantity("Pa", "Of the transducer.")
-    vane_offset: Any = quantity("rad", "Of both vanes.", kind="angle", shape=(2,))
+    key: Key = part("Key of the random noise.")
+    pressure_offset: Scalar = quantity("Pa", "Zero error of the pressure transducer.")
+    vane_offset: Any = quantity("rad", "Zero errors of both vanes.", kind="angle", shape=(2,))
 
 
 @record
@@ -42,40 +44,46 @@ class AirData:
         v = v_WB - v_air + (w - w_air) × l          q_c = p ((1 + 0.2 M²)^3.5 - 1)
         alpha = (1 + k) atan2(v_z, v_x) + b + w,   beta = (1 + k) asin(v_y / |v|) + b + w
 
-    Beyond Mach 1 q_c is Rayleigh's, behind a normal shock. Airspeeds come from q_c by the same law, solved for M. Wind
-    and turbulence count, which an inertial velocity does not know of.
+    Beyond Mach 1, q_c follows Rayleigh's formula, behind a normal shock. Airspeeds come from q_c by the same law,
+    solved for M. They include wind and turbulence, unlike an inertial velocity.
 
     Frames:  velocities and the boom's place l in B; alpha from x to the air's way in the x-z plane, nose up positive.
-    Not modelled: that a tube at an angle loses pressure, icing, lag of tubes and vanes.
+    Not modelled: pressure loss of an inclined tube, icing, lag of tubes and vanes.
     Source:  Gracey, "Measurement of aircraft speed and altitude", NASA RP-1046, 1980; NACA report 1135, eqs. 44 and
              100. Sizes chosen.
     """
 
     pressure_noise: Scalar = imperfection(
-        "Pa", "Standard deviation of each sample.", "air-data-pressure-noise", default=5.0
+        "Pa", "Standard deviation of the pressure noise of each sample.", "air-data-pressure-noise", default=5.0
     )
     pressure_bias: Scalar = imperfection(
-        "Pa", "Standard deviation of the zero, drawn for each run.", "air-data-pressure-bias", default=10.0
+        "Pa", "Standard deviation of the pressure zero, drawn for each run.", "air-data-pressure-bias", default=10.0
     )
-    vane_noise: Scalar = imperfection("rad", "Standard deviation of each sample.", "air-data-vane-noise", default=2e-3)
+    vane_noise: Scalar = imperfection(
+        "rad", "Standard deviation of the vane noise of each sample.", "air-data-vane-noise", default=2e-3
+    )
     vane_bias: Scalar = imperfection(
         "rad", "Standard deviation of a vane's zero, drawn for each run.", "air-data-vane-bias", default=3e-3
     )
     upwash: Scalar = imperfection(
-        "1", "Share k by which the body bends the flow at the vanes.", "air-data-upwash", default=0.05, low=None
+        "1",
+        "Relative error k of the vane angles, as the body bends the flow.",
+        "air-data-upwash",
+        default=0.05,
+        low=None,
     )
     position: Any = quantity(
-        "m", "Place l of the probes.", frame="B", default=ZERO, shape=(3,), off={"air-data-position": ZERO}
+        "m", "Position l of the probes.", frame="B", default=ZERO, shape=(3,), off={"air-data-position": ZERO}
     )
     period: int = period("Time between samples.", default=ms(20))
 
     def init(self, key: Key) -> AirDataState:
-        """The run's zeros drawn."""
+        """Return the initial state, with the zero errors drawn for this run."""
         draws = normals(key.at("unit"), 0, 3)
         return AirDataState(key.at("noise"), self.pressure_bias * draws[0], self.vane_bias * draws[1:])
 
     def measure(self, motion: Motion) -> AirDataReading:
-        """The measurement h(x) of a motion, without error but for the probes' place."""
+        """Return the measurement h(x) of a motion, without error except the probes' position."""
         air = surrounding_air(motion)
         around = standard_atmosphere(air.height)
         v = motion.v_WB_B - air.velocity + jnp.cross(motion.w_WB_B - air.rate, jnp.asarray(self.position))
@@ -85,7 +93,7 @@ class AirData:
         return _reading(q_c, around, jnp.arctan2(v[2], v[0]), beta)
 
     def step(self, t: Any, state: AirDataState, motion: Motion) -> tuple[AirDataState, Sample]:
-        """The sample at integer time t."""
+        """Return the sample at integer time t."""
         true, z = self.measure(motion), normals(state.key, t // self.period, 3)
         around = standard_atmosphere(surrounding_air(motion).height)
         q_c = true.impact_pressure + state.pressure_offset + self.pressure_noise * z[0]
@@ -96,12 +104,12 @@ class AirData:
 
 
 def impact_pressure(mach: Any, pressure: Any) -> Any:
-    """Pitot less static pressure (Pa) at a Mach number in air of a pressure (Pa). Source: NACA report 1135, 44, 100."""
+    """Return pitot minus static pressure (Pa) at a Mach number and static pressure (Pa). Source: NACA 1135, 44, 100."""
     return pressure * (_pitot_ratio(mach) - 1)
 
 
 def _pitot_ratio(mach: Any) -> Any:
-    """Pitot over static pressure: isentropic below Mach 1, behind a normal shock above."""
+    """Return pitot over static pressure: isentropic below Mach 1, behind a normal shock above."""
     g, square = HEAT_RATIO, mach * mach
     fast = jnp.maximum(square, 1.0)
     slow = (1 + (g - 1) / 2 * jnp.minimum(square, 1.0)) ** (g / (g - 1))
@@ -110,7 +118,7 @@ def _pitot_ratio(mach: Any) -> Any:
 
 
 def mach_of_impact(ratio: Any) -> Any:
-    """Mach number at an impact pressure over static pressure: in closed form below 1, by six Newton steps above."""
+    """Return the Mach number of an impact over static pressure: closed form below 1, six Newton steps above."""
     g = HEAT_RATIO
     slow = jnp.sqrt(2 / (g - 1) * jnp.maximum((jnp.maximum(ratio, 0.0) + 1) ** ((g - 1) / g) - 1, 0.0))
     wanted = jnp.maximum(ratio + 1, _pitot_ratio(1.0))

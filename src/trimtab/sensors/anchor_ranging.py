@@ -14,24 +14,24 @@ from trimtab.core.time import ms
 
 ZERO = (0.0, 0.0, 0.0)
 HALL = ((0.0, 0.0, -3.0), (8.0, 0.0, -0.3), (8.0, 6.0, -3.0), (0.0, 6.0, -0.3), (4.0, 3.0, -4.0), (4.0, 0.0, -1.5))
-"""Six anchors around a hall of 8 by 6 m, at different heights."""
+"""Default anchors: six around a hall of 8 by 6 m, at different heights."""
 
 
 @record
 class AnchorRanges:
     """Ranges, one for each anchor. Source: docs page, Sensors in space."""
 
-    range: Any = quantity("m", "To each anchor (n,); of one that is not heard the last.")
-    heard: Any = quantity("1", "Whether each was heard (n,).", kind="flag")
+    range: Any = quantity("m", "Range to each anchor (n,); the previous range where none was received.")
+    heard: Any = quantity("1", "True for each anchor received (n,).", kind="flag")
 
 
 @record
 class AnchorRangingState:
-    """What the radio remembers. Source: docs page, Sensors in space."""
+    """State of the radio. Source: docs page, Sensors in space."""
 
-    key: Key = part("Of the noise.")
-    bias: Any = quantity("m", "Of each anchor (n,) in this run.")
-    last: Any = quantity("m", "Last range of each (n,).")
+    key: Key = part("Key of the random noise.")
+    bias: Any = quantity("m", "Range bias of each anchor (n,) in this run.")
+    last: Any = quantity("m", "Last range of each anchor (n,).")
 
 
 @record
@@ -40,52 +40,52 @@ class AnchorRanging:
 
         z_i = | p + R_WB l - a_i | + b_i + w + e_i
 
-    with a bias of each anchor (antenna delays), white noise w, and now and then a late path e_i: exponential, where
-    what arrives first came round a corner. Not heard: out of reach, or lost at random.
+    with a bias of each anchor (antenna delays), white noise w, and occasionally an exponential error e_i, where the
+    first path to arrive is a reflected one. Not received: out of reach, or lost at random.
 
     Frames:  anchors a_i in W, lever arm l of the antenna in B.
-    Not modelled: that anchors answer one after the other (`sensors.ultrasonic_ranging` has slots), that walls stay.
+    Not modelled: anchors that answer in turn (`sensors.ultrasonic_ranging` has slots); reflections that persist.
     Source:  Mueller, Hamer, D'Andrea, "Fusing ultra-wideband range measurements with accelerometers and rate gyroscopes
              for quadrocopter state estimation", ICRA 2015. Sizes chosen.
     """
 
-    anchors: Any = quantity("m", "Their places (n, 3): north, east, down.", frame="W", default=HALL)
-    noise: Scalar = imperfection("m", "Standard deviation of each range.", "anchor-noise", default=0.05)
+    anchors: Any = quantity("m", "Positions of the anchors (n, 3): north, east, down.", frame="W", default=HALL)
+    noise: Scalar = imperfection("m", "Standard deviation of the noise of each range.", "anchor-noise", default=0.05)
     bias: Scalar = imperfection(
         "m", "Standard deviation of an anchor's bias, drawn for each run.", "anchor-bias", default=0.05
     )
     late_paths: Scalar = imperfection(
-        "1", "Probability of a path round a corner.", "anchor-late-paths", default=0.02, high=1
+        "1", "Probability of a reflected path.", "anchor-late-paths", default=0.02, high=1
     )
-    late_length: Scalar = quantity("m", "Mean of what that adds.", default=0.8, low=0)
+    late_length: Scalar = quantity("m", "Mean extra length of a reflected path.", default=0.8, low=0)
     losses: Scalar = imperfection(
-        "1", "Probability that an anchor is not heard.", "anchor-losses", default=0.05, high=1
+        "1", "Probability that an anchor is not received.", "anchor-losses", default=0.05, high=1
     )
     reach: Scalar = quantity("m", "Longest range.", default=30.0, above=0, off={"anchor-reach": 1e9})
-    lever_arm: Any = quantity("m", "Place of the antenna.", frame="B", default=ZERO, shape=(3,))
+    lever_arm: Any = quantity("m", "Position of the antenna.", frame="B", default=ZERO, shape=(3,))
     period: int = period("Time between samples.", default=ms(50))
 
     def check(self) -> None:
-        """Refuse anchors without places."""
+        """Raise InputError if the anchors have no positions."""
         shape = np.shape(self.anchors)
         if len(shape) != 2 or shape[1] != 3 or not shape[0]:
-            problem = f"numbers of shape {shape} are no places of anchors"
+            problem = f"shape {shape} must be (n, 3)"
             raise InputError("anchors", problem, fix="give north, east, down of each: ((0, 0, -3), (8, 0, -1), …)")
 
     def init(self, key: Key) -> AnchorRangingState:
-        """The run's biases drawn."""
+        """Return the initial state, with the biases drawn for this run."""
         n = np.shape(self.anchors)[0]
         return AnchorRangingState(key.at("noise"), self.bias * normals(key.at("unit"), 0, n), jnp.zeros(n))
 
     def measure(self, motion: Motion) -> AnchorRanges:
-        """The measurement h(x) of a motion, without error."""
+        """Return the measurement h(x) of a motion, without error."""
         antenna = motion.p_WB + from_euler(*motion.attitude) @ jnp.asarray(self.lever_arm)
         away = antenna - jnp.asarray(self.anchors)
         ranges = jnp.sqrt(jnp.maximum(jnp.sum(away * away, axis=1), 1e-12))
         return AnchorRanges(range=ranges, heard=ranges <= self.reach)
 
     def step(self, t: Any, state: AnchorRangingState, motion: Motion) -> tuple[AnchorRangingState, Sample]:
-        """The sample at integer time t."""
+        """Return the sample at integer time t."""
         true, k = self.measure(motion), t // self.period
         n = np.shape(self.anchors)[0]
         each = split(state.key.at("paths"), n)

@@ -1,4 +1,4 @@
-"""An angular accelerometer: the pitch acceleration, in which the bending of a vehicle shows."""
+"""Angular accelerometer: measures the pitch acceleration, in which the bending of a vehicle is visible."""
 
 import math
 from typing import Any
@@ -14,14 +14,14 @@ from trimtab.core.signals import Bending, Motion, Sample, new_sample
 from trimtab.core.time import format_time, ms, to_seconds
 
 DELAYS = 16
-"""Samples that a unit keeps: its longest delay is one less, in periods."""
+"""Number of samples that the delay line keeps; the longest delay is one less, in periods."""
 
 
 @record
 class AngularAccelerationReading:
-    """What an angular accelerometer gives. Frames: about the body's y axis. Source: docs page of the sensor."""
+    """Sample of an angular accelerometer. Frames: about the body's y axis. Source: docs page of the sensor."""
 
-    pitch_acceleration: Scalar = quantity("rad/s^2", "Acceleration of the pitch, nose up.", frame="B")
+    pitch_acceleration: Scalar = quantity("rad/s^2", "Pitch acceleration, nose up.", frame="B")
 
 
 @record
@@ -39,22 +39,26 @@ class AngularAccelerometer:
     """
 
     noise: Scalar = imperfection(
-        "rad/s^2", "Standard deviation of each sample.", "angular-accelerometer-noise", default=0.01, source="chosen"
+        "rad/s^2",
+        "Standard deviation of the noise of each sample.",
+        "angular-accelerometer-noise",
+        default=0.01,
+        source="chosen",
     )
-    scale_factor: Scalar = imperfection("1", "Error of the scale.", "angular-accelerometer-scale-factor", low=None)
-    offset: Scalar = imperfection("rad/s^2", "Error of the zero.", "angular-accelerometer-offset", low=None)
+    scale_factor: Scalar = imperfection("1", "Relative scale error.", "angular-accelerometer-scale-factor", low=None)
+    offset: Scalar = imperfection("rad/s^2", "Zero error.", "angular-accelerometer-offset", low=None)
     period: int = period("Time between samples.", default=ms(5))
 
     def init(self, key: Key) -> Key:
-        """The noise's key is all that it keeps."""
+        """Return the key of the noise, the whole state."""
         return key
 
     def measure(self, motion: Motion) -> AngularAccelerationReading:
-        """The measurement h(x) of a motion, without error."""
+        """Return the measurement h(x) of a motion, without error."""
         return AngularAccelerationReading(pitch_acceleration=motion.alpha_WB_B[1])
 
     def step(self, t: Any, state: Key, motion: Motion) -> tuple[Key, Sample]:
-        """The sample at integer time t."""
+        """Return the sample at integer time t."""
         w, _ = normal2(state, t // self.period)
         output = (1 + self.scale_factor) * self.measure(motion).pitch_acceleration + self.offset + self.noise * w
         return state, new_sample(t, AngularAccelerationReading(pitch_acceleration=output))
@@ -62,14 +66,14 @@ class AngularAccelerometer:
 
 @record
 class AngularAccelerometerState:
-    """What a unit remembers. Source: docs page, Angular accelerometer."""
+    """State of a unit. Source: docs page, Angular accelerometer."""
 
-    key: Key = part("Of the noise.")
-    bias: Scalar = quantity("rad/s^2", "Error of the zero in this run.")
-    scale: Scalar = quantity("1", "Error of the scale in this run.")
+    key: Key = part("Key of the random noise.")
+    bias: Scalar = quantity("rad/s^2", "Zero error in this run.")
+    scale: Scalar = quantity("1", "Scale error in this run.")
     band: SectionState = part("Memory of the low-pass.")
-    line: Any = quantity("rad/s^2", "What was felt, newest first.", shape=(DELAYS,))
-    started: Scalar = quantity("1", "Whether anything was.", kind="flag")
+    line: Any = quantity("rad/s^2", "True accelerations, newest first.", shape=(DELAYS,))
+    started: Scalar = quantity("1", "True once there has been a sample.", kind="flag")
 
 
 @record
@@ -78,16 +82,20 @@ class AngularAccelerometerUnit:
 
         z = (1 + s) D( L( Q' + phi1' eta1'' + phi2' eta2'' ) ) + b + w
 
-    with scale error s and bias b drawn for each run, a low-pass L (second order, Butterworth), a delay D of which the
-    sample does not tell, and slopes phi' of the modes where it sits: there the body turns as it bends. At the place
-    about which the modes are taken to be clamped the slopes are 0.
+    with scale error s and bias b drawn for each run, a low-pass L (second order, Butterworth), a delay D that the
+    sample's time does not show, and slopes phi' of the modes at the sensor, where the body turns as it bends. At the
+    place at which the modes are taken to be clamped the slopes are 0.
 
-    Frames:  positive nose up.    Not modelled: saturation, what linear acceleration and temperature do to it.
+    Frames:  positive nose up.    Not modelled: saturation, effects of linear acceleration and temperature.
     Source:  IEEE Std 671-1985 (inertial sensors) for the errors' names; sizes are chosen (docs, What it needs).
     """
 
     noise: Scalar = imperfection(
-        "rad/s^2", "Standard deviation of each sample.", "angular-accelerometer-noise", default=0.01, source="chosen"
+        "rad/s^2",
+        "Standard deviation of the noise of each sample.",
+        "angular-accelerometer-noise",
+        default=0.01,
+        source="chosen",
     )
     bias: Scalar = imperfection(
         "rad/s^2", "Standard deviation of the zero, drawn for each run.", "angular-accelerometer-offset"
@@ -95,28 +103,28 @@ class AngularAccelerometerUnit:
     scale_factor: Scalar = imperfection(
         "1", "Standard deviation of the scale's error, drawn for each run.", "angular-accelerometer-scale-factor"
     )
-    bandwidth: Scalar = imperfection("Hz", "-3 dB; 0: no limit.", "angular-accelerometer-bandwidth")
-    delay: Scalar = imperfection("s", "From what is felt to what comes out.", "angular-accelerometer-delay")
+    bandwidth: Scalar = imperfection("Hz", "Bandwidth (-3 dB); 0: no limit.", "angular-accelerometer-bandwidth")
+    delay: Scalar = imperfection("s", "Delay from the motion to the output.", "angular-accelerometer-delay")
     slope1: Scalar = imperfection(
-        "1/(slug ft)^1/2", "Slope of mode 1 at its place.", "angular-accelerometer-place", low=None
+        "1/(slug ft)^1/2", "Slope of mode 1 at the sensor.", "angular-accelerometer-place", low=None
     )
     slope2: Scalar = imperfection(
-        "1/(slug ft)^1/2", "Slope of mode 2 at its place.", "angular-accelerometer-place", low=None
+        "1/(slug ft)^1/2", "Slope of mode 2 at the sensor.", "angular-accelerometer-place", low=None
     )
     period: int = period("Time between samples.", default=ms(5))
 
     def check(self) -> None:
-        """Refuse a band that samples cannot tell apart, and a delay that it cannot hold."""
+        """Raise InputError if the bandwidth is too high for the period or the delay is too long."""
         tick = to_seconds(self.period)
         if not self.bandwidth < 0.5 / tick:
-            problem = f"{self.bandwidth:g} Hz can't be told apart sampled each {format_time(self.period)}"
-            raise InputError("bandwidth", problem, fix=f"below {0.5 / tick:g} Hz, or 0 for no limit")
+            problem = f"a bandwidth of {self.bandwidth:g} Hz is too high for samples each {format_time(self.period)}"
+            raise InputError("bandwidth", problem, fix=f"set it below {0.5 / tick:g} Hz, or 0 for no limit")
         if not self.delay <= (DELAYS - 1) * tick:
-            problem = f"{self.delay:g} s is longer than the {DELAYS - 1} samples that it keeps"
-            raise InputError("delay", problem, fix=f"give {(DELAYS - 1) * tick:g} s or less")
+            problem = f"{self.delay:g} s is longer than the {DELAYS - 1} samples that the sensor keeps"
+            raise InputError("delay", problem, fix=f"give at most {(DELAYS - 1) * tick:g} s")
 
     def init(self, key: Key) -> AngularAccelerometerState:
-        """The run's zero and scale drawn."""
+        """Return the initial state, with zero and scale errors drawn for this run."""
         zero = jnp.zeros(())
         b, s = normal2(key.at("unit"), 0)
         band = SectionState(zero, zero)
@@ -126,7 +134,7 @@ class AngularAccelerometerUnit:
         )
 
     def measure(self, motion: Motion) -> AngularAccelerationReading:
-        """The measurement h(x) of a motion where it sits, without error."""
+        """Return the measurement h(x) of a motion at the sensor, without error."""
         felt = motion.alpha_WB_B[1]
         if isinstance(motion.bending, Bending):
             first, second = motion.bending.acceleration[0], motion.bending.acceleration[1]
@@ -136,7 +144,7 @@ class AngularAccelerometerUnit:
     def step(
         self, t: Any, state: AngularAccelerometerState, motion: Motion
     ) -> tuple[AngularAccelerometerState, Sample]:
-        """The sample at integer time t."""
+        """Return the sample at integer time t."""
         felt, tick = self.measure(motion).pitch_acceleration, to_seconds(self.period)
         section = low_pass(jnp.where(self.bandwidth > 0, self.bandwidth, 0.1 / tick), math.sqrt(0.5), tick)
         before = tree_where(state.started, state.band, steady_state(section, felt))

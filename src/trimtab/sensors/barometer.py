@@ -1,4 +1,4 @@
-"""A barometer: the pressure at a vehicle's static port, and the height that the standard atmosphere makes of it."""
+"""Barometer: pressure at a vehicle's static port, and the height computed from it by the standard atmosphere."""
 
 import math
 from typing import Any
@@ -15,20 +15,20 @@ from trimtab.environment.atmosphere import pressure_altitude, standard_atmospher
 
 @record
 class PressureReading:
-    """What a barometer gives. Source: docs page, Sensors in space."""
+    """Sample of a barometer. Source: docs page, Sensors in space."""
 
-    pressure: Scalar = quantity("Pa", "At the static port.")
-    altitude: Scalar = quantity("m", "Above the sea, by the standard atmosphere.")
+    pressure: Scalar = quantity("Pa", "Pressure at the static port.")
+    altitude: Scalar = quantity("m", "Height above the sea, by the standard atmosphere.")
 
 
 @record
 class BarometerState:
-    """What a barometer remembers. Source: docs page, Sensors in space."""
+    """State of a barometer. Source: docs page, Sensors in space."""
 
-    key: Key = part("Of the noise.")
-    offset: Scalar = quantity("Pa", "Error of the zero, as it has drifted.")
+    key: Key = part("Key of the random noise.")
+    offset: Scalar = quantity("Pa", "Zero error, including its drift.")
     felt: Scalar = quantity("Pa", "Pressure behind the lag.")
-    started: Scalar = quantity("1", "Whether there is one.", kind="flag")
+    started: Scalar = quantity("1", "True once there has been a sample.", kind="flag")
 
 
 @record
@@ -39,33 +39,39 @@ class Barometer:
 
     with q the dynamic pressure, e the static port's error, L a lag of first order, w white noise, Q the converter.
 
-    Frames:  height above the sea: of `motion.air`, or -down where the vehicle knows no air.
+    Frames:  height above the sea: of `motion.air`, or -down where the vehicle has no air model.
     Not modelled: weather (an offset of some hundred Pa stands for it), the temperature's deviation, the port's place.
     Source:  U.S. Standard Atmosphere 1976; Gracey, "Measurement of aircraft speed and altitude", NASA RP-1046, 1980,
              for the errors' form. Default sizes: of a micromachined unit's data sheet class, chosen.
     """
 
-    noise: Scalar = imperfection("Pa", "Standard deviation of each sample.", "barometer-noise", default=2.0)
-    turn_on_bias: Scalar = imperfection("Pa", "Standard deviation, drawn for each run.", "barometer-bias", default=50.0)
-    drift: Scalar = imperfection("Pa/s^0.5", "Random walk of the zero.", "barometer-drift", default=0.2)
-    lag: Scalar = imperfection("s", "Time constant of port and tube.", "barometer-lag", default=0.05)
-    static_error: Scalar = imperfection(
-        "1", "Of the dynamic pressure, that the port feels too.", "static-port-error", default=0.02, low=None
+    noise: Scalar = imperfection(
+        "Pa", "Standard deviation of the noise of each sample.", "barometer-noise", default=2.0
     )
-    resolution: Scalar = imperfection("Pa", "Step of the converter.", "barometer-quantisation", default=1.0)
+    turn_on_bias: Scalar = imperfection(
+        "Pa", "Standard deviation of the zero error, drawn for each run.", "barometer-bias", default=50.0
+    )
+    drift: Scalar = imperfection("Pa/s^0.5", "Random walk of the zero error.", "barometer-drift", default=0.2)
+    lag: Scalar = imperfection("s", "Time constant of the port and its tube.", "barometer-lag", default=0.05)
+    static_error: Scalar = imperfection(
+        "1", "Share of the dynamic pressure added at the port.", "static-port-error", default=0.02, low=None
+    )
+    resolution: Scalar = imperfection(
+        "Pa", "Quantisation step of the converter.", "barometer-quantisation", default=1.0
+    )
     period: int = period("Time between samples.", default=ms(20))
 
     def init(self, key: Key) -> BarometerState:
-        """The run's zero drawn."""
+        """Return the initial state, with the zero error drawn for this run."""
         bias = self.turn_on_bias * normals(key.at("unit"), 0, 1)[0]
         return BarometerState(key.at("noise"), bias, jnp.zeros(()), jnp.zeros((), np.bool_))
 
     def measure(self, motion: Motion) -> PressureReading:
-        """The measurement h(x) of a motion, without error."""
+        """Return the measurement h(x) of a motion, without error."""
         return _reading(standard_atmosphere(surrounding_air(motion).height).pressure)
 
     def step(self, t: Any, state: BarometerState, motion: Motion) -> tuple[BarometerState, Sample]:
-        """The sample at integer time t."""
+        """Return the sample at integer time t."""
         air, dt = surrounding_air(motion), to_seconds(self.period)
         around = standard_atmosphere(air.height)
         through = motion.v_WB_B - air.velocity

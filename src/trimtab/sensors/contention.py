@@ -1,4 +1,4 @@
-"""One radio channel for all: beacons that listen before they talk, wait at random, and sometimes collide.
+"""One shared radio channel: beacons listen before they send, wait at random, and sometimes collide.
 
 [1] is Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006.
 """
@@ -15,16 +15,16 @@ from trimtab.core.rng import Key, uniform2
 FIRST, AGAIN = 100, 101
 """Streams of the first waits and of the later ones."""
 ATTEMPTS = 256
-"""Most draws of one exchange: the counters of different exchanges do not overlap."""
+"""Maximum number of draws in an exchange: the counters of different exchanges do not overlap."""
 
 
 @record
 class CarrierSense:
-    """How the stations share the channel.
+    """Rules by which the stations share the channel.
 
-    A station waits a whole number of byte times, uniform from 1 to `longest_wait`, then looks for a carrier. Is there
-    one, it draws and waits again; if not, it sends. It cannot hear what began less than `blind_time` ago, so that two
-    that begin so close together collide and both messages are lost.
+    A station waits a whole number of byte times, uniform from 1 to `longest_wait`, then looks for a carrier. If there
+    is one, it draws and waits again; if not, it sends. It cannot detect a message that began less than `blind_time`
+    ago, so two stations that begin that close together collide and both messages are lost.
 
     Source:  [1] section 5.5.1 for the waits; byte time (19.2 kb/s, 8 bits), length of a message and blind time are
              reconstructed, see docs Errata.
@@ -32,18 +32,20 @@ class CarrierSense:
 
     byte_time: Scalar = quantity("s", "Time to send one byte.", default=1 / 2400, above=0)
     message_bytes: Scalar = quantity("1", "Length of a message.", default=24.0, above=0)
-    longest_wait: Scalar = quantity("1", "Longest wait, bytes.", default=64.0, low=1, source="[1] section 5.5.1")
-    blind_time: Scalar = quantity("s", "How long a carrier goes unnoticed.", default=0.9 / 2400, low=0)
-    attempts: int = option("Draws followed in one exchange, over all stations; at most 256.", default=48)
+    longest_wait: Scalar = quantity(
+        "1", "Longest wait, in byte times.", default=64.0, low=1, source="[1] section 5.5.1"
+    )
+    blind_time: Scalar = quantity("s", "Time during which a new carrier is not detected.", default=0.9 / 2400, low=0)
+    attempts: int = option("Number of draws followed in one exchange, over all stations; at most 256.", default=48)
 
 
 @record
 class Exchange:
-    """What came of one exchange, by station. Source: this module."""
+    """Result of one exchange, by station. Source: this module."""
 
-    received: Scalar = quantity("1", "Whether the message arrived whole and in time.", kind="flag")
-    end: Scalar = quantity("s", "When the message was over; 0 where none was sent.")
-    collided: Scalar = quantity("1", "Whether it was sent together with another.", kind="flag")
+    received: Scalar = quantity("1", "True if the message arrived whole and in time.", kind="flag")
+    end: Scalar = quantity("s", "Time at which the message ended; 0 where none was sent.")
+    collided: Scalar = quantity("1", "True if the message collided with another.", kind="flag")
 
 
 def simulate_exchange(sense: CarrierSense, key: Key, number: Any, ready: Any, speaks: Any, window: Any) -> Exchange:
@@ -86,5 +88,5 @@ def simulate_exchange(sense: CarrierSense, key: Key, number: Any, ready: Any, sp
 
 
 def random_wait(sense: CarrierSense, u: Any) -> Any:
-    """A wait (s) out of a uniform number in (0, 1)."""
+    """Return a wait (s) from a uniform number in (0, 1)."""
     return (1.0 + jnp.floor(u * sense.longest_wait)) * sense.byte_time

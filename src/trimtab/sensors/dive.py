@@ -1,4 +1,4 @@
-"""What an underwater vehicle measures of itself without a position: depth, attitude, rates, speed over the bottom."""
+"""Sensors of an underwater vehicle without a position: depth, attitude, rates, speed over the bottom."""
 
 from typing import Any
 
@@ -12,45 +12,47 @@ from trimtab.core.time import ms
 class DiveReading:
     """Depth, attitude, rates and speed. Frames: depth and attitude in W, the rest in B. Source: docs page, Dive."""
 
-    depth: Scalar = quantity("m", "Below the origin of W.", frame="W")
-    roll: Scalar = quantity("rad", "Starboard down.", kind="angle")
-    pitch: Scalar = quantity("rad", "Nose up.", kind="angle")
-    heading: Scalar = quantity("rad", "Of the nose from north, clockwise.", kind="angle")
-    surge_velocity: Scalar = quantity("m/s", "Over the bottom, along the body's x axis.", frame="B")
-    pitch_rate: Scalar = quantity("rad/s", "About the body's y axis.", frame="B")
-    yaw_rate: Scalar = quantity("rad/s", "About the body's z axis.", frame="B")
+    depth: Scalar = quantity("m", "Depth below the origin of W.", frame="W")
+    roll: Scalar = quantity("rad", "Roll angle, starboard down.", kind="angle")
+    pitch: Scalar = quantity("rad", "Pitch angle, nose up.", kind="angle")
+    heading: Scalar = quantity("rad", "Heading of the nose from north, clockwise.", kind="angle")
+    surge_velocity: Scalar = quantity("m/s", "Speed over the bottom along the body's x axis.", frame="B")
+    pitch_rate: Scalar = quantity("rad/s", "Pitch rate, about the body's y axis.", frame="B")
+    yaw_rate: Scalar = quantity("rad/s", "Yaw rate, about the body's z axis.", frame="B")
 
 
 @record
 class DiveSensor:
-    """Pressure gauge, attitude unit and Doppler log in one, each number with white noise of its own, none by default.
+    """Pressure gauge, attitude unit and Doppler log in one, each value with its own white noise, none by default.
 
         z = (depth, roll, pitch, heading, u, q, r) + w
 
     Frames:  W north-east-down; B at the centre of mass, where the gauge and the log are taken to sit.
-    Not modelled: errors that hang together in time, the log's loss of the bottom, the gauge's tides.
+    Not modelled: errors correlated in time, the log's loss of the bottom, tides in the gauge.
     Source:  derived here: the kinematics of a rigid body, docs page, Conventions.
     """
 
-    depth_noise: Scalar = imperfection("m", "Standard deviation of each sample.", "navigation-error")
-    attitude_noise: Scalar = imperfection("rad", "Of roll and pitch.", "navigation-error")
-    heading_noise: Scalar = imperfection("rad", "Of the heading.", "navigation-error")
-    velocity_noise: Scalar = imperfection("m/s", "Of the log.", "navigation-error")
-    rate_noise: Scalar = imperfection("rad/s", "Of both rates.", "navigation-error")
+    depth_noise: Scalar = imperfection("m", "Standard deviation of each depth sample.", "navigation-error")
+    attitude_noise: Scalar = imperfection(
+        "rad", "Standard deviation of each roll and pitch sample.", "navigation-error"
+    )
+    heading_noise: Scalar = imperfection("rad", "Standard deviation of each heading sample.", "navigation-error")
+    velocity_noise: Scalar = imperfection("m/s", "Standard deviation of each sample of the log.", "navigation-error")
+    rate_noise: Scalar = imperfection("rad/s", "Standard deviation of each sample of both rates.", "navigation-error")
     period: int = period("Time between samples.", default=ms(50))
 
     def init(self, key: Key) -> Key:
-        """The noise's key is all that it keeps."""
+        """Return the key of the noise, the whole state."""
         return key
 
     def measure(self, motion: Motion) -> DiveReading:
-        """The measurement h(x) of a motion, without error."""
+        """Return the measurement h(x) of a motion, without error."""
         roll, pitch, heading = motion.attitude[0], motion.attitude[1], motion.attitude[2]
         rates = motion.w_WB_B
         return DiveReading(motion.p_WB[2], roll, pitch, heading, motion.v_WB_B[0], rates[1], rates[2])
 
     def step(self, t: Any, state: Key, motion: Motion) -> tuple[Key, Sample]:
-        """The sample at integer time t."""
+        """Return the sample at integer time t."""
         x, k = self.measure(motion), t // self.period
         (w0, w1), (w2, w3), (w4, w5), (w6, _) = (normal2(state, k, stream) for stream in range(4))
         reading = DiveReading(

@@ -1,4 +1,4 @@
-"""An encoder and a tachometer on a vertical shaft: the angle of what turns, in counts, and its rate, band-limited.
+"""Encoder and tachometer on a vertical shaft: shaft angle in counts, and its rate, band-limited.
 
 [1] is Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006.
 """
@@ -21,10 +21,10 @@ from trimtab.core.time import format_time, ms, to_seconds
 
 @record
 class AngleReading:
-    """What an encoder gives. Frames: clockwise from above, from where it reads zero. Source: docs page, Encoder."""
+    """Sample of an encoder. Frames: clockwise from above, from its zero. Source: docs page, Encoder."""
 
     angle: Scalar = quantity("rad", "Angle; unwrapped.", kind="angle")
-    count: Scalar = quantity("1", "Counts since zero, the whole ones passed.", kind="count")
+    count: Scalar = quantity("1", "Whole counts since zero.", kind="count")
 
 
 @record
@@ -40,22 +40,22 @@ class Encoder:
     """
 
     counts: Scalar = imperfection(
-        "1", "Counts in a turn; 0: no steps.", "encoder-quantisation", default=4096.0, source="[1] section 6.2.1"
+        "1", "Counts per turn; 0: no quantisation.", "encoder-quantisation", default=4096.0, source="[1] section 6.2.1"
     )
-    zero: Scalar = quantity("rad", "Heading at which it reads zero.", kind="angle", default=0.0)
-    eccentricity: Scalar = imperfection("rad", "Greatest error of a disc off its centre.", "encoder-eccentricity")
+    zero: Scalar = quantity("rad", "Heading at which the encoder reads zero.", kind="angle", default=0.0)
+    eccentricity: Scalar = imperfection("rad", "Largest error of an eccentric disc.", "encoder-eccentricity")
     period: int = period("Time between samples.", default=ms(1))
 
     def init(self, key: Key) -> tuple[()]:
-        """No state."""
+        """Return the empty state."""
         return ()
 
     def measure(self, motion: Motion) -> AngleReading:
-        """The measurement h(x) of a motion, without steps; the count is left at zero."""
+        """Return the measurement h(x) of a motion, without steps; the count is left at zero."""
         return AngleReading(angle=motion.attitude[2] - self.zero, count=jnp.asarray(0, np.int32))
 
     def step(self, t: Any, state: tuple[()], motion: Motion) -> tuple[tuple[()], Sample]:
-        """The sample at integer time t."""
+        """Return the sample at integer time t."""
         true = self.measure(motion).angle
         shifted = true + self.eccentricity * jnp.sin(true)
         coarse = self.counts > 0
@@ -67,12 +67,12 @@ class Encoder:
 
 
 BESSEL4 = ((1.4301715599939, 0.5219345817), (1.6033574829, 0.8055382818))
-"""Natural frequency over the -3 dB frequency, and quality, of the two sections of a fourth-order Bessel low-pass."""
+"""Ratio of natural to -3 dB frequency, and quality, of the two sections of a fourth-order Bessel low-pass."""
 
 
 @record
 class RateReading:
-    """What a tachometer gives. Frames: clockwise from above. Source: docs page, Tachometer."""
+    """Sample of a tachometer. Frames: clockwise from above. Source: docs page, Tachometer."""
 
     yaw_rate: Scalar = quantity("rad/s", "Rate of turn.", frame="B")
 
@@ -81,14 +81,14 @@ class RateReading:
 class TachometerState:
     """Noise key and the low-pass's two sections. Source: this module."""
 
-    key: Key = part("Of the noise.")
-    started: Scalar = quantity("1", "Whether the low-pass has seen a sample.", kind="flag")
+    key: Key = part("Key of the random noise.")
+    started: Scalar = quantity("1", "True once the low-pass has had a sample.", kind="flag")
     first: SectionState = part("Memory of the first section.")
     second: SectionState = part("Memory of the second section.")
 
 
 def bessel4(bandwidth: Any, sampling_period: Any) -> tuple[Section, Section]:
-    """The two sections of a fourth-order Bessel low-pass with its -3 dB at `bandwidth` (Hz).
+    """Return the two sections of a fourth-order Bessel low-pass with its -3 dB at `bandwidth` (Hz).
 
     Source: Zverev, "Handbook of filter synthesis", Bessel filters; sections by the bilinear transform, each exact at
     its natural frequency.
@@ -109,34 +109,40 @@ class Tachometer:
     Source:  [1] section 6.2.1. Noise: reconstructed to meet the source's rate comparison, see docs Errata.
     """
 
-    noise: Scalar = imperfection("rad/s", "Standard deviation of each sample.", "tachometer-noise", default=3.5 * DEG)
+    noise: Scalar = imperfection(
+        "rad/s", "Standard deviation of the noise of each sample.", "tachometer-noise", default=3.5 * DEG
+    )
     scale_factor: Scalar = imperfection("1", "Error of the calibrated scale.", "tachometer-scale-factor", low=None)
     offset: Scalar = imperfection("rad/s", "Error of the calibrated zero.", "tachometer-offset", low=None)
     bandwidth: Scalar = imperfection(
-        "Hz", "-3 dB of the low-pass; 0: none.", "tachometer-bandwidth", default=5.0, source="[1] sec. 6.2.1"
+        "Hz",
+        "Bandwidth (-3 dB) of the low-pass; 0: none.",
+        "tachometer-bandwidth",
+        default=5.0,
+        source="[1] sec. 6.2.1",
     )
     period: int = period("Time between samples.", default=ms(1))
 
     def check(self) -> None:
-        """Both sections lie below half the sampling rate."""
+        """Raise InputError if a section is not below half the sampling rate."""
         most = 0.5 / to_seconds(self.period) / BESSEL4[1][0]
         if not self.bandwidth < most:
-            problem = f"{self.bandwidth:g} Hz is too wide for samples each {format_time(self.period)}"
+            problem = f"a bandwidth of {self.bandwidth:g} Hz is too wide for samples each {format_time(self.period)}"
             raise InputError(
                 "bandwidth", problem, fix=f"{argument('settings', 'VALUE', 'bandwidth')} below {most:g} Hz, or 0"
             )
 
     def init(self, key: Key) -> TachometerState:
-        """Low-pass not yet started."""
+        """Return the initial state; the low-pass has not started."""
         rest = SectionState(jnp.asarray(0.0), jnp.asarray(0.0))
         return TachometerState(key=key, started=jnp.asarray(False), first=rest, second=rest)
 
     def measure(self, motion: Motion) -> RateReading:
-        """The measurement h(x) of a motion, without error."""
+        """Return the measurement h(x) of a motion, without error."""
         return RateReading(yaw_rate=motion.w_WB_B[2])
 
     def step(self, t: Any, state: TachometerState, motion: Motion) -> tuple[TachometerState, Sample]:
-        """The sample at integer time t."""
+        """Return the sample at integer time t."""
         true, dt = self.measure(motion).yaw_rate, to_seconds(self.period)
         narrow = self.bandwidth > 0
         sections = bessel4(jnp.where(narrow, self.bandwidth, 0.1 / dt), dt)

@@ -1,4 +1,4 @@
-"""What an aeroplane's instruments give its control laws: air data, attitude, rates and load factors, with errors."""
+"""Instruments of an aeroplane for its control laws: air data, attitude, rates and load factors, with errors."""
 
 from typing import Any
 
@@ -24,37 +24,37 @@ CHANNELS = (
     "normal",
     "side",
 )
-"""Numbers that are measured, each with an error of its own."""
+"""Measured values, each with its own error."""
 
 
 @record
 class FlightInstrumentsReading:
-    """Flight by the instruments. Frames: W and B as of `Motion`. Source: docs page, Flight instruments."""
+    """Sample of the flight instruments. Frames: W and B as of `Motion`. Source: docs page, Flight instruments."""
 
-    speed: Scalar = quantity("m/s", "Through the air, where there is no wind.")
+    speed: Scalar = quantity("m/s", "Airspeed, in still air.")
     alpha: Scalar = quantity("rad", "Angle of attack.", kind="angle")
     beta: Scalar = quantity("rad", "Sideslip.", kind="angle")
-    altitude: Scalar = quantity("m", "Above the origin of W.", frame="W")
+    altitude: Scalar = quantity("m", "Altitude above the origin of W.", frame="W")
     roll: Scalar = quantity("rad", "Bank.", frame="WB", kind="angle")
-    pitch: Scalar = quantity("rad", "Nose up.", frame="WB", kind="angle")
+    pitch: Scalar = quantity("rad", "Pitch angle, nose up.", frame="WB", kind="angle")
     roll_rate: Scalar = quantity("rad/s", "P.", frame="B")
     pitch_rate: Scalar = quantity("rad/s", "Q.", frame="B")
     yaw_rate: Scalar = quantity("rad/s", "R.", frame="B")
-    normal_load: Scalar = quantity("1", "Load factor upwards in B: 1 in level flight.", frame="B")
+    normal_load: Scalar = quantity("1", "Upward load factor in B: 1 in level flight.", frame="B")
     side_load: Scalar = quantity("1", "Load factor to starboard.", frame="B")
 
 
 @record
 class FlightInstrumentsState:
-    """What the instruments remember. Source: this module."""
+    """State of the instruments. Source: this module."""
 
-    key: Key = part("Of the noise.")
-    bias: Any = quantity("1", "Standard normals of this run, one for each number.", shape=(len(CHANNELS),))
+    key: Key = part("Key of the random noise.")
+    bias: Any = quantity("1", "Standard normals of this run, one for each measured value.", shape=(len(CHANNELS),))
 
 
 @record
 class FlightInstruments:
-    """Air data probe, vanes, attitude reference, gyros and accelerometers; each with a bias of the run and white noise.
+    """Air data probe, vanes, attitude reference, gyros and accelerometers; each with a bias per run and white noise.
 
         V = |v|    alpha = atan2(w, u)    beta = asin(v/V)    (nx, ny, -nz) = (a + w' × l + w × (w × l) - g)/g
 
@@ -63,28 +63,48 @@ class FlightInstruments:
     Source:  docs page, Flight instruments; sizes of the errors are chosen.
     """
 
-    lever_arm: Any = quantity("m", "The accelerometers' place.", frame="B", default=(0.0, 0.0, 0.0), shape=(3,))
-    gravity: Scalar = quantity("m/s^2", "That load factors are counted in.", default=STANDARD, above=0)
-    speed_noise: Scalar = imperfection("m/s", "Standard deviation of each sample.", "air-data-noise")
-    vane_noise: Scalar = imperfection("rad", "Of angle of attack and sideslip, each sample.", "air-data-noise")
-    altitude_noise: Scalar = imperfection("m", "Standard deviation of each sample.", "air-data-noise")
-    attitude_noise: Scalar = imperfection("rad", "Of roll and pitch, each sample.", "inertial-noise")
-    rate_noise: Scalar = imperfection("rad/s", "Of each rate, each sample.", "inertial-noise")
-    load_noise: Scalar = imperfection("1", "Of each load factor, each sample.", "inertial-noise")
-    speed_bias: Scalar = imperfection("m/s", "Standard deviation, drawn for each run.", "air-data-bias")
-    vane_bias: Scalar = imperfection("rad", "Of angle of attack and sideslip, drawn for each run.", "air-data-bias")
-    altitude_bias: Scalar = imperfection("m", "Standard deviation, drawn for each run.", "air-data-bias")
-    attitude_bias: Scalar = imperfection("rad", "Of roll and pitch, drawn for each run.", "inertial-bias")
-    rate_bias: Scalar = imperfection("rad/s", "Of each rate, drawn for each run.", "inertial-bias")
-    load_bias: Scalar = imperfection("1", "Of each load factor, drawn for each run.", "inertial-bias")
+    lever_arm: Any = quantity("m", "Position of the accelerometers.", frame="B", default=(0.0, 0.0, 0.0), shape=(3,))
+    gravity: Scalar = quantity("m/s^2", "Unit of the load factors.", default=STANDARD, above=0)
+    speed_noise: Scalar = imperfection(
+        "m/s", "Standard deviation of the airspeed noise of each sample.", "air-data-noise"
+    )
+    vane_noise: Scalar = imperfection(
+        "rad", "Standard deviation of each sample of angle of attack and sideslip.", "air-data-noise"
+    )
+    altitude_noise: Scalar = imperfection(
+        "m", "Standard deviation of the altitude noise of each sample.", "air-data-noise"
+    )
+    attitude_noise: Scalar = imperfection(
+        "rad", "Standard deviation of each sample of roll and pitch.", "inertial-noise"
+    )
+    rate_noise: Scalar = imperfection("rad/s", "Standard deviation of each sample of each rate.", "inertial-noise")
+    load_noise: Scalar = imperfection("1", "Standard deviation of each sample of each load factor.", "inertial-noise")
+    speed_bias: Scalar = imperfection(
+        "m/s", "Standard deviation of the airspeed bias, drawn for each run.", "air-data-bias"
+    )
+    vane_bias: Scalar = imperfection(
+        "rad", "Standard deviation of the bias of angle of attack and sideslip, drawn for each run.", "air-data-bias"
+    )
+    altitude_bias: Scalar = imperfection(
+        "m", "Standard deviation of the altitude bias, drawn for each run.", "air-data-bias"
+    )
+    attitude_bias: Scalar = imperfection(
+        "rad", "Standard deviation of the bias of roll and pitch, drawn for each run.", "inertial-bias"
+    )
+    rate_bias: Scalar = imperfection(
+        "rad/s", "Standard deviation of the bias of each rate, drawn for each run.", "inertial-bias"
+    )
+    load_bias: Scalar = imperfection(
+        "1", "Standard deviation of the bias of each load factor, drawn for each run.", "inertial-bias"
+    )
     period: int = period("Time between samples.", default=ms(10))
 
     def init(self, key: Key) -> FlightInstrumentsState:
-        """The run's biases drawn."""
+        """Return the initial state, with the biases drawn for this run."""
         return FlightInstrumentsState(key.at("noise"), normals(key.at("bias"), 0, len(CHANNELS)))
 
     def measure(self, motion: Motion) -> FlightInstrumentsReading:
-        """The measurement h(x) of a motion, without error."""
+        """Return the measurement h(x) of a motion, without error."""
         v, w, arm = motion.v_WB_B, motion.w_WB_B, jnp.asarray(self.lever_arm)
         speed2 = v @ v
         speed = jnp.where(speed2 > 0, jnp.sqrt(jnp.where(speed2 > 0, speed2, 1.0)), 0.0)
@@ -106,7 +126,7 @@ class FlightInstruments:
         )
 
     def step(self, t: Any, state: FlightInstrumentsState, motion: Motion) -> tuple[FlightInstrumentsState, Sample]:
-        """The sample at integer time t."""
+        """Return the sample at integer time t."""
         true = self.measure(motion)
         noise = self._sizes("noise") * normals(state.key, t // self.period, len(CHANNELS))
         e = noise + self._sizes("bias") * state.bias
@@ -126,7 +146,7 @@ class FlightInstruments:
         return state, new_sample(t, reading)
 
     def _sizes(self, kind: str) -> Any:
-        """Standard deviations (11,) of one kind of error, in the order of CHANNELS."""
+        """Return the standard deviations (11,) of one kind of error, in the order of CHANNELS."""
         groups = (("speed", 1), ("vane", 2), ("altitude", 1), ("attitude", 2), ("rate", 3), ("load", 2))
         sizes = [jnp.asarray(getattr(self, f"{group}_{kind}"), float) for group, _ in groups]
         return jnp.stack([size for size, (_, n) in zip(sizes, groups, strict=True) for _ in range(n)])

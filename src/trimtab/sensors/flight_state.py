@@ -1,4 +1,4 @@
-"""What is measured of flight in the vertical plane; what the actuators really do; the whole state, for an ideal twin.
+"""Measured flight in the vertical plane, the acting input, and the whole state for an ideal twin.
 
 [1] is "Angular-accelerometer-based flexible-state estimation and tracking controller design for hypersonic flight
 vehicle", Aerospace 2022, 9(4), 206.
@@ -19,39 +19,49 @@ from trimtab.vehicles.hypersonic import HypersonicState
 class FlightReading:
     """Flight in the vertical plane. Frames: path in W, rate in B. Source: docs page, Flight state."""
 
-    altitude: Scalar = quantity("m", "Above the origin of W.", frame="W")
-    climb: Scalar = quantity("m/s", "Rate of the altitude.", frame="W")
-    speed: Scalar = quantity("m/s", "Along the path; no wind, so through the air too.")
+    altitude: Scalar = quantity("m", "Altitude above the origin of W.", frame="W")
+    climb: Scalar = quantity("m/s", "Climb rate.", frame="W")
+    speed: Scalar = quantity("m/s", "Speed along the path; equal to the airspeed, as there is no wind.")
     alpha: Scalar = quantity("rad", "Angle of attack.", kind="angle")
-    pitch_rate: Scalar = quantity("rad/s", "Nose up.", frame="B")
+    pitch_rate: Scalar = quantity("rad/s", "Pitch rate, nose up.", frame="B")
 
 
 @record
 class FlightStateSensor:
-    """All that is measured of the flight in the vertical plane, each with white noise of its own, none by default.
+    """Measured flight state in the vertical plane, each value with its own white noise, none by default.
 
         z = (h, h', V, alpha, Q) + w
 
-    The source takes these five as measured without error; only the modes of bending have no sensor.
+    The publication takes these five as measured without error; only the bending modes have no sensor.
 
     Frames:  W north-east-down, altitude is -down; alpha from the body's x axis to the velocity.
     Not modelled: wind, lags, errors of the places of the probes.
     Source:  [1], the measured part of the state.
     """
 
-    altitude_noise: Scalar = imperfection("m", "Standard deviation of each sample.", "flight-altitude-noise")
-    climb_noise: Scalar = imperfection("m/s", "Standard deviation of each sample.", "flight-climb-noise")
-    speed_noise: Scalar = imperfection("m/s", "Standard deviation of each sample.", "flight-speed-noise")
-    alpha_noise: Scalar = imperfection("rad", "Standard deviation of each sample.", "flight-alpha-noise")
-    pitch_rate_noise: Scalar = imperfection("rad/s", "Standard deviation of each sample.", "flight-pitch-rate-noise")
+    altitude_noise: Scalar = imperfection(
+        "m", "Standard deviation of the altitude noise of each sample.", "flight-altitude-noise"
+    )
+    climb_noise: Scalar = imperfection(
+        "m/s", "Standard deviation of the climb rate noise of each sample.", "flight-climb-noise"
+    )
+    speed_noise: Scalar = imperfection(
+        "m/s", "Standard deviation of the speed noise of each sample.", "flight-speed-noise"
+    )
+    alpha_noise: Scalar = imperfection(
+        "rad", "Standard deviation of the angle-of-attack noise of each sample.", "flight-alpha-noise"
+    )
+    pitch_rate_noise: Scalar = imperfection(
+        "rad/s", "Standard deviation of the pitch rate noise of each sample.", "flight-pitch-rate-noise"
+    )
     period: int = period("Time between samples.", default=ms(5))
 
     def init(self, key: Key) -> Key:
-        """The noise's key is all that it keeps."""
+        """Return the key of the noise, the whole state."""
         return key
 
     def measure(self, motion: Motion) -> FlightReading:
-        """The measurement h(x) of a motion, without error."""
+        """Return the measurement h(x) of a motion, without error."""
         u, v, w = motion.v_WB_B[0], motion.v_WB_B[1], motion.v_WB_B[2]
         roll, pitch = motion.attitude[0], motion.attitude[1]
         return FlightReading(
@@ -63,7 +73,7 @@ class FlightStateSensor:
         )
 
     def step(self, t: Any, state: Key, motion: Motion) -> tuple[Key, Sample]:
-        """The sample at integer time t."""
+        """Return the sample at integer time t."""
         true, k = self.measure(motion), t // self.period
         w0, w1 = normal2(state, k, 0)
         w2, w3 = normal2(state, k, 1)
@@ -80,10 +90,10 @@ class FlightStateSensor:
 
 @record
 class ActingInput:
-    """The vehicle's input as it acts, limits and holds included, without error.
+    """Acting input of the vehicle, including limits and holds, without error.
 
-    It is sampled before a new command acts, so it tells what has acted **since** the last command: what an estimator
-    that knows its vehicle must be given. A command that was asked for is not it, once something saturates.
+    It is sampled before a new command acts, so it gives the input that has acted **since** the last command. A
+    model-based estimator needs this input. It differs from the requested command once something saturates.
 
     Frames:  the input's.    Not modelled: noise, lag of the transducers.
     Source:  docs page, Acting input.
@@ -94,21 +104,21 @@ class ActingInput:
     FEELS: ClassVar[str] = "input"
 
     def init(self, key: Key) -> tuple[()]:
-        """No state."""
+        """Return the empty state."""
         return ()
 
     def measure(self, u: Any) -> Any:
-        """The input record itself."""
+        """Return the input record itself."""
         return u
 
     def step(self, t: Any, state: tuple[()], u: Any) -> tuple[tuple[()], Sample]:
-        """The sample at integer time t."""
+        """Return the sample at integer time t."""
         return state, new_sample(t, self.measure(u))
 
 
 @record
 class TrueState:
-    """The vehicle's state itself, whatever record it is; no such sensor exists, so only an ideal twin may have it.
+    """Vehicle's state itself, in any record; no such sensor exists, so only an ideal twin may have it.
 
     Frames:  the state's.    Not modelled: any error.
     Source:  docs page, True state.
@@ -119,31 +129,31 @@ class TrueState:
     FEELS: ClassVar[str] = "state"
 
     def init(self, key: Key) -> tuple[()]:
-        """No state."""
+        """Return the empty state."""
         return ()
 
     def measure(self, x: Any) -> Any:
-        """The state record itself."""
+        """Return the state record itself."""
         return x
 
     def step(self, t: Any, state: tuple[()], x: Any) -> tuple[tuple[()], Sample]:
-        """The sample at integer time t."""
+        """Return the sample at integer time t."""
         return state, new_sample(t, self.measure(x))
 
 
 @record
 class FlexibleTruthReading:
-    """Flight and modes as they are. Source: [1] eq. 4, order of its errors e."""
+    """True flight and modes. Source: [1] eq. 4, order of its errors e."""
 
     h: Scalar = quantity("ft", "Altitude.", frame="W")
-    h_rate: Scalar = quantity("ft/s", "Its rate.", frame="W")
+    h_rate: Scalar = quantity("ft/s", "Climb rate.", frame="W")
     V: Scalar = quantity("ft/s", "Speed along the path.")
     alpha: Scalar = quantity("rad", "Angle of attack.", kind="angle")
     q: Scalar = quantity("rad/s", "Pitch rate, nose up.", frame="B")
     eta1: Scalar = quantity("(slug ft)^1/2", "Displacement of mode 1.")
-    eta1_rate: Scalar = quantity("(slug ft)^1/2/s", "Its rate.")
+    eta1_rate: Scalar = quantity("(slug ft)^1/2/s", "Rate of the displacement of mode 1.")
     eta2: Scalar = quantity("(slug ft)^1/2", "Displacement of mode 2.")
-    eta2_rate: Scalar = quantity("(slug ft)^1/2/s", "Its rate.")
+    eta2_rate: Scalar = quantity("(slug ft)^1/2/s", "Rate of the displacement of mode 2.")
 
 
 @record
@@ -159,14 +169,14 @@ class FlexibleTruth:
     FEELS: ClassVar[str] = "state"
 
     def init(self, key: Key) -> tuple[()]:
-        """No state."""
+        """Return the empty state."""
         return ()
 
     def measure(self, x: HypersonicState) -> FlexibleTruthReading:
-        """The state, with the climb in the place of the pitch angle."""
+        """Return the state, with the climb rate in the place of the pitch angle."""
         climb = x.V * jnp.sin(x.theta - x.alpha)
         return FlexibleTruthReading(x.h, climb, x.V, x.alpha, x.q, x.eta1, x.eta1_rate, x.eta2, x.eta2_rate)
 
     def step(self, t: Any, state: tuple[()], x: HypersonicState) -> tuple[tuple[()], Sample]:
-        """The sample at integer time t."""
+        """Return the sample at integer time t."""
         return state, new_sample(t, self.measure(x))

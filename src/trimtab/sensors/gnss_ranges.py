@@ -1,4 +1,4 @@
-"""A receiver of satellite navigation that gives what it measures itself: pseudoranges, and their rates from Doppler."""
+"""Satellite receiver that gives its raw measurements: pseudoranges, and their rates from Doppler."""
 
 import math
 from typing import Any, ClassVar
@@ -19,13 +19,13 @@ from trimtab.sensors.late_fix import LateFix, LateState
 LIGHT = 299_792_458.0
 """Speed of light (m/s)."""
 ORBIT = 20_200e3
-"""Height of the satellites of GPS above ground (m)."""
+"""Height of the GPS satellites above ground (m)."""
 ORBITAL_SPEED = 3_870.0
-"""Their speed (m/s)."""
+"""Speed of the GPS satellites (m/s)."""
 
 
 def sky(azimuths: Any, elevations: Any, courses: Any) -> tuple[Any, Any]:
-    """Places and velocities (n, 3) in W of satellites seen at these angles (n,) (rad), ORBIT away, moving across.
+    """Return places and velocities (n, 3) in W of satellites at these angles (n,) (rad), ORBIT away, moving across.
 
     courses: direction of motion in the plane across the line of sight, from up to clockwise (rad).
     """
@@ -37,7 +37,7 @@ def sky(azimuths: Any, elevations: Any, courses: Any) -> tuple[Any, Any]:
 
 
 def satellites_from_ecef(plane: TangentPlane, places_E: Any, velocities_E: Any) -> tuple[Any, Any]:
-    """Places and velocities (n, 3) in W, of those in earth-centred, earth-fixed axes, as an almanac gives them."""
+    """Return places and velocities (n, 3) in W from those in earth-centred, earth-fixed axes, as in an almanac."""
     R_EW = np.asarray(ned_axes(plane.latitude, plane.longitude))
     origin = np.asarray(to_ecef(plane.latitude, plane.longitude, plane.height))
     return (np.asarray(places_E) - origin) @ R_EW, np.asarray(velocities_E) @ R_EW
@@ -47,28 +47,28 @@ AZIMUTHS = np.array([20.0, 75.0, 130.0, 170.0, 215.0, 265.0, 310.0, 350.0]) * DE
 ELEVATIONS = np.array([65.0, 25.0, 50.0, 15.0, 35.0, 70.0, 20.0, 40.0]) * DEG
 COURSES = np.array([0.0, 50.0, 110.0, 160.0, 200.0, 250.0, 300.0, 340.0]) * DEG
 PLACES, VELOCITIES = sky(AZIMUTHS, ELEVATIONS, COURSES)
-"""Eight satellites over the horizon: a usual sky, chosen here."""
+"""Eight satellites over the horizon: a typical sky, chosen here."""
 
 
 @record
 class GnssRangesReading:
-    """Raw measurements of the antenna, with where the satellites were. Source: docs page, Gnss."""
+    """Raw measurements of the antenna, with the satellites' positions. Source: docs page, Gnss."""
 
-    pseudorange: Any = quantity("m", "Distance and clock error; 0 where it is not received.")
-    range_rate: Any = quantity("m/s", "Its rate, from Doppler.")
-    received: Any = quantity("1", "Which satellites are received.", kind="flag")
-    satellites: Any = quantity("m", "Their places, north, east, down of each in turn (3 n,).", frame="W")
-    satellite_velocities: Any = quantity("m/s", "Their velocities, alike (3 n,).", frame="W")
+    pseudorange: Any = quantity("m", "Pseudorange: distance and clock error; 0 where the satellite is not received.")
+    range_rate: Any = quantity("m/s", "Rate of each pseudorange, from Doppler.")
+    received: Any = quantity("1", "True for each satellite received.", kind="flag")
+    satellites: Any = quantity("m", "Positions of the satellites, north, east, down of each in turn (3 n,).", frame="W")
+    satellite_velocities: Any = quantity("m/s", "Velocities of the satellites, in the same order (3 n,).", frame="W")
 
 
 @record
 class GnssRangesState:
-    """What the receiver remembers. Source: this module."""
+    """State of the receiver. Source: this module."""
 
-    key: Key = part("Of the noise.")
-    late: LateState = part("What is on its way.")
-    correlated: Any = quantity("m", "Of each range, the error that hangs together in time.")
-    clock: Any = quantity("1", "Clock: bias (m) and drift (m/s), times the speed of light.", shape=(2,))
+    key: Key = part("Key of the random noise.")
+    late: LateState = part("Measurement in transit.")
+    correlated: Any = quantity("m", "Error of each range that is correlated in time.")
+    clock: Any = quantity("1", "Clock bias (m) and drift (m/s), times the speed of light.", shape=(2,))
 
 
 @record
@@ -78,47 +78,55 @@ class GnssRanges:
         rho_i  = |s_i - a| + b + e_i + w        b' = d + white, d' = white: the clock, times the speed of light
         rho'_i = u_i · (s_i' - a') + d + w'     u_i = (s_i - a)/|s_i - a|, a the antenna, e_i Gauss–Markov
 
-    Satellites move straight, s = `satellites` + `velocities` t: in a minute a real one is 500 m off that line, which
-    counts for nothing as long as the receiver is told the same line. In an outage the first `remaining` are received.
+    Satellites move in straight lines, s = `satellites` + `velocities` t. A real one is 500 m off that line after a
+    minute, which does not matter as the receiver uses the same line. In an outage the first `remaining` are received.
 
     Frames:  satellites in W (`sky`, `satellites_from_ecef`); lever arm in B.
-    Not modelled: the signal's time of flight and the turn of the earth in it; cycle slips; atmosphere but in e_i.
+    Not modelled: the signal's time of flight and the earth's turn in it; cycle slips; atmosphere except in e_i.
     Source:  Groves, 2nd ed., sections 9.4.1 (observables) and 9.3.1; clock: Brown, Hwang, "Introduction to random
              signals and applied Kalman filtering", 4th ed., section 9.3 (two states), a compensated crystal.
     """
 
-    satellites: Any = quantity("m", "Places (n, 3) at time zero.", frame="W", default=PLACES)
-    velocities: Any = quantity("m/s", "Velocities (n, 3).", frame="W", default=VELOCITIES)
-    noise: Scalar = imperfection("m", "White, of a pseudorange.", "gnss-noise", default=0.8)
-    rate_noise: Scalar = imperfection("m/s", "White, of a rate.", "gnss-noise", default=0.08)
-    correlated: Scalar = imperfection("m", "Standard deviation of e_i.", "gnss-correlated-error", default=0.0)
-    correlation_time: Scalar = quantity("s", "Of e_i.", default=100.0, above=0)
-    clock_bias: Scalar = quantity("m", "At time zero.", default=1500.0, off={"gnss-clock": 0.0})
-    clock_drift: Scalar = quantity("m/s", "At time zero.", default=20.0, off={"gnss-clock": 0.0})
-    clock_noise: Scalar = imperfection("m/s^0.5", "White noise of the bias's rate.", "gnss-clock", default=0.1)
-    drift_walk: Scalar = imperfection("m/s^1.5", "Random walk of the drift.", "gnss-clock", default=0.05)
-    lever_arm: Any = quantity("m", "The antenna's place.", frame="B", default=ARM, shape=(3,))
+    satellites: Any = quantity("m", "Positions of the satellites (n, 3) at time zero.", frame="W", default=PLACES)
+    velocities: Any = quantity("m/s", "Velocities of the satellites (n, 3).", frame="W", default=VELOCITIES)
+    noise: Scalar = imperfection(
+        "m", "Standard deviation of the white noise of a pseudorange.", "gnss-noise", default=0.8
+    )
+    rate_noise: Scalar = imperfection(
+        "m/s", "Standard deviation of the white noise of a rate.", "gnss-noise", default=0.08
+    )
+    correlated: Scalar = imperfection(
+        "m", "Standard deviation of the correlated error e_i.", "gnss-correlated-error", default=0.0
+    )
+    correlation_time: Scalar = quantity("s", "Correlation time of the error e_i.", default=100.0, above=0)
+    clock_bias: Scalar = quantity("m", "Clock bias at time zero.", default=1500.0, off={"gnss-clock": 0.0})
+    clock_drift: Scalar = quantity("m/s", "Clock drift at time zero.", default=20.0, off={"gnss-clock": 0.0})
+    clock_noise: Scalar = imperfection(
+        "m/s^0.5", "White noise of the rate of the clock bias.", "gnss-clock", default=0.1
+    )
+    drift_walk: Scalar = imperfection("m/s^1.5", "Random walk of the clock drift.", "gnss-clock", default=0.05)
+    lever_arm: Any = quantity("m", "Position of the antenna.", frame="B", default=ARM, shape=(3,))
     timing: LateFix = part(
-        "When it is measured and comes out.",
+        "Times of measurement and arrival.",
         default=FIVE_HERTZ,
         off={"gnss-latency": lambda sensor: replace(sensor.timing, latency=0.0)},
     )
-    outages: Outages = part("When the sky is hidden.", default=Outages())
-    remaining: Scalar = quantity("1", "Satellites that are received in an outage.", default=2, low=0, kind="count")
-    period: int = period("How often it is looked whether a measurement has come out.", default=ms(10))
+    outages: Outages = part("Outages of reception.", default=Outages())
+    remaining: Scalar = quantity("1", "Number of satellites received in an outage.", default=2, low=0, kind="count")
+    period: int = period("Time between checks for a new measurement.", default=ms(10))
 
     LATE: ClassVar[bool] = True
 
     def check(self) -> None:
-        """Refuse a period at which measurements would be missed, and satellites that are not lists of places."""
+        """Raise InputError if measurements would be missed, or the satellites are not lists of positions."""
         self.timing.check_period(self.period)
         shape = np.shape(self.satellites)
         if len(shape) != 2 or shape[1] != 3 or np.shape(self.velocities) != shape:
-            problem = f"places {shape} and velocities {np.shape(self.velocities)} are not both (n, 3)"
+            problem = f"places {shape} and velocities {np.shape(self.velocities)} must both have shape (n, 3)"
             raise InputError("satellites", problem, fix="give north, east, down of each satellite for both")
 
     def init(self, key: Key) -> GnssRangesState:
-        """Nothing measured; each e_i as it is after a long time."""
+        """Return the initial state, before any measurement; each e_i has its stationary distribution."""
         n = np.shape(self.satellites)[0]
         none, places = np.zeros(n), np.zeros(3 * n)
         late = self.timing.initial_state(GnssRangesReading(none, none, np.zeros(n, bool), places, places))
@@ -127,11 +135,11 @@ class GnssRanges:
         return GnssRangesState(key.at("white"), late, first, clock)
 
     def measure(self, motion: Motion) -> GnssRangesReading:
-        """The measurement h(x) of a motion, without error, by a clock that is right."""
+        """Return the measurement h(x) of a motion, without error, with an exact clock."""
         return self._observe(motion, jnp.zeros(2), jnp.zeros(()), jnp.zeros(()))
 
     def step(self, t: Any, state: GnssRangesState, motion: Motion) -> tuple[GnssRangesState, Sample]:
-        """The newest measurement that is out at integer time t."""
+        """Return the newest measurement that has arrived at integer time t."""
         n = np.shape(self.satellites)[0]
         w = normals(state.key, self.timing.measurement_number(t), 3 * n + 2)
         noise = state.correlated + self.noise * w[:n]
@@ -164,7 +172,7 @@ class GnssRanges:
         )
 
     def _run_clock(self, t: Any, clock: Any, white: Any) -> Any:
-        """The clock one interval on, where a measurement is made at t."""
+        """Return the clock after one interval, where a measurement is made at t."""
         dt = to_seconds(self.timing.interval)
         step = jnp.stack([self.clock_noise * white[0], self.drift_walk * white[1]]) * math.sqrt(dt)
         after = jnp.stack([clock[0] + dt * clock[1], clock[1]]) + step

@@ -1,4 +1,4 @@
-"""How a gyro of the hovercraft's inertial unit follows a changing rate: two models, as part `response` of `GyroErrors`.
+"""Dynamic response of the gyros in the hovercraft's inertial unit: two models, as part `response` of `GyroErrors`.
 
 [1] is Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006.
 """
@@ -20,7 +20,7 @@ TICK = ms("6.5536")
 
 @record
 class IdentifiedGyro:
-    """The source's identified model, a difference equation of its 6.5536 ms tick.
+    """The thesis's identified model, a difference equation at its 6.5536 ms tick.
 
         y_k = b0 u_k - a1 y_{k-1} - a2 y_{k-2}        y/u = 0.3236 z²/(z² - 0.9805 z + 0.2898)     [1, eq. 6.2]
 
@@ -29,61 +29,61 @@ class IdentifiedGyro:
     Valid:   below 20 Hz, sampled each 6.5536 ms.    Source: [1] eq. 6.2.
     """
 
-    b0: Scalar = quantity("1", "Of the newest rate.", default=0.3236, above=0, source="[1] eq. 6.2")
-    a1: Scalar = quantity("1", "Of the output before.", default=-0.9805, source="[1] eq. 6.2")
-    a2: Scalar = quantity("1", "Of the output two before.", default=0.2898, source="[1] eq. 6.2")
-    normalised: bool = option("Scale b0 to a gain of 1 at rest.", default=True, choices=(True, False))
+    b0: Scalar = quantity("1", "Coefficient of the newest rate.", default=0.3236, above=0, source="[1] eq. 6.2")
+    a1: Scalar = quantity("1", "Coefficient of the previous output.", default=-0.9805, source="[1] eq. 6.2")
+    a2: Scalar = quantity("1", "Coefficient of the output two samples ago.", default=0.2898, source="[1] eq. 6.2")
+    normalised: bool = option("Scale b0 to a static gain of 1.", default=True, choices=(True, False))
 
     def section(self) -> Section:
-        """The difference equation."""
+        """Return the difference equation."""
         return Section(b0=1 + self.a1 + self.a2 if self.normalised else self.b0, a1=self.a1, a2=self.a2)
 
     def start(self, u: Any) -> SectionState:
-        """The memory after a constant rate u for all time."""
+        """Return the memory after a constant rate u for all time."""
         return steady_state(self.section(), u)
 
     def respond(self, state: SectionState, u: Any) -> tuple[SectionState, Any]:
-        """The next memory, and the output for the newest rate u."""
+        """Return the next memory, and the output for the newest rate u."""
         return filter_sample(self.section(), state, u)
 
 
 @record
 class DelayedGyroState:
-    """Rates and outputs of the ticks before, newest first. Source: this module."""
+    """Rates and outputs of the previous ticks, newest first. Source: this module."""
 
-    u: Any = quantity("rad/s", "Rates (k, …).")
-    y: Any = quantity("rad/s", "Outputs (2, …).")
+    u: Any = quantity("rad/s", "Previous rates (k, …).")
+    y: Any = quantity("rad/s", "Previous outputs (2, …).")
 
 
 @record
 class DelayedGyro:
-    """What may stand behind the source's measured gains and phases: a delay of whole samples and a low-pass.
+    """Model behind the thesis's measured gains and phases: a delay of whole samples and a low-pass.
 
         Y/U = e^{-s D T} / (1 + √2 s/w + (s/w)²)
 
-    as a difference equation whose gain and phase are right to 0.006 (rad) up to 50 Hz.
+    as a difference equation whose gain and phase are exact to 0.006 (rad) up to 50 Hz.
 
-    Reconstructed: within 0.05 of the gains of [1, table 6.5] at all its frequencies; the phase is right at 5 and 15 Hz
+    Reconstructed: within 0.05 of the gains of [1, table 6.5] at all its frequencies. The phase agrees at 5 and 15 Hz
     but lags too much above (0.3 rad at 20 Hz). Below 20 Hz only.
 
     Source:  [1] table 6.5 (fit reconstructed, see docs Errata).
     """
 
     samples: int = option("Delay D, in samples; at least 2.", default=2)
-    bandwidth: float = option("-3 dB of the second-order Butterworth (Hz).", default=30.0)
+    bandwidth: float = option("Bandwidth (-3 dB) of the second-order Butterworth (Hz).", default=30.0)
     sampling: int = period("Time T between samples.", default=TICK)
 
     def coefficients(self) -> tuple[Any, Any]:
-        """Of the rates, newest first (D + 3,), and of the outputs before (2,)."""
+        """Return the weights of the rates, newest first (D + 3,), and of the previous outputs (2,)."""
         return _fit_weights(self.samples, self.bandwidth, to_seconds(self.sampling))
 
     def start(self, u: Any) -> DelayedGyroState:
-        """The state after a constant rate u for all time."""
+        """Return the state after a constant rate u for all time."""
         u = jnp.asarray(u)
         return DelayedGyroState(u=jnp.stack([u] * (self.samples + 2)), y=jnp.stack([u, u]))
 
     def respond(self, state: DelayedGyroState, u: Any) -> tuple[DelayedGyroState, Any]:
-        """The next state, and the output for the newest rate u."""
+        """Return the next state, and the output for the newest rate u."""
         b, a = self.coefficients()
         rates = jnp.concatenate([jnp.asarray(u)[None], state.u])
         y = sum((b[k] * rates[k] for k in range(1, len(b))), b[0] * rates[0]) - a[0] * state.y[0] - a[1] * state.y[1]
@@ -92,7 +92,7 @@ class DelayedGyro:
 
 @functools.lru_cache(maxsize=16)
 def _fit_weights(samples: int, bandwidth: float, T: float) -> tuple[Any, Any]:
-    """Poles of the low-pass mapped by e^{sT}; the weights of the rates by least squares on its response to 60 Hz."""
+    """Map the low-pass's poles by e^{sT}; fit the weights of the rates by least squares to its response up to 60 Hz."""
     pole = math.tau * bandwidth * complex(-math.sqrt(0.5), math.sqrt(0.5))
     z = np.exp(pole * T)
     a = np.array([-2 * z.real, abs(z) ** 2])
@@ -107,7 +107,7 @@ def _fit_weights(samples: int, bandwidth: float, T: float) -> tuple[Any, Any]:
 
 
 def frequency_response(b: Any, a: Any, frequency: Any, sampling_period: float) -> Any:
-    """Complex gain, at frequencies (Hz), of y_k = b0 u_k + b1 u_{k-1} + … - a1 y_{k-1} - …; for design and tests."""
+    """Return the complex gain, at frequencies (Hz), of y_k = b0 u_k + b1 u_{k-1} + … - a1 y_{k-1} - …; for design."""
     z1 = np.exp(-2j * np.pi * np.asarray(frequency) * sampling_period)
     above = sum(c * z1**k for k, c in enumerate(b))
     return above / (1 + sum(c * z1 ** (k + 1) for k, c in enumerate(a)))

@@ -1,4 +1,4 @@
-"""Sensors that give a heading: a direct one, noisy and late, and a compass made of a magnetometer.
+"""Heading sensors: a direct one with noise and latency, and a compass made of a magnetometer.
 
 [1] is Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006.
 """
@@ -20,47 +20,45 @@ from trimtab.sensors.magnetometer import Magnetometer
 class HeadingReading:
     """A measured heading. Source: docs page, Heading."""
 
-    heading: Scalar = quantity(
-        "rad", "Angle from north to the body's x axis, clockwise; any equal of it.", kind="angle"
-    )
+    heading: Scalar = quantity("rad", "Angle from north to the body's x axis, clockwise; modulo 2 pi.", kind="angle")
 
 
 @record
 class HeadingSensor:
-    """A heading as some other system gives it: noisy, now and then, and late.
+    """Heading as given by another system: with noise, at intervals, with latency.
 
         z = psi + w
 
-    It stands for the heading that two ultrasonic units give, without their geometry.
+    It represents the heading that two ultrasonic units give, without their geometry.
 
-    Frames:  of B in W.    Not modelled: errors that hang together in time.
+    Frames:  of B in W.    Not modelled: errors correlated in time.
     Source:  [1] section 6.2.1. Latency reconstructed, see docs Errata.
     """
 
     noise: Scalar = imperfection("rad", "Standard deviation of each measurement.", "heading-noise", default=0.03)
     timing: LateFix = part(
-        "When it is measured and comes out.",
+        "Times of measurement and arrival.",
         default=LateFix(),
         off={"heading-latency": lambda sensor: replace(sensor.timing, latency=0.0)},
     )
-    period: int = period("How often it is looked whether one has come out.", default=ms(1))
+    period: int = period("Time between checks for a new measurement.", default=ms(1))
 
     LATE: ClassVar[bool] = True
 
     def check(self) -> None:
-        """Refuse a period at which measurements would be missed."""
+        """Raise InputError if measurements would be missed at this period."""
         self.timing.check_period(self.period)
 
     def init(self, key: Key) -> LateSensorState:
-        """Nothing measured."""
+        """Return the initial state, before any measurement."""
         return LateSensorState(key, self.timing.initial_state(HeadingReading(heading=jnp.asarray(0.0))))
 
     def measure(self, motion: Motion) -> HeadingReading:
-        """The measurement h(x) of a motion, without noise."""
+        """Return the measurement h(x) of a motion, without noise."""
         return HeadingReading(heading=motion.attitude[2])
 
     def step(self, t: Any, state: LateSensorState, motion: Motion) -> tuple[LateSensorState, Sample]:
-        """The newest heading that is out at integer time t."""
+        """Return the newest heading that has arrived at integer time t."""
         w, _ = normal2(state.key, self.timing.measurement_number(t))
         true = self.measure(motion)
         late, sample = self.timing.deliver(t, state.late, HeadingReading(true.heading + self.noise * w))
@@ -69,7 +67,7 @@ class HeadingSensor:
 
 @record
 class Compass:
-    """A magnetometer's field made a heading, as if the vehicle stood level.
+    """Heading from a magnetometer's field, assuming a level vehicle.
 
         z = atan2( (b × w)_z, b · w )
 
@@ -79,23 +77,25 @@ class Compass:
     Source:  [1] eqs. 3.43-3.44, with the arc cosine replaced (docs page, Errata).
     """
 
-    magnetometer: Magnetometer = part("What measures the field.", default=Magnetometer.microstrain_3dm_gx1())
+    magnetometer: Magnetometer = part(
+        "Magnetometer that measures the field.", default=Magnetometer.microstrain_3dm_gx1()
+    )
 
     @property
     def period(self) -> int:
-        """That of the magnetometer."""
+        """Return the magnetometer's period."""
         return self.magnetometer.period
 
     def init(self, key: Key) -> Any:
-        """State of the magnetometer."""
+        """Return the initial state of the magnetometer."""
         return self.magnetometer.init(key)
 
     def measure(self, motion: Motion) -> HeadingReading:
-        """The measurement h(x) of a motion: the earth's field alone."""
+        """Return the measurement h(x) of a motion: the earth's field alone."""
         return self._heading(self.magnetometer.measure(motion).field)
 
     def step(self, t: Any, state: Any, motion: Motion) -> tuple[Any, Sample]:
-        """The sample at integer time t."""
+        """Return the sample at integer time t."""
         state, sample = self.magnetometer.step(t, state, motion)
         return state, new_sample(t, self._heading(sample.value.field))
 

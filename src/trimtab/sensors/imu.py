@@ -1,4 +1,4 @@
-"""A three-axis inertial measurement unit: triads of accelerometers and of gyros, with the errors of micromachined ones.
+"""Three-axis inertial measurement unit: triads of accelerometers and gyros, with the errors of micromachined ones.
 
 Between the noise-free h(x) of a triad and its output z stand
 
@@ -25,7 +25,7 @@ from trimtab.environment.geodetic import STANDARD
 from trimtab.sensors.gyro_dynamics import TICK
 
 UNIT_DRAWS = 12
-"""Standard normals that a triad keeps for a run: 3 turn-on biases, 3 scale factors, 6 misalignments."""
+"""Number of standard normals of a triad per run: 3 turn-on biases, 3 scale factors, 6 misalignments."""
 OFF_DIAGONAL = ((0, 1), (0, 2), (1, 0), (1, 2), (2, 0), (2, 1))
 ZERO = (0.0, 0.0, 0.0)
 SOURCE = "IEEE Std 952-1997, annex C"
@@ -40,13 +40,21 @@ class AccelerometerErrors:
     bias: Any = quantity(
         "m/s^2", "Constant bias, the same in every run.", default=ZERO, shape=(3,), off={"imu-turn-on-bias": ZERO}
     )
-    turn_on_bias: Scalar = imperfection("m/s^2", "Standard deviation, drawn for each run.", "imu-turn-on-bias")
+    turn_on_bias: Scalar = imperfection(
+        "m/s^2", "Standard deviation of the turn-on bias, drawn for each run.", "imu-turn-on-bias"
+    )
     bias_walk: Scalar = imperfection("m/s^2/s^0.5", "Random walk of the bias, K.", "imu-bias-walk", source=SOURCE)
-    scale_factor: Scalar = imperfection("1", "Standard deviation of each axis, drawn for each run.", "imu-scale-factor")
-    misalignment: Scalar = imperfection("rad", "Standard deviation of an axis towards another.", "imu-misalignment")
-    bandwidth: Scalar = imperfection("Hz", "-3 dB of a second-order Butterworth; 0: no limit.", "imu-bandwidth")
-    resolution: Scalar = imperfection("m/s^2", "Step of the converter; 0: none.", "imu-quantisation")
-    range: Scalar = imperfection("m/s^2", "Greatest output; 0: no limit.", "imu-saturation")
+    scale_factor: Scalar = imperfection(
+        "1", "Standard deviation of the scale error of each axis, drawn for each run.", "imu-scale-factor"
+    )
+    misalignment: Scalar = imperfection(
+        "rad", "Standard deviation of the misalignment of an axis towards another.", "imu-misalignment"
+    )
+    bandwidth: Scalar = imperfection(
+        "Hz", "Bandwidth (-3 dB) of a second-order Butterworth low-pass; 0: no limit.", "imu-bandwidth"
+    )
+    resolution: Scalar = imperfection("m/s^2", "Quantisation step of the converter; 0: none.", "imu-quantisation")
+    range: Scalar = imperfection("m/s^2", "Largest output; 0: no limit.", "imu-saturation")
     response: Any = part(RESPONSE, default=None, off={"imu-bandwidth": None})
 
 
@@ -58,13 +66,21 @@ class GyroErrors:
     bias: Any = quantity(
         "rad/s", "Constant bias, the same in every run.", default=ZERO, shape=(3,), off={"imu-turn-on-bias": ZERO}
     )
-    turn_on_bias: Scalar = imperfection("rad/s", "Standard deviation, drawn for each run.", "imu-turn-on-bias")
+    turn_on_bias: Scalar = imperfection(
+        "rad/s", "Standard deviation of the turn-on bias, drawn for each run.", "imu-turn-on-bias"
+    )
     bias_walk: Scalar = imperfection("rad/s/s^0.5", "Rate random walk K of the bias.", "imu-bias-walk", source=SOURCE)
-    scale_factor: Scalar = imperfection("1", "Standard deviation of each axis, drawn for each run.", "imu-scale-factor")
-    misalignment: Scalar = imperfection("rad", "Standard deviation of an axis towards another.", "imu-misalignment")
-    bandwidth: Scalar = imperfection("Hz", "-3 dB of a second-order Butterworth; 0: no limit.", "imu-bandwidth")
-    resolution: Scalar = imperfection("rad/s", "Step of the converter; 0: none.", "imu-quantisation")
-    range: Scalar = imperfection("rad/s", "Greatest output; 0: no limit.", "imu-saturation")
+    scale_factor: Scalar = imperfection(
+        "1", "Standard deviation of the scale error of each axis, drawn for each run.", "imu-scale-factor"
+    )
+    misalignment: Scalar = imperfection(
+        "rad", "Standard deviation of the misalignment of an axis towards another.", "imu-misalignment"
+    )
+    bandwidth: Scalar = imperfection(
+        "Hz", "Bandwidth (-3 dB) of a second-order Butterworth low-pass; 0: no limit.", "imu-bandwidth"
+    )
+    resolution: Scalar = imperfection("rad/s", "Quantisation step of the converter; 0: none.", "imu-quantisation")
+    range: Scalar = imperfection("rad/s", "Largest output; 0: no limit.", "imu-saturation")
     response: Any = part(RESPONSE, default=None, off={"imu-bandwidth": None})
 
 
@@ -73,23 +89,23 @@ TriadErrors = AccelerometerErrors | GyroErrors
 
 @record
 class TriadState:
-    """What a triad remembers. Frames: the unit's own axes. Source: this module."""
+    """State of a triad. Frames: the unit's own axes. Source: this module."""
 
     draws: Any = quantity("1", "Standard normals of this run.", shape=(UNIT_DRAWS,))
     walk: Any = quantity("1", "In-run change of the bias, in the unit of the output.", shape=(3,))
-    started: Scalar = quantity("1", "Whether the low-pass has seen a sample.", kind="flag")
+    started: Scalar = quantity("1", "True once the low-pass has had a sample.", kind="flag")
     memory: Any = part("Memory of the low-pass, or of the response in its place.")
 
 
 def triad_state(errors: TriadErrors, draws: Any) -> TriadState:
-    """The first state, out of standard normals (12,)."""
+    """Return the initial state, from standard normals (12,)."""
     zero = jnp.zeros(3)
     memory = SectionState(zero, zero) if errors.response is None else errors.response.start(zero)
     return TriadState(draws=draws, walk=zero, started=jnp.asarray(False), memory=memory)
 
 
 def distortion(errors: TriadErrors, draws: Any) -> Any:
-    """I + S + M (3, 3) of this run."""
+    """Return I + S + M (3, 3) of this run."""
     rows = [[1.0 + errors.scale_factor * draws[3 + i] if i == j else 0.0 for j in range(3)] for i in range(3)]
     for k, (i, j) in enumerate(OFF_DIAGONAL):
         rows[i][j] = errors.misalignment * draws[6 + k]
@@ -99,7 +115,7 @@ def distortion(errors: TriadErrors, draws: Any) -> Any:
 def corrupt_triad(
     errors: TriadErrors, state: TriadState, true: Any, dt: float, white: Any, step: Any
 ) -> tuple[Any, Any, Any]:
-    """The triad's output for a true input (3,): next state, output (3,), whether an axis is saturated.
+    """Return the triad's output for a true input (3,): next state, output (3,), whether an axis is saturated.
 
     Args:     true: noise-free input along the unit's axes.    dt: time between samples (s).
               white: standard normals (3,) of this sample's noise.    step: those of the bias's step to the next sample.
@@ -113,7 +129,7 @@ def corrupt_triad(
 
 
 def digitise(output: Any, most: Any, resolution: Any) -> tuple[Any, Any]:
-    """An output (3,) clipped to ±most and rounded to steps, and whether an axis is saturated; 0: no limit, no steps."""
+    """Return an output (3,) clipped to ±most and rounded to steps (0: neither), and whether an axis is saturated."""
     limited = most > 0
     saturated = limited & (jnp.max(jnp.abs(output)) >= most)
     clipped = jnp.where(limited, jnp.clip(output, -most, most), output)
@@ -123,7 +139,7 @@ def digitise(output: Any, most: Any, resolution: Any) -> tuple[Any, Any]:
 
 
 def _limit_bandwidth(errors: TriadErrors, state: TriadState, true: Any, dt: float) -> tuple[Any, Any]:
-    """Memory and output of the low-pass or the response; its first sample finds it settled."""
+    """Return memory and output of the low-pass or the response; it starts settled at its first sample."""
     if errors.response is not None:
         rest = errors.response.start(true)
         memory = tree_where(state.started, state.memory, rest)
@@ -136,21 +152,23 @@ def _limit_bandwidth(errors: TriadErrors, state: TriadState, true: Any, dt: floa
 
 @record
 class InertialReading:
-    """What the unit gives each tick. Frames: the unit's axes, B's but for its mounting. Source: docs page, Imu."""
+    """Sample of the unit at each tick. Frames: the unit's axes, B's up to its mounting. Source: docs page, Imu."""
 
-    specific_force: Any = quantity("m/s^2", "Acceleration less gravity: at rest it points up.", frame="B", shape=(3,))
+    specific_force: Any = quantity(
+        "m/s^2", "Specific force: acceleration minus gravity; at rest it points up.", frame="B", shape=(3,)
+    )
     angular_rate: Any = quantity("rad/s", "Angular velocity.", frame="B", shape=(3,))
-    accelerometer_saturated: Scalar = quantity("1", "Whether an accelerometer is at its limit.", kind="flag")
-    gyro_saturated: Scalar = quantity("1", "Whether a gyro is at its limit.", kind="flag")
+    accelerometer_saturated: Scalar = quantity("1", "True if an accelerometer is at its limit.", kind="flag")
+    gyro_saturated: Scalar = quantity("1", "True if a gyro is at its limit.", kind="flag")
 
 
 @record
 class ImuState:
     """Bias, low-pass and draws of each triad. Source: this module."""
 
-    key: Key = part("Of the noise.")
-    accelerometer: TriadState = part("The accelerometers'.")
-    gyro: TriadState = part("The gyros'.")
+    key: Key = part("Key of the random noise.")
+    accelerometer: TriadState = part("State of the accelerometers.")
+    gyro: TriadState = part("State of the gyros.")
 
 
 @record
@@ -159,8 +177,8 @@ class Imu:
 
         f = R_SB (a + 2 W × v + alpha × l + w × (w × l) - g),    omega = R_SB (w + W)
 
-    with a the acceleration of the centre of mass, l the lever arm, g gravity (down), W the turning of the earth (all in
-    B), and R_SB the mounting. `measure` is this; `step` adds the errors of each triad.
+    with a the acceleration of the centre of mass, l the lever arm, g gravity (down), W the earth's rotation (all in B),
+    and R_SB the mounting. `measure` gives these values; `step` adds the errors of each triad.
 
     Frames:  lever arm in B from the centre of mass; mounting as roll, pitch, yaw of the unit in B.
     Not modelled: vibration, temperature, g-sensitivity, size effect; integration within a tick: values at the tick.
@@ -170,19 +188,24 @@ class Imu:
 
     accelerometer: AccelerometerErrors = part("Errors of the accelerometers.", default=AccelerometerErrors())
     gyro: GyroErrors = part("Errors of the gyros.", default=GyroErrors())
-    lever_arm: Any = quantity("m", "The unit's place.", frame="B", default=ZERO, shape=(3,))
+    lever_arm: Any = quantity("m", "Position of the unit.", frame="B", default=ZERO, shape=(3,))
     mounting: Any = quantity(
-        "rad", "Roll, pitch, yaw in B.", default=ZERO, kind="angle", shape=(3,), off={"imu-mounting": ZERO}
+        "rad",
+        "Mounting of the unit: roll, pitch, yaw in B.",
+        default=ZERO,
+        kind="angle",
+        shape=(3,),
+        off={"imu-mounting": ZERO},
     )
     gravity: Any = quantity("m/s^2", "Gravity.", frame="W", default=(0.0, 0.0, STANDARD), shape=(3,))
     earth_rate: Any = quantity(
-        "rad/s", "Turning of the earth; zero leaves Coriolis out.", frame="W", default=ZERO, shape=(3,)
+        "rad/s", "Rotation rate of the earth; zero leaves Coriolis out.", frame="W", default=ZERO, shape=(3,)
     )
     period: int = period("Time between samples.", default=TICK)
 
     @classmethod
     def microstrain_3dm_gx1(cls, **settings: Any) -> "Imu":
-        """The hovercraft's unit; other fields as settings.
+        """Return the hovercraft's unit; other fields as settings.
 
         Printed in [1]: ranges ±1.7 g (ADXL103) and ±300 deg/s, tick. Manufacturer's figures as transcribed in public
         code: noise 0.4 m/s/√h and 3.5 deg/√h, biases 10 mg and 0.7 deg/s, 16-bit words of 8.5 g and 10 rad/s full
@@ -213,21 +236,23 @@ class Imu:
         return cls(**{"accelerometer": accelerometer, "gyro": gyro, **settings})
 
     def check(self) -> None:
-        """The bandwidths lie below half the sampling rate, and a response made for one tick is sampled at it."""
+        """Raise InputError if a bandwidth is too high for the period, or a response was made for another period."""
         half = 0.5 / to_seconds(self.period)
         for name, errors in (("accelerometer", self.accelerometer), ("gyro", self.gyro)):
             if not errors.bandwidth < half:
-                problem = f"{errors.bandwidth:g} Hz can't be told apart sampled each {format_time(self.period)}"
+                problem = (
+                    f"a bandwidth of {errors.bandwidth:g} Hz is too high for samples each {format_time(self.period)}"
+                )
                 fix = f"{argument('settings', 'VALUE', f'{name}.bandwidth')} below {half:g} Hz, or 0"
                 raise InputError(f"{name}.bandwidth", problem, fix=fix)
             tick = optional_member(errors.response, "sampling") or self.period
             if tick != self.period:
                 own, other = format_time(self.period), format_time(tick)
-                problem = f"it is made for samples each {other}, the unit's period is {own}"
+                problem = f"the response is made for samples each {other}, but the unit's period is {own}"
                 raise InputError(f"{name}.response", problem, fix=argument("settings", other, "period"))
 
     def init(self, key: Key) -> ImuState:
-        """The run's biases, scale factors and misalignments drawn; low-passes not yet started."""
+        """Return the initial state, with biases, scale factors and misalignments drawn; low-passes not yet started."""
         draws = normals(key.at("unit"), 0, 2 * UNIT_DRAWS)
         return ImuState(
             key=key.at("noise"),
@@ -236,7 +261,7 @@ class Imu:
         )
 
     def measure(self, motion: Motion) -> InertialReading:
-        """The measurement h(x) of a motion, without error."""
+        """Return the measurement h(x) of a motion, without error."""
         R_WB, w, arm = from_euler(*motion.attitude), motion.w_WB_B, jnp.asarray(self.lever_arm)
         turning = R_WB.T @ jnp.asarray(self.earth_rate)
         acceleration = motion.a_WB_B + 2 * jnp.cross(turning, motion.v_WB_B)
@@ -250,7 +275,7 @@ class Imu:
         )
 
     def step(self, t: Any, state: ImuState, motion: Motion) -> tuple[ImuState, Sample]:
-        """The sample at integer time t."""
+        """Return the sample at integer time t."""
         true, dt = self.measure(motion), to_seconds(self.period)
         z = normals(state.key, t // self.period, 12)
         a, force, a_full = corrupt_triad(

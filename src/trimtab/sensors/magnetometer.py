@@ -1,4 +1,4 @@
-"""A three-axis magnetometer, with the iron of the vehicle and what stands near it."""
+"""Three-axis magnetometer, with the iron of the vehicle and magnetic objects nearby."""
 
 import math
 from typing import Any
@@ -18,19 +18,19 @@ from trimtab.sensors.imu import ZERO, digitise
 GAUSS = 1e-4
 IDENTITY = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 PERMEABILITY = 1e-7
-"""mu0/(4 pi) (T m/A)."""
+"""Magnetic constant mu0/(4 pi) (T m/A)."""
 
 
 @record
 class FieldReading:
-    """What a magnetometer gives. Frames: B. Source: docs page, Magnetometer."""
+    """Sample of a magnetometer. Frames: B. Source: docs page, Magnetometer."""
 
     field: Any = quantity("T", "Magnetic flux density.", frame="B", shape=(3,))
-    saturated: Scalar = quantity("1", "Whether an axis is at its limit.", kind="flag")
+    saturated: Scalar = quantity("1", "True if an axis is at its limit.", kind="flag")
 
 
 def dipole_field(moment: Any, away: Any, size: Any) -> Any:
-    """Field (3,) (T) of a dipole (3,) (A m²) at a place `away` (3,) (m) from it; a body of radius `size` (m).
+    """Return the field (3,) (T) of a dipole (3,) (A m²) at a place `away` (3,) (m) from it; body radius `size` (m).
 
         B = 1e-7 (3 (m·r) r/(r² + size²) - m)/(r² + size²)^(3/2)
 
@@ -44,30 +44,34 @@ def dipole_field(moment: Any, away: Any, size: Any) -> Any:
 class RunningMotor:
     """A motor on the vehicle: a dipole fixed in the body, as strong as the current that the motor draws.
 
-    The current follows a course given here, since a motion does not say what the vehicle draws; between two instants
-    it stays, before the first there is none. Run backwards, at a duty below 0, the field turns round.
+    The current follows a given schedule, since a motion does not contain the vehicle's current. It is constant between
+    two instants and zero before the first. Backwards, at a duty below 0, the field reverses.
 
     Frames: position and moment in B.    Not modelled: the ripple of the brushes, which the noise stands for.
     Source: Jackson, "Classical electrodynamics", eq. 5.56; sizes reconstructed (docs page, Magnetometer).
     """
 
-    position: Any = quantity("m", "Place on the vehicle.", frame="B", default=(-0.25, 0.0, 0.0), shape=(3,))
-    moment: Any = quantity("A m^2", "Moment at a duty of 1.", frame="B", default=(0.0, 0.3, 0.0), shape=(3,))
+    position: Any = quantity("m", "Position on the vehicle.", frame="B", default=(-0.25, 0.0, 0.0), shape=(3,))
+    moment: Any = quantity("A m^2", "Dipole moment at a duty of 1.", frame="B", default=(0.0, 0.3, 0.0), shape=(3,))
     size: Scalar = quantity("m", "Radius.", default=0.014, above=0)
-    instants: Any = quantity("100 ns", "When the duty changes (n,), rising.", kind="time", default=(0,))
-    duty: Any = quantity("1", "Share of that current from each of these on (n,); negative: backwards.", default=(1.0,))
+    instants: Any = quantity("100 ns", "Times at which the duty changes (n,), rising.", kind="time", default=(0,))
+    duty: Any = quantity(
+        "1",
+        "Duty from each of these times on (n,), as a share of the full current; negative: backwards.",
+        default=(1.0,),
+    )
 
     def check(self) -> None:
-        """Refuse a course that is not one duty for each instant, or whose instants do not rise."""
+        """Raise InputError if the numbers of duties and instants differ, or the instants do not rise."""
         instants, duty = np.asarray(self.instants), np.asarray(self.duty)
         if instants.ndim != 1 or instants.shape != duty.shape or not instants.size:
-            problem = f"{instants.shape} instants for {duty.shape} duties"
+            problem = f"got {instants.shape} instants for {duty.shape} duties"
             raise InputError("RunningMotor.duty", problem, fix="give one duty for each instant")
         if (np.diff(instants) <= 0).any():
-            raise InputError("RunningMotor.instants", f"{instants.tolist()} do not rise", fix="sort them")
+            raise InputError("RunningMotor.instants", f"{instants.tolist()} must rise", fix="sort them")
 
     def field(self, motion: Motion, place: Any) -> Any:
-        """Field (3,) (T) in B at a place (3,) (m) in B."""
+        """Return the field (3,) (T) in B at a place (3,) (m) in B."""
         begun = jnp.sum(motion.t >= jnp.asarray(self.instants))
         duty = jnp.where(begun > 0, jnp.asarray(self.duty)[jnp.maximum(begun - 1, 0)], 0.0)
         away = jnp.asarray(place) - jnp.asarray(self.position)
@@ -76,18 +80,18 @@ class RunningMotor:
 
 @record
 class FloorSteel:
-    """A piece of steel in or under the floor: a dipole fixed in the world, felt when the vehicle passes over it.
+    """A piece of steel in or under the floor: a dipole fixed in the world, measured when the vehicle passes over it.
 
     Frames: position and moment in W.    Not modelled: that the piece is long (several of these make a beam).
     Source: Jackson, "Classical electrodynamics", eq. 5.56; sizes reconstructed (docs page, Magnetometer).
     """
 
-    position: Any = quantity("m", "Place: north, east, down.", frame="W", default=(1.0, 1.0, 0.3), shape=(3,))
-    moment: Any = quantity("A m^2", "Moment, as magnetised.", frame="W", default=(2.0, 0.0, 4.0), shape=(3,))
+    position: Any = quantity("m", "Position: north, east, down.", frame="W", default=(1.0, 1.0, 0.3), shape=(3,))
+    moment: Any = quantity("A m^2", "Dipole moment, as magnetised.", frame="W", default=(2.0, 0.0, 4.0), shape=(3,))
     size: Scalar = quantity("m", "Radius.", default=0.1, above=0)
 
     def field(self, motion: Motion, place: Any) -> Any:
-        """Field (3,) (T) in B at a place (3,) (m) in B."""
+        """Return the field (3,) (T) in B at a place (3,) (m) in B."""
         R_WB = from_euler(*motion.attitude)
         away = motion.p_WB + R_WB @ jnp.asarray(place) - jnp.asarray(self.position)
         return R_WB.T @ dipole_field(jnp.asarray(self.moment), away, self.size)
@@ -99,7 +103,7 @@ class Magnetometer:
 
         h = R_SB R_BW m_W,    z = quantised( clip( S (h + d) + b + w ) )
 
-    with m_W the earth's field, S soft iron, b hard iron, d the field of what stands near, w white noise.
+    with m_W the earth's field, S soft iron, b hard iron, d the field of objects nearby, w white noise.
 
     Frames:  north-east-down field in W, iron in the sensor's axes; mounting as roll, pitch, yaw of the sensor in B.
     Not modelled: bandwidth, temperature.
@@ -109,26 +113,41 @@ class Magnetometer:
 
     earth_field: Any = quantity("T", "Earth's field: north, east, down.", frame="W", default=COLLEGE_PARK, shape=(3,))
     hard_iron: Any = quantity(
-        "T", "Of magnetised parts on board.", frame="B", default=ZERO, shape=(3,), off={"hard-iron": ZERO}
+        "T",
+        "Hard iron: field of magnetised parts on board.",
+        frame="B",
+        default=ZERO,
+        shape=(3,),
+        off={"hard-iron": ZERO},
     )
     soft_iron: Any = quantity(
-        "1", "Of soft parts on board.", frame="B", default=IDENTITY, shape=(3, 3), off={"soft-iron": IDENTITY}
+        "1",
+        "Soft iron: field distortion by soft parts on board.",
+        frame="B",
+        default=IDENTITY,
+        shape=(3, 3),
+        off={"soft-iron": IDENTITY},
     )
     noise: Scalar = imperfection("T", "Standard deviation of each axis and sample.", "magnetometer-noise")
-    resolution: Scalar = imperfection("T", "Step of the converter; 0: none.", "magnetometer-quantisation")
-    range: Scalar = imperfection("T", "Greatest output; 0: no limit.", "magnetometer-saturation")
-    position: Any = quantity("m", "The sensor's place.", frame="B", default=ZERO, shape=(3,))
+    resolution: Scalar = imperfection("T", "Quantisation step of the converter; 0: none.", "magnetometer-quantisation")
+    range: Scalar = imperfection("T", "Largest output; 0: no limit.", "magnetometer-saturation")
+    position: Any = quantity("m", "Position of the sensor.", frame="B", default=ZERO, shape=(3,))
     mounting: Any = quantity(
-        "rad", "Roll, pitch, yaw in B.", default=ZERO, kind="angle", shape=(3,), off={"magnetometer-mounting": ZERO}
+        "rad",
+        "Mounting of the unit: roll, pitch, yaw in B.",
+        default=ZERO,
+        kind="angle",
+        shape=(3,),
+        off={"magnetometer-mounting": ZERO},
     )
     disturbances: Any = part(
-        "What stands near: a tuple of RunningMotor, FloorSteel, …", default=(), off={"magnetic-disturbances": ()}
+        "Magnetic objects nearby: a tuple of RunningMotor, FloorSteel, …", default=(), off={"magnetic-disturbances": ()}
     )
     period: int = period("Time between samples.", default=TICK)
 
     @classmethod
     def microstrain_3dm_gx1(cls, **settings: Any) -> "Magnetometer":
-        """The hovercraft's; other fields as settings.
+        """Return the hovercraft's unit; other fields as settings.
 
         The noise gives the heading's variance of [1], 1.6e-4 rad², in the default field: 0.0126 rad times the level
         field. Words of 16 bits, 2 gauss full scale, as in public code for the unit.
@@ -137,17 +156,17 @@ class Magnetometer:
         return cls(**{"noise": noise, "resolution": 2 * GAUSS / 32768, "range": 2 * GAUSS, **settings})
 
     def init(self, key: Key) -> Key:
-        """The key of the noise is all there is to remember."""
+        """Return the key of the noise, the whole state."""
         return key
 
     def measure(self, motion: Motion) -> FieldReading:
-        """The measurement h(x) of a motion: the earth's field alone, without error."""
+        """Return the measurement h(x) of a motion: the earth's field alone, without error."""
         R_SB = from_euler(*jnp.asarray(self.mounting)).T
         field = R_SB @ (from_euler(*motion.attitude).T @ jnp.asarray(self.earth_field))
         return FieldReading(field=field, saturated=jnp.asarray(False))
 
     def step(self, t: Any, state: Key, motion: Motion) -> tuple[Key, Sample]:
-        """The sample at integer time t."""
+        """Return the sample at integer time t."""
         near = jnp.zeros(3)
         for disturbance in self.disturbances:
             near = near + disturbance.field(motion, self.position)

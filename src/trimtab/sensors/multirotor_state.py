@@ -1,4 +1,4 @@
-"""The state of a multirotor as cameras on the ceiling, a gyro and the rotors' own controllers tell it, with noise."""
+"""State of a multirotor from a motion capture system, a gyro and the rotors' own controllers, with noise."""
 
 from typing import Any, ClassVar
 
@@ -24,25 +24,33 @@ class MultirotorStateSensor:
     Source:  docs page, Multirotor state; sizes are chosen, those of a hall with a motion capture system.
     """
 
-    position_noise: Any = imperfection("m", "Standard deviation of each coordinate.", "position-noise", default=0.002)
-    velocity_noise: Any = imperfection("m/s", "Standard deviation of each number.", "velocity-noise", default=0.02)
-    attitude_noise: Any = imperfection("rad", "Standard deviation about each axis.", "attitude-noise", default=0.004)
-    rate_noise: Any = imperfection("rad/s", "Standard deviation of each number.", "rate-noise", default=0.02)
-    speed_noise: Any = imperfection("rad/s", "Standard deviation of each rotor's.", "rotor-speed-noise", default=2.0)
+    position_noise: Any = imperfection(
+        "m", "Standard deviation of each position coordinate.", "position-noise", default=0.002
+    )
+    velocity_noise: Any = imperfection(
+        "m/s", "Standard deviation of each velocity component.", "velocity-noise", default=0.02
+    )
+    attitude_noise: Any = imperfection(
+        "rad", "Standard deviation of the attitude about each axis.", "attitude-noise", default=0.004
+    )
+    rate_noise: Any = imperfection("rad/s", "Standard deviation of each angular rate.", "rate-noise", default=0.02)
+    speed_noise: Any = imperfection(
+        "rad/s", "Standard deviation of each rotor's speed.", "rotor-speed-noise", default=2.0
+    )
     period: int = period("Time between samples.", default=ms(5))
 
     FEELS: ClassVar[str] = "state"
 
     def init(self, key: Key) -> Key:
-        """The noise's key is all that it keeps."""
+        """Return the key of the noise, the whole state."""
         return key
 
     def measure(self, x: MultirotorState) -> MultirotorState:
-        """The measurement h(x): the state itself, its quaternion of length one."""
+        """Return the measurement h(x): the state itself, its quaternion of length one."""
         return MultirotorState(x.position, x.velocity, quaternion.normalise(x.attitude), x.rate, x.rotor_speed)
 
     def step(self, t: Any, state: Key, x: MultirotorState) -> tuple[Key, Sample]:
-        """The sample at integer time t."""
+        """Return the sample at integer time t."""
         true = self.measure(x)
         n = jnp.shape(x.rotor_speed)[0]
         noise = normals(state, t // self.period, 12 + n)

@@ -1,4 +1,4 @@
-"""Navigation systems of vehicles that move in the plane: without error, and with an inertial one's between corrections.
+"""Navigation systems of vehicles in the plane: ideal, and with the errors of inertial navigation between corrections.
 
 [1] is Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006.
 """
@@ -16,7 +16,7 @@ from trimtab.core.time import ms, seconds, to_seconds
 
 @record
 class PlanarNavigation:
-    """Velocity in the body, yaw rate and heading as they are, each `period`: the ideal model's sensor.
+    """True velocity in the body, yaw rate and heading, each `period`: the ideal model's sensor.
 
         z = (surge velocity, sway velocity, yaw rate, heading)
 
@@ -27,20 +27,20 @@ class PlanarNavigation:
     period: int = period("Time between samples.", default=ms(1))
 
     def init(self, key: Key) -> tuple[()]:
-        """No state."""
+        """Return the empty state."""
         return ()
 
     def measure(self, motion: Motion) -> PlanarState:
-        """The measurement h(x) of a motion."""
+        """Return the measurement h(x) of a motion."""
         return planar_state(motion)
 
     def step(self, t: Any, state: tuple[()], motion: Motion) -> tuple[tuple[()], Sample]:
-        """The sample at integer time t."""
+        """Return the sample at integer time t."""
         return state, new_sample(t, self.measure(motion))
 
 
 def planar_state(motion: Motion) -> PlanarState:
-    """Velocity and heading in the plane, out of a motion in space; heading unwrapped."""
+    """Return velocity and heading in the plane, from a motion in space; heading unwrapped."""
     return PlanarState(
         surge_velocity=motion.v_WB_B[0],
         sway_velocity=motion.v_WB_B[1],
@@ -55,7 +55,7 @@ READINGS: dict[str, tuple[float, float, float]] = {
     "B": (math.sqrt(2.5) * CM, 1.0 * DEG, math.sqrt(0.5) * DEG),
     "C": (math.sqrt(0.025), math.sqrt(0.01745), math.sqrt(0.00873)),
 }
-"""Standard deviations of accelerometer bias (m/s^2), gyro bias and gyro noise (rad/s), by reading of the source."""
+"""Standard deviations of accelerometer bias (m/s^2), gyro bias and noise (rad/s), by interpretation of the thesis."""
 
 
 @record
@@ -64,7 +64,7 @@ class NavigationErrors:
 
         tau = t mod redraw;   du = bX tau,  dv = bY tau,  dr = bg + w,  dpsi = bg tau
 
-    The biases bX, bY, bg are drawn anew each `redraw`, when the integrals start again from zero; w is drawn for every
+    The biases bX, bY, bg are drawn again each `redraw`, when the integrals restart from zero; w is drawn for every
     sample. All draws are zero-mean, normal and independent, and depend on the time and the key alone.
 
     Frames:  velocity errors are added in B.    Not modelled: position, and the filter that makes these errors.
@@ -73,17 +73,21 @@ class NavigationErrors:
 
     accelerometer_bias: Scalar = imperfection(
         "m/s^2",
-        "Standard deviation of each axis.",
+        "Standard deviation of the accelerometer bias of each axis.",
         "navigation-error",
         default=READINGS["C"][0],
         source="[1] section 6.1",
     )
     gyro_bias: Scalar = imperfection(
-        "rad/s", "Standard deviation.", "navigation-error", default=READINGS["C"][1], source="[1] section 6.1"
+        "rad/s",
+        "Standard deviation of the gyro bias.",
+        "navigation-error",
+        default=READINGS["C"][1],
+        source="[1] section 6.1",
     )
     gyro_noise: Scalar = imperfection(
         "rad/s",
-        "Standard deviation of each sample.",
+        "Standard deviation of the gyro noise of each sample.",
         "navigation-error",
         default=READINGS["C"][2],
         source="[1] section 6.1",
@@ -98,7 +102,7 @@ class NavigationErrors:
 
     @classmethod
     def reading(cls, name: str, **settings: Any) -> "NavigationErrors":
-        """The sensor under a reading of the source's units.
+        """Return the sensor under an interpretation of the thesis's units.
 
         Args:
             name: "A", the printed numbers are standard deviations; "B", they are variances in cm and degrees;
@@ -106,20 +110,20 @@ class NavigationErrors:
             settings: the other fields, e.g. ``heading_range="positive"``.
         """
         if name not in READINGS:
-            raise InputError("NavigationErrors", f"no reading {name!r}", choices=READINGS)
+            raise InputError("NavigationErrors", f"unknown reading {name!r}", choices=READINGS)
         accelerometer_bias, gyro_bias, gyro_noise = READINGS[name]
         return cls(accelerometer_bias=accelerometer_bias, gyro_bias=gyro_bias, gyro_noise=gyro_noise, **settings)
 
     def init(self, key: Key) -> Key:
-        """The key of the draws is all there is to remember."""
+        """Return the key of the draws, the whole state."""
         return key
 
     def measure(self, motion: Motion) -> PlanarState:
-        """The measurement h(x) of a motion, without error."""
+        """Return the measurement h(x) of a motion, without error."""
         return self._express_heading(planar_state(motion))
 
     def step(self, t: Any, state: Key, motion: Motion) -> tuple[Key, Sample]:
-        """The sample at integer time t."""
+        """Return the sample at integer time t."""
         truth, tau = planar_state(motion), to_seconds(t % self.redraw)
         bX, bY = normal2(state, t // self.redraw, 0)
         bg, _ = normal2(state, t // self.redraw, 1)

@@ -1,4 +1,4 @@
-"""Optical flow: how fast the ground passes below a camera, and the velocity that a height makes of it."""
+"""Optical flow: angular rate of the ground's image below a camera, and the velocity computed with a height."""
 
 from typing import Any
 
@@ -11,26 +11,32 @@ from trimtab.core.signals import Motion, Sample, new_sample
 from trimtab.core.time import ms
 
 LEAST_COSINE = 0.1
-"""Of the tilt: beyond 84° the ray to the ground is taken to be as long as there."""
+"""Smallest cosine of the tilt: beyond 84° the ray to the ground is taken as long as at 84°."""
 
 
 @record
 class FlowReading:
-    """What a camera that looks down gives. Source: docs page, Sensors in space."""
+    """Sample of a downward-looking camera. Source: docs page, Sensors in space."""
 
-    flow: Any = quantity("rad/s", "Of the ground's image along B's x and y axes, as seen.", frame="B", shape=(2,))
-    distance: Scalar = quantity("m", "To the ground along B's z axis.")
-    surge_velocity: Scalar = quantity("m/s", "With the body's own turning taken out.", frame="B")
-    sway_velocity: Scalar = quantity("m/s", "The same.", frame="B")
-    usable: Scalar = quantity("1", "Distance and flow are within what the camera and the ranger can.", kind="flag")
+    flow: Any = quantity("rad/s", "Flow of the ground's image along B's x and y axes, as seen.", frame="B", shape=(2,))
+    distance: Scalar = quantity("m", "Distance to the ground along B's z axis.")
+    surge_velocity: Scalar = quantity(
+        "m/s", "Velocity along the body's x axis, compensated for the body's rotation.", frame="B"
+    )
+    sway_velocity: Scalar = quantity(
+        "m/s", "Velocity along the body's y axis, compensated for the body's rotation.", frame="B"
+    )
+    usable: Scalar = quantity(
+        "1", "True if distance and flow are within the limits of the ranger and the camera.", kind="flag"
+    )
 
 
 @record
 class FlowState:
-    """What the unit remembers: the zero of its gyro in this run. Source: docs page, Sensors in space."""
+    """State of the unit: the zero error of its gyro in this run. Source: docs page, Sensors in space."""
 
-    key: Key = part("Of the noise.")
-    gyro_offset: Any = quantity("rad/s", "Roll, pitch rate.", frame="B", shape=(2,))
+    key: Key = part("Key of the random noise.")
+    gyro_offset: Any = quantity("rad/s", "Zero error of the gyro: roll and pitch rate.", frame="B", shape=(2,))
 
 
 @record
@@ -45,38 +51,40 @@ class OpticalFlow:
              Sizes chosen.
     """
 
-    noise: Scalar = imperfection("rad/s", "Standard deviation of each sample.", "optical-flow-noise", default=0.02)
+    noise: Scalar = imperfection(
+        "rad/s", "Standard deviation of the flow noise of each sample.", "optical-flow-noise", default=0.02
+    )
     scale_factor: Scalar = imperfection(
-        "1", "Error of the focal length.", "optical-flow-scale-factor", default=0.01, low=None
+        "1", "Relative error of the focal length.", "optical-flow-scale-factor", default=0.01, low=None
     )
     gyro_noise: Scalar = imperfection(
-        "rad/s", "Standard deviation of its gyro's samples.", "optical-flow-gyro-noise", default=0.005
+        "rad/s", "Standard deviation of the gyro noise of each sample.", "optical-flow-gyro-noise", default=0.005
     )
     gyro_bias: Scalar = imperfection(
-        "rad/s", "Standard deviation of its gyro's zero, drawn for each run.", "optical-flow-gyro-bias", default=0.005
+        "rad/s", "Standard deviation of the gyro's zero, drawn for each run.", "optical-flow-gyro-bias", default=0.005
     )
     range_noise: Scalar = imperfection(
         "m", "Standard deviation of the ranger's samples.", "optical-flow-range-noise", default=0.01
     )
-    ground: Scalar = quantity("m", "Where the ground lies, down.", frame="W", default=0.0)
-    nearest: Scalar = quantity("m", "Shortest distance at which the ranger reads.", default=0.08, low=0)
+    ground: Scalar = quantity("m", "Down coordinate of the ground.", frame="W", default=0.0)
+    nearest: Scalar = quantity("m", "Shortest distance that the ranger measures.", default=0.08, low=0)
     farthest: Scalar = quantity("m", "Longest.", default=10.0, above=0)
-    fastest: Scalar = quantity("rad/s", "Flow that the camera can follow.", default=7.4, above=0)
+    fastest: Scalar = quantity("rad/s", "Largest flow that the camera can follow.", default=7.4, above=0)
     period: int = period("Time between samples.", default=ms(20))
 
     def init(self, key: Key) -> FlowState:
-        """The run's zero drawn."""
+        """Return the initial state, with the zero error drawn for this run."""
         return FlowState(key.at("noise"), self.gyro_bias * normals(key.at("unit"), 0, 2))
 
     def measure(self, motion: Motion) -> FlowReading:
-        """The measurement h(x) of a motion, without error."""
+        """Return the measurement h(x) of a motion, without error."""
         p, q = motion.w_WB_B[0], motion.w_WB_B[1]
         u, v = motion.v_WB_B[0], motion.v_WB_B[1]
         d = self._distance(motion)
         return self._reading(jnp.stack([-u / d - q, -v / d + p]), d, jnp.stack([p, q]), d)
 
     def step(self, t: Any, state: FlowState, motion: Motion) -> tuple[FlowState, Sample]:
-        """The sample at integer time t."""
+        """Return the sample at integer time t."""
         true, z = self.measure(motion), normals(state.key, t // self.period, 5)
         flow = (1 + self.scale_factor) * true.flow + self.noise * z[:2]
         gyro = motion.w_WB_B[:2] + state.gyro_offset + self.gyro_noise * z[2:4]
@@ -84,7 +92,7 @@ class OpticalFlow:
         return state, new_sample(t, self._reading(flow, distance, gyro, true.distance))
 
     def _distance(self, motion: Motion) -> Any:
-        """Along B's z axis to the ground (m); at least a millimetre."""
+        """Return the distance along B's z axis to the ground (m); at least a millimetre."""
         cosine = jnp.maximum(from_euler(*motion.attitude)[2, 2], LEAST_COSINE)
         return jnp.maximum((self.ground - motion.p_WB[2]) / cosine, 1e-3)
 

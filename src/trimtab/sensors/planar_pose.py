@@ -1,4 +1,4 @@
-"""The state in the plane with the position: as it is, for the ideal model, and with noise."""
+"""State in the plane with the position: exact for the ideal model, and with noise."""
 
 from typing import Any
 
@@ -22,7 +22,7 @@ class PlanarPoseState:
 
 @record
 class PlanarPose:
-    """Velocity in the body, yaw rate, heading and position as they are, each `period`.
+    """True velocity in the body, yaw rate, heading and position, each `period`.
 
         z = (surge velocity, sway velocity, yaw rate, heading, north, east)
 
@@ -33,11 +33,11 @@ class PlanarPose:
     period: int = period("Time between samples.", default=ms(1))
 
     def init(self, key: Key) -> tuple[()]:
-        """No state."""
+        """Return the empty state."""
         return ()
 
     def measure(self, motion: Motion) -> PlanarPoseState:
-        """The measurement h(x) of a motion."""
+        """Return the measurement h(x) of a motion."""
         return PlanarPoseState(
             surge_velocity=motion.v_WB_B[0],
             sway_velocity=motion.v_WB_B[1],
@@ -48,39 +48,41 @@ class PlanarPose:
         )
 
     def step(self, t: Any, state: tuple[()], motion: Motion) -> tuple[tuple[()], Sample]:
-        """The sample at integer time t."""
+        """Return the sample at integer time t."""
         return state, new_sample(t, self.measure(motion))
 
 
 @record
 class NoisyPlanarPose:
-    """The same with white noise: what a navigation system gives that is corrected all the time.
+    """Planar pose with white noise: as from a navigation system that is corrected continuously.
 
         z = (surge velocity, sway velocity, yaw rate, heading, north, east) + w
 
     Frames:  velocity and yaw rate in B; heading of B in W, unwrapped; position in W.
-    Not modelled: errors that hang together in time; a system that is corrected now and then has these.
+    Not modelled: errors correlated in time, as of a system that is corrected at intervals.
     Source:  derived here; sizes are this project's.
     """
 
     position_noise: Scalar = imperfection(
-        "m", "Standard deviation of each coordinate.", "navigation-error", default=0.01
+        "m", "Standard deviation of each position coordinate.", "navigation-error", default=0.01
     )
-    velocity_noise: Scalar = imperfection("m/s", "Standard deviation of each axis.", "navigation-error", default=0.003)
-    heading_noise: Scalar = imperfection("rad", "Standard deviation.", "navigation-error", default=0.005)
-    rate_noise: Scalar = imperfection("rad/s", "Standard deviation.", "navigation-error", default=0.005)
+    velocity_noise: Scalar = imperfection(
+        "m/s", "Standard deviation of the velocity along each axis.", "navigation-error", default=0.003
+    )
+    heading_noise: Scalar = imperfection("rad", "Standard deviation of the heading.", "navigation-error", default=0.005)
+    rate_noise: Scalar = imperfection("rad/s", "Standard deviation of the yaw rate.", "navigation-error", default=0.005)
     period: int = period("Time between samples.", default=ms(5))
 
     def init(self, key: Key) -> Key:
-        """The noise's key is all that it keeps."""
+        """Return the key of the noise, the whole state."""
         return key
 
     def measure(self, motion: Motion) -> PlanarPoseState:
-        """The measurement h(x) of a motion, without error."""
+        """Return the measurement h(x) of a motion, without error."""
         return PlanarPose().measure(motion)
 
     def step(self, t: Any, state: Key, motion: Motion) -> tuple[Key, Sample]:
-        """The sample at integer time t."""
+        """Return the sample at integer time t."""
         x, k = self.measure(motion), t // self.period
         (u, v), (r, psi), (n, e) = (normal2(state, k, stream) for stream in range(3))
         noisy = PlanarPoseState(

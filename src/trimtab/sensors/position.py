@@ -1,4 +1,4 @@
-"""Sensors that give a position: a direct one, noisy and late, and an encoder whose arm is known.
+"""Position sensors: a direct one with noise and latency, and an encoder on a known arm.
 
 [1] is Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006.
 """
@@ -21,51 +21,53 @@ from trimtab.sensors.late_fix import LateFix, LateSensorState
 class PositionReading:
     """A measured position. Source: docs page, Position."""
 
-    north: Scalar = quantity("m", "Along the world's x axis.", frame="W")
-    east: Scalar = quantity("m", "Along the world's y axis.", frame="W")
+    north: Scalar = quantity("m", "Position along the world's x axis.", frame="W")
+    east: Scalar = quantity("m", "Position along the world's y axis.", frame="W")
 
 
 @record
 class PositionSensor:
-    """A position as some other system gives it: noisy, now and then, and late.
+    """Position as given by another system: with noise, at intervals, with latency.
 
         z = (p + R_WB l)_north,east + w
 
-    It stands for the fixes of an ultrasonic network, without its ranges.
+    It represents the fixes of an ultrasonic network, without its ranges.
 
-    Frames:  lever arm in B, position in W.    Not modelled: errors that hang together in time or with the place.
+    Frames:  lever arm in B, position in W.    Not modelled: errors correlated in time or with the place.
     Source:  [1] section 6.2.1. Latency reconstructed, see docs Errata.
     """
 
     noise: Scalar = imperfection(
         "m", "Standard deviation of each coordinate of each measurement.", "position-noise", default=0.0044
     )
-    lever_arm: Any = quantity("m", "Of the point located.", frame="B", default=(0.0, 0.0, 0.0), shape=(3,))
+    lever_arm: Any = quantity(
+        "m", "Position of the located point on the vehicle.", frame="B", default=(0.0, 0.0, 0.0), shape=(3,)
+    )
     timing: LateFix = part(
-        "When it is measured and comes out.",
+        "Times of measurement and arrival.",
         default=LateFix(),
         off={"position-latency": lambda sensor: replace(sensor.timing, latency=0.0)},
     )
-    period: int = period("How often it is looked whether one has come out.", default=ms(1))
+    period: int = period("Time between checks for a new measurement.", default=ms(1))
 
     LATE: ClassVar[bool] = True
 
     def check(self) -> None:
-        """Refuse a period at which measurements would be missed."""
+        """Raise InputError if measurements would be missed at this period."""
         self.timing.check_period(self.period)
 
     def init(self, key: Key) -> LateSensorState:
-        """Nothing measured."""
+        """Return the initial state, before any measurement."""
         o = jnp.asarray(0.0)
         return LateSensorState(key, self.timing.initial_state(PositionReading(o, o)))
 
     def measure(self, motion: Motion) -> PositionReading:
-        """The measurement h(x) of a motion, without noise."""
+        """Return the measurement h(x) of a motion, without noise."""
         p = motion.p_WB + from_euler(*motion.attitude) @ jnp.asarray(self.lever_arm)
         return PositionReading(north=p[0], east=p[1])
 
     def step(self, t: Any, state: LateSensorState, motion: Motion) -> tuple[LateSensorState, Sample]:
-        """The newest position that is out at integer time t."""
+        """Return the newest position that has arrived at integer time t."""
         true, (wn, we) = self.measure(motion), normal2(state.key, self.timing.measurement_number(t))
         reading = PositionReading(true.north + self.noise * wn, true.east + self.noise * we)
         late, sample = self.timing.deliver(t, state.late, reading)
@@ -74,7 +76,7 @@ class PositionSensor:
 
 @record
 class EncoderPosition:
-    """The place of an arm's end out of the encoder on its shaft.
+    """Position of an arm's end from the encoder on its shaft.
 
         z = R (cos al, sin al)
 
@@ -83,24 +85,26 @@ class EncoderPosition:
     Source:  [1] section 6.2.1.
     """
 
-    encoder: Encoder = part("On the shaft.", default=Encoder(zero=math.pi / 2, period=seconds(1)))
-    arm: Scalar = quantity("m", "From the shaft to the body.", default=0.3048, low=0, source="[1] 12 in")
+    encoder: Encoder = part("Encoder on the shaft.", default=Encoder(zero=math.pi / 2, period=seconds(1)))
+    arm: Scalar = quantity(
+        "m", "Length of the arm, from the shaft to the body.", default=0.3048, low=0, source="[1] 12 in"
+    )
 
     @property
     def period(self) -> int:
-        """That of the encoder."""
+        """Return the encoder's period."""
         return self.encoder.period
 
     def init(self, key: Key) -> Any:
-        """State of the encoder."""
+        """Return the initial state of the encoder."""
         return self.encoder.init(key)
 
     def measure(self, motion: Motion) -> PositionReading:
-        """The measurement h(x) of a motion, without steps."""
+        """Return the measurement h(x) of a motion, without steps."""
         return self._arm_end(self.encoder.measure(motion).angle)
 
     def step(self, t: Any, state: Any, motion: Motion) -> tuple[Any, Sample]:
-        """The sample at integer time t."""
+        """Return the sample at integer time t."""
         state, sample = self.encoder.step(t, state, motion)
         return state, new_sample(t, self._arm_end(sample.value.angle))
 

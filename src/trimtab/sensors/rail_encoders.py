@@ -23,22 +23,22 @@ class RailEncoders:
     Source:  docs page, Cart-pole.
     """
 
-    position_step: Scalar = imperfection("m", "Of the cart's encoder; 0: none.", "encoder-steps", default=1e-3)
-    angle_step: Scalar = imperfection("rad", "Of the hinge's; 0: none.", "encoder-steps", default=1.5e-3)
+    position_step: Scalar = imperfection("m", "Step of the cart's encoder; 0: none.", "encoder-steps", default=1e-3)
+    angle_step: Scalar = imperfection("rad", "Step of the hinge's encoder; 0: none.", "encoder-steps", default=1.5e-3)
     period: int = period("Time between samples.", default=ms(10))
 
     def init(self, key: Key) -> tuple[()]:
-        """No state."""
+        """Return the empty state."""
         return ()
 
     def measure(self, motion: Motion) -> CartPoleState:
-        """The measurement h(x) of a motion, without steps."""
+        """Return the measurement h(x) of a motion, without steps."""
         pitch = motion.attitude[1]
         speed = jnp.cos(pitch) * motion.v_WB_B[0] + jnp.sin(pitch) * motion.v_WB_B[2]
         return CartPoleState(position=motion.p_WB[0], speed=speed, angle=-pitch, angle_rate=-motion.w_WB_B[1])
 
     def step(self, t: Any, state: tuple[()], motion: Motion) -> tuple[tuple[()], Sample]:
-        """The sample at integer time t."""
+        """Return the sample at integer time t."""
         true = self.measure(motion)
         reading = CartPoleState(
             position=_round_to(true.position, self.position_step),
@@ -50,6 +50,6 @@ class RailEncoders:
 
 
 def _round_to(value: Any, step: Any) -> Any:
-    """The nearest whole number of steps; the value itself where the step is 0."""
+    """Return the nearest whole number of steps; the value itself where the step is 0."""
     some = jnp.where(step > 0, step, 1.0)
     return jnp.where(step > 0, jnp.round(value / some) * some, value)

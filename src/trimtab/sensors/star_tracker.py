@@ -1,4 +1,4 @@
-"""A star tracker: the attitude itself, late, and only while stars stand still enough to be seen."""
+"""Star tracker: measures the attitude with latency, and only while the body turns slowly enough."""
 
 from typing import Any, ClassVar
 
@@ -22,29 +22,31 @@ class AttitudeReading:
     """A measured attitude. Source: docs page, Sensors in space."""
 
     attitude: Any = quantity("1", "Quaternion q_WB, scalar first; either sign.", frame="WB", shape=(4,))
-    tracking: Scalar = quantity("1", "Stars were seen; else the attitude is the last that was.", kind="flag")
+    tracking: Scalar = quantity(
+        "1", "True if stars were seen; otherwise the attitude is the last one seen.", kind="flag"
+    )
 
 
 @record
 class StarTrackerState:
-    """What a star tracker remembers. Source: docs page, Sensors in space."""
+    """State of a star tracker. Source: docs page, Sensors in space."""
 
-    key: Key = part("Of the noise.")
-    alignment: Any = quantity("rad", "How the unit is mounted other than believed, in S.", kind="angle", shape=(3,))
-    last: AttitudeReading = part("The last that was measured.")
-    late: LateState = part("What is on its way.")
+    key: Key = part("Key of the random noise.")
+    alignment: Any = quantity("rad", "Error of the unit's mounting, in S.", kind="angle", shape=(3,))
+    last: AttitudeReading = part("Last measured attitude.")
+    late: LateState = part("Measurement in transit.")
 
 
 @record
 class StarTracker:
-    """A camera that knows the stars: noise is small across its boresight and large about it.
+    """Star camera with small noise across its boresight and large noise about it.
 
         q_WS = q_WB q_BS retract(misalignment) retract(w),  w ~ (cross, cross, roll);     q_WB = q_WS conj(q_BS)
 
     No fix while the body turns faster than `rate_limit`, or the sun stands within `exclusion` of the boresight.
 
     Frames:  W; S is the camera, its z axis the boresight, `mounting` its roll, pitch, yaw in B.
-    Not modelled: that W turns among the stars, distortion, radiation, aberration, the time of exposure.
+    Not modelled: rotation of W among the stars, distortion, radiation, aberration, the time of exposure.
     Source:  Liebe, "Accuracy performance of star trackers: a tutorial", IEEE Trans. AES 38 (2002): a roll error some 6
              to 16 times the cross-boresight one. Sizes chosen.
     """
@@ -63,41 +65,47 @@ class StarTracker:
     )
     rate_limit: Scalar = quantity(
         "rad/s",
-        "Fastest turn at which stars are found.",
+        "Fastest turn at which stars are recognised.",
         default=2 * DEG,
         above=0,
         off={"star-tracker-rate-limit": 1e9},
     )
     exclusion: Scalar = imperfection(
-        "rad", "Half angle in which the sun blinds it.", "star-tracker-blinding", default=30 * DEG, high=np.pi
+        "rad",
+        "Half angle of the cone in which the sun blinds the camera.",
+        "star-tracker-blinding",
+        default=30 * DEG,
+        high=np.pi,
     )
     sun: Any = quantity("1", "Direction of the sun.", frame="W", default=(1.0, 0.0, 0.0), shape=(3,))
-    mounting: Any = quantity("rad", "Roll, pitch, yaw in B.", default=(np.pi, 0.0, 0.0), kind="angle", shape=(3,))
+    mounting: Any = quantity(
+        "rad", "Mounting of the unit: roll, pitch, yaw in B.", default=(np.pi, 0.0, 0.0), kind="angle", shape=(3,)
+    )
     timing: LateFix = part(
-        "When it is measured and comes out.",
+        "Times of measurement and arrival.",
         default=LateFix(latency=0.1, interval=ms(200)),
         off={"star-tracker-latency": lambda sensor: replace(sensor.timing, latency=0.0)},
     )
-    period: int = period("How often it is looked whether one has come out.", default=ms(10))
+    period: int = period("Time between checks for a new measurement.", default=ms(10))
 
     LATE: ClassVar[bool] = True
 
     def check(self) -> None:
-        """Refuse a period at which measurements would be missed."""
+        """Raise InputError if measurements would be missed at this period."""
         self.timing.check_period(self.period)
 
     def init(self, key: Key) -> StarTrackerState:
-        """Nothing measured; the run's mounting drawn."""
+        """Return the initial state, before any measurement, with the mounting error drawn for this run."""
         none = AttitudeReading(jnp.array([1.0, 0.0, 0.0, 0.0]), jnp.zeros((), np.bool_))
         alignment = self.misalignment * normals(key.at("unit"), 0, 3)
         return StarTrackerState(key.at("noise"), alignment, none, self.timing.initial_state(none))
 
     def measure(self, motion: Motion) -> AttitudeReading:
-        """The measurement h(x) of a motion, without error."""
+        """Return the measurement h(x) of a motion, without error."""
         return AttitudeReading(quaternion.from_euler(*motion.attitude), self.sees(motion))
 
     def sees(self, motion: Motion) -> Any:
-        """Whether it turns slowly enough, and looks far enough from the sun."""
+        """Return True if the unit turns slowly enough and looks far enough from the sun."""
         w = motion.w_WB_B
         boresight = from_euler(*motion.attitude) @ from_euler(*jnp.asarray(self.mounting))[:, 2]
         sun = jnp.asarray(self.sun)
@@ -105,7 +113,7 @@ class StarTracker:
         return (w @ w <= self.rate_limit * self.rate_limit) & (from_sun | (self.exclusion == 0))
 
     def step(self, t: Any, state: StarTrackerState, motion: Motion) -> tuple[StarTrackerState, Sample]:
-        """The newest attitude that is out at integer time t."""
+        """Return the newest attitude that has arrived at integer time t."""
         true, z = self.measure(motion), normals(state.key, self.timing.measurement_number(t), 3)
         q_BS = quaternion.from_euler(*jnp.asarray(self.mounting))
         noise = jnp.stack([self.cross_noise, self.cross_noise, self.roll_noise]) * z

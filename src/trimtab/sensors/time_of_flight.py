@@ -1,4 +1,4 @@
-"""Ranges between beacons and a vehicle from the time of flight of ultrasound, and what is wrong with them.
+"""Ranges between beacons and a vehicle from the time of flight of ultrasound, with their errors.
 
 [1] is Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006.
 """
@@ -18,16 +18,16 @@ from trimtab.core.signals import Motion
 from trimtab.environment.acoustics import CONE, Air, off_axis_angle, range_ratio, speed_of_sound
 
 SURVEY, CRYSTAL, NOISE, STRAY, ECHO = 110, 113, 120, 121, 122
-"""Streams of the draws."""
+"""Streams of the random draws."""
 CEILING = 2.7048
-"""Height (m) of beacons above the vehicle's units in the source's calibration. [1] table 5.2."""
+"""Height (m) of beacons above the vehicle's units in the thesis's calibration. [1] table 5.2."""
 CEILING_SQUARE = np.array([[1.5, 1.5, -CEILING], [1.5, -1.5, -CEILING], [-1.5, -1.5, -CEILING], [-1.5, 1.5, -CEILING]])
 """Four beacons 3 m apart at the ceiling (4, 3), in W."""
 
 
 @record
 class Beacons:
-    """Ultrasonic beacons that look straight down, and how far reality is from the map.
+    """Ultrasonic beacons that look straight down, and their deviations from the map.
 
     Every field has a row or a value for each of the n beacons, or one value for all; `map` decides n.
 
@@ -35,24 +35,32 @@ class Beacons:
     """
 
     map: Any = quantity("m", "Surveyed positions (n, 3).", default=CEILING_SQUARE, frame="W")
-    survey_error: Scalar = imperfection("m", "Standard deviation of each coordinate of the map.", "survey-error")
+    survey_error: Scalar = imperfection(
+        "m", "Standard deviation of each coordinate of the surveyed positions.", "survey-error"
+    )
     reach: Scalar = quantity("m", "Longest range, 30 ft.", default=9.144, above=0, source="[1] section 5.5")
     cone: Scalar = quantity("rad", "Half the opening angle of the sound.", default=CONE, kind="angle", above=0)
     crystal: Scalar = quantity("1", "Standard deviation of a timer's relative error.", default=20e-6, low=0)
     moved: Any = quantity(
         "m",
-        "How far beacons were moved (n, 3), or one value.",
+        "Displacement of the beacons by a fault (n, 3), or one value.",
         default=0.0,
         frame="W",
         off={"beacon-fault": lambda beacons: 0.0 * np.asarray(beacons.moved)},
     )
     dead: Any = quantity(
-        "1", "Which beacons are silent (n,), or one value.", default=False, kind="flag", off={"beacon-fault": False}
+        "1",
+        "True for each beacon silenced by a fault (n,), or one value.",
+        default=False,
+        kind="flag",
+        off={"beacon-fault": False},
     )
-    fault_time: Scalar = quantity("100 ns", "From when on they are moved or silent.", default=0, kind="time")
+    fault_time: Scalar = quantity(
+        "100 ns", "Time from which the beacons are displaced or silent.", default=0, kind="time"
+    )
 
     def check(self) -> None:
-        """Refuse a map that is not a list of positions, and faults of another number of beacons."""
+        """Raise InputError if the map is not a list of positions, or faults are given for another number of beacons."""
         shape = np.shape(self.map)
         if len(shape) != 2 or shape[1] != 3 or shape[0] < 1:
             raise InputError("Beacons.map", f"has shape {shape}", fix="give one row north, east, down for each beacon")
@@ -64,52 +72,54 @@ class Beacons:
 
 @record
 class RangeErrors:
-    """What corrupts a single range.
+    """Errors of a single range.
 
     Source: [1] section 5.5.4 has the spread of fixes, from which the noise is reconstructed, see docs Errata;
     strays and echoes: no figures there, none unless set.
     """
 
-    noise: Scalar = imperfection("m", "Standard deviation.", "range-noise", default=0.004)
-    stray_probability: Scalar = imperfection("1", "Probability of a range that means nothing.", "stray-ranges", high=1)
+    noise: Scalar = imperfection("m", "Standard deviation of the noise of a range.", "range-noise", default=0.004)
+    stray_probability: Scalar = imperfection(
+        "1", "Probability of a stray range, unrelated to the distance.", "stray-ranges", high=1
+    )
     stray_size: Scalar = quantity("m", "Largest error of a stray, either way.", default=3.0, low=0)
-    echo_probability: Scalar = imperfection("1", "Probability that an echo is timed.", "echoes", high=1)
+    echo_probability: Scalar = imperfection("1", "Probability that an echo is timed instead.", "echoes", high=1)
     echo_size: Scalar = quantity("m", "Largest detour of an echo.", default=1.0, low=0)
 
 
 @record
 class Medium:
-    """The air that carries the sound, and the air that the receiver takes it for. Source: docs page."""
+    """Air that carries the sound, and the air that the receiver assumes. Source: docs page."""
 
-    actual: Air = part("The air.", default=Air())
+    actual: Air = part("Actual air.", default=Air())
     assumed: Air = part(
-        "What the receiver computes its speed of sound from.",
+        "Air assumed by the receiver for its speed of sound.",
         default=Air(),
         off={"sound-speed": lambda medium: medium.actual},
     )
 
 
 def unit_position(motion: Motion, lever: Any) -> Any:
-    """Where a unit is in W (3,), from its place in B (3,)."""
+    """Return the position of a unit in W (3,), from its place in B (3,)."""
     roll, pitch, yaw = motion.attitude[0], motion.attitude[1], motion.attitude[2]
     return motion.p_WB + from_euler(roll, pitch, yaw) @ lever
 
 
 def unit_velocity(motion: Motion, lever: Any) -> Any:
-    """How fast a unit moves in W (3,), from its place in B (3,)."""
+    """Return the velocity of a unit in W (3,), from its place in B (3,)."""
     roll, pitch, yaw = motion.attitude[0], motion.attitude[1], motion.attitude[2]
     return from_euler(roll, pitch, yaw) @ (motion.v_WB_B + jnp.cross(motion.w_WB_B, lever))
 
 
 def distances(positions: Any, unit: Any) -> tuple[Any, Any]:
-    """Distance (m) and angle from the beacon's axis (rad) of beacons (n, 3) and a unit (3,), shape (n,) each."""
+    """Return distance (m) and angle off the beacon's axis (rad) of beacons (n, 3) and a unit (3,), shape (n,) each."""
     line = unit - positions
     distance = jnp.sqrt(jnp.sum(line * line, axis=1))
     return distance, off_axis_angle(line[:, 2], distance)
 
 
 def measured_range(positions: Any, unit: Any, cone_error: bool = True) -> Any:
-    """Ranges (n,) as a receiver without noise gives them: too long off the axis. Source: [1] section 5.5.4.
+    """Return ranges (n,) of a receiver without noise: too long off the axis. Source: [1] section 5.5.4.
 
     Args:     positions: of the beacons (n, 3).    unit: its place (3,), or one for each beacon (n, 3).
     """
@@ -121,13 +131,13 @@ def measured_range(positions: Any, unit: Any, cone_error: bool = True) -> Any:
 
 
 def audible_beacons(beacons: Beacons, positions: Any, unit: Any) -> Any:
-    """Which beacons (n,) at these positions are within reach and cone of a unit (3,)."""
+    """Return a mask of the beacons (n,) at these positions that are within reach and cone of a unit (3,)."""
     distance, beta = distances(positions, unit)
     return (distance <= beacons.reach) & (beta <= beacons.cone)
 
 
 def actual_positions(beacons: Beacons, key: Key, t: Any) -> Any:
-    """Where the beacons (n, 3) really are at integer time t: map, survey error, and the move of a fault."""
+    """Return the true positions of the beacons (n, 3) at integer time t: map, survey error, displacement by a fault."""
 
     def draw_survey_error(i: Any) -> Any:
         north, east = normal2(key, i, SURVEY)
@@ -139,12 +149,12 @@ def actual_positions(beacons: Beacons, key: Key, t: Any) -> Any:
 
 
 def responding_beacons(beacons: Beacons, positions: Any, unit: Any, t: Any) -> Any:
-    """Which beacons (n,) are audible and not dead at integer time t."""
+    """Return a mask of the beacons (n,) that are audible and not silenced at integer time t."""
     return audible_beacons(beacons, positions, unit) & ~(jnp.asarray(beacons.dead) & (t >= beacons.fault_time))
 
 
 def corrupt_ranges(ranges: Any, key: Key, number: Any, errors: RangeErrors, medium: Medium, crystal: Any) -> Any:
-    """Measured ranges (n,) with the errors of speed of sound, timers, noise, strays and echoes.
+    """Return measured ranges (n,) with the errors of speed of sound, timers, noise, strays and echoes.
 
     Args:     ranges: without error (m), shape (n,).    number: of the ping, an integer.
               crystal: standard deviation of the timers' relative errors.

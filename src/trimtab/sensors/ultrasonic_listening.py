@@ -1,4 +1,4 @@
-"""The older way round: beacons chirp at random, the vehicle only listens.
+"""Reverse direction, as in the older system: beacons chirp at random, and the vehicle only listens.
 
 [1] is Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006; [2] N. B.
 Priyantha, A. Chakraborty, H. Balakrishnan, "The Cricket location-support system", MobiCom 2000.
@@ -35,72 +35,74 @@ CHIRP = 140
 
 @record
 class HeardRanges:
-    """The newest range of each beacon, each of another time. Source: [2] section 4."""
+    """Newest range of each beacon, each with its own time. Source: [2] section 4."""
 
     range: Any = quantity("m", "Newest range to each beacon (n,), cone error included; 0 before the first.")
-    arrived: Any = quantity("1", "Which are new at this instant (n,).", kind="flag")
-    measured: Any = quantity("100 ns", "When each beacon chirped (n,).", kind="time")
+    arrived: Any = quantity("1", "True for each range that is new (n,).", kind="flag")
+    measured: Any = quantity("100 ns", "Time at which each beacon chirped (n,).", kind="time")
 
 
 @record
 class ListeningState:
-    """The chirps of this window, and what has been heard. Source: this module."""
+    """Chirps of this window, and the ranges received. Source: this module."""
 
-    key: Key = part("Of the draws.")
-    begins: Any = quantity("100 ns", "When each beacon chirps (n,).", kind="time")
-    ends: Any = quantity("100 ns", "When its message is over (n,); never where it is lost.", kind="time")
-    taken: Any = quantity("m", "Ranges whose message is not over yet (n,).")
-    audible: Any = quantity("1", "Whether the chirp was heard (n,).", kind="flag")
-    held: HeardRanges = part("Handed out last.")
-    any: Scalar = quantity("1", "Whether anything has been handed out.", kind="flag")
+    key: Key = part("Key of the random draws.")
+    begins: Any = quantity("100 ns", "Time at which each beacon chirps (n,).", kind="time")
+    ends: Any = quantity("100 ns", "Time at which each beacon's message ends (n,); never if it is lost.", kind="time")
+    taken: Any = quantity("m", "Ranges whose messages have not ended yet (n,).")
+    audible: Any = quantity("1", "True for each chirp received (n,).", kind="flag")
+    held: HeardRanges = part("Sample given out last.")
+    any: Scalar = quantity("1", "True once a sample has been given out.", kind="flag")
 
 
 @record
 class UltrasonicListening:
-    """A unit that never sends: each beacon chirps once a window at a random time, if the channel is free.
+    """A unit that never sends: each beacon chirps once per window at a random time, if the channel is free.
 
-    Ranges arrive one by one, each for where the vehicle was then. A fix from the ranges of a window is late by half of
-    it on the average, and wrong in proportion to the speed. The sample's time is that of the newest chirp in it.
+    Ranges arrive one by one, each for the vehicle's position at its chirp. A fix from the ranges of a window is on
+    average half a window late, with an error proportional to the speed. The sample's time is that of its newest chirp.
 
     Frames:  beacons in W, unit in B.    Not modelled: Doppler shift; chirps of beacons that are not heard.
     Source:  [2]; [1] section 5.5.6, where it is compared with pinging.
     """
 
     beacons: Beacons = part(
-        "The beacons.", default=Beacons(), off={"range-noise": lambda sensor: replace(sensor.beacons, crystal=0.0)}
+        "Beacons: positions and errors.",
+        default=Beacons(),
+        off={"range-noise": lambda sensor: replace(sensor.beacons, crystal=0.0)},
     )
     unit: Any = quantity("m", "Position of the unit.", default=np.zeros(3), frame="B", shape=(3,))
-    channel: CarrierSense = part("How chirps share the radio channel.", default=CarrierSense())
+    channel: CarrierSense = part("Rules by which chirps share the radio channel.", default=CarrierSense())
     errors: RangeErrors = part("Errors of single ranges.", default=RangeErrors())
-    medium: Medium = part("The air.", default=Medium())
-    cone_error: bool = switch("Whether ranges are too long off the axis.", "cone-error")
+    medium: Medium = part("Air that carries the sound.", default=Medium())
+    cone_error: bool = switch("Model the cone error: ranges are too long off the axis.", "cone-error")
     window: int = period("Time in which each beacon chirps once.", default=seconds(1))
-    period: int = period("How often the unit looks.", default=ms(1))
+    period: int = period("Time between checks for new ranges.", default=ms(1))
 
     LATE: ClassVar[bool] = True
 
     def check(self) -> None:
-        """Refuse windows that begin between the instants."""
+        """Raise InputError if the window is not a multiple of the period."""
         if self.window % self.period:
-            problem = f"{format_time(self.window)} is not a multiple of the period, {format_time(self.period)}"
+            problem = f"{format_time(self.window)} must be a multiple of the period, {format_time(self.period)}"
             raise InputError("UltrasonicListening.window", problem, fix="set period to a divisor of it, e.g. 1 ms")
 
     def init(self, key: Key) -> ListeningState:
-        """Nothing heard."""
+        """Return the initial state, before any range."""
         n = np.shape(self.beacons.map)[0]
         never, o, no = jnp.full(n, FOREVER), jnp.zeros(n), jnp.zeros(n, np.bool_)
         none = HeardRanges(range=o, arrived=no, measured=jnp.zeros(n, np.int64))
         return ListeningState(key=key, begins=never, ends=never, taken=o, audible=no, held=none, any=np.bool_(False))
 
     def measure(self, motion: Motion) -> HeardRanges:
-        """The ranges h(x) of all beacons at one time, beacons where the map has them: no error but the cone's."""
+        """Return the ranges h(x) of all beacons at one time, beacons at their mapped positions: only the cone error."""
         at, positions = unit_position(motion, self.unit), jnp.asarray(self.beacons.map)
         hears = audible_beacons(self.beacons, positions, at)
         ranges = jnp.where(hears, measured_range(positions, at[None, :], self.cone_error), 0.0)
         return HeardRanges(range=ranges, arrived=hears, measured=jnp.full(hears.shape, motion.t, np.int64))
 
     def chirps(self, t: Any, key: Key) -> tuple[Any, Any]:
-        """When the beacons chirp in the window that begins at integer time t, and when their messages are over (n,).
+        """Return the beacons' chirp times in the window from integer time t, and the end times of their messages (n,).
 
         A message that is not over when the window ends, or collides, is lost.
         """
@@ -114,7 +116,7 @@ class UltrasonicListening:
         return begins, jnp.where(sent.received, over, FOREVER)
 
     def step(self, t: Any, state: ListeningState, motion: Motion) -> tuple[ListeningState, Sample]:
-        """The newest ranges whose messages are over at integer time t."""
+        """Return the newest ranges whose messages have ended at integer time t."""
         t = jnp.asarray(t, np.int64)
         done = state.audible & (state.ends <= t)
         held = HeardRanges(
@@ -135,7 +137,7 @@ class UltrasonicListening:
         return state, Sample(value=held, t=newest, age=to_seconds(t - newest), fresh=fresh, valid=any_yet)
 
     def _measure_chirps(self, t: Any, key: Key, motion: Motion, begins: Any) -> tuple[Any, Any]:
-        """Ranges (n,) of chirps that began since the last instant, and whether they were heard."""
+        """Return ranges (n,) of chirps that began since the last instant, and whether they were received."""
         ago = jnp.clip(to_seconds(t - begins), 0.0, to_seconds(self.period))
         at = unit_position(motion, self.unit) - ago[:, None] * unit_velocity(motion, self.unit)
         positions = actual_positions(self.beacons, key, t)

@@ -49,8 +49,8 @@ class Ranges:
     """The replies to one ping; the sample's time is the ping's. Source: [1] section 5.5."""
 
     range: Any = quantity("m", "Measured range to each beacon (n,), cone error included; 0 where no reply arrived.")
-    arrived: Any = quantity("1", "Whether the reply of each beacon (n,) arrived.", kind="flag")
-    unit: Scalar = quantity("1", "Which of the vehicle's units pinged, from 0.", kind="count")
+    arrived: Any = quantity("1", "True for each beacon whose reply arrived (n,).", kind="flag")
+    unit: Scalar = quantity("1", "Index of the unit that pinged, from 0.", kind="count")
 
 
 @record
@@ -60,7 +60,9 @@ class UnitClock:
     Source: [1] section 5.5.2: 1 us after setting, crystal of 32.768 kHz; its accuracy is typical for such a crystal.
     """
 
-    residual: Scalar = imperfection("s", "Standard deviation after setting.", "clock-error", default=1e-6)
+    residual: Scalar = imperfection(
+        "s", "Standard deviation of the clock error after setting.", "clock-error", default=1e-6
+    )
     drift: Scalar = imperfection(
         "1", "Standard deviation of the crystal's relative error.", "clock-error", default=20e-6
     )
@@ -68,7 +70,7 @@ class UnitClock:
     sync: int = period("Time between settings.", default=seconds(1))
 
     def error(self, key: Key, t: Any, unit: Any) -> Any:
-        """How much later than integer time t (s) a unit's slot really begins."""
+        """Return the delay (s) of a unit's actual slot start after integer time t."""
         drift, _ = normal2(key, unit, DRIFT)
         residual, _ = normal2(key, t // self.sync * 16 + unit, SYNC)
         tick, _ = uniform2(key, t // self.sync * 16 + unit, TICK)
@@ -77,15 +79,15 @@ class UnitClock:
 
 @record
 class RangingState:
-    """A ping under way, and the last one whose replies are in. Source: this module."""
+    """Ping in transit, and the last one whose replies are complete. Source: this module."""
 
-    key: Key = part("Of the draws.")
-    coming: Ranges = part("Replies to the ping under way.")
-    pinged: Scalar = quantity("100 ns", "When it was sent.", kind="time")
-    due: Scalar = quantity("100 ns", "When its last reply is in.", kind="time")
-    held: Ranges = part("Replies handed out last.")
-    measured: Scalar = quantity("100 ns", "When their ping was sent.", kind="time")
-    any: Scalar = quantity("1", "Whether anything has been handed out.", kind="flag")
+    key: Key = part("Key of the random draws.")
+    coming: Ranges = part("Replies to the ping in transit.")
+    pinged: Scalar = quantity("100 ns", "Time at which the ping in transit was sent.", kind="time")
+    due: Scalar = quantity("100 ns", "Time at which its last reply arrives.", kind="time")
+    held: Ranges = part("Replies given out last.")
+    measured: Scalar = quantity("100 ns", "Time at which their ping was sent.", kind="time")
+    any: Scalar = quantity("1", "True once a sample has been given out.", kind="flag")
 
 
 @record
@@ -95,8 +97,8 @@ class UltrasonicRanging:
         slot k = t div slot;   its client is k mod clients, the vehicle's unit of that number if it has one
         range = distance / ratio(beta) * c_assumed / c + errors;   a reply waits until the channel is free
 
-    A ping's sample carries the time of the ping and comes out when the last reply is in; with no reply at all, when
-    the slot ends. Draws depend on key and slot alone.
+    A ping's sample has the time of the ping and is given out when the last reply has arrived, or at the end of the
+    slot if there is no reply. Draws depend on key and slot alone.
 
     Frames:  beacons in W, units in B.    Not modelled: Doppler shift; the vehicle's motion during the sound's flight;
              interference of a ping with the echoes of the one before.
@@ -104,35 +106,43 @@ class UltrasonicRanging:
     """
 
     beacons: Beacons = part(
-        "The beacons.", default=Beacons(), off={"clock-error": lambda sensor: replace(sensor.beacons, crystal=0.0)}
+        "Beacons: positions and errors.",
+        default=Beacons(),
+        off={"clock-error": lambda sensor: replace(sensor.beacons, crystal=0.0)},
     )
     units: Any = quantity("m", "Positions (m, 3) of the vehicle's units.", default=np.zeros((1, 3)), frame="B")
-    channel: CarrierSense = part("How replies share the radio channel.", default=CarrierSense())
+    channel: CarrierSense = part("Rules by which replies share the radio channel.", default=CarrierSense())
     errors: RangeErrors = part("Errors of single ranges.", default=RangeErrors())
-    medium: Medium = part("The air.", default=Medium())
-    clock: UnitClock = part("The clock of a unit.", default=UnitClock())
-    clients: int = option("Clients that take turns; those beyond the vehicle's units belong to others.", default=1)
-    cone_error: bool = switch("Whether ranges are too long off the axis.", "cone-error")
-    collisions: bool = switch("Whether replies can get lost.", "collisions")
-    slot: int = period("Time for one client.", default=ms(100))
-    period: int = period("How often the vehicle looks for replies.", default=ms(1))
+    medium: Medium = part("Air that carries the sound.", default=Medium())
+    clock: UnitClock = part("Clock of a unit.", default=UnitClock())
+    clients: int = option(
+        "Number of clients that take turns; those beyond the vehicle's units belong to other vehicles.", default=1
+    )
+    cone_error: bool = switch("Model the cone error: ranges are too long off the axis.", "cone-error")
+    collisions: bool = switch("Allow replies to be lost in collisions.", "collisions")
+    slot: int = period("Length of the slot of one client.", default=ms(100))
+    period: int = period("Time between checks for replies.", default=ms(1))
 
     LATE: ClassVar[bool] = True
 
     def check(self) -> None:
-        """Refuse units without positions, more units than turns, and slots between the instants."""
+        """Raise InputError if units have no positions, exceed the turns, or slots are not multiples of the period."""
         shape = np.shape(self.units)
         if len(shape) != 2 or shape[1] != 3 or shape[0] < 1:
             raise InputError("UltrasonicRanging.units", f"has shape {shape}", fix="give one row x, y, z for each unit")
         if not shape[0] <= self.clients <= 10:
-            problem = f"{self.clients} turns for {shape[0]} units"
-            raise InputError("UltrasonicRanging.clients", problem, fix=f"set clients to {shape[0]} or more, 10 at most")
+            problem = (
+                f"got {self.clients} clients for {shape[0]} units; at least one per unit and at most 10 are needed"
+            )
+            raise InputError(
+                "UltrasonicRanging.clients", problem, fix=f"set clients to at least {shape[0]}, at most 10"
+            )
         if self.slot % self.period:
-            problem = f"{format_time(self.slot)} is not a multiple of the period, {format_time(self.period)}"
+            problem = f"{format_time(self.slot)} must be a multiple of the period, {format_time(self.period)}"
             raise InputError("UltrasonicRanging.slot", problem, fix="set period to a divisor of it, e.g. 1 ms")
 
     def init(self, key: Key) -> RangingState:
-        """Nothing under way."""
+        """Return the initial state, without a ping in transit."""
         n = np.shape(self.beacons.map)[0]
         none = Ranges(range=jnp.zeros(n), arrived=jnp.zeros(n, np.bool_), unit=np.int32(0))
         never = np.int64(FOREVER)
@@ -140,13 +150,13 @@ class UltrasonicRanging:
         return RangingState(key=key, coming=none, pinged=zero, due=never, held=none, measured=zero, any=np.bool_(False))
 
     def pinging_unit(self, t: Any) -> tuple[Any, Any]:
-        """Whether a unit of this vehicle pings at integer time t, and which one's slot it is or would be."""
+        """Return whether a unit of this vehicle pings at integer time t, and the index of the slot's unit."""
         client = (t // self.slot) % self.clients
         m = np.shape(self.units)[0]
         return (t % self.slot == 0) & (client < m), jnp.minimum(client, m - 1).astype(np.int32)
 
     def measure(self, motion: Motion) -> Ranges:
-        """The ranges h(x) of the unit whose slot it is, beacons where the map has them: no error but the cone's."""
+        """Return the ranges h(x) of the slot's unit, with beacons at their mapped positions: only the cone error."""
         _, unit = self.pinging_unit(motion.t)
         at = unit_position(motion, jnp.asarray(self.units)[unit])
         positions = jnp.asarray(self.beacons.map)
@@ -155,7 +165,7 @@ class UltrasonicRanging:
         return Ranges(range=jnp.where(arrived, exact, 0.0), arrived=arrived, unit=unit)
 
     def ping(self, t: Any, key: Key, motion: Motion) -> tuple[Ranges, Any]:
-        """The replies to a ping in the slot of integer time t, and how long after its start the last one is in (s)."""
+        """Return the replies to a ping in the slot of integer time t, and the delay (s) of the last one."""
         _, unit = self.pinging_unit(t)
         number = t // self.slot
         lever = jnp.asarray(self.units)[unit]
@@ -176,7 +186,7 @@ class UltrasonicRanging:
         return Ranges(range=jnp.where(arrived, ranges, 0.0), arrived=arrived, unit=unit), jnp.minimum(last, window)
 
     def step(self, t: Any, state: RangingState, motion: Motion) -> tuple[RangingState, Sample]:
-        """The newest ranges whose replies are in at integer time t."""
+        """Return the newest ranges whose replies have arrived at integer time t."""
         t = jnp.asarray(t, np.int64)
         fresh = state.due <= t
         held = tree_where(fresh, state.coming, state.held)

@@ -210,12 +210,12 @@ def test_parts_that_do_not_fit_are_refused():
     one = UltrasonicInertial(positioning=RangingPosition(), inertial=AidedInertialCoupled())
     one.check()
     ahead = RangingPosition(units=PAIR[:1])
-    with pytest.raises(InputError, match=r"arms\.aiding is \[0\. 0\.\], with 1 units it is \[0\.2 0\. \]"):
+    with pytest.raises(InputError, match=r"arms\.aiding is \[0\. 0\.\]; for 1 units set \[0\.2 0\. \]"):
         replace(one, positioning=ahead).check()
     replace(one, positioning=ahead, inertial=replace(one.inertial, arms=LeverArms(aiding=PAIR[0, :2]))).check()
     assert one.listens == ("imu", "ranging")
     assert UltrasonicInertial(magnetometer="compass").listens == ("imu", "ranging", "compass")
     blind = AidedInertialCoupled(intake=Intake(heading="", position=""))
-    with pytest.raises(InputError, match="reads no positions"):
+    with pytest.raises(InputError, match="must read positions"):
         UltrasonicInertial(inertial=blind).check()
     assert PAIR.shape == (2, 3)

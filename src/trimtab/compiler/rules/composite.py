@@ -17,11 +17,11 @@ from trimtab.compiler.arrays import Array, constant
 from trimtab.compiler.lower import Rule, Site
 
 COUNTED = 40
-"""Up to so many numbers are sorted by counting who is smaller; more by merging."""
+"""Number of elements up to which sorting counts the smaller ones; above, it merges."""
 
 
 def composite(program: Callable[..., Any]) -> Rule:
-    """The rule of a primitive that program(*operands, **parameters) computes."""
+    """Return the rule of a primitive that program(*operands, **parameters) computes."""
 
     def rule(site: Site) -> list[Array]:
         return inline_program(site, lambda *operands: program(*operands, **site.params))
@@ -30,13 +30,13 @@ def composite(program: Callable[..., Any]) -> Rule:
 
 
 def inline_program(site: Site, program: Callable[..., Any]) -> list[Array]:
-    """The results of a JAX program on the operands of an equation."""
+    """Return the results of a JAX program on the operands of an equation."""
     shapes = [jax.ShapeDtypeStruct(v.aval.shape, v.aval.dtype) for v in site.equation.invars]
     return site.inline(jax.make_jaxpr(program)(*shapes), site.operands, site.dying)
 
 
 def each_matrix(single: Callable[..., Any], axes: int, *operands: Any) -> Any:
-    """single(...) of the last axes of operands that agree in those before: one after the other."""
+    """Apply single(...) to the last axes of operands with equal batch axes: one after the other."""
     batch = operands[0].shape[:-axes]
     if not batch:
         return single(*operands)
@@ -57,7 +57,7 @@ def _permutation(pivots: Any, *, permutation_size: int, **_: Any) -> Any:
 
 
 def _each(site: Site) -> list[Array]:
-    """The same primitive, matrix by matrix."""
+    """Return the same primitive, matrix by matrix."""
     primitive, params = site.equation.primitive, site.params
     return inline_program(site, lambda *x: each_matrix(lambda *single: primitive.bind(*single, **params), 2, *x))
 
@@ -81,7 +81,7 @@ def _top_k(operand: Any, *, k: int, axis: int = -1, **_: Any) -> Any:
 
 
 def _total_order(x: Any) -> Any:
-    """Integers in the order in which JAX takes numbers in top_k: -NaN, -inf, ..., -0, 0, ..., inf, NaN."""
+    """Return integers in the order of top_k: -NaN, -inf, ..., -0, 0, ..., inf, NaN."""
     if not jnp.issubdtype(x.dtype, jnp.floating):
         return x
     bits = lax.bitcast_convert_type(x, {4: jnp.int32, 8: jnp.int64}[x.dtype.itemsize])
@@ -89,7 +89,7 @@ def _total_order(x: Any) -> Any:
 
 
 def _comes_before(x: tuple[Any, ...], y: tuple[Any, ...]) -> Any:
-    """Whether keys come before others: numbers in order, NaN last."""
+    """Return True where keys come before others: numbers in order, NaN last."""
     before, equal = jnp.bool_(False), jnp.bool_(True)
     for a, b in zip(x, y, strict=True):
         less = a < b
@@ -103,7 +103,7 @@ def _comes_before(x: tuple[Any, ...], y: tuple[Any, ...]) -> Any:
 
 
 def sorting_order(keys: tuple[Any, ...], reverse: bool) -> Any:
-    """int32 positions of the keys in order; of equals the first comes first."""
+    """Return int32 positions of the keys in order; of equals the first comes first."""
     n = keys[0].shape[0]
     places = jnp.arange(n, dtype=jnp.int32)
 
@@ -125,7 +125,7 @@ def sorting_order(keys: tuple[Any, ...], reverse: bool) -> Any:
 
 
 def _merge_runs(order: Any, keys: tuple[Any, ...], before: Callable[..., Any], width: int) -> Any:
-    """Runs of this width, each in order, merged two by two: each element searches its place in the other run."""
+    """Merge sorted runs of this width two by two: each element searches its place in the other run."""
     n = order.shape[0]
 
     def key(place: Any) -> tuple[Any, ...]:
@@ -182,11 +182,11 @@ def _erf_inv(x: Any, **_: Any) -> Any:
 
 LANCZOS = (676.5203681218851, -1259.1392167224028, 771.32342877765313, -176.61502916214059, 12.507343278686905)
 LANCZOS += (-0.13857109526572012, 9.9843695780195716e-6, 1.5056327351493116e-7)
-"""Of the gamma function with g = 7, from the second on; the first is 0.99999999999980993."""
+"""Coefficients of the gamma function with g = 7, from the second on; the first is 0.99999999999980993."""
 
 
 def _lgamma(x: Any, **_: Any) -> Any:
-    """By Lanczos, reflected below 1/2."""
+    """Return the log of the gamma function by Lanczos, reflected below 1/2."""
     below = x < 0.5
     z = jnp.where(below, -x, x - 1)
     total = 0.99999999999980993 + sum(c / (z + (i + 1)) for i, c in enumerate(LANCZOS))
@@ -200,7 +200,7 @@ def _lgamma(x: Any, **_: Any) -> Any:
 
 
 def _digamma(x: Any, **_: Any) -> Any:
-    """The derivative of the same."""
+    """Return the derivative of the log of the gamma function."""
     below = x < 0.5
     z = jnp.where(below, -x, x - 1)
     up, down = jnp.zeros_like(z), jnp.full_like(z, 0.99999999999980993)
@@ -240,7 +240,7 @@ def _platform(site: Site) -> list[Array]:
 
 
 def _error_value(site: Site) -> list[Array]:
-    """Where equinox.error_if would raise, what it gives with EQX_ON_ERROR=nan: NaN, the largest integer, True."""
+    """Return the result of equinox.error_if with EQX_ON_ERROR=nan: NaN, the largest integer, True."""
     if not jaxprs.raises_of_equinox(site.equation):
         raise site.lowering.refusal("pure_callback")
 
@@ -268,9 +268,9 @@ RULES: dict[str, Rule] = {
 
 
 def one_or_each(one: Rule, each: Rule) -> Rule:
-    """The rule for one matrix, or for a batch of them."""
+    """Return the rule for one matrix, or for a batch of them."""
     return lambda site: (one if all(len(a.shape) == 2 for a in site.operands) else each)(site)
 
 
 EACH: dict[str, Rule] = dict.fromkeys(("cholesky", "lu", "triangular_solve"), _each)
-"""Rules for batches of what `linalg` has for one matrix."""
+"""Rules for batches of the primitives that `linalg` handles for one matrix."""

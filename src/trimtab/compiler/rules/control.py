@@ -53,13 +53,13 @@ def _choose_branch(
 
 
 def _replaceable(operands: list[Array], dying: list[bool]) -> list[Buffer]:
-    """Buffers that may be written and that nobody reads after an equation."""
+    """Return the buffers that may be written and are not read after an equation."""
     pairs = zip(operands, dying, strict=True)
     return [a.buffer for a, dies in pairs if dies and a.buffer is not None and not a.buffer.is_read_only]
 
 
 def _is_zero(b: Builder, which: Value) -> Value:
-    """Whether the first of two branches is taken; free where the index came from a bool."""
+    """Return True if the first of two branches is taken; free if the index came from a bool."""
     if which.op == "convert" and which.args[0].dtype == "bool":
         return b.op("not", which.args[0], dtype="bool")
     return b.op("le", which, b.const(0, which.dtype), dtype="bool")
@@ -72,7 +72,7 @@ def branch_arrays(
     second: Callable[[], list[Array]],
     replaceable: Sequence[Buffer] = (),
 ) -> list[Array]:
-    """A branch: results that both sides hold in memory end in one buffer, the others are joined value by value.
+    """Write a branch: results in memory on both sides end in one buffer, the others are joined value by value.
 
     replaceable: buffers that nobody reads afterwards. Where one side hands such a one on as it was, the other writes
     its own result there, and nothing is copied on the side that changes nothing.
@@ -89,7 +89,7 @@ def branch_arrays(
 
 
 def _choose_buffer(k: int, xs: list[Array], ys: list[Array], replaceable: Sequence[Buffer]) -> Buffer | None:
-    """The buffer that one side hands on as result k, where both can leave it: no other result may be read from it."""
+    """Return the buffer that one side passes on as result k, if both can leave it: no other result may read it."""
     for array in (xs[k], ys[k]):
         buffer = array.buffer
         users = [i for side in (xs, ys) for i, a in enumerate(side) if a.buffer is buffer]
@@ -118,12 +118,12 @@ def _join_arrays(b: Builder, made: If, x: Array, y: Array, held: Buffer | None) 
 
 
 class LoopCarries:
-    """The arrays that a loop carries: values, or, where they are large or indexed, a buffer of the loop."""
+    """Arrays that a loop carries: values, or, if they are large or indexed, a buffer of the loop."""
 
     def __init__(
         self, b: Builder, starts: list[Array], dying: list[bool], indexed: set[int], others: Sequence[Array] = ()
     ) -> None:
-        """others: what else the loop reads; a buffer of theirs is not the loop's to change."""
+        """Prepare the carried arrays. others: further arrays that the loop reads, whose buffers it must not change."""
         self.b, self.like = b, starts
         self.buffers: list[Array | None] = []
         taken: list[Any] = [a.buffer for a in others]
@@ -143,7 +143,7 @@ class LoopCarries:
         self.values = [v for a, held in free if held is None for v in element_list(b, a)]
 
     def arrays(self, flat: list[Value]) -> list[Array]:
-        """The carried arrays, from their flat values."""
+        """Return the carried arrays, from their flat values."""
         rest = iter(flat)
         found = []
         for a, buffer in zip(self.like, self.buffers, strict=True):
@@ -151,7 +151,7 @@ class LoopCarries:
         return found
 
     def close_iteration(self, nexts: list[Array]) -> list[Value]:
-        """End of a turn: large results go to their buffers, small ones are returned flat."""
+        """End a turn: large results go to their buffers, small ones are returned flat."""
         b = self.b
         flat = [v for a, held in zip(nexts, self.buffers, strict=True) if held is None for v in element_list(b, a)]
         moves = []
@@ -194,7 +194,7 @@ def _scan(site: Site) -> list[Array]:
 
 
 def array_row(b: Builder, array: Array, k: Value) -> Array:
-    """array[k], k in range: values when small, else a view."""
+    """Return array[k], k in range: values if small, else a view."""
     shape = array.shape[1:]
     size = math.prod(shape)
     offset = b.op("mul", k, b.index(size), dtype="i32")
@@ -218,7 +218,7 @@ def _write_row(b: Builder, made: Array, k: Value, row: Array) -> None:
 
 
 def _select_arrays(b: Builder, holds: Array, new: Array, old: Array) -> Array:
-    """The new numbers of those in a batch whose test holds; the batch's axes are the first."""
+    """Return the new numbers of the batch members whose test holds; the batch's axes are the first."""
 
     def one(index: Index) -> Value:
         test = read_element(b, holds, index[: len(holds.shape)])
@@ -228,7 +228,7 @@ def _select_arrays(b: Builder, holds: Array, new: Array, old: Array) -> Array:
 
 
 def _store_constants(b: Builder, constants: list[Array], program: Any) -> None:
-    """Small arrays that a loop reads at computed indices are put in memory before it, not at each turn."""
+    """Put small arrays that a loop reads at computed indices in memory before it, not at each turn."""
     for i in jaxprs.indexed_inputs(program.jaxpr):
         if i < len(constants):
             store_in_memory(b, constants[i])

@@ -27,7 +27,7 @@ COMPARISONS = ("eq", "ne", "lt", "le", "gt", "ge")
 
 
 def elementwise(element: Element) -> Rule:
-    """The rule that applies element(site, values) at every index; operands of shape () serve everywhere."""
+    """Return the rule that applies element(site, values) at every index; operands of shape () are broadcast."""
 
     def rule(site: Site) -> list[Array]:
         return [map_elements(site, lambda values: element(site, values), site.operands)]
@@ -36,7 +36,7 @@ def elementwise(element: Element) -> Rule:
 
 
 def map_elements(site: Site, element: Callable[[list[Value]], Value], operands: list[Array]) -> Array:
-    """element(values) at every index of the result."""
+    """Apply element(values) at every index of the result."""
 
     def one(index: Index) -> Value:
         return element([read_element(site.b, a, index if a.shape else []) for a in operands])
@@ -59,7 +59,7 @@ def _comparison(op: str) -> Element:
 
 
 def _select(site: Site) -> list[Array]:
-    """Element by element; of two arrays that differ in a few updates only those elements are written."""
+    """Select element by element; of two arrays that differ in a few updates only those elements are written."""
     b, [test, *cases] = site.b, site.operands
     if any(c.updates for c in cases):
         shared = all(c.buffer is cases[0].buffer and c.offset is None for c in cases)
@@ -71,7 +71,7 @@ def _select(site: Site) -> list[Array]:
 
 
 def _select_updates(site: Site, test: Value, cases: list[Array]) -> Array:
-    """The buffer of both cases, with the updates of the case that is chosen."""
+    """Return the buffer of both cases, with the updates of the chosen case."""
     b, updates = site.b, list[ElementUpdate]()
     for case, chosen in zip(cases, (b.op("not", test, dtype="bool"), test), strict=True):
         updates += [u._replace(inside=b.op("and", chosen, u.inside, dtype="bool")) for u in case.updates]
@@ -80,7 +80,7 @@ def _select_updates(site: Site, test: Value, cases: list[Array]) -> Array:
 
 
 def select_case(b: Builder, which: Value, cases: list[Value]) -> Value:
-    """The case that a bool or an integer, brought into range, chooses."""
+    """Return the case that a bool or an integer, clipped to the range, chooses."""
     if which.dtype == "bool":
         return b.op("select", which, cases[1], cases[0], dtype=cases[0].dtype) if len(cases) > 1 else cases[0]
     found = cases[-1]
@@ -140,7 +140,7 @@ def _is_finite(site: Site, v: list[Value]) -> Value:
 
 
 def convert(b: Builder, value: Value, dtype: str) -> Value:
-    """A value in another type, as JAX converts: out of range saturates, NaN gives 0."""
+    """Return a value in another type, as JAX converts: out of range saturates, NaN gives 0."""
     if dtype == "bool" and value.dtype != "bool":
         return b.op("ne", value, b.const(0, value.dtype), dtype="bool")
     return b.op("convert", value, dtype=dtype)
@@ -166,7 +166,7 @@ def _iota(site: Site) -> list[Array]:
 
 
 def _total_less(site: Site, v: list[Value]) -> Value:
-    """Order in which NaN comes last: what jnp.searchsorted compares with, signed zeros and NaN made equal before."""
+    """Compare with NaN last, as jnp.searchsorted does; signed zeros and NaN were made equal before."""
     b, (x, y) = site.b, v
     less = b.op("lt", x, y, dtype="bool")
     if not is_float(x.dtype):
@@ -185,7 +185,7 @@ def _total_equal(site: Site, v: list[Value]) -> Value:
 
 
 def _or_all_nan(b: Builder, test: Value, values: list[Value]) -> Value:
-    """A test that holds also where all these values are NaN."""
+    """Return a test that also holds where all these values are NaN."""
     if not is_float(values[0].dtype):
         return test
     nan = b.const(1, "bool")
@@ -195,7 +195,7 @@ def _or_all_nan(b: Builder, test: Value, values: list[Value]) -> Value:
 
 
 def _empty(site: Site) -> list[Array]:
-    """Memory that is written before it is read: zeros."""
+    """Return memory that is written before it is read: zeros."""
     return [build_array(site.b, site.shape, site.dtype, lambda index: site.b.const(0, site.dtype))]
 
 

@@ -17,7 +17,7 @@ def _geqrf(a: Any, **_: Any) -> Any:
 
 
 def _single_geqrf(a: Any) -> Any:
-    """Reflections below the diagonal, their factors, and R above: with the signs that LAPACK takes."""
+    """Return reflections below the diagonal, their factors, and R above: with the signs of LAPACK."""
     m, n = a.shape
     rows, columns = jnp.arange(m), jnp.arange(n)
 
@@ -41,7 +41,7 @@ def _single_geqrf(a: Any) -> Any:
 
 
 def _reflect(a: Any, factors: Any, c: Any, backwards: bool) -> Any:
-    """Reflections on the rows of c, from the first on or from the last on."""
+    """Apply reflections to the rows of c, from the first on or from the last on."""
     rows, k = jnp.arange(a.shape[0]), factors.shape[0]
 
     def step(i: Any, c: Any) -> Any:
@@ -75,7 +75,7 @@ def _single_qr(a: Any, full: bool) -> Any:
 
 
 SWEEPS = 40
-"""Of rotations, at most: they converge quadratically, in less than ten up to 100 columns."""
+"""Maximum number of sweeps of rotations: they converge quadratically, in less than ten up to 100 columns."""
 
 
 def _svd(a: Any, *, full_matrices: bool, compute_uv: bool, subset_by_index: Any, **_: Any) -> Any:
@@ -123,7 +123,7 @@ def _eigh(a: Any, *, lower: bool, subset_by_index: Any, **_: Any) -> Any:
 
 
 def _single_eigh(a: Any, lower: bool) -> Any:
-    """Eigenvectors in columns and eigenvalues in order, by Jacobi's rotations."""
+    """Return eigenvectors in columns and eigenvalues in order, by Jacobi's rotations."""
     half = jnp.tril(a) if lower else jnp.triu(a)
     a = half + (jnp.tril(a, -1).T if lower else jnp.triu(a, 1).T)
     tiny = jnp.max(jnp.abs(a)) * float(jnp.finfo(a.dtype).eps) ** 2
@@ -142,7 +142,7 @@ def _single_eigh(a: Any, lower: bool) -> Any:
 
 
 def _sweep_pairs(rotate: Callable[..., Any], a: Any) -> Any:
-    """rotate(p, q, matrix, vectors) for all pairs of columns, until it says of none that it was wanted."""
+    """Apply rotate(p, q, matrix, vectors) to all pairs of columns, until no rotation is needed."""
     n, v = a.shape[1], jnp.eye(a.shape[1], dtype=a.dtype)
     if n < 2:
         return a, v
@@ -161,7 +161,7 @@ def _sweep_pairs(rotate: Callable[..., Any], a: Any) -> Any:
 
 
 def _rotation(alpha: Any, beta: Any, gamma: Any, wanted: Any) -> Any:
-    """Cosine and sine of the turn that makes [alpha, gamma; gamma, beta] diagonal; none where it is not wanted."""
+    """Return cosine and sine of the rotation that makes [alpha, gamma; gamma, beta] diagonal; none if not needed."""
     zeta = (beta - alpha) / (2 * jnp.where(wanted, gamma, 1.0))
     t = jnp.where(zeta < 0, -1.0, 1.0) / (jnp.abs(zeta) + jnp.sqrt(1 + zeta * zeta))
     c = jnp.where(wanted, 1 / jnp.sqrt(1 + t * t), 1.0).astype(alpha.dtype)
@@ -181,7 +181,7 @@ def _tridiagonal_solve(dl: Any, d: Any, du: Any, b: Any, *, perturb_singular: bo
 
 
 def _single_tridiagonal(dl: Any, d: Any, du: Any, b: Any) -> Any:
-    """Gauss's elimination with exchange of neighbouring rows, as in LAPACK."""
+    """Solve by Gauss elimination with exchange of neighbouring rows, as in LAPACK."""
     zero = jnp.zeros((), d.dtype)
 
     def eliminate(row: Any, below: Any) -> Any:

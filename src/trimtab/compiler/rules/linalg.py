@@ -18,7 +18,7 @@ from trimtab.compiler.ir import Buffer, Value
 from trimtab.compiler.lower import Rule, Site
 
 SIDES = 4
-"""Right sides from which all are solved side by side; fewer are solved one by one."""
+"""Number of right sides from which all are solved side by side; fewer are solved one by one."""
 
 
 class Matrix:
@@ -37,7 +37,7 @@ class Matrix:
 
 
 class Vector:
-    """Numbers in a buffer of their own."""
+    """Return numbers in a buffer of their own."""
 
     def __init__(self, site: Site, size: int) -> None:
         self.b, self.buffer = site.b, site.b.local_buffer(site.dtype, size)
@@ -50,7 +50,7 @@ class Vector:
 
 
 def _cholesky(site: Site) -> list[Array]:
-    """The lower factor, zeros above it; all NaN where the matrix is not positive definite, as in JAX."""
+    """Return the lower factor, zeros above it; all NaN if the matrix is not positive definite, as in JAX."""
     b, dtype, n = site.b, site.dtype, site.shape[0]
     if is_small(site.shape):
         L, ok = _unroll_cholesky(site, n)
@@ -85,7 +85,7 @@ def _unroll_cholesky(site: Site, n: int) -> tuple[Array, Value]:
 
 
 def _loop_cholesky(site: Site, n: int) -> tuple[Array, Value]:
-    """Column by column; the rest is updated at once, along its rows, which become vectors."""
+    """Factorise column by column; the rest is updated at once, along its rows, which become vectors."""
     b, dtype = site.b, site.dtype
     result = copy_array(b, site.operands[0])
     L = Matrix(site, result)
@@ -124,7 +124,7 @@ def _loop_cholesky(site: Site, n: int) -> tuple[Array, Value]:
 
 
 def _triangular_solve(site: Site) -> list[Array]:
-    """X with op(A) X = B, or X op(A) = B: forward or backward substitution."""
+    """Solve op(A) X = B, or X op(A) = B, for X: forward or backward substitution."""
     b, dtype, p = site.b, site.dtype, site.params
     A, B = site.operands
     n, left = A.shape[0], bool(p["left_side"])
@@ -155,7 +155,7 @@ def _loop_substitution(
     place: Callable[[Value, Value], list[Value]],
     divide: Callable[[Value, Value], Value],
 ) -> Array:
-    """Row after row of the unknowns, all right sides side by side."""
+    """Solve row after row of the unknowns, all right sides side by side."""
     b, dtype, B = site.b, site.dtype, site.operands[1]
     rows = Array((n, m), dtype, buffer=b.local_buffer(dtype, n * m))
     X = Matrix(site, rows)
@@ -218,7 +218,7 @@ def _unroll_substitution(
 
 
 def _lu(site: Site) -> list[Array]:
-    """Factors in one matrix, the row that was exchanged at each step, and the order of the rows.
+    """Return the factors in one matrix, the row exchanged at each step, and the order of the rows.
 
     As LAPACK does it: the largest element of a column is its pivot, the first of equals; a column of zeros is left.
     """

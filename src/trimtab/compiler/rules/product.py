@@ -26,20 +26,20 @@ from trimtab.compiler.lower import Rule, Site
 from trimtab.compiler.rules.reduce import accumulate
 
 WIDTH = 8
-"""Neighbouring elements of a result that are summed together."""
+"""Number of neighbouring elements of a result that are summed together."""
 DEPTH = 16
-"""Terms that are added before a result is stored again, where there are too many to be unrolled."""
+"""Number of terms added before a result is stored again, if there are too many to unroll."""
 PANEL = 1024
-"""Elements of a factor from which neighbours are copied together before they are used for row after row."""
+"""Number of elements of a factor from which neighbours are copied together before they are used for row after row."""
 PACK = 4
-"""Rows from which a factor is transposed first, so that the elements of one result's row lie side by side."""
+"""Number of rows from which a factor is transposed first, so that one result row's elements lie side by side."""
 
 
 Read = Callable[[Index, Value], Value]
 
 
 class _Factor:
-    """An array in a product: which of its axes are shared by all (batch), summed over (along), and its own (free)."""
+    """Array in a product: its axes shared by all (batch), summed over (along), and its own (free)."""
 
     def __init__(self, array: Array, along: tuple[int, ...], batch: tuple[int, ...]) -> None:
         self.array, self.along, self.batch = array, along, batch
@@ -47,15 +47,15 @@ class _Factor:
 
     @property
     def extents(self) -> tuple[int, ...]:
-        """Of the free axes."""
+        """Return the size of the free axes."""
         return tuple(self.array.shape[a] for a in self.free)
 
     def is_contiguous(self) -> bool:
-        """Whether neighbours along the last free axis are neighbours in memory."""
+        """Return True if neighbours along the last free axis are neighbours in memory."""
         return all(self.array.shape[a] == 1 for a in range(self.free[-1] + 1, len(self.array.shape)))
 
     def read(self, site: Site, batch: Index, along: Index, free: Index) -> Value:
-        """An element, as a number of the result's type."""
+        """Return an element, as a number of the result's type."""
         axes = [*zip(self.batch, batch, strict=True), *zip(self.along, along, strict=True)]
         places = dict([*axes, *zip(self.free, free, strict=True)])
         value = read_element(site.b, self.array, [places[a] for a in range(len(places))])
@@ -63,16 +63,16 @@ class _Factor:
 
     @property
     def is_known(self) -> bool:
-        """Whether its numbers are known, or values without a place."""
+        """Return True if its numbers are known, or values without a place."""
         return self.array.buffer is None or self.array.buffer.data is not None
 
     @property
     def is_constant(self) -> bool:
-        """Whether nothing writes to its buffer."""
+        """Return True if nothing writes to its buffer."""
         return self.array.buffer is not None and self.array.buffer.is_read_only and self.array.offset is None
 
     def pack(self, site: Site) -> "_Factor":
-        """The same with axes in the order batch, along, free, which is done once where its numbers stay.
+        """Return the array with axes in the order batch, along, free; done once if its numbers stay.
 
         Numbers that are known are moved here, not in C; an input's before all loops.
         """
@@ -111,7 +111,7 @@ class _Product:
         self.zero = self.b.const(zero, site.dtype)
 
     def position(self, batch: Index, row: Index, column: Index) -> Value:
-        """Where an element of the result lies."""
+        """Return the position of an element of the result."""
         own = [*column, *row] if self.swapped else [*row, *column]
         return flat_index(self.b, self.site.shape, [*batch, *own])
 
@@ -119,7 +119,7 @@ class _Product:
         return self.b.op("add", total, self.b.op("mul", p, q, dtype=self.site.dtype), dtype=self.site.dtype)
 
     def for_each_tile(self, body: Any) -> None:
-        """body(batch, row, head, first, width, read): for `width` neighbours of one row of the result, from `first` on.
+        """Run body(batch, row, head, first, width, read) for `width` neighbours in a row of the result from `first` on.
 
         read(along, j): what the columns' factor has for neighbour j.
         """
@@ -145,7 +145,7 @@ class _Product:
         loop_over_indices(b, self.batch, lambda batch: loop_over_indices(b, heads, lambda head: columns(batch, head)))
 
     def reader(self, batch: Index, head: Index, first: Value) -> Read:
-        """Reads the columns' factor where it lies."""
+        """Read the columns' factor in place."""
 
         def read(along: Index, j: Value) -> Value:
             column = [*head, self.b.op("add", first, j, dtype="i32")]
@@ -154,7 +154,7 @@ class _Product:
         return read
 
     def copy_panel(self, read: Read, width: int) -> Read:
-        """Reads a copy of these neighbours, without gaps: rows far apart push each other out of a cache."""
+        """Read a copy of these neighbours, without gaps: rows far apart evict each other from a cache."""
         b, size = self.b, math.prod(self.along) * width
         panel = Array((*self.along, width), self.site.dtype, buffer=b.local_buffer(self.site.dtype, size))
 
@@ -166,7 +166,7 @@ class _Product:
         return lambda along, j: read_element(b, panel, [*along, j])
 
     def sum_neighbours(self, batch: Index, row: Index, head: Index, first: Value, width: int, read: Read) -> None:
-        """Neighbours side by side: the loop over them is the innermost, and becomes vectors."""
+        """Sum neighbours side by side: the loop over them is the innermost, and becomes vectors."""
         b = self.b
 
         def column(j: Value) -> Index:
@@ -201,7 +201,7 @@ class _Product:
         loop_over_indices(b, self.along[:-1], add_all)
 
     def sum_together(self, batch: Index, row: Index, head: Index, first: Value, width: int, read: Read) -> None:
-        """Neighbours that lie apart: their sums are carried together, so that none waits for another."""
+        """Sum neighbours that lie apart: their sums are carried together, so that none waits for another."""
         b = self.b
         columns = [[*head, b.op("add", first, b.index(j), dtype="i32")] for j in range(width)]
 
@@ -234,7 +234,7 @@ def _dot_general(site: Site) -> list[Array]:
 
 
 def _sum_each(site: Site, x: _Factor, y: _Factor, along: tuple[int, ...]) -> Array:
-    """Each element by itself."""
+    """Sum each element by itself."""
     b = site.b
 
     def element(index: Index) -> Value:

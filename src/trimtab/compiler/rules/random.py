@@ -14,7 +14,7 @@ from trimtab.compiler.lower import Rule, Site
 
 
 def _words(program: Callable[..., Any], keys: bool = True) -> Rule:
-    """The rule that applies program(implementation, words of one key, *other operands, **parameters) to every key."""
+    """Return the rule that applies program(implementation, words of a key, *other operands, **parameters) to keys."""
 
     def rule(site: Site) -> list[Array]:
         params = {k: v for k, v in site.params.items() if k != "impl"}
@@ -41,7 +41,7 @@ def _same(site: Site) -> list[Array]:
 
 
 def key_rule(rule: Rule) -> Rule:
-    """The rule of a primitive that may be given keys: it is applied to each of their words."""
+    """Return the rule of a primitive that may be given keys: it is applied to each of their words."""
 
     def either(site: Site) -> list[Array]:
         if not any(jaxprs.is_key(v.aval) for v in site.equation.invars):
@@ -61,7 +61,7 @@ def key_rule(rule: Rule) -> Rule:
 
 
 def _pair_of_counts(site: Site) -> list[Array]:
-    """The row-major position of each element, as high and low words."""
+    """Return the row-major position of each element, as high and low words."""
     shape = site.params["shape"]
 
     def program() -> Any:
@@ -92,4 +92,4 @@ OF_KEYS = (
     "rev",
 )
 OF_KEYS += ("select_n", "stack", "unstack", "dynamic_update_slice", "scatter", "expand_dims", "split")
-"""Primitives that move keys as other numbers."""
+"""Primitives that move keys like other numbers."""

@@ -31,7 +31,7 @@ RUNNING_OPERATIONS = {"cumsum": "add", "cumprod": "mul", "cummax": "max", "cummi
 
 
 def neutral_element(op: str, dtype: str) -> object:
-    """What an empty reduction gives."""
+    """Return the result of an empty reduction."""
     if op in ("add", "or", "xor"):
         return 0
     if op == "mul":
@@ -47,7 +47,7 @@ def neutral_element(op: str, dtype: str) -> object:
 
 
 def _merge_indices(index: Index, inner: Index, axes: tuple[int, ...]) -> Index:
-    """The operand's index from that of the result and that along the reduced axes."""
+    """Return the operand's index from that of the result and that along the reduced axes."""
     rest, along = iter(index), iter(inner)
     return [next(along) if a in axes else next(rest) for a in range(len(index) + len(inner))]
 
@@ -60,7 +60,7 @@ def accumulate(
     *,
     unroll: int = UNROLL,
 ) -> list[Value]:
-    """Carry values over all indices of a shape in row-major order: `unroll` of them written out, more in loops."""
+    """Carry values over all indices of a shape in row-major order: up to `unroll` written out, more in loops."""
     if math.prod(shape) <= unroll:
         for index in np.ndindex(*shape):
             starts = step([b.index(i) for i in index], starts)
@@ -93,7 +93,7 @@ def _reduce(op: str) -> Rule:
 
 
 def _extreme_position(better: str) -> Rule:
-    """argmax and argmin: the first of equals; a NaN is better than any number."""
+    """Lower argmax and argmin: the first of equals; NaN wins over any number."""
 
     def rule(site: Site) -> list[Array]:
         b, array, axes = site.b, site.operands[0], tuple(site.params["axes"])

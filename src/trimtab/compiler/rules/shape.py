@@ -31,7 +31,7 @@ def _strided_index(site: Site, i: Value, start: int, step: int = 1) -> Value:
 
 
 def reshape_array(array: Array, shape: tuple[int, ...]) -> Array:
-    """The same elements in another shape; a buffer is shared."""
+    """Return the same elements in another shape; a buffer is shared."""
     if array.items is not None:
         return Array(shape, array.dtype, array.items.reshape(shape))
     return Array(shape, array.dtype, buffer=array.buffer, offset=array.offset)
@@ -81,7 +81,7 @@ def _concatenate(site: Site) -> list[Array]:
 
 
 def concatenate_arrays(site: Site, parts: list[Array], axis: int) -> Array:
-    """Arrays one after another along an axis; the result's shape is the site's."""
+    """Return arrays one after another along an axis; the result's shape is the site's."""
     if is_small(site.shape):
         joined = np.concatenate([element_array(site.b, p) for p in parts], axis)
         return Array(site.shape, site.dtype, joined)

@@ -12,13 +12,13 @@ from trimtab.compiler.rules.composite import composite
 
 BERNOULLI = (1 / 6, -1 / 30, 1 / 42, -1 / 30, 5 / 66, -691 / 2730, 7 / 6, -3617 / 510, 43867 / 798, -174611 / 330)
 BERNOULLI += (854513 / 138, -236364091 / 2730)
-"""B2, B4, .. B24."""
+"""Bernoulli numbers B2, B4, .. B24."""
 EXPLICIT = 10
-"""Terms of the zeta function that are added one by one."""
+"""Number of terms of the zeta function that are added one by one."""
 
 
 def _zeta(s: Any, a: Any, **_: Any) -> Any:
-    """Hurwitz's: Euler and Maclaurin's sum for s > 1 and a > 0."""
+    """Return Hurwitz's zeta function: Euler and Maclaurin's sum for s > 1 and a > 0."""
     s, a = jnp.broadcast_arrays(s, a)
     total = a ** (-s)
     for i in range(1, EXPLICIT):
@@ -61,7 +61,7 @@ _FAR = """\
 I1E_NEAR = [float(x) for x in _NEAR.split()]
 """Chebyshev coefficients of exp(-x) I1(x) / x in x / 4 - 1, for x up to 8: from 40 digits."""
 I1E_FAR = [float(x) for x in _FAR.split()]
-"""Of exp(-x) I1(x) sqrt(x) in 16 / x - 1, from x = 8 on."""
+"""Chebyshev coefficients of exp(-x) I1(x) sqrt(x) in 16 / x - 1, from x = 8 on."""
 
 
 def _bessel_i1e(x: Any, **_: Any) -> Any:
@@ -72,7 +72,7 @@ def _bessel_i1e(x: Any, **_: Any) -> Any:
 
 
 def _chebyshev(t: Any, coefficients: Any) -> Any:
-    """Clenshaw's sum."""
+    """Return Clenshaw's sum."""
     one, two = jnp.zeros_like(t), jnp.zeros_like(t)
     for c in coefficients[:0:-1]:
         one, two = (2 * t) * one - two + c, one
@@ -80,7 +80,7 @@ def _chebyshev(t: Any, coefficients: Any) -> Any:
 
 
 def _own(name: str) -> Rule:
-    """The rule that takes JAX's own program, for one number after the other: each ends its loops in its own turn."""
+    """Return the rule of JAX's own program, for one number after the other: each ends its loops in its own turn."""
 
     def program(*operands: Any, **_: Any) -> Any:
         function, together = jaxprs.special_function(name), jnp.broadcast_arrays(*operands)

@@ -24,7 +24,7 @@ def _inline_on(site: Site, program: Callable[..., Any], operands: list[Array], a
 
 
 def _window_place(site: Site, at: Value, step: int, inner: Value, dilation: int) -> Value:
-    """at * step + inner * dilation."""
+    """Return at * step + inner * dilation."""
     b = site.b
     start, offset = b.op("mul", at, b.index(step), dtype="i32"), b.op("mul", inner, b.index(dilation), dtype="i32")
     return b.op("add", start, offset, dtype="i32")
@@ -39,7 +39,7 @@ def _conv(site: Site) -> list[Array]:
     spread = [(lo, hi, d - 1) for (lo, hi), d in zip(p["padding"], p["lhs_dilation"], strict=True)]
 
     def arrange(x: Any) -> Any:
-        """Batch, features, places; padded and spread out."""
+        """Return the operand with axes batch, features, places; padded and dilated."""
         x = jnp.transpose(x, numbers.lhs_spec)
         x = lax.pad(x, x.dtype.type(0), [(0, 0, 0)] * 2 + spread)
         if batches > 1:  # groups of the batch are groups of features

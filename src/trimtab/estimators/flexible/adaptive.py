@@ -1,9 +1,9 @@
-"""The bending modes and their frequencies from the pitch acceleration: a filter that learns what it was told wrong.
+"""Estimate the bending modes and their frequencies from the pitch acceleration, starting from uncertain frequencies.
 
-The first thought, eta and the frequencies in one state, has a trap. At rest eta_i = N_i/w_i^2: the accelerometer feels
-w_i^2 eta_i alone, so that a pair (eta_i, w_i) along a curve explains it equally well. A linearised filter whose
-estimate moves with the noise sees that curve from several tangents, and believes that it learns where on it the truth
-is. In stretched displacements
+A single filter with eta and the frequencies in one state becomes overconfident. At rest eta_i = N_i/w_i^2: the
+accelerometer measures only w_i^2 eta_i, so all pairs (eta_i, w_i) on a curve explain it equally well. A linearised
+filter whose estimate moves with the noise uses several tangents of that curve, and its covariance shrinks along the
+curve without information. In stretched displacements
 
     s_i = (w_i/w_i0)^2 eta_i        s_i' = (w_i/w_i0)^2 eta_i'        lam_i = ln(w_i/w_i0)
 
@@ -11,10 +11,10 @@ the curve is the axis of lam_i, the same everywhere, and lam_i acts through vibr
 
     r_i = N_i - w_i0^2 s_i - 2 zeta_i w_i0 exp(-lam_i) s_i'      s_i'' = exp(2 lam_i) eta_i''(r_1, r_2)
 
-For constant lam_i this is exact, and linear in s. w_i0 are the nominal frequencies, those of the vehicle given.
+For constant lam_i this is exact, and linear in s. w_i0 are the nominal frequencies, those of the given vehicle.
 
 Source: derived from [1] "Angular-accelerometer-based flexible-state estimation and tracking controller design for
-hypersonic flight vehicle", Aerospace 2022, 9(4), 206, eq. 1, in the reading of the coupling that the vehicle has.
+hypersonic flight vehicle", Aerospace 2022, 9(4), 206, eq. 1, with the vehicle's interpretation of the coupling.
 """
 
 import math
@@ -51,32 +51,32 @@ from trimtab.estimators.inertial.sensor_watch import NEVER
 from trimtab.vehicles.hypersonic import Hypersonic, HypersonicInput
 
 TERMS = 6
-"""Of the exponential's series over a step; what is left out is (w dt)^7/5040, 4e-11 at 22 rad/s and 5 ms."""
+"""Number of terms of the exponential series over a step; the remainder is (w dt)^7/5040, 4e-11 at 22 rad/s and 5 ms."""
 OF_MODE = np.array([[1.0, 0], [1, 0], [0, 1], [0, 1]])
-"""Which mode each of s1, s1', s2, s2' belongs to."""
+"""Index of the mode to which each of s1, s1', s2, s2' belongs."""
 SHARE = 0.5
-"""Of the first deviation of a frequency, what each hypothesis has by itself; they stand apart by the rest."""
+"""Share of the initial frequency deviation inside each hypothesis; the rest is the spacing between hypotheses."""
 APART = math.sqrt(1.5 * (1 - SHARE**2))
 LEAST = 1e-6
-"""No hypothesis becomes less probable than about this, so that each can come back."""
+"""Approximate lower limit of a hypothesis's probability, so that each hypothesis can recover."""
 CORNERS = np.array([[i, j] for i in (-1.0, 0.0, 1.0) for j in (-1.0, 0.0, 1.0)])
 M = len(CORNERS)
-"""Hypotheses: each mode lower, as told, higher."""
+"""Hypotheses: the frequency of each mode is lower than, equal to or higher than nominal."""
 
 
 def stretch_factors(x: Any) -> Any:
-    """(w_i/w_i0)^2 for each of s1, s1', s2, s2', (4,), of x = (s1, s1', s2, s2', lam1, lam2)."""
+    """Return (w_i/w_i0)^2 for each of s1, s1', s2, s2', (4,), of x = (s1, s1', s2, s2', lam1, lam2)."""
     return OF_MODE @ jnp.exp(2 * x[4:])
 
 
 def modal_accelerations(craft: Hypersonic, x: Any) -> tuple[Any, Any, Any]:
-    """Q' (rad/s^2), eta1'', eta2'' of the modes' own motion x (6,)."""
+    """Return Q' (rad/s^2), eta1'', eta2'' due to the modes' own motion x (6,)."""
     back1, back2 = craft.modes.restoring_forces(x[0], x[1] * jnp.exp(-x[4]), x[2], x[3] * jnp.exp(-x[5]))
     return craft.modes.solve_accelerations(craft.Iyy, 0.0, back1, back2)
 
 
 def propagate_modes(craft: Hypersonic, x: Any, b: Any, dt: Any) -> Any:
-    """x (6,) after dt (s) under a held forcing b (4,) of eta: the exponential's series on what is linear in s."""
+    """Return x (6,) after dt (s) under a held forcing b (4,) of eta; the linear part in s by the exponential series."""
     by, still = stretch_factors(x), jnp.zeros(2)
 
     def rate(s: Any) -> Any:
@@ -91,7 +91,7 @@ def propagate_modes(craft: Hypersonic, x: Any, b: Any, dt: Any) -> Any:
 
 
 def vibration(craft: Hypersonic, x: Any, P: Any, b: Any) -> tuple[Any, Any]:
-    """How much each mode moves, eta_i''^2 + w_i^2 eta_i'^2 (2,), and how much of that P (6, 6) leaves in doubt (2,)."""
+    """Return the vibration of each mode, eta_i''^2 + w_i^2 eta_i'^2 (2,), and its uncertainty under P (6, 6), (2,)."""
     _, first, second = modal_accelerations(craft, x)
     by, w0 = stretch_factors(x), jnp.stack([craft.modes.w1, craft.modes.w2])
     w = w0 * jnp.exp(x[4:])
@@ -102,14 +102,14 @@ def vibration(craft: Hypersonic, x: Any, P: Any, b: Any) -> tuple[Any, Any]:
 
 
 def disturbance_direction(craft: Hypersonic, x: Any) -> Any:
-    """x' (6,) that comes with an unknown moment, by the pitch acceleration (rad/s^2) that it makes."""
+    """Return x' (6,) caused by an unknown moment, from the pitch acceleration (rad/s^2) of that moment."""
     q_rate, first, second = craft.modes.solve_accelerations(craft.Iyy, craft.Iyy, 0.0, 0.0)
     by, still = stretch_factors(x), jnp.zeros_like(q_rate)
     return jnp.stack([still, by[1] * first / q_rate, still, by[3] * second / q_rate, still, still])
 
 
 def unstretch(x: Any, P: Any) -> tuple[Any, Any]:
-    """(eta1, eta1', eta2, eta2', lam1, lam2) and its covariance (6, 6), to first order."""
+    """Return (eta1, eta1', eta2, eta2', lam1, lam2) and its covariance (6, 6), to first order."""
     soft = 1 / stretch_factors(x)
     eta = soft * x[:4]
     top = jnp.concatenate([jnp.eye(4) * soft, -2 * eta[:, None] * OF_MODE], axis=1)
@@ -118,7 +118,7 @@ def unstretch(x: Any, P: Any) -> tuple[Any, Any]:
 
 
 def mixture_mean(x: Any, P: Any, p: Any) -> tuple[Any, Any]:
-    """Mean (6,) and covariance (6, 6), unstretched, of hypotheses x (m, 6), P (m, 6, 6) of probabilities p (m,)."""
+    """Return mean (6,) and covariance (6, 6), unstretched, of hypotheses x (m, 6), P (m, 6, 6), p (m,)."""
     y, V = jax.vmap(unstretch)(x, P)
     mean = p @ y
     off = y - mean
@@ -128,44 +128,49 @@ def mixture_mean(x: Any, P: Any, p: Any) -> tuple[Any, Any]:
 
 @record
 class AdaptiveModeState:
-    """What the filter remembers. Source: docs page, Adaptive flexible modes."""
+    """State of the filter. Source: docs page, Adaptive flexible modes."""
 
-    x: Any = quantity("1", "Of each hypothesis s1, s1', s2, s2', ln w1/w1_0, ln w2/w2_0.", shape=(M, 6))
-    P: Any = quantity("1", "Their covariances.", shape=(M, 6, 6))
-    p: Any = quantity("1", "Their probabilities.", shape=(M,))
+    x: Any = quantity("1", "State of each hypothesis: s1, s1', s2, s2', ln w1/w1_0, ln w2/w2_0.", shape=(M, 6))
+    P: Any = quantity("1", "Covariance of each hypothesis.", shape=(M, 6, 6))
+    p: Any = quantity("1", "Probability of each hypothesis.", shape=(M,))
     Qd: Any = quantity("1", "Covariance of the noise of one period (4, 4), nominal frequencies.", shape=(4, 4))
-    mean: Any = quantity("1", "eta1, eta1', eta2, eta2' and ln w1/w1_0, ln w2/w2_0 of all together.", shape=(6,))
-    spread: Any = quantity("1", "Its covariance.", shape=(6, 6))
-    w: Any = quantity("rad/s", "Frequencies of all together.", shape=(2,))
-    bare: ModelPrediction = part("The modes by the model alone.")
-    chi: RigidFlight = part("Rigid flight at the last instant.")
-    u: HypersonicInput = part("Input that acted last.")
-    t: Scalar = quantity("100 ns", "The last instant.", kind="time")
-    seen: Scalar = quantity("100 ns", "When the last acceleration used was measured.", kind="time")
-    flight_t: Scalar = quantity("100 ns", "When chi was measured.", kind="time")
-    started: Scalar = quantity("1", "Whether flight and input have been known once.", kind="flag")
-    innovation: Scalar = quantity("rad/s^2", "Of the last instant.")
-    S: Scalar = quantity("rad^2/s^4", "Its variance.")
-    nis: Scalar = quantity("1", "Innovation squared over S.")
-    updated: Scalar = quantity("1", "Whether a measurement was used then.", kind="flag")
-    learned: Scalar = quantity("1", "Whether it told something about the frequencies.", kind="flag")
-    bounded: Scalar = quantity("1", "Whether a frequency was held at its bound then.", kind="flag")
+    mean: Any = quantity(
+        "1", "Mean over the hypotheses of eta1, eta1', eta2, eta2', ln w1/w1_0, ln w2/w2_0.", shape=(6,)
+    )
+    spread: Any = quantity("1", "Covariance of the mean over the hypotheses.", shape=(6, 6))
+    w: Any = quantity("rad/s", "Estimated frequencies.", shape=(2,))
+    bare: ModelPrediction = part("Prediction of the modes by the model alone.")
+    chi: RigidFlight = part("Rigid-body state at the last step.")
+    u: HypersonicInput = part("Input that acted in the last step.")
+    t: Scalar = quantity("100 ns", "Time of the last step.", kind="time")
+    seen: Scalar = quantity("100 ns", "Time at which the last acceleration used was measured.", kind="time")
+    flight_t: Scalar = quantity("100 ns", "Time at which chi was measured.", kind="time")
+    started: Scalar = quantity("1", "True once flight and input have been received.", kind="flag")
+    innovation: Scalar = quantity("rad/s^2", "Innovation of the last step.")
+    S: Scalar = quantity("rad^2/s^4", "Variance of the innovation.")
+    nis: Scalar = quantity("1", "NIS: innovation squared over its variance S.")
+    updated: Scalar = quantity("1", "True if a measurement was used in the last step.", kind="flag")
+    learned: Scalar = quantity(
+        "1", "True if the last measurement carried information about the frequencies.", kind="flag"
+    )
+    bounded: Scalar = quantity("1", "True if a frequency was held at its bound in the last step.", kind="flag")
 
 
 @record
 class AdaptiveFlexibleModeFilter:
-    """Nine extended Kalman filters of modal state and both natural frequencies, weighed by how well each predicts.
+    """Nine extended Kalman filters of modal state and both natural frequencies, weighted by how well each predicts.
 
         x = (s1, s1', s2, s2', ln w1/w1_0, ln w2/w2_0)      s_i = (w_i/w_i0)^2 eta_i      p_m ~ p_m N(r_m; 0, S_m)
 
-    One such filter does not do: frequencies 10 % off bring mode 2 near where mode 1 was expected, and it settles on the
-    wrong one. Nine that start a tenth apart find the right one; the estimate is their mean, with the spread between.
+    One such filter is not enough: frequencies 10 % off bring mode 2 near the expected mode 1, and the filter settles on
+    the wrong mode. Nine filters that start a tenth apart find the right one. The estimate is their mean; its
+    covariance includes the spread between the filters.
 
-    - Frequencies and probabilities move only at instants at which the modes vibrate, by `excitation` deviations of what
-      is in doubt; else the frequencies are considered, not corrected. **At rest nothing can be learnt and nothing is.**
-    - An innovation with NIS above `gate` is no noise: its square joins R, and P by the jolt that a moment which makes
-      it gives the modes. The frequencies learn nothing from it.
-    - Each filter's frequencies walk slowly, up to its first deviation, and stay within `bound`.
+    - Frequencies and probabilities change only while the modes vibrate by at least `excitation` standard deviations of
+      their uncertainty. Otherwise the frequencies are considered, not corrected. **At rest nothing can be learnt.**
+    - An innovation with NIS above `gate` is not noise but an unknown moment (a jolt): its square is added to R, and P
+      grows by the effect of that moment on the modes. The frequencies learn nothing from it.
+    - Each filter's frequencies walk slowly, up to its initial deviation, and stay within `bound`.
 
     Not modelled: damping and coupling that differ from the vehicle's; noise of the rigid flight.
     Source:  beyond [1] "Angular-accelerometer-based flexible-state estimation and tracking controller design for
@@ -173,48 +178,57 @@ class AdaptiveFlexibleModeFilter:
              applications to tracking and navigation", Wiley 2001, section 11.6 (static multiple models).
     """
 
-    craft: Hypersonic = part("The vehicle that the filter believes in, with nominal frequencies.", default=Hypersonic())
+    craft: Hypersonic = part("Vehicle model used by the filter, with nominal frequencies.", default=Hypersonic())
     Q: Any = quantity("1", "Process noise of the modal state, diagonal.", default=(1e-5, 0.1, 1e-5, 0.1), shape=(4,))
     R: Scalar = quantity("rad^2/s^4", "Variance of one sample of the acceleration.", default=1e-4, above=0)
-    P0: Any = quantity("1", "First variances, frequencies given.", default=(1.0, 100.0, 1.0, 100.0), shape=(4,))
-    eta0: Any = quantity("1", "First estimate, at nominal frequencies.", default=PRINTED_ETA0, shape=(4,), source="[1]")
-    deviation: Any = quantity("1", "First deviations of ln w1 and ln w2.", default=(0.1, 0.1), shape=(2,))
-    walk: Any = quantity("1/s", "Densities of the walks of ln w1 and ln w2.", default=(1e-6, 1e-6), shape=(2,))
-    bound: Scalar = quantity("1", "Most that a frequency can be off, as a factor up or down.", default=1.25, above=1)
-    excitation: Scalar = quantity("1", "Vibration to learn from, in deviations of its doubt.", default=3.0, low=0)
-    gate: Scalar = quantity("1", "NIS above which an innovation is a jolt.", default=16.0, above=0)
-    corrects: bool = option("Whether measurements are used at all.", default=True, choices=(True, False))
-    flight: str = option("Name of the sensor of the rigid flight.", default="flight")
+    P0: Any = quantity(
+        "1", "Initial variances of the modal state for given frequencies.", default=(1.0, 100.0, 1.0, 100.0), shape=(4,)
+    )
+    eta0: Any = quantity(
+        "1", "Initial estimate, at nominal frequencies.", default=PRINTED_ETA0, shape=(4,), source="[1]"
+    )
+    deviation: Any = quantity("1", "Initial standard deviations of ln w1 and ln w2.", default=(0.1, 0.1), shape=(2,))
+    walk: Any = quantity("1/s", "Densities of the random walks of ln w1 and ln w2.", default=(1e-6, 1e-6), shape=(2,))
+    bound: Scalar = quantity("1", "Maximum error of a frequency, as a factor up or down.", default=1.25, above=1)
+    excitation: Scalar = quantity(
+        "1",
+        "Least vibration from which frequencies are learnt, in standard deviations of its uncertainty.",
+        default=3.0,
+        low=0,
+    )
+    gate: Scalar = quantity("1", "NIS above which an innovation is treated as a jolt.", default=16.0, above=0)
+    corrects: bool = option("True if measurements are used.", default=True, choices=(True, False))
+    flight: str = option("Name of the sensor that gives the rigid-body state.", default="flight")
     accelerometer: str = option("Name of the angular accelerometer.", default="angular-accelerometer")
-    actuators: str = option("Name of the sensor of fuel ratio and elevator as they act.", default="actuators")
+    actuators: str = option("Name of the sensor that gives the acting fuel ratio and elevator.", default="actuators")
     period: int = period("Time between predictions.", default=ms(5))
 
     listens = property(listened_sensors)
     step = step_mode_filter
 
     def check(self) -> None:
-        """Variances that are variances, hypotheses within the bound, a period for which the series is exact."""
+        """Raise InputError if a variance, the bound or the period is invalid."""
         name = "AdaptiveFlexibleModeFilter"
         check_variances(name, Q=self.Q, P0=self.P0)
         for field, pair in {"deviation": self.deviation, "walk": self.walk}.items():
             values = np.asarray(pair, float)
             if not (np.isfinite(values).all() and (values >= 0).all()):
-                problem = f"{values.tolist()} must be finite and not below 0"
+                problem = f"{values.tolist()} must be finite and at least 0"
                 raise InputError(f"{name}.{field}", problem, fix="two numbers")
         for field, value in {"R": self.R, "bound": self.bound, "excitation": self.excitation}.items():
             if not math.isfinite(value):
-                raise InputError(f"{name}.{field}", f"{value} is not finite", fix="a finite number")
+                raise InputError(f"{name}.{field}", f"{value} must be finite", fix="a finite number")
         outermost = math.exp(APART * float(np.max(self.deviation)))
         if outermost >= self.bound:
-            problem = f"hypotheses start at a factor {outermost:.3g}, beyond {float(self.bound):g}"
-            raise InputError(f"{name}.bound", problem, fix="raise it, or make deviation smaller")
+            problem = f"hypotheses start at a factor of {outermost:.3g}, outside the bound {float(self.bound):g}"
+            raise InputError(f"{name}.bound", problem, fix="raise the bound, or make deviation smaller")
         fastest = float(max(self.craft.modes.w1, self.craft.modes.w2) * self.bound)
         if fastest * to_seconds(self.period) >= 0.5:
-            problem = f"{format_time(self.period)} is too long for a mode of {fastest:g} rad/s"
-            raise InputError(f"{name}.period", problem, fix=f"below {format_time(int(0.5 / fastest * 1e7))}")
+            problem = f"the period {format_time(self.period)} is too long for a mode of {fastest:g} rad/s"
+            raise InputError(f"{name}.period", problem, fix=f"set it below {format_time(int(0.5 / fastest * 1e7))}")
 
     def init(self, key: Key) -> AdaptiveModeState:
-        """The first estimate, nothing measured."""
+        """Return the initial state, before any measurement."""
         no, deviation = jnp.asarray(False), jnp.asarray(self.deviation)
         A, _ = modal_dynamics(self.craft)
         model = discretise(A, jnp.diag(jnp.asarray(self.Q)), to_seconds(self.period))
@@ -239,7 +253,7 @@ class AdaptiveFlexibleModeFilter:
         )
 
     def predict(self, x: Any, P: Any, Qd: Any, b: Any) -> tuple[Any, Any]:
-        """One hypothesis, x (6,) and P (6, 6), one period on under the held forcing b (4,) of eta."""
+        """Return x (6,) and P (6, 6) of one hypothesis after one period under the held forcing b (4,) of eta."""
         dt, by, still = to_seconds(self.period), stretch_factors(x), jnp.zeros((4, 2))
         F = jax.jacfwd(lambda x: propagate_modes(self.craft, x, b, dt))(x)
         room = (SHARE * jnp.asarray(self.deviation)) ** 2 - jnp.stack([P[4, 4], P[5, 5]])
@@ -248,10 +262,10 @@ class AdaptiveFlexibleModeFilter:
         return propagate_modes(self.craft, x, b, dt), kalman.predict_covariance(P, F, noise)
 
     def update(self, x: Any, P: Any, modal: Any, b: Any) -> tuple[Any, ...]:
-        """One hypothesis after C eta was measured as `modal` (rad/s^2) while b (4,) acted.
+        """Update one hypothesis with a measurement `modal` (rad/s^2) of C eta while b (4,) acted.
 
-        Returns: x, P, innovation, its variance, logarithm of the likelihood, which frequencies learn (2,), whether one
-        was held at its bound.
+        Returns: x, P, innovation, its variance, log-likelihood, flags (2,) of the frequencies that learn, and whether
+        a frequency was held at its bound.
         """
         expected = modal_accelerations(self.craft, x)[0]
         H = jax.jacfwd(lambda x: modal_accelerations(self.craft, x)[0])(x)
@@ -271,7 +285,7 @@ class AdaptiveFlexibleModeFilter:
         return jnp.concatenate([correction.x[:4], lam]), new_P, r, S, likely, learns, jnp.any(lam != correction.x[4:])
 
     def advance(self, t: Any, s: AdaptiveModeState, frame: Frame) -> AdaptiveModeState:
-        """What the filter remembers after an instant of its own."""
+        """Return the state of the filter after one of its periods."""
         samples = read_flight_samples(self.listens, s, frame)
         chi, u, felt, started = samples.chi, samples.u, samples.acceleration, samples.has_started
         b, d, rigid = forcing(self.craft, chi, u)
@@ -310,7 +324,7 @@ class AdaptiveFlexibleModeFilter:
         )
 
     def estimated_flight(self, state: AdaptiveModeState) -> FlexibleFlight:
-        """The flight as the state has it: the mean of the hypotheses, with what they differ by in the sigmas."""
+        """Return the estimate: the mean of the hypotheses; the standard deviations include their spread."""
         sigma = jnp.sqrt(jnp.maximum(jnp.stack([state.spread[i, i] for i in range(6)]), 0.0))
         frequencies = ModalFrequencies(
             w1=state.w[0],
@@ -327,7 +341,7 @@ class AdaptiveFlexibleModeFilter:
 
 
 def update_probabilities(p: Any, likely: Any) -> Any:
-    """Probabilities (m,) after a measurement of these logarithms of likelihood (m,), none below about LEAST."""
+    """Return the probabilities (m,) after a measurement with these log-likelihoods (m,); none is below about LEAST."""
     p = p * jnp.exp(likely - jnp.max(likely))
     p = jnp.maximum(p / jnp.sum(p), LEAST)
     return p / jnp.sum(p)

@@ -1,4 +1,4 @@
-"""The filter of the bending modes in continuous time, as it was published, integrated between samples."""
+"""The filter of the bending modes in continuous time, as published, integrated between samples."""
 
 from typing import Any
 
@@ -30,27 +30,29 @@ from trimtab.estimators.flexible.model import (
 from trimtab.vehicles.hypersonic import Hypersonic, HypersonicInput
 
 STABLE = 2.5
-"""RK4 damps what decays by this much in a step; its limit is 2.78."""
+"""Largest decay rate times step accepted for RK4; its stability limit is 2.78."""
 
 
 @record
 class ContinuousModeState:
-    """What the filter remembers. Source: docs page, Flexible modes in continuous time."""
+    """State of the filter. Source: docs page, Flexible modes in continuous time."""
 
     eta: Any = quantity("1", "eta1, eta1', eta2, eta2', each in its unit.", shape=(4,))
-    P: Any = quantity("1", "Their covariance.", shape=(4, 4))
-    modal: Scalar = quantity("rad/s^2", "Last measured C eta: pitch acceleration less what flight and input explain.")
-    used: Scalar = quantity("1", "Whether that is a measurement at all.", kind="flag")
-    bare: ModelPrediction = part("The modes by the model alone.")
-    chi: RigidFlight = part("Rigid flight at the last instant.")
-    u: HypersonicInput = part("Input that acted last.")
-    t: Scalar = quantity("100 ns", "The last instant.", kind="time")
-    flight_t: Scalar = quantity("100 ns", "When chi was measured.", kind="time")
-    started: Scalar = quantity("1", "Whether flight and input have been known once.", kind="flag")
-    innovation: Scalar = quantity("rad/s^2", "Of the last instant.")
-    S: Scalar = quantity("rad^2/s^4", "Variance of a sample's innovation, for its noise R/dt.")
-    nis: Scalar = quantity("1", "Innovation squared over S.")
-    updated: Scalar = quantity("1", "Whether a measurement was used then.", kind="flag")
+    P: Any = quantity("1", "Covariance of the modal state.", shape=(4, 4))
+    modal: Scalar = quantity(
+        "rad/s^2", "Last measured C eta: pitch acceleration minus the part due to flight and input."
+    )
+    used: Scalar = quantity("1", "True if that measurement can be used.", kind="flag")
+    bare: ModelPrediction = part("Prediction of the modes by the model alone.")
+    chi: RigidFlight = part("Rigid-body state at the last step.")
+    u: HypersonicInput = part("Input that acted in the last step.")
+    t: Scalar = quantity("100 ns", "Time of the last step.", kind="time")
+    flight_t: Scalar = quantity("100 ns", "Time at which chi was measured.", kind="time")
+    started: Scalar = quantity("1", "True once flight and input have been received.", kind="flag")
+    innovation: Scalar = quantity("rad/s^2", "Innovation of the last step.")
+    S: Scalar = quantity("rad^2/s^4", "Variance of the innovation of one sample, with noise R/dt.")
+    nis: Scalar = quantity("1", "NIS: innovation squared over its variance S.")
+    updated: Scalar = quantity("1", "True if a measurement was used in the last step.", kind="flag")
 
 
 @record
@@ -68,15 +70,15 @@ class ContinuousModeFilter:
              flight vehicle", Aerospace 2022, 9(4), 206. Its P(0) is not printed: chosen here.
     """
 
-    craft: Hypersonic = part("The vehicle that the filter believes in.", default=Hypersonic())
+    craft: Hypersonic = part("Vehicle model used by the filter.", default=Hypersonic())
     Q: Any = quantity("1", "Process noise, diagonal of its density.", default=PRINTED_Q, shape=(4,), source="[1]")
     R: Scalar = quantity("rad^2/s^3", "Density of the noise of the acceleration.", default=10.0, above=0, source="[1]")
-    P0: Any = quantity("1", "First variances of the modal state.", default=(1.0, 1.0, 1.0, 1.0), shape=(4,))
-    eta0: Any = quantity("1", "First estimate.", default=PRINTED_ETA0, shape=(4,), source="[1]")
-    substeps: int = option("Steps of the integration in a period.", default=1)
-    flight: str = option("Name of the sensor of the rigid flight.", default="flight")
+    P0: Any = quantity("1", "Initial variances of the modal state.", default=(1.0, 1.0, 1.0, 1.0), shape=(4,))
+    eta0: Any = quantity("1", "Initial estimate of the modal state.", default=PRINTED_ETA0, shape=(4,), source="[1]")
+    substeps: int = option("Integration steps per period.", default=1)
+    flight: str = option("Name of the sensor that gives the rigid-body state.", default="flight")
     accelerometer: str = option("Name of the angular accelerometer.", default="angular-accelerometer")
-    actuators: str = option("Name of the sensor of fuel ratio and elevator as they act.", default="actuators")
+    actuators: str = option("Name of the sensor that gives the acting fuel ratio and elevator.", default="actuators")
     period: int = period("Time between samples.", default=ms(5))
 
     listens = property(listened_sensors)
@@ -84,18 +86,20 @@ class ContinuousModeFilter:
     estimated_flight = estimated_flight
 
     def check(self) -> None:
-        """Variances that are variances, and a step that is stable for the gain with which the filter begins."""
+        """Raise InputError if a variance is invalid or the step is unstable for the initial gain."""
         check_variances("ContinuousModeFilter", Q=self.Q, P0=self.P0)
         A, C = (np.asarray(m) for m in modal_dynamics(self.craft))
         fastest = float(np.abs(np.linalg.eigvals(A)).max() + 2 * (C * C) @ np.asarray(self.P0, float) / self.R)
         step = to_seconds(self.period) / self.substeps
         if not fastest * step < STABLE:
-            problem = f"P(0) and R make rates of {fastest:.3g} 1/s, too fast for steps of {step:.3g} s"
+            problem = f"P(0) and R give rates of {fastest:.3g} 1/s, too fast for steps of {step:.3g} s"
             least = int(np.ceil(fastest * to_seconds(self.period) / STABLE))
-            raise InputError("ContinuousModeFilter.substeps", problem, fix=f"at least {least}, or FlexibleModeFilter")
+            raise InputError(
+                "ContinuousModeFilter.substeps", problem, fix=f"set it to at least {least}, or use FlexibleModeFilter"
+            )
 
     def init(self, key: Key) -> ContinuousModeState:
-        """The first estimate, nothing measured."""
+        """Return the initial state, before any measurement."""
         no, zero = jnp.asarray(False), jnp.asarray(0.0)
         A, _ = modal_dynamics(self.craft)
         model = discretise(A, jnp.diag(jnp.asarray(self.Q)), to_seconds(self.period))
@@ -109,7 +113,7 @@ class ContinuousModeFilter:
         )
 
     def integrate(self, eta: Any, P: Any, b: Any, modal: Any, used: Any) -> tuple[Any, Any]:
-        """eta (4,) and P (4, 4) one period on, under held forcing b (4,) and measurement of C eta, if one is used."""
+        """Return eta (4,) and P (4, 4) after one period under held forcing b (4,); `modal` is used if available."""
         A, C = modal_dynamics(self.craft)
         Q, weight = jnp.diag(jnp.asarray(self.Q)), jnp.where(used, 1 / self.R, 0.0)
 
@@ -124,7 +128,7 @@ class ContinuousModeFilter:
         return eta, symmetric(P)
 
     def advance(self, t: Any, s: ContinuousModeState, frame: Frame) -> ContinuousModeState:
-        """What the filter remembers after an instant of its own."""
+        """Return the state of the filter after one of its periods."""
         samples = read_flight_samples(self.listens, s, frame)
         chi, u, felt, started = samples.chi, samples.u, samples.acceleration, samples.has_started
         eta, P = self.integrate(s.eta, s.P, forcing(self.craft, s.chi, u)[0], s.modal, s.used)

@@ -1,4 +1,4 @@
-"""The bending modes of the hypersonic vehicle from its pitch acceleration: the discrete filter, as flown."""
+"""Discrete filter of the hypersonic vehicle's bending modes from its pitch acceleration, as flown."""
 
 import math
 from typing import Any
@@ -35,38 +35,38 @@ PRINTED_ETA0 = (1.5122, 0.0, 1.122, 0.0)
 PRINTED_Q = (1e-5, 1e-5, 1e-5, 1e-5)
 EQUAL_Q = (1e-5, 100.0, 1e-5, 100.0)
 TUNED_Q = (1e-5, 500.0, 1e-5, 6.0)
-"""Less elevator, less error and wider margins than EQUAL_Q: docs page, What noise costs the elevator."""
+"""Less elevator, smaller errors and wider margins than with EQUAL_Q: docs page, What noise costs the elevator."""
 
 
 @record
 class ModalModel:
-    """The discrete linear model, made once. Source: docs page, Flexible modes."""
+    """Discrete linear model, computed once. Source: docs page, Flexible modes."""
 
-    C: Any = quantity("1", "Pitch acceleration by modal state (4,).", shape=(4,))
-    Ad: Any = quantity("1", "Modal state over one period (4, 4).", shape=(4, 4))
-    Bd: Any = quantity("1", "What a held forcing adds over one period (4, 4).", shape=(4, 4))
+    C: Any = quantity("1", "Pitch acceleration per modal state (4,).", shape=(4,))
+    Ad: Any = quantity("1", "Transition matrix of the modal state over one period (4, 4).", shape=(4, 4))
+    Bd: Any = quantity("1", "Effect of a held forcing over one period (4, 4).", shape=(4, 4))
     Qd: Any = quantity("1", "Covariance of the noise of one period (4, 4).", shape=(4, 4))
 
 
 @record
 class FlexibleModeState:
-    """What the filter remembers. Source: docs page, Flexible modes."""
+    """State of the filter. Source: docs page, Flexible modes."""
 
     model: ModalModel = part("Discrete model.")
     eta: Any = quantity("1", "eta1, eta1', eta2, eta2', each in its unit.", shape=(4,))
-    offset: Scalar = quantity("rad/s^2", "What the accelerometer reads too much.")
+    offset: Scalar = quantity("rad/s^2", "Estimated offset of the accelerometer.")
     P: Any = quantity("1", "Covariance of modal state and offset.", shape=(5, 5))
-    bare: ModelPrediction = part("The modes by the model alone.")
-    chi: RigidFlight = part("Rigid flight at the last instant.")
-    u: HypersonicInput = part("Input that acted last.")
-    t: Scalar = quantity("100 ns", "The last instant.", kind="time")
-    seen: Scalar = quantity("100 ns", "When the last acceleration used was measured.", kind="time")
-    flight_t: Scalar = quantity("100 ns", "When chi was measured.", kind="time")
-    started: Scalar = quantity("1", "Whether flight and input have been known once.", kind="flag")
-    innovation: Scalar = quantity("rad/s^2", "Of the last instant.")
-    S: Scalar = quantity("rad^2/s^4", "Its variance.")
-    nis: Scalar = quantity("1", "Innovation squared over S.")
-    updated: Scalar = quantity("1", "Whether a measurement was used then.", kind="flag")
+    bare: ModelPrediction = part("Prediction of the modes by the model alone.")
+    chi: RigidFlight = part("Rigid-body state at the last step.")
+    u: HypersonicInput = part("Input that acted in the last step.")
+    t: Scalar = quantity("100 ns", "Time of the last step.", kind="time")
+    seen: Scalar = quantity("100 ns", "Time at which the last acceleration used was measured.", kind="time")
+    flight_t: Scalar = quantity("100 ns", "Time at which chi was measured.", kind="time")
+    started: Scalar = quantity("1", "True once flight and input have been received.", kind="flag")
+    innovation: Scalar = quantity("rad/s^2", "Innovation of the last step.")
+    S: Scalar = quantity("rad^2/s^4", "Variance of the innovation.")
+    nis: Scalar = quantity("1", "NIS: innovation squared over its variance S.")
+    updated: Scalar = quantity("1", "True if a measurement was used in the last step.", kind="flag")
 
 
 @record
@@ -93,62 +93,67 @@ class FlexibleModeFilter:
              not printed: chosen here, docs page.
     """
 
-    craft: Hypersonic = part("The vehicle that the filter believes in.", default=Hypersonic())
+    craft: Hypersonic = part("Vehicle model used by the filter.", default=Hypersonic())
     Q: Any = quantity("1", "Process noise of the modal state, diagonal of its density.", default=TUNED_Q, shape=(4,))
     R: Scalar = quantity("rad^2/s^4", "Variance of one sample of the acceleration.", default=1e-4, above=0)
-    P0: Any = quantity("1", "First variances of the modal state.", default=(1.0, 100.0, 1.0, 100.0), shape=(4,))
-    eta0: Any = quantity("1", "First estimate.", default=PRINTED_ETA0, shape=(4,), source="[1]")
+    P0: Any = quantity("1", "Initial variances of the modal state.", default=(1.0, 100.0, 1.0, 100.0), shape=(4,))
+    eta0: Any = quantity("1", "Initial estimate of the modal state.", default=PRINTED_ETA0, shape=(4,), source="[1]")
     offset_sigma: Scalar = quantity(
-        "rad/s^2", "First deviation of the accelerometer's offset; 0: it is taken to have none.", default=0.02, low=0
+        "rad/s^2",
+        "Initial standard deviation of the accelerometer's offset; 0: no offset is estimated.",
+        default=0.02,
+        low=0,
     )
-    offset_walk: Scalar = quantity("rad^2/s^5", "Density of its walk.", default=0.0, low=0)
-    corrects: bool = option("Whether measurements are used at all.", default=True, choices=(True, False))
-    flight: str = option("Name of the sensor of the rigid flight.", default="flight")
+    offset_walk: Scalar = quantity(
+        "rad^2/s^5", "Density of the random walk of the accelerometer's offset.", default=0.0, low=0
+    )
+    corrects: bool = option("True if measurements are used.", default=True, choices=(True, False))
+    flight: str = option("Name of the sensor that gives the rigid-body state.", default="flight")
     accelerometer: str = option("Name of the angular accelerometer.", default="angular-accelerometer")
-    actuators: str = option("Name of the sensor of fuel ratio and elevator as they act.", default="actuators")
+    actuators: str = option("Name of the sensor that gives the acting fuel ratio and elevator.", default="actuators")
     period: int = period("Time between predictions.", default=ms(5))
 
     @classmethod
     def from_publication(cls, **changes: Any) -> "FlexibleModeFilter":
-        """Q = 1e-5 I and R = 10 as published, P(0) = I, no offset: so little gain that no measurement counts."""
+        """Q = 1e-5 I and R = 10 as published, P(0) = I, no offset: the gain is too small for measurements to matter."""
         return cls(**{"Q": PRINTED_Q, "R": 10.0, "P0": (1.0,) * 4, "offset_sigma": 0.0} | changes)
 
     @classmethod
     def with_equal_noise(cls, **changes: Any) -> "FlexibleModeFilter":
-        """The same noise on both modal accelerations, no offset: as the study of the corrected source flies it."""
+        """The same noise on both modal accelerations, no offset: as flown in the study of the corrected publication."""
         return cls(**{"Q": EQUAL_Q, "offset_sigma": 0.0} | changes)
 
     @classmethod
     def for_exact_model(cls, **changes: Any) -> "FlexibleModeFilter":
-        """Q = 1e-5 I, R = 1e-4: the best of an exact model; it loses a vehicle whose modes are 10 % off."""
+        """Q = 1e-5 I, R = 1e-4: best for an exact model; unstable for a vehicle whose modes are 10 % off."""
         return cls(**{"Q": PRINTED_Q, "R": 1e-4, "P0": (1.0,) * 4, "offset_sigma": 0.0} | changes)
 
     listens = property(listened_sensors)
     step = step_mode_filter
 
     def check(self) -> None:
-        """Variances that are variances, and a period for which the discrete model is exact."""
+        """Raise InputError if a variance is invalid or the period is too long for the discrete model."""
         check_variances("FlexibleModeFilter", Q=self.Q, P0=self.P0)
         if not math.isfinite(self.R):
             raise InputError(
-                "FlexibleModeFilter.R", f"{self.R} is not finite", fix="corrects=False uses no measurement"
+                "FlexibleModeFilter.R", f"{self.R} must be finite", fix="corrects=False uses no measurement"
             )
         A, _ = modal_dynamics(self.craft)
         norm = float(np.abs(np.asarray(A)).sum(1).max()) * to_seconds(self.period)
         if norm >= 16:
             most = format_time(int(self.period * 16 / norm))
             modes = f"{float(self.craft.modes.w1):g} and {float(self.craft.modes.w2):g} rad/s"
-            problem = f"{format_time(self.period)} is too long for modes of {modes}"
-            raise InputError("FlexibleModeFilter.period", problem, fix=f"below {most}")
+            problem = f"the period {format_time(self.period)} is too long for modes of {modes}"
+            raise InputError("FlexibleModeFilter.period", problem, fix=f"set it below {most}")
 
     def model(self) -> ModalModel:
-        """The discrete model of one period."""
+        """Return the discrete model of one period."""
         A, C = modal_dynamics(self.craft)
         Ad, Bd, Qd = discretise(A, jnp.diag(jnp.asarray(self.Q)), to_seconds(self.period))
         return ModalModel(C, Ad, Bd, Qd)
 
     def init(self, key: Key) -> FlexibleModeState:
-        """The first estimate, nothing measured."""
+        """Return the initial state, before any measurement."""
         model = self.model()
         return FlexibleModeState(
             model=model,
@@ -161,7 +166,7 @@ class FlexibleModeFilter:
         )
 
     def predict(self, model: ModalModel, x: Any, P: Any, chi: RigidFlight, u: HypersonicInput) -> tuple[Any, Any]:
-        """Modal state and offset x (5,) and their P (5, 5) one period on, flight and input held."""
+        """Return modal state and offset x (5,) and their P (5, 5) after one period with held flight and input."""
         b, _, _ = forcing(self.craft, chi, u)
         walk = self.offset_walk * to_seconds(self.period)
         modes, mixed = kalman.predict_covariance(P[:4, :4], model.Ad, model.Qd), model.Ad @ P[:4, 4]
@@ -171,19 +176,19 @@ class FlexibleModeFilter:
     def update(
         self, model: ModalModel, x: Any, P: Any, chi: RigidFlight, u: HypersonicInput, pitch_acceleration: Any
     ) -> kalman.Update:
-        """x (5,) and P after a pitch acceleration (rad/s^2) measured while u acted, in Joseph's form."""
+        """Return x (5,) and P after a pitch acceleration (rad/s^2) measured while u acted, in Joseph's form."""
         _, d, rigid = forcing(self.craft, chi, u)
         H = jnp.append(model.C, 1.0)
         r = pitch_acceleration - rigid - H @ x - d
         return kalman.update(x, P, r[None], H[None], jnp.asarray(self.R)[None, None])
 
     def estimated_flight(self, state: FlexibleModeState) -> FlexibleFlight:
-        """The flight as a state of the filter has it, with the accelerometer's offset."""
+        """Return the estimate in a state of the filter, with the accelerometer's offset."""
         offset = AccelerometerOffset(state.offset, jnp.sqrt(jnp.maximum(state.P[4, 4], 0.0)))
         return replace(estimated_flight(self, state), offset=offset)
 
     def advance(self, t: Any, s: FlexibleModeState, frame: Frame) -> FlexibleModeState:
-        """What the filter remembers after an instant of its own."""
+        """Return the state of the filter after one of its periods."""
         samples = read_flight_samples(self.listens, s, frame)
         chi, u, felt, started = samples.chi, samples.u, samples.acceleration, samples.has_started
         before = jnp.append(s.eta, s.offset)

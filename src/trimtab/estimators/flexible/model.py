@@ -1,13 +1,13 @@
-"""What the filters of the bending modes know of the hypersonic vehicle: a linear model with known forcing.
+"""Vehicle model of the bending mode filters: a linear model of the hypersonic vehicle with known forcing.
 
     eta' = A eta + b(chi, u)          Q' - M/Iyy = C eta + d(chi, u)
 
-The modes enter pitch acceleration and their own linearly, so A and C are constant, for each reading of the coupling;
-the rigid flight chi = (h, h', V, alpha, Q) and the input u act through b and d alone. What the source calls an extended
-filter is a linear one.
+The modes enter the pitch acceleration and their own accelerations linearly, so A and C are constant for each
+interpretation of the coupling. The rigid-body state chi = (h, h', V, alpha, Q) and the input u act through b and d
+only. The publication's "extended" filter is a linear one.
 
 Source: [1] "Angular-accelerometer-based flexible-state estimation and tracking controller design for hypersonic flight
-vehicle", Aerospace 2022, 9(4), 206, section on the observer; d and the forcing in b, which it drops, are put back.
+vehicle", Aerospace 2022, 9(4), 206, section on the observer; d and the forcing in b, omitted there, are included.
 """
 
 from typing import Any, NamedTuple
@@ -29,7 +29,7 @@ class RigidFlight:
     """The measured part of the state, chi. Source: [1] eq. 4 and the observer's section, in its units."""
 
     h: Scalar = quantity("ft", "Altitude.", frame="W", default=0.0)
-    h_rate: Scalar = quantity("ft/s", "Its rate.", frame="W", default=0.0)
+    h_rate: Scalar = quantity("ft/s", "Climb rate.", frame="W", default=0.0)
     V: Scalar = quantity("ft/s", "Speed along the path.", default=0.0)
     alpha: Scalar = quantity("rad", "Angle of attack.", kind="angle", default=0.0)
     q: Scalar = quantity("rad/s", "Pitch rate, nose up.", frame="B", default=0.0)
@@ -40,9 +40,9 @@ class ModalState:
     """State of both modes. Source: [1] eq. 1."""
 
     eta1: Scalar = quantity("(slug ft)^1/2", "Displacement of mode 1.")
-    eta1_rate: Scalar = quantity("(slug ft)^1/2/s", "Its rate.")
+    eta1_rate: Scalar = quantity("(slug ft)^1/2/s", "Rate of the displacement of mode 1.")
     eta2: Scalar = quantity("(slug ft)^1/2", "Displacement of mode 2.")
-    eta2_rate: Scalar = quantity("(slug ft)^1/2/s", "Its rate.")
+    eta2_rate: Scalar = quantity("(slug ft)^1/2/s", "Rate of the displacement of mode 2.")
 
 
 @record
@@ -51,63 +51,63 @@ class ModalFrequencies:
 
     w1: Scalar = quantity("rad/s", "Natural frequency of mode 1, estimated.")
     w2: Scalar = quantity("rad/s", "Natural frequency of mode 2, estimated.")
-    w1_sigma: Scalar = quantity("rad/s", "Deviation that the filter believes of w1.")
-    w2_sigma: Scalar = quantity("rad/s", "Deviation that the filter believes of w2.")
-    learned: Scalar = quantity("1", "Whether this instant told something about the frequencies.", kind="flag")
-    bounded: Scalar = quantity("1", "Whether a frequency was held at its bound.", kind="flag")
+    w1_sigma: Scalar = quantity("rad/s", "Standard deviation of the estimate of w1.")
+    w2_sigma: Scalar = quantity("rad/s", "Standard deviation of the estimate of w2.")
+    learned: Scalar = quantity("1", "True if this measurement carried information about the frequencies.", kind="flag")
+    bounded: Scalar = quantity("1", "True if a frequency was held at its bound.", kind="flag")
 
 
 @record
 class AccelerometerOffset:
-    """Zero of the angular accelerometer, where a filter estimates it. Source: docs page, Flexible modes."""
+    """Offset of the angular accelerometer, where a filter estimates it. Source: docs page, Flexible modes."""
 
-    value: Scalar = quantity("rad/s^2", "What it reads too much, estimated.")
-    sigma: Scalar = quantity("rad/s^2", "Deviation that the filter believes of it.")
+    value: Scalar = quantity("rad/s^2", "Estimated offset of the angular accelerometer.")
+    sigma: Scalar = quantity("rad/s^2", "Standard deviation of the estimated offset.")
 
 
 @record
 class ModelPrediction:
-    """The modes by the model alone, no measurement used: what every estimate has to be held against.
+    """Prediction of the modes by the model alone, without measurements: the baseline for every estimate.
 
     Source: docs page, Flexible modes.
     """
 
     eta: Any = quantity("1", "eta1, eta1', eta2, eta2', each in its unit.", shape=(4,))
-    Ad: Any = quantity("1", "Modal state over one period (4, 4).", shape=(4, 4))
-    Bd: Any = quantity("1", "What a held forcing adds over one period (4, 4).", shape=(4, 4))
+    Ad: Any = quantity("1", "Transition matrix of the modal state over one period (4, 4).", shape=(4, 4))
+    Bd: Any = quantity("1", "Effect of a held forcing over one period (4, 4).", shape=(4, 4))
 
 
 @record
 class FlexibleFlight:
-    """The whole state as a filter of the modes gives it, with what tells how the filter fares.
+    """Whole state as given by a filter of the modes, with signals of the filter's performance.
 
     Source: [1], order of its errors e; innovation signals: docs page, Flexible modes.
     """
 
     h: Scalar = quantity("ft", "Altitude, as measured.", frame="W")
-    h_rate: Scalar = quantity("ft/s", "Its rate, as measured.", frame="W")
+    h_rate: Scalar = quantity("ft/s", "Climb rate, as measured.", frame="W")
     V: Scalar = quantity("ft/s", "Speed along the path, as measured.")
     alpha: Scalar = quantity("rad", "Angle of attack, as measured.", kind="angle")
     q: Scalar = quantity("rad/s", "Pitch rate, as measured.", frame="B")
     eta1: Scalar = quantity("(slug ft)^1/2", "Displacement of mode 1, estimated.")
-    eta1_rate: Scalar = quantity("(slug ft)^1/2/s", "Its rate, estimated.")
+    eta1_rate: Scalar = quantity("(slug ft)^1/2/s", "Rate of the displacement of mode 1, estimated.")
     eta2: Scalar = quantity("(slug ft)^1/2", "Displacement of mode 2, estimated.")
-    eta2_rate: Scalar = quantity("(slug ft)^1/2/s", "Its rate, estimated.")
-    sigma: Any = quantity("1", "Deviations that the filter believes of these four, each in its unit.", shape=(4,))
+    eta2_rate: Scalar = quantity("(slug ft)^1/2/s", "Rate of the displacement of mode 2, estimated.")
+    sigma: Any = quantity("1", "Standard deviations of the four modal estimates, each in its unit.", shape=(4,))
     innovation: Scalar = quantity("rad/s^2", "Pitch acceleration measured minus expected; 0 if not finite.")
     S: Scalar = quantity("rad^2/s^4", "Variance of the innovation.")
-    nis: Scalar = quantity("1", "Innovation squared over S.")
-    updated: Scalar = quantity("1", "Whether a measurement was used at this instant.", kind="flag")
-    without_measurement: ModalState = part("What the same model gives without any measurement.")
-    frequencies: Any = part("ModalFrequencies of a filter that estimates them, else nothing.", default=())
-    offset: Any = part("AccelerometerOffset of a filter that estimates it, else nothing.", default=())
+    nis: Scalar = quantity("1", "NIS: innovation squared over its variance S.")
+    updated: Scalar = quantity("1", "True if a measurement was used in this step.", kind="flag")
+    without_measurement: ModalState = part("Prediction of the same model without any measurement.")
+    frequencies: Any = part("ModalFrequencies of a filter that estimates them, else None.", default=())
+    offset: Any = part("AccelerometerOffset of a filter that estimates it, else None.", default=())
 
 
 class FlightSamples(NamedTuple):
-    """What came in at an instant, for any filter of the modes.
+    """Inputs of a mode filter at one instant.
 
-    chi, u: flight and input, as before where the samples are of no use.  flight_usable: whether the flight is of use.
-    has_started: whether both have been known once.  flight_t: when chi was measured.
+    chi, u: flight and input; the previous ones where the samples cannot be used.  flight_usable: True if the flight
+    sample can be used.  has_started: True once both have been received.  flight_t: time at which chi was measured.
     """
 
     chi: RigidFlight
@@ -119,7 +119,7 @@ class FlightSamples(NamedTuple):
 
 
 def modal_dynamics(craft: Hypersonic) -> tuple[Any, Any]:
-    """A (4, 4) and C (4,) for (eta1, eta1', eta2, eta2'), from the algebraic loop of any `kmode`, unit by unit."""
+    """Return A (4, 4) and C (4,) for (eta1, eta1', eta2, eta2'), from the algebraic loop of any `kmode`, by units."""
     one = jnp.eye(4)
     back1, back2 = craft.modes.restoring_forces(one[0], one[1], one[2], one[3])
     C, first, second = craft.modes.solve_accelerations(craft.Iyy, jnp.zeros(4), back1, back2)
@@ -127,7 +127,7 @@ def modal_dynamics(craft: Hypersonic) -> tuple[Any, Any]:
 
 
 def forcing(craft: Hypersonic, chi: RigidFlight, u: HypersonicInput) -> tuple[Any, Any, Any]:
-    """b (4,), d and M/Iyy (rad/s^2): what flight and input do to the modes and to the pitch acceleration."""
+    """Return b (4,), d and M/Iyy (rad/s^2): effect of flight and input on the modes and the pitch acceleration."""
     moment = craft.forces.at(chi.h, chi.V, chi.alpha, u.Phi, u.delta_e).M
     N1, N2 = craft.modes.forcing(chi.alpha, u.delta_e)
     q_rate, first, second = craft.modes.solve_accelerations(craft.Iyy, moment, N1, N2)
@@ -136,7 +136,7 @@ def forcing(craft: Hypersonic, chi: RigidFlight, u: HypersonicInput) -> tuple[An
 
 
 def read_flight_samples(listens: tuple[str, ...], state: Any, frame: Frame) -> FlightSamples:
-    """The samples of flight (SI), acceleration and acting input, named in that order, and what a state held before."""
+    """Return the inputs from the named samples of flight (SI), acceleration and acting input, and the last state."""
     flight, acceleration, acting = (frame.samples[name] for name in listens)
     z = flight.value
     measured = RigidFlight(z.altitude / FOOT, z.climb / FOOT, z.speed / FOOT, z.alpha, z.pitch_rate)
@@ -150,14 +150,14 @@ def read_flight_samples(listens: tuple[str, ...], state: Any, frame: Frame) -> F
 
 
 def listened_sensors(form: Any) -> tuple[str, ...]:
-    """Rigid flight, pitch acceleration, acting input: `listens` of every filter."""
+    """Return the names of the sensors of flight, pitch acceleration and acting input: `listens` of every filter."""
     return (form.flight, form.accelerometer, form.actuators)
 
 
 def step_mode_filter(form: Any, t: Any, state: Any, frame: Frame) -> tuple[Any, Estimate]:
-    """A filter's state and its estimate at integer time t: `step` of every filter.
+    """Return a filter's state and its estimate at integer time t: `step` of every filter.
 
-    Once a period the filter advances, and beside it the model alone; in between the last estimate is held.
+    Once a period the filter and the model without measurements advance; in between the last estimate is held.
     """
     due = ~state.started | (t - state.t >= form.period)
     new = form.advance(t, state, frame)
@@ -169,7 +169,7 @@ def step_mode_filter(form: Any, t: Any, state: Any, frame: Frame) -> tuple[Any, 
 
 
 def first_instant() -> dict[str, Any]:
-    """What the state of every filter begins with, by field: nothing measured."""
+    """Return the initial fields of every filter's state, before any measurement."""
     no, zero = jnp.asarray(False), jnp.asarray(0.0)
     return {
         "chi": jax.tree.map(jnp.asarray, RigidFlight()),
@@ -185,7 +185,7 @@ def first_instant() -> dict[str, Any]:
 
 
 def next_instant(t: Any, state: Any, samples: FlightSamples) -> dict[str, Any]:
-    """What the state of every filter holds of its instant t, by field, once these samples have come."""
+    """Return the fields of every filter's state at time t, once these samples have arrived."""
     return {
         "chi": samples.chi,
         "u": samples.u,
@@ -196,19 +196,19 @@ def next_instant(t: Any, state: Any, samples: FlightSamples) -> dict[str, Any]:
 
 
 def _advance_model_prediction(craft: Hypersonic, state: Any, u: HypersonicInput) -> ModelPrediction:
-    """What a filter's state holds of the model alone, one period on, u having acted."""
+    """Return the prediction of the model alone after one period during which u acted."""
     bare = state.bare
     b, _, _ = forcing(craft, state.chi, u)
     return replace(bare, eta=jnp.where(state.started, bare.Ad @ bare.eta + bare.Bd @ b, bare.eta))
 
 
 def estimated_flight(form: Any, state: Any) -> FlexibleFlight:
-    """The flight as a filter's state has it: what is measured as measured, the modes as estimated."""
+    """Return the estimate in a filter's state: measured values as measured, the modes as estimated."""
     return flexible_flight(state, state.eta, jnp.stack([state.P[i, i] for i in range(4)]))
 
 
 def flexible_flight(state: Any, eta: Any, variances: Any) -> FlexibleFlight:
-    """The same with modal states (4,) with these variances (4,)."""
+    """Return the estimate with modal states (4,) of these variances (4,)."""
     chi = state.chi
     return FlexibleFlight(
         h=chi.h,
@@ -234,9 +234,9 @@ def _is_finite(r: Any) -> Any:
 
 
 def check_variances(part: str, **fields: Any) -> None:
-    """Refuse what is not four variances; fields: by name."""
+    """Raise InputError if a field is not four variances; fields: by name."""
     for name, value in fields.items():
         values = np.asarray(value, float)
         if not (np.isfinite(values).all() and (values >= 0).all()):
-            problem = f"{values.tolist()} are not four variances"
-            raise InputError(f"{part}.{name}", problem, fix="give four finite numbers, none below 0")
+            problem = f"{values.tolist()} must be four variances"
+            raise InputError(f"{part}.{name}", problem, fix="give four finite numbers, each at least 0")

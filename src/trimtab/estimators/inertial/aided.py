@@ -1,7 +1,7 @@
-"""Aided inertial navigation, the one step of every form: read samples, order them, replay the filter, tell the state.
+"""Aided inertial navigation, the step common to all forms: read samples, order them, replay the filter, give the state.
 
-A form (`core.interfaces.InertialForm`) is the filter alone: its state at one instant (a node), how it is propagated and
-corrected, and what it believes. It has the parts intake, noise, start and arms, and takes its `step` from here.
+A form (`core.interfaces.InertialForm`) is the filter alone: its state at one instant (a node), its propagation and
+correction, and its estimate (belief). It has the parts intake, noise, start and arms, and takes its `step` from here.
 
     navigate      read_samples (sensor_watch)  ->  enter_event, replay_events (measurement_history): the form's
                   propagate and correct_...  ->  the form's belief  ->  reference_kinematics (navigation_state)
@@ -51,50 +51,80 @@ from trimtab.estimators.inertial.sensor_watch import (
 
 @record
 class Intake:
-    """Which samples are read, what of them is believed, and how much of the past is kept.
+    """Selection of the samples that are read, their gates, and the length of the history.
 
     Reads: angular_rate (3,), specific_force (3,), gyro_saturated and accelerometer_saturated of the IMU, whose axes are
-    B's; heading of the heading sensor; north and east of the position sensor; of these two also `variance`, where they
-    have one and it is above 0. A name left empty means that there is no such sensor.
+    B's; heading of the heading sensor; north and east of the position sensor. `variance` of these two is used where the
+    sensor gives a value above 0. An empty name means that there is no such sensor.
     Source: ranges [1] section 5.4 (300 deg/s, 1.7 g); gates: 0.9999 quantiles of chi-square; the rest chosen here.
     """
 
-    gate_heading: Scalar = quantity("1", "Largest NIS of a heading that is believed.", default=15.137, above=0)
-    gate_position: Scalar = quantity("1", "Largest NIS of a position that is believed.", default=18.421, above=0)
+    gate_heading: Scalar = quantity("1", "NIS gate for heading measurements.", default=15.137, above=0)
+    gate_position: Scalar = quantity("1", "NIS gate for position measurements.", default=18.421, above=0)
     patience_heading: Scalar = quantity(
-        "1", "Headings refused in a row after which the filter gives in; 0: never.", default=0, kind="count"
+        "1", "Consecutive rejected headings after which the next is accepted anyway; 0: never.", default=0, kind="count"
     )
-    patience_position: Scalar = quantity("1", "The same for positions.", default=5, kind="count")
+    patience_position: Scalar = quantity(
+        "1",
+        "Consecutive rejected positions after which the next is accepted anyway; 0: never.",
+        default=5,
+        kind="count",
+    )
     rate_range: Scalar = quantity(
-        "rad/s", "Where the gyro saturates, if it does not say so itself.", default=np.deg2rad(300.0), above=0
+        "rad/s", "Range of the gyro, used if the sensor does not report saturation.", default=np.deg2rad(300.0), above=0
     )
-    force_range: Scalar = quantity("m/s^2", "The same of the accelerometers.", default=1.7 * 9.80665, above=0)
+    force_range: Scalar = quantity(
+        "m/s^2",
+        "Range of the accelerometers, used if the sensor does not report saturation.",
+        default=1.7 * 9.80665,
+        above=0,
+    )
     frozen_imu: Scalar = quantity(
-        "1", "Equal samples in a row that mean frozen; 0: never.", default=25, kind="count", off={"imu-noise": 0}
+        "1",
+        "Consecutive equal IMU samples after which the IMU counts as frozen; 0: never.",
+        default=25,
+        kind="count",
+        off={"imu-noise": 0},
     )
-    frozen_heading: Scalar = quantity("1", "The same for headings.", default=20, kind="count")
-    frozen_position: Scalar = quantity("1", "The same for positions.", default=5, kind="count")
-    gap: Scalar = quantity("100 ns", "Longest silence of the IMU bridged in trust.", default=ms(40), kind="time")
+    frozen_heading: Scalar = quantity(
+        "1",
+        "Consecutive equal headings after which the heading sensor counts as frozen; 0: never.",
+        default=20,
+        kind="count",
+    )
+    frozen_position: Scalar = quantity(
+        "1",
+        "Consecutive equal positions after which the position sensor counts as frozen; 0: never.",
+        default=5,
+        kind="count",
+    )
+    gap: Scalar = quantity(
+        "100 ns", "Longest gap between IMU samples without extra uncertainty.", default=ms(40), kind="time"
+    )
     lag: Scalar = quantity(
         "100 ns",
-        "How old what the IMU reads is: the delay of its low pass, sqrt(2)/omega for a Butterworth of second order.",
+        "Delay of the IMU's samples: that of its low-pass, sqrt(2)/omega for a second-order Butterworth.",
         default=0,
         kind="time",
         off={"imu-bandwidth": 0},
     )
     imu: str = option("Name of the inertial sensor.", default="imu")
-    heading: str = option("Name of the heading sensor, or nothing.", default="heading")
-    position: str = option("Name of the position sensor, or nothing.", default="position")
-    slots: int = option("Events that are kept: those measured in the longest delay, and some.", default=64)
+    heading: str = option("Name of the heading sensor; empty: none.", default="heading")
+    position: str = option("Name of the position sensor; empty: none.", default="position")
+    slots: int = option("Number of events kept: at least those within the longest delay, plus a reserve.", default=64)
 
     def listens(self) -> tuple[str, ...]:
-        """The names of what is read."""
+        """Return the names of the sensors that are read."""
         return tuple(name for name in (self.imu, self.heading, self.position) if name)
 
     def check(self) -> None:
-        """Refuse a ring without room, and one name for two things."""
+        """Raise InputError if the buffer is too small or a sensor name is used twice."""
         if self.slots < 4:
-            raise InputError("intake.slots", f"{self.slots} events are too few to order", fix="keep 4 or more, e.g. 64")
+            raise InputError(
+                "intake.slots",
+                f"{self.slots} events are too few to order; at least 4 are needed",
+                fix="keep 4 or more, e.g. 64",
+            )
         limits = {
             "heading": (int(self.patience_heading), int(self.frozen_heading)),
             "position": (int(self.patience_position), int(self.frozen_position)),
@@ -102,40 +132,40 @@ class Intake:
         for name, (patience, frozen) in limits.items():
             if 0 < patience < frozen:
                 problem = (
-                    f"the filter gives in after {patience} samples, and sees only after {frozen} that they are frozen"
+                    f"the filter gives in after {patience} samples, before {frozen} equal ones show a frozen sensor"
                 )
-                raise InputError(f"intake.frozen_{name}", problem, fix=f"set it to {patience} or less")
+                raise InputError(f"intake.frozen_{name}", problem, fix=f"set it to at most {patience}")
         if not self.imu or len(set(self.listens())) < len(self.listens()):
-            problem = f"sensors {self.listens()} are not an IMU and others, each by its own name"
-            raise InputError("intake", problem, fix="name the IMU, and give each sensor its own name")
+            problem = f"sensors {self.listens()} must include an IMU, and each name must be used once"
+            raise InputError("intake", problem, fix="name the IMU, and give each sensor a name of its own")
 
 
 @record
 class InertialState:
-    """Everything about an aided inertial navigation system that changes. Source: docs page."""
+    """State of an aided inertial navigation system. Source: docs page."""
 
-    history: History = part("Events and states of the last moments.")
-    imu: SensorWatch = part("What the IMU has done.")
-    heading: Any = part("What the heading sensor has done; None without one.")
-    position: Any = part("What the position sensor has done; None without one.")
-    heard: Scalar = quantity("100 ns", "When a sample of the IMU last arrived.", kind="time")
-    told: Any = part("What was told last of motion: fields of NavigationState by name.")
+    history: History = part("Recent events and the filter's states.")
+    imu: SensorWatch = part("Watch of the IMU's samples.")
+    heading: Any = part("Watch of the heading sensor's samples; None without a heading sensor.")
+    position: Any = part("Watch of the position sensor's samples; None without a position sensor.")
+    heard: Scalar = quantity("100 ns", "Arrival time of the last IMU sample.", kind="time")
+    told: Any = part("Motion reported last: fields of NavigationState by name.")
     clock: Scalar = quantity("100 ns", "Latest time of the autopilot so far.", kind="time")
-    clock_backwards: Scalar = quantity("1", "How often that time ran backwards.", kind="count")
+    clock_backwards: Scalar = quantity("1", "Number of times the autopilot's time ran backwards.", kind="count")
 
 
 def listened_sensors(form: InertialForm) -> tuple[str, ...]:
-    """The IMU and what aids it: `listens` of every form."""
+    """Return the names of the IMU and the aiding sensors: `listens` of every form."""
     return form.intake.listens()
 
 
 def check_intake(form: InertialForm) -> None:
-    """Refuse an intake that can't work: `check` of a form."""
+    """Raise InputError if the intake is invalid: `check` of a form."""
     form.intake.check()
 
 
 def initial_inertial_state(form: InertialForm, key: Key, width: int = POSITION_NUMBERS) -> InertialState:
-    """Nothing measured yet: `init` of a form; width: numbers of its longest event."""
+    """Return the initial state: `init` of a form; width: numbers of its longest event."""
     intake, first = form.intake, form.first()
     kinematics = jax.tree.map(
         lambda a: np.zeros(a.shape, a.dtype), jax.eval_shape(lambda: _kinematics(form, first, 0, False))
@@ -146,7 +176,7 @@ def initial_inertial_state(form: InertialForm, key: Key, width: int = POSITION_N
         heading=initial_watch() if intake.heading else None,
         position=initial_watch(max(width, WIDTH)) if intake.position else None,
         heard=np.int64(NEVER),
-        told=kinematics | {"coasting": np.bool_(True)},  # so the first step tells it anew
+        told=kinematics | {"coasting": np.bool_(True)},  # so the first step computes it from scratch
         clock=np.int64(NEVER),
         clock_backwards=np.int32(0),
     )
@@ -154,9 +184,9 @@ def initial_inertial_state(form: InertialForm, key: Key, width: int = POSITION_N
 
 @jax.jit
 def navigate(form: InertialForm, t: Any, state: InertialState, frame: Frame) -> tuple[InertialState, Estimate]:
-    """The estimate, a NavigationState, at integer time t: `step` of every form.
+    """Return the estimate, a NavigationState, at integer time t: `step` of every form.
 
-    Whatever is fresh in the frame is fused at the time it was measured.
+    Every fresh sample in the frame is fused at the time at which it was measured.
     """
     samples = [frame.samples[name] for name in form.intake.listens()]
     arrived = jnp.stack([jnp.asarray(one.fresh & one.valid) for one in samples]).any()
@@ -197,7 +227,7 @@ def navigate(form: InertialForm, t: Any, state: InertialState, frame: Frame) -> 
 
 
 def _receive_samples(form: InertialForm, t: Any, state: InertialState, frame: Frame) -> Any:
-    """The history with what has arrived, each sensor's watch, when the IMU came last, whether anything was usable."""
+    """Return the history with the new samples, each sensor's watch, the last IMU time, and if any was usable."""
     readings = read_samples(form.intake, form.AIDED_BY, t, state, frame)
     fresh = jnp.stack([validation.usable for _, validation in readings.values()]).any()
     before = state.history, {name: validation.watch for name, (_, validation) in readings.items()}
@@ -209,7 +239,7 @@ def _receive_samples(form: InertialForm, t: Any, state: InertialState, frame: Fr
 def read_samples(
     intake: Intake, aided_by: str, t: Any, state: Any, frame: Frame
 ) -> dict[str, tuple[Event, SampleValidation]]:
-    """Each sensor's event, the IMU's first, with whether it is fit for use.
+    """Return each sensor's event, the IMU's first, and a flag that it can be used.
 
     aided_by: "positions" or "ranges", what the sensor at intake.position gives.  t: integer time.
     state: has the watches imu, heading and position.
@@ -237,7 +267,7 @@ def read_samples(
 
 
 def position_numbers(value: Any) -> tuple[Any, ...]:
-    """North and east (m) of a position and its covariance: north, mixed, east (m^2), 0 where it states none."""
+    """Return north, east (m) of a position and its covariance: north, mixed, east (m^2), 0 if the sensor gives none."""
     variance = optional_member(value, "variance")
     if np.ndim(variance) == 2:
         return value.north, value.east, variance[0, 0], variance[0, 1], variance[1, 1]
@@ -245,7 +275,7 @@ def position_numbers(value: Any) -> tuple[Any, ...]:
 
 
 def range_numbers(value: Any) -> tuple[Any, ...]:
-    """Ranges (m) of a ping and its unit; what is not a positive number becomes -1, what did not arrive 0."""
+    """Return the ranges (m) of a ping and its unit; -1 where a range is not a positive number, 0 where none arrived."""
     sound = jnp.isfinite(value.range) & (value.range > 0)
     ranges = jnp.where(value.arrived, jnp.where(sound, value.range, -1.0), 0.0)
     return (*ranges, value.unit)
@@ -254,13 +284,13 @@ def range_numbers(value: Any) -> tuple[Any, ...]:
 def _read_aiding(
     watch: SensorWatch, t: Any, sample: Sample, kind: int, numbers: tuple[Any, ...], frozen_after: Any
 ) -> tuple[Event, SampleValidation]:
-    """The event of a sensor that only aids: frozen, it is not used at all; an IMU is, with doubt."""
+    """Return the event of an aiding sensor. A frozen one is not used at all; a frozen IMU is used with doubt."""
     one = validate_sample(watch, t, sample, numbers, frozen_after=frozen_after, ordered=False)
     return Event(one.t, kind, one.value, np.zeros(2)), one._replace(usable=one.usable & ~one.watch.frozen)
 
 
 def _fuse_events(form: InertialForm, history: History, readings: dict[str, tuple[Event, SampleValidation]]) -> Any:
-    """The history with all that is usable in it, and the watches with what was too late or here before."""
+    """Return the history with all usable events, and the watches with counts of late and repeated ones."""
     reached = newest_imu_index(history)
     watches: dict[str, SensorWatch] = {}
     for name, (event, validation) in readings.items():
@@ -275,7 +305,7 @@ def _fuse_events(form: InertialForm, history: History, readings: dict[str, tuple
 
 
 def _kinematics(form: InertialForm, node: Any, age: Any, silent: Any) -> dict[str, Any]:
-    """Kinematic fields of NavigationState at the time of the newest IMU sample; where it is silent, what holds now."""
+    """Return kinematic fields of NavigationState at the newest IMU sample; if the IMU is silent, at present."""
     sampled = node, node.felt[0], jnp.asarray(form.noise.gyro, np.float64)
     node, rate, variance = lax.cond(silent, lambda: _coast(form, node, age), lambda: sampled)
     x, P = form.belief(node)
@@ -285,7 +315,7 @@ def _kinematics(form: InertialForm, node: Any, age: Any, silent: Any) -> dict[st
 
 
 def _coast(form: InertialForm, node: Any, age: Any) -> tuple[Any, Any, Any]:
-    """A node, its gyro reading and that one's variance at an age (s): constant velocity and heading, with all doubt."""
-    still = form.belief(node).x[5:]  # what an IMU reads that feels nothing
+    """Return a node, its gyro reading and variance at an age (s): constant velocity and heading, full uncertainty."""
+    still = form.belief(node).x[5:]  # reading of an IMU without motion
     coasted = form.propagate(replace(node, felt=still), age, still, jnp.ones(2))
     return coasted, still[0], form.noise.gyro + form.noise.doubtful_rate**2

@@ -1,4 +1,4 @@
-"""What an aeroplane's control laws read, from an inertial unit, satellites and probes in the air."""
+"""State for an aeroplane's control laws, from an inertial unit, satellites and air data probes."""
 
 from typing import Any
 
@@ -17,52 +17,52 @@ ZERO = (0.0, 0.0, 0.0)
 
 @record
 class AirInertialEstimate:
-    """Flight as a law reads it, and the navigation that it comes from. Source: docs page, Air and inertial."""
+    """Flight state as a law reads it, with the navigation behind it. Source: docs page, Air and inertial."""
 
-    speed: Scalar = quantity("m/s", "Through the air, from the pitot tube.")
+    speed: Scalar = quantity("m/s", "Airspeed, from the pitot tube.")
     alpha: Scalar = quantity("rad", "Angle of attack, from the vane.", kind="angle")
     beta: Scalar = quantity("rad", "Sideslip, from the vane.", kind="angle")
-    altitude: Scalar = quantity("m", "Of the centre of mass, above the origin of W.", frame="W")
+    altitude: Scalar = quantity("m", "Altitude of the centre of mass above the origin of W.", frame="W")
     roll: Scalar = quantity("rad", "Bank.", frame="WB", kind="angle")
-    pitch: Scalar = quantity("rad", "Nose up.", frame="WB", kind="angle")
-    roll_rate: Scalar = quantity("rad/s", "P, without the gyro's bias.", frame="B")
-    pitch_rate: Scalar = quantity("rad/s", "Q, without the gyro's bias.", frame="B")
-    yaw_rate: Scalar = quantity("rad/s", "R, without the gyro's bias.", frame="B")
-    normal_load: Scalar = quantity("1", "Load factor upwards at the unit: 1 in level flight.", frame="B")
-    side_load: Scalar = quantity("1", "Load factor to starboard at the unit.", frame="B")
-    inertial: SpatialNavigationState = part("The navigation, at the inertial unit.")
+    pitch: Scalar = quantity("rad", "Pitch angle, nose up.", frame="WB", kind="angle")
+    roll_rate: Scalar = quantity("rad/s", "Roll rate P, without the gyro's bias.", frame="B")
+    pitch_rate: Scalar = quantity("rad/s", "Pitch rate Q, without the gyro's bias.", frame="B")
+    yaw_rate: Scalar = quantity("rad/s", "Yaw rate R, without the gyro's bias.", frame="B")
+    normal_load: Scalar = quantity("1", "Upward load factor at the inertial unit: 1 in level flight.", frame="B")
+    side_load: Scalar = quantity("1", "Load factor to starboard at the inertial unit.", frame="B")
+    inertial: SpatialNavigationState = part("Navigation state at the inertial unit.")
 
 
 @record
 class AirInertial:
-    """Air data beside inertial navigation: wind-free angles from vanes, all else from the error-state filter.
+    """Air data beside inertial navigation: airspeed and flow angles from probes, the rest from the error-state filter.
 
         altitude = -(p - R_WB l)_down        n = (f - b_force)/g
 
-    p, R_WB, b: of the filter, at the unit's place l; f: what the accelerometers read. Rates are the gyros' less their
-    believed bias. The estimate is valid when the navigation is and the probes have said something.
+    p, R_WB, b: from the filter, at the unit's place l; f: accelerometer reading. Rates are the gyro readings minus
+    their estimated bias. The estimate is valid when the navigation is valid and the probes have given a sample.
 
     Frames:  as of `GnssInertial`; l in B from the centre of mass.
     Not modelled: the wind is not estimated, and air data do not aid the navigation; nor does a barometer.
     Source:  docs page, Air and inertial.
     """
 
-    inertial: GnssInertial = part("The navigation.", default=GnssInertial())
-    lever_arm: Any = quantity("m", "The inertial unit's place.", frame="B", default=ZERO, shape=(3,))
-    gravity: Scalar = quantity("m/s^2", "That load factors are counted in.", default=STANDARD, above=0)
-    air: str = option("Name of the air data.", default="air")
+    inertial: GnssInertial = part("Inertial navigation.", default=GnssInertial())
+    lever_arm: Any = quantity("m", "Position of the inertial unit.", frame="B", default=ZERO, shape=(3,))
+    gravity: Scalar = quantity("m/s^2", "Unit of the load factors.", default=STANDARD, above=0)
+    air: str = option("Name of the air data sensor.", default="air")
 
     @property
     def listens(self) -> tuple[str, ...]:
-        """The names of what is read."""
+        """Return the names of the sensors that are read."""
         return (*self.inertial.listens, self.air)
 
     def init(self, key: Key) -> GnssInertialState:
-        """Nothing measured yet."""
+        """Return the initial state, before any measurement."""
         return self.inertial.init(key)
 
     def step(self, t: Any, state: GnssInertialState, frame: Frame) -> tuple[GnssInertialState, Estimate]:
-        """The estimate at integer time t; its state is an AirInertialEstimate."""
+        """Return the estimate at integer time t; its state is an AirInertialEstimate."""
         state, of = self.inertial.step(t, state, frame)
         x, air = of.state, frame.samples[self.air]
         place = x.position - quaternion.rotate(x.attitude, jnp.asarray(self.lever_arm, float))

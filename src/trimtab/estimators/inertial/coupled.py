@@ -41,17 +41,17 @@ SIGNS = np.array([1.0, 1, 1, 1, 1, -1, -1, -1])
 
 @record
 class CoupledNode:
-    """Corrected INS, biases and the one covariance at one instant. Source: [1] chapter 3."""
+    """Corrected INS, biases and their common covariance at one instant. Source: [1] chapter 3."""
 
-    t: Scalar = quantity("100 ns", "The instant.", kind="time")
-    felt: Any = quantity("1", "IMU: yaw rate (rad/s), force per mass forward and starboard (m/s^2).", shape=(3,))
-    doubt: Any = quantity("1", "1 where gyro, or accelerometers, can't be trusted.", shape=(2,))
-    x: Any = quantity("1", "As Belief.x.", shape=(8,))
+    t: Scalar = quantity("100 ns", "Time of this state.", kind="time")
+    felt: Any = quantity("1", "IMU sample: yaw rate (rad/s), specific force forward and starboard (m/s^2).", shape=(3,))
+    doubt: Any = quantity("1", "1 where the gyro, or the accelerometers, cannot be trusted.", shape=(2,))
+    x: Any = quantity("1", "State in the order of Belief.x.", shape=(8,))
     P: Any = quantity("1", "Covariance of the errors, in the order of Belief.x.", shape=(8, 8))
-    force: Any = quantity("m/s^2", "Force per mass in the Jacobian, without bias.", frame="B", shape=(2,))
-    steady: Any = quantity("m/s^2", "The same, low-passed as tells rest from motion.", frame="B", shape=(2,))
-    heading_fix: HeadingFix = part("How headings fared.")
-    position_fix: PositionFix = part("How positions fared.")
+    force: Any = quantity("m/s^2", "Specific force in the Jacobian, without bias.", frame="B", shape=(2,))
+    steady: Any = quantity("m/s^2", "Specific force, low-passed to detect rest.", frame="B", shape=(2,))
+    heading_fix: HeadingFix = part("Statistics of the heading updates.")
+    position_fix: PositionFix = part("Statistics of the position updates.")
 
 
 @record
@@ -60,25 +60,31 @@ class AidedInertialCoupled:
 
         dphi' = -db      dv' = J f dphi - B da      dr' = dv      J f = (-f_east, f_north)      (d = estimate - truth)
 
-    Where the force, low-passed, is not told from zero by `rest_sigmas` of its noise and of the accelerometer biases,
-    positions teach nothing about the heading: heading and gyro bias are then considered, not corrected ([5]).
+    Where the low-passed force is within `rest_sigmas` standard deviations of zero (noise and accelerometer biases),
+    positions carry no information about the heading: heading and gyro bias are then considered, not corrected ([5]).
 
-    Valid:   near the truth: a first heading error of more than about half a radian makes it too sure of itself.
+    Valid:   near the truth: an initial heading error above about half a radian makes the filter overconfident.
              At rest heading is not observable, and grows with the gyro's bias.
     Source:  [1] chapter 3; low-pass and rest: reconstructed, see docs page.
     """
 
-    intake: Intake = part("Which samples are read; a heading sensor is possible.", default=Intake(heading=""))
-    noise: InertialNoise = part("Of IMU and aiding.", default=InertialNoise())
-    start: InertialStart = part("What is believed at first.", default=InertialStart())
-    arms: LeverArms = part("Where the sensors sit.", default=LeverArms())
-    smoothing: Scalar = quantity("s", "Time constant of the low-pass on the Jacobian's force.", default=0.05, low=0)
-    rest_smoothing: Scalar = quantity("s", "The same on the force that tells rest.", default=0.5, low=0)
+    intake: Intake = part(
+        "Selection and checks of the samples; the heading sensor is optional.", default=Intake(heading="")
+    )
+    noise: InertialNoise = part("Noise of the IMU and of the aiding sensors.", default=InertialNoise())
+    start: InertialStart = part("Initial estimate and its uncertainty.", default=InertialStart())
+    arms: LeverArms = part("Positions of the sensors on the vehicle.", default=LeverArms())
+    smoothing: Scalar = quantity(
+        "s", "Time constant of the low-pass on the force in the Jacobian.", default=0.05, low=0
+    )
+    rest_smoothing: Scalar = quantity(
+        "s", "Time constant of the low-pass on the force that detects rest.", default=0.5, low=0
+    )
     rest_sigmas: Scalar = quantity(
-        "1", "Force below this many of its sigmas counts as none; 0: always believed.", default=3.0, low=0
+        "1", "Force below this many of its sigmas counts as zero; 0: always used.", default=3.0, low=0
     )
     rest: str = option(
-        "At rest heading and gyro bias are considered, or corrected all the same.",
+        "Treatment of heading and gyro bias at rest: considered only, or corrected.",
         default="consider",
         choices=("consider", "correct"),
     )
@@ -91,7 +97,7 @@ class AidedInertialCoupled:
     step = navigate
 
     def first(self) -> CoupledNode:
-        """Before the first sample."""
+        """Return the initial state, before the first sample."""
         s = self.start
         return CoupledNode(
             **first_of_node(),
@@ -102,13 +108,13 @@ class AidedInertialCoupled:
         )
 
     def propagate(self, node: CoupledNode, dt: Any, felt: Any, doubt: Any) -> CoupledNode:
-        """A time dt (s) on, to where the IMU reads felt (3,); biases act with the heading at its start, as in Phi."""
+        """Propagate by dt (s); the IMU reads `felt` (3,) at the end; biases act with the initial heading, as in Phi."""
         m = propagate_coupled(self, node, dt, felt, doubt)
         P = predict_covariance(node.P, m.F, m.Q)
         return replace(node, felt=felt, x=m.x, P=P, force=m.force, steady=m.steady)
 
     def correct_heading(self, node: CoupledNode, z: Any, variance: Any = 0.0) -> CoupledNode:
-        """With a heading z (rad), any equal of it, of its own variance, or of noise.heading where that is 0."""
+        """Correct with a heading z (rad, modulo 2 pi) of the given variance; where that is 0, of noise.heading."""
         H = jnp.zeros((1, 8)).at[0, 0].set(1.0)
         R = self.noise.heading_noise(variance)
         y = wrap(node.x[0] - z)[None]
@@ -116,7 +122,7 @@ class AidedInertialCoupled:
         return replace(_reset_errors(node, correction), heading_fix=fix)
 
     def correct_position(self, node: CoupledNode, z: Any, variance: Any = 0.0) -> CoupledNode:
-        """With a position z (2,) of the aided point; its variance as for headings."""
+        """Correct with a position z (2,) of the aided point; 0 as variance means noise.position."""
         arm, slope = rotate_lever(node.x[0], self.arms.imu_to_aided_point())
         none = jnp.zeros((2, 2))
         H = jnp.concatenate([slope[:, None], none, jnp.eye(2), jnp.zeros((2, 3))], axis=1)
@@ -131,16 +137,16 @@ class AidedInertialCoupled:
         return replace(_reset_errors(node, correction), position_fix=fix)
 
     def is_force_observable(self, node: CoupledNode) -> Any:
-        """Whether the low-passed force is told from zero."""
+        """Return True where the low-passed force differs significantly from zero."""
         return is_force_significant(node.steady, node.P, self.noise, self.rest_smoothing, self.rest_sigmas)
 
     def belief(self, node: CoupledNode) -> Belief:
-        """Of the IMU's point."""
+        """Return the belief at the IMU's point."""
         return Belief(node.x, node.P * SIGNS[:, None] * SIGNS[None, :])
 
 
 def is_force_significant(steady: Any, P: Any, noise: InertialNoise, smoothing: Any, sigmas: Any) -> Any:
-    """Whether a force (2,), low-passed with this time constant (s), is so many of its sigmas away from zero.
+    """Return True where a force (2,), low-passed with this time constant (s), is `sigmas` sigmas away from zero.
 
     P: covariance with the accelerometer biases at 6 and 7.
     """
@@ -150,7 +156,7 @@ def is_force_significant(steady: Any, P: Any, noise: InertialNoise, smoothing: A
 
 
 class CoupledMotion(NamedTuple):
-    """A step of the coupled form: the state after it, both low-passed forces (2,), Phi and Q of the errors (8, 8)."""
+    """Return a step of the coupled form: the new state, both low-passed forces (2,), Phi and Q of the errors (8, 8)."""
 
     x: Any
     force: Any
@@ -160,7 +166,7 @@ class CoupledMotion(NamedTuple):
 
 
 def propagate_coupled(form: Any, node: Any, dt: Any, felt: Any, doubt: Any) -> CoupledMotion:
-    """The motion of a node whose x begins as Belief.x, a time dt (s) on, to where the IMU reads felt (3,).
+    """Return the motion of a node whose x begins as Belief.x, over dt (s); the IMU reads `felt` (3,) at the end.
 
     form: has noise, smoothing and rest_smoothing.  doubt: as `InertialForm.propagate`.
     """
@@ -177,12 +183,12 @@ def propagate_coupled(form: Any, node: Any, dt: Any, felt: Any, doubt: Any) -> C
 
 
 def low_pass_gain(dt: Any, constant: Any) -> Any:
-    """How much of a step a first-order low-pass follows in dt (s)."""
+    """Return the share of a step that a first-order low-pass follows in dt (s)."""
     return jnp.where(dt > 0, dt / jnp.where(dt > 0, dt + constant, 1.0), 0.0)
 
 
 def coupled_transition(dt: Any, heading: Any, force: Any) -> Any:
-    """Phi (8, 8) of the errors in the order of Belief.x, biases true minus estimated; exact for a constant force.
+    """Return Phi (8, 8) of the errors in the order of Belief.x, biases true minus estimated, for a constant force.
 
     dt: step (s).  heading: (rad).  force: per mass, in B (2,).
     Source: [1] chapter 3; the series of exp(A dt) ends with the third power, as A^4 = 0.
@@ -203,7 +209,7 @@ def coupled_transition(dt: Any, heading: Any, force: Any) -> Any:
 
 
 def coupled_process_noise(growth: Any, heading: Any, reach: Any) -> Any:
-    """Q (8, 8) in the order of Belief.x: those of the dual filter; growth and reach as InertialNoise gives them."""
+    """Return Q (8, 8) in the order of Belief.x, as the dual filter's; growth and reach as InertialNoise gives them."""
     Q1, Q2 = heading_process_noise(growth, reach), motion_process_noise(growth, heading, reach)
     return belief_covariance(Q1, Q2)
 

@@ -35,15 +35,15 @@ from trimtab.estimators.kalman import predict
 class DirectNode:
     """Total states and their covariances at one instant. Source: [1] chapter 3."""
 
-    t: Scalar = quantity("100 ns", "The instant.", kind="time")
-    felt: Any = quantity("1", "IMU: yaw rate (rad/s), force per mass forward and starboard (m/s^2).", shape=(3,))
-    doubt: Any = quantity("1", "1 where gyro, or accelerometers, can't be trusted.", shape=(2,))
+    t: Scalar = quantity("100 ns", "Time of this state.", kind="time")
+    felt: Any = quantity("1", "IMU sample: yaw rate (rad/s), specific force forward and starboard (m/s^2).", shape=(3,))
+    doubt: Any = quantity("1", "1 where the gyro, or the accelerometers, cannot be trusted.", shape=(2,))
     x1: Any = quantity("1", "Heading (rad, unwrapped), gyro bias (rad/s).", shape=(2,))
     P1: Any = quantity("1", "Covariance of estimate minus truth.", shape=(2, 2))
     x2: Any = quantity("1", "Velocity (m/s), position (m), force biases (m/s^2).", shape=(6,))
     P2: Any = quantity("1", "Covariance of estimate minus truth.", shape=(6, 6))
-    heading_fix: HeadingFix = part("How headings fared.")
-    position_fix: PositionFix = part("How positions fared.")
+    heading_fix: HeadingFix = part("Statistics of the heading updates.")
+    position_fix: PositionFix = part("Statistics of the position updates.")
 
 
 @record
@@ -58,10 +58,10 @@ class AidedInertialDirect:
     Source:        [1] chapter 3, as the alternative that was not flown.
     """
 
-    intake: Intake = part("Which samples are read.", default=Intake())
-    noise: InertialNoise = part("Of IMU and aiding.", default=InertialNoise())
-    start: InertialStart = part("What is believed at first.", default=InertialStart())
-    arms: LeverArms = part("Where the sensors sit.", default=LeverArms())
+    intake: Intake = part("Selection and checks of the samples.", default=Intake())
+    noise: InertialNoise = part("Noise of the IMU and of the aiding sensors.", default=InertialNoise())
+    start: InertialStart = part("Initial estimate and its uncertainty.", default=InertialStart())
+    arms: LeverArms = part("Positions of the sensors on the vehicle.", default=LeverArms())
 
     AIDED_BY: ClassVar[str] = "positions"
     ANY_ORDER: ClassVar[bool] = True
@@ -71,7 +71,7 @@ class AidedInertialDirect:
     step = navigate
 
     def first(self) -> DirectNode:
-        """Before the first sample."""
+        """Return the initial state, before the first sample."""
         s = self.start
         return DirectNode(
             **first_of_node(),
@@ -82,7 +82,7 @@ class AidedInertialDirect:
         )
 
     def propagate(self, node: DirectNode, dt: Any, felt: Any, doubt: Any) -> DirectNode:
-        """A time dt (s) on, to where the IMU reads felt (3,)."""
+        """Propagate by dt (s); the IMU reads `felt` (3,) at the end."""
         m = dual_model(self.noise, dt, doubt, node.x1[0])
         turned = jnp.stack([dt / 2 * (felt[0] + node.felt[0]), jnp.zeros(())])
         x1, P1 = predict(node.x1, node.P1, heading_transition(-dt), m.Q1)
@@ -93,25 +93,25 @@ class AidedInertialDirect:
         return replace(node, felt=felt, x1=x1, P1=P1, x2=x2 + gained, P2=P2)
 
     def correct_heading(self, node: DirectNode, z: Any, variance: Any = 0.0) -> DirectNode:
-        """With a heading z (rad), any equal of it, of its own variance, or of noise.heading where that is 0."""
+        """Correct with a heading z (rad, modulo 2 pi) of the given variance; where that is 0, of noise.heading."""
         R = self.noise.heading_noise(variance)
         correction, fix = fuse_heading(self, node, node.x1, node.P1, wrap(z - node.x1[0])[None], HEADING_ROW, R)
         return replace(node, x1=correction.x, P1=correction.P, heading_fix=fix)
 
     def correct_position(self, node: DirectNode, z: Any, variance: Any = 0.0) -> DirectNode:
-        """With a position z (2,) of the aided point; its variance as for headings."""
+        """Correct with a position z (2,) of the aided point; 0 as variance means noise.position."""
         arm, R = aided_point(self, node.x1[0], node.P1[0, 0], variance)
         y = z - node.x2[2:4] - arm
         correction, fix = fuse_position(self, node, node.x2, node.P2, y, POSITION_ROWS, R)
         return replace(node, x2=correction.x, P2=correction.P, position_fix=fix)
 
     def belief(self, node: DirectNode) -> Belief:
-        """Of the IMU's point."""
+        """Return the belief at the IMU's point."""
         x = jnp.concatenate([node.x1[:1], node.x2[:4], node.x1[1:], node.x2[4:]])
         return Belief(x, belief_covariance(node.P1, node.P2))
 
 
 def _total_transition(transition: Any) -> Any:
-    """Phi2 for total states: a bias that is estimated too high takes from velocity, where an error adds to it."""
+    """Return Phi2 for total states: an overestimated bias takes from velocity, where an error adds to it."""
     signs = jnp.array([1.0, 1.0, 1.0, 1.0, -1.0, -1.0])
     return transition * signs[:, None] * signs[None, :]

@@ -1,6 +1,6 @@
-"""The thesis's two filters, heading and then velocity and position: their discrete matrices and noise.
+"""Discrete matrices and noise of the thesis's two filters: heading, then velocity and position.
 
-Errors are estimate minus truth; bias is what a sensor reads too much. x1 = (heading, gyro bias); x2 = (velocity north,
+Errors are estimate minus truth; a bias is reading minus truth. x1 = (heading, gyro bias); x2 = (velocity north,
 east, position north, east, accelerometer bias forward, starboard).
 
 Source: [1] Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006, chapter 3
@@ -27,7 +27,7 @@ POSITION_ROWS = np.concatenate([np.zeros((2, 2)), np.eye(2), np.zeros((2, 2))], 
 
 @record
 class InertialNoise:
-    """Noise of the inertial sensors and of what aids them, and how it enters the covariance.
+    """Noise of the inertial sensors and of the aiding sensors, and its effect on the covariance.
 
     consistent:  white noise of variance s^2 per sample grows a heading (velocity) by s^2 tick dt in a time dt, a bias
                  with the walk q by q dt.
@@ -37,37 +37,48 @@ class InertialNoise:
     Source: [1] section 5.4.5; the reading of the walks as per second is reconstructed.
     """
 
-    gyro: Scalar = quantity("rad^2/s^2", "White noise of a sample.", default=4.9e-4, above=0, source=TABLE)
-    gyro_walk: Scalar = quantity("rad^2/s^3", "Walk of the bias.", default=5e-4, low=0, source=TABLE)
-    forward: Scalar = quantity("m^2/s^4", "White noise of a sample, forward.", default=3.4e-2, above=0, source=TABLE)
-    starboard: Scalar = quantity("m^2/s^4", "The same to starboard.", default=2.7e-2, above=0, source=TABLE)
-    force_walk: Scalar = quantity("m^2/s^5", "Walk of each accelerometer's bias.", default=5e-4, low=0, source=TABLE)
-    heading: Scalar = quantity("rad^2", "Of a heading measurement.", default=1.6e-4, above=0, source=TABLE)
-    position: Scalar = quantity("m^2", "Of each coordinate of a position fix.", default=5.6e-4, above=0, source=TABLE)
+    gyro: Scalar = quantity("rad^2/s^2", "White noise of one gyro sample.", default=4.9e-4, above=0, source=TABLE)
+    gyro_walk: Scalar = quantity("rad^2/s^3", "Random walk of the gyro's bias.", default=5e-4, low=0, source=TABLE)
+    forward: Scalar = quantity(
+        "m^2/s^4", "White noise of one forward force sample.", default=3.4e-2, above=0, source=TABLE
+    )
+    starboard: Scalar = quantity(
+        "m^2/s^4", "White noise of one starboard force sample.", default=2.7e-2, above=0, source=TABLE
+    )
+    force_walk: Scalar = quantity(
+        "m^2/s^5", "Random walk of each accelerometer's bias.", default=5e-4, low=0, source=TABLE
+    )
+    heading: Scalar = quantity("rad^2", "Variance of a heading measurement.", default=1.6e-4, above=0, source=TABLE)
+    position: Scalar = quantity(
+        "m^2", "Variance of each coordinate of a position fix.", default=5.6e-4, above=0, source=TABLE
+    )
     doubtful_rate: Scalar = quantity(
-        "rad/sqrt(s)", "How a heading may wander while the gyro can't be trusted.", default=1.0, low=0
+        "rad/sqrt(s)", "Random walk of the heading while the gyro cannot be trusted.", default=1.0, low=0
     )
     doubtful_force: Scalar = quantity(
-        "m/s/sqrt(s)", "How a velocity may wander while the accelerometers can't be trusted.", default=2.0, low=0
+        "m/s/sqrt(s)", "Random walk of the velocity while the accelerometers cannot be trusted.", default=2.0, low=0
     )
     heading_constant: Scalar = quantity(
         "rad",
-        "Constant error of the heading sensor, e.g. of its mounting: counted, as no filter sees it.",
+        "Constant error of the heading sensor, e.g. of its mounting; added to the variance, as it is unobservable.",
         default=0.0,
         low=0,
     )
     position_constant: Scalar = quantity(
-        "m", "Constant error of the positions, e.g. of a beacon's survey: counted likewise.", default=0.0, low=0
+        "m",
+        "Constant error of the positions, e.g. of a beacon's survey; added to the variance, as it is unobservable.",
+        default=0.0,
+        low=0,
     )
-    tick: int = period("Time between the samples that these numbers belong to.", default=ms(6.5536))
+    tick: int = period("Time between the samples to which these variances belong.", default=ms(6.5536))
     covariance: str = option(
-        "How the noise enters: with its units mended, or as printed.",
+        "Use of the noise variances: with consistent units, or literally as printed.",
         default="consistent",
         choices=("consistent", "literal"),
     )
 
     def growth(self, dt: Any, doubt: Any) -> Any:
-        """Variances added in dt (s): heading, gyro bias, velocity along forward and starboard, force biases (6,).
+        """Return variances added in dt (s): heading, gyro bias, velocity forward and starboard, force biases (6,).
 
         doubt: (2,), 1.0 where gyro or accelerometers can't be trusted, else 0.0.
         """
@@ -83,33 +94,33 @@ class InertialNoise:
         return jnp.stack([white[0], walk[0], white[1], white[2], walk[1], walk[2]])
 
     def integration_time(self, dt: Any) -> Any:
-        """Over what time (s) noise is integrated within a step: all of it; none of it as printed."""
+        """Return the time (s) over which noise is integrated within a step: all of it, or 0 as printed."""
         return jnp.zeros_like(dt) if self.covariance == "literal" else dt
 
     def heading_noise(self, variance: Any) -> Any:
-        """R of a heading (1, 1): its own variance where that is above 0."""
+        """Return R of a heading (1, 1): the given variance where it is above 0, else that of the sensor."""
         return jnp.reshape(jnp.where(variance > 0, variance, self.heading), (1, 1))
 
     def position_noise(self, variance: Any) -> Any:
-        """R of a position fix (2, 2): its own variance, or covariance (2, 2), where that is above 0."""
+        """Return R of a heading (1, 1): the given variance where it is above 0, else the default one."""
         own = variance if np.ndim(variance) == 2 else variance * jnp.eye(2)
         return jnp.where(own[0, 0] > 0, own, self.position * jnp.eye(2))
 
     def constant_variances(self) -> Any:
-        """Variances (8,), in the order of Belief.x, of what no measurement tells: constant errors of the aiding."""
+        """Return R of a position fix (2, 2): the given variance or covariance (2, 2) if above 0, else the default."""
         heading, place = self.heading_constant**2, self.position_constant**2
         zero = jnp.zeros(())
         return stack_numbers(heading, zero, zero, place, place, zero, zero, zero)
 
 
 def heading_transition(dt: Any) -> Any:
-    """Phi1 (2, 2) of the errors (heading, gyro bias). Source: [1] chapter 3."""
+    """Return Phi1 (2, 2) of the errors (heading, gyro bias). Source: [1] chapter 3."""
     one, zero = jnp.ones_like(dt), jnp.zeros_like(dt)
     return jnp.stack([jnp.stack([one, dt]), jnp.stack([zero, one])])
 
 
 def motion_transition(dt: Any, heading: Any) -> Any:
-    """Phi2 (6, 6) of the errors (velocity, position, accelerometer bias) at a heading; exact, as A^3 = 0.
+    """Return Phi2 (6, 6) of the errors (velocity, position, accelerometer bias) at a heading; exact, as A^3 = 0.
 
     Source: [1] chapter 3: dt B in the block from bias to velocity, dt^2/2 B to position.
     """
@@ -124,14 +135,14 @@ def motion_transition(dt: Any, heading: Any) -> Any:
 
 
 def heading_process_noise(growth: Any, reach: Any) -> Any:
-    """Q1 (2, 2); growth and reach as InertialNoise gives them: with a reach the bias's walk turns the heading too."""
+    """Return Q1 (2, 2) for the growth and reach of InertialNoise; with a reach, the walk also turns the heading."""
     walk = growth[1]
     both = walk * reach / 2
     return jnp.stack([jnp.stack([growth[0] + walk * reach**2 / 3, both]), jnp.stack([both, walk])])
 
 
 def motion_process_noise(growth: Any, heading: Any, reach: Any) -> Any:
-    """G2 Q2 G2' (6, 6): noise along the body's axes, seen in W.
+    """Return G2 Q2 G2' (6, 6): noise along the body's axes, expressed in W.
 
     With a reach of dt it is the exact integral of white noise on velocity and biases over dt; with 0, as printed, noise
     of velocity does not reach position in the same step.
@@ -150,7 +161,7 @@ def motion_process_noise(growth: Any, heading: Any, reach: Any) -> Any:
 
 
 class DualModel(NamedTuple):
-    """Both filters over a step: Phi1, Q1 (2, 2) of the heading's, Phi2, Q2 (6, 6) of the motion's."""
+    """Return both filters' matrices over a step: Phi1, Q1 (2, 2) of the heading, Phi2, Q2 (6, 6) of the motion."""
 
     F1: Any
     Q1: Any
@@ -159,7 +170,7 @@ class DualModel(NamedTuple):
 
 
 def dual_model(noise: InertialNoise, dt: Any, doubt: Any, heading: Any) -> DualModel:
-    """The filters over dt (s) from a heading; doubt (2,): 1 where gyro, or accelerometers, can't be trusted."""
+    """Return both filters over dt (s) from a heading; doubt (2,): 1 where gyro, or accelerometers, can't be trusted."""
     growth, reach = noise.growth(dt, doubt), noise.integration_time(dt)
     return DualModel(
         heading_transition(dt),
@@ -170,21 +181,21 @@ def dual_model(noise: InertialNoise, dt: Any, doubt: Any, heading: Any) -> DualM
 
 
 def aided_point(form: InertialForm, heading: Any, heading_variance: Any, variance: Any) -> tuple[Any, Any]:
-    """Where the point whose position is measured lies from the IMU, in W (2,), and R of that measurement (2, 2)."""
+    """Return the vector (2,) from the IMU to the point whose position is measured, in W, and the R (2, 2) of that."""
     arm, slope = rotate_lever(heading, form.arms.imu_to_aided_point())
     return arm, lever_arm_noise(form.noise.position_noise(variance), slope, heading_variance)
 
 
 def lever_arm_noise(R: Any, slope: Any, variance: Any) -> Any:
-    """R (2, 2) with the uncertainty of the heading that turns a lever arm; slope (2,): its derivative by the heading.
+    """Return R (2, 2) with the uncertainty of the heading that turns a lever arm; slope (2,): derivative by heading.
 
-    The dual filters don't estimate heading from positions; what its error does to the lever arm is noise to them.
+    The dual filters don't estimate heading from positions; they treat the heading error of the lever arm as noise.
     """
     return R + variance * slope[:, None] * slope[None, :]
 
 
 def belief_covariance(P1: Any, P2: Any, bias_sign: float = 1.0) -> Any:
-    """Covariance (8, 8) of a Belief from those of the two filters, which know nothing of each other.
+    """Return the covariance (8, 8) of a Belief from those of the two filters, which are taken as independent.
 
     bias_sign: -1 where the error state of a bias is true minus estimated, or a feed-forward filter's bias with
     errors of the INS that it makes grow.

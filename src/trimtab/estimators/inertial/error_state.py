@@ -1,14 +1,14 @@
-"""The error-state filter of inertial navigation in space: what is believed, how sure, and how both are carried on.
+"""Error-state filter of inertial navigation in space: estimate, covariance, and their propagation.
 
-The state is a quaternion, vectors and biases; the error is what is still missing, 15 numbers in this order:
+The state is a quaternion, vectors and biases; the error, truth minus estimate, has 15 numbers in this order:
 
     R = R^ Exp(dtheta)    v = v^ + dv    p = p^ + dp    b_gyro = b^ + ..    b_force = b^ + ..
 
 dtheta in B, dv and dp in W. With raw ranges two more follow: the receiver's clock, bias and drift. After a measurement
-the error that it shows is put into the state, and is zero again.
+the estimated error is moved into the state and reset to zero.
 
-The covariance P is carried over many samples at once, by the increment that they make together (`strapdown`); a
-measurement is fused one number at a time, in Joseph's form, so no matrix is inverted.
+The covariance P is propagated over many samples at once, by their combined increment (`strapdown`). A measurement is
+fused one number at a time, in Joseph's form, so no matrix is inverted.
 
 Source: [1] Solà, "Quaternion kinematics for the error-state Kalman filter", arXiv:1711.02508, chapters 5 to 7 (local
 angular error). [2] Groves, "Principles of GNSS, inertial, and multisensor integrated navigation systems", 2nd ed.,
@@ -29,54 +29,69 @@ from trimtab.core.rotation import DEG, cross_matrix
 from trimtab.estimators.inertial.strapdown import Increment, Kinematics, compose, increment_of, move, no_increment
 
 ATTITUDE, VELOCITY, POSITION, GYRO_BIAS, FORCE_BIAS, CLOCK = (slice(i, i + 3) for i in range(0, 18, 3))
-"""Where they stand in the error; of the clock there are two."""
+"""Offsets of the states in the error vector; the clock has two."""
 NAVIGATION = 9
-"""Numbers that the IMU moves; biases and clock come after."""
+"""Number of errors that the IMU moves; biases and clock come after them."""
 ERRORS = 15
 ZERO = (0.0, 0.0, 0.0)
 
 
 @record
 class SpatialNoise:
-    """What is believed of the IMU and, with raw ranges, of the receiver's clock.
+    """Noise of the IMU and, with raw ranges, of the receiver's clock.
 
-    Densities of white noise, as in the inertial unit's errors. doubtful_...: what stands for samples at the end of
-    their range, or for a gap. Source: docs page, Gnss and inertial; chosen for `Imu` with a good micromachined unit.
+    Densities of white noise, as in the inertial unit's errors. doubtful_...: used for saturated samples and for gaps.
+    Source: docs page, Gnss and inertial; chosen for `Imu` with a good micromachined unit.
     """
 
     gyro: Scalar = quantity("rad/s/Hz^0.5", "White noise of the gyros.", default=2e-4, above=0)
     force: Scalar = quantity("m/s^2/Hz^0.5", "White noise of the accelerometers.", default=2e-3, above=0)
     gyro_walk: Scalar = quantity("rad/s/s^0.5", "Random walk of the gyros' biases.", default=1e-5, low=0)
-    force_walk: Scalar = quantity("m/s^2/s^0.5", "The same of the accelerometers'.", default=2e-4, low=0)
-    doubtful_rate: Scalar = quantity("rad/s", "Error of a rate that is not to be trusted.", default=0.5, low=0)
-    doubtful_force: Scalar = quantity("m/s^2", "The same of a force.", default=5.0, low=0)
+    force_walk: Scalar = quantity("m/s^2/s^0.5", "Random walk of the accelerometers' biases.", default=2e-4, low=0)
+    doubtful_rate: Scalar = quantity("rad/s", "Standard deviation of an untrusted angular rate.", default=0.5, low=0)
+    doubtful_force: Scalar = quantity("m/s^2", "Standard deviation of an untrusted specific force.", default=5.0, low=0)
     clock: Scalar = quantity("m/s^0.5", "White noise of the clock's rate.", default=0.1, low=0)
     clock_walk: Scalar = quantity("m/s^1.5", "Random walk of the clock's drift.", default=0.05, low=0)
 
 
 @record
 class SpatialStart:
-    """What is believed before the first sample. Source: docs page, Gnss and inertial."""
+    """Initial estimate and its uncertainty. Source: docs page, Gnss and inertial."""
 
-    angles: Any = quantity("rad", "Roll, pitch, yaw.", default=ZERO, kind="angle", shape=(3,))
-    velocity: Any = quantity("m/s", "North, east, down.", default=ZERO, frame="W", shape=(3,))
-    position: Any = quantity("m", "North, east, down.", default=ZERO, frame="W", shape=(3,))
-    sigma_tilt: Scalar = quantity("rad", "Of the turn about each level body axis.", default=2.0 * DEG, above=0)
-    sigma_heading: Scalar = quantity("rad", "Of that about the body's z axis.", default=5.0 * DEG, above=0)
-    sigma_velocity: Scalar = quantity("m/s", "Of each number.", default=0.5, above=0)
-    sigma_position: Scalar = quantity("m", "Of each number.", default=2.0, above=0)
-    sigma_gyro_bias: Scalar = quantity("rad/s", "Of each number.", default=0.3 * DEG, above=0)
-    sigma_force_bias: Scalar = quantity("m/s^2", "Of each number.", default=0.05, above=0)
+    angles: Any = quantity("rad", "Initial roll, pitch, yaw.", default=ZERO, kind="angle", shape=(3,))
+    velocity: Any = quantity("m/s", "Initial velocity: north, east, down.", default=ZERO, frame="W", shape=(3,))
+    position: Any = quantity("m", "Initial position: north, east, down.", default=ZERO, frame="W", shape=(3,))
+    sigma_tilt: Scalar = quantity(
+        "rad", "Standard deviation of the initial tilt about each level body axis.", default=2.0 * DEG, above=0
+    )
+    sigma_heading: Scalar = quantity(
+        "rad", "Standard deviation of the initial turn about the body's z axis.", default=5.0 * DEG, above=0
+    )
+    sigma_velocity: Scalar = quantity(
+        "m/s", "Standard deviation of each initial velocity component.", default=0.5, above=0
+    )
+    sigma_position: Scalar = quantity(
+        "m", "Standard deviation of each initial position component.", default=2.0, above=0
+    )
+    sigma_gyro_bias: Scalar = quantity(
+        "rad/s", "Standard deviation of each initial gyro bias.", default=0.3 * DEG, above=0
+    )
+    sigma_force_bias: Scalar = quantity(
+        "m/s^2", "Standard deviation of each initial accelerometer bias.", default=0.05, above=0
+    )
     sigma_clock_bias: Scalar = quantity(
         "m",
-        "Of the clock as the first ranges set it: many times that of the position, so as not to count them twice.",
+        "Standard deviation of the clock bias set by the first ranges; "
+        "many times that of the position, so that these ranges are not counted twice.",
         default=100.0,
         above=0,
     )
-    sigma_clock_drift: Scalar = quantity("m/s", "The same of its drift.", default=20.0, above=0)
+    sigma_clock_drift: Scalar = quantity(
+        "m/s", "Standard deviation of the clock drift set by the first rates.", default=20.0, above=0
+    )
 
     def sigmas(self, n: int) -> Any:
-        """Of each error (n,), n = 15 or 17."""
+        """Return the initial variance of each error (n,), n = 15 or 17."""
         tilt, three = jnp.asarray(self.sigma_tilt, float), jnp.ones(3)
         own = [
             jnp.stack([tilt, tilt, jnp.asarray(self.sigma_heading, float)]),
@@ -91,26 +106,26 @@ class SpatialStart:
 
 @record
 class Nominal:
-    """What is believed at one instant; what is missing has the covariance P, that of the beginning of `span`.
+    """Estimate at one instant; P is the covariance of its error at the beginning of `span`.
 
     Source: this module.
     """
 
     attitude: Any = quantity("1", "Quaternion q_WB, scalar first.", frame="WB", shape=(4,))
     velocity: Any = quantity("m/s", "North, east, down.", frame="W", shape=(3,))
-    position: Any = quantity("m", "North, east, down, of the IMU.", frame="W", shape=(3,))
-    gyro_bias: Any = quantity("rad/s", "What the gyros read too much.", frame="B", shape=(3,))
-    force_bias: Any = quantity("m/s^2", "What the accelerometers read too much.", frame="B", shape=(3,))
+    position: Any = quantity("m", "Position of the IMU: north, east, down.", frame="W", shape=(3,))
+    gyro_bias: Any = quantity("rad/s", "Estimated bias of the gyros.", frame="B", shape=(3,))
+    force_bias: Any = quantity("m/s^2", "Estimated bias of the accelerometers.", frame="B", shape=(3,))
     clock: Any = quantity("1", "Bias (m) and drift (m/s) of the receiver's clock.", shape=(2,))
     rate: Any = quantity("rad/s", "Angular velocity of the last sample, without its bias.", frame="B", shape=(3,))
-    acceleration: Any = quantity("m/s^2", "Of the IMU, over the last sample.", frame="W", shape=(3,))
+    acceleration: Any = quantity("m/s^2", "Acceleration of the IMU, over the last sample.", frame="W", shape=(3,))
     P: Any = quantity("1", "Covariance of the error (n, n), n = 15 or 17.")
-    span: Increment = part("Motion since P was carried on.")
-    doubt: Scalar = quantity("s", "How long of that the IMU was not to be trusted.")
+    span: Increment = part("Motion since P was last propagated.")
+    doubt: Scalar = quantity("s", "Time within `span` during which the IMU was not trusted.")
 
 
 def first_nominal(start: SpatialStart, n: int) -> Nominal:
-    """Before the first sample; n: numbers of the error."""
+    """Return the initial state, before the first sample; n: numbers of the error."""
     return Nominal(
         attitude=quaternion.from_euler(*jnp.asarray(start.angles, float)),
         velocity=jnp.asarray(start.velocity, float),
@@ -127,14 +142,14 @@ def first_nominal(start: SpatialStart, n: int) -> Nominal:
 
 
 def kinematics_of(x: Nominal) -> Kinematics:
-    """Its attitude, velocity and position."""
+    """Return the attitude, velocity and position of the state."""
     return Kinematics(x.attitude, x.velocity, x.position)
 
 
 def propagate(x: Nominal, w: Any, f: Any, dt: Any, doubt: Any, gravity: Any) -> Nominal:
-    """The state dt (s) on; P stays.
+    """Return the state after dt (s); P stays.
 
-    w, f: angular velocity (rad/s) and force (m/s²) as felt, (3,) in B.  doubt: 1 where they can't be trusted.
+    w, f: measured angular velocity (rad/s) and force (m/s²), (3,) in B.  doubt: 1 where they can't be trusted.
     """
     rate, force = w - x.gyro_bias, f - x.force_bias
     one = increment_of(rate, force, dt)
@@ -147,7 +162,7 @@ def propagate(x: Nominal, w: Any, f: Any, dt: Any, doubt: Any, gravity: Any) -> 
 
 
 def transition(R_WB: Any, one: Increment) -> Any:
-    """The first 9 rows (9, 15) of the error's transition over an increment that begins at R_WB (3, 3).
+    """Return the first 9 rows (9, 15) of the error's transition over an increment that begins at R_WB (3, 3).
 
     Attitude, velocity and position follow exactly. Biases enter as for a constant rate: of attitude and velocity to the
     second order in the turn, a force that changes included (T dv - dp is the integral of s f(s)); of the place with a
@@ -167,7 +182,7 @@ def transition(R_WB: Any, one: Increment) -> Any:
 
 
 def process_noise(noise: SpatialNoise, T: Any, doubt: Any, n: int) -> Any:
-    """Covariance (n, n) of what noise adds in T (s), of which `doubt` (s) without trust."""
+    """Return the covariance (n, n) of the noise added in T (s), of which `doubt` (s) without trust."""
     gyro = noise.gyro**2 * T + (noise.doubtful_rate * doubt) ** 2
     force = noise.force**2 * T + (noise.doubtful_force * doubt) ** 2
     three = jnp.ones(3)
@@ -181,7 +196,7 @@ def process_noise(noise: SpatialNoise, T: Any, doubt: Any, n: int) -> Any:
 
 
 def carry_covariance(P: Any, R_WB: Any, one: Increment, doubt: Any, noise: SpatialNoise) -> Any:
-    """P (n, n) after an increment that begins at R_WB (3, 3)."""
+    """Return P (n, n) after an increment that begins at R_WB (3, 3)."""
     n, k = P.shape[0], NAVIGATION
     F = transition(R_WB, one)
     top = F @ P[:ERRORS]
@@ -197,16 +212,16 @@ def carry_covariance(P: Any, R_WB: Any, one: Increment, doubt: Any, noise: Spati
 
 
 def catch_up(x: Nominal, noise: SpatialNoise) -> Nominal:
-    """The same with P of this very instant."""
+    """Return the state with P propagated to its own time."""
     begin = quaternion.multiply(x.attitude, quaternion.conjugate(x.span.turn))
     P = carry_covariance(x.P, quaternion.to_matrix(begin), x.span, x.doubt, noise)
     return replace(x, P=P, span=no_increment(), doubt=jnp.zeros(()))
 
 
 class Fusion(NamedTuple):
-    """What scalars did.  error: shown (n,).  P: after.  innovation, variance, nis (m,): of each, given those before.
+    """Result of scalar updates.  error: shown (n,).  P: after.  innovation, variance, nis (m,): given those before.
 
-    used (m,): whether it was finite, wanted and inside the gate.
+    used (m,): True for measurements that were finite, wanted and inside the gate.
     """
 
     error: Any
@@ -218,7 +233,7 @@ class Fusion(NamedTuple):
 
 
 def fuse_scalars(P: Any, y: Any, H: Any, R: Any, wanted: Any, gate: Any) -> Fusion:
-    """m measurements with independent noises, one after another.
+    """Fuse m measurements with independent noises, one after another.
 
     Args:     P: (n, n).    y: measured less predicted (m,).    H: (m, n).    R: variances (m,).    wanted: (m,).
               gate: largest NIS of one that is used.
@@ -254,7 +269,7 @@ def fuse_scalars(P: Any, y: Any, H: Any, R: Any, wanted: Any, gate: Any) -> Fusi
 
 
 def put_error_in(x: Nominal, error: Any, P: Any) -> Nominal:
-    """The state with an error (n,) put into it, P (n, n) of what is missing then.
+    """Return the state corrected by an error (n,), with P (n, n) as the remaining covariance.
 
     P turns along by the right Jacobian of the turn, to its second order. Source: [1] eqs. 283-286 and 183.
     """

@@ -1,4 +1,4 @@
-"""Indirect feedback form: the estimated errors are taken out of the INS at once, which then runs on corrected.
+"""Indirect feedback form: the estimated errors are removed from the INS at once, which then continues corrected.
 
 Source: [1] Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006, chapter 3.
 """
@@ -34,23 +34,23 @@ from trimtab.estimators.kalman import predict_covariance
 class FeedbackNode:
     """Corrected INS, its biases and their covariances at one instant. Source: [1] chapter 3."""
 
-    t: Scalar = quantity("100 ns", "The instant.", kind="time")
-    felt: Any = quantity("1", "IMU: yaw rate (rad/s), force per mass forward and starboard (m/s^2).", shape=(3,))
-    doubt: Any = quantity("1", "1 where gyro, or accelerometers, can't be trusted.", shape=(2,))
-    heading: Scalar = quantity("rad", "Heading; unwrapped.", kind="angle")
-    gyro_bias: Scalar = quantity("rad/s", "What is taken off the gyro.")
+    t: Scalar = quantity("100 ns", "Time of this state.", kind="time")
+    felt: Any = quantity("1", "IMU sample: yaw rate (rad/s), specific force forward and starboard (m/s^2).", shape=(3,))
+    doubt: Any = quantity("1", "1 where the gyro, or the accelerometers, cannot be trusted.", shape=(2,))
+    heading: Scalar = quantity("rad", "Heading of the corrected INS; unwrapped.", kind="angle")
+    gyro_bias: Scalar = quantity("rad/s", "Bias subtracted from the gyro.")
     velocity: Any = quantity("m/s", "Velocity.", frame="W", shape=(2,))
     position: Any = quantity("m", "Position.", frame="W", shape=(2,))
-    force_bias: Any = quantity("m/s^2", "What is taken off the accelerometers.", frame="B", shape=(2,))
+    force_bias: Any = quantity("m/s^2", "Biases subtracted from the accelerometers.", frame="B", shape=(2,))
     P1: Any = quantity("1", "Covariance of the errors: heading, gyro bias.", shape=(2, 2))
     P2: Any = quantity("1", "Covariance of the errors: velocity, position, force biases.", shape=(6, 6))
-    heading_fix: HeadingFix = part("How headings fared.")
-    position_fix: PositionFix = part("How positions fared.")
+    heading_fix: HeadingFix = part("Statistics of the heading updates.")
+    position_fix: PositionFix = part("Statistics of the position updates.")
 
 
 @record
 class AidedInertialFeedback:
-    """Closed loop: after each update the errors go back into the INS and its biases, and are zero again.
+    """Closed loop: after each update the errors are moved into the INS and its biases, and reset to zero.
 
     The error states are estimate minus truth for heading, velocity and position, and true minus estimated bias for the
     biases, which are added to the bias estimates. Between updates the errors are zero, so only covariances move.
@@ -60,10 +60,10 @@ class AidedInertialFeedback:
     Source:        [1] chapter 3, which describes this form and flies the feed-forward one.
     """
 
-    intake: Intake = part("Which samples are read.", default=Intake())
-    noise: InertialNoise = part("Of IMU and aiding.", default=InertialNoise())
-    start: InertialStart = part("What is believed at first.", default=InertialStart())
-    arms: LeverArms = part("Where the sensors sit.", default=LeverArms())
+    intake: Intake = part("Selection and checks of the samples.", default=Intake())
+    noise: InertialNoise = part("Noise of the IMU and of the aiding sensors.", default=InertialNoise())
+    start: InertialStart = part("Initial estimate and its uncertainty.", default=InertialStart())
+    arms: LeverArms = part("Positions of the sensors on the vehicle.", default=LeverArms())
 
     AIDED_BY: ClassVar[str] = "positions"
     ANY_ORDER: ClassVar[bool] = True
@@ -73,7 +73,7 @@ class AidedInertialFeedback:
     step = navigate
 
     def first(self) -> FeedbackNode:
-        """Before the first sample."""
+        """Return the initial state, before the first sample."""
         s = self.start
         return FeedbackNode(
             **first_of_node(),
@@ -87,7 +87,7 @@ class AidedInertialFeedback:
         )
 
     def propagate(self, node: FeedbackNode, dt: Any, felt: Any, doubt: Any) -> FeedbackNode:
-        """A time dt (s) on, to where the IMU reads felt (3,); biases act with the heading at its start, as in Phi2."""
+        """Propagate by dt (s); the IMU reads `felt` (3,) at the end; biases act with the initial heading as in Phi2."""
         m = dual_model(self.noise, dt, doubt, node.heading)
         x = node.heading, node.velocity, node.position, node.gyro_bias, node.force_bias
         heading, velocity, position = mechanise_corrected(dt, node.felt, felt, x)
@@ -95,7 +95,7 @@ class AidedInertialFeedback:
         return replace(node, felt=felt, heading=heading, velocity=velocity, position=position, P1=P1, P2=P2)
 
     def correct_heading(self, node: FeedbackNode, z: Any, variance: Any = 0.0) -> FeedbackNode:
-        """With a heading z (rad), any equal of it, of its own variance, or of noise.heading where that is 0."""
+        """Correct with a heading z (rad, modulo 2 pi) of the given variance; where that is 0, of noise.heading."""
         y = wrap(node.heading - z)[None]
         R = self.noise.heading_noise(variance)
         correction, fix = fuse_heading(self, node, jnp.zeros(2), node.P1, y, HEADING_ROW, R, sign=-1.0)
@@ -108,7 +108,7 @@ class AidedInertialFeedback:
         )
 
     def correct_position(self, node: FeedbackNode, z: Any, variance: Any = 0.0) -> FeedbackNode:
-        """With a position z (2,) of the aided point; its variance as for headings."""
+        """Correct with a position z (2,) of the aided point; 0 as variance means noise.position."""
         arm, R = aided_point(self, node.heading, node.P1[0, 0], variance)
         y = node.position + arm - z
         correction, fix = fuse_position(self, node, jnp.zeros(6), node.P2, y, POSITION_ROWS, R, sign=-1.0)
@@ -122,6 +122,6 @@ class AidedInertialFeedback:
         )
 
     def belief(self, node: FeedbackNode) -> Belief:
-        """Of the IMU's point."""
+        """Return the belief at the IMU's point."""
         x = jnp.concatenate([node.heading[None], node.velocity, node.position, node.gyro_bias[None], node.force_bias])
         return Belief(x, belief_covariance(node.P1, node.P2, -1.0))

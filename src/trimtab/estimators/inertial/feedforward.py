@@ -34,18 +34,18 @@ from trimtab.estimators.kalman import predict
 class FeedforwardNode:
     """INS and error filters at one instant. Source: [1] chapter 3."""
 
-    t: Scalar = quantity("100 ns", "The instant.", kind="time")
-    felt: Any = quantity("1", "IMU: yaw rate (rad/s), force per mass forward and starboard (m/s^2).", shape=(3,))
-    doubt: Any = quantity("1", "1 where gyro, or accelerometers, can't be trusted.", shape=(2,))
+    t: Scalar = quantity("100 ns", "Time of this state.", kind="time")
+    felt: Any = quantity("1", "IMU sample: yaw rate (rad/s), specific force forward and starboard (m/s^2).", shape=(3,))
+    doubt: Any = quantity("1", "1 where the gyro, or the accelerometers, cannot be trusted.", shape=(2,))
     heading: Scalar = quantity("rad", "Heading of the INS; unwrapped.", kind="angle")
     velocity: Any = quantity("m/s", "Velocity of the INS.", frame="W", shape=(2,))
     position: Any = quantity("m", "Position of the INS.", frame="W", shape=(2,))
     x1: Any = quantity("1", "Errors: heading (rad), gyro bias (rad/s).", shape=(2,))
-    P1: Any = quantity("1", "Their covariance.", shape=(2, 2))
+    P1: Any = quantity("1", "Covariance of the errors of heading and gyro bias.", shape=(2, 2))
     x2: Any = quantity("1", "Errors: velocity (m/s), position (m), force biases (m/s^2).", shape=(6,))
-    P2: Any = quantity("1", "Their covariance.", shape=(6, 6))
-    heading_fix: HeadingFix = part("How headings fared.")
-    position_fix: PositionFix = part("How positions fared.")
+    P2: Any = quantity("1", "Covariance of the errors of velocity, position and force biases.", shape=(6, 6))
+    heading_fix: HeadingFix = part("Statistics of the heading updates.")
+    position_fix: PositionFix = part("Statistics of the position updates.")
 
 
 @record
@@ -60,10 +60,10 @@ class AidedInertialFeedforward:
     Source:        [1] chapter 3; differences from the source: docs page and Errata.
     """
 
-    intake: Intake = part("Which samples are read.", default=Intake())
-    noise: InertialNoise = part("Of IMU and aiding.", default=InertialNoise())
-    start: InertialStart = part("What is believed at first.", default=InertialStart())
-    arms: LeverArms = part("Where the sensors sit.", default=LeverArms())
+    intake: Intake = part("Selection and checks of the samples.", default=Intake())
+    noise: InertialNoise = part("Noise of the IMU and of the aiding sensors.", default=InertialNoise())
+    start: InertialStart = part("Initial estimate and its uncertainty.", default=InertialStart())
+    arms: LeverArms = part("Positions of the sensors on the vehicle.", default=LeverArms())
 
     AIDED_BY: ClassVar[str] = "positions"
     ANY_ORDER: ClassVar[bool] = True
@@ -73,7 +73,7 @@ class AidedInertialFeedforward:
     step = navigate
 
     def first(self) -> FeedforwardNode:
-        """Before the first sample."""
+        """Return the initial state, before the first sample."""
         s = self.start
         return FeedforwardNode(
             **first_of_node(),
@@ -87,7 +87,7 @@ class AidedInertialFeedforward:
         )
 
     def propagate(self, node: FeedforwardNode, dt: Any, felt: Any, doubt: Any) -> FeedforwardNode:
-        """A time dt (s) on, to where the IMU reads felt (3,)."""
+        """Propagate by dt (s); the IMU reads `felt` (3,) at the end."""
         before = node.heading - node.x1[0]
         m = dual_model(self.noise, dt, doubt, before)
         heading = node.heading + dt / 2 * (felt[0] + node.felt[0])
@@ -100,21 +100,21 @@ class AidedInertialFeedforward:
         )
 
     def correct_heading(self, node: FeedforwardNode, z: Any, variance: Any = 0.0) -> FeedforwardNode:
-        """With a heading z (rad), any equal of it, of its own variance, or of noise.heading where that is 0."""
+        """Correct with a heading z (rad, modulo 2 pi) of the given variance; where that is 0, of noise.heading."""
         y = wrap(node.heading - z - node.x1[0])[None]
         R = self.noise.heading_noise(variance)
         correction, fix = fuse_heading(self, node, node.x1, node.P1, y, HEADING_ROW, R, sign=-1.0)
         return replace(node, x1=correction.x, P1=correction.P, heading_fix=fix)
 
     def correct_position(self, node: FeedforwardNode, z: Any, variance: Any = 0.0) -> FeedforwardNode:
-        """With a position z (2,) of the aided point; its variance as for headings."""
+        """Correct with a position z (2,) of the aided point; 0 as variance means noise.position."""
         arm, R = aided_point(self, node.heading - node.x1[0], node.P1[0, 0], variance)
         y = node.position + arm - z - node.x2[2:4]
         correction, fix = fuse_position(self, node, node.x2, node.P2, y, POSITION_ROWS, R, sign=-1.0)
         return replace(node, x2=correction.x, P2=correction.P, position_fix=fix)
 
     def belief(self, node: FeedforwardNode) -> Belief:
-        """Of the IMU's point."""
+        """Return the belief at the IMU's point."""
         heading = node.heading - node.x1[0]
         kinematic = [heading[None], node.velocity - node.x2[:2], node.position - node.x2[2:4]]
         x = jnp.concatenate([*kinematic, node.x1[1:], node.x2[4:]])

@@ -1,13 +1,13 @@
-"""A filter that stands a fixed time behind, where every measurement finds it, and the motion from there to now.
+"""A filter that runs a fixed delay behind, so that late measurements arrive in time, and the motion from there to now.
 
-Samples of the IMU wait in a ring until they are `delay` old; then the filter takes them. A fix that is less old than
-that waits as well, and is fused when the filter comes to the time at which it was made: nothing is done twice, no state
-is kept but one, and a step costs the same whenever a fix comes.
+Samples of the IMU wait in a ring until they are `delay` old; then the filter takes them. A fix that is less old waits
+as well, and is fused when the filter reaches the time at which the fix was made. Nothing is computed twice, only one
+state is kept, and a step costs the same whenever a fix arrives.
 
-What the vehicle did since is one increment (`strapdown`), kept up at both ends: a new sample is put after it, and what
-the filter has taken comes off its front. The increments are a group, so that this is exact, where others go through all
-samples again. Each sample entered with the biases believed then; the window knows their mean and is corrected for what
-has been learnt since, to first order (`correct_window`).
+The vehicle's motion since then is one increment (`strapdown`), updated at both ends: a new sample is appended, and the
+samples that the filter has taken are removed from the front. The increments form a group, so this is exact and no
+sample is processed again. Each sample entered with the biases estimated at that time. The window stores the mean of
+these biases and is corrected to first order for later changes (`correct_window`).
 
 Source: delayed horizon: Khosravian et al., "Recursive attitude estimation in the presence of multi-rate and multi-delay
 vector measurements", ACC 2015; the group: docs page, Gnss and inertial.
@@ -34,39 +34,39 @@ from trimtab.estimators.inertial.strapdown import (
 )
 
 FIXES = 4
-"""Fixes that may wait at one time."""
+"""Maximum number of waiting fixes."""
 
 
 @record
 class InertialWindow:
-    """IMU samples that the filter has not taken yet, the last one, and the increment they make. Source: this module."""
+    """IMU samples not yet used by the filter, the last sample, and their combined increment. Source: this module."""
 
-    head: Scalar = quantity("1", "Slot of the oldest.", kind="count")
-    count: Scalar = quantity("1", "How many wait.", kind="count")
-    t: Any = quantity("100 ns", "End of each (slots,).", kind="time")
-    dt: Any = quantity("s", "How long each lasts (slots,).")
-    rate: Any = quantity("rad/s", "Angular velocity, as felt (slots, 3).", frame="B")
-    force: Any = quantity("m/s^2", "Force, as felt (slots, 3).", frame="B")
-    bias: Any = quantity("1", "Biases of gyros and accelerometers as believed when it came (slots, 6).")
-    doubt: Any = quantity("1", "1 where it is not to be trusted (slots,).")
-    last: Scalar = quantity("100 ns", "When the last sample was measured.", kind="time")
-    felt: Any = quantity("1", "What it felt: rad/s, m/s^2.", frame="B", shape=(6,))
-    motion: Increment = part("All that wait, as one.")
-    entered: Any = quantity("1", "Their biases, integrated over their time: rad, m/s.", shape=(6,))
+    head: Scalar = quantity("1", "Slot of the oldest sample.", kind="count")
+    count: Scalar = quantity("1", "Number of waiting samples.", kind="count")
+    t: Any = quantity("100 ns", "End time of each sample (slots,).", kind="time")
+    dt: Any = quantity("s", "Duration of each sample (slots,).")
+    rate: Any = quantity("rad/s", "Measured angular velocity (slots, 3).", frame="B")
+    force: Any = quantity("m/s^2", "Measured specific force (slots, 3).", frame="B")
+    bias: Any = quantity("1", "Gyro and accelerometer biases estimated when each sample came (slots, 6).")
+    doubt: Any = quantity("1", "1 where the sample is not trusted (slots,).")
+    last: Scalar = quantity("100 ns", "Time at which the last sample was measured.", kind="time")
+    felt: Any = quantity("1", "Reading of the last sample: rad/s, m/s^2.", frame="B", shape=(6,))
+    motion: Increment = part("Combined increment of all waiting samples.")
+    entered: Any = quantity("1", "Biases of the waiting samples, integrated over their time: rad, m/s.", shape=(6,))
 
 
 @record
 class WaitingFixes:
-    """Fixes that the filter has not come to yet. Source: this module."""
+    """Fixes that are still later than the filter. Source: this module."""
 
-    head: Scalar = quantity("1", "Slot of the oldest.", kind="count")
-    count: Scalar = quantity("1", "How many wait.", kind="count")
-    t: Any = quantity("100 ns", "When each was measured.", kind="time", shape=(FIXES,))
-    value: Any = quantity("1", "What was measured (FIXES, w).")
+    head: Scalar = quantity("1", "Slot of the oldest fix.", kind="count")
+    count: Scalar = quantity("1", "Number of waiting fixes.", kind="count")
+    t: Any = quantity("100 ns", "Time at which each fix was measured.", kind="time", shape=(FIXES,))
+    value: Any = quantity("1", "Measured values of each fix (FIXES, w).")
 
 
 class FeltSample(NamedTuple):
-    """One sample as it leaves the window: integer time of its end, s, rad/s and m/s² (6,), and 1 where in doubt."""
+    """Sample as it leaves the window: integer time of its end, s, rad/s and m/s² (6,), and 1 where in doubt."""
 
     t: Any
     dt: Any
@@ -75,7 +75,7 @@ class FeltSample(NamedTuple):
 
 
 def empty_window(slots: int) -> InertialWindow:
-    """Before the first sample."""
+    """Return the initial window, before the first sample."""
     none = np.int32(0)
     return InertialWindow(
         head=none,
@@ -94,13 +94,13 @@ def empty_window(slots: int) -> InertialWindow:
 
 
 def no_fixes(width: int) -> WaitingFixes:
-    """None waits; width: numbers of one."""
+    """Return an empty queue; width: numbers of one fix."""
     none = np.int32(0)
     return WaitingFixes(none, none, np.zeros(FIXES, np.int64), np.zeros((FIXES, width)))
 
 
 def add_sample(window: InertialWindow, t: Any, felt: Any, bias: Any, doubt: Any) -> InertialWindow:
-    """The window with a sample more; of the first there is only its end. felt: rad/s and m/s² (6,); bias: alike."""
+    """Return the window with one more sample; the first gives only an end time. felt: rad/s, m/s² (6,); bias: alike."""
     begun = window.last > NEVER
     dt = jnp.where(begun, to_seconds(t - window.last), 0.0)
     old = jnp.where(begun, window.felt, felt)
@@ -122,13 +122,13 @@ def add_sample(window: InertialWindow, t: Any, felt: Any, bias: Any, doubt: Any)
 
 
 def is_due(window: InertialWindow, delay: Any) -> Any:
-    """Whether the oldest sample is to be taken: it is old enough, or its place is wanted."""
+    """Return True if the oldest sample is due: it is old enough, or its slot is needed."""
     old = _read_slot(window.t, window.head) <= window.last - delay
     return (window.count > 0) & (old | (window.count >= window.t.shape[0]))
 
 
 def take_sample(window: InertialWindow) -> tuple[InertialWindow, FeltSample]:
-    """The window without its oldest sample, and that one."""
+    """Return the window without its oldest sample, and that sample."""
     t, dt, w, f, bias, doubt = (
         _read_slot(ring, window.head)
         for ring in (window.t, window.dt, window.rate, window.force, window.bias, window.doubt)
@@ -145,7 +145,7 @@ def take_sample(window: InertialWindow) -> tuple[InertialWindow, FeltSample]:
 
 
 def correct_window(window: InertialWindow, gyro_bias: Any, force_bias: Any) -> Increment:
-    """The motion of the window, as it is with these biases: to first order, the change spread evenly over its time."""
+    """Return the motion of the window for these biases: to first order, the change spread evenly over its time."""
     one = window.motion
     turned = window.entered[:3] - gyro_bias * one.time
     pushed = window.entered[3:] - force_bias * one.time
@@ -159,7 +159,7 @@ def correct_window(window: InertialWindow, gyro_bias: Any, force_bias: Any) -> I
 
 
 def add_fix(fixes: WaitingFixes, t: Any, value: Any) -> tuple[WaitingFixes, Any]:
-    """With a fix more, measured later than those that wait, and whether there was room for it."""
+    """Return the queue with one more fix, measured later than the waiting ones, and whether there was room for it."""
     room = fixes.count < FIXES
     slot = _wrap_index(fixes.head + fixes.count, FIXES)
     after = replace(
@@ -172,7 +172,7 @@ def add_fix(fixes: WaitingFixes, t: Any, value: Any) -> tuple[WaitingFixes, Any]
 
 
 def next_fix(fixes: WaitingFixes) -> tuple[Any, Any, WaitingFixes]:
-    """The oldest that waits: integer time, value (w,), and the others; only where there is one."""
+    """Return the oldest waiting fix if due: integer time, value (w,), and the remaining queue."""
     t, value = _read_slot(fixes.t, fixes.head), _read_slot(fixes.value, fixes.head)
     count = (fixes.count - 1).astype(np.int32)
     return t, value, replace(fixes, head=_wrap_index(fixes.head + 1, FIXES), count=count)

@@ -63,62 +63,72 @@ from trimtab.estimators.inertial.sensor_watch import SensorWatch, increment, ini
 from trimtab.estimators.inertial.strapdown import compose, move
 
 IMU_WIDTH = 6
-"""Numbers of a sample of the IMU."""
+"""Numbers in an IMU sample."""
 
 
 @record
 class GnssFix:
-    """How the receiver's measurements fared, up to the newest that was fused. Source: docs page, Gnss and inertial."""
+    """Statistics of the receiver's updates, up to the newest one fused. Source: docs page, Gnss and inertial."""
 
-    innovation: Any = quantity("1", "Measured less predicted, given the numbers before: m, then m/s.")
-    normalised: Any = quantity("1", "The same in its own sigma.")
-    nis: Scalar = quantity("1", "Sum of their squares; chi-square with as many degrees of freedom as numbers.")
-    numbers: Scalar = quantity("1", "How many numbers that measurement had.", kind="count")
-    used: Scalar = quantity("1", "How many measurements were used.", kind="count")
-    rejected: Scalar = quantity("1", "How many were outside the gate; of ranges, all of one.", kind="count")
-    rejected_in_a_row: Scalar = quantity("1", "How many since the last that was used.", kind="count")
-    given_in: Scalar = quantity("1", "How often so many in a row were refused that the filter gave in.", kind="count")
-    late: Scalar = quantity("1", "How many came when the filter was past them, or found no room.", kind="count")
+    innovation: Any = quantity("1", "Innovations: measured minus predicted, given the numbers before; in m, then m/s.")
+    normalised: Any = quantity("1", "Innovations divided by their standard deviations.")
+    nis: Scalar = quantity(
+        "1", "Sum of the squared normalised innovations; chi-square with as many degrees of freedom as numbers."
+    )
+    numbers: Scalar = quantity("1", "Numbers in the newest measurement.", kind="count")
+    used: Scalar = quantity("1", "Number of measurements used.", kind="count")
+    rejected: Scalar = quantity(
+        "1", "Number of measurements outside the gate; for ranges, those with every range outside.", kind="count"
+    )
+    rejected_in_a_row: Scalar = quantity("1", "Number of measurements rejected since the last one used.", kind="count")
+    given_in: Scalar = quantity(
+        "1",
+        "Number of times the filter accepted a measurement outside the gate after too many rejections in a row.",
+        kind="count",
+    )
+    late: Scalar = quantity("1", "Number of measurements that came too late or found no room.", kind="count")
 
 
 @record
 class SpatialNavigationState:
-    """Motion in space with its uncertainty, now, at the vehicle's reference point. Source: docs page."""
+    """Motion in space with its uncertainty, at present, at the vehicle's reference point. Source: docs page."""
 
-    position: Any = quantity("m", "North, east, down.", frame="W", shape=(3,))
-    velocity: Any = quantity("m/s", "North, east, down.", frame="W", shape=(3,))
+    position: Any = quantity("m", "Position: north, east, down.", frame="W", shape=(3,))
+    velocity: Any = quantity("m/s", "Velocity: north, east, down.", frame="W", shape=(3,))
     attitude: Any = quantity("1", "Quaternion q_WB, scalar first.", frame="WB", shape=(4,))
-    angles: Any = quantity("rad", "Roll, pitch, yaw.", frame="WB", kind="angle", shape=(3,))
-    angular_rate: Any = quantity("rad/s", "Without the gyros' biases.", frame="B", shape=(3,))
-    gyro_bias: Any = quantity("rad/s", "What the gyros read too much.", frame="B", shape=(3,))
-    force_bias: Any = quantity("m/s^2", "What the accelerometers read too much.", frame="B", shape=(3,))
-    sigma_position: Any = quantity("m", "Standard deviation.", frame="W", shape=(3,))
-    sigma_velocity: Any = quantity("m/s", "Standard deviation.", frame="W", shape=(3,))
-    sigma_attitude: Any = quantity("rad", "Of a turn about each body axis.", frame="B", shape=(3,))
-    sigma_gyro_bias: Any = quantity("rad/s", "Standard deviation.", frame="B", shape=(3,))
-    sigma_force_bias: Any = quantity("m/s^2", "Standard deviation.", frame="B", shape=(3,))
+    angles: Any = quantity("rad", "Attitude: roll, pitch, yaw.", frame="WB", kind="angle", shape=(3,))
+    angular_rate: Any = quantity("rad/s", "Angular velocity without the gyros' biases.", frame="B", shape=(3,))
+    gyro_bias: Any = quantity("rad/s", "Estimated bias of the gyros.", frame="B", shape=(3,))
+    force_bias: Any = quantity("m/s^2", "Estimated bias of the accelerometers.", frame="B", shape=(3,))
+    sigma_position: Any = quantity("m", "Standard deviation of the position.", frame="W", shape=(3,))
+    sigma_velocity: Any = quantity("m/s", "Standard deviation of the velocity.", frame="W", shape=(3,))
+    sigma_attitude: Any = quantity(
+        "rad", "Standard deviation of the attitude: turn about each body axis.", frame="B", shape=(3,)
+    )
+    sigma_gyro_bias: Any = quantity("rad/s", "Standard deviation of the gyro biases.", frame="B", shape=(3,))
+    sigma_force_bias: Any = quantity("m/s^2", "Standard deviation of the accelerometer biases.", frame="B", shape=(3,))
     clock: Any = quantity("1", "Bias (m) and drift (m/s) of the receiver's clock; 0 without raw ranges.", shape=(2,))
-    gnss_fix: GnssFix = part("How the receiver's measurements fared.")
-    imu: SensorWatch = part("What the IMU has done.")
-    gnss: SensorWatch = part("What the receiver has done.")
-    horizon: Scalar = quantity("s", "How far the filter stands behind.")
-    healthy: Scalar = quantity("1", "Whether all variances are finite and above 0.", kind="flag")
-    silent: Scalar = quantity("1", "Whether the IMU has been silent for too long.", kind="flag")
+    gnss_fix: GnssFix = part("Statistics of the receiver's updates.")
+    imu: SensorWatch = part("Watch of the IMU's samples.")
+    gnss: SensorWatch = part("Watch of the receiver's samples.")
+    horizon: Scalar = quantity("s", "Delay of the filter behind the present.")
+    healthy: Scalar = quantity("1", "True if all variances are finite and above 0.", kind="flag")
+    silent: Scalar = quantity("1", "True if the IMU has given no data for too long.", kind="flag")
 
 
 @record
 class GnssInertialState:
-    """All that changes. Source: this module."""
+    """State of the filter. Source: this module."""
 
-    nominal: Nominal = part("What is believed, at the horizon.")
-    t: Scalar = quantity("100 ns", "The horizon: up to when samples were taken.", kind="time")
-    since: Scalar = quantity("1", "Samples since the covariance was carried on.", kind="count")
-    window: InertialWindow = part("From there to now.")
-    fixes: WaitingFixes = part("Measurements that the filter has not come to.")
-    sigma: Any = quantity("1", "Standard deviations now, of each error (15,), when they were told last.")
-    gnss_fix: GnssFix = part("How measurements fared.")
-    imu: SensorWatch = part("What the IMU has done.")
-    gnss: SensorWatch = part("What the receiver has done.")
+    nominal: Nominal = part("Estimate at the horizon.")
+    t: Scalar = quantity("100 ns", "Time of the horizon, up to which samples have been used.", kind="time")
+    since: Scalar = quantity("1", "Samples since the covariance was propagated.", kind="count")
+    window: InertialWindow = part("IMU samples from the horizon to now.")
+    fixes: WaitingFixes = part("Measurements later than the horizon.")
+    sigma: Any = quantity("1", "Standard deviation of each error (15,) now, as reported last.")
+    gnss_fix: GnssFix = part("Statistics of the measurement updates.")
+    imu: SensorWatch = part("Watch of the IMU's samples.")
+    gnss: SensorWatch = part("Watch of the receiver's samples.")
 
 
 @record
@@ -128,64 +138,85 @@ class GnssInertial:
     `aiding` "fixes" (loosely coupled, 15 numbers) or "ranges" (tightly coupled, 17: the clock's two), which goes on
     with fewer than four satellites. Fixes are fused at the time at which they were made, up to `delay` old.
 
-    Heading is not seen by a vehicle that flies straight: it takes acceleration across, a turn for example, and until
-    then its sigma grows.
+    Heading is not observable in straight flight: it needs lateral acceleration, for example a turn. Until then its
+    sigma grows.
 
     Frames:  W north-east-down, flat and at rest: the turning of the earth is taken for a bias of the gyros.
-    Not modelled: errors that hang together in time, but for noise.constant; scale factors and misalignments.
+    Not modelled: errors correlated in time, except noise.constant; scale factors and misalignments.
     Source:  docs page, Gnss and inertial.
     """
 
-    noise: SpatialNoise = part("Of IMU and clock.", default=SpatialNoise())
-    receiver: GnssNoise = part("Of fixes or ranges.", default=GnssNoise())
-    start: SpatialStart = part("What is believed at first.", default=SpatialStart())
-    lever_arm: Any = quantity("m", "The antenna's place.", frame="B", default=(0.2, 0.0, -0.1), shape=(3,))
+    noise: SpatialNoise = part("Noise of the IMU and of the clock.", default=SpatialNoise())
+    receiver: GnssNoise = part("Noise of the fixes or ranges.", default=GnssNoise())
+    start: SpatialStart = part("Initial estimate and its uncertainty.", default=SpatialStart())
+    lever_arm: Any = quantity("m", "Position of the antenna.", frame="B", default=(0.2, 0.0, -0.1), shape=(3,))
     gravity: Any = quantity("m/s^2", "Gravity.", frame="W", default=(0.0, 0.0, STANDARD), shape=(3,))
     gate: Scalar = quantity(
-        "1", "Largest NIS that is believed: of a fix, 0.9999 with 6 degrees of freedom.", default=27.856, above=0
+        "1", "NIS gate for fixes: 0.9999 quantile with 6 degrees of freedom.", default=27.856, above=0
     )
-    gate_range: Scalar = quantity("1", "The same of one range or rate, with 1.", default=15.137, above=0)
+    gate_range: Scalar = quantity(
+        "1", "NIS gate for a single range or rate, with 1 degree of freedom.", default=15.137, above=0
+    )
     patience: Scalar = quantity(
-        "1", "Measurements refused in a row after which the filter gives in; 0: never.", default=10, kind="count"
+        "1",
+        "Consecutive rejected measurements after which the next is accepted anyway; 0: never.",
+        default=10,
+        kind="count",
     )
-    rate_range: Scalar = quantity("rad/s", "Where the gyros saturate, if they don't say so.", default=35.0, above=0)
-    force_range: Scalar = quantity("m/s^2", "The same of the accelerometers.", default=160.0, above=0)
+    rate_range: Scalar = quantity(
+        "rad/s", "Range of the gyros, used if the sensor does not report saturation.", default=35.0, above=0
+    )
+    force_range: Scalar = quantity(
+        "m/s^2", "Range of the accelerometers, used if the sensor does not report saturation.", default=160.0, above=0
+    )
     frozen_imu: Scalar = quantity(
-        "1", "Equal samples in a row that mean frozen; 0: never.", default=25, kind="count", off={"imu-noise": 0}
+        "1",
+        "Consecutive equal IMU samples after which the IMU counts as frozen; 0: never.",
+        default=25,
+        kind="count",
+        off={"imu-noise": 0},
     )
-    gap: Scalar = quantity("100 ns", "Longest silence of the IMU bridged in trust.", default=ms(40), kind="time")
+    gap: Scalar = quantity(
+        "100 ns", "Longest gap between IMU samples without extra uncertainty.", default=ms(40), kind="time"
+    )
     delay: Scalar = quantity(
-        "100 ns", "How far the filter stands behind: the oldest fix that it uses.", default=ms(150), kind="time"
+        "100 ns", "Delay of the filter behind the present: maximum age of a usable fix.", default=ms(150), kind="time"
     )
     imu: str = option("Name of the inertial sensor.", default="imu")
     gnss: str = option("Name of the receiver.", default="gnss")
-    aiding: str = option("What the receiver gives.", default="fixes", choices=("fixes", "ranges"))
-    satellites: int = option("How many the receiver knows; for ranges.", default=8)
-    slots: int = option("Samples of the IMU that are kept: those of the delay, and some.", default=176)
-    carried: int = option("Samples of the IMU after which the covariance is carried on.", default=20)
+    aiding: str = option(
+        "Type of the receiver's measurements: fixes, or raw ranges.", default="fixes", choices=("fixes", "ranges")
+    )
+    satellites: int = option("Number of satellites that the receiver handles; for ranges.", default=8)
+    slots: int = option("Number of IMU samples kept: at least those within the delay, plus a reserve.", default=176)
+    carried: int = option("Number of IMU samples after which the covariance is propagated.", default=20)
 
     @property
     def listens(self) -> tuple[str, ...]:
-        """The names of what is read."""
+        """Return the names of the sensors that are read."""
         return self.imu, self.gnss
 
     @property
     def errors(self) -> int:
-        """Numbers of the error."""
+        """Return the number of errors."""
         return ERRORS + 2 * (self.aiding == "ranges")
 
     def check(self) -> None:
-        """Refuse a window without room, and one name for two things."""
+        """Raise InputError if the window is too small or a sensor name is used twice."""
         if self.slots < 2:
-            raise InputError("slots", f"{self.slots} samples are too few", fix="keep delay over period and some more")
+            raise InputError("slots", f"{self.slots} samples are too few", fix="keep more than delay divided by period")
         if self.carried < 1:
-            raise InputError("carried", f"{self.carried} is no number of samples", fix="give 1 or more, e.g. 20")
+            raise InputError(
+                "carried",
+                f"the number of samples must be at least 1, got {self.carried}",
+                fix="give 1 or more, e.g. 20",
+            )
         if self.imu == self.gnss:
-            problem = f"IMU and receiver are both named {self.imu!r}"
-            raise InputError("gnss", problem, fix="give each sensor its own name")
+            problem = f"the IMU and the receiver must have different names, got {self.imu!r} for both"
+            raise InputError("gnss", problem, fix="give each sensor a name of its own")
 
     def init(self, key: Key) -> GnssInertialState:
-        """Nothing measured yet."""
+        """Return the initial state, before any measurement."""
         n = self.errors
         width, numbers = self._widths()
         none, some = np.int32(0), np.zeros(numbers)
@@ -202,7 +233,7 @@ class GnssInertial:
         )
 
     def step(self, t: Any, state: GnssInertialState, frame: Frame) -> tuple[GnssInertialState, Estimate]:
-        """The estimate at integer time t; its state is a SpatialNavigationState."""
+        """Return the estimate at integer time t; its state is a SpatialNavigationState."""
         state, fresh = _receive(self, t, state, frame)
         state = lax.while_loop(lambda s: is_due(s.window, self.delay), lambda s: _follow(self, s), state)
         state = lax.cond(fresh & (state.since == self.carried // 2), lambda: _tell_sigmas(self, state), lambda: state)
@@ -213,14 +244,14 @@ class GnssInertial:
         return state, Estimate(t=t, age=age, fresh=fresh, valid=valid, state=_navigation(self, state, silent))
 
     def _widths(self) -> tuple[int, int]:
-        """Numbers of a measurement, and how many of them are measured rather than told along."""
+        """Return the length of a measurement, and how many of its numbers are measurements."""
         if self.aiding == "ranges":
             return RANGE_NUMBERS * self.satellites, 2 * self.satellites
         return FIX_NUMBERS, FIX_NUMBERS
 
 
 def _receive(form: GnssInertial, t: Any, state: GnssInertialState, frame: Frame) -> tuple[GnssInertialState, Any]:
-    """With what has arrived put in order, and whether a sample of the IMU was usable."""
+    """Return the state with new samples queued, and whether an IMU sample was usable."""
     sample, measured = frame.samples[form.imu], frame.samples[form.gnss]
     reading = sample.value
     felt = *_three(reading.angular_rate), *_three(reading.specific_force)
@@ -257,7 +288,7 @@ def _three(v: Any) -> tuple[Any, Any, Any]:
 
 
 def _read_gnss(form: GnssInertial, value: Any) -> tuple[Any, tuple[Any, ...]]:
-    """A measurement as one vector, and those of its numbers that tell one from another."""
+    """Return a measurement as one vector, and those of its numbers that identify a repeated one."""
     if form.aiding == "fixes":
         whole = jnp.concatenate([value.position, value.velocity])
         return whole, tuple(whole[i] for i in range(FIX_NUMBERS))
@@ -268,7 +299,7 @@ def _read_gnss(form: GnssInertial, value: Any) -> tuple[Any, tuple[Any, ...]]:
 
 
 def _follow(form: GnssInertial, state: GnssInertialState) -> GnssInertialState:
-    """The filter one sample on, with what was measured up to there."""
+    """Return the filter one sample later, corrected by the measurements up to that time."""
     window, one = take_sample(state.window)
     gravity = jnp.asarray(form.gravity, float)
     x = propagate(state.nominal, one.felt[:3], one.felt[3:], one.dt, one.doubt, gravity)
@@ -282,7 +313,7 @@ def _follow(form: GnssInertial, state: GnssInertialState) -> GnssInertialState:
 
 
 def _correct(form: GnssInertial, state: GnssInertialState, longest: Any) -> GnssInertialState:
-    """With the oldest measurement that waits; one from more than `longest` (s) ago is late, and is not used."""
+    """Fuse the oldest waiting measurement; one made more than `longest` (s) ago is late and is not used."""
     t, value, fixes = next_fix(state.fixes)
     x, fix = state.nominal, state.gnss_fix
     dt = to_seconds(t - state.t)
@@ -320,7 +351,7 @@ def _correct(form: GnssInertial, state: GnssInertialState, longest: Any) -> Gnss
 
 
 def _estimate_error(y: Any, H: Any, wanted: Any) -> Any:
-    """Variances (n,) of position and velocity as large as the innovations (m,) ask for: what giving in adds to P."""
+    """Return the variances (n,) of position and velocity to be added to P on giving in, from the innovations (m,)."""
     squares = jnp.where(wanted & jnp.isfinite(y), y * y, 0.0)
     largest_place = jnp.max(squares * (jnp.abs(H[:, POSITION.start]) + jnp.abs(H[:, POSITION.start + 2]) > 0.1))
     largest_speed = jnp.max(squares * (jnp.abs(H[:, VELOCITY.start]) + jnp.abs(H[:, VELOCITY.start + 2]) > 0.1))
@@ -329,7 +360,7 @@ def _estimate_error(y: Any, H: Any, wanted: Any) -> Any:
 
 
 def _tell_sigmas(form: GnssInertial, state: GnssInertialState) -> GnssInertialState:
-    """With standard deviations of what is told now: P carried to the last sample, and over the window after it."""
+    """Update the reported standard deviations: P propagated to the last sample, and over the window after it."""
     x = state.nominal
     begin = quaternion.multiply(x.attitude, quaternion.conjugate(x.span.turn))
     whole = compose(x.span, correct_window(state.window, x.gyro_bias, x.force_bias))
@@ -339,7 +370,7 @@ def _tell_sigmas(form: GnssInertial, state: GnssInertialState) -> GnssInertialSt
 
 
 def _navigation(form: GnssInertial, state: GnssInertialState, silent: Any) -> SpatialNavigationState:
-    """What is told: the filter's state, carried over the window."""
+    """Return the reported state: the filter's, propagated over the window."""
     x, window, sigma = state.nominal, state.window, state.sigma
     one = correct_window(window, x.gyro_bias, x.force_bias)
     now = move(kinematics_of(x), one, jnp.asarray(form.gravity, float))

@@ -1,4 +1,4 @@
-"""What a receiver of satellite navigation should measure where the filter is, and how that depends on its errors.
+"""Predicted measurements of a satellite receiver at the filter's state, and their derivatives by its errors.
 
 With a the antenna at its lever arm l, R the attitude, w the angular velocity:
 
@@ -31,22 +31,22 @@ from trimtab.estimators.inertial.error_state import (
 FIX_NUMBERS = 6
 """Numbers of a fix: position and velocity."""
 RANGE_NUMBERS = 9
-"""Numbers of each satellite: pseudorange, rate, place, velocity, whether it is received."""
+"""Numbers of each satellite: pseudorange, rate, position, velocity, whether it is received."""
 
 
 @record
 class GnssNoise:
-    """White noise of the receiver, as believed; and what it does not tell as noise. Source: docs page, Gnss."""
+    """White noise of the receiver as the filter models it, and its constant error. Source: docs page, Gnss."""
 
-    position: Scalar = quantity("m", "Of a fix, north and east.", default=0.4, above=0)
-    position_down: Scalar = quantity("m", "Of a fix, down.", default=0.7, above=0)
-    velocity: Scalar = quantity("m/s", "Of a fix, north and east.", default=0.05, above=0)
-    velocity_down: Scalar = quantity("m/s", "Of a fix, down.", default=0.08, above=0)
-    pseudorange: Scalar = quantity("m", "Of a pseudorange.", default=0.8, above=0)
-    range_rate: Scalar = quantity("m/s", "Of its rate.", default=0.08, above=0)
+    position: Scalar = quantity("m", "White noise of a position fix, north and east.", default=0.4, above=0)
+    position_down: Scalar = quantity("m", "White noise of a position fix, down.", default=0.7, above=0)
+    velocity: Scalar = quantity("m/s", "White noise of a velocity fix, north and east.", default=0.05, above=0)
+    velocity_down: Scalar = quantity("m/s", "White noise of a velocity fix, down.", default=0.08, above=0)
+    pseudorange: Scalar = quantity("m", "White noise of a pseudorange.", default=0.8, above=0)
+    range_rate: Scalar = quantity("m/s", "White noise of a range rate.", default=0.08, above=0)
     constant: Scalar = quantity(
         "m",
-        "Error of each coordinate that stays: no filter sees it; it is added to what is told of the position.",
+        "Constant error of each coordinate; unobservable, so it is added to the reported uncertainty of the position.",
         default=0.0,
         low=0,
         off={"gnss-correlated-error": 0.0},
@@ -63,7 +63,7 @@ class ExpectedMeasurement(NamedTuple):
 
 
 def antenna_rows(x: Nominal, dt: Any, arm: Any) -> tuple[Any, Any, Any, Any]:
-    """Place and velocity (3,) of the antenna in W, dt (s) from the state's instant, and their derivatives (3, n)."""
+    """Return position and velocity (3,) of the antenna in W, dt (s) after the state, and their derivatives (3, n)."""
     R, n = quaternion.to_matrix(x.attitude), x.P.shape[0]
     swing = jnp.cross(x.rate, arm)
     none, eye = jnp.zeros((3, n)), jnp.eye(3)
@@ -77,7 +77,7 @@ def antenna_rows(x: Nominal, dt: Any, arm: Any) -> tuple[Any, Any, Any, Any]:
 
 
 def expect_fix(x: Nominal, value: Any, dt: Any, arm: Any, noise: GnssNoise) -> ExpectedMeasurement:
-    """Of a fix (6,): position and velocity of the antenna dt (s) from the state's instant."""
+    """Return the prediction of a fix (6,): position and velocity of the antenna dt (s) from the state's time."""
     place, velocity, by_place, by_velocity = antenna_rows(x, dt, arm)
     across, down = noise.position**2, noise.position_down**2
     along, sinking = noise.velocity**2, noise.velocity_down**2
@@ -88,9 +88,9 @@ def expect_fix(x: Nominal, value: Any, dt: Any, arm: Any, noise: GnssNoise) -> E
 
 
 def set_clock(x: Nominal, e: ExpectedMeasurement) -> tuple[Nominal, ExpectedMeasurement]:
-    """With the clock that the mean of first ranges and rates shows, and what is expected then.
+    """Return the state with the clock set by the mean of the first ranges and rates, and the resulting predictions.
 
-    A receiver's clock is anything: with a sigma as large as that, P would lose its digits in the first update.
+    A receiver's clock can have any offset: with a sigma as large as that, P would lose precision in the first update.
     """
     y = jnp.where(e.wanted, e.y, 0.0).reshape(2, -1)
     shown = jnp.sum(y, axis=1) / jnp.maximum(jnp.sum(e.wanted) / 2, 1.0)
@@ -98,7 +98,7 @@ def set_clock(x: Nominal, e: ExpectedMeasurement) -> tuple[Nominal, ExpectedMeas
 
 
 def expect_ranges(x: Nominal, value: Any, dt: Any, arm: Any, noise: GnssNoise) -> ExpectedMeasurement:
-    """Of raw ranges (9 n,): pseudoranges, rates, places (n, 3), velocities (n, 3) and which satellites are received."""
+    """Return the prediction of raw ranges (9 n,): pseudoranges, rates, places (n, 3), velocities (n, 3), reception."""
     n = value.shape[0] // RANGE_NUMBERS
     ranges, rates, received = value[:n], value[n : 2 * n], value[8 * n :] > 0.5
     places, velocities = value[2 * n : 5 * n].reshape(n, 3), value[5 * n : 8 * n].reshape(n, 3)

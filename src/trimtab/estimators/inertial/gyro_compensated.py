@@ -19,15 +19,15 @@ from trimtab.estimators.inertial.sensor_watch import NEVER
 
 @record
 class CompensatorState:
-    """The two measurements before; any shape, each component alone. Source: [1] eq. 6.2."""
+    """The two previous values; any shape, each component on its own. Source: [1] eq. 6.2."""
 
-    y1: Any = quantity("rad/s", "The one before.")
-    y2: Any = quantity("rad/s", "The one before that.")
+    y1: Any = quantity("rad/s", "Previous value.")
+    y2: Any = quantity("rad/s", "Value before the previous one.")
 
 
 @record
 class GyroCompensator:
-    """Difference equation that undoes a second-order gyro.
+    """Difference equation that inverts a second-order gyro model.
 
         u_k = (y_k + a1 y_{k-1} + a2 y_{k-2})/b0          [1, eq. 6.2 inverted]
 
@@ -39,70 +39,72 @@ class GyroCompensator:
     """
 
     b0: Scalar = quantity(
-        "1", "Of the newest rate, in the gyro's model.", default=0.3236, above=0, source="[1] eq. 6.2"
+        "1", "Coefficient of the newest rate, in the gyro's model.", default=0.3236, above=0, source="[1] eq. 6.2"
     )
-    a1: Scalar = quantity("1", "Of the output before.", default=-0.9805, source="[1] eq. 6.2")
-    a2: Scalar = quantity("1", "Of the output two before.", default=0.2898, source="[1] eq. 6.2")
-    normalised: bool = option("Keep a constant rate as it is: b0 = 1 + a1 + a2.", default=True, choices=(True, False))
+    a1: Scalar = quantity("1", "Coefficient of the previous output.", default=-0.9805, source="[1] eq. 6.2")
+    a2: Scalar = quantity("1", "Coefficient of the output two samples ago.", default=0.2898, source="[1] eq. 6.2")
+    normalised: bool = option(
+        "Scale b0 to 1 + a1 + a2, so that a constant rate stays unchanged.", default=True, choices=(True, False)
+    )
 
     def section(self) -> Section:
-        """The compensator as a difference equation."""
+        """Return the compensator as a difference equation."""
         b0 = 1 + self.a1 + self.a2 if self.normalised else self.b0
         return Section(b0=1 / b0, b1=self.a1 / b0, b2=self.a2 / b0)
 
     def start(self, y: Any) -> CompensatorState:
-        """The state after a constant measurement y for all time."""
+        """Return the state after a constant measurement y for all time."""
         return CompensatorState(y1=jnp.asarray(y), y2=jnp.asarray(y))
 
     def compensate(self, state: CompensatorState, y: Any) -> tuple[CompensatorState, Any]:
-        """The next state, and the compensated rate of the newest measurement y."""
+        """Return the next state, and the compensated rate of the newest measurement y."""
         s = self.section()
         return CompensatorState(y1=y, y2=state.y1), s.b0 * y + s.b1 * state.y1 + s.b2 * state.y2
 
 
 @record
 class CompensatedState:
-    """The compensator's memory, its last sample, and the navigation behind it. Source: this module."""
+    """Compensator's memory, its last sample, and the state of the navigation. Source: this module."""
 
-    compensator: CompensatorState = part("Rates as measured before.")
+    compensator: CompensatorState = part("Previous measured rates.")
     rate: Any = quantity("rad/s", "Last compensated angular velocity.", frame="B", shape=(3,))
-    last: Scalar = quantity("100 ns", "When that sample was measured.", kind="time")
+    last: Scalar = quantity("100 ns", "Time at which the last sample was measured.", kind="time")
     navigation: Any = part("State of the navigation.")
 
 
 @record
 class CompensatedInertial:
-    """Any form of aided inertial navigation, with each gyro sample put through the compensator first.
+    """Any form of aided inertial navigation, with each gyro sample compensated first.
 
-    A sample that is not the next after the one before (a gap, or the first) begins anew, as if its rate had been there
-    for all time. Samples that are older, repeated or not finite pass as they are: the navigation refuses them itself.
+    The first sample, and one after a gap, restart the compensator as if its rate had been constant for all time.
+    Samples that are older, repeated or not finite pass unchanged: the navigation rejects them itself.
 
     Valid:   samples at the compensator's own rate; with a slower unit, each beyond `gap`, nothing is compensated.
     Source:  [1] sections 6.2.1.3 and 6.2.1.5, table 6.6.
     """
 
-    navigation: Any = part("What gets the compensated samples.", default=AidedInertialFeedforward())
-    compensator: GyroCompensator = part("Inverse of the gyro.", default=GyroCompensator())
-    gap: Scalar = quantity("100 ns", "Longest time between two samples in a row.", default=ms(10), kind="time")
+    navigation: Any = part("Navigation that gets the compensated samples.", default=AidedInertialFeedforward())
+    compensator: GyroCompensator = part("Inverse of the gyro's dynamics.", default=GyroCompensator())
+    gap: Scalar = quantity("100 ns", "Longest time between two consecutive samples.", default=ms(10), kind="time")
 
     @property
     def listens(self) -> tuple[str, ...]:
-        """As the navigation does."""
+        """Return the names of the sensors of the navigation."""
         return self.navigation.listens
 
     def check(self) -> None:
-        """What the navigation refuses."""
+        """Raise InputError if the navigation is invalid."""
         self.navigation.check()
 
     def init(self, key: Key) -> CompensatedState:
-        """Nothing measured."""
+        """Return the initial state, before any measurement."""
         o = jnp.zeros(3)
         return CompensatedState(
             compensator=self.compensator.start(o), rate=o, last=np.int64(NEVER), navigation=self.navigation.init(key)
         )
 
     def step(self, t: Any, state: CompensatedState, frame: Frame) -> tuple[CompensatedState, Estimate]:
-        """The navigation's estimate at integer time t."""
+        """Return the navigation's estimate at integer time t."""
         name = self.navigation.intake.imu
         sample = frame.samples[name]
         y = sample.value.angular_rate

@@ -1,12 +1,12 @@
-"""Measurements fused at the time they were taken, however late they come: past states are kept, and replayed.
+"""Measurements fused at the time they were taken, however late they arrive: past states are kept and replayed.
 
 A ring holds the last events in the order in which they were measured: samples of the IMU, headings, positions, pings,
-each with the filter's state after it. A late measurement is put where it belongs, and everything from there on is
-computed again, so the result is that of a filter which had got all in time. An aiding measurement newer than the newest
-IMU sample waits for the next one; between two samples the IMU is taken as running straight.
+each with the filter's state after it. A late measurement is inserted at its time, and all later states are computed
+again, so the result equals that of a filter that received everything in time. An aiding measurement newer than the
+newest IMU sample waits for the next one; between two samples the IMU's reading is interpolated linearly.
 
-Without a late measurement there is one turn of the loop for each event. Nothing is approximated, and the only limit is
-the ring's length.
+Without a late measurement the loop runs once per event. Nothing is approximated, and the only limit is the ring's
+length.
 
 Source: docs page, Measurement history.
 """
@@ -24,27 +24,29 @@ from trimtab.core.time import to_seconds
 from trimtab.estimators.inertial.sensor_watch import NEVER
 
 EMPTY, IMU, HEADING, POSITION, RANGES = range(5)
-"""Kinds of event."""
+"""Kinds of events."""
 KINDS = ("empty", "imu", "heading", "position", "ranges")
 AIDING_KINDS = {"positions": POSITION, "ranges": RANGES}
-"""Kind of the events of the sensor that aids with a place, by what a form says of itself (AIDED_BY)."""
+"""Kind of the position sensor's events, by the form's AIDED_BY."""
 IMU_NUMBERS = 3
-"""Numbers of an IMU's event."""
+"""Numbers in an IMU event."""
 LONGEST = 0.1
-"""How long (s) a velocity counts between two events, or after the last."""
+"""Longest time (s) over which a velocity is used between two events, or after the last."""
 POSITION_NUMBERS = 5
-"""Numbers of a position's event: north, east (m), and its covariance, north, mixed, east (m^2)."""
+"""Numbers of a position event: north, east (m), and its covariance, north, mixed, east (m^2)."""
 
 
 @record
 class History:
-    """The ring; every leaf has a leading axis of slots, the oldest at `head`. Source: docs page."""
+    """Ring of events; every leaf has a leading axis of slots, the oldest at `head`. Source: docs page."""
 
     head: Scalar = quantity("1", "Slot of the oldest event.", kind="count")
-    t: Any = quantity("100 ns", "When each event was measured; never falls from the oldest on.", kind="time")
-    kind: Any = quantity("1", "What it is.", kind="mode", modes=KINDS)
-    value: Any = quantity("1", "What was measured, in the sensor's units.")
-    doubt: Any = quantity("1", "1 where the gyro, or the accelerometers, of this sample can't be trusted; (slots, 2).")
+    t: Any = quantity(
+        "100 ns", "Time at which each event was measured; non-decreasing from the oldest on.", kind="time"
+    )
+    kind: Any = quantity("1", "Kind of each event.", kind="mode", modes=KINDS)
+    value: Any = quantity("1", "Measured values, in the sensor's units.")
+    doubt: Any = quantity("1", "1 where the gyro, or the accelerometers, of this sample cannot be trusted; (slots, 2).")
     nodes: Any = part("State of the filter after each event; its fields t, felt and doubt are used here.")
 
 
@@ -58,7 +60,7 @@ class Event(NamedTuple):
 
 
 def empty_history(node: Any, slots: int, width: int = POSITION_NUMBERS) -> History:
-    """A ring without events; node: state of the filter before any, with t = NEVER; width: of the longest value."""
+    """Return a ring without events; node: filter state before any, with t = NEVER; width: of the longest value."""
     return History(
         head=np.int32(0),
         t=np.full(slots, NEVER, np.int64),
@@ -70,16 +72,16 @@ def empty_history(node: Any, slots: int, width: int = POSITION_NUMBERS) -> Histo
 
 
 def newest_imu_index(h: History) -> Any:
-    """How far the filter has come: which event, from the oldest, is the newest of the IMU; the last where none is."""
+    """Return the index, from the oldest, of the newest IMU event; the last index where there is none."""
     last = np.int32(h.t.shape[0] - 1)
     i = lax.while_loop(lambda i: (i >= 0) & (_read_slot(h.kind, _slot_index(h, i)) != IMU), lambda i: i - 1, last)
     return jnp.where(i < 0, last, i)
 
 
 def check_room(h: History, reached: Any, event: Event) -> tuple[Any, Any]:
-    """Whether an event can be put into the ring, and whether it is there already; reached: see `newest_imu_index`.
+    """Return if an event fits into the ring, and if it is there already; reached: see `newest_imu_index`.
 
-    What was measured before all that is remembered has no state to start from. One slot is kept for the IMU.
+    An event older than the whole history has no state to start from. One slot is kept for the IMU.
     """
     before = _last_index(h, event.t)
 
@@ -95,10 +97,10 @@ def check_room(h: History, reached: Any, event: Event) -> tuple[Any, Any]:
 
 
 def insert_event(h: History, reached: Any, event: Event) -> tuple[History, Any]:
-    """The ring with one event more and the oldest dropped, and how far the filter's states still hold.
+    """Return the ring with one more event and without the oldest, and the index up to which its states remain valid.
 
-    Events of one instant are ordered as they came, the IMU's first. What is newer moves up one slot, so the newest
-    event moves nothing.
+    Events of one instant keep their order of arrival, the IMU's first. Newer events move up one slot, so inserting the
+    newest event moves nothing.
     """
     place = _last_index(h, event.t - 1 if event.kind == IMU else event.t)
     h = replace(h, head=_wrap_index(h.head + 1, h.t.shape[0]))
@@ -119,7 +121,7 @@ def insert_event(h: History, reached: Any, event: Event) -> tuple[History, Any]:
 
 
 def enter_event(h: History, reached: Any, event: Event) -> tuple[History, Any, Any, Any]:
-    """The ring with an event, how far its states hold, and why it is not in it: too late, or here before."""
+    """Insert an event if possible. Return the ring, how far its states hold, and if the event is late or repeated."""
     room, known = check_room(h, reached, event)
     enters = room & ~known
     new, now = lax.cond(enters, lambda: insert_event(h, reached, event), lambda: (h, reached))
@@ -127,7 +129,7 @@ def enter_event(h: History, reached: Any, event: Event) -> tuple[History, Any, A
 
 
 def replay_events(form: InertialForm, h: History, reached: Any) -> tuple[History, Any]:
-    """The ring with every state after the first `reached` computed up to the newest IMU sample, and that state."""
+    """Compute every state after the first `reached` up to the newest IMU sample. Return the ring and that state."""
     last = newest_imu_index(h)
 
     def body(carry: Any) -> Any:
@@ -141,20 +143,20 @@ def replay_events(form: InertialForm, h: History, reached: Any) -> tuple[History
 
 
 def newest_node(h: History) -> Any:
-    """The filter's state after the newest IMU sample."""
+    """Return the filter's state after the newest IMU sample."""
     return _read_slot(h.nodes, _slot_index(h, newest_imu_index(h)))
 
 
 def node_before(h: History, t: Any) -> Any:
-    """The filter's state after the last event measured at integer time t or before; the oldest where all are later."""
+    """Return the filter's state after the last event measured at or before integer time t, else after the oldest."""
     return _read_slot(h.nodes, _slot_index(h, jnp.maximum(jnp.minimum(_last_index(h, t), newest_imu_index(h)), 0)))
 
 
 def inertial_increment(form: InertialForm, h: History, start: Any, end: Any) -> tuple[Any, Any]:
-    """What the IMU says has been moved (2,) (m, W) and turned (rad) between two integer times that are remembered.
+    """Return the IMU's displacement (2,) (m, W) and turn (rad) between two integer times within the history.
 
-    Velocities and rates of the nodes are integrated, so that a fix in between, which moves the estimated place at once,
-    is no motion. Before the first node and after the last nothing is added.
+    Velocities and rates of the nodes are integrated, so that the jump of the estimated position at a fix does not count
+    as motion. Before the first node and after the last nothing is added.
     """
     first, last = jnp.maximum(_last_index(h, start), 0), jnp.minimum(_last_index(h, end), newest_imu_index(h))
 
@@ -180,7 +182,7 @@ def inertial_increment(form: InertialForm, h: History, start: Any, end: Any) -> 
 
 
 def _process_event(form: Any, h: History, node: Any, i: Any, last: Any) -> Any:
-    """The state after event i, from that after the event before it; last: the newest of the IMU."""
+    """Return the state after event i, from the state after the previous event; last: the newest of the IMU."""
     t, kind, value = (_read_slot(x, _slot_index(h, i)) for x in (h.t, h.kind, h.value))
     # the IMU sample at or after this event; with no turn beyond the last, the loop ends under vmap too
     j = lax.while_loop(lambda j: (j < last) & (_read_slot(h.kind, _slot_index(h, j)) != IMU), lambda j: j + 1, i)
@@ -206,18 +208,18 @@ def _process_event(form: Any, h: History, node: Any, i: Any, last: Any) -> Any:
 
 
 def _last_index(h: History, t: Any) -> Any:
-    """Which event, from the oldest, is the last that was measured at t or before; -1 where none was."""
+    """Return the index, from the oldest, of the last event measured at or before t; -1 if there is none."""
     i = np.int32(h.t.shape[0] - 1)
     return lax.while_loop(lambda i: (i >= 0) & (_read_slot(h.t, _slot_index(h, i)) > t), lambda i: i - 1, i)
 
 
 def _slot_index(h: History, i: Any) -> Any:
-    """Where event i, from the oldest, lies."""
+    """Return the slot of event i, counted from the oldest."""
     return _wrap_index(h.head + i, h.t.shape[0])
 
 
 def _wrap_index(i: Any, n: int) -> Any:
-    """An index in [-n, 2 n) brought into [0, n)."""
+    """Return an index in [-n, 2 n) wrapped into [0, n)."""
     return jnp.where(i >= n, i - n, jnp.where(i < 0, i + n, i)).astype(np.int32)
 
 

@@ -18,11 +18,11 @@ from trimtab.core.time import to_seconds
 from trimtab.estimators.inertial.sensor_watch import NEVER
 
 DIMENSION = 8
-"""Of every belief: heading, velocity (2), position (2), gyro bias, accelerometer biases (2)."""
+"""Number of values in every belief: heading, velocity (2), position (2), gyro bias, accelerometer biases (2)."""
 
 
 class Belief(NamedTuple):
-    """What a filter believes at one instant, in the same order for every form.
+    """Estimate of a filter at one instant, in the same order for every form.
 
     x: heading (rad, unwrapped), velocity north and east (m/s), position north and east (m) of the IMU, gyro bias
     (rad/s), accelerometer biases forward and starboard (m/s^2); shape (8,).
@@ -35,7 +35,7 @@ class Belief(NamedTuple):
 
 @record
 class InertialStart:
-    """What is believed before the first measurement; the first fix and the first heading then take over.
+    """Initial estimate before the first measurement; the first fix and the first heading then determine it.
 
     Source: [1] section 5.4.5 for biases and velocity; heading and position are unknown here, where [1] starts them at
     the first measurement with its variance: the first update does the same.
@@ -46,57 +46,75 @@ class InertialStart:
     east: Scalar = quantity("m", "Position of the IMU, east.", default=0.0, frame="W")
     velocity_north: Scalar = quantity("m/s", "Velocity of the IMU, north.", default=0.0, frame="W")
     velocity_east: Scalar = quantity("m/s", "Velocity of the IMU, east.", default=0.0, frame="W")
-    sigma_heading: Scalar = quantity("rad", "Of the heading; the default knows nothing.", default=1.8, above=0)
-    sigma_position: Scalar = quantity("m", "Of each position.", default=10.0, above=0)
-    sigma_velocity: Scalar = quantity("m/s", "Of each velocity.", default=1.0, above=0, source="[1] section 5.4.5")
-    sigma_gyro_bias: Scalar = quantity("rad/s", "Of the gyro's bias.", default=1.0, above=0, source="[1] section 5.4.5")
+    sigma_heading: Scalar = quantity(
+        "rad", "Standard deviation of the initial heading; the default means unknown.", default=1.8, above=0
+    )
+    sigma_position: Scalar = quantity(
+        "m", "Standard deviation of each initial position coordinate.", default=10.0, above=0
+    )
+    sigma_velocity: Scalar = quantity(
+        "m/s",
+        "Standard deviation of each initial velocity component.",
+        default=1.0,
+        above=0,
+        source="[1] section 5.4.5",
+    )
+    sigma_gyro_bias: Scalar = quantity(
+        "rad/s", "Standard deviation of the initial gyro bias.", default=1.0, above=0, source="[1] section 5.4.5"
+    )
     sigma_force_bias: Scalar = quantity(
-        "m/s^2", "Of each accelerometer's bias.", default=1.0, above=0, source="[1] section 5.4.5"
+        "m/s^2",
+        "Standard deviation of each initial accelerometer bias.",
+        default=1.0,
+        above=0,
+        source="[1] section 5.4.5",
     )
 
     def velocity(self) -> Any:
-        """(2,), north and east."""
+        """Return the initial position (2,), north and east."""
         return stack_numbers(self.velocity_north, self.velocity_east)
 
     def position(self) -> Any:
-        """(2,), north and east."""
+        """Return the initial velocity (2,), north and east."""
         return stack_numbers(self.north, self.east)
 
     def heading_variances(self) -> Any:
-        """Of heading and gyro bias (2,)."""
+        """Return the initial variances of heading and gyro bias (2,)."""
         return stack_numbers(self.sigma_heading, self.sigma_gyro_bias) ** 2
 
     def motion_variances(self) -> Any:
-        """Of velocity, position and accelerometer biases (6,)."""
+        """Return the initial variances of velocity, position and accelerometer biases (6,)."""
         sigmas = (self.sigma_velocity, self.sigma_position, self.sigma_force_bias)
         return stack_numbers(*(s for s in sigmas for _ in range(2))) ** 2
 
     def pose(self) -> Any:
-        """Heading, velocity and position (5,), in the order of Belief.x."""
+        """Return the initial heading, velocity and position (5,), in the order of Belief.x."""
         return jnp.concatenate(
             [jnp.reshape(jnp.asarray(self.heading, np.float64), 1), self.velocity(), self.position()]
         )
 
     def variances(self) -> Any:
-        """Of all (8,), in the order of Belief.x."""
+        """Return all initial variances (8,), in the order of Belief.x."""
         (heading, bias), motion = self.heading_variances(), self.motion_variances()
         return jnp.concatenate([heading[None], motion[:4], bias[None], motion[4:]])
 
 
 @record
 class LeverArms:
-    """Where the sensors sit in B. Source: docs page, Aided inertial navigation."""
+    """Positions of the sensors in B. Source: docs page, Aided inertial navigation."""
 
-    imu: Any = quantity("m", "Of the IMU.", default=np.zeros(2), frame="B", shape=(2,))
-    aiding: Any = quantity("m", "Of the point whose position is measured.", default=np.zeros(2), frame="B", shape=(2,))
+    imu: Any = quantity("m", "Position of the IMU.", default=np.zeros(2), frame="B", shape=(2,))
+    aiding: Any = quantity(
+        "m", "Position of the point that the aiding measures.", default=np.zeros(2), frame="B", shape=(2,)
+    )
 
     def imu_to_aided_point(self) -> Any:
-        """From the IMU to the aided point (2,), in B."""
+        """Return the vector from the IMU to the aided point (2,), in B."""
         return self.aiding - self.imu
 
 
 def mechanise(dt: Any, f0: Any, f1: Any, v: Any, r: Any) -> tuple[Any, Any]:
-    """Velocity and position (2,) in W a time dt (s) on, exact where the force per mass runs straight from f0 to f1.
+    """Return velocity and position (2,) in W after dt (s), exact if the specific force changes linearly from f0 to f1.
 
         v + dt/2 (f1 + f0)        r + v dt + dt^2/6 (f1 + 2 f0)                                       [1, eq. 3.42]
 
@@ -106,7 +124,7 @@ def mechanise(dt: Any, f0: Any, f1: Any, v: Any, r: Any) -> tuple[Any, Any]:
 
 
 def mechanise_corrected(dt: Any, before: Any, felt: Any, x: Any) -> tuple[Any, Any, Any]:
-    """Heading, velocity and position a time dt (s) on, of an INS whose biases are taken off what its IMU reads.
+    """Return heading, velocity and position after dt (s), of an INS that subtracts its biases from the IMU readings.
 
     before, felt: what the IMU read at the step's start (3,), and reads at its end.
     x: heading, velocity (2,), position (2,), gyro bias, accelerometer biases (2,) at its start; these act with that
@@ -122,28 +140,28 @@ def mechanise_corrected(dt: Any, before: Any, felt: Any, x: Any) -> tuple[Any, A
 
 
 def rotate_lever(heading: Any, arm: Any) -> tuple[Any, Any]:
-    """A lever arm (2,) of B in W, and its derivative by the heading."""
+    """Return a lever arm (2,) of B in W, and its derivative by the heading."""
     B = planar(heading)
     quarter = jnp.stack([-arm[1], arm[0]])
     return B @ arm, B @ quarter
 
 
 def stack_numbers(*numbers: Any) -> Any:
-    """Numbers (n,), each a plain one or a traced one, in double precision."""
+    """Return numbers (n,), plain or traced, in double precision."""
     return jnp.stack([jnp.asarray(number, np.float64) for number in numbers])
 
 
 @record
 class ImuHistory:
-    """The last samples of an IMU, the newest at the end. Source: docs page, Particle filter."""
+    """Last samples of an IMU, the newest at the end. Source: docs page, Particle filter."""
 
-    t: Any = quantity("100 ns", "When each was taken; never: none yet.", kind="time")
+    t: Any = quantity("100 ns", "Time of each sample; never: none yet.", kind="time")
     felt: Any = quantity("1", "Yaw rate (rad/s), force per mass forward and starboard (m/s^2); (slots, 3).")
-    doubt: Any = quantity("1", "1 where gyro, or accelerometers, can't be trusted; (slots, 2).")
+    doubt: Any = quantity("1", "1 where the gyro, or the accelerometers, cannot be trusted; (slots, 2).")
 
 
 class PreintegratedMotion(NamedTuple):
-    """What an IMU felt between two instants, summed up once for filters that start from different states.
+    """IMU readings between two instants, integrated once for filters that start from different states.
 
     time: T (s).  turn: (rad).  velocity: dv (2,).  position: dr (2,).  D1, D2: (2, 2).  doubt: (2,).
     With the turn a since the first instant, everything in the body's axes of that instant:
@@ -170,12 +188,12 @@ class PreintegratedMotion(NamedTuple):
 
 
 def empty_imu_history(slots: int) -> ImuHistory:
-    """Before the first."""
+    """Return the initial value, before the first sample."""
     return ImuHistory(np.full(slots, NEVER, np.int64), np.zeros((slots, 3)), np.zeros((slots, 2)))
 
 
 def append_sample(h: ImuHistory, t: Any, felt: Any, doubt: Any) -> ImuHistory:
-    """With one more sample; the oldest is forgotten."""
+    """Return the history with one more sample and without the oldest."""
     t, felt, doubt = (jnp.asarray(v) for v in (t, felt, doubt))
     return ImuHistory(
         jnp.concatenate([h.t[1:], t[None]]),
@@ -185,7 +203,7 @@ def append_sample(h: ImuHistory, t: Any, felt: Any, doubt: Any) -> ImuHistory:
 
 
 def preintegrate(h: ImuHistory, begin: Any, end: Any) -> PreintegratedMotion:
-    """The motion from one instant to another, as far as samples reach; readings run straight between samples."""
+    """Return the motion between two instants, as far as samples reach; readings are interpolated linearly."""
     zero, two = jnp.zeros(()), jnp.zeros(2)
     start = PreintegratedMotion(zero, zero, two, two, jnp.zeros((2, 2)), jnp.zeros((2, 2)), two)
 

@@ -1,5 +1,5 @@
-"""What an aided inertial navigation system tells: the state at the vehicle's reference point, how sure it is, and how
-its measurements fared as they were fused.
+"""Output of an aided inertial navigation system: state at the vehicle's reference point, its uncertainty, and
+statistics of the fused measurements.
 
 Source: docs page, Aided inertial navigation.
 """
@@ -19,28 +19,36 @@ from trimtab.estimators.kalman import NO_GATE, CovarianceHealth, Update, covaria
 
 @record
 class HeadingFix:
-    """How the heading measurements fared, up to the newest in order of measurement. Source: docs page."""
+    """Statistics of the heading updates, up to the newest in order of measurement. Source: docs page."""
 
-    innovation: Any = quantity("rad", "Measured minus predicted.", kind="angle", shape=(1,))
-    normalised: Any = quantity("1", "The same in its own sigma.", shape=(1,))
-    nis: Scalar = quantity("1", "Its square; chi-square with one degree of freedom.")
-    used: Scalar = quantity("1", "How many were used.", kind="count")
-    rejected: Scalar = quantity("1", "How many were outside the gate.", kind="count")
-    rejected_in_a_row: Scalar = quantity("1", "How many since the last that was used.", kind="count")
-    given_in: Scalar = quantity("1", "How often so many in a row were refused that the filter gave in.", kind="count")
+    innovation: Any = quantity("rad", "Innovation: measured minus predicted.", kind="angle", shape=(1,))
+    normalised: Any = quantity("1", "Innovation divided by its standard deviation.", shape=(1,))
+    nis: Scalar = quantity("1", "NIS: squared normalised innovation; chi-square with one degree of freedom.")
+    used: Scalar = quantity("1", "Number of measurements used.", kind="count")
+    rejected: Scalar = quantity("1", "Number of measurements rejected by the gate.", kind="count")
+    rejected_in_a_row: Scalar = quantity("1", "Number of measurements rejected since the last one used.", kind="count")
+    given_in: Scalar = quantity(
+        "1",
+        "Number of times the filter accepted a measurement outside the gate after too many rejections in a row.",
+        kind="count",
+    )
 
 
 @record
 class PositionFix:
-    """How the position fixes fared, up to the newest in order of measurement. Source: docs page."""
+    """Statistics of the position updates, up to the newest in order of measurement. Source: docs page."""
 
-    innovation: Any = quantity("m", "Measured minus predicted, north and east.", frame="W", shape=(2,))
-    normalised: Any = quantity("1", "The same in their own sigmas.", shape=(2,))
-    nis: Scalar = quantity("1", "y' S^-1 y; chi-square with two degrees of freedom.")
-    used: Scalar = quantity("1", "How many were used.", kind="count")
-    rejected: Scalar = quantity("1", "How many were outside the gate.", kind="count")
-    rejected_in_a_row: Scalar = quantity("1", "How many since the last that was used.", kind="count")
-    given_in: Scalar = quantity("1", "How often so many in a row were refused that the filter gave in.", kind="count")
+    innovation: Any = quantity("m", "Innovation: measured minus predicted, north and east.", frame="W", shape=(2,))
+    normalised: Any = quantity("1", "Innovations divided by their standard deviations.", shape=(2,))
+    nis: Scalar = quantity("1", "NIS: y' S^-1 y; chi-square with two degrees of freedom.")
+    used: Scalar = quantity("1", "Number of measurements used.", kind="count")
+    rejected: Scalar = quantity("1", "Number of measurements rejected by the gate.", kind="count")
+    rejected_in_a_row: Scalar = quantity("1", "Number of measurements rejected since the last one used.", kind="count")
+    given_in: Scalar = quantity(
+        "1",
+        "Number of times the filter accepted a measurement outside the gate after too many rejections in a row.",
+        kind="count",
+    )
 
 
 @record
@@ -56,42 +64,44 @@ class NavigationState:
     heading: Scalar = quantity("rad", "Angle from north to the body's x axis; unwrapped.", kind="angle")
     north: Scalar = quantity("m", "Position, north.", frame="W")
     east: Scalar = quantity("m", "Position, east.", frame="W")
-    sigma_surge_velocity: Scalar = quantity("m/s", "Standard deviation of the estimate.")
-    sigma_sway_velocity: Scalar = quantity("m/s", "Standard deviation of the estimate.")
-    sigma_yaw_rate: Scalar = quantity("rad/s", "Standard deviation of the estimate, with the noise of the sample.")
-    sigma_heading: Scalar = quantity("rad", "Standard deviation of the estimate.")
-    sigma_north: Scalar = quantity("m", "Standard deviation of the estimate.")
-    sigma_east: Scalar = quantity("m", "Standard deviation of the estimate.")
-    gyro_bias: Scalar = quantity("rad/s", "What the gyro reads too much.")
-    forward_bias: Scalar = quantity("m/s^2", "What the forward accelerometer reads too much.")
-    starboard_bias: Scalar = quantity("m/s^2", "What the starboard accelerometer reads too much.")
-    sigma_gyro_bias: Scalar = quantity("rad/s", "Standard deviation of the estimate.")
-    sigma_forward_bias: Scalar = quantity("m/s^2", "Standard deviation of the estimate.")
-    sigma_starboard_bias: Scalar = quantity("m/s^2", "Standard deviation of the estimate.")
-    heading_fix: Any = part("How the heading measurements fared.")
-    position_fix: Any = part("How the position fixes fared.")
-    covariance: CovarianceHealth = part("Whether the covariance is still one.")
-    imu: SensorWatch = part("What the IMU has done.")
-    heading_sensor: Any = part("What the heading sensor has done; None without one.")
-    position_sensor: Any = part("What the position sensor has done; None without one.")
-    coasting: Scalar = quantity("1", "Whether the IMU is silent: constant velocity assumed, sigmas grow.", kind="flag")
-    clock_backwards: Scalar = quantity("1", "How often the autopilot's own time ran backwards.", kind="count")
+    sigma_surge_velocity: Scalar = quantity("m/s", "Standard deviation of the velocity along the body's x axis.")
+    sigma_sway_velocity: Scalar = quantity("m/s", "Standard deviation of the velocity along the body's y axis.")
+    sigma_yaw_rate: Scalar = quantity("rad/s", "Standard deviation of the yaw rate, including the noise of the sample.")
+    sigma_heading: Scalar = quantity("rad", "Standard deviation of the heading.")
+    sigma_north: Scalar = quantity("m", "Standard deviation of the north position.")
+    sigma_east: Scalar = quantity("m", "Standard deviation of the east position.")
+    gyro_bias: Scalar = quantity("rad/s", "Estimated bias of the gyro.")
+    forward_bias: Scalar = quantity("m/s^2", "Estimated bias of the forward accelerometer.")
+    starboard_bias: Scalar = quantity("m/s^2", "Estimated bias of the starboard accelerometer.")
+    sigma_gyro_bias: Scalar = quantity("rad/s", "Standard deviation of the gyro bias.")
+    sigma_forward_bias: Scalar = quantity("m/s^2", "Standard deviation of the forward accelerometer bias.")
+    sigma_starboard_bias: Scalar = quantity("m/s^2", "Standard deviation of the starboard accelerometer bias.")
+    heading_fix: Any = part("Statistics of the heading updates.")
+    position_fix: Any = part("Statistics of the position updates.")
+    covariance: CovarianceHealth = part("Health of the covariance.")
+    imu: SensorWatch = part("Watch of the IMU's samples.")
+    heading_sensor: Any = part("Watch of the heading sensor's samples; None without a heading sensor.")
+    position_sensor: Any = part("Watch of the position sensor's samples; None without a position sensor.")
+    coasting: Scalar = quantity(
+        "1", "True if the IMU gives no data: constant velocity assumed, sigmas grow.", kind="flag"
+    )
+    clock_backwards: Scalar = quantity("1", "Number of times the autopilot's own time ran backwards.", kind="count")
 
 
 def no_heading_fix() -> HeadingFix:
-    """Before the first."""
+    """Return the initial value, before the first measurement."""
     none = np.int32(0)
     return HeadingFix(np.zeros(1), np.zeros(1), np.float64(0), none, none, none, none)
 
 
 def no_position_fix() -> PositionFix:
-    """Before the first."""
+    """Return the initial value, before the first measurement."""
     none = np.int32(0)
     return PositionFix(np.zeros(2), np.zeros(2), np.float64(0), none, none, none, none)
 
 
 def first_of_node(position_fix: Any = None) -> dict[str, Any]:
-    """What the node of every form begins with, by field: nothing measured; position_fix: a PositionFix unless given."""
+    """Return the initial fields of every form's node, before any measurement; position_fix: PositionFix by default."""
     return {
         "t": np.int64(NEVER),
         "felt": np.zeros(3),
@@ -104,7 +114,7 @@ def first_of_node(position_fix: Any = None) -> dict[str, Any]:
 def fuse_heading(
     form: InertialForm, node: Any, x: Any, P: Any, y: Any, H: Any, R: Any, *, consider: Any = None, sign: float = 1.0
 ) -> tuple[Update, HeadingFix]:
-    """A node's states x, P after one heading, gated as the form's intake says; the rest as `fuse_measurement`."""
+    """Return a node's states x, P after one heading, gated by the form's intake; the rest as `fuse_measurement`."""
     gate, patience = form.intake.gate_heading, form.intake.patience_heading
     return fuse_measurement(node.heading_fix, x, P, y, H, R, gate=gate, patience=patience, consider=consider, sign=sign)
 
@@ -112,7 +122,7 @@ def fuse_heading(
 def fuse_position(
     form: InertialForm, node: Any, x: Any, P: Any, y: Any, H: Any, R: Any, *, consider: Any = None, sign: float = 1.0
 ) -> tuple[Update, PositionFix]:
-    """The same of a position."""
+    """Return a node's states x, P after one position; the rest as `update_heading`."""
     gate, patience = form.intake.gate_position, form.intake.patience_position
     return fuse_measurement(
         node.position_fix, x, P, y, H, R, gate=gate, patience=patience, consider=consider, sign=sign
@@ -132,11 +142,11 @@ def fuse_measurement(
     consider: Any = None,
     sign: float = 1.0,
 ) -> tuple[Update, Any]:
-    """One update with its bookkeeping: what it did, and the HeadingFix or PositionFix after it.
+    """Return the result of one update, and the HeadingFix or PositionFix after it.
 
-    After `patience` measurements refused in a row the filter gives in to the next one that the gate would refuse: its
-    covariance is inflated until the innovation is a usual one, and the gate is open. 0: it never does. The rest as in
-    `kalman.update` and `count_measurement`.
+    After `patience` consecutive rejections the filter gives in to the next measurement that the gate would reject: the
+    covariance is inflated until the innovation is a typical one, and the gate is open. 0: never. The other arguments
+    are those of `kalman.update` and `count_measurement`.
     """
     patience = jnp.asarray(patience)
     gives = (patience > 0) & (fix.rejected_in_a_row >= patience)
@@ -148,7 +158,7 @@ def fuse_measurement(
 
 
 def count_measurement(fix: Any, correction: Update, sign: float = 1.0) -> Any:
-    """A HeadingFix or PositionFix after one more measurement; sign: -1 where innovations are INS minus measured."""
+    """Return a HeadingFix or PositionFix after one more measurement; sign: -1 if innovations are INS minus measured."""
     S = correction.S
     sigma = jnp.sqrt(jnp.stack([S[j, j] for j in range(S.shape[0])]))
     refused = correction.finite & ~correction.accepted
@@ -165,7 +175,7 @@ def count_measurement(fix: Any, correction: Update, sign: float = 1.0) -> Any:
 
 
 def reference_kinematics(belief: Belief, rate: Any, gyro_variance: Any, arms: LeverArms) -> dict[str, Any]:
-    """The kinematic fields of NavigationState, from a belief about the IMU.
+    """Return the kinematic fields of NavigationState, from a belief about the IMU.
 
     rate: what the gyro read (rad/s).  gyro_variance: of its noise.  arms: where the IMU sits.
     """
@@ -176,7 +186,7 @@ def reference_kinematics(belief: Belief, rate: Any, gyro_variance: Any, arms: Le
     arm, slope = rotate_lever(x[0], arms.imu)
     surge, sway = v[0] + yaw_rate * arms.imu[1], v[1] - yaw_rate * arms.imu[0]
     lever = jnp.stack([-arms.imu[1], arms.imu[0]])
-    none, eye = jnp.zeros((3, 2)), jnp.eye(2)  # of force biases nothing here depends
+    none, eye = jnp.zeros((3, 2)), jnp.eye(2)  # nothing here depends on force biases
     by_heading = jnp.concatenate([jnp.stack([v[1], -v[0]]), jnp.zeros(1), -slope])[:, None]
     by_velocity = jnp.concatenate([B.T, none])
     by_position = jnp.concatenate([none, eye])

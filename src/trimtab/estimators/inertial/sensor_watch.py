@@ -1,4 +1,4 @@
-"""Is this sample fit for use? What is frozen, repeated or from the wrong time, told from the samples alone.
+"""Checks of a sensor's samples from the samples alone: frozen, repeated, or with a wrong time.
 
 Source: docs page, Sensor watch.
 """
@@ -13,30 +13,34 @@ from trimtab.core.signals import Sample
 from trimtab.core.time import FOREVER
 
 NEVER = -FOREVER
-"""Before any instant."""
+"""Time before any instant."""
 WIDTH = 3
-"""Numbers in a watched value unless it is wider; shorter ones are filled up with zeros."""
+"""Numbers in a watched value unless it is wider; shorter ones are padded with zeros."""
 
 
 @record
 class SensorWatch:
-    """What one sensor has done so far. Source: docs page, Sensor watch."""
+    """Record of one sensor's samples. Source: docs page, Sensor watch."""
 
-    last: Scalar = quantity("100 ns", "When its newest sample so far was measured.", kind="time")
-    value: Any = quantity("1", "Its last sample, in the sensor's units, filled up with zeros.")
-    repeats: Scalar = quantity("1", "How many samples in a row had exactly the same value.", kind="count")
-    frozen: Scalar = quantity("1", "Whether that is more than noise allows: not used, or distrusted.", kind="flag")
-    saturated: Scalar = quantity("1", "Whether the last sample lay at the end of its range.", kind="flag")
-    backwards: Scalar = quantity("1", "Whether the last to arrive was older than one before it.", kind="flag")
-    samples: Scalar = quantity("1", "How many have arrived.", kind="count")
-    invalid: Scalar = quantity("1", "How many of these were not finite, or from the future: not used.", kind="count")
-    duplicates: Scalar = quantity("1", "How many had been here before: not used.", kind="count")
-    disordered: Scalar = quantity("1", "How many came after a newer one.", kind="count")
-    late: Scalar = quantity("1", "How many were older than all that is remembered: not used.", kind="count")
+    last: Scalar = quantity("100 ns", "Measurement time of the sensor's newest sample.", kind="time")
+    value: Any = quantity("1", "Last sample of the sensor, in its units, padded with zeros.")
+    repeats: Scalar = quantity("1", "Number of consecutive samples with exactly the same value.", kind="count")
+    frozen: Scalar = quantity(
+        "1", "True if the samples repeat more often than noise allows: not used, or distrusted.", kind="flag"
+    )
+    saturated: Scalar = quantity("1", "True if the last sample was at the end of its range.", kind="flag")
+    backwards: Scalar = quantity("1", "True if the last sample to arrive was older than an earlier one.", kind="flag")
+    samples: Scalar = quantity("1", "Number of samples that arrived.", kind="count")
+    invalid: Scalar = quantity(
+        "1", "Number of samples that were not finite, or from the future: not used.", kind="count"
+    )
+    duplicates: Scalar = quantity("1", "Number of samples that had arrived before: not used.", kind="count")
+    disordered: Scalar = quantity("1", "Number of samples that came after a newer one.", kind="count")
+    late: Scalar = quantity("1", "Number of samples older than the history: not used.", kind="count")
 
 
 class SampleValidation(NamedTuple):
-    """What was found: the watch as it now stands; usable; value, finite and as wide as the watch; t, when measured."""
+    """Result of a check: the updated watch; usable; value, finite and as wide as the watch; t, time of measurement."""
 
     watch: SensorWatch
     usable: Any
@@ -45,7 +49,7 @@ class SampleValidation(NamedTuple):
 
 
 def initial_watch(width: int = WIDTH) -> SensorWatch:
-    """Before the first sample; width: of its values."""
+    """Return the initial watch, before the first sample; width: of its values."""
     none, no = np.int32(0), np.bool_(False)
     return SensorWatch(
         last=np.int64(NEVER),
@@ -65,15 +69,15 @@ def initial_watch(width: int = WIDTH) -> SensorWatch:
 def validate_sample(
     watch: SensorWatch, now: Any, sample: Sample, numbers: tuple[Any, ...], *, frozen_after: Any, ordered: bool
 ) -> SampleValidation:
-    """Look at a sample as the frame holds it.
+    """Check a sample as it stands in the frame.
 
     Args:
-        watch: what the sensor has done so far.
+        watch: record of the sensor's samples.
         now: integer time at the autopilot; a sample from later than that is invalid.
         sample: with its time and whether it arrived at this instant.
         numbers: its value, at most as many as the watch is wide.
-        frozen_after: so many equal samples in a row mean frozen; 0: never.
-        ordered: refuse samples older than the newest, e.g. of an IMU; otherwise they are usable and counted.
+        frozen_after: consecutive equal samples after which the sensor counts as frozen; 0: never.
+        ordered: reject samples older than the newest, e.g. of an IMU; otherwise they are usable and counted.
     """
     filled = [jnp.asarray(n, np.float64) for n in numbers] + [jnp.zeros(())] * (watch.value.shape[0] - len(numbers))
     value = jnp.stack(filled)
@@ -102,5 +106,5 @@ def validate_sample(
 
 
 def increment(count: Any, one: Any) -> Any:
-    """A counter, one higher where `one` holds; it stays at its largest value rather than turn over."""
+    """Return a counter, increased where `one` holds; it stays at its largest value instead of overflowing."""
     return jnp.where(one & (count < np.iinfo(np.int32).max), count + 1, count).astype(np.int32)

@@ -1,8 +1,8 @@
-"""Strapdown navigation on the group: what an IMU feels over a time, as one increment of attitude, velocity and place.
+"""Strapdown navigation on the group: IMU readings over a time as one increment of attitude, velocity and position.
 
-Increments don't know where they begin: one is put after another (`compose`), taken off the front (`remove_first`), and
-applied to any state (`move`). No step is a first-order one: as long as angular velocity and force are constant in B,
-the result is exact over any time, and what changes straight between two samples is followed by coning and sculling.
+Increments are independent of their initial state: one is appended to another (`compose`), removed from the front
+(`remove_first`), and applied to any state (`move`). While angular velocity and force are constant in B, the result is
+exact over any time. Linear changes between two samples are covered by the coning and sculling terms.
 
     R+ = R dR,    v+ = v + g T + R dv,    p+ = p + v T + g T²/2 + R dp
 
@@ -20,7 +20,7 @@ from trimtab.core import quaternion
 from trimtab.core.record import Scalar, quantity, record
 
 ORDER = 4
-"""Terms of the series in the turn of one sample: to rounding below 0.1 rad, to 1e-8 at 1 rad."""
+"""Terms of the series in the turn of one sample: exact to rounding below 0.1 rad, to 1e-8 at 1 rad."""
 
 
 @record
@@ -28,13 +28,13 @@ class Increment:
     """Motion over a time T, seen from B at its beginning, without gravity. Source: this module."""
 
     turn: Any = quantity("1", "Quaternion dR, from B at the end to B at the beginning.", shape=(4,))
-    velocity: Any = quantity("m/s", "dv: the force felt, integrated.", frame="B", shape=(3,))
-    position: Any = quantity("m", "dp: the same, integrated twice.", frame="B", shape=(3,))
+    velocity: Any = quantity("m/s", "Integral dv of the specific force.", frame="B", shape=(3,))
+    position: Any = quantity("m", "Double integral dp of the specific force.", frame="B", shape=(3,))
     time: Scalar = quantity("s", "T.")
 
 
 class Kinematics(NamedTuple):
-    """Where something is: q_WB (4,), velocity (3,) and position (3,) in W."""
+    """Attitude q_WB (4,), velocity (3,) and position (3,) in W."""
 
     attitude: Any
     velocity: Any
@@ -42,13 +42,13 @@ class Kinematics(NamedTuple):
 
 
 def no_increment() -> Increment:
-    """Over no time."""
+    """Return the increment over no time."""
     three = jnp.zeros(3)
     return Increment(jnp.asarray(quaternion.IDENTITY), three, three, jnp.zeros(()))
 
 
 def average_samples(w0: Any, f0: Any, w1: Any, f1: Any, dt: Any) -> tuple[Any, Any]:
-    """Constant angular velocity and force (3,) that do over dt (s) what two samples with a straight line between do.
+    """Return the constant angular velocity and force (3,) equivalent over dt (s) to linear change between two samples.
 
     Coning dt/12 w0 × w1 and sculling dt/12 (w0 × f1 - w1 × f0): the second term of the series of Magnus, of a rate that
     changes linearly. Source: Groves, 2nd ed., section 5.5.4; Savage, J. Guidance, Control, Dynamics 21 (1998) 19.
@@ -59,7 +59,7 @@ def average_samples(w0: Any, f0: Any, w1: Any, f1: Any, dt: Any) -> tuple[Any, A
 
 
 def increment_of(w: Any, f: Any, dt: Any) -> Increment:
-    """The increment of a constant angular velocity w (rad/s) and force f (m/s²), (3,) in B, over dt (s).
+    """Return the increment of a constant angular velocity w (rad/s) and force f (m/s²), (3,) in B, over dt (s).
 
     With a = w dt, the integrals of the rotation over the time are G1 = sum a×^k/(k+1)! and G2 = sum a×^k/(k+2)!; their
     coefficients are series in |a|², without a trigonometric function.
@@ -79,7 +79,7 @@ def increment_of(w: Any, f: Any, dt: Any) -> Increment:
 
 
 def _series(x2: Any, n: int) -> Any:
-    """sum over k of (-x²)^k/(2 k + n)!: cos, sin/x, (1 - cos)/x², … for n = 0, 1, 2, …"""
+    """Return the sum over k of (-x²)^k/(2 k + n)!: cos, sin/x, (1 - cos)/x², … for n = 0, 1, 2, …"""
     total = jnp.asarray(1.0 / math.factorial(2 * ORDER + n))
     for k in range(ORDER - 1, -1, -1):
         total = 1.0 / math.factorial(2 * k + n) - x2 * total
@@ -87,7 +87,7 @@ def _series(x2: Any, n: int) -> Any:
 
 
 def compose(first: Increment, then: Increment) -> Increment:
-    """Both, one after the other."""
+    """Return the increment of two increments, one after the other."""
     R = quaternion.to_matrix(first.turn)
     return Increment(
         turn=quaternion.multiply(first.turn, then.turn),
@@ -98,7 +98,7 @@ def compose(first: Increment, then: Increment) -> Increment:
 
 
 def remove_first(both: Increment, first: Increment) -> Increment:
-    """What is left of an increment that began with another: compose(first, it) is both."""
+    """Return the remainder of an increment that began with another: compose(first, remainder) is the whole."""
     R_T = quaternion.to_matrix(first.turn).T
     time = both.time - first.time
     return Increment(
@@ -110,13 +110,13 @@ def remove_first(both: Increment, first: Increment) -> Increment:
 
 
 def normalise_turn(one: Increment) -> Increment:
-    """The same with a turn of length one again, to first order: for lengths that differ by rounding."""
+    """Return the increment with its quaternion normalised, to first order: for lengths that differ by rounding."""
     q = one.turn
     return Increment(q * (1.5 - 0.5 * (q @ q)), one.velocity, one.position, one.time)
 
 
 def move(x: Kinematics, one: Increment, gravity: Any) -> Kinematics:
-    """The state after an increment, under gravity (3,) (m/s², W)."""
+    """Return the state after an increment, under gravity (3,) (m/s², W)."""
     R, T = quaternion.to_matrix(x.attitude), one.time
     q = quaternion.multiply(x.attitude, one.turn)
     return Kinematics(

@@ -1,10 +1,10 @@
-"""A position from ranges, on the floor to beacons at known heights or in space, and a heading from two units' places.
+"""Position from ranges, on the floor or in space, and heading from the positions of two units.
 
-Every function takes all n beacons and a mask of those that count, so that shapes never depend on how many replied.
-Heights are those of the beacons above the unit. A position that cannot be found comes as NaN or with a large residual.
+Every function takes all n beacons and a mask of the used ones, so that shapes never depend on the number of replies.
+Heights are those of the beacons above the unit. A position that cannot be found is NaN or has a large residual.
 
-The units of one vehicle can't be located at the same time: one is polled, and a slot later the other. What the vehicle
-moved in between counts as heading error, unless inertial navigation says how much it was.
+The units of one vehicle can't be located at the same time: one is polled, and a slot later the other. The vehicle's
+motion in between causes a heading error, unless inertial navigation measures it.
 
 [1] is Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006.
 """
@@ -24,7 +24,7 @@ ITERATIONS = 5
 
 
 def two_unit_heading(place_a: Any, place_b: Any, lever_a: Any, lever_b: Any) -> Any:
-    """Heading (rad, in [-pi, pi)) that turns the line from unit b to unit a, as it is in B, into the one in W.
+    """Return the heading (rad, in [-pi, pi)) that turns the line from unit b to unit a in B into that line in W.
 
     place_a, place_b: north, east of both units at the same time (m), shape (2,).
     lever_a, lever_b: x, y of them in B (m), shape (2,); on the body's x axis in the source.
@@ -35,7 +35,7 @@ def two_unit_heading(place_a: Any, place_b: Any, lever_a: Any, lever_b: Any) -> 
 
 
 def assisted_heading(place_a: Any, place_b: Any, displacement: Any, lever_a: Any, lever_b: Any) -> Any:
-    """The same from unit a's position at t_a and unit b's at t_b, with what unit a moved in between.
+    """Return the heading from unit a's position at t_a and unit b's at t_b, with the displacement of unit a in between.
 
         r_a' = r_a + [r_ins(t_b) - r_ins(t_a)]
 
@@ -49,10 +49,10 @@ def assisted_heading(place_a: Any, place_b: Any, displacement: Any, lever_a: Any
 
 @record
 class Solution:
-    """A position and how well the ranges agree with it. Source: this module."""
+    """Position and the agreement of the ranges with it. Source: this module."""
 
     place: Any = quantity("m", "North, east (2,).", frame="W")
-    bias: Scalar = quantity("m", "Range error common to all beacons; 0 where it is not estimated.")
+    bias: Scalar = quantity("m", "Range error common to all beacons; 0 if it is not estimated.")
     residual: Scalar = quantity("m", "Root mean square of the ranges' residuals.")
 
 
@@ -61,19 +61,19 @@ def _mean_of_used(values: Any, used: Any) -> Any:
 
 
 def residuals(plan: Any, height: Any, ranges: Any, used: Any, place: Any, bias: Any = 0.0) -> Any:
-    """Range minus distance minus bias (n,), in m; 0 for beacons that don't count."""
+    """Return range minus distance minus bias (n,), in m; 0 for beacons that are not used."""
     away = plan - place
     distance = jnp.sqrt(away[:, 0] ** 2 + away[:, 1] ** 2 + height**2)
     return jnp.where(used, ranges - distance - bias, 0.0)
 
 
 def root_mean_square(values: Any, used: Any) -> Any:
-    """Of the values (n,) that count; 0 where none does."""
+    """Return the root mean square of the values (n,) that are used; 0 if there is none."""
     return jnp.sqrt(_mean_of_used(values * values, used))
 
 
 def solve_bancroft(plan: Any, height: Any, ranges: Any, used: Any) -> Solution:
-    """Position and common range error in closed form, from three ranges or more.
+    """Return position and common range error in closed form, from three ranges or more.
 
         a_i = (x_i, y_i, rho_i),   alpha_i = <a_i, a_i>/2 + h^2/2,   <,> = diag(1, 1, -1)
         p = A^+ alpha,  q = A^+ 1;   <q,q> L^2 + 2 (<p,q> - 1) L + <p,p> = 0;   (x, y, b) = diag(1, 1, -1)(p + L q)
@@ -126,7 +126,7 @@ def solve_bancroft(plan: Any, height: Any, ranges: Any, used: Any) -> Solution:
 
 
 def solve_least_squares(plan: Any, height: Any, ranges: Any, used: Any, start: Any) -> Solution:
-    """The position with the least sum of squared residuals, no common range error, by Gauss and Newton from `start`.
+    """Return the position with the least sum of squared residuals, no common range error, by Gauss-Newton from `start`.
 
     Args: as `solve_bancroft`; start: north, east (m), shape (2,). Source: [1] section 5.5.3.
     """
@@ -147,7 +147,7 @@ def solve_least_squares(plan: Any, height: Any, ranges: Any, used: Any, start: A
 
 
 def solve_in_space(anchors: Any, ranges: Any, used: Any, start: Any) -> tuple[Any, Any]:
-    """Place (3,) (m) in space with the least sum of squared residuals, and their root mean square (m).
+    """Return the position (3,) (m) in space with the least sum of squared residuals, and their root mean square (m).
 
     Args:
         anchors: their places (n, 3) (m), not all in one plane with the place.
@@ -174,14 +174,14 @@ def solve_in_space(anchors: Any, ranges: Any, used: Any, start: Any) -> tuple[An
 def solve_leaving_one_out(
     solve: Callable[..., Solution], plan: Any, height: Any, ranges: Any, used: Any, suffices: Callable[[Solution], Any]
 ) -> Solution:
-    """The solution with all, then those without each of the beacons in turn: fields have a leading axis (n + 1,).
+    """Return the solution with all beacons, then without each in turn: fields have a leading axis (n + 1,).
 
-    The others are only looked for where the first does not suffice; they are 0 otherwise.
+    The others are computed only if the first is not good enough; they are 0 otherwise.
 
     Args:
         solve: of (plan, height, ranges, used) gives a Solution.
         plan, height, ranges, used: as `solve_bancroft`.
-        suffices: tells of a Solution whether it will do.
+        suffices: returns True for a Solution that is good enough.
     """
     n = used.shape[0]
 
@@ -197,7 +197,7 @@ def solve_leaving_one_out(
 
 
 def intersect_circles(plan: Any, height: Any, ranges: Any, used: Any, near: Any) -> Solution:
-    """Where the circles around the first two beacons that count intersect, on the side of a place known before.
+    """Return where the circles around the first two used beacons intersect, on the side of a previous position.
 
     Circles that miss each other because of noise give the point between them; beacons above each other, NaN.
 

@@ -1,4 +1,4 @@
-"""Raw ranges and odometry straight into one filter, for a vehicle on wheels among beacons at known places.
+"""Extended filter of raw ranges and odometry, for a wheeled vehicle among beacons at known places.
 
 Source: [4] Bar-Shalom, Li, Kirubarajan, "Estimation with applications to tracking and navigation", Wiley 2001, section
 10.3 (extended filter); docs page, Odometry and ranges.
@@ -21,24 +21,26 @@ from trimtab.estimators.kalman import update
 from trimtab.estimators.ranging.position import SQUARE
 
 HEADING, NORTH, EAST, TURN_BIAS, COURSE, SCALE, ERRORS = range(7)
-"""Where each state stands; from ERRORS on one error of each beacon."""
+"""Indices of the states; from ERRORS on, one error of each beacon."""
 NEAREST = 0.01
-"""A beacon is taken to be no nearer (m): at its own place a range has no direction."""
+"""Smallest distance of a beacon (m); at the beacon itself a range has no direction."""
 
 
 @record
 class OdometryNoise:
-    """What is believed of odometry. Its errors grow with the way that was driven, or with time.
+    """Noise of the odometry; its errors grow with the distance driven, or with time.
 
     Source: docs page; figures as of an indoor robot: reconstructed.
     """
 
-    slip: Scalar = quantity("m/sqrt(m)", "Of a place, along and across, over the way.", default=0.03, above=0)
-    turn: Scalar = quantity("rad/sqrt(s)", "Of the heading.", default=2e-3, above=0)
-    bias_walk: Scalar = quantity("rad/s/sqrt(s)", "How the rate of turn's bias wanders.", default=1e-5, low=0)
+    slip: Scalar = quantity(
+        "m/sqrt(m)", "Random walk of the position, along and across the path, over the distance.", default=0.03, above=0
+    )
+    turn: Scalar = quantity("rad/sqrt(s)", "Random walk of the heading.", default=2e-3, above=0)
+    bias_walk: Scalar = quantity("rad/s/sqrt(s)", "Random walk of the bias of the rate of turn.", default=1e-5, low=0)
     grip: Scalar = quantity(
         "m/s^2",
-        "No wheel that grips accelerates more: a way that would need it is doubted whole.",
+        "Maximum acceleration of wheels with grip; a distance that needs more is fully distrusted.",
         default=9.81,
         above=0,
     )
@@ -46,87 +48,99 @@ class OdometryNoise:
 
 @record
 class RadioErrors:
-    """What is believed of ranges: measured = (1 + scale) distance + error of the beacon + noise.
+    """Errors of the ranges: measured = (1 + scale) distance + error of the beacon + noise.
 
     Source: docs page; figures as of ultra-wideband radios: reconstructed.
     """
 
-    noise: Scalar = quantity("m", "White noise.", default=0.15, above=0)
-    scale: Scalar = quantity("1", "By how much all ranges are too long.", default=0.0, above=-0.5)
-    sigma_scale: Scalar = quantity("1", "Standard deviation of that.", default=0.01, low=0)
+    noise: Scalar = quantity("m", "White noise of a range.", default=0.15, above=0)
+    scale: Scalar = quantity(
+        "1", "Scale error of all ranges; positive when they are too long.", default=0.0, above=-0.5
+    )
+    sigma_scale: Scalar = quantity("1", "Standard deviation of the scale error.", default=0.01, low=0)
     sigma_error: Scalar = quantity("m", "Standard deviation of a beacon's error.", default=0.1, low=0)
-    gate: Scalar = quantity("1", "Largest NIS of a range that is believed.", default=15.137, above=0)
+    gate: Scalar = quantity("1", "NIS gate for ranges.", default=15.137, above=0)
     patience: Scalar = quantity(
-        "1", "Refusals in a row after which the filter gives in; 0: never.", default=8, kind="count"
+        "1", "Consecutive rejections after which the next range is accepted anyway; 0: never.", default=8, kind="count"
     )
 
 
 @record
 class PlanarStart:
-    """Where the vehicle is believed to be at first. Source: docs page."""
+    """Initial pose of the vehicle and its uncertainty. Source: docs page."""
 
     heading: Scalar = quantity("rad", "Angle from north to the body's x axis.", kind="angle", default=0.0)
     north: Scalar = quantity("m", "Position, north.", frame="W", default=0.0)
     east: Scalar = quantity("m", "Position, east.", frame="W", default=0.0)
-    sigma_heading: Scalar = quantity("rad", "Standard deviation.", default=0.05, above=0)
-    sigma_position: Scalar = quantity("m", "Standard deviation of each coordinate.", default=0.3, above=0)
-    sigma_turn_bias: Scalar = quantity("rad/s", "Of the rate of turn's bias.", default=5e-3, low=0)
-    sigma_course: Scalar = quantity("rad", "Of the angle from the body's x axis to its course.", default=0.03, low=0)
+    sigma_heading: Scalar = quantity("rad", "Standard deviation of the initial heading.", default=0.05, above=0)
+    sigma_position: Scalar = quantity(
+        "m", "Standard deviation of each initial position coordinate.", default=0.3, above=0
+    )
+    sigma_turn_bias: Scalar = quantity(
+        "rad/s", "Standard deviation of the bias of the rate of turn.", default=5e-3, low=0
+    )
+    sigma_course: Scalar = quantity(
+        "rad", "Standard deviation of the angle from the body's x axis to its course.", default=0.03, low=0
+    )
 
 
 @record
 class RadioFix:
-    """How ranges fared, at the newest; arrays have one entry for each beacon. Source: docs page."""
+    """Statistics of the newest range updates; arrays have one entry for each beacon. Source: docs page."""
 
-    innovation: Any = quantity("m", "Measured minus predicted; 0 where none came.")
-    normalised: Any = quantity("1", "The same in its own sigma.")
-    nis: Any = quantity("1", "Its square.")
-    accepted: Any = quantity("1", "Which ranges were used.", kind="flag")
-    refused_in_a_row: Any = quantity("1", "Ranges of this beacon refused since one was used.", kind="count")
+    innovation: Any = quantity("m", "Innovations: measured minus predicted; 0 where no range arrived.")
+    normalised: Any = quantity("1", "Innovations divided by their standard deviations.")
+    nis: Any = quantity("1", "NIS of each range.")
+    accepted: Any = quantity("1", "True for each range that was used.", kind="flag")
+    refused_in_a_row: Any = quantity("1", "Ranges of each beacon rejected since one was used.", kind="count")
     used: Scalar = quantity("1", "Ranges used so far.", kind="count")
-    rejected: Scalar = quantity("1", "Ranges refused so far.", kind="count")
-    rejected_in_a_row: Scalar = quantity("1", "Ranges refused since any was used.", kind="count")
-    given_in: Scalar = quantity("1", "How often so many in a row were refused that the filter gave in.", kind="count")
-    late: Scalar = quantity("1", "Ranges too far from the newest odometry: not used.", kind="count")
+    rejected: Scalar = quantity("1", "Ranges rejected so far.", kind="count")
+    rejected_in_a_row: Scalar = quantity("1", "Ranges rejected since any was used.", kind="count")
+    given_in: Scalar = quantity(
+        "1",
+        "Number of times the filter accepted a measurement outside the gate after too many rejections in a row.",
+        kind="count",
+    )
+    late: Scalar = quantity("1", "Number of ranges too far in time from the newest odometry: not used.", kind="count")
 
 
 @record
 class RobotNavigation:
-    """Place and heading with their uncertainty, at the newest odometry. Source: docs page."""
+    """Position and heading with their uncertainty, at the newest odometry. Source: docs page."""
 
     heading: Scalar = quantity("rad", "Angle from north to the body's x axis; unwrapped.", kind="angle")
     north: Scalar = quantity("m", "Position, north.", frame="W")
     east: Scalar = quantity("m", "Position, east.", frame="W")
-    speed: Scalar = quantity("m/s", "Of the newest odometry.")
-    yaw_rate: Scalar = quantity("rad/s", "Of the newest odometry, without its bias.")
-    turn_bias: Scalar = quantity("rad/s", "By how much odometry turns too fast.")
+    speed: Scalar = quantity("m/s", "Speed at the newest odometry.")
+    yaw_rate: Scalar = quantity("rad/s", "Rate of turn at the newest odometry, without its bias.")
+    turn_bias: Scalar = quantity("rad/s", "Bias of the odometry's rate of turn; positive when it turns too fast.")
     course: Scalar = quantity("rad", "Angle from the body's x axis to its course.", kind="angle")
-    range_scale: Scalar = quantity("1", "By how much all ranges are too long.")
+    range_scale: Scalar = quantity("1", "Scale error common to all ranges; positive when they are too long.")
     range_error: Any = quantity("m", "Error of each beacon's ranges (n,).")
-    sigma_heading: Scalar = quantity("rad", "Standard deviation of the estimate.")
-    sigma_north: Scalar = quantity("m", "Standard deviation of the estimate.")
-    sigma_east: Scalar = quantity("m", "Standard deviation of the estimate.")
+    sigma_heading: Scalar = quantity("rad", "Standard deviation of the heading.")
+    sigma_north: Scalar = quantity("m", "Standard deviation of the north position.")
+    sigma_east: Scalar = quantity("m", "Standard deviation of the east position.")
     covariance_north_east: Scalar = quantity("m^2", "Covariance of north and east.", frame="W")
-    position_fix: RadioFix = part("How ranges fared.")
+    position_fix: RadioFix = part("Statistics of the range updates.")
 
 
 @record
 class OdometryState:
-    """All that changes. Source: docs page."""
+    """State of the filter. Source: docs page."""
 
     t: Scalar = quantity("100 ns", "Time of the newest odometry.", kind="time")
-    distance: Scalar = quantity("m", "Way driven until then.")
-    turn: Scalar = quantity("rad", "Angle turned until then.", kind="angle")
-    speed: Scalar = quantity("m/s", "Of the newest odometry.")
-    rate: Scalar = quantity("rad/s", "Of the newest odometry.")
-    moved: Scalar = quantity("1", "Whether there has been a motion: speed and rate are known.", kind="flag")
+    distance: Scalar = quantity("m", "Distance driven until the newest odometry.")
+    turn: Scalar = quantity("rad", "Angle turned until the newest odometry.", kind="angle")
+    speed: Scalar = quantity("m/s", "Speed at the newest odometry.")
+    rate: Scalar = quantity("rad/s", "Rate of turn at the newest odometry.")
+    moved: Scalar = quantity("1", "True once there has been a motion, so that speed and rate are known.", kind="flag")
     x: Any = quantity("1", "Heading, north, east, turn bias, course, scale, beacons' errors (6 + n,).")
     P: Any = quantity("1", "Covariance of estimate minus truth (6 + n, 6 + n).")
-    fix: RadioFix = part("How ranges fared.")
+    fix: RadioFix = part("Statistics of the range updates.")
 
 
 class PredictedRange(NamedTuple):
-    """A range as it should be (m), and its derivative by the states (6 + n,)."""
+    """Return a predicted range (m), and its derivative by the states (6 + n,)."""
 
     range: Any
     H: Any
@@ -134,58 +148,58 @@ class PredictedRange(NamedTuple):
 
 @record
 class OdometryRanging:
-    """Extended filter driven by odometry that fuses each single range when it comes.
+    """Extended filter driven by odometry that fuses every single range on arrival.
 
-    Odometry gives the way and the angle since it was switched on, so that a lost message loses nothing. A range from
-    between two readings of it is compared with the place that the last speed and rate lead to.
+    Odometry gives the total distance and angle since it was switched on, so a lost message loses nothing. A range
+    measured between two readings is compared with the position extrapolated with the last speed and rate.
 
     Frames:  beacons in W; level vehicle on a flat floor.
-    Valid:   from the first odometry on; where it begins is given (`OdometryParticle` finds it by itself).
+    Valid:   from the first odometry on; the initial pose is given (`OdometryParticle` finds it by itself).
     Not modelled: antennas away from the vehicle's reference point; a range's curvature (beacons are metres away).
     Source:  docs page.
     """
 
-    noise: OdometryNoise = part("Of odometry.", default=OdometryNoise())
-    errors: RadioErrors = part("Of the ranges.", default=RadioErrors())
-    start: PlanarStart = part("What is believed at first.", default=PlanarStart())
+    noise: OdometryNoise = part("Noise of the odometry.", default=OdometryNoise())
+    errors: RadioErrors = part("Errors of the ranges.", default=RadioErrors())
+    start: PlanarStart = part("Initial estimate and its uncertainty.", default=PlanarStart())
     beacons: Any = quantity("m", "Surveyed positions (n, 3).", default=SQUARE, frame="W")
     down: Scalar = quantity("m", "Down coordinate of the vehicle's antenna.", default=0.0, frame="W")
-    longest: Scalar = quantity("s", "A range may be so far from the newest odometry.", default=1.0, above=0)
-    odometry: str = option("Name of the odometry; its samples have `distance` and `turn`.", default="odometry")
-    ranging: str = option("Name of the ranging; its samples have `range` and `arrived`.", default="ranging")
+    longest: Scalar = quantity("s", "Maximum time between a range and the newest odometry.", default=1.0, above=0)
+    odometry: str = option("Name of the odometry sensor; its samples have `distance` and `turn`.", default="odometry")
+    ranging: str = option("Name of the ranging sensor; its samples have `range` and `arrived`.", default="ranging")
 
     @property
     def listens(self) -> tuple[str, ...]:
-        """Odometry and ranging."""
+        """Return the names of the odometry and the ranging sensor."""
         return (self.odometry, self.ranging)
 
     def check(self) -> None:
-        """Refuse beacons that are no list of positions."""
+        """Raise InputError if the beacons are not a list of positions."""
         shape = np.shape(self.beacons)
         if len(shape) != 2 or shape[1] != 3 or not shape[0]:
-            fix = "give north, east and down of each"
-            raise InputError("OdometryRanging.beacons", f"shape {shape} instead of (n, 3)", fix=fix)
+            fix = "give north, east and down of each beacon"
+            raise InputError("OdometryRanging.beacons", f"the shape must be (n, 3), got {shape}", fix=fix)
 
     def init(self, key: Key) -> OdometryState:
-        """Nothing measured yet."""
+        """Return the initial state, before any measurement."""
         return first_state(self, initial_belief(self.start, self.errors, np.shape(self.beacons)[0]))
 
     def step(self, t: Any, state: OdometryState, frame: Frame) -> tuple[OdometryState, Estimate]:
-        """The estimate at integer time t; its state is a RobotNavigation."""
+        """Return the estimate at integer time t; its state is a RobotNavigation."""
         s, came = drive_on(self, state, t, frame)
         s, ranged = fuse_ranges(self, s, t, frame)
         return s, planar_estimate(t, s, s.x, s.P, came | ranged, s.t > NEVER)
 
 
 def drive_on(form: OdometryRanging, state: OdometryState, t: Any, frame: Frame) -> tuple[OdometryState, Any]:
-    """The state at the newest odometry, and whether it moved there now; what stands behind it in x and P is kept."""
+    """Return the state at the newest odometry, and whether it moved there now; later entries of x and P are kept."""
     s, came, motion = read_odometry(state, frame.samples[form.odometry], t, form.noise.grip)
     x, P = predict_odometry(state.x, state.P, motion, form.noise)
     return replace(s, x=jnp.where(came, x, s.x), P=jnp.where(came, P, s.P)), came
 
 
 def fuse_ranges(form: OdometryRanging, s: OdometryState, t: Any, frame: Frame) -> tuple[OdometryState, Any]:
-    """The state after the ranges of a frame, one after the other, and whether there were any."""
+    """Return the state after the ranges of a frame, one after the other, and whether there were any."""
     ranges, ahead, fix = read_ranges(s, frame.samples[form.ranging], t, form.longest)
 
     def each(carry: Any, row: Any) -> tuple[Any, Any]:
@@ -199,7 +213,7 @@ def fuse_ranges(form: OdometryRanging, s: OdometryState, t: Any, frame: Frame) -
 
 
 def initial_belief(start: PlanarStart, errors: RadioErrors, n: int) -> tuple[Any, Any]:
-    """State (6 + n,) and covariance before the first range."""
+    """Return state (6 + n,) and covariance before the first range."""
     o, one = jnp.zeros(()), jnp.ones(n)
     x = jnp.stack([start.heading + o, start.north + o, start.east + o, o, o, errors.scale + o])
     sigmas = (start.sigma_heading, start.sigma_position, start.sigma_position, start.sigma_turn_bias)
@@ -209,7 +223,7 @@ def initial_belief(start: PlanarStart, errors: RadioErrors, n: int) -> tuple[Any
 
 
 def first_state(form: Any, belief: tuple[Any, Any]) -> OdometryState:
-    """Before the first sample, of any filter on odometry and ranges with `beacons`."""
+    """Return the initial state of any filter on odometry and ranges with `beacons`, before the first sample."""
     n, o = np.shape(form.beacons)[0], np.float64(0)
     zero, none, count = np.zeros(n), np.zeros(n, np.int32), np.int32(0)
     fix = RadioFix(zero, zero, zero, np.zeros(n, bool), none, count, count, count, count, count)
@@ -217,7 +231,7 @@ def first_state(form: Any, belief: tuple[Any, Any]) -> OdometryState:
 
 
 class OdometryMotion(NamedTuple):
-    """From one reading of odometry to the next: way (m), angle (rad), time (s), what is doubted of the way (m)."""
+    """Motion between two odometry readings: distance (m), angle (rad), time (s), doubtful part of the distance (m)."""
 
     distance: Any
     turn: Any
@@ -226,7 +240,7 @@ class OdometryMotion(NamedTuple):
 
 
 def read_odometry(s: Any, sample: Any, t: Any, grip: Any) -> tuple[Any, Any, OdometryMotion]:
-    """The state with a new reading held in it, whether there is a motion to follow, and that motion."""
+    """Return the state with a new reading held in it, whether there is a motion to follow, and that motion."""
     distance, turn = jnp.asarray(sample.value.distance, float), jnp.asarray(sample.value.turn, float)
     usable = sample.fresh & sample.valid & (sample.t > s.t) & (sample.t <= t)
     usable = usable & jnp.isfinite(distance) & jnp.isfinite(turn)
@@ -239,7 +253,7 @@ def read_odometry(s: Any, sample: Any, t: Any, grip: Any) -> tuple[Any, Any, Odo
 
 
 def predict_odometry(x: Any, P: Any, m: OdometryMotion, noise: OdometryNoise) -> tuple[Any, Any]:
-    """State (6 + n,) and covariance over a motion; half of its turn is made before its way, half after."""
+    """Return state (6 + n,) and covariance after a motion; half of its turn is made before the distance, half after."""
     angle = m.turn - x[TURN_BIAS] * m.dt
     c = x[HEADING] + x[COURSE] + angle / 2
     along = m.distance * jnp.stack([jnp.cos(c), jnp.sin(c)])
@@ -255,7 +269,7 @@ def predict_odometry(x: Any, P: Any, m: OdometryMotion, noise: OdometryNoise) ->
 
 
 def read_ranges(s: OdometryState, sample: Any, t: Any, longest: Any) -> tuple[Any, Any, RadioFix]:
-    """Ranges (n,) to use, 0 where there is none; seconds from the newest odometry to them; the fix without them."""
+    """Return the ranges (n,) to use, 0 where there is none; seconds from the newest odometry to them; the old fix."""
     value, n = sample.value, s.fix.nis.shape[0]
     z = jnp.where(jnp.asarray(value.arrived, bool), jnp.asarray(value.range, float), 0.0)
     z = jnp.where(jnp.isfinite(z) & (z > 0) & sample.fresh & sample.valid & (s.t > NEVER), z, 0.0)
@@ -268,7 +282,7 @@ def read_ranges(s: OdometryState, sample: Any, t: Any, longest: Any) -> tuple[An
 
 
 def predict_range(x: Any, i: Any, beacons: Any, down: Any, s: OdometryState, ahead: Any) -> PredictedRange:
-    """The range to beacon i, `ahead` seconds from the newest odometry with its speed and rate."""
+    """Return the range to beacon i, `ahead` seconds from the newest odometry with its speed and rate."""
     c = x[HEADING] + x[COURSE] + (s.rate - x[TURN_BIAS]) * ahead / 2
     along = s.speed * ahead * jnp.stack([jnp.cos(c), jnp.sin(c)])
     beacon = jnp.asarray(beacons)[i]
@@ -282,7 +296,7 @@ def predict_range(x: Any, i: Any, beacons: Any, down: Any, s: OdometryState, ahe
 
 
 def fuse_range(form: Any, s: OdometryState, x: Any, P: Any, fix: RadioFix, i: Any, z: Any, ahead: Any) -> Any:
-    """State, covariance and fix after a range z (m) to beacon i."""
+    """Return state, covariance and fix after a range z (m) to beacon i."""
     e = form.errors
     at = predict_range(x, i, form.beacons, form.down, s, ahead)
     y, H, R = (z - at.range)[None], at.H[None], jnp.reshape(e.noise**2, (1, 1))
@@ -313,7 +327,7 @@ def fuse_range(form: Any, s: OdometryState, x: Any, P: Any, fix: RadioFix, i: An
 
 
 def planar_estimate(t: Any, s: Any, x: Any, P: Any, fresh: Any, valid: Any) -> Estimate:
-    """What a filter on odometry and ranges gives: x (6 + n,), P at the time of the newest odometry of s."""
+    """Return the estimate of a filter on odometry and ranges: x (6 + n,), P at the time of the newest odometry of s."""
     sigma = jnp.sqrt(jnp.maximum(jnp.stack([P[k, k] for k in (HEADING, NORTH, EAST)]), 0.0))
     state = RobotNavigation(
         heading=x[HEADING],

@@ -1,4 +1,4 @@
-"""Odometry and ranges a few seconds later: what came since corrects the place where the vehicle was then.
+"""Fixed-lag estimate from odometry and ranges: later measurements correct the past position.
 
 Source: Roumeliotis, Burdick, "Stochastic cloning: a generalized framework for processing relative state measurements",
 ICRA 2002, for poses kept in the state; Moore, "Discrete-time fixed-lag smoothing algorithms", Automatica 9 (1973).
@@ -24,48 +24,50 @@ from trimtab.estimators.ranging.odometry import (
 )
 
 POSE = 3
-"""Heading, north, east: what is kept of an instant, the first states."""
+"""Number of states kept of an instant: heading, north, east."""
 
 
 @record
 class LaggedState:
-    """All that changes. Source: docs page."""
+    """State of the filter. Source: docs page."""
 
-    drive: OdometryState = part("Of the filter; its states are followed by the kept poses, the newest first.")
-    times: Any = quantity("100 ns", "Of the kept poses (k,).", kind="time")
-    speeds: Any = quantity("m/s", "Of the odometry then (k,).")
-    rates: Any = quantity("rad/s", "Of the odometry then (k,).")
+    drive: OdometryState = part("State of the filter; its states are followed by the kept poses, the newest first.")
+    times: Any = quantity("100 ns", "Time of each kept pose (k,).", kind="time")
+    speeds: Any = quantity("m/s", "Speed of the odometry at each kept pose (k,).")
+    rates: Any = quantity("rad/s", "Rate of turn of the odometry at each kept pose (k,).")
 
 
 @record
 class LaggedOdometry:
-    """`OdometryRanging` whose estimate is of some seconds ago, with all that has come since: a fixed-lag smoother.
+    """Fixed-lag smoother: `OdometryRanging` for some seconds ago, corrected by all later measurements.
 
     The state keeps `kept` poses, spaced so that the oldest is between `lag` and `lag` and one spacing old; their
-    covariances with the present let each range correct them, too. `Estimate.age` says how old.
+    covariances with the present let each range correct them, too. `Estimate.age` gives the age.
 
     Frames:  beacons in W; level vehicle on a flat floor.
-    Valid:   once the oldest pose is so old; at first it is where it began.
+    Valid:   once the oldest pose has that age; before, the estimate is that of the start.
     Source:  Moore 1973; docs page.
     """
 
-    filter: OdometryRanging = part("What it is made of.", default=OdometryRanging())
-    lag: Scalar = quantity("s", "Least age of the estimate.", default=4.0, above=0)
-    kept: int = option("Poses kept in the state.", default=5)
+    filter: OdometryRanging = part("Filter that runs on the present.", default=OdometryRanging())
+    lag: Scalar = quantity("s", "Minimum age of the estimate.", default=4.0, above=0)
+    kept: int = option("Number of poses kept in the state.", default=5)
 
     @property
     def listens(self) -> tuple[str, ...]:
-        """Odometry and ranging."""
+        """Return the names of the odometry and the ranging."""
         return self.filter.listens
 
     def check(self) -> None:
-        """Refuse what the filter refuses, and fewer than two poses."""
+        """Raise InputError if the filter is invalid or fewer than two poses are kept."""
         self.filter.check()
         if self.kept < 2:
-            raise InputError("LaggedOdometry.kept", f"{self.kept} poses span no time", fix="keep 2 or more")
+            raise InputError(
+                "LaggedOdometry.kept", f"{self.kept} poses span no time; at least 2 are needed", fix="keep 2 or more"
+            )
 
     def init(self, key: Key) -> LaggedState:
-        """Nothing measured yet; every kept pose is the first."""
+        """Return the initial state, before any measurement; every kept pose is the first."""
         drive = self.filter.init(key)
         copies = np.tile(np.eye(POSE, drive.x.shape[0]), (self.kept, 1))
         T = jnp.asarray(np.concatenate([np.eye(drive.x.shape[0]), copies]))
@@ -78,7 +80,7 @@ class LaggedOdometry:
         )
 
     def step(self, t: Any, state: LaggedState, frame: Frame) -> tuple[LaggedState, Estimate]:
-        """The estimate of then at integer time t; its state is a RobotNavigation, counters as they are now."""
+        """Return the past estimate at integer time t; its state is a RobotNavigation with the present counters."""
         drive, came = drive_on(self.filter, state.drive, t, frame)
         s = _keep_pose(self, replace(state, drive=drive))
         drive, ranged = fuse_ranges(self.filter, s.drive, t, frame)
@@ -92,7 +94,7 @@ class LaggedOdometry:
 
 
 def _keep_pose(form: LaggedOdometry, s: LaggedState) -> LaggedState:
-    """The present pose kept, the oldest dropped, if the newest kept one is a spacing old."""
+    """Keep the present pose and drop the oldest, if the newest kept one is a spacing old."""
     drive, size = s.drive, s.drive.x.shape[0]
     n = size - POSE * form.kept
     T = np.eye(size)

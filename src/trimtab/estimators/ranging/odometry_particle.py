@@ -1,4 +1,4 @@
-"""A particle filter on odometry and raw ranges, for a vehicle that does not know where it begins.
+"""Particle filter on odometry and raw ranges, for a vehicle with an unknown initial pose.
 
 Source: Kotecha, Djuric, "Gaussian sum particle filtering", IEEE Trans. Signal Processing 51 (2003); docs page, Odometry
 and ranges.
@@ -38,66 +38,74 @@ from trimtab.estimators.ranging.particle_cloud import Cloud, cloud_moments, effe
 from trimtab.estimators.ranging.position import SQUARE
 
 THROW, COMB = 1, 3
-"""Streams of the draws."""
+"""Streams of the random draws."""
 
 
 @record
 class OdometryParticleState:
-    """All that changes. Source: docs page."""
+    """State of the filter. Source: docs page."""
 
-    key: Key = part("Of the draws.")
+    key: Key = part("Key of the random draws.")
     cloud: Cloud = part("Particles at the newest odometry.")
-    drive: OdometryState = part("Odometry, how ranges fared, and the cloud's mean and covariance.")
+    drive: OdometryState = part("Odometry, statistics of the ranges, and the cloud's mean and covariance.")
     heard: Any = quantity("m", "Newest range of each beacon (n,).")
-    heard_at: Any = quantity("100 ns", "When it came (n,).", kind="time")
+    heard_at: Any = quantity("100 ns", "Arrival time of the newest range of each beacon (n,).", kind="time")
     effective: Scalar = quantity("1", "Effective sample size, from 1 to N; 0 before there are particles.")
-    redrawn: Scalar = quantity("1", "How often the particles were redrawn.", kind="count")
+    redrawn: Scalar = quantity("1", "Number of resamplings.", kind="count")
 
 
 @record
 class OdometryParticle:
-    """Particles that are Gaussians in the state of `OdometryRanging`, each with a heading of its own at first.
+    """Particles that are Gaussians in the state of `OdometryRanging`, each with its own initial heading.
 
-    Thrown when two beacons have been heard within `pair_time`: around the two places where their circles meet, headings
-    all round. A range that few particles believe costs them little.
+    The particles are drawn when two beacons have been received within `pair_time`: around the two places where their
+    circles intersect, with all headings. A range that contradicts most particles changes their weights little.
 
     Frames:  beacons in W; level vehicle on a flat floor.
-    Not modelled: as `OdometryRanging`; being put down elsewhere while it runs.
+    Not modelled: as `OdometryRanging`; a vehicle carried elsewhere while the filter runs.
     Source:  docs page.
     """
 
-    noise: OdometryNoise = part("Of odometry.", default=OdometryNoise())
-    errors: RadioErrors = part("Of the ranges.", default=RadioErrors())
-    start: PlanarStart = part("Sigmas of turn bias and course; where it begins is not read.", default=PlanarStart())
+    noise: OdometryNoise = part("Noise of the odometry.", default=OdometryNoise())
+    errors: RadioErrors = part("Errors of the ranges.", default=RadioErrors())
+    start: PlanarStart = part("Sigmas of turn bias and course; the initial pose is not read.", default=PlanarStart())
     beacons: Any = quantity("m", "Surveyed positions (n, 3).", default=SQUARE, frame="W")
     down: Scalar = quantity("m", "Down coordinate of the vehicle's antenna.", default=0.0, frame="W")
-    longest: Scalar = quantity("s", "A range may be so far from the newest odometry.", default=1.0, above=0)
-    pair_time: Scalar = quantity("s", "Two ranges of a first place may be so far apart.", default=1.0, above=0)
-    start_sigma: Scalar = quantity("m", "Of that place.", default=1.0, above=0)
-    wrong: Scalar = quantity("1", "Share of ranges that mean nothing.", default=0.02, above=0, high=0.9)
-    width: Scalar = quantity("m", "Over which these spread.", default=50.0, above=0)
-    share: Scalar = quantity("1", "Of heading variance that is drawn when redrawing.", default=0.5, low=0, high=0.99)
+    longest: Scalar = quantity("s", "Maximum time between a range and the newest odometry.", default=1.0, above=0)
+    pair_time: Scalar = quantity(
+        "s", "Maximum time between the two ranges that give the first position.", default=1.0, above=0
+    )
+    start_sigma: Scalar = quantity("m", "Standard deviation of the first position.", default=1.0, above=0)
+    wrong: Scalar = quantity("1", "Probability that a range is an outlier.", default=0.02, above=0, high=0.9)
+    width: Scalar = quantity("m", "Width of the uniform distribution of outliers.", default=50.0, above=0)
+    share: Scalar = quantity(
+        "1",
+        "Share of each particle's heading variance that resampling turns into spread.",
+        default=0.5,
+        low=0,
+        high=0.99,
+    )
     sure: Scalar = quantity("m", "Position sigma below which the estimate is valid.", default=1.0, above=0)
     N: int = option("Number of particles.", default=200)
-    odometry: str = option("Name of the odometry; its samples have `distance` and `turn`.", default="odometry")
-    ranging: str = option("Name of the ranging; its samples have `range` and `arrived`.", default="ranging")
+    odometry: str = option("Name of the odometry sensor; its samples have `distance` and `turn`.", default="odometry")
+    ranging: str = option("Name of the ranging sensor; its samples have `range` and `arrived`.", default="ranging")
 
     @property
     def listens(self) -> tuple[str, ...]:
-        """Odometry and ranging."""
+        """Return the names of the odometry and the ranging."""
         return (self.odometry, self.ranging)
 
     def check(self) -> None:
-        """Refuse beacons that are no list of positions, fewer than two of them, and a cloud of one."""
+        """Raise InputError if the beacons are not a list of at least two positions, or there are too few particles."""
         shape = np.shape(self.beacons)
         if len(shape) != 2 or shape[1] != 3 or shape[0] < 2:
-            problem = f"shape {shape} instead of (n, 3), n two or more"
-            raise InputError("OdometryParticle.beacons", problem, fix="give north, east and down of each")
+            problem = f"the shape must be (n, 3) with n at least 2, got {shape}"
+            raise InputError("OdometryParticle.beacons", problem, fix="give north, east and down of each beacon")
         if self.N < 2:
-            raise InputError("OdometryParticle.N", f"{self.N} particles are no cloud", fix="take 100 or more")
+            raise InputError("OdometryParticle.N", f"N must be at least 2, got {self.N}", fix="take 100 or more")
 
     def init(self, key: Key) -> OdometryParticleState:
-        """Nothing measured yet."""
+        """Return the initial state, before any measurement."""
         n = np.shape(self.beacons)[0]
         x, P = initial_belief(self.start, self.errors, n)
         k = x.shape[0]
@@ -112,7 +120,7 @@ class OdometryParticle:
         )
 
     def step(self, t: Any, state: OdometryParticleState, frame: Frame) -> tuple[OdometryParticleState, Estimate]:
-        """The estimate at integer time t; its state is a RobotNavigation, the heading in [-pi, pi)."""
+        """Return the estimate at integer time t; its state is a RobotNavigation, the heading in [-pi, pi)."""
         drive, came, motion = read_odometry(state.drive, frame.samples[self.odometry], t, self.noise.grip)
         s, running = replace(state, drive=drive), state.effective > 0
 
@@ -146,7 +154,7 @@ class OdometryParticle:
 
 
 def throw_particles(form: OdometryParticle, s: OdometryParticleState, recent: Any) -> OdometryParticleState:
-    """The first particles, at both places where two of the recent (n,) ranges' circles meet."""
+    """Return the first particles, at both places where the circles of two recent ranges (n,) intersect."""
     N, n = form.N, recent.shape[0]
     spin, side = uniform2(s.key, jnp.arange(N), THROW)
     heading = wrap(2 * np.pi * (jnp.arange(N) + spin) / N)
@@ -173,7 +181,7 @@ def throw_particles(form: OdometryParticle, s: OdometryParticleState, recent: An
 
 
 def weigh_range(form: OdometryParticle, s: OdometryParticleState, i: Any, z: Any, ahead: Any) -> OdometryParticleState:
-    """Every particle updated and weighed with a range z (m) to beacon i; redrawn where few of them count.
+    """Update and weigh every particle with a range z (m) to beacon i; resample if few of them have weight.
 
     p(z) = (1 - wrong) N(innovation; 0, S) + wrong / width, and outside a particle's gate a range corrects nothing.
     """

@@ -1,4 +1,4 @@
-"""A particle filter on raw ultrasonic ranges and an IMU: no first guess, two beacons' ambiguity, wrong ranges.
+"""Particle filter on raw ultrasonic ranges and an IMU: no initial guess, two-beacon ambiguity, wrong ranges.
 
 [1] is Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006.
 """
@@ -46,46 +46,49 @@ from trimtab.estimators.ranging.range_errors import RangeErrorModel
 from trimtab.estimators.ranging.range_model import unit_geometry
 
 COMB = 3
-"""Stream of the draws."""
+"""Stream of the random draws."""
 
 
 @record
 class ParticleFix:
-    """How the particles fare, at the newest ping. Source: docs page, Particle filter."""
+    """Statistics of the particles, at the newest ping. Source: docs page, Particle filter."""
 
     effective: Scalar = quantity("1", "Effective sample size, from 1 to N.")
-    believed: Any = quantity("1", "Share of the weight that believes the range of each beacon (n,).")
+    believed: Any = quantity("1", "Share of the weight of the particles that accept the range of each beacon (n,).")
     used: Scalar = quantity("1", "Pings used so far.", kind="count")
-    unit: Scalar = quantity("1", "Which unit pinged.", kind="count")
-    redrawn: Scalar = quantity("1", "How often the particles were redrawn.", kind="count")
-    doubted: Scalar = quantity("1", "Pings in a row of which most was not believed.", kind="count")
-    tracking: Scalar = quantity("1", "Whether there are particles.", kind="flag")
-    starts: Scalar = quantity("1", "How often they were thrown.", kind="count")
-    scale: Scalar = quantity("1", "By how much all ranges are too long.")
+    unit: Scalar = quantity("1", "Index of the unit that pinged.", kind="count")
+    redrawn: Scalar = quantity("1", "Number of resamplings.", kind="count")
+    doubted: Scalar = quantity("1", "Number of consecutive pings that most particles rejected.", kind="count")
+    tracking: Scalar = quantity("1", "True if there are particles.", kind="flag")
+    starts: Scalar = quantity("1", "Number of times the particles were drawn from scratch.", kind="count")
+    scale: Scalar = quantity("1", "Scale error common to all ranges; positive when they are too long.")
 
 
 @record
 class ParticleState:
-    """All that changes. Source: docs page."""
+    """State of the filter. Source: docs page."""
 
-    key: Key = part("Of the draws.")
-    cloud: Cloud = part("At the time of the last ping used.")
-    at: Scalar = quantity("100 ns", "That time.", kind="time")
-    history: ImuHistory = part("Of the IMU since then, and some.")
-    fix: ParticleFix = part("How they fare.")
-    imu: SensorWatch = part("What the IMU has done.")
-    position: SensorWatch = part("What the ranging has done.")
-    heading: Any = part("None: no heading sensor.", default=None)
+    key: Key = part("Key of the random draws.")
+    cloud: Cloud = part("Particles at the time of the last ping used.")
+    at: Scalar = quantity("100 ns", "Time of the last ping used.", kind="time")
+    history: ImuHistory = part("IMU samples since the last ping used, and some before.")
+    fix: ParticleFix = part("Statistics of the particles.")
+    imu: SensorWatch = part("Watch of the IMU's samples.")
+    position: SensorWatch = part("Watch of the ranging sensor's samples.")
+    heading: Any = part("Always None: there is no heading sensor.", default=None)
     clock: Scalar = quantity("100 ns", "Latest time of the autopilot so far.", kind="time", default=NEVER)
-    clock_backwards: Scalar = quantity("1", "How often that time ran backwards.", kind="count", default=0)
+    clock_backwards: Scalar = quantity(
+        "1", "Number of times the autopilot's time ran backwards.", kind="count", default=0
+    )
 
 
 @record
 class Particle:
     """Particle filter whose particles are Gaussians, each updated to second order.
 
-    Thrown at the first ping with two ranges: each particle takes a pair of beacons, one of the two places where their
-    circles meet, and any heading. Runs at the pings; between two of them the IMU is summed up once for all particles.
+    The particles are drawn at the first ping with two ranges: each takes a pair of beacons, one of the two places where
+    their circles intersect, and a random heading. The filter runs at the pings; between two pings the IMU is integrated
+    once for all particles.
     A ping is used at its own time, and the estimate is predicted from there to the newest IMU sample; a ping older
     than the last one used is not used.
 
@@ -95,38 +98,49 @@ class Particle:
     """
 
     intake: Intake = part(
-        "What is read; `position` names the ranging.", default=Intake(heading="", position="ranging", slots=64)
+        "Selection and checks of the samples; `position` names the ranging.",
+        default=Intake(heading="", position="ranging", slots=64),
     )
-    noise: InertialNoise = part("Of the IMU.", default=InertialNoise())
-    errors: RangeErrorModel = part("Of the ranges; beacons' errors are considered.", default=RangeErrorModel())
-    start: InertialStart = part("Velocity at first, and sigmas.", default=InertialStart())
-    arms: LeverArms = part("Where the IMU sits.", default=LeverArms())
+    noise: InertialNoise = part("Noise of the IMU.", default=InertialNoise())
+    errors: RangeErrorModel = part("Errors of the ranges; beacons' errors are considered.", default=RangeErrorModel())
+    start: InertialStart = part("Initial velocity and standard deviations.", default=InertialStart())
+    arms: LeverArms = part("Position of the IMU on the vehicle.", default=LeverArms())
     beacons: Any = quantity("m", "Surveyed positions (n, 3).", default=SQUARE, frame="W")
     units: Any = quantity("m", "Positions (m, 3) of the vehicle's units.", default=PAIR, frame="B")
     down: Scalar = quantity("m", "Down coordinate of the vehicle's reference point.", default=0.0, frame="W")
-    wrong: Scalar = quantity("1", "Share of ranges that mean nothing.", default=0.05, above=0, high=0.9)
-    width: Scalar = quantity("m", "Over which these spread.", default=6.0, above=0)
-    share: Scalar = quantity("1", "Of heading variance that is drawn when redrawing.", default=0.5, low=0, high=0.99)
-    start_sigma: Scalar = quantity("m", "Of the two ranges of a first place.", default=0.03, above=0)
+    wrong: Scalar = quantity("1", "Probability that a range is an outlier.", default=0.05, above=0, high=0.9)
+    width: Scalar = quantity("m", "Width of the uniform distribution of outliers.", default=6.0, above=0)
+    share: Scalar = quantity(
+        "1",
+        "Share of each particle's heading variance that resampling turns into spread.",
+        default=0.5,
+        low=0,
+        high=0.99,
+    )
+    start_sigma: Scalar = quantity(
+        "m", "Standard deviation of the two ranges of a first position.", default=0.03, above=0
+    )
     sure: Scalar = quantity("m", "Position sigma below which the estimate is valid.", default=0.3, above=0)
-    sure_heading: Scalar = quantity("rad", "And heading sigma.", default=0.5, above=0)
-    patience: Scalar = quantity("1", "Pings in a row, mostly not believed, until a new throw.", default=8, kind="count")
+    sure_heading: Scalar = quantity("rad", "Heading sigma below which the estimate is valid.", default=0.5, above=0)
+    patience: Scalar = quantity(
+        "1", "Consecutive pings, mostly rejected, after which the particles are drawn again.", default=8, kind="count"
+    )
     N: int = option("Number of particles.", default=300)
-    cone: bool = option("Whether ranges are too long off the axis.", default=True, choices=(True, False))
+    cone: bool = option("Model the cone error: ranges are too long off the axis.", default=True, choices=(True, False))
 
     listens = property(listened_sensors)
 
     def check(self) -> None:
-        """Refuse what this filter can't read, and beacons or units that are not lists of positions."""
+        """Raise InputError if the sensors, beacons, units or the number of particles are invalid."""
         self.intake.check()
         if self.intake.heading or not self.intake.position:
-            raise InputError("Particle.intake", "it reads an IMU and ranges only", fix="leave heading empty")
+            raise InputError("Particle.intake", "this filter reads only an IMU and ranges", fix="leave heading empty")
         if self.N < 2:
-            raise InputError("Particle.N", f"{self.N} particles are no cloud", fix="take 100 or more")
+            raise InputError("Particle.N", f"N must be at least 2, got {self.N}", fix="take 100 or more")
         check_positions("Particle", self)
 
     def init(self, key: Key) -> ParticleState:
-        """Nothing measured yet."""
+        """Return the initial state, before any measurement."""
         n, o, none = np.shape(self.beacons)[0], np.float64(0), np.int32(0)
         k = 9 + n
         cloud = Cloud(np.zeros((self.N, k)), np.zeros((self.N, k, k)), np.full(self.N, 1.0 / self.N))
@@ -143,12 +157,12 @@ class Particle:
         )
 
     def step(self, t: Any, state: ParticleState, frame: Frame) -> tuple[ParticleState, Estimate]:
-        """The estimate at integer time t; its state is a NavigationState whose position_fix is a ParticleFix."""
+        """Return the estimate at integer time t; its state is a NavigationState whose position_fix is a ParticleFix."""
         return _step_filter(self, t, state, frame)
 
 
 def process_ping(form: Particle, s: ParticleState, t: Any, value: Any, m: PreintegratedMotion) -> ParticleState:
-    """The state after a ping at time t with ranges and unit (n + 1,); m: the motion since the ping before."""
+    """Return the state after a ping at time t with ranges and unit (n + 1,); m: the motion since the previous ping."""
     n = np.shape(form.beacons)[0]
     unit = jnp.clip(value[n], 0, np.shape(form.units)[0] - 1).astype(np.int32)
     ranges, replies = jnp.maximum(value[:n], 0.0), value[:n] > 0
@@ -167,7 +181,7 @@ def process_ping(form: Particle, s: ParticleState, t: Any, value: Any, m: Preint
     few = effective_sample_size(updated_cloud.weight) < form.N / 2
     comb, _ = uniform2(s.key, number, COMB)
     cloud = lax.cond(few, lambda: resample(updated_cloud, comb, z, form.share), lambda: updated_cloud)
-    # half of them, to rounding, is no reason to doubt yet
+    # an acceptance of one half, to rounding, is not yet a reason to doubt
     mostly = jnp.sum(jnp.where(replies, believed, 0.0)) > jnp.sum(replies) / 2 - 0.01
     doubt = jnp.where(mostly, 0, s.fix.doubted + 1)
     lost = (form.patience > 0) & (doubt >= form.patience)
@@ -187,7 +201,7 @@ def process_ping(form: Particle, s: ParticleState, t: Any, value: Any, m: Preint
 
 
 def _advance_without_ping(form: Particle, s: ParticleState) -> ParticleState:
-    """Without pings for half of what is remembered of the IMU, the particles follow it all the same."""
+    """Propagate the particles to the middle of the IMU history if no ping has come since."""
     h = s.history
     to = h.t[h.t.shape[0] // 2]
     due = s.fix.tracking & (to > s.at)
@@ -217,7 +231,7 @@ def _step_filter(form: Particle, t: Any, state: ParticleState, frame: Frame) -> 
 
 
 def _cloud_estimate(form: Particle, t: Any, s: ParticleState, fresh: Any) -> Estimate:
-    """The cloud's mean and covariance, predicted to the newest IMU sample; while the IMU is silent, to now."""
+    """Return the cloud's mean and covariance, predicted to the newest IMU sample; while the IMU is silent, to now."""
     newest = s.history.t[-1]
     begun = newest > NEVER
     age = jnp.where(begun, to_seconds(t - newest), 0.0)

@@ -1,4 +1,4 @@
-"""Particles that each carry a Gaussian: where they begin, how they are predicted, weighed and resampled.
+"""Particles that each carry a Gaussian: initialisation, prediction, weighting and resampling.
 
 A cloud of N Gaussians is a particle filter whose particles have a little width, so that few suffice. Resampling can
 turn any share of that width in heading into spread between particles; the cloud's distribution stays as it is.
@@ -34,20 +34,20 @@ from trimtab.estimators.ranging.range_model import (
 )
 
 START = 1
-"""First stream of the draws."""
+"""First stream of the random draws."""
 
 
 @record
 class Cloud:
     """N particles in the state of a tightly coupled filter, (9 + n,). Source: docs page, Particle filter."""
 
-    x: Any = quantity("1", "As Belief.x, then the scale and each beacon's error; (N, 9 + n).")
+    x: Any = quantity("1", "State in the order of Belief.x, then the scale and each beacon's error; (N, 9 + n).")
     P: Any = quantity("1", "Covariances (N, 9 + n, 9 + n).")
     weight: Any = quantity("1", "Weights (N,), of sum 1.")
 
 
 def initialise_cloud(form: Any, key: Key, number: Any, ranges: Any, unit: Any) -> Cloud:
-    """Particles from the first ranges (n,), of which two or more are above 0; number: of this start."""
+    """Return particles from the first ranges (n,), of which two or more are above 0; number: of this start."""
     N, n = form.N, np.shape(form.beacons)[0]
     g = unit_geometry(form, unit)
     index = number * N + jnp.arange(N)
@@ -81,7 +81,7 @@ def initialise_cloud(form: Any, key: Key, number: Any, ranges: Any, unit: Any) -
 
 
 def predict_particle(x: Any, P: Any, m: PreintegratedMotion, Q: Any) -> tuple[Any, Any]:
-    """A state (9 + n,) and its covariance over a motion; Q: noise added to Belief.x (8, 8)."""
+    """Return a state (9 + n,) and its covariance after a motion; Q: noise added to Belief.x (8, 8)."""
     T, B = m.time, planar(x[0])
     dv, dr = B @ (m.velocity - m.D1 @ x[6:8]), B @ (m.position - m.D2 @ x[6:8])
     new = jnp.concatenate([(x[0] + m.turn - x[5] * T)[None], x[1:3] + dv, x[3:5] + x[1:3] * T + dr, x[5:]])
@@ -103,13 +103,13 @@ def predict_particle(x: Any, P: Any, m: PreintegratedMotion, Q: Any) -> tuple[An
 
 
 def motion_covariance(noise: InertialNoise, heading: Any, m: PreintegratedMotion) -> Any:
-    """Q (8, 8) of Belief.x over a motion."""
+    """Return Q (8, 8) of Belief.x over a motion."""
     Q = coupled_process_noise(noise.growth(m.time, m.doubt), heading, noise.integration_time(m.time))
     return Q * SIGNS[:, None] * SIGNS[None, :]
 
 
 def predict_cloud(cloud: Cloud, m: PreintegratedMotion, noise: InertialNoise) -> Cloud:
-    """All particles over a motion."""
+    """Return all particles after a motion."""
 
     def one(particle: Any) -> Any:
         x, P = particle
@@ -122,9 +122,9 @@ def predict_cloud(cloud: Cloud, m: PreintegratedMotion, noise: InertialNoise) ->
 def update_cloud(
     cloud: Cloud, ranges: Any, g: Geometry, errors: RangeErrorModel, wrong: Any, width: Any, learns: Any
 ) -> tuple[Cloud, Any]:
-    """Every particle updated and weighed with the ranges of a ping (n,), 0 where none came.
+    """Return every particle updated and weighed with the ranges of a ping (n,), 0 where none came.
 
-    With the new cloud comes, of each range (n,), the share of the weight that believes it.
+    The second result is the share of the weight that accepts each range (n,).
 
         p(z) = (1 - wrong) N(innovation; 0, S) + wrong / width
 
@@ -160,12 +160,12 @@ def update_cloud(
 
 
 def effective_sample_size(weight: Any) -> Any:
-    """Effective sample size, from 1 to N."""
+    """Return the effective sample size, from 1 to N."""
     return 1.0 / jnp.sum(weight * weight)
 
 
 def systematic_indices(weight: Any, u: Any) -> Any:
-    """Which particle each of N new ones copies (N,), int32: one comb of N teeth, shifted by u in (0, 1)."""
+    """Return the index of the particle that each of N new ones copies (N,), int32; u in (0, 1) shifts the comb."""
     n = weight.shape[0]
     ends = jnp.cumsum(weight)
     _, index = lax.scan(lambda c, k: (c, jnp.sum(ends < (k + u) / n)), 0, jnp.arange(n, dtype=np.float64))
@@ -173,7 +173,7 @@ def systematic_indices(weight: Any, u: Any) -> Any:
 
 
 def resample(cloud: Cloud, u: Any, z: Any, share: Any) -> Cloud:
-    """Equal weights, by systematic resampling; a share of each particle's heading variance becomes spread.
+    """Resample systematically to equal weights; a share of each particle's heading variance becomes spread.
 
         d = sqrt(share P00) z,   x + P[:, 0] d / P00,   P - share P[:, 0] P[0, :] / P00
 
@@ -192,7 +192,7 @@ def resample(cloud: Cloud, u: Any, z: Any, share: Any) -> Cloud:
 
 
 def cloud_moments(cloud: Cloud) -> tuple[Any, Any]:
-    """Mean (9 + n,) and covariance of the mixture; heading as the direction of the mean unit vector."""
+    """Return mean (9 + n,) and covariance of the mixture; heading as the direction of the mean unit vector."""
     w, x = cloud.weight, cloud.x
     heading = jnp.arctan2(w @ jnp.sin(x[:, 0]), w @ jnp.cos(x[:, 0]))
     mean = jnp.concatenate([heading[None], w @ x[:, 1:]])

@@ -34,50 +34,56 @@ PAIR = np.array([[0.2, 0.0, 0.0], [-0.2, 0.0, 0.0]])
 
 
 def check_positions(name: str, form: Any) -> None:
-    """Refuse beacons or units of a filter of this name that are not lists of positions."""
+    """Raise InputError if the beacons or units of the named filter are not lists of positions."""
     for field, positions in (("beacons", form.beacons), ("units", form.units)):
         shape = np.shape(positions)
         if len(shape) != 2 or shape[1] != 3 or shape[0] < 1:
-            raise InputError(f"{name}.{field}", f"has shape {shape}", fix="give one row of three for each")
+            raise InputError(f"{name}.{field}", f"has shape {shape}", fix="give one row of three numbers for each")
 
 
 @record
 class RangingFix:
-    """A fix, and what speaks for it. Source: [1] section 5.5.3."""
+    """Position fix with its quality. Source: [1] section 5.5.3."""
 
-    north: Scalar = quantity("m", "Of the vehicle's reference point; of the unit while the heading isn't known.")
+    north: Scalar = quantity(
+        "m", "Position north of the vehicle's reference point; of the unit while the heading is unknown."
+    )
     east: Scalar = quantity("m", "Likewise.")
-    heading: Scalar = quantity("rad", "From two units, in [-pi, pi).", kind="angle")
-    heading_valid: Scalar = quantity("1", "Whether both units have a recent fix.", kind="flag")
-    unit: Scalar = quantity("1", "Which unit was located last.", kind="count")
-    unit_north: Scalar = quantity("m", "Where it was.")
-    unit_east: Scalar = quantity("m", "Where it was.")
+    heading: Scalar = quantity("rad", "Heading from two units, in [-pi, pi).", kind="angle")
+    heading_valid: Scalar = quantity("1", "True if both units have a recent fix.", kind="flag")
+    unit: Scalar = quantity("1", "Index of the unit located last.", kind="count")
+    unit_north: Scalar = quantity("m", "Position north of that unit.")
+    unit_east: Scalar = quantity("m", "Position east of that unit.")
     residual: Scalar = quantity("m", "Root mean square of the used ranges' residuals at the last ping.")
-    bias: Scalar = quantity("m", "Range error common to all beacons, where it is estimated.")
-    dilution: Scalar = quantity("1", "Error of the fix over error of a range; 1000 at most.")
+    bias: Scalar = quantity("m", "Range error common to all beacons, if it is estimated.")
+    dilution: Scalar = quantity("1", "Dilution: error of the fix divided by error of a range; 1000 at most.")
     used: Scalar = quantity("1", "Ranges used at the last ping.", kind="count")
     rejected: Scalar = quantity("1", "Beacon whose range was left out at the last ping; -1: none.", kind="count")
-    mode: Scalar = quantity("1", "What the last ping gave.", kind="mode", modes=MODES)
-    frozen: Scalar = quantity("1", "Whether a unit's ranges repeat, which noise does not allow: no fix.", kind="flag")
+    mode: Scalar = quantity("1", "Result of the last ping.", kind="mode", modes=MODES)
+    frozen: Scalar = quantity("1", "True if a unit's ranges repeat, which noise does not allow: no fix.", kind="flag")
     out_of_time: Scalar = quantity(
-        "1", "Pings with a time of the future, or not after the one before: not used.", kind="count"
+        "1", "Number of pings with a future time, or a time not after the previous one: not used.", kind="count"
     )
-    invalid: Scalar = quantity("1", "Pings with a range that is no number: that range is not used.", kind="count")
+    invalid: Scalar = quantity(
+        "1", "Number of pings with a range that is not a number: that range is not used.", kind="count"
+    )
 
 
 @record
 class RangingPositionState:
-    """The fix, and where each unit was located last. Source: this module."""
+    """Newest fix, and the last position of each unit. Source: this module."""
 
-    fix: RangingFix = part("The newest.")
+    fix: RangingFix = part("Newest fix.")
     places: Any = quantity("m", "Last fix of each unit (m, 2).", frame="W")
-    gains: Any = quantity("1", "How much of an error of each range got into it (m, n, 2).", frame="W")
-    times: Any = quantity("100 ns", "When each unit was located (m,); long ago where it never was.", kind="time")
-    measured: Scalar = quantity("100 ns", "When the newest accepted ping was sent.", kind="time")
-    seen: Scalar = quantity("100 ns", "When the newest ping of all was sent.", kind="time")
+    gains: Any = quantity("1", "Effect of an error of each range on the last fix (m, n, 2).", frame="W")
+    times: Any = quantity(
+        "100 ns", "Time at which each unit was located (m,); long ago where it never was.", kind="time"
+    )
+    measured: Scalar = quantity("100 ns", "Time at which the newest accepted ping was sent.", kind="time")
+    seen: Scalar = quantity("100 ns", "Time at which the newest ping of all was sent.", kind="time")
     ranges: Any = quantity("m", "Last ranges of each unit (m, n).")
-    repeats: Any = quantity("1", "How often in a row each unit had the same ranges (m,).", kind="count")
-    any: Scalar = quantity("1", "Whether there has been a fix.", kind="flag")
+    repeats: Any = quantity("1", "Consecutive repetitions of each unit's ranges (m,).", kind="count")
+    any: Scalar = quantity("1", "True once there has been a fix.", kind="flag")
 
 
 class _UnitLocation(NamedTuple):
@@ -91,13 +97,12 @@ class _UnitLocation(NamedTuple):
 
 @record
 class RangingPosition:
-    """Locates a unit from each ping: cone compensation, closed form, least squares, and a look for a wrong range.
+    """Locates a unit from each ping: cone compensation, closed form, least squares, and a search for a wrong range.
 
     Three ranges or more: Bancroft's closed form, and from there least squares. If the residual is above its limit and
-    one redundant range remains without it, one range is left out: that without which the residual is below its limit
-    and the fix within the cones of the beacons that were heard. Where that is true of several, residual and distance
-    from the fix before decide, and without one there is no fix. Two ranges: of the two intersections the one nearer the
-    fix before.
+    enough ranges remain, one range is left out, such that the residual is below its limit and the fix within the cones
+    of the received beacons. If several ranges qualify, residual and distance from the previous fix decide; if none
+    qualifies, there is no fix. Two ranges: of the two intersections, the one nearer the previous fix is taken.
 
     Frames:  beacons in W, units in B; level vehicle on a flat floor.
     Not modelled: motion between the pings of two units, see docs page; time correlation of fixes: that is for a filter.
@@ -107,44 +112,44 @@ class RangingPosition:
     beacons: Any = quantity("m", "Surveyed positions (n, 3).", default=SQUARE, frame="W")
     units: Any = quantity("m", "Positions (m, 3) of the vehicle's units.", default=np.zeros((1, 3)), frame="B")
     down: Scalar = quantity("m", "Down coordinate of the vehicle's reference point.", default=0.0, frame="W")
-    residual_limit: Scalar = quantity("m", "Largest residual believed.", default=0.02, above=0)
+    residual_limit: Scalar = quantity("m", "Largest accepted residual.", default=0.02, above=0)
     cone_limit: Scalar = quantity(
-        "rad", "Largest angle off a beacon's axis believed.", default=0.9, kind="angle", above=0, high=1.5
+        "rad", "Largest accepted angle off a beacon's axis.", default=0.9, kind="angle", above=0, high=1.5
     )
-    usual_jump: Scalar = quantity("m", "How far a fix usually is from the one before.", default=0.2, above=0)
-    dilution_limit: Scalar = quantity("1", "Largest dilution believed.", default=10.0, above=0)
+    usual_jump: Scalar = quantity("m", "Typical distance between consecutive fixes.", default=0.2, above=0)
+    dilution_limit: Scalar = quantity("1", "Largest accepted dilution.", default=10.0, above=0)
     frozen_after: Scalar = quantity(
         "1",
-        "Pings of a unit with exactly the same ranges that mean frozen; 0: never.",
+        "Consecutive pings of a unit with exactly equal ranges after which the unit counts as frozen; 0: never.",
         default=3,
         kind="count",
         off={"range-noise": 0},
     )
-    pair_time: int = period("Longest time between the fixes of two units that make a heading.", default=ms(200))
-    cone: bool = option(
-        "Whether to undo the cone error.", default=True, choices=(True, False), off={"cone-error": False}
-    )
+    pair_time: int = period("Longest time between the fixes of two units for a heading.", default=ms(200))
+    cone: bool = option("Compensate the cone error.", default=True, choices=(True, False), off={"cone-error": False})
     solver: str = option(
         '"least squares", without common range error, or "closed form", with it.',
         default="least squares",
         choices=("least squares", "closed form"),
     )
-    sensor: str = option("Name of the sensor.", default="ranging")
+    sensor: str = option("Name of the ranging sensor.", default="ranging")
 
     def check(self) -> None:
-        """Refuse beacons and units without positions, and units that lie above each other."""
+        """Raise InputError if beacons or units have no positions, or two units are above each other."""
         check_positions("RangingPosition", self)
         plan = np.asarray(self.units)[:2, :2]
         if len(plan) == 2 and np.allclose(plan[0], plan[1]):
-            raise InputError("RangingPosition.units", "the first two lie above each other", fix="move one of them")
+            raise InputError(
+                "RangingPosition.units", "the first two units must not be above each other", fix="move one of them"
+            )
 
     @property
     def listens(self) -> tuple[str, ...]:
-        """The one sensor."""
+        """Return the name of the sensor."""
         return (self.sensor,)
 
     def init(self, key: Key) -> RangingPositionState:
-        """No fix."""
+        """Return the initial state, without a fix."""
         m, o, never = np.shape(self.units)[0], np.float64(0), np.int64(-FOREVER)
         no, none = np.bool_(False), np.int32(0)
         fix = RangingFix(o, o, o, no, none, o, o, o, o, o, none, np.int32(-1), np.int32(NONE), no, none, none)
@@ -161,7 +166,7 @@ class RangingPosition:
         )
 
     def locate(self, ranges: Any, arrived: Any, unit: Any, near: Any, known: Any) -> _UnitLocation:
-        """A unit's place (2,) from measured ranges (n,), with what speaks for it.
+        """Return a unit's position (2,) from measured ranges (n,), with its quality.
 
         ranges: as measured (m), shape (n,).  arrived: which there are, shape (n,).  unit: which unit they belong to.
         near: place of the fix before (m), shape (2,).  known: whether there was one.
@@ -186,7 +191,7 @@ class RangingPosition:
         return _UnitLocation(best.place, best.bias, best.residual, used, rejected, mode)
 
     def _solve(self, plan: Any, height: Any, ranges: Any, used: Any, near: Any, known: Any) -> Solution:
-        """All these ranges together. Beacons on one line leave two places; the one nearer the fix before counts."""
+        """Return the solution of all ranges. Collinear beacons leave two places; the one nearer the last fix counts."""
         first = solve_bancroft(plan, height, ranges, used)
         if self.solver == "closed form":
             return first
@@ -201,7 +206,7 @@ class RangingPosition:
     def _reject_outlier(
         self, plan: Any, height: Any, ranges: Any, usable: Any, near: Any, known: Any
     ) -> tuple[Solution, Any]:
-        """The solution of all ranges, or without the one that spoils it; and which that is, -1 for none."""
+        """Return the solution of all ranges, or without the one outlier, and the index of that one, -1 for none."""
         fewest = 5 if self.solver == "closed form" else 4
         if np.shape(self.beacons)[0] < fewest:
             return self._solve(plan, height, ranges, usable, near, known), jnp.asarray(-1)
@@ -228,7 +233,7 @@ class RangingPosition:
         return chosen, jnp.where(drop, wrong, -1)
 
     def _gain(self, place: Any, unit: Any, arrived: Any, rejected: Any) -> tuple[Any, Any]:
-        """How much of an error of each range gets into the fix, north and east: H (H'H)^-1 (n, 2), and the dilution.
+        """Return the effect of each range's error on the fix, north and east: H (H'H)^-1 (n, 2), and the dilution.
 
         H (n, 2): horizontal directions from the beacons to the unit. Dilution: error of the fix over error of a range,
         the root of the sum of squares of the gain; 1000 at most, and where beacons lie on one line with the unit.
@@ -248,7 +253,7 @@ class RangingPosition:
         return gain, dilution
 
     def _update(self, s: RangingPositionState, t: Any, value: Any) -> RangingPositionState:
-        """The state after a ping of integer time t."""
+        """Return the state after a ping of integer time t."""
         unit = jnp.clip(value.unit, 0, np.shape(self.units)[0] - 1)
         own = jnp.arange(s.times.shape[0]) == unit
         ranges, repeats = self._count_repeats(s, own, value)
@@ -274,14 +279,14 @@ class RangingPosition:
         return RangingPositionState(fix, places, gains, times, measured, t, ranges, repeats, s.any | good)
 
     def _count_repeats(self, s: RangingPositionState, own: Any, value: Any) -> tuple[Any, Any]:
-        """Last ranges (m, n) and repeats (m,) after a ping of the own (m,) unit; silence is no repetition."""
+        """Return last ranges (m, n) and repeats (m,) after a ping of the own (m,) unit; silence is no repetition."""
         now = jnp.where(value.arrived & jnp.isfinite(value.range), value.range, 0.0)
         same = jnp.all(now == s.ranges, axis=1) & jnp.any(now > 0)
         repeats = jnp.where(own, jnp.where(same, s.repeats + 1, 0), s.repeats).astype(np.int32)
         return jnp.where(own[:, None], now, s.ranges), jnp.minimum(repeats, np.int32(2**30))
 
     def _vehicle_fix(self, fix: RangingFix, place: Any, unit: Any, places: Any, times: Any) -> RangingFix:
-        """The fix of the vehicle from that of a unit, and the heading where two units have one."""
+        """Return the vehicle's fix from that of a unit, and the heading if two units have one."""
         heading, paired, at = fix.heading, fix.heading_valid, place
         if np.shape(self.units)[0] >= 2:
             levers = jnp.asarray(self.units)[:, :2]
@@ -303,7 +308,7 @@ class RangingPosition:
         )
 
     def step(self, t: Any, state: RangingPositionState, frame: Frame) -> tuple[RangingPositionState, Estimate]:
-        """The newest fix at integer time t; a ping already seen, or from before it, changes nothing."""
+        """Return the newest fix at integer time t; a ping already seen, or from before it, changes nothing."""
         sample = frame.samples[self.sensor]
         arrived = sample.fresh & sample.valid
         new = arrived & (sample.t > state.seen) & (sample.t <= t)

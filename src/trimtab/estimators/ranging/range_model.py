@@ -22,15 +22,15 @@ from trimtab.estimators.ranging.range_errors import RangeErrorModel
 ITERATIONS = 8
 TOLERANCE = 1e-6
 TOP = LINEAR / (1 - 2 * QUADRATIC)
-"""The angle (rad), about 0.003, at which e(beta) cos(beta) is greatest; its slope vanishes there."""
+"""Angle (rad), about 0.003, at which e(beta) cos(beta) is greatest; its slope vanishes there."""
 START, FARTHEST = 2.2 * TOP, 1.4
-"""Angles (rad) between which Newton's method begins. Below 2 TOP there is no root for a range above the height."""
+"""Initial angles (rad) of Newton's method. Below 2 TOP there is no root for a range above the height."""
 POSE = np.array([0, 3, 4])
-"""Heading and position among the states: what a range depends on."""
+"""Indices of heading and position among the states: a range depends on these."""
 
 
 def compensate_range(measured: Any, height: Any) -> tuple[Any, Any, Any]:
-    """True range, angle off the axis, and the iterations that it took.
+    """Return the true range, the angle off the axis, and the number of iterations.
 
         e(beta) cos(beta) = h / rho,   r = e(beta) rho
 
@@ -63,7 +63,7 @@ def compensate_range(measured: Any, height: Any) -> tuple[Any, Any, Any]:
 
 
 class RangePrediction(NamedTuple):
-    """A range as measured (m), its derivative by north and east (2,), and the second derivative (2, 2) in 1/m."""
+    """Return a range as measured (m), its derivative by north and east (2,), and second derivative (2, 2) in 1/m."""
 
     range: Any
     slope: Any
@@ -71,7 +71,7 @@ class RangePrediction(NamedTuple):
 
 
 def predict_range(beacon: Any, place: Any, down: Any, *, cone: bool) -> RangePrediction:
-    """What a unit measures to a beacon, without noise.
+    """Return the range that a unit measures to a beacon, without noise.
 
         d / e(beta),  tan beta = |p - q| / h,  e = 1 without cone error
 
@@ -79,7 +79,7 @@ def predict_range(beacon: Any, place: Any, down: Any, *, cone: bool) -> RangePre
     range that noise made shorter than the height has a model but no compensation. The curvature is that of d.
 
     beacon: north, east, down in W (3,).  place, down: of the unit, north and east (2,), and down, in W.
-    cone: whether ranges are too long off the axis.
+    cone: True if ranges are too long off the axis.
     """
     away, height = place - beacon[:2], down - beacon[2]
     square = away @ away
@@ -108,14 +108,14 @@ class Geometry(NamedTuple):
 
 
 def unit_geometry(form: Any, unit: Any) -> Geometry:
-    """Of the ranges of a unit; form: a filter with beacons, units, down, arms and cone."""
+    """Return the geometry of the ranges of a unit; form: a filter with beacons, units, down, arms and cone."""
     lever = jnp.asarray(form.units, np.float64)[unit]
     beacons = jnp.asarray(form.beacons, np.float64)
     return Geometry(beacons, lever[:2] - form.arms.imu, form.down + lever[2], form.cone)
 
 
 class LinearisedRange(NamedTuple):
-    """A range at a state: value, derivative (k,), and what curvature adds to mean and variance."""
+    """Predicted range at a state: value, derivative (k,), and the curvature's part of mean and variance."""
 
     range: Any
     H: Any
@@ -124,7 +124,7 @@ class LinearisedRange(NamedTuple):
 
 
 class RangeUpdate(NamedTuple):
-    """State and covariance after a ping; innovation, its variance and NIS of each range, and which were used (n,)."""
+    """Result of a ping: state and covariance after it; innovation, variance and NIS of each range; ranges used (n,)."""
 
     x: Any
     P: Any
@@ -135,7 +135,7 @@ class RangeUpdate(NamedTuple):
 
 
 def linearise_range(x: Any, P: Any, i: Any, g: Geometry) -> LinearisedRange:
-    """The range to beacon i at a state (9 + n,): Belief.x, scale, errors of the beacons.
+    """Return the predicted range to beacon i at a state (9 + n,): Belief.x, scale, errors of the beacons.
 
     With Hessian A in (heading, north, east) and the covariance S of these, a Gaussian state adds tr(A S)/2 to the mean
     and tr(A S A S)/2 to the variance ([4] section 10.3.3).
@@ -158,7 +158,7 @@ def linearise_range(x: Any, P: Any, i: Any, g: Geometry) -> LinearisedRange:
 def update_with_ranges(
     x: Any, P: Any, ranges: Any, usable: Any, g: Geometry, errors: RangeErrorModel, learns: Any
 ) -> RangeUpdate:
-    """A ping's ranges (n,), each linearised anew, those that are usable (n,); learns (9 + n,): 0 where considered."""
+    """Fuse a ping's usable ranges (n,), each linearised at the current state; learns (9 + n,): 0 where considered."""
 
     def one(carry: Any, row: Any) -> Any:
         x, P = carry
@@ -178,7 +178,7 @@ def update_with_ranges(
 
 
 def place_information(place: Any, used: Any, g: Geometry, sigma: Any) -> Any:
-    """Information (2, 2) about a unit's place (2,) in the ranges used (n,), each of this sigma."""
+    """Return the information (2, 2) about a unit's position (2,) in the ranges used (n,), each of this sigma."""
     slopes = jax.vmap(lambda b: predict_range(b, place, g.down, cone=g.cone).slope)(g.beacons)
     slopes = jnp.where(used[:, None], slopes, 0.0)
     return slopes.T @ slopes / sigma**2

@@ -1,4 +1,4 @@
-"""Position, velocity and heading out of a few located pings and what the IMU felt between them, in closed form.
+"""Position, velocity and heading from a few located pings and the IMU readings between them, in closed form.
 
 With the motion since the first ping integrated in the body's axes of that moment (turn a, velocity dv, displacement
 dr), the place of a unit with lever l, seen from the IMU, is linear in what is unknown:
@@ -30,19 +30,19 @@ class RangingStart:
 
     N: Any = quantity("1", "Information of (p0, v0, c, s).", shape=(UNKNOWNS, UNKNOWNS))
     g: Any = quantity("1", "Right-hand side.", shape=(UNKNOWNS,))
-    square: Scalar = quantity("1", "Weighted square of what was measured, less that of `centre`.")
-    centre: Any = quantity("m", "First place; unknowns count from it.", frame="W", shape=(2,))
-    pings: Scalar = quantity("1", "Located pings in it.", kind="count")
-    elapsed: Scalar = quantity("s", "Time since the first.")
-    turn: Scalar = quantity("rad", "Turned since the first.", kind="angle")
-    velocity: Any = quantity("m/s", "Integral of the force, in the first body axes.", shape=(2,))
-    position: Any = quantity("m", "Integral of that.", shape=(2,))
+    square: Scalar = quantity("1", "Weighted sum of squares of the measurements, relative to `centre`.")
+    centre: Any = quantity("m", "First position; the origin of the unknowns.", frame="W", shape=(2,))
+    pings: Scalar = quantity("1", "Number of located pings used.", kind="count")
+    elapsed: Scalar = quantity("s", "Time since the first located ping.")
+    turn: Scalar = quantity("rad", "Angle turned since the first located ping.", kind="angle")
+    velocity: Any = quantity("m/s", "Integral of the specific force, in the first body axes.", shape=(2,))
+    position: Any = quantity("m", "Double integral of the specific force, in the first body axes.", shape=(2,))
 
 
 class StartSolution(NamedTuple):
-    """Heading, velocity and position now (5,), their covariance (5, 5), whether they can be believed.
+    """Heading, velocity and position now (5,), their covariance (5, 5), whether they can be trusted.
 
-    inconsistent: enough pings are in it, and they don't agree with each other.
+    inconsistent: there are enough pings, and they don't agree with each other.
     """
 
     x: Any
@@ -52,13 +52,13 @@ class StartSolution(NamedTuple):
 
 
 def empty_start() -> RangingStart:
-    """Before the first ping."""
+    """Return the initial equations, before the first ping."""
     o, two = np.float64(0), np.zeros(2)
     return RangingStart(np.zeros((UNKNOWNS, UNKNOWNS)), np.zeros(UNKNOWNS), o, two, np.int32(0), o, o, two, two)
 
 
 def propagate_start(start: RangingStart, dt: Any, before: Any, felt: Any, bias: Any) -> RangingStart:
-    """A time dt (s) on. before, felt: what the IMU read at both ends (3,); bias: of these (3,)."""
+    """Propagate by dt (s). before, felt: IMU readings at both ends (3,); bias: of these (3,)."""
     turn = start.turn + dt * ((before[0] + felt[0]) / 2 - bias[0])
     f0, f1 = planar(start.turn) @ (before[1:] - bias[1:]), planar(turn) @ (felt[1:] - bias[1:])
     velocity, position = mechanise(dt, f0, f1, start.velocity, start.position)
@@ -67,7 +67,7 @@ def propagate_start(start: RangingStart, dt: Any, before: Any, felt: Any, bias: 
 
 
 def add_unit_position(start: RangingStart, place: Any, lever: Any, W: Any) -> RangingStart:
-    """With a unit's place (2,) of information W (2, 2); lever: from the IMU to the unit, in B (2,)."""
+    """Add a unit's position (2,) of information W (2, 2); lever: from the IMU to the unit, in B (2,)."""
     centre = jnp.where(start.pings > 0, start.centre, place)
     w = start.position + rotate_lever(start.turn, lever)[0]
     eye = jnp.eye(2)
@@ -78,7 +78,7 @@ def add_unit_position(start: RangingStart, place: Any, lever: Any, W: Any) -> Ra
 
 
 def add_heading(start: RangingStart, heading: Any, variance: Any) -> RangingStart:
-    """With a heading (rad) of a sensor; nothing before the first ping."""
+    """Add a heading (rad) of a sensor; no effect before the first ping."""
     a = heading - start.turn
     A = jnp.concatenate([jnp.zeros((2, 4)), jnp.eye(2)], axis=1)
     informed = _add_equations(start, A, jnp.stack([jnp.cos(a), jnp.sin(a)]), jnp.eye(2) / variance)
@@ -86,14 +86,14 @@ def add_heading(start: RangingStart, heading: Any, variance: Any) -> RangingStar
 
 
 def solve_start(start: RangingStart, sigmas: Any, *, enough: Any, longest: Any, heading_limit: Any) -> StartSolution:
-    """What follows from all so far.
+    """Return the solution of the equations so far.
 
     Args:
         start: the equations.
-        sigmas: of the biases of gyro and accelerometers (2,): what they do in the elapsed time is added.
+        sigmas: of the biases of gyro and accelerometers (2,); their effect over the elapsed time is added.
         enough: least number of pings; twice as many without an answer contradict each other.
         longest: time (s) after which the IMU's errors have made the first ping useless.
-        heading_limit: largest sigma of a heading that is believed (rad).
+        heading_limit: largest accepted sigma of the heading (rad).
     """
     count = start.pings
     both = solve_spd(start.N, jnp.concatenate([jnp.eye(UNKNOWNS), start.g[:, None]], axis=1))

@@ -1,4 +1,4 @@
-"""Raw ultrasonic ranges straight into an inertial filter, each ping at the time at which it was sent.
+"""Inertial filter of raw ultrasonic ranges, each ping fused at the time at which it was sent.
 
 [1] is Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006.
 """
@@ -42,23 +42,23 @@ from trimtab.estimators.ranging.start import (
 
 @record
 class TightNode:
-    """State, its covariance and the start under way at one instant. Source: docs page."""
+    """State, its covariance and the pending start at one instant. Source: docs page."""
 
-    t: Scalar = quantity("100 ns", "The instant.", kind="time")
-    felt: Any = quantity("1", "IMU: yaw rate (rad/s), force per mass forward and starboard (m/s^2).", shape=(3,))
-    doubt: Any = quantity("1", "1 where gyro, or accelerometers, can't be trusted.", shape=(2,))
-    x: Any = quantity("1", "As Belief.x, then the scale and each beacon's error; (9 + n,).")
+    t: Scalar = quantity("100 ns", "Time of this state.", kind="time")
+    felt: Any = quantity("1", "IMU sample: yaw rate (rad/s), specific force forward and starboard (m/s^2).", shape=(3,))
+    doubt: Any = quantity("1", "1 where the gyro, or the accelerometers, cannot be trusted.", shape=(2,))
+    x: Any = quantity("1", "State in the order of Belief.x, then the scale and each beacon's error; (9 + n,).")
     P: Any = quantity("1", "Covariance of estimate minus truth (9 + n, 9 + n).")
-    force: Any = quantity("m/s^2", "Force per mass in the Jacobian, without bias.", frame="B", shape=(2,))
-    steady: Any = quantity("m/s^2", "The same, low-passed as tells rest from motion.", frame="B", shape=(2,))
-    start: RangingStart = part("Pings until the filter can start.")
-    heading_fix: HeadingFix = part("How headings fared.")
-    position_fix: RangeFix = part("How ranges fared.")
+    force: Any = quantity("m/s^2", "Specific force in the Jacobian, without bias.", frame="B", shape=(2,))
+    steady: Any = quantity("m/s^2", "Specific force, low-passed to detect rest.", frame="B", shape=(2,))
+    start: RangingStart = part("Pings collected until the filter can start.")
+    heading_fix: HeadingFix = part("Statistics of the heading updates.")
+    position_fix: RangeFix = part("Statistics of the range updates.")
 
 
 @record
 class TightlyCoupled:
-    """Extended filter that fuses every single range: two beacons still help, and a wrong range costs only itself.
+    """Extended filter that fuses every single range: two beacons still help, and a wrong range affects only itself.
 
     State: heading, velocity, position, gyro and accelerometer biases, a scale of all ranges, an error of each beacon.
     With two units, or a lever and motion, ranges alone show the heading.
@@ -71,47 +71,57 @@ class TightlyCoupled:
     """
 
     intake: Intake = part(
-        "What is read; `position` names the ranging.", default=Intake(heading="", position="ranging", slots=48)
+        "Selection and checks of the samples; `position` names the ranging.",
+        default=Intake(heading="", position="ranging", slots=48),
     )
-    noise: InertialNoise = part("Of IMU and heading sensor.", default=InertialNoise())
-    errors: RangeErrorModel = part("Of the ranges.", default=RangeErrorModel())
-    start: InertialStart = part("What is believed at first.", default=InertialStart())
-    arms: LeverArms = part("Where the IMU sits.", default=LeverArms())
+    noise: InertialNoise = part("Noise of the IMU and of the heading sensor.", default=InertialNoise())
+    errors: RangeErrorModel = part("Errors of the ranges.", default=RangeErrorModel())
+    start: InertialStart = part("Initial estimate and its uncertainty.", default=InertialStart())
+    arms: LeverArms = part("Position of the IMU on the vehicle.", default=LeverArms())
     beacons: Any = quantity("m", "Surveyed positions (n, 3).", default=SQUARE, frame="W")
     units: Any = quantity("m", "Positions (m, 3) of the vehicle's units.", default=PAIR, frame="B")
     down: Scalar = quantity("m", "Down coordinate of the vehicle's reference point.", default=0.0, frame="W")
-    smoothing: Scalar = quantity("s", "Time constant of the low-pass on the Jacobian's force.", default=0.05, low=0)
-    rest_smoothing: Scalar = quantity("s", "The same on the force that tells rest.", default=0.5, low=0)
-    rest_sigmas: Scalar = quantity("1", "As in the coupled form; for one unit only.", default=3.0, low=0)
-    start_sigma: Scalar = quantity(
-        "m", "Of a range while starting, its constant errors included.", default=0.03, above=0
+    smoothing: Scalar = quantity(
+        "s", "Time constant of the low-pass on the force in the Jacobian.", default=0.05, low=0
     )
-    start_heading: Scalar = quantity("rad", "Heading sigma that is enough to start.", default=0.25, above=0)
-    start_time: Scalar = quantity("s", "Longest time that a start may take.", default=3.0, above=0)
-    cone: bool = option("Whether ranges are too long off the axis.", default=True, choices=(True, False))
+    rest_smoothing: Scalar = quantity(
+        "s", "Time constant of the low-pass on the force that detects rest.", default=0.5, low=0
+    )
+    rest_sigmas: Scalar = quantity(
+        "1",
+        "Force below this many of its sigmas counts as zero, as in the coupled form; for one unit only.",
+        default=3.0,
+        low=0,
+    )
+    start_sigma: Scalar = quantity(
+        "m", "Standard deviation of a range during the start, including its constant errors.", default=0.03, above=0
+    )
+    start_heading: Scalar = quantity("rad", "Heading sigma that is sufficient to start.", default=0.25, above=0)
+    start_time: Scalar = quantity("s", "Longest duration of a start.", default=3.0, above=0)
+    cone: bool = option("Model the cone error: ranges are too long off the axis.", default=True, choices=(True, False))
     begins: str = option('From "ranges", or as `start` says ("given").', default="ranges", choices=("ranges", "given"))
 
     AIDED_BY: ClassVar[str] = "ranges"
     listens = property(listened_sensors)
 
     def check(self) -> None:
-        """Refuse an intake that can't work, and beacons or units that are not lists of positions."""
+        """Raise InputError if the intake is invalid, or beacons or units are not lists of positions."""
         self.intake.check()
         if not self.intake.position:
             raise InputError("TightlyCoupled.intake.position", "no ranging sensor is named", fix="name it")
         check_positions("TightlyCoupled", self)
 
     def init(self, key: Key) -> InertialState:
-        """Nothing measured yet."""
+        """Return the initial state, before any measurement."""
         return initial_inertial_state(self, key, np.shape(self.beacons)[0] + 1)
 
     def step(self, t: Any, state: InertialState, frame: Frame) -> tuple[InertialState, Estimate]:
-        """The estimate at integer time t; its state is a NavigationState whose position_fix is a RangeFix."""
+        """Return the estimate at integer time t; its state is a NavigationState whose position_fix is a RangeFix."""
         state, estimate = navigate(self, t, state, frame)
         return state, replace(estimate, valid=estimate.valid & estimate.state.position_fix.tracking)
 
     def first(self) -> TightNode:
-        """Before the first sample."""
+        """Return the initial state, before the first sample."""
         s, n = self.start, np.shape(self.beacons)[0]
         variances = jnp.concatenate([s.variances(), self.errors.variances(n)])
         running = self.begins == "given"
@@ -126,7 +136,7 @@ class TightlyCoupled:
         )
 
     def propagate(self, node: TightNode, dt: Any, felt: Any, doubt: Any) -> TightNode:
-        """A time dt (s) on, to where the IMU reads felt (3,)."""
+        """Propagate by dt (s); the IMU reads `felt` (3,) at the end."""
         m = propagate_coupled(self, node, dt, felt, doubt)
         signs = SIGNS[:, None] * SIGNS[None, :]
         F, Q = m.F * signs, m.Q * signs
@@ -141,7 +151,7 @@ class TightlyCoupled:
         return replace(node, felt=felt, x=m.x, P=P, force=m.force, steady=m.steady, start=start)
 
     def correct_heading(self, node: TightNode, z: Any, variance: Any) -> TightNode:
-        """With a heading z (rad), any equal of it, and its variance (0: that of noise); while starting, for that."""
+        """Correct with a heading z (rad, modulo 2 pi) and its variance (0: that of noise); or add it to the start."""
         H = (jnp.arange(node.x.shape[0]) == 0).astype(np.float64)[None]
         R = self.noise.heading_noise(variance)
         y = wrap(z - node.x[0])[None]
@@ -156,7 +166,7 @@ class TightlyCoupled:
         return tree_where(node.position_fix.tracking, fused, waiting)
 
     def correct_ranges(self, node: TightNode, value: Any) -> TightNode:
-        """With the ranges of a ping and its unit (n + 1,); 0 where none arrived, -1 where it was not a number."""
+        """Correct with the ranges of a ping and its unit (n + 1,); 0 where none arrived, -1 where it was no number."""
         n = np.shape(self.beacons)[0]
         unit = jnp.clip(value[n], 0, np.shape(self.units)[0] - 1).astype(np.int32)
         unsure = jnp.sqrt(node.P[3, 3] + node.P[4, 4]) > self.errors.wide
@@ -176,12 +186,12 @@ class TightlyCoupled:
         )
 
     def belief(self, node: TightNode) -> Belief:
-        """Of the IMU's point."""
+        """Return the belief at the IMU's point."""
         return Belief(node.x[:DIMENSION], node.P[:DIMENSION, :DIMENSION])
 
 
 def correction_mask(form: TightlyCoupled, node: TightNode) -> Any:
-    """Which states (9 + n,) a range corrects, 1.0, and which are considered, 0.0."""
+    """Return a mask of the states (9 + n,): 1.0 where a range corrects them, 0.0 where they are only considered."""
     n = np.shape(form.beacons)[0]
     vehicle = jnp.ones(DIMENSION)
     if np.shape(form.units)[0] == 1:
@@ -192,7 +202,7 @@ def correction_mask(form: TightlyCoupled, node: TightNode) -> Any:
 
 
 def find_agreeing_ranges(form: TightlyCoupled, node: TightNode, ranges: Any, unit: Any) -> tuple[Any, Any, Any]:
-    """Which ranges (n,) agree with each other, the unit's place (2,), and whether three or more say so."""
+    """Return which ranges (n,) agree with each other, the unit's position (2,), and whether three or more agree."""
     finder = RangingPosition(
         beacons=form.beacons,
         units=form.units,
@@ -211,7 +221,7 @@ def find_agreeing_ranges(form: TightlyCoupled, node: TightNode, ranges: Any, uni
 
 
 def update_running(form: TightlyCoupled, node: TightNode, ranges: Any, unit: Any, agree: Any) -> TightNode:
-    """After a ping of a running filter."""
+    """Return the node after a ping of a running filter."""
     replies = ranges > 0
     correction = update_with_ranges(
         node.x, node.P, ranges, replies & agree, unit_geometry(form, unit), form.errors, correction_mask(form, node)
@@ -233,7 +243,7 @@ def update_running(form: TightlyCoupled, node: TightNode, ranges: Any, unit: Any
 
 
 def update_starting(form: TightlyCoupled, node: TightNode, unit: Any, agree: Any, place: Any, good: Any) -> TightNode:
-    """After a ping of a filter that waits for a start."""
+    """Return the node after a ping of a filter that waits for a start."""
     g = unit_geometry(form, unit)
     with_it = add_unit_position(node.start, place, g.lever, place_information(place, agree, g, form.start_sigma))
     start = tree_where(good, with_it, node.start)
@@ -256,7 +266,7 @@ def update_starting(form: TightlyCoupled, node: TightNode, unit: Any, agree: Any
 
 
 def _inflate_beacon_errors(P: Any, moved: Any, forgiven: Any, errors: Any) -> Any:
-    """P with the errors of moved beacons (n,) grown, and those of forgiven ones as at first, known to nothing else."""
+    """Return P with larger errors of moved beacons (n,), and initial, uncorrelated errors of those trusted again."""
     none = jnp.zeros(DIMENSION + 1)
     wider = jnp.concatenate([none, jnp.where(moved, errors.moved**2, 0.0)])
     cut = jnp.concatenate([none, jnp.where(forgiven, 1.0, 0.0)]) > 0
@@ -266,13 +276,13 @@ def _inflate_beacon_errors(P: Any, moved: Any, forgiven: Any, errors: Any) -> An
 
 
 def _replace_pose_covariance(own: Any, P: Any) -> Any:
-    """P with a new covariance (5, 5) of heading, velocity and position that nothing else knows of."""
+    """Return P with a new, uncorrelated covariance (5, 5) of heading, velocity and position."""
     across = jnp.zeros((5, P.shape[0] - 5))
     return jnp.concatenate([jnp.concatenate([own, across], axis=1), jnp.concatenate([across.T, P[5:, 5:]], axis=1)])
 
 
 def _record_range_errors(node: TightNode) -> TightNode:
-    """With what the fix tells of scale and beacons."""
+    """Return the node with the estimated scale and beacon errors in its fix."""
     n = node.x.shape[0] - DIMENSION
     sigma = jnp.sqrt(jnp.maximum(jnp.stack([node.P[DIMENSION + i, DIMENSION + i] for i in range(n)]), 0.0))
     x = node.x[DIMENSION:]

@@ -1,4 +1,4 @@
-"""Aided inertial navigation on an ultrasonic network: each ping is located, and the fix goes to one of the INS's forms.
+"""Inertial navigation aided by an ultrasonic network: each ping is located, and the fix is passed to a form of the INS.
 
 [1] is Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006.
 """
@@ -24,20 +24,20 @@ from trimtab.estimators.ranging.multilateration import two_unit_heading
 from trimtab.estimators.ranging.position import PAIR, RangingPosition, RangingPositionState
 
 KNOWN = 0.3
-"""A heading (rad) with a smaller sigma than this is used to bring fixes to the reference point."""
+"""Heading sigma (rad) below which the heading is used to move fixes to the reference point."""
 
 
 @record
 class HeadingMeasurement:
-    """A heading and how sure it is. Source: [1] section 5.4."""
+    """Heading with its variance. Source: [1] section 5.4."""
 
     heading: Scalar = quantity("rad", "Angle from north to the body's x axis.", kind="angle")
-    variance: Scalar = quantity("rad^2", "Its variance; 0: what the filter takes for headings.")
+    variance: Scalar = quantity("rad^2", "Variance of the heading; 0: the filter's own value for headings.")
 
 
 @record
 class PositionMeasurement:
-    """A position of the vehicle's reference point and how sure it is. Source: [1] section 5.5."""
+    """Position of the vehicle's reference point with its covariance. Source: [1] section 5.5."""
 
     north: Scalar = quantity("m", "Position, north.", frame="W")
     east: Scalar = quantity("m", "Position, east.", frame="W")
@@ -46,10 +46,10 @@ class PositionMeasurement:
 
 @record
 class UltrasonicInertialState:
-    """Both stages. Source: docs page."""
+    """States of both stages. Source: docs page."""
 
-    positioning: RangingPositionState = part("Of the positioning.")
-    inertial: InertialState = part("Of the INS.")
+    positioning: RangingPositionState = part("State of the positioning.")
+    inertial: InertialState = part("State of the INS.")
 
 
 class _Pose(NamedTuple):
@@ -76,62 +76,62 @@ class UltrasonicInertial:
         heading    R = (s^2 sum (g_1 e)^2 + (g_2 e)^2                    s_b survey_error
                         + s_b^2 sum ((g_1 - g_2) e)^2) / base^2
 
-    for noise is drawn for each range, and a beacon that is not where the map says moves both units' places alike, as
-    far as both heard it. Until the INS knows its heading, what a unit may have moved
-    between the two pings counts as error of the heading; its heading's variance, as error of B(phi) lever. One unit
-    alone is `inertial.arms.aiding`: its place goes to the form as it is, which takes the lever arm off itself.
+    because noise is drawn for each range, and a displaced beacon moves both units' places alike, as far as both receive
+    it. Until the INS knows its heading, the possible motion of a unit between the two pings counts as error of the
+    heading, and the heading's variance as error of B(phi) lever. A single unit is at `inertial.arms.aiding`: its place
+    goes to the form unchanged, which applies the lever arm itself.
 
-    `state.position_sensor` also tells of the pings: frozen ranges, ranges that are no numbers, pings out of time.
+    `state.position_sensor` also reports on the pings: frozen ranges, non-finite ranges, pings out of time.
 
     Frames:  beacons in W, levers in B.
     Valid:   one or two units; two give a heading. Not modelled: that heading and position of one ping share its ranges.
     Source:  [1] sections 5.4 and 5.5.
     """
 
-    positioning: RangingPosition = part("Ranges to a fix.", default=RangingPosition(units=PAIR))
-    inertial: Any = part("One of the INS's forms.", default=AidedInertialFeedback())
+    positioning: RangingPosition = part("Stage from ranges to a fix.", default=RangingPosition(units=PAIR))
+    inertial: Any = part("Form of the INS.", default=AidedInertialFeedback())
     range_noise: Scalar = quantity("m", "Standard deviation of a range.", default=0.0045, above=0)
     survey_error: Scalar = quantity(
         "m",
-        "Standard deviation of a beacon's place; counts in headings whose units heard others.",
+        "Standard deviation of a beacon's position; affects headings whose units received different beacons.",
         default=0.005,
         low=0,
     )
-    unknown_speed: Scalar = quantity("m/s", "How fast it may move before anything is known.", default=1.0, above=0)
+    unknown_speed: Scalar = quantity(
+        "m/s", "Speed assumed for the vehicle before its motion is known.", default=1.0, above=0
+    )
     field: Any = quantity("T", "Earth's field for the magnetometer.", frame="W", default=COLLEGE_PARK, shape=(3,))
     magnetometer: str = option("Name of the magnetometer; empty: heading from two units, if there are two.", default="")
 
     @property
     def listens(self) -> tuple[str, ...]:
-        """The IMU, the ranging, and the magnetometer if there is one."""
+        """Return the names of the IMU, the ranging, and the magnetometer if there is one."""
         extra = (self.magnetometer,) if self.magnetometer else ()
         return (self.inertial.intake.imu, self.positioning.sensor, *extra)
 
     def check(self) -> None:
-        """Refuse an INS that reads headings where there are none, and more units than two."""
+        """Raise InputError if the INS reads headings that are missing, or there are more than two units."""
         self.positioning.check()
         self.inertial.check()
         units = np.shape(self.positioning.units)[0]
         if self.inertial.intake.heading and not self.magnetometer and units < 2:
-            problem = "the INS reads headings, but there is one ultrasonic unit and no magnetometer"
+            problem = "the INS reads headings, but there is only one ultrasonic unit and no magnetometer"
             fix = "add a unit, name a magnetometer, or use AidedInertialCoupled with intake.heading empty"
             raise InputError("UltrasonicInertial", problem, fix=fix)
         lever = np.asarray(self.positioning.units)[0, :2] if units == 1 else np.zeros(2)
         if not np.allclose(self.inertial.arms.aiding, lever):
-            problem = (
-                f"inertial.arms.aiding is {np.asarray(self.inertial.arms.aiding)}, with {units} units it is {lever}"
-            )
+            problem = f"inertial.arms.aiding is {np.asarray(self.inertial.arms.aiding)}; for {units} units set {lever}"
             fix = "set it to x, y of the unit; with two units leave it at zero, as lever arms are taken off here"
             raise InputError("UltrasonicInertial", problem, fix=fix)
         if not self.inertial.intake.position:
-            raise InputError("UltrasonicInertial", "the INS reads no positions", fix="set inertial.intake.position")
+            raise InputError("UltrasonicInertial", "the INS must read positions", fix="set inertial.intake.position")
 
     def init(self, key: Key) -> UltrasonicInertialState:
-        """Nothing measured yet."""
+        """Return the initial state, before any measurement."""
         return UltrasonicInertialState(self.positioning.init(key), self.inertial.init(key))
 
     def step(self, t: Any, state: UltrasonicInertialState, frame: Frame) -> tuple[UltrasonicInertialState, Estimate]:
-        """The estimate at integer time t; its state is a NavigationState."""
+        """Return the estimate at integer time t; its state is a NavigationState."""
         ranging, fix = self.positioning.step(t, state.positioning, frame)
         position, heading = lax.cond(
             fix.fresh, lambda: self._locate_vehicle(ranging, fix, state.inertial), _empty_measurements
@@ -158,7 +158,7 @@ class UltrasonicInertial:
         return UltrasonicInertialState(ranging, inertial), replace(estimate, state=navigation)
 
     def _pose(self, inertial: InertialState, t: Any) -> _Pose:
-        """Where the INS believes to have been at integer time t: from the event before, with constant velocity."""
+        """Return the INS's estimate at integer time t: from the event before, with constant velocity."""
         node = node_before(inertial.history, t)
         belief = self.inertial.belief(node)
         x, rate = belief.x, node.felt[0] - belief.x[5]
@@ -171,14 +171,14 @@ class UltrasonicInertial:
     def _locate_vehicle(
         self, s: RangingPositionState, fix: Estimate, inertial: InertialState
     ) -> tuple[PositionMeasurement, HeadingMeasurement]:
-        """The vehicle's place out of that of the unit which pinged, and its heading out of those of two."""
+        """Return the vehicle's position from that of the unit that pinged, and its heading from two units."""
         levers = jnp.asarray(self.positioning.units)[:, :2]
         new = fix.state.unit
         now, lever = self._pose(inertial, s.measured), levers[new]
         gain = s.gains[new]
         variance = self.range_noise**2 * _products(gain, gain)
         unit = jnp.stack([fix.state.unit_north, fix.state.unit_east])
-        if levers.shape[0] < 2:  # the form itself takes the lever arm off, and may learn from it
+        if levers.shape[0] < 2:  # the form itself applies the lever arm, and may learn from it
             return PositionMeasurement(unit[0], unit[1], variance), HeadingMeasurement(jnp.zeros(()), jnp.zeros(()))
         place = unit - jnp.where(now.known, planar(now.heading) @ lever, 0.0)
         slope = planar(now.heading) @ jnp.stack([-lever[1], lever[0]])
@@ -204,13 +204,13 @@ class UltrasonicInertial:
         return position, HeadingMeasurement(heading, (noise + survey + wandered) / jnp.sum(base * base))
 
     def _compass_sample(self, sample: Sample) -> Sample:
-        """The magnetometer's sample as a heading."""
+        """Return the magnetometer's sample as a heading."""
         heading = magnetic_heading(sample.value.field, jnp.asarray(self.field))
         return replace(sample, value=HeadingMeasurement(heading, jnp.zeros(())))
 
 
 def _products(a: Any, b: Any) -> Any:
-    """a'b (2, 2) of a, b (n, 2)."""
+    """Return a'b (2, 2) of a, b (n, 2)."""
     return jnp.stack([jnp.stack([jnp.sum(a[:, i] * b[:, j]) for j in range(2)]) for i in range(2)])
 
 

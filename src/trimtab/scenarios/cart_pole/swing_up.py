@@ -1,4 +1,4 @@
-"""A pole that hangs on a cart is swung up by its energy, caught and balanced; to learn from."""
+"""Swing up a pole on a cart by its energy, catch and balance it; to learn from."""
 
 from typing import Annotated, Literal
 
@@ -21,12 +21,12 @@ from trimtab.vehicles.cart_pole import CartForce, CartPole, CartPoleState
 
 TICK = ms(10)
 Start = Annotated[
-    Literal["hanging", "leaning"], {"hanging": "0.1 rad from where it hangs", "leaning": "0.2 rad from upright"}
+    Literal["hanging", "leaning"], {"hanging": "0.1 rad from the hanging position", "leaning": "0.2 rad from upright"}
 ]
 
 
 def scenario(start: Start = "hanging") -> Scenario:
-    """This project's: masses of Barto's, ±10 N through a motor with a lag of 20 ms."""
+    """Values of this project: masses of Barto's, ±10 N through a motor with a lag of 20 ms."""
     motor = FirstOrderLag(time_constant=0.02, low=-10.0, high=10.0)
     world = World(
         vehicle=CartPole(),

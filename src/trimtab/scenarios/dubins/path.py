@@ -1,4 +1,4 @@
-"""A car that only turns on wide circles goes to a pose by the shortest path, steered over a link; to learn from."""
+"""Drive a car with a limited turning circle to a pose by the shortest path, steered over a link; to learn from."""
 
 from typing import Annotated, Literal
 
@@ -29,9 +29,9 @@ GOALS = {
     "RLR": (-1.0, -1.0, 180.0),
     "LRL": (0.0, 2.0, 135.0),
 }
-"""North, east (m) and heading (degrees), for each word one to which it is the shortest way."""
+"""North, east (m) and heading (degrees): for each path word, a pose to which it is the shortest way."""
 RADIUS = 1.0
-"""m, on which the path turns: wider than the car's 0.8 m, so that it can still steer to both sides in a turn."""
+"""Turning radius of the path (m): larger than the car's 0.8 m, so that it can still steer to both sides in a turn."""
 Word = Annotated[
     Literal["LSR", "RSL", "LSL", "RSR", "RLR", "LRL"],
     {word: f"to {n:g} m north, {e:g} m east, heading {h:g} degrees" for word, (n, e, h) in GOALS.items()},
@@ -39,7 +39,7 @@ Word = Annotated[
 
 
 def scenario(word: Word = "LSR") -> Scenario:
-    """This project's. It begins 30 cm to the right of the path, and drives straight on beyond the goal."""
+    """Values of this project. The car begins 30 cm to the right of the path, and drives straight on beyond the goal."""
     car = DubinsCar()
     north, east, heading = GOALS[word]
     path = shortest_path((0.0, 0.0, 0.0), (north, east, np.deg2rad(heading)), RADIUS, float(car.speed))

@@ -21,23 +21,23 @@ from trimtab.vehicles.f16_flat_earth import F16FlatEarth, F16State
 from trimtab.vehicles.imperial import FOOT
 
 SPEED, ALTITUDE = 502 * FOOT, 1000 * FOOT
-"""Where [1] trims and linearises."""
+"""Speed and altitude at which [1] trims and linearises."""
 STATION = 15 * FOOT
-"""Of the accelerometers before the centre of mass (m)."""
+"""Distance of the accelerometers ahead of the centre of mass (m)."""
 WEIGHTS = {
     "published": ((1000.0, 0.0, 1500.0), (0.0, 0.0, 0.0, 115_000.0, 8_100.0)),
     "actuators": ((500.0, 100.0, 200.0), (1000.0, 0.0, 1000.0, 2000.0, 8_100.0)),
 }
-"""Of angle of attack (1/rad²), pitch rate, integral of load factor (1/s²); of sideslip, roll and yaw rate, the
-integrals of roll rate and of side load with yaw rate. Surfaces have 1 in degrees.
+"""Weights of angle of attack (1/rad²), pitch rate, integral of load factor (1/s²); of sideslip, roll and yaw rate, the
+integrals of roll rate and of side load with yaw rate. Surfaces have weight 1 in degrees.
 
-published: AeroBenchVV, BuildLongitudinalLqrCtrl; lateral ones, rounded, from the gains that it flies, for of integrals
-alone Q = K'R K: the 1200 and 3000 beside them are not theirs. actuators: chosen, for surfaces that lag, and for delay.
+published: AeroBenchVV, BuildLongitudinalLqrCtrl; lateral ones, rounded, from its gains, as integrals alone give
+Q = K'R K: the 1200 and 3000 beside them are not theirs. actuators: chosen, for surfaces that lag, and for delay.
 """
 
 
 class LoadFactorDesign(NamedTuple):
-    """level: the trim.  linear: the model there.  along: of elevator.  aside: of aileron and rudder, u = +K x (rad)."""
+    """level: the trim.  linear: the model there.  along: elevator gain.  aside: aileron, rudder gain; u = K x (rad)."""
 
     level: Trim
     linear: LinearModel
@@ -46,7 +46,7 @@ class LoadFactorDesign(NamedTuple):
 
 
 def model_at(craft: F16FlatEarth, x: F16State, u: F16Controls) -> StateSpaceModel:
-    """The vehicle with load factors at STATION, and rates, as outputs."""
+    """Return the vehicle with load factors at STATION, and rates, as outputs."""
 
     def load(axis: int, sign: float) -> Any:
         def at(x: F16State, u: F16Controls) -> Any:
@@ -61,7 +61,7 @@ def model_at(craft: F16FlatEarth, x: F16State, u: F16Controls) -> StateSpaceMode
 
 
 def level_flight(craft: F16FlatEarth, speed: float, altitude: float) -> Trim:
-    """Straight and level, wings level, heading north: angle of attack, throttle and elevator are found."""
+    """Return straight and level flight, heading north: angle of attack, throttle and elevator are found."""
     zero, alpha = 0.0, 0.04
     x = F16State(speed, alpha, zero, zero, alpha, zero, zero, zero, zero, zero, zero, altitude, 0.1)
     model = model_of_vehicle(
@@ -78,7 +78,7 @@ def level_flight(craft: F16FlatEarth, speed: float, altitude: float) -> Trim:
 
 @lru_cache(maxsize=4)
 def design_load_factor_control(weights: str = "published") -> LoadFactorDesign:
-    """Trim, model and gains at SPEED and ALTITUDE, for the vehicle as it is shipped, with one of WEIGHTS."""
+    """Return trim, model and gains at SPEED and ALTITUDE, for the vehicle as shipped, with one of WEIGHTS."""
     along_weights, aside_weights = WEIGHTS[weights]
     craft = F16FlatEarth()
     level = level_flight(craft, SPEED, ALTITUDE)
@@ -105,7 +105,7 @@ def design_load_factor_control(weights: str = "published") -> LoadFactorDesign:
 
 
 def _regulator(A: Any, B: Any, C: Any, D: Any, weights: Any) -> Lqr:
-    """Of the states and of the integrals of the outputs; surfaces weigh 1 per degree."""
+    """Return the weights of the states and of the integrals of the outputs; surfaces weigh 1 per degree."""
     n, k = len(A), len(C)
     longer = np.block([[A, np.zeros((n, k))], [C, np.zeros((k, k))]])
     return lqr(longer, np.vstack([B, D]), np.diag(weights), np.eye(B.shape[1]) / DEG**2)

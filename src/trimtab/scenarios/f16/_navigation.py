@@ -1,6 +1,6 @@
-"""What the F-16 finds its way with: instruments that tell all, or unit, receiver and probes, and a filter of their own.
+"""Navigation of the F-16: instruments that measure everything, or inertial unit, receiver and probes with a filter.
 
-Places of the sensors and sizes of their errors are chosen; nobody's.
+Positions of the sensors and sizes of their errors are chosen here.
 """
 
 from typing import Annotated, Any, Literal
@@ -24,17 +24,17 @@ from trimtab.vehicles.imperial import FOOT
 Navigation = Annotated[
     Literal["instruments", "gnss-inertial"],
     {
-        "instruments": "all that the law reads, each number with an error of its own",
-        "gnss-inertial": "inertial unit, satellite fixes that are late, pitot tube and vanes; an error-state filter",
+        "instruments": "all values that the law reads, each with its own error",
+        "gnss-inertial": "inertial unit, delayed satellite fixes, pitot tube and vanes; an error-state filter",
     },
 ]
 TICK = ms(10)
 STATION = (15 * FOOT, 0.0, 0.0)
-"""Of the accelerometers, before the centre of mass (m)."""
+"""Distance of the accelerometers ahead of the centre of mass (m)."""
 ANTENNA = (10 * FOOT, 0.0, -4 * FOOT)
-"""Of the receiver, behind the cockpit (m)."""
+"""Distance of the receiver behind the cockpit (m)."""
 OUTAGE = Outages(start=seconds(2), length=ms(2500))
-"""While it rolls and pulls up, the antenna looks away from the sky."""
+"""Outage while the vehicle rolls and pulls up, when the antenna does not face the sky."""
 INSTRUMENTS = FlightInstruments(
     lever_arm=STATION,
     speed_noise=0.5,
@@ -51,11 +51,11 @@ INSTRUMENTS = FlightInstruments(
     load_bias=0.01,
     period=TICK,
 )
-"""Errors as of fair instruments: chosen, nobody's."""
+"""Errors of fair instruments: chosen here."""
 
 
 def equipment(navigation: str, first: F16State) -> tuple[dict[str, Any], Any]:
-    """Sensors, and the estimator that reads them."""
+    """Return the sensors, and the estimator that reads them."""
     if navigation == "instruments":
         return {"instruments": INSTRUMENTS}, Passthrough("instruments")
     down = (0.0, 0.0, GRAVITY)
@@ -78,7 +78,7 @@ def equipment(navigation: str, first: F16State) -> tuple[dict[str, Any], Any]:
 
 
 def aligned_start(first: F16State) -> SpatialStart:
-    """What the filter believes at first: it has flown for long, and is about one sigma off in most numbers."""
+    """Return the filter's initial estimate: after a long flight, about one sigma off in most values."""
     start = SpatialStart(sigma_tilt=0.3 * DEG, sigma_heading=1.0 * DEG, sigma_position=1.0, sigma_gyro_bias=0.05 * DEG)
     tilt, heading = start.sigma_tilt, start.sigma_heading
     angles = np.array([first.roll, first.pitch, first.yaw], float)
@@ -92,7 +92,7 @@ def aligned_start(first: F16State) -> SpatialStart:
 
 
 def _rotation(angles: Any) -> Any:
-    """R_WB (3, 3) of roll, pitch, yaw (rad), in numpy: the same bits on each machine."""
+    """Return R_WB (3, 3) of roll, pitch, yaw (rad), in numpy: the same bits on each machine."""
     (cr, cp, cy), (sr, sp, sy) = np.cos(angles), np.sin(angles)
     return np.array(
         [
@@ -104,11 +104,11 @@ def _rotation(angles: Any) -> Any:
 
 
 def _ahead(angles: Any) -> Any:
-    """From the centre of mass to the unit, in W (3,) (m)."""
+    """Return the vector from the centre of mass to the unit, in W (3,) (m)."""
     return _rotation(angles) @ np.asarray(STATION)
 
 
 def _velocity(x: F16State) -> Any:
-    """Of the centre of mass in W (3,) (m/s), without sideslip; it does not turn at first, so that of the unit too."""
+    """Return the velocity of the centre of mass in W (3,) (m/s), without sideslip or rotation: also the unit's."""
     along = x.speed * np.array([np.cos(x.alpha), 0.0, np.sin(x.alpha)])
     return _rotation(np.array([x.roll, x.pitch, x.yaw], float)) @ along

@@ -1,4 +1,4 @@
-"""F-16: banked and diving at 1000 ft, an autopilot rolls the wings level and pulls up before the ground."""
+"""F-16 banked and diving at 1000 ft: an autopilot rolls the wings level and pulls up before the ground."""
 
 import math
 from typing import Annotated, Literal
@@ -27,20 +27,20 @@ Start = Annotated[
     Literal["dive", "inverted"],
     {
         "dive": "27 degrees nose down, 22.5 degrees of bank",
-        "inverted": "a degree nose down, on its back: 162 degrees of bank",
+        "inverted": "a degree nose down, inverted: 162 degrees of bank",
     },
 ]
 Gains = Annotated[
     Literal["actuators", "published"],
     {
         "actuators": "designed for surfaces that lag, and for the delay of the loop",
-        "published": "those of AeroBenchVV, designed without: with surfaces that lag its roll loop is not stable",
+        "published": "those of AeroBenchVV, designed without: with surfaces that lag the roll loop is unstable",
     },
 ]
 SURFACES = {"elevator": (25.0, 60.0), "aileron": (21.5, 80.0), "rudder": (30.0, 120.0)}
-"""Stop, either way (deg), and top speed (deg/s) of each."""
+"""Stop in either direction (deg), and maximum rate (deg/s) of each surface."""
 BANDWIDTH = 20.2
-"""Of their lag (rad/s)."""
+"""Bandwidth of the surfaces' lag (rad/s)."""
 
 FOR_ACTUATORS = GroundAvoidance(
     control=LoadFactorControl(
@@ -56,11 +56,11 @@ FOR_ACTUATORS = GroundAvoidance(
     roll_damping=0.0,
     most_roll=2.5,
 )
-"""Gains of `_gains`, weights "actuators"; the roll gains of AeroBenchVV are 4 and 2, and no rate is too fast."""
+"""Return the controller with gains of `_gains`, weights "actuators"; AeroBenchVV has roll gains 4 and 2, no limit."""
 
 
 def scenario(start: Start = "dive", gains: Gains = "actuators", navigation: Navigation = "instruments") -> Scenario:
-    """The two starts of AeroBenchVV, here with instruments that err and surfaces that lag and have limits."""
+    """The two starts of AeroBenchVV, here with instrument errors and surfaces with lag and limits."""
     law = FOR_ACTUATORS if gains == "actuators" else GroundAvoidance()
     control = law.control
     trim = F16Controls(elevator=control.trim_elevator, aileron=0.0, rudder=0.0, throttle=control.throttle)
@@ -90,7 +90,7 @@ def scenario(start: Start = "dive", gains: Gains = "actuators", navigation: Navi
 
 
 def surfaces(trim: F16Controls) -> ActuatorBank:
-    """Elevator, aileron and rudder with stops of their commands, a lag and a top speed; the throttle between its ends.
+    """Return elevator, aileron, rudder with command limits, a lag and a maximum rate; the throttle within its limits.
 
     Source: B. L. Stevens, F. L. Lewis, E. N. Johnson, "Aircraft control and simulation", 3rd ed., 2015, table 3.5-1.
     """
@@ -106,6 +106,6 @@ def surfaces(trim: F16Controls) -> ActuatorBank:
 
 
 def first_state(bank: float, pitch: float, altitude: float = 1000 * FOOT, speed: float = 540 * FOOT) -> F16State:
-    """Heading north at the angle of attack and power that AeroBenchVV starts with, not turning; rad, m, m/s."""
+    """Return the start of AeroBenchVV: heading north at its angle of attack and power, not turning; rad, m, m/s."""
     rest = F16State(*[0.0] * 13)
     return replace(rest, speed=speed, alpha=2.1215 * DEG, roll=bank, pitch=pitch, altitude=altitude, power=0.09)

@@ -1,1 +1,1 @@
-"""The hovercraft's flights, with the settings of the source's tables."""
+"""Flights of the hovercraft, with the settings of the thesis's tables."""

@@ -6,5 +6,5 @@ from trimtab.vehicles.hovercraft import Hovercraft, HovercraftState
 
 
 def model() -> StateSpaceModel:
-    """Velocity, place and heading, under the force at the rudder pivot."""
+    """Return velocity, position and heading, under the force at the rudder pivot."""
     return model_of_vehicle(Hovercraft(), HovercraftState(), PlanarForce(0.0, 0.0))

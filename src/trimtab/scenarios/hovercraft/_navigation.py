@@ -1,4 +1,4 @@
-"""What the hovercraft finds its way with: the source's model of navigation errors, or the navigation system itself.
+"""Navigation of the hovercraft: the thesis's model of navigation errors, or the navigation system itself.
 
 Source: [1] Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006, sections
 5.4, 5.5 and 6.1. Reconstructed: the hall, where beacons and units sit, and errors of survey and temperature.
@@ -35,16 +35,16 @@ from trimtab.sensors.time_of_flight import Beacons, Medium
 from trimtab.sensors.ultrasonic_ranging import UltrasonicRanging
 
 Positioning = Literal["ins", "ins-magnetometer", "ins-coupled", "ins-feedforward", "ins-direct", "tight", "particle"]
-"""Those that know where the craft is."""
+"""Navigations that estimate the position."""
 Kind = Literal["errors", Positioning]
 Navigation = Annotated[
     Kind,
     {
-        "errors": "the source's model of its navigation's errors",
-        "ins": "IMU, fixes of the ultrasonic network, dual filters; what they learn is fed back",
-        "ins-magnetometer": "the same with the heading from the magnetometer, not from two units",
-        "ins-coupled": "one filter for heading and motion, so that positions teach the heading",
-        "ins-feedforward": "the dual filters as the source has them: errors are taken off outside of the navigation",
+        "errors": "the thesis's model of its navigation errors",
+        "ins": "IMU, fixes of the ultrasonic network, dual filters with feedback of the estimated errors",
+        "ins-magnetometer": "ins with the heading from the magnetometer, not from two units",
+        "ins-coupled": "one filter for heading and motion, so that positions also correct the heading",
+        "ins-feedforward": "the dual filters as in the thesis: errors are subtracted outside the navigation",
         "ins-direct": "dual filters of the state itself, not of its errors",
         "tight": "tightly coupled: each raw range goes into one filter with the IMU",
         "particle": "a particle filter on raw ranges and IMU",
@@ -57,14 +57,14 @@ FORMS: dict[str, Any] = {
     "ins-feedforward": AidedInertialFeedforward,
     "ins-direct": AidedInertialDirect,
 }
-"""The INS that fixes go to."""
+"""INS form that receives the fixes."""
 
 Bus = Literal["none", "slave"]
-"""slave: the ultrasonic units hang on a second microcontroller, and their samples pass a slow bus to the one with the
-radio. none: they are there at once."""
+"""slave: the ultrasonic units are connected to a second microcontroller, and their samples pass a slow bus to the one
+with the radio. none: their samples arrive at once."""
 
 CEILING, SPACING = 4.0, 3.4
-"""Height of the beacons and distance between them (m): three or more are heard all over the floor, mostly four."""
+"""Height of the beacons and distance between them (m): three or more are received all over the floor, mostly four."""
 NOISE = InertialNoise(
     gyro=1.6e-4,
     gyro_walk=1e-6,
@@ -74,22 +74,22 @@ NOISE = InertialNoise(
     position_constant=0.008,
     heading_constant=0.012,
 )
-"""IMU: the maker's white noise; walks for what scale factor, misalignment and bandwidth do in manoeuvres."""
+"""IMU: the maker's white noise; walks that cover scale factor, misalignment and bandwidth in manoeuvres."""
 START = InertialStart(sigma_gyro_bias=0.02, sigma_force_bias=0.15)
 IMU = Imu.microstrain_3dm_gx1()
 INTAKE = Intake(gap=ms(150), lag=seconds(round(np.sqrt(2) / (2 * np.pi * float(IMU.gyro.bandwidth)), 4)))
-"""A radio that jitters is silent for longer than the usual 40 ms; what the IMU reads is 7.5 ms old: its low pass."""
+"""A link with jitter has gaps longer than the usual 40 ms; the IMU's readings are 7.5 ms old: its low pass."""
 MESSAGE = 5 + 1 + 6 * 3
 """Bytes of a ping on the bus: header, unit, and number and range of each beacon that replied, six at most below these
 beacons."""
 SLAVE = SlaveBus(size=MESSAGE, queue=ms(40), capacity=42)
-"""A ping is at most 31 ms on its way, and the next one comes 100 ms later: nothing waits, nothing is dropped."""
+"""A ping is at most 31 ms in transit, and the next one comes 100 ms later: nothing waits, nothing is dropped."""
 Floor = tuple[float, float, float, float]
-"""North from, to, east from, to (m)."""
+"""Default floor: north from, to, east from, to (m)."""
 
 
 def hall_beacons(floor: Floor) -> Beacons:
-    """Beacons on a square grid below the ceiling."""
+    """Return beacons on a square grid below the ceiling."""
     south, north, west, east = floor
 
     def across(low: float, high: float) -> Any:
@@ -103,17 +103,17 @@ def hall_beacons(floor: Floor) -> Beacons:
 def choose_navigation(
     navigation: Navigation, errors: NavigationErrors | None, floor: Floor, bus: Bus = "none"
 ) -> tuple[Mapping[str, Any], Any]:
-    """Sensors by name, and the estimator that reads them.
+    """Return the sensors by name, and the estimator that reads them.
 
     Args:
-        navigation: which.
-        errors: the error model, the source's when None.
+        navigation: name of the navigation.
+        errors: the error model, the thesis's when None.
         floor: over which the vehicle may move (m).
         bus: what lies between the ultrasonic units and the radio.
     """
     if navigation == "errors":
         if bus != "none":
-            problem = "there are no ultrasonic units on it: the navigation is the error model"
+            problem = "the bus needs ultrasonic units: this navigation is the error model"
             raise InputError(
                 argument_name("settings", "bus"),
                 problem,
@@ -132,7 +132,7 @@ def choose_navigation(
 
 
 def _make_estimator(navigation: Kind, beacons: Any) -> Any:
-    """The estimator of a navigation on IMU and ranges; the raw-range filters consider constant errors themselves.
+    """Return the estimator on IMU and ranges; the raw-range filters consider constant errors themselves.
 
     The tightly coupled one begins as the INS does, not from its own closed form: that waits for a gyro which
     `hovercraft/zero-velocity` saturates until a law brakes it, and the law for an estimate.

@@ -1,4 +1,4 @@
-"""What is proved about the hovercraft's laws: of each law a theorem, with everything in it taken from the shipped code.
+"""Theorems about the hovercraft's laws, with everything in them taken from the shipped code.
 
 A theorem is a function of its settings. Those without settings hold for all positive gains, masses and references: the
 law's numbers are symbols there.
@@ -31,9 +31,9 @@ from trimtab.vehicles.hovercraft import Hovercraft, HovercraftState
 STATES = {"surge_velocity": "u", "sway_velocity": "v", "yaw_rate": "r"}
 CRAFT = ("m", "J", "d")
 NEARLY = 0.15
-"""How far W of `zero_velocity_time` is from V at most, in parts of V."""
+"""Largest deviation of W of `zero_velocity_time` from V, as a fraction of V."""
 NEAR = 1e-9
-"""Part by which a sharp threshold is made smaller to be proved, and larger to be refuted: the floats' own error."""
+"""Margin by which a sharp threshold is reduced to be proved and enlarged to be refuted: rounding of floats."""
 
 
 def zero_velocity() -> LawTheorem:
@@ -54,7 +54,7 @@ def zero_velocity_time(
     inertia: float = 0.096,
     arm: float = 0.32,
 ) -> LawTheorem:
-    """How long ZeroVelocity takes, at most: what a heading law waits in damp, before a turn may begin.
+    """Bound the time that ZeroVelocity takes: a heading law waits that long in damp before a turn may begin.
 
     W = V - slip_cross u (v - d r) r - turn_cross u r^2 falls where V does not, as W' <= -rate V^2. So 1/W grows by
     rate/(1 + NEARLY)^2 a second at least, which gives `settling_bound`.
@@ -89,10 +89,10 @@ def zero_velocity_time(
 
 
 def settling_bound(theorem: LawTheorem, start: float, end: float) -> float:
-    """The seconds in which V falls from start to end (J) at most, by `zero_velocity_time`; start within its level."""
+    """Return the longest time (s) in which V falls from start to end (J), by `zero_velocity_time`."""
     level, rate = float(theorem.about["level"]), float(theorem.about["rate"])
     if not 0 < end <= start <= level:
-        problem = f"from {start} J to {end} J is not within the level of {level} J"
+        problem = f"from {start} J to {end} J is outside the level of {level} J"
         raise InputError("settling_bound", problem, fix="give 0 < end <= start <= level")
     return (1 + NEARLY) ** 2 / rate * (1 / ((1 - NEARLY) * end) - 1 / ((1 + NEARLY) * start))
 
@@ -188,7 +188,7 @@ def spin_gate(*, mass: float = 2.6, inertia: float = 0.096, arm: float = 0.32) -
 
 
 def spin_reference(*, mass: float = 2.6, inertia: float = 0.096, arm: float = 0.32) -> LawTheorem:
-    """A new reference above safe_reference_bound keeps ConstantSpin where it reaches the good point; a new sign not.
+    """A new reference above safe_reference_bound keeps ConstantSpin where it reaches the good point; not a new sign.
 
     With a the old reference, b the new one, D = J (g^2 - 1), and h = b (1 + g) - a, which is above sqrt(2 W/J) where
     b is above the bound.
@@ -245,11 +245,11 @@ THEOREMS = {
     "hovercraft/spin-gate": spin_gate,
     "hovercraft/spin-reference": spin_reference,
 }
-"""Name -> function of the settings."""
+"""Functions of the settings, by name."""
 
 
 def _global_theorem(name: str, law: Any, gains: tuple[str, ...], rest: Any = None) -> LawTheorem:
-    """Of a law whose numbers are symbols: at rest from everywhere, for all positive values of them."""
+    """Prove for a law with symbolic parameters: at rest from everywhere, for all positive values."""
     field, value = closed_loop(law.model, law, HovercraftState(), STATES)
     zeros = dict.fromkeys(STATES.values(), constant(0))
     region = Region(tuple(STATES.values()), (*CRAFT, *gains), zeros | rest if rest else _rest(law))
@@ -276,7 +276,7 @@ def _numeric_craft(mass: float, inertia: float, arm: float) -> tuple[Hovercraft,
 
 
 def _margin_of_spin(model: Hovercraft, reference: Any) -> Polynomial:
-    """limit_point_value - W about a reference: positive where ConstantSpin reaches the good point."""
+    """Return limit_point_value - W about a reference: positive where ConstantSpin reaches the good point."""
     return as_polynomial(limit_point_value(model, reference)) - _about(model, reference)
 
 
@@ -285,7 +285,7 @@ def _about(model: Hovercraft, reference: Any) -> Polynomial:
 
 
 def _with_ratio(p: Polynomial, g: Polynomial) -> Polynomial:
-    """d^2 replaced by J (g^2 - 1)/m, which makes D = J (g^2 - 1)."""
+    """Replace d^2 by J (g^2 - 1)/m, which makes D = J (g^2 - 1)."""
     square = symbol("J") * (g * g - 1) / symbol("m")
     return sum((part * square ** (dict(m).get("d", 0) // 2) for m, part in p.collect(("d",)).items()), constant(0))
 
@@ -295,7 +295,7 @@ def _times(hypothesis: str, weight: Polynomial) -> WeightedSquares:
 
 
 def _bound_line(model: Hovercraft) -> Line:
-    """That the shipped bound b is where b (1 + g) - a = sqrt(2 W/J), in floats."""
+    """Check in floats that the shipped bound b solves b (1 + g) - a = sqrt(2 W/J)."""
 
     def compare() -> ProofCondition:
         g, off = math.sqrt(1 + model.arm**2 * model.mass / model.inertia), 0.0
@@ -309,7 +309,7 @@ def _bound_line(model: Hovercraft) -> Line:
 
 
 def _sign_flip(model: Hovercraft) -> Counterexample:
-    """At rest relative to a reference of 3 rad/s, and a new one of the other sign, a hundredth above the bound."""
+    """Refute a new sign: at rest relative to 3 rad/s, a new reference of the other sign, 1 % above the bound."""
     exact_model, _ = _numeric_craft(model.mass, model.inertia, model.arm)
     a, r = constant(3), constant(3)
     turned = -constant(1.01 * float(safe_reference_bound(model, 0.0, 3.0)))

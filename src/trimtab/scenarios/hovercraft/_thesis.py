@@ -1,4 +1,4 @@
-"""What the hovercraft's scenarios share: the simulated autopilot of the source, section 6.1.
+"""Common parts of the hovercraft's scenarios: the thesis's simulated autopilot, section 6.1.
 
 Source: [1] Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006.
 """
@@ -29,49 +29,49 @@ from trimtab.vehicles.hovercraft import Hovercraft, HovercraftState
 Links = Annotated[
     Literal["chain", "measured", "none"],
     {
-        "chain": "the constant delays of the source's simulation, 36 ms down and 40 ms up",
-        "measured": "random latencies with the statistics of its Bluetooth table",
-        "none": "processing on board: wires, no link in the loop",
+        "chain": "the constant delays of the thesis's simulation, 36 ms down and 40 ms up",
+        "measured": "random latencies with the statistics of the thesis's Bluetooth table",
+        "none": "processing on board: wires instead of a link",
     },
 ]
 Craft = Annotated[
     Literal["thesis", "lighter"],
     {
-        "thesis": "the source's, 2.6 kg",
+        "thesis": "the thesis's craft, 2.6 kg",
         "lighter": "half a pound less of electronics, 2.37 kg, with the same radius of gyration",
     },
 ]
 Fan = Annotated[
     Literal["reversible", "variable-pitch"],
     {
-        "reversible": "the source's: a brake of 150 ms out of reverse, and less than half the thrust in reverse",
-        "variable-pitch": "no brake, and as much thrust in reverse as forward",
+        "reversible": "the thesis's fan: a brake of 150 ms out of reverse, and less than half the thrust in reverse",
+        "variable-pitch": "no brake, and equal thrust in reverse and forward",
     },
 ]
 Supervision = Literal["none", "automatic"]
 Initial = Literal["rest", "moving"]
-"""Of the heading scenarios: [1] fig. 6.12, by the shortest way; fig. 6.11, with its plain difference of headings."""
+"""Targets of the heading scenarios: [1] fig. 6.12, by the shortest way; fig. 6.11, with a plain difference."""
 MARGIN = 5.0
-"""How far beyond its floor (m) a supervised hovercraft may get."""
+"""Distance (m) beyond its floor that a supervised hovercraft may reach."""
 PAIRING = "free2move/linksys 2.9/22.0"
-"""The radios that the source flew with."""
+"""Radios that the thesis flew with."""
 POUND = 0.45359237
 LIGHTER = 1 - 0.5 * POUND / float(Hovercraft().mass)
-"""Mass and inertia of the lighter craft over the source's: [1] chapter 7 has half a pound of electronics to be saved.
+"""Ratio of mass and inertia of the lighter craft: [1] chapter 7 expects to save half a pound of electronics.
 
-Where it sits is not said; that mass is taken off evenly, so that the radius of gyration stays (reconstructed).
+Its position is not given; the mass is removed evenly, so that the radius of gyration stays (reconstructed).
 """
 
 
 class Equipment(NamedTuple):
-    """What the source's scenarios let one choose; the defaults are the source's.
+    """Choices of the thesis's scenarios; the defaults are the thesis's.
 
     links: "chain", the constant delays of [1, fig. 6.1], 36 ms down and 40 ms up; "measured", random latencies with the
     statistics of [1, table 5.1]; "none", no link in the loop, as with processing on board [1, chapter 7].
-    navigation: what the vehicle finds its way with, see `_navigation`.  supervisor: "automatic" flies as soon as all
+    navigation: the navigation system, see `_navigation`.  supervisor: "automatic" flies as soon as all
     checks pass, inside a speed envelope, and, where the position is known, over the floor and 5 m around it.
     bus: "slave" has the ultrasonic units' samples pass a slow bus on the vehicle, before the radio.
-    craft, fan: vehicle and thrust fan, the source's or its chapter 7's.
+    craft, fan: vehicle and thrust fan, the thesis's or its chapter 7's.
     """
 
     links: Links
@@ -93,16 +93,16 @@ def hovercraft_scenario(
     errors: NavigationErrors | None = None,
     floor: Floor,
 ) -> Scenario[Hovercraft]:
-    """A scenario around a law, on the source's vehicle, actuators, radio and navigation errors.
+    """Return a scenario around a law, with the thesis's vehicle, actuators, radio and navigation errors.
 
     Args:
         name: in the catalogue.
-        law: what flies it; it comes to believe in the craft that flies.
+        law: the law; its model becomes that of the craft that flies.
         x: first state.
         duration_s: length (s).
         targets: where signals should go, for the metrics.
         equipment: what was chosen.
-        errors: of navigation "errors"; the source's when None.
+        errors: of navigation "errors"; the thesis's when None.
         floor: north from, to, east from, to (m), over which the ultrasonic beacons of the others hang.
     """
     downlink, uplink = _choose_links(equipment.links)
@@ -127,7 +127,7 @@ def hovercraft_scenario(
 
 
 def choose_craft(craft: Craft) -> Hovercraft:
-    """The vehicle."""
+    """Return the vehicle."""
     own = Hovercraft()
     return own if craft == "thesis" else replace(own, mass=own.mass * LIGHTER, inertia=own.inertia * LIGHTER)
 
@@ -137,7 +137,7 @@ def _is_craft(own: Any) -> bool:
 
 
 def _choose_links(links: Links) -> tuple[Any, Any]:
-    """Downlink and uplink."""
+    """Return downlink and uplink."""
     if links == "measured":
         return bluetooth_link(PAIRING, "down"), bluetooth_link(PAIRING, "up")
     return (
@@ -146,7 +146,7 @@ def _choose_links(links: Links) -> tuple[Any, Any]:
 
 
 def _choose_fan(fan: Fan) -> tuple[FanDrive, ThrustVectorAllocation]:
-    """Drive and allocation; of a propeller with variable pitch a negative speed is a negative pitch."""
+    """Return drive and allocation; for a propeller with variable pitch a negative speed is a negative pitch."""
     if fan == "reversible":
         return FanDrive(), ThrustVectorAllocation()
     even = replace(Thruster(), reverse_ratio=np.array([0.0, 0.0, 0.0, 1.0]))
@@ -155,7 +155,7 @@ def _choose_fan(fan: Fan) -> tuple[FanDrive, ThrustVectorAllocation]:
 
 
 def _flight_limits(navigation: Navigation, floor: Floor) -> tuple[Limit, ...]:
-    """Reconstructed: far beyond what these flights need, well below what a hall stands."""
+    """Return the limits of the supervisor: reconstructed, far beyond what these flights need, and safe for a hall."""
     speeds = (
         Limit(fields=("surge_velocity", "sway_velocity"), high=4.0, kind="envelope"),
         Limit(fields=("yaw_rate",), low=-12.0, high=12.0, kind="envelope"),
@@ -168,7 +168,7 @@ def _flight_limits(navigation: Navigation, floor: Floor) -> tuple[Limit, ...]:
 
 
 def velocity_targets(surge: float = 0.0, yaw_rate: float = 0.0, yaw_band: float = 0.32) -> tuple[Target, ...]:
-    """Targets of the three velocities (m/s, rad/s), sway at rest; the bands of the first two are 0.1 m/s."""
+    """Return targets of the three velocities (m/s, rad/s), sway at rest; the bands of the first two are 0.1 m/s."""
     return (
         Target("truth.surge_velocity", surge, 0.1),
         Target("truth.sway_velocity", 0.0, 0.1),
@@ -177,7 +177,7 @@ def velocity_targets(surge: float = 0.0, yaw_rate: float = 0.0, yaw_band: float 
 
 
 def heading_scenario(name: str, law: Any, initial: Initial, equipment: Equipment) -> Scenario[Hovercraft]:
-    """Turn to 1 rad from rest by the shortest way, or, as in the source's fig. 6.11, to 5 rad out of a spinning slide.
+    """Turn to 1 rad from rest by the shortest way, or, as in the thesis's fig. 6.11, to 5 rad out of a spinning slide.
 
     The source does not give the first state of its fig. 6.11: it is reconstructed (docs page, Errata). As in the
     source, the error of that flight is the plain difference to a heading that the navigation gives in [0, 2 pi), so

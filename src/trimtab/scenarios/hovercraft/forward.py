@@ -1,4 +1,4 @@
-"""From rest to a constant forward momentum of 2.8 kg m/s, which is 1.08 m/s."""
+"""Accelerate from rest to a constant forward momentum of 2.8 kg m/s, which is 1.08 m/s."""
 
 from trimtab.laws.velocity import ForwardMomentum
 from trimtab.loop.scenario import Scenario

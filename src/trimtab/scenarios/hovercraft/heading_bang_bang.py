@@ -1,4 +1,4 @@
-"""Turn to a heading at a constant rate, and damp when there: bang-bang."""
+"""Turn to a heading at a constant rate, then damp: bang-bang."""
 
 from trimtab.laws.heading import HeadingBangBang
 from trimtab.loop.scenario import Scenario

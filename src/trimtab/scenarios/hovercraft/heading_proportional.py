@@ -1,4 +1,4 @@
-"""Turn to a heading at a rate proportional to the error, and damp when there."""
+"""Turn to a heading at a rate proportional to the error, then damp."""
 
 from trimtab.laws.heading import HeadingProportional
 from trimtab.loop.scenario import Scenario

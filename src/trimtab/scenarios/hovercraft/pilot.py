@@ -1,4 +1,4 @@
-"""A pilot flies: drive, turn while moving, stop, spin; by a script, or by a hand on the console's stick."""
+"""Fly by a pilot's stick: drive, turn while moving, stop, spin; by a script, or by hand on the console."""
 
 from typing import Annotated, Literal
 
@@ -23,8 +23,8 @@ from trimtab.vehicles.hovercraft import HovercraftState
 StickSource = Annotated[
     Literal["script", "console"],
     {
-        "script": "a demonstration that is written down: ahead, a turn while moving, a stop, a spin",
-        "console": "whoever has the stick of the pilot console; in a simulation nobody, so that it holds still",
+        "script": "a scripted demonstration: ahead, a turn while moving, a stop, a spin",
+        "console": "the stick of the pilot console; in a simulation it is not moved, so that the vehicle holds still",
     },
 ]
 DEMONSTRATION = stick_script(
@@ -46,7 +46,7 @@ def scenario(
     craft: Craft = "thesis",
     fan: Fan = "reversible",
 ) -> Scenario:
-    """This project's; vehicle, radio and navigation are the source's."""
+    """Values of this project; vehicle, radio and navigation are the thesis's."""
     equipment = Equipment(links, navigation, supervisor, bus, craft, fan)
     name, law, initial, floor = "hovercraft/pilot", Piloted(), HovercraftState(), (-10, 20, -10, 20)
     if stick == "console":

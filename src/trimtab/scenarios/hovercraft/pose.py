@@ -1,4 +1,4 @@
-"""Rest at a place and a heading, from two metres off: by swings about the centre of percussion, or in the six steps."""
+"""Come to rest at a position and heading two metres away: by swings about the centre of percussion, or in six steps."""
 
 from typing import Annotated, Literal
 
@@ -30,12 +30,12 @@ SLOW = Pose(
     h=0.1,
     s0=0.01,
 )
-"""For a loop that is 80 ms old, and a fan that gives no force to the side without one ahead."""
+"""Gains for a loop delay of 80 ms and a fan without side force unless it pushes ahead."""
 PoseLaw = Annotated[
     Literal["swing", "steps"],
     {
         "swing": "this project's: brake, aim, go, then hold by a swing of the nose",
-        "steps": "the source's six steps, over and over",
+        "steps": "the thesis's six steps, repeated",
     },
 ]
 

@@ -1,4 +1,4 @@
-"""To a constant momentum of -1.98 kg m/s, backwards at 0.76 m/s."""
+"""Accelerate backwards to a constant momentum of -1.98 kg m/s, which is 0.76 m/s."""
 
 from trimtab.laws.velocity import ReverseMomentum
 from trimtab.loop.scenario import Scenario

@@ -1,4 +1,4 @@
-"""Along a path in time: a circle, a figure eight, or way-points, from rest."""
+"""Follow a path in time from rest: a circle, a figure eight, or way-points."""
 
 from typing import Annotated, Literal
 
@@ -18,19 +18,22 @@ Path = Annotated[
     Literal["circle", "eight", "waypoints"],
     {
         "circle": "radius 1.5 m, a round in 20 s",
-        "eight": "5 m by 1.5 m, in 30 s; in its crossing the thrust turns round",
+        "eight": "5 m by 1.5 m, in 30 s; the thrust reverses at its crossing",
         "waypoints": "three legs of 3 m at 0.4 m/s, from rest to rest",
     },
 ]
 Progress = Annotated[
     Literal["time", "path"],
-    {"time": "the path's time is the clock's", "path": "it waits for the craft, and hurries when the craft is ahead"},
+    {
+        "time": "the path's time is the clock's",
+        "path": "the path waits for the craft, and advances faster when the craft is ahead",
+    },
 ]
 TrackingLaw = Annotated[
     Literal["lyapunov", "horizon"],
     {
-        "lyapunov": "thrust along the nose, the nose turned to where thrust is wanted; proven without limits",
-        "horizon": "the best 2.6 s ahead within the limits of fan and rudder, planned anew each 20 ms",
+        "lyapunov": "thrust along the nose, the nose turned to the needed thrust; proven without limits",
+        "horizon": "the best plan for 2.6 s within the limits of fan and rudder, planned again each 20 ms",
     },
 ]
 PLACES = ((0, 0), (3, 0), (3, 3), (0, 4))
@@ -48,7 +51,7 @@ def scenario(
     craft: Craft = "thesis",
     fan: Fan = "reversible",
 ) -> Scenario:
-    """All of it is this project's; the craft begins at rest where the path does, its nose where that sets out."""
+    """Values of this project; the craft begins at rest at the start of the path, its nose along the path."""
     path = (
         pass_waypoints(PLACES, 0.4)
         if reference == "waypoints"

@@ -1,4 +1,4 @@
-"""Scenarios of the air-breathing hypersonic vehicle, and what makes one of your own.
+"""Scenarios of the air-breathing hypersonic vehicle, and the function to make your own.
 
 from trimtab.laws.path_command import FilteredClimb
 from trimtab.scenarios.hypersonic import hypersonic_scenario

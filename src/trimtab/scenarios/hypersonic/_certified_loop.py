@@ -1,7 +1,7 @@
-"""The whole loop of the hypersonic vehicle, proved: sampled, for every plant of two boxes, and inside its limits.
+"""Proof for the whole loop of the hypersonic vehicle: sampled, for every plant of two boxes, and inside its limits.
 
-The plant that flies differs from the vehicle that law and filter believe in by coefficients, UNCERTAINTY, or by its
-modes; each box is convex in what its loop is affine in, see `_loop.continuous_loop`.
+The plant that flies differs from the model of law and filter by coefficients, UNCERTAINTY, or by its modes. Each box is
+convex in the parameters in which its loop is affine, see `_loop.continuous_loop`.
 
 Source: [1] "Angular-accelerometer-based flexible-state estimation and tracking controller design for hypersonic flight
 vehicle", Aerospace 2022, 9(4), 206, assumptions 1 and 2; it proves none of this. Sizes of the boxes: chosen.
@@ -42,20 +42,20 @@ UNCERTAINTY = {
     "forces.aerodynamics.CD_0": 0.10,
     "forces.propulsion.b7": 0.05,
 }
-"""Of the plant that flies, either way: coefficient -> part of its value; one corner is scenario mismatch."""
+"""Uncertainty of the plant, either way: coefficient with its relative error; one corner is scenario mismatch."""
 DAMPING_ERROR, MODAL_STEP, LEAST_DECAY = 0.1, 0.01, 0.01
-"""Of the plant's 2 zeta w, either way, as a part; half the width of a box, as a part; decay of every plant (1/s)."""
+"""Relative error of the plant's 2 zeta w, either way; relative half width of a box; decay of every plant (1/s)."""
 FLOWN_FILTERS = {
     "tuned": FlexibleModeFilter(),
     "equal": FlexibleModeFilter.with_equal_noise(),
     "accurate": FlexibleModeFilter.for_exact_model(),
     "printed": FlexibleModeFilter.from_publication(),
 }
-"""Name of a filter -> as it flies."""
+"""Filters as they fly, by name."""
 
 
 def prove_loop(craft: Hypersonic, at: LevelTrim, filter: str, uncertainty: float, mode_error: float) -> LoopLines:
-    """Certificate -> the lines of the whole loop: sampled, as it flies, and of the plants of two boxes."""
+    """Return the certificate's lines for the whole loop: sampled, as it flies, and of the plants of two boxes."""
 
     @lru_cache(maxsize=4)
     def prove_one(K: bytes) -> ProofCondition:
@@ -94,13 +94,13 @@ def _level_condition(craft: Hypersonic, at: LevelTrim, c: Certificate, o: Observ
 
 
 def _coefficient_box(craft: Hypersonic, uncertainty: float) -> list[Hypersonic]:
-    """The plants at the corners of UNCERTAINTY."""
+    """Return the plants at the corners of UNCERTAINTY."""
     corners = itertools.product((-1.0, 1.0), repeat=len(UNCERTAINTY))
     return [uncertain_plant(craft, tuple(uncertainty * part for part in corner)) for corner in corners]
 
 
 def _modal_boxes(craft: Hypersonic, error: float) -> Iterator[list[Hypersonic]]:
-    """Boxes of (w1^2, w2^2, 2 zeta1 w1, 2 zeta2 w2), each the plants at its corners: frequencies in steps."""
+    """Return boxes of (w1^2, w2^2, 2 zeta1 w1, 2 zeta2 w2), each the plants at its corners: frequencies in steps."""
     modes, count = craft.modes, max(1, math.ceil(error / MODAL_STEP))
     edges = np.linspace((1 - error) ** 2, (1 + error) ** 2, count + 1)
     damping = ((1 - error) * (1 - DAMPING_ERROR), (1 + error) * (1 + DAMPING_ERROR))
@@ -114,12 +114,12 @@ def _modal_boxes(craft: Hypersonic, error: float) -> Iterator[list[Hypersonic]]:
 
 
 def describe_uncertainty(uncertainty: float) -> str:
-    """The box of coefficients in words: each with how far it may be off."""
+    """Return the box of coefficients in words: each with its relative error."""
     return ", ".join(f"{p.rpartition('.')[2]} {100 * part * uncertainty:g} %" for p, part in UNCERTAINTY.items())
 
 
 def uncertain_plant(craft: Hypersonic, parts: Any) -> Hypersonic:
-    """The vehicle with each coefficient of UNCERTAINTY off by `parts` (5,) of what is declared there."""
+    """Return the vehicle with each coefficient of UNCERTAINTY off by `parts` (5,) of the declared error."""
     for (path, share), part in zip(UNCERTAINTY.items(), parts, strict=True):
         craft = with_leaf(craft, path, lambda old, _, factor=1 + share * part: old * factor)
     return craft

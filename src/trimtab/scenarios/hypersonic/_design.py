@@ -40,22 +40,22 @@ H, V = 85000.0, 7702.0808
 INTERNAL = ("alpha", "q", "eta1", "eta1_rate", "eta2", "eta2_rate")
 MODES = INTERNAL[2:]
 SCALE = np.array(SIZES)
-"""Sizes of the errors in which equations are solved."""
+"""Sizes of the errors, for scaling the equations."""
 ALLOWED = np.array([100.0, 20.0, 10.0, 0.05, 0.1, 1e3, 1e3, 1e3, 1e3])
-"""Errors that weigh 1: Q_e = diag(1/ALLOWED^2)."""
+"""Errors of weight 1: Q_e = diag(1/ALLOWED^2)."""
 ALLOWED_INPUT = np.array([10.0, 5.0])
-"""Accelerations (ft/s^2) that weigh 1: R_e = diag(1/ALLOWED_INPUT^2)."""
+"""Accelerations (ft/s^2) of weight 1: R_e = diag(1/ALLOWED_INPUT^2)."""
 ALLOWED_INTEGRALS = np.array(INTEGRAL_SIZES)
-"""Integrals of the errors of h (ft s) and V (ft) that weigh 1."""
+"""Integrals of the errors of h (ft s) and V (ft) of weight 1."""
 STRICT_FACTOR = 1.01
-"""The regulator's weight Q in parts of the Q_e that is certified for it, which makes (14) strict."""
+"""The regulator's weight Q as a multiple of the certified Q_e, which makes (14) strict."""
 FILTERS = {
     "tuned": (TUNED_Q, 5e-7),
     "equal": (EQUAL_Q, 5e-7),
     "accurate": ((1e-5, 1e-5, 1e-5, 1e-5), 5e-7),
     "printed": ((1e-5, 1e-5, 1e-5, 1e-5), 10.0),
 }
-"""Name -> diagonal of Q_eta, R_eta (rad^2/s^3): as flown; equal on both modes; for an exact model; printed in [1]."""
+"""Diagonals of Q_eta, R_eta (rad^2/s^3) by name: as flown; equal on both modes; for an exact model; printed in [1]."""
 NOMINAL = Hypersonic()
 GRID = tuple(
     itertools.product(
@@ -66,14 +66,14 @@ GRID = tuple(
         tuple(d * DEG for d in (-20.0, -10.0, 0.0, 10.0, 20.0, 25.8)),
     )
 )
-"""h (ft), V (ft/s), alpha, gamma, delta_e (rad)."""
+"""Envelope: h (ft), V (ft/s), alpha, gamma, delta_e (rad)."""
 GRID_DESCRIPTION = (
     f"{len(GRID)} points of the envelope: 80-95 kft, 7-9 kft/s, alpha 0-4, gamma +-1, elevator -20 to 25.8 deg"
 )
 H_RANGE, V_RANGE = (80e3, 95e3), (7e3, 9e3)
 """Altitudes (ft) and speeds (ft/s) of GRID."""
 WANTED_ACCELERATIONS = (2.0, -2.0)
-"""Accelerations h'', V' (ft/s^2) that the inversion is asked for."""
+"""Accelerations h'', V' (ft/s^2) demanded of the inversion."""
 
 
 @lru_cache(maxsize=32)
@@ -87,7 +87,7 @@ def certified_system(
     uncertainty: float = 1.0,
     mode_error: float = 0.03,
 ) -> CertifiedSystem:
-    """What is certified: the errors of the vehicle as it is shipped, in level flight, with weights, filter and numbers.
+    """Return the system to be certified: errors of the shipped vehicle in level flight, weights, filter, parameters.
 
     Args:
         method: "lqr" or "lmi".
@@ -154,20 +154,20 @@ def _check_settings(integral: str, filter: str, kmode: str) -> None:
 
 
 def certificate(**settings: str | float) -> Certificate:
-    """Gain, filter and all that proves them, of a `certified_system` with these settings."""
+    """Return gain, filter and proofs of a `certified_system` with these settings."""
     return design_certificate(certified_system(**system_settings(certified_system, settings, "hypersonic")))
 
 
 @lru_cache(maxsize=8)
 def error_model(craft: Hypersonic = NOMINAL, h: float = H, V: float = V) -> tuple[LinearModel, Trim]:
-    """e' = A e + B v of the vehicle the law believes in, exactly linearised at level flight, and that flight's trim."""
+    """Return e' = A e + B v of the law's vehicle model, exactly linearised at level flight, and that flight's trim."""
     plant = design_model(craft, h, V)
     level = find_trim(plant, InputLimits(), "hypersonic trim")
     return linear_normal_form(plant, {"h": 2, "V": 1}, INTERNAL, level.x, level.u), level
 
 
 def weights(*, integral: bool = False) -> tuple[Any, Any, Any]:
-    """Q_e, R_e and the sizes of the errors; with the integrals of the errors of h and V after them, if wanted."""
+    """Return Q_e, R_e and the sizes of the errors; followed by the integrals of the errors of h and V, if wanted."""
     allowed = np.append(ALLOWED, ALLOWED_INTEGRALS) if integral else ALLOWED
     scale = np.append(SCALE, ALLOWED_INTEGRALS) if integral else SCALE
     return np.diag(allowed**-2.0), np.diag(ALLOWED_INPUT**-2.0), scale
@@ -176,7 +176,7 @@ def weights(*, integral: bool = False) -> tuple[Any, Any, Any]:
 def feedback_gain(
     linear: LinearModel, *, method: str = "lqr", integral: bool = False, strict: float = 1.0
 ) -> Lqr | LmiGain:
-    """K (2, 9), or (2, 11) with integrals, of v = +K e; as it flies.
+    """Return K (2, 9), or (2, 11) with integrals, of v = +K e; as it flies.
 
     Args:
         linear: of `error_model`.
@@ -192,19 +192,19 @@ def feedback_gain(
 
 
 def error_matrices(linear: LinearModel, *, integral: bool = False) -> tuple[Any, Any]:
-    """A and B, with the integrals of the errors of h and V after the errors, if wanted."""
+    """Return A and B, with the integrals of the errors of h and V after the errors, if wanted."""
     return augment_integrals(linear.A, linear.B, [0, 2]) if integral else (linear.A, linear.B)
 
 
 def envelope_numbers(craft: Hypersonic, K: Any, uncertainty: float) -> dict[str, LimitedNumber]:
-    """What assumptions 1 and 2 of [1] ask of the plant that flies, and of the inversion, over the envelope.
+    """Return the bounds of assumptions 1 and 2 of [1] for the plant and the inversion, over the envelope.
 
     kappa_G bounds |(G_plant - G) G^-1|; rho0 and rho1 bound what the inversion leaves, |M_F| <= rho0 + rho1 |e/scale|,
     with M_F = v_plant - v at v = y_d + K e; [1] prints none of the three. All are largest at a corner of the plant's
     uncertainty, for they are convex in v_plant, and that is affine in each of the uncertain coefficients (1/m too).
 
     Args:
-        craft: the vehicle the law believes in.
+        craft: the law's vehicle model.
         K: gain (2, 9), or more columns: of the integrals.
         uncertainty: in parts of UNCERTAINTY.
     """
@@ -259,7 +259,7 @@ def _sweep_envelope(craft: Hypersonic, sized: Any, corners: Any, grid: Any) -> A
 
 
 def _norm(M: Any) -> Any:
-    """Largest singular value of a matrix of two rows (2, n)."""
+    """Return the largest singular value of a matrix of two rows (2, n)."""
     S = M @ M.T
     half, apart = (S[0, 0] + S[1, 1]) / 2, (S[0, 0] - S[1, 1]) / 2
     return jnp.sqrt(half + jnp.sqrt(apart**2 + S[0, 1] ** 2))
@@ -270,7 +270,7 @@ def _determinant(G: Any) -> Any:
 
 
 def accelerations(craft: Hypersonic, x: HypersonicState, u: Any) -> Any:
-    """v = (h'', V') (ft/s^2) of the input u = (Phi, delta_e)."""
+    """Return v = (h'', V') (ft/s^2) of the input u = (Phi, delta_e)."""
     along, normal = craft.path_accelerations(0.0, x, HypersonicInput(u[0], u[1]))
     gamma = x.theta - x.alpha
     return jnp.stack([along * jnp.sin(gamma) + normal * jnp.cos(gamma), along])

@@ -1,4 +1,4 @@
-"""What the hypersonic vehicle's scenarios share: the plant, what is measured of it, the filter of the modes, the law.
+"""Common parts of the hypersonic vehicle's scenarios: plant, measurements, filter of the modes, law.
 
 Source: [1] "Angular-accelerometer-based flexible-state estimation and tracking controller design for hypersonic flight
 vehicle", Aerospace 2022, 9(4), 206. Commands, filters, noise and limits are not printed there: chosen, docs page.
@@ -34,18 +34,18 @@ from trimtab.sensors.flight_state import ActingInput, FlexibleTruth, FlightState
 from trimtab.vehicles.hypersonic import Hypersonic
 
 Filter = Literal["tuned", "equal", "accurate", "printed", "none", "adaptive"]
-"""Settings of the filter of the modes; equal: the same noise on both; none: the observer that uses no measurement;
+"""Settings of the filter of the modes; equal: the same noise on both; none: the observer without measurements;
 adaptive: it learns frequencies."""
 Internal = Literal["noncausal", "preview", "quasi-static", "sylvester", "linear"]
-"""How the law finds the internal motion that its command needs: a table of the exact bounded solution, looking ahead in
-flight, as though the command stood still, causal and linear, or a table of the linear bounded solution as in [1]."""
+"""Source of the internal motion that the command needs: a table of the exact bounded solution, preview in flight,
+quasi-static, causal and linear, or a table of the linear bounded solution as in [1]."""
 Noise = Literal["off", "on"]
 Integral = Literal["on", "off"]
-"""Whether the integrals of the errors of h and V are fed back; [1] has none."""
+"""Feedback of the integrals of the errors of h and V; [1] has none."""
 Robust = Literal["off", "published", "minus", "smooth", "sign"]
 """Adaptive robust terms: none; u_h with the published or the other sign; u_s smoothed or with sgn."""
 Truth = Literal["paper", "plane"]
-"""The world: the paper's, or one with lags of engine and elevator, turbulence, and an accelerometer of finite grade."""
+"""World: the paper's, or one with lags of engine and elevator, turbulence, and an accelerometer of finite grade."""
 TICK = ms(5)
 """Control period; [1] prints none."""
 
@@ -65,18 +65,18 @@ def hypersonic_scenario(
     truth: Truth = "paper",
     K: Any = None,
 ) -> Scenario:
-    """A scenario that begins in the level trim of the model, all modes at rest as the plant has them.
+    """Return a scenario that begins in the level trim of the model, all modes at rest in the plant.
 
     Args:
         name: in the catalogue.
-        climb: what altitude and speed should do.
+        climb: command of altitude and speed.
         duration_s: length (s).
-        plant: the vehicle that flies; the one believed in where not given.
-        believed: the vehicle that law, gain, filter and the table of internal states are made for.
+        plant: the vehicle that flies; default: the model.
+        believed: the model used by law, gain, filter and the table of internal states.
         filter: settings of the filter of the modes.
-        internal: how the law finds the internal motion that the command needs.
+        internal: source of the internal motion that the command needs.
         noise: of the angular accelerometer, 0.01 rad/s^2 a sample.
-        integral: whether the integrals of the errors of h and V are fed back.
+        integral: feed back the integrals of the errors of h and V.
         robust: adaptive robust terms.
         truth: the world.
         K: gain (2, 9) in the place of the regulator's; then no integrals.
@@ -144,7 +144,7 @@ def _make_internal(form: Internal, believed: Hypersonic, climb: FilteredClimb, d
 
 
 def _gain_settings(integral: Integral, K: Any, believed: Hypersonic) -> dict[str, Any]:
-    """The gain given, else the regulator's for the vehicle believed in; the law has that of the nominal one itself."""
+    """Return the given gain, else the regulator's for the vehicle model; the law itself has that of the nominal one."""
     if K is not None:
         return {"K": K}
     if integral == "off" and believed is NOMINAL:

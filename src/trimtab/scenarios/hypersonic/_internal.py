@@ -1,4 +1,4 @@
-"""Level flight of the hypersonic vehicle, its internal dynamics about it, and the internal states of a climb as tables.
+"""Level flight of the hypersonic vehicle, its linearised internal dynamics, and tables of a climb's internal states.
 
 The tables are computed before a run: bounded, exact or linear.
 
@@ -48,9 +48,9 @@ ANGLES = {"alpha": (-0.1, 0.1), "theta": (-0.1, 0.1)}
 SCALES = np.array(INTERNAL_SIZES)
 """Natural sizes of (alpha, Q, eta1, eta1', eta2, eta2')."""
 BEYOND = 8.0
-"""How far past its end a table is computed (s): what the boundary there is off by falls by e^-26 on the way back."""
+"""Time (s) beyond its end over which a table is computed: a boundary error there decays by e^-26 on the way back."""
 LEAST_BEYOND = 3.0
-"""Least time (s) so computed: the unstable mode fades by e^-10."""
+"""Minimum of that time (s): the unstable mode decays by e^-10."""
 
 
 class LevelTrim(NamedTuple):
@@ -72,48 +72,48 @@ class InternalLinear(NamedTuple):
 
 
 def level_trim(craft: Hypersonic, h: float, V: float, limits: InputLimits | None = None) -> LevelTrim:
-    """The craft's own trim at h (ft), V (ft/s), level; InputError with the reason where there is none."""
+    """Return the craft's own trim at h (ft), V (ft/s), level; InputError with the reason if there is none."""
     zeta, u, settled = quasi_static_states(craft, level_points(np.array([h]), np.array([V])))
     return _accept_trim(craft, h, V, zeta[:, 0], u[:, 0], settled[0], InputLimits() if limits is None else limits)
 
 
 def design_model(craft: Hypersonic, h: float, V: float) -> StateSpaceModel:
-    """The vehicle with outputs h (ft) and V (ft/s), made near its trim."""
+    """Return the vehicle with outputs h (ft) and V (ft/s), made near its trim."""
     x = HypersonicState(h, V, FIRST_ALPHA, FIRST_ALPHA, 0.0, 0.0, 0.0, 0.0, 0.0)
     return model_of_vehicle(craft, x, HypersonicInput(0.2, 0.1), outputs=("h", "V"))
 
 
 def find_trim(model: StateSpaceModel, limits: InputLimits, part: str) -> Trim:
-    """Level flight of a `design_model`, searched thoroughly; `part` names it in the InputError with the reasons."""
+    """Return level flight of a `design_model`, searched thoroughly; `part` names it in the InputError."""
     return trim(model, free=FREE_VARIABLES, bounds=_trim_bounds(limits)).require_trim(part)
 
 
 def _trim_bounds(limits: InputLimits) -> dict[str, tuple[float, float]]:
-    """What a trim may use: the limits of the inputs, and angles of attack at which the fit still means something."""
+    """Return the range of a trim: limits of the inputs, and angles of attack at which the fit is still valid."""
     return {**ANGLES, "Phi": (limits.Phi_low, limits.Phi_high), "delta_e": (limits.delta_low, limits.delta_high)}
 
 
 def level_points(h: Any, V: Any) -> PathPoint:
-    """Level flight at altitudes h (ft) and speeds V (ft/s)."""
+    """Return level flight at altitudes h (ft) and speeds V (ft/s)."""
     still = np.zeros(np.shape(h))
     return PathPoint(h, still, still, still, V, still, still)
 
 
 def internal_linear(craft: Hypersonic, at: LevelTrim) -> InternalLinear:
-    """The internal dynamics linearised about a level trim."""
+    """Return the internal dynamics linearised about a level trim."""
     A21, A22, B2 = _differentiate_rates(craft, np.array([at.h, 0.0, at.V]), at.zeta, np.zeros(2))
     return InternalLinear(at, np.asarray(A21), np.asarray(A22), np.asarray(B2))
 
 
 def quasi_static_states(craft: Hypersonic, points: PathPoint) -> Any:
-    """Quasi-static zeta (6, n), Phi and delta_e (2, n), and whether the search for them settled (n,)."""
+    """Return quasi-static zeta (6, n), Phi and delta_e (2, n), and whether the search for them converged (n,)."""
     return jax.tree.map(np.asarray, _search_states(craft, points))
 
 
 def _accept_trim(
     craft: Hypersonic, h: float, V: float, zeta: Any, u: Any, settled: Any, limits: InputLimits
 ) -> LevelTrim:
-    """What the quick search ends with if it is within all limits, else what the thorough one finds, or its reasons."""
+    """Return the quick search's result if it is within all limits, else the thorough one's, or its reasons."""
     bounds = _trim_bounds(limits)
     values = {"alpha": zeta[0], "Phi": u[0], "delta_e": u[1]}
     if settled and all(bounds[n][0] <= v <= bounds[n][1] for n, v in values.items()):
@@ -140,7 +140,7 @@ def _search_states(craft: Any, p: Any) -> Any:
 
 
 class TableReport(NamedTuple):
-    """How a table came about, in parts of SCALES where not said.
+    """Accuracy of a table, relative to SCALES where not stated otherwise.
 
     solution: all of it, on the fine grid.  residual: largest difference between central differences and Psi (1/s).
     left, right: how far the solution's ends are from level trims there; the right one is not small where the climb
@@ -157,15 +157,15 @@ class TableReport(NamedTuple):
 def noncausal_table(
     craft: Hypersonic, climb: Any, seconds: float, dt: float = 0.005, keep: float = 0.1, beyond: float = BEYOND
 ) -> tuple[InternalTable, TableReport]:
-    """The bounded solution of the exact internal dynamics along a climb, from time 0 to `seconds`, as a table.
+    """Return the bounded solution of the exact internal dynamics along a climb, from time 0 to `seconds`, as a table.
 
     Its boundary values are the trim at time 0 and, at the end, the quasi-static solution: the trim there once the climb
     is over, and nearer than it before.
 
     Args:
-        craft: the vehicle believed in.
+        craft: the vehicle model.
         climb: has `at(t)` -> PathPoint, level at time 0.
-        seconds: the last instant that the table will be asked for.
+        seconds: the last time for which the table is needed.
         dt: of the solution's grid (s).
         keep: between the table's nodes (s), a multiple of dt.
         beyond: how much further the solution is computed (s).
@@ -187,7 +187,7 @@ def noncausal_table(
 def linear_table(
     craft: Hypersonic, climb: Any, seconds: float, dt: float = 0.005, keep: float = 0.1, beyond: float = BEYOND
 ) -> tuple[InternalTable, TableReport]:
-    """The same for the internal dynamics linearised about the trim at the start: only for small climbs. As [1]."""
+    """Return the table for internal dynamics linearised about the trim at the start: only for small climbs. As [1]."""
     t, path = _time_grid(climb, seconds, dt, keep, beyond)
     linear = internal_linear(craft, level_trim(craft, float(path.h[0]), float(path.V[0])))
     xi = np.stack([path.h - linear.trim.h, path.h_rate, path.V - linear.trim.V], axis=1)
@@ -208,7 +208,7 @@ def linear_table(
 
 
 def sylvester_internal(craft: Hypersonic, climb: FilteredClimb) -> SylvesterInternal:
-    """The causal linear form about the trim at the start of a filtered step."""
+    """Return the causal linear form about the trim at the start of a filtered step."""
     linear = internal_linear(craft, level_trim(craft, float(climb.h0), float(climb.V0)))
     S: Any = block_diag(exosystem_matrix(float(climb.wh), 4), exosystem_matrix(float(climb.wV), 3))
     G = np.zeros((len(linear.trim.zeta), len(S)))
@@ -219,7 +219,7 @@ def sylvester_internal(craft: Hypersonic, climb: FilteredClimb) -> SylvesterInte
 
 
 def preview_internal(craft: Hypersonic, at: LevelTrim, horizon: float = 4.0, intervals: int = 40) -> PreviewInternal:
-    """The form that looks ahead in flight, with the modes of a level trim."""
+    """Return the form with preview in flight, with the modes of a level trim."""
     A22 = internal_linear(craft, at).A22
     scaled = A22 * SCALES / SCALES[:, None]
     eigen: Any = np.linalg.eig(scaled)
@@ -262,13 +262,15 @@ def _interpolate(table: InternalTable, t: Any) -> Any:
 
 
 def _time_grid(climb: Any, seconds: float, dt: float, keep: float, beyond: float) -> tuple[Any, PathPoint]:
-    """The grid and the path on it."""
+    """Return the grid and the path on it."""
     every = round(keep / dt) if dt > 0 else 0
     if every < 1 or abs(every * dt - keep) > 1e-9 * keep or not seconds >= keep:
         problem = f"{seconds:g} s in nodes of {keep:g} s from steps of {dt:g} s"
         raise InputError("internal table", problem, fix="keep a multiple of dt, and at least one interval of it")
     if not beyond >= LEAST_BEYOND:
-        problem = f"computed only {beyond:g} s beyond the last instant; the unstable mode there needs the future"
+        problem = (
+            f"computed only {beyond:g} s beyond the last instant; the unstable mode there needs more of the future"
+        )
         raise InputError("internal table.beyond", problem, fix=f"give at least {LEAST_BEYOND:g} s")
     nodes = math.ceil(seconds / keep - 1e-9) * every
     t = dt * np.arange(nodes + math.ceil(beyond / dt) + 1)
@@ -281,7 +283,7 @@ def _time_grid(climb: Any, seconds: float, dt: float, keep: float, beyond: float
 
 
 def _boundaries_and_guess(craft: Hypersonic, t: Any, path: PathPoint) -> tuple[list[LevelTrim], Any]:
-    """The level trims at both ends, and the quasi-static solution between (n, 6)."""
+    """Return the level trims at both ends, and the quasi-static solution between (n, 6)."""
     ends = level_points(path.h[[0, -1]], path.V[[0, -1]])
     zeta, u, settled = quasi_static_states(craft, jax.tree.map(lambda *several: np.concatenate(several), path, ends))
     n, limits = len(t), InputLimits()

@@ -1,7 +1,6 @@
-"""The hypersonic vehicle's whole loop, plant, filter, law and inversion, as a matrix: in continuous time, and sampled.
+"""Whole loop of the hypersonic vehicle, plant, filter, law and inversion, as a matrix: in continuous time, and sampled.
 
-By automatic differentiation through what flies, at level flight of the vehicle that the law believes in; the plant may
-be another.
+By automatic differentiation through the flown code, at level flight of the law's vehicle model; the plant may differ.
 
 Source: [1] "Angular-accelerometer-based flexible-state estimation and tracking controller design for hypersonic flight
 vehicle", Aerospace 2022, 9(4), 206, eqs. 6-13, whose loop it is; the sampled one is in the order in which it flies.
@@ -27,7 +26,7 @@ from trimtab.vehicles.hypersonic import Hypersonic, HypersonicInput, HypersonicS
 PLANT = ("h", "V", "alpha", "theta", "q", "eta1", "eta1_rate", "eta2", "eta2_rate")
 ESTIMATE = ("eta1 estimated", "eta1_rate estimated", "eta2 estimated", "eta2_rate estimated")
 SAMPLED = (*PLANT, *ESTIMATE, "h before", "h' before", "V before", "alpha before", "q before", "Phi", "delta_e")
-"""Of the sampled loop: the plant's, the estimate, and the measured flight and the input of one period ago."""
+"""States of the sampled loop: the plant's, the estimate, and the measured flight and the input of one period ago."""
 INTEGRALS = ("integral of h", "integral of V")
 """Further states of either loop, at its end, where the gain has eleven columns."""
 INTEGRAL_SIZES = (1000.0, 100.0)
@@ -37,13 +36,13 @@ SAMPLED_SIZES = np.array([*PLANT_SIZES, 0.2, 2.0, 0.2, 2.0, 100.0, 20.0, 20.0, 0
 
 
 def sampled_loop(plant: Hypersonic, kept: FlexibleModeFilter, K: Any, at: LevelTrim) -> tuple[Any, Any]:
-    """F (n, n) and N (n,): z = F z + N w over one period of the filter, its gain steady, w the sensor's noise.
+    """Return F (n, n) and N (n,): z = F z + N w over one period of the filter, its gain steady, w the sensor's noise.
 
     n is 20, or 22 with integrals.
 
     Args:
         plant: the vehicle that flies.
-        kept: the filter, with the vehicle that filter and law believe in.
+        kept: the filter, with the model of filter and law.
         K: gain (2, 9), or (2, 11) with the integrals of the errors of h and V.
         at: level flight of that vehicle.
     """
@@ -56,12 +55,12 @@ def sampled_loop(plant: Hypersonic, kept: FlexibleModeFilter, K: Any, at: LevelT
 
 @jax.jit
 def _model_of_filter(kept: FlexibleModeFilter) -> Any:
-    """Its model, compiled once for all settings: a search asks for hundreds."""
+    """Return the loop's model, compiled once for all settings: a search evaluates hundreds."""
     return kept.model()
 
 
 def rest_state(plant: Hypersonic, believed: Hypersonic, at: LevelTrim) -> Any:
-    """The loop's state (20,) in level flight: the plant bent as its own modes have it, the filter as it believes."""
+    """Return the loop's state (20,) in level flight: modes bent by the plant's own, the filter at its model's."""
     x = plant.level_state(at.h, at.V, at.zeta[0], at.u.delta_e)
     e1, e2 = believed.modes.static_displacements(at.zeta[0], at.u.delta_e)
     chi = [at.h, 0.0, at.V, at.zeta[0], 0.0]
@@ -70,7 +69,7 @@ def rest_state(plant: Hypersonic, believed: Hypersonic, at: LevelTrim) -> Any:
 
 
 def step_period(plant: Any, kept: Any, K: Any, P: Any, at: Any, z: Any, w: Any) -> Any:
-    """The loop's state (20,), or (22,) with integrals, one period on, in the order in which it flies.
+    """Return the loop's state (20,), or (22,) with integrals, after one period, in the order in which it flies.
 
     Args:
         plant: the vehicle that flies.
@@ -85,7 +84,7 @@ def step_period(plant: Any, kept: Any, K: Any, P: Any, at: Any, z: Any, w: Any) 
     before, held = RigidFlight(*z[CHI]), HypersonicInput(*z[U])
     chi = _measured_flight(x)
     model = kept.model()
-    still = jnp.append(z[ETA], 0.0)  # the accelerometer's offset is known here, and none of it in doubt
+    still = jnp.append(z[ETA], 0.0)  # the accelerometer's offset is known here, without uncertainty
     P = jnp.zeros((5, 5)).at[:4, :4].set(P)
     ahead, _ = kept.predict(model, still, P, before, held)
     felt = plant.coupled_accelerations(0.0, x, held)[0] + w
@@ -97,14 +96,14 @@ def step_period(plant: Any, kept: Any, K: Any, P: Any, at: Any, z: Any, w: Any) 
 
 
 def continuous_loop(plant: Hypersonic, believed: Hypersonic, K: Any, L: Any, at: LevelTrim) -> Any:
-    """A (13, 13), or (15, 15): z' = A z of plant, estimate and integrals, in the believed vehicle's level flight.
+    """Return A (13, 13), or (15, 15): z' = A z of plant, estimate and integrals, in the model's level flight.
 
     At this point, which no plant changes, each entry is affine in 1/m, in each coefficient of lift, drag, moment and
     thrust, and in w^2 and 2 zeta w of each mode, taken one at a time.
 
     Args:
         plant: the vehicle that flies.
-        believed: the one that filter and law believe in.
+        believed: the model of filter and law.
         K: gain (2, 9), or (2, 11).
         L: gain of the filter (4, 1).
         at: level flight of that vehicle.
@@ -114,12 +113,12 @@ def continuous_loop(plant: Hypersonic, believed: Hypersonic, K: Any, L: Any, at:
 
 
 def input_slope(believed: Hypersonic, K: Any, at: LevelTrim) -> Any:
-    """Slope of (Phi, delta_e) by the errors e, as many as K has columns, and those of the estimate (2, 13 or 15)."""
+    """Return the slope of (Phi, delta_e) by the errors e, one per column of K, and by the estimate's (2, 13 or 15)."""
     return np.asarray(_differentiate_input(believed, np.asarray(K), at, np.zeros(np.shape(K)[1] + 4)))
 
 
 def input_at_errors(believed: Any, K: Any, at: Any, z: Any) -> Any:
-    """(Phi, delta_e) that the law asks for, at errors e, with e_eta = eta - eta estimated (4,) after them."""
+    """Return (Phi, delta_e) demanded by the law, at errors e, with e_eta = eta - eta estimated (4,) after them."""
     chi = RigidFlight(at.h + z[0], z[1], at.V + z[2], at.zeta[0] + z[3], at.zeta[1] + z[4])
     u = _demand_input(believed, K, chi, at.zeta[2:] + z[5:9] - z[-4:], at, z[9:-4])
     return jnp.stack([u.Phi, u.delta_e])
@@ -141,12 +140,12 @@ def _measured_flight(x: HypersonicState) -> RigidFlight:
 
 
 def _integral_rates(K: Any, chi: RigidFlight, at: Any) -> Any:
-    """Of the integrals of the errors of h and V, where the gain has columns for them."""
+    """Return the part of the integrals of the errors of h and V, where the gain has columns for them."""
     return jnp.stack([chi.h - at.h, chi.V - at.V])[: K.shape[1] - 9]
 
 
 def _demand_input(believed: Any, K: Any, chi: RigidFlight, eta: Any, at: Any, integrals: Any) -> HypersonicInput:
-    """What the law asks for, to stay in level flight."""
+    """Return the command to stay in level flight."""
     have = jnp.stack([chi.h, chi.h_rate, chi.V, chi.alpha, chi.q, *eta])
     want = jnp.stack([jnp.asarray(a) for a in (at.h, 0.0, at.V, *at.zeta)])
     v = K @ jnp.concatenate([have - want, integrals])

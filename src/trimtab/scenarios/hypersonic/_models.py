@@ -7,7 +7,7 @@ from trimtab.scenarios.hypersonic._internal import design_model, find_trim
 
 
 def model() -> StateSpaceModel:
-    """Flight in the vertical plane with its bending modes, under fuel ratio and elevator, at its trim."""
+    """Return flight in the vertical plane with its bending modes, under fuel ratio and elevator, at its trim."""
     plant = design_model(NOMINAL, H, V)
     level = find_trim(plant, InputLimits(), "hypersonic trim")
     return plant._replace(x0=level.x, u0=level.u)

@@ -1,4 +1,4 @@
-"""A truth for the hypersonic vehicle less kind than the paper's: servos, rough air, an instrument of some grade.
+"""Harder world for the hypersonic vehicle than the paper's: servos, turbulence, an accelerometer of finite grade.
 
 Source: servos' form from Bolender, Doman, "Nonlinear longitudinal dynamical model of an air-breathing hypersonic
 vehicle", Journal of Spacecraft and Rockets 44(2), 2007; turbulence MIL-F-8785C; sizes chosen (docs, What it needs).
@@ -18,14 +18,14 @@ from trimtab.sensors.angular_accelerometer import AngularAccelerometerUnit
 ENGINE, ELEVATOR = 20.0, 100.0
 """Natural frequencies of engine and elevator servo (rad/s)."""
 ELEVATOR_RATE = 100 * DEG
-"""Fastest elevator (rad/s)."""
+"""Maximum rate of the elevator (rad/s)."""
 SEVERE = 1e-5
 """Probability that the intensity is exceeded: 5.1 ft/s from 80 000 ft up, where the specification's figure ends."""
 SERVO_PERIOD = ms(1)
 
 
 def plane_truth(world: World, noise: float) -> World:
-    """The world with servos, severe turbulence, and an angular accelerometer of finite grade with noise (rad/s^2)."""
+    """Return the world with servos, severe turbulence, and an angular accelerometer with noise (rad/s^2)."""
     actuators: Any = world.actuators
     stages = {
         "Phi": SecondOrderLag(frequency=ENGINE),

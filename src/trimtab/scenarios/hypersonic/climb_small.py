@@ -1,4 +1,4 @@
-"""Climb 1 000 ft and gain 200 ft/s, on modes of bending that no sensor sees, without noise."""
+"""Climb 1 000 ft and gain 200 ft/s, with bending modes that no sensor measures, without noise."""
 
 from trimtab.laws.path_command import FilteredClimb
 from trimtab.loop.scenario import Scenario

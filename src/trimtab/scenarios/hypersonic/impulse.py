@@ -1,4 +1,4 @@
-"""An impulse while cruising: of the pitching moment, or of the force normal to the path."""
+"""Reject an impulse in cruise: of the pitching moment, or of the force normal to the path."""
 
 from typing import Literal
 
@@ -15,7 +15,7 @@ LENGTH, START = 0.05, 20.0
 def scenario(
     kind: Kind = "moment", integral: Integral = "on", filter: Filter = "tuned", noise: Noise = "on"
 ) -> Scenario:
-    """0.4 rad/s^2 for 50 ms, or a gust that gives 20 ft/s in 50 ms; further work of the source, sizes chosen."""
+    """0.4 rad/s^2 for 50 ms, or a gust that gives 20 ft/s in 50 ms; further work of the paper, sizes chosen."""
     craft = Hypersonic()
     if kind == "moment":
         felt = Disturbance(moment=0.4 * craft.Iyy, start=START, duration=LENGTH)

@@ -1,4 +1,4 @@
-"""A plant that is not the model: lift 5 % up, pitch stiffness 5 % down, drag 10 % up, mass 2 % up, thrust 5 % down."""
+"""Fly a plant that differs from the model: lift +5 %, pitch stiffness -5 %, drag +10 %, mass +2 %, thrust -5 %."""
 
 from trimtab.core.record import replace
 from trimtab.laws.path_command import FilteredClimb
@@ -10,7 +10,7 @@ from trimtab.vehicles.hypersonic import Hypersonic
 def scenario(
     robust: Robust = "off", integral: Integral = "on", filter: Filter = "tuned", noise: Noise = "off"
 ) -> Scenario:
-    """Integrals remove the offset that state feedback leaves (`integral=off`), and that robust terms make smaller."""
+    """Integrals remove the offset that state feedback leaves (`integral=off`); robust terms reduce it."""
     climb = FilteredClimb(dh=3000.0, dV=500.0)
     name, plant = "hypersonic/mismatch", off_nominal_plant()
     return hypersonic_scenario(
@@ -19,7 +19,7 @@ def scenario(
 
 
 def off_nominal_plant(times: float = 1.0) -> Hypersonic:
-    """The plant, its differences from the model scaled by `times`."""
+    """Return the plant, its differences from the model scaled by `times`."""
     craft = Hypersonic()
     air, engine = craft.forces.aerodynamics, craft.forces.propulsion
     lift, stiffness, drag = air.CL_a * (1 + 0.05 * times), air.CM_a * (1 - 0.05 * times), air.CD_0 * (1 + 0.10 * times)

@@ -1,4 +1,4 @@
-"""A plant whose modes of bending are 10 % off what filter and law believe, with noise."""
+"""Fly a plant whose bending modes are 10 % off the model of filter and law, with noise."""
 
 from typing import Literal
 

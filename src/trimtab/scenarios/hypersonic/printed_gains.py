@@ -1,4 +1,4 @@
-"""What the printed feedback gain does to this vehicle, with either sign: it loses it within seconds."""
+"""Fly the printed feedback gain with either sign: the vehicle is lost within seconds."""
 
 from typing import Literal
 
@@ -11,7 +11,7 @@ Sign = Literal["minus", "plus"]
 
 
 def scenario(sign: Sign = "minus", filter: Filter = "printed") -> Scenario:
-    """The source's K, v = -K e or, as its eq. 13 says, v = +K e: `trimtab reproduce` shows why neither holds."""
+    """The paper's K, v = -K e or, as its eq. 13 has it, v = +K e: `trimtab reproduce` shows why neither is stable."""
     gain = {"minus": -1.0, "plus": 1.0}[sign] * K_PRINTED
     climb = FilteredClimb(dh=1000.0, dV=200.0)
     return hypersonic_scenario("hypersonic/printed-gains", climb, 20.0, filter=filter, K=gain)

@@ -1,4 +1,4 @@
-"""A disturbance that comes and stays while cruising: moment, drag or lift."""
+"""Reject a constant disturbance that starts in cruise: moment, drag or lift."""
 
 from typing import Literal
 
@@ -13,7 +13,7 @@ START = 20.0
 
 
 def scenario(kind: Kind = "lift", integral: Integral = "on", filter: Filter = "tuned", noise: Noise = "on") -> Scenario:
-    """2 % of the weight, 88 lbf/ft of drag, 500 or 5000 lbf of moment; further work of the source, sizes chosen."""
+    """2 % of the weight, 88 lbf/ft of drag, 500 or 5000 lbf of moment; further work of the paper, sizes chosen."""
     craft = Hypersonic()
     felt = {
         "lift": Disturbance(normal=-0.02 * craft.m * craft.g, start=START),

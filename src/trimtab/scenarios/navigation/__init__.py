@@ -1,1 +1,1 @@
-"""Navigation by itself: the rotating platform of the source, and a vehicle at rest."""
+"""Navigation alone: the thesis's rotating platform, and a vehicle at rest."""

@@ -1,4 +1,4 @@
-"""What the rig's scenarios share: platform, inertial unit, aided inertial navigation.
+"""Common parts of the rig's scenarios: platform, inertial unit, aided inertial navigation.
 
 Source: [1] Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006, section
 6.2.1. Fitted to its figures, as docs Errata says: latencies, tilt.
@@ -28,7 +28,7 @@ from trimtab.loop.world import World
 from trimtab.vehicles.rotating_platform import PlatformDrive, RotatingPlatform
 
 Covariance = Literal["consistent", "literal"]
-"""How process noise enters: units mended, or as printed."""
+"""Use of the process noise: with consistent units, or as printed."""
 Form = Literal["feedforward", "feedback", "direct", "coupled"]
 FORMS: dict[str, Any] = {
     "feedforward": AidedInertialFeedforward,
@@ -38,13 +38,13 @@ FORMS: dict[str, Any] = {
 }
 ARM = 0.3048
 TILT = 0.49 * DEG
-"""Of the spin axis: fitted, one number for two figures. Its direction is that of magnetic north, so that a compass
-that knows nothing of the tilt is not off; another would add a constant to its heading."""
+"""Tilt of the spin axis: fitted, one number for two figures. It leans to magnetic north, so that a compass without tilt
+compensation has no error; another direction would add a constant to its heading."""
 LEAN = math.atan2(COLLEGE_PARK[1], COLLEGE_PARK[0])
 FIX_INTERVAL = seconds(1)
-"""Time between positions: reconstructed; the source's own simulation renews its navigation errors once a second."""
+"""Time between positions: reconstructed; the thesis's own simulation renews its navigation errors once a second."""
 LEAK = (STANDARD * math.sin(TILT)) ** 2 * to_seconds(FIX_INTERVAL) / to_seconds(InertialNoise().tick)
-"""What the lean does to a level navigation between two positions, as white noise of each sample of force (m^2/s^4)."""
+"""Effect of the lean on a level navigation between two positions, as white noise of each force sample (m^2/s^4)."""
 
 
 def rig_scenario(
@@ -60,14 +60,14 @@ def rig_scenario(
     noise: Mapping[str, float] | None = None,
     estimator: Any = None,
 ) -> Scenario:
-    """A scenario on the rig: sensors of the world by name, and how the platform turns.
+    """Return a scenario on the rig: sensors of the world by name, and the platform's rotation.
 
     Args:
         arm: from the axis to the body (m).
         time_constant: of the motor (s); between 0.05 and 0.1, reconstructed.
-        intake: which samples navigation reads.
-        noise: what a consistent filter must believe besides the printed numbers; the literal one has those alone.
-        estimator: made of the navigation before it flies, or None.
+        intake: samples that the navigation reads.
+        noise: noise of a consistent filter besides the printed values; the literal one has only those.
+        estimator: function that makes the estimator from the navigation, or None.
     """
     platform = RotatingPlatform(arm=arm, time_constant=time_constant, tilt=TILT, lean=LEAN)
     believed: dict[str, Any] = dict(noise) if noise and covariance == "consistent" else {}

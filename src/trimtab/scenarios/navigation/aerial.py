@@ -1,4 +1,4 @@
-"""A figure of eight in the air: inertial unit and satellites, fixes that come late, a sky hidden for a while."""
+"""Navigate a figure of eight in the air: inertial unit and satellites, delayed fixes, an outage."""
 
 import math
 from typing import Annotated, Any, Literal
@@ -28,16 +28,16 @@ from trimtab.vehicles.rotating_platform import PlatformDrive
 Aiding = Annotated[
     Literal["fixes", "ranges"],
     {
-        "fixes": "the receiver gives position and velocity; in the outage it gives nothing",
-        "ranges": "it gives pseudoranges and their rates to eight satellites; in the outage to two",
+        "fixes": "the receiver gives position and velocity; in the outage nothing",
+        "ranges": "the receiver gives pseudoranges and their rates to eight satellites; in the outage to two",
     },
 ]
 TICK = ms(1)
 LAP = 2 * math.pi / 20
-"""Rate round the path (rad/s): once in 20 s."""
+"""Rate round the path (rad/s): one lap in 20 s."""
 OUTAGE = Outages(start=seconds(9), length=seconds(4))
 CORRELATED = 0.3
-"""Error of the receiver that hangs together in time (m)."""
+"""Error of the receiver that is correlated in time (m)."""
 
 
 def industrial_imu() -> Imu:
@@ -76,7 +76,7 @@ def scenario(gnss: Aiding = "fixes") -> Scenario:
 
 
 def rough_start(path: ClosedPath, first: Any) -> SpatialStart:
-    """What is believed at first: about where it is, one sigma off in most numbers."""
+    """Return the initial estimate: near the truth, one sigma off in most values."""
     start = SpatialStart()
     angles = np.asarray(to_euler(path.rotation(first.angle)))
     off = np.array([0.6, -0.8, 1.0]) * [start.sigma_tilt, start.sigma_tilt, start.sigma_heading]

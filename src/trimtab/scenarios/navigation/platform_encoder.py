@@ -1,4 +1,4 @@
-"""Velocity and position at the end of an arm at -166 deg/s: inertial unit, encoder and magnetometer."""
+"""Estimate velocity and position at the end of an arm at -166 deg/s: inertial unit, encoder and magnetometer."""
 
 import math
 

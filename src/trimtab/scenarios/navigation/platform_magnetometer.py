@@ -1,4 +1,4 @@
-"""Heading on the axis of a platform at -166 deg/s: gyro and magnetometer."""
+"""Estimate the heading on the axis of a platform at -166 deg/s: gyro and magnetometer."""
 
 from trimtab.core.rotation import DEG
 from trimtab.estimators.inertial.aided import Intake

@@ -1,4 +1,4 @@
-"""The arm's end found from raw ultrasonic ranges: one filter for all, or fixes first and then navigation."""
+"""Locate the arm's end from raw ultrasonic ranges: one filter for all, or fixes first and then navigation."""
 
 from typing import Any, Literal
 
@@ -25,16 +25,16 @@ from trimtab.sensors.ultrasonic_ranging import UltrasonicRanging
 Coupling = Literal["tight", "loose"]
 BeaconCount = Literal["4", "3", "2"]
 NOISE = InertialNoise(gyro=1.6e-4, gyro_walk=1e-6, forward=6.8e-3, starboard=6.8e-3, force_walk=3e-4)
-"""The unit's white noise; walks for scale factor, misalignment and bandwidth."""
+"""White noise of the unit; walks for scale factor, misalignment and bandwidth."""
 START = InertialStart(sigma_gyro_bias=0.02, sigma_force_bias=0.15)
 BELIEVED_NOISE = replace(NOISE, position_constant=0.008, heading_constant=0.012)
-"""For fixes: constant errors of survey and air are counted; the tight filter considers them itself."""
+"""Noise for fixes: constant errors of survey and air are added; the tight filter considers them itself."""
 
 
 def scenario(coupling: Coupling = "tight", beacons: BeaconCount = "4") -> Scenario:
     """The rig of [1] section 6.2.1 upright, with what its chapter 7 names as future work.
 
-    Four beacons hang; so many of them as `beacons` says still reply from 5 s on.
+    There are four beacons; from 5 s on only `beacons` of them still reply.
     """
     silent = np.arange(4) >= int(beacons)
     air = Medium(actual=replace(Air(), temperature=293.65))  # half a degree warmer than assumed

@@ -1,4 +1,4 @@
-"""A platform that turns to and fro, faster than its gyro follows: with and without the gyro's inverse."""
+"""Turn a platform to and fro faster than its gyro follows: with and without the gyro's inverse."""
 
 from typing import Literal
 

@@ -1,7 +1,7 @@
-"""A vehicle at rest with the hovercraft's inertial unit: the log to calibrate its noise from.
+"""Keep a vehicle with the hovercraft's inertial unit at rest: the log from which to calibrate its noise.
 
-Everything but the inertial unit keeps a time of 5 ms, shorter than the unit's tick: so the log, written each
-millisecond at which something is due, holds every sample of the unit, and no more rows than that takes.
+Everything but the inertial unit has a period of 5 ms, shorter than the unit's tick. The log, written each millisecond
+at which something is due, thus contains every sample of the unit, and no more rows than needed.
 """
 
 from trimtab.actuators.allocation import DirectActuation, DirectAllocation

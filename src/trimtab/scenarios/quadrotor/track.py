@@ -1,4 +1,4 @@
-"""Along a path in space: helix, circle or eight, or at one place; upright again from upside down; without a rotor."""
+"""Follow a path in space: helix, circle or eight, or hover; recover from upside down; fly without a rotor."""
 
 from typing import Annotated, Any, Literal
 
@@ -29,26 +29,26 @@ Trajectory = Annotated[
     {
         "circle": "radius 1.5 m, a round in 5 s",
         "eight": "5 m by 1.5 m, in 8 s",
-        "helix": "of the publication, at half its pace, the nose to the north",
-        "place": "one place, from half a metre off",
-        "recovery": "the same, from upside down",
+        "helix": "helix of the publication, at half its pace, the nose to the north",
+        "place": "one position, from half a metre away",
+        "recovery": "one position, from upside down",
     },
 ]
 MotorFault = Annotated[
     Literal["works", "1-fails", "2-fails", "3-fails", "4-fails"],
-    {"works": "all four turn"} | {f"{k}-fails": f"number {k} stops at 2 s, and for ever" for k in range(1, 5)},
+    {"works": "all four turn"} | {f"{k}-fails": f"rotor {k} stops at 2 s, for ever" for k in range(1, 5)},
 ]
 LawChoice = Annotated[
     Literal["geometric", "neural"],
-    {"geometric": "the publication's", "neural": "a small network that has learned it"},
+    {"geometric": "the publication's", "neural": "a small network trained on the geometric law"},
 ]
 PERIOD = ms(5)
 RATIO = 0.3
-"""Thrust of the rotor opposite a lost one, in parts of each of the two others."""
+"""Thrust of the rotor opposite a lost one, as a fraction of each of the two others."""
 LONGEST = 25.0
-"""Of what the law adds to weight and wanted acceleration (N): rotors that only push down to a limit bear no more."""
+"""Limit of the law's correction to weight and reference acceleration (N), as rotors have a minimum thrust."""
 HEIGHT = 3.0
-"""Of the paths (m)."""
+"""Height of the paths (m)."""
 CRAFT = replace(
     Multirotor(),
     rotors=replace(Rotors(), torque_ratio=0.026, inertia=6e-5),
@@ -65,7 +65,7 @@ def scenario(trajectory: Trajectory = "circle", motor: MotorFault = "works", law
     if law == "neural" and motor != "works":
         raise InputError(
             "law",
-            "the network never saw a lost rotor",
+            "the network is not trained for a lost rotor",
             fix=f"{argument('settings', 'geometric', 'law')} {argument('settings', motor, 'motor')}",
         )
     reference = make_reference(trajectory)
@@ -95,7 +95,7 @@ def scenario(trajectory: Trajectory = "circle", motor: MotorFault = "works", law
 
 
 def make_reference(trajectory: str) -> Any:
-    """What is to be followed, of a name among the trajectories."""
+    """Return the reference of a named trajectory."""
     if trajectory == "circle":
         return LevelPath(Circle(period=5.0, ease=3.0), height=HEIGHT)
     if trajectory == "eight":
@@ -105,7 +105,7 @@ def make_reference(trajectory: str) -> Any:
 
 
 def first_state(trajectory: str, reference: Any) -> MultirotorState:
-    """At rest where the reference begins, but for the two that are to come to their place from elsewhere."""
+    """Return the state at rest at the start of the reference, except for the two trajectories that start elsewhere."""
     place = np.asarray(reference.at(0.0).place)
     hover = CRAFT.hover(place)
     if trajectory == "place":

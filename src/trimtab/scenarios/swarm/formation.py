@@ -1,4 +1,4 @@
-"""Hovercraft in formation: each knows itself and what the others say over one lossy radio; they never touch."""
+"""Fly hovercraft in formation: each knows its own state and receives the others' messages over a lossy radio."""
 
 import math
 from typing import Annotated, Any, Literal
@@ -28,19 +28,19 @@ Route = Annotated[
 Start = Annotated[
     Literal["rows", "swapped"],
     {
-        "rows": "from rows, 2.4 m apart, each from the one that suits it",
-        "swapped": "each from the place across the formation, so that all meet",
+        "rows": "from rows, 2.4 m apart, each from a suitable place",
+        "swapped": "each from the place across the formation, so that all cross paths",
     },
 ]
 SPACING = 3.0
-"""Of the formation's places (m)."""
+"""Spacing of the formation's places (m)."""
 RADIUS = 4.0
-"""Of the leader's circle (m)."""
+"""Radius of the leader's circle (m)."""
 TICK, PERIOD = ms(5), ms(20)
 
 
 def scenario(craft: Craft = "5", route: Route = "circle", start: Start = "rows") -> Scenario:
-    """This project's: 5 ms slots, 20 ms from speaking to hearing, a tenth of all messages lost."""
+    """Values of this project: 5 ms slots, 20 ms from sending to receiving, a tenth of all messages lost."""
     n = int(craft)
     places = hexagonal_places(n)
     own = {"number": np.arange(n, dtype=np.int32), "north": places[:, 0], "east": places[:, 1]}
@@ -78,7 +78,7 @@ def scenario(craft: Craft = "5", route: Route = "circle", start: Start = "rows")
 
 
 def craft_step(t: Any, state: Any, own: Any, heard: Any, number: Any, north: Any, east: Any) -> tuple[Any, Any, Any]:
-    """One craft's law and allocation, at integer time t: what is flashed to each. Export it by name.
+    """Run one craft's law and allocation at integer time t, as flashed to each craft. Export it by name.
 
     Args:     state: of the law.    own: estimated PlanarPoseState.    heard: newest messages, (n,) each.
               number, north, east: of the craft, and its place beside craft 0 (m).
@@ -101,11 +101,11 @@ example = {
         0.0,
     )
 }
-"""For `trimtab export trimtab.scenarios.swarm.formation:craft_step`: of five craft."""
+"""Return example arguments for `trimtab export trimtab.scenarios.swarm.formation:craft_step`: of five craft."""
 
 
 def hexagonal_places(n: int) -> Any:
-    """Places (n, 2) of a hexagonal lattice, m, the nearest to the first, which is at the origin."""
+    """Return the places (n, 2) of a hexagonal lattice, m, nearest to the first, which is at the origin."""
     reach = math.isqrt(n) + 2
     i, j = (v.ravel() for v in np.meshgrid(range(-reach, reach + 1), range(-reach, reach + 1)))
     north, east = SPACING * math.sqrt(3) / 2 * i, SPACING * (j + i / 2)
@@ -114,7 +114,7 @@ def hexagonal_places(n: int) -> Any:
 
 
 def _initial_state(places: Any, start: str, law: Formation) -> HovercraftState:
-    from scipy import optimize  # a fifth of a second to import, and only this start needs it
+    from scipy import optimize  # the import takes a fifth of a second, and only this start needs it
 
     n = len(places)
     if start == "swapped":

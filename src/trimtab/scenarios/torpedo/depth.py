@@ -1,4 +1,4 @@
-"""Two metres deeper and a turn to starboard, in a current: an underwater vehicle that is unstable in pitch and yaw."""
+"""Dive two metres and turn to starboard, in a current: an underwater vehicle that is unstable in pitch and yaw."""
 
 from typing import Annotated, Any, Literal
 
@@ -25,7 +25,7 @@ Links = Annotated[
     Literal["aboard", "acoustic"],
     {
         "aboard": "the autopilot is aboard, 50 ms of bus each way",
-        "acoustic": "it sits on a buoy some 60 m away: about 90 ms each way, 5 % lost",
+        "acoustic": "the autopilot is on a buoy some 60 m away: about 90 ms each way, 5 % lost",
     },
 ]
 TICK = ms(50)
@@ -37,7 +37,7 @@ LEVEL = TorpedoState(
     stern=-0.119350,
     shaft_speed=CRUISE * 1750 / 1500,
 )
-"""Level at 1750 rpm: the propeller's torque rolls it by 7 degrees, buoyancy and fins have it 1.9 degrees nose down."""
+"""Level at 1750 rpm: the propeller's torque rolls it by 7 degrees, buoyancy and fins pitch it 1.9 degrees nose down."""
 
 
 def scenario(links: Links = "aboard") -> Scenario:

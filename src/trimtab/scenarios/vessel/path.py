@@ -1,4 +1,4 @@
-"""Along way-points in a current, by line of sight: a model ship whose rudders are steered from ashore over a radio."""
+"""Follow way-points in a current, by line of sight: a model ship whose rudders are steered from ashore over a radio."""
 
 from typing import Annotated, Any, Literal
 
@@ -36,7 +36,7 @@ Links = Annotated[
 ]
 Weather = Annotated[
     Literal["current", "breeze", "calm"],
-    {"current": "0.14 m/s from the north-east", "breeze": "the same, and wind of 4 m/s", "calm": "neither"},
+    {"current": "0.14 m/s from the north-east", "breeze": "current, and wind of 4 m/s", "calm": "neither"},
 ]
 TICK = ms(50)
 PLACES = ((0.0, 0.0), (12.0, 0.0), (18.0, 8.0), (60.0, 8.0))
@@ -90,7 +90,7 @@ def scenario(reference: Path = "waypoints", links: Links = "radio", weather: Wea
 
 
 def straight_legs(places: tuple[tuple[float, float], ...], speed: float) -> PiecewisePath:
-    """Way-points (m) one after the other by straight lines at one speed (m/s), with corners."""
+    """Return way-points (m) connected by straight lines at one speed (m/s), with corners."""
     x = np.asarray(places)
     legs = np.diff(x, axis=0)
     times = np.append(0.0, np.cumsum(np.sqrt((legs**2).sum(axis=1)))) / speed
