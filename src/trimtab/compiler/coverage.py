@@ -1,4 +1,4 @@
-"""What compiled flight code may be made of: every primitive of JAX that has C text, and what of it is covered.
+"""Primitives of JAX that compiled flight code may use, and how much of each is covered.
 
 The page of the docs prints this list, and the tests hold it equal to the rules; each entry is compared with JAX on edge
 values. `python -m trimtab.compiler.coverage` prints it too.

@@ -14,7 +14,7 @@ import jax.numpy as jnp
 from trimtab.core.linalg import solve_spd
 
 ROUNDING = 1e-9
-"""What is not beyond a bound, or against one, by more than this part of the size is not."""
+"""Relative tolerance of the tests against bounds and of the signs of multipliers."""
 
 
 class BoxSolution(NamedTuple):

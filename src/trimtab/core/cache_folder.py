@@ -25,7 +25,7 @@ def cache_folder(name: str) -> Path:
     folder = Path(cache).absolute() / name
     folder.mkdir(mode=0o700, parents=True, exist_ok=True)
     if not is_owned_by_user(folder.stat()):
-        raise PermissionError(f"{folder} belongs to somebody else, or others can write to it")
+        raise PermissionError(f"{folder} belongs to another user, or others can write to it")
     return folder
 
 

@@ -48,7 +48,7 @@ class InputError(ValueError):
 
 
 Spelling = Callable[[str, Any, str | None], str]
-"""How an argument is written: of its name in Python, its value (None: the name alone), and the path that it is for."""
+"""Function that writes an argument. It takes the name in Python, the value (None: name only), and the path."""
 
 
 def argument(name: str, value: Any, path: str | None = None) -> str:
@@ -98,7 +98,7 @@ _SPELLING: ContextVar[Spelling] = ContextVar("spelling", default=spell_python)
 
 
 def install_command(extra: str = "", package: str = "trimtab") -> str:
-    """What to type for an extra to be there in the Python that runs: ``python -m pip install "trimtab[logs]"``.
+    """Return the command that installs an extra for the running Python: ``python -m pip install "trimtab[logs]"``.
 
     extra: of the package; none: the package itself.
     """
@@ -114,7 +114,7 @@ def install_command(extra: str = "", package: str = "trimtab") -> str:
 
 
 def unknown_setting(name: str, path: str, known: Iterable[str]) -> InputError:
-    """What is said of a path at which there is no setting.
+    """Problem reported for a path without a setting.
 
     name: of the argument that has it, e.g. "settings".  known: the paths that there are.
     """
@@ -141,5 +141,5 @@ def closest(name: str, choices: Iterable[str], n: int = 3) -> list[str]:
 
 
 def _last_word(name: str) -> str:
-    """Of a path of a setting or of a scenario's name, in small letters."""
+    """Return the words of a setting's path or of a scenario's name, in small letters."""
     return name.lower().replace("/", ".").rpartition(".")[2]

@@ -24,7 +24,7 @@ from trimtab.core.formula import (
 from trimtab.core.units import find_sizes
 
 MIXED = "mixed units"
-"""Of a formula whose comparisons have several units: its number is the least in SI units."""
+"""Unit of a formula whose comparisons have several units. Its value is the smallest, in SI units."""
 _FACTOR = re.compile(r"([A-Za-z%]+)(?:\^(-?[0-9]+))?")
 Dimension = tuple[tuple[str, int], ...]
 """Symbols of units with their powers, sorted; () for a plain number."""
@@ -173,7 +173,7 @@ def _plain(dimension: Dimension) -> Dimension:
 
 
 def look_ahead(tree: Any) -> int | None:
-    """How far from its instant a formula looks into the future, 100 ns; None for without an end."""
+    """Return how far a formula looks into the future (100 ns), or None if without end."""
     if isinstance(tree, Predicate):
         return 0
     assert isinstance(tree, Connective | Temporal)
@@ -185,7 +185,7 @@ def look_ahead(tree: Any) -> int | None:
 
 
 def least_length(tree: Any) -> int:
-    """How long a log must be, from its first row to its last, so that no interval of a formula lies beyond it.
+    """Return the shortest length of a log that covers all intervals of a formula.
 
     100 ns; an interval without an end has to begin in it.
     """

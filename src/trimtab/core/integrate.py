@@ -27,9 +27,9 @@ A = (
 )
 WEIGHTS = (35 / 384, 0.0, 500 / 1113, 125 / 192, -2187 / 6784, 11 / 84)
 ERROR_WEIGHTS = (71 / 57600, 0.0, -71 / 16695, 71 / 1920, -17253 / 339200, 22 / 525, -1 / 40)
-"""Of the order five result less that of order four. Source: [1] table 5.2."""
+"""Weights of the error: result of order five minus result of order four. Source: [1] table 5.2."""
 SAFETY, SHRINK, GROW = 0.9, 0.2, 5.0
-"""Of the next step: below what the error allows, at least, at most. Source: [1] eq. 4.13."""
+"""Safety factor, smallest and largest ratio of the next step to this one. Source: [1] eq. 4.13."""
 
 
 def rk4(f: Callable[[Scalar, X], X], t: Scalar, x: X, h: Scalar) -> X:
@@ -104,6 +104,6 @@ def error_ratio(error: Any, x: Any, x1: Any, relative: Any, absolute: Any) -> An
 
 
 def next_step(h: Any, ratio: Any, order: int) -> Any:
-    """How long to step after a step h of this order whose error was this ratio of what is allowed; [1] eq. 4.13."""
+    """Return the next step after a step h of this order. ratio: its error over the tolerance. Source: [1] eq. 4.13."""
     bounded = jnp.clip(ratio, 1e-12, 1e12)  # and an error that is no number shrinks it as far as one goes
     return h * jnp.clip(SAFETY * jnp.exp(-jnp.log(bounded) / order), SHRINK, GROW)

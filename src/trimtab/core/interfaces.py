@@ -178,7 +178,7 @@ class InertialForm(Protocol):
     """
 
     AIDED_BY: ClassVar[str]
-    """What the sensor at intake.position gives: "positions", which go to correct_position(node, z, variance), or
+    """Kind of data of the sensor at intake.position: "positions", which go to correct_position(node, z, variance), or
     "ranges", which go to correct_ranges(node, value)."""
 
     @property

@@ -14,7 +14,7 @@ import jax.numpy as jnp
 from trimtab.core.linalg import inverse_spd
 
 SIGMA, RELAXATION = 1e-6, 1.6
-"""Of [1, algorithm 1]: what makes K definite, and over-relaxation."""
+"""Regularisation that makes K definite, and over-relaxation. Source: [1], algorithm 1."""
 RHO_LOW, RHO_HIGH, RHO_EQUALITY = 1e-6, 1e6, 1e3
 """Least and most weight of a constraint; what an equality has more than an inequality."""
 RHO_CHANGE = 5.0

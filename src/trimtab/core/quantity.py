@@ -1,4 +1,4 @@
-"""What a field is declared as: unit, meaning and valid range; and reading what has been declared.
+"""Declarations of fields (unit, meaning and valid range), and access to them.
 
 Three kinds of field:
 
@@ -40,7 +40,7 @@ MISSING = dataclasses.MISSING
 
 @dataclasses.dataclass(frozen=True)
 class Quantity:
-    """What a numeric field means. Bounds are checked before a run; `above` is strict, `low` and `high` are not."""
+    """Meaning of a numeric field. Bounds are checked before a run; `above` is strict, `low` and `high` are not."""
 
     unit: str
     doc: str
@@ -283,7 +283,7 @@ def has_index(shape: tuple[int, ...], at: tuple[int, ...] | None) -> bool:
 
 
 def first_number(path: str, shape: tuple[int, ...]) -> str:
-    """How the first number of a parameter is written: "autopilot.law.K[0,0]", or the path alone of one number."""
+    """Return the path of the first number of a parameter: "autopilot.law.K[0,0]", or the plain path of a scalar."""
     return f"{path}[{','.join('0' * len(shape))}]" if shape else path
 
 

@@ -22,14 +22,14 @@ from trimtab.core.record import Scalar, option, quantity, record
 ROTATIONS = ((13, 15, 26, 6), (17, 29, 16, 24))
 PARITY = 0x1BD11BDA
 TERMS = 8
-"""Of which a normal number is the sum, where groups of draws have words of their own."""
+"""Number of normal numbers in the sum that makes one, where groups of draws have their own words."""
 TERM_STRIDE = 0x9E3779B1
 """Between the streams of these; odd, so that they fall into different groups."""
 
 
 @record
 class Key:
-    """Which numbers a block draws: words (seed, run) and its own stream. Frames: none. Source: this module."""
+    """Key of the random numbers of a block: words (seed, run) and its own stream. Frames: none. Source: this module."""
 
     seed: Scalar = quantity("1", "First key word: the seed of a study.", kind="word")
     run: Any = quantity("1", "Second key word: the number of a run; or one word for each group of draws.", kind="word")

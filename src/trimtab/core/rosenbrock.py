@@ -32,7 +32,7 @@ G = (
     (8.083246795921522, -7.981132988064893, -31.52159432874371, 16.31930543123136, -6.058818238834054),
 )
 TIMES = (0.25, -0.1043, 0.1035, -0.0362, 0.0, 0.0)
-"""Of the derivative to time. Source: [1] program RODAS, its default coefficients."""
+"""Coefficients of the derivative with respect to time. Source: [1] program RODAS, default coefficients."""
 
 
 def rodas(f: Derivative, t: Any, x: Any, h: Any) -> tuple[Any, Any]:

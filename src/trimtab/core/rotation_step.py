@@ -14,7 +14,7 @@ from trimtab.core.integrate import Derivative, Step
 from trimtab.core.record import replace
 
 SERIES = (1 / 12, 1 / 720, 1 / 30240, 1 / 1209600)
-"""Of (1 - a/2 cot(a/2))/a^2 by powers of a^2: at half a radian a step it errs by 1e-10. Source: [1] eq. III.4.10."""
+"""Series of (1 - a/2 cot(a/2))/a^2 in a^2. Its error is 1e-10 at 0.5 rad per step. Source: [1] eq. III.4.10."""
 
 
 def rotation_step(step: Step, names: Sequence[str]) -> Step:

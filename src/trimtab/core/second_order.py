@@ -29,7 +29,7 @@ class Section:
 
 @record
 class SectionState:
-    """What a section remembers, in transposed direct form II. Source: Oppenheim, Schafer, section 6.3."""
+    """State of a section in transposed direct form II. Source: Oppenheim, Schafer, section 6.3."""
 
     s1: Any = quantity("1", "First memory, in the unit of the signal.")
     s2: Any = quantity("1", "Second memory, in the unit of the signal.")

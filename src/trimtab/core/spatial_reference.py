@@ -15,7 +15,7 @@ from trimtab.core.reference import Circle
 
 @record
 class SpatialPoint:
-    """What is wanted at one instant. Frames: W, (north, east, down). Source: docs page, References."""
+    """Reference at one instant. Frames: W, (north, east, down). Source: docs page, References."""
 
     place: Any = quantity("m", "Place.", frame="W", shape=(3,))
     velocity: Any = quantity("m/s", "Its derivative.", frame="W", shape=(3,))
@@ -31,7 +31,7 @@ class SpatialReference(Protocol):
     """Where a vehicle in space is wanted: a record that a law holds, usually as its field `reference`."""
 
     def at(self, t: Any) -> SpatialPoint:
-        """What is wanted t (s) after the law began."""
+        """Return the reference t (s) after the start of the law."""
         ...
 
 

@@ -101,7 +101,7 @@ class Piloted:
     assisted, proven (tests): r' = kr (r_d - r), whatever the velocity. While course and speed are held,
       E = m |v_r - v_P|^2/2 never grows, whatever the heading, for E' = -m k (n.(v_r - v_P))^2; nor does it under the
       limits of FX, while m a r^2 < push. A nose that is where it is wanted is not across the error, so that no error
-      above nose_dead_zone/(m k) lasts. Only simulated: how E falls while the nose is under way and backing switches,
+      above nose_dead_zone/(m k) lasts. Only simulated: how E falls while the nose turns and backing switches,
       and turns, in which the nose has to come round before F is right.
     The actuators are in none of the proofs: a force more than some 21 degrees off the body's axis comes out along it.
 

@@ -34,7 +34,7 @@ class VirtualMachine:
         self.outputs: list[VirtualProgram] = []
         """Programs of outputs that were started here."""
         self.interrupts = 0
-        """How often the running program was asked to end."""
+        """Number of requests to end that the running program received."""
         self.tell: Callable[[str], None] = lambda _: None
         """Is given lines that the outputs print."""
         self._sessions = time.random(f"sessions of {name}")

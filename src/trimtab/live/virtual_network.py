@@ -33,7 +33,7 @@ class Path:
         self.loss = self.double = 0.0
         """Share of packets that are lost, and that come twice."""
         self.keeps_order = True
-        """Whether a packet never arrives before one that was sent earlier."""
+        """True if packets arrive in the order in which they were sent."""
         self.cut_until = 0
         """Time (ns) until which nothing passes."""
         self._draw, self._last = draw, 0
@@ -127,7 +127,7 @@ class VirtualNetwork:
 
 
 class _Answerer(NamedTuple):
-    """What stands at an address where no program listens."""
+    """Entry of an address at which no program listens."""
 
     take: Callable[[bytes, Host], None]
     number: int = 0

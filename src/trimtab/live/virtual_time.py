@@ -53,9 +53,9 @@ class VirtualProgram:
     def __init__(self, name: str, number: int, run: Callable[["VirtualClock"], Any], clock: "VirtualClock") -> None:
         self.name, self.number, self.clock = name, number, clock
         self.result: Any = None
-        """What its function returned."""
+        """Return value of the function of the program."""
         self.error: BaseException | None = None
-        """What its function raised."""
+        """Exception that the function of the program raised."""
         self.has_ended = self.is_killed = self.is_adopted = False
         self.is_waiting, self.ready, self.deadline, self.turn = False, None, math.inf, 0
         self.ready: Any
@@ -70,7 +70,7 @@ class VirtualProgram:
 
     @property
     def exit_reason(self) -> str:
-        """How it ended: "killed", "failed", "ended", or "running"."""
+        """Return "running", "ended", "failed" or "killed"."""
         if self.is_killed:
             return "killed"
         return "failed" if self.error else "ended" if self.has_ended else "running"

@@ -1,4 +1,4 @@
-"""What must hold of the actuator, and a flight: pytest test_my_actuator.py"""
+"""Properties of the actuator, and a flight: pytest test_my_actuator.py"""
 
 from pathlib import Path
 from typing import Any

@@ -1,4 +1,4 @@
-"""What must hold of the estimator, and a flight: pytest test_my_estimator.py"""
+"""Properties of the estimator, and a flight: pytest test_my_estimator.py"""
 
 from pathlib import Path
 from typing import Any
@@ -44,7 +44,7 @@ def test_what_is_not_fresh_changes_nothing():
 
 
 def test_a_ship_is_flown_by_it_and_noise_is_less():
-    """Of the rate of turn, against what the sensor says: two flights, compiled to C."""
+    """The yaw rate of the estimator against that of the sensor: two flights, compiled to C."""
 
     def noise(share: Any) -> Any:
         flown = replace(FLOWN.autopilot, estimator=replace(FILTER, share=share))

@@ -1,4 +1,4 @@
-"""What must hold of the law, and a flight: pytest test_my_law.py"""
+"""Properties of the law, and a flight: pytest test_my_law.py"""
 
 from pathlib import Path
 from typing import Any
@@ -13,7 +13,7 @@ LAW = FLOWN.autopilot.law
 
 
 def step(heading: float, yaw_rate: float = 0.0) -> Any:
-    """What the law gives for a heading (rad) and a rate of turn (rad/s)."""
+    """Return the demand of the law for a heading (rad) and a yaw rate (rad/s)."""
     x = PlanarState(surge_velocity=0.5, sway_velocity=0.0, yaw_rate=yaw_rate, heading=heading)
     return LAW.step(0, LAW.init(None), Estimate(t=0, age=0.0, fresh=True, valid=True, state=x))[1]
 

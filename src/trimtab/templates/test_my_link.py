@@ -1,4 +1,4 @@
-"""What must hold of the link, and a flight: pytest test_my_link.py"""
+"""Properties of the link, and a flight: pytest test_my_link.py"""
 
 from pathlib import Path
 from typing import Any
@@ -24,7 +24,7 @@ def carry(link: Any, n: int) -> Any:
 
 
 def test_without_loss_each_packet_comes_after_its_delay():
-    """What comes out was sent `steps` periods ago; before the first there is nothing."""
+    """The output was sent `steps` periods ago. Before the first packet there is no output."""
     out = carry(replace(LINK, loss=0.0), 20)
     assert not out.valid[: LINK.steps].any()
     np.testing.assert_array_equal(out.value[LINK.steps :], np.arange(20 - LINK.steps))

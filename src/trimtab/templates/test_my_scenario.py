@@ -1,4 +1,4 @@
-"""That the scenario says what it should, and flies: pytest test_my_scenario.py"""
+"""Settings of the scenario, and a flight: pytest test_my_scenario.py"""
 
 import tomllib
 from pathlib import Path
@@ -10,7 +10,7 @@ FLOWN = build(str(FILE))
 
 
 def test_it_is_the_file():
-    """What stands in it is what flies, in SI."""
+    """The values in the file are those that fly, in SI units."""
     said = tomllib.loads(FILE.read_text(encoding="utf-8"))
     assert FLOWN.name == said["name"]
     assert f"{FLOWN.world.vehicle.mass:g} kg" == said["world"]["vehicle"]["mass"]

@@ -1,4 +1,4 @@
-"""What must hold of the sensor, and a flight: pytest test_my_sensor.py"""
+"""Properties of the sensor, and a flight: pytest test_my_sensor.py"""
 
 from pathlib import Path
 from typing import Any
@@ -38,7 +38,7 @@ def test_the_bias_stays_for_a_flight_and_differs_from_flight_to_flight():
 
 
 def test_without_its_imperfections_it_says_what_is():
-    """What --without switches off is declared at the fields."""
+    """The fields declare what --without switches off."""
     ideal = FLOWN.without("sensor-noise").without("gyro-bias").world.sensors["navigation"]
     exact, (_, sample) = ideal.measure(MOTION), ideal.step(0, ideal.init(key(0)), MOTION)
     assert float(sample.value.yaw_rate) == float(exact.yaw_rate) == 0.3

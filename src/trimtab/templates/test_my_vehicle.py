@@ -1,4 +1,4 @@
-"""What must hold of the vehicle by any numbers, and a flight: pytest test_my_vehicle.py"""
+"""Properties of the vehicle for any parameters, and a flight: pytest test_my_vehicle.py"""
 
 from pathlib import Path
 from typing import Any
@@ -39,7 +39,7 @@ def test_a_curve_that_fits_the_lean_holds_it():
 
 
 def test_left_and_right_are_alike():
-    """What is mirrored has mirrored derivatives."""
+    """A mirrored state has mirrored derivatives."""
     one = rates(replace(UPRIGHT, lean=0.3, lean_rate=0.1), replace(REST, steer=0.2))
     other = rates(replace(UPRIGHT, lean=-0.3, lean_rate=-0.1), replace(REST, steer=-0.2))
     np.testing.assert_allclose(one, -other, rtol=1e-12)

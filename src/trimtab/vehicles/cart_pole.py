@@ -24,7 +24,7 @@ class CartPoleState:
 
 @record
 class CartForce:
-    """What pushes the cart. Frames: along the rail. Source: [1]."""
+    """Force on the cart. Frames: along the rail. Source: [1]."""
 
     force: Scalar = quantity("N", "Force on the cart, positive to the front.")
 
@@ -49,7 +49,7 @@ class CartPole:
     gravity: Scalar = quantity("m/s^2", "g.", default=9.8, above=0, source="[1]")
 
     MAV_TYPE: ClassVar[str] = "GENERIC"
-    """What it says it is to ground stations, see `wire.telemetry`."""
+    """Vehicle type that ground stations are given, see `wire.telemetry`."""
 
     def angle_acceleration(self, x: CartPoleState, a: Any) -> Any:
         """Return the pole's angular acceleration (rad/s^2) if its hinge accelerates by a (m/s^2)."""

@@ -56,7 +56,7 @@ class ClosedPath:
     time_constant: Scalar = quantity("s", "Time constant of the rate's response to the command.", default=0.5, above=0)
 
     MAV_TYPE: ClassVar[str] = "FIXED_WING"
-    """What it says it is to ground stations, see `wire.telemetry`."""
+    """Vehicle type that ground stations are given, see `wire.telemetry`."""
 
     def place(self, angle: Any) -> Any:
         """Return position p (3,) (m, W) at an angle (rad)."""

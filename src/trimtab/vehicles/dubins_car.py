@@ -23,7 +23,7 @@ class DubinsCarState:
 
 @record
 class CarTurn:
-    """What steers the car. Frames: clockwise seen from above, to the right. Source: [1]."""
+    """Steering input of the car. Frames: clockwise seen from above, to the right. Source: [1]."""
 
     turn_rate: Scalar = quantity("rad/s", "Rate of turn, positive to the right.")
 
@@ -44,7 +44,7 @@ class DubinsCar:
     radius: Scalar = quantity("m", "Radius R of the tightest circle.", default=0.8, above=0)
 
     MAV_TYPE: ClassVar[str] = "GROUND_ROVER"
-    """What it says it is to ground stations, see `wire.telemetry`."""
+    """Vehicle type that ground stations are given, see `wire.telemetry`."""
 
     def limit(self, turn_rate: Any) -> Any:
         """Return the turn rate (rad/s) of the car for a commanded one."""

@@ -15,7 +15,7 @@ from trimtab.vehicles.rigid_body import Airflow, FlightCondition, RigidBody, Rig
 
 AREA, SPAN, CHORD = 300 * FOOT**2, 30 * FOOT, 11.32 * FOOT
 REFERENCE = 0.35
-"""Of the moments, behind the chord's leading edge (chords)."""
+"""Reference point of the moments, behind the leading edge of the chord (chords)."""
 INERTIA = SLUG * FOOT**2
 EVERY_BETA = np.concatenate([-tables.SIZE_OF_BETA[:0:-1], tables.SIZE_OF_BETA])
 _OVER_ELEVATOR = np.stack([tables.CX, tables.CM], axis=-1)
@@ -30,7 +30,7 @@ MILITARY = 0.5
 
 @record
 class F16Controls:
-    """What a pilot moves. Source: F16_aero.dml and F16_prop.dml of NASA/TM-2015-218675."""
+    """Controls of the pilot. Source: F16_aero.dml and F16_prop.dml of NASA/TM-2015-218675."""
 
     elevator: Scalar = quantity("rad", "Elevator angle, trailing edge down.", kind="angle")
     aileron: Scalar = quantity("rad", "Aileron angle, positive rolls to the left.", kind="angle")
@@ -65,7 +65,7 @@ class F16:
     centre: Scalar = quantity("1", "Centre of mass behind the leading edge (chords).", default=0.25, low=0.1, high=0.4)
 
     MAV_TYPE: ClassVar[str] = "FIXED_WING"
-    """What it says it is to ground stations, see `wire.telemetry`."""
+    """Vehicle type that ground stations are given, see `wire.telemetry`."""
 
     def in_gust(self, gust: Gust) -> "F16":
         """Return the aeroplane in air that has this gust besides the wind."""

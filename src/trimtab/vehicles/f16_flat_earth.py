@@ -23,7 +23,7 @@ SEA_DENSITY = 2.377e-3 * SLUG / FOOT**3
 RANKINE = 5 / 9
 """K."""
 GAS_CONSTANT = 1716.3 * FOOT**2 / RANKINE
-"""Of air (J/(kg K))."""
+"""Gas constant of air (J/(kg K))."""
 GEAR_KNEE = 0.77
 """Throttle of military power."""
 
@@ -91,7 +91,7 @@ class F16FlatEarth:
     gravity: Scalar = quantity("m/s^2", "Gravity.", default=GRAVITY, source="[1] fig. 3.5-1, GD")
 
     MAV_TYPE: ClassVar[str] = "FIXED_WING"
-    """What it says it is to ground stations, see `wire.telemetry`."""
+    """Vehicle type that ground stations are given, see `wire.telemetry`."""
 
     def check(self) -> None:
         """Raise InputError for an inertia that no body has."""

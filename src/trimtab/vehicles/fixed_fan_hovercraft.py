@@ -13,7 +13,7 @@ from trimtab.vehicles.hovercraft import HovercraftState, planar_motion, planar_r
 
 @record
 class FanThrottles:
-    """What the fans are told. Source: this module."""
+    """Commands of the fans. Source: this module."""
 
     throttle: Any = quantity(
         "1", "Throttle of each fan (n,), from 0, at rest, to 1; limited to this range.", default=np.zeros(2)
@@ -63,7 +63,7 @@ class FixedFanHovercraft:
     )
 
     MAV_TYPE: ClassVar[str] = "SURFACE_BOAT"
-    """What it says it is to ground stations, see `wire.telemetry`."""
+    """Vehicle type that ground stations are given, see `wire.telemetry`."""
 
     def check(self) -> None:
         """Raise InputError for fans of which not every one has a place, a direction and a curve."""

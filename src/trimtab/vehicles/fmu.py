@@ -1,4 +1,4 @@
-"""A vehicle that is a functional mock-up unit (FMU) of somebody else's: a description, and a program that steps it.
+"""A vehicle that is a functional mock-up unit (FMU) from another tool: a description, and a program that steps it.
 
 Reading the description runs nothing. The program runs with all rights of who loads it, so that loading it needs a word.
 Source: FMI 3.0.2 and FMI 2.0.5, Modelica Association, fmi-standard.org.
@@ -45,7 +45,7 @@ class FmuSignal(NamedTuple):
 
 
 class FmuInterface(NamedTuple):
-    """What a description says. duration_s, step_s: of the experiment that its maker proposes; None where not said."""
+    """Content of a model description. duration_s, step_s: of the proposed experiment; None if not given."""
 
     name: str
     version: str
@@ -281,7 +281,7 @@ class FmuInstance:
             raise InputError(f"FMU {self.file!r}", f"it does not start: {error}", fix=_PLATFORM_FIX) from None
         self._inputs, self._outputs = interface.inputs, interface.outputs
         self.t = 0
-        """How far it has come, 100 ns."""
+        """Simulated time, 100 ns."""
 
     def read(self) -> list[float]:
         """Return all outputs, in the order of the state's record."""
@@ -334,6 +334,6 @@ class FmuInstance:
 
 
 TERMINATED = 3
-"""Of FMI 2.0's fmi2StatusKind: whether it asks for the end."""
+"""Value of FMI 2.0's fmi2StatusKind that asks whether the FMU wants to end."""
 _REAL = ("Float64", "Float32", "Real")
 _PLATFORM_FIX = "an FMU with a binary for this machine, and parameters that it takes"

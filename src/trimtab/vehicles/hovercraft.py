@@ -102,7 +102,7 @@ class Hovercraft:
     friction: Any = part("Friction, or None for the source's frictionless model.", default=None, optional=Friction())
 
     MAV_TYPE: ClassVar[str] = "SURFACE_BOAT"
-    """What it says it is to ground stations, see `wire.telemetry`."""
+    """Vehicle type that ground stations are given, see `wire.telemetry`."""
 
     def dynamics(self, t: Any, x: HovercraftState, u: PlanarForce) -> HovercraftState:
         """Return the derivative of x (SI) under the force u at the rudder pivot."""

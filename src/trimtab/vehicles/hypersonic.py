@@ -35,7 +35,7 @@ class HypersonicState:
 
 @record
 class HypersonicInput:
-    """What the engine and the elevator do. Source: [1] eq. 2, u = (Phi, delta_e)."""
+    """Inputs: engine and elevator. Source: [1] eq. 2, u = (Phi, delta_e)."""
 
     Phi: Scalar = quantity("1", "Fuel equivalence ratio.")
     delta_e: Scalar = quantity("rad", "Elevator, trailing edge down.", kind="angle")
@@ -93,7 +93,7 @@ class Hypersonic:
     gust: Any = part("Gust added to still air; set by a world with turbulence.", default=None)
 
     MAV_TYPE: ClassVar[str] = "FIXED_WING"
-    """What it says it is to ground stations, see `wire.telemetry`."""
+    """Vehicle type that ground stations are given, see `wire.telemetry`."""
 
     def dynamics(self, t: Any, x: HypersonicState, u: HypersonicInput) -> HypersonicState:
         """Return the derivative of x at time t (s) under fuel ratio and elevator."""

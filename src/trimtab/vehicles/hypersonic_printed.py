@@ -20,7 +20,7 @@ import numpy as np
 from trimtab.vehicles.hypersonic import Hypersonic
 
 ORDER = ("h", "h_rate", "V", "alpha", "q", "eta1", "eta1_rate", "eta2", "eta2_rate")
-"""Of the errors; another one than that of the vehicle's state."""
+"""Order of the errors. It differs from the order of the state of the vehicle."""
 QUOTED_H, QUOTED_V = 85000.0, 7702.0808
 QUOTED_ALPHA, QUOTED_ELEVATOR = math.radians(1.5153), math.radians(11.4635)
 """The point at which the publication linearised: it trims the model behind the curves, not the curves."""

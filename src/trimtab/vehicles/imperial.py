@@ -43,7 +43,7 @@ FACTORS: dict[str, float] = {
 
 
 def factor(unit: str) -> float:
-    """How many units of the SI make one of this unit; 1 where it is one."""
+    """Return the size of a unit in SI units; 1 for an SI unit."""
     return FACTORS.get(unit, 1.0)
 
 

@@ -32,7 +32,7 @@ class MultirotorState:
 
 @record
 class RotorSpeeds:
-    """How fast the rotors are to turn; command and input of a multirotor. Source: this module."""
+    """Desired rotor speeds; command and input of a multirotor. Source: this module."""
 
     speed: Any = quantity("rad/s", "Of each rotor (n,); negative in reverse.", default=(0.0, 0.0, 0.0, 0.0))
 
@@ -75,7 +75,7 @@ class Rotors:
     inertia: Scalar = quantity("kg m^2", "Moment of inertia of each rotor about its shaft.", default=0.0, low=0)
 
     def check(self) -> None:
-        """Raise InputError for rotors of which not all is said."""
+        """Raise InputError if the description of the rotors is incomplete."""
         n = np.size(self.spins)
         if np.shape(self.places) != (n, 3) or np.ndim(self.spins) != 1:
             problem = f"{n} spins don't fit places of shape {np.shape(self.places)}"

@@ -204,7 +204,7 @@ class SurfaceVessel:
     shaft_lag: Scalar = quantity("s", "Time constant of their drive.", default=0.3, above=0)
 
     MAV_TYPE: ClassVar[str] = "SURFACE_BOAT"
-    """What it says it is to ground stations, see `wire.telemetry`."""
+    """Vehicle type that ground stations are given, see `wire.telemetry`."""
 
     def input_limits(self) -> dict[str, tuple[Any, Any]]:
         """Return the stops of the rudders (rad) and limits of the shafts (rad/s)."""
@@ -212,7 +212,7 @@ class SurfaceVessel:
         return {"rudder": (-rudder, rudder), "shaft_speed": (-shaft, shaft)}
 
     def dynamics(self, t: Any, x: VesselState, u: VesselControls) -> VesselState:
-        """Return the derivative of x (SI) under what the servos are told."""
+        """Return the derivative of x (SI) under the commands of the servos."""
         du, dv, dr = self.accelerations(x)
         c, s = jnp.cos(x.heading), jnp.sin(x.heading)
         asked = jnp.clip(u.rudder, -self.rudder_limit, self.rudder_limit)

@@ -26,7 +26,7 @@ DOWN = np.array([0.0, 0.0, 1.0])
 
 @record
 class TorpedoControls:
-    """What servos and motor are told. Source: [1] section 4.5."""
+    """Commands of the servos and the motor. Source: [1] section 4.5."""
 
     rudder: Scalar = quantity("rad", "Both rudder fins; positive pushes the tail to starboard.", kind="angle")
     stern: Scalar = quantity("rad", "Both stern planes; positive pushes the tail up.", kind="angle")
@@ -153,7 +153,7 @@ class Torpedo:
     shaft_lag: Scalar = quantity("s", "Time constant of its drive.", default=0.3, above=0)
 
     MAV_TYPE: ClassVar[str] = "SUBMARINE"
-    """What it says it is to ground stations, see `wire.telemetry`."""
+    """Vehicle type that ground stations are given, see `wire.telemetry`."""
 
     @property
     def mass(self) -> Any:
@@ -166,7 +166,7 @@ class Torpedo:
         return {"rudder": fins, "stern": fins, "shaft_speed": (-shaft, shaft)}
 
     def dynamics(self, t: Any, x: TorpedoState, u: TorpedoControls) -> TorpedoState:
-        """Return the derivative of x (SI) under what servos and motor are told."""
+        """Return the derivative of x (SI) under the commands of servos and motor."""
         velocity, rate = self.accelerations(x)
         shaft = jnp.clip(u.shaft_speed, -self.shaft_limit, self.shaft_limit)
         return TorpedoState(
