@@ -97,7 +97,7 @@ def test_a_text_that_is_no_mass_is_refused(value):
 
 @pytest.mark.parametrize(
     ("duration", "said"),
-    [(30, "30 is 0.003 ms, in units of 100 ns"), (30.0, "no whole number"), ("3 kg", "is not a time"), (True, "True")],
+    [(30, "30 units of 100 ns are 0.003 ms"), (30.0, "not a whole number"), ("3 kg", "is not a time"), (True, "True")],
 )
 def test_a_duration_that_is_none_is_refused_in_words(duration, said):
     with pytest.raises(trimtab.InputError, match=said) as refused:

@@ -96,8 +96,12 @@ def test_what_every_procedure_refuses(procedure, what, bench, tmp_path):
 
 OWN = {
     "the force turns with the hull": ("hull", lambda x: swap(x, 0, 1), "'rudder' and 'hull' are swapped"),
-    "force and speed swapped": ("thrust", lambda x: swap(x, 1, 2), "line 2, column 'force'.*headings that are swapped"),
-    "forward and reverse swapped": ("reverse", lambda x: swap(x, 1, 2), "reverse is more than forward in lines 2,"),
+    "force and speed swapped": ("thrust", lambda x: swap(x, 1, 2), "line 2, column 'force'.*order of the headings"),
+    "forward and reverse swapped": (
+        "reverse",
+        lambda x: swap(x, 1, 2),
+        "reverse thrust exceeds forward.* in lines 2,",
+    ),
     "force and slope swapped": ("inertia", lambda x: swap(x, 1, 2), "'force' and 'slope' are swapped"),
     "reference and gyro swapped": ("gyro", lambda x: swap(x, 1, 2), "the same axis, the same sign"),
     "time and rate swapped": ("friction", lambda x: swap(x, 0, 1), "trial '1', line 3, column 'time'.*swapped"),
@@ -109,7 +113,7 @@ OWN = {
     ),
     "a spike": ("spin-up", lambda x: put(x, 8, 1, "3"), "line 8, column 'yaw_rate': 3 is"),
     "a spike in a coast-down": ("friction", lambda x: put(x, 40, 1, "9"), "line 40, column 'yaw_rate': 9 is"),
-    "two spikes": ("friction", lambda x: put(put(x, 40, 1, "9"), 60, 1, "-8"), "others in lines 40 and 60"),
+    "two spikes": ("friction", lambda x: put(put(x, 40, 1, "9"), 60, 1, "-8"), "other such readings: lines 40 and 60"),
     "a wrong sample of a gyro": ("gyro", lambda x: put(x, 900, 2, "4"), "line 900: the gyro is"),
     "a run under another's number": (
         "friction",

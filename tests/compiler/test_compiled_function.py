@@ -211,7 +211,7 @@ def test_numbers_that_would_lose_something_are_refused() -> None:
 
 
 def test_wrong_examples_are_refused() -> None:
-    with pytest.raises(InputError, match="no array"):
+    with pytest.raises(InputError, match="not an array"):
         trimtab.compile(lambda x: x, "text")
     with pytest.raises(InputError, match="branches in Python"):
         trimtab.compile(lambda x: 1.0 if x > 0 else 2.0, 1.0)

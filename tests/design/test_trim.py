@@ -134,7 +134,7 @@ def test_wrong_input_is_refused():
         trim(model, free=("FX",), bounds={"FX": (1.0, -1.0)})
     with pytest.raises(InputError, match=r"scales\.FX"):
         trim(model, free=("FX",), scales={"FX": 0.0})
-    with pytest.raises(InputError, match="wanted derivative too"):
+    with pytest.raises(InputError, match="also have a wanted derivative"):
         trim(model, free=("FX",), derivatives={"north": 1.0}, loose=("north",))
     with pytest.raises(InputError, match="not finite at the start"):
         trim(model_of_functions(lambda x, u: jnp.log(x), ("x",), ("u",)), free=("x",))

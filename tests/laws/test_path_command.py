@@ -71,7 +71,7 @@ def test_reaches_95_percent_when_said():
 
 def test_a_speed_that_ends_at_zero_is_refused():
     CLIMB.check()
-    with pytest.raises(InputError, match="would end at 0 ft/s"):
+    with pytest.raises(InputError, match="must be above 0, got 0 ft/s"):
         FilteredClimb(V0=500.0, dV=-500.0).check()
-    with pytest.raises(InputError, match="would end at -100 ft/s"):
+    with pytest.raises(InputError, match="must be above 0, got -100 ft/s"):
         FilteredClimb(V0=500.0, dV=-600.0).check()

@@ -43,7 +43,7 @@ def test_equal_values_of_two_samples_are_two():
 def test_rows_that_come_too_seldom_are_refused_with_the_reason():
     taken = np.arange(1000) * TICK
     log = held(np.arange(0, taken[-1], ms(10)), taken, np.zeros((1000, 1)))
-    with pytest.raises(InputError, match=r"rows of the log come each 10 ms, so it misses samples(.|\n)*log_period"):
+    with pytest.raises(InputError, match=r"the log has a row every 10 ms, so it misses samples(.|\n)*log_period"):
         samples(log, "sensors.imu.value.rate")
 
 
@@ -120,13 +120,13 @@ def test_times_are_in_the_unit_that_their_column_says(write, unit):
 REFUSED = {
     "no time": ("a,b\n1,2\n", "no column of times"),
     "too few columns": ("t,x\n1,2\n3\n", "line 3 has 1 columns"),
-    "text": ("t,x\n1,left\n", "no number"),
+    "text": ("t,x\n1,left\n", "not a number"),
     "nan": ("t,x\n1,2\n2,nan\n", "line 3 has a value that is not finite"),
     "no rows": ("t,x\n", "no rows"),
     "backwards": ("t,x\n1,2\n3,4\n2,5\n", r"after line 3: 3\.0, then 2\.0"),
     "hours": ("time [h],x\n0,1\n1,2\n", r"'time' is in 'h'(.|\n)*Choices: s, ms, us, ns, min(.|\n)*Fix: convert"),
     "one name twice": ("t,a,a\n0,1,2\n1,3,4\n", r"'a' and 'a' have the same signal, csv\.a"),
-    "times twice": ("t,t,a\n0,0,2\n1,1,4\n", r"'t' and 't' are one signal"),
+    "times twice": ("t,t,a\n0,0,2\n1,1,4\n", r"'t' and 't' have the same signal"),
     "names alike": ("t,gyro x,gyro-x\n0,1,2\n1,3,4\n", r"'gyro x' and 'gyro-x' have the same signal, csv\.gyro_x"),
     "nothing": ("", "no column of times"),
 }

@@ -193,7 +193,7 @@ def test_a_cut_anywhere_gives_all_up_to_the_cut(tmp_path_factory, data, share):
 
 def test_a_refusal_says_what_is_left(tmp_path, data):
     (tmp_path / "cut.mcap").write_bytes(data[: data.index(b"trimtab.layout") + 40])
-    with pytest.raises(InputError, match="all that is left says scenario hovercraft/spin, seed 7"):
+    with pytest.raises(InputError, match="the rest of the file gives scenario hovercraft/spin, seed 7"):
         read_mcap(tmp_path / "cut.mcap")
 
 

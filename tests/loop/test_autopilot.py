@@ -140,7 +140,7 @@ class Stubborn:
 
 def test_parts_that_do_not_fit_are_named_at_both_ends():
     first = frame(0, 0.0, valid=False)
-    with pytest.raises(InputError, match=r"reads sensor 'ruler', the world sends \(tape\)"):
+    with pytest.raises(InputError, match=r"reads sensor 'ruler', but the world sends only \(tape\)"):
         cart_autopilot().init(key(0), Frame(first.t, {"tape": first.samples["ruler"]}))
     with pytest.raises(InputError, match=r"Reader reads 'xs', which Passthrough does not give(.|\n)*read 'x' instead"):
         cart_autopilot(law=Reader()).init(key(0), first)

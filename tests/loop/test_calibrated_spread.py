@@ -137,12 +137,12 @@ def test_what_is_not_drawn_is_said():
     measured = with_calibration(build(NAME, {"links": "measured"}), boat).scenario
     assert "Calibrate the link again" in calibrated_spread(measured, boat).notes[-1]
     changed = build(NAME, {"links": "measured"})
-    assert "it is not the table of" in calibrated_spread(changed, link_and_inertia()).notes[-1]
+    assert "it is not the table that" in calibrated_spread(changed, link_and_inertia()).notes[-1]
 
 
 def test_nothing_to_draw_is_refused():
     boat = Calibration({"Hovercraft.inertia": Entry(0.11, "kg m^2")})
-    with pytest.raises(InputError, match="knows no error"):
+    with pytest.raises(InputError, match="gives no uncertainty"):
         calibrated_spread(with_calibration(build(NAME), boat).scenario, boat)
 
 

@@ -147,6 +147,6 @@ def test_refusals():
     with pytest.raises(InputError, match="quaternion"):
         design_filter(Multirotor(), MultirotorState(), RotorSpeeds(), {}, {}, {}, period=ms(10))
     good = design_filter(*words, {"pose.north": 0.1}, FIRST, period=ms(10))
-    with pytest.raises(InputError, match="wanted"):
+    with pytest.raises(InputError, match="must have"):
         replace(good, C=np.zeros((2, 4))).check()
     assert set(measure_channels(Tank(), TankState(), Push(), {"actuators": ActingInput()})) == set()

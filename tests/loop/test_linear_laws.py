@@ -32,7 +32,7 @@ def test_a_gain_comes_back_from_its_file_into_its_columns(certificate, tmp_path)
     found = read_feedback(file, CartState(), Push())
     assert found.reads == ("position", "velocity", "lean", "lean_rate")
     np.testing.assert_array_equal(found.K, certificate.K)
-    with pytest.raises(InputError, match="the vehicle's FX, FY"):
+    with pytest.raises(InputError, match="the vehicle's are FX, FY"):
         read_feedback(file, CartState(), PlanarForce(0.0, 0.0))
 
 

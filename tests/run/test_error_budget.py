@@ -64,7 +64,7 @@ def test_what_is_off_already_costs_nothing(forward):
 def test_bad_input_is_refused(forward):
     with pytest.raises(InputError, match="no imperfection 'wind'"):
         error_budget(forward, names=["wind"])
-    with pytest.raises(InputError, match="no seeds"):
+    with pytest.raises(InputError, match="at least one seed"):
         error_budget(forward, seeds=[])
 
 

@@ -168,7 +168,10 @@ def test_an_empty_file_with_a_mapping_is_named(tmp_path: Any) -> None:
     ("change", "said"),
     [
         (lambda name, v: np.degrees(v) if name == "heading" else v, "is it in degrees"),
-        (lambda name, v: np.where(np.arange(len(v)) // 8 == 50, 99.0, v) if name == "north" else v, "'north' is 99"),
+        (
+            lambda name, v: np.where(np.arange(len(v)) // 8 == 50, 99.0, v) if name == "north" else v,
+            "'north' differs by",
+        ),
     ],
 )
 def test_measurements_that_jump_are_named(change: Any, said: str) -> None:

@@ -247,7 +247,7 @@ def test_a_law_that_reads_what_nobody_gives_is_refused(short):
 
 def test_a_sensor_that_the_world_does_not_send_is_refused(short):
     wrong = replace(short, autopilot=replace(short.autopilot, estimator=Passthrough("compass")))
-    with pytest.raises(InputError, match=r"reads sensor 'compass', the world sends \(navigation\)"):
+    with pytest.raises(InputError, match=r"reads sensor 'compass', but the world sends only \(navigation\)"):
         simulate(wrong)
 
 

@@ -56,7 +56,7 @@ def test_a_ring_is_as_long_as_the_longest_latency_needs(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("text", "said"), [("3", "is not a recording(.|\\n)*link-test"), ("nothing.csv", "there is no such file")]
+    ("text", "said"), [("3", "is not a recording(.|\\n)*link-test"), ("nothing.csv", "file not found")]
 )
 def test_what_is_no_recording_is_refused(text, said):
     with pytest.raises(InputError, match=said):

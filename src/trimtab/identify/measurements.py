@@ -141,7 +141,7 @@ def refuse_spikes(data: Measurements, name: str) -> None:
         problem = (
             f"line {data.lines[k]}, column {name!r}: {values[k]:.6g} is {off[k]:.3g} off the surrounding readings{more}"
         )
-        raise InputError(f"file {data.file!r}", problem + more, fix="correct it, or leave the line out")
+        raise InputError(f"file {data.file!r}", problem, fix="correct it, or leave the line out")
 
 
 def describe_columns(columns: Iterable[MeasuredColumn]) -> str:

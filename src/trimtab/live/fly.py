@@ -1,10 +1,9 @@
 """fly: run an autopilot in real time against a vehicle at the far end of a link.
 
 One thread waits for packets until the next absolute deadline, makes one compiled step, sends the command, and hands
-a row to the process that writes the log. The thread never waits for a disk, a console or a network.
+a row to the process of the log. The thread never waits for a disk, a console or a network.
 
-Requests to the supervisor in flight are written into the sensor sample that the supervisor reads. So the log holds
-them, and a replay repeats them.
+Requests to the supervisor in flight are written into the sensor sample that it reads, so a replay repeats them.
 Source: docs pages, Fly and Supervisor.
 """
 
@@ -78,8 +77,7 @@ class LiveAutopilot:
         """Compile the autopilot.
 
         Args:
-            scenario: scenario of the autopilot.
-            link: link to the vehicle.
+            scenario: scenario of the autopilot.  link: link to the vehicle.
             endpoint: makes the autopilot's end for a dialect.
             seed: seed of the random numbers.
             step: the compiled autopilot, if there is one.

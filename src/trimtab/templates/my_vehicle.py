@@ -20,18 +20,14 @@ class MyVehicleState:  # what is integrated; a field may be a vector: shape=(3,)
 
     lean: Scalar = quantity("rad", "Lean angle from upright, to starboard.", frame="WB", kind="angle", default=0.0)
     lean_rate: Scalar = quantity("rad/s", "Rate of the lean angle.", frame="B", default=0.0)
-    heading: Scalar = quantity(
-        "rad", "Heading from north, clockwise from above.", frame="WB", kind="angle", default=0.0
-    )
+    heading: Scalar = quantity("rad", "Heading, clockwise from north.", frame="WB", kind="angle", default=0.0)
 
 
 @record
 class MyVehicleInput:  # demanded by the law, applied by the actuators
     """Position of the handlebar. Source: this file."""
 
-    steer: Scalar = quantity(
-        "rad", "Steering angle of the front wheel, to starboard.", frame="B", kind="angle", default=0.0
-    )
+    steer: Scalar = quantity("rad", "Steering angle, to starboard.", frame="B", kind="angle", default=0.0)
 
 
 @record
@@ -57,9 +53,7 @@ def scenario() -> Scenario:
     """From half a radian off its course, over a radio with 20 ms each way, by a servo with a lag and stops."""
     dt, rest, start = ms(10), MyVehicleInput(), MyVehicleState(heading=-0.5)
     bike, limits = MyVehicle(), {"lean": 0.2, "lean_rate": 0.7, "heading": 0.5, "steer": 0.2}
-    law = design_feedback(
-        bike, replace(start, heading=0.0), rest, limits
-    )  # a gain, from the largest allowed deviations
+    law = design_feedback(bike, replace(start, heading=0.0), rest, limits)  # a gain from the largest deviations
     link, bar = DelayChain(period=dt, steps=2), FirstOrderLag(time_constant=0.03, low=-0.6, high=0.6)
     world = World(bike, {"state": TrueState(period=dt)}, ActuatorBank(rest, {"steer": bar}, period=dt), link, link, dt)
     pilot = Autopilot(Passthrough("state"), law, DirectAllocation(), period=dt)

@@ -37,8 +37,8 @@ def test_a_range_is_read_with_its_unit_once_or_twice(braking):
         ("downlink off @ 2 s", "no range"),
         ("downlink off @ 3..2 s", "must be below the second"),
         ("downlink off @ 2..2 s", "one value"),
-        ("downlink gone @ 1..2 s", "no word"),
-        ("sensor:sonar off @ 1..2 s", "no part"),
+        ("downlink gone @ 1..2 s", "unknown word"),
+        ("sensor:sonar off @ 1..2 s", "unknown part"),
         ("uplink intermittent by 0.2..1.5", "not possible"),
         ("uplink off @ 1..2 m", "not a time"),
     ],
@@ -129,7 +129,7 @@ def test_one_stick_has_one_number_of_pieces_and_a_scenario_without_is_told_so(br
 
 def test_a_spread_of_what_varies_already_is_refused(braking):
     spread = {"world.uplink.fault.start": "uniform(0, 10)"}
-    with pytest.raises(InputError, match="varies already"):
+    with pytest.raises(InputError, match="already varies"):
         plan_search("test", NAME, spread, fault_ranges=("uplink off @ 0.1..0.5 s",), faults=(), **COMMON)
     with pytest.raises(InputError, match="given by name"):
         plan_search("test", braking, {}, fault_ranges=("uplink off @ 0.1..0.5 s",), faults=(), seed=0)

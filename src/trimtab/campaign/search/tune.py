@@ -220,8 +220,7 @@ def tune(
         cost: metrics with weights, e.g. "error_rms:yaw_rate + 2*error_rms:sway_velocity".
         method: "search" (CMA-ES, any metric) or "gradient" (costs that are integrals; needs a C compiler).
         runs: runs of each candidate, or of each gradient step.  held_out: number of validation runs.
-        iterations: generations, or gradient steps.  width: width of the gradient's smoothing, as a fraction of each
-            range.
+        iterations: generations, or gradient steps.  width: of the gradient's smoothing, as a fraction of each range.
         spread: other parameters that vary from run to run, as in a campaign.
         seed: seed of the runs' random numbers and of the method.
         settings, without, faults: as in `trimtab run`; only for a scenario given by name.
@@ -286,9 +285,8 @@ def _check_tuning(
         if number < least:
             raise InputError(argument_name(name), f"{number} is too few", fix=argument(name, max(least, 64)))
     if not 0 < width <= 0.5:
-        raise InputError(
-            argument_name("width"), f"must be above 0 and at most 0.5, got {width}", fix=argument("width", 0.05)
-        )
+        problem = f"must be above 0 and at most 0.5, got {width}"
+        raise InputError(argument_name("width"), problem, fix=argument("width", 0.05))
 
 
 def _prepare_gains(plan: CampaignPlan, scenario: str | Scenario, gains: tuple[str, ...]) -> Gains:
