@@ -364,7 +364,7 @@ class Messages(SphinxDirective):
 
     def table(self, rows: list[tuple[str, str, bool]]) -> nodes.table:
         """What is said and what to do, with a link where the page of troubleshooting has more."""
-        made = table(("it says", "fix"), ((text, fix) for text, fix, _ in rows))
+        made = table(("message", "fix"), ((text, fix) for text, fix, _ in rows))
         entries = [row[1] for row in made.findall(nodes.row)][1:]
         for entry, (_, _, cure) in zip(entries, rows, strict=True):
             if cure:
