@@ -88,6 +88,7 @@ def test_texts_say_where_they_belong(ring):
     ring.write_text("µ" * TEXT_BYTES)
     heard = ring.read_texts()
     assert [e.before for e in heard] == [0, 2]
+    np.testing.assert_array_equal([e.newest for e in heard], [np.nan, 3])
     assert heard[0].text == "first"
     assert heard[1].text == "µ" * (TEXT_BYTES // 2)
     assert [ring.write_text("more") for _ in range(6)] == [True] * 4 + [False] * 2
@@ -134,7 +135,7 @@ def test_what_a_killed_producer_put_is_there():
         sequence, rows = ring.read_rows()
         assert sequence.tolist() == list(range(40))
         np.testing.assert_array_equal(rows, [[i, i / 8, -i] for i in range(40)])
-        assert [(e.before, e.text) for e in ring.read_texts()] == [(21, "half way")]
+        assert [tuple(e) for e in ring.read_texts()] == [(21, 20.0, "half way")]
 
 
 def test_a_killed_consumer_shows_only_in_the_count_of_dropped_rows(ring):

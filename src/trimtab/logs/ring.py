@@ -4,7 +4,9 @@ The writing side never waits: when the ring is full, a row is dropped and counte
 shows the reading side where. Either may die at any moment without the other's noticing: what was put stays readable.
 """
 
+import math
 import shutil
+import struct
 import sys
 import time
 from collections.abc import Callable
@@ -19,17 +21,25 @@ from trimtab.core.errors import InputError
 COLUMNS, ROWS, EVENTS, ROWS_WRITTEN, ROWS_READ, ROWS_DROPPED, TEXTS_WRITTEN, TEXTS_READ = range(8)
 """Places in the head: the sizes; then what the writing and the reading side have counted."""
 HEAD = 128
-TEXT, TEXT_BYTES = 256, 232
-"""Bytes of an event's place, and how many of them its text may take."""
+TEXT_HEAD = struct.Struct("<qqd")
+"""Start of an event: sequence number of the next row, bytes of the text, first number of the newest row."""
+TEXT_BYTES = 232
+"""Maximum number of bytes of a text."""
+TEXT = TEXT_HEAD.size + TEXT_BYTES
 SETTLE = 1e-4
 """Seconds in which what one core has stored is seen by all others, whatever their memory's order."""
 SHARED = Path("/dev/shm")
 
 
 class TextEvent(NamedTuple):
-    """A text. before: sequence number of the first row that was put after it."""
+    """Text.
+
+    before: sequence number of the first row put after it.
+    newest: first number of the newest row when the text was put, such as its time; NaN before the first row.
+    """
 
     before: int
+    newest: float
     text: str
 
 
@@ -128,8 +138,9 @@ class Ring:
             return False
         data = text.encode("utf-8", "replace")[:TEXT_BYTES]
         at = n % self.events * TEXT
-        self._texts[at : at + 16] = self._sequence.to_bytes(8, "little") + len(data).to_bytes(8, "little")
-        self._texts[at + 16 : at + 16 + len(data)] = data
+        newest = self._numbers[(self._written - 1) % self.rows, 0] if self._written else math.nan
+        TEXT_HEAD.pack_into(self._texts, at, self._sequence, len(data), newest)
+        self._texts[at + TEXT_HEAD.size : at + TEXT_HEAD.size + len(data)] = data
         head[TEXTS_WRITTEN] = n + 1
         return True
 
@@ -149,8 +160,9 @@ class Ring:
         texts = []
         for n in range(first, last):
             at = n % self.events * TEXT
-            before, size = (int.from_bytes(self._texts[at + i : at + i + 8], "little") for i in (0, 8))
-            texts.append(TextEvent(before, bytes(self._texts[at + 16 : at + 16 + size]).decode("utf-8", "ignore")))
+            before, size, newest = TEXT_HEAD.unpack_from(self._texts, at)
+            data = bytes(self._texts[at + TEXT_HEAD.size : at + TEXT_HEAD.size + size])
+            texts.append(TextEvent(before, newest, data.decode("utf-8", "ignore")))
         self._head[TEXTS_READ] = last
         return texts
 

@@ -7,6 +7,7 @@ comes by itself when the flying process dies.
 import contextlib
 import errno
 import json
+import math
 import os
 import select
 import signal
@@ -39,7 +40,7 @@ from trimtab.logs.messages import (
     message_texts,
     parse_quantity,
 )
-from trimtab.logs.ring import Ring, TextEvent
+from trimtab.logs.ring import Ring
 
 POLL_S, CHUNK_S = 0.05, 0.2
 """How often the ring is emptied, and how often what came is put on the disk."""
@@ -109,17 +110,13 @@ class Recorder:
         later = np.maximum.accumulate(np.append(self._last, rows[:, 0]))
         good = rows[:, 0] > later[:-1]
         self._unwritten += int((~good).sum())
-        self._events += [(self._event_time(event, sequences, rows), event.text) for event in heard]
+        self._events += [(0 if math.isnan(event.newest) else int(event.newest), event.text) for event in heard]
         dropped = sequences - np.arange(self._taken, self._taken + len(rows))
         self._taken += len(rows)
         if good.any():
             self._last = int(rows[good][-1, 0])
             self._rows.append(rows[good])
             self._dropped.append(dropped[good])
-
-    def _event_time(self, event: TextEvent, sequences: Any, rows: Any) -> int:
-        before = int(np.searchsorted(sequences, event.before))
-        return int(rows[before - 1, 0]) if before else max(self._last, 0)
 
     def write(self) -> None:
         """Put all that was taken on the disk, once the time of day is known."""
