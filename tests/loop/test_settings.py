@@ -48,7 +48,7 @@ def test_one_number_of_an_array_is_set_by_its_index():
     for wrong, says, fix in (
         (f"{path}[2]", r"has shape \(4, 3\)", f'settings={{"{path}[0,0]": '),
         ("world.vehicle.mass[0]", r"has shape \(\)", 'settings={"world.vehicle.mass": '),
-        ("autopilot.period[0]", "no array of numbers", 'settings={"autopilot.period": '),
+        ("autopilot.period[0]", "not an array of numbers", 'settings={"autopilot.period": '),
     ):
         with pytest.raises(InputError, match=says) as refused:
             with_settings(quadrotor, {wrong: "1"})
