@@ -138,7 +138,7 @@ def random_examples(request: pytest.FixtureRequest) -> range:
 
 @pytest.hookimpl(wrapper=True)
 def pytest_pycollect_makeitem():
-    """Let the mark thorough hold for the cases alone that it names."""
+    """Apply a mark thorough that names cases to these cases only."""
     made = yield
     if isinstance(made, list):
         keep_quick_cases(made)

@@ -18,9 +18,9 @@ from trimtab.export.verify import verify_folder
 
 HEADERS = """assert complex ctype errno fenv float inttypes iso646 limits locale math setjmp signal stdalign stdarg
 stdbool stddef stdint stdio stdlib stdnoreturn string tgmath time wchar wctype unistd fcntl pthread strings sys/stat
-sys/socket sys/time"""
+sys/socket sys/time termios"""
 CPP_HEADERS = "algorithm array bit cmath complex cstdio iostream numeric string thread vector"
-OTHERS = """NULL EOF NAN INFINITY I M_PI INT32_MAX SIZE_MAX LANES EACH_LANE TT_FMA _Bool _Complex __attribute__ __x
+OTHERS = """B0 NULL EOF NAN INFINITY I M_PI INT32_MAX SIZE_MAX LANES EACH_LANE TT_FMA _Bool _Complex __attribute__ __x
 int8_t int32_t uint64_t size_t double_t float_t div_t timer_t vf64 vi64 tt_sin tv_any ttv_ma v1 a2 x3 table1 default0
 __builtin_sqrt _Exit in out f s p i j l given runs state random_r isalpha_l clock_gettime pthread_create time_t"""
 WORDS = sorted({*identifiers.RESERVED, *identifiers.RESERVED_FUNCTIONS, *OTHERS.split()})
@@ -32,6 +32,8 @@ ODD |= {
     "KP": "KP",
     "KPI": "KPI_",
     "PI": "PI_",
+    "B0": "B0_",
+    "FX": "FX",
     "K": "K",
     "kp": "kp",
     "lambda": "lambda_",

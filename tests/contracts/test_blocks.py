@@ -92,7 +92,6 @@ def test_compiled_is_the_same_as_step_by_step(folder, cls):
         checks.assert_near(out, jax.tree.map(lambda a, k=k: a[k], _alone(folder, cls)[1][1]))
 
 
-@pytest.mark.thorough
 @pytest.mark.parametrize(("folder", "cls"), QUICK)
 def test_a_batch_is_the_same_as_its_runs_alone(folder, cls):
     """Over a batch of keys and of parameters at once: every quantity has a leading axis."""

@@ -7,13 +7,12 @@ import pytest
 pytestmark = pytest.mark.sanitizer
 
 
-@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("seed", "size"),
     [
         (1, 10**6),
-        (2, 10**7),
-        (3, 10**7),
+        pytest.param(2, 10**7, marks=pytest.mark.thorough),
+        pytest.param(3, 10**7, marks=pytest.mark.thorough),
     ],
 )
 def test_takes_every_good_frame_and_nothing_else(fuzzer, seed, size):

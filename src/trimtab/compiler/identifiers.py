@@ -22,9 +22,9 @@ PYTHON_WORDS = "as async await def del elif except finally from global in is lam
 """Words of Python that Python programs around the C code cannot use as an attribute."""
 MACROS = """
 assert complex environ errno hpux i386 imaginary linux m68k math_errhandling mips noreturn offsetof optarg pixel
-ppc signgam sparc stdalign stderr stdin stdout sun unix unreachable vax vector
+ppc signgam sparc stdalign stderr stdin stdout sun unix unreachable vax vector I PI B0 IN OK
 """
-"""Macros in small letters of the C library or of a compiler. Names of three capital letters or more count as macros."""
+"""Macros of C libraries, systems and compilers. Names of three capital letters or more count as macros, too."""
 INTEGER_TYPES = r"u?int(_fast|_least)?\d+_t|u?int(max|ptr)_t|s?size_t|ptrdiff_t|(double|float|max_align|va_list|wint)_t"
 
 REAL_FUNCTIONS = """
@@ -109,7 +109,7 @@ def identifier(name: str) -> str:
     made = re.sub(r"\W", "_", "".join(map(_ascii, name)), flags=re.ASCII) or "_"
     if made[0].isdigit():
         return f"_{made}"
-    taken = made in RESERVED or re.fullmatch(rf"[A-Z][A-Z0-9_]{{2,}}|I|PI|__\w*|_[A-Z]\w*|{INTEGER_TYPES}", made)
+    taken = made in RESERVED or re.fullmatch(rf"[A-Z][A-Z0-9_]{{2,}}|__\w*|_[A-Z]\w*|{INTEGER_TYPES}", made)
     return f"{made}_" if taken else made
 
 
