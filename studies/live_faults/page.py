@@ -10,28 +10,37 @@ from trimtab import __version__
 HEADINGS = ("case", "what was done", "what the vehicle did", "what the logs say", "verdict")
 WORDS = """# Faults over the live pair
 
-A vehicle and an autopilot as two processes (`trimtab vehicle hovercraft/forward`, `trimtab fly`), signed, over
-datagrams or a pair of serial devices, joined by a link that the study disturbs. Each case is a separate flight:
-a second after arming, something goes wrong. This page is made by
+This page shows what happens to a vehicle in flight when its link, its processes or its machine fail. Read it before you
+trust the live pair with a craft of your own. [Fly](../live/fly.md) and [Vehicle](../live/vehicle.md) explain the two
+programs.
 
-    trimtab live-faults --real-time --page docs/studies/live-faults.md
+The pair is a vehicle (`trimtab vehicle hovercraft/forward`) and an autopilot (`trimtab fly`). They talk over signed
+datagrams or a pair of serial devices. The study disturbs the line between them. Each case is a separate flight. One
+second after arming, something goes wrong. These two commands write this page:
 
-and shows the campaign as it ran: {cases} cases, {held} hold, {skipped} skipped, {failed} fail.
-With `--only CASE` the command flies that case and updates its row in an existing page; `--out DIR` keeps its logs.
+    trimtab live-faults --page docs/studies/live-faults.md
+    trimtab live-faults --real-time --only CASE --page docs/studies/live-faults.md
+
+The second command flies the cases with serial devices, which exist in real time only.
+
+The page shows the campaign as it ran: {cases} cases, {held} hold, {skipped} skipped, {failed} fail.
+With `--only CASE` the command flies that case and updates its row of the page. `--out DIR` keeps the logs.
 
 Flown: {runs}.
 
-## In virtual time
+## Virtual time and real time
 
     trimtab live-faults                                every case, in a few minutes
     trimtab live-faults --draw 1000 --seed 1           flights drawn at random
-    trimtab live-faults --only drawn-1-17              one of them again, bit for bit the same
+    trimtab live-faults --only drawn-1-17              repeat one of these flights, bit for bit
 
-Without `--real-time` the same cases are flown in one process on one virtual clock ([Testing](../testing.md)): the same
-commands, with the clock, disk, network and processes of `trimtab.live.virtual_machine`. The flight takes no longer than
-its computation, no other program can disturb it, and the seed decides every packet. The printed verdicts are the same.
-`--json` gives the hash of all packets, log rows and events as `digest`. One flight in twenty is flown twice, in two
-processes, and the two hashes must be equal. Cases with serial devices and cases without a flight need `--real-time`.
+A flight in virtual time runs in one process on one virtual clock ([Testing](../testing.md)). Vehicle and autopilot are
+the same programs as in real time, but they use the clock, disk, network and processes of
+`trimtab.live.virtual_machine`. The seed decides every packet, and no other program can disturb the flight. `--json`
+prints the hash of all packets, log rows and events as `digest`. The campaign flies one flight in twenty twice, in two
+processes. Both hashes must be equal.
+
+Flights with serial devices, and cases that are not flights, need `--real-time`.
 
 ## What holds means
 
@@ -45,49 +54,51 @@ The vehicle's own log is judged, row by row, every millisecond, by code that sha
 - at the end it stands in failsafe or disarmed, without force and lift;
 - flying or not, it stays within {bounds}.
 
-In addition, no process may end early or with a traceback, all logs must be readable, and they must say what happened
-(fourth column). A case that a flight must survive fails if the vehicle goes to failsafe. A case that must stop it fails
-if it does not.
+In addition, no process may end early or with a traceback. All logs must be readable and must say what happened (fourth
+column). A fault that the vehicle must survive fails if the vehicle goes to failsafe. A fault that must stop the vehicle
+fails if the vehicle flies on.
 
-## How it was done
+## How the faults are made
 
-- Fault words are injected live, for a second, or for good, as [`trimtab inject`](../loop/faults.md) does. Those of the
-  uplink act between the line and the failsafe, as a real line's do. While its actuators themselves are at fault the
-  vehicle obeys nobody, so the first rule rests until they work again.
-- The link is a relay in a process of the campaign. It cuts, delays, shortens, flips bits, sends again.
-- Wall clock stepped: a library in front of the C library's shifts what the process reads as the time of day, in
-  mid-flight. Nothing else on the machine sees it. Both ends use the monotonic clock to fly.
-- The *vehicle's* clock restarts in `vehicle-restarted`: the autopilot finds another offset, and the vehicle stays
-  disarmed, for an autopilot asks to arm once, at its start.
-- `autopilot-restarted`: `trimtab fly` asks to arm by itself when it starts; after a failsafe that is refused until the
-  vehicle is at rest and a person has said `--rearm`. An autopilot that flies on never asks again by itself.
-- Disk full: a disk of 160 megabytes below the folder of the log, filled to the last byte in mid-flight (root only,
-  else skipped).
-- Flood: recorded frames, repeated until they make up ten times the bytes that the link usually carries.
-- The flights need an idle machine. If a flight fails and a log shows that a process was kept waiting for longer than
-  100 ms, or the link or the campaign itself was, it is flown again. If it fails so twice, it is counted separately, as
-  "kept waiting": neither failed nor passed. Processes that were stopped on purpose have that time in addition.
-- Each autopilot's log is replayed over its frames. All bits must be equal.
+- Fault words are injected in flight, for one second or for good, by the mechanism of
+  [`trimtab inject`](../loop/faults.md). Faults of the uplink act between the line and the failsafe, as on a real line.
+  The first rule above does not apply while the actuators themselves are at fault, because the vehicle then obeys
+  nobody.
+- The line between the two ends belongs to the study. It cuts, delays, shortens and repeats packets and flips bits.
+- A stepped wall clock changes the time of day that one process reads, in flight. Both ends fly by the monotonic clock.
+- In `vehicle-restarted` the clock of the *vehicle* restarts. The autopilot measures another offset, and the vehicle
+  stays disarmed, because an autopilot asks to arm only once, when it starts.
+- In `autopilot-restarted` a new `trimtab fly` asks to arm when it starts. After a failsafe the vehicle refuses this
+  until it is at rest and a person has given `--rearm`.
+- A full disk is filled to the last byte in flight. In real time it is a disk of 160 megabytes below the folder of the
+  log. Only root can make it; other users skip the case.
+- A flood repeats recorded frames. It has ten times the bytes that the link usually carries.
+- The log of each autopilot is replayed with the frames that it received. All bits must be equal.
+
+In real time the flights need an idle machine. A flight that failed is repeated if the log shows that a process, the
+line or the campaign waited longer than 100 ms for the processor. A flight that fails twice for this reason counts as
+"kept waiting", neither as passed nor as failed.
 
 ## Flights drawn at random
 
-    trimtab live-faults --draw 200 --seed 1                     in virtual time
+    trimtab live-faults --draw 1000 --seed 1
     trimtab live-faults --real-time --draw 200 --seed 1 --jobs 3
 
-draws, by number and seed alone, an autopilot killed, frozen, replaced, impersonated, mis-clocked or mis-configured, a
-vehicle killed, frozen or restarted, a word on sensor, uplink, downlink or actuators, or a bad line; in half of the
-flights a passing disturbance is added, at random times. The required ending, and the required and allowed lines of both
-logs, follow from the draw, before the flight. A line without a reason in the draw is unexplained. An autopilot that is
-refused (clock, scenario, key) flies afterwards with the command that its message suggests.
-`--only drawn-1-17` flies one of them again.
+Number and seed of a flight decide what goes wrong in it. An autopilot is killed, frozen, replaced, impersonated, or
+started with a wrong clock or wrong settings. A vehicle is killed, frozen or restarted. A sensor, the uplink, the
+downlink or the actuators fail. The line is bad. Half of the flights have a second, passing disturbance.
 
-## What was found at version 0.1
+The draw also decides, before the flight, how the flight must end and which lines both logs must and may contain. Any
+other line is counted as unexplained. After a refusal (clock, scenario, key) the autopilot flies with the command that
+the refusal suggests. `--only drawn-1-17` repeats one flight.
+
+## Faults found in version 0.1
 
     trimtab live-faults --real-time --findings
 
-tries each again, flights and other cases (logs that name code, exported C at the least time, the key in firmware,
-a mute client, a ground station), and prints what was seen now beside what it was: "mended", "as before", or "kept
-waiting".
+repeats each fault that was found in an early version and prints today's result beside the old one. Some of these faults
+are not flights: logs that name code, exported C at the first instant, the key in the firmware, a silent client, and a
+ground station. A result is "mended", "as before" or "kept waiting".
 
 ## Outcomes
 
@@ -101,10 +112,12 @@ def format_page(outcomes: Sequence[CaseOutcome], run: str, before: str = "", ord
     Args:
         outcomes: outcomes of the flown cases.
         run: description of the flights from `describe_flights`.
-        before: the page so far, whose other rows and runs are kept. Empty: a new page.
+        before: the existing page. The new page keeps its runs and the rows that outcomes do not replace. A skipped case
+            replaces no row. Empty: a new page.
         order: names of all cases, in the order of the rows.
     """
-    rows = _read_rows(before) | {one.name: _format_row(one) for one in outcomes}
+    rows = {one.name: _format_row(one) for one in outcomes if one.skipped} | _read_rows(before)
+    rows |= {one.name: _format_row(one) for one in outcomes if not one.skipped}
     rows = {name: rows[name] for name in [*order, *rows] if name in rows and (name in order or not order)}
     verdicts = [row.rpartition(" | ")[2].removesuffix(" |") for row in rows.values()]
     units = {"yaw rate": "rad/s"}
@@ -123,10 +136,11 @@ def format_page(outcomes: Sequence[CaseOutcome], run: str, before: str = "", ord
     )
 
 
-def describe_flights(names: Sequence[str], wall: float, cores: int, *, apart: bool) -> str:
-    """Return how cases were flown, in words. apart: not all of them together."""
+def describe_flights(names: Sequence[str], wall: float, cores: int, *, apart: bool, is_real: bool) -> str:
+    """Return how the named cases were flown. apart: only these cases were flown, not all."""
     which = ", ".join(f"`{n}`" for n in names) if apart else f"{len(names)} cases"
-    return f"{which} in {wall:.0f} s on {cores} cores (trimtab {__version__})"
+    kind = "real" if is_real else "virtual"
+    return f"{which} in {kind} time in {wall:.0f} s on {cores} cores (trimtab {__version__})"
 
 
 def _read_rows(before: str) -> dict[str, str]:

@@ -181,16 +181,29 @@ def test_the_page_shows_all_cases_and_all_hold():
 def test_cases_flown_apart_get_their_rows_in_a_page_that_is_there():
     order = ["a", "b", "c"]
     ones = {n: CaseOutcome(n, "does", "happened", (f"said {n}",), ()) for n in order}
-    first = format_page([ones["a"], ones["c"]], flown_in_words(["a", "c"], 60.0, 2, apart=False), order=order)
+    first = format_page(
+        [ones["a"], ones["c"]], flown_in_words(["a", "c"], 60.0, 2, apart=False, is_real=False), order=order
+    )
     failed = ones["c"]._replace(problems=("broke",))
-    again = format_page([ones["b"], failed], flown_in_words(["b", "c"], 9.0, 2, apart=True), first, order)
+    again = format_page([ones["b"], failed], flown_in_words(["b", "c"], 9.0, 2, apart=True, is_real=True), first, order)
     rows = re.findall(r"^\| `([^`]+)` \|.*\| ([^|]*) \|$", again, re.MULTILINE)
     assert rows == [("a", "holds"), ("b", "holds"), ("c", "**fails**: broke")]
     assert "3 cases, 2 hold, 0 skipped, 1 fail." in again
     runs = re.search(r"^Flown: (.*)\.$", again, re.MULTILINE)
     assert runs
-    assert [one.partition(" on ")[0] for one in runs[1].split("; ")] == ["2 cases in 60 s", "`b`, `c` in 9 s"]
+    assert [one.partition(" on ")[0] for one in runs[1].split("; ")] == [
+        "2 cases in virtual time in 60 s",
+        "`b`, `c` in real time in 9 s",
+    ]
     assert format_page([ones["a"]], "x", "", order).count("`a`") == 1
+
+
+def test_a_case_that_was_skipped_keeps_the_row_of_an_existing_page():
+    flown = CaseOutcome("serial", "does", "happened", (), ())
+    skipped = flown._replace(skipped="needs --real-time")
+    assert "skipped: needs --real-time" in (new := format_page([skipped], "x"))
+    assert "| holds |" in (page := format_page([flown], "y", new))
+    assert "| holds |" in format_page([skipped], "x", page)
 
 
 def test_a_flight_is_drawn_the_same_again_and_each_kind_as_often():
@@ -294,7 +307,7 @@ def campaign(*words, timeout):
     return done, found
 
 
-@pytest.mark.thorough("drawn-1-8", "autopilot-killed", "vehicle-frozen")
+@pytest.mark.thorough("drawn-1-8", "autopilot-killed", "vehicle-frozen", "uplink-stuck", "taken-over", "cut-0.3")
 @pytest.mark.parametrize("name", IN_VIRTUAL_TIME)
 def test_a_case_holds_in_virtual_time(name, tmp_path):
     outcome = _fly_virtual_case(1, name, tmp_path / "flight", keeps_logs=name == "cut-0.3")

@@ -64,8 +64,6 @@ def command(
     trimtab live-faults --real-time --findings
     """
     campaign = _import_module("campaign")
-    if page is not None and not is_real:
-        raise InputError("--page", "the page shows flights in real time", fix="--real-time --page FILE")
     cases = campaign.select_cases(_choose_names(only, draw, seed, findings, page))
     if out is not None:
         check_folder("--out", out)
@@ -93,7 +91,7 @@ def command(
     outcomes = campaign.fly_cases(cases, out=out, jobs=jobs, is_real=is_real, seed=seed, tell=tell)
     wall = monotonic() - began
     if page is not None:
-        _write_page(page, outcomes, wall, apart=bool(only))
+        _write_page(page, outcomes, wall, apart=bool(only), is_real=is_real)
     if as_json:
         kinds = {} if draw is None else _count_kinds(outcomes)
         verdicts = [one._asdict() | {"verdict": one.verdict} for one in outcomes]
@@ -155,11 +153,12 @@ def _print_kinds(kinds: dict[str, dict[str, int]]) -> None:
     print_table(table)
 
 
-def _write_page(file: Path, outcomes: "Sequence[CaseOutcome]", wall: float, *, apart: bool) -> None:
+def _write_page(file: Path, outcomes: "Sequence[CaseOutcome]", wall: float, *, apart: bool, is_real: bool) -> None:
     """Write a new page of all cases, or update the rows of some cases in the existing page."""
     page, names = _import_module("page"), [case.name for case in _import_module("cases").all_cases()]
     before = file.read_text("utf-8") if apart and file.exists() else ""
-    run = page.describe_flights([one.name for one in outcomes], wall, os.cpu_count() or 1, apart=apart)
+    flown = [one.name for one in outcomes if not one.skipped]
+    run = page.describe_flights(flown, wall, os.cpu_count() or 1, apart=apart, is_real=is_real)
     file.write_text(page.format_page(outcomes, run, before, names), "utf-8")
     note_written([file])
 
