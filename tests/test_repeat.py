@@ -28,6 +28,7 @@ def _without_plugins(monkeypatch):
     monkeypatch.setenv("PYTEST_DISABLE_PLUGIN_AUTOLOAD", "1")
 
 
+@pytest.mark.thorough
 def test_reports_a_test_whose_verdict_changes(tmp_path, capsys):
     (tmp_path / "test_steady.py").write_text(STEADY)
     (tmp_path / "test_unsteady.py").write_text(UNSTEADY)
@@ -38,6 +39,7 @@ def test_reports_a_test_whose_verdict_changes(tmp_path, capsys):
     assert "run 2, 1 busy loops: 2 failure, 1 passed, 1 skipped" in said
 
 
+@pytest.mark.thorough
 def test_steady_verdicts_are_well(tmp_path, capsys):
     (tmp_path / "test_steady.py").write_text(STEADY)
     assert repeat.main(["--runs", "2", "--busy", "0", *ALONE, str(tmp_path)]) == 0

@@ -138,6 +138,7 @@ def test_without_its_lag_it_is_its_limits(stage):
     assert np.abs(np.diff(np.r_[0.0, slow])).max() == pytest.approx(5.0 * DT)
 
 
+@pytest.mark.thorough("stage1")
 @pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here")
 @pytest.mark.parametrize("stage", [FirstOrderLag(rate_limit=4.0, high=0.5), SecondOrderLag(rate_limit=4.0, high=0.5)])
 def test_its_c_computes_the_same_for_vectors_too(stage):

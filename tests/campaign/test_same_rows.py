@@ -20,6 +20,7 @@ def store(tmp_path):
     return tmp_path / "rows.zarr"
 
 
+@pytest.mark.thorough("how0", "how4")
 @pytest.mark.parametrize("how", [{"threads": 1}, {"threads": 2}, {"block": 128}, {"block": 1000}, {"store": True}])
 def test_same_rows_bit_for_bit(how, whole, store):
     of = small(RUNS, block=how.get("block", BLOCK))

@@ -32,6 +32,7 @@ def test_numbers_as_json_and_a_picture(tmp_path):
     assert found["runs"] == 3
 
 
+@pytest.mark.thorough
 def test_a_table_for_people(wide_screen):
     result = call(NAME, *FEW)
     assert result.exit_code == 0, result.output

@@ -50,6 +50,7 @@ def test_json_says_what_came_of_it(kept):
     assert {str(folder / "pictures" / n) for n in names} == set(found["files"])
 
 
+@pytest.mark.thorough
 def test_the_same_command_again_flies_nothing_and_says_the_same(kept):
     folder, result = kept
     again = json.loads(typed("--store", str(folder / "a.zarr"), "--json").stdout)

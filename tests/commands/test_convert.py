@@ -96,6 +96,7 @@ def test_imus_are_told_as_they_measured(tmp_path):
     assert found["/imu"][-1].orientation_covariance[0] == 0.0
 
 
+@pytest.mark.thorough
 def test_what_can_not_be_converted_is_refused_in_words(flight, tmp_path):
     (tmp_path / "bag").mkdir()
     refused = call("convert", flight, "--as", "ros2", "--out", tmp_path / "bag")

@@ -22,6 +22,7 @@ def same_bits(a: Any, b: Any) -> bool:
     return bool(np.all(((a == b) & (np.signbit(a) == np.signbit(b))) | (np.isnan(a) & np.isnan(b))))
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     "cases",
     [pytest.param(g, marks=[] if g.__name__ in QUICK else pytest.mark.thorough) for g in primitive_groups.ALL],

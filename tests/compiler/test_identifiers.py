@@ -66,6 +66,7 @@ BUILDS = [("gcc", "c", "-std=gnu11"), ("gcc", "c", "-std=c99"), ("clang", "c", "
 BUILDS += [("g++", "c++", "-std=c++20"), ("clang++", "c++", "-std=c++17")]
 
 
+@pytest.mark.thorough("g++-c++--std=c++20")
 @pytest.mark.parametrize(("compiler", "language", "standard"), BUILDS)
 def test_reserved_words_are_avoided(compiler: str, language: str, standard: str) -> None:
     compile_text(compiler, declarations(language), "-x", language, standard, "-D_GNU_SOURCE")

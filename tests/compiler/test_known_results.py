@@ -50,7 +50,7 @@ def check(f: Any) -> None:
         np.testing.assert_array_equal(got, wanted)
 
 
-@pytest.mark.thorough("unique", "permutation", "long sort")
+@pytest.mark.thorough("unique", "permutation", "long sort", "random bits")
 @pytest.mark.parametrize("name", CASES)
 def test_results_known_at_compile_time(name: str) -> None:
     check(CASES[name])

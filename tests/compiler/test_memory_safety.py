@@ -104,6 +104,7 @@ def test_28_beacons_in_lanes_and_from_python() -> None:
         np.testing.assert_allclose(g, w, rtol=1e-9, atol=1e-9)
 
 
+@pytest.mark.thorough("int32", "int64")
 @pytest.mark.parametrize("dtype", [np.int8, np.int16, np.int32, np.int64])
 def test_whole_numbers_at_their_ends(dtype: Any) -> None:
     low = np.iinfo(dtype).min

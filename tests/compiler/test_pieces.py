@@ -96,7 +96,7 @@ def chains(x: jax.Array, table: jax.Array, small: dict[str, jax.Array]) -> dict[
     return {"long": long, "count": count, "above": heavy > 0, "single": single, "same": small["bias"], "first": values}
 
 
-@pytest.mark.thorough("stack")
+@pytest.mark.thorough
 @pytest.mark.parametrize("stack", [1 << 20, 64], ids=["stack", "workspace"])
 def test_functions_in_pieces_give_the_same_bits(monkeypatch: pytest.MonkeyPatch, stack: int) -> None:
     rng = np.random.default_rng(1)

@@ -55,6 +55,7 @@ FORMULAS = (
 """Formula, and the shapes of its two arrays."""
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("dtype", [np.float64, np.float32])
 def test_products_are_those_of_jax(dtype):
     """All formulas in one program: one call of each compiler."""
@@ -160,7 +161,7 @@ def test_neighbours_are_in_the_innermost_loop(monkeypatch):
         assert f"< {width}; " in source
 
 
-@pytest.mark.thorough("7", "24", "50")
+@pytest.mark.thorough
 @pytest.mark.parametrize("n", [2, 5, 7, 24, 50])
 def test_factors_and_solutions_are_those_of_jax(n):
     def factors(a, b):

@@ -44,7 +44,7 @@ CASES = {
 }
 
 
-@pytest.mark.thorough("results", "leaves", "arrays")
+@pytest.mark.thorough("results", "leaves", "arrays", "small arrays")
 @pytest.mark.parametrize("name", CASES)
 def test_small_stacks_are_enough(name: str) -> None:
     run_script(PROLOGUE + textwrap.dedent(CASES[name]))

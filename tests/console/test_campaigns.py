@@ -42,6 +42,7 @@ def feed(store):
     return CampaignFeed(store)
 
 
+@pytest.mark.thorough
 def test_columns_say_what_they_are_and_rows_have_them(feed):
     hello = feed.feed._hello
     roles = {c["path"]: c["role"] for c in hello["columns"]}

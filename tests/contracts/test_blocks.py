@@ -64,6 +64,20 @@ def _alone(folder, cls):
     return [compiled(one, np.uint32(run)) for run in range(RUNS)]
 
 
+@pytest.mark.thorough(
+    "estimators.AdaptiveFlexibleModeFilter",
+    "estimators.AirInertial",
+    "estimators.AidedInertialCoupled",
+    "estimators.AidedInertialDirect",
+    "estimators.AidedInertialFeedback",
+    "estimators.AidedInertialFeedforward",
+    "estimators.GnssInertial",
+    "estimators.Particle",
+    "estimators.TightlyCoupled",
+    "estimators.UltrasonicInertial",
+    "laws.RecedingHorizon",
+    "laws.StableInversion",
+)
 @pytest.mark.parametrize(("folder", "cls"), BLOCKS)
 def test_state_keeps_its_structure(folder, cls):
     checks.assert_stable(folder, made(cls), _example(folder, cls))

@@ -119,6 +119,7 @@ def test_thousands_of_programs(n, m):
     assert compare("infeasible", n, m, count, 5)[2] >= 0.95
 
 
+@pytest.mark.thorough
 def test_a_known_one():
     """Nocedal & Wright, "Numerical optimization", example 16.4: x = (1.4, 1.7)."""
     A = np.array([[1.0, -2], [-1, -2], [-1, 2], [1, 0], [0, 1]])

@@ -80,6 +80,7 @@ def test_a_name_ends_no_comment(certificate):
     assert text.index("*)") > text.index("states")
 
 
+@pytest.mark.thorough
 @needs_coq
 def test_it_is_proved(certificate, tmp_path):
     done = prove(coq_text(certificate), tmp_path)

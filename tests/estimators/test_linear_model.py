@@ -45,6 +45,7 @@ def test_a_sample_is_used_once_and_only_while_it_is_new(estimator):
     assert int(new.used) == 1
 
 
+@pytest.mark.thorough
 def test_what_is_not_finite_is_not_used(estimator):
     state, before = fly(estimator, frame(0, 0.1))
     _, after = estimator.step(T, state, frame(T, np.nan, force=np.nan))

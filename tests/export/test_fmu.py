@@ -155,6 +155,7 @@ def test_its_sources_compile_by_its_own_description_without_a_warning(fmus, vers
     assert done.returncode == 0, done.stderr
 
 
+@pytest.mark.thorough
 def test_two_can_be_linked_from_source(fmus, tmp_path):
     objects = []
     for part in ("autopilot", "vehicle"):

@@ -51,7 +51,7 @@ def test_integers_never_overflow_undefined(dtype: str, tmp_path: Path) -> None:
     assert {tuple(map(int, line.split(","))) for line in done.stdout.splitlines()} == {tuple(wanted)}
 
 
-@pytest.mark.thorough("int8", "int16", "uint8", "uint16", "uint32")
+@pytest.mark.thorough
 @pytest.mark.parametrize("dtype", TYPES)
 def test_vectors_hold_integers_exactly(dtype: str, tmp_path: Path) -> None:
     export_callable(lambda x, y: (x + x.dtype.type(1), x[1] - x[0], y), extremes(dtype), tmp_path, name="numbers")
@@ -59,6 +59,7 @@ def test_vectors_hold_integers_exactly(dtype: str, tmp_path: Path) -> None:
     assert verdict.good, verdict.first
 
 
+@pytest.mark.thorough
 def test_a_difference_of_one_beyond_doubles_is_found(tmp_path: Path) -> None:
     export_callable(lambda a: a + 1, (np.int64(2**53 + 1),), tmp_path, name="next_number")
     assert verify_folder(tmp_path).good

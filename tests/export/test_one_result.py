@@ -103,7 +103,11 @@ COMPILERS = {
 
 
 @pytest.mark.thorough(
-    "gcc-navigation/still", "gcc without AVX-512-navigation/still", "gcc without FMA-navigation/still"
+    "gcc-navigation/still",
+    "gcc without AVX-512-navigation/still",
+    "gcc without FMA-navigation/still",
+    "gcc-hovercraft/zero-velocity",
+    "gcc without FMA-hovercraft/zero-velocity",
 )
 @pytest.mark.parametrize("name", EVERY)
 @pytest.mark.parametrize("which", COMPILERS)

@@ -57,6 +57,7 @@ def test_it_comes_again_to_the_bit():
     assert found["exact"] or not found["strict"]  # strict where the machine and the backend are those of the log
 
 
+@pytest.mark.thorough
 def test_a_log_of_an_estimator_that_is_another_since_is_read_and_not_repeated():
     log = read_mcap(OLD_INS)
     assert len(log) == STEPS
@@ -67,11 +68,13 @@ def test_a_log_of_an_estimator_that_is_another_since_is_read_and_not_repeated():
     assert "replay with the version that recorded it" in done.output
 
 
+@pytest.mark.thorough
 def test_written_anew_it_is_still_the_same(tmp_path):
     code, found = replayed(rewritten(tmp_path / "same.mcap", lambda *_: None))
     assert (code, found["equal"], found["steps"]) == (0, True, STEPS)
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(("topic", "path"), [("/command", "value.rudder_pulse"), ("/law", "demand.FY")])
 def test_one_number_whose_last_bit_is_flipped_is_found(tmp_path, topic, path):
     block, name = path.split(".")

@@ -53,6 +53,7 @@ def test_against_scipy():
     np.testing.assert_allclose(found.covariance[2], covariance[6:9, 6:9], rtol=1e-3)
 
 
+@pytest.mark.thorough
 def test_errors_are_what_the_covariance_says():
     """Normalised squared error of the beacons over 80 surveys: mean of chi-squared, within four of its errors."""
     runs = 80

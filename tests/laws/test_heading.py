@@ -195,6 +195,7 @@ def test_literal_freezes_nearly_always(sampled, random_starts):
     assert np.degrees(np.median(late[:, -1])) == pytest.approx(16.0, abs=3.0)
 
 
+@pytest.mark.thorough("floored")
 @pytest.mark.parametrize("law", LAWS[:2], ids=IDS[:2])
 def test_default_forms_hold_the_heading(law, sampled, random_starts):
     """100 random starts: |e| <= 1.0 degree for 95 % of 50 to 60 s, none stuck.

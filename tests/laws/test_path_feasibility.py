@@ -119,6 +119,7 @@ def test_a_path_that_no_tempo_makes_feasible_says_so():
         refuse_infeasible(zigzag, PLANT, LIMITS, 5.0)
 
 
+@pytest.mark.thorough("circle", "waypoints")
 @pytest.mark.parametrize("reference", ["circle", "eight", "waypoints"])
 def test_the_scenarios_own_paths_are_feasible_and_its_limits_the_actuators(reference):
     scenario, _ = catalogue.load_scenario("hovercraft/track", {"reference": reference})

@@ -218,6 +218,7 @@ def test_supervisor_spins_from_any_start(sampled, starts):
     assert np.diff(np.asarray(o.lyapunov), axis=1)[together].max() <= 1e-9, "V falls, then W falls"
 
 
+@pytest.mark.thorough
 def test_the_record_and_the_function_agree():
     s = PlanarState(0.1, -0.3, 1.2, 0.0)
     assert float(ConstantSpin(reference=2.0).lyapunov(s)) == pytest.approx(float(lyapunov(CRAFT, s, 2.0)))

@@ -62,6 +62,7 @@ def test_it_never_takes_the_energy_away_from_where_it_is_wanted(angle, rate):
     assert abs(float(a)) <= 0.6 * 9.8 + 1e-9
 
 
+@pytest.mark.thorough
 def test_the_whole_loop_swings_it_up_and_holds_it():
     scenario = build("cart-pole/swing-up")
     for flown in (scenario, scenario.ideal()):

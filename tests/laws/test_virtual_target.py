@@ -109,6 +109,7 @@ def test_from_rest_to_rest_it_goes_straight_on_beyond_the_end():
     assert out.along_track == 0.0
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("runs", [100, pytest.param(1000, marks=pytest.mark.thorough)])
 def test_the_car_comes_to_the_path_from_everywhere(runs):
     """From within 2 m of its beginning, at any heading, turned away too."""

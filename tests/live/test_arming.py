@@ -78,6 +78,7 @@ def test_a_well_vehicle_may_be_armed_and_says_what_it_looked_at(craft):
     assert craft.check("failsafe time-out").value == 0.25
 
 
+@pytest.mark.thorough
 def test_with_its_only_sensor_off_it_is_refused_with_the_reason(craft):
     """It was armed, and the page promised a refusal."""
     craft.set_fault("off")

@@ -72,6 +72,7 @@ def test_servos_show_the_command_between_its_bounds(hovercraft):
     assert [found[f"servo{k}_raw"] for k in (1, 2, 3)] == [1250, 1500, 0]
 
 
+@pytest.mark.thorough
 def test_receiver_is_told_while_it_is_heard(hovercraft):
     assert hovercraft.ask(65) is None
     hovercraft.instruments.handle_event(ReceiverChannels((1.1e-3, 1.9e-3)), seconds(1))

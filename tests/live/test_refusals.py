@@ -118,6 +118,7 @@ def test_a_vehicle_whose_clock_was_a_day_ahead_once_is_flown_by_its_clock_or_res
         ends.close()
 
 
+@pytest.mark.thorough
 def test_of_two_autopilots_one_flies_and_the_other_takes_over_only_where_it_asks(ends):
     first = ends.start("first", "--duration", "60 s")
     ends.vehicle.wait_for("commanded by")

@@ -172,6 +172,7 @@ def test_a_fixed_step_says_its_error_by_doubling():
     assert summarise_run(doubled, [])["integration"]["first_s"] == pytest.approx(0.46)
 
 
+@pytest.mark.thorough("contact")
 @pytest.mark.parametrize("vehicle", [Ball(), Touching()], ids=["ball", "contact"])
 def test_lanes_and_threads_fly_the_same(vehicle):
     scenario = fall(vehicle, START, Integration(method="rosenbrock"), s=0.6)

@@ -202,6 +202,7 @@ def test_a_flight_has_in_its_log_what_the_log_itself_says(flights, backend):
     assert log.declarations["monitor.turn.verdict"].modes == VERDICTS
 
 
+@pytest.mark.thorough
 @C
 def test_a_flight_with_a_monitor_is_the_flight_without_it_and_replays_to_the_bit(flights):
     log = flights["c"]

@@ -119,6 +119,7 @@ def test_beyond_its_horizon_it_stops_and_says_so():
     assert float(state.prediction.horizon) == pytest.approx(0.3)
 
 
+@pytest.mark.thorough
 def test_between_two_commands_the_prediction_stays():
     predictor = direct()
     state, one = predict(predictor, np.int64(0), first(predictor), estimate(0, 0.0, PlanarState(1.0, 0.0, 0.0, 0.0)))

@@ -102,6 +102,7 @@ def test_a_law_that_follows_none_says_so():
         assert "hovercraft/track" in refused.value.fix
 
 
+@pytest.mark.thorough
 def test_an_infeasible_one_is_refused_before_the_run():
     with pytest.raises(InputError, match=r"2\.60 N forward"):
         build("hovercraft/track", {"reference": "circle(period=8 s)"})

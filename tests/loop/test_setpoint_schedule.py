@@ -35,6 +35,7 @@ def test_a_unit_is_taken_along():
     assert float(schedule_law(law.law, law.schedules, 0).spinning.reference) == pytest.approx(np.pi / 2)
 
 
+@pytest.mark.thorough
 def test_it_is_flown():
     """Alone on the ideal model: the same as a run with the one value, then the other from where that ended."""
     text = "steps(4 s: 1.3)"

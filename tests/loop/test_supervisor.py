@@ -257,6 +257,7 @@ def test_automatic_arms_once_checks_pass_but_clears_nothing():
     assert CAUSES[out.cause[2]] == "automatic"
 
 
+@pytest.mark.thorough
 @pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here")
 def test_its_c_computes_the_same(sequences):
     events, out = sequences
@@ -303,6 +304,7 @@ def test_a_supervisor_that_arms_at_once_changes_nothing(flight):
     assert MODES[int(watched["supervisor.mode"][-1])] == "flying"
 
 
+@pytest.mark.thorough
 def test_a_flight_by_request(flight):
     """Nothing moves before arming, hold is neutral and valid, an end stays one until it is cleared."""
     asked = pilot_script(
@@ -358,6 +360,7 @@ def test_a_script_without_requests_says_nothing():
     assert not bool(sample.fresh)
 
 
+@pytest.mark.thorough
 @pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here")
 def test_the_compiled_step_has_it(flight):
     """Requests go in, modes come out, sample by sample as in the simulation."""

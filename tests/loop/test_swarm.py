@@ -94,6 +94,7 @@ def test_a_swarm_moves_as_its_vehicles_do_alone():
         same(row(replace(motion.each, t=np.full(N, 5)), i), craft.motion(np.int64(5), row(x, i), row(u.act, i)))
 
 
+@pytest.mark.thorough
 def test_without_a_command_nobody_says_anything():
     silence = PeerMessage(np.full(N, NEVER), *np.zeros((4, N)))
     actuators = SwarmActuators(Each(FanDrive(period=ms(20)), N), silence)

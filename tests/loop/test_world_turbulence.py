@@ -154,6 +154,7 @@ def test_a_gust_is_wind_to_a_body_and_to_an_aeroplane():
         np.testing.assert_allclose(gust.motion(0, x, u).air.velocity, in_B, rtol=1e-9)
 
 
+@pytest.mark.thorough
 def test_a_gust_turns_a_body_that_stands_in_it_only_where_air_damps():
     x = STILL
     turning = BODY.in_gust(Gust(np.zeros(3), np.array([0.5, 0.0, 0.0])))

@@ -28,6 +28,7 @@ def lanes(short):
     return simulate_batch(short, seeds=range(RUNS), spread=SPREAD, log=True, log_period=ms(1))
 
 
+@pytest.mark.thorough
 @needs_c
 def test_a_run_of_the_batch_is_the_run_alone(short, lanes):
     assert lanes.backend == "c lanes"

@@ -137,6 +137,7 @@ def replay(step, log, k):
     step.step()
 
 
+@pytest.mark.thorough
 def test_it_repeats_the_run(flown):
     step, log = flown
     step.reset()

@@ -47,6 +47,7 @@ def test_there_and_back(reference):
     np.testing.assert_allclose(own.deviation(reference, own.displace(reference, jnp.asarray(z))), z, atol=1e-12)
 
 
+@pytest.mark.thorough
 def test_the_sign_of_a_quaternion_and_its_length_are_no_deviation(reference):
     own = LoopCoordinates(reference)
     other = {**reference, "x": replace(reference["x"], attitude=-2.0 * reference["x"].attitude)}

@@ -36,6 +36,7 @@ def test_threads_are_bounded():
     assert thread_count(None) >= 1
 
 
+@pytest.mark.thorough
 @needs_c
 def test_progress_rises_to_all_runs(short, monkeypatch):
     monkeypatch.setattr(program, "SHORT", 0)

@@ -78,6 +78,7 @@ def test_what_it_was_designed_for_is_believed_while_the_world_flies_its_own(fold
     assert not np.allclose(read_certificate(file)[0].K, read_certificate(design(folder, CART[0]))[0].K, rtol=1e-3)
 
 
+@pytest.mark.thorough
 def test_a_log_flies_again_without_the_file(folder, tmp_path):
     name, settings = CART
     file = tmp_path / "gone.json"

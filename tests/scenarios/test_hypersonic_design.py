@@ -85,6 +85,7 @@ def test_robust_term_of_either_sign(linear):
         assert poles.real.max() == pytest.approx(rightmost, abs=5e-4)
 
 
+@pytest.mark.thorough
 def test_integral_action_by_the_hamiltonian(linear):
     """[1] eq. 13, 11 states: against P from the stable subspace of the scaled Hamiltonian matrix."""
     A, B = hypersonic.error_matrices(linear, integral=True)

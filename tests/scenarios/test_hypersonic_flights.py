@@ -139,6 +139,7 @@ def test_printed_settings_lose_a_plant_whose_modes_are_two_percent_off():
     assert 400 < h < 460
 
 
+@pytest.mark.thorough
 def test_a_table_of_another_climb_or_vehicle_is_refused():
     scenario, _ = catalogue.load_scenario("hypersonic/climb-small")
     law = scenario.autopilot.law

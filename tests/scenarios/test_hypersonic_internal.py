@@ -141,6 +141,7 @@ def test_other_readings_of_the_coupling_work_too():
         assert report.solution.unstable == 1
 
 
+@pytest.mark.thorough("climb6-settings6-level trim at 85000 ft, 3000 ft/s: there is no trim here")
 @pytest.mark.parametrize(
     ("climb", "settings", "text"),
     [
@@ -158,6 +159,7 @@ def test_wrong_input_is_refused(climb, settings, text):
         noncausal_table(CRAFT, climb, **{"seconds": 10.0, **settings})
 
 
+@pytest.mark.thorough
 def test_a_climb_to_where_no_trim_is_is_refused():
     """By the end of a long table the speed is too low to fly level; the reason names the bounds."""
     slowing = FilteredClimb(dV=-4500.0, wV=2.0)

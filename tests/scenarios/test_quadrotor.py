@@ -95,6 +95,7 @@ def test_the_network_is_not_flown_without_a_rotor():
         build("quadrotor/track", {"law": "neural", "motor": "1-fails"})
 
 
+@pytest.mark.thorough
 def test_an_ideal_twin_keeps_the_vehicle_and_what_is_believed_of_it():
     """Drag and the motors' lag are the vehicle's; steps of the speeds and their limits are faults of its drives."""
     flown = build("quadrotor/track")

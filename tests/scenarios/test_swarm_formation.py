@@ -143,6 +143,7 @@ def test_places_are_a_hexagonal_lattice_around_the_leader():
     assert math.isclose(np.abs(places.sum(axis=0)).max(), 0, abs_tol=1e-9)
 
 
+@pytest.mark.thorough
 def test_the_whole_autopilot_of_a_swarm_is_not_exported(tmp_path):
     with pytest.raises(InputError, match="is not logged"):
         export_c(build("swarm/formation", {"craft": "3"}), tmp_path, steps=5)

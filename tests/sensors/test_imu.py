@@ -102,6 +102,7 @@ def test_a_mounting_turns_both():
         np.testing.assert_allclose(R @ getattr(mounted, name), getattr(plain, name), atol=1e-13)
 
 
+@pytest.mark.thorough
 def test_on_the_turning_earth():
     """Coriolis and earth rate: in a frame that does not turn, the path's second derivative is all there is.
 
@@ -205,6 +206,7 @@ def test_gyro_dynamics_take_the_place_of_the_low_pass(response):
     np.testing.assert_allclose(got.angular_rate[0, :, 2], wanted, atol=1e-12)
 
 
+@pytest.mark.thorough
 def test_switching_one_error_off_leaves_the_others_as_they_were():
     imu, turning = without(Imu.microstrain_3dm_gx1(), "imu-quantisation"), np.tile(0.5 * YAW, (N, 1))
     whole, less = (logged(i, turning).angular_rate[0] for i in (imu, without(imu, "imu-turn-on-bias")))

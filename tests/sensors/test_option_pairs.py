@@ -207,7 +207,7 @@ def ranges_by_hand(o):
     return np.where(hears, told * assumed / actual, 0.0), hears
 
 
-@pytest.mark.thorough(*SLOW_PAIRS)
+@pytest.mark.thorough(*SLOW_PAIRS, "lever-later", "tilt-moved", "tilt-dead", "tilt-no cone error")
 @pytest.mark.parametrize(("one", "other"), list(combinations(RANGING, 2)))
 def test_options_of_ultrasonic_ranging_in_pairs(one, other):
     options = RANGING[one] | RANGING[other]

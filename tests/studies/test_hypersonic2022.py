@@ -28,7 +28,7 @@ def rows_of(name):
     return list(group.rows())
 
 
-@pytest.mark.thorough("printed-matrices")
+@pytest.mark.thorough
 @pytest.mark.parametrize("group", CASES)
 def test_rows_hold_or_say_why_not(group):
     rows = rows_of(group.name)
@@ -68,6 +68,7 @@ def test_every_printed_number_of_the_matrices_has_its_row():
     assert sum(r.confirms and r.basis == "printed" for r in rows.values()) == 23
 
 
+@pytest.mark.thorough
 def test_what_is_compared_with_the_oracle_comes_from_its_table():
     """Basis "reference" is for nothing else: the compared number is one of the table, or nothing at all."""
     numbers = np.concatenate([np.ravel(v) for v in oracle_values().values()])

@@ -43,6 +43,7 @@ def test_angles_turn_as_the_body_does():
     np.testing.assert_allclose(turned, from_euler(*angles) @ across, atol=1e-13)
 
 
+@pytest.mark.thorough
 def test_momentum_obeys_euler():
     """J w' + w × (J w + h) is the moment, with a matrix that the vehicle does not build."""
     loads = CRAFT.loads(SOME, CONTROLS)

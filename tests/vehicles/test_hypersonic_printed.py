@@ -73,6 +73,7 @@ def test_emulation_meets_the_prototype_with_signs():
     np.testing.assert_allclose(_entries(B, EMULATED_B), list(EMULATED_B.values()), rtol=1.2e-4)
 
 
+@pytest.mark.thorough
 def test_signs_that_the_print_lost():
     """The entries whose sign is lost, and B[9,:], which fits in no way."""
     A, B = _emulated()

@@ -8,6 +8,7 @@ from trimtab.campaign.sampling.points import DESIGNS, SAMPLINGS, check_factors, 
 from trimtab.core.errors import InputError
 
 
+@pytest.mark.thorough("morris")
 @pytest.mark.parametrize("sampling", SAMPLINGS)
 def test_any_piece_of_a_campaign_is_the_piece_of_the_whole(sampling):
     whole = points(sampling, 3, ("a", "b"), 1000, 0, 1000)

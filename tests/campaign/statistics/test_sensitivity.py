@@ -107,6 +107,7 @@ def test_noise_is_a_factor_with_its_share_of_the_variance():
     assert found.order == ("one", "noise", "two")
 
 
+@pytest.mark.thorough
 def test_noise_that_a_parameter_scales_acts_together_with_it():
     """y = u n: V = 1/3; S of u is 0; T of u is 1/4; the noise alone has 3/4."""
     rows = rows_of(8192, 3, parameters=1, noise=True)

@@ -34,6 +34,7 @@ def test_rows_of_a_store_come_back_bit_for_bit(tmp_path):
     assert [f.name for f in tmp_path.iterdir() if f.name.startswith(".")] == []
 
 
+@pytest.mark.thorough
 def test_rows_of_a_result(tmp_path):
     of = small(BLOCK)
     result = of.run()

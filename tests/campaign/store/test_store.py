@@ -84,6 +84,7 @@ def test_a_description_is_whole_or_not_there_whenever_its_process_is_killed(stor
     assert [keys for keys in seen if keys] == [set(read_store(store)[0])]
 
 
+@pytest.mark.thorough
 def test_what_killed_processes_leave_is_no_hindrance(store, monkeypatch, whole):
     def killed(*_):
         raise SystemExit

@@ -84,6 +84,7 @@ def test_satellites_that_are_not_received_are_not_wanted():
     assert wanted.sum() == 14
 
 
+@pytest.mark.thorough
 def test_the_first_ranges_set_the_clock():
     """By those that are received; what is left is what does not hang on the clock."""
     x = state(17)

@@ -67,6 +67,7 @@ def test_it_is_so_old_and_better_and_knows_it():
     assert 1.6 < np.mean(squares) < 2.4
 
 
+@pytest.mark.thorough
 def test_it_waits_until_it_is_so_old():
     _, late = fly(drive(2), LAGGED)
     first = int(np.argmax(late.valid))

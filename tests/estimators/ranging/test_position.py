@@ -169,6 +169,7 @@ def test_two_wrong_ranges_give_no_fix_and_say_so():
     assert bad.age == pytest.approx(0.11)
 
 
+@pytest.mark.thorough
 def test_two_ranges_need_a_fix_before():
     ranges, _ = exact(sensor=ALONE)
     two = [True, False, False, True]

@@ -96,6 +96,7 @@ def test_what_the_biases_do_in_the_elapsed_time_is_added():
     np.testing.assert_allclose(grown, np.square(wanted), rtol=1e-6)
 
 
+@pytest.mark.thorough
 def test_one_unit_that_stands_still_needs_a_heading():
     start = jax.tree.map(jnp.asarray, rs.empty_start())
     for _ in range(5):
