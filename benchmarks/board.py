@@ -20,9 +20,9 @@ from pathlib import Path
 import numpy as np
 from paired import row
 
-from trimtab.export.boards import TARGETS, emulate, missing_tools, read_vectors
 from trimtab.export.export_c import export_c
 from trimtab.export.verify import compare_samples
+from trimtab.flight.boards.microcontrollers import TARGETS, emulate, missing_tools, read_vectors
 
 COMMAND = "python benchmarks/board.py"
 FLIGHT = Path(__file__).parents[1] / "tests" / "export" / "inertial_flight.py"

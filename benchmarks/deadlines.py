@@ -18,11 +18,11 @@ from pathlib import Path
 from paired import Ratio, load, machine, row
 
 from trimtab.core.time import seconds, to_seconds
-from trimtab.links.open_link import open_link
-from trimtab.live.fly import LiveAutopilot, LiveFlightSummary
+from trimtab.flight.autopilot import LiveAutopilot, LiveFlightSummary
+from trimtab.flight.mavlink.endpoint import Endpoint
+from trimtab.flight.transports.open_link import open_link
 from trimtab.run.blocks import compile_autopilot
 from trimtab.scenarios import catalogue
-from trimtab.wire.mavlink import Endpoint
 
 SCENARIO = "hovercraft/zero-velocity"
 COMMAND = "python benchmarks/deadlines.py"

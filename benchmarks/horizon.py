@@ -20,8 +20,8 @@ from paired import machine
 import trimtab
 from trimtab.core.rng import key
 from trimtab.core.signals import Estimate
-from trimtab.export.boards import TARGETS, emulate, missing_tools
 from trimtab.export.export_c import export_c
+from trimtab.flight.boards.microcontrollers import TARGETS, emulate, missing_tools
 from trimtab.laws.pose import READS
 from trimtab.laws.receding_horizon import RecedingHorizon
 from trimtab.scenarios.build import build

@@ -20,14 +20,14 @@ import time
 from pathlib import Path
 from time import monotonic_ns
 
-from trimtab.live.outputs import DRIVEN, OutputPort
-from trimtab.live.real_time import Histogram
+from trimtab.flight.outputs import DRIVEN, OutputPort
+from trimtab.flight.real_time import Histogram
 
 BUCKETS_MS = (1, 2, 5, 10, 20, 50, 60, 70, 80, 100, 200, 500, 1000)
 FEEDER = """
 import sys, time
 from pathlib import Path
-from trimtab.live.outputs import Outputs
+from trimtab.flight.outputs import Outputs
 timeout = int(sys.argv[2])
 outputs = Outputs([0.0, 0.0], timeout=timeout, lift_delay=0, latch=5 * timeout, folder=Path(sys.argv[1]),
     wanted_real_time=True)

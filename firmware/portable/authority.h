@@ -1,4 +1,4 @@
-/* Who commands: whoever armed, until nobody does, or hands over when asked to. As trimtab.wire.authority has it. */
+/* Who commands: whoever armed, until nobody does, or hands over when asked to. As trimtab.flight.mavlink.authority has it. */
 #ifndef AUTHORITY_H
 #define AUTHORITY_H
 #include <stdbool.h>

@@ -167,7 +167,7 @@ static void hear_drive_command(vehicle *v, int64_t now, const mavlink_message_t 
 
 enum { IDENTITY_REQUEST = 0xF474, IDENTITY_LINE = 0xF475, IDENTITY_HEAD = 4 + IDENTITY_DIGEST };
 
-/* Which scenario and numbers it was built for, a line at a time, as trimtab.wire.identity asks for them. */
+/* Which scenario and numbers it was built for, a line at a time, as trimtab.flight.station.identity asks for them. */
 static void hear_tunnel(vehicle *v, const mavlink_message_t *message) {
     mavlink_tunnel_t t, answer = {0};
     mavlink_msg_tunnel_decode(message, &t);

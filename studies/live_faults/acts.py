@@ -6,8 +6,8 @@ from collections.abc import Callable
 
 from studies.live_faults.flight import INJECTOR, FaultFlight
 from studies.live_faults.relay import DOWN, UP, Bend, Terminals
-from trimtab.wire.keys import passphrase_key
-from trimtab.wire.protocol import CommandCode
+from trimtab.flight.mavlink.keys import passphrase_key
+from trimtab.flight.mavlink.protocol import CommandCode
 
 TICK_S = 0.01
 DATAGRAM = 1000

@@ -24,10 +24,10 @@ from studies.live_faults.words import (
     outputs_safe,
     printed_line,
 )
-from trimtab.wire.definitions import MessageDefinition
-from trimtab.wire.keys import SigningKey
-from trimtab.wire.mavlink import Endpoint, checksum
-from trimtab.wire.protocol import CommandCode
+from trimtab.flight.mavlink.definitions import MessageDefinition
+from trimtab.flight.mavlink.endpoint import Endpoint, checksum
+from trimtab.flight.mavlink.keys import SigningKey
+from trimtab.flight.mavlink.protocol import CommandCode
 
 DISARMED = logged_event(VEHICLE, "disarmed: disarm request")
 PX4_MODES = {"rtl": (4.0, 5.0), "mission": (4.0, 4.0), "land": (4.0, 6.0)}
@@ -200,7 +200,7 @@ def _signal_cases() -> list[Case]:
         Case(
             "outputs-killed",
             "the process that applies the vehicle's outputs is killed",
-            acts.kill_child("vehicle", "trimtab.live.outputs"),
+            acts.kill_child("vehicle", "trimtab.flight.outputs"),
             EITHER,
             (logged_event(VEHICLE, "the outputs' process died"), exit_status(VEHICLE, 1), exit_status(AUTOPILOT, 1)),
         ),

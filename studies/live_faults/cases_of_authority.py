@@ -8,10 +8,10 @@ from studies.live_faults.case import AUTOPILOT, FLIES, VEHICLE, Case
 from studies.live_faults.flight import FaultFlight
 from studies.live_faults.relay import DOWN
 from studies.live_faults.words import counter_rise, logged_event, printed_line
-from trimtab.live.injector import Injector
-from trimtab.wire.keys import SigningKey
-from trimtab.wire.mavlink import Endpoint
-from trimtab.wire.protocol import CommandCode
+from trimtab.flight.injector import Injector
+from trimtab.flight.mavlink.endpoint import Endpoint
+from trimtab.flight.mavlink.keys import SigningKey
+from trimtab.flight.mavlink.protocol import CommandCode
 
 SECOND = "autopilot-2"
 CONFIRM = "ended: arming refused: .*; type --rearm at fly"

@@ -41,7 +41,7 @@ from studies.live_faults.words import (
     outputs_safe,
     printed_line,
 )
-from trimtab.wire.keys import create_key
+from trimtab.flight.mavlink.keys import create_key
 
 SILENT = logged_event(AUTOPILOT, "no data from the vehicle")
 HEARD = logged_event(AUTOPILOT, "from the vehicle again")
@@ -319,7 +319,7 @@ def kill_outputs(_: random.Random) -> Disturbance:
     return Disturbance(
         "outputs killed",
         "the process of the vehicle's outputs killed",
-        acts.kill_child("vehicle", "trimtab.live.outputs"),
+        acts.kill_child("vehicle", "trimtab.flight.outputs"),
         EITHER,
         evidence=(
             logged_event(VEHICLE, "the outputs' process died"),

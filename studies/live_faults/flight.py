@@ -17,15 +17,15 @@ from studies.live_faults.process import Process
 from studies.live_faults.relay import Datagrams, Relay, Terminals
 from trimtab.core.clock import SYSTEM_CLOCK, Clock
 from trimtab.core.interfaces import Link
-from trimtab.links.open_link import open_link
-from trimtab.live.autopilot_end import scenario_dialect
-from trimtab.live.injector import Injector, fault_parameter_names, plan_fault
+from trimtab.flight.autopilot_end import scenario_dialect
+from trimtab.flight.injector import Injector, fault_parameter_names, plan_fault
+from trimtab.flight.mavlink.dialect import Dialect
+from trimtab.flight.mavlink.endpoint import Endpoint
+from trimtab.flight.mavlink.keys import SigningKey, create_key, load_key
+from trimtab.flight.transports.open_link import open_link
 from trimtab.logs.log import Log
 from trimtab.logs.mcap import read_mcap
 from trimtab.loop.scenario import Scenario
-from trimtab.wire.dialect import Dialect
-from trimtab.wire.keys import SigningKey, create_key, load_key
-from trimtab.wire.mavlink import Endpoint
 
 NAME = "hovercraft/forward"
 INJECTOR = 1, 192

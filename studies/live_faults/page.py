@@ -36,7 +36,7 @@ Flown: {runs}.
 
 A flight in virtual time runs in one process on one virtual clock ([Testing](../testing.md)). Vehicle and autopilot are
 the same programs as in real time, but they use the clock, disk, network and processes of
-`trimtab.live.virtual_machine`. The seed decides every packet, and no other program can disturb the flight. `--json`
+`trimtab.flight.virtual_machine`. The seed decides every packet, and no other program can disturb the flight. `--json`
 prints the hash of all packets, log rows and events as `digest`. The campaign flies one flight in twenty twice, in two
 processes. Both hashes must be equal.
 

@@ -18,9 +18,9 @@ from studies.live_faults.process import NotReady, Process
 from studies.live_faults.stations_at_0_1 import explain_no_station, join_as_station
 from trimtab.core.errors import InputError
 from trimtab.core.record import leaves
+from trimtab.flight.mavlink.keys import create_key, load_key
 from trimtab.logs.mcap import read_mcap, write_mcap
 from trimtab.scenarios import catalogue
-from trimtab.wire.keys import create_key, load_key
 
 LONGEST_S = 600
 HELD_S = 4.0

@@ -19,16 +19,16 @@ from studies.live_faults.relay import DOWN, MOST_RECENT, UP, Bend
 from studies.live_faults.virtual_process import VirtualProcess, own_streams
 from trimtab.core.clock import NS_PER_SECOND
 from trimtab.core.interfaces import Link
-from trimtab.links.udp import UdpLink
-from trimtab.live.injector import Injector, plan_fault
-from trimtab.live.virtual_machine import VirtualMachine
-from trimtab.live.virtual_network import Host, VirtualNetwork
-from trimtab.live.virtual_time import ACTION, VirtualClock, VirtualProgram, VirtualTime
+from trimtab.flight.injector import Injector, plan_fault
+from trimtab.flight.mavlink.authority import MOST_SESSIONS
+from trimtab.flight.mavlink.endpoint import Endpoint
+from trimtab.flight.mavlink.keys import SigningKey, create_key, load_key
+from trimtab.flight.mavlink.stamps import running_clock
+from trimtab.flight.transports.udp import UdpLink
+from trimtab.flight.virtual_machine import VirtualMachine
+from trimtab.flight.virtual_network import Host, VirtualNetwork
+from trimtab.flight.virtual_time import ACTION, VirtualClock, VirtualProgram, VirtualTime
 from trimtab.logs.mcap import write_mcap
-from trimtab.wire.authority import MOST_SESSIONS
-from trimtab.wire.keys import SigningKey, create_key, load_key
-from trimtab.wire.mavlink import Endpoint
-from trimtab.wire.stamps import running_clock
 
 VEHICLE_PORT, RELAY_PORT = 14550, 14551
 RELAY, CAMPAIGN = "relay", "campaign"

@@ -12,9 +12,9 @@ from typing import Any
 
 from studies.live_faults.process import NotReady
 from trimtab.cli import main
-from trimtab.live.machine import Machine
-from trimtab.live.virtual_machine import VirtualMachine
-from trimtab.live.virtual_time import KilledError
+from trimtab.flight.machine import Machine
+from trimtab.flight.virtual_machine import VirtualMachine
+from trimtab.flight.virtual_time import KilledError
 from trimtab.logs.log import Log
 
 LOOK_S = 0.02

@@ -7,8 +7,8 @@ from typing import NamedTuple
 import numpy as np
 
 from studies.live_faults.flight import ProcessResult
+from trimtab.flight.station.streams import PIECE
 from trimtab.logs.log import Log
-from trimtab.wire.streams import PIECE
 
 
 class Evidence(NamedTuple):

@@ -12,11 +12,11 @@ from hypothesis import strategies as st
 from trimtab.actuators.drive import DriveCommand, drive_failsafe
 from trimtab.actuators.failsafe import CAUSES, MODES, Failsafe, FailsafeInput
 from trimtab.compiler.compiled_function import compile
+from trimtab.compiler.native.compiler import find_compiler
 from trimtab.core.errors import InputError
 from trimtab.core.record import replace, to_arrays
 from trimtab.core.signals import PlanarForce, Sample, new_sample
 from trimtab.core.time import ms, seconds
-from trimtab.native.compiler import find_compiler
 
 SAFE = (1.5e-3, 0.0)
 GOOD, STICKS = (1.7e-3, 6000.0), (1.4e-3, 2500.0)

@@ -8,10 +8,10 @@ from scipy.linalg import expm
 
 from trimtab.actuators.lag import FirstOrderLag, SecondOrderLag, SecondOrderLagState
 from trimtab.compiler.compiled_function import compile
+from trimtab.compiler.native.compiler import find_compiler
 from trimtab.core.errors import InputError
 from trimtab.core.record import replace, to_arrays
 from trimtab.core.time import ms
-from trimtab.native.compiler import find_compiler
 
 DT = 2e-3
 

@@ -17,12 +17,12 @@ from trimtab.actuators.regulated_fan import RegulatedFan
 from trimtab.actuators.speed_regulator import SpeedRegulator, SpeedRegulatorInput
 from trimtab.compiler.block import block_text
 from trimtab.compiler.compiled_function import compile
+from trimtab.compiler.native.compiler import find_compiler
 from trimtab.core.errors import InputError
 from trimtab.core.imperfections import imperfections
 from trimtab.core.record import to_arrays
 from trimtab.core.signals import new_sample
 from trimtab.core.time import ms
-from trimtab.native.compiler import find_compiler
 from trimtab.run.blocks import timed_block
 from trimtab.run.simulate import simulate
 from trimtab.scenarios.build import build

@@ -13,8 +13,8 @@ from trimtab.core.record import replace
 from trimtab.core.rng import key
 from trimtab.core.signals import PlanarForce, Sample
 from trimtab.core.time import ms
-from trimtab.export.firmware_folder import replace_hardware
-from trimtab.export.pulse_outputs import frame_of
+from trimtab.flight.boards.firmware_folder import replace_hardware
+from trimtab.flight.boards.pulse_outputs import frame_of
 from trimtab.scenarios.build import build
 
 DT = 1e-3

@@ -10,9 +10,9 @@ import pytest
 from trimtab.actuators.motor import Motor, MotorInput, MotorState
 from trimtab.actuators.speed_regulator import SpeedRegulator, SpeedRegulatorInput
 from trimtab.compiler.compiled_function import compile
+from trimtab.compiler.native.compiler import find_compiler
 from trimtab.core.record import replace, to_arrays
 from trimtab.core.time import ms
-from trimtab.native.compiler import find_compiler
 
 RPM = 30 / np.pi
 motor, regulator = to_arrays(Motor()), to_arrays(SpeedRegulator())

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from campaign.dask_processes import Processes, certificates, environment
 from campaign.small import BLOCK, assert_same, small
-from links.namespaces import FAR, NEAR, Hosts, why_not
+from flight.transports.namespaces import FAR, NEAR, Hosts, why_not
 
 from trimtab.campaign.store.store import read_store
 

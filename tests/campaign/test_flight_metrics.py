@@ -10,12 +10,12 @@ from trimtab.campaign.search.falsify import falsify
 from trimtab.campaign.search.stability_map import parse_success
 from trimtab.campaign.search.tune import tune
 from trimtab.campaign.statistics.metrics import Rows
+from trimtab.compiler.native.compiler import find_compiler
 from trimtab.core.errors import InputError
 from trimtab.core.record import replace
 from trimtab.core.time import ms, seconds
 from trimtab.logs.metrics import Target
 from trimtab.logs.spatial import find_logged_flight, place_parameters, with_flight
-from trimtab.native.compiler import find_compiler
 from trimtab.run.simulate import simulate_batch
 from trimtab.scenarios.build import build
 

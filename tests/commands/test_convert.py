@@ -12,9 +12,9 @@ from rosbags.rosbag2 import Reader
 from scipy.spatial.transform import Rotation
 
 from trimtab.cli import main
+from trimtab.compiler.native.compiler import find_compiler
 from trimtab.core.time import ms
 from trimtab.logs.mcap import read_mcap
-from trimtab.native.compiler import find_compiler
 from trimtab.run.log_motion import choose_rows
 
 pytestmark = pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here")

@@ -17,12 +17,12 @@ from urllib.parse import urlsplit
 
 import pytest
 from click.testing import CliRunner
-from links.ends import free_port
-from live.pair import Program, fly_pair, make_key
+from flight.pair import Program, fly_pair, make_key
+from flight.transports.ends import free_port
 
 from trimtab.cli import main
-from trimtab.live.console_packets import HEAD
-from trimtab.native.compiler import find_compiler
+from trimtab.compiler.native.compiler import find_compiler
+from trimtab.flight.console_packets import HEAD
 
 RUNS = "70"
 

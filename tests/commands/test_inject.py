@@ -8,14 +8,14 @@ from click.testing import CliRunner
 
 from trimtab.cli import main
 from trimtab.core.time import FOREVER, seconds
-from trimtab.links.open_link import open_link
-from trimtab.live.autopilot_end import scenario_dialect
-from trimtab.live.injector import add_idle_faults, format_value
+from trimtab.flight.autopilot_end import scenario_dialect
+from trimtab.flight.injector import add_idle_faults, format_value
+from trimtab.flight.mavlink.endpoint import Endpoint
+from trimtab.flight.station.parameters import Parameters
+from trimtab.flight.station.standard_services import Station
+from trimtab.flight.transports.open_link import open_link
 from trimtab.loop.faults import WORDS
 from trimtab.scenarios import catalogue
-from trimtab.wire.mavlink import Endpoint
-from trimtab.wire.parameters import Parameters
-from trimtab.wire.station import Station
 
 NAME = "hovercraft/forward"
 NOW = seconds(123)
@@ -123,7 +123,7 @@ def test_what_cannot_be_set_is_refused_before_anything_is_sent(played, fault, sa
 
 @pytest.mark.real_time
 def test_where_nobody_answers_it_says_what_to_give(monkeypatch):
-    monkeypatch.setattr("trimtab.live.injector.PATIENCE", 0.3)
+    monkeypatch.setattr("trimtab.flight.injector.PATIENCE", 0.3)
     done = inject("uplink off")
     assert done.exit_code == 2
     assert "no vehicle answers" in done.output

@@ -18,9 +18,9 @@ from trimtab.commands.kept_programs import (
     program_key,
     store_programs,
 )
+from trimtab.compiler.native.compiler import find_compiler
 from trimtab.core.quantity import Quantity
 from trimtab.logs.metrics import Target
-from trimtab.native.compiler import find_compiler
 from trimtab.run.program import Column, Program
 
 pytestmark = pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here")

@@ -8,7 +8,7 @@ import pytest
 
 from trimtab.commands.line import endpoint_factory, find_key, is_local, vehicle_name
 from trimtab.core.errors import InputError
-from trimtab.live.machine import catch_interrupts, store_stamps_ahead
+from trimtab.flight.machine import catch_interrupts, store_stamps_ahead
 
 
 @pytest.fixture(autouse=True)
@@ -94,8 +94,8 @@ def test_there_is_one_key_a_vehicle(scenario, vehicle, keys):
 
 
 def test_stamps_are_kept_and_given_back(keys):
+    from flight.mavlink.line import every
     from run.stand_ins import dialect
-    from wire.line import every
 
     key = find_key("hovercraft/forward", None, False, "udp://:1", create=True)
     _, messages = dialect({"compass": every()}, every())

@@ -13,10 +13,10 @@ from click.testing import CliRunner
 
 from trimtab.cli import main
 from trimtab.commands import link_test
+from trimtab.flight.line_delays import echo_requests
+from trimtab.flight.transports.open_link import open_link
 from trimtab.links.latency import mean_latency
 from trimtab.links.latency_trace import read_trace
-from trimtab.links.open_link import open_link
-from trimtab.live.link_test import echo_requests
 from trimtab.scenarios.build import build
 
 HEARS_CTRL_C = """

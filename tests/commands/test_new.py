@@ -12,7 +12,7 @@ from click.testing import CliRunner
 
 from trimtab.cli import main
 from trimtab.commands.new import KINDS, LONGEST, TEMPLATES, main_file, nearest_name
-from trimtab.native.compiler import find_compiler
+from trimtab.compiler.native.compiler import find_compiler
 
 ROOT = Path(__file__).parents[2]
 EXAMPLES = ROOT / "examples"

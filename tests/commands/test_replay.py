@@ -9,12 +9,12 @@ from click.testing import CliRunner
 
 from trimtab.cli import main
 from trimtab.commands.replay import replace_parts
+from trimtab.compiler.native.compiler import find_compiler
 from trimtab.core.time import ms
 from trimtab.estimators.passthrough import Passthrough
 from trimtab.logs.log import Log
 from trimtab.logs.mcap import read_mcap, write_mcap
 from trimtab.logs.samples import SampleSeries, log_samples
-from trimtab.native.compiler import find_compiler
 from trimtab.run.simulate import simulate
 from trimtab.scenarios import catalogue
 from trimtab.scenarios.recorded import rebuild_scenario

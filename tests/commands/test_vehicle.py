@@ -4,13 +4,13 @@ import numpy as np
 import pytest
 
 from trimtab.commands import console, flight_summary, vehicle
+from trimtab.compiler.native.compiler import find_compiler
 from trimtab.core.errors import InputError
 from trimtab.core.time import ms, seconds, to_seconds
+from trimtab.flight.mavlink.stamps import Stamps
 from trimtab.logs.log import Log
 from trimtab.logs.mcap import write_mcap
 from trimtab.logs.metrics import Target
-from trimtab.native.compiler import find_compiler
-from trimtab.wire.stamps import Stamps
 
 
 def test_a_watchdog_shorter_than_a_few_heartbeats_is_refused():
@@ -59,7 +59,7 @@ def test_a_console_passes_on_what_its_vehicle_refused_with_that_fix_alone(tmp_pa
 @pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here")
 def test_without_a_folder_nothing_is_written(tmp_path, monkeypatch):
     """The vehicle's log of 191 kB/s had lain in the temporary folder."""
-    from live.pair import Program, make_key
+    from flight.pair import Program, make_key
 
     make_key(tmp_path)
     (tmp_path / "temporary").mkdir()

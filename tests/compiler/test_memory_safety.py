@@ -16,8 +16,8 @@ from trimtab.compiler.block import BlockDefinition, block_text
 from trimtab.compiler.compiled_block import CompiledBlock
 from trimtab.compiler.function import Function, lower_function
 from trimtab.compiler.ir import TYPES
+from trimtab.compiler.native.compiler import find_compiler
 from trimtab.compiler.workspace import CALL_STACK, STACK
-from trimtab.native.compiler import find_compiler
 
 pytestmark = pytest.mark.sanitizer
 

@@ -13,13 +13,14 @@ import trimtab
 from trimtab.compiler import pieces, workspace
 from trimtab.compiler.compiled_block import compile_block
 from trimtab.compiler.compiled_function import export_callable
+from trimtab.compiler.walk_program import build_program
 from trimtab.core.time import ms
 from trimtab.export.verify import verify_folder
 from trimtab.run.blocks import autopilot_block
 from trimtab.run.inputs import flat_inputs, own_inputs, run_inputs
 from trimtab.run.program import RunResults, fly_runs, row_numbers
 from trimtab.run.runner import prepare_run
-from trimtab.run.walk_program import build_program, lower_structure, walk_structure
+from trimtab.run.walk_structure import lower_structure, walk_structure
 from trimtab.scenarios.catalogue import load_scenario
 
 

@@ -5,8 +5,8 @@ import time
 
 import numpy as np
 
-from trimtab.live.console_line import ConsoleLine
-from trimtab.live.console_packets import HEAD
+from trimtab.flight.console_line import ConsoleLine
+from trimtab.flight.console_packets import HEAD
 
 SIGNALS = {
     "estimate.age": 0.01,

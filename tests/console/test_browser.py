@@ -15,9 +15,9 @@ import urllib.request
 from pathlib import Path
 
 import pytest
-from live.pair import make_key
+from flight.pair import make_key
 
-from trimtab.native.compiler import find_compiler
+from trimtab.compiler.native.compiler import find_compiler
 
 pytestmark = [
     pytest.mark.real_time,

@@ -7,7 +7,7 @@ from scipy.spatial.transform import Rotation
 from trimtab.console.flight_numbers import FlightNumbers
 from trimtab.console.hello import describe_signal
 from trimtab.core.quantity import Quantity
-from trimtab.live.console_packets import HEAD
+from trimtab.flight.console_packets import HEAD
 
 PARTS = {
     "estimate.age": (Quantity("s", "Age."), 0),

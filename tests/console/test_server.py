@@ -17,7 +17,7 @@ from trimtab.console.address import ConsoleAddress
 from trimtab.console.process import open_console
 from trimtab.core.errors import InputError
 from trimtab.core.time import to_seconds
-from trimtab.live.console_packets import END_SILENCE
+from trimtab.flight.console_packets import END_SILENCE
 
 
 class _NoRedirect(urllib.request.HTTPRedirectHandler):

@@ -12,7 +12,7 @@ from emitters import choose_emitters
 
 from trimtab.compiler.function import lower_function
 from trimtab.compiler.jaxprs import primitive_name
-from trimtab.native.build import build_library, load_library
+from trimtab.compiler.native.build import build_library, load_library
 
 CPU = Path("/proc/cpuinfo")
 LANES = 8 if CPU.exists() and "avx512dq" in CPU.read_text() else 4

@@ -11,11 +11,11 @@ import pytest
 from contracts import checks, parts
 from contracts.parts import blocks, every, example, made, rollout
 from trimtab.compiler.compiled_function import compile
+from trimtab.compiler.native.compiler import find_compiler
 from trimtab.core.imperfections import imperfections, without
 from trimtab.core.record import FAST_COMPILE_OPTIONS, declarations, part, period, record, replace, to_arrays
 from trimtab.core.signals import Motion, new_sample
 from trimtab.core.time import ms, to_seconds
-from trimtab.native.compiler import find_compiler
 
 STEPS = 40
 RUNS = 3

@@ -12,10 +12,10 @@ from trimtab.commands.verbs import OPTIONS, spell_option
 from trimtab.core.errors import InputError, argument, argument_name, spell_with, unknown_setting
 
 SOURCE = Path(trimtab.__file__).parent
-SAID_AT_A_TERMINAL = ("live/arming.py", "live/connection_problem.py", "live/preflight.py", "live/remote.py")
-SAID_AT_A_TERMINAL += ("wire/parameters.py",)
+SAID_AT_A_TERMINAL = ("prearm.py", "connection_problem.py", "preflight.py", "remote.py", "station/parameters.py")
+SAID_AT_A_TERMINAL = tuple(f"flight/{name}" for name in SAID_AT_A_TERMINAL)
 """What `trimtab fly` and `trimtab vehicle` say to those who typed them; it is on the line, too."""
-OF_COMPILERS = ("native/", "export/boards.py", "compiler/")
+OF_COMPILERS = ("native/", "flight/boards/microcontrollers.py", "compiler/")
 COMMAND = r"(trimtab|export|python|dask|docker|typed|_command|link-test|vehicle and fly with)\b"
 OPTION = re.compile(r"(?<![\w,-])--[a-z{]")
 

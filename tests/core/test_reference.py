@@ -9,6 +9,7 @@ import pytest
 from scipy.interpolate import make_interp_spline
 
 from trimtab.compiler.compiled_function import compile
+from trimtab.compiler.native.compiler import find_compiler
 from trimtab.core.errors import InputError
 from trimtab.core.interfaces import Reference
 from trimtab.core.reference import (
@@ -19,7 +20,6 @@ from trimtab.core.reference import (
     pass_waypoints,
     retime,
 )
-from trimtab.native.compiler import find_compiler
 
 CORNERS = np.array([[0.0, 0.0], [3.0, 0.0], [3.0, 3.0], [0.0, 4.0]])
 PATHS = {

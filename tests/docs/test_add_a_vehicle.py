@@ -12,7 +12,7 @@ import pytest
 from click.testing import CliRunner
 
 from trimtab.cli import main
-from trimtab.native.compiler import find_compiler
+from trimtab.compiler.native.compiler import find_compiler
 
 ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs" / "how-to" / "add-a-vehicle.md").read_text(encoding="utf-8")

@@ -11,7 +11,7 @@ from click.testing import CliRunner
 
 from trimtab import Campaign, InputError, build, compile, read_log, seconds, simulate
 from trimtab.cli import main
-from trimtab.links.open_link import parse_uri
+from trimtab.flight.transports.open_link import parse_uri
 
 DOCS = Path(__file__).parents[2] / "docs"
 spec = importlib.util.spec_from_file_location("messages", DOCS / "messages.py")

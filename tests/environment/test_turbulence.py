@@ -10,6 +10,7 @@ from scipy.linalg import expm
 from scipy.signal import welch
 
 from trimtab.compiler.compiled_function import compile
+from trimtab.compiler.native.compiler import find_compiler
 from trimtab.core.imperfections import without
 from trimtab.core.record import replace, to_arrays
 from trimtab.core.rng import Key, key
@@ -17,7 +18,6 @@ from trimtab.core.signals import Motion, SurroundingAir
 from trimtab.core.time import ms, to_seconds
 from trimtab.environment import turbulence
 from trimtab.environment.turbulence import FILTERS, FOOT, Turbulence
-from trimtab.native.compiler import find_compiler
 
 O = np.zeros(3)
 V = 120.0

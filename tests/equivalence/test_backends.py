@@ -12,9 +12,9 @@ import jax
 import numpy as np
 import pytest
 
+from trimtab.compiler.native.compiler import find_compiler
 from trimtab.core.record import replace
 from trimtab.core.time import ms, seconds
-from trimtab.native.compiler import find_compiler
 from trimtab.run.replay import compare_logs
 from trimtab.run.simulate import simulate, simulate_many
 from trimtab.scenarios import catalogue

@@ -5,7 +5,7 @@ import shutil
 
 import pytest
 
-from trimtab.export.boards import missing_tools
+from trimtab.flight.boards.microcontrollers import missing_tools
 
 PLATFORM_TOOLS = {"clang": "clang", "aarch64-linux-gnu-gcc": "gcc-aarch64-linux-gnu", "qemu-aarch64": "qemu-user"}
 """Program -> Debian's package, beside gcc."""

@@ -5,10 +5,10 @@ import subprocess
 
 import pytest
 
+from trimtab.compiler.native.compiler import find_compiler
 from trimtab.core.errors import InputError
 from trimtab.export.export_c import export_c
 from trimtab.export.verify import verify_folder
-from trimtab.native.compiler import find_compiler
 from trimtab.scenarios import catalogue
 from trimtab.scenarios.build import build
 

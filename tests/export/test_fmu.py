@@ -11,10 +11,10 @@ import pytest
 from fmpy.validation import validate_fmu
 
 from trimtab.compiler.identifiers import identifier
+from trimtab.compiler.native.compiler import find_compiler
 from trimtab.core.errors import InputError
 from trimtab.export.fmu import FMU_PARTS, OPTIONS, export_fmu
 from trimtab.export.fmu_description import unit_in_si
-from trimtab.native.compiler import find_compiler
 from trimtab.run.simulate import simulate
 from trimtab.scenarios import catalogue
 from trimtab.scenarios.build import build

@@ -13,8 +13,8 @@ from export.conftest import require
 from jax import lax
 
 from trimtab.compiler.compiled_function import export_callable
+from trimtab.compiler.native.compiler import find_compiler
 from trimtab.export.verify import verify_folder
-from trimtab.native.compiler import find_compiler
 
 pytestmark = pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here")
 TYPES = ("int8", "int16", "int32", "int64", "uint8", "uint16", "uint32", "uint64")

@@ -21,10 +21,10 @@ import pytest
 
 from trimtab.compiler.c_functions import helper_text
 from trimtab.compiler.elementary import FUNCTIONS, elementary_text
+from trimtab.compiler.native.compiler import find_compiler, lane_count
 from trimtab.core.time import timetable
-from trimtab.export.boards import EXACT, emulate
 from trimtab.export.export_c import export_c
-from trimtab.native.compiler import find_compiler, lane_count
+from trimtab.flight.boards.microcontrollers import EXACT, emulate
 from trimtab.run.inputs import flat_inputs, run_inputs
 from trimtab.run.simulate import simulate, simulate_many
 from trimtab.scenarios import catalogue

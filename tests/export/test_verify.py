@@ -5,10 +5,10 @@ import json
 import numpy as np
 import pytest
 
+from trimtab.compiler.native.compiler import find_compiler
 from trimtab.core.errors import InputError
 from trimtab.export.export_c import export_c
 from trimtab.export.verify import compare_samples, verify_folder
-from trimtab.native.compiler import find_compiler
 from trimtab.scenarios import catalogue
 
 pytestmark = pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here")

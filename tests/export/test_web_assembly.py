@@ -11,6 +11,7 @@ from export.conftest import require
 
 from trimtab import build, simulate
 from trimtab.compiler.block import block_text
+from trimtab.compiler.native.compiler import find_compiler
 from trimtab.core.errors import InputError
 from trimtab.core.record import replace, with_leaf
 from trimtab.core.time import timetable
@@ -23,7 +24,6 @@ from trimtab.export.web_assembly import (
     missing_web_tools,
     write_web_page,
 )
-from trimtab.native.compiler import find_compiler
 from trimtab.run.blocks import loop_block
 
 TOOLS = {"clang": "clang", "wasm-ld": "lld", "chromium": "chromium"}

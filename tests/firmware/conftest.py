@@ -9,8 +9,8 @@ from pathlib import Path
 import pytest
 from firmware.host import KEY, Host
 
-from trimtab.export.boards import missing_tools
-from trimtab.export.firmware_folder import write_firmware
+from trimtab.flight.boards.firmware_folder import write_firmware
+from trimtab.flight.boards.microcontrollers import missing_tools
 from trimtab.scenarios import catalogue
 
 FLAGS = ["-std=c99", "-Wall", "-Wextra", "-Werror", "-ffp-contract=off", "-fwrapv"]

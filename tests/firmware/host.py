@@ -4,9 +4,9 @@ import ctypes
 
 import numpy as np
 
-from trimtab.wire.keys import passphrase_key
-from trimtab.wire.mavlink import Endpoint
-from trimtab.wire.stamps import EPOCH, PER_SECOND
+from trimtab.flight.mavlink.endpoint import Endpoint
+from trimtab.flight.mavlink.keys import passphrase_key
+from trimtab.flight.mavlink.stamps import EPOCH, PER_SECOND
 
 KEY = passphrase_key("a-key-for-these-tests-only")
 STAMP = 1_000_000

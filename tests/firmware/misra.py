@@ -15,7 +15,7 @@ from pathlib import Path
 
 from firmware.host import KEY
 
-from trimtab.export.firmware_folder import write_firmware
+from trimtab.flight.boards.firmware_folder import write_firmware
 from trimtab.scenarios.build import build
 
 ROOT = Path(__file__).parents[2]

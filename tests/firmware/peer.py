@@ -4,7 +4,7 @@ import select
 import socket
 import time
 
-from trimtab.wire.mavlink import Endpoint
+from trimtab.flight.mavlink.endpoint import Endpoint
 
 ARM = 400
 

@@ -13,13 +13,13 @@ from firmware.peer import Peer
 from trimtab.actuators.servo_pulse import ServoPulse
 from trimtab.core.record import replace
 from trimtab.core.time import seconds
-from trimtab.export.firmware_folder import replace_hardware, write_firmware
-from trimtab.links.open_link import open_link
-from trimtab.live.lockstep import LockstepAutopilot
+from trimtab.flight.boards.firmware_folder import replace_hardware, write_firmware
+from trimtab.flight.lockstep import LockstepAutopilot
+from trimtab.flight.mavlink.endpoint import Endpoint
+from trimtab.flight.transports.open_link import open_link
 from trimtab.logs.mcap import read_mcap
 from trimtab.run.simulate import simulate
 from trimtab.scenarios.build import build
-from trimtab.wire.mavlink import Endpoint
 
 REST = 3000
 SAFE_THRUST = 2667

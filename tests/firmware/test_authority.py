@@ -3,11 +3,11 @@
 import pytest
 from firmware.host import MS, Host, values
 
-from trimtab.live.autopilot_end import scenario_dialect
-from trimtab.run.identity import scenario_identity
+from trimtab.flight.autopilot_end import scenario_dialect
+from trimtab.flight.mavlink.keys import passphrase_key
+from trimtab.flight.scenario_identity import scenario_identity
+from trimtab.flight.station.identity import IdentityComparison
 from trimtab.scenarios.build import build
-from trimtab.wire.identity import IdentityComparison
-from trimtab.wire.keys import passphrase_key
 
 ARM, CONTROL, ACCEPTED, DENIED = 400, 32100, 0, 2
 DAY = 86_400

@@ -12,10 +12,10 @@ from firmware.board import Debugger, emulator, find_symbol
 from firmware.host import KEY, values
 from firmware.peer import Peer
 
-from trimtab.export.firmware_folder import write_firmware
+from trimtab.flight.boards.firmware_folder import write_firmware
+from trimtab.flight.mavlink.endpoint import Endpoint
+from trimtab.flight.mavlink.keys import passphrase_key
 from trimtab.scenarios import catalogue
-from trimtab.wire.keys import passphrase_key
-from trimtab.wire.mavlink import Endpoint
 
 pytestmark = pytest.mark.real_time
 

@@ -16,7 +16,7 @@ from pathlib import Path
 import pytest
 from firmware.host import KEY
 
-from trimtab.export.firmware_folder import write_firmware
+from trimtab.flight.boards.firmware_folder import write_firmware
 from trimtab.scenarios import catalogue
 
 pytestmark = pytest.mark.sanitizer

@@ -10,13 +10,13 @@ from firmware.host import KEY
 from firmware.peer import Peer
 
 from trimtab.core.time import seconds
-from trimtab.links.open_link import open_link
-from trimtab.live.autopilot_end import scenario_dialect
-from trimtab.live.fly import LiveAutopilot
+from trimtab.flight.autopilot import LiveAutopilot
+from trimtab.flight.autopilot_end import scenario_dialect
+from trimtab.flight.mavlink.endpoint import Endpoint
+from trimtab.flight.transports.open_link import open_link
 from trimtab.logs.mcap import read_mcap
 from trimtab.run.blocks import compile_autopilot
 from trimtab.scenarios import catalogue
-from trimtab.wire.mavlink import Endpoint
 
 pytestmark = pytest.mark.real_time
 

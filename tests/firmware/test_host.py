@@ -9,10 +9,10 @@ from firmware.conftest import load_library
 from firmware.host import COUNTS, KEY, MS, STAMP, Host, values
 
 from trimtab.actuators.speed_regulator import SpeedRegulator
-from trimtab.export.firmware_folder import key_image, write_firmware
+from trimtab.flight.boards.firmware_folder import key_image, write_firmware
+from trimtab.flight.mavlink.keys import passphrase_key
+from trimtab.flight.mavlink.stamps import EPOCH, PER_SECOND
 from trimtab.scenarios.build import build
-from trimtab.wire.keys import passphrase_key
-from trimtab.wire.stamps import EPOCH, PER_SECOND
 
 NEUTRAL, FULL = 3000, 1000
 

@@ -8,7 +8,7 @@ from firmware.i2c import CR1, PE, Device, Master
 from firmware.test_slave import Piece
 from firmware.test_stm32 import BOARD, FIRMWARE, compile_drivers
 
-from trimtab.native.compiler import find_compiler
+from trimtab.compiler.native.compiler import find_compiler
 
 pytestmark = pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here")
 WORD = b"\xa5\x05\x01\x07\x12\x34"

@@ -11,12 +11,12 @@ import jax
 import numpy as np
 import pytest
 
+from trimtab.compiler.native.compiler import find_compiler
 from trimtab.core.record import to_arrays
 from trimtab.core.rng import key
 from trimtab.core.signals import new_sample
 from trimtab.core.time import ms
 from trimtab.links.slave_bus import SlaveBus
-from trimtab.native.compiler import find_compiler
 
 pytestmark = pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here")
 

@@ -10,8 +10,8 @@ from firmware.chip import Chip
 from firmware.host import KEY, STAMP, Host, values
 from firmware.test_stm32 import compile_drivers
 
-from trimtab.export.black_box import SECTOR, read_black_box
-from trimtab.export.firmware_folder import write_firmware
+from trimtab.flight.boards.black_box import SECTOR, read_black_box
+from trimtab.flight.boards.firmware_folder import write_firmware
 from trimtab.scenarios.build import build
 
 pytestmark = pytest.mark.thorough

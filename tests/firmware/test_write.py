@@ -17,18 +17,18 @@ from trimtab.compiler.block import BlockDefinition, block_text
 from trimtab.core.errors import InputError
 from trimtab.core.record import quantity, record
 from trimtab.core.signals import Command, Frame, Sample
-from trimtab.export.boards import missing_tools
-from trimtab.export.firmware_folder import (
+from trimtab.flight.boards.firmware_folder import (
     firmware_blocks,
     refuse_workspaces,
     replace_hardware,
     samples_source,
     write_firmware,
 )
+from trimtab.flight.boards.microcontrollers import missing_tools
+from trimtab.flight.mavlink.dialect import derive_dialect
 from trimtab.run.blocks import message_structures
 from trimtab.scenarios import catalogue
 from trimtab.scenarios.build import build
-from trimtab.wire.dialect import derive_dialect
 
 
 def forward():

@@ -8,7 +8,7 @@ import socket
 import subprocess
 import sys
 
-from links.ends import free_port
+from flight.transports.ends import free_port
 
 PATIENCE = 120.0
 """Seconds; only a failure takes this long."""

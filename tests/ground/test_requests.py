@@ -6,14 +6,14 @@ Replayed, the flight's log gives every step's numbers again, requests included.
 import dataclasses
 
 import pytest
+from flight.pair import Program
 from ground.serving import served
 from ground.test_pymavlink import SET_MODE, Peer
-from live.pair import Program
 
-from trimtab.live.parameter_store import read_parameters
+from trimtab.compiler.native.compiler import find_compiler
+from trimtab.flight.parameter_store import read_parameters
 from trimtab.logs.mcap import read_mcap
 from trimtab.loop.supervisor import CAUSES, MODES
-from trimtab.native.compiler import find_compiler
 from trimtab.run.parameter_changes import read_changes
 from trimtab.run.replay import replay
 from trimtab.scenarios.recorded import rebuild_scenario

@@ -10,11 +10,11 @@ from laws.climb_reference import CLIMB, CRAFT, H0, V0, miss, noncausal, run
 from scipy.linalg import expm
 
 from trimtab.compiler.compiled_function import compile
+from trimtab.compiler.native.compiler import find_compiler
 from trimtab.core.errors import InputError
 from trimtab.core.record import FAST_COMPILE_OPTIONS, replace, to_arrays
 from trimtab.laws.internal_states import FadingModes
 from trimtab.laws.path_command import FilteredClimb
-from trimtab.native.compiler import find_compiler
 from trimtab.scenarios.hypersonic._internal import level_trim, preview_internal
 
 STEP = jax.jit(lambda form, t, state, climb: form.step(t, state, climb), compiler_options=FAST_COMPILE_OPTIONS)

@@ -11,10 +11,10 @@ from laws.climb_reference import CLIMB, CRAFT, T, miss, noncausal, run
 from scipy.optimize import brentq
 
 from trimtab.compiler.compiled_function import compile
+from trimtab.compiler.native.compiler import find_compiler
 from trimtab.core.record import replace, to_arrays
 from trimtab.laws.internal_states import QuasiStaticInternal, QuasiStaticState
 from trimtab.laws.path_command import FilteredClimb
-from trimtab.native.compiler import find_compiler
 
 FORM = to_arrays(QuasiStaticInternal(CRAFT))
 

@@ -8,8 +8,8 @@ import pytest
 from laws.climb_reference import CLIMB, CRAFT, H0, SCALES, V0, T, linear, miss, noncausal, run
 
 from trimtab.compiler.compiled_function import compile
+from trimtab.compiler.native.compiler import find_compiler
 from trimtab.core.record import to_arrays
-from trimtab.native.compiler import find_compiler
 from trimtab.scenarios.hypersonic._internal import internal_linear, level_trim, sylvester_internal
 
 

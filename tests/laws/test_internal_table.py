@@ -6,10 +6,10 @@ import pytest
 from scipy.interpolate import CubicHermiteSpline
 
 from trimtab.compiler.compiled_function import compile
+from trimtab.compiler.native.compiler import find_compiler
 from trimtab.core.errors import InputError
 from trimtab.core.record import replace, to_arrays
 from trimtab.laws.internal_states import InternalTable
-from trimtab.native.compiler import find_compiler
 
 
 @pytest.fixture(scope="module")

@@ -11,9 +11,9 @@ import pytest
 from scipy.optimize import brentq
 
 from trimtab.compiler.compiled_function import compile
+from trimtab.compiler.native.compiler import find_compiler
 from trimtab.core.record import to_arrays
 from trimtab.laws.path_inversion import InputLimits, internal_rates, invert_path
-from trimtab.native.compiler import find_compiler
 from trimtab.vehicles.hypersonic import Hypersonic, HypersonicInput, HypersonicState
 
 CRAFT, DEG = to_arrays(Hypersonic()), math.pi / 180

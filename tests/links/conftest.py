@@ -46,10 +46,3 @@ def _drive() -> Any:
 @pytest.fixture(name="sent_at", scope="session")
 def _sent_at() -> Any:
     return sent_at
-
-
-@pytest.fixture
-def runtime(tmp_path: Any, monkeypatch: Any) -> Any:
-    """A folder of its own for the sockets of loopback links."""
-    monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
-    return tmp_path

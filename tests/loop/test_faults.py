@@ -9,6 +9,7 @@ import pytest
 
 from trimtab.actuators.allocation import DirectActuation
 from trimtab.compiler.compiled_function import compile
+from trimtab.compiler.native.compiler import find_compiler
 from trimtab.core.errors import InputError
 from trimtab.core.record import Scalar, period, quantity, record, replace, to_arrays
 from trimtab.core.rng import key
@@ -18,7 +19,6 @@ from trimtab.links.wire import Wire
 from trimtab.loop.fault_text import add_dormant_faults, fault_locations, inject_faults, parse_fault, watchable_paths
 from trimtab.loop.faults import WORDS, Fault, FaultyActuators, FaultyChannel, FaultySensor
 from trimtab.loop.structure import strengthen_types
-from trimtab.native.compiler import find_compiler
 from trimtab.run.simulate import simulate
 from trimtab.scenarios import catalogue
 

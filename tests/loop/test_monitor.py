@@ -8,6 +8,7 @@ import pytest
 from oracles.temporal_logic import draw_pair, robustness_at, write_formula
 
 from trimtab.compiler.compiled_function import compile
+from trimtab.compiler.native.compiler import find_compiler
 from trimtab.core.errors import InputError
 from trimtab.core.formula import parse_formula
 from trimtab.core.formula_units import fit_formula, look_ahead
@@ -16,7 +17,6 @@ from trimtab.core.time import ms, seconds
 from trimtab.logs.robustness import HOLDS, LEAST, PENDING, VERDICTS, VIOLATED, fit_to_log, robustness
 from trimtab.loop.monitor import Monitor, MonitorInput
 from trimtab.loop.structure import strengthen_types
-from trimtab.native.compiler import find_compiler
 from trimtab.run.replay import replay
 from trimtab.run.simulate import simulate, simulate_batch
 from trimtab.scenarios.build import build

@@ -8,6 +8,7 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from trimtab.actuators.allocation import DirectActuation
+from trimtab.compiler.native.compiler import find_compiler
 from trimtab.core.errors import InputError
 from trimtab.core.record import Scalar, quantity, record, replace, to_arrays
 from trimtab.core.rng import key as root_key
@@ -20,7 +21,6 @@ from trimtab.links.slave_bus import SlaveBus
 from trimtab.links.wire import DelayChain, Wire
 from trimtab.loop.pilot_script import add_pilot_sensor
 from trimtab.loop.predictor import Predictor, predictor_for
-from trimtab.native.compiler import find_compiler
 from trimtab.run.replay import replay
 from trimtab.run.simulate import simulate
 from trimtab.scenarios.build import build

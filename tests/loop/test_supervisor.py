@@ -9,6 +9,7 @@ import pytest
 
 from trimtab.actuators.drive import NEUTRAL_COMMAND
 from trimtab.compiler.compiled_function import compile
+from trimtab.compiler.native.compiler import find_compiler
 from trimtab.core.errors import InputError
 from trimtab.core.record import Scalar, quantity, record, replace, to_arrays
 from trimtab.core.signals import Estimate, PlanarForce, Sample
@@ -16,7 +17,6 @@ from trimtab.core.time import ms, seconds
 from trimtab.loop.pilot_script import PilotScript, pilot_script
 from trimtab.loop.structure import strengthen_types
 from trimtab.loop.supervisor import CAUSES, CHECKS, MODES, REQUESTS, Limit, PilotRequest, Supervisor, SupervisorInput
-from trimtab.native.compiler import find_compiler
 from trimtab.run.blocks import compile_autopilot
 from trimtab.run.simulate import simulate
 from trimtab.scenarios import catalogue

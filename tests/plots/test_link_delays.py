@@ -3,7 +3,7 @@ import pytest
 from matplotlib.image import imread
 from scipy import stats
 
-from trimtab.live.link_test import DelayModel, Delays, LinkTestPlan
+from trimtab.flight.line_delays import DelayModel, Delays, LinkTestPlan
 from trimtab.plots.link_delays import gamma_density, plot_link_delays
 
 

@@ -7,9 +7,9 @@ import numpy as np
 from trimtab.core.interfaces import LinkStatistics
 from trimtab.core.record import leaves
 from trimtab.core.signals import Command, Frame, Sample
-from trimtab.wire.dialect import derive_dialect
-from trimtab.wire.keys import passphrase_key
-from trimtab.wire.mavlink import Endpoint
+from trimtab.flight.mavlink.dialect import derive_dialect
+from trimtab.flight.mavlink.endpoint import Endpoint
+from trimtab.flight.mavlink.keys import passphrase_key
 
 KEY = passphrase_key("correct-horse-battery-staple")
 

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
+from trimtab.compiler.native.compiler import find_compiler
 from trimtab.core.errors import InputError
 from trimtab.core.record import replace, with_leaf
 from trimtab.core.time import ms, seconds
-from trimtab.native.compiler import find_compiler
 from trimtab.run.runner import LEAST_LANE_RUNS
 from trimtab.run.simulate import simulate, simulate_batch
 from trimtab.scenarios import catalogue

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from loop.falling import Ball, HeightState, fall
 
+from trimtab.compiler.native.compiler import find_compiler
 from trimtab.core.errors import InputError
 from trimtab.core.record import replace
 from trimtab.core.time import seconds
-from trimtab.live.virtual_vehicle import instants
+from trimtab.flight.virtual_vehicle import instants
 from trimtab.loop.integration import Integration
-from trimtab.native.compiler import find_compiler
 from trimtab.run.blocks import compile_autopilot, compile_world
 from trimtab.run.simulate import simulate
 from trimtab.scenarios import catalogue

@@ -4,13 +4,13 @@ from itertools import pairwise
 from types import SimpleNamespace
 
 from trimtab.core.time import ms, seconds
-from trimtab.live.exchange import GroupSample
-from trimtab.live.fly import LiveAutopilot
-from trimtab.live.piloting import NoPilot
-from trimtab.live.real_time import DISCARD_LIMIT, discard_packets
-from trimtab.live.remote import QUICK_ANSWERS, RemoteVehicle
-from trimtab.live.vehicle import LiveVehicle
-from trimtab.wire.time_sync import TimeSync
+from trimtab.flight.autopilot import LiveAutopilot
+from trimtab.flight.exchange import GroupSample
+from trimtab.flight.piloting import NoPilot
+from trimtab.flight.real_time import DISCARD_LIMIT, discard_packets
+from trimtab.flight.remote import QUICK_ANSWERS, RemoteVehicle
+from trimtab.flight.station.time_sync import TimeSync
+from trimtab.flight.vehicle import LiveVehicle
 
 OFFSET = 98_765_432
 VEHICLE = {"system": 1, "component": 1}

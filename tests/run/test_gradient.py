@@ -4,10 +4,10 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from trimtab.compiler.native.compiler import find_compiler
 from trimtab.core.errors import InputError
 from trimtab.core.record import leaves, replace, with_leaf
 from trimtab.core.time import seconds, to_seconds
-from trimtab.native.compiler import find_compiler
 from trimtab.run.gradient import gradient, gradients
 from trimtab.run.simulate import simulate
 from trimtab.scenarios import catalogue

@@ -2,12 +2,12 @@
 
 import pytest
 
-from trimtab.live.autopilot_end import scenario_dialect
-from trimtab.live.connection_problem import scenario_problem
-from trimtab.live.injector import add_idle_faults
-from trimtab.run.identity import identity_path, scenario_identity
+from trimtab.flight.autopilot_end import scenario_dialect
+from trimtab.flight.connection_problem import scenario_problem
+from trimtab.flight.injector import add_idle_faults
+from trimtab.flight.scenario_identity import identity_path, scenario_identity
+from trimtab.flight.station.identity import SettingDifference
 from trimtab.scenarios.build import build
-from trimtab.wire.identity import SettingDifference
 
 TYPED = "trimtab fly hovercraft/spin --link udp://127.0.0.1:14550"
 

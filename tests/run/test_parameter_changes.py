@@ -6,10 +6,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from trimtab.compiler.compiled_block import compile_block
+from trimtab.compiler.native.compiler import find_compiler
 from trimtab.core.record import replace
 from trimtab.core.time import ms
 from trimtab.logs.log import Log
-from trimtab.native.compiler import find_compiler
 from trimtab.run.blocks import autopilot_block
 from trimtab.run.inputs import leaf_paths
 from trimtab.run.parameter_changes import AutopilotChange, read_changes

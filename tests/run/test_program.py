@@ -8,9 +8,9 @@ import time
 import numpy as np
 import pytest
 
+from trimtab.compiler.native.compiler import find_compiler
 from trimtab.core.record import replace
 from trimtab.core.time import seconds
-from trimtab.native.compiler import find_compiler
 from trimtab.run import program
 from trimtab.run.program import row_numbers, thread_count
 from trimtab.run.simulate import simulate_batch

@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
+from trimtab.compiler.native.compiler import find_compiler
 from trimtab.core.errors import InputError
 from trimtab.core.record import replace
 from trimtab.core.time import ms
 from trimtab.estimators.passthrough import Passthrough
 from trimtab.logs.log import Log
 from trimtab.logs.mcap import read_mcap, write_mcap
-from trimtab.native.compiler import find_compiler
 from trimtab.run.replay import describe_replay, first_bit_difference, replay
 from trimtab.run.simulate import simulate
 from trimtab.scenarios import catalogue

@@ -5,13 +5,13 @@ import numpy as np
 import pytest
 from estimators.odometry_drives import BEACONS, drive, frames_of
 
+from trimtab.compiler.native.compiler import find_compiler
 from trimtab.core.errors import InputError
 from trimtab.core.rng import key
 from trimtab.core.time import ms
 from trimtab.estimators.ranging.odometry import OdometryRanging, PlanarStart, RadioErrors
 from trimtab.logs.mcap import read_mcap, write_mcap
 from trimtab.logs.samples import SampleSeries, log_samples
-from trimtab.native.compiler import find_compiler
 from trimtab.run.replay_estimator import replay_estimator
 from trimtab.run.simulate import simulate
 from trimtab.scenarios import catalogue

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pytest
 
+from trimtab.compiler.native.compiler import find_compiler
 from trimtab.core.errors import InputError
 from trimtab.core.record import quantity, record, replace
 from trimtab.core.signals import Estimate
@@ -15,7 +16,6 @@ from trimtab.estimators.passthrough import Passthrough
 from trimtab.links.latency_trace import LatencyTrace, read_trace
 from trimtab.links.wire import Wire
 from trimtab.loop.world import World
-from trimtab.native.compiler import find_compiler
 from trimtab.run.simulate import simulate, simulate_many
 from trimtab.scenarios import catalogue
 from trimtab.sensors.navigation_errors import NavigationErrors, PlanarNavigation

@@ -6,16 +6,16 @@ import pytest
 from trimtab.compiler.compiled_block import compile_block
 from trimtab.core.record import replace
 from trimtab.core.time import ms
+from trimtab.flight.duties import Duties
+from trimtab.flight.exchange import GroupSample
+from trimtab.flight.injector import fault_parameter_names, plan_fault
+from trimtab.flight.mavlink.protocol import ArmRequest
+from trimtab.flight.station.parameters import Parameters
 from trimtab.links.wire import Wire
-from trimtab.live.duties import Duties
-from trimtab.live.exchange import GroupSample
-from trimtab.live.injector import fault_parameter_names, plan_fault
 from trimtab.loop.fault_text import inject_faults
 from trimtab.loop.faults import WORDS, FaultyChannel
 from trimtab.run.blocks import choose_failsafe, compile_world, replace_links, uplink_block
 from trimtab.scenarios import catalogue
-from trimtab.wire.parameters import Parameters
-from trimtab.wire.protocol import ArmRequest
 
 
 @pytest.fixture(scope="module")
@@ -101,7 +101,7 @@ def test_faults_of_the_command_line_stay_on_a_real_line(scenario):
 
 
 def test_a_plan_names_parameters_that_the_vehicle_has(scenario):
-    from trimtab.live.injector import add_idle_faults
+    from trimtab.flight.injector import add_idle_faults
 
     table = Parameters(add_idle_faults(scenario).world, "world").table()
     plan = plan_fault(scenario, "sensor:navigation wrong by 0.25 for 2 s", fault_parameter_names(scenario))

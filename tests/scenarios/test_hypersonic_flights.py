@@ -5,12 +5,12 @@ import math
 import numpy as np
 import pytest
 
+from trimtab.compiler.native.compiler import find_compiler
 from trimtab.core.errors import InputError
 from trimtab.core.record import replace
 from trimtab.core.time import ms, seconds
 from trimtab.laws.path_command import FilteredClimb
 from trimtab.loop.beliefs import belief_mismatches
-from trimtab.native.compiler import find_compiler
 from trimtab.run.simulate import simulate, simulate_batch
 from trimtab.scenarios import catalogue
 from trimtab.scenarios.hypersonic._flight import hypersonic_scenario

@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from trimtab.compiler.native.compiler import find_compiler
 from trimtab.core.time import ms, seconds
-from trimtab.native.compiler import find_compiler
 from trimtab.run.simulate import simulate, simulate_batch
 from trimtab.scenarios import catalogue
 

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 
 from trimtab import build
+from trimtab.compiler.native.compiler import find_compiler
 from trimtab.core.time import seconds
 from trimtab.environment.turbulence import Turbulence
-from trimtab.native.compiler import find_compiler
 from trimtab.run.simulate import simulate
 from trimtab.scenarios.hypersonic.modal_mismatch import scenario
 

@@ -4,11 +4,11 @@ import jax
 import numpy as np
 import pytest
 
+from trimtab.compiler.native.compiler import find_compiler
 from trimtab.core import quaternion
 from trimtab.core.imperfections import imperfections
 from trimtab.core.rotation import DEG
 from trimtab.core.time import ms
-from trimtab.native.compiler import find_compiler
 from trimtab.run.simulate import simulate
 from trimtab.scenarios import catalogue
 

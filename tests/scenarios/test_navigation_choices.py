@@ -14,9 +14,9 @@ from click.testing import CliRunner
 
 from trimtab.campaign.workers.prepare import find_signals
 from trimtab.cli import main
+from trimtab.compiler.native.compiler import find_compiler
 from trimtab.core.time import ms
 from trimtab.logs.navigation import state_series
-from trimtab.native.compiler import find_compiler
 from trimtab.run.simulate import simulate_many
 from trimtab.scenarios import catalogue
 from trimtab.scenarios.build import build

@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
+from trimtab.compiler.native.compiler import find_compiler
 from trimtab.core.errors import InputError
 from trimtab.core.time import ms
 from trimtab.logs.log import Log
 from trimtab.logs.metrics import metrics
-from trimtab.native.compiler import find_compiler
 from trimtab.run.program import describe_scenario
 from trimtab.run.simulate import simulate
 from trimtab.scenarios import catalogue

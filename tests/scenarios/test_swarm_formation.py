@@ -8,10 +8,10 @@ import numpy as np
 import pytest
 
 from trimtab import Campaign, InputError, build
+from trimtab.compiler.native.compiler import find_compiler
 from trimtab.core.record import replace
 from trimtab.core.time import ms, seconds
 from trimtab.export.export_c import export_c
-from trimtab.native.compiler import find_compiler
 from trimtab.run.replay import compare_logs
 from trimtab.run.simulate import simulate
 from trimtab.scenarios.swarm.formation import SPACING, hexagonal_places

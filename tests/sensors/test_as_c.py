@@ -9,9 +9,9 @@ import pytest
 
 from contracts.parts import key, motion
 from trimtab.compiler.function import lower_function
+from trimtab.compiler.native.build import build_library, load_library
 from trimtab.core.record import to_arrays
 from trimtab.loop.structure import strengthen_types
-from trimtab.native.build import build_library, load_library
 from trimtab.sensors.encoder import Encoder, Tachometer
 from trimtab.sensors.gyro_dynamics import DelayedGyro
 from trimtab.sensors.imu import GyroErrors, Imu

@@ -7,7 +7,7 @@ import sys
 import pytest
 
 from trimtab.commands.new import KINDS, main_file, read_files
-from trimtab.native.compiler import find_compiler
+from trimtab.compiler.native.compiler import find_compiler
 
 SLIPS = {
     "vehicle": ("jnp.sin(x.lean) - ", "jnp.sin(x.lean) + "),

@@ -4,8 +4,8 @@ import subprocess
 import zipfile
 from pathlib import Path
 
+from trimtab.compiler.native.compiler import find_compiler
 from trimtab.export.fmu import SOURCES, find_platform
-from trimtab.native.compiler import find_compiler
 
 FOLDER = Path(__file__).parent / "reference_fmus"
 

@@ -8,30 +8,30 @@ import fmpy
 import numpy as np
 import pytest
 from click.testing import CliRunner
-from links.ends import free_port
-from live.pair import fly_pair
+from flight.pair import fly_pair
+from flight.transports.ends import free_port
 from vehicles.reference import build_reference, reference_rows
 
 from trimtab.actuators.allocation import DirectActuation
 from trimtab.cli import main
+from trimtab.compiler.native.compiler import find_compiler
 from trimtab.core.errors import InputError
 from trimtab.core.record import part, period, record, replace
 from trimtab.core.signals import new_sample
 from trimtab.core.time import ms, seconds
 from trimtab.export.fmu import export_fmu
-from trimtab.links.open_link import open_link
-from trimtab.live.injector import add_idle_faults
-from trimtab.live.lockstep import LockstepAutopilot, LockstepVehicle
-from trimtab.live.vehicle import LiveVehicle
+from trimtab.flight.injector import add_idle_faults
+from trimtab.flight.lockstep import LockstepAutopilot, LockstepVehicle
+from trimtab.flight.mavlink.endpoint import Endpoint
+from trimtab.flight.mavlink.keys import passphrase_key
+from trimtab.flight.transports.open_link import open_link
+from trimtab.flight.vehicle import LiveVehicle
 from trimtab.logs.mcap import read_mcap
-from trimtab.native.compiler import find_compiler
 from trimtab.run.cosimulation import SteppedWorld
 from trimtab.run.simulate import compile_scenario, simulate
 from trimtab.scenarios.build import build
 from trimtab.vehicles.cart_pole import CartPoleState
 from trimtab.vehicles.fmu import FmuInstance, first_state, load, neutral_input, read_interface
-from trimtab.wire.keys import passphrase_key
-from trimtab.wire.mavlink import Endpoint
 
 pytestmark = pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here")
 TRUST = {"trust_code": "yes"}

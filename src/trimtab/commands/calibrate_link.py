@@ -11,10 +11,10 @@ from trimtab.commands.calibrate_bench import ADD, DATA, DRAW
 from trimtab.commands.calibrate_files import CalibrationReport, finish_calibration
 from trimtab.commands.options import JSON
 from trimtab.core.errors import InputError
+from trimtab.flight.line_delays import DelayModel, fit_delay_model
 from trimtab.identify.calibration import Calibration, Covariance, Entry
 from trimtab.links.latency import gamma_table, normal_scores
 from trimtab.links.latency_trace import Trace, read_trace
-from trimtab.live.link_test import DelayModel, fit_delay_model
 from trimtab.plots.calibration import FitCurve, FitPanel
 
 FEWEST = 50

@@ -18,8 +18,8 @@ from trimtab.commands.options import FILE, JSON, NAVIGATION, OUT, SET, WITHOUT
 from trimtab.commands.output import check_folder, print_json
 from trimtab.commands.written_files import place_files
 from trimtab.core.errors import InputError
-from trimtab.export.boards import TARGETS, emulate, require_tools
 from trimtab.export.verify import compare_samples, verify_folder
+from trimtab.flight.boards.microcontrollers import TARGETS, emulate, require_tools
 from trimtab.scenarios.catalogue import load_function
 
 BOARDS = ("cortex-m4", "cortex-m7")

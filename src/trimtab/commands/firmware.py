@@ -14,8 +14,8 @@ from trimtab.commands.options import JSON, KEY, LOCKSTEP, NAVIGATION, OUT, SCENA
 from trimtab.commands.output import check_folder, print_json
 from trimtab.commands.written_files import place_files
 from trimtab.core.errors import InputError
-from trimtab.export.boards import require_tools
-from trimtab.export.firmware_folder import firmware_outputs, write_firmware
+from trimtab.flight.boards.firmware_folder import firmware_outputs, write_firmware
+from trimtab.flight.boards.microcontrollers import require_tools
 from trimtab.scenarios.build import build
 
 

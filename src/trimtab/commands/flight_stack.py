@@ -15,17 +15,17 @@ from trimtab.commands.output import new_log, print_json, print_log_size
 from trimtab.commands.progress import show_spinner
 from trimtab.core.errors import InputError
 from trimtab.core.time import to_seconds
-from trimtab.links.open_link import parse_uri
-from trimtab.links.tcp import open_tcp
-from trimtab.links.udp import open_udp
-from trimtab.live.ardupilot import ArduPilotPhysics
-from trimtab.live.physics_log import PhysicsSummary
-from trimtab.live.pulsed_vehicle import PulsedVehicle
-from trimtab.live.px4 import Px4Simulator
+from trimtab.flight.stacks.ardupilot import ArduPilotPhysics
+from trimtab.flight.stacks.ardupilot_json import MOST_CHANNELS
+from trimtab.flight.stacks.physics_log import PhysicsSummary
+from trimtab.flight.stacks.pulsed_vehicle import PulsedVehicle
+from trimtab.flight.stacks.px4 import Px4Simulator
+from trimtab.flight.stacks.px4_simulator import CHANNELS as PX4_CHANNELS
+from trimtab.flight.transports.open_link import parse_uri
+from trimtab.flight.transports.tcp import open_tcp
+from trimtab.flight.transports.udp import open_udp
 from trimtab.loop.scenario import Scenario
 from trimtab.run.command_pulses import describe_outputs
-from trimtab.wire.ardupilot_json import MOST_CHANNELS
-from trimtab.wire.px4_simulator import CHANNELS as PX4_CHANNELS
 
 
 class FlightStack(NamedTuple):

@@ -45,15 +45,15 @@ from trimtab.core.errors import InputError
 from trimtab.core.interfaces import Link
 from trimtab.core.record import replace
 from trimtab.core.time import parse_time, to_seconds
-from trimtab.live.connection_problem import COMPUTER_CLOCK, STORED_CLOCK, VEHICLE_CLOCK
-from trimtab.live.fly import COUNT, OVERRUN_POLICIES, LiveAutopilot
-from trimtab.live.lockstep import LockstepAutopilot, NoAnswerError
-from trimtab.live.parameter_store import ParameterStore, read_parameters
+from trimtab.flight.autopilot import COUNT, OVERRUN_POLICIES, LiveAutopilot
+from trimtab.flight.connection_problem import COMPUTER_CLOCK, STORED_CLOCK, VEHICLE_CLOCK
+from trimtab.flight.lockstep import LockstepAutopilot, NoAnswerError
+from trimtab.flight.mavlink.dialect import Dialect
+from trimtab.flight.mavlink.endpoint import Endpoint
+from trimtab.flight.parameter_store import ParameterStore, read_parameters
 from trimtab.loop.scenario import Scenario
 from trimtab.run.blocks import refuse_swarm
 from trimtab.scenarios.build import build
-from trimtab.wire.dialect import Dialect
-from trimtab.wire.mavlink import Endpoint
 
 
 @click.command()

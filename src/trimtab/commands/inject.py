@@ -8,8 +8,8 @@ from trimtab.commands.line import INJECTOR, endpoint_factory, find_key, live_set
 from trimtab.commands.options import JSON, KEY, LINK, NAVIGATION, SCENARIO, SET, UNSIGNED
 from trimtab.commands.output import print_json
 from trimtab.core.time import FOREVER, format_time
-from trimtab.live.autopilot_end import scenario_dialect
-from trimtab.live.injector import Injector, plan_fault
+from trimtab.flight.autopilot_end import scenario_dialect
+from trimtab.flight.injector import Injector, plan_fault
 from trimtab.scenarios.build import build
 
 

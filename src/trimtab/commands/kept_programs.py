@@ -20,12 +20,12 @@ from typing import Any, NamedTuple
 import numpy as np
 
 import trimtab
+from trimtab.compiler.native.cache import find_library, read_private_file, write_atomically
+from trimtab.compiler.native.compiler import cpu_identity
 from trimtab.core.cache_folder import cache_folder
 from trimtab.core.quantity import Quantity
 from trimtab.logs.log import to_plain
 from trimtab.logs.metrics import Target
-from trimtab.native.cache import find_library, read_private_file, write_atomically
-from trimtab.native.compiler import cpu_identity
 from trimtab.run.program import Column, Program
 
 FOLDER = "programs"

@@ -10,14 +10,14 @@ import click
 
 from trimtab.core.errors import InputError
 from trimtab.core.interfaces import Link
-from trimtab.links.open_link import parse_uri
-from trimtab.live.connection_problem import COMPUTER_CLOCK, STORED_CLOCK
-from trimtab.live.machine import SYSTEM_MACHINE, Machine
+from trimtab.flight.connection_problem import COMPUTER_CLOCK, STORED_CLOCK
+from trimtab.flight.machine import SYSTEM_MACHINE, Machine
+from trimtab.flight.mavlink.dialect import Dialect
+from trimtab.flight.mavlink.endpoint import Endpoint
+from trimtab.flight.mavlink.keys import SigningKey, create_key, key_path, load_key
+from trimtab.flight.mavlink.stamps import running_clock
+from trimtab.flight.transports.open_link import parse_uri
 from trimtab.scenarios import catalogue
-from trimtab.wire.dialect import Dialect
-from trimtab.wire.keys import SigningKey, create_key, key_path, load_key
-from trimtab.wire.mavlink import Endpoint
-from trimtab.wire.stamps import running_clock
 
 VEHICLE, AUTOPILOT, INJECTOR = (1, 1), (1, 191), (1, 192)
 """MAVLink system and component IDs of the ends."""

@@ -27,10 +27,8 @@ from trimtab.commands.progress import format_wait, show_spinner
 from trimtab.commands.written_files import check_new_in
 from trimtab.core.errors import InputError
 from trimtab.core.interfaces import Link
-from trimtab.links.latency_trace import write_trace
-from trimtab.links.open_link import open_link
-from trimtab.live.clock_time import ClockTimeExchange
-from trimtab.live.link_test import (
+from trimtab.flight.clock_time import ClockTimeExchange
+from trimtab.flight.line_delays import (
     Delays,
     LinkTestPlan,
     echo_requests,
@@ -39,6 +37,8 @@ from trimtab.live.link_test import (
     link_traces,
     measure_delays,
 )
+from trimtab.flight.transports.open_link import open_link
+from trimtab.links.latency_trace import write_trace
 from trimtab.plots.link_delays import plot_link_delays
 
 LOADS = ("2.9/41.0", "2.9/22.0", "2.9/16.2")

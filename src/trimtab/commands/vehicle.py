@@ -42,20 +42,20 @@ from trimtab.core.errors import InputError
 from trimtab.core.interfaces import Link
 from trimtab.core.record import replace
 from trimtab.core.time import ms, parse_time, to_seconds
-from trimtab.live.connection_problem import COMPUTER_CLOCK, STORED_CLOCK
-from trimtab.live.globe import parse_origin
-from trimtab.live.injector import add_idle_faults
-from trimtab.live.lockstep import LockstepVehicle, NoAnswerError
-from trimtab.live.parameter_store import ParameterStore, read_parameters
-from trimtab.live.station_options import StationOptions
-from trimtab.live.vehicle import LiveVehicle, VehicleSummary
+from trimtab.flight.connection_problem import COMPUTER_CLOCK, STORED_CLOCK
+from trimtab.flight.globe import parse_origin
+from trimtab.flight.injector import add_idle_faults
+from trimtab.flight.lockstep import LockstepVehicle, NoAnswerError
+from trimtab.flight.mavlink.dialect import Dialect
+from trimtab.flight.mavlink.endpoint import Endpoint
+from trimtab.flight.parameter_store import ParameterStore, read_parameters
+from trimtab.flight.scenario_identity import setting_path
+from trimtab.flight.station_options import StationOptions
+from trimtab.flight.vehicle import LiveVehicle, VehicleSummary
 from trimtab.logs.log_limit import list_files
 from trimtab.loop.scenario import Scenario
 from trimtab.run.blocks import refuse_swarm
-from trimtab.run.identity import setting_path
 from trimtab.scenarios.build import build
-from trimtab.wire.dialect import Dialect
-from trimtab.wire.mavlink import Endpoint
 
 SHORTEST_WATCHDOG = ms(20)
 """Shortest watchdog time: four heartbeats of the process of the outputs."""

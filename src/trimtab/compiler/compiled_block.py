@@ -7,9 +7,9 @@ from typing import Any
 import numpy as np
 
 from trimtab.compiler.block import BlockDefinition, BlockText, block_text
+from trimtab.compiler.native.build import build_library, load_library
 from trimtab.compiler.structs import Member, row_declarations, row_functions
 from trimtab.core.errors import InputError, closest
-from trimtab.native.build import build_library, load_library
 
 ENTRY = """
 #include <stddef.h>

@@ -17,11 +17,11 @@ from trimtab.compiler.function import Function, FunctionText
 from trimtab.compiler.identifiers import distinct, function_identifier, identifier
 from trimtab.compiler.ir import TYPES
 from trimtab.compiler.lower import CompilerFaultError, report_fault
+from trimtab.compiler.native.build import build_library, load_library
+from trimtab.compiler.native.call import ArrayType, LoadedFunction, TreeNode, array_addresses, make_callable, run_batch
+from trimtab.compiler.native.compiler import find_compiler, lane_count
 from trimtab.core.errors import InputError
 from trimtab.core.quantity import Option, declarations, is_record
-from trimtab.native.build import build_library, load_library
-from trimtab.native.call import ArrayType, LoadedFunction, TreeNode, array_addresses, make_callable, run_batch
-from trimtab.native.compiler import find_compiler, lane_count
 
 LANES = (1, 4, 8)
 VECTORS = 0.98

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from trimtab.core.quantity import Quantity
-from trimtab.live.console_packets import HEAD
+from trimtab.flight.console_packets import HEAD
 from trimtab.logs.spatial import DECLARED, FLIGHT, find_named, find_spatial, work_out_flight
 
 ESTIMATE = "estimate.state."

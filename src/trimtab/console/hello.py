@@ -13,13 +13,13 @@ from trimtab.core.interfaces import optional_member
 from trimtab.core.quantity import Quantity
 from trimtab.core.record import leaves
 from trimtab.core.time import to_seconds
-from trimtab.live.console_line import ConsoleLine
-from trimtab.live.console_packets import ROW_PERIOD
-from trimtab.live.flight_log import FlightRows
-from trimtab.live.flight_signals import FLIGHT_SIGNALS
-from trimtab.live.fly import LiveAutopilot
-from trimtab.live.silence import SILENCE
-from trimtab.live.stick import CompiledStick
+from trimtab.flight.autopilot import LiveAutopilot
+from trimtab.flight.console_line import ConsoleLine
+from trimtab.flight.console_packets import ROW_PERIOD
+from trimtab.flight.flight_log import FlightRows
+from trimtab.flight.flight_signals import FLIGHT_SIGNALS
+from trimtab.flight.silence import SILENCE
+from trimtab.flight.stick import CompiledStick
 from trimtab.logs.spatial import ANGLES, FLIGHT
 from trimtab.loop.scenario import Scenario
 from trimtab.loop.supervisor_modes import CAUSES, MODES, REQUESTS

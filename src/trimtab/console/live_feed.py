@@ -15,7 +15,7 @@ from trimtab.console.alarms import ALARM, Flight
 from trimtab.console.clients import Client
 from trimtab.console.flight_numbers import FlightNumbers
 from trimtab.core.time import to_seconds
-from trimtab.live.console_packets import END_SILENCE, HEAD, LARGEST_PACKET, ROW, TEXT
+from trimtab.flight.console_packets import END_SILENCE, HEAD, LARGEST_PACKET, ROW, TEXT
 
 STATUS_PERIOD = 0.2
 EVENTS_KEPT = 200

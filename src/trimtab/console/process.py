@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 from trimtab.console.address import ConsoleAddress, open_listener
 from trimtab.core.errors import InputError, argument_name
-from trimtab.live.console_line import ConsoleLine
+from trimtab.flight.console_line import ConsoleLine
 
 END_S = 5.0
 NICE = 5

@@ -19,7 +19,7 @@ from trimtab.console.clients import Client
 from trimtab.console.hello import describe_signal, describe_view, list_set_points, shorten_hash
 from trimtab.core.errors import InputError
 from trimtab.core.time import UNITS_PER_SECOND, to_seconds
-from trimtab.live.console_packets import LONGEST_VECTOR, ROW_PERIOD
+from trimtab.flight.console_packets import LONGEST_VECTOR, ROW_PERIOD
 from trimtab.logs.log import Log
 from trimtab.logs.mcap import read_mcap
 from trimtab.logs.spatial import with_flight

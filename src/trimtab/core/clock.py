@@ -1,6 +1,6 @@
 """Clocks: code that waits or reads the time is handed a Clock, so that it also runs in virtual time.
 
-The system's clock is `SYSTEM_CLOCK`. The virtual clock is `trimtab.live.virtual_time`.
+The system's clock is `SYSTEM_CLOCK`. The virtual clock is `trimtab.flight.virtual_time`.
 Source: docs page, Testing.
 """
 

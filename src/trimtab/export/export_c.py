@@ -19,7 +19,7 @@ from trimtab.loop.walk import logged_signals
 from trimtab.run.blocks import autopilot_block, loop_block
 from trimtab.run.inputs import leaf_paths, run_inputs
 from trimtab.run.simulate import simulate
-from trimtab.run.walk_program import signal_structure
+from trimtab.run.walk_structure import signal_structure
 from trimtab.scenarios.build import find_scenario
 
 PARTS = ("autopilot", "loop")

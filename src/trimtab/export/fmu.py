@@ -16,12 +16,12 @@ from uuid import UUID
 
 from trimtab.compiler.block import BlockText, block_text
 from trimtab.compiler.identifiers import identifier
+from trimtab.compiler.native.compiler import find_compiler
 from trimtab.core.errors import InputError, argument, argument_name
 from trimtab.core.time import to_seconds
 from trimtab.export.fmu_description import FmuIdentity, build_description_xml, description_xml
 from trimtab.export.fmu_model import FmuModel, FmuVariable, fmu_model, fmu_variables, model_header, split_variables
 from trimtab.loop.scenario import Scenario
-from trimtab.native.compiler import find_compiler
 
 FMU_PARTS = ("autopilot", "vehicle", "loop")
 VERSIONS = (2, 3)

@@ -10,8 +10,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from trimtab.compiler.native.compiler import find_compiler
 from trimtab.core.errors import InputError
-from trimtab.native.compiler import find_compiler
 
 WARNINGS = ("-std=c99", "-pedantic", "-Wall", "-Wextra", "-Werror")
 EXACT = ("-O2", "-ffp-contract=off", "-fno-tree-slp-vectorize", "-fwrapv", "-fno-math-errno")

@@ -29,7 +29,7 @@ from trimtab.loop.walk import start
 from trimtab.loop.world import World
 from trimtab.sensors.flight_state import TrueState
 from trimtab.sensors.navigation_errors import PlanarNavigation
-from trimtab.wire.telemetry import mav_type
+from trimtab.vehicles.vehicle_type import mav_type
 
 LINKS = ("uplink", "downlink")
 if TYPE_CHECKING:  # a default of a type's parameter: Python 3.13

@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from trimtab.live.link_test import DelayModel, Delays, fit_delay_model, latency_rows, link_traces
+from trimtab.flight.line_delays import DelayModel, Delays, fit_delay_model, latency_rows, link_traces
 from trimtab.plots.style import BLUE, GREY, VERMILION, PicturePath, new_figure, save_figure, style_grid
 
 if TYPE_CHECKING:  # matplotlib is imported when something is drawn

@@ -32,7 +32,7 @@ from trimtab.run.blocks import (
 from trimtab.run.inputs import RunInputs, leaf_paths, run_inputs
 from trimtab.run.program import RunResults, describe_scenario, logged_instants, make_log
 from trimtab.run.runner import prepare_run
-from trimtab.run.walk_program import final_columns, row_columns, walk_structure
+from trimtab.run.walk_structure import final_columns, row_columns, walk_structure
 from trimtab.vehicles.fmu import FmuInstance
 
 MEASURED_STEPS = 300

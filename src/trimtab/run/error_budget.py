@@ -19,7 +19,7 @@ from trimtab.loop.scenario import Scenario
 from trimtab.loop.walk import logged_signals
 from trimtab.run.inputs import run_inputs
 from trimtab.run.simulate import simulate_many
-from trimtab.run.walk_program import signal_structure
+from trimtab.run.walk_structure import signal_structure
 from trimtab.scenarios.build import find_scenario
 
 ALL, NONE = "all", "none"

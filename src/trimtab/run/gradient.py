@@ -7,15 +7,16 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 
+from trimtab.compiler.native.compiler import find_compiler, lane_count
+from trimtab.compiler.walk_program import WalkProgram, build_program, lower_walk
 from trimtab.core.errors import InputError, closest
 from trimtab.core.time import Instant, Timetable, ms, to_seconds
 from trimtab.loop.scenario import Scenario
 from trimtab.loop.walk import Signals, instant
-from trimtab.native.compiler import find_compiler, lane_count
 from trimtab.run.inputs import RunInputs, flat_inputs, leaf_paths, own_inputs, own_rows, run_inputs
 from trimtab.run.program import fly_runs, row_numbers, thread_count
 from trimtab.run.runner import prepare_run
-from trimtab.run.walk_program import WalkProgram, WalkStructure, build_program, lower_walk, walk_structure
+from trimtab.run.walk_structure import WalkStructure, walk_structure
 
 Cost = Callable[[Signals], Any]
 

@@ -11,12 +11,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from trimtab.compiler.native.build import load_library
 from trimtab.core.errors import InputError, argument, argument_name
 from trimtab.core.quantity import Quantity, leaves, part_classes, plain_setting
 from trimtab.core.time import Timetable, timetable, to_seconds
 from trimtab.logs.log import LazyMapping, Log, provenance, to_plain
 from trimtab.loop.beliefs import belief_mismatches
-from trimtab.native.build import load_library
 
 SHORT = 5_000_000
 """Largest number of instants, over all runs, flown without watching for Ctrl-C: about a second."""

@@ -9,16 +9,16 @@ from typing import Any, NamedTuple, TypeVar
 import jax
 import numpy as np
 
+from trimtab.compiler.native.build import BuildError
+from trimtab.compiler.native.compiler import NoCompilerError, find_compiler, lane_count
 from trimtab.core.errors import InputError, closest
 from trimtab.core.record import replace
 from trimtab.core.time import Timetable, format_time, timetable
 from trimtab.loop.scenario import Scenario
 from trimtab.loop.walk import WalkResult, walk
-from trimtab.native.build import BuildError
-from trimtab.native.compiler import NoCompilerError, find_compiler, lane_count
 from trimtab.run.inputs import RunInputs, flat_inputs, own_rows
 from trimtab.run.program import Column, RunResults, check_seed, fly_runs, row_numbers, row_width
-from trimtab.run.walk_program import WalkStructure, build_walk_library, final_columns, row_columns, walk_structure
+from trimtab.run.walk_structure import WalkStructure, build_walk_library, final_columns, row_columns, walk_structure
 
 MAX_INSTANTS = 200_000_000
 BACKENDS = ("auto", "c", "jax")

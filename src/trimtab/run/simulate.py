@@ -26,7 +26,7 @@ from trimtab.run.program import (
     thread_count,
 )
 from trimtab.run.runner import FlownRuns, RunJob, check_signals, choose_c, fly, prepare_run
-from trimtab.run.walk_program import build_walk_library, final_columns, row_columns, walk_structure
+from trimtab.run.walk_structure import build_walk_library, final_columns, row_columns, walk_structure
 from trimtab.scenarios.build import find_scenario
 
 

@@ -19,7 +19,7 @@ from trimtab.core.time import ms, seconds
 from trimtab.logs.metrics import Target
 from trimtab.logs.robustness import assess_formula
 from trimtab.run.simulate import simulate
-from trimtab.run.walk_program import build_walk_library
+from trimtab.run.walk_structure import build_walk_library
 from trimtab.scenarios.build import build
 
 NAME = "hovercraft/zero-velocity"

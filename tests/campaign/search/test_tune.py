@@ -22,10 +22,10 @@ from trimtab.campaign.search.tune_methods import (
 )
 from trimtab.campaign.workers.prepare import CampaignPlan, PreparedCampaign, prepare_campaign
 from trimtab.cli import main
+from trimtab.compiler.native.compiler import find_compiler
 from trimtab.core.errors import InputError
 from trimtab.core.record import leaves, replace
 from trimtab.core.time import ms, seconds, to_seconds
-from trimtab.native.compiler import find_compiler
 from trimtab.run.gradient import gradient, gradients
 from trimtab.run.simulate import simulate_batch
 from trimtab.scenarios.build import build

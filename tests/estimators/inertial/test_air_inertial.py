@@ -5,9 +5,9 @@ import numpy as np
 import pytest
 
 from trimtab import build
+from trimtab.compiler.native.compiler import find_compiler
 from trimtab.core.rotation import DEG
 from trimtab.core.time import ms
-from trimtab.native.compiler import find_compiler
 from trimtab.run.simulate import simulate
 from trimtab.scenarios.f16._navigation import STATION
 from trimtab.sensors.flight_instruments import FlightInstruments

@@ -10,6 +10,7 @@ from estimators.aerial_flights import BLOCKS, TICK, Setting, fly, pose_error, st
 from scipy import stats
 
 import trimtab
+from trimtab.compiler.native.compiler import find_compiler
 from trimtab.core import quaternion
 from trimtab.core.errors import InputError
 from trimtab.core.record import replace, to_arrays
@@ -22,7 +23,6 @@ from trimtab.estimators.inertial.gnss_inertial import GnssInertial
 from trimtab.estimators.inertial.gnss_measurements import expect_fix
 from trimtab.estimators.inertial.strapdown import average_samples
 from trimtab.loop.structure import strengthen_types
-from trimtab.native.compiler import find_compiler
 from trimtab.scenarios import catalogue
 from trimtab.scenarios.navigation.aerial import LAP
 from trimtab.sensors.gnss import Gnss, GnssReading, Outages

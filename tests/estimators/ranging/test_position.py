@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 
 from trimtab.compiler.function import lower_function
+from trimtab.compiler.native.build import build_library, load_library
+from trimtab.compiler.native.compiler import find_compiler
 from trimtab.core.errors import InputError
 from trimtab.core.imperfections import without
 from trimtab.core.interfaces import Estimator
@@ -14,8 +16,6 @@ from trimtab.core.rng import key
 from trimtab.core.signals import Frame, Motion, Sample
 from trimtab.core.time import ms, seconds
 from trimtab.estimators.ranging.position import MODES, SQUARE, RangingPosition
-from trimtab.native.build import build_library, load_library
-from trimtab.native.compiler import find_compiler
 from trimtab.sensors.time_of_flight import CEILING_SQUARE, RangeErrors, measured_range
 from trimtab.sensors.ultrasonic_ranging import Ranges, UltrasonicRanging
 

@@ -26,7 +26,7 @@ from trimtab.logs.metrics import full_path
 from trimtab.logs.spatial import FLIGHT
 from trimtab.loop.walk import Signals, logged_signals
 from trimtab.run.inputs import run_inputs
-from trimtab.run.walk_program import signal_structure
+from trimtab.run.walk_structure import signal_structure
 
 INTEGRALS = ("error_rms", "rms", "mean")
 

@@ -21,16 +21,17 @@ from trimtab.campaign.workers.prepare import (
     scenario_place,
     scenario_variant,
 )
+from trimtab.compiler.native.compiler import NoCompilerError, search_compiler
+from trimtab.compiler.walk_program import WalkProgram
 from trimtab.core.errors import InputError, argument_name
 from trimtab.core.time import to_seconds
 from trimtab.logs.log import Log
 from trimtab.logs.spatial import FLIGHT_DECLARED, find_flight, with_flight
 from trimtab.loop.scenario import Scenario
-from trimtab.native.compiler import NoCompilerError, search_compiler
 from trimtab.run.inputs import run_inputs
 from trimtab.run.runner import choose_c, prepare_run
 from trimtab.run.simulate import Batch, simulate_batch
-from trimtab.run.walk_program import WalkProgram, lower_structure, walk_structure
+from trimtab.run.walk_structure import lower_structure, walk_structure
 
 TOGETHER = 48_000
 """Number of rows judged at a time; they fit into the processor's cache."""

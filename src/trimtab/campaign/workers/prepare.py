@@ -28,7 +28,7 @@ from trimtab.loop.settings import with_settings
 from trimtab.loop.walk import logged_signals
 from trimtab.run.inputs import run_inputs
 from trimtab.run.program import check_seed, describe_scenario
-from trimtab.run.walk_program import signal_structure
+from trimtab.run.walk_structure import signal_structure
 from trimtab.scenarios.build import CALIBRATION, build
 
 MEMORY = 48 * 2**20

@@ -1,0 +1,210 @@
+"""Build C or C++ text to a shared library, once per text, compiler and CPU, and keep it."""
+
+import functools
+import os
+from hashlib import sha256
+from pathlib import Path
+from typing import TYPE_CHECKING, NamedTuple
+
+from trimtab.compiler.native.cache import (
+    MAKE_ROOM_FIX,
+    find_in_folder,
+    find_library,
+    lock_key,
+    store_library,
+    try_folders,
+    work_folder,
+)
+from trimtab.compiler.native.compiler import (
+    NEEDED_VERSIONS,
+    REQUIRED,
+    SUFFIX,
+    Compiler,
+    CompilerOutcome,
+    NoCompilerError,
+    cpu_identity,
+    run_compiler,
+    search_compiler,
+)
+from trimtab.core.errors import InputError
+
+if TYPE_CHECKING:
+    import ctypes
+
+GENERATION = "1"
+"""Part of every key: raise it when existing libraries must not be used again."""
+COMMON = (
+    *("-O2", "-march=native", "-ffp-contract=off", "-fwrapv", "-fno-math-errno"),
+    *("-fno-tree-slp-vectorize", "--param=vect-epilogues-nomask=0"),
+)
+"""The vectoriser of straight lines fuses products and sums in turns (vfmaddsub), -ffp-contract=off or not. The last one
+keeps gcc from vectorising what a vectorised loop leaves over: there gcc 12 takes arrays on the stack as aligned to 32
+bytes that are aligned to 16, and the program dies of SIGSEGV (`TightlyCoupled`, 28 beacons, AVX-512)."""
+FLAGS = {
+    "c": (
+        "-std=c99",
+        *COMMON,
+        "-ftree-loop-vectorize",
+        "-fvect-cost-model=dynamic",
+        "-fpeel-loops",
+        "-DTT_NO_SLP",
+        "--param=max-inline-insns-single=200",
+    ),
+    "c++": ("-std=c++17", *COMMON, "-Wno-psabi"),
+}
+"""Per language. Of the scalar text only loops over arrays are vectorised, which changes no bit: nothing is summed in
+another order; they are if what they call is put in their place, such as tanh, which -O2 does for one call only. The
+text over lanes is the compiler's to improve."""
+LIBRARIES = {"c": ("-lm",), "c++": ("-lpthread", "-lm")}
+OLDER_FLAGS = {"-std=c++17": "-std=c++1z"}
+"""Names of flags in older compilers."""
+TIME_LIMIT = 300.0
+"""Maximum duration of a compilation (s)."""
+LINES, WIDTH = 20, 160
+"""Maximum number of lines, and of characters per line, of the compiler's output in an error."""
+
+
+class BuildError(InputError):
+    """Failure to build a library with a working compiler; the problem has the first lines of the compiler's output."""
+
+
+class _BuildJob(NamedTuple):
+    """Text to be built, with compiler and flags."""
+
+    compiler: Compiler
+    language: str
+    source: str
+    extra: tuple[str, ...]
+
+    @property
+    def key(self) -> str:
+        """Return the key of the library: text, flags, compiler, CPU and this file's generation."""
+        given = (GENERATION, self.language, *FLAGS[self.language], *LIBRARIES[self.language], *self.extra)
+        return sha256("\0".join((*given, self.compiler.identity, cpu_identity(), self.source)).encode()).hexdigest()
+
+    @property
+    def part(self) -> str:
+        """Return the subject of an error."""
+        return f"compiler {self.compiler.path} ({self.compiler.identity})"
+
+
+def build_library(source: str, language: str = "c", *, extra: tuple[str, ...] = ()) -> Path:
+    """Return the shared library of a C99 (``c``) or C++17 (``c++``) text; from the cache, if it has been built before.
+
+    Args:
+        source: the whole text. What it includes, beyond the system's headers, isn't part of what is remembered.
+        language: ``c`` or ``c++``.
+        extra: further flags and libraries, which come last.
+
+    Raises NoCompiler if no compiler works, BuildFailed if the compiler makes no library or no folder accepts it.
+    """
+    found = search_compiler(language)
+    if found.compiler is None:
+        raise NoCompilerError("compiled flight", found.problem, fix=found.fix)
+    job = _BuildJob(found.compiler, language, source, extra)
+    if library := find_library(job.key):
+        return library
+    try:
+        return try_folders(functools.partial(_build_in_folder, job))
+    except OSError as reason:
+        raise BuildError(
+            "cache of compiled programs",
+            f"no folder accepts the library: {reason}",
+            fix=MAKE_ROOM_FIX,
+        ) from reason
+
+
+def load_library(path: Path) -> "ctypes.CDLL":
+    """Load a library made by build."""
+    import ctypes
+
+    try:
+        return ctypes.CDLL(os.fspath(path))
+    except OSError as reason:
+        raise BuildError(
+            f"library {path}", f"it cannot be loaded: {reason}", fix="the library cannot be loaded: {reason}"
+        ) from reason
+
+
+def _build_in_folder(job: _BuildJob, folder: Path) -> Path:
+    with lock_key(folder, job.key):
+        if library := find_in_folder(folder, job.key):  # another process built it meanwhile
+            return library
+        with work_folder(folder) as work:
+            flags = _compile_source(job, work)
+            about = {"compiler": job.compiler.identity, "flags": " ".join((*flags, *job.extra))}
+            return store_library(folder, job.key, work / "program.so", about)
+
+
+def _compile_source(job: _BuildJob, work: Path) -> tuple[str, ...]:
+    """Compile to program.so in the work folder; return the flags that were used."""
+    (work / f"program.{SUFFIX[job.language]}").write_text(job.source, encoding="utf-8")
+    first = _try_flags(job, FLAGS[job.language], work)
+    if first.status == 0:
+        return FLAGS[job.language]
+    accepted = _find_accepted_flags(job, work)
+    # An assembler older than the CPU knows the flag, but not the instructions.
+    tries = [accepted, tuple(flag for flag in accepted if flag != "-march=native")]
+    for flags in dict.fromkeys(tries):
+        if flags != FLAGS[job.language] and _try_flags(job, flags, work).status == 0:
+            return flags
+    said = "\n".join(f"    {line[:WIDTH]}" for line in first.text.strip().splitlines()[:LINES]) or "    nothing"
+    raise BuildError(
+        job.part,
+        f"the compiler rejected the {job.language.upper()} text with status {first.status}:\n{said}",
+        fix=f"try {NEEDED_VERSIONS}, named in CC or CXX; if that fails too, the text is at fault.",
+    )
+
+
+def _try_flags(job: _BuildJob, flags: tuple[str, ...], work: Path, name: str = "program") -> CompilerOutcome:
+    """Run the compiler to its end; there is a library if the status is 0."""
+    library = work / f"{name}.so"
+    library.unlink(missing_ok=True)
+    arguments = (*flags, "-shared", "-fPIC", "-o", library.name, f"{name}.{SUFFIX[job.language]}")
+    command = (job.compiler.path, *job.compiler.options, *arguments, *job.extra, *LIBRARIES[job.language])
+    outcome = run_compiler(command, work, TIME_LIMIT)
+    if outcome.interruption:
+        fix = "run it again; if that happens again, memory may be short, or another compiler be named in CC or CXX."
+        raise BuildError(job.part, f"{outcome.interruption} before the library was made", fix=fix)
+    if outcome.status == 0 and not _is_library(library):
+        said = " ".join(outcome.text.split())[:300]
+        problem = f"it reported success, but made no library{f', and said {said!r}' if said else ''}"
+        raise BuildError(job.part, problem, fix="name another compiler in CC or CXX.")
+    return outcome
+
+
+def _is_library(path: Path) -> bool:
+    """Return True if a file begins like an ELF or Mach-O library and, for 64-bit ELF, has the length that it states."""
+    try:
+        content = path.read_bytes()
+    except OSError:
+        return False
+    if content[:6] == b"\x7fELF\x02\x01":  # the table of sections comes last
+        start, size, count = (int.from_bytes(content[i:j], "little") for i, j in ((40, 48), (58, 60), (60, 62)))
+        return len(content) >= max(64, start + size * count)
+    return content[:4] in (b"\x7fELF", b"\xcf\xfa\xed\xfe", b"\xca\xfe\xba\xbe")
+
+
+def _find_accepted_flags(job: _BuildJob, work: Path) -> tuple[str, ...]:
+    """Return the flags that the compiler accepts, tested with one line of text; flags that affect results must be."""
+    (work / f"flags.{SUFFIX[job.language]}").write_text("int nothing;\n")
+
+    def takes(*flags: str) -> bool:
+        return _try_flags(job._replace(extra=()), flags, work, "flags").status == 0
+
+    wanted = FLAGS[job.language]
+    if takes(*wanted) or not takes():
+        return wanted
+    taken = []
+    for flag in wanted:
+        if takes(flag):
+            taken.append(flag)
+        elif flag in OLDER_FLAGS and takes(OLDER_FLAGS[flag]):
+            taken.append(OLDER_FLAGS[flag])
+        elif flag in REQUIRED[job.language] or flag in OLDER_FLAGS:
+            raise BuildError(
+                job.part,
+                f"the compiler is too old: it rejects {flag}",
+                fix=f"install {NEEDED_VERSIONS}, and name it in CC or CXX if another is found first.",
+            )
+    return tuple(taken)

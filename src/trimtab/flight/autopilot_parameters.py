@@ -1,0 +1,168 @@
+"""Parameters of the autopilot for ground stations, on both ends of the link.
+
+A ground station reaches the vehicle only. So the vehicle forwards messages for the autopilot's component, and the
+autopilot's answers to the stations. The autopilot answers for its parameters, and changes them between two steps. Each
+change is an event in its log, so that a replay repeats it. Parameters are stored, on request, at the end of the flight:
+no disk delays a flight.
+Source: docs page, Ground stations.
+"""
+
+from collections import deque
+from typing import Any
+
+from trimtab.compiler.compiled_block import CompiledBlock
+from trimtab.core.quantity import Quantity
+from trimtab.flight.broadcast import Broadcast
+from trimtab.flight.mavlink.definitions import Message
+from trimtab.flight.mavlink.endpoint import Endpoint
+from trimtab.flight.mavlink.protocol import CommandCode, CommandResult, Severity
+from trimtab.flight.parameter_store import ParameterStore
+from trimtab.flight.station.parameters import NO_STORE, Parameters, ParameterService
+from trimtab.flight.station.standard_services import RESET_STORAGE, WRITE_STORAGE
+from trimtab.flight.station.streams import TextQueue
+from trimtab.loop.scenario import Scenario
+from trimtab.run.parameter_changes import AutopilotChange
+from trimtab.vehicles.vehicle_type import VehicleType
+
+PREFIX = "autopilot"
+LIST, READ, SET = "PARAM_REQUEST_LIST", "PARAM_REQUEST_READ", "PARAM_SET"
+REQUESTS = (LIST, READ, SET, "COMMAND_LONG")
+ANSWERS = ("HEARTBEAT", "PARAM_VALUE", "STATUSTEXT", "COMMAND_ACK")
+
+
+class AutopilotRelay:
+    """The vehicle's side: it forwards requests for parameters, and answers."""
+
+    def __init__(self, endpoint: Endpoint, broadcast: Broadcast) -> None:
+        """Start without an autopilot."""
+        self._endpoint, self._broadcast = endpoint, broadcast
+        self._component = 0
+
+    def pass_on(self, message: Message) -> None:
+        """Forward a message if it is for the autopilot, or one of its answers."""
+        if message.system == self._endpoint.system:
+            self._pass_answer(message)
+        elif self._component and message.name in REQUESTS and self._is_for_autopilot(message):
+            fields = message.fields() | {"target_component": self._component}
+            self._broadcast.send_private([self._endpoint.pack(message.name, fields)])
+
+    def _pass_answer(self, message: Message) -> None:
+        if message.name == "HEARTBEAT" and message.get("type") == VehicleType.ONBOARD_COMPUTER:
+            self._component = message.component
+        if message.component != self._component or message.name not in ANSWERS:
+            return
+        if message.name != "COMMAND_ACK" or message.get("command") == CommandCode.STORAGE:
+            self._broadcast.forward(message)
+
+    def _is_for_autopilot(self, message: Message) -> bool:
+        if message.get("target_system") not in (0, self._endpoint.system):
+            return False
+        if message.name == "COMMAND_LONG" and message.get("command") != CommandCode.STORAGE:
+            return False
+        whom = (0, self._component) if message.name == LIST else (self._component,)
+        return message.get("target_component") in whom
+
+
+def _describe_bounds(declared: Quantity) -> dict[str, Any]:
+    """Return unit, description and bounds of a number for the console."""
+    bounds = {"low": declared.low, "high": declared.high, "above": declared.above, "modes": declared.modes or None}
+    return {"unit": declared.unit, "meaning": declared.doc, **bounds}
+
+
+class AutopilotParameters:
+    """The autopilot's side. Times `now` are this end's, in 100 ns."""
+
+    def __init__(self, scenario: Scenario, step: CompiledBlock, endpoint: Endpoint, store: ParameterStore) -> None:
+        """step: the compiled autopilot of this scenario.  store: where the parameters are kept."""
+        self._endpoint, self._step = endpoint, step
+        held = {f"{PREFIX}.{path}" for path in step.parameters}
+        self._parameters = Parameters(scenario.autopilot, PREFIX, only=held)
+        self._service = ParameterService(endpoint, self._parameters)
+        self._store = store
+        self._waiting: deque[AutopilotChange] = deque()
+        self._packets: deque[bytes] = deque()
+        self._texts, self._storage = TextQueue(endpoint), 0
+
+    def handle_message(self, message: Message) -> bool:
+        """Handle a request about parameters. Return whether the message was one for this end."""
+        own = self._endpoint.system, self._endpoint.component
+        if message.name not in REQUESTS or (message.get("target_system"), message.get("target_component")) != own:
+            return False
+        if message.name == "COMMAND_LONG":
+            return self._handle_command(message)
+        if message.name == LIST:
+            self._service.start_list()
+        elif message.name == READ:
+            self._packets.extend(self._service.read(message))
+        else:
+            packets, changes, refusal = self._service.change_value(message)
+            self._packets.extend(packets)
+            self._waiting.extend(
+                AutopilotChange(0, c.path.removeprefix(f"{PREFIX}."), c.slot, c.value) for c in changes
+            )
+            if refusal:
+                self._tell(f"Not set: {refusal}")
+        return True
+
+    def describe(self) -> list[dict[str, Any]]:
+        """Return all parameters, for users who change them."""
+        held = self._parameters
+        return [
+            {"path": f"{p.path}", "slot": p.slot, "value": value, "default": default, **_describe_bounds(p.declaration)}
+            for p, value, default in zip(held.listed, held.values, held.defaults, strict=True)
+        ]
+
+    def value(self, path: str, slot: int) -> float | None:
+        """Return the value that holds from the next step on; None if there is no such parameter."""
+        index = self._parameters.index_of(path, slot)
+        return None if index is None else self._parameters.values[index]
+
+    def change(self, path: str, slot: int, value: float) -> str:
+        """Change a parameter from the next step on. Return why not, or an empty string."""
+        index = self._parameters.index_of(path, slot)
+        if index is None:
+            return f"no parameter {path!r}, number {slot}"
+        before, refusal = self._parameters.values[index], self._parameters.change_value(index, value)
+        if not refusal and self._parameters.values[index] != before:
+            self._waiting.append(AutopilotChange(0, path.removeprefix(f"{PREFIX}."), slot, value))
+        return f"{path} {refusal}" if refusal else ""
+
+    def ask_storage(self) -> str:
+        """Ask to store the parameters at the end of the flight. Return why not, or an empty string."""
+        self._storage = WRITE_STORAGE if self._store.is_there else 0
+        return "" if self._storage else NO_STORE
+
+    def _handle_command(self, message: Message) -> bool:
+        if message.get("command") != CommandCode.STORAGE:
+            return False
+        self._storage = int(message.get("param1")) if message.get("param1") in (WRITE_STORAGE, RESET_STORAGE) else 0
+        result = CommandResult.ACCEPTED if self._storage else CommandResult.UNSUPPORTED
+        self._packets.append(self._endpoint.pack("COMMAND_ACK", {"command": CommandCode.STORAGE, "result": result}))
+        if self._storage:
+            self._tell("Parameters will be stored when the flight ends")
+        return True
+
+    def apply_changes(self, t: int) -> list[AutopilotChange]:
+        """Write the pending changes into the next step, at integer time t. Return them."""
+        changes = [change._replace(t=t) for change in self._waiting]
+        self._waiting.clear()
+        for change in changes:
+            change.put_into(self._step.parameters)
+        return changes
+
+    def due(self, now: int) -> list[bytes]:
+        """Return the packets that are due now."""
+        packets = [*self._packets, *self._texts.pack_texts(), *self._service.due(now)]
+        self._packets.clear()
+        return packets
+
+    def store(self) -> str:
+        """Store or reset the parameters after a flight, if requested. Return a message for the user, or nothing."""
+        if not self._storage:
+            return ""
+        is_reset, self._storage = self._storage == RESET_STORAGE, 0
+        why = self._store.write(None if is_reset else self._parameters.changed_values())
+        return f"parameters not stored: {why}" if why else "parameters stored for the next start"
+
+    def _tell(self, text: str) -> None:
+        self._texts.queue_text(Severity.NOTICE, text)

@@ -1,0 +1,396 @@
+"""firmware: write the vehicle's end of the distributed autopilot as C for a microcontroller, with an emulated world.
+
+The portable C is in the folder `firmware` of this package, with two drives: of a regulated fan, and of any outputs that
+follow the command by tables. The written files belong to the scenario: the exported world and failsafe, the tables or
+the fan's regulator and motor, the messages of its dialect, and the key.
+"""
+
+import json
+import os
+import shutil
+import zlib
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from trimtab.actuators.drive import FanDrive
+from trimtab.actuators.motor import MotorOutput
+from trimtab.actuators.regulated_fan import RegulatedFan
+from trimtab.actuators.servo_frame import SERVO_FRAME
+from trimtab.actuators.speed_regulator import SpeedRegulatorInput
+from trimtab.compiler.block import BlockDefinition, BlockText, block_text
+from trimtab.compiler.elementary import LICENCE_NOTE
+from trimtab.compiler.identifiers import identifier
+from trimtab.core.clock import SYSTEM_CLOCK, Clock
+from trimtab.core.errors import InputError, argument, argument_name
+from trimtab.core.imperfections import imperfections, without
+from trimtab.core.record import replace, to_arrays
+from trimtab.core.signals import Command, Frame
+from trimtab.core.time import to_seconds
+from trimtab.flight.boards.black_box import FAN_DRIVE
+from trimtab.flight.boards.microcontrollers import FIRMWARE as START
+from trimtab.flight.boards.microcontrollers import TARGETS
+from trimtab.flight.boards.pulse_outputs import (
+    COMMAND_HEADER,
+    command_source,
+    frame_of,
+    outputs_header,
+    outputs_source,
+    world_source,
+)
+from trimtab.flight.mavlink.dialect import Dialect, derive_dialect
+from trimtab.flight.mavlink.generated import load_generator, write_c_headers
+from trimtab.flight.mavlink.keys import SigningKey
+from trimtab.flight.mavlink.stamps import EPOCH, PER_SECOND
+from trimtab.flight.scenario_identity import scenario_identity
+from trimtab.flight.station.identity import cut_line, identity_digest
+from trimtab.loop.scenario import Scenario
+from trimtab.run.blocks import (
+    StepInput,
+    carried_structures,
+    choose_failsafe,
+    failsafe_block,
+    refuse_stepped_vehicle,
+    refuse_swarm,
+    replace_links,
+    timed_block,
+    world_block,
+)
+from trimtab.run.command_pulses import MOST_OUTPUTS, describe_outputs, find_outputs
+from trimtab.vehicles.vehicle_type import mav_type
+
+PACKAGED_FIRMWARE = Path(__file__).resolve().parents[2] / "firmware"
+CHECKOUT_FIRMWARE = Path(__file__).resolve().parents[4] / "firmware"
+"""Folder of the portable C: in an installed package, or beside `src`."""
+START_UP_FILES = {"start.c": "boards/mps2/start.c", "link.ld": "boards/mps2/link.ld", "board.h": "boards/mps2/board.h"}
+REALS = {"single": "f32", "double": "f64"}
+FIRMWARE_BOARDS = {name: REALS[target.real] for name, target in TARGETS.items()} | {"stm32f405": REALS["single"]}
+"""Boards that the firmware runs on -> type of numbers of their FPU."""
+MOST_OUTPUTS_OF = {"stm32f405": 4}
+"""Number of outputs, for boards that have fewer than the message of the servos' outputs."""
+FAN_OUTPUTS = [
+    "output 1: rudder servo, the command's pulse, safe 1.500 ms",
+    "output 2: thrust fan's speed controller, duty -1 to 1 by 1.000 to 2.000 ms, safe 1.500 ms",
+    "output 3: lift fan's speed controller, off and on by 1.000 and 2.000 ms, safe 1.000 ms",
+]
+KEY_MAGIC = b"trimtab1"
+
+
+class FirmwareFolder(NamedTuple):
+    """Result: the folder, all files, the dialect of the firmware, a line for each output."""
+
+    folder: Path
+    files: list[Path]
+    dialect: Dialect
+    outputs: list[str]
+
+
+def write_firmware(
+    scenario: Scenario,
+    folder: Path,
+    key: SigningKey,
+    *,
+    board: str = "cortex-m7",
+    seed: int = 0,
+    clock: Clock = SYSTEM_CLOCK,
+) -> FirmwareFolder:
+    """Write the firmware of a scenario's vehicle into a folder; `make` there builds firmware.elf.
+
+    Args:
+        scenario: scenario, fully checked before anything is written. Real links replace its links.
+        folder: folder to write; created if missing.
+        key: key with which both ends sign. It is written to the file key.bin, owner-only, and to no other file.
+        board: a key of `FIRMWARE_BOARDS`.
+        seed: seed of the random numbers in the emulated world.
+        clock: clock whose time is written beside the key.
+
+    Raises:
+        InputError: unknown board, command without limits, too much for the board, or the folder cannot be written.
+    """
+    real = _find_real(board)
+    asked, scenario = scenario, replace_hardware(scenario)
+    frame, command = carried_structures(scenario)
+    dialect = derive_dialect(frame, command)
+    identity = scenario_identity(asked, dialect)
+    drive, texts, outputs = drive_texts(asked, command, board)
+    texts |= {"exported/command.h": COMMAND_HEADER, "exported/command.c": command_source(dialect)}
+    blocks = [block_text(world_block(scenario, seed=seed), real), *firmware_blocks(asked, command, real)]
+    refuse_workspaces(blocks)
+    for block in blocks:
+        texts |= {f"exported/{block.name}.h": block.header, f"exported/{block.name}.c": block.source}
+    texts["exported/identity.h"] = IDENTITY_HEADER
+    texts["exported/identity.c"] = identity_source(identity, mav_type(asked.world.vehicle))
+    texts["emulated/samples.h"] = samples_header(
+        {name: s.period for name, s in scenario.world.sensors.items() if name in frame.samples}
+    )
+    texts["emulated/samples.c"] = samples_source(frame, dialect)
+    texts["emulated/instants.h"] = _instants_header(
+        scenario, driven_fan(asked).motor.period if drive == "fan" else None
+    )
+    try:
+        files = _copy_sources(folder, board, drive) + _write_texts(folder, texts)
+        files.append(_write_key(folder / "key.bin", key, clock.unix()))
+        write_c_headers(dialect, folder / "mavlink")
+    except OSError as error:
+        problem = f"cannot write in {str(folder)!r}: {(error.strerror or str(error)).lower()}"
+        raise InputError(
+            argument_name("out"),
+            problem,
+            fix=f"{argument_name('out')} with a folder of yours, e.g. {argument('out', 'firmware')}",
+        ) from None
+    return FirmwareFolder(folder, files, dialect, outputs)
+
+
+IDENTITY_HEADER = """/* What the vehicle is, as text by path, and its digest: trimtab.flight.station.identity. */
+#ifndef IDENTITY_H
+#define IDENTITY_H
+#include <stdint.h>
+
+enum { IDENTITY_DIGEST = 8 };
+extern const uint8_t vehicle_type; /* MAV_TYPE */
+extern const uint8_t identity_digest[IDENTITY_DIGEST];
+extern const uint16_t identity_lines;
+extern const char *const identity_line[];
+#endif
+"""
+
+
+def identity_source(identity: Mapping[str, str], mav_type: int) -> str:
+    """Return C that holds an identity, text by path, for the vehicle's end."""
+    digest = ", ".join(map(str, identity_digest(identity)))
+    lines = [cut_line(path, text).decode("ascii", "replace") for path, text in sorted(identity.items())]
+    quoted = [json.dumps(line.replace("?", "_")) for line in lines]  # no trigraphs
+    return "\n".join(
+        [
+            '#include "identity.h"',
+            "",
+            f"const uint8_t vehicle_type = {int(mav_type)};",
+            f"const uint8_t identity_digest[IDENTITY_DIGEST] = {{{digest}}};",
+            f"const uint16_t identity_lines = {len(lines)};",
+            "const char *const identity_line[] = {",
+            *(f"    {line}," for line in quoted),
+            "};",
+            "",
+        ]
+    )
+
+
+def replace_hardware(scenario: Scenario) -> Scenario:
+    """Return the scenario with a world for emulated hardware: wires for links, servo frames left to the firmware."""
+    scenario.check()
+    scenario, actuators = replace_links(scenario), scenario.world.actuators
+    if isinstance(actuators, FanDrive):
+        actuators = replace(actuators, frame=actuators.period, fan=None)
+    elif SERVO_FRAME in imperfections(actuators):
+        actuators = without(actuators, SERVO_FRAME)
+    return replace(scenario, world=replace(scenario.world, actuators=actuators))
+
+
+def firmware_outputs(scenario: Scenario, board: str = "cortex-m7") -> list[str]:
+    """Return a line for each output of a scenario's firmware. Raise the errors of `write_firmware` without writing."""
+    load_generator()
+    refuse_stepped_vehicle(scenario)
+    refuse_swarm(scenario, "firmware")
+    _find_real(board)
+    return drive_texts(scenario, carried_structures(replace_hardware(scenario))[1], board)[2]
+
+
+def output_names(scenario: Scenario, board: str = "stm32f405") -> tuple[str, ...]:
+    """Return what each output of a scenario's board drives: the numbers of its command, e.g. elevator, moment[0]."""
+    if isinstance(scenario.world.actuators, FanDrive):
+        return FAN_DRIVE
+    command = carried_structures(replace_hardware(scenario))[1]
+    return tuple(o.name for o in find_outputs(scenario, command, MOST_OUTPUTS_OF.get(board, MOST_OUTPUTS)))
+
+
+def _find_real(board: str) -> str:
+    """Return the type of numbers of a board's FPU."""
+    if board not in FIRMWARE_BOARDS:
+        raise InputError(
+            "firmware", f"unknown board {board!r}", choices=FIRMWARE_BOARDS, fix=argument("board", "cortex-m7")
+        )
+    return FIRMWARE_BOARDS[board]
+
+
+def drive_texts(scenario: Scenario, command: Command, board: str) -> tuple[str, dict[str, str], list[str]]:
+    """Return a scenario's drive in the folder `drives`, its texts, and a line for each output."""
+    if isinstance(scenario.world.actuators, FanDrive):
+        return "fan", {}, FAN_OUTPUTS
+    outputs = find_outputs(scenario, command, MOST_OUTPUTS_OF.get(board, MOST_OUTPUTS))
+    texts = {
+        "drive/outputs.h": outputs_header(outputs, frame_of(scenario)),
+        "drive/outputs.c": outputs_source(outputs),
+        "emulated/outputs.c": world_source(outputs),
+    }
+    return "pulses", texts, describe_outputs(outputs)
+
+
+def driven_fan(scenario: Scenario) -> RegulatedFan:
+    """Return the scenario's regulator, motor and battery, or the firmware's default ones, always full."""
+    return getattr(scenario.world.actuators, "fan", None) or without(RegulatedFan(), "battery-sag")
+
+
+def motor_block(fan: RegulatedFan) -> BlockDefinition:
+    """Define motor and encoder on their battery, as the regulator's timers see them: duty in, speed and count out."""
+
+    def turn(p: Any, s: Any, now: StepInput) -> Any:
+        state, speed_rpm, _ = p.turn(now.t, s, now.input)
+        return state, MotorOutput(speed_rpm=speed_rpm, count=state.count)
+
+    doc = "Motor, propeller, encoder and battery of the thrust fan."
+    first = StepInput(t=np.int64(0), input=np.float64(0.0))
+    return BlockDefinition("motor", doc, turn, lambda p: p.init(), to_arrays(fan), first)
+
+
+def firmware_blocks(scenario: Scenario, command: Command, real: str) -> list[BlockText]:
+    """Return the blocks of the firmware as C, for a fan drive with regulator and motor."""
+    failsafe = failsafe_block(choose_failsafe(scenario, command), command)
+    if not isinstance(scenario.world.actuators, FanDrive):
+        return [block_text(failsafe, real)]
+    zero = np.float64(0.0)
+    doc = "Speed of the thrust fan: counts in, duty out; every 10 ms."
+    speed = SpeedRegulatorInput(wanted_rpm=zero, count=np.int32(0))
+    fan = driven_fan(scenario)
+    regulator = timed_block("speed_regulator", doc, fan.regulator, speed)
+    return [block_text(block, real) for block in (failsafe, regulator, motor_block(fan))]
+
+
+def refuse_workspaces(blocks: list[BlockText]) -> None:
+    """Raise InputError for blocks that need memory besides the stack: the firmware's sources have none."""
+    for block in blocks:
+        if block.workspace:
+            problem = (
+                f"block {block.name!r} needs a workspace of {block.workspace} bytes, which the firmware does not have"
+            )
+            raise InputError(
+                "firmware", problem, fix="smaller arrays, or trimtab export, whose caller provides the memory"
+            )
+
+
+def samples_header(sensors: Mapping[str, int]) -> str:
+    """Return the header for sending samples: each sensor with its period, so that a board knows its rates."""
+    periods = "\n".join(f"#define SAMPLES_{identifier(name).upper()} {period}" for name, period in sensors.items())
+    return f"""{LICENCE_NOTE}
+#ifndef SAMPLES_H
+#define SAMPLES_H
+#include "link.h"
+#include "world.h"
+
+/* The scenario's sensors, and how often each measures, in units of 100 ns. */
+{periods}
+
+/* Send what the sensors measured at this instant; how many samples that were. */
+int samples_send(link *l, const world_out *out);
+
+/* Keep the newest sample of each sensor, fresh if one of them was; now is NULL: they have all been sent. */
+void samples_merge(world_out *kept, const world_out *now);
+#endif
+"""
+
+
+def samples_source(frame: Frame, dialect: Dialect) -> str:
+    """Return C that sends each fresh sample of the world as the messages of the dialect."""
+    lines = [
+        LICENCE_NOTE,
+        '#include "samples.h"\n',
+        "#include <string.h>\n",
+        "int samples_send(link *l, const world_out *out)",
+    ]
+    lines += ["{", "    mavlink_message_t message;", "    int sent = 0;"]
+    for sensor in frame.samples:
+        here = f"out->sensors.{identifier(sensor)}"
+        lines.append(f"    if ({here}.fresh) {{")
+        for name in dialect.groups[f"samples.{sensor}"]:
+            lines += _sending_lines(name, dialect)
+        lines += ["        ++sent;", "    }"]
+    lines += ["    (void)l; (void)out; (void)message;", "    return sent;", "}\n"]
+    return "\n".join([*lines, *_merging_lines(frame)])
+
+
+def _merging_lines(frame: Frame) -> list[str]:
+    """A function that keeps the newest samples for a line that does not take each at its instant."""
+    lines = ["void samples_merge(world_out *kept, const world_out *now)", "{"]
+    for sensor in map(identifier, frame.samples):
+        old, new = f"kept->sensors.{sensor}", f"now->sensors.{sensor}"
+        lines.append(f"    if (now == NULL) {old}.fresh = false;")
+        lines.append(f"    else if ({new}.fresh) {old} = {new};")
+    return [*lines, "    (void)kept; (void)now;", "}\n"]
+
+
+def _sending_lines(name: str, dialect: Dialect) -> list[str]:
+    """Return lines that fill in one message and send it."""
+    low, pad = name.lower(), " " * 8
+    lines = [f"{pad}mavlink_{low}_t {low};", f"{pad}memset(&{low}, 0, sizeof {low});"]
+    for f in dialect.definitions[name].fields:
+        for k in range(f.slots):
+            place = dialect.places[name][f.at + k]
+            _, sensor, *rest = place.path.split(".")
+            source = ".".join(["out->sensors", identifier(sensor), *map(identifier, rest)])
+            source += f"[{place.slot}]" if f.length else ""
+            target = f"{low}.{f.name}" + (f"[{k}]" if f.length else "")
+            lines.append(f"{pad}{target} = ({f.type}){source};")
+    lines.append(f"{pad}mavlink_msg_{low}_encode_status(SYSTEM, COMPONENT, &l->status, &message, &{low});")
+    return [*lines, f"{pad}link_send(l, &message);"]
+
+
+def _instants_header(scenario: Scenario, motor_period: int | None) -> str:
+    periods = ", ".join(map(str, sorted(set(scenario.world.periods()))))
+    longest, autopilot_period = scenario.world.max_step, scenario.autopilot.period
+    motor = "" if motor_period is None else f", MOTOR_PERIOD = {motor_period}"
+    return f"""{LICENCE_NOTE}
+/* When something is due in the world, in units of 100 ns; its longest step is {to_seconds(longest) * 1e3:g} ms. */
+#ifndef INSTANTS_H
+#define INSTANTS_H
+#include <stdint.h>
+
+enum {{ MAX_STEP = {longest}{motor} }};
+#ifdef LOCKSTEP
+static const int64_t AUTOPILOT_PERIOD = {autopilot_period}, DURATION = {scenario.duration};
+static const int64_t PERIODS[] = {{{periods}, {autopilot_period}}};
+#else
+static const int64_t PERIODS[] = {{{periods}}};
+#endif
+#endif
+"""
+
+
+def _copy_sources(folder: Path, board: str, drive: str) -> list[Path]:
+    """Copy the portable C, the drive and the start-up code, with the board as the Makefile's default."""
+    source = PACKAGED_FIRMWARE if PACKAGED_FIRMWARE.is_dir() else CHECKOUT_FIRMWARE
+    for name in ("drive", "emulated", "exported", "build"):  # may belong to another scenario
+        shutil.rmtree(folder / name, ignore_errors=True)
+    shutil.copytree(source, folder, dirs_exist_ok=True, ignore=shutil.ignore_patterns("drives"))
+    shutil.copytree(source / "drives" / drive, folder / "drive")
+    shutil.move(folder / "drive" / "actuators.c", folder / "emulated" / "actuators.c")
+    for name, to in START_UP_FILES.items():
+        shutil.copyfile(START / name, folder / to)
+    make = folder / "Makefile"
+    make.write_text(make.read_text("utf-8").replace("BOARD ?= cortex-m7", f"BOARD ?= {board}"), "utf-8")
+    kept = (p.relative_to(source) for p in sorted(source.rglob("*")) if p.is_file())
+    drives = [*sorted((folder / "drive").iterdir()), folder / "emulated" / "actuators.c"]
+    own = [folder / p for p in kept if p.parts[0] != "drives"]
+    return own + drives + [folder / to for to in START_UP_FILES.values()]
+
+
+def _write_texts(folder: Path, texts: dict[str, str]) -> list[Path]:
+    for name, text in texts.items():
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        (folder / name).write_text(text, "utf-8")
+    return [folder / name for name in texts]
+
+
+def key_image(key: SigningKey, since: float) -> bytes:
+    """Return the bytes from which a board reads its key (firmware/portable/key.h). `since` is in Unix time."""
+    stamp = int((since - EPOCH) * PER_SECOND)
+    body = KEY_MAGIC + key.secret + stamp.to_bytes(8, "little")
+    return body + zlib.crc32(body).to_bytes(4, "little")
+
+
+def _write_key(path: Path, key: SigningKey, now: float) -> Path:
+    """Write the key and the time of writing. Nothing signed earlier is accepted, since the board has no calendar."""
+    path.unlink(missing_ok=True)
+    with os.fdopen(os.open(path, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600), "wb") as file:
+        file.write(key_image(key, now))
+    return path

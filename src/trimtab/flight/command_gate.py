@@ -1,0 +1,86 @@
+"""Filter of commands by sender and clock, with its reports to both ends and to the log.
+
+Source: docs page, Vehicle.
+"""
+
+from collections.abc import Callable, Mapping
+
+from trimtab.core.record import Quantity
+from trimtab.core.time import ms, seconds
+from trimtab.flight.broadcast import Broadcast
+from trimtab.flight.mavlink.authority import Sender, command_sender
+from trimtab.flight.mavlink.definitions import Message
+from trimtab.flight.mavlink.dialect import TIME
+from trimtab.flight.station.standard_services import Station
+
+MOST_COMMAND_LEAD = ms(200)
+"""Largest lead of a command over the vehicle's clock. A command with a larger lead comes from another clock: the
+failsafe would accept no other command until that time.
+
+The limit is below the failsafe's time-out, so that one bad command costs a few good ones and not the flight.
+"""
+TELL_PERIOD, REPORT_PERIOD = seconds(1), seconds(10)
+AUTHORITY_SIGNALS: Mapping[str, tuple[str, Quantity]] = {
+    "firmware.owner": (
+        "i8",
+        Quantity("1", "Session of the owner; 0: no owner, or an owner without a session.", kind="count"),
+    ),
+    "firmware.foreign": (
+        "i8",
+        Quantity("1", "Commands refused so far from senders without authority.", kind="count"),
+    ),
+    "firmware.leading": ("i8", Quantity("1", "Commands refused so far because their clock is ahead.", kind="count")),
+}
+"""Signals of the vehicle's log. `CommandGate.counts` gives their values."""
+
+
+class CommandGate:
+    """Filter that accepts only the owner's commands. Times `now` are the vehicle's, in 100 ns."""
+
+    def __init__(self, station: Station, line: Broadcast, tell: Callable[[str], None]) -> None:
+        """tell: receives the messages for both ends and for the log."""
+        self._station, self._authority, self._line, self._tell = station, station.authority, line, tell
+        self._tell_time = 0
+        self._report_times: dict[tuple[str, Sender], int] = {}
+        self._last_owner: Sender | None = None
+        self.leading_commands = 0
+
+    def admits(self, message: Message, now: int) -> bool:
+        """Return whether a COMMAND is to be obeyed."""
+        sender = command_sender(message)
+        if not self._authority.accepts_command(sender):
+            self._report(now, "without authority", sender, f"owner is {self._authority.owner}")
+            if now >= self._tell_time:
+                self._tell_time = now + TELL_PERIOD
+                self._line.send(self._station.owner_packet())
+            return False
+        lead = message.get(TIME) - now
+        if lead > MOST_COMMAND_LEAD:
+            self.leading_commands += 1
+            self._report(now, "of another clock", sender, f"{lead * 1e-7:.3g} s ahead of the vehicle's")
+            return False
+        return True
+
+    def follow(self, is_commanded: bool) -> None:
+        """Update and announce the owner at each instant. Without a valid command nobody owns the vehicle."""
+        if not is_commanded:
+            self._authority.end_flight()
+        owner = self._authority.owner
+        if owner != self._last_owner:
+            self._last_owner = owner
+            self._line.send(self._station.owner_packet())
+            if owner is not None:
+                self._tell(f"commanded by {owner}")
+
+    @property
+    def counts(self) -> tuple[int, int, int]:
+        """Values of AUTHORITY_SIGNALS."""
+        owner = self._authority.owner
+        return 0 if owner is None else owner.session, self._authority.refused_commands, self.leading_commands
+
+    def _report(self, now: int, what: str, sender: Sender, why: str) -> None:
+        if now < self._report_times.get((what, sender), 0):
+            return
+        self._report_times = {k: t for k, t in self._report_times.items() if t > now}
+        self._report_times[what, sender] = now + REPORT_PERIOD
+        self._tell(f"commands {what} refused, from {sender}: {why}")

@@ -1,0 +1,92 @@
+"""Reasons why an autopilot's end does not fly: wrong key, clock, scenario or owner. Each says what to type.
+
+Source: docs page, Fly.
+"""
+
+import re
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from trimtab.flight.mavlink.stamps import MOST_LEAD, PER_SECOND
+from trimtab.flight.station.identity import SettingDifference
+
+VEHICLE_CLOCK, COMPUTER_CLOCK, STORED_CLOCK = "vehicle", "computer", "stored"
+"""Clock by which an end signs: the other end's, this computer's, or the stored one continued."""
+
+
+MOST_SHOWN = 8
+"""Maximum number of differences that are listed."""
+
+
+class ConnectionProblem(NamedTuple):
+    """Problem of a connection, and what to type."""
+
+    problem: str
+    fix: str
+
+
+def key_problem(frames: int, typed: str) -> ConnectionProblem:
+    """Return the problem of a wrong key. frames: rejected frames of the vehicle; typed: the command that was typed."""
+    problem = f"wrong key: the vehicle signs with another key than this end ({frames} frames)"
+    return ConnectionProblem(problem, f"{typed} --key FILE   with a copy of the vehicle's key file")
+
+
+def signing_problem(is_signed: bool, typed: str) -> ConnectionProblem:
+    """Return the problem that only one end signs. is_signed: whether this end signs."""
+    if is_signed:
+        problem = "wrong key: the vehicle does not sign, and this end accepts signed frames only"
+        return ConnectionProblem(problem, f"{typed} --unsigned   or start the vehicle without it")
+    problem = "wrong key: the vehicle accepts signed frames only, and this end has no key"
+    return ConnectionProblem(problem, typed.replace(" --unsigned", ""))
+
+
+def scenario_problem(differences: Sequence[SettingDifference], typed: str) -> ConnectionProblem:
+    """Return the problem that the vehicle flies another scenario, or other parameters.
+
+    Args:
+        differences: differing settings, at least one.
+        typed: the command that was typed.
+    """
+    shown = [str(d) for d in differences[:MOST_SHOWN]]
+    shown += [f"and {len(differences) - MOST_SHOWN} more"] if len(differences) > MOST_SHOWN else []
+    problem = "\n  ".join(["wrong scenario: the vehicle's settings differ from this end's", *shown])
+    name = next((d for d in differences if d.path == "scenario"), None)
+    if name is not None and name.theirs and name.ours in typed:
+        return ConnectionProblem(problem, typed.replace(name.ours, name.theirs, 1))
+    if any(d.path in ("messages", "version") for d in differences):
+        return ConnectionProblem(problem, "the same trimtab, the same scenario and the same --set on both ends")
+    settings = " ".join(f"--set {d.path}={d.theirs}" for d in differences)
+    if len(differences) <= MOST_SHOWN and all(d.theirs and " " not in d.theirs for d in differences):
+        other = " ".join((_without_settings(typed, [d.path for d in differences]), settings))
+        return ConnectionProblem(problem, f"{other}   or, if intended, --accept {differences[0].path}")
+    accepts = " ".join(f"--accept {root}" for root in sorted({".".join(d.path.split(".")[:2]) for d in differences}))
+    return ConnectionProblem(problem, f"the same --set on both ends; or, if intended,  {typed} {accepts}")
+
+
+def _without_settings(typed: str, paths: Sequence[str]) -> str:
+    """Return the command without its settings of these paths, since a path may be set only once."""
+    for path in map(re.escape, paths):
+        typed = re.sub(rf" --set[ =](?:'{path}=[^']*'|{path}=\S+)", "", typed)
+    return typed
+
+
+def owner_problem(owner: int, typed: str) -> ConnectionProblem:
+    """Return the problem of another owner. owner: session of the owner; typed: the command that was typed."""
+    problem = f"wrong owner: the vehicle is flown by another autopilot, session {owner:06x}"
+    return ConnectionProblem(problem, f"{typed} --take-over   or end that flight where it was started")
+
+
+def clock_problem(lead: float, stored_lead: float, typed: str) -> ConnectionProblem:
+    """Return the problem that the two clocks differ.
+
+    Args:
+        lead: lead of the vehicle's time stamps over this end's (s).
+        stored_lead: lead of this end's time stamps over its computer's clock (s), stored when a clock was wrong.
+        typed: the command that was typed.
+    """
+    if stored_lead > MOST_LEAD / PER_SECOND and abs(lead + stored_lead) <= MOST_LEAD / PER_SECOND:
+        problem = f"wrong clock: the stored time stamp is {stored_lead:.1f} s ahead, from an earlier flight"
+        return ConnectionProblem(problem, f"{typed} --clock {COMPUTER_CLOCK}")
+    which = "ahead of" if lead > 0 else "behind"
+    problem = f"wrong clock: clocks differ by {abs(lead):.1f} s, the vehicle's is {which} this computer's"
+    return ConnectionProblem(problem, f"{typed} --clock {VEHICLE_CLOCK}   or correct the wrong clock:  date -s")

@@ -1,0 +1,97 @@
+"""The flight's end of a pilot console: rows out and requests in, over a socket to a separate process.
+
+Nothing here waits: rows that the console has no room for are dropped, and its messages are read a few at a time.
+Source: docs page, Protocol of the console.
+"""
+
+import contextlib
+import json
+import socket
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from trimtab.core.clock import NS_PER_SECOND, SYSTEM_CLOCK, Clock
+from trimtab.core.quantity import Quantity
+from trimtab.flight.console_packets import HEAD, LARGEST_PACKET, LONGEST_VECTOR, ROW, TEXT
+from trimtab.flight.flight_log import FlightRows
+
+MOST_PACKETS = 16
+"""Maximum number of packets read at once, so that no console can delay a flight."""
+
+
+class ShownSignal(NamedTuple):
+    """Number of a row. slot: its index among the numbers of the flight's rows."""
+
+    path: str
+    declared: Quantity | None
+    slot: int
+
+
+def list_shown(rows: FlightRows) -> list[ShownSignal]:
+    """Return the numbers of a flight's rows to show: scalars and short vectors, but no integer times."""
+    shown, at = [], 0
+    for path, shape, _, declared in rows.signals:
+        size = int(np.prod(shape))
+        if size <= LONGEST_VECTOR and not (declared is not None and declared.kind == "time"):
+            names = [path] if not shape else [f"{path}.{k}" for k in range(size)]
+            shown += [ShownSignal(name, declared, at + k) for k, name in enumerate(names)]
+        at += size
+    return shown
+
+
+class ConsoleLine:
+    """Rows and messages of one flight to its console, and messages back."""
+
+    def __init__(self, end: socket.socket, clock: Clock = SYSTEM_CLOCK) -> None:
+        """end: one of a pair of sockets that keep packets apart; the console has the other.  clock: of this process."""
+        end.setblocking(False)
+        self._end, self._clock = end, clock
+        self._rows: FlightRows | None = None
+        self.dropped = 0
+        """Number of packets for which the console had no room."""
+
+    def set_rows(self, rows: FlightRows) -> list[ShownSignal]:
+        """Set the contents of a row. Return the numbers that are shown."""
+        shown = list_shown(rows)
+        self._rows, self._slots = rows, np.array([s.slot for s in shown], np.intp)
+        self._numbers = np.zeros(rows.width)
+        self._packet = bytearray(len(ROW) + HEAD.size + 4 * len(shown))
+        self._packet[: len(ROW)] = ROW
+        return shown
+
+    def send_row(self, t: float, own: Sequence[float]) -> None:
+        """Send the row of time t (s). own: the numbers that come with it."""
+        assert self._rows is not None
+        self._rows.fill(self._numbers, own)
+        HEAD.pack_into(self._packet, len(ROW), t, self._clock.monotonic_ns() / NS_PER_SECOND)
+        with np.errstate(over="ignore"):
+            self._packet[len(ROW) + HEAD.size :] = self._numbers[self._slots].astype("<f4").tobytes()
+        self._send(self._packet)
+
+    def send(self, kind: str, **content: Any) -> None:
+        """Send a message."""
+        self._send(TEXT + json.dumps({"type": kind, **content}, allow_nan=False).encode())
+
+    def receive(self) -> list[Mapping[str, Any]]:
+        """Return the received messages, a few at most."""
+        found: list[Mapping[str, Any]] = []
+        with contextlib.suppress(OSError):
+            for _ in range(MOST_PACKETS):
+                packet = self._end.recv(LARGEST_PACKET)
+                if not packet:
+                    break
+                with contextlib.suppress(ValueError):
+                    found.append(json.loads(packet[len(TEXT) :]))
+        return found
+
+    def close(self) -> None:
+        """Close the socket. The console sees the end of the flight."""
+        self._end.close()
+
+    def _send(self, packet: bytes | bytearray) -> None:
+        try:
+            self._end.send(packet)
+        except OSError:
+            self.dropped += 1

@@ -1,0 +1,285 @@
+"""Duties of a vehicle's firmware besides flying: accept or refuse commands, and act safely without them.
+
+It also forwards the requests of ground stations to the autopilot (hold, resume, end), every 100 ms until they are
+acknowledged, and reports the autopilot's mode. The autopilot's heartbeat, as an onboard computer, has the mode of its
+supervisor as custom mode. An autopilot without a supervisor has no such mode, and takes no requests.
+Source: docs pages, Vehicle and Station.
+"""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from trimtab.actuators.failsafe import BREACHES, CAUSES, MODES, Failsafe
+from trimtab.compiler.compiled_block import CompiledBlock
+from trimtab.core.record import leaves
+from trimtab.core.signals import Command
+from trimtab.core.time import SECONDS_PER_UNIT, ms, seconds
+from trimtab.flight.exchange import GroupSample, slot_indices
+from trimtab.flight.mavlink.definitions import Message
+from trimtab.flight.mavlink.endpoint import Endpoint
+from trimtab.flight.mavlink.protocol import (
+    FLIGHT_COMMANDS,
+    HOLD,
+    RESUME,
+    ArmRequest,
+    CommandResult,
+    FlightRequest,
+    JoystickAxes,
+    ModeFlag,
+    ModeRequest,
+    ReceiverChannels,
+    State,
+    VehicleEvent,
+)
+from trimtab.flight.station.standard_services import Status
+from trimtab.flight.station.streams import TextAssembly
+from trimtab.loop import supervisor
+from trimtab.loop.supervisor import HOLD as HOLDS
+from trimtab.run.blocks import failsafe_block
+from trimtab.run.kept_blocks import compile_kept
+from trimtab.vehicles.vehicle_type import VehicleType
+
+COMPUTER_MODE, MANUAL_MODE, HOLD_MODE = 15, 0, 4
+STATION_MODES = {COMPUTER_MODE: "computer", MANUAL_MODE: "manual", HOLD_MODE: "hold"}
+"""Modes for ground stations. computer: obey the autopilot; manual: obey the pilot's sticks; hold: the autopilot holds.
+
+The numbers are those of ArduPilot's GUIDED, MANUAL and HOLD of rovers and boats, by which ground stations name them.
+"""
+SWITCH = 4
+"""Index of the mode switch, the pilot's fifth channel: above 1.5 ms the sticks are obeyed."""
+RADIO_TIMEOUT = ms(500)
+WIDEST_RANGE = 1e30
+"""Widest range of a command that counts as known. With a wider range no stick position can be assigned."""
+LOW_PULSE, HIGH_PULSE = 1e-3, 2e-3
+RESEND_PERIOD, REQUEST_TIMEOUT, AUTOPILOT_TIMEOUT = ms(100), seconds(2), seconds(5)
+"""Time until a request is repeated; until it is given up; and without heartbeats until the autopilot counts as gone."""
+NO_AUTOPILOT_PROBLEM = "no supervised autopilot on the link"
+
+
+class CommandSource(NamedTuple):
+    """Source of the commands, and the cause."""
+
+    mode: str
+    cause: str
+
+
+class Duties:
+    """Failsafe of a vehicle between a link and its actuators, with the pending requests."""
+
+    def __init__(
+        self, failsafe: Failsafe, command: Command, world: CompiledBlock, uplink: CompiledBlock | None = None
+    ) -> None:
+        """Start disarmed.
+
+        Args:
+            failsafe: the failsafe.
+            command: a command with the structure that the autopilot sends.
+            world: world whose inputs get the failsafe's output.
+            uplink: block that commands pass before the failsafe, e.g. one with a fault.
+        """
+        self.failsafe = failsafe
+        self.step = compile_kept(failsafe_block, failsafe, command)
+        writes = self.step.writes
+        self._inputs = _input_slots(self.step)
+        shared = [p for p in writes if p.startswith("command.") and p in world.reads]
+        self._out = slot_indices(writes, shared, len(self.step.outputs))
+        self._in = slot_indices(world.reads, shared, len(world.inputs))
+        self._world, self.uplink = world, uplink
+        self._first = self.step if uplink is None else uplink
+        self._first_slots = _input_slots(self._first)
+        if uplink is not None:
+            paths = [p for p in uplink.writes if p in self._inputs]
+            self._uplink_slots = slot_indices(uplink.writes, paths, len(uplink.outputs))
+            self._failsafe_slots = slot_indices(self._inputs, paths, len(self.step.inputs))
+        self._low, self._range = command_ranges(failsafe)
+        paths = [f"manual.{p}" for p, _, _ in leaves(failsafe.safe)]
+        self._manual = slot_indices(self._inputs, paths, len(self.step.inputs))
+        self._has_sticks = bool(np.isfinite(self._range).all())
+        self._radio_at: int | None = None
+        self._arm = self._disarm = self._is_manual_mode = self._is_switched = False
+        self.mode = CommandSource(MODES[0], CAUSES[0])
+        self.breach = BREACHES[0]
+        """Kind of the limit that is violated, for the next step."""
+        self.is_ending = False
+        """True at the vehicle's own end, for which it is disarmed."""
+
+    def slot(self, path: str) -> Any:
+        """Return the slot of a number of the newest command in the inputs of the first block that takes it."""
+        return self._first_slots[path]
+
+    def handle_event(self, event: VehicleEvent, now: int) -> None:
+        """Keep a request for the next step."""
+        if isinstance(event, ArmRequest):
+            self._arm, self._disarm = event.arm, not event.arm
+        elif isinstance(event, ModeRequest):
+            self._is_manual_mode = event.mode == MANUAL_MODE
+        elif isinstance(event, ReceiverChannels):
+            self._apply_pulses(np.array(event.pulses), now)
+        elif isinstance(event, JoystickAxes):
+            self._apply_joystick(np.array([event.yaw, event.surge, event.sway, event.heave]), now)
+
+    def _apply_pulses(self, pulses: Any, now: int) -> None:
+        share = (pulses[: len(self._manual)] - LOW_PULSE) / (HIGH_PULSE - LOW_PULSE)
+        self._apply_manual_command(share, now)
+        if len(pulses) > SWITCH and np.isfinite(pulses[SWITCH]):
+            self._is_switched = bool(pulses[SWITCH] > (LOW_PULSE + HIGH_PULSE) / 2)
+
+    def _apply_joystick(self, sticks: Any, now: int) -> None:
+        self._apply_manual_command((sticks[: len(self._manual)] + 1) / 2, now)
+
+    def _apply_manual_command(self, share: Any, now: int) -> None:
+        if self._has_sticks and len(share) == len(self._manual) and np.isfinite(share).all():
+            self.step.inputs[self._manual] = self._low + np.clip(share, 0, 1) * self._range
+            self._radio_at = now
+
+    def radio_silence(self, now: int) -> int | None:
+        """Return the time since data from the safety pilot's sticks; None: never received."""
+        return None if self._radio_at is None else now - self._radio_at
+
+    def act(self, t: int, command: GroupSample | None) -> bool:
+        """Decide at integer time t, with the newest command if it is new. Return whether the mode has changed."""
+        self._receive_command(t, command)
+        inputs, at = self.step.inputs, self._inputs
+        inputs[at["t"]] = t
+        inputs[at["radio"]] = self._radio_at is not None and t - self._radio_at <= RADIO_TIMEOUT
+        inputs[at["takeover"]] = self._is_manual_mode or self._is_switched
+        inputs[at["arm"]], inputs[at["disarm"]] = self._arm, self._disarm
+        inputs[at["breach"]] = BREACHES.index(self.breach)
+        self._arm = self._disarm = False
+        self.step.step()
+        self._world.inputs[self._in] = self.step.outputs[self._out]
+        before = self.mode
+        self.mode = CommandSource(MODES[int(self.step.result("mode"))], CAUSES[int(self.step.result("cause"))])
+        return self.mode != before
+
+    def _receive_command(self, t: int, command: GroupSample | None) -> None:
+        """Write the newest command into the failsafe's inputs, through the uplink if there is one."""
+        inputs, at = self._first.inputs, self._first_slots
+        if command is not None:
+            command.write(inputs)
+        inputs[at["t"]] = t
+        inputs[at["command.fresh"]] = command is not None
+        inputs[at["command.age"]] = (t - inputs[at["command.t"]]) * SECONDS_PER_UNIT
+        if self.uplink is not None:
+            self.uplink.step()
+            self.step.inputs[self._failsafe_slots] = self.uplink.outputs[self._uplink_slots]
+
+    @property
+    def is_commanded(self) -> bool:
+        """True while the autopilot or the pilot is in command."""
+        return self.mode.mode in ("computer", "manual")
+
+    @property
+    def status(self) -> Status:
+        """Status that the vehicle reports."""
+        state = {"failsafe": State.CRITICAL, "disarmed": State.STANDBY}.get(self.mode.mode, State.ACTIVE)
+        state = State.POWEROFF if self.is_ending and state != State.CRITICAL else state
+        mode = MANUAL_MODE if self._is_manual_mode or self._is_switched else COMPUTER_MODE
+        return Status(mode=mode, armed=self.is_commanded, state=state)
+
+
+def _input_slots(step: CompiledBlock) -> dict[str, Any]:
+    """Return the slots of time and input of a block, the input's by its own paths."""
+    return {path.removeprefix("input."): at for path, at in step.reads.items()}
+
+
+def command_ranges(failsafe: Failsafe) -> tuple[Any, Any]:
+    """Return lowest value and range of each number of a command; the range is NaN where there is none."""
+    low, high = (
+        np.concatenate([np.zeros(0), *(np.ravel(np.asarray(v, float)) for _, v, _ in leaves(r))])
+        for r in (failsafe.low, failsafe.high)
+    )
+    return low, np.where(high - low < WIDEST_RANGE, high - low, np.nan)
+
+
+class _PendingRequest(NamedTuple):
+    request: str
+    since: int
+    next: int
+    sent: int
+
+
+class FlightRequests:
+    """Requests to the autopilot, on the vehicle's side. Times `now` are the vehicle's, in 100 ns."""
+
+    def __init__(self, endpoint: Endpoint, tell: Callable[[str], None]) -> None:
+        """tell: receives the messages for the user."""
+        self._endpoint, self._tell = endpoint, tell
+        self._heartbeat_time: int | None = None
+        self._autopilot, self._mode = 0, 0
+        self._pending: _PendingRequest | None = None
+        self._texts = TextAssembly()
+
+    def handle_message(self, message: Message, now: int) -> None:
+        """Handle a message of the autopilot: heartbeats and acknowledgements."""
+        if message.system != self._endpoint.system:
+            return
+        if message.name == "HEARTBEAT":
+            self._handle_heartbeat(message, now)
+        elif message.name == "STATUSTEXT":
+            text = self._texts.join(message)
+            if text:
+                self._tell(f"autopilot: {text}")
+        elif message.name == "COMMAND_ACK" and message.component == self._autopilot:
+            self._handle_acknowledgement(message)
+
+    def _handle_heartbeat(self, message: Message, now: int) -> None:
+        mode, supervised = message.get("custom_mode"), message.get("base_mode") & ModeFlag.CUSTOM
+        if message.get("type") != VehicleType.ONBOARD_COMPUTER or not supervised or mode >= len(supervisor.MODES):
+            return
+        if not self._is_autopilot_present(now) or mode != self._mode:
+            self._tell(f"autopilot: {supervisor.MODES[mode]}")
+        self._heartbeat_time, self._autopilot, self._mode = now, message.component, mode
+
+    def _handle_acknowledgement(self, message: Message) -> None:
+        pending = self._pending
+        if pending is None or message.get("command") != FLIGHT_COMMANDS[pending.request].command:
+            return
+        self._pending = None
+        if message.get("result") != CommandResult.ACCEPTED:
+            self._tell(f"autopilot: {pending.request} refused")
+
+    def handle_event(self, event: VehicleEvent, now: int) -> None:
+        """Start to forward a request. A newer request replaces an older one."""
+        if isinstance(event, FlightRequest):
+            self._pending = _PendingRequest(event.request, now, now, 0)
+        elif isinstance(event, ModeRequest) and event.mode == HOLD_MODE:
+            self._pending = _PendingRequest(HOLD, now, now, 0)
+        elif isinstance(event, ModeRequest) and event.mode == COMPUTER_MODE and (self.holds or self._is_hold_pending):
+            self._pending = _PendingRequest(RESUME, now, now, 0)
+
+    @property
+    def holds(self) -> bool:
+        """True if the autopilot last reported that it holds."""
+        return self._mode == HOLDS
+
+    @property
+    def _is_hold_pending(self) -> bool:
+        return self._pending is not None and self._pending.request == HOLD
+
+    def _is_autopilot_present(self, now: int) -> bool:
+        return self._heartbeat_time is not None and now - self._heartbeat_time <= AUTOPILOT_TIMEOUT
+
+    def due(self, now: int) -> list[bytes]:
+        """Return the packets that are due now."""
+        pending = self._pending
+        if pending is None or now < pending.next:
+            return []
+        if now - pending.since > REQUEST_TIMEOUT:
+            self._pending = None
+            self._tell(f"autopilot: {pending.request}: no answer")
+            return []
+        self._pending = pending._replace(next=now + RESEND_PERIOD, sent=pending.sent + 1)
+        command, first, second = FLIGHT_COMMANDS[pending.request]
+        fields = {"command": command, "param1": first, "param2": second, "confirmation": pending.sent}
+        to = {"target_system": self._endpoint.system, "target_component": self._autopilot}
+        return [self._endpoint.pack("COMMAND_LONG", fields | to)]
+
+    def status(self, status: Status, now: int) -> Status:
+        """Return the vehicle's status with the autopilot's part added."""
+        there = self._is_autopilot_present(now)
+        mode = HOLD_MODE if there and self.holds and status.mode == COMPUTER_MODE else status.mode
+        why = "" if there else NO_AUTOPILOT_PROBLEM
+        return status._replace(mode=mode, autopilot_problem=why, closed_modes={HOLD_MODE: why} if why else {})

@@ -1,0 +1,142 @@
+"""Exchange over a link: numbers of a compiled step as messages and back, and a question repeated until its answer.
+
+Source: docs page, Exchange.
+"""
+
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from typing import Any, NamedTuple, TypeVar
+
+import numpy as np
+
+from trimtab.core.clock import NS_PER_SECOND, SYSTEM_CLOCK, Clock
+from trimtab.core.interfaces import Link
+from trimtab.flight.mavlink.authority import SESSION
+from trimtab.flight.mavlink.definitions import Message
+from trimtab.flight.mavlink.dialect import COMMAND, TIME, Dialect
+from trimtab.flight.mavlink.endpoint import Endpoint
+
+MOST_INCOMPLETE = 8
+"""Maximum number of incomplete samples: on some links packets overtake one another."""
+T = TypeVar("T")
+Where = Callable[[str], int | slice]
+"""Path of a leaf -> its slot in a vector."""
+
+
+class _MessageLayout(NamedTuple):
+    slots: list[int]
+    whole: list[bool]
+    time: int
+    has_session: bool
+
+
+class MessageGroup:
+    """Messages that carry one sample, or the command, between a vector of numbers and a link."""
+
+    def __init__(self, dialect: Dialect, group: str, where: Where) -> None:
+        """group: name in the dialect, e.g. "samples.imu" or "command"."""
+        self.names = dialect.groups[group]
+        self._layouts: dict[str, _MessageLayout] = {}
+        self._parts: dict[int, dict[str, tuple[Any, ...]]] = {}
+        for name in self.names:
+            slots, whole, time = [], [], -1
+            for i, place in enumerate(dialect.places[name]):
+                at = where(place.path)
+                slots.append(at.start + place.slot if isinstance(at, slice) else at)
+                whole.append(place.type != "double")
+                if place.path == f"{group}.{TIME}":
+                    time = i
+            has_session = SESSION in dialect.definitions[name].where and group == COMMAND
+            self._layouts[name] = _MessageLayout(slots, whole, time, has_session)
+
+    def pack(self, endpoint: Endpoint, vector: Any, shift: int = 0) -> list[bytes]:
+        """Return the packets of the numbers in a vector. `shift` is added to their time."""
+        packets = []
+        for name, layout in self._layouts.items():
+            numbers = vector[layout.slots].tolist()
+            values = [int(v) if whole else v for v, whole in zip(numbers, layout.whole, strict=True)]
+            values[layout.time] += shift
+            packets.append(endpoint.pack(name, [*values, endpoint.session] if layout.has_session else values))
+        return packets
+
+    def assemble(self, message: Message) -> "GroupSample | None":
+        """Return the sample if this message is its last part; None while parts of the same time are missing."""
+        layout = self._layouts[message.name]
+        time = message.values[layout.time]
+        if len(self.names) == 1:
+            return GroupSample(time, layout.slots, message.values[: len(layout.slots)], layout.time)
+        if time not in self._parts and len(self._parts) == MOST_INCOMPLETE:
+            del self._parts[next(iter(self._parts))]
+        parts = self._parts.setdefault(time, {})
+        parts[message.name] = message.values[: len(layout.slots)]
+        if len(parts) < len(self.names):
+            return None
+        del self._parts[time]
+        slots = [s for n in self.names for s in self._layouts[n].slots]
+        values = tuple(v for n in self.names for v in parts[n])
+        return GroupSample(time, slots, values, self._layouts[self.names[0]].time)
+
+
+class GroupSample(NamedTuple):
+    """Complete sample or command from the link. t: its time, by the sender's clock."""
+
+    t: int
+    slots: Sequence[int]
+    values: Sequence[Any]
+    time: int
+
+    def write(self, vector: Any, shift: int = 0) -> None:
+        """Write the sample into a vector. `shift` is added to its time."""
+        vector[self.slots] = self.values
+        vector[self.slots[self.time]] = self.t + shift
+
+
+def slot_indices(where: Mapping[str, Any], paths: Iterable[str], size: int) -> Any:
+    """Return the indices of these leaves in a vector of this size, in order."""
+    every = np.arange(size)
+    return np.concatenate([np.zeros(0, np.intp), *(np.atleast_1d(every[where[p]]) for p in paths)])
+
+
+def sample_groups(dialect: Dialect, where: Where) -> dict[str, MessageGroup]:
+    """Return sensor -> its group."""
+    prefix = "samples."
+    return {g[len(prefix) :]: MessageGroup(dialect, g, where) for g in dialect.groups if g.startswith(prefix)}
+
+
+def command_group(dialect: Dialect, where: Where) -> MessageGroup:
+    """Return the group of the command."""
+    return MessageGroup(dialect, COMMAND, where)
+
+
+def receive_messages(link: Link, endpoint: Endpoint, timeout: float) -> list[Message]:
+    """Return the messages that were received and accepted. Their sender becomes the peer for replies."""
+    messages = endpoint.feed(link.receive(timeout))
+    if messages:
+        link.accept_sender()
+    return messages
+
+
+def request_answer(
+    link: Link,
+    endpoint: Endpoint,
+    packets: Callable[[], Iterable[bytes]],
+    answer: Callable[[Message], T | None],
+    *,
+    patience: float,
+    resend_period: float,
+    clock: Clock = SYSTEM_CLOCK,
+) -> T | None:
+    """Send packets, made again each time, until a message answers them; return None after `patience` seconds.
+
+    answer: returns the content of an answer; None for any other message.
+    """
+    deadline = clock.monotonic_ns() + patience * NS_PER_SECOND
+    while clock.monotonic_ns() < deadline:
+        for packet in packets():
+            link.send(packet)
+        resend_time = clock.monotonic_ns() + resend_period * NS_PER_SECOND
+        while (left := (resend_time - clock.monotonic_ns()) / NS_PER_SECOND) > 0:
+            for message in receive_messages(link, endpoint, left):
+                result = answer(message)
+                if result is not None:
+                    return result
+    return None

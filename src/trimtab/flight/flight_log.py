@@ -1,0 +1,257 @@
+"""Log of a flight: rows gathered from the vectors of compiled steps, handed to the writer's process.
+
+Source: docs page, Fly.
+"""
+
+import shutil
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+
+from trimtab.compiler.structs import Member
+from trimtab.core.clock import NS_PER_SECOND, SYSTEM_CLOCK, Clock
+from trimtab.core.record import Quantity
+from trimtab.core.time import to_seconds
+from trimtab.flight.mavlink.endpoint import FrameCounts
+from trimtab.logs.frames import no_pose
+from trimtab.logs.log_limit import LogLimit
+from trimtab.logs.ring import Ring
+from trimtab.logs.stream import LogFileSummary, LogStream, Signal, start_writer
+from trimtab.loop.scenario import Scenario
+from trimtab.run.program import describe_scenario
+
+FRAMES = {"vehicle": "vehicle", "autopilot": "estimate"}
+"""Side -> name of the vehicle's frame in its log."""
+ROWS = 16384
+"""Number of rows in the ring: it bridges the time for which the disk delays the writer."""
+WRITER_DIED = "the log's writer died; the rows written before are kept"
+
+
+class LogSource(NamedTuple):
+    """Vector whose numbers go into each row. name: path of a member -> path in the log, or None to leave it out."""
+
+    vector: Any
+    members: Sequence[Member]
+    name: Callable[[str], str | None]
+
+
+def frame_signals(prefix: str) -> dict[str, tuple[str, Quantity]]:
+    """Return the signals of a link's frames, below a path. `count_frames` gives their values."""
+    return {
+        f"{prefix}.refused": ("i8", Quantity("1", "Frames refused so far.", kind="count")),
+        f"{prefix}.lost": ("i8", Quantity("1", "Frames lost so far, by their numbers.", kind="count")),
+        f"{prefix}.damaged": ("i8", Quantity("1", "Frames with a wrong checksum so far.", kind="count")),
+        f"{prefix}.garbage": ("i8", Quantity("1", "Bytes outside frames so far.", kind="count")),
+    }
+
+
+def count_frames(counts: FrameCounts) -> tuple[int, int, int, int]:
+    """Return the values of `frame_signals`."""
+    return counts.refusals, counts.lost, counts.checksum, counts.garbage
+
+
+class FlightRows:
+    """Contents of a row of a flight: numbers of compiled steps' vectors, then those that come with each row."""
+
+    def __init__(self, sources: Sequence[LogSource], own: Mapping[str, tuple[str, Quantity]]) -> None:
+        """Define the layout of a row.
+
+        Args:
+            sources: vectors whose numbers go into each row.
+            own: path -> (type, declaration) of the numbers that come with each row.
+        """
+        self.signals: list[Signal] = []
+        self._picks: list[tuple[Any, Any, slice]] = []
+        stop = 0
+        for source in sources:
+            slots, start = _select_numbers(source, self.signals), stop
+            stop += len(slots)
+            self._picks.append((source.vector, np.array(slots, np.intp), slice(start, stop)))
+        self.signals += [(path, (), np.dtype(dtype), declared) for path, (dtype, declared) in own.items()]
+        self._own, self.width = slice(stop, stop + len(own)), stop + len(own)
+
+    def fill(self, row: Any, own: Sequence[float]) -> None:
+        """Write the current numbers into a row, float64 (width,)."""
+        for vector, index, where in self._picks:
+            row[where] = vector[index]
+        row[self._own] = own
+
+
+class FlightRecorder(Protocol):
+    """The log of a live end. Only `await_room` waits."""
+
+    pose: Any
+    """Pose of the vehicle, as in `logs.frames`. Each row holds the pose that was set last."""
+
+    def start_clock(self, start: int, clock: Clock) -> None:
+        """Set time zero to a time of the monotonic clock (ns). Call it before the first row."""
+        ...
+
+    def write_row(self, t: int, own: Sequence[float] = ()) -> None:
+        """Write a row: the vectors as they are now, and the numbers that come with each row."""
+        ...
+
+    def await_room(self) -> None:
+        """Wait until a row fits: for flights in lockstep, which may outrun the disk."""
+        ...
+
+    def write_event(self, text: str) -> None:
+        """Write a line of text between rows."""
+        ...
+
+    def close(self, final: Mapping[str, Any] | None = None) -> LogFileSummary | None:
+        """End the log. None: the process that wrote it had died."""
+        ...
+
+
+class FlightLog:
+    """Rows into a ring: a few microseconds each, without waiting except in `await_room`."""
+
+    def __init__(
+        self,
+        path: Path,
+        rows: FlightRows,
+        metadata: Mapping[str, Any],
+        frame: str = "",
+        limit: LogLimit | None = None,
+    ) -> None:
+        """Start the writer's process.
+
+        Args:
+            path: path of a new file.
+            rows: contents of a row.
+            metadata: metadata of the log.
+            frame: name of the vehicle's frame, whose poses are set, where time runs by a clock; empty: in virtual time.
+            limit: limit of its size on the disk; None: no limit.
+        """
+        self._rows, stop = rows, 1 + rows.width
+        self.pose: Any = no_pose() if frame else np.zeros(0)
+        """Pose as in `logs.frames`. Set it in place; each row holds it until it is set again."""
+        self._row = np.zeros(stop + len(self.pose))
+        self._numbers, self._poses = self._row[1:stop], self._row[stop:]
+        self._ring = Ring.create(columns=len(self._row), rows=ROWS)
+        try:
+            options = {"metadata": metadata, "frame": frame, "limit": limit}
+            self._stream: LogStream = start_writer(path, self._ring, signals=rows.signals, **options)
+        except BaseException:
+            self._release_ring()
+            raise
+
+    def write_row(self, t: int, own: Sequence[float] = ()) -> None:
+        """Write a row: the vectors as they are now."""
+        self._row[0] = t
+        self._rows.fill(self._numbers, own)
+        self._poses[:] = self.pose
+        self._ring.write_row(self._row)
+
+    def await_room(self) -> None:
+        """Wait until a row fits, or the writer has died: for flights in virtual time, which may outrun the disk."""
+        while self._ring.waiting_rows >= self._ring.rows and self._stream.is_alive:
+            SYSTEM_CLOCK.wait(None, 1e-3)
+
+    def start_clock(self, start: int, clock: Clock = SYSTEM_CLOCK) -> None:
+        """Set time zero to a time of the monotonic clock (ns). Call it before the first row."""
+        self._stream.set_epoch(round(clock.unix() * NS_PER_SECOND) - clock.monotonic_ns() + start)
+
+    def write_event(self, text: str) -> None:
+        """Write a line of text between rows."""
+        self._ring.write_text(text)
+
+    def close(self, final: Mapping[str, Any] | None = None) -> LogFileSummary | None:
+        """End the log. Return None if the writer had died."""
+        try:
+            return self._stream.close(final)
+        finally:
+            self._release_ring()
+
+    def _release_ring(self) -> None:
+        self._ring.unlink()
+        self._ring.close()
+
+
+def list_log_problems(summary: LogFileSummary | None) -> list[str]:
+    """Return the problems of a log that has ended. summary: None if its writer had died."""
+    if summary is None:
+        return [WRITER_DIED]
+    count = summary.dropped + summary.unwritten
+    return [f"the log lacks {count} rows"] if count else []
+
+
+class Disk(Protocol):
+    """A disk for the logs of live ends: this machine's, or one of virtual time."""
+
+    def free_bytes(self, folder: Path) -> int:
+        """Return the free space (bytes) on the disk of a folder."""
+        ...
+
+    def open_log(
+        self, path: Path, rows: FlightRows, metadata: Mapping[str, Any], frame: str, limit: LogLimit | None
+    ) -> FlightRecorder:
+        """Open a log. Arguments as of `FlightLog`."""
+        ...
+
+
+class SystemDisk:
+    """The disk of this machine. A process of its own writes each log."""
+
+    def free_bytes(self, folder: Path) -> int:
+        """Return the free space (bytes) on the disk of a folder."""
+        return shutil.disk_usage(folder).free
+
+    def open_log(
+        self, path: Path, rows: FlightRows, metadata: Mapping[str, Any], frame: str, limit: LogLimit | None
+    ) -> FlightLog:
+        """Open a log. Arguments as of `FlightLog`."""
+        return FlightLog(path, rows, metadata, frame, limit)
+
+
+SYSTEM_DISK = SystemDisk()
+
+
+def open_flight_log(
+    path: Path | None,
+    sources: Sequence[LogSource],
+    own: Mapping[str, tuple[str, Quantity]],
+    scenario: Scenario,
+    *,
+    side: str,
+    seed: int,
+    log_period: int,
+    is_live: bool = False,
+    limit: int | None = None,
+    disk: Disk = SYSTEM_DISK,
+) -> FlightRecorder | None:
+    """Open the log of one side of a flight; return None without a path.
+
+    Args:
+        path: file of the log.
+        sources: vectors whose numbers go into each row.
+        own: path -> (type, declaration) of the numbers that come with each row.
+        scenario: the scenario that is flown.
+        side: "autopilot" or "vehicle".
+        seed: seed of the random numbers.
+        log_period: time between rows (100 ns).
+        is_live: whether the flight runs by a clock, so that `start_clock` will be called.
+        limit: maximum size (bytes). A vehicle's log then drops its oldest files.
+        disk: disk of the log.
+    """
+    if path is None:
+        return None
+    bound = None if limit is None else LogLimit(limit, rolls=side == "vehicle")
+    about = {"side": side, "seed": seed, "run": 0, "backend": "c", "log_period_s": to_seconds(log_period)}
+    metadata, frame = describe_scenario(scenario) | about, FRAMES[side] if is_live else ""
+    return disk.open_log(path, FlightRows(sources, own), metadata, frame, bound)
+
+
+def _select_numbers(source: LogSource, signals: list[Signal]) -> list[int]:
+    """Return the indices of the logged numbers of a vector. Their signals are appended to `signals`."""
+    slots, at = [], 0
+    for m in source.members:
+        path = source.name(m.name)
+        if path is not None:
+            signals.append((path, m.shape, m.numpy_type, m.declaration))
+            slots += range(at, at + m.size)
+        at += m.size
+    return slots

@@ -1,0 +1,44 @@
+"""Signals logged each control period, and the summary of a flight.
+
+Source: docs page, Fly.
+"""
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+from trimtab.core.record import Quantity
+from trimtab.flight.flight_log import frame_signals
+from trimtab.flight.real_time import Deadlines, RealTimeGrant
+from trimtab.logs.stream import LogFileSummary
+
+FLIGHT_SIGNALS: Mapping[str, tuple[str, Quantity]] = {
+    "loop.late": ("f8", Quantity("s", "Delay from the deadline to the wake-up.")),
+    "loop.step": ("f8", Quantity("s", "Duration of the compiled step alone.")),
+    "loop.overruns": ("i8", Quantity("1", "Periods so far whose work ended after the next deadline.", kind="count")),
+    "loop.skipped": ("i8", Quantity("1", "Periods skipped so far.", kind="count")),
+    "link.samples": ("i8", Quantity("1", "Samples received so far.", kind="count")),
+    "link.overtaken": ("i8", Quantity("1", "Samples so far that arrived after a later one.", kind="count")),
+    "link.backwards": ("i8", Quantity("1", "Samples so far of sensors with decreasing time stamps.", kind="count")),
+    "link.implausible": ("i8", Quantity("1", "Samples so far whose time stamp was too far from now.", kind="count")),
+    "link.silence": ("f8", Quantity("s", "Time since the last data from the vehicle.")),
+    "link.offset": ("f8", Quantity("s", "The vehicle's clock minus this one.")),
+    **frame_signals("link"),
+    "link.connected": ("?", Quantity("1", "The transport has a connection.", kind="flag")),
+    "vehicle.owned": ("?", Quantity("1", "The vehicle accepts this end as its owner.", kind="flag")),
+    "vehicle.armed": ("?", Quantity("1", "The vehicle reports that it is armed.", kind="flag")),
+}
+"""Signals of a flight's log besides the frame and the outputs."""
+
+
+class LiveFlightSummary(NamedTuple):
+    """Result of a flight. arming_time: when the vehicle first reported that it is armed (100 ns), None if never."""
+
+    t: int
+    arming_time: int | None
+    grant: RealTimeGrant
+    deadlines: Deadlines
+    log: LogFileSummary | None
+    cause: str
+    """Reason for an early end; empty if there was none."""
+    problems: tuple[str, ...]
+    """Problems for scripts: an early end, a failsafe, a vehicle that was not armed at the end, a lost log."""

@@ -1,0 +1,117 @@
+"""Position of a vehicle on the globe: its world frame, placed at a given origin.
+
+A laboratory's floor has no latitude, so no position is sent until there is an origin: `trimtab vehicle --origin`, or a
+ground station's SET_GPS_GLOBAL_ORIGIN while it is disarmed. The position is for maps: no sensor and no law uses it.
+Heights are taken as given, above the sea. Placing W as if above the ellipsoid makes distances wrong by 2e-5 at most.
+Source: https://mavlink.io/en/messages/common.html, GLOBAL_POSITION_INT, HOME_POSITION, GPS_GLOBAL_ORIGIN.
+"""
+
+import math
+from collections.abc import Callable, Collection, Mapping
+from typing import Any
+
+from trimtab.compiler.compiled_block import compile_block
+from trimtab.core.errors import InputError, argument, argument_name
+from trimtab.flight.mavlink.definitions import Message
+from trimtab.flight.mavlink.endpoint import Endpoint
+from trimtab.flight.mavlink.protocol import Severity
+from trimtab.flight.station import telemetry
+from trimtab.flight.station.telemetry import Place, VehicleMotion
+from trimtab.logs.frames import quaternion
+from trimtab.run.blocks import place_block
+
+DEGREES = 1e-7
+"""Unit of MAVLink's latitudes and longitudes (degrees)."""
+HIGHEST = 1e6
+SET_ORIGIN = "SET_GPS_GLOBAL_ORIGIN"
+
+
+def parse_origin(text: str) -> Place:
+    """Return a place from "LAT,LON,ALT", in degrees and metres above the sea. Raise InputError for any other text."""
+    try:
+        latitude, longitude, height = map(float, text.split(","))
+    except ValueError:
+        raise InputError(
+            argument_name("origin"), f"{text!r} must be LAT,LON,ALT", fix=argument("origin", "38.9897,-76.9378,20")
+        ) from None
+    place = Place(math.radians(latitude), math.radians(longitude), height)
+    if not is_on_globe(place):
+        raise InputError(
+            argument_name("origin"), f"{text!r} is not a place on the globe", fix="degrees north and east, then metres"
+        )
+    return place
+
+
+def is_on_globe(place: Place) -> bool:
+    """Return whether the place exists, and a flight could begin there."""
+    limits = Place(math.pi / 2, math.pi, HIGHEST)
+    return all(math.isfinite(v) and abs(v) <= limit for v, limit in zip(place, limits, strict=True))
+
+
+class Globe:
+    """Places of one vehicle, and a station's service that sets the origin."""
+
+    names: Collection[str] = (SET_ORIGIN,)
+
+    def __init__(self, endpoint: Endpoint, motion: Callable[[], VehicleMotion], origin: Place | None = None) -> None:
+        """Compile the block of the place. motion: returns the motion now.  origin: of W; None: not known yet."""
+        self._endpoint, self._motion = endpoint, motion
+        self._block = compile_block(place_block())
+        self._position: Any = self._block.reads["p_WB"]
+        self.origin: Place | None = None
+        self.home: VehicleMotion | None = None
+        """Motion of the vehicle when it was last armed."""
+        if origin is not None:
+            self._set_origin(origin)
+
+    def place(self, p_WB: Any) -> Place | None:
+        """Return the place of a position (m) in W on the globe; None without an origin."""
+        if self.origin is None:
+            return None
+        self._block.inputs[self._position] = p_WB
+        self._block.step()
+        return Place(*(float(self._block.result(name)) for name in Place._fields))
+
+    def mark_home(self) -> None:
+        """Set home to the place of now."""
+        self.home = self._motion()
+
+    def position_fields(self, now: int) -> Mapping[str, Any] | None:
+        """Return the fields of GLOBAL_POSITION_INT."""
+        motion = self._motion()
+        place = self.place(motion.p_WB)
+        return None if place is None else telemetry.global_position(now, motion, place, self._home(motion))
+
+    def home_fields(self, now: int) -> Mapping[str, Any] | None:
+        """Return the fields of HOME_POSITION."""
+        home = self._home(self._motion())
+        place = self.place(home.p_WB)
+        return None if place is None else telemetry.home_position(now, home.p_WB, quaternion(home.attitude), place)
+
+    def origin_fields(self, now: int) -> Mapping[str, Any] | None:
+        """Return the fields of GPS_GLOBAL_ORIGIN."""
+        return None if self.origin is None else telemetry.global_origin(now, self.origin)
+
+    def answer(self, message: Message, now: int, *, is_armed: bool) -> list[bytes]:
+        """Handle a request for another origin, if disarmed. Return the current origin, and why it was not changed."""
+        latitude, longitude = (math.radians(message.get(n) * DEGREES) for n in ("latitude", "longitude"))
+        place = Place(latitude, longitude, message.get("altitude") * 1e-3)
+        problem = "the vehicle is armed" if is_armed else "" if is_on_globe(place) else "not a place on the globe"
+        if not problem:
+            self._set_origin(place)
+        fields, text = self.origin_fields(now), f"Origin not set: {problem}"
+        said = [self._endpoint.pack("STATUSTEXT", {"severity": Severity.WARNING, "text": text})] if problem else []
+        return ([] if fields is None else [self._endpoint.pack("GPS_GLOBAL_ORIGIN", fields)]) + said
+
+    def due(self, now: int, *, is_armed: bool) -> list[bytes]:
+        """Return nothing: all its messages are telemetry streams."""
+        return []
+
+    def _home(self, motion: VehicleMotion) -> VehicleMotion:
+        """Return home. Before the first arming it is the place where the vehicle is held."""
+        return motion if self.home is None else self.home
+
+    def _set_origin(self, origin: Place) -> None:
+        for name, value in origin._asdict().items():
+            self._block.parameters[name][...] = value
+        self.origin = origin

@@ -1,0 +1,128 @@
+"""Fault injection into a flying virtual vehicle, through its parameters.
+
+Source: docs page, Faults.
+"""
+
+from collections.abc import Callable, Mapping
+from typing import NamedTuple, TypeVar
+
+from trimtab.core.clock import SYSTEM_CLOCK, Clock
+from trimtab.core.errors import InputError, argument_name
+from trimtab.core.interfaces import Link
+from trimtab.core.record import Quantity, leaves
+from trimtab.core.time import FOREVER, format_time
+from trimtab.flight.exchange import request_answer
+from trimtab.flight.mavlink.definitions import Message
+from trimtab.flight.mavlink.endpoint import Endpoint
+from trimtab.flight.mavlink.protocol import REAL_32
+from trimtab.flight.station.parameters import Parameters
+from trimtab.loop.fault_text import add_dormant_faults, parse_fault
+from trimtab.loop.faults import Fault
+from trimtab.loop.scenario import Scenario
+from trimtab.run.blocks import replace_links
+
+T = TypeVar("T")
+PATIENCE, RESEND_PERIOD = 10.0, 0.3
+"""Time to wait for an answer (s), and time until a question is sent again (s)."""
+FAULT_NUMBERS = ("start", "duration", "severity", "bias", "word")
+"""Numbers of a fault that are sent. The word comes last, since it makes the fault act."""
+
+
+def add_idle_faults(scenario: Scenario) -> Scenario:
+    """Return the scenario as a virtual vehicle flies it: on a real link, with an inactive fault in every part."""
+    return add_dormant_faults(replace_links(scenario))
+
+
+class FaultPlan(NamedTuple):
+    """Parameters to set for a fault. values: parameter names and their values, in order."""
+
+    fault: Fault
+    values: dict[str, float]
+
+
+def fault_parameter_names(scenario: Scenario) -> dict[str, str]:
+    """Return path -> parameter name for the numbers of the vehicle that flies a scenario."""
+    table = Parameters(add_idle_faults(scenario).world, "world").table()
+    return {path: name for name, (path, _) in table.items()}
+
+
+def plan_fault(scenario: Scenario, text: str, names: Mapping[str, str] | None = None) -> FaultPlan:
+    """Return the parameters to set for a fault given as text. Raise InputError if it cannot be set in flight.
+
+    Args:
+        scenario: scenario that the vehicle flies.
+        text: the fault, see the docs page, Faults.
+        names: result of `fault_parameter_names`; None: computed here.
+    """
+    where, fault = parse_fault(scenario, text)
+    if fault.watch:
+        fix = f"leave the condition out, or start the vehicle with  {argument_name('faults')}"
+        raise InputError(f"fault {text!r}", "a condition cannot be set in flight", fix=fix)
+    if fault.field:
+        fix = f"name the whole input ({where} …), or start the vehicle with  {argument_name('faults')}"
+        raise InputError(f"fault {text!r}", "a single field of the input cannot be set in flight", fix=fix)
+    before = f"world.{where.replace('sensor:', 'sensors.')}.fault"
+    names = names or fault_parameter_names(scenario)
+    numbers = {n: float(value) for n, value, _ in leaves(fault) if n in FAULT_NUMBERS}
+    return FaultPlan(fault, {names[f"{before}.{n}"]: numbers[n] for n in FAULT_NUMBERS})
+
+
+class Injector:
+    """Questions to a vehicle, with their answers."""
+
+    def __init__(self, link: Link, endpoint: Endpoint, clock: Clock = SYSTEM_CLOCK) -> None:
+        self.link, self.endpoint, self._clock = link, endpoint, clock
+
+    def inject(self, plan: FaultPlan) -> int:
+        """Set all numbers of a fault. Its start counts from now. Return its start by the vehicle's clock (100 ns)."""
+        start = self.read_vehicle_time() + int(plan.fault.start)
+        for k, (name, value) in enumerate(plan.values.items()):
+            self.set(name, value if k else float(start))
+        return start
+
+    def _request(self, what: str, packet: Callable[[], bytes], answer: Callable[[Message], T | None]) -> T:
+        result = request_answer(
+            self.link,
+            self.endpoint,
+            lambda: [packet()],
+            answer,
+            patience=PATIENCE,
+            resend_period=RESEND_PERIOD,
+            clock=self._clock,
+        )
+        if result is not None:
+            return result
+        counts = self.endpoint.counts
+        problem = f"no vehicle answers ({what}); frames accepted {counts.accepted}, refused {counts.refusals}"
+        fix = "start it: trimtab vehicle SCENARIO --listen URI; then give its address, scenario, settings and key here"
+        raise InputError(argument_name("link"), problem, fix=fix)
+
+    def read_vehicle_time(self) -> int:
+        """Return the vehicle's clock now (100 ns), accurate to half a round trip."""
+
+        def answer(message: Message) -> int | None:
+            mine = message.name == "TIMESYNC" and message.get("tc1") > 0
+            return message.get("tc1") // 100 if mine else None
+
+        return self._request(
+            "time", lambda: self.endpoint.pack("TIMESYNC", {"ts1": self._clock.monotonic_ns()}), answer
+        )
+
+    def set(self, name: str, value: float) -> None:
+        """Set a parameter. Repeat until the vehicle confirms its value."""
+        to = {"target_system": 1, "target_component": 1}
+        fields = {"param_id": name, "param_value": value, "param_type": REAL_32} | to
+
+        def answer(message: Message) -> bool | None:
+            if message.name != "PARAM_VALUE" or message.get("param_id") != name:
+                return None
+            return True if abs(message.get("param_value") - value) <= 1e-6 * abs(value) else None
+
+        self._request(name, lambda: self.endpoint.pack("PARAM_SET", fields), answer)
+
+
+def format_value(declared: Quantity, value: float) -> str:
+    """Return a number as text for the user: a mode by its name, a time with its unit."""
+    if declared.kind == "time":
+        return "until the end" if value >= FOREVER else format_time(int(value))
+    return declared.modes[int(value)] if declared.modes else f"{value:g}"

@@ -1,0 +1,318 @@
+"""One-way delays of a link, measured as in the thesis [1].
+
+A request carries the sender's time; the far end appends its timer and echoes it. With one clock on both ends
+
+    uplink = timer - t0,    downlink = now - t0 - uplink
+
+and with two, the offset between them is taken from the quickest round trips, as if up and down took the same time.
+The results are the table's figures, recordings to replay, and a channel model with the same moments.
+Source: [1] Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006, chapter 5.
+"""
+
+import random
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from trimtab.core.clock import NS_PER_SECOND, SYSTEM_CLOCK, Clock
+from trimtab.core.interfaces import Link
+from trimtab.core.time import ms, to_seconds
+from trimtab.flight.clock_time import (
+    LOAD_DOWN,
+    LOAD_UP,
+    STATUS,
+    UP,
+    ClockMessageParser,
+    ClockTimeExchange,
+    Hello,
+    boot_digest,
+    echo_request,
+    parse_hello,
+)
+from trimtab.flight.real_time import NS
+from trimtab.links.fifo import required_slots
+from trimtab.links.latency import BELOW_MIN_MS, SEND_PERIODS, Latencies, gamma_table
+from trimtab.links.latency_trace import Trace
+
+MOST_LOAD = 125_000
+"""Largest load that is sent (bytes per second), whatever is asked for."""
+LOAD_TIMEOUT = 3.0
+"""Time for which load is sent after the last request for it (s)."""
+BURST = 4
+"""Maximum number of load messages sent at once, after a delay of this machine."""
+HELLO_PERIOD = 0.5
+"""Time between two hellos to the far end (s)."""
+BITS_PER_BYTE = 10
+"""Bits per byte on a serial line, with start and stop bit. The rates in the thesis count them."""
+QUICKEST_SHARE = 0.05
+"""Share of the round trips from which the offset of two clocks is taken."""
+LEAST_SD = 1e-5
+"""Spread (s) in a model of a link without spread."""
+
+
+class LinkTestPlan(NamedTuple):
+    """Plan of a measurement: load each way in kb/s (all bytes, ten bits each), requests, and requests per second."""
+
+    up: float
+    down: float
+    requests: int = 300
+    rate: float = 10.0
+    patience: float = 3.0
+    """Time to wait for the last replies (s)."""
+    seed: int = 0
+
+    @property
+    def first_patience(self) -> float:
+        """Return the time to wait for the first reply (s)."""
+        return 10 * self.patience
+
+
+class Delays(NamedTuple):
+    """Measured delays (s), one entry per request in the order sent, NaN where no reply came."""
+
+    plan: LinkTestPlan
+    send_times: np.ndarray[Any, Any]
+    up: np.ndarray[Any, Any]
+    down: np.ndarray[Any, Any]
+    lost_up: int
+    """Requests that did not arrive. The others without a reply were lost on the way down."""
+    has_one_clock: bool
+    """True if one clock measured both ways; otherwise only the sum of up and down is certain."""
+    data_rates: tuple[float, float]
+    """Rates sent and received (kb/s)."""
+
+    @property
+    def has_reply(self) -> np.ndarray[Any, Any]:
+        """Return True for each request with a reply."""
+        return np.isfinite(self.up)
+
+
+class LoadPace:
+    """Pacer of load messages, so that all bytes sent make up a given rate (byte/s)."""
+
+    def __init__(self, size: int) -> None:
+        self._size, self._due, self.rate = size, 0.0, 0.0
+
+    def wait(self, t: float) -> float:
+        """Return the time from t (s) until the next message is due; an hour without load."""
+        return max(self._due - t, 0.0) if self.rate > 0 else 3600.0
+
+    def due(self, t: float) -> bool:
+        """Return whether a message is due at t (s). It then counts as sent."""
+        if self.rate <= 0 or t < self._due:
+            return False
+        self.count_bytes(self._size, t)
+        return True
+
+    def count_bytes(self, size: int, t: float) -> None:
+        """Count bytes that were sent at t (s)."""
+        if self.rate > 0:
+            earliest = t - BURST * self._size / self.rate if self._due else t
+            self._due = max(self._due, earliest) + size / self.rate
+
+
+def echo_requests(
+    link: Link,
+    *,
+    stop: Callable[[], bool] = lambda: False,
+    clock: Clock = SYSTEM_CLOCK,
+    boot: bytes | None = None,
+) -> int:
+    """Answer until `stop`, looked at ten times a second. Returns the number of requests echoed.
+
+    Args:
+        link: link to the measuring end.
+        stop: returns True to end.
+        clock: clock of this end.
+        boot: digest that identifies the clock; None: this machine's.
+    """
+    parser, pace, boot = ClockMessageParser(UP), LoadPace(len(LOAD_DOWN)), boot_digest() if boot is None else boot
+    session, heard, echoed, until = -1, 0, 0, 0.0
+
+    def now() -> float:
+        return clock.monotonic_ns() / NS_PER_SECOND
+
+    while not stop():
+        data = link.receive(min(0.1, pace.wait(now())))
+        arrived = clock.monotonic_ns() // NS
+        for message in parser.feed(data) if data else ():
+            link.accept_sender()
+            answer = echo_request(message, arrived)
+            hello = parse_hello(message.data) if message.id == STATUS else None
+            if hello is not None:
+                heard = heard if hello.session == session else 0
+                session, pace.rate, until = hello.session, min(hello.number, MOST_LOAD), now() + LOAD_TIMEOUT
+                answer = Hello(boot, session, heard).pack()
+            elif answer:
+                heard, echoed = heard + 1, echoed + 1
+            if answer:
+                link.send(answer)
+                pace.count_bytes(len(answer), now())
+        if now() > until:
+            pace.rate = 0.0
+        if pace.due(now()):
+            link.send(LOAD_DOWN)
+    return echoed
+
+
+def measure_delays(
+    link: Link, exchange: ClockTimeExchange, plan: LinkTestPlan, clock: Clock = SYSTEM_CLOCK
+) -> Delays | None:
+    """Send requests under load and collect the replies. Return None if the far end does not answer.
+
+    Args:
+        link: link to an end that echoes.
+        exchange: codec of the messages.
+        plan: load and number of requests.
+        clock: clock of this end.
+    """
+    session = _DelayMeasurement(link, exchange, plan, clock)
+    if not session.await_far_end():
+        return None
+    before, start = link.statistics, clock.monotonic_ns()
+    session.ask()
+    after, took = link.statistics, (clock.monotonic_ns() - start) / NS_PER_SECOND
+    session.finish()
+    counts = (after.bytes_out - before.bytes_out, after.bytes_in - before.bytes_in)
+    up, down = (1e-3 * BITS_PER_BYTE * n / took for n in counts)
+    return session.delays((up, down))
+
+
+class _DelayMeasurement:
+    """One measurement: the departure time of each request and, by its key, content and arrival time of the reply."""
+
+    def __init__(self, link: Link, exchange: ClockTimeExchange, plan: LinkTestPlan, clock: Clock) -> None:
+        self._link, self._exchange, self._plan, self._clock = link, exchange, plan, clock
+        self._sent: dict[int, int] = {}
+        self._back: dict[int, tuple[int, int]] = {}
+        self._hello = exchange.pack_hello(round(plan.down * 1e3 / BITS_PER_BYTE))
+
+    def _seconds(self) -> float:
+        return self._clock.monotonic_ns() / NS_PER_SECOND
+
+    def await_far_end(self) -> bool:
+        """Send hellos until the far end answers. Return whether it did."""
+        end = self._seconds() + self._plan.first_patience
+        while self._exchange.shared is None and self._seconds() < end:
+            self._link.send(self._hello)
+            self._gather_replies(0.2)
+        return self._exchange.shared is not None
+
+    def ask(self) -> None:
+        """Send the requests at irregular times, in step with nothing periodic, and the load between them."""
+        draw, pace = random.Random(self._plan.seed), LoadPace(len(LOAD_UP))
+        pace.rate = self._plan.up * 1e3 / BITS_PER_BYTE
+        at = hello_at = self._seconds()
+        while len(self._sent) < self._plan.requests:
+            t = self._seconds()
+            if t >= at:
+                departed = self._clock.monotonic_ns() // NS
+                key, packet = self._exchange.request(departed)
+                self._link.send(packet)
+                self._sent[key] = departed
+                pace.count_bytes(len(packet), t)
+                at += draw.uniform(0.5, 1.5) / self._plan.rate
+            if t >= hello_at:
+                self._link.send(self._hello)
+                pace.count_bytes(len(self._hello), t)
+                hello_at += HELLO_PERIOD
+            if pace.due(t):
+                self._link.send(LOAD_UP)
+            self._gather_replies(min(at - t, hello_at - t, pace.wait(t)))
+
+    def finish(self) -> None:
+        """Wait for the last replies under load, and for the far end's count of requests."""
+        end = self._seconds() + self._plan.patience
+        while self._seconds() < end and len(self._back) < len(self._sent):
+            self._link.send(self._hello)
+            until = self._seconds() + 0.1
+            while (left := until - self._seconds()) > 0:
+                self._gather_replies(left)
+
+    def _gather_replies(self, wait: float) -> None:
+        """Take the replies that arrive within `wait` seconds. Of two replies to one request the first counts."""
+        data = self._link.receive(max(wait, 0.0))
+        arrived = self._clock.monotonic_ns() // NS
+        for key, uplink in self._exchange.read_replies(data) if data else ():
+            if key in self._sent:
+                self._back.setdefault(key, (uplink, arrived))
+
+    def delays(self, data_rates: tuple[float, float]) -> Delays:
+        """Return the results."""
+        left = np.array(list(self._sent.values()), np.int64)
+        came = np.array([key in self._back for key in self._sent], bool)
+        answered = [(self._back[key], t0) for key, t0 in self._sent.items() if key in self._back]
+        up, trip = np.full((2, len(left)), np.nan)
+        up[came] = to_seconds(np.array([uplink for (uplink, _), _ in answered], np.float64))
+        trip[came] = to_seconds(np.array([arrived - t0 for (_, arrived), t0 in answered], np.float64))
+        shared = bool(self._exchange.shared)
+        if not shared and came.any():
+            up = up - clock_offset(up[came], trip[came])
+        lost_up = max(len(left) - max(self._exchange.heard, len(answered)), 0)
+        return Delays(self._plan, to_seconds(left - left[0]), up, trip - up, lost_up, shared, data_rates)
+
+
+def clock_offset(up: np.ndarray[Any, Any], trip: np.ndarray[Any, Any]) -> float:
+    """Return the lead of the far clock (s), if the quickest round trips took as long up as down."""
+    quickest = np.argsort(trip)[: max(1, int(QUICKEST_SHARE * len(trip)))]
+    return float(np.median((up - trip / 2)[quickest]))
+
+
+def link_traces(delays: Delays) -> dict[str, Trace]:
+    """Return recordings of both ways, for LatencyTrace.
+
+    For a request without a reply it is unknown which way lost it. As many as the far end has missed count as lost on
+    the way up, at even distances.
+    """
+    missing = np.flatnonzero(~delays.has_reply)
+    lost_up = np.zeros(len(delays.send_times), bool)
+    count = min(delays.lost_up, len(missing))
+    lost_up[missing[((np.arange(count) + 0.5) * len(missing) / max(count, 1)).astype(int)]] = True
+    mean = float(np.nanmean(delays.up)) if delays.has_reply.any() else 0.0
+    up, down = np.maximum(delays.up, 0.0), np.maximum(delays.down, 0.0)
+    arrived_up = ~lost_up
+    left = (delays.send_times + np.where(delays.has_reply, up, mean))[arrived_up]
+    order = np.argsort(left, kind="stable")
+    fell = ~delays.has_reply[arrived_up][order]
+    # a request that was answered late or never did arrive: its uplink is unknown, use the mean
+    upward = Trace(delays.send_times, np.where(lost_up, 0.0, np.where(delays.has_reply, up, mean)), lost_up)
+    return {"up": upward, "down": Trace(left[order], np.where(fell, 0.0, down[arrived_up][order]), fell)}
+
+
+def summarise_latencies(seconds: np.ndarray[Any, Any]) -> Latencies:
+    """Return mean, standard deviation, smallest and largest (ms) of the finite values: a row of the thesis's table."""
+    delays_ms = 1e3 * seconds[np.isfinite(seconds)]
+    sd = float(delays_ms.std(ddof=1)) if len(delays_ms) > 1 else 0.0
+    return Latencies(float(delays_ms.mean()), sd, float(delays_ms.min()), float(delays_ms.max()))
+
+
+def latency_rows(delays: Delays) -> dict[str, Latencies]:
+    """Return the rows "up", "down" and "round trip" of the thesis's table."""
+    rows = {"up": delays.up, "down": delays.down, "round trip": delays.up + delays.down}
+    return {path: summarise_latencies(seconds) for path, seconds in rows.items()}
+
+
+class DelayModel(NamedTuple):
+    """Shifted gamma distribution of latencies (s) with the measured moments, and the share lost."""
+
+    mean: float
+    sd: float
+    shift: float
+    loss: float
+
+    def settings(self, path: str) -> list[str]:
+        """Return settings of `trimtab run` for a scenario with links=measured. path: "up" or "down"."""
+        table, period = np.round(gamma_table(self.mean, self.sd, self.shift), 6), SEND_PERIODS[path]
+        where = f"world.{path}link"
+        values = ",".join(f"{value:.6g}" for value in table)
+        slots = required_slots(float(table[-1]), period, ms(1))
+        return [f"{where}.latency=[{values}]", f"{where}.loss={self.loss:.4g}", f"{where}.capacity={slots}"]
+
+
+def fit_delay_model(trace: Trace) -> DelayModel:
+    """Fit a model of one way. The distribution starts 2 ms below the smallest latency, as in the thesis."""
+    row = summarise_latencies(trace.latency_s[~trace.lost])
+    shift = max(row.min_ms - BELOW_MIN_MS, 0.0) / 1e3
+    mean = max(row.mean_ms / 1e3, shift + LEAST_SD)
+    return DelayModel(mean, max(row.sd_ms / 1e3, LEAST_SD), shift, float(trace.lost.mean()))

@@ -1,0 +1,184 @@
+"""Both ends of a link in lockstep: virtual time stands still until the other end has answered.
+
+The vehicle's end sends the changed samples and closes the instant. The autopilot's end answers with the command of that
+instant. So the numbers are those of `simulate`, whatever the link does. An instant is flown once all its samples have
+arrived, lost packets are sent again, and a repeated instant is answered with the same command.
+
+Source: docs page, Lockstep.
+"""
+
+from collections.abc import Callable, Iterator
+from pathlib import Path
+
+from trimtab.core.clock import NS_PER_SECOND, SYSTEM_CLOCK, Clock
+from trimtab.core.interfaces import Link
+from trimtab.core.time import ms
+from trimtab.flight.autopilot_end import AutopilotEnd, scenario_dialect
+from trimtab.flight.exchange import GroupSample, receive_messages, request_answer
+from trimtab.flight.flight_log import open_flight_log
+from trimtab.flight.mavlink.definitions import Message
+from trimtab.flight.mavlink.dialect import INSTANT, Dialect, derive_dialect
+from trimtab.flight.mavlink.endpoint import Endpoint
+from trimtab.flight.mavlink.protocol import CommandCode
+from trimtab.flight.remote import HEARTBEAT
+from trimtab.flight.virtual_vehicle import VirtualVehicle
+from trimtab.logs.stream import LogFileSummary
+from trimtab.loop.scenario import Scenario
+from trimtab.run.blocks import compile_autopilot
+from trimtab.run.cosimulation import prepare_world
+
+RESEND_PERIOD = 0.2
+"""Time after which an unanswered packet is sent again (s)."""
+PATIENCE = 10.0
+"""Silence after which the other end is given up (s)."""
+START_PATIENCE = 120.0
+"""Longest start of the other end (s): it may have to be compiled."""
+
+
+class NoAnswerError(Exception):
+    """The other end has not answered for too long."""
+
+
+def lead_lockstep(
+    vehicle: VirtualVehicle, link: Link, endpoint: Endpoint, clock: Clock = SYSTEM_CLOCK
+) -> Iterator[int]:
+    """Run the vehicle's end for the scenario's duration. Yield each instant after its command has arrived, and the end.
+
+    Raises NoAnswerError if the other end does not answer.
+    """
+    period, duration = vehicle.scenario.autopilot.period, vehicle.scenario.duration
+    fresh = False
+    for t in vehicle.instants():
+        vehicle.advance(min(t, duration), fresh=fresh)
+        if t >= duration:
+            yield duration
+            return
+        fresh = t % period == 0
+        if fresh:
+            _await_command(vehicle, link, endpoint, t, clock).write(vehicle.world.inputs)
+        yield t
+
+
+def _await_command(vehicle: VirtualVehicle, link: Link, endpoint: Endpoint, t: int, clock: Clock) -> GroupSample:
+    """Return the command for instant t."""
+    changed = vehicle.changed_sensors()
+    patience = PATIENCE if t else START_PATIENCE
+
+    def packets() -> list[bytes]:
+        samples = vehicle.sample_packets(endpoint, changed)
+        return [*samples, endpoint.pack(endpoint.dialect.groups[INSTANT][0], {"t": t, "samples": len(changed)})]
+
+    def answer(message: Message) -> GroupSample | None:
+        command = vehicle.command.assemble(message) if message.name in vehicle.command.names else None
+        return command if command is not None and command.t == t else None
+
+    command = request_answer(
+        link, endpoint, packets, answer, patience=patience, resend_period=RESEND_PERIOD, clock=clock
+    )
+    if command is None:
+        raise NoAnswerError(f"no command for {patience:g} s")
+    return command
+
+
+def follow_lockstep(
+    autopilot_end: AutopilotEnd,
+    link: Link,
+    endpoint: Endpoint,
+    duration: int,
+    period: int,
+    clock: Clock = SYSTEM_CLOCK,
+) -> Iterator[int]:
+    """Run the autopilot's end for a duration. Yield each instant after its step, before it is answered.
+
+    Raises NoAnswerError if the vehicle falls silent.
+    """
+    instant = endpoint.dialect.groups[INSTANT][0]
+    arming = {"command": CommandCode.ARM, "param1": 1.0, "param3": endpoint.session, "target_system": endpoint.system}
+    done = -period
+
+    def now() -> float:
+        return clock.monotonic_ns() / NS_PER_SECOND
+
+    deadline, heartbeat_time = now() + START_PATIENCE, 0.0
+    while done + period < duration:
+        if now() > heartbeat_time:  # on some links the vehicle only knows ends that have sent something
+            link.send(endpoint.pack("HEARTBEAT", HEARTBEAT))
+            if done < 0:  # firmware does nothing before it is armed; a virtual vehicle ignores the request
+                link.send(endpoint.pack("COMMAND_LONG", arming))
+            heartbeat_time = now() + RESEND_PERIOD
+        for message in receive_messages(link, endpoint, RESEND_PERIOD):
+            if message.name != instant:
+                autopilot_end.handle_message(message)
+                continue
+            t, samples = message.get("t"), message.get("samples")
+            if t == done + period and autopilot_end.queue_length == samples:
+                autopilot_end.fly_period(t)
+                yield t
+                done = t
+            deadline, heartbeat_time = now() + PATIENCE, now() + RESEND_PERIOD
+            for packet in autopilot_end.command_packets(endpoint) if t == done else ():
+                link.send(packet)
+        if now() > deadline:
+            raise NoAnswerError(f"no instant after {done * 1e-7:g} s")
+
+
+MakeEndpoint = Callable[[Dialect], Endpoint]
+
+
+class LockstepVehicle:
+    """Vehicle's end, which leads."""
+
+    def __init__(self, scenario: Scenario, endpoint: MakeEndpoint, *, seed: int = 0) -> None:
+        """Compile the world. endpoint: makes the vehicle's end for a dialect."""
+        world, frame, command = prepare_world(scenario, seed=seed)
+        dialect = derive_dialect(frame, command)
+        self.scenario, self.seed = scenario, seed
+        self.endpoint = endpoint(dialect)
+        self.body = VirtualVehicle(scenario, dialect, world)
+
+    def run(self, link: Link, log: Path | None = None, log_period: int = ms(1)) -> LogFileSummary | None:
+        """Lead through the scenario's duration. Raise NoAnswerError if no autopilot follows."""
+        body = self.body
+        flight_log = open_flight_log(
+            log, body.log_sources(), {}, self.scenario, side="vehicle", seed=self.seed, log_period=log_period
+        )
+        summary = None
+        try:
+            for t in lead_lockstep(body, link, self.endpoint):
+                if flight_log is not None and t and body.row_t % log_period == 0:
+                    flight_log.await_room()
+                    flight_log.write_row(body.row_t)
+        finally:
+            self.endpoint.close()
+            summary = flight_log.close(body.final_truth()) if flight_log else None
+        return summary
+
+
+class LockstepAutopilot:
+    """Autopilot's end, which follows."""
+
+    def __init__(self, scenario: Scenario, endpoint: MakeEndpoint, *, seed: int = 0) -> None:
+        """Compile the autopilot. endpoint: makes its end for a dialect."""
+        scenario.check()
+        dialect = scenario_dialect(scenario)
+        self.scenario, self.seed = scenario, seed
+        self.endpoint = endpoint(dialect)
+        self.autopilot_end = AutopilotEnd(scenario, dialect, compile_autopilot(scenario, seed=seed))
+
+    def run(self, link: Link, log: Path | None = None) -> LogFileSummary | None:
+        """Follow through the scenario's duration. Raise NoAnswerError if no vehicle leads."""
+        period = self.scenario.autopilot.period
+        sources = self.autopilot_end.log_sources()
+        flight_log = open_flight_log(
+            log, sources, {}, self.scenario, side="autopilot", seed=self.seed, log_period=period
+        )
+        summary = None
+        try:
+            for t in follow_lockstep(self.autopilot_end, link, self.endpoint, self.scenario.duration, period):
+                if flight_log is not None:
+                    flight_log.await_room()
+                    flight_log.write_row(t)
+        finally:
+            self.endpoint.close()
+            summary = flight_log.close() if flight_log else None
+        return summary

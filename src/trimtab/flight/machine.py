@@ -1,0 +1,94 @@
+"""The computer that a live program runs on: its clock, disk, links, processes and signals.
+
+Live code is handed a Machine instead of calling the system itself. So the same code runs in virtual time, on the
+machines of `live.virtual_machine`.
+Source: docs page, Testing.
+"""
+
+import contextlib
+import signal
+import sys
+import threading
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import AbstractContextManager
+from typing import NamedTuple, Protocol
+
+from trimtab.core.clock import SYSTEM_CLOCK, Clock
+from trimtab.core.interfaces import Link
+from trimtab.flight.flight_log import SYSTEM_DISK, Disk
+from trimtab.flight.mavlink.authority import draw_session
+from trimtab.flight.mavlink.endpoint import Endpoint
+from trimtab.flight.outputs import StartOutputs, start_outputs_process
+from trimtab.flight.real_time import RealTimeGrant, real_time
+from trimtab.flight.transports.open_link import open_link
+
+STORE_PERIOD_S = 1.0
+"""Period of storing time stamps ahead (s)."""
+
+
+@contextlib.contextmanager
+def catch_interrupts() -> Iterator[Callable[[], bool]]:
+    """Turn Ctrl-C and SIGTERM into a flag, so that logs are closed. The second one ends the program at once."""
+    asked: list[int] = []
+
+    def note(number: int, _: object) -> None:
+        if asked:
+            raise KeyboardInterrupt
+        asked.append(number)
+
+    before = {number: signal.signal(number, note) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield lambda: bool(asked)
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+@contextlib.contextmanager
+def store_stamps_ahead(endpoint: Endpoint) -> Iterator[None]:
+    """Store the time stamps of an endpoint ahead, in another thread, so that the loop waits for no disk."""
+    done = threading.Event()
+
+    def keep() -> None:
+        while not done.wait(STORE_PERIOD_S):
+            endpoint.store_stamps()
+
+    thread = threading.Thread(target=keep, daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        done.set()
+        thread.join()
+        endpoint.close()
+
+
+class OpenLink(Protocol):
+    """Opens a link, see `links.open_link.open_link`."""
+
+    def __call__(self, uri: str, *, listen: bool = False) -> Link:
+        """Open the link of an address."""
+        ...
+
+
+class Machine(NamedTuple):
+    """The parts of a computer that a live program uses. The default is the computer that runs Python."""
+
+    clock: Clock = SYSTEM_CLOCK
+    disk: Disk = SYSTEM_DISK
+    open_link: OpenLink = open_link
+    start_outputs: StartOutputs = start_outputs_process
+    """Starts the process of a vehicle's outputs."""
+    real_time: Callable[[bool], AbstractContextManager[RealTimeGrant]] = real_time
+    """Asks for real-time scheduling and locked memory."""
+    catch_interrupts: Callable[[], AbstractContextManager[Callable[[], bool]]] = catch_interrupts
+    """Turns a request to end into a flag."""
+    store_stamps_ahead: Callable[[Endpoint], AbstractContextManager[None]] = store_stamps_ahead
+    """Stores the time stamps of an endpoint ahead, and closes the endpoint at the end."""
+    typed_words: Callable[[], Sequence[str]] = lambda: sys.argv[1:]
+    """Returns the words of the command line after the program's name."""
+    draw_session: Callable[[], int] = draw_session
+    """Draws the number of a session."""
+
+
+SYSTEM_MACHINE = Machine()

@@ -1,0 +1,231 @@
+"""MAVLink dialect derived from the records that the two ends exchange, besides the standard messages.
+
+    SAMPLE_<SENSOR>   t, valid and the leaves of the value, one message a sensor
+    COMMAND           t, valid and the leaves of the value; as an extension the session of the sender
+    INSTANT           t and the number of samples: closes a frame, when the two ends run in lockstep
+
+Content that does not fit into one payload goes into numbered parts, SAMPLE_<SENSOR>_1 and so on, each with t and valid.
+Age and freshness are not sent: the receiver of a sample knows them better. Names and texts are restricted to those that
+MAVLink's generators accept, for all their languages.
+Source: https://mavlink.io/en/guide/xml_schema.html.
+"""
+
+import builtins
+import hashlib
+import keyword
+import re
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from trimtab.core.errors import InputError
+from trimtab.core.record import Quantity, leaves
+from trimtab.core.signals import Command, Frame
+from trimtab.flight.mavlink.authority import SESSION
+from trimtab.flight.mavlink.definitions import MAX_PAYLOAD, SIZES, MessageDefinition, read_definitions
+
+FIRST_ID = 0x747400
+"""First id of derived messages ("tt", then a byte), far from those of published dialects."""
+MOST_MESSAGES = 256
+TYPES = {"f": "double", "b": "uint8_t", "i8": "int64_t", "i4": "int32_t", "u4": "uint32_t"}
+STANDARD = Path(__file__).with_name("standard.xml")
+COMMAND, INSTANT = "command", "instant"
+SESSION_TYPE = "uint32_t"
+TIME, VALID = "t", "valid"
+LANGUAGE_WORDS = """
+    auto break case char const continue default do double else enum extern float for goto if inline int long
+    register restrict return short signed sizeof static struct switch typedef union unsigned void volatile while
+    bool true false class new delete this throw try catch namespace template public private protected virtual
+    friend operator using function import package export final finally abstract boolean byte interface native
+    super synchronized transient let var with yield await implements debugger instanceof typeof
+"""
+GENERATED_WORDS = """
+    system_id component_id msg chan buf packet status msgbuf len self signing force_mavlink1 format name id
+    fieldnames ordered_fieldnames orders lengths array_lengths crc_extra unpacker instance_field instance_offset
+    msgname native_format fieldtypes fielddisplays_by_name fieldenums_by_name fieldunits_by_name
+"""
+"""Arguments and attributes in the code that the generators write."""
+RESERVED_WORDS = {
+    w.lower() for w in (*LANGUAGE_WORDS.split(), *GENERATED_WORDS.split(), *keyword.kwlist, *dir(builtins))
+}
+
+
+class ValuePlace(NamedTuple):
+    """Place of one value of a message: path of a leaf, index of the number, and MAVLink's type."""
+
+    path: str
+    slot: int
+    type: str
+
+
+class Dialect(NamedTuple):
+    """All messages that two ends can exchange.
+
+    text: the definitions as MAVLink's XML.  definitions: every message by name; by_id: by number.
+    groups: path of a sample ("samples.imu"), "command" or "instant" -> the messages that carry it.
+    places: name of a derived message -> place of each of its values.
+    """
+
+    text: str
+    definitions: Mapping[str, MessageDefinition]
+    by_id: Mapping[int, MessageDefinition]
+    groups: Mapping[str, tuple[str, ...]]
+    places: Mapping[str, tuple[ValuePlace, ...]]
+
+    @property
+    def fingerprint(self) -> bytes:
+        """Eight bytes that differ between dialects. Two ends compare them before they trust each other's numbers."""
+        return hashlib.sha256(self.text.encode()).digest()[:8]
+
+
+class _FieldPiece(NamedTuple):
+    """Planned field: numbers start to start + numbers of the leaf at path; scalar for a leaf of one number."""
+
+    path: str
+    start: int
+    numbers: int
+    scalar: bool
+    type: str
+    unit: str
+    doc: str
+
+    @property
+    def size(self) -> int:
+        return self.numbers * SIZES[self.type]
+
+
+def derive_dialect(frame_like: Frame, command_like: Command) -> Dialect:
+    """Return the dialect for frames and commands of these structures.
+
+    Args:
+        frame_like, command_like: examples of the structures that both ends use; their values do not matter.
+
+    Raises InputError if there are more messages than ids.
+    """
+    parts_of = {f"samples.{s}": _split_parts(sample, f"samples.{s}") for s, sample in frame_like.samples.items()}
+    parts_of[COMMAND] = _split_parts(command_like, COMMAND, room=MAX_PAYLOAD - SIZES[SESSION_TYPE])
+    now = _FieldPiece(TIME, 0, 1, True, "int64_t", "100 ns", "The instant that is complete.")
+    count = _FieldPiece("samples", 0, 1, True, "int32_t", "1", "How many samples belong to it.")
+    parts_of[INSTANT] = [[now, count]]
+    standard = STANDARD.read_text("utf-8")
+    used_names = {name.lower() for name in read_definitions(standard)}
+    groups: dict[str, tuple[str, ...]] = {}
+    contents: dict[str, list[_FieldPiece]] = {}
+    for group, parts in sorted(parts_of.items()):
+        name = message_name(group.replace("samples.", "sample_", 1))
+        several = [name] if len(parts) == 1 else [f"{name}_{k + 1}" for k in range(len(parts))]
+        groups[group] = tuple(unique_name(n, used_names) for n in several)
+        contents |= dict(zip(groups[group], parts, strict=True))
+    if len(contents) > MOST_MESSAGES:
+        problem = f"{len(contents)} messages exceed the {MOST_MESSAGES} numbers reserved for them"
+        raise InputError("dialect", problem, fix="measure with fewer sensors, or combine several into one")
+    return _make_dialect(standard, groups, contents)
+
+
+def _split_parts(record: Any, path: str, room: int = MAX_PAYLOAD) -> list[list[_FieldPiece]]:
+    """Return time, validity and the leaves of the value, split into as many payloads as needed."""
+    head, rest = [], []
+    for below, value, declared in leaves(record):
+        if not isinstance(declared, Quantity):
+            continue
+        piece = _field_piece(f"{path}.{below}", value, declared)
+        if below in (TIME, VALID):
+            head.append(piece)
+        elif below.startswith("value"):
+            rest.append(piece)
+    parts: list[list[_FieldPiece]] = [[*head]]
+    for piece in rest:
+        while piece.numbers:
+            fit = (room - sum(p.size for p in parts[-1])) // SIZES[piece.type]
+            if not fit or (fit < piece.numbers and len(parts[-1]) > len(head) and piece.size <= MAX_PAYLOAD // 2):
+                parts.append([*head])
+                continue
+            fits = min(fit, piece.numbers)
+            parts[-1].append(piece._replace(numbers=fits))
+            piece = piece._replace(start=piece.start + fits, numbers=piece.numbers - fits)
+    return parts
+
+
+def _field_piece(path: str, value: Any, declared: Quantity) -> _FieldPiece:
+    shape = np.shape(value)
+    dtype = np.dtype(declared.dtype())
+    kind = TYPES.get(dtype.kind) or TYPES[f"{dtype.kind}{dtype.itemsize}"]
+    return _FieldPiece(path, 0, int(np.prod(shape, dtype=int)), shape == (), kind, declared.unit, declared.doc)
+
+
+def _make_dialect(standard: str, groups: dict[str, tuple[str, ...]], contents: dict[str, list[_FieldPiece]]) -> Dialect:
+    fields_of = {name: _name_fields(contents[name]) for name in sorted(contents)}
+    group_of = {name: group for group, names in groups.items() for name in names}
+    lines: list[str] = []
+    for k, (name, fields) in enumerate(fields_of.items()):
+        lines += _message_xml(name, FIRST_ID + k, group_of[name], fields)
+    text = standard.replace("  </messages>", "\n".join([*lines, "  </messages>"]))
+    definitions = read_definitions(text)
+    places = {
+        name: tuple(
+            ValuePlace(fields[f.name].path, fields[f.name].start + k, f.type)
+            for f in definitions[name].fields
+            if f.name in fields
+            for k in range(f.slots)
+        )
+        for name, fields in fields_of.items()
+    }
+    return Dialect(text, definitions, {d.id: d for d in definitions.values()}, groups, places)
+
+
+def _name_fields(pieces: list[_FieldPiece]) -> dict[str, _FieldPiece]:
+    used_names = {SESSION}
+    return {unique_name(field_name(p.path), used_names): p for p in pieces}
+
+
+def _message_xml(name: str, number: int, group: str, fields: dict[str, _FieldPiece]) -> list[str]:
+    lines = [f'    <message id="{number}" name="{name}">']
+    lines.append(f"      <description>{plain_text(f'trimtab: {group}')}</description>")
+    for own, p in fields.items():
+        kind = p.type if p.scalar else f"{p.type}[{p.numbers}]"
+        unit = "" if p.unit == "1" else f' units="{plain_text(p.unit)}"'
+        lines.append(f'      <field type="{kind}" name="{own}"{unit}>{plain_text(p.doc)}</field>')
+    if group == COMMAND:
+        lines += ["      <extensions/>", f'      <field type="{SESSION_TYPE}" name="{SESSION}">Who sends it.</field>']
+    return [*lines, "    </message>"]
+
+
+def message_name(text: str) -> str:
+    """Return a legal message name: capitals, digits and underscores, starting with a letter."""
+    return _legal_name(text).upper()
+
+
+def field_name(path: str) -> str:
+    """Return a field name from the path of a leaf: the part after `value`, else the last, with underscores."""
+    _, _, below = path.partition(".value.")
+    return _legal_name(below or path.rsplit(".", 1)[-1])
+
+
+def unique_name(name: str, used_names: set[str]) -> str:
+    """Return the name, numbered if it is already used (case is ignored), and add it to the used names.
+
+    used_names: in lower case.
+    """
+    unique, k = name, 1
+    while unique.lower() in used_names:
+        k += 1
+        unique = f"{name}_{k}"
+    used_names.add(unique.lower())
+    return unique
+
+
+def plain_text(text: str) -> str:
+    """Return a text of one line that is safe in XML and in comments or strings of any language: no quotes."""
+    ascii_only = text.replace("°", "deg").replace("²", "^2").replace("µ", "u").encode("ascii", "replace").decode()
+    one_line = " ".join(re.sub("[\0-\x1f\x7f]", " ", ascii_only).split())
+    one_line = one_line.replace('"', "'").replace("\\", "/").replace("*/", "* /").replace("'''", "'")
+    return one_line.replace("&", "&amp;").replace("<", "&lt;").replace(">", "&gt;")
+
+
+def _legal_name(text: str) -> str:
+    name = re.sub(r"[^A-Za-z0-9_]", "_", text)
+    if not name[:1].isalpha():
+        name = f"v_{name.lstrip('_')}"
+    return f"{name}_" if name.lower() in RESERVED_WORDS else name

@@ -1,0 +1,366 @@
+"""One end of a MAVLink 2 link: packs sent messages, parses and checks received ones.
+
+    0xFD  length  incompat  compat  sequence  system  component  id (3)  payload  checksum (2)  [link stamp (6) tag (6)]
+
+The tag is the first 48 bits of SHA-256 over the key and all bytes before the tag. Zeros at the end of a payload are
+omitted. Received data never raises an exception: refused frames are counted.
+Source: https://mavlink.io/en/guide/serialization.html, https://mavlink.io/en/guide/message_signing.html.
+"""
+
+import dataclasses
+import hashlib
+import hmac
+import struct
+from collections import defaultdict
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, NamedTuple
+
+from fastcrc.crc16 import mcrf4xx
+
+from trimtab.core.errors import InputError, closest
+from trimtab.flight.mavlink.authority import draw_session
+from trimtab.flight.mavlink.definitions import Message, MessageDefinition, arrange_values, fit_values
+from trimtab.flight.mavlink.dialect import Dialect
+from trimtab.flight.mavlink.keys import SigningKey
+from trimtab.flight.mavlink.losses import SequenceGaps
+from trimtab.flight.mavlink.stamps import Refusal, Stamps
+
+
+@dataclasses.dataclass
+class FrameCounts:
+    """Frames, or bytes where stated, since the end was opened."""
+
+    sent: int = 0
+    accepted: int = 0
+    lost: int = 0
+    """Lost frames, by the gaps in their senders' sequence numbers."""
+    disordered: int = 0
+    """Frames of a sender whose sequence numbers jump about, so that its losses are unknown."""
+    checksum: int = 0
+    """Wrong checksum: damaged, or from a sender with other definitions."""
+    unknown: int = 0
+    """No such message in this dialect."""
+    unsigned: int = 0
+    downgraded: int = 0
+    """Frames of MAVLink 1, which cannot be signed."""
+    unchecked: int = 0
+    """Signed frames accepted by an end without a key to check them."""
+    wrong_signature: int = 0
+    replayed: int = 0
+    """Valid signature but replayed."""
+    stale: int = 0
+    """Valid signature by a clock that is behind: from before this end's start, or over a minute old."""
+    leading: int = 0
+    """Valid signature by a clock that is far ahead."""
+    reflected: int = 0
+    """This end's own frames, sent back."""
+    garbage: int = 0
+    """Bytes outside frames."""
+    clamped: int = 0
+    """Messages packed with a number that its type cannot hold."""
+
+    @property
+    def refusals(self) -> int:
+        """Number of complete frames that were refused."""
+        strangers = self.unsigned + self.downgraded + self.wrong_signature
+        return self.unknown + strangers + self.replayed + self.stale + self.leading + self.reflected
+
+
+class UntimelyMessage(NamedTuple):
+    """Message with a valid signature, refused for its time stamp. lead: lead of the stamp over this end's clock (s)."""
+
+    message: Message
+    stamp: int
+    lead: float
+
+
+class Numbering(NamedTuple):
+    """Sequence of frames that are numbered together: of a component, and for a group of receivers.
+
+    A receiver that does not get all of a component's frames counts gaps as losses, unless they are numbered separately.
+    """
+
+    component: int
+    is_public: bool
+
+
+VERSION_2, VERSION_1 = 0xFD, 0xFE
+SIGNED_FLAG = 1
+HEADER = struct.Struct("<BBBBBBBHB")
+OVERHEAD, TAG = HEADER.size + 2, 13
+NO_FRAME, NOT_YET = -1, 0
+
+
+class Endpoint:
+    """End of a link for one system and component. Use one thread at a time.
+
+    key: signs all sent packets; packets not signed by it are refused. Without a key, `unsigned` must be requested,
+        since
+    anyone with access to the link can then command the vehicle.
+    datagrams: each `feed` is a whole packet, so that a frame cut off in one is not looked for in the next.
+    """
+
+    def __init__(
+        self,
+        dialect: Dialect,
+        system: int,
+        component: int,
+        key: SigningKey | None = None,
+        unsigned: bool = False,
+        *,
+        link: int = 0,
+        datagrams: bool = False,
+        clock: Callable[[], float] | None = None,
+        is_reset: bool = False,
+        session: int | None = None,
+    ) -> None:
+        """Open one end. With a key from a file, its time stamps are kept next to the file until close().
+
+        is_reset: start the time stamps with this computer's clock, whatever is stored.
+        session: number of this end's session; None: drawn by the system's generator.
+        """
+        _check_arguments(system, component, link, key, unsigned)
+        self.dialect, self.system, self.component, self.link = dialect, system, component, link
+        self.session = draw_session() if session is None else session
+        """Session that distinguishes this end from others of its system and component, and from itself before a
+        restart.
+        """
+        self.counts = FrameCounts()
+        self._datagrams = datagrams
+        self._rest = b""
+        self._sequences: dict[Numbering, int] = {}
+        self._gaps: defaultdict[tuple[int, int], SequenceGaps] = defaultdict(SequenceGaps)
+        self._keyed = None if key is None else hashlib.sha256(key.secret)
+        store = None
+        if key is not None and key.path is not None:
+            store = key.path.with_name(f"{key.path.name}.{system}-{component}-{link}.time")
+        self.stamps = Stamps(store, clock, is_reset=is_reset) if key else None
+        self.untimely: list[UntimelyMessage] = []
+        """Messages refused for their time stamp alone in the last `feed`."""
+        self.is_asked_by_stranger = False
+        """True if a sender of this end's system asked for the time without the key, as `fly` does, in the last
+        `feed`.
+        """
+        self._any_order = {
+            "TIMESYNC",
+            "TUNNEL",
+            "COMMAND_ACK",
+            *(name for names in dialect.groups.values() for name in names),
+        }
+
+    def pack(self, name: str, values: Mapping[str, Any] | Sequence[Any] | bytes = ()) -> bytes:
+        """Return the bytes of a message.
+
+        Args:
+            name: name of a message of the dialect.
+            values: fields by name, missing ones are zero; or all values in the order of the payload; or the payload
+                itself.
+
+        Numbers outside the range of their type are limited to it, and counted. An unknown message or field raises
+        InputError.
+        """
+        definition = self.dialect.definitions.get(name)
+        if definition is None:
+            near = closest(name, self.dialect.definitions) or list(self.dialect.groups)
+            raise InputError("wire", f"no message {name!r}", choices=near, fix=f"write {near[0]!r}")
+        self.counts.sent += 1
+        numbering = Numbering(self.component, False)
+        if isinstance(values, bytes):
+            return self._make_frame(definition, values.rstrip(b"\0") or b"\0", numbering)
+        if not len(values):
+            values = definition.blank_values
+        elif isinstance(values, Mapping):
+            values = arrange_values(definition, values)
+        try:
+            payload = definition.packing.pack(*values)
+        except (struct.error, OverflowError, TypeError, ValueError):
+            payload = definition.packing.pack(*fit_values(definition, values))
+            self.counts.clamped += 1
+        return self._make_frame(definition, payload.rstrip(b"\0") or b"\0", numbering)
+
+    def repack(self, frame: bytes) -> bytes:
+        """Return the message of a frame packed by this end, numbered and signed separately for other receivers."""
+        _, length, _, _, _, _, component, low, high = HEADER.unpack_from(frame)
+        definition = self.dialect.by_id[low | high << 16]
+        return self._make_frame(definition, frame[HEADER.size : HEADER.size + length], Numbering(component, True))
+
+    def forward(self, message: Message) -> bytes:
+        """Return a message of another component of this system, for receivers that do not get its packets."""
+        definition = message.definition
+        payload = definition.packing.pack(*message.values).rstrip(b"\0") or b"\0"
+        return self._make_frame(definition, payload, Numbering(message.component, True))
+
+    def _make_frame(self, definition: MessageDefinition, payload: bytes, numbering: Numbering) -> bytes:
+        flags = SIGNED_FLAG if self._keyed else 0
+        number, sequence = definition.id, self._sequences.get(numbering, 0)
+        head = (VERSION_2, len(payload), flags, 0, sequence, self.system, numbering.component)
+        frame = HEADER.pack(*head, number & 0xFFFF, number >> 16) + payload
+        frame += checksum(frame[1:], definition.crc_extra)
+        self._sequences[numbering] = (sequence + 1) & 0xFF
+        if self.stamps is not None:
+            frame += bytes((self.link,)) + self.stamps.next_stamp().to_bytes(6, "little")
+            frame += self._signature_tag(frame)
+        return frame
+
+    def _signature_tag(self, frame: bytes) -> bytes:
+        assert self._keyed is not None
+        digest = self._keyed.copy()
+        digest.update(frame)
+        return digest.digest()[:6]
+
+    def feed(self, data: bytes | None) -> list[Message]:
+        """Return the messages completed and accepted with these bytes, in order. Never raises."""
+        self.untimely, self.is_asked_by_stranger = [], False
+        if not data:
+            return []
+        buffer, at, messages = self._rest + data, 0, []
+        size = len(buffer)
+        while at < size:
+            first = buffer[at]
+            if first == VERSION_2:
+                used = self._read_frame(buffer, at, messages)
+            elif first == VERSION_1:
+                used = self._skip_old_frame(buffer, at)
+            else:
+                used = NO_FRAME
+            if used == NOT_YET:
+                break
+            self.counts.garbage += used == NO_FRAME
+            at += max(used, 1)
+        self._rest = buffer[at:]
+        if self._datagrams:
+            self.counts.garbage += len(self._rest)
+            self._rest = b""
+        return messages
+
+    def _read_frame(self, buffer: bytes, at: int, messages: list[Message]) -> int:
+        """Return the number of bytes of the frame at `at`; NO_FRAME; or NOT_YET if more bytes are needed."""
+        if len(buffer) - at < HEADER.size:
+            return NOT_YET
+        _, length, flags, compat, sequence, system, component, low, high = HEADER.unpack_from(buffer, at)
+        definition = self.dialect.by_id.get(low | high << 16)
+        if flags & ~SIGNED_FLAG or (length > definition.size if definition else compat):
+            return NO_FRAME
+        size = OVERHEAD + length + (TAG if flags else 0)
+        if len(buffer) - at < size:
+            return NOT_YET
+        frame = buffer[at : at + size]
+        if definition is None:
+            return self._skip_unknown(buffer, at, size, flags)
+        end = HEADER.size + length
+        if checksum(frame[1:end], definition.crc_extra) != frame[end : end + 2]:
+            self.counts.checksum += 1
+            return NO_FRAME
+        if self._keyed and flags and not hmac.compare_digest(self._signature_tag(frame[:-6]), frame[-6:]):
+            self.counts.wrong_signature += 1
+            self._note_stranger(definition.name, system)
+            return NO_FRAME  # the frame may be cut, and another one may start inside the supposed signature
+        values = definition.packing.unpack(frame[HEADER.size : end].ljust(definition.size, b"\0"))
+        is_signed = bool(flags) and self._keyed is not None
+        message = Message(definition.name, values, definition, system, component, is_signed)
+        if self._is_acceptable(frame, message):
+            self._count_lost(system, component, sequence)
+            messages.append(message)
+            self.counts.accepted += 1
+        return size
+
+    def _is_acceptable(self, frame: bytes, message: Message) -> bool:
+        if self.stamps is not None and not message.is_signed:
+            self.counts.unsigned += 1
+            self._note_stranger(message.name, message.system)
+            return False
+        if message.system == self.system and message.component == self.component:
+            self.counts.reflected += 1
+            return False
+        if self.stamps is None:
+            self.counts.unchecked += frame[2] == SIGNED_FLAG
+            return True
+        stream = message.system, message.component, frame[-TAG]
+        stamp, ordered = int.from_bytes(frame[-12:-6], "little"), message.name not in self._any_order
+        refusal = self.stamps.find_refusal(stream, stamp, ordered)
+        if refusal is None:
+            self.stamps.accept(stream, stamp, ordered)
+            return True
+        self.counts.replayed += refusal is Refusal.REPLAYED
+        self.counts.stale += refusal is Refusal.STALE
+        self.counts.leading += refusal is Refusal.LEADING
+        if refusal is not Refusal.REPLAYED:
+            self.untimely.append(UntimelyMessage(message, stamp, self.stamps.lead(stamp)))
+        return False
+
+    def _note_stranger(self, name: str, system: int) -> None:
+        self.is_asked_by_stranger |= name == "TIMESYNC" and system == self.system
+
+    def _skip_unknown(self, buffer: bytes, at: int, size: int, flags: int) -> int:
+        """Skip an unknown message. Its checksum is unknown, so it must be signed, or end where another frame starts."""
+        if self._keyed and flags:
+            frame = buffer[at : at + size]
+            whole = hmac.compare_digest(self._signature_tag(frame[:-6]), frame[-6:])
+        else:
+            whole = at + size == len(buffer) or buffer[at + size] in (VERSION_1, VERSION_2)
+        self.counts.unknown += whole
+        return size if whole else NO_FRAME
+
+    def _skip_old_frame(self, buffer: bytes, at: int) -> int:
+        """Skip and refuse a frame of MAVLink 1, which has no signature."""
+        if len(buffer) - at < 6:
+            return NOT_YET
+        length, definition = buffer[at + 1], self.dialect.by_id.get(buffer[at + 5])
+        if definition is None or length > definition.base:
+            return NO_FRAME
+        if len(buffer) - at < length + 8:
+            return NOT_YET
+        end = at + 6 + length
+        if checksum(buffer[at + 1 : end], definition.crc_extra) != buffer[end : end + 2]:
+            return NO_FRAME
+        self.counts.downgraded += 1
+        return length + 8
+
+    def _count_lost(self, system: int, component: int, sequence: int) -> None:
+        lost, disordered = self._gaps[system, component].follow(sequence)
+        self.counts.lost = max(self.counts.lost + lost, 0)
+        self.counts.disordered += disordered
+
+    def begin_anew(self) -> None:
+        """Take the next frame of each sender for its first: frames thrown away in between are not losses."""
+        self._gaps.clear()
+        self._rest = b""
+
+    def store_stamps(self) -> None:
+        """Store time stamps ahead. Call it every few seconds where waiting for a disk does no harm."""
+        if self.stamps is not None:
+            self.stamps.store_ahead()
+
+    def close(self) -> None:
+        """Release the files of the endpoint."""
+        if self.stamps is not None:
+            self.stamps.close()
+
+    def abandon(self) -> None:
+        """Release the files of the endpoint and store nothing, as the system does when a process dies."""
+        if self.stamps is not None:
+            self.stamps.abandon()
+
+
+def checksum(data: bytes, extra: int) -> bytes:
+    """Return the two bytes that end a frame: CRC-16/MCRF4XX of all bytes after the first, and of CRC_EXTRA.
+
+    extra: CRC_EXTRA of the message, 0 to 255, so that a sender with another definition is refused.
+    """
+    return mcrf4xx(data + bytes((extra,))).to_bytes(2, "little")
+
+
+def _check_arguments(system: int, component: int, link: int, key: SigningKey | None, unsigned: bool) -> None:
+    for what, value, low in (("system", system, 1), ("component", component, 1), ("link", link, 0)):
+        if not low <= value <= 255:
+            raise InputError("wire", f"{what} {value} is not from {low} to 255", fix=f"give {what}={max(low, 1)}")
+    if key is None and not unsigned:
+        problem = "no key: anyone could command the vehicle"
+        raise InputError(
+            "wire", problem, fix="give a key: create_key(key_path('VEHICLE')), or unsigned=True on loopback"
+        )
+    if key is not None and (unsigned or len(key.secret) != 32):
+        problem = (
+            "unsigned was requested with a key" if unsigned else f"the key must have 32 bytes, got {len(key.secret)}"
+        )
+        raise InputError("wire", problem, fix="leave out unsigned, or the key; load keys by load_key()")

@@ -1,0 +1,191 @@
+"""Part of MAVLink's common dialect that the vehicle's end uses: its numbers, and the requests in messages.
+
+Requests for an autopilot to hold, to resume, or to end its flight:
+
+    hold     MAV_CMD_OVERRIDE_GOTO (252) with MAV_GOTO_DO_HOLD, where it is; MAV_CMD_DO_PAUSE_CONTINUE (193) with 0
+    resume   MAV_CMD_OVERRIDE_GOTO with MAV_GOTO_DO_CONTINUE; MAV_CMD_DO_PAUSE_CONTINUE with 1
+    end      MAV_CMD_NAV_LAND (21), at whatever place
+
+Source: https://mavlink.io/en/messages/common.html.
+"""
+
+from enum import IntEnum, IntFlag
+from typing import NamedTuple
+
+from trimtab.flight.mavlink.definitions import Message
+
+
+class ArmRequest(NamedTuple):
+    """Request to arm or disarm. Arming comes only if all checks pass. by_hand: a person at a ground station asks."""
+
+    arm: bool
+    by_hand: bool = False
+
+
+class ModeRequest(NamedTuple):
+    """Request to change to a mode, by its number. Only known and open modes come."""
+
+    mode: int
+
+
+class FlightRequest(NamedTuple):
+    """Request for the autopilot to "hold", to "resume" or to "end" its flight. Without an autopilot it never comes."""
+
+    request: str
+
+
+class ParameterChange(NamedTuple):
+    """Accepted change of a number of the leaf at `path`."""
+
+    path: str
+    slot: int
+    value: float
+
+
+class ReceiverChannels(NamedTuple):
+    """Pulse widths of a safety pilot's receiver, in seconds; NaN for a missing channel."""
+
+    pulses: tuple[float, ...]
+
+
+class JoystickAxes(NamedTuple):
+    """Joystick axes: forward, right, up, turn from -1 to 1, NaN for a missing axis."""
+
+    surge: float
+    sway: float
+    heave: float
+    yaw: float
+
+
+VehicleEvent = ArmRequest | ModeRequest | FlightRequest | ParameterChange | ReceiverChannels | JoystickAxes
+
+
+class ModeFlag(IntFlag):
+    """MAV_MODE_FLAG."""
+
+    CUSTOM = 1
+    ARMED = 128
+
+
+class State(IntEnum):
+    """MAV_STATE."""
+
+    BOOT = 1
+    STANDBY = 3
+    ACTIVE = 4
+    CRITICAL = 5
+    EMERGENCY = 6
+    POWEROFF = 7
+
+
+class CommandCode(IntEnum):
+    """MAV_CMD."""
+
+    LAND = 21
+    SET_MODE = 176
+    TERMINATE = 185
+    PAUSE_CONTINUE = 193
+    OVERRIDE_GOTO = 252
+    ARM = 400
+    STORAGE = 245
+    REBOOT = 246
+    RUN_CHECKS = 401
+    GET_HOME = 410
+    GET_INTERVAL = 510
+    SET_INTERVAL = 511
+    REQUEST_MESSAGE = 512
+    REQUEST_CAPABILITIES = 520
+    REQUEST_CONTROL = 32100
+
+
+class CommandResult(IntEnum):
+    """MAV_RESULT."""
+
+    ACCEPTED = 0
+    NOT_NOW = 1
+    DENIED = 2
+    UNSUPPORTED = 3
+    FAILED = 4
+
+
+class Severity(IntEnum):
+    """MAV_SEVERITY."""
+
+    EMERGENCY = 0
+    CRITICAL = 2
+    ERROR = 3
+    WARNING = 4
+    NOTICE = 5
+    INFO = 6
+
+
+class Capability(IntFlag):
+    """MAV_PROTOCOL_CAPABILITY."""
+
+    COMMAND_INT = 8
+    FILES = 32
+    MAVLINK2 = 8192
+    PARAMETERS_AS_FLOAT = 131072
+
+
+GENERIC_AUTOPILOT = 0
+REAL_32 = 9
+SET_MODE_MESSAGE = 11
+"""Number of SET_MODE, as its acknowledgement names it."""
+VERSION_MESSAGE = 148
+"""Number of AUTOPILOT_VERSION."""
+HOLD, RESUME, END = "hold", "resume", "end"
+DENIED = ""
+GOTO_HOLD, GOTO_CONTINUE = 0, 1
+HOLD_POSITIONS = 0, 2
+"""Places to hold: not given, or MAV_GOTO_HOLD_AT_CURRENT_POSITION."""
+PAUSES: dict[float, str] = {0: HOLD, 1: RESUME}
+CHANNELS = 18
+NAN = float("nan")
+ABSENT = {"RC_CHANNELS": (65535,), "RC_CHANNELS_OVERRIDE": (0, 65534, 65535)}
+"""Values that mean: no such channel; unchanged; released to the receiver."""
+
+
+class FlightCommand(NamedTuple):
+    """Command and its first two parameters."""
+
+    command: int
+    first: float
+    second: float
+
+
+FLIGHT_COMMANDS = {
+    HOLD: FlightCommand(CommandCode.OVERRIDE_GOTO, GOTO_HOLD, 2),
+    RESUME: FlightCommand(CommandCode.OVERRIDE_GOTO, GOTO_CONTINUE, 2),
+    END: FlightCommand(CommandCode.LAND, 0, 0),
+}
+"""Commands with which one end of the link asks the other."""
+
+
+def parse_request(flight_command: FlightCommand) -> str | None:
+    """Return the request of a command; DENIED if it cannot be done; None for another command."""
+    command, first, second = flight_command
+    if command == CommandCode.LAND:
+        return END
+    if command == CommandCode.PAUSE_CONTINUE:
+        return PAUSES.get(first, DENIED)
+    if command == CommandCode.OVERRIDE_GOTO:
+        if first == GOTO_HOLD:
+            return HOLD if second in HOLD_POSITIONS else DENIED
+        return RESUME if first == GOTO_CONTINUE else DENIED
+    return None
+
+
+def parse_channels(message: Message) -> ReceiverChannels:
+    """Return pulse widths from RC_CHANNELS or RC_CHANNELS_OVERRIDE."""
+    fields = message.fields()
+    many = fields.get("chancount", CHANNELS)
+    raw = [fields[f"chan{k + 1}_raw"] for k in range(CHANNELS)]
+    return ReceiverChannels(
+        tuple(NAN if v in ABSENT[message.name] or k >= many else v * 1e-6 for k, v in enumerate(raw))
+    )
+
+
+def parse_joystick(message: Message) -> JoystickAxes:
+    """Return joystick axes from MANUAL_CONTROL. A value outside of +-1000 is a missing axis."""
+    return JoystickAxes(*(v / 1000 if abs(v) <= 1000 else NAN for v in map(message.get, "xyzr")))

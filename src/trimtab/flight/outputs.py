@@ -1,0 +1,182 @@
+"""Outputs of a vehicle, seen from the vehicle. A separate process makes them safe when the vehicle falls silent.
+
+The vehicle hands over each row that it computes, and at least one per HEARTBEAT. The outputs' process applies it. If no
+row arrives within the watchdog's time, or the socket closes, that process writes the safe row: thrust at once, the lift
+fan after the failsafe's delay. `live.outputs_process` is that process.
+Source: docs page, Vehicle (Watchdog).
+"""
+
+import contextlib
+import json
+import os
+import socket
+import struct
+import subprocess
+import sys
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import NamedTuple, Protocol
+
+from trimtab.core.clock import SYSTEM_CLOCK, Clock
+from trimtab.core.errors import InputError, argument_name
+
+HEARTBEAT = 5_000_000
+"""Longest time (ns) between two rows, changed or not."""
+START_S, END_S = 10.0, 5.0
+HEAD = struct.Struct("<q??")
+"""Head of a row: time of the hand-over (ns, monotonic clock), True if a command is in force, True if the lift turns."""
+READY, TRIPPED, END = b"ready", b"tripped ", b"end"
+PORT_FILE, LOG_FILE = "outputs.bin", "outputs.txt"
+
+
+class RowSocket(Protocol):
+    """One end of the connection between vehicle and outputs. It keeps packets apart and never waits."""
+
+    def fileno(self) -> int:
+        """Return the descriptor, -1 once the socket is closed."""
+        ...
+
+    def send(self, packet: bytes, /) -> int:
+        """Send a packet. BlockingIOError: the buffer is full; OSError: the other end is closed."""
+        ...
+
+    def recv(self, size: int, /) -> bytes:
+        """Return the next packet, empty if the other end is closed. BlockingIOError: no packet waits."""
+        ...
+
+    def close(self) -> None:
+        """Close this end."""
+        ...
+
+
+class OutputsProcess(NamedTuple):
+    """A process of outputs that has started."""
+
+    line: RowSocket
+    pid: int
+    end: Callable[[], None]
+    """Waits until the process has ended; kills it where it does not end."""
+
+
+class OutputsOrders(NamedTuple):
+    """Orders for the process of outputs at its start. Times are in ns, see `Watchdog`."""
+
+    safe: tuple[float, ...]
+    timeout: int
+    lift_delay: int
+    latch: int
+    folder: str | None
+    """Folder of the port and of the log of the outputs; None: neither is written."""
+    real_time: bool
+    vehicle: int
+    """Process number of the vehicle."""
+
+
+StartOutputs = Callable[[OutputsOrders], OutputsProcess]
+
+
+def start_outputs_process(orders: OutputsOrders) -> OutputsProcess:
+    """Start the outputs as a process of this machine.
+
+    Raises:
+        InputError: the process did not start.
+    """
+    line, there = socket.socketpair(socket.AF_UNIX, socket.SOCK_SEQPACKET)
+    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(p for p in sys.path if p)}
+    command = [
+        sys.executable,
+        "-m",
+        "trimtab.flight.outputs_process",
+        str(there.fileno()),
+        json.dumps(orders._asdict()),
+    ]
+    with there:
+        process = subprocess.Popen(
+            command, pass_fds=(there.fileno(),), env=environment, start_new_session=True, stdout=subprocess.DEVNULL
+        )
+    line.settimeout(START_S)
+    try:
+        said = line.recv(64)
+    except OSError:
+        said = b""
+    if said != READY:
+        process.kill()
+        process.wait()
+        line.close()
+        where = "" if orders.folder is None else f" over {PORT_FILE} and {LOG_FILE} in {orders.folder}"
+        raise InputError(
+            "outputs", f"their process did not start{where}", fix=f"{argument_name('out')} with a new folder"
+        )
+    line.setblocking(False)
+
+    def end() -> None:
+        try:
+            process.wait(END_S)
+        except subprocess.TimeoutExpired:
+            process.kill()
+            process.wait()
+
+    return OutputsProcess(line, process.pid, end)
+
+
+class Outputs:
+    """Outputs as the vehicle sees them. They take rows and never wait."""
+
+    def __init__(
+        self,
+        safe: Sequence[float],
+        *,
+        timeout: int,
+        lift_delay: int,
+        latch: int,
+        folder: Path | None = None,
+        wanted_real_time: bool = False,
+        clock: Clock = SYSTEM_CLOCK,
+        start: StartOutputs = start_outputs_process,
+    ) -> None:
+        """Start the process of the outputs.
+
+        Args:
+            safe: the row that makes the craft safe.
+            timeout: silence (ns) after which the safe row acts.
+            lift_delay: time (ns) that the lift fan turns on after the safe row began to act.
+            latch: silence (ns) after which the safe row acts until the vehicle is disarmed.
+            folder: where the port and the log of the outputs are kept.
+            wanted_real_time: ask the system for real-time scheduling.
+            clock: clock of the vehicle's process.
+            start: starts the process.
+
+        Raises:
+            InputError: it did not start.
+        """
+        where = None if folder is None else str(folder)
+        orders = OutputsOrders(tuple(safe), timeout, lift_delay, latch, where, wanted_real_time, os.getpid())
+        self.process, self._clock = start(orders), clock
+        self._line = self.process.line
+        self._numbers = struct.Struct(f"<{len(safe)}d")
+        self._content, self._stamp = b"", 0
+        self.is_alive = True
+
+    def hand_over(self, is_commanded: bool, lift: bool, values: Sequence[float]) -> int:
+        """Hand a row over. Return the silence (ns) that had made the outputs safe, mostly 0."""
+        now = self._clock.monotonic_ns()
+        content = HEAD.pack(0, is_commanded, lift)[8:] + self._numbers.pack(*values)
+        if content == self._content and now - self._stamp < HEARTBEAT:
+            return 0
+        self._content, self._stamp = content, now
+        try:
+            self._line.send(now.to_bytes(8, "little") + content)
+            said = self._line.recv(64)
+        except BlockingIOError:
+            return 0
+        except OSError:
+            said = b""
+        self.is_alive = self.is_alive and bool(said)
+        return int(said.removeprefix(TRIPPED)) if said.startswith(TRIPPED) else 0
+
+    def close(self) -> None:
+        """End the outputs, safe."""
+        with contextlib.suppress(OSError):
+            self._line.send(END)
+        self._line.close()
+        self.process.end()

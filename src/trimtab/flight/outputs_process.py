@@ -1,0 +1,172 @@
+"""Process of a vehicle's outputs: it applies the rows it receives, and makes the outputs safe without them.
+
+It needs only the standard library, so that it starts quickly.
+Source: docs page, Vehicle (Watchdog).
+"""
+
+import contextlib
+import gc
+import json
+import math
+import os
+import signal
+import socket
+import struct
+import sys
+from collections.abc import Callable
+from datetime import UTC, datetime
+from pathlib import Path
+
+from trimtab.core.clock import NS_PER_SECOND, SYSTEM_CLOCK, Clock
+from trimtab.flight.outputs import END, HEAD, LOG_FILE, PORT_FILE, READY, TRIPPED, OutputsOrders, RowSocket
+from trimtab.flight.watchdog import DRIVEN, LATCHED, SAFE, WAITING, OutputPort, OutputRow, Watchdog
+
+PRIORITY = 41
+"""Real-time priority, above that of the vehicle's loop."""
+EXITING = 0x4
+"""Flag of a process that is ending, as Linux shows it in /proc."""
+GONE = "the vehicle's process is gone"
+STOPPED = "the vehicle's process is stopped"
+HANGS = "the vehicle's process hangs or is starved"
+
+
+def write_error_line(text: str) -> None:
+    """Write a line to standard error, unless the terminal is gone with the vehicle."""
+    with contextlib.suppress(OSError):
+        os.write(sys.stderr.fileno(), f"{text}\n".encode())
+
+
+class _OutputsLog:
+    """Log of the outputs: lines in a file that outlives the vehicle's process, and to the user."""
+
+    def __init__(self, folder: Path | None, clock: Clock, tell: Callable[[str], None]) -> None:
+        self._clock, self._tell = clock, tell
+        self._file = None if folder is None else (folder / LOG_FILE).open("xb", buffering=0)
+
+    def write(self, text: str) -> None:
+        now = datetime.fromtimestamp(self._clock.unix(), UTC).isoformat(timespec="milliseconds")
+        line = f"{now}  {self._clock.monotonic_ns() / NS_PER_SECOND:.4f} s  outputs: {text}"
+        if self._file is not None:
+            with contextlib.suppress(OSError):  # a full disk
+                self._file.write(f"{line}\n".encode())
+        self._tell(line)
+
+    def close(self) -> None:
+        if self._file is not None:
+            self._file.close()
+
+
+class OutputsLoop:
+    """Loop of the outputs. It applies the rows that come, until the vehicle is gone and everything is at rest."""
+
+    def __init__(
+        self,
+        line: RowSocket,
+        orders: OutputsOrders,
+        clock: Clock = SYSTEM_CLOCK,
+        *,
+        find_cause: Callable[[], str] = lambda: GONE,
+        tell: Callable[[str], None] = write_error_line,
+    ) -> None:
+        """Report that the outputs are ready.
+
+        Args:
+            line: connection to the vehicle.
+            orders: orders of the vehicle.
+            clock: clock of this process.
+            find_cause: returns why no row arrives although the connection is open.
+            tell: receives the messages for the user.
+        """
+        self._line, self._clock, self._find_cause, self._timeout = line, clock, find_cause, orders.timeout
+        self.watchdog = Watchdog(orders.safe, orders.timeout, orders.lift_delay, orders.latch)
+        place = None if orders.folder is None else Path(orders.folder)
+        self._log = _OutputsLog(place, clock, tell)
+        self._port = None if place is None else OutputPort(place / PORT_FILE, len(orders.safe), create=True)
+        self._numbers = struct.Struct(f"<{len(orders.safe)}d")
+        self._acting: OutputRow | None = None
+        self._is_gone = self._has_ended = False
+        line.send(READY)
+
+    def serve(self) -> None:
+        """Run until the vehicle is gone and everything is at rest."""
+        try:
+            while True:
+                due = self.step()
+                if self._is_gone and not self.watchdog.row.lift:
+                    break
+                left = math.inf if due is None else max(due - self._clock.monotonic_ns(), 0) / NS_PER_SECOND
+                self._clock.wait(None if self._is_gone else self._line, left)
+            self._log.write("at rest; " + ("the vehicle has ended" if self._has_ended else GONE))
+        finally:
+            self._log.close()
+
+    def step(self) -> int | None:
+        """Take the received rows and advance time to now. Return when to look again (ns), None: at the next row."""
+        if not self._is_gone:
+            self._take_rows()
+        watchdog, now = self.watchdog, self._clock.monotonic_ns()
+        state, tripped = watchdog.row.state, watchdog.check(now, self._is_gone)
+        if self._port is not None and watchdog.row != self._acting:
+            self._acting = watchdog.row
+            self._port.write(self._acting, now)
+        if tripped:
+            why = "the vehicle has ended" if self._has_ended else GONE if self._is_gone else self._find_cause()
+            self._log.write(f"safe, {watchdog.silence(now) * 1e-6:.1f} ms after the last row: {why}")
+        elif state in (SAFE, LATCHED) and watchdog.row.state == DRIVEN:
+            self._log.write("rows arrive again")
+        if state == SAFE and watchdog.row.state == LATCHED and not self._is_gone:
+            self._log.write("latched until the vehicle is disarmed")
+        return watchdog.next_check()
+
+    def _take_rows(self) -> None:
+        """Take all waiting rows. Note whether the vehicle's end is closed, and whether the vehicle announced it."""
+        while not self._is_gone:
+            try:
+                data = self._line.recv(HEAD.size + self._numbers.size)
+            except BlockingIOError:
+                break
+            except OSError:
+                data = b""
+            self._has_ended = data == END
+            self._is_gone = not data or self._has_ended
+            if not self._is_gone:
+                self._take_row(data)
+
+    def _take_row(self, data: bytes) -> None:
+        watchdog = self.watchdog
+        stamp, is_commanded, lift = HEAD.unpack_from(data)
+        was_waiting, silence = watchdog.row.state == WAITING, watchdog.silence(stamp)
+        watchdog.take_row(stamp, is_commanded, lift, self._numbers.unpack_from(data, HEAD.size))
+        if not was_waiting and silence >= self._timeout:
+            with contextlib.suppress(OSError):
+                self._line.send(TRIPPED + str(silence).encode())
+
+
+def find_process_cause(vehicle: int) -> str:
+    """Return why no row arrives from a process of this machine, as the system shows it."""
+    try:
+        words = Path(f"/proc/{vehicle}/stat").read_text(encoding="utf-8").rpartition(")")[2].split()
+        state, is_exiting = words[0], bool(int(words[6]) & EXITING)
+    except (OSError, IndexError):
+        return GONE
+    if is_exiting:  # a process frees its memory first and closes its sockets later
+        return GONE
+    return STOPPED if state in "Tt" else HANGS
+
+
+def main() -> None:
+    """Serve the vehicle whose socket is named. Ctrl-C and requests to terminate are left to the vehicle."""
+    for number in (signal.SIGINT, signal.SIGTERM, signal.SIGHUP):
+        signal.signal(number, signal.SIG_IGN)
+    gc.disable()
+    orders = OutputsOrders(**json.loads(sys.argv[2]))
+    if orders.real_time:
+        with contextlib.suppress(OSError):
+            os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(PRIORITY))
+    with socket.socket(fileno=int(sys.argv[1])) as line:
+        line.setblocking(False)
+        OutputsLoop(line, orders, find_cause=lambda: find_process_cause(orders.vehicle)).serve()
+
+
+if __name__ == "__main__":
+    main()

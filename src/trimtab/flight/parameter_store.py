@@ -1,0 +1,78 @@
+"""Parameters that outlive a program: a file of settings, written only when a ground station asks for it.
+
+    {"scenario": "hovercraft/forward", "parameters": {"world.vehicle.mass": 2.8}}
+
+At the start they act like settings with --set, which take precedence. So the identity of the two ends, the log's
+metadata and a replay treat them like any setting.
+Source: docs page, Ground stations.
+"""
+
+import json
+from collections.abc import Callable
+from pathlib import Path
+
+from trimtab.core.errors import InputError
+from trimtab.flight.station.parameters import NO_STORE, ChangedValues
+from trimtab.logs.mcap import replace_file
+
+LARGEST_FILE = 1_000_000
+
+
+def read_parameters(file: Path | None, scenario: str) -> dict[str, str]:
+    """Return the settings in a file, as text by path; none if there is no file yet.
+
+    Raises InputError for a file that is damaged, or belongs to another scenario.
+    """
+    if file is None or not file.exists():
+        return {}
+    part = f"parameters '{file}'"
+    fix = "give another file, or remove it to use the scenario's parameters"
+    try:
+        if file.stat().st_size > LARGEST_FILE:
+            raise ValueError("the file is too large")
+        content = json.loads(file.read_text("utf-8"))
+        owner, parameters = content["scenario"], dict(content["parameters"])
+        settings = {str(path): json.dumps(value) for path, value in parameters.items()}
+    except (OSError, ValueError, TypeError, KeyError) as error:
+        raise InputError(part, f"cannot be read: {error}", fix=fix) from None
+    if owner != scenario:
+        raise InputError(part, f"belong to {owner!r}, not to {scenario!r}", fix="use one file per scenario")
+    return settings
+
+
+class ParameterStore:
+    """File of parameters, while the program runs."""
+
+    def __init__(
+        self,
+        file: Path | None = None,
+        scenario: str = "",
+        setting_path: Callable[[str], str | None] = lambda path: path,
+    ) -> None:
+        """Keep the parameters of a scenario in a file; None: they are not kept.
+
+        setting_path: path of a parameter -> path of its setting; None: not kept.
+        """
+        self._file, self._scenario, self._setting_path = file, scenario, setting_path
+
+    @property
+    def is_there(self) -> bool:
+        """True if there is a file to write."""
+        return self._file is not None
+
+    def write(self, values: ChangedValues | None) -> str:
+        """Store numbers by path, besides those in the file; None: clear the file. Return why not, or ""."""
+        if self._file is None:
+            return NO_STORE
+        try:
+            kept = {p: json.loads(text) for p, text in read_parameters(self._file, self._scenario).items()}
+            for path, numbers in ({} if values is None else values).items():
+                setting = self._setting_path(path)
+                if setting is not None:
+                    kept[setting] = numbers[0] if len(numbers) == 1 else numbers
+            content = {"scenario": self._scenario, "parameters": {} if values is None else kept}
+            with replace_file(self._file) as stream:
+                stream.write(json.dumps(content, indent=1).encode() + b"\n")
+        except InputError as error:
+            return f"{error.part} {error.problem}"
+        return ""

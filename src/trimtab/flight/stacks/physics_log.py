@@ -1,0 +1,108 @@
+"""Flights of a vehicle under another make's autopilot: a log for each, and messages for the user."""
+
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from trimtab.core.record import Quantity
+from trimtab.core.time import ms
+from trimtab.flight.flight_log import FlightRecorder, list_log_problems, open_flight_log
+from trimtab.flight.stacks.pulsed_vehicle import PulsedVehicle
+from trimtab.logs.stream import LogFileSummary
+from trimtab.loop.scenario import Scenario
+
+MOST_TOLD = 100
+"""Maximum number of different messages that are reported once, so that a flood cannot fill terminal and log."""
+
+
+class PhysicsSummary(NamedTuple):
+    """Result of the flights. t, release_time (None: never released), log and file are those of the last flight.
+
+    tally: a dataclass that counts the received packets.
+    """
+
+    t: int
+    release_time: int | None
+    flights: int
+    tally: Any
+    log: LogFileSummary | None
+    file: Path | None
+    problems: tuple[str, ...]
+
+
+class PhysicsFlights:
+    """Flights so far. summary: of the last log.  problems: of the logs, and those given to `add_problem`."""
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        vehicle: PulsedVehicle,
+        signals: Mapping[str, tuple[str, Quantity]],
+        *,
+        seed: int,
+        file: Path | None = None,
+        period: int = ms(1),
+        tell: Callable[[str], None] = lambda _: None,
+    ) -> None:
+        """signals: signals besides the world's.  file: of the first flight, then NAME-2.  period: of rows (100 ns)."""
+        self.scenario, self.vehicle, self.signals, self.seed = scenario, vehicle, signals, seed
+        self.file, self.period, self.tell = file, period, tell
+        self.count = 0
+        self.problems, self._told = list[str](), set[str]()
+        self._log: FlightRecorder | None = None
+        self.summary: LogFileSummary | None = None
+
+    def begin(self, text: str) -> None:
+        """Begin another flight, from the vehicle's first state. text: the message that announces it."""
+        self.close()
+        if self.count:
+            self.vehicle.reset()
+        self.count += 1
+        sources = self.vehicle.body.log_sources()
+        options: dict[str, Any] = {"side": "vehicle", "seed": self.seed, "log_period": self.period}
+        self._log = open_flight_log(self.log_file(), sources, self.signals, self.scenario, **options)
+        self.report(f"flight {self.count}: {text}")
+
+    def log_file(self) -> Path | None:
+        """Return the path of this flight's log."""
+        if self.file is None or self.count == 1:
+            return self.file
+        return self.file.with_name(f"{self.file.stem}-{self.count}{self.file.suffix}")
+
+    def write_row(self, t: int, values: Sequence[Any]) -> None:
+        """Write the row of the instant before t, if one is due. values: of `signals`."""
+        body = self.vehicle.body
+        if self._log is None or not t or body.row_t % self.period:
+            return
+        self._log.await_room()
+        self._log.write_row(body.row_t, tuple(values))
+
+    def close(self) -> None:
+        """End the flight's log."""
+        log, self._log = self._log, None
+        if log is not None:
+            self.summary = log.close(self.vehicle.body.final_truth())
+            self.problems += list_log_problems(self.summary)
+
+    def report(self, text: str) -> None:
+        """Report a line to the user and to the log."""
+        self.tell(text)
+        if self._log is not None:
+            self._log.write_event(text)
+
+    def report_once(self, text: str) -> None:
+        """Report a line, but no line twice."""
+        if text not in self._told and len(self._told) < MOST_TOLD:
+            self._told.add(text)
+            self.report(text)
+
+    def add_problem(self, text: str) -> None:
+        """Report a problem that ends the flight and makes the exit code 1."""
+        self.problems.append(text)
+        self.report(text)
+
+    def summarise(self, tally: Any) -> PhysicsSummary:
+        """Return the result of all flights."""
+        vehicle, file = self.vehicle, self.log_file() if self.count else None
+        problems = tuple(dict.fromkeys(self.problems))
+        return PhysicsSummary(vehicle.body.t, vehicle.release_time, self.count, tally, self.summary, file, problems)

@@ -1,0 +1,136 @@
+"""Checks before arming: quantity, value, limit and advice of each; and how an autopilot asks for them.
+
+The autopilot sends MAVLink's command to run them, MAV_CMD_RUN_PREARM_CHECKS (401). The vehicle acknowledges, reports
+failing checks to ground stations, and answers the sender with one TUNNEL of a private type for each check:
+
+    number of checks (2)  index (2)  flags (1)  value (8)  limit (8)  name, unit, advice (UTF-8, each ends with a 0)
+
+Flags: 1 the value must be at least the limit, else at most; 2 the check can pass by waiting.
+Source: https://mavlink.io/en/messages/common.html; docs page, Arming.
+"""
+
+import math
+import struct
+from collections.abc import Sequence
+from typing import NamedTuple
+
+from trimtab.core.time import ms, seconds
+from trimtab.flight.mavlink.definitions import Message
+from trimtab.flight.mavlink.endpoint import Endpoint
+from trimtab.flight.station.identity import TUNNEL, pack_tunnel
+
+CHECK_TYPE = 0xF476
+HEAD = struct.Struct("<HHBdd")
+AT_LEAST, HEALS = 1, 2
+MOST_TEXT = 128 - HEAD.size
+MOST_CHECKS = 64
+LONGEST_AGE = seconds(1)
+"""Maximum age of a check."""
+ASK_PERIOD = ms(200)
+MOST_ASKS = 10
+"""Number of unanswered questions after which the vehicle counts as one without checks."""
+CONFIRMATION = 21196
+"""Second parameter of the command to arm with which MAVLink's ground stations force it. Here it only confirms."""
+
+
+class ArmingCheck(NamedTuple):
+    """One check: `value` must be at most `limit`, or at least. A NaN value is not measured, and passes.
+
+    advice: what to do if it fails.  heals: it can pass by waiting, without any action.
+    """
+
+    name: str
+    value: float
+    limit: float
+    unit: str = ""
+    advice: str = ""
+    at_least: bool = False
+    heals: bool = True
+
+    @property
+    def passes(self) -> bool:
+        """True if the check does not prevent arming."""
+        within = self.value >= self.limit if self.at_least else self.value <= self.limit
+        return math.isnan(self.value) or within
+
+    @property
+    def value_text(self) -> str:
+        """Value with its unit."""
+        return "not measured" if math.isnan(self.value) else _with_unit(self.value, self.unit)
+
+    @property
+    def limit_text(self) -> str:
+        """Limit with its unit."""
+        return f"at {'least' if self.at_least else 'most'} {_with_unit(self.limit, self.unit)}"
+
+    @property
+    def sentence(self) -> str:
+        """Problem and advice: the same text for pilot, ground station and log."""
+        return f"{self.name}: {self.value_text}, {self.limit_text}; {self.advice}"
+
+    @property
+    def record(self) -> str:
+        """Check as a line of a log."""
+        return f"check {self.name}: {self.value_text}, {self.limit_text}: {'passed' if self.passes else 'refused'}"
+
+
+def _with_unit(number: float, unit: str) -> str:
+    return f"{number:.3g} {unit}".rstrip() if abs(number) < 1e6 else f"{'-' * (number < 0)}∞ {unit}".rstrip()
+
+
+def first_problem(checks: Sequence[ArmingCheck]) -> str:
+    """Return the sentence of the first failing check, checks that cannot pass by waiting first; empty if all pass."""
+    failing = [c for c in checks if not c.passes]
+    return min(failing, key=lambda c: c.heals).sentence if failing else ""
+
+
+def pack_checks(endpoint: Endpoint, asker: Message, checks: Sequence[ArmingCheck]) -> list[bytes]:
+    """Return a packet for each check, to the sender of the question."""
+    packets = []
+    for k, check in enumerate(checks):
+        flags = AT_LEAST * check.at_least | HEALS * check.heals
+        head = HEAD.pack(len(checks), k, flags, check.value, check.limit)
+        text = b"".join(t.encode() + b"\0" for t in (check.name, check.unit, check.advice))[:MOST_TEXT]
+        packets.append(pack_tunnel(endpoint, asker.system, asker.component, CHECK_TYPE, head + text))
+    return packets
+
+
+class RemoteChecks:
+    """The autopilot's side: its questions, and the vehicle's checks. Times `now` are this end's, in 100 ns."""
+
+    def __init__(self) -> None:
+        """Start without checks."""
+        self._checks: dict[int, tuple[ArmingCheck, int]] = {}
+        self._count = self._asks = self._next = 0
+        self.has_none = False
+        """True if the vehicle reports no checks: older firmware, or already armed."""
+
+    def is_due(self, now: int) -> bool:
+        """Return whether to ask the vehicle now."""
+        if self.has_none or now < self._next:
+            return False
+        self._next, self._asks = now + ASK_PERIOD, self._asks + 1
+        self.has_none = not self._count and self._asks > MOST_ASKS
+        return not self.has_none
+
+    def handle_refusal(self) -> None:
+        """Note that the vehicle refused to report its checks."""
+        self.has_none = not self._count
+
+    def handle_message(self, message: Message, now: int) -> None:
+        """Handle an answer of the vehicle. Other messages are ignored."""
+        data = bytes(message.get("payload")[: message.get("payload_length")])
+        if message.name != TUNNEL or message.get("payload_type") != CHECK_TYPE or len(data) < HEAD.size:
+            return
+        count, index, flags, value, limit = HEAD.unpack_from(data)
+        if not 0 <= index < count <= MOST_CHECKS:
+            return
+        name, unit, advice, *_ = [*data[HEAD.size :].decode("utf-8", "replace").split("\0"), "", "", ""]
+        self._count = count
+        check = ArmingCheck(name, value, limit, unit, advice, bool(flags & AT_LEAST), bool(flags & HEALS))
+        self._checks[index] = check, now
+
+    def current(self, now: int) -> list[ArmingCheck]:
+        """Return the vehicle's checks, all of the last second; empty while some are missing."""
+        recent = [check for k, (check, t) in sorted(self._checks.items()) if k < self._count and now - t <= LONGEST_AGE]
+        return recent if len(recent) == self._count else []

@@ -1,0 +1,242 @@
+"""Files over MAVLink, read-only: listing, opening, reading, reading in bursts. Everything else is refused at once.
+
+A request and its answer are 251 bytes in FILE_TRANSFER_PROTOCOL:
+
+    number (2)  session (1)  operation (1)  size (1)  asked operation (1)  end of burst (1)  0 (1)  offset (4)  data
+
+A repeated request, whose answer was lost, gets the same answer. Logs are read only while the vehicle is disarmed: a
+disk may delay the reader, and the link belongs to the flight.
+Source: https://mavlink.io/en/services/ftp.html.
+"""
+
+import struct
+from collections.abc import Collection
+from enum import IntEnum
+from typing import NamedTuple
+
+from trimtab.core.time import seconds
+from trimtab.flight.mavlink.definitions import Message
+from trimtab.flight.mavlink.endpoint import Endpoint
+from trimtab.flight.station.served_files import OpenFile, Pace, ServedFiles
+
+FILE_TRANSFER = "FILE_TRANSFER_PROTOCOL"
+HEAD, PAYLOAD = struct.Struct("<HBBBBBBI"), 251
+MOST_DATA = PAYLOAD - HEAD.size
+MOST_SESSIONS = 4
+IDLE_TIME = seconds(30)
+"""Time without a request after which a session may be replaced."""
+LONGEST_BURST = 200
+"""Maximum number of packets before the reader must ask for more, so that a burst without a reader ends."""
+FLYING_SHARE = 0.05
+"""Share of the rate while the vehicle is armed."""
+
+
+class Operation(IntEnum):
+    """Requested operations, and the two kinds of answer."""
+
+    NONE = 0
+    TERMINATE = 1
+    RESET = 2
+    LIST = 3
+    OPEN_READ = 4
+    READ = 5
+    BURST_READ = 15
+    ACK = 128
+    NAK = 129
+
+
+WRITING = range(6, 15)
+"""Operations that would write, remove or rename, or read a whole file at once for its checksum."""
+
+
+class FileError(IntEnum):
+    """Reasons for a refusal."""
+
+    FAIL = 1
+    INVALID_SIZE = 3
+    INVALID_SESSION = 4
+    NO_SESSION = 5
+    END_OF_FILE = 6
+    UNKNOWN = 7
+    PROTECTED = 9
+    NOT_FOUND = 10
+
+
+class _Request(NamedTuple):
+    number: int
+    session: int
+    operation: int
+    size: int
+    offset: int
+    data: bytes
+
+
+class _Session(NamedTuple):
+    owner: tuple[int, int]
+    file: OpenFile
+    time: int
+
+
+class _Burst(NamedTuple):
+    """Packets still to be sent. number: of the packet before.  left: packets."""
+
+    owner: tuple[int, int]
+    session: int
+    number: int
+    offset: int
+    size: int
+    left: int
+
+
+class _RefusedError(Exception):
+    """Refusal of a request."""
+
+    def __init__(self, why: FileError) -> None:
+        super().__init__(why.name)
+        self.why = why
+
+
+class FileTransferService:
+    """The vehicle's side. Times `now` are the vehicle's, in 100 ns."""
+
+    names: Collection[str] = (FILE_TRANSFER,)
+
+    def __init__(self, endpoint: Endpoint, files: ServedFiles, rate: float) -> None:
+        """rate: maximum rate, bytes a second."""
+        self._endpoint, self._files, self._pace = endpoint, files, Pace(rate)
+        self._sessions: dict[int, _Session] = {}
+        self._burst: _Burst | None = None
+        self._answers: dict[tuple[int, int], tuple[bytes, list[bytes]]] = {}
+
+    def answer(self, message: Message, now: int, *, is_armed: bool) -> list[bytes]:
+        """Return the packet that answers a message. A burst follows later."""
+        owner, payload = (message.system, message.component), bytes(message.get("payload"))
+        last_payload, last_answer = self._answers.get(owner, (b"", []))
+        if payload == last_payload:
+            return [self._pack(owner, answer) for answer in last_answer]
+        number, session, operation, size, _, _, _, offset = HEAD.unpack_from(payload)
+        request = _Request(number, session, operation, size, offset, payload[HEAD.size : HEAD.size + size])
+        try:
+            data = self._follow(request, owner, now, is_armed)
+            answers = [] if data is None else [_make_answer(request, Operation.ACK, data)]
+            if operation == Operation.OPEN_READ and data is not None:
+                opened = request._replace(session=data[0])
+                answers = [_make_answer(opened, Operation.ACK, data[1:])]
+        except _RefusedError as refused:
+            answers = [_make_answer(request, Operation.NAK, bytes((refused.why,)))]
+        if len(self._answers) >= MOST_SESSIONS:
+            del self._answers[next(iter(self._answers))]
+        self._answers[owner] = (b"" if operation == Operation.BURST_READ else payload), answers
+        return [self._pack(owner, answer) for answer in answers]
+
+    def due(self, now: int, *, is_armed: bool) -> list[bytes]:
+        """Return the next packet of a burst, if due."""
+        burst = self._burst
+        if burst is None or not self._pace.is_due(now):
+            return []
+        session = self._sessions.get(burst.session)
+        if session is None or (is_armed and session.file.is_log):
+            self._burst = None
+            return []
+        self._sessions[burst.session] = session._replace(time=now)
+        asked = _Request(burst.number, burst.session, Operation.BURST_READ, burst.size, burst.offset, b"")
+        data = session.file.read(burst.offset, burst.size)
+        end = burst.offset + len(data)
+        is_last = burst.left == 1 or len(data) < burst.size or end >= session.file.size
+        after = burst._replace(number=(burst.number + 1) & 0xFFFF, offset=end, left=burst.left - 1)
+        self._burst = None if is_last else after
+        if data:
+            packet = self._pack(burst.owner, _make_answer(asked, Operation.ACK, data, is_last))
+        else:
+            packet = self._pack(burst.owner, _make_answer(asked, Operation.NAK, bytes((FileError.END_OF_FILE,))))
+        self._pace.count(len(packet), now, FLYING_SHARE if is_armed else 1.0)
+        return [packet]
+
+    def _follow(self, request: _Request, owner: tuple[int, int], now: int, is_armed: bool) -> bytes | None:
+        """Return the data of an answer, after the number of a new session; None if a burst answers."""
+        operation = request.operation
+        if operation == Operation.NONE:
+            return b""
+        if operation == Operation.LIST:
+            return self._list(request)
+        if operation == Operation.OPEN_READ:
+            return self._open(request, owner, now, is_armed)
+        if operation in (Operation.TERMINATE, Operation.RESET):
+            is_all = operation == Operation.RESET
+            for number, session in list(self._sessions.items()):
+                if session.owner == owner and (is_all or number == request.session):
+                    self._close(number)
+            return b""
+        if operation in WRITING:
+            raise _RefusedError(FileError.PROTECTED)
+        if operation not in (Operation.READ, Operation.BURST_READ):
+            raise _RefusedError(FileError.UNKNOWN)
+        return self._read(request, owner, now, is_armed)
+
+    def _list(self, request: _Request) -> bytes:
+        contents = self._files.list_folder(_path(request))
+        if contents is None:
+            raise _RefusedError(FileError.NOT_FOUND)
+        folders, files = contents
+        lines = [f"D{name}" for name in folders] + [f"F{file.name}\t{file.size}" for file in files]
+        data = b""
+        for line in lines[request.offset :]:
+            entry = line.encode() + b"\0"
+            if len(data) + len(entry) > MOST_DATA:
+                break
+            data += entry
+        if not data:
+            raise _RefusedError(FileError.END_OF_FILE)
+        return data
+
+    def _open(self, request: _Request, owner: tuple[int, int], now: int, is_armed: bool) -> bytes:
+        free = next((n for n in range(MOST_SESSIONS) if n not in self._sessions), None)
+        if free is None:
+            free = min(self._sessions, key=lambda n: self._sessions[n].time)
+            if now - self._sessions[free].time < IDLE_TIME:
+                raise _RefusedError(FileError.NO_SESSION)
+            self._close(free)
+        file = self._files.open(_path(request))
+        if file is None:
+            raise _RefusedError(FileError.NOT_FOUND)
+        if is_armed and file.is_log:
+            file.close()
+            raise _RefusedError(FileError.FAIL)
+        self._sessions[free] = _Session(owner, file, now)
+        return bytes((free,)) + file.size.to_bytes(8, "little")[:4]
+
+    def _read(self, request: _Request, owner: tuple[int, int], now: int, is_armed: bool) -> bytes | None:
+        session = self._sessions.get(request.session)
+        if session is None or session.owner != owner:
+            raise _RefusedError(FileError.INVALID_SESSION)
+        if is_armed and session.file.is_log:
+            raise _RefusedError(FileError.FAIL)
+        size = min(request.size or MOST_DATA, MOST_DATA)
+        self._sessions[request.session] = session._replace(time=now)
+        if request.operation == Operation.BURST_READ:
+            self._burst = _Burst(owner, request.session, request.number, request.offset, size, LONGEST_BURST)
+            return None
+        data = session.file.read(request.offset, size)
+        if not data:
+            raise _RefusedError(FileError.END_OF_FILE)
+        return data
+
+    def _close(self, number: int) -> None:
+        self._sessions.pop(number).file.close()
+        if self._burst is not None and self._burst.session == number:
+            self._burst = None
+
+    def _pack(self, to: tuple[int, int], payload: bytes) -> bytes:
+        fields = {"target_system": to[0], "target_component": to[1], "payload": tuple(payload)}
+        return self._endpoint.pack(FILE_TRANSFER, fields)
+
+
+def _make_answer(request: _Request, operation: Operation, data: bytes, is_last: bool = False) -> bytes:
+    """Return the payload of an answer."""
+    asked, number = request.operation, (request.number + 1) & 0xFFFF
+    head = HEAD.pack(number, request.session, operation, len(data), asked, is_last, 0, request.offset)
+    return (head + data).ljust(PAYLOAD, b"\0")
+
+
+def _path(request: _Request) -> str:
+    return request.data.partition(b"\0")[0].decode("utf-8", "replace")

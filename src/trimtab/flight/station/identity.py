@@ -1,0 +1,162 @@
+"""Identity that two ends compare by hash: name, version, messages, periods, and every number of the world.
+
+An identity is a text by path, e.g. "world.vehicle.mass" -> "2.6". Its digest is the first 8 bytes of the SHA-256 of its
+sorted lines. It is requested by MAVLink's TUNNEL with private types, line by line, only if the digests differ:
+
+    request    index (2)
+    line       number of lines (2)   index (2)   digest (8)   "path=text" (UTF-8, cut at 116 bytes)
+
+Source: https://mavlink.io/en/messages/common.html, TUNNEL.
+"""
+
+import hashlib
+import struct
+from collections.abc import Callable, Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from trimtab.core.time import ms
+from trimtab.flight.mavlink.definitions import Message
+from trimtab.flight.mavlink.endpoint import Endpoint
+
+TUNNEL = "TUNNEL"
+REQUEST_TYPE, LINE_TYPE = 0xF474, 0xF475
+"""Private types of TUNNEL, from 32768 on; "tt" without its highest bits."""
+REQUEST, LINE = struct.Struct("<H"), struct.Struct("<HH8s")
+PAYLOAD = 128
+MOST_NUMBERS = 4
+"""Maximum count of numbers shown as such; longer tables are compared, and shown, by their hash."""
+MOST_LINES = 4096
+ASK_PERIOD, LINES_PERIOD, LINES_AT_ONCE = ms(500), ms(100), 5
+MOST_ASKS = 4
+"""Number of unanswered questions after which the vehicle counts as one without an identity."""
+
+
+def format_value(value: Any) -> str:
+    """Return a setting as text: numbers with all their digits, tables by their hash."""
+    if isinstance(value, str | bool) or value is None:
+        return str(value)
+    numbers = np.asarray(value)
+    if numbers.dtype.kind not in "fiub":
+        return str(value)
+    texts = [repr(float(v)) for v in numbers.ravel()]
+    if len(texts) <= MOST_NUMBERS:
+        return " ".join(texts)
+    return f"{len(texts)} numbers, hash {hashlib.sha256(' '.join(texts).encode()).hexdigest()[:12]}"
+
+
+def identity_digest(entries: Mapping[str, str]) -> bytes:
+    """Return eight bytes that differ if the identities do."""
+    lines = sorted(f"{path}={text}" for path, text in entries.items())
+    return hashlib.sha256("\n".join(lines).encode()).digest()[:8]
+
+
+class IdentityService:
+    """The vehicle's side: it sends its identity line by line."""
+
+    def __init__(self, endpoint: Endpoint, entries: Mapping[str, str]) -> None:
+        """entries: text by path."""
+        self._endpoint, self._entries = endpoint, dict(sorted(entries.items()))
+        self._digest = identity_digest(self._entries)
+
+    def change(self, path: str, value: Any) -> None:
+        """Change the value of a setting. A setting outside the identity is ignored."""
+        if path in self._entries:
+            self._entries[path] = format_value(value)
+            self._digest = identity_digest(self._entries)
+
+    def answer(self, message: Message) -> list[bytes]:
+        """Return the packets that answer a message; none if it is not a request for this end."""
+        index = _parse_request(message)
+        if index is None or message.get("target_system") not in (0, self._endpoint.system) or not self._entries:
+            return []
+        path = list(self._entries)[min(index, len(self._entries) - 1)]
+        line = cut_line(path, self._entries[path])
+        head = LINE.pack(len(self._entries), min(index, len(self._entries) - 1), self._digest)
+        return [pack_tunnel(self._endpoint, message.system, message.component, LINE_TYPE, head + line)]
+
+
+class SettingDifference(NamedTuple):
+    """Setting in which two ends differ. A text is empty if that end has no such setting."""
+
+    path: str
+    theirs: str
+    ours: str
+
+    def __str__(self) -> str:
+        return f"{self.path}: {self.theirs or 'none'} on the vehicle, {self.ours or 'none'} here"
+
+
+class IdentityComparison:
+    """The autopilot's side: it asks, and lists the differences. Times `now` are this end's, in 100 ns."""
+
+    def __init__(self, endpoint: Endpoint, entries: Mapping[str, str]) -> None:
+        """entries: text by path."""
+        self._endpoint, self._entries = endpoint, dict(entries)
+        self._digest = identity_digest(self._entries)
+        self._lines: dict[int, bytes] = {}
+        self._count, self._asks, self._next = 0, 0, 0
+        self._theirs = b""
+        self.is_known = False
+        """True once the vehicle's identity is known completely, or known to be the same."""
+
+    @property
+    def is_unanswered(self) -> bool:
+        """True if the vehicle does not report its identity."""
+        return not self._theirs and self._asks > MOST_ASKS
+
+    def due(self, now: int, system: int, component: int) -> list[bytes]:
+        """Return the questions to the vehicle that are due now."""
+        if self.is_known or self.is_unanswered or now < self._next:
+            return []
+        missing = [k for k in range(self._count) if k not in self._lines][:LINES_AT_ONCE] or [0]
+        self._next = now + (LINES_PERIOD if self._theirs else ASK_PERIOD)
+        self._asks += not self._theirs
+        return [pack_tunnel(self._endpoint, system, component, REQUEST_TYPE, REQUEST.pack(k)) for k in missing]
+
+    def handle_message(self, message: Message) -> None:
+        """Handle an answer of the vehicle. Other messages are ignored."""
+        data = bytes(message.get("payload")[: message.get("payload_length")])
+        if message.get("payload_type") != LINE_TYPE or len(data) < LINE.size:
+            return
+        count, index, digest = LINE.unpack_from(data)
+        if digest != self._theirs or count != self._count:  # first answer, or a setting has changed since
+            self._theirs, self._count, self._lines = digest, min(count, MOST_LINES), {}
+        self._lines[index] = data[LINE.size :]
+        self.is_known = digest == self._digest or len(self._lines) >= self._count
+
+    def differences(self, is_accepted: Callable[[str], bool] = lambda path: False) -> list[SettingDifference]:
+        """Return the differences that are not accepted, by path; empty until the vehicle's identity is known."""
+        if not self.is_known or self._theirs == self._digest:
+            return []
+        theirs = dict(_split_line(line) for line in self._lines.values())
+        ours = dict(_split_line(cut_line(path, text)) for path, text in self._entries.items())
+        return [
+            SettingDifference(path, theirs.get(path, ""), ours.get(path, ""))
+            for path in sorted({*theirs, *ours})
+            if theirs.get(path) != ours.get(path) and not is_accepted(path)
+        ]
+
+
+def cut_line(path: str, text: str) -> bytes:
+    """Return the line of a setting as it is sent."""
+    return f"{path}={text}".encode()[: PAYLOAD - LINE.size]
+
+
+def _split_line(line: bytes) -> tuple[str, str]:
+    path, _, text = line.decode("utf-8", "replace").partition("=")
+    return path, text
+
+
+def _parse_request(message: Message) -> int | None:
+    if message.name != TUNNEL or message.get("payload_type") != REQUEST_TYPE:
+        return None
+    return REQUEST.unpack(bytes(message.get("payload")[: REQUEST.size]))[0]
+
+
+def pack_tunnel(endpoint: Endpoint, system: int, component: int, kind: int, data: bytes) -> bytes:
+    """Return the packet of a TUNNEL. kind: its private type; data: at most 128 bytes."""
+    fields = {"target_system": system, "target_component": component, "payload_type": kind}
+    payload = tuple(data.ljust(PAYLOAD, b"\0"))
+    return endpoint.pack(TUNNEL, fields | {"payload_length": len(data), "payload": payload})

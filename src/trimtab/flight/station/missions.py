@@ -1,0 +1,60 @@
+"""Missions, fences and rally points. The vehicle has none, so every request is answered at once: none, or refused.
+
+    asked for        MISSION_REQUEST_LIST        MISSION_COUNT 0
+    cleared          MISSION_CLEAR_ALL, or MISSION_COUNT 0 sent    MISSION_ACK accepted: it is as asked for
+    anything else    MISSION_ACK unsupported, or invalid sequence for a part that isn't there
+
+Source: https://mavlink.io/en/services/mission.html.
+"""
+
+from collections.abc import Collection
+from enum import IntEnum
+
+from trimtab.flight.mavlink.definitions import Message
+from trimtab.flight.mavlink.endpoint import Endpoint
+
+
+class MissionResult(IntEnum):
+    """MAV_MISSION_RESULT."""
+
+    ACCEPTED = 0
+    UNSUPPORTED = 3
+    INVALID_SEQUENCE = 13
+
+
+RESULTS = {
+    "MISSION_COUNT": MissionResult.UNSUPPORTED,
+    "MISSION_ITEM": MissionResult.UNSUPPORTED,
+    "MISSION_ITEM_INT": MissionResult.UNSUPPORTED,
+    "MISSION_WRITE_PARTIAL_LIST": MissionResult.UNSUPPORTED,
+    "MISSION_SET_CURRENT": MissionResult.UNSUPPORTED,
+    "MISSION_REQUEST": MissionResult.INVALID_SEQUENCE,
+    "MISSION_REQUEST_INT": MissionResult.INVALID_SEQUENCE,
+    "MISSION_CLEAR_ALL": MissionResult.ACCEPTED,
+}
+LIST_REQUEST = "MISSION_REQUEST_LIST"
+
+
+class MissionService:
+    """The vehicle's side."""
+
+    names: Collection[str] = (LIST_REQUEST, *RESULTS)
+
+    def __init__(self, endpoint: Endpoint) -> None:
+        """endpoint: packs the answers."""
+        self._endpoint = endpoint
+
+    def answer(self, message: Message, now: int, *, is_armed: bool) -> list[bytes]:
+        """Return the packet that answers a message."""
+        to = {"target_system": message.system, "target_component": message.component}
+        if "mission_type" in message.definition.where:
+            to["mission_type"] = message.get("mission_type")
+        if message.name == LIST_REQUEST:
+            return [self._endpoint.pack("MISSION_COUNT", {"count": 0} | to)]
+        is_cleared = message.name == "MISSION_COUNT" and message.get("count") == 0
+        result = MissionResult.ACCEPTED if is_cleared else RESULTS[message.name]
+        return [self._endpoint.pack("MISSION_ACK", {"type": result} | to)]
+
+    def due(self, now: int, *, is_armed: bool) -> list[bytes]:
+        """Return nothing: there are only answers."""
+        return []

@@ -1,0 +1,227 @@
+"""Parameters of a vehicle for ground stations: names of 16 characters, values of 32 bits.
+
+A name is made of the path: initials of the leading parts, then its own name, "world.vehicle.mass" -> WV_MASS. A long
+one is shortened word by word. A name that is used twice or still too long ends in five digits of its path's hash. Lists
+are sent at a limited rate, and a change is answered with the value in force. A list starts with a hash of all names
+and values. A station with the same hash needs no list: it sets _HASH_CHECK.
+Source: https://mavlink.io/en/services/parameter.html (values as C casts); _HASH_CHECK is PX4's.
+"""
+
+import hashlib
+import math
+import re
+import struct
+import zlib
+from collections import Counter, deque
+from collections.abc import Container, Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from trimtab.core.record import Quantity, leaves
+from trimtab.core.time import seconds
+from trimtab.flight.mavlink.definitions import Message, arrange_values
+from trimtab.flight.mavlink.dialect import unique_name
+from trimtab.flight.mavlink.endpoint import Endpoint
+from trimtab.flight.mavlink.protocol import REAL_32, ParameterChange
+
+LONGEST = 16
+MOST_NUMBERS = 64
+"""Quantities with more numbers are tables, not parameters: lists would take minutes."""
+FLOAT = struct.Struct("<f")
+WORD = 4
+"""Number of letters to which the words of a long name are shortened."""
+HASH, UNSIGNED_32, NO_INDEX = "_HASH_CHECK", 5, 0xFFFF
+PERIOD = seconds("0.02")
+"""Time between two values of a list."""
+
+
+ChangedValues = Mapping[str, list[float]]
+"""Path of a leaf -> all its numbers."""
+NO_STORE = "no file (--parameters FILE)"
+
+
+class Parameter(NamedTuple):
+    """One number: its name on the wire, its leaf and index, and its declaration."""
+
+    name: str
+    path: str
+    slot: int
+    declaration: Quantity
+
+
+class Parameters:
+    """Numbers of a tree of records, in the order of their declaration, by name and by index."""
+
+    def __init__(self, tree: Any, path: str = "", only: Container[str] | None = None) -> None:
+        """Collect all quantities of a record except tables, e.g. a scenario's world. `path` is a prefix of all paths.
+
+        only: paths to include; None: all.
+        """
+        numbers = [
+            (where, slot if np.shape(value) else None, declared, float(number))
+            for where, value, declared in leaves(tree, path)
+            if isinstance(declared, Quantity) and np.size(value) <= MOST_NUMBERS and (only is None or where in only)
+            for slot, number in enumerate(np.ravel(np.asarray(value, float)))
+        ]
+        names = parameter_names([where if slot is None else f"{where}.{slot}" for where, slot, *_ in numbers])
+        self.listed = tuple(Parameter(n, w, s or 0, d) for n, (w, s, d, _) in zip(names, numbers, strict=True))
+        self.values = [value for *_, value in numbers]
+        self.defaults = tuple(self.values)
+        """Values at the start."""
+        self._changed = set[str]()
+        self._index = {p.name: k for k, p in enumerate(self.listed)}
+        self._places = {(p.path, p.slot): k for k, p in enumerate(self.listed)}
+
+    def table(self) -> dict[str, tuple[str, int]]:
+        """Return name -> path of the leaf and index of the number."""
+        return {p.name: (p.path, p.slot) for p in self.listed}
+
+    @property
+    def digest(self) -> int:
+        """CRC-32 without inversions of each name and value (4 bytes), in the order of the names."""
+        pairs = sorted(zip([p.name for p in self.listed], self.values, strict=True))
+        data = b"".join(name.encode() + FLOAT.pack(round_to_float32(value)) for name, value in pairs)
+        return zlib.crc32(data, 0xFFFFFFFF) ^ 0xFFFFFFFF
+
+    def changed_values(self) -> ChangedValues:
+        """Return all numbers of each leaf that has changed since the start."""
+        changed: dict[str, list[float]] = {path: [] for path in sorted(self._changed)}
+        for own, value in zip(self.listed, self.values, strict=True):
+            if own.path in changed:
+                changed[own.path].append(value)
+        return changed
+
+    def find_index(self, name: str, index: int) -> int | None:
+        """Return the index of the requested parameter: by name if the index is negative."""
+        if index < 0:
+            return self._index.get(name)
+        return index if index < len(self.listed) else None
+
+    def index_of(self, path: str, slot: int) -> int | None:
+        """Return the index of a number of a leaf; None if there is none."""
+        return self._places.get((path, slot))
+
+    def change_value(self, index: int, value: float) -> str:
+        """Set a value if its declaration allows it. Return why not, or an empty string.
+
+        A value that reads the same on the wire stays as it is, with all its digits.
+        """
+        if round_to_float32(self.values[index]) == value:
+            return ""
+        refusal = _refusal(self.listed[index].declaration, value)
+        if not refusal:
+            self.values[index] = value
+            self._changed.add(self.listed[index].path)
+        return refusal
+
+
+def parameter_names(paths: Sequence[str]) -> list[str]:
+    """Return a unique name for each path, in the same order."""
+    plain = [_short_name(path) for path in paths]
+    counts, used_names = Counter(plain), set[str]()
+    hashed = (name if counts[name] == 1 else _hash_name(path) for name, path in zip(plain, paths, strict=True))
+    return [unique_name(name, used_names) for name in hashed]
+
+
+def _short_name(path: str) -> str:
+    *leading, own = re.sub(r"[^A-Za-z0-9_.]", "_", path).upper().split(".")
+    if own.isdigit() and leading:
+        own = f"{leading.pop()}_{own}"
+    before = "".join(word[0] for part in leading for word in part.split("_") if word)[-6:]
+    for name in (own, "_".join(word[:WORD] for word in own.split("_"))):
+        whole = f"{before}_{name}" if before else name
+        if len(whole) <= LONGEST:
+            return whole
+    return _hash_name(path)
+
+
+def _hash_name(path: str) -> str:
+    own = re.sub(r"[^A-Za-z0-9_]", "_", path.rpartition(".")[2]).upper()
+    return f"{own[: LONGEST - 6]}_{hashlib.sha256(path.encode()).hexdigest()[:5].upper()}"
+
+
+def round_to_float32(value: float) -> float:
+    """Return a number as 32 bits hold it."""
+    try:
+        return FLOAT.unpack(FLOAT.pack(value))[0]
+    except OverflowError:
+        return math.copysign(math.inf, value)
+
+
+def _refusal(declared: Quantity, value: float) -> str:
+    if not math.isfinite(value):
+        return "is not a number"
+    if declared.kind not in ("real", "angle") and value != int(value):
+        return "must be a whole number"
+    if declared.kind == "flag" and value not in (0, 1):
+        return "must be 0 or 1"
+    if declared.modes and not 0 <= value < len(declared.modes):
+        return f"must be from 0 to {len(declared.modes) - 1}"
+    if declared.above is not None and not value > declared.above:
+        return f"must be above {declared.above:g}"
+    if declared.low is not None and value < declared.low:
+        return f"must be at least {declared.low:g}"
+    if declared.high is not None and value > declared.high:
+        return f"must be at most {declared.high:g}"
+    return ""
+
+
+class ParameterService:
+    """Service for the parameters of one vehicle. Times are the vehicle's, in 100 ns."""
+
+    def __init__(self, endpoint: Endpoint, parameters: Parameters) -> None:
+        """Start without a request."""
+        self._endpoint, self._parameters = endpoint, parameters
+        self._listing: deque[int | None] = deque()
+        self._sent_at: int | None = None
+
+    def start_list(self) -> None:
+        """Send the hash, then every value, as they become due. A repeated request sends the values alone."""
+        values = range(len(self._parameters.listed))
+        self._listing = deque(values if self._listing else [None, *values])
+
+    def due(self, now: int) -> list[bytes]:
+        """Return the next value of the requested list, if it is due."""
+        if not self._listing or (self._sent_at is not None and 0 <= now - self._sent_at < PERIOD):
+            return []
+        self._sent_at = now
+        index = self._listing.popleft()
+        return [self._hash_packet() if index is None else self.value(index)]
+
+    def read(self, message: Message) -> list[bytes]:
+        """Return the value that a PARAM_REQUEST_READ asks for; empty if there is none."""
+        if message.get("param_index") < 0 and message.get("param_id") == HASH:
+            return [self._hash_packet()]
+        index = self._parameters.find_index(message.get("param_id"), message.get("param_index"))
+        return [] if index is None else [self.value(index)]
+
+    def change_value(self, message: Message) -> tuple[list[bytes], list[ParameterChange], str]:
+        """Handle a PARAM_SET. Return the value in force, the event if it has changed, and why it was refused."""
+        name = message.get("param_id")
+        if name == HASH:  # the station has all values
+            self._listing.clear()
+            return [], [], ""
+        index = self._parameters.find_index(name, -1)
+        if index is None:
+            return [], [], f"no parameter {name!r}"
+        own, before = self._parameters.listed[index], self._parameters.values[index]
+        refusal = self._parameters.change_value(index, message.get("param_value"))
+        value = self._parameters.values[index]
+        events = [ParameterChange(own.path, own.slot, value)] if value != before else []
+        return [self.value(index)], events, f"{name} ({own.path}) {refusal}" if refusal else ""
+
+    def _hash_packet(self) -> bytes:
+        definition = self._endpoint.dialect.definitions["PARAM_VALUE"]
+        fields = {"param_id": HASH, "param_type": UNSIGNED_32, "param_index": NO_INDEX}
+        fields |= {"param_count": len(self._parameters.listed)}
+        payload = definition.packing.pack(*arrange_values(definition, fields))
+        bits = self._parameters.digest.to_bytes(FLOAT.size, "little")
+        return self._endpoint.pack("PARAM_VALUE", bits + payload[len(bits) :])  # the value stands first
+
+    def value(self, index: int) -> bytes:
+        """Return the packet of a value."""
+        own = self._parameters.listed[index]
+        fields = {"param_id": own.name, "param_value": self._parameters.values[index], "param_type": REAL_32}
+        fields |= {"param_count": len(self._parameters.listed), "param_index": index}
+        return self._endpoint.pack("PARAM_VALUE", fields)

@@ -1,0 +1,194 @@
+"""Telemetry of a vehicle: messages sent repeatedly, and lines of text for the user.
+
+Each message has its own rate, which ground stations may change. At most one message is sent per call, so that a slow
+link never gets a burst. A long line of text is sent in several messages. Lines in excess are dropped.
+Source: https://mavlink.io/en/mavgen_python/howto_requestmessages.html; common.html, MAV_DATA_STREAM and STATUSTEXT.
+"""
+
+import math
+from collections import deque
+from collections.abc import Callable, Mapping
+from typing import Any, NamedTuple
+
+from trimtab.core.time import FOREVER, ms, seconds
+from trimtab.flight.mavlink.definitions import Message
+from trimtab.flight.mavlink.endpoint import Endpoint
+from trimtab.flight.mavlink.protocol import CommandCode, CommandResult, Severity
+from trimtab.flight.station.telemetry import UNITS_PER_US
+
+PIECE = 50
+"""Bytes of text in one message."""
+MOST = 20
+"""Maximum number of waiting text messages."""
+FASTEST = ms(20)
+"""Shortest period of a message, whatever is asked for."""
+SLOWEST = seconds(60)
+ALL_STREAMS = 0
+STREAMS: Mapping[int, frozenset[str]] = {
+    1: frozenset({"HIGHRES_IMU"}),
+    2: frozenset({"SYS_STATUS", "EXTENDED_SYS_STATE", "SYSTEM_TIME", "BATTERY_STATUS"}),
+    3: frozenset({"RC_CHANNELS", "SERVO_OUTPUT_RAW"}),
+    6: frozenset({"LOCAL_POSITION_NED", "GLOBAL_POSITION_INT"}),
+    10: frozenset({"ATTITUDE"}),
+    11: frozenset({"VFR_HUD"}),
+}
+"""Messages of REQUEST_DATA_STREAM by its numbers."""
+INTERVAL, HOME = "MESSAGE_INTERVAL", "HOME_POSITION"
+
+
+class TextQueue:
+    """Lines that wait to be sent. `dropped` counts the lines without room."""
+
+    def __init__(self, endpoint: Endpoint) -> None:
+        """Start without lines."""
+        self._endpoint = endpoint
+        self._waiting: deque[tuple[Severity, bytes, int, int]] = deque()
+        self._number = 0
+        self.dropped = 0
+
+    def queue_text(self, severity: Severity, text: str) -> None:
+        """Append a line."""
+        pieces = _split_text(text.encode())
+        if len(self._waiting) + len(pieces) > MOST:
+            self.dropped += 1
+            return
+        self._number = self._number % 0xFFFF + 1
+        number = self._number if len(pieces) > 1 else 0
+        self._waiting.extend((severity, piece, number, k) for k, piece in enumerate(pieces))
+
+    def pack_texts(self) -> list[bytes]:
+        """Return all waiting lines, packed."""
+        packets = [
+            self._endpoint.pack("STATUSTEXT", {"severity": severity, "text": piece, "id": number, "chunk_seq": k})
+            for severity, piece, number, k in self._waiting
+        ]
+        self._waiting.clear()
+        return packets
+
+
+def pack_text(endpoint: Endpoint, severity: Severity, text: str) -> list[bytes]:
+    """Return the packets of one line, for an end that rarely sends text."""
+    queue = TextQueue(endpoint)
+    queue.queue_text(severity, text)
+    return queue.pack_texts()
+
+
+class TextAssembly:
+    """Assembly of lines from their pieces. A line with a lost piece is dropped."""
+
+    def __init__(self) -> None:
+        """Start without pieces."""
+        self._pieces: list[str] = []
+        self._number = 0
+
+    def join(self, message: Message) -> str | None:
+        """Return the line that a STATUSTEXT completes, with ? for unprintable characters; None if more is to come."""
+        piece, number, place = (message.get(n) for n in ("text", "id", "chunk_seq"))
+        if not number:
+            return _make_printable(piece)
+        if place == 0:
+            self._pieces, self._number = [], number
+        if number != self._number or place != len(self._pieces):
+            return None
+        self._pieces.append(piece)
+        return None if len(piece.encode()) >= PIECE else _make_printable("".join(self._pieces))
+
+
+def _make_printable(text: str) -> str:
+    return "".join(c if c.isprintable() else "?" for c in text)
+
+
+def _split_text(text: bytes) -> list[bytes]:
+    """Split a text into as many messages as it needs. If the last one is full, an empty one ends it."""
+    pieces = [text[k : k + PIECE] for k in range(0, len(text), PIECE)] or [b""]
+    return [*pieces, b""] if len(pieces) > 1 and len(pieces[-1]) == PIECE else pieces
+
+
+class TelemetryStream(NamedTuple):
+    """Message and its period. fields: its fields at a time, None if there is nothing to send."""
+
+    fields: Callable[[int], Mapping[str, Any] | None]
+    period: int
+
+
+class Streams:
+    """Messages of one vehicle. Times are the vehicle's, in 100 ns."""
+
+    def __init__(self, endpoint: Endpoint, streams: Mapping[str, TelemetryStream]) -> None:
+        """streams: name of a message -> its stream."""
+        self._endpoint, self._streams = endpoint, dict(streams)
+        self._names = {endpoint.dialect.definitions[n].id: n for n in self._streams}
+        self._periods = {n: s.period for n, s in self._streams.items()}
+        self._due = dict.fromkeys(self._streams, 0)
+        self._next = 0 if self._due else FOREVER
+
+    def add_on_request(self, name: str, fields: Callable[[int], Mapping[str, Any]]) -> None:
+        """Add a message that is sent on request only, since not every station knows it."""
+        self._streams[name] = TelemetryStream(fields, 0)
+        self._names[self._endpoint.dialect.definitions[name].id] = name
+
+    def due(self, now: int) -> list[bytes]:
+        """Return the message that has been due for longest, if there is one."""
+        if now < self._next:
+            return []
+        name = min(self._due, key=lambda n: self._due[n])
+        period = self._periods[name]
+        late = now - self._due[name]
+        self._due[name] = self._due[name] + period if late < period else now + period
+        self._next = min(self._due.values())
+        return self._stream_packet(name, now)
+
+    def handle_command(self, command: int, first: float, second: float, now: int) -> tuple[CommandResult, list[bytes]]:
+        """Handle a request for a message or its rate. Return the result and packets."""
+        if command == CommandCode.REQUEST_MESSAGE and first == self._endpoint.dialect.definitions[INTERVAL].id:
+            command, first = CommandCode.GET_INTERVAL, second
+        if command == CommandCode.GET_HOME:
+            command, first = CommandCode.REQUEST_MESSAGE, self._endpoint.dialect.definitions[HOME].id
+        name = self._names.get(int(first)) if math.isfinite(first) else None
+        if name is not None and command == CommandCode.GET_INTERVAL:
+            return CommandResult.ACCEPTED, [self._interval_packet(name)]
+        if name is not None and command == CommandCode.SET_INTERVAL:
+            return self._set_interval(name, second, now), []
+        if name is not None and command == CommandCode.REQUEST_MESSAGE:
+            packets = self._stream_packet(name, now)
+            return (CommandResult.ACCEPTED if packets else CommandResult.NOT_NOW), packets
+        return CommandResult.UNSUPPORTED, []
+
+    def ask(self, message: Message, now: int) -> None:
+        """Handle a REQUEST_DATA_STREAM."""
+        which, rate, start = (message.get(n) for n in ("req_stream_id", "req_message_rate", "start_stop"))
+        unasked = [name for name, stream in self._streams.items() if stream.period]
+        for name in unasked if which == ALL_STREAMS else STREAMS.get(which, ()):
+            self._set_period(name, seconds(1) // rate if start and rate else 0, now)
+
+    def _stream_packet(self, name: str, now: int) -> list[bytes]:
+        fields = self._streams[name].fields(now)
+        return [] if fields is None else [self._endpoint.pack(name, fields)]
+
+    def _interval_packet(self, name: str) -> bytes:
+        period = self._periods.get(name, 0)
+        fields = {"message_id": self._endpoint.dialect.definitions[name].id}
+        return self._endpoint.pack(INTERVAL, fields | {"interval_us": period // UNITS_PER_US or -1})
+
+    def _set_interval(self, name: str, micros: float, now: int) -> CommandResult:
+        if micros == 0:
+            self._set_period(name, self._streams[name].period, now)
+        elif micros == -1:
+            self._set_period(name, 0, now)
+        elif math.isfinite(micros) and micros > 0:
+            self._set_period(name, int(micros) * UNITS_PER_US, now)
+        else:
+            return CommandResult.DENIED
+        return CommandResult.ACCEPTED
+
+    def _set_period(self, name: str, period: int, now: int) -> None:
+        """Set the period of a message from now on; 0: never."""
+        if name not in self._streams:
+            return
+        if not period:
+            self._periods.pop(name, None)
+            self._due.pop(name, None)
+        else:
+            self._periods[name] = period = min(max(period, FASTEST), SLOWEST)
+            self._due[name] = min(self._due.get(name, now), now + period)
+        self._next = min(self._due.values(), default=FOREVER)

@@ -1,0 +1,200 @@
+"""State of a vehicle as fields of the standard messages that ground stations show. Nothing here has a state.
+
+Times `now` are the vehicle's, in 100 ns; all else is in SI units, as in `core.signals.Motion`.
+Source: https://mavlink.io/en/messages/common.html.
+"""
+
+import math
+import re
+from collections.abc import Mapping, Sequence
+from enum import IntFlag
+from typing import Any, NamedTuple
+
+from trimtab import __version__
+from trimtab.flight.mavlink.endpoint import Endpoint
+from trimtab.flight.mavlink.protocol import Capability
+
+Vector = Sequence[float]
+Fields = Mapping[str, Any]
+UNITS_PER_MS, UNITS_PER_US = 10_000, 10
+UNKNOWN_16, UNKNOWN_8 = 0xFFFF, 0xFF
+SERVOS, RECEIVER = 16, 18
+LOW_PULSE, PULSE_RANGE = 1000, 1000
+"""Shortest pulse of a servo, and range of its pulses (µs)."""
+ON_GROUND = 1
+APPROACH = ("approach_x", "approach_y", "approach_z")
+BATTERY_CELLS, UNKNOWN_TEMPERATURE = 10, 32767
+UNKNOWN_OF_BATTERY = ("current_battery", "current_consumed", "energy_consumed", "battery_remaining")
+GAUSS_PER_TESLA = 1e4
+CAPABILITIES = Capability.COMMAND_INT | Capability.FILES | Capability.MAVLINK2 | Capability.PARAMETERS_AS_FLOAT
+
+
+class Health(IntFlag):
+    """MAV_SYS_STATUS_SENSOR: bits of the parts that a vehicle has, and of those that are healthy."""
+
+    GYRO = 1
+    ACCELEROMETER = 2
+    MAGNETOMETER = 4
+    MOTORS = 0x8000
+    RECEIVER = 0x10000
+    FENCE = 0x100000
+    ARMING_CHECK = 0x10000000
+
+
+class VehicleMotion(NamedTuple):
+    """Motion of a vehicle: position in W, roll, pitch and yaw, velocity and angular velocity in B."""
+
+    p_WB: Vector
+    attitude: Vector
+    v_WB_B: Vector
+    w_WB_B: Vector
+
+
+class Place(NamedTuple):
+    """Place on the globe: latitude, longitude (rad), height above the sea (m)."""
+
+    latitude: float
+    longitude: float
+    height: float
+
+
+def attitude(now: int, motion: VehicleMotion) -> Fields:
+    """Return ATTITUDE; angles from -pi to pi."""
+    angles = dict(zip(("roll", "pitch", "yaw"), map(_wrap_angle, motion.attitude), strict=True))
+    rates = zip(("rollspeed", "pitchspeed", "yawspeed"), motion.w_WB_B, strict=True)
+    return {"time_boot_ms": _milliseconds(now)} | angles | dict(rates)
+
+
+def local_position(now: int, motion: VehicleMotion) -> Fields:
+    """Return LOCAL_POSITION_NED; the origin is that of W."""
+    place = zip("xyz", motion.p_WB, strict=True)
+    velocity = zip(("vx", "vy", "vz"), rotate_to_world(motion.attitude, motion.v_WB_B), strict=True)
+    return {"time_boot_ms": _milliseconds(now)} | dict(place) | dict(velocity)
+
+
+def global_position(now: int, motion: VehicleMotion, place: Place, home: VehicleMotion) -> Fields:
+    """Return GLOBAL_POSITION_INT; heights are above the sea, and above home."""
+    velocity = rotate_to_world(motion.attitude, motion.v_WB_B)
+    return {
+        "time_boot_ms": _milliseconds(now),
+        **_place_fields(place, ("lat", "lon", "alt")),
+        "relative_alt": round((home.p_WB[2] - motion.p_WB[2]) * 1e3),
+        **{name: round(v * 100) for name, v in zip(("vx", "vy", "vz"), velocity, strict=True)},
+        "hdg": round(math.degrees(motion.attitude[2]) * 100) % 36_000,
+    }
+
+
+def home_position(now: int, p_WB: Vector, quaternion: Vector, place: Place) -> Fields:
+    """Return HOME_POSITION, without an approach. quaternion: w, x, y, z of the rotation from B to W."""
+    local = dict(zip("xyz", p_WB, strict=True)) | {"q": tuple(quaternion)}
+    return {"time_usec": now // UNITS_PER_US} | _place_fields(place) | local | dict.fromkeys(APPROACH, math.nan)
+
+
+def global_origin(now: int, origin: Place) -> Fields:
+    """Return GPS_GLOBAL_ORIGIN: the place of the local frame's origin."""
+    return {"time_usec": now // UNITS_PER_US} | _place_fields(origin)
+
+
+def _place_fields(place: Place, names: Sequence[str] = ("latitude", "longitude", "altitude")) -> dict[str, Any]:
+    degrees = [round(math.degrees(angle) * 1e7) for angle in (place.latitude, place.longitude)]
+    return dict(zip(names, [*degrees, round(place.height * 1e3)], strict=True))
+
+
+def battery_status() -> Fields:
+    """Return BATTERY_STATUS with all values unknown: no vehicle here has a model of its battery."""
+    voltages = (UNKNOWN_16,) * BATTERY_CELLS
+    return {"voltages": voltages, "temperature": UNKNOWN_TEMPERATURE} | dict.fromkeys(UNKNOWN_OF_BATTERY, -1)
+
+
+def vfr_hud(motion: VehicleMotion) -> Fields:
+    """Return VFR_HUD. There is no wind, so airspeed is ground speed."""
+    north, east, down = rotate_to_world(motion.attitude, motion.v_WB_B)
+    return {
+        "airspeed": math.sqrt(sum(v * v for v in motion.v_WB_B)),
+        "groundspeed": math.hypot(north, east),
+        "heading": round(math.degrees(motion.attitude[2])) % 360,
+        "alt": 0.0 - motion.p_WB[2],
+        "climb": 0.0 - down,
+    }
+
+
+def inertial_sample(t: int, specific_force: Vector, angular_rate: Vector, field: Vector | None = None) -> Fields:
+    """Return HIGHRES_IMU from a sample measured at t. field: of a magnetometer (T)."""
+    fields: dict[str, Any] = {"time_usec": t // UNITS_PER_US, "fields_updated": 0o77 if field is None else 0o777}
+    for names, values in (("acc", specific_force), ("gyro", angular_rate), ("mag", field or (0.0, 0.0, 0.0))):
+        fields |= {f"{axis}{names}": v for axis, v in zip("xyz", values, strict=True)}
+    for axis in "xyz":
+        fields[f"{axis}mag"] *= GAUSS_PER_TESLA
+    return fields
+
+
+def servo_outputs(now: int, shares: Vector) -> Fields:
+    """Return SERVO_OUTPUT_RAW: actuator commands from 1 ms at the lowest (0) to 2 ms at the highest (1)."""
+    pulses = [round(LOW_PULSE + PULSE_RANGE * s) if math.isfinite(s) else 0 for s in shares[:SERVOS]]
+    time = now // UNITS_PER_US & 0xFFFFFFFF
+    return {"time_usec": time} | {f"servo{k + 1}_raw": pulse for k, pulse in enumerate(pulses)}
+
+
+def receiver_channels(now: int, pulses: Vector) -> Fields:
+    """Return RC_CHANNELS: pulses of the safety pilot's receiver (s), NaN for a missing channel."""
+    raw = [round(p * 1e6) if math.isfinite(p) else UNKNOWN_16 for p in pulses[:RECEIVER]]
+    raw += [UNKNOWN_16] * (RECEIVER - len(raw))
+    count = max((k + 1 for k, v in enumerate(raw) if v != UNKNOWN_16), default=0)
+    named = {f"chan{k + 1}_raw": v for k, v in enumerate(raw)}
+    return {"time_boot_ms": _milliseconds(now), "chancount": count, "rssi": UNKNOWN_8} | named
+
+
+def system_health(has: Health, well: Health, lost: int, accepted: int, refused: int) -> Fields:
+    """Return SYS_STATUS without a battery. lost, accepted, refused: frames of the link so far.
+
+    A missing fence is reported as healthy, since MAVProxy otherwise reports a breach.
+    """
+    share = 10_000 * lost // max(lost + accepted, 1)
+    return {
+        "onboard_control_sensors_present": has,
+        "onboard_control_sensors_enabled": has,
+        "onboard_control_sensors_health": has & well | Health.FENCE,
+        "voltage_battery": UNKNOWN_16,
+        "current_battery": -1,
+        "battery_remaining": -1,
+        "drop_rate_comm": share,
+        "errors_comm": refused & 0xFFFF,
+    }
+
+
+def landed_state(is_held: bool) -> Fields:
+    """Return EXTENDED_SYS_STATE: on the ground while it is held in place, otherwise unknown."""
+    return {"landed_state": ON_GROUND if is_held else 0}
+
+
+def system_time(now: int, unix: float) -> Fields:
+    """Return SYSTEM_TIME. unix: seconds since 1970 by the vehicle's computer."""
+    return {"time_unix_usec": int(unix * 1e6), "time_boot_ms": _milliseconds(now)}
+
+
+def version_fields(endpoint: Endpoint) -> dict[str, Any]:
+    """Return capabilities, trimtab's version, the dialect's fingerprint, and session and system as identity."""
+    numbers = [min(int(n), 255) for n in re.findall(r"\d+", f"{__version__}.0.0")[:3]]
+    return {
+        "capabilities": CAPABILITIES,
+        "flight_sw_version": int.from_bytes(bytes([*numbers, 0])),
+        "flight_custom_version": endpoint.dialect.fingerprint,
+        "uid": endpoint.session << 8 | endpoint.system,
+    }
+
+
+def rotate_to_world(attitude: Vector, of_body: Vector) -> tuple[float, float, float]:
+    """Return a vector of B in W: rotated by roll, then pitch, then yaw."""
+    x, y, z = of_body
+    (cr, cp, cy), (sr, sp, sy) = map(math.cos, attitude), map(math.sin, attitude)
+    y, z = cr * y - sr * z, sr * y + cr * z
+    x, z = cp * x + sp * z, -sp * x + cp * z
+    return cy * x - sy * y, sy * x + cy * y, z
+
+
+def _milliseconds(now: int) -> int:
+    return now // UNITS_PER_MS & 0xFFFFFFFF
+
+
+def _wrap_angle(angle: float) -> float:
+    return math.remainder(angle, math.tau) if math.isfinite(angle) else angle

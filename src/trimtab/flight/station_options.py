@@ -1,0 +1,42 @@
+"""Services that a vehicle offers to ground stations besides its telemetry.
+
+Source: docs page, Ground stations.
+"""
+
+from collections.abc import Mapping
+from pathlib import Path
+from typing import NamedTuple
+
+from trimtab.flight.mavlink.endpoint import Endpoint
+from trimtab.flight.parameter_store import ParameterStore
+from trimtab.flight.station.file_transfer import FileTransferService
+from trimtab.flight.station.log_download import LogService
+from trimtab.flight.station.missions import MissionService
+from trimtab.flight.station.served_files import ServedFiles
+from trimtab.flight.station.standard_services import Service
+from trimtab.flight.station.telemetry import Place
+
+
+class StationOptions(NamedTuple):
+    """Options of a vehicle for ground stations.
+
+    log_folder: folder of the logs that may be read; None: no logs.  transfer_rate: limit of file transfer, bytes a
+        second.
+    origin: place of W on the globe; None: not known.  store: where parameters are stored when a ground station asks for
+    it; None: they are not stored.
+    """
+
+    log_folder: Path | None = None
+    transfer_rate: float = 20e3
+    origin: Place | None = None
+    store: ParameterStore | None = None
+
+
+def station_services(endpoint: Endpoint, options: StationOptions, documents: Mapping[str, bytes]) -> list[Service]:
+    """Return the services of a vehicle's station. documents: files besides the logs, by name."""
+    files, rate = ServedFiles(documents, options.log_folder), options.transfer_rate
+    return [
+        MissionService(endpoint),
+        FileTransferService(endpoint, files, rate),
+        LogService(endpoint, files, rate),
+    ]

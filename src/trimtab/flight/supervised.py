@@ -1,0 +1,87 @@
+"""Supervisor inside a compiled autopilot: its decisions, and requests to it in flight.
+
+Source: docs pages, Fly and Supervisor.
+"""
+
+from collections.abc import Sequence
+
+from trimtab.compiler.compiled_block import CompiledBlock
+from trimtab.core.time import SECONDS_PER_UNIT
+from trimtab.flight.remote import RemoteVehicle
+from trimtab.loop.scenario import Scenario
+from trimtab.loop.supervisor import ENDED, FLYING, HOLD, LINK, LOST, REQUESTS, STANDBY
+
+REQUEST_MODES = {"arm": FLYING, "hold": HOLD, "resume": FLYING, "end": ENDED, "clear": STANDBY}
+"""Mode that a request leads to. A request is not repeated in that mode, e.g. after a lost acknowledgement."""
+
+
+class CompiledSupervisor:
+    """Supervisor of a compiled step. Without one, there are no decisions and requests are not taken."""
+
+    def __init__(self, scenario: Scenario, step: CompiledBlock) -> None:
+        """step: the compiled autopilot of this scenario."""
+        self._step = step
+        declared = {m.path: m.declaration for m in step.text.outputs}
+        paths = ("supervisor.mode", "supervisor.cause")
+        self._codes = [(step.writes[p], d.modes) for p in paths if (d := declared.get(p)) is not None]
+        self._last_codes: tuple[int, ...] = ()
+        supervisor = scenario.autopilot.supervisor
+        sample = "" if supervisor is None else f"samples.{supervisor.pilot}"
+        fields = ("value.request", "t", "age", "fresh", "valid")
+        slots = {f: step.reads[path] for f in fields if (path := f"{sample}.{f}") in step.reads}
+        self._slots = slots if len(slots) == len(fields) and self._codes else None
+        self._request: str | None = None
+
+    @property
+    def mode(self) -> int | None:
+        """Number of the supervisor's mode; None without a supervisor that takes requests."""
+        return None if self._slots is None else int(self._step.outputs[self._codes[0][0]])
+
+    @property
+    def cause(self) -> int | None:
+        """Number of the cause of the mode; None without a supervisor."""
+        return int(self._step.outputs[self._codes[1][0]]) if len(self._codes) > 1 else None
+
+    @property
+    def is_asked(self) -> bool:
+        """True while a request waits for the next step. A step takes one request."""
+        return self._request is not None
+
+    def request(self, request: str) -> None:
+        """Make a request in the next step, unless it would change nothing."""
+        self._request = None if self.mode in (None, REQUEST_MODES[request]) else request
+
+    def set_inputs(self, t: int) -> None:
+        """Set the requests that the step at integer time t reads."""
+        if self._slots is None:
+            return
+        inputs, at = self._step.inputs, self._slots
+        inputs[at["fresh"]] = self._request is not None
+        if self._request is not None:
+            inputs[at["value.request"]], inputs[at["t"]], inputs[at["valid"]] = REQUESTS.index(self._request), t, True
+            self._request = None
+        inputs[at["age"]] = (t - inputs[at["t"]]) * SECONDS_PER_UNIT
+
+    def describe_changes(self) -> str:
+        """Return the decisions since the last call, as a message; empty if there are none."""
+        codes = tuple(int(self._step.outputs[at]) for at, _ in self._codes)
+        if codes == self._last_codes:
+            return ""
+        self._last_codes = codes
+        return "supervisor: " + ": ".join(names[k] for (_, names), k in zip(self._codes, codes, strict=True))
+
+
+def explain_change(
+    supervised: CompiledSupervisor, remote: RemoteVehicle, backward_sensors: Sequence[str] | None, was_armed: bool
+) -> str:
+    """Return what a supervisor, which sees samples only, cannot know of link and vehicle; empty if nothing.
+
+    backward_sensors: sensors with decreasing time stamps; None without data, when the supervisor is right.
+    """
+    if supervised.cause == LINK and supervised.mode == LOST and backward_sensors is not None:
+        names = ", ".join(backward_sensors)
+        why = f"time stamps of {names} run backwards" if names else "no sensor gives a sample"
+        return f", but the vehicle sends data: {why}"
+    if supervised.mode == FLYING and was_armed and not remote.armed:
+        return f", but the vehicle is {'in failsafe' if remote.is_in_failsafe else 'not armed'}: commands are ignored"
+    return ""

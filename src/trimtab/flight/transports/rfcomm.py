@@ -1,0 +1,69 @@
+"""A Bluetooth serial port: ``rfcomm://AA:BB:CC:DD:EE:FF/1``, address and channel."""
+
+import re
+import socket
+from collections.abc import Callable
+from typing import Any
+
+from trimtab.flight.transports.open_link import Address
+from trimtab.flight.transports.stream import AcceptingDialer, ConnectingDialer, Dialer, StreamLink
+
+MOST_CHANNELS = 30
+ANY_ADAPTER = "00:00:00:00:00:00"
+
+
+def open_rfcomm(
+    address: Address, *, listen: bool = False, stack: "Callable[[str, int, bool], Dialer] | None" = None
+) -> StreamLink:
+    """Connect to a module, or listen on an adapter of this machine (00:00:00:00:00:00: any).
+
+    Args:
+        address: parsed address.
+        listen: wait for a peer.
+        stack: function that makes the connections, from address, channel and `listen`; None: the system's kernel.
+    """
+    address.validate_options()
+    place = _parse_place(address)
+    return StreamLink(_kernel_dialer(address, place, listen) if stack is None else stack(*place, listen))
+
+
+def _kernel_dialer(address: Address, place: tuple[str, int], listen: bool) -> Dialer:
+    make = _bluetooth_socket_factory(address)
+    if not listen:
+        return ConnectingDialer(make, place)
+    listener = make()
+    try:
+        listener.bind(place)
+        return AcceptingDialer(listener)
+    except OSError as error:
+        listener.close()
+        fix = f"rfcomm://{ANY_ADAPTER}/{place[1]}; hciconfig shows the adapters"
+        raise address.input_error(f"cannot listen there ({error.strerror})", fix) from None
+
+
+def _parse_place(address: Address) -> tuple[str, int]:
+    """Return address of the module, and channel."""
+    channel = address.path.removeprefix("/")
+    if not re.fullmatch(r"([0-9A-Fa-f]{2}:){5}[0-9A-Fa-f]{2}", address.place):
+        raise address.input_error(f"{address.place!r} is not the address of a module, six bytes with colons between")
+    if not (channel.isascii() and channel.isdigit() and 1 <= int(channel) <= MOST_CHANNELS):
+        raise address.input_error(f"{channel!r} is not a channel from 1 to {MOST_CHANNELS}")
+    return address.place.upper(), int(channel)
+
+
+def _bluetooth_socket_factory(address: Address) -> Callable[[], socket.socket]:
+    """Return a function that makes the system's Bluetooth sockets. Raise InputError if it has none."""
+    names: Any = socket
+    if not hasattr(names, "AF_BLUETOOTH"):
+        fix = "use a Python built with Bluetooth headers (the distribution's), or bind a port: rfcomm bind 0 ADDRESS 1"
+        raise address.input_error("this Python was built without Bluetooth", fix)
+
+    def make() -> socket.socket:
+        return socket.socket(names.AF_BLUETOOTH, socket.SOCK_STREAM, names.BTPROTO_RFCOMM)
+
+    try:
+        make().close()
+    except OSError as error:
+        fix = "load the module: sudo modprobe rfcomm; or use another transport"
+        raise address.input_error(f"this kernel has no Bluetooth ({error.strerror})", fix) from None
+    return make

@@ -1,0 +1,53 @@
+"""A TCP connection: ``tcp://HOST:PORT``, e.g. the serial port of an emulated microcontroller on a socket."""
+
+import contextlib
+import socket
+from typing import Any
+
+from trimtab.flight.transports.open_link import Address
+from trimtab.flight.transports.stream import AcceptingDialer, ConnectingDialer, StreamLink
+
+GONE_MS = 5000
+"""Time without acknowledgement after which a peer counts as gone (ms)."""
+
+
+def open_tcp(address: Address, *, listen: bool = False) -> StreamLink:
+    """Connect to a peer, present or not yet; or listen for one at a time, on this machine only without a host."""
+    address.validate_options()
+    family, place = resolve_host(address, socket.SOCK_STREAM)
+    if not listen:
+        return StreamLink(ConnectingDialer(lambda: _configure_tcp(socket.socket(family, socket.SOCK_STREAM)), place))
+    listener = bind_socket(address, socket.socket(family, socket.SOCK_STREAM), place)
+    return StreamLink(AcceptingDialer(listener, _configure_tcp))
+
+
+def resolve_host(address: Address, kind: int) -> tuple[int, Any]:
+    """Return address family and address for connect() and bind(). Raise InputError for an unknown host."""
+    host, port = address.host_and_port()
+    try:
+        family, _, _, _, place = socket.getaddrinfo(host, port, type=kind)[0]
+    except (OSError, UnicodeError) as error:
+        raise address.input_error(f"unknown host {host!r} ({error})") from None
+    return family, place
+
+
+def bind_socket(address: Address, s: socket.socket, place: Any) -> socket.socket:
+    """Bind a socket to an address and return it. Raise InputError if that fails."""
+    if s.type == socket.SOCK_STREAM:
+        s.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+    try:
+        s.bind(place)
+    except (OSError, OverflowError) as error:
+        s.close()
+        fix = f"use another port, or find its user: ss -lnp | grep {place[1]}"
+        raise address.input_error(f"cannot listen there ({error})", fix) from None
+    return s
+
+
+def _configure_tcp(s: socket.socket) -> socket.socket:
+    """Disable delayed sending, and enable detection of a vanished peer. Return the socket."""
+    with contextlib.suppress(OSError, AttributeError):
+        s.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
+        s.setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
+        s.setsockopt(socket.IPPROTO_TCP, socket.TCP_USER_TIMEOUT, GONE_MS)
+    return s

@@ -1,0 +1,145 @@
+"""Computers in virtual time: each has a name on the network, a clock, a disk, and runs one live program at a time.
+
+Source: docs page, Testing.
+"""
+
+import contextlib
+from collections.abc import Callable, Iterator, Sequence
+from typing import Any
+
+from trimtab.flight.machine import Machine
+from trimtab.flight.mavlink.authority import MOST_SESSIONS
+from trimtab.flight.mavlink.endpoint import Endpoint
+from trimtab.flight.outputs import START_S, OutputsOrders, OutputsProcess
+from trimtab.flight.outputs_process import GONE, HANGS, STOPPED, OutputsLoop
+from trimtab.flight.real_time import RealTimeGrant
+from trimtab.flight.transports.open_link import parse_uri
+from trimtab.flight.transports.udp import UdpLink
+from trimtab.flight.virtual_disk import VirtualDisk
+from trimtab.flight.virtual_network import Host, VirtualNetwork
+from trimtab.flight.virtual_time import VirtualClock, VirtualProgram, VirtualTime
+
+LOOK_S = 0.001
+"""Time between two looks at whether a process has ended (s)."""
+
+
+class VirtualMachine:
+    """A computer in virtual time. A second program that it starts, after the first was killed, has the same clock."""
+
+    def __init__(self, time: VirtualTime, network: VirtualNetwork, name: str) -> None:
+        """name: name of the computer on the network."""
+        self.time, self.network, self.name = time, network, name
+        self.disks: list[VirtualDisk] = []
+        self.programs: list[VirtualProgram] = []
+        self.outputs: list[VirtualProgram] = []
+        """Programs of outputs that were started here."""
+        self.interrupts = 0
+        """Number of requests to end that the running program received."""
+        self.tell: Callable[[str], None] = lambda _: None
+        """Is given lines that the outputs print."""
+        self._sessions = time.random(f"sessions of {name}")
+
+    @property
+    def program(self) -> VirtualProgram:
+        """The program that was started last."""
+        return self.programs[-1]
+
+    @property
+    def disk(self) -> VirtualDisk:
+        """The disk as the program that was started last sees it."""
+        return self.disks[-1]
+
+    def start(self, run: Callable[[Machine], Any], words: Sequence[str] = ()) -> VirtualProgram:
+        """Start a program now. run: its function, called with this computer.  words: of its command line."""
+        self.interrupts = 0
+        self.disks.append(VirtualDisk(self.time, self.name, lambda line: self.tell(line)))
+        disk = self.disk
+        before = self.programs[-1].clock if self.programs else None
+        program = self.time.start(self.name, lambda clock: run(self._describe(clock, disk, words)), clock=before)
+        self.programs.append(program)
+        return program
+
+    def interrupt(self) -> None:
+        """Ask the program to end, as Ctrl-C does."""
+        self.interrupts += 1
+
+    def freeze(self, seconds: float) -> None:
+        """Stop the program for some seconds, as SIGSTOP does."""
+        self.time.freeze(self.program, seconds)
+
+    def kill(self) -> None:
+        """End the program without a word, as SIGKILL does."""
+        self.disk.is_dead = True
+        self.time.kill(self.program)
+
+    def step_clock(self, seconds: float) -> None:
+        """Step the wall clock."""
+        self.time.step_clock(self.program, seconds)
+
+    def _describe(self, clock: VirtualClock, disk: VirtualDisk, words: Sequence[str]) -> Machine:
+        program = clock.program
+
+        def open_link(uri: str, *, listen: bool = False) -> UdpLink:
+            host, port = parse_uri(uri).host_and_port()
+            if listen:
+                return UdpLink(self.network.open_socket(program, self.name, port), None, clock)
+            peer = Host(self.network.names.get(port, host), port)
+            return UdpLink(self.network.open_socket(program, self.name, peer=peer), peer, clock)
+
+        @contextlib.contextmanager
+        def catch_interrupts() -> Iterator[Callable[[], bool]]:
+            yield lambda: self.interrupts > 0
+
+        return Machine(
+            clock=clock,
+            disk=disk,
+            open_link=open_link,
+            start_outputs=lambda orders: self._start_outputs(clock, orders),
+            real_time=_schedule,
+            catch_interrupts=catch_interrupts,
+            store_stamps_ahead=lambda endpoint: _keep_stamps(program, endpoint),
+            typed_words=lambda: words,
+            draw_session=lambda: self._sessions.randrange(1, MOST_SESSIONS),
+        )
+
+    def _start_outputs(self, clock: VirtualClock, orders: OutputsOrders) -> OutputsProcess:
+        vehicle = clock.program
+        near, far = self.network.connect_pair(vehicle)
+
+        def find_cause() -> str:
+            if vehicle.has_ended or vehicle.is_killed:
+                return GONE
+            return STOPPED if vehicle.frozen_until > self.time.now else HANGS
+
+        def run(own: VirtualClock) -> None:
+            far.give_to(own.program)
+            OutputsLoop(far, orders, own, find_cause=find_cause, tell=self.tell).serve()
+
+        program = self.time.start(f"{self.name}'s outputs", run, clock=clock)
+        self.outputs.append(program)
+        clock.wait(near, START_S)
+        near.recv(64)
+
+        def end() -> None:
+            while not program.has_ended:
+                clock.wait(None, LOOK_S)
+
+        return OutputsProcess(near, program.number, end)
+
+
+@contextlib.contextmanager
+def _schedule(is_wanted: bool = True) -> Iterator[RealTimeGrant]:
+    """Nothing is kept waiting in virtual time."""
+    yield RealTimeGrant("virtual", False)
+
+
+@contextlib.contextmanager
+def _keep_stamps(program: VirtualProgram, endpoint: Endpoint) -> Iterator[None]:
+    """Close the endpoint at the end. Where its program was killed, nothing more is stored."""
+    try:
+        yield
+    finally:
+        if program.is_killed:
+            endpoint.abandon()
+        else:
+            endpoint.close()

@@ -1,0 +1,253 @@
+"""A network in virtual time: datagrams that are delayed, lost, doubled and reordered, all from one seed.
+
+Source: docs page, Testing.
+"""
+
+import itertools
+import random
+from collections import deque
+from collections.abc import Callable
+from typing import NamedTuple
+
+from trimtab.core.clock import NS_PER_SECOND
+from trimtab.flight.virtual_time import PACKET, VirtualProgram, VirtualTime
+
+MOST_WAITING = 256
+"""Packets that wait in a socket. A kernel of Linux keeps about as many small ones; more are lost."""
+FIRST_PORT = 40_000
+
+
+class Host(NamedTuple):
+    """Address of a socket."""
+
+    host: str
+    port: int
+
+
+class Path:
+    """The way from one host to another. Every attribute may be changed while programs run."""
+
+    def __init__(self, draw: random.Random) -> None:
+        self.delay, self.jitter = 0.0002, 0.0
+        """Delay of a packet (s), and the width of the random delay that is added (s)."""
+        self.loss = self.double = 0.0
+        """Share of packets that are lost, and that come twice."""
+        self.keeps_order = True
+        """True if packets arrive in the order in which they were sent."""
+        self.cut_until = 0
+        """Time (ns) until which nothing passes."""
+        self._draw, self._last = draw, 0
+
+    def transit(self, now: int) -> list[int]:
+        """Return the times (ns) at which a packet that is sent now arrives."""
+        if now < self.cut_until or (self.loss and self._draw.random() < self.loss):
+            return []
+        copies = 2 if self.double and self._draw.random() < self.double else 1
+        arrivals = []
+        for _ in range(copies):
+            delay = self.delay + (self._draw.uniform(0.0, self.jitter) if self.jitter else 0.0)
+            at = now + round(delay * NS_PER_SECOND)
+            if self.keeps_order:
+                at = self._last = max(at, self._last)
+            arrivals.append(at)
+        return arrivals
+
+
+class VirtualNetwork:
+    """Sockets of programs, and the paths between their hosts."""
+
+    def __init__(self, time: VirtualTime) -> None:
+        self.time = time
+        self.names: dict[int, str] = {}
+        """Port -> name of the host that listens there, for addresses of this machine such as 127.0.0.1."""
+        self._sockets: dict[Host, VirtualSocket | _Answerer] = {}
+        self._paths: dict[tuple[str, str], Path] = {}
+        self._ports = itertools.count(FIRST_PORT)
+        self._descriptors = itertools.count(10_000)
+
+    def path(self, sender: str, receiver: str) -> Path:
+        """Return the path from one host to another."""
+        key = sender, receiver
+        if key not in self._paths:
+            self._paths[key] = Path(self.time.random(f"path {sender} to {receiver}"))
+        return self._paths[key]
+
+    def open_socket(
+        self, program: VirtualProgram, host: str, port: int | None = None, peer: Host | None = None
+    ) -> "VirtualSocket":
+        """Open a datagram socket.
+
+        Args:
+            program: owner of the socket.
+            host: name of the machine.
+            port: port to listen on; None: any.
+            peer: address that the socket is connected to; None: any.
+
+        Raises:
+            OSError: the port is taken.
+        """
+        address = Host(host, next(self._ports) if port is None else port)
+        if address in self._sockets:
+            raise OSError(f"{address} is taken")
+        made = VirtualSocket(self, program, address, peer, next(self._descriptors))
+        self._sockets[address] = made
+        program.closers.append(made.close)
+        return made
+
+    def answer_at(self, address: Host, take: Callable[[bytes, Host], None]) -> None:
+        """Have a function called with each packet that arrives at an address, and its sender: a relay, say."""
+        self._sockets[address] = _Answerer(take)
+
+    def connect_pair(self, near: VirtualProgram) -> tuple["VirtualPair", "VirtualPair"]:
+        """Return two ends of a connection that keeps packets apart and takes no time. The far one has no owner yet."""
+        a, b = (VirtualPair(self.time, next(self._descriptors)) for _ in range(2))
+        a.other, b.other = b, a
+        a.give_to(near)
+        return a, b
+
+    def send(self, sender: Host, receiver: Host, packet: bytes) -> None:
+        """Send a packet, also under another one's address, as an attacker does."""
+        time = self.time
+        time.note("packet", *sender, *receiver, packet)
+        for at in self.path(sender.host, receiver.host).transit(time.now):
+            self._deliver_at(at, sender, receiver, packet)
+
+    def _deliver_at(self, at: int, sender: Host, receiver: Host, packet: bytes) -> None:
+        def arrive() -> VirtualProgram | None:
+            socket = self._sockets.get(receiver)
+            return None if socket is None else socket.take_packet(packet, sender)
+
+        known = self._sockets.get(receiver)
+        self.time.add_event(at, PACKET, known.number if known else 0, arrive)
+
+    def forget(self, socket: "VirtualSocket") -> None:
+        """Give the address of a socket back."""
+        if self._sockets.get(socket.address) is socket:
+            del self._sockets[socket.address]
+
+
+class _Answerer(NamedTuple):
+    """Entry of an address at which no program listens."""
+
+    take: Callable[[bytes, Host], None]
+    number: int = 0
+
+    def take_packet(self, packet: bytes, sender: Host) -> None:
+        self.take(packet, sender)
+
+
+class VirtualSocket:
+    """A datagram socket, as a UdpLink uses it. It never blocks."""
+
+    def __init__(
+        self, network: VirtualNetwork, program: VirtualProgram, address: Host, peer: Host | None, descriptor: int
+    ) -> None:
+        self._network, self.program, self.address, self._peer = network, program, address, peer
+        self.number = program.number
+        self._descriptor = descriptor
+        self._waiting: deque[tuple[bytes, Host]] = deque()
+        self.overflowed = 0
+        """Packets that were lost because too many waited."""
+
+    def has_data(self) -> bool:
+        """Return whether a packet waits."""
+        return bool(self._waiting) or self._descriptor < 0
+
+    def take_packet(self, packet: bytes, sender: Host) -> VirtualProgram | None:
+        """Take a packet that arrives now; return the program that it wakes."""
+        if self._peer is not None and sender != self._peer:
+            return None
+        if len(self._waiting) >= MOST_WAITING:
+            self.overflowed += 1
+            return None
+        self._waiting.append((packet, sender))
+        time, program = self._network.time, self.program
+        return time.wake(program) if time.is_blocked(program, self) else None
+
+    def fileno(self) -> int:
+        """Return a number that tells sockets apart, -1 once this one is closed."""
+        return self._descriptor
+
+    def recvfrom(self, size: int, /) -> tuple[bytes, Host]:
+        """Return the next packet and its sender. BlockingIOError: none waits."""
+        if not self._waiting:
+            raise BlockingIOError
+        packet, sender = self._waiting.popleft()
+        return packet[:size], sender
+
+    def send(self, packet: bytes, /) -> int:
+        """Send to the peer that the socket is connected to."""
+        if self._peer is None:
+            raise OSError("not connected")
+        return self.sendto(packet, self._peer)
+
+    def sendto(self, packet: bytes, address: Host, /) -> int:
+        """Send to an address. A packet to an address where nobody listens is lost."""
+        if self._descriptor < 0:
+            raise OSError("closed")
+        self._network.send(self.address, address, packet)
+        return len(packet)
+
+    def close(self) -> None:
+        """Close the socket; its address is free again."""
+        self._descriptor = -1
+        self._network.forget(self)
+
+
+class VirtualPair:
+    """One end of a connection within a machine that keeps packets apart. It never blocks."""
+
+    other: "VirtualPair"
+
+    def __init__(self, time: VirtualTime, descriptor: int) -> None:
+        self._time, self._descriptor = time, descriptor
+        self._program: VirtualProgram | None = None
+        self._waiting: deque[bytes] = deque()
+
+    def give_to(self, program: VirtualProgram) -> None:
+        """Make a program the owner, with whom the end is closed."""
+        self._program = program
+        program.closers.append(self.close)
+
+    def has_data(self) -> bool:
+        """Return whether a packet waits, or the other end is closed."""
+        return bool(self._waiting) or self.other.fileno() < 0 or self._descriptor < 0
+
+    def fileno(self) -> int:
+        """Return a number that tells sockets apart, -1 once this one is closed."""
+        return self._descriptor
+
+    def send(self, packet: bytes, /) -> int:
+        """Send a packet. BlockingIOError: there is no room; BrokenPipeError: the other end is closed."""
+        other = self.other
+        if self._descriptor < 0 or other.fileno() < 0:
+            raise BrokenPipeError
+        if len(other._waiting) >= MOST_WAITING:
+            raise BlockingIOError
+        other._waiting.append(packet)
+        other._announce()
+        return len(packet)
+
+    def recv(self, size: int, /) -> bytes:
+        """Return the next packet, empty where the other end is closed. BlockingIOError: none waits."""
+        if self._waiting:
+            return self._waiting.popleft()[:size]
+        if self.other.fileno() < 0:
+            return b""
+        raise BlockingIOError
+
+    def close(self) -> None:
+        """Close this end; the other one notices."""
+        if self._descriptor >= 0:
+            self._descriptor = -1
+            self.other._announce()
+
+    def _announce(self) -> None:
+        """Wake the owner, if it waits for this end."""
+        program, time = self._program, self._time
+        if program is not None:
+
+            def wake() -> VirtualProgram | None:
+                return time.wake(program) if time.is_blocked(program, self) and self.has_data() else None
+
+            time.add_event(time.now, PACKET, program.number, wake)

@@ -1,0 +1,117 @@
+"""World at the vehicle's end of a link: commands in, one instant at a time, samples out.
+
+Source: docs page, Vehicle.
+"""
+
+import itertools
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+
+from trimtab.compiler.compiled_block import CompiledBlock
+from trimtab.core.errors import InputError, argument
+from trimtab.core.time import format_time, to_seconds
+from trimtab.flight.exchange import MessageGroup, command_group, sample_groups, slot_indices
+from trimtab.flight.flight_log import LogSource
+from trimtab.flight.mavlink.dialect import Dialect
+from trimtab.flight.mavlink.endpoint import Endpoint
+from trimtab.loop.scenario import Scenario
+from trimtab.run.cosimulation import SteppedWorld
+
+ACTUATION_PREFIXES = ("uplink.", "actuators.")
+"""Prefixes of the outputs of a world that belong to the time before an instant."""
+NO_TIME = np.iinfo(np.int64).min
+PACE, PACED_INSTANTS = 0.5, 200
+"""Largest share of the shortest of the first instants' intervals that a step of an FMU may take."""
+
+
+class VirtualVehicle:
+    """Compiled world, independent of clocks and transports. The first `advance` is to time 0."""
+
+    def __init__(self, scenario: Scenario, dialect: Dialect, world: CompiledBlock) -> None:
+        """world: the compiled world of this scenario."""
+        self.world, self.scenario = world, scenario
+        self.command: MessageGroup = command_group(dialect, lambda p: world.reads[p])
+        self.samples: dict[str, MessageGroup] = sample_groups(dialect, lambda p: world.writes[f"downlink{p[7:]}"])
+        reads, writes = world.reads, world.writes
+        self._input_slots: tuple[Any, ...] = tuple(reads[n] for n in ("t", "h", "first", "is_held", "fresh"))
+        self._sample_slots: dict[str, tuple[Any, Any]] = {
+            s: (writes[f"downlink.{s}.t"], writes[f"downlink.{s}.valid"]) for s in self.samples
+        }
+        self._sent_times: dict[str, Any] = dict.fromkeys(self.samples, NO_TIME)
+        self.t = self.row_t = 0
+        self.row: Any = np.zeros(len(world.outputs))
+        """Row of the instant `row_t` before t, actuation included, as in a log of `simulate`."""
+        paths = [p for p in writes if p.startswith(ACTUATION_PREFIXES)]
+        self._actuation_slots = slot_indices(writes, paths, len(world.outputs))
+        self._last_outputs: Any = np.zeros(len(world.outputs))
+        self._has_begun = False
+
+    def instants(self) -> Iterator[int]:
+        """Return an iterator of the instants to advance to, from 0 on without end."""
+        world = self.scenario.world
+        return instants([*world.periods(), self.scenario.autopilot.period], world.max_step)
+
+    def advance(self, t: int, *, fresh: bool, is_held: bool = False) -> None:
+        """Advance to integer time t, with the command in the world's inputs, issued at the last instant.
+
+        fresh: the command is a new one.  is_held: the vehicle is held in place, its true state stays the same.
+        """
+        inputs = self.world.inputs
+        at_t, at_h, at_first, at_held, at_fresh = self._input_slots
+        inputs[at_t], inputs[at_h] = self.t, t - self.t
+        inputs[at_first], inputs[at_held], inputs[at_fresh] = not self._has_begun, is_held, fresh
+        self.world.step()
+        outputs, row = self.world.outputs, self.row
+        row[:] = self._last_outputs
+        row[self._actuation_slots] = outputs[self._actuation_slots]
+        self._last_outputs[:] = outputs
+        self.row_t, self.t, self._has_begun = self.t, t, True
+
+    def log_sources(self) -> list[LogSource]:
+        """Return the logged numbers of the vehicle's world."""
+        return [LogSource(self.row, self.world.text.outputs, lambda p: p)]
+
+    def final_truth(self) -> dict[str, Any]:
+        """Return the state now, the last one of a log that ends."""
+        return {p: np.array(self.world.outputs[at]) for p, at in self.world.writes.items() if p.startswith("truth.")}
+
+    def changed_sensors(self) -> list[str]:
+        """Return the sensors whose sample has changed since the last call."""
+        outputs, sensors = self.world.outputs, list[str]()
+        for sensor, (time, valid) in self._sample_slots.items():
+            if outputs[valid] and outputs[time] != self._sent_times[sensor]:
+                self._sent_times[sensor] = outputs[time]
+                sensors.append(sensor)
+        return sensors
+
+    def sample_packets(self, endpoint: Endpoint, sensors: list[str]) -> list[bytes]:
+        """Return the packets of these sensors' samples, as they are now."""
+        return [packet for s in sensors for packet in self.samples[s].pack(endpoint, self.world.outputs)]
+
+
+def instants(periods: list[int], max_step: int) -> Iterator[int]:
+    """Yield all instants from 0 on at which a period is due, with gaps over max_step split evenly, as `timetable`."""
+    t, distinct = 0, sorted(set(periods))
+    yield 0
+    while True:
+        due = min((t // p + 1) * p for p in distinct)
+        parts = -(-(due - t) // max_step)
+        for k in range(1, parts + 1):
+            yield t + k * (due - t) // parts
+        t = due
+
+
+def check_pace(world: Any, scenario: Scenario) -> None:
+    """Raise InputError for an FMU whose steps take more than half of the available time. Runs the FMU to measure it."""
+    if not isinstance(world, SteppedWorld):
+        return
+    periods = [*scenario.world.periods(), scenario.autopilot.period]
+    times = list(itertools.islice(instants(periods, scenario.world.max_step), PACED_INSTANTS))
+    shortest = min(b - a for a, b in itertools.pairwise(times))
+    took = world.measure_steps(shortest)
+    if took > PACE * to_seconds(shortest):
+        problem = f"a step of the FMU takes {took * 1e3:.3g} ms here, too long for one every {format_time(shortest)}"
+        fix = f"{argument('lockstep', True)} on both sides, or {argument('settings', '50 ms', 'world.max_step')}"
+        raise InputError(f"{scenario.name} by a clock", problem, fix=fix)

@@ -1,0 +1,60 @@
+"""Type of a vehicle, by which ground stations choose its symbol and its instruments.
+
+Source: MAV_TYPE of https://mavlink.io/en/messages/common.html.
+"""
+
+from enum import IntEnum
+from typing import Any
+
+from trimtab.core.errors import InputError, closest
+from trimtab.core.interfaces import optional_member
+
+
+class VehicleType(IntEnum):
+    """MAV_TYPE: all types of vehicles, and the two types of ends on the ground and on board."""
+
+    GENERIC = 0
+    FIXED_WING = 1
+    QUADROTOR = 2
+    COAXIAL = 3
+    HELICOPTER = 4
+    ANTENNA_TRACKER = 5
+    GROUND_STATION = 6
+    AIRSHIP = 7
+    FREE_BALLOON = 8
+    ROCKET = 9
+    GROUND_ROVER = 10
+    SURFACE_BOAT = 11
+    SUBMARINE = 12
+    HEXAROTOR = 13
+    OCTOROTOR = 14
+    TRICOPTER = 15
+    FLAPPING_WING = 16
+    KITE = 17
+    ONBOARD_COMPUTER = 18
+    VTOL_DUOROTOR = 19
+    VTOL_QUADROTOR = 20
+    VTOL_TILTROTOR = 21
+    GIMBAL = 26
+    PARAFOIL = 28
+    DODECAROTOR = 29
+    DECAROTOR = 35
+    PARACHUTE = 37
+    WINCH = 42
+    GENERIC_MULTIROTOR = 43
+    SPACECRAFT_ORBITER = 45
+    GROUND_QUADRUPED = 46
+    VTOL_GYRODYNE = 47
+
+
+def mav_type(vehicle: Any) -> VehicleType:
+    """Return the type in the class variable MAV_TYPE, a name without prefix, e.g. "SURFACE_BOAT", else GENERIC."""
+    name = optional_member(vehicle, "MAV_TYPE")
+    if name not in VehicleType.__members__:
+        problem = f"{type(vehicle).__name__} declares MAV_TYPE = {name!r}, which is not a known type"
+        choices = tuple(VehicleType.__members__)
+        near = closest(str(name).upper().removeprefix("MAV_TYPE_"), choices, 1) or ["GENERIC"]
+        raise InputError(
+            "world.vehicle", problem, choices=choices, fix=f'write MAV_TYPE = "{near[0]}", or leave it out'
+        )
+    return VehicleType[name]

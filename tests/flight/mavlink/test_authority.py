@@ -1,0 +1,71 @@
+import numpy as np
+import pytest
+from flight.mavlink.line import every
+
+from trimtab.core.signals import Command, Frame
+from trimtab.flight.mavlink.authority import (
+    MOST_SESSIONS,
+    Authority,
+    Sender,
+    command_sender,
+    draw_session,
+    parse_session,
+)
+from trimtab.flight.mavlink.dialect import derive_dialect
+from trimtab.flight.mavlink.endpoint import Endpoint
+
+FIRST, SECOND, OLD = Sender(1, 191, 11), Sender(1, 191, 12), Sender(1, 191, 0)
+STATION = Sender(255, 190, 0)
+
+
+def test_sessions_survive_the_parameter_of_a_command():
+    drawn = {draw_session() for _ in range(200)}
+    assert len(drawn) > 190
+    assert all(parse_session(float(np.float32(s))) == s > 0 for s in drawn)
+    assert [parse_session(n) for n in (0.0, -1.0, 0.5, float("nan"), float("inf"), MOST_SESSIONS)] == [0] * 6
+
+
+def test_commands_belong_to_who_armed():
+    authority = Authority(5)
+    assert authority.accepts_command(SECOND)  # nothing acts yet, and nobody has it
+    authority.arm(FIRST)
+    assert authority.accepts_command(FIRST)
+    assert not any(authority.accepts_command(s) for s in (SECOND, OLD, Sender(7, 1, 11)))
+    assert authority.refused_commands == 3
+    assert authority.find_arming_problem(SECOND) == f"vehicle belongs to {FIRST}"
+    assert authority.find_disarming_problem(SECOND)
+    assert not authority.find_disarming_problem(FIRST)
+    assert not authority.find_disarming_problem(STATION)  # a person's hand
+    authority.arm(STATION)  # what is armed already does not change hands
+    assert authority.owner == FIRST
+    authority.end_flight()
+    assert not authority.find_arming_problem(SECOND)
+
+
+def test_what_a_ground_station_arms_belongs_to_the_first_who_commands():
+    authority = Authority(5)
+    authority.arm(STATION)
+    assert [authority.accepts_command(s) for s in (SECOND, FIRST, SECOND)] == [True, False, True]
+
+
+def test_it_is_handed_over_to_who_asks_for_that():
+    authority = Authority(5)
+    authority.arm(FIRST)
+    assert authority.take_over(SECOND) == FIRST
+    assert [authority.accepts_command(s) for s in (FIRST, SECOND)] == [False, True]
+
+
+def test_a_vehicle_is_addressed_by_its_session_or_by_none():
+    assert [Authority(5).is_addressed(s) for s in (0, 5, 6)] == [True, True, False]
+
+
+@pytest.mark.parametrize("told", [False, True])
+def test_the_session_is_an_extension_of_the_command(told):
+    """One who knows nothing of it packs and reads the same message; what takes its place is zero."""
+    dialect = derive_dialect(Frame(t=np.int64(0), samples={}), Command(t=np.int64(0), valid=False, value=every()))
+    definition = dialect.definitions["COMMAND"]
+    assert definition.size == definition.base + 4
+    assert "session" not in [p.path for p in dialect.places["COMMAND"]]
+    here, there = Endpoint(dialect, 1, 191, unsigned=True), Endpoint(dialect, 1, 1, unsigned=True)
+    (message,) = there.feed(here.pack("COMMAND", {"t": 3} | ({"session": 77} if told else {})))
+    assert command_sender(message) == Sender(1, 191, 77 if told else 0)

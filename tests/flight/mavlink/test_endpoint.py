@@ -1,0 +1,260 @@
+"""Both ends against an implementation of the published format that is written here, and against pymavlink's."""
+
+import math
+import struct
+
+import pytest
+from flight.mavlink.line import KEY, NOW, bit_by_bit, by_hand, heartbeat, stamp_at
+from hypothesis import given
+from hypothesis import strategies as st
+
+from trimtab.core.errors import InputError
+from trimtab.flight.mavlink.endpoint import Endpoint, checksum
+from trimtab.flight.mavlink.keys import passphrase_key
+
+VALUES = [1234567890123, 1.5, -2.25, 7, 0.1, 0.2, 0.3, -5, 4000000000, 1, 1]
+"""t, then what is left of SAMPLE_EVERY by size: real, angle, time, vector, count, word, valid, flag."""
+
+
+def test_packs_what_the_format_says(dialect, pair, clock):
+    a, _ = pair
+    definition = dialect.definitions["SAMPLE_EVERY"]
+    payload = struct.pack("<qddqdddiIBB", *VALUES)
+    expected = by_hand(definition, payload, 0, 1, 1, KEY.secret, 0, stamp_at(clock.now))
+    assert a.pack("SAMPLE_EVERY", VALUES) == expected
+
+
+def test_the_checksum_is_the_published_one():
+    """The catalogue of parametrised CRC algorithms: CRC-16/MCRF4XX of "123456789" is 0x6F91."""
+    assert checksum(b"12345678", ord("9")) == (0x6F91).to_bytes(2, "little")
+
+
+@given(st.binary(max_size=300), st.integers(0, 255))
+def test_the_checksum_is_its_definition_bit_by_bit(data, extra):
+    assert checksum(data, extra) == bit_by_bit(data + bytes([extra])).to_bytes(2, "little")
+
+
+@given(st.lists(st.floats(), min_size=5, max_size=5), st.integers(-(2**63), 2**63 - 1), st.integers(0, 2**32 - 1))
+def test_numbers_arrive_as_they_left(dialect, reals, time, word):
+    a, b = (Endpoint(dialect, s, 1, unsigned=True) for s in (1, 2))
+    real, angle, *vector = reals
+    given = {
+        "t": time,
+        "valid": 1,
+        "real": real,
+        "angle": angle,
+        "time": -1,
+        "count": 3,
+        "word": word,
+        "vector": vector,
+    }
+    (got,) = b.feed(a.pack("SAMPLE_EVERY", given))
+    assert (got.name, got.system, got.component, got.get("t"), got.get("word")) == ("SAMPLE_EVERY", 1, 1, time, word)
+    bits = struct.Struct("<5d")
+    assert bits.pack(got.get("real"), got.get("angle"), *got.get("vector")) == bits.pack(*reals)
+    assert got.fields()["time"] == -1
+
+
+def test_text_arrives(open_pair):
+    a, b = open_pair
+    (got,) = b.feed(a.pack("STATUSTEXT", {"severity": 3, "text": "déjà vu"}))
+    assert got.get("text") == "déjà vu"
+
+
+def test_takes_what_the_format_says_signed(dialect, pair, clock):
+    _, b = pair
+    (got,) = b.feed(heartbeat(dialect, key=KEY.secret, stamp=stamp_at(clock.now)))
+    assert got.fields() == {
+        "custom_mode": 5,
+        "type": 11,
+        "autopilot": 0,
+        "base_mode": 0x81,
+        "system_status": 4,
+        "mavlink_version": 3,
+    }
+    assert got.is_signed
+    assert b.counts.accepted == 1
+
+
+@pytest.mark.parametrize(
+    ("how", "count"),
+    [
+        ({"key": None}, "unsigned"),
+        ({"key": bytes(32)}, "wrong_signature"),
+        ({"system": 2}, "reflected"),
+        ({"stamp": stamp_at(NOW)}, "stale"),
+        ({"stamp": stamp_at(NOW - 3600)}, "stale"),
+        ({"stamp": stamp_at(NOW + 86_400)}, "leading"),
+    ],
+)
+def test_refuses_and_counts(dialect, pair, clock, how, count):
+    _, b = pair
+    frame = heartbeat(dialect, **({"key": KEY.secret, "stamp": stamp_at(clock.now)} | how))
+    assert b.feed(frame) == []
+    assert getattr(b.counts, count) == b.counts.refusals == 1
+
+
+def test_refuses_mavlink_1(dialect, pair, open_pair):
+    head = bytes([9, 0, 9, 1, 0])
+    payload = struct.pack("<IBBBBB", 5, 11, 0, 0x81, 4, 3)
+    frame = b"\xfe" + head + payload + bit_by_bit(head + payload + bytes([50])).to_bytes(2, "little")
+    for end in (pair[1], open_pair[1]):
+        assert end.feed(frame) == []
+        assert end.counts.downgraded == end.counts.refusals == 1
+
+
+def test_a_flag_taken_off_does_not_make_a_signed_packet_an_open_one(dialect, pair, clock):
+    """Downgrade: the same message, its signature cut off and the checksum made right."""
+    _, b = pair
+    assert b.feed(heartbeat(dialect, key=None, flags=0)) == []
+    assert b.feed(heartbeat(dialect, key=KEY.secret, stamp=stamp_at(clock.now), flags=0)) == []
+    assert b.counts.unsigned == 2
+    assert b.counts.accepted == 0
+
+
+def test_every_byte_of_a_signed_packet_counts(dialect, pair, clock):
+    _, b = pair
+    frame = heartbeat(dialect, key=KEY.secret, stamp=stamp_at(clock.now))
+    for at in range(len(frame)):
+        for bit in range(8):
+            b._rest = b""
+            assert b.feed(frame[:at] + bytes([frame[at] ^ 1 << bit]) + frame[at + 1 :]) == []
+    b._rest = b""
+    assert len(b.feed(frame)) == 1
+
+
+def test_a_packet_is_taken_once_and_streams_are_told_apart(pair, clock):
+    a, b = pair
+    first, second = a.pack("HEARTBEAT"), a.pack("HEARTBEAT")
+    assert len(b.feed(first + second)) == 2
+    assert b.feed(first + second) == []
+    assert b.counts.replayed == 2
+    assert b.counts.lost == 0
+
+
+def test_a_forged_packet_does_not_move_the_stamp_of_its_stream(dialect, pair, clock):
+    """pymavlink remembers the stamp before it looks at the signature: one forgery shuts the true sender out."""
+    a, b = pair
+    far = heartbeat(dialect, system=1, key=bytes(32), stamp=2**48 - 1)
+    assert b.feed(far) == []
+    assert len(b.feed(a.pack("HEARTBEAT"))) == 1
+
+
+def test_what_was_recorded_before_a_restart_is_refused_after_it(dialect, pair, clock):
+    """The published rule would take it for a minute."""
+    a, b = pair
+    recorded = a.pack("COMMAND_LONG", {"command": 400, "param1": 1.0})
+    assert len(b.feed(recorded)) == 1
+    clock.now += 5
+    restarted = Endpoint(dialect, 2, 1, KEY, clock=clock)
+    assert restarted.feed(recorded) == []
+    assert restarted.counts.stale == 1
+
+
+def test_a_peer_whose_clock_lags_is_heard_once_it_has_heard_this_end(dialect, pair, clock):
+    _, b = pair
+    late = Endpoint(dialect, 3, 1, KEY, clock=lambda: NOW - 30)
+    assert b.feed(late.pack("HEARTBEAT")) == []
+    assert len(late.feed(b.pack("HEARTBEAT"))) == 1
+    assert len(b.feed(late.pack("HEARTBEAT"))) == 1
+
+
+def test_what_was_refused_for_its_stamp_says_by_how_much_and_moves_nothing(dialect, pair, clock):
+    _, b = pair
+    before = b.stamps.last
+    for difference, count in ((86_400, "leading"), (-120, "stale")):
+        wrong = Endpoint(dialect, 3, 1, KEY, clock=lambda d=difference: clock.now + d)
+        assert b.feed(wrong.pack("TIMESYNC", {"ts1": 77})) == []
+        (untimely,) = b.untimely
+        assert (untimely.message.name, untimely.message.get("ts1")) == ("TIMESYNC", 77)
+        assert untimely.lead == pytest.approx(difference, abs=0.01)
+        assert getattr(b.counts, count) == 1
+    assert b.stamps.last == before
+    b.feed(b"")
+    assert b.untimely == []
+
+
+def test_lost_packets_are_counted_by_sequence_and_late_ones_are_not_lost(open_pair):
+    a, b = open_pair
+    packets = [a.pack("HEARTBEAT") for _ in range(300)]
+    b.feed(b"".join(packets[:10] + packets[13:200] + packets[290:]))
+    assert b.counts.lost == 3 + 90
+    b.feed(packets[11])
+    assert b.counts.lost == 92
+
+
+def test_what_was_thrown_away_unread_is_no_loss(open_pair):
+    a, b = open_pair
+    packets = [a.pack("HEARTBEAT") for _ in range(120)]
+    b.feed(b"".join(packets[:10]) + packets[10][:5])
+    b.begin_anew()
+    assert len(b.feed(b"".join(packets[100:110] + packets[112:]))) == 18
+    assert (b.counts.lost, b.counts.garbage, b.counts.checksum) == (2, 0, 0)
+
+
+def test_unknown_messages_are_passed_over_whole(dialect, pair, open_pair, clock):
+    strange = dialect.definitions["HEARTBEAT"]._replace(id=54321)
+    inner = heartbeat(dialect, key=None)  # a frame inside the payload of another must not come out of it
+    frame = by_hand(strange, inner + b"\1", 0, 9, 1)
+    a, b = open_pair
+    assert [m.system for m in b.feed(frame + a.pack("HEARTBEAT"))] == [1]
+    assert b.counts.unknown == 1
+    signed = by_hand(strange, inner + b"\1", 0, 9, 1, KEY.secret, 0, stamp_at(clock.now))
+    a, b = pair
+    assert [m.system for m in b.feed(signed + a.pack("HEARTBEAT"))] == [1]
+    assert (b.counts.unknown, b.counts.unsigned) == (1, 0)
+
+
+def test_an_unknown_message_that_is_wrongly_signed_hides_nothing(dialect, pair, clock):
+    """It may be a frame cut short, with another one in what was taken for its payload or signature."""
+    strange = dialect.definitions["HEARTBEAT"]._replace(id=54321)
+    inner = heartbeat(dialect, key=KEY.secret, stamp=stamp_at(clock.now))
+    forged = by_hand(strange, inner + b"\1", 0, 9, 1, bytes(32), 0, stamp_at(clock.now))
+    _, b = pair
+    assert [m.name for m in b.feed(forged)] == ["HEARTBEAT"]
+    assert b.counts.unknown == 0
+    assert b.counts.garbage == len(forged) - len(inner)
+
+
+def test_a_newer_peer_may_send_extensions_that_are_not_known_here(dialect, open_pair):
+    definition = dialect.definitions["COMMAND_ACK"]
+    short = by_hand(definition, struct.pack("<HB", 400, 0), 0, 9, 1)
+    (got,) = open_pair[1].feed(short)
+    assert (got.get("command"), got.get("result"), got.get("target_system")) == (400, 0, 0)
+
+
+def test_numbers_too_large_are_put_right_and_counted(open_pair):
+    a, b = open_pair
+    given = {"custom_mode": 2**40, "type": -3, "autopilot": math.nan, "base_mode": 2.9}
+    (got,) = b.feed(a.pack("HEARTBEAT", given))
+    assert [got.get(n) for n in given] == [2**32 - 1, 0, 0, 2]
+    (got,) = b.feed(a.pack("PARAM_SET", {"param_value": -1e300}))
+    assert got.get("param_value") == -math.inf
+    assert a.counts.clamped == 2
+
+
+def test_wrong_use_is_refused_with_what_to_write(dialect, open_pair):
+    a, _ = open_pair
+    with pytest.raises(InputError, match="write 'HEARTBEAT'"):
+        a.pack("HEARTBEET")
+    with pytest.raises(InputError, match="write 'custom_mode'"):
+        a.pack("HEARTBEAT", {"costum_mode": 1})
+    with pytest.raises(InputError, match="3 values, got 2"):
+        a.pack("SAMPLE_EVERY", {"vector": [1, 2]})
+    with pytest.raises(InputError, match="must have 11 values, got 1"):
+        a.pack("SAMPLE_EVERY", [1])
+    with pytest.raises(InputError, match="anyone could command"):
+        Endpoint(dialect, 1, 1)
+    with pytest.raises(InputError, match="unsigned was requested with a key"):
+        Endpoint(dialect, 1, 1, passphrase_key("x" * 16), True)
+    with pytest.raises(InputError, match="system 0 is not from 1 to 255"):
+        Endpoint(dialect, 0, 1, unsigned=True)
+
+
+def test_a_frame_cut_in_its_signature_takes_no_other_with_it(pair):
+    a, b = pair
+    first, second = (a.pack("STATUSTEXT", {"text": text}) for text in ("one", "two"))
+    (got,) = b.feed(first[:-4] + second)
+    assert got.get("text") == "two"
+    assert b.counts.wrong_signature == 1
+    assert b.counts.garbage == len(first) - 4

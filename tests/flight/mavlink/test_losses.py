@@ -1,0 +1,58 @@
+"""Losses told by sequence numbers: of senders that count, and of those that don't."""
+
+import random
+
+import pytest
+
+from trimtab.flight.mavlink.losses import SequenceGaps
+
+
+def count(numbers):
+    """Lost and disordered frames after these numbers, as they are on the wire."""
+    gaps, lost, disordered = SequenceGaps(), 0, 0
+    for number in numbers:
+        more, jumps = gaps.follow(number & 0xFF)
+        lost, disordered = lost + more, disordered + jumps
+    return lost, disordered
+
+
+def test_numbers_at_random_are_no_losses():
+    """They had been counted as 32 lost frames for each that came."""
+    draw = random.Random(1)
+    lost, disordered = count(draw.randrange(256) for _ in range(10_000))
+    assert lost < 100
+    assert disordered > 6_000
+
+
+def test_two_programs_with_one_identity_lose_nothing():
+    for ahead in (40, 100, 200):
+        lost, disordered = count(n for k in range(5_000) for n in (k, k + ahead))
+        assert lost == 0
+        assert disordered > 4_000 or ahead == 200  # the one behind is taken for one that comes late
+
+
+@pytest.mark.parametrize("share", [0.0, 0.1, 0.5, 0.8])
+def test_what_a_bad_line_loses_is_counted_to_the_frame(share):
+    draw = random.Random(2)
+    come = [k for k in range(20_000) if draw.random() >= share]
+    lost, disordered = count(come)
+    between = come[-1] - come[0] + 1 - len(come)
+    assert lost == pytest.approx(between, abs=30)
+    assert lost <= between
+    assert disordered == 0
+
+
+def test_a_burst_counts_once_frames_have_come_in_order_after_it():
+    assert count([*range(10), *range(100, 103)]) == (0, 0)
+    assert count([*range(10), *range(100, 110)]) == (90, 0)
+
+
+@pytest.mark.parametrize("gap", [90, 128, 150, 220, 240])
+def test_a_long_burst_is_counted_whatever_its_length(gap):
+    """One of 128 or more had been taken for frames that come late, for as long again."""
+    assert count([*range(10), 11, *range(12 + gap, 12 + gap + 40)]) == (1 + gap, 0)
+
+
+def test_a_frame_that_comes_late_is_not_lost_and_one_that_comes_twice_neither():
+    assert count([*range(10), 11, 10, *range(12, 30)]) == (0, 0)
+    assert count([*range(10), 9, *range(10, 30)]) == (0, 0)

@@ -1,0 +1,85 @@
+"""Checks before arming: what they say, and their way over a line."""
+
+import math
+
+import pytest
+from flight.mavlink.line import every
+from run.stand_ins import dialect, ends
+
+from trimtab.core.time import ms, seconds
+from trimtab.flight.station.arming import MOST_ASKS, ArmingCheck, RemoteChecks, first_problem, pack_checks
+
+_, DIALECT = dialect({"compass": every()}, every())
+CHECKS = [
+    ArmingCheck("compass age", 3.2, 0.28, "s", "switch compass on"),
+    ArmingCheck("space for the log", 50.0, 100.0, "MB", "free disk space", at_least=True),
+    ArmingCheck("battery", math.nan, 0.0, "V", "charge it", at_least=True),
+    ArmingCheck("confirmation", 0.0, 1.0, "", "confirm", at_least=True, heals=False),
+    ArmingCheck("frames lost", 12.5, 50.0, "%", "come nearer"),
+]
+
+
+@pytest.fixture
+def line():
+    return ends(DIALECT)
+
+
+def ask(line):
+    """The vehicle's answer, and the asker's ear."""
+    (question,) = line.there.feed(line.here.pack("COMMAND_LONG", {"command": 401}))
+    packets = pack_checks(line.there, question, CHECKS)
+    return [message for packet in packets for message in line.here.feed(packet)]
+
+
+def test_a_check_says_what_it_found_and_what_to_do():
+    assert [c.passes for c in CHECKS] == [False, False, True, False, True]
+    assert CHECKS[0].sentence == "compass age: 3.2 s, at most 0.28 s; switch compass on"
+    assert CHECKS[1].record == "check space for the log: 50 MB, at least 100 MB: refused"
+    assert CHECKS[2].record == "check battery: not measured, at least 0 V: passed"
+    assert ArmingCheck("compass age", math.inf, 0.28, "s").value_text == "∞ s"
+
+
+def test_what_nobody_can_wait_for_is_said_first():
+    assert first_problem(CHECKS) == CHECKS[3].sentence
+    assert first_problem(CHECKS[:3]) == CHECKS[0].sentence
+    assert first_problem(CHECKS[2:3]) == ""
+
+
+def test_checks_come_over_a_line_as_they_are(line):
+    remote = RemoteChecks()
+    messages = ask(line)
+    assert {(m.get("target_system"), m.get("target_component")) for m in messages} == {(1, 191)}
+    for message in messages[:-1]:
+        remote.handle_message(message, ms(5))
+    assert remote.current(ms(5)) == []  # one is missing
+    remote.handle_message(messages[-1], ms(6))
+    assert [str(c) for c in remote.current(ms(6))] == [str(c) for c in CHECKS]
+    assert remote.current(ms(5) + seconds(1) + 1) == []  # they are old
+
+
+def test_it_asks_five_times_a_second_and_gives_a_vehicle_up_that_has_none():
+    remote = RemoteChecks()
+    times = [t for t in range(0, seconds(5), ms(10)) if remote.is_due(t)]
+    assert times == [k * ms(200) for k in range(MOST_ASKS)]
+    assert remote.has_none
+
+
+def test_an_armed_vehicle_refuses_to_tell(line):
+    remote, other = RemoteChecks(), RemoteChecks()
+    other.handle_refusal()
+    assert other.has_none
+    for message in ask(line):
+        remote.handle_message(message, 0)
+    remote.handle_refusal()  # it has told them before
+    assert not remote.has_none
+
+
+def test_what_is_not_a_check_is_passed_over(line):
+    remote = RemoteChecks()
+    (message, *_) = ask(line)
+    fields = message.fields()
+    for wrong in ({"payload_type": 0xF475}, {"payload_length": 5}, {"payload": (255, 255) + (0,) * 126}):
+        for heard in line.here.feed(line.there.pack("TUNNEL", fields | wrong)):
+            remote.handle_message(heard, 0)
+    assert remote.current(0) == []
+    assert not remote.has_none

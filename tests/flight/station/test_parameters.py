@@ -1,0 +1,125 @@
+import math
+import struct
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from trimtab.core.record import Scalar, part, quantity, record
+from trimtab.flight.station.parameters import Parameters, parameter_names, round_to_float32
+
+
+@record
+class Inner:
+    """Bounds of each kind. Source: none, a test."""
+
+    mass: Scalar = quantity("kg", "Above zero.", above=0)
+    gains: object = quantity("1", "Two numbers.", low=-1, high=1)
+    count: Scalar = quantity("1", "A count.", kind="count", low=0)
+    choice: Scalar = quantity("1", "A mode.", kind="mode", modes=("a", "b"))
+    on: Scalar = quantity("1", "A flag.", kind="flag")
+
+
+@record
+class Outer:
+    """A record in a record. Source: none, a test."""
+
+    inner: Inner = part("The inner one.")
+    drag: Scalar = quantity("kg/s", "Drag.")
+
+
+def parameters() -> Parameters:
+    return Parameters(Outer(Inner(2.6, np.array([0.1, 0.2]), 3, 1, True), 0.2), "world.vehicle")
+
+
+def test_every_number_has_a_name_a_path_and_a_value():
+    own = parameters()
+    assert own.table() == {
+        "WVI_MASS": ("world.vehicle.inner.mass", 0),
+        "WVI_GAINS_0": ("world.vehicle.inner.gains", 0),
+        "WVI_GAINS_1": ("world.vehicle.inner.gains", 1),
+        "WVI_COUNT": ("world.vehicle.inner.count", 0),
+        "WVI_CHOICE": ("world.vehicle.inner.choice", 0),
+        "WVI_ON": ("world.vehicle.inner.on", 0),
+        "WV_DRAG": ("world.vehicle.drag", 0),
+    }
+    assert own.values == [2.6, 0.1, 0.2, 3.0, 1.0, 1.0, 0.2]
+    assert own.find_index("WV_DRAG", -1) == own.find_index("", 6) == 6
+    assert own.find_index("WV_DRAGS", -1) is None
+    assert own.find_index("", 7) is None
+
+
+PATHS = st.lists(st.text("abc_é0-", min_size=1, max_size=20), min_size=1, max_size=5).map(".".join)
+
+
+@given(st.lists(PATHS, unique=True, max_size=40))
+def test_names_are_legal_and_differ(paths):
+    names = parameter_names(paths)
+    assert len(set(names)) == len(names) == len(paths)
+    assert all(0 < len(n) <= 16 and n.isascii() for n in names)
+
+
+def test_a_name_depends_on_others_only_where_they_meet():
+    assert parameter_names(["autopilot.law.lateral_gain"]) == ["AL_LATERAL_GAIN"]
+    assert (
+        parameter_names(["autopilot.law.k2", "world.x.mass"])[0] == parameter_names(["autopilot.law.k2"])[0] == "AL_K2"
+    )
+    met = parameter_names(["a.law.k2", "a.link.k2"])
+    assert met == [parameter_names(["a.law.k2", "a.line.k2"])[0], met[1]]
+    assert len(set(met)) == 2
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "why"),
+    [
+        ("WVI_MASS", 0.0, "above 0"),
+        ("WVI_MASS", math.nan, "not a number"),
+        ("WVI_MASS", math.inf, "not a number"),
+        ("WVI_GAINS_1", 1.5, "at most 1"),
+        ("WVI_COUNT", -1.0, "at least 0"),
+        ("WVI_COUNT", 1.5, "whole number"),
+        ("WVI_CHOICE", 2.0, "from 0 to 1"),
+        ("WVI_ON", 2.0, "0 or 1"),
+    ],
+)
+def test_what_was_declared_holds(name, value, why):
+    own = parameters()
+    index = own.find_index(name, -1)
+    before = own.values[index]
+    assert why in own.change_value(index, value)
+    assert own.values[index] == before
+
+
+def test_a_value_between_its_bounds_or_at_one_is_taken():
+    own = parameters()
+    for index, value in ((1, -1.0), (1, 0.9), (2, 1.0), (3, 0.0), (4, 0.0), (0, 1e-3)):
+        assert own.change_value(index, value) == ""
+        assert own.values[index] == value
+
+
+def test_a_value_that_reads_the_same_keeps_its_digits():
+    own = parameters()
+    read = round_to_float32(2.6)
+    assert read != 2.6
+    assert (own.change_value(0, read), own.values[0]) == ("", 2.6)
+    assert (own.change_value(0, 3.5), own.values[0]) == ("", 3.5)
+
+
+def test_as_float_is_what_four_bytes_hold():
+    assert round_to_float32(0.1) == struct.unpack("f", struct.pack("f", 0.1))[0]
+    assert round_to_float32(-1e300) == -math.inf
+
+
+@record
+class Tables:
+    """A short and a long array. Source: none, a test."""
+
+    short: object = quantity("1", "As many as there may be.")
+    long: object = quantity("1", "One more.")
+
+
+def test_tables_are_no_parameters():
+    listed = Parameters(Tables(np.zeros(64), np.zeros((5, 13)))).listed
+    assert {p.path for p in listed} == {"short"}
+    assert len(listed) == 64

@@ -1,0 +1,125 @@
+"""Rates of messages, as ground stations change them, counted over the vehicle's time."""
+
+from collections import Counter
+
+import pytest
+
+from trimtab.core.time import ms, seconds
+from trimtab.flight.mavlink.endpoint import Endpoint
+from trimtab.flight.mavlink.protocol import CommandCode, CommandResult
+from trimtab.flight.station.streams import Streams, TelemetryStream
+
+ATTITUDE, LANDED, IMU, INTERVAL, UNKNOWN = 30, 245, 105, 244, 31
+
+
+class Line:
+    """A vehicle's streams, and who hears them."""
+
+    def __init__(self, dialect) -> None:
+        self.vehicle = Endpoint(dialect, 1, 1, unsigned=True)
+        self.ground = Endpoint(dialect, 255, 190, unsigned=True)
+        self.imu = None
+        told = {
+            "ATTITUDE": TelemetryStream(lambda now: {"time_boot_ms": now // ms(1)}, ms(250)),
+            "EXTENDED_SYS_STATE": TelemetryStream(lambda now: {"landed_state": 1}, seconds(1)),
+            "HIGHRES_IMU": TelemetryStream(lambda now: self.imu, ms(500)),
+        }
+        self.streams = Streams(self.vehicle, told)
+        self.now = 0
+
+    def count(self, duration):
+        """How many of each came in a duration, asked every millisecond."""
+        found = Counter()
+        for _ in range(duration // ms(1)):
+            packets = self.streams.due(self.now)
+            assert len(packets) <= 1
+            found.update(m.name for m in self.ground.feed(b"".join(packets)))
+            self.now += ms(1)
+        return dict(found)
+
+    def order(self, command, first, second=0.0):
+        result, packets = self.streams.handle_command(command, first, second, self.now)
+        return result, self.ground.feed(b"".join(packets))
+
+    def ask(self, stream, rate, start=1):
+        fields = {"req_stream_id": stream, "req_message_rate": rate, "start_stop": start}
+        for message in self.vehicle.feed(self.ground.pack("REQUEST_DATA_STREAM", fields)):
+            self.streams.ask(message, self.now)
+
+
+@pytest.fixture
+def line(dialect):
+    return Line(dialect)
+
+
+def test_each_comes_at_its_own_rate_and_what_has_nothing_to_tell_is_silent(line):
+    assert line.count(seconds(10)) == {"ATTITUDE": 40, "EXTENDED_SYS_STATE": 10}
+    line.imu = {"xacc": 1.0}
+    assert line.count(seconds(10)) == {"ATTITUDE": 40, "EXTENDED_SYS_STATE": 10, "HIGHRES_IMU": 20}
+
+
+def test_an_interval_is_set_told_put_back_and_ended(line):
+    assert line.order(CommandCode.SET_INTERVAL, ATTITUDE, 100_000)[0] == CommandResult.ACCEPTED
+    assert line.count(seconds(10))["ATTITUDE"] == pytest.approx(100, abs=1)
+    (told,) = line.order(CommandCode.REQUEST_MESSAGE, INTERVAL, ATTITUDE)[1]
+    assert told.fields() == {"message_id": ATTITUDE, "interval_us": 100_000}
+    assert line.order(CommandCode.SET_INTERVAL, ATTITUDE, -1)[0] == CommandResult.ACCEPTED
+    assert "ATTITUDE" not in line.count(seconds(2))
+    (told,) = line.order(CommandCode.GET_INTERVAL, ATTITUDE)[1]
+    assert told.get("interval_us") == -1
+    assert line.order(CommandCode.SET_INTERVAL, ATTITUDE, 0)[0] == CommandResult.ACCEPTED
+    assert line.count(seconds(10))["ATTITUDE"] == pytest.approx(40, abs=1)
+
+
+def test_nothing_is_sent_faster_than_fifty_times_a_second(line):
+    for asked in (1, 19_999):
+        assert line.order(CommandCode.SET_INTERVAL, ATTITUDE, asked)[0] == CommandResult.ACCEPTED
+        assert line.count(seconds(2))["ATTITUDE"] == pytest.approx(100, abs=1)
+    line.ask(10, 65535)
+    assert line.count(seconds(2))["ATTITUDE"] == pytest.approx(100, abs=1)
+
+
+@pytest.mark.parametrize("number", [UNKNOWN, -1.0, 1e30, float("nan"), float("inf")])
+def test_what_is_not_sent_cannot_be_ordered(line, number):
+    for command in (CommandCode.SET_INTERVAL, CommandCode.GET_INTERVAL, CommandCode.REQUEST_MESSAGE, 9999):
+        assert line.order(command, number) == (CommandResult.UNSUPPORTED, [])
+    assert line.order(9999, ATTITUDE) == (CommandResult.UNSUPPORTED, [])
+
+
+@pytest.mark.parametrize("micros", [float("nan"), float("inf"), -2.0])
+def test_an_interval_that_is_none_is_denied(line, micros):
+    assert line.order(CommandCode.SET_INTERVAL, ATTITUDE, micros)[0] == CommandResult.DENIED
+    assert line.count(seconds(10))["ATTITUDE"] == 40
+
+
+def test_one_message_is_sent_on_request(line):
+    result, (message,) = line.order(CommandCode.REQUEST_MESSAGE, LANDED)
+    assert (result, message.get("landed_state")) == (CommandResult.ACCEPTED, 1)
+    assert line.order(CommandCode.REQUEST_MESSAGE, IMU) == (CommandResult.NOT_NOW, [])
+
+
+def test_data_streams_are_groups_and_all(line):
+    line.ask(10, 0)
+    assert "ATTITUDE" not in line.count(seconds(2))
+    line.ask(10, 20)
+    found = line.count(seconds(2))
+    assert found["ATTITUDE"] == pytest.approx(40, abs=1)
+    assert found["EXTENDED_SYS_STATE"] == 2
+    line.ask(0, 5)
+    found = line.count(seconds(2))
+    assert [found[n] for n in ("ATTITUDE", "EXTENDED_SYS_STATE")] == pytest.approx([10, 10], abs=1)
+    line.ask(0, 5, start=0)
+    assert line.count(seconds(2)) == {}
+    line.ask(77, 5)
+    assert line.count(seconds(2)) == {}
+
+
+def test_after_a_pause_there_is_no_burst(line):
+    line.count(seconds(1))
+    line.now += seconds(60)
+    assert line.count(seconds(1))["ATTITUDE"] <= 5
+
+
+def test_a_vehicle_that_tells_nothing(dialect):
+    streams = Streams(Endpoint(dialect, 1, 1, unsigned=True), {})
+    assert streams.due(seconds(100)) == []

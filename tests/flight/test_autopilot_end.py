@@ -1,0 +1,220 @@
+"""Samples wait for steps: one a step, each once, none for ever. The step only remembers what it was given."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from flight.mavlink.line import every
+from run.stand_ins import Step, dialect, ends
+from scipy.spatial.transform import Rotation
+
+from trimtab.compiler.native.compiler import find_compiler
+from trimtab.core.signals import Command
+from trimtab.flight.autopilot_end import (
+    FEWEST_STEPS,
+    LONGEST_BACKLOG,
+    LONGEST_QUEUE,
+    MOST_FALLS,
+    OTHER_CLOCK,
+    AutopilotEnd,
+    frame_log_path,
+    scenario_dialect,
+)
+from trimtab.logs.frames import no_pose
+from trimtab.run.blocks import compile_autopilot
+from trimtab.scenarios.build import build
+
+FRAME, DIALECT = dialect({"compass": every(), "inertial-unit": every()}, every())
+MS = 10_000
+
+
+class Line:
+    """A vehicle that sends samples, and a pilot that hears them."""
+
+    def __init__(self, any_order=(), period=MS):
+        self.step = Step(FRAME, Command(t=np.int64(0), valid=False, value=every()))
+        estimator = SimpleNamespace(listens=any_order, ANY_ORDER=bool(any_order))
+        scenario = SimpleNamespace(autopilot=SimpleNamespace(estimator=estimator, monitor=None, period=period))
+        self.pilot, self.ends = AutopilotEnd(scenario, DIALECT, self.step), ends(DIALECT)
+        self._vector = np.zeros(len(self.step.inputs))
+
+    def send(self, sensor, t, real):
+        reads = self.step.reads
+        path = f"samples.{sensor}"
+        self._vector[reads[f"{path}.t"]], self._vector[reads[f"{path}.valid"]] = t, 1
+        self._vector[reads[f"{path}.value.real"]] = real
+        packets = self.pilot.sensors[sensor].pack(self.ends.there, self._vector)
+        for message in (m for p in packets for m in self.ends.here.feed(p)):
+            assert self.pilot.handle_message(message)
+
+    def seen(self, sensor, *names):
+        return [tuple(s[f"samples.{sensor}.{n}"] for n in names) for s in self.step.seen]
+
+
+def test_of_a_burst_each_sample_gets_a_step_of_its_own_in_order():
+    line = Line()
+    for k in range(3):
+        line.send("compass", k * MS, float(k + 1))
+    line.send("inertial-unit", 2 * MS, 9.0)
+    for k in range(5):
+        line.pilot.fly_period((10 + k) * MS)
+    assert line.seen("compass", "value.real", "fresh") == [(1.0, 1), (2.0, 1), (3.0, 1), (3.0, 0), (3.0, 0)]
+    assert line.seen("inertial-unit", "value.real", "fresh")[:2] == [(9.0, 1), (9.0, 0)]
+    ages = [age for (age,) in line.seen("compass", "age")]
+    assert ages == pytest.approx([0.010, 0.010, 0.010, 0.011, 0.012])
+    assert [s["t"] for s in line.step.seen] == [(10 + k) * MS for k in range(5)]
+
+
+def test_a_sample_that_comes_twice_counts_once():
+    line = Line()
+    for _ in range(2):
+        line.send("compass", 5 * MS, 1.0)
+    assert (line.pilot.received_samples, line.pilot.queue_length) == (1, 1)
+
+
+def test_one_that_was_overtaken_is_for_estimators_that_fuse_it_at_its_own_time():
+    """One that is older by more than half a second is for nobody."""
+    line = Line(any_order=("inertial-unit",))
+    for sensor in ("compass", "inertial-unit"):
+        for k in (600, 602, 601, 603, 50, 604):
+            line.send(sensor, k * MS, float(k))
+    for k in range(6):
+        line.pilot.fly_period((700 + k) * MS)
+    new = {s: [v for v, fresh in line.seen(s, "value.real", "fresh") if fresh] for s in ("compass", "inertial-unit")}
+    assert new == {"compass": [600, 602, 603, 604], "inertial-unit": [600, 602, 601, 603, 604]}
+    assert line.pilot.overtaken_samples == 4
+
+
+def test_old_samples_between_new_ones_are_overtaken_however_many_and_those_alone_are_of_another_clock():
+    line = Line()
+    for k in range(50):
+        line.send("compass", (1000 + 6 * k) * MS, 0.0)
+        line.send("compass", (500 - k) * MS, 1.0)
+    assert (line.pilot.received_samples, line.pilot.overtaken_samples) == (50, 50)
+    for k in range(OTHER_CLOCK + 4):
+        line.send("compass", (10 + 6 * k) * MS, 2.0)
+    assert (line.pilot.received_samples, line.pilot.overtaken_samples) == (56, 56)
+
+
+def test_too_many_drop_the_oldest_and_are_counted():
+    line = Line()
+    for k in range(LONGEST_QUEUE + 3):
+        line.send("compass", (k + 1) * MS, float(k))
+    assert line.pilot.dropped_samples == 3
+    line.pilot.fly_period(100 * MS)
+    assert line.seen("compass", "value.real") == [(3.0,)]
+
+
+def test_a_sensor_as_quick_as_the_steps_gets_rid_of_what_stood_in_the_queue():
+    """A burst of five, then one sample a step: without help all would be five steps late until the end."""
+    steps = LONGEST_BACKLOG // MS
+    line = Line()
+    for k in range(5):
+        line.send("compass", k * MS, 0.0)
+    for k in range(5, 2 * steps):
+        line.send("compass", k * MS, 0.0)
+        line.pilot.fly_period(k * MS)
+    late = [round(age * 1e3) for (age,) in line.seen("compass", "age")]
+    assert late[steps // 2] == 5
+    assert set(late[-steps // 2 :]) == {0}
+    assert line.pilot.dropped_samples == 5
+
+
+def test_a_slow_loop_gives_up_a_backlog_as_soon():
+    """Twenty steps a second: the age that a start left would else last for a quarter of a minute."""
+    slow, line = 50 * MS, Line(period=50 * MS)
+    for k in range(6):
+        line.send("compass", k * slow, 0.0)
+    for k in range(6, 40):
+        line.send("compass", k * slow, 0.0)
+        line.pilot.fly_period(k * slow)
+    late = [round(age * 1e3) for (age,) in line.seen("compass", "age")]
+    assert late[FEWEST_STEPS - 1] == 300
+    assert set(late[FEWEST_STEPS + 1 :]) == {0}
+    assert line.pilot.dropped_samples == 6
+
+
+def test_the_vehicles_time_becomes_this_ends_also_while_the_offset_turns():
+    line, offset = Line(), 7_000_000
+    line.send("compass", offset + 3 * MS, 1.0)
+    line.pilot.fly_period(5 * MS, lambda t: t - offset)
+    assert line.seen("compass", "t", "fresh") == [(3 * MS, 1)]
+    line.send("compass", offset + 4 * MS, 2.0)
+    line.pilot.fly_period(6 * MS, lambda t: t - offset - 100)
+    assert line.seen("compass", "t")[-1] == (4 * MS - 100,)
+
+
+@pytest.mark.parametrize("wrong", [-2 * MS, 490 * MS, 36_000_000_000, 2**62])
+def test_a_sample_that_is_not_believed_costs_one_sample(wrong):
+    line = Line()
+    line.pilot.is_believable = lambda t: t in (3 * MS, 6 * MS)
+    line.send("compass", 3 * MS, 1.0)
+    line.pilot.fly_period(4 * MS, lambda t: t)
+    line.send("compass", 4 * MS + wrong, 2.0)
+    line.pilot.fly_period(5 * MS, lambda t: t)
+    line.send("compass", 6 * MS, 3.0)
+    line.pilot.fly_period(7 * MS, lambda t: t)
+    assert line.seen("compass", "value.real", "fresh") == [(1.0, 1), (1.0, 0), (3.0, 1)]
+    assert (line.pilot.implausible_samples, line.pilot.overtaken_samples) == (1, 0)
+
+
+def test_what_came_before_the_flight_is_forgotten():
+    line = Line()
+    line.send("compass", MS, 1.0)
+    line.pilot.drop_samples()
+    line.pilot.fly_period(2 * MS)
+    assert line.seen("compass", "fresh") == [(0,)]
+
+
+def test_commands_carry_the_vehicles_time():
+    line = Line()
+    writes, outputs = line.step.writes, line.step.outputs
+    outputs[writes["command.t"]], outputs[writes["command.value.real"]] = 5 * MS, 2.5
+    assert not line.pilot.has_command
+    outputs[writes["command.valid"]] = 1
+    assert line.pilot.has_command
+    (packet,) = line.pilot.command_packets(line.ends.here, shift=111)
+    (message,) = line.ends.there.feed(packet)
+    assert message.name == DIALECT.groups["command"][0]
+    assert not line.pilot.handle_message(message)
+    assert (message.get("t"), message.get("valid"), message.get("real")) == (5 * MS + 111, 1, 2.5)
+
+
+def test_frames_have_the_paths_of_a_simulations_log():
+    assert frame_log_path("samples.inertial-unit.t") == "downlink.inertial-unit.t"
+    assert frame_log_path("t") is None
+
+
+def test_of_a_sensor_whose_time_runs_backwards_nothing_is_taken_and_it_is_counted_as_that():
+    """They had been counted as overtaken, and each half second one was taken."""
+    line = Line()
+    for k in range(200):
+        line.send("compass", (1000 - 10 * k) * MS, 1.0)
+    assert line.pilot.received_samples == 1
+    assert (line.pilot.overtaken_samples, line.pilot.backward_samples) == (0, 199)
+    assert line.pilot.backward_sensors == ["compass"]
+    line.send("compass", 1010 * MS, 2.0)
+    assert (line.pilot.backward_sensors, line.pilot.received_samples) == ([], 2)
+
+
+def test_a_few_that_overtook_one_another_are_no_clock_that_runs_backwards():
+    line = Line()
+    for t in (10, *range(10 - 1, 10 - MOST_FALLS, -1), 11):
+        line.send("compass", t * MS, 1.0)
+    assert (line.pilot.overtaken_samples, line.pilot.backward_samples) == (MOST_FALLS - 1, 0)
+    assert line.pilot.backward_sensors == []
+
+
+@pytest.mark.thorough
+@pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here")
+def test_the_pose_of_an_estimate_in_space_is_its_place_and_its_angles():
+    scenario = build("quadrotor/track")
+    end = AutopilotEnd(scenario, scenario_dialect(scenario), compile_autopilot(scenario))
+    w, x, y, z = np.sin([0.3, 0.5, 0.7, 1.1])
+    end.step.outputs[end.step.writes["estimate.state.attitude"]] = 2 * w, 2 * x, 2 * y, 2 * z  # of any length
+    end.step.outputs[end.step.writes["estimate.state.position"]] = 1.0, 2.0, -3.0
+    pose = no_pose()
+    end.fill_pose(pose)
+    assert pose[:3].tolist() == [1.0, 2.0, -3.0]
+    assert pose[3:6] == pytest.approx(Rotation.from_quat([x, y, z, w]).as_euler("ZYX")[::-1])
+    assert np.isnan(pose[6:]).all()

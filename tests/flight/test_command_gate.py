@@ -1,0 +1,192 @@
+"""Two autopilots with the key, a vehicle's station and gate, message by message."""
+
+import pytest
+from flight.mavlink.line import every
+from run.stand_ins import KEY, Link, dialect
+
+from trimtab.core.time import ms, seconds
+from trimtab.flight.command_gate import MOST_COMMAND_LEAD, CommandGate
+from trimtab.flight.mavlink.endpoint import Endpoint
+from trimtab.flight.mavlink.protocol import ArmRequest
+from trimtab.flight.remote import RemoteVehicle
+from trimtab.flight.station.parameters import Parameters
+from trimtab.flight.station.standard_services import Station
+from trimtab.vehicles.hovercraft import Hovercraft
+
+_, DIALECT = dialect({"compass": every()}, every())
+OFFSET = 5_000_000_000
+
+
+class Autopilot:
+    def __init__(self, vehicle):
+        self.end, self.link, self.said = Endpoint(DIALECT, 1, 191, unsigned=True), Link(), []
+        self.remote = RemoteVehicle(self.end, self.link, typed="trimtab fly it")
+        self.remote.tell = self.said.append
+        vehicle.autopilots.append(self)
+
+
+class Vehicle:
+    """Armed and disarmed at once by what its station asks; each packet goes to every autopilot."""
+
+    def __init__(self, *autopilots):
+        self.end, self.link = Endpoint(DIALECT, 1, 1, unsigned=True), Link()
+        self.station = Station(self.end, Parameters(Hovercraft(), "world.vehicle"), {15: "computer"})
+        self.said, self.autopilots, self.now, self.armed, self.obeyed = [], list(autopilots), 0, False, []
+        self.gate = CommandGate(self.station, self.link, self.said.append)
+
+    def send(self, packets):
+        for packet in packets:
+            for each in self.autopilots:
+                for message in each.end.feed(packet):
+                    each.remote.handle_message(message, self.now)
+
+    def hear(self, packet):
+        for message in self.end.feed(packet):
+            if message.name == "COMMAND":
+                if self.gate.admits(message, self.now + OFFSET):
+                    self.obeyed.append(message.get("session"))
+                continue
+            response = self.station.handle_message(message, self.now + OFFSET)
+            self.send(response.replies)
+            for event in response.events:
+                self.armed = event.arm if isinstance(event, ArmRequest) else self.armed
+
+    def run(self, duration):
+        for _ in range(0, duration, ms(10)):
+            self.now += ms(10)
+            for each in self.autopilots:
+                each.remote.due(self.now)
+                sent, each.link.sent[:] = list(each.link.sent), []
+                for packet in sent:
+                    self.hear(packet)
+            self.gate.follow(self.armed)
+            self.station.status = self.station.status._replace(armed=self.armed)
+            self.send(self.station.due(self.now + OFFSET))
+            sent, self.link.sent[:] = list(self.link.sent), []
+            self.send(sent)
+
+    def command(self, autopilot, ahead=0):
+        fields = {"t": self.now + OFFSET + ahead, "valid": 1, "session": autopilot.end.session}
+        self.hear(autopilot.end.pack("COMMAND", fields))
+
+
+@pytest.fixture
+def vehicle():
+    return Vehicle()
+
+
+def join(vehicle):
+    autopilot = Autopilot(vehicle)
+    vehicle.run(seconds(2))
+    assert autopilot.remote.is_ready
+    return autopilot
+
+
+def test_of_two_autopilots_with_the_key_one_is_obeyed_and_the_other_is_told(vehicle):
+    """Both had been: 101 commands a second, 95 jumps of the rudder."""
+    first, second = join(vehicle), join(vehicle)
+    for each in (first, second):
+        each.remote.arm()
+        vehicle.run(ms(600))
+    assert (first.remote.has_authority, second.remote.has_authority) == (True, False)
+    assert second.remote.is_taken
+    assert second.remote.owner == first.end.session
+    for _ in range(50):
+        vehicle.now += ms(20)
+        for each in (second, first):
+            vehicle.command(each)
+    assert set(vehicle.obeyed) == {first.end.session}
+    assert len(vehicle.obeyed) == 50
+    assert vehicle.gate.counts == (first.end.session, 50, 0)
+    assert [s for s in vehicle.said if "without authority" in s] == [
+        f"commands without authority refused, from 1/191 session {second.end.session:06x}: "
+        f"owner is 1/191 session {first.end.session:06x}"
+    ]
+
+
+def test_the_end_of_one_flight_disarms_nobody_elses_vehicle(vehicle):
+    first, second = join(vehicle), join(vehicle)
+    first.remote.arm()
+    vehicle.run(ms(600))
+    second.remote.disarm()
+    vehicle.run(ms(600))
+    assert vehicle.armed
+    assert not second.remote.is_asking  # it has been answered: it is not its business
+    assert any("Disarming by" in s and "refused" in s for s in first.said)
+    first.remote.disarm()
+    vehicle.run(ms(300))
+    assert not vehicle.armed
+    second.remote.arm()
+    vehicle.run(ms(600))
+    assert second.remote.has_authority
+
+
+def test_a_ground_station_disarms_whatever_flies(vehicle):
+    first = join(vehicle)
+    first.remote.arm()
+    vehicle.run(ms(600))
+    station = Endpoint(DIALECT, 255, 190, unsigned=True)
+    vehicle.hear(station.pack("COMMAND_LONG", {"command": 400, "param1": 0.0, "target_system": 1}))
+    assert not vehicle.armed
+
+
+def test_it_is_handed_over_where_that_is_asked_for_and_both_ends_know(vehicle):
+    first, second = join(vehicle), join(vehicle)
+    first.remote.arm()
+    vehicle.run(ms(600))
+    second.remote.arm(takes_over=True)
+    vehicle.run(ms(600))
+    assert (first.remote.has_authority, second.remote.has_authority) == (False, True)
+    assert first.remote.is_taken
+    assert any(f"belongs to another autopilot now, session {second.end.session:06x}" in s for s in first.said)
+    vehicle.command(first)
+    vehicle.command(second)
+    assert vehicle.obeyed == [second.end.session]
+
+
+def test_two_vehicles_on_one_line_are_told_apart():
+    """Both had been armed."""
+    one, other = Vehicle(), Vehicle()
+    autopilot = Autopilot(one)
+    other.autopilots.append(autopilot)
+    for _ in range(40):
+        one.now += ms(50)
+        other.now = one.now - ms(7)
+        autopilot.remote.due(one.now)
+        sent, autopilot.link.sent[:] = list(autopilot.link.sent), []
+        for packet in sent:
+            one.hear(packet)
+            other.hear(packet)
+        for each in (one, other):
+            each.send(each.station.due(each.now))
+    assert not autopilot.remote.is_ready
+    assert "two vehicles answer on this link as 1/1" in autopilot.remote.find_problem("it").problem
+
+
+def test_an_order_to_arm_names_one_vehicle():
+    one, other = Vehicle(), Vehicle()
+    autopilot = join(one)
+    autopilot.remote.arm()
+    autopilot.remote.due(one.now + seconds(1))
+    for packet in autopilot.link.sent:
+        one.hear(packet)
+        other.hear(packet)
+    assert (one.armed, other.armed) == (True, False)
+
+
+def test_a_command_of_a_clock_that_is_ahead_costs_itself_alone(vehicle):
+    """The failsafe takes none that is older than its last: 24 good ones had been refused, and it tripped."""
+    first = join(vehicle)
+    first.remote.arm()
+    vehicle.run(ms(600))
+    for k in range(40):
+        vehicle.now += ms(20)
+        vehicle.command(first, ahead=ms(490) if k == 20 else 0)
+    assert len(vehicle.obeyed) == 39
+    assert vehicle.gate.counts[2] == 1
+    assert any("of another clock refused" in s and "0.49 s ahead" in s for s in vehicle.said)
+    assert ms(490) > MOST_COMMAND_LEAD
+
+
+def test_keys_or_not_the_session_is_the_endpoints_own():
+    assert Endpoint(DIALECT, 1, 191, KEY).session != Endpoint(DIALECT, 1, 191, KEY).session

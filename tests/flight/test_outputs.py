@@ -1,0 +1,192 @@
+"""The outputs' process: a vehicle's process killed or stopped, and what acts then."""
+
+import os
+import resource
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+from time import monotonic_ns
+
+import pytest
+from flight.pair import Program, make_key
+from flight.transports.ends import free_port
+
+from trimtab.flight.outputs import Outputs
+from trimtab.flight.watchdog import DRIVEN, LATCHED, SAFE, OutputPort, OutputRow, Watchdog
+
+MS = 1_000_000
+BUSY_BOUND = 2_000 * MS
+"""What a test demands on a busy machine; for what is promised on a quiet one: benchmarks/watchdog.py."""
+FEEDER = """
+import sys, time
+from pathlib import Path
+from trimtab.flight.outputs import Outputs
+outputs = Outputs([0.0, 1.5], timeout=50_000_000, lift_delay=300_000_000, latch=250_000_000, folder=Path(sys.argv[1]))
+print("fed", flush=True)
+while outputs.is_alive:
+    outputs.hand_over(True, True, [0.95, 1.7])
+    time.sleep(0.001)
+"""
+
+
+@pytest.fixture
+def feeder(tmp_path):
+    process = subprocess.Popen([sys.executable, "-c", FEEDER, str(tmp_path)], stdout=subprocess.PIPE)
+    assert process.stdout.readline() == b"fed\n"
+    port = OutputPort(tmp_path / "outputs.bin", 2)
+    await_row(port, lambda row: row.state == DRIVEN)
+    yield process, port, tmp_path / "outputs.txt"
+    process.kill()
+    process.wait()
+    process.stdout.close()
+
+
+def await_row(port, holds):
+    end = monotonic_ns() + 20_000 * MS
+    while not holds(port.read()[1]):
+        assert monotonic_ns() < end, port.read()
+        time.sleep(0.002)
+    return port.read()
+
+
+@pytest.mark.real_time
+@pytest.mark.parametrize(
+    ("number", "cause"), [(signal.SIGKILL, "process is gone"), (signal.SIGSTOP, "process is stopped")]
+)
+def test_outputs_go_safe_when_the_vehicle_is_killed_or_stopped(feeder, number, cause):
+    process, port, log = feeder
+    assert port.read()[1] == OutputRow(DRIVEN, True, (0.95, 1.7))
+    began = monotonic_ns()
+    os.kill(process.pid, number)
+    at, row = await_row(port, lambda row: row.state != DRIVEN)
+    assert row.values == (0.0, 1.5)
+    assert at - began < BUSY_BOUND
+    later, row = await_row(port, lambda row: not row.lift)
+    assert later - began >= 300 * MS
+    await_row(port, lambda row: row.state == LATCHED)
+    assert cause in log.read_text()
+
+
+@pytest.mark.real_time
+def test_no_room_for_the_outputs_own_log_stops_nothing(feeder):
+    process, port, log = feeder
+    outputs = int(Path(f"/proc/{process.pid}/task/{process.pid}/children").read_text().split()[0])
+    resource.prlimit(outputs, resource.RLIMIT_FSIZE, (0, 0))  # each write to a file fails, as on a full disk
+    process.kill()
+    await_row(port, lambda row: row.state != DRIVEN)
+    _, row = await_row(port, lambda row: not row.lift)
+    assert row.values == (0.0, 1.5)
+    assert log.read_text() == ""
+
+
+@pytest.mark.real_time
+def test_a_vehicle_that_wakes_drives_nothing_until_it_is_disarmed(feeder):
+    process, port, log = feeder
+    os.kill(process.pid, signal.SIGSTOP)
+    await_row(port, lambda row: row.state == LATCHED)
+    os.kill(process.pid, signal.SIGCONT)
+    time.sleep(0.2)
+    assert port.read()[1].values == (0.0, 1.5)
+    assert "latched until the vehicle is disarmed" in log.read_text()
+
+
+def test_a_short_silence_is_safe_and_ends_by_itself_and_a_long_one_only_by_disarming():
+    watchdog = Watchdog([0.0], timeout=50, lift_delay=1000, latch=250)
+    watchdog.take_row(0, True, True, (9.0,))
+    assert not watchdog.check(49)
+    assert watchdog.next_check() == 50
+    assert watchdog.check(50)
+    assert watchdog.row == OutputRow(SAFE, True, (0.0,))
+    watchdog.take_row(100, True, True, (9.0,))
+    assert watchdog.row == OutputRow(DRIVEN, True, (9.0,))
+    assert watchdog.check(150)
+    watchdog.take_row(351, True, True, (9.0,))
+    assert watchdog.row == OutputRow(LATCHED, True, (0.0,))
+    assert not watchdog.check(1150)
+    assert watchdog.row == OutputRow(LATCHED, False, (0.0,))
+    watchdog.take_row(1200, False, False, (0.0,))
+    watchdog.take_row(1201, True, True, (8.0,))
+    assert watchdog.row == OutputRow(DRIVEN, True, (8.0,))
+
+
+@pytest.mark.real_time
+def test_the_vehicle_hears_of_a_latched_silence_and_of_the_death_of_its_outputs():
+    outputs = Outputs([0.0], timeout=30 * MS, lift_delay=0, latch=60 * MS)
+    try:
+        outputs.hand_over(True, False, [1.0])
+        time.sleep(0.2)
+        silences = []
+        end = monotonic_ns() + 20_000 * MS
+        while not any(silences) and monotonic_ns() < end:
+            silences.append(outputs.hand_over(True, False, [1.0]))
+            time.sleep(0.006)
+        assert max(silences) >= 150 * MS
+        os.kill(outputs.process.pid, signal.SIGKILL)
+        time.sleep(0.01)
+        outputs.hand_over(True, False, [0.0])
+        assert not outputs.is_alive
+    finally:
+        outputs.close()
+
+
+@pytest.mark.real_time
+def test_a_vehicle_killed_in_flight_leaves_its_outputs_safe_and_says_why(tmp_path):
+    make_key(tmp_path)
+    scenario, out = "hovercraft/zero-velocity", tmp_path / "there"
+    words = ("vehicle", scenario, "--listen", "udp://127.0.0.1:14671", "--out", str(out), "--json")
+    there = Program(*words, folder=tmp_path)
+    rest, here = ("--duration", "3 s", "--json"), None
+    try:
+        there.wait_for("listens on")
+        here = Program("fly", scenario, "--link", "udp://127.0.0.1:14671", *rest, folder=tmp_path)
+        there.wait_for("computer: arm request", "ended")
+        port = OutputPort(out / "outputs.bin", 2)
+        await_row(port, lambda row: row.state == DRIVEN and row.lift)
+        there.process.kill()
+        await_row(port, lambda row: row.state != DRIVEN and not row.lift)
+        assert "the vehicle's process is gone" in (out / "outputs.txt").read_text()
+        ended = here.finished()
+        assert ended.status == 1
+        assert "no data from the vehicle at the end" in ended.result["problems"]
+    finally:
+        for program in (there, here):
+            if program is not None:
+                program.process.kill()
+                program.process.communicate()
+
+
+def test_nobody_else_writes_what_acts_whatever_the_mask(tmp_path):
+    """Who writes the port moves the craft."""
+    before = os.umask(0)
+    try:
+        OutputPort(tmp_path / "outputs.bin", 2, create=True)
+    finally:
+        os.umask(before)
+    assert (tmp_path / "outputs.bin").stat().st_mode & 0o022 == 0
+    with pytest.raises(FileExistsError):
+        OutputPort(tmp_path / "outputs.bin", 2, create=True)
+
+
+@pytest.mark.real_time
+def test_a_vehicle_that_ends_in_order_is_not_taken_for_one_that_hangs(tmp_path):
+    make_key(tmp_path)
+    out = tmp_path / "there"
+    words = ("--listen", f"udp://127.0.0.1:{free_port()}", "--out", str(out), "--json")
+    there = Program("vehicle", "hovercraft/zero-velocity", *words, folder=tmp_path)
+    try:
+        there.wait_for("listens on")
+        end = time.monotonic() + 60
+        while not (out / "outputs.bin").exists():
+            assert time.monotonic() < end
+            time.sleep(0.05)
+        await_row(OutputPort(out / "outputs.bin", 2), lambda row: row.state == DRIVEN)
+        there.process.send_signal(signal.SIGTERM)
+        assert there.finished().status == 0
+    finally:
+        there.process.kill()
+        there.process.communicate()
+    said = (out / "outputs.txt").read_text()
+    assert "the vehicle has ended" in said
+    assert "hangs" not in said

@@ -1,0 +1,180 @@
+"""A vehicle's checks before arming, its fence, and what it asks for after a failsafe: instant by instant."""
+
+import math
+import re
+
+import pytest
+from run.stand_ins import KEY
+
+from trimtab.compiler.native.compiler import find_compiler
+from trimtab.core.errors import InputError
+from trimtab.core.time import ms, seconds
+from trimtab.flight.injector import add_idle_faults
+from trimtab.flight.mavlink.endpoint import Endpoint, FrameCounts
+from trimtab.flight.prearm import ArmingGuard, FrameLoss
+from trimtab.flight.transports.open_link import open_link
+from trimtab.flight.vehicle import LiveVehicle
+from trimtab.loop.faults import WORDS
+from trimtab.loop.vehicle_limits import VehicleLimits
+from trimtab.scenarios import catalogue
+
+pytestmark = pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here")
+WORD = "world.sensors.navigation.fault.word"
+
+
+class Craft:
+    """A vehicle whose time the test moves: its sensors measure, frames come, and its guard looks at them."""
+
+    def __init__(self, vehicle):
+        self.vehicle, self.body, self.counts = vehicle, vehicle.body, FrameCounts()
+        self.instants = self.body.instants()
+        self.limit()
+
+    def limit(self, **limits):
+        """Watch these limits from now on."""
+        rules, silence = self.vehicle.duties.failsafe, lambda now: None
+        self.guard = ArmingGuard(self.body, VehicleLimits(**limits), rules, self.counts, silence)
+
+    def set_fault(self, word):
+        self.body.world.parameters[WORD].flat[0] = WORDS.index(word)
+
+    def run(self, duration, mode="disarmed"):
+        """Go on; held, so that its true state stays: sliding and turning."""
+        end = self.body.t + duration
+        for t in self.instants:
+            self.body.advance(t, fresh=True, is_held=True)
+            self.counts.accepted += 1
+            self.guard.follow(t, mode)
+            if t >= end:
+                return
+
+    def check(self, name):
+        return next(c for c in self.guard.checks if c.name == name)
+
+
+@pytest.fixture(scope="module")
+def compiled():
+    link = open_link("loopback://test-arming", listen=True)
+    scenario = add_idle_faults(catalogue.load_scenario("hovercraft/zero-velocity")[0])
+    yield Craft(LiveVehicle(scenario, link, lambda d: Endpoint(d, 1, 1, KEY)))
+    link.close()
+
+
+@pytest.fixture
+def craft(compiled):
+    compiled.set_fault("none")
+    compiled.limit()
+    compiled.run(seconds("0.3"))
+    return compiled
+
+
+@pytest.mark.thorough
+def test_a_well_vehicle_may_be_armed_and_says_what_it_looked_at(craft):
+    assert (craft.guard.problem, craft.guard.confirmation_problem) == ("", "")
+    names = [c.name for c in craft.guard.checks]
+    assert names[:2] == ["navigation age", "sensor values not finite"]
+    assert craft.check("navigation age").value < 0.01
+    assert math.isnan(craft.check("battery").value)
+    assert craft.check("failsafe time-out").value == 0.25
+
+
+@pytest.mark.thorough
+def test_with_its_only_sensor_off_it_is_refused_with_the_reason(craft):
+    """It was armed, and the page promised a refusal."""
+    craft.set_fault("off")
+    craft.run(seconds("0.2"))
+    assert craft.guard.problem == ""
+    craft.run(seconds("0.3"))
+    assert craft.guard.problem.startswith("navigation age: ")
+    assert craft.guard.problem.endswith("s, at most 0.28 s; switch navigation on")
+    assert list(craft.guard._silent_sensors(craft.body.t)) == ["navigation"]
+    craft.set_fault("none")
+    craft.run(seconds("0.2"))
+    assert craft.guard.problem == ""
+
+
+def test_a_sensor_that_gives_seldom_may_be_old(craft):
+    """The fixes of an ultrasonic network come once a second, though somebody looks each millisecond."""
+    outputs, writes = craft.body.world.outputs, craft.body.world.writes
+    t = craft.body.t
+    for k in range(1, 6):
+        outputs[writes["downlink.navigation.t"]] = t + k * seconds(1)
+        craft.guard.follow(t + k * seconds(1), "disarmed")
+    assert craft.check("navigation age").limit == 5.25
+    for _ in range(5):  # it is quicker from now on
+        outputs[writes["downlink.navigation.t"]] += ms(6)
+        craft.guard.follow(t + seconds(5), "disarmed")
+    assert craft.guard._sensors["navigation"].limit == pytest.approx(0.28)
+
+
+def test_a_sensor_that_gives_no_numbers_is_refused(craft):
+    craft.body.world.outputs[craft.body.world.writes["downlink.navigation.value.yaw_rate"]] = math.nan
+    craft.guard.follow(craft.body.t + ms(200), "disarmed")
+    assert craft.guard.problem.startswith("sensor values not finite: 1, at most 0; ")
+    craft.run(ms(350))
+    assert craft.guard.problem == ""
+
+
+def test_after_a_failsafe_it_must_rest_and_be_confirmed(craft):
+    """The scenario's craft slides and spins, and it is held so: it had been armed again as it was."""
+    craft.run(ms(7))
+    craft.run(ms(1), "failsafe")  # in that very millisecond: a station had armed it before the next look
+    assert craft.guard.problem
+    assert craft.guard.confirmation_problem
+    craft.run(seconds(2), "disarmed")
+    assert craft.guard.problem.startswith("speed after failsafe: ")
+    assert "let it come to rest" in craft.guard.problem
+    assert craft.guard.confirmation_problem.startswith("confirmation: 0, at least 1; type --rearm")
+    craft.guard.confirm()
+    craft.run(ms(200))
+    assert craft.guard.confirmation_problem == ""
+    assert craft.guard.problem  # a confirmation is no rest
+    craft.run(ms(200), "failsafe")
+    craft.run(ms(200), "computer")  # once it was let
+    assert (craft.guard.problem, craft.guard.confirmation_problem) == ("", "")
+
+
+def test_what_lies_still_may_be_armed_again(craft):
+    craft.limit(rest_speed=100.0, rest_rate=100.0)
+    craft.run(ms(300), "failsafe")
+    assert math.isinf(craft.check("speed after failsafe").value)  # it has not been watched for a second yet
+    assert craft.guard.problem
+    craft.run(seconds("1.2"), "failsafe")
+    assert (craft.guard.problem, bool(craft.guard.confirmation_problem)) == ("", True)
+    assert 0 < craft.check("speed after failsafe").value < 5
+
+
+def test_beyond_its_envelope_for_long_enough_it_says_so(craft):
+    craft.limit(rate=0.5)
+    craft.guard.find_breach(craft.body.t)
+    craft.run(ms(50))
+    assert craft.guard.find_breach(craft.body.t) is None
+    craft.run(ms(60))
+    breach = craft.guard.find_breach(craft.body.t)
+    assert breach.kind == "envelope"
+    assert re.fullmatch(r"rate \S+ rad/s, at most 0.5, by navigation", breach.text)
+    assert craft.guard.problem.startswith("envelope rate: ")
+    craft.set_fault("off")
+    craft.run(seconds("0.5"))
+    assert "rate not known, navigation silent for " in craft.guard.find_breach(craft.body.t).text
+
+
+def test_a_limit_that_no_sensor_can_tell_is_refused(craft):
+    with pytest.raises(InputError, match="no sensor of this vehicle measures its distance") as refused:
+        craft.limit(distance=5.0)
+    assert refused.value.choices == ("speed", "rate")
+
+
+def test_loss_is_of_lately_and_begins_with_the_first_frame():
+    counts = FrameCounts(accepted=100, lost=900)
+    loss = FrameLoss(counts)
+    for k in range(60):  # a frame each 10 ms, three of four are lost from the 30th on
+        loss.follow(k * ms(10))
+        counts.accepted += 1
+        counts.lost += 3 * (k >= 30)
+        if k == 29:
+            assert loss.share == 0
+    assert 60 < loss.share <= 75
+    loss.follow(seconds(3))
+    loss.follow(seconds(5))
+    assert math.isnan(loss.share)

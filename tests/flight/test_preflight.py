@@ -1,0 +1,135 @@
+"""What `fly` looks at before it asks a vehicle to arm: alone with a vehicle that a test plays, and with a whole one."""
+
+import re
+
+import pytest
+from flight.virtual_pair import LOG, VirtualPair, events
+from run.stand_ins import KEY
+
+from trimtab.compiler.native.compiler import find_compiler
+from trimtab.core.time import ms, seconds
+from trimtab.flight import preflight
+from trimtab.flight.autopilot import LiveAutopilot
+from trimtab.flight.injector import add_idle_faults
+from trimtab.flight.mavlink.endpoint import Endpoint
+from trimtab.flight.station.arming import ArmingCheck, pack_checks
+from trimtab.flight.transports.open_link import open_link
+from trimtab.loop.faults import WORDS
+from trimtab.scenarios.build import build
+
+pytestmark = pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here")
+WELL = ArmingCheck("navigation age", 0.01, 0.28, "s", "switch navigation on")
+CONFIRMATION = ArmingCheck("confirmation", 0, 1, "", "type --rearm at fly", at_least=True, heals=False)
+
+
+class Flyer:
+    """An autopilot that has heard a well vehicle's samples, and a vehicle that tells its checks."""
+
+    def __init__(self, live):
+        self.live, self.now = live, 0
+        live.remote.confirms, live.remote.system, live.remote.component = False, 1, 1
+        live.remote.checks.__init__()
+        self.vehicle = Endpoint(live.endpoint.dialect, 1, 1, KEY)
+        counts = live.endpoint.counts
+        self.preflight = preflight.Preflight(live.scenario, live.autopilot_end, live.remote, counts)
+        step = live.autopilot_end.step
+        for path, value in (("estimate.valid", 1), ("estimate.age", 0.01), ("command.valid", 1)):
+            step.outputs[step.writes[path]] = value
+
+    def run(self, duration, *checks):
+        """Go on; the vehicle answers each question. Whether the vehicle may be asked to arm, at the end."""
+        may_arm = False
+        for _ in range(0, duration, ms(10)):
+            self.now += ms(10)
+            self.live.endpoint.counts.accepted += 1
+            if checks and self.live.remote.checks.is_due(self.now):
+                (question,) = self.vehicle.feed(self.live.endpoint.pack("COMMAND_LONG", {"command": 401}))
+                for packet in pack_checks(self.vehicle, question, checks):
+                    for message in self.live.endpoint.feed(packet):
+                        self.live.remote.handle_message(message, self.now)
+            may_arm |= self.preflight.update(self.now, ms(5))
+        return may_arm
+
+
+@pytest.fixture(scope="module")
+def live():
+    link = open_link("loopback://test-preflight-alone")
+    yield LiveAutopilot(build("hovercraft/zero-velocity", {}), link, lambda d: Endpoint(d, 1, 191, KEY))
+    link.close()
+
+
+@pytest.fixture
+def flyer(live):
+    return Flyer(live)
+
+
+def test_all_well_it_may_be_armed_within_half_a_second(flyer):
+    assert flyer.run(ms(500), WELL)
+    assert (flyer.preflight.refusal, flyer.preflight.obstacle) == ("", "")
+    lines = flyer.preflight.table.splitlines()
+    assert lines[1].split() == ["vehicle", "navigation", "age", "0.01", "s", "at", "most", "0.28", "s", "ok"]
+    assert len({line.index("  at ") for line in lines[1:]}) == 1  # aligned
+    assert [c["name"] for c in flyer.preflight.describe_checks()][:2] == ["navigation age", "estimate valid"]
+
+
+def test_nothing_is_armed_on_an_estimate_that_is_not_valid(flyer):
+    step = flyer.live.autopilot_end.step
+    step.outputs[step.writes["estimate.valid"]] = 0
+    assert not flyer.run(seconds(3), WELL)
+    assert flyer.preflight.obstacle == "estimate valid: 0, at least 1; check its sensors"
+    assert flyer.preflight.refusal == ""
+    flyer.run(seconds(8), WELL)
+    assert flyer.preflight.refusal == f"arming refused: {flyer.preflight.obstacle}"
+
+
+def test_what_is_waited_for_is_said_once_and_the_table_when_it_is_decided(flyer):
+    said = []
+    for _ in range(3):
+        flyer.run(seconds(1), WELL._replace(value=9.0))
+        flyer.preflight.report(said.append)
+    assert said == ["not armed yet: navigation age: 9 s, at most 0.28 s; switch navigation on"]
+    flyer.run(seconds(1), WELL)
+    flyer.preflight.report(said.append)
+    flyer.preflight.report(said.append)
+    assert said[1:] == flyer.preflight.table.splitlines()
+
+
+def test_a_vehicle_that_says_nothing_of_its_checks_is_armed_as_before(flyer):
+    assert not flyer.run(seconds(1))
+    flyer.live.remote.checks.handle_refusal()
+    assert flyer.run(seconds(1))
+
+
+def test_what_a_person_has_to_confirm_is_refused_at_once_and_flown_with_the_option(live):
+    flyer = Flyer(live)
+    assert not flyer.run(seconds(1), WELL, CONFIRMATION)
+    assert flyer.preflight.refusal == "arming refused: confirmation: 0, at least 1; type --rearm at fly"
+    flyer = Flyer(live)
+    live.remote.confirms = True
+    assert flyer.run(seconds(1), WELL, CONFIRMATION)
+    assert "confirmed" in flyer.preflight.table
+
+
+@pytest.mark.thorough
+def test_with_the_only_sensor_off_a_whole_vehicle_is_not_armed_and_all_are_told_why():
+    """It had been armed: pilot, ground station and both logs get the same sentence now."""
+    scenario = build("hovercraft/zero-velocity", {})
+    pair = VirtualPair(scenario)
+
+    def serve(machine):
+        vehicle = pair.make_vehicle(machine, add_idle_faults(scenario))
+        vehicle.body.world.parameters["world.sensors.navigation.fault.word"].flat[0] = WORDS.index("off")
+        return vehicle.serve(log=LOG, stop=pair.has_autopilot_ended, tell=pair.told.append)
+
+    pair.serving = pair.there.start(serve)
+    pair.start_autopilot()
+    pair.run()
+    flight, said = pair.flying.result, pair.said
+    assert (flight.arming_time, pair.vehicle.release_time) == (None, None)
+    assert 10.0 < pair.time.seconds < 13.0
+    sentence = "arming refused: navigation age: ∞ s, at most 0.28 s; switch navigation on"
+    assert flight.problems == (sentence, "the vehicle was never armed")
+    assert f"ended: {sentence}" in said
+    here, there = map(events, pair.logs())
+    assert any(re.fullmatch(r"vehicle +navigation age +∞ s +at most 0.28 s +REFUSED", e) for e in here)
+    assert f"autopilot: {sentence}" in there

@@ -1,0 +1,86 @@
+"""What sensors say of a vehicle's motion: speeds, distances, means; over samples that the test writes."""
+
+import math
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+from trimtab.core.time import ms, seconds
+from trimtab.flight.sensed_motion import SensedMotion
+from trimtab.loop.vehicle_limits import VehicleLimits
+
+SENSORS = {
+    "imu": {"angular_rate": 3},
+    "doppler": {"surge_velocity": 1, "sway_velocity": 1},
+    "gps": {"north": 1, "east": 1},
+}
+
+
+class Body:
+    """Samples in a vector, as a compiled world has them."""
+
+    def __init__(self):
+        self.samples, writes, k = dict.fromkeys(SENSORS), {}, 0
+        for sensor, fields in SENSORS.items():
+            for name, size in {"t": 1, "valid": 1, **{f"value.{f}": n for f, n in fields.items()}}.items():
+                writes[f"downlink.{sensor}.{name}"] = slice(k, k + size) if size > 1 else k
+                k += size
+        self.world = SimpleNamespace(writes=writes, outputs=np.zeros(k))
+
+    def set(self, sensor, **values):
+        for name, value in {"valid": 1, **{f"value.{n}": v for n, v in values.items()}}.items():
+            self.world.outputs[self.world.writes[f"downlink.{sensor}.{name}"]] = value
+
+
+@pytest.fixture
+def body():
+    body = Body()
+    body.set("imu", angular_rate=[0.0, 0.3, 0.4])
+    body.set("doppler", surge_velocity=-3.0, sway_velocity=4.0)
+    body.set("gps", north=6.0, east=8.0)
+    return body
+
+
+def test_a_quantity_is_the_length_of_what_a_sensor_gives(body):
+    motion = SensedMotion(body, VehicleLimits())
+    values = {name: motion.value(name) for name in ("rate", "speed", "distance", "angle")}
+    assert [values[n] for n in ("rate", "speed", "distance")] == pytest.approx([0.5, 5.0, 10.0])
+    assert math.isnan(values["angle"])
+    assert [motion.sensor(n) for n in values] == ["imu", "doppler", "gps", ""]
+    body.world.outputs[body.world.writes["downlink.gps.valid"]] = 0
+    assert math.isnan(motion.value("distance"))
+
+
+def test_a_limit_is_breached_for_its_patience_and_forgotten_inside(body):
+    motion = SensedMotion(body, VehicleLimits(distance=9.0, patience=ms(100)))
+    assert motion.find_breach(0, {}) is None
+    assert motion.find_breach(ms(99), {}) is None
+    assert motion.find_breach(ms(100), {}) == ("fence", "distance 10 m, at most 9, by gps")
+    body.set("gps", north=0.0)
+    assert motion.find_breach(ms(110), {}) is None
+    body.set("gps", north=6.0)
+    assert motion.find_breach(ms(120), {}) is None  # it begins anew
+    assert motion.find_breach(ms(130), {"imu": 2.0}) is None  # which tells nothing of the distance
+    assert motion.find_breach(ms(130), {"gps": 0.5}) == ("fence", "distance not known, gps silent for 0.5 s")
+
+
+def test_rest_is_a_mean_over_its_time(body):
+    motion = SensedMotion(body, VehicleLimits(rest_time=seconds(1)))
+    assert motion.mean_motion() == (math.inf, math.inf)
+    for k in range(9):
+        motion.note_moment(k * ms(100))
+    assert motion.mean_motion() == (math.inf, math.inf)  # not for long enough
+    body.set("doppler", surge_velocity=0.0, sway_velocity=0.0)
+    for k in range(9, 14):
+        motion.note_moment(k * ms(100))
+    assert motion.mean_motion() == pytest.approx((5.0 * 6 / 11, 0.5))
+
+
+def test_of_a_vehicle_without_such_sensors_nothing_is_known():
+    body = Body()
+    del body.samples["doppler"], body.samples["imu"]
+    motion = SensedMotion(body, VehicleLimits())
+    for k in range(12):
+        motion.note_moment(k * ms(100))
+    assert all(map(math.isnan, motion.mean_motion()))

@@ -1,0 +1,97 @@
+"""Whole flights in wall-clock time: two programs over a real transport reach the targets as simulated flights do.
+
+What is compared is the vehicle's own log, in its logged time, from its release on. The band of each number comes from
+simulated flights over many seeds with what is left of the line's delay. That isn't one number: commands go out each
+20 ms and the servos take them each 20 ms, in whatever phase the two programs happened to start, and an ordinary machine
+wakes them late. So there are two simulations, with no delay and with one servo frame (20 ms) on the way up and one look
+of the downlink (6 ms) on the way down, and a band reaches from the lower mean of the two to the higher, and four
+standard deviations of a flight beyond each: were a flight one of the simulated ones, a normal number would be outside
+once in sixteen thousand times.
+"""
+
+import threading
+import time
+
+import pytest
+from flight.bands import STALL_S, Links, bands, compared, kept_waiting, released
+from flight.pair import fly_pair
+from flight.transports.ends import free_port
+from flight.transports.relays import SerialPair
+
+from trimtab.compiler.native.compiler import find_compiler
+from trimtab.core.time import ms, to_seconds
+from trimtab.links.wire import DelayChain
+from trimtab.logs.mcap import read_mcap
+from trimtab.scenarios import catalogue
+
+pytestmark = [pytest.mark.real_time, pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here")]
+HOVERCRAFT = sorted(n for n in catalogue.scenario_names() if n.startswith("hovercraft/"))
+KINDS = ("errors", "ins")
+NAVIGATED = [(n, kind) for n in HOVERCRAFT for kind in KINDS if kind in catalogue.scenario_choices(n)["navigation"]]
+"""Each with what it can navigate by: those that need to know where they are have no model of errors."""
+SEEDS = range(100, 160)
+WATCHED_S = 0.005
+REMAINS = tuple(Links(DelayChain(period=ms(6), steps=n), DelayChain(period=ms(20), steps=n)) for n in (0, 1))
+"""What a line in this machine leaves of the delays: nothing, or one unit each way."""
+
+
+class OwnWaiting:
+    """The longest (s) that a thread of this process was due and not run."""
+
+    longest = 0.0
+
+    def __enter__(self):
+        self._ended = threading.Event()
+        self._thread = threading.Thread(target=self._watch)
+        self._thread.start()
+        return self
+
+    def __exit__(self, *_):
+        self._ended.set()
+        self._thread.join()
+
+    def _watch(self):
+        before = time.monotonic()
+        while not self._ended.wait(WATCHED_S):
+            now = time.monotonic()
+            self.longest, before = max(self.longest, now - before - WATCHED_S), now
+
+
+def check(folder, name, navigation, listen, link, bus="none"):
+    """Fly it, and compare it."""
+    settings = {"navigation": navigation, "supervisor": "automatic", "bus": bus}
+    scenario, _ = catalogue.load_scenario(name, settings)
+    targets = [t for t in scenario.targets if t.path.startswith("truth.")]
+    length = f"{to_seconds(scenario.duration)} s"
+    both = ("--set", f"navigation={navigation}", "--set", f"bus={bus}")
+    for attempt in range(3):
+        own = folder / str(attempt)
+        own.mkdir()
+        with OwnWaiting() as waiting:  # a cable is a thread of this process, whose waiting neither log shows
+            there, here = fly_pair(own, name, listen, link, *both, vehicle=("--duration", length))
+        if max(kept_waiting(own), waiting.longest) < STALL_S:
+            break
+    assert (there[0], here[0]) == (0, 0), (there, here)
+    said = f"{here[1]['deadlines']} {here[1]['line']} {here[2]}"
+    flight = released(read_mcap(own / "there" / "vehicle.mcap"))
+    assert flight.t[-1] > to_seconds(scenario.duration) - 0.1, said
+    wanted = bands(scenario, targets, REMAINS, SEEDS)
+    assert len(wanted) >= 2 * len(targets)
+    print(f"\n{name}, {navigation}")
+    assert not compared(flight, targets, wanted), said
+
+
+@pytest.mark.parametrize(("name", "navigation"), NAVIGATED)
+def test_over_udp_targets_are_reached_as_in_simulated_flights(name, navigation, tmp_path):
+    port = free_port()
+    check(tmp_path, name, navigation, f"udp://127.0.0.1:{port}", f"udp://127.0.0.1:{port}")
+
+
+def test_over_a_serial_cable_targets_are_reached_as_in_simulated_flights(tmp_path):
+    with SerialPair(tmp_path) as cable:
+        check(tmp_path, "hovercraft/forward", "errors", *cable.uris)
+
+
+def test_with_a_slow_bus_on_the_vehicle_targets_are_reached_as_in_simulated_flights(tmp_path):
+    line = f"udp://127.0.0.1:{free_port()}"
+    check(tmp_path, "hovercraft/forward", "ins", line, line, bus="slave")

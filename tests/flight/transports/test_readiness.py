@@ -1,0 +1,47 @@
+"""Waiting ends when something comes, and not a millisecond early or late when nothing does."""
+
+import os
+import select
+import time
+
+import pytest
+
+from trimtab.flight.transports.stream import wait_until_ready
+
+pytestmark = pytest.mark.real_time
+
+
+def test_it_tells_what_has_come():
+    reading, writing = os.pipe()
+    try:
+        assert not wait_until_ready(reading, select.POLLIN, 0.0)
+        assert wait_until_ready(writing, select.POLLOUT, 1.0)
+        os.write(writing, b"x")
+        assert wait_until_ready(reading, select.POLLIN, 1.0)
+        assert wait_until_ready(reading, select.POLLIN | select.POLLOUT, 1.0)
+    finally:
+        os.close(reading)
+        os.close(writing)
+
+
+def test_short_waits_are_short():
+    """Half of 200 waits of 0.2 ms end within 0.9 ms; in whole milliseconds none would."""
+    reading, writing = os.pipe()
+    try:
+        times = []
+        for _ in range(200):
+            began = time.perf_counter()
+            assert not wait_until_ready(reading, select.POLLIN, 2e-4)
+            times.append(time.perf_counter() - began)
+        assert min(times) >= 1.9e-4
+        assert sorted(times)[100] < 9e-4
+    finally:
+        os.close(reading)
+        os.close(writing)
+
+
+def test_a_closed_descriptor_is_something():
+    reading, writing = os.pipe()
+    os.close(reading)
+    os.close(writing)
+    assert wait_until_ready(reading, select.POLLIN, 0.0)

@@ -1,0 +1,60 @@
+"""What vehicles say they are, against the numbers of pymavlink."""
+
+import pytest
+
+from trimtab.core.errors import InputError
+from trimtab.scenarios import catalogue
+from trimtab.vehicles.vehicle_type import VehicleType, mav_type
+
+WANTED = {
+    "cart-pole": "GENERIC",
+    "dubins": "GROUND_ROVER",
+    "f16": "FIXED_WING",
+    "hovercraft": "SURFACE_BOAT",
+    "hypersonic": "FIXED_WING",
+    "navigation/aerial": "FIXED_WING",
+    "navigation/platform": "GENERIC",
+    "quadrotor": "QUADROTOR",
+    "swarm": "GENERIC",
+    "torpedo": "SUBMARINE",
+}
+
+
+@pytest.mark.thorough(*(name for name in catalogue.scenario_names() if name.startswith("hypersonic/")))
+@pytest.mark.parametrize("name", catalogue.scenario_names())
+def test_every_scenarios_vehicle_is_of_its_type(name):
+    common = pytest.importorskip("pymavlink.dialects.v20.common")
+    wanted = next((kind for start, kind in WANTED.items() if name.startswith(start)), "SURFACE_BOAT")
+    scenario, _ = catalogue.load_scenario(name)
+    assert mav_type(scenario.world.vehicle) == getattr(common, f"MAV_TYPE_{wanted}")
+
+
+def test_a_vehicle_that_declares_nothing_is_generic():
+    assert mav_type(object()) == 0
+
+
+def test_a_type_that_is_not_known_is_refused():
+    class Boat:
+        MAV_TYPE = "SURFACE-BOAT"
+
+    with pytest.raises(InputError, match="Boat declares MAV_TYPE = 'SURFACE-BOAT'") as refused:
+        mav_type(Boat())
+    assert "SURFACE_BOAT" in refused.value.choices
+
+
+OWN_NAMES = {"GROUND_STATION": "GCS", "ONBOARD_COMPUTER": "ONBOARD_CONTROLLER"}
+
+
+def test_every_type_has_mavlinks_number_and_every_vehicle_of_mavlink_is_one():
+    common = pytest.importorskip("pymavlink.dialects.v20.common")
+    names = {int(number): entry.name.removeprefix("MAV_TYPE_") for number, entry in common.enums["MAV_TYPE"].items()}
+    assert {kind.value: OWN_NAMES.get(kind.name, kind.name) for kind in VehicleType}.items() <= names.items()
+    vehicles = ("ROTOR", "COPTER", "WING", "ROVER", "BOAT", "SUBMARINE", "AIRSHIP", "BALLOON", "ROCKET", "VTOL_QUAD")
+    assert {n for n in names.values() if n.endswith(vehicles)} <= set(VehicleType.__members__)
+
+
+@pytest.mark.parametrize("name", ["MAV_TYPE_SUBMARINE", "submarine", "SUBMARIN"])
+def test_what_is_meant_is_offered(name):
+    with pytest.raises(InputError) as refused:
+        mav_type(type("Boat", (), {"MAV_TYPE": name})())
+    assert 'MAV_TYPE = "SUBMARINE"' in refused.value.fix
