@@ -23,13 +23,14 @@ from paired import machine, row
 from references import CC, CXX, sh
 
 from trimtab.compiler import pieces
+from trimtab.compiler.native.build import FLAGS
 from trimtab.compiler.pieces import build_level
+from trimtab.compiler.walk_program import WalkProgram
 from trimtab.core.errors import InputError
 from trimtab.core.time import ms
-from trimtab.native.build import FLAGS
 from trimtab.run.inputs import own_inputs, run_inputs
 from trimtab.run.runner import prepare_run
-from trimtab.run.walk_program import WalkProgram, lower_structure, walk_structure
+from trimtab.run.walk_structure import lower_structure, walk_structure
 from trimtab.scenarios.catalogue import load_scenario, scenario_choices, scenario_names
 
 SCENARIOS = (

@@ -9,12 +9,12 @@ import numpy as np
 import spec
 import workload
 
+from trimtab.compiler.native.compiler import find_compiler, lane_count
 from trimtab.core.rng import Key
 from trimtab.core.time import Timetable, ms, timetable
-from trimtab.native.compiler import find_compiler, lane_count
 from trimtab.run.inputs import RunInputs, flat_inputs, input_position
 from trimtab.run.program import fly_runs, row_numbers
-from trimtab.run.walk_program import WalkStructure, build_walk_library, final_columns, lower_structure, walk_structure
+from trimtab.run.walk_structure import WalkStructure, build_walk_library, final_columns, lower_structure, walk_structure
 
 NOTHING = ("truth.heading",)
 """Logged at no instant: only the end is wanted."""

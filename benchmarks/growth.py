@@ -28,8 +28,8 @@ from paired import machine, row
 from references import CC, sh
 
 from trimtab.compiler.function import lower_function
-from trimtab.native.build import FLAGS, build_library, load_library
-from trimtab.native.compiler import find_compiler, lane_count
+from trimtab.compiler.native.build import FLAGS, build_library, load_library
+from trimtab.compiler.native.compiler import find_compiler, lane_count
 
 SIZES = (100, 200, 400, 800, 1600, 3000)
 TARGET = 15.0

@@ -25,8 +25,8 @@ import spec
 from paired import difference, machine, row
 from references import CC, CXX, HAND_C, HAND_SLP, KNOWN, SOURCES, sh
 
-from trimtab.native.build import FLAGS
-from trimtab.run.walk_program import JOB_TEXT
+from trimtab.compiler.native.build import FLAGS
+from trimtab.run.walk_structure import JOB_TEXT
 
 MARCH, LANES = "-march=x86-64-v3", 4
 

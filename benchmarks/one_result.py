@@ -45,7 +45,7 @@ POLICIES = {"default": "", "-DTT_FMA=0": " -DTT_FMA=0", "-ffp-contract=fast": " 
 FLY = """
 import os, sys, time
 import trimtab
-import trimtab.native.build as build
+import trimtab.compiler.native.build as build
 from trimtab.run.simulate import simulate_batch
 
 if "CONTRACTED" in os.environ["CC"]:

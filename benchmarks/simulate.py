@@ -23,9 +23,9 @@ import spec
 import workload
 from paired import Ratio, load, machine, row
 
+from trimtab.compiler.native.build import load_library
 from trimtab.core.time import ms, timetable
 from trimtab.loop.scenario import Scenario
-from trimtab.native.build import load_library
 from trimtab.run.program import FlightJob, row_numbers, row_width
 from trimtab.run.simulate import compile_scenario, simulate
 from trimtab.scenarios import catalogue
