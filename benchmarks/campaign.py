@@ -21,9 +21,9 @@ import jax
 import numpy as np
 from paired import Program, Ratio, load, machine, ratio, rounds, row
 
-from trimtab.campaign.campaign import Campaign
-from trimtab.campaign.sampling.spread import spread_arrays
-from trimtab.campaign.workers.prepare import draw_runs
+from trimtab.analysis.campaign.campaign import Campaign
+from trimtab.analysis.campaign.sampling.spread import spread_arrays
+from trimtab.analysis.campaign.workers.prepare import draw_runs
 from trimtab.core.time import seconds
 from trimtab.run.simulate import simulate_batch
 

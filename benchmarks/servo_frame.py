@@ -12,7 +12,7 @@ import argparse
 import numpy as np
 
 from trimtab import Campaign, build
-from trimtab.campaign.statistics.intervals import mean, quantile
+from trimtab.analysis.campaign.statistics.intervals import mean, quantile
 
 SCENARIO, METRIC = "hovercraft/spin", "error_rms:yaw_rate"
 QUICK = {"world.uplink.period": "1 ms", "world.uplink.steps": "40"}

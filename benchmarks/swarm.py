@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 
 from trimtab import Campaign, build
-from trimtab.campaign.statistics.intervals import proportion
+from trimtab.analysis.campaign.statistics.intervals import proportion
 from trimtab.core.time import ms, to_seconds
 from trimtab.run.simulate import compile_scenario
 

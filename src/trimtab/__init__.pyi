@@ -1,6 +1,6 @@
-from trimtab.campaign.campaign import Campaign as Campaign
-from trimtab.campaign.search.falsify import falsify as falsify
-from trimtab.campaign.search.tune import tune as tune
+from trimtab.analysis.campaign.campaign import Campaign as Campaign
+from trimtab.analysis.campaign.search.falsify import falsify as falsify
+from trimtab.analysis.campaign.search.tune import tune as tune
 from trimtab.compiler.compiled_function import compile as compile
 from trimtab.core.errors import InputError as InputError
 from trimtab.core.quantity import option as option

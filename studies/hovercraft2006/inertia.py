@@ -12,9 +12,9 @@ import numpy as np
 from studies.hovercraft2006._pictures import Panel, draw_panels
 from studies.hovercraft2006._source import reference_row
 from trimtab.actuators.rudder import DEG, RudderGeometry
+from trimtab.analysis.identify.inertia import SpinUpTrial, fit_slope, lateral_force, moment_of_inertia, trial_inertia
 from trimtab.core.integrate import rk4
 from trimtab.core.signals import PlanarForce
-from trimtab.identify.inertia import SpinUpTrial, fit_slope, lateral_force, moment_of_inertia, trial_inertia
 from trimtab.study import Row, within
 from trimtab.vehicles.hovercraft import Hovercraft, HovercraftState
 

@@ -23,7 +23,7 @@ from studies.hypersonic2022._campaign_ranking import (
 )
 from studies.hypersonic2022._linear_loop import growth_rate
 from studies.hypersonic2022._trade import BETTER
-from trimtab.campaign.statistics.intervals import Proportion, proportion
+from trimtab.analysis.campaign.statistics.intervals import Proportion, proportion
 from trimtab.estimators.flexible.discrete import EQUAL_Q
 from trimtab.study import Row, at_most, band, direction, overlaps, same, within
 

@@ -8,8 +8,8 @@ import re
 import pytest
 from click.testing import CliRunner
 
+from trimtab.analysis.identify.virtual_bench import draw_craft, run_bench, write_bench
 from trimtab.cli import main
-from trimtab.run.virtual_bench import draw_craft, run_bench, write_bench
 
 FILES = {
     "rudder": "servo.csv",

@@ -7,14 +7,14 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
+from trimtab.analysis.identify.allan import fit_allan
 from trimtab.cli import main
 from trimtab.core.errors import InputError
 from trimtab.core.record import replace
 from trimtab.core.time import ms, seconds
-from trimtab.identify.allan import fit_allan
-from trimtab.identify.calibration import read_calibration
 from trimtab.logs.mcap import read_mcap, write_mcap
 from trimtab.logs.samples import samples
+from trimtab.loop.calibration import read_calibration
 from trimtab.run.simulate import simulate
 from trimtab.scenarios.build import build
 from trimtab.scenarios.navigation.still import scenario

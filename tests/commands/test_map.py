@@ -79,7 +79,9 @@ def test_axes_from_text():
 )
 def test_refused_before_anything_flies(tmp_path, monkeypatch, changes, said):
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("trimtab.campaign.search.stability_map.simulate_batch", lambda *a, **k: pytest.fail("it flew"))
+    monkeypatch.setattr(
+        "trimtab.analysis.campaign.search.stability_map.simulate_batch", lambda *a, **k: pytest.fail("it flew")
+    )
     done = call(**changes)
     assert done.exit_code == 2
     assert said in done.stderr

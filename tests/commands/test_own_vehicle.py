@@ -12,7 +12,7 @@ from click.testing import CliRunner
 from loop.lander import Lander, LanderState, engines, hover
 
 from trimtab import simulate
-from trimtab.campaign.campaign import Campaign
+from trimtab.analysis.campaign.campaign import Campaign
 from trimtab.cli import main
 from trimtab.core.errors import InputError
 from trimtab.core.record import quantity, record, replace, to_arrays

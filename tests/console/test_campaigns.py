@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from starlette.requests import Request
 
-from trimtab.campaign.campaign import Campaign
+from trimtab.analysis.campaign.campaign import Campaign
 from trimtab.console.campaigns import CampaignFeed
 from trimtab.core.errors import InputError
 

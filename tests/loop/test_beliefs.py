@@ -5,7 +5,7 @@ import json
 import pytest
 from click.testing import CliRunner
 
-from trimtab.campaign.campaign import Campaign
+from trimtab.analysis.campaign.campaign import Campaign
 from trimtab.cli import main
 from trimtab.core.errors import InputError
 from trimtab.core.record import replace

@@ -12,8 +12,8 @@ from trimtab.cli import main
 from trimtab.core.errors import InputError
 from trimtab.core.record import leaves
 from trimtab.core.rotation import DEG
-from trimtab.identify.calibration import Calibration, Covariance, Entry, format_calibration
 from trimtab.loop.calibrated import with_calibration
+from trimtab.loop.calibration import Calibration, Covariance, Entry, format_calibration
 from trimtab.run.replay import replay
 from trimtab.run.simulate import simulate
 from trimtab.scenarios.build import build

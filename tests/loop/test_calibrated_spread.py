@@ -5,14 +5,14 @@ import pytest
 
 from trimtab.actuators.lookup import thrust_table
 from trimtab.actuators.thruster import Thruster
-from trimtab.campaign.sampling.distributions import parse_distribution
-from trimtab.campaign.sampling.spread import parse_factors, resolve_spread, spread_arrays, spread_values
+from trimtab.analysis.campaign.sampling.distributions import parse_distribution
+from trimtab.analysis.campaign.sampling.spread import parse_factors, resolve_spread, spread_arrays, spread_values
 from trimtab.core.errors import InputError
 from trimtab.core.record import replace
-from trimtab.identify.calibration import Calibration, Covariance, Entry
 from trimtab.links.latency import gamma_table, mean_latency, normal_scores
 from trimtab.loop.calibrated import with_calibration
 from trimtab.loop.calibrated_spread import calibrated_spread, follow_tables
+from trimtab.loop.calibration import Calibration, Covariance, Entry
 from trimtab.scenarios.build import build
 
 NAME = "hovercraft/forward"

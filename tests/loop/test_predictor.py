@@ -16,9 +16,9 @@ from trimtab.core.signals import Command, Estimate, PlanarForce, PlanarState
 from trimtab.core.time import ms, seconds, to_seconds
 from trimtab.export.export_c import export_c
 from trimtab.export.verify import verify_folder
-from trimtab.identify.calibration import Calibration, Entry
 from trimtab.links.slave_bus import SlaveBus
 from trimtab.links.wire import DelayChain, Wire
+from trimtab.loop.calibration import Calibration, Entry
 from trimtab.loop.pilot_script import add_pilot_sensor
 from trimtab.loop.predictor import Predictor, predictor_for
 from trimtab.run.replay import replay

@@ -1,7 +1,7 @@
 import numpy as np
 from matplotlib.image import imread
 
-from trimtab.identify.allan import fit_allan
+from trimtab.analysis.identify.allan import fit_allan
 from trimtab.plots.allan import plot_allan
 
 

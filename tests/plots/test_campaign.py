@@ -4,10 +4,10 @@ import numpy as np
 import pytest
 from matplotlib.image import imread
 
-from trimtab.campaign.sampling.points import morris_rows, saltelli_rows
-from trimtab.campaign.statistics.intervals import proportion, quantile
-from trimtab.campaign.statistics.morris import morris
-from trimtab.campaign.statistics.sensitivity import sensitivity
+from trimtab.analysis.campaign.sampling.points import morris_rows, saltelli_rows
+from trimtab.analysis.campaign.statistics.intervals import proportion, quantile
+from trimtab.analysis.campaign.statistics.morris import morris
+from trimtab.analysis.campaign.statistics.sensitivity import sensitivity
 from trimtab.plots.campaign import plot_convergence, plot_histogram, plot_sensitivity
 
 RNG = np.random.default_rng(0)

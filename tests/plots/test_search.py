@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from trimtab.campaign.search.comparison import compare
-from trimtab.campaign.search.falsify import FalsificationResult
-from trimtab.campaign.search.tune import TuningResult
-from trimtab.campaign.search.tune_methods import TuningStep
-from trimtab.campaign.workers.prepare import CampaignPlan
+from trimtab.analysis.campaign.search.comparison import compare
+from trimtab.analysis.campaign.search.falsify import FalsificationResult
+from trimtab.analysis.campaign.search.tune import TuningResult
+from trimtab.analysis.campaign.search.tune_methods import TuningStep
+from trimtab.analysis.campaign.workers.prepare import CampaignPlan
 from trimtab.plots.search import plot_falsify, plot_tune
 
 

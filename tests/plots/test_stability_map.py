@@ -2,9 +2,9 @@
 
 import numpy as np
 
-from trimtab.campaign.search.axes import axis_of_link, axis_of_path
-from trimtab.campaign.search.map_theory import StabilityCriterion
-from trimtab.campaign.search.stability_map import StabilityMap, trace_boundary
+from trimtab.analysis.campaign.search.axes import axis_of_link, axis_of_path
+from trimtab.analysis.campaign.search.map_theory import StabilityCriterion
+from trimtab.analysis.campaign.search.stability_map import StabilityMap, trace_boundary
 from trimtab.plots.stability_map import plot_stability_map
 
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from trimtab import build
-from trimtab.campaign.campaign import Campaign
+from trimtab.analysis.campaign.campaign import Campaign
 from trimtab.core.record import replace
 from trimtab.core.rng import key
 from trimtab.core.rotation import DEG

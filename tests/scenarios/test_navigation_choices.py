@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from click.testing import CliRunner
 
-from trimtab.campaign.workers.prepare import find_signals
+from trimtab.analysis.campaign.workers.prepare import find_signals
 from trimtab.cli import main
 from trimtab.compiler.native.compiler import find_compiler
 from trimtab.core.time import ms

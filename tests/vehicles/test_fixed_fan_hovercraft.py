@@ -6,6 +6,8 @@ import pytest
 from jax import lax
 
 from trimtab.actuators.allocation import DirectActuation
+from trimtab.analysis.identify.flight_data import FlightData
+from trimtab.analysis.identify.identification import identify
 from trimtab.core.errors import InputError
 from trimtab.core.integrate import rk4
 from trimtab.core.record import replace, to_arrays
@@ -13,8 +15,6 @@ from trimtab.core.time import ms
 from trimtab.links.wire import Wire
 from trimtab.loop.scenario import Scenario
 from trimtab.loop.world import World
-from trimtab.run.flight_data import FlightData
-from trimtab.run.identification import identify
 from trimtab.vehicles.fixed_fan_hovercraft import FanThrottles, FixedFanHovercraft
 from trimtab.vehicles.hovercraft import HovercraftState
 

@@ -9,21 +9,22 @@ import numpy as np
 
 from trimtab.actuators.rudder import RudderGeometry
 from trimtab.actuators.thruster import Thruster
+from trimtab.analysis.identify import coast_down, gyro_response, inertia, rudder, spin_up, thrust
+from trimtab.analysis.identify.regression import LinearFit
 from trimtab.commands.calibrate_files import CalibrationReport, finish_calibration
 from trimtab.commands.options import FILE, JSON, OUT, PLOT
 from trimtab.core.errors import InputError
 from trimtab.core.rotation import DEG
 from trimtab.core.units import UNITS, find_size
-from trimtab.identify import coast_down, gyro_response, inertia, rudder, spin_up, thrust
-from trimtab.identify.calibration import (
+from trimtab.logs.measurements import Measurements, read_measurements, refuse_spikes
+from trimtab.loop.calibration import (
     Calibration,
     Entry,
     flat_entries,
     joint_covariance,
     read_calibration,
+    student_reach,
 )
-from trimtab.identify.measurements import Measurements, read_measurements, refuse_spikes
-from trimtab.identify.regression import LinearFit, student_reach
 from trimtab.plots.calibration import FitCurve, FitPanel
 from trimtab.vehicles.hovercraft import Friction, Hovercraft
 

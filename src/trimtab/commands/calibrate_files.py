@@ -22,14 +22,14 @@ from trimtab.commands.output import (
 )
 from trimtab.commands.progress import show_spinner
 from trimtab.core.errors import InputError
-from trimtab.identify.calibration import (
+from trimtab.loop.calibration import (
     Calibration,
     compare_calibrations,
     flat_entries,
     format_calibration,
     read_calibration,
+    student_reach,
 )
-from trimtab.identify.regression import student_reach
 from trimtab.plots.calibration import FitPanel, plot_fits
 
 SHOWN = 12
@@ -177,7 +177,7 @@ def simulate_bench(folder: Path, seed: int, as_json: bool) -> None:
     trimtab calibrate thrust bench/thrust.csv --out boat.toml
     trimtab calibrate compare bench/truth.toml boat.toml
     """
-    from trimtab.run.virtual_bench import draw_craft, run_bench, write_bench
+    from trimtab.analysis.identify.virtual_bench import draw_craft, run_bench, write_bench
 
     check_folder("FOLDER", folder)
     existing = [f for f in sorted(folder.glob("*")) if f.suffix in (".csv", ".toml")]

@@ -7,13 +7,13 @@ from typing import NamedTuple
 
 import click
 
+from trimtab.analysis.identify import rudder, spin_up, thrust
 from trimtab.commands.options import FILE
 from trimtab.commands.output import check_folder
 from trimtab.core.errors import InputError
 from trimtab.core.units import UNITS
-from trimtab.identify import rudder, spin_up, thrust
-from trimtab.identify.measurements import TRIAL as TRIAL_COLUMN
-from trimtab.identify.measurements import MeasuredColumn, read_measurements
+from trimtab.logs.measurements import TRIAL as TRIAL_COLUMN
+from trimtab.logs.measurements import MeasuredColumn, read_measurements
 
 FAR = 0.25
 """Deviation from the neighbouring entries, as a fraction of the largest entry, above which an entry is questioned."""

@@ -12,9 +12,9 @@ from trimtab.commands.calibrate_files import CalibrationReport, finish_calibrati
 from trimtab.commands.options import JSON
 from trimtab.core.errors import InputError
 from trimtab.flight.line_delays import DelayModel, fit_delay_model
-from trimtab.identify.calibration import Calibration, Covariance, Entry
 from trimtab.links.latency import gamma_table, normal_scores
 from trimtab.links.latency_trace import Trace, read_trace
+from trimtab.loop.calibration import Calibration, Covariance, Entry
 from trimtab.plots.calibration import FitCurve, FitPanel
 
 FEWEST = 50

@@ -8,13 +8,7 @@ from typing import Any, NamedTuple
 import click
 import numpy as np
 
-from trimtab.commands.calibrate_files import add_to_file, check_calibration_file, entries_json, print_entries
-from trimtab.commands.options import FILE, JSON, OUT, PLOT
-from trimtab.commands.output import check_picture, draw_plot, new_table, print_files, print_json, print_table
-from trimtab.core.errors import InputError, closest
-from trimtab.core.time import parse_time, to_seconds
-from trimtab.core.units import find_unit
-from trimtab.identify.allan import (
+from trimtab.analysis.identify.allan import (
     AllanFit,
     Coefficient,
     FilterNoise,
@@ -23,11 +17,17 @@ from trimtab.identify.allan import (
     octave_averages,
     refuse_motion,
 )
-from trimtab.identify.calibration import Calibration
-from trimtab.identify.inertial_noise import AXES, TRIADS, noise_calibration
+from trimtab.analysis.identify.inertial_noise import AXES, TRIADS, noise_calibration
+from trimtab.commands.calibrate_files import add_to_file, check_calibration_file, entries_json, print_entries
+from trimtab.commands.options import FILE, JSON, OUT, PLOT
+from trimtab.commands.output import check_picture, draw_plot, new_table, print_files, print_json, print_table
+from trimtab.core.errors import InputError, closest
+from trimtab.core.time import parse_time, to_seconds
+from trimtab.core.units import find_unit
 from trimtab.logs.log import Log
 from trimtab.logs.mcap import read_mcap
 from trimtab.logs.samples import read_csv, sample_path, samples
+from trimtab.loop.calibration import Calibration
 from trimtab.plots.allan import plot_allan
 
 AT_REST = 1e-6

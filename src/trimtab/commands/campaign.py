@@ -11,12 +11,12 @@ from typing import Any
 import click
 import jax
 
-from trimtab.campaign.campaign import Campaign, CampaignResult, Workers
-from trimtab.campaign.grammar import parse_requirement, parse_stopping
-from trimtab.campaign.sampling.points import DESIGNS
-from trimtab.campaign.statistics.requirement import RequirementVerdict, evaluate_requirement
-from trimtab.campaign.statistics.stopping import evaluate_stopping
-from trimtab.campaign.store.store import count_missing_rows, estimate_store_size
+from trimtab.analysis.campaign.campaign import Campaign, CampaignResult, Workers
+from trimtab.analysis.campaign.grammar import parse_requirement, parse_stopping
+from trimtab.analysis.campaign.sampling.points import DESIGNS
+from trimtab.analysis.campaign.statistics.requirement import RequirementVerdict, evaluate_requirement
+from trimtab.analysis.campaign.statistics.stopping import evaluate_stopping
+from trimtab.analysis.campaign.store.store import count_missing_rows, estimate_store_size
 from trimtab.commands.campaign_tables import print_campaign, summarise_metrics, write_pictures
 from trimtab.commands.kept_programs import enable_cache
 from trimtab.commands.options import (
@@ -38,9 +38,9 @@ from trimtab.commands.output import check_folder, new_table, print_files, print_
 from trimtab.commands.progress import announce_size, show_count, warn_of_room
 from trimtab.commands.written_files import check_new_in
 from trimtab.core.errors import InputError, install_command
-from trimtab.identify.calibration import read_calibration
 from trimtab.logs.mcap import write_mcap
 from trimtab.loop.calibrated_spread import calibrated_spread
+from trimtab.loop.calibration import read_calibration
 from trimtab.scenarios.build import build
 
 Correlations = dict[tuple[str, str], float]
@@ -220,7 +220,7 @@ def _column_names(campaign: Campaign) -> list[str]:
 def _connect_workers(cluster: str | None, *tls: Path | None) -> Workers | None:
     if cluster is None:
         return None
-    from trimtab.campaign.workers.cluster import cluster_workers
+    from trimtab.analysis.campaign.workers.cluster import cluster_workers
 
     ca, cert, key = (file or "" for file in tls)
     return cluster_workers(cluster, ca=ca, cert=cert, key=key)
@@ -262,7 +262,7 @@ def _write_files(campaign: Campaign, result: CampaignResult, out: Path | None) -
     if importlib.util.find_spec("pyarrow") is None:
         click.echo(f"campaign.parquet needs pyarrow: {install_command('parquet')}", err=True)
         return [str(f) for f in files]
-    from trimtab.campaign.store.parquet import write_parquet
+    from trimtab.analysis.campaign.store.parquet import write_parquet
 
     table = out / "campaign.parquet"
     write_parquet(result, table)
@@ -321,7 +321,7 @@ def _differing_columns(store: Path | None, run: int, row: dict[str, Any]) -> lis
     """Return the names of the columns that differ from the stored row; None without such a row."""
     if store is None:
         return None
-    from trimtab.campaign.store.store import read_store
+    from trimtab.analysis.campaign.store.store import read_store
 
     _, columns = read_store(store)
     at = (columns["run"] == run).nonzero()[0]

@@ -8,12 +8,12 @@ from typing import Any
 import click
 import numpy as np
 
-from trimtab.campaign.campaign import Campaign, CampaignResult
-from trimtab.campaign.sampling.points import DESIGNS
-from trimtab.campaign.statistics.intervals import quantile
-from trimtab.campaign.statistics.morris import Morris, morris
-from trimtab.campaign.statistics.requirement import RequirementVerdict
-from trimtab.campaign.statistics.sensitivity import Sensitivity, sensitivity
+from trimtab.analysis.campaign.campaign import Campaign, CampaignResult
+from trimtab.analysis.campaign.sampling.points import DESIGNS
+from trimtab.analysis.campaign.statistics.intervals import quantile
+from trimtab.analysis.campaign.statistics.morris import Morris, morris
+from trimtab.analysis.campaign.statistics.requirement import RequirementVerdict
+from trimtab.analysis.campaign.statistics.sensitivity import Sensitivity, sensitivity
 from trimtab.commands.output import console, new_table, print_table
 from trimtab.core.quantity import Quantity, leaves
 

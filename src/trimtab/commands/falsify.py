@@ -8,9 +8,9 @@ from typing import Any
 import click
 import numpy as np
 
-from trimtab.campaign.search import falsify as search
-from trimtab.campaign.search.falsify import FalsificationResult
-from trimtab.campaign.search.scenario_file import check_file, write_scenario
+from trimtab.analysis.campaign.search import falsify as search
+from trimtab.analysis.campaign.search.falsify import FalsificationResult
+from trimtab.analysis.campaign.search.scenario_file import check_file, write_scenario
 from trimtab.commands.kept_flights import keep_flights
 from trimtab.commands.kept_programs import enable_cache
 from trimtab.commands.options import (

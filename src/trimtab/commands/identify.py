@@ -6,19 +6,19 @@ from typing import Any
 
 import click
 
+from trimtab.analysis.identify.flight_data import FlightData, read_flight
+from trimtab.analysis.identify.identification import HORIZON, Identified, identify
 from trimtab.commands.calibrate_files import add_to_file, check_calibration_file
 from trimtab.commands.options import FILE, JSON, NAVIGATION, OUT, SCENARIO, SET
 from trimtab.commands.output import new_table, print_files, print_json, print_table
 from trimtab.commands.progress import show_spinner
 from trimtab.core.errors import InputError
 from trimtab.core.quantity import records
-from trimtab.identify.calibration import Calibration, Covariance, Entry, flat_entries, read_calibration
 from trimtab.logs.foreign.read import detect_format, is_own_log, read_foreign
 from trimtab.logs.mcap import read_mcap
+from trimtab.loop.calibration import Calibration, Covariance, Entry, flat_entries, read_calibration
 from trimtab.loop.scenario import Scenario
 from trimtab.run.fit_parameters import DELAY
-from trimtab.run.flight_data import FlightData, read_flight
-from trimtab.run.identification import HORIZON, Identified, identify
 from trimtab.scenarios.build import build
 
 CHANGED = 3.0

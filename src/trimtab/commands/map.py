@@ -6,10 +6,10 @@ from typing import Any
 import click
 import numpy as np
 
-from trimtab.campaign.search.axes import KINDS, LINKS, Axis, axis_of_link, axis_of_path, axis_of_scale
-from trimtab.campaign.search.map_theory import StabilityCriterion, stability_criteria
-from trimtab.campaign.search.stability_map import SWING, StabilityMap, parse_success, stability_map
-from trimtab.campaign.store.memo import FlightMemo
+from trimtab.analysis.campaign.search.axes import KINDS, LINKS, Axis, axis_of_link, axis_of_path, axis_of_scale
+from trimtab.analysis.campaign.search.map_theory import StabilityCriterion, stability_criteria
+from trimtab.analysis.campaign.search.stability_map import SWING, StabilityMap, parse_success, stability_map
+from trimtab.analysis.campaign.store.memo import FlightMemo
 from trimtab.commands.kept_flights import keep_flights
 from trimtab.commands.kept_programs import enable_cache
 from trimtab.commands.options import FLIGHT, JSON, PLOT, RUNS, SCENARIO, SEED, STORE, SUCCESS, THREADS, WITHOUT

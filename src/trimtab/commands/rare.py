@@ -7,9 +7,9 @@ from typing import Any
 import click
 import numpy as np
 
-from trimtab.campaign.search import rare
-from trimtab.campaign.search.rare import Failure, PilotReport, RareResult
-from trimtab.campaign.search.scenario_file import write_scenario
+from trimtab.analysis.campaign.search import rare
+from trimtab.analysis.campaign.search.rare import Failure, PilotReport, RareResult
+from trimtab.analysis.campaign.search.scenario_file import write_scenario
 from trimtab.commands.kept_programs import enable_cache
 from trimtab.commands.options import (
     FAULT_RANGE,

@@ -8,10 +8,10 @@ from typing import Any
 
 import click
 
-from trimtab.campaign.search import tune as search
-from trimtab.campaign.search.comparison import Comparison
-from trimtab.campaign.search.scenario_file import check_file, write_scenario
-from trimtab.campaign.search.tune import TuningResult
+from trimtab.analysis.campaign.search import tune as search
+from trimtab.analysis.campaign.search.comparison import Comparison
+from trimtab.analysis.campaign.search.scenario_file import check_file, write_scenario
+from trimtab.analysis.campaign.search.tune import TuningResult
 from trimtab.commands.kept_flights import keep_flights
 from trimtab.commands.kept_programs import enable_cache
 from trimtab.commands.options import FLIGHT, JSON, OUT, PLOT, RUNS, SCENARIO, SEED, SPREAD, STORE, THREADS, WITHOUT

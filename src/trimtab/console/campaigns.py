@@ -14,8 +14,8 @@ from starlette.requests import Request
 from starlette.responses import JSONResponse, PlainTextResponse, Response
 from starlette.routing import BaseRoute, Route
 
-from trimtab.campaign.campaign import Campaign
-from trimtab.campaign.store.store import read_store
+from trimtab.analysis.campaign.campaign import Campaign
+from trimtab.analysis.campaign.store.store import read_store
 from trimtab.console.access import HEADERS
 from trimtab.console.recordings import RecordingFeed, record_flight
 from trimtab.core.errors import InputError

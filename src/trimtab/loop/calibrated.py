@@ -14,9 +14,9 @@ from trimtab.actuators.rudder import RudderServo
 from trimtab.core.errors import InputError, argument_name, closest
 from trimtab.core.quantity import Quantity, absent_parts, declarations, leaves, records
 from trimtab.core.record import replace, with_leaf, with_part_of
+from trimtab.core.rotation import DEG
 from trimtab.core.time import format_time, to_seconds
-from trimtab.identify.calibration import Calibration
-from trimtab.identify.thrust import tabulate_thrust
+from trimtab.loop.calibration import Calibration
 from trimtab.loop.scenario import Scenario
 
 TABULATED = "thrust.angles", "thrust.by_angle"
@@ -159,3 +159,18 @@ def _table_changes(owner: Any, thruster: Any, table: BilinearTable, eta: Any) ->
     top = float(thruster.speed_max_rpm)
     speed = np.clip(thruster.speed_rpm(table.columns() / scale, at), -top, top)
     return {"values": np.asarray(speed), "origin": origin}
+
+
+def tabulate_thrust(angles: Any, by_angle: Any, rows: Any) -> Any:
+    """Interpolate c eta (m,) linearly at the rows' rudder angles (m,); raise InputError outside the measured range."""
+    low, high = float(np.min(angles)), float(np.max(angles))
+    outside = (np.asarray(rows) < low - 1e-6) | (np.asarray(rows) > high + 1e-6)
+    if outside.any():
+        first = float(np.asarray(rows)[np.argmax(outside)]) / DEG
+        problem = (
+            f"the table needs {first:.1f}°, outside the measured rudder angles of {low / DEG:.1f}° to {high / DEG:.1f}°"
+        )
+        raise InputError(
+            "thrust table", problem, fix="measure up to both stops of the rudder; the fit does not extrapolate"
+        )
+    return np.interp(rows, angles, by_angle)

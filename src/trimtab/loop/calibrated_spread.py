@@ -15,9 +15,9 @@ from trimtab.actuators.drive import FanDrive
 from trimtab.actuators.rudder import RudderServo
 from trimtab.core.errors import InputError, argument, argument_name
 from trimtab.core.quantity import Quantity, leaves, records
-from trimtab.identify.calibration import Calibration, flat_entries, index_name, joint_covariance
 from trimtab.links.latency import gamma_table
 from trimtab.loop.calibrated import NOTES, setting_paths
+from trimtab.loop.calibration import Calibration, flat_entries, index_name, joint_covariance
 from trimtab.loop.scenario import Scenario
 
 CORRELATED = 0.02

@@ -21,7 +21,7 @@ from trimtab.core.record import Option, replace
 from trimtab.core.reference import Circle, FigureEight, PiecewisePath, interpolate_path, pass_waypoints
 from trimtab.core.time import parse_time, to_seconds
 from trimtab.core.units import parse_amount
-from trimtab.identify.measurements import MeasuredColumn, read_measurements
+from trimtab.logs.measurements import MeasuredColumn, read_measurements
 from trimtab.loop.scenario import Scenario
 
 PART = "reference"

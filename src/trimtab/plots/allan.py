@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from trimtab.identify.allan import FLICKER, AllanFit, confidence_interval
+from trimtab.analysis.identify.allan import FLICKER, AllanFit, confidence_interval
 from trimtab.plots.style import BLUE, GREEN, GREY, VERMILION, PicturePath, new_figure, save_figure
 
 if TYPE_CHECKING:  # matplotlib is imported when something is drawn

@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from trimtab.campaign.sampling.points import NOISE
-from trimtab.campaign.statistics.intervals import Quantile, as_column, quantile
-from trimtab.campaign.statistics.morris import Morris
-from trimtab.campaign.statistics.requirement import success_proportion
-from trimtab.campaign.statistics.sensitivity import Sensitivity
+from trimtab.analysis.campaign.sampling.points import NOISE
+from trimtab.analysis.campaign.statistics.intervals import Quantile, as_column, quantile
+from trimtab.analysis.campaign.statistics.morris import Morris
+from trimtab.analysis.campaign.statistics.requirement import success_proportion
+from trimtab.analysis.campaign.statistics.sensitivity import Sensitivity
 from trimtab.core.errors import InputError
 from trimtab.plots.style import BLUE, GREEN, GREY, ORANGE, PURPLE, VERMILION, PicturePath, new_figure, save_figure
 

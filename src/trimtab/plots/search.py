@@ -4,8 +4,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from trimtab.campaign.search.falsify import FalsificationResult
-from trimtab.campaign.search.tune import TuningResult
+from trimtab.analysis.campaign.search.falsify import FalsificationResult
+from trimtab.analysis.campaign.search.tune import TuningResult
 from trimtab.plots.style import BLUE, GREY, SEVERAL, VERMILION, PicturePath, new_figure, save_figure, style_grid
 
 if TYPE_CHECKING:  # matplotlib is imported when something is drawn

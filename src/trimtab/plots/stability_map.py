@@ -5,9 +5,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from trimtab.campaign.search.axes import Axis
-from trimtab.campaign.search.map_theory import StabilityCriterion
-from trimtab.campaign.search.stability_map import StabilityMap
+from trimtab.analysis.campaign.search.axes import Axis
+from trimtab.analysis.campaign.search.map_theory import StabilityCriterion
+from trimtab.analysis.campaign.search.stability_map import StabilityMap
 from trimtab.plots.style import BLUE, GREEN, ORANGE, PURPLE, SKY_BLUE, VERMILION, PicturePath, new_figure, save_figure
 
 if TYPE_CHECKING:  # matplotlib is imported when something is drawn

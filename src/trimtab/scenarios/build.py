@@ -9,11 +9,11 @@ from trimtab.core.interfaces import optional_member
 from trimtab.core.record import declarations, leaves, replace
 from trimtab.core.time import ms
 from trimtab.design.certificate import Certificate
-from trimtab.identify.calibration import Calibration, format_calibration, read_calibration
 from trimtab.links.fifo import required_slots
 from trimtab.links.latency_trace import LatencyTrace, read_trace
 from trimtab.loop import link_latency
 from trimtab.loop.calibrated import with_calibration
+from trimtab.loop.calibration import Calibration, format_calibration, read_calibration
 from trimtab.loop.fault_text import check_fault_times, inject_faults
 from trimtab.loop.link_latency import LINKS, with_link_settings
 from trimtab.loop.predictor import predictor_for

@@ -11,8 +11,8 @@ from trimtab.core.errors import InputError, argument
 from trimtab.core.quantity import part_classes, plain_setting
 from trimtab.core.record import Quantity, leaves, with_leaf
 from trimtab.design.certificate_file import parse_certificate
-from trimtab.identify.calibration import parse_calibration
 from trimtab.logs.log import Log
+from trimtab.loop.calibration import parse_calibration
 from trimtab.loop.fault_text import add_dormant_faults
 from trimtab.loop.pilot_script import add_pilot_sensor
 from trimtab.loop.scenario import Scenario

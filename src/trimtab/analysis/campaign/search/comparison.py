@@ -1,0 +1,45 @@
+"""Comparison of two laws on the same runs, by the paired t interval of the difference of their costs."""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy import special
+
+from trimtab.analysis.campaign.statistics.intervals import proportion
+
+
+class Comparison(NamedTuple):
+    """Comparison of two laws. runs: pairs.  before, after: mean costs.  difference: after - before.  low, high: bounds.
+
+    The interval is NaN if a cost is infinite.  better, worse: runs in which the second costs less, and more.  improves:
+    True if the interval shows an improvement.
+    """
+
+    runs: int
+    before: float
+    after: float
+    difference: float
+    low: float
+    high: float
+    better: int
+    worse: int
+    level: float
+    improves: bool
+
+
+def compare(before: Any, after: Any, level: float = 0.95) -> Comparison:
+    """Compare costs (n,) of the same runs, before and after; n must be at least 2."""
+    n = len(before)
+    better, worse = int((after < before).sum()), int((after > before).sum())
+    if np.isfinite(before).all() and np.isfinite(after).all():
+        d = after - before
+        half = float(special.stdtrit(n - 1, (1 + level) / 2) * d.std(ddof=1) / np.sqrt(n))
+        middle = float(d.mean())
+        low, high = middle - half, middle + half
+        improves = high < 0
+    else:
+        middle = low = high = float("nan")
+        improves = better + worse > 0 and proportion(better, better + worse, level).low > 0.5
+    return Comparison(
+        n, float(np.mean(before)), float(np.mean(after)), middle, low, high, better, worse, level, bool(improves)
+    )

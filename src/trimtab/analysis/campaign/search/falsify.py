@@ -1,0 +1,357 @@
+"""Falsification: a search for the worst case inside given bounds.
+
+    least over x in [0, 1]^d of  m(x) = least (or mean) over the run words of margin(run at Q(x), word)
+
+Q are the quantile functions of the spread, so that the search has its bounds and units. A distribution without bounds
+is searched within three standard deviations. Every candidate flies with the same few words of random numbers (common
+random numbers), so that m is a function of the point. A first part of the runs covers the whole box with Sobol points.
+CMA-ES then starts from the worst point, and later from the worst points elsewhere. The last runs fly the worst point
+with new words.
+
+The margin is one number that measures how far a run is from failing. It is negative for a failure, and has a slope
+among successes and among failures. Each condition has a margin relative to its bound. The margin of a run is that of
+its worst condition:
+
+    settling:s <= T      1 - max |e|/band, over the rows from the last one at or before T
+    first_reach:s <= T   1 - min |e|/band, over the rows up to T
+    any other <= b       (b - x)/|b|, or b - x where b = 0
+    >= and >             the same with the other sign
+    margin               min of room/(1 + |room|), in (-1, 1);  a diverged run: -2 + t/T, with t of its first bad row
+
+so that a signal that never settles is judged by its distance from the band, and a signal that settles by its remaining
+distance to the edge of the band. A margin is negative exactly where a condition does not hold.
+
+Source: Annapureddy, Liu, Fainekos, Sankaranarayanan, "S-TaLiRo: a tool for temporal logic falsification", TACAS 2011,
+for the search by robustness; Fainekos, Pappas, "Robustness of temporal logic specifications for continuous-time
+signals", Theoretical Computer Science 410 (2009), definition 13, for "always from T on in the band" and "once until T"
+as least and largest room; docs page, Falsify.
+"""
+
+import time
+import warnings
+from collections.abc import Callable, Iterable, Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy import special
+from scipy.stats import qmc
+
+from trimtab.analysis.campaign.grammar import Condition, parse_metric
+from trimtab.analysis.campaign.sampling.points import inside_cube
+from trimtab.analysis.campaign.search.evolution import evolve
+from trimtab.analysis.campaign.statistics.metrics import Metric, Rows
+from trimtab.analysis.campaign.store.memo import FlightMemo
+from trimtab.analysis.campaign.workers.block import compute_log_metrics, fly_points
+from trimtab.analysis.campaign.workers.prepare import (
+    CampaignPlan,
+    PreparedCampaign,
+    check_bounds,
+    identity,
+    parameters_at,
+    plan_search,
+    prepare_campaign,
+    refuse_options,
+    scenario_at,
+)
+from trimtab.core.errors import InputError, argument, argument_name
+from trimtab.loop.scenario import Scenario
+from trimtab.run.simulate import simulate
+
+NAME = "margin"
+LEAST = 1e-12
+"""Smallest size of the margin of a violated condition."""
+OVER: Mapping[str, Callable[[Any], Any]] = {"worst": lambda m: m.min(axis=1), "mean": lambda m: m.mean(axis=1)}
+"""Functions that combine the margins (n, words) of a point's runs into the value to minimise."""
+TAIL = float(special.ndtr(-3.0))
+"""Probability cut off at each end of a distribution without bounds."""
+TOGETHER = 64
+"""Minimum number of runs in a batch; fewer would not fill the processor's lanes."""
+FIRST, LAST = 0.15, 0.1
+"""Shares of the runs for the points over the whole box, and for new random numbers at the worst point."""
+STEP = 0.2
+"""Initial standard deviation of the search, as a fraction of the box."""
+APART = 0.3
+"""Minimum distance between two starts, in the largest coordinate."""
+
+
+def with_margin(ready: PreparedCampaign) -> PreparedCampaign:
+    """Return the same campaign with one more column, `margin`."""
+    of = {m.name: m for m in ready.metrics}
+    signals = tuple(sorted({s for c in ready.success for s in of[c.metric].signals}))
+    more = Metric(NAME, signals, lambda rows: margin(rows, ready.success, of))
+    return ready._replace(metrics=(*(m for m in ready.metrics if m.name != NAME), more))
+
+
+def margins(columns: Mapping[str, Any]) -> Any:
+    """Return margins (n,) from a campaign's columns; a lost run counts as a failure, whatever its metrics are."""
+    return np.where(columns["lost"], np.minimum(columns[NAME], -1.0), columns[NAME])
+
+
+def margin(rows: Rows, conditions: tuple[Condition, ...], metrics: Mapping[str, Metric]) -> Any:
+    """Compute the margins (n,) of some runs.
+
+    Args:
+        rows: rows of the runs.
+        conditions: conditions that must all hold.
+        metrics: metrics of the conditions, by name.
+    """
+    worst = np.min([_condition_margin(rows, c, metrics[c.metric]) for c in conditions], axis=0)
+    wrong = [~np.isfinite(v).reshape(*v.shape[:2], -1).all(axis=2) for v in rows.signals.values()]
+    bad = np.any(wrong, axis=0)
+    late = rows.t[np.argmax(bad, axis=1)] / max(rows.t[-1], 1e-9)
+    return np.where(bad.any(axis=1), -2.0 + late, worst)
+
+
+def _condition_margin(rows: Rows, condition: Condition, metric: Metric) -> Any:
+    """Compute the margins of one condition; negative exactly where it does not hold."""
+    with np.errstate(invalid="ignore", over="ignore"):
+        value = np.asarray(metric.of(rows), np.float64)
+        room = _distance_to_bound(rows, condition, value)
+        squashed = np.where(np.isinf(room), np.sign(room), room / (1 + np.abs(room)))
+    holds = condition.holds(value)
+    squashed = np.where(np.isnan(squashed), np.where(holds, 1.0, -1.0), squashed)
+    return np.where(holds, np.maximum(squashed, 0.0), np.minimum(squashed, -LEAST))
+
+
+def _distance_to_bound(rows: Rows, condition: Condition, value: Any) -> Any:
+    kind, path = parse_metric(condition.metric)
+    sign = 1.0 if condition.compare in ("<", "<=") else -1.0
+    if kind in ("settling", "first_reach"):
+        side = "right" if condition.compare in ("<=", ">") else "left"
+        last = max(int(np.searchsorted(rows.t - rows.t[0], condition.bound, side)) - 1, 0)
+        share = np.abs(rows.error(path)) / rows.band(path)
+        return sign * (1 - (share[:, last:].max(axis=1) if kind == "settling" else share[:, : last + 1].min(axis=1)))
+    return sign * (condition.bound - value) / (abs(condition.bound) or 1.0)
+
+
+def spread_levels(ready: PreparedCampaign, x: Any) -> Any:
+    """Map points x in [0, 1]^d to points u of the spread; the tails of unbounded distributions are cut off."""
+    tail = np.array([TAIL if f.distribution.kind in ("normal", "lognormal") else 0.0 for f in ready.spread.factors])
+    return inside_cube(tail + (1 - 2 * tail) * x)
+
+
+class BoxSearch:
+    """Search of the box, with all runs so far. Calling it flies points (n, d) and returns values to minimise (n,)."""
+
+    def __init__(
+        self, ready: PreparedCampaign, words: int, over: Callable[[Any], Any], options: Mapping[str, Any]
+    ) -> None:
+        self.ready, self.words, self.over, self.options = ready, words, over, options
+        self.restart, self.has_failed = -1, False
+        self.flights: list[tuple[Any, Any, Any, Any]] = []
+        self.starts: list[Any] = []
+
+    def __call__(self, x: Any) -> Any:
+        """Return the values to minimise at points x (n, d), all flown with the same words."""
+        return self.over(self.fly_candidates(x, np.zeros(len(x), np.uint32)))
+
+    def fly_candidates(self, x: Any, first: Any) -> Any:
+        """Return margins (n, words) at points x (n, d), each flown with consecutive words from its first (n,)."""
+        u = np.repeat(spread_levels(self.ready, x), self.words, axis=0)
+        words = first[:, None] + np.arange(self.words, dtype=np.uint32)
+        m = margins(fly_points(self.ready, u, words.ravel(), **self.options)).reshape(words.shape)
+        self.flights.append((x, m, first, np.full(len(x), self.restart)))
+        self.has_failed |= bool((m < 0).any())
+        return m
+
+    def refly_worst(self, n: int) -> None:
+        """Fly the worst candidate n more times, each time with new words."""
+        x, m, *_ = self.candidates()
+        first = self.words * np.arange(1, n + 1, dtype=np.uint32)
+        self.restart += 1
+        self.fly_candidates(np.repeat(x[[np.argmin(self.over(m))]], n, axis=0), first)
+
+    def candidates(self) -> tuple[Any, ...]:
+        """Return all candidates: points (n, d), margins (n, words), first word of each (n,), and restart (n,)."""
+        return tuple(np.concatenate(parts) for parts in zip(*self.flights, strict=True))
+
+    def remaining_candidates(self, runs: int) -> int:
+        """Return the number of candidates that the remaining runs allow."""
+        return runs // self.words - sum(len(x) for x, *_ in self.flights)
+
+    def cover_box(self, n: int, until_first: bool) -> None:
+        """Fly Sobol points over the whole box, in batches."""
+        d = len(self.ready.spread.factors)
+        with warnings.catch_warnings(
+            action="ignore", category=UserWarning
+        ):  # the warning about balance does not matter here
+            points = qmc.Sobol(d, rng=np.random.default_rng(self.ready.plan.seed)).random(n)
+        for part in np.array_split(points, max(n * self.words // 512, 1)):
+            self(part)
+            if self.has_failed and until_first:
+                return
+
+    def start(self, restart: int) -> Any:
+        """Return the next start: the worst candidate that is not near an earlier start."""
+        self.restart = restart
+        x, m, *_ = self.candidates()
+        for i in np.argsort(self.over(m), kind="stable"):
+            if all(np.abs(x[i] - s).max() > APART for s in self.starts):
+                self.starts.append(x[i])
+                return x[i]
+        rng = np.random.default_rng(self.ready.plan.seed + len(self.starts))
+        self.starts.append(rng.random(x.shape[1]))
+        return self.starts[-1]
+
+
+class FalsificationResult(NamedTuple):
+    """Worst run that was found, and the course of the search.
+
+    margin: margin of the worst run, repeated by itself; negative if the run failed.  values: path -> exact value of the
+    parameter.  point: (d,), the run's place in the box.  word: its run word.  columns: its metrics.  flown_runs: total
+    number of runs.  first: number of runs until the first failure, or None.  candidate_margins: (n, words), in the
+    order flown.  points: (n, d).  stages: (n,), -1 for the Sobol points, then the number of the restart; the largest
+    number marks the worst point with new words.
+    """
+
+    plan: CampaignPlan
+    margin: float
+    values: dict[str, Any]
+    point: Any
+    word: int
+    columns: dict[str, Any]
+    flown_runs: int
+    first: int | None
+    candidate_margins: Any
+    points: Any
+    stages: Any
+    names: tuple[str, ...]
+    wall_s: float
+
+    @property
+    def fails(self) -> bool:
+        """True if a failure was found."""
+        return self.margin < 0
+
+
+def falsify(
+    scenario: str | Scenario,
+    *,
+    spread: Mapping[str, str] | None = None,
+    fault_ranges: Iterable[str] = (),
+    vary: Iterable[str] = (),
+    success: Iterable[str] = (),
+    runs: int = 5000,
+    words: int = 4,
+    over: str = "worst",
+    seed: int = 0,
+    until_first: bool = False,
+    settings: Mapping[str, str] | None = None,
+    without: Iterable[str] = (),
+    faults: Iterable[str] = (),
+    backend: str = "auto",
+    threads: int | None = None,
+    progress: Callable[[int], None] | None = None,
+    store: Path | None = None,
+) -> FalsificationResult:
+    """Search for the worst run.
+
+    >>> from trimtab import falsify
+    >>> brief, spread = {"duration": "1 s"}, {"world.vehicle.mass": "uniform(80%, 120%)"}
+    >>> falsify("hovercraft/spin", spread=spread, success=["peak:yaw_rate <= 9"], settings=brief, runs=512).fails
+    False
+
+    Args:
+        scenario: name in the catalogue, ``file.py:function``, or a `Scenario`.
+        spread: path -> distribution as text; its bounds are those of the search, e.g. "uniform(80%, 120%)".
+        fault_ranges: faults with ranges, e.g. "downlink off @ 2..10 s for 0.1..2 s".
+        vary: inputs held constant in pieces, e.g. "stick.turn=pieces(5, -1:1)".
+        success: conditions of a success, e.g. "settling:yaw_rate <= 10". Default: each target is reached and held.
+        runs: maximum number of runs.
+        words: number of runs for each candidate, each with its own random numbers.
+        over: "worst" or "mean": how the margins of a candidate's runs are combined.
+        seed: seed of the runs' random numbers and of the search.
+        until_first: True to stop at the first failure.
+        settings, without, faults: as in `trimtab run`; only for a scenario given by name.
+        backend, threads: as in `simulate_batch`.
+        progress: function called with the number of runs flown since the last call.
+        store: folder that stores finished runs; the same search resumes from it.
+
+    Raises: InputError for a search that can't be flown, before any run starts.
+    """
+    began = time.perf_counter()
+    fault_ranges, vary = tuple(fault_ranges), tuple(vary)
+    if not (spread or fault_ranges or vary):
+        fix = argument("spread", "uniform(80%, 120%)", "world.vehicle.mass")
+        raise InputError(argument_name("spread"), "no parameter varies", fix=fix)
+    plan = plan_search(
+        "falsify",
+        scenario,
+        spread or {},
+        fault_ranges=fault_ranges,
+        vary=vary,
+        settings=settings,
+        without=without,
+        faults=faults,
+        seed=seed,
+        runs=max(min(runs, 256), 1),
+        success=tuple(success),
+    )
+    ready = with_margin(prepare_campaign(plan, None if isinstance(scenario, str) else scenario))
+    _check_search(ready, runs, words, over)
+    options = {"backend": backend, "threads": threads, "progress": progress, "memo": _open_memo(store, ready, backend)}
+    search = BoxSearch(ready, words, OVER[over], options)
+    last = max(int(LAST * runs) // words, 1)
+    search.cover_box(max(int(FIRST * runs) // words, TOGETHER // words, 1), until_first)
+    if not (search.has_failed and until_first):
+        at_least, budget = -(-TOGETHER // words), search.remaining_candidates(runs) - last
+        for _ in evolve(search, search.start, step=STEP, population=at_least, budget=budget, seed=seed):
+            if search.has_failed and until_first:
+                break
+    if not (search.has_failed and until_first):
+        search.refly_worst(last)
+    return _summarise_search(ready, search, backend, began)
+
+
+def _open_memo(store: Path | None, ready: PreparedCampaign, backend: str) -> FlightMemo:
+    return FlightMemo(store, identity(ready.plan, ready.scenario, backend), ready.plan.scenario)
+
+
+def _check_search(ready: PreparedCampaign, runs: int, words: int, over: str) -> None:
+    if over not in OVER:
+        raise InputError(argument_name("over"), f"must be one of the choices, got {over!r}", choices=OVER, fix="worst")
+    if not 1 <= words <= TOGETHER:
+        raise InputError(
+            argument_name("words"),
+            f"got {words} words, but the number must be from 1 to {TOGETHER}",
+            fix=argument("words", 4),
+        )
+    if runs < 4 * TOGETHER:
+        raise InputError(argument_name("runs"), f"{runs} runs are too few for a search", fix=argument("runs", 5000))
+    refuse_options(ready)
+    ends = [spread_levels(ready, np.full(len(ready.spread.factors), end)) for end in (0.0, 1.0)]
+    check_bounds(ready, np.stack(ends))
+
+
+def _summarise_search(ready: PreparedCampaign, search: BoxSearch, backend: str, began: float) -> FalsificationResult:
+    """Fly the worst run once more by itself, and summarise the search."""
+    x, m, first, stages = search.candidates()
+    i, at = np.unravel_index(int(np.argmin(m)), m.shape)
+    word = int(first[i] + at)
+    u, plan = spread_levels(ready, x[i]), ready.plan
+    log = simulate(
+        scenario_at(ready, u),
+        seed=plan.seed,
+        run=word,
+        log_period=plan.log_period,
+        signals=ready.logged_signals,
+        backend=backend,
+    )
+    columns = compute_log_metrics(ready, log)
+    fails = np.flatnonzero((m < 0).ravel())
+    return FalsificationResult(
+        plan=plan,
+        margin=float(margins(columns)[0]),
+        values=parameters_at(ready, u),
+        point=x[i],
+        word=word,
+        columns={name: column[0] for name, column in columns.items()},
+        flown_runs=m.size,
+        first=int(fails[0]) + 1 if len(fails) else None,
+        candidate_margins=m,
+        points=x,
+        stages=stages,
+        names=tuple(f.text for f in ready.spread.factors),
+        wall_s=time.perf_counter() - began,
+    )

@@ -1,0 +1,212 @@
+"""Linear theory for a stability map: delay margin, jitter margin and packet loss, where they apply.
+
+The theory needs the delay of a signal around the loop: in transit on the links, and held between packets and frames.
+
+Source: docs page, Stability maps; the theorems are those of `design`.
+"""
+
+from collections.abc import Callable
+from math import gcd
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from trimtab.analysis.campaign.search.axes import Axis, with_values
+from trimtab.analysis.campaign.search.stability_map import StabilityMap, values_at
+from trimtab.core.errors import InputError, argument
+from trimtab.core.interfaces import optional_member
+from trimtab.core.record import Quantity, leaves
+from trimtab.core.time import UNITS_PER_SECOND, to_seconds
+from trimtab.design.loop_transfer import FeedbackLoop, loop_of_law
+from trimtab.design.margins import critical_loss, delay_margin, jitter_margin
+from trimtab.links.latency import MeasuredLatency, normal_scores
+from trimtab.links.wire import DelayChain, Wire
+from trimtab.loop.scenario import Scenario
+
+DRAWS = 4096
+"""Number of quantiles for the average of rounded latencies."""
+FINE = 30
+"""Approximate number of points of the theory's own grid along an axis."""
+FEW = 8
+"""Approximate number of points along an axis on which the linear loop changes."""
+FAR = 10.0
+"""Margin (s) that stands for "no limit"."""
+
+
+class LoopDelay(NamedTuple):
+    """Delay from measurement to force (s): its minimum, its mean over time, and its maximum."""
+
+    least: float
+    mean: float
+    most: float
+
+
+def loop_delay(scenario: Scenario) -> LoopDelay:
+    """Compute the delay of a scenario's loop.
+
+    A latency lasts until the receiver's next sampling instant. If the actuators latch in frames that are synchronous
+    with the packets, it lasts until the next frame. A signal held for a time h is h/2 late on average and h at most.
+    Not included: packets that wait for one another, lost packets, and the dynamics of estimator and actuators.
+
+    Raises: InputError for links whose latency is not known.
+    """
+    world = scenario.world
+    frame = optional_member(world.actuators, "frame") or world.actuators.period
+    sampled = max([world.downlink.period, *(s.period for s in world.sensors.values())])
+    if isinstance(world.downlink, MeasuredLatency):
+        sampled = max(sampled, world.downlink.send_period)
+    sent = max(_send_period(world.uplink), scenario.autopilot.period)
+    in_time = sent % frame == 0
+    look = frame if in_time else world.uplink.period
+    down = _latencies("downlink", world.downlink, max(world.downlink.period, scenario.autopilot.period))
+    up = _latencies("uplink", world.uplink, look)
+    waits = sampled - gcd(sampled, sent) + (0 if in_time else frame - gcd(sent, frame))
+    hold = to_seconds(waits + max(sent, frame))
+    return LoopDelay(
+        least=float(down.min() + up.min()),
+        mean=float(down.mean() + up.mean() + hold / 2),
+        most=float(down.max() + up.max() + hold),
+    )
+
+
+def _send_period(channel: Any) -> int:
+    return channel.send_period if isinstance(channel, MeasuredLatency) else channel.period
+
+
+def _latencies(name: str, channel: Any, look: int) -> Any:
+    """Return equally likely latencies (k,) in s, rounded up to the receiver's sampling instants."""
+    if isinstance(channel, MeasuredLatency):
+        from scipy.special import ndtri
+
+        even = ndtri((np.arange(DRAWS) + 0.5) / DRAWS)
+        drawn = np.interp(np.array([-np.inf, *even, np.inf]), normal_scores(), np.asarray(channel.latency, float))
+    elif isinstance(channel, DelayChain):
+        drawn = np.array([channel.delay()])
+    elif isinstance(channel, Wire):
+        drawn = np.zeros(1)
+    else:
+        problem = f"the latency of a {type(channel).__name__} is not known"
+        raise InputError(f"world.{name}", problem, fix="give a Wire, a DelayChain or a MeasuredLatency")
+    units = np.round(drawn * UNITS_PER_SECOND).astype(np.int64)
+    return -(-units // look) * look / UNITS_PER_SECOND
+
+
+class StabilityCriterion(NamedTuple):
+    """One criterion over the plane of the map: its margin, 0 on the boundary and positive on the stable side.
+
+    name: name of the criterion.  x, y: values of the axes (nx,), (ny,).  margin: (nx, ny), s or probability.
+    """
+
+    name: str
+    x: Any
+    y: Any
+    margin: Any
+
+    def zero_lines(self) -> list[Any]:
+        """Return the curves of zero margin: arrays (k, 2) of values of x and y."""
+        from contourpy import contour_generator
+
+        return list(contour_generator(self.x, self.y, self.margin.T).lines(0.0))
+
+
+def linear_loop(scenario: Scenario) -> FeedbackLoop:
+    """Return the loop of a scenario's law and vehicle, linearised about the law's equilibrium.
+
+    Raises: InputError if the law has no `equilibrium`, the loop can't be linearised (see `loop_of_law`), or a predictor
+    stands before the law.
+    """
+    if scenario.autopilot.predictor is not None:
+        problem = "the law has a predictor, so the margins of the law's own loop do not apply"
+        raise InputError(
+            "theory",
+            problem,
+            fix=f"leave theory out: {argument('theory', False)}; or map  {argument('settings', 'off', 'predictor')}",
+        )
+    law = scenario.autopilot.law
+    rest = optional_member(law, "equilibrium")
+    if rest is None:
+        fix = "give theory a loop function: loop=lambda scenario: of_law(vehicle, law, state)"
+        raise InputError("theory", f"{type(law).__name__} has no equilibrium to linearise about", fix=fix)
+    return loop_of_law(scenario.world.vehicle, law, rest())
+
+
+def stability_criteria(
+    diagram: StabilityMap, loop: Callable[[Scenario], FeedbackLoop] = linear_loop
+) -> tuple[StabilityCriterion, ...]:
+    """Return the criteria that apply to a map.
+
+    "delay margin" and "jitter margin" apply if an axis is a link's delay or jitter. The delay margin limits the loop's
+    mean delay, the jitter margin the delay's range above its minimum. "packet loss" applies if an axis is the uplink's
+    loss and the loop is scalar: each step is lost with the link's probability, without retransmission.
+
+    Args:
+        diagram: the map.
+        loop: function from a scenario to its linear loop.
+
+    Raises: InputError if no criterion applies, or there is no linear loop.
+    """
+    kinds = {axis.kind for axis in (diagram.x, diagram.y)}
+    if not kinds - {""}:
+        problem = f"neither {diagram.x.name!r} nor {diagram.y.name!r} is the delay, jitter or loss of a link"
+        raise InputError("theory", problem, fix="leave theory out, or map a delay: axis_of_link('delay', …)")
+    x, y = _refine_axis(diagram.x), _refine_axis(diagram.y)
+    known: dict[bytes, _Margins] = {}
+    margins: dict[str, Any] = {}
+    for i, a in enumerate(x):
+        for j, b in enumerate(y):
+            scenario = with_values(diagram.scenario, values_at(diagram.scenario, diagram.x, diagram.y, a, b))
+            key = _loop_key(scenario)
+            if key not in known:
+                known[key] = _Margins.of(loop(scenario))
+            for name, spare in _remaining_margins(known[key], scenario, kinds).items():
+                margins.setdefault(name, np.full((len(x), len(y)), np.nan))[i, j] = spare
+    if not margins:
+        problem = "the packet-loss criterion needs a scalar loop, but this loop has more states"
+        raise InputError("theory", problem, fix="leave theory out, or map a delay: axis_of_link('delay', …)")
+    return tuple(StabilityCriterion(name, x, y, spare) for name, spare in margins.items())
+
+
+class _Margins(NamedTuple):
+    """A loop, its delay margin (0 if unstable without delay), and its jitter margins by constant delay."""
+
+    loop: FeedbackLoop
+    delay: float
+    jitter: dict[float, float]
+
+    @staticmethod
+    def of(loop: FeedbackLoop) -> "_Margins":
+        return _Margins(loop, 0.0 if loop.unstable_poles() else min(delay_margin(loop).delay, FAR), {})
+
+    def allowed_jitter(self, least: float) -> float:
+        """Return the jitter margin on top of a constant delay; below 0 beyond the delay margin."""
+        if least >= self.delay:
+            return self.delay - least
+        if least not in self.jitter:
+            self.jitter[least] = min(jitter_margin(self.loop, delay=least), FAR)
+        return self.jitter[least]
+
+
+def _remaining_margins(margins: _Margins, scenario: Scenario, kinds: set[str]) -> dict[str, float]:
+    spare: dict[str, float] = {}
+    if kinds & {"delay", "jitter"}:
+        under_way = loop_delay(scenario)
+        spare["delay margin"] = margins.delay - under_way.mean
+        spare["jitter margin"] = margins.allowed_jitter(under_way.least) - (under_way.most - under_way.least)
+    channel, loop = scenario.world.uplink, margins.loop
+    if "loss" in kinds and len(loop.A) == 1 and isinstance(channel, MeasuredLatency):
+        a = float(np.exp(loop.A[0, 0] * to_seconds(channel.send_period)))
+        spare["packet loss"] = float(critical_loss(a, retransmissions=0) - np.asarray(channel.loss))
+    return spare
+
+
+def _refine_axis(axis: Axis) -> Any:
+    """Return the theory's values along an axis; they include those of the coarse grid."""
+    coarse = np.asarray(axis.values, float)
+    each = max((FINE if axis.kind else FEW) // (len(coarse) - 1), 1)
+    return np.interp(np.arange((len(coarse) - 1) * each + 1) / each, np.arange(len(coarse)), coarse)
+
+
+def _loop_key(scenario: Scenario) -> bytes:
+    """Return a key of the linear loop: all numbers of vehicle and law."""
+    both = (*leaves(scenario.world.vehicle), *leaves(scenario.autopilot.law))
+    return b"".join(np.asarray(v).tobytes() for _, v, declared in both if isinstance(declared, Quantity))

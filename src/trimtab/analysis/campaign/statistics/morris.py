@@ -1,0 +1,136 @@
+"""Screening of many factors with few runs, by elementary effects along the trajectories of a Morris design.
+
+An elementary effect is the change of a metric when a trajectory changes one factor, divided by that step: the slope
+over the factor's range in probability, from its 5 % to its 95 % quantile. Over r trajectories
+
+    mu = mean of the effects         mu* = mean of their sizes         sigma = their standard deviation
+
+mu* shows if a factor matters. A sigma near or above mu* shows a non-linear effect or an interaction with other factors.
+
+The random numbers of a run are one more factor, the last. Their effect is divided by 1/3, the mean distance of two
+independent draws of a uniform factor, so that noise is comparable to a factor with the same spread. The sign of this
+effect has no meaning, so its mu is about 0.
+
+Source: [1] Morris, "Factorial sampling plans for preliminary computational experiments", Technometrics 33 (1991); mu*:
+[2] Campolongo, Cariboni, Saltelli, "An effective screening design for sensitivity analysis of large models", Environ.
+Model. Softw. 22 (2007); interval of sigma: [3] Miller, "Jackknifing variances", Ann. Math. Statist. 39 (1968).
+"""
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy import stats
+
+from trimtab.analysis.campaign.sampling.points import (
+    MORRIS_STEP,
+    NOISE,
+    check_factors,
+    morris_trajectories,
+    rows_per_trajectory,
+)
+from trimtab.analysis.campaign.statistics.intervals import as_column, check_level
+from trimtab.analysis.campaign.statistics.sensitivity import explain_no_variance, rank_values
+from trimtab.core.errors import InputError
+
+NOISE_STEP = 1 / 3
+LEAST = 4
+"""Minimum number of trajectories for an estimate of sigma."""
+
+
+class Morris(NamedTuple):
+    """Elementary effects of each factor; arrays of shape (factors,), NaN if the runs give none.
+
+    factors: names, the noise last if it is a factor.  mu, mu_star, sigma: in the metric's unit, for the factor's range.
+    *_low, *_high: intervals.  trajectories: number of trajectories used.  rows: number of their runs.  note: reason for
+    missing effects, or "".
+    """
+
+    factors: tuple[str, ...]
+    mu: Any
+    mu_low: Any
+    mu_high: Any
+    mu_star: Any
+    mu_star_low: Any
+    mu_star_high: Any
+    sigma: Any
+    sigma_low: Any
+    sigma_high: Any
+    trajectories: int
+    rows: int
+    level: float
+    note: str
+
+    @property
+    def order(self) -> tuple[str, ...]:
+        """Names of the factors, largest mu* first."""
+        return tuple(self.factors[i] for i in np.argsort(-self.mu_star, kind="stable"))
+
+
+def morris(
+    values: Any,
+    seed: int,
+    parameters: Sequence[str],
+    *,
+    noise: bool = True,
+    level: float = 0.95,
+    by_rank: bool = False,
+) -> Morris:
+    """Compute elementary effects of a metric over the rows of `morris_rows(seed, 0, rows, len(parameters))`.
+
+    Args:
+        values: metric of rows 0 to n - 1, shape (n,); only whole trajectories are used.
+        seed: seed of the design; it determines which factor changes in which row.
+        parameters: names, in the order of the design's columns, without the noise.
+        noise: True if the random numbers of the runs are a factor of the design.
+        level: confidence of the intervals.
+        by_rank: True to use the metric's rank among these rows; runs without a finite value then rank last.
+    """
+    check_factors(parameters)
+    check_level("morris", level)
+    size = rows_per_trajectory(len(parameters), noise=noise)
+    x = as_column(values, "morris")
+    count = len(x) // size
+    if count < LEAST:
+        fix = f"fly at least {LEAST * size} runs; 20 trajectories are {20 * size} runs"
+        raise InputError("morris", f"got {len(x)} rows, i.e. {count} trajectories of {size} rows", fix=fix)
+    x = x[: count * size]
+    names = (*parameters, NOISE) if noise else tuple(parameters)
+    x, note = rank_values(x) if by_rank else (x, explain_no_variance(x))
+    if note:
+        v = np.full(len(names), np.nan)
+        return Morris(names, v, v, v, v, v, v, v, v, v, count, count * size, level, note)
+    effects = _elementary_effects(x.reshape(count, size), seed, len(parameters), noise)
+    mu, size_of = _mean_interval(effects, level), _mean_interval(np.abs(effects), level)
+    return Morris(names, *mu, *size_of, *_deviation_interval(effects, level), count, count * size, level, "")
+
+
+def _elementary_effects(table: Any, seed: int, parameters: int, noise: bool) -> Any:
+    """Return elementary effects, shape (trajectories, factors)."""
+    _, when, up = morris_trajectories(seed, np.arange(len(table)), parameters + int(noise))
+    change = np.take_along_axis(np.diff(table, axis=1), when, axis=1)
+    step = np.where(up, MORRIS_STEP, -MORRIS_STEP)
+    if noise:
+        step[:, -1] = NOISE_STEP
+    return change / step
+
+
+def _mean_interval(x: Any, level: float) -> tuple[Any, Any, Any]:
+    """Return the mean of each column with Student's interval."""
+    width = stats.t.ppf((1 + level) / 2, len(x) - 1) * x.std(axis=0, ddof=1) / np.sqrt(len(x))
+    return x.mean(axis=0), x.mean(axis=0) - width, x.mean(axis=0) + width
+
+
+def _deviation_interval(x: Any, level: float) -> tuple[Any, Any, Any]:
+    """Return the standard deviation of each column; its interval is a jackknife of the logarithm of the variance."""
+    n = len(x)
+    apart = (x - x.mean(axis=0)) ** 2
+    whole = apart.sum(axis=0) / (n - 1)
+    without = (apart.sum(axis=0) - apart * n / (n - 1)) / (n - 2)
+    certain = whole <= 1e-20 * np.square(x).mean(axis=0)  # a linear factor: the rest is rounding
+    log = np.log(np.where(certain, 1.0, np.maximum(without, 1e-12 * whole)))
+    pseudo = n * np.log(np.where(certain, 1.0, whole)) - (n - 1) * log
+    _, low, high = _mean_interval(pseudo, level)
+    low, high = (np.where(certain, 0.0, np.exp(np.minimum(v, 700) / 2)) for v in (low, high))
+    sigma = np.sqrt(whole)
+    return sigma, np.minimum(low, sigma), np.maximum(high, sigma)

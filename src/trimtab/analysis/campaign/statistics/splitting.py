@@ -1,0 +1,222 @@
+"""Probability of a rare failure by generalised splitting, over parameters and noise.
+
+A run is a point (z, w). The standard normal numbers z (d,) stand for its parameters. Each of the words w (m,) selects
+the random numbers of one part of the noise. The margin g(z, w) is below 0 for a failure. Levels g1 > g2 > … > gK = 0
+lead to the failure:
+
+    P(g < 0) = P(g < g1) P(g < g2 | g < g1) … P(g < 0 | g < g(K-1))
+
+**Pilot.** A subset simulation. Of `size` points, the tenth with the smallest margins sets the next level. From each of
+them, a Markov chain of SPLIT points below that level gives the next points. The pilot sets levels and steps, which are
+fixed afterwards.
+
+**Splitting.** Roots are drawn independently. A point below level k starts a chain of SPLIT points (itself the first)
+that stay below it. The chain's kernel keeps the distribution below the level. A root with c failing descendants
+estimates
+
+    c / SPLIT^(K - 1)
+
+with mean P(g < 0) exactly, because levels, lengths and kernels do not depend on these roots. Roots are therefore
+independent and unbiased, and the means of batches of roots give an interval.
+
+**Kernel.** Parameters take a preconditioned Crank-Nicolson step, z' = sqrt(1 - s^2) z + s xi with xi standard normal.
+Each word is drawn again with probability q, which resamples its part of the noise and leaves the rest exactly as it
+was. Half of the steps do both, a quarter parameters alone, a quarter noise alone. A step above the level is rejected.
+Both keep the unconditional distribution, whatever the distribution of the noise.
+
+Source: Botev, Kroese, "Efficient Monte Carlo simulation via the generalized splitting method", Statistics and Computing
+22 (2012), algorithm 2.1 and its unbiasedness, pilot by their algorithm 4.1; Au, Beck, "Estimation of small failure
+probabilities in high dimensions by subset simulation", Probabilistic Engineering Mechanics 16 (2001), levels;
+Papaioannou, Betz, Zwirglmaier, Straub, "MCMC algorithms for subset simulation", Probabilistic Engineering Mechanics 41
+(2015), the step in normal space and its adaptation.
+"""
+
+import math
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from trimtab.analysis.campaign.statistics.intervals import Mean, mean
+
+SPLIT = 10
+"""Length of a chain; one in SPLIT of the pilot's points lies below the next level."""
+MOST_LEVELS = 40
+ACCEPTANCE = 0.44
+"""Share of accepted steps to which the pilot adapts their size."""
+CORRELATION = 3.0
+"""Factor on the variance for correlation within chains; observed on linear margins of 1 to 32 dimensions."""
+BOTH, PARAMETERS, NOISE = range(3)
+Margins = Callable[[Any, Any], Any]
+"""Function from z (n, d) and words (n, m) uint32 to margins (n,)."""
+
+
+class ChainStates(NamedTuple):
+    """States of chains. z: (n, d).  words: (n, m), uint32.  margin: (n,).  root: (n,), the ancestor of each."""
+
+    z: Any
+    words: Any
+    margin: Any
+    root: Any
+
+    def __getitem__(self, which: Any) -> "ChainStates":  # pyright: ignore[reportIncompatibleMethodOverride]
+        """Return some of the states."""
+        return ChainStates(self.z[which], self.words[which], self.margin[which], self.root[which])
+
+
+class Ladder(NamedTuple):
+    """Result of the pilot. levels: (K,), falling, the last 0.  steps: (K - 1, d), s of each parameter below each level.
+
+    refresh: (K - 1,), q.  estimate: probability from the pilot alone, biased.  flown: runs of the pilot.
+    """
+
+    levels: Any
+    steps: Any
+    refresh: Any
+    estimate: float
+    flown: int
+
+    @property
+    def roots_cost(self) -> float:
+        """Average number of runs for a root, estimated by the pilot."""
+        return 1 + (len(self.levels) - 1) * (SPLIT - 1) / SPLIT
+
+
+class Stalled(Exception):
+    """The pilot made no progress. level: margin at which it stays.  flown: runs so far."""
+
+    def __init__(self, level: float, flown: int) -> None:
+        super().__init__(f"margins stay at {level:.6g}")
+        self.level, self.flown = level, flown
+
+
+def _draw_words(rng: np.random.Generator, shape: tuple[int, ...]) -> Any:
+    return rng.integers(0, 2**32, shape, dtype=np.uint32)
+
+
+def draw_roots(margins: Margins, rng: np.random.Generator, n: int, d: int, m: int) -> ChainStates:
+    """Draw n independent points with d parameters and m words."""
+    z, words = rng.standard_normal((n, d)), _draw_words(rng, (n, m))
+    return ChainStates(z, words, margins(z, words), np.arange(n))
+
+
+def take_step(
+    margins: Margins, rng: np.random.Generator, at: ChainStates, level: float, steps: Any, refresh: float
+) -> tuple[ChainStates, Any, Any]:
+    """Make one step of each chain below a level; return the new states, the kinds of steps, and which were accepted."""
+    (n, d), m = at.z.shape, at.words.shape[1]
+    kinds = rng.choice(3, n, p=[0.5, 0.25, 0.25]) if d and m else np.full(n, PARAMETERS if d else NOISE)
+    s = np.where((kinds != NOISE)[:, None], steps, 0.0)
+    z = np.sqrt(1 - s * s) * at.z + s * rng.standard_normal((n, d))
+    fresh = rng.random((n, m)) < refresh
+    if m:
+        fresh[np.arange(n), rng.integers(0, m, n)] = True
+    fresh &= (kinds != PARAMETERS)[:, None]
+    words = np.where(fresh, _draw_words(rng, (n, m)), at.words)
+    margin = margins(z, words)
+    taken = margin < level
+    moved = ChainStates(
+        z=np.where(taken[:, None], z, at.z),
+        words=np.where(taken[:, None], words, at.words),
+        margin=np.where(taken, margin, at.margin),
+        root=at.root,
+    )
+    return moved, kinds, taken
+
+
+def _join(parts: list[ChainStates]) -> ChainStates:
+    return ChainStates(*(np.concatenate(arrays) for arrays in zip(*parts, strict=True)))
+
+
+class _Pace:
+    """Step sizes, adapted to the share of accepted steps. s: relative to the deviation below the level; q: of words."""
+
+    def __init__(self) -> None:
+        self.s, self.q = 0.6, 0.3
+
+    def adapt(self, kinds: Any, taken: Any, times: int) -> None:
+        """Adapt after step number `times` of a level: larger steps if more were accepted than wanted."""
+        for kind in (PARAMETERS, NOISE):
+            if (kinds == kind).any():
+                change = math.exp(2 * (float(taken[kinds == kind].mean()) - ACCEPTANCE) / math.sqrt(times))
+                if kind == PARAMETERS:
+                    self.s = min(max(self.s * change, 1e-3), 5.0)
+                else:
+                    self.q = min(max(self.q * change, 1e-3), 1.0)
+
+
+def set_ladder(margins: Margins, rng: np.random.Generator, size: int, d: int, m: int) -> Ladder:
+    """Run the pilot, with `size` points for each level, and return levels and steps. Raises: Stalled."""
+    points, pace = draw_roots(margins, rng, size, d, m), _Pace()
+    levels: list[float] = []
+    steps: list[Any] = []
+    refresh: list[float] = []
+    estimate, flown = 1.0, size
+    while True:
+        level = float(np.partition(points.margin, len(points.margin) // SPLIT)[len(points.margin) // SPLIT])
+        below = points.margin < max(level, 0.0)
+        stuck = bool(levels) and level >= levels[-1]
+        if level > 0 and (stuck or below.mean() < 0.2 / SPLIT or len(levels) == MOST_LEVELS):
+            raise Stalled(level, flown)
+        estimate *= float(below.mean())
+        levels.append(max(level, 0.0))
+        if level <= 0:
+            return Ladder(np.array(levels), np.reshape(steps, (len(steps), d)), np.array(refresh), estimate, flown)
+        chains = points[below]
+        spread, parts = np.minimum(chains.z.std(axis=0), 1.0), [chains]
+        for times in range(1, SPLIT):
+            chains, kinds, taken = take_step(margins, rng, chains, level, np.minimum(pace.s * spread, 1.0), pace.q)
+            pace.adapt(kinds, taken, times)
+            parts.append(chains)
+            flown += len(taken)
+        steps.append(np.minimum(pace.s * spread, 1.0))
+        refresh.append(pace.q)
+        points = _join(parts)
+
+
+class Descent(NamedTuple):
+    """Result of some roots. counts: (n,), failing descendants of each.  survivors: (K,), points below each level.
+
+    taken: (K - 1,), share of accepted steps below each level.  failures: points that fail.  flown: runs.
+    """
+
+    counts: Any
+    survivors: Any
+    taken: Any
+    failures: ChainStates
+    flown: int
+
+
+def descend(margins: Margins, rng: np.random.Generator, ladder: Ladder, n: int, d: int, m: int) -> Descent:
+    """Split n roots down a fixed ladder."""
+    points, flown = draw_roots(margins, rng, n, d, m), n
+    survivors, accepted = np.zeros(len(ladder.levels), np.int64), np.zeros(len(ladder.levels) - 1)
+    for k, level in enumerate(ladder.levels):
+        chains = points[points.margin < level]
+        points = chains
+        survivors[k] = len(chains.root)
+        if not survivors[k] or k == len(ladder.levels) - 1:
+            break
+        parts = [chains]
+        for _ in range(1, SPLIT):
+            chains, _kinds, taken = take_step(margins, rng, chains, level, ladder.steps[k], ladder.refresh[k])
+            accepted[k] += taken.mean() / (SPLIT - 1)
+            parts.append(chains)
+            flown += len(taken)
+        points = _join(parts)
+    return Descent(np.bincount(points.root, minlength=n), survivors, accepted, points, flown)
+
+
+def probability(sums: Any, roots: int, ladder: Ladder, level: float = 0.95) -> Mean:
+    """Return the failure probability and its interval. sums: failing descendants of each batch.  roots: of a batch."""
+    found = mean(np.asarray(sums, np.float64) / roots / float(SPLIT) ** (len(ladder.levels) - 1), level)
+    return found._replace(low=max(found.low, 0.0))
+
+
+def expected_width(ladder: Ladder, roots: int) -> float:
+    """Return the approximate half width of the interval for a number of roots, as a fraction of the probability.
+
+    The relative variance of a level's share p is (1 - p)/(p n), as for n independent points, times CORRELATION.
+    """
+    own = (SPLIT - 1) * CORRELATION * (len(ladder.levels) - 1)
+    return 2 * math.sqrt((own + SPLIT - 1) / roots)

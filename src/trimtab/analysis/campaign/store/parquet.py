@@ -1,0 +1,82 @@
+"""Export of a campaign's rows to a Parquet file or an xarray Dataset, with the plan that produced them.
+
+Source: Apache Parquet, file format, key-value metadata; Apache Arrow, format, schemas.
+"""
+
+import json
+import os
+from collections.abc import Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from trimtab.analysis.campaign.campaign import CampaignResult
+from trimtab.core.errors import InputError, install_command
+
+ABOUT = b"trimtab"
+"""Metadata key of the JSON text that describes the campaign."""
+
+
+def write_parquet(result: CampaignResult, file: str | Path) -> Path:
+    """Write the rows of a campaign to a Parquet file, with its plan, version, backend and class of machine."""
+    return write_columns(result.columns, {"identity": result.identity, "plan": result.plan.as_dict()}, file)
+
+
+def write_columns(columns: Mapping[str, Any], about: Mapping[str, Any], file: str | Path) -> Path:
+    """Write columns to a Parquet file, atomically.
+
+    Args:
+        columns: name -> (n,), as `read_store` gives them.
+        about: plain data stored with the rows: the store's attributes.
+        file: path of the file; an existing file is replaced.
+    """
+    pa, parquet = import_arrow()
+    file = Path(file)
+    rows = {name: np.ascontiguousarray(column) for name, column in columns.items()}
+    table = pa.table(rows).replace_schema_metadata({ABOUT: json.dumps(about, sort_keys=True)})
+    part = file.with_name(f".{file.name}.{os.getpid()}")
+    try:
+        parquet.write_table(table, part, compression="zstd")
+        part.replace(file)
+    except OSError as error:
+        part.unlink(missing_ok=True)
+        problem = f"cannot be written: {error.strerror or error}"
+        raise InputError(f"parquet {str(file)!r}", problem, fix="make room, or name another file") from None
+    return file
+
+
+def read_parquet(file: str | Path) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Return the description of a file's campaign, and its columns (n,)."""
+    pa, parquet = import_arrow()
+    part = f"parquet {str(file)!r}"
+    try:
+        table = parquet.read_table(file)
+    except (OSError, pa.ArrowInvalid) as error:
+        raise InputError(part, f"cannot be read: {error}", fix="name a file that a campaign exported") from None
+    metadata = table.schema.metadata or {}
+    if ABOUT not in metadata:
+        raise InputError(part, "does not hold a campaign", fix="name a file that a campaign exported")
+    columns = {name: table[name].to_numpy() for name in table.column_names}
+    return json.loads(metadata[ABOUT]), columns
+
+
+def as_dataset(columns: Mapping[str, Any], about: Mapping[str, Any]) -> Any:
+    """Return the same rows as an xarray Dataset over `run`; its attribute `trimtab` is the description as JSON."""
+    try:
+        import xarray
+    except ImportError:
+        raise InputError("dataset", "needs xarray", fix=install_command("xarray")) from None
+    data = {name: ("run", np.asarray(column)) for name, column in columns.items() if name != "run"}
+    attributes = {ABOUT.decode(): json.dumps(about, sort_keys=True)}
+    return xarray.Dataset(data, coords={"run": np.asarray(columns["run"])}, attrs=attributes)
+
+
+def import_arrow() -> tuple[Any, Any]:
+    """Import pyarrow and its parquet module; raise InputError with the command that installs it."""
+    try:
+        import pyarrow
+        import pyarrow.parquet
+    except ImportError:
+        raise InputError("parquet", "needs pyarrow", fix=install_command("parquet")) from None
+    return pyarrow, pyarrow.parquet

@@ -1,0 +1,343 @@
+"""Campaigns on several machines: workers of dask.distributed fly the blocks, over TLS with certificates on both ends.
+
+A worker receives the name of a function of trimtab and plain data: the plan and two numbers. It builds the scenario
+itself, and reports an error if its rows would not be bit-equal to those of the campaign's own machine.
+
+Source: docs page, A campaign on several machines; Rescorla, "The transport layer security (TLS) protocol version 1.3",
+RFC 8446.
+"""
+
+import contextlib
+import functools
+import hashlib
+import importlib.util
+import ipaddress
+import itertools
+import json
+import logging
+import re
+import socket
+import ssl
+import threading
+import time
+from collections.abc import Iterator, Mapping
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any, NamedTuple
+
+from trimtab.analysis.campaign.workers.block import BlockResults, Blocks, Workers, WorkersLost, fly_block, uses_c
+from trimtab.analysis.campaign.workers.prepare import PreparedCampaign, identity, plan_from_dict, prepare_campaign
+from trimtab.core.errors import InputError, argument, argument_name, install_command
+from trimtab.run.program import thread_count
+
+CONNECT_TIMEOUT = 10.0
+"""Time limit for an answer of the scheduler to a call (s)."""
+REPLY_TIMEOUT = 15.0
+"""Time without messages after which the scheduler is asked, and time limit for its answer (s)."""
+WORKER_TIMEOUT = 60.0
+"""Time limit for the arrival of a first worker, or of another when all are gone (s)."""
+RESUME_HINT = "start the same command again; it resumes there"
+ADDRESS_PATTERN = re.compile(r"(\w+)://(\[[0-9a-fA-F:.]+\]|[^\s:/\[\]]+):(\d{1,5})/?")
+_one_prepares = threading.Lock()
+
+
+def machine_identity(ready: PreparedCampaign, backend: str) -> dict[str, str]:
+    """Return what must be equal on two machines for equal rows."""
+    packages = ", ".join(f"{name} {version(name)}" for name in ("jax", "numpy", "scipy"))
+    return {**identity(ready.plan, ready.scenario, backend), "packages": packages, "code": _source_digest()}
+
+
+@functools.cache
+def _source_digest() -> str:
+    """Return the digest of trimtab's own source, because a version under development has many states."""
+    root, digest = Path(__file__).parents[3], hashlib.sha256()
+    for file in sorted(root.rglob("*.py")):
+        digest.update(file.relative_to(root).as_posix().encode() + b"\0" + file.read_bytes() + b"\0")
+    return digest.hexdigest()[:16]
+
+
+@functools.lru_cache(maxsize=1)
+def _prepare_cached(text: str, backend: str) -> tuple[PreparedCampaign, dict[str, str]]:
+    """Prepare a plan, cached for the last one, and return it with this machine's identity."""
+    ready = prepare_campaign(plan_from_dict(json.loads(text)))
+    can = "c" if backend == "c" and uses_c(ready, "auto") else "jax"
+    return ready, machine_identity(ready, can)
+
+
+def fly_rows(plain: Mapping[str, Any], asker: Mapping[str, str], first: int, last: int) -> dict[str, Any]:
+    """Fly rows first … last - 1 on a worker, and return them by name (n,).
+
+    Args:
+        plain: the plan as plain data.
+        asker: identity of the asking machine, `machine_identity`.
+        first, last: first row, and last row + 1.
+
+    Raises: InputError if this machine's rows would differ.
+    """
+    address, threads = _this_worker()
+    try:
+        with _one_prepares:
+            ready, here = _prepare_cached(json.dumps(plain, sort_keys=True), asker["backend"])
+    except InputError as error:
+        part = f"worker {address}: {error.part}"
+        raise InputError(part, error.problem, choices=error.choices, fix=error.fix) from None
+    apart = [name for name in asker if here.get(name) != asker[name]]
+    if apart:
+        shown = "; ".join(f"{name}: {here.get(name)} there, {asker[name]} here" for name in apart)
+        same = "install the same trimtab, packages and files there, and restart the worker"
+        fix = "install a C compiler there" if apart == ["backend"] else same
+        raise InputError(f"worker {address}", f"would give different rows: {shown}", fix=fix)
+    return fly_block(ready, first, last, backend=asker["backend"], threads=threads)
+
+
+def _this_worker() -> tuple[str, int]:
+    """Return the worker's address, as the scheduler knows it, and its share of the machine's threads."""
+    from distributed import get_worker
+
+    try:
+        worker = get_worker()
+    except ValueError:
+        return "here", thread_count(None)
+    return str(worker.address), max(1, thread_count(None) // worker.state.nthreads)
+
+
+class SchedulerAddress(NamedTuple):
+    """Address of the scheduler, and the TLS files of this machine; no files for plain TCP."""
+
+    uri: str
+    host: str
+    port: int
+    files: tuple[str, str, str] | None
+
+
+def parse_address(uri: str, files: dict[str, str]) -> SchedulerAddress:
+    """Read an address; raise InputError for an invalid one, and for plain TCP between machines."""
+    match = ADDRESS_PATTERN.fullmatch(uri.strip())
+    if not match or match[1] not in ("tls", "tcp") or not 0 < int(match[3]) < 2**16:
+        raise InputError(
+            argument_name("cluster"), f"{uri!r} must be tls://HOST:PORT", fix=argument("cluster", "tls://10.0.0.1:8786")
+        )
+    host, port = match[2].strip("[]"), int(match[3])
+    tls, flags = (
+        f"tls://{match[2]}:{port}",
+        f"{argument('tls_ca', 'ca.pem')} {argument('tls_cert', 'me.pem')} {argument('tls_key', 'me.key')}",
+    )
+    if match[1] == "tcp":
+        if not _is_loopback(host):
+            problem = (
+                f"{uri}: without TLS, anyone who reaches the port can run programs on every machine of the cluster"
+            )
+            raise InputError(argument_name("cluster"), problem, fix=f"{argument('cluster', tls)} {flags}")
+        if any(files.values()):
+            raise InputError(argument_name("cluster"), f"{uri} does not use certificates", fix=argument("cluster", tls))
+        return SchedulerAddress(uri, host, port, None)
+    for which, name in files.items():
+        flag = argument_name(which)
+        if not name:
+            raise InputError(flag, "tls:// needs a CA certificate, a certificate and its key", fix=flags)
+        if not Path(name).is_file():
+            raise InputError(flag, f"the file {name!r} does not exist", fix=f"{flag} with a PEM file")
+    place = SchedulerAddress(tls, host, port, (files["tls_ca"], files["tls_cert"], files["tls_key"]))
+    _tls_context(place)
+    return place
+
+
+def _is_loopback(host: str) -> bool:
+    with contextlib.suppress(ValueError):
+        return ipaddress.ip_address(host).is_loopback
+    return host == "localhost"
+
+
+def _tls_context(place: SchedulerAddress) -> ssl.SSLContext:
+    """Create the TLS context that distributed will use; raise InputError for unusable or mismatched files."""
+    ca, cert, key = place.files or ("", "", "")
+    try:
+        context = ssl.create_default_context(ssl.Purpose.SERVER_AUTH, cafile=ca)
+        context.check_hostname = False
+        context.load_cert_chain(cert, key)
+    except (ssl.SSLError, OSError) as error:
+        problem = f"{ca}, {cert} and {key} can't be used: {error.reason if isinstance(error, ssl.SSLError) else error}"
+        raise InputError(
+            f"{argument_name('tls_ca')}, {argument_name('tls_cert')}, {argument_name('tls_key')}",
+            problem,
+            fix="see the docs page, certificates",
+        ) from None
+    return context
+
+
+def check_scheduler(place: SchedulerAddress) -> None:
+    """Raise InputError if the scheduler is missing, or if either end does not trust the other."""
+    part = argument_name("cluster", place.uri)
+    try:
+        with socket.create_connection((place.host, place.port), CONNECT_TIMEOUT) as plain:
+            if place.files is None:
+                return
+            with _tls_context(place).wrap_socket(plain) as safe:
+                if not safe.recv(1):  # a scheduler speaks first, if it accepts the certificate
+                    raise ssl.SSLError("it closed the connection")
+    except ssl.SSLCertVerificationError as error:
+        problem = f"the CA in {place.files and place.files[0]} did not sign its certificate: {error.verify_message}"
+        raise InputError(
+            part, problem, fix=f"{argument_name('tls_ca')} with the ca.pem that the scheduler was started with"
+        ) from None
+    except ssl.SSLError as error:
+        problem = f"it rejects the certificate: {error.reason or error}"
+        both = f"{argument_name('tls_cert')} and {argument_name('tls_key')}"
+        fix = f"{both} signed by the CA that the scheduler was started with"
+        raise InputError(part, problem, fix=fix) from None
+    except OSError as error:
+        problem = f"cannot reach a scheduler there: {error.strerror or error}"
+        scheme = "tls" if place.files else "tcp"
+        fix = f"on that machine:  dask scheduler --protocol {scheme} --port {place.port} …, and open the port"
+        raise InputError(part, problem, fix=fix) from None
+
+
+def cluster_workers(uri: str, *, ca: str | Path = "", cert: str | Path = "", key: str | Path = "") -> Workers:
+    """Return workers of a cluster for `Campaign.run`.
+
+    Args:
+        uri: address of the scheduler, e.g. tls://10.0.0.1:8786; tcp:// only within one machine.
+        ca: PEM file of the CA that signed all certificates.
+        cert, key: PEM files of this machine's certificate and of its private key.
+
+    Raises: InputError if the scheduler can't be reached in this way; nothing is sent yet.
+    """
+    place = parse_address(uri, {"tls_ca": str(ca), "tls_cert": str(cert), "tls_key": str(key)})
+    if importlib.util.find_spec("distributed") is None:
+        raise InputError(argument_name("cluster"), "needs dask.distributed", fix=install_command("cluster"))
+
+    def fly(ready: PreparedCampaign, blocks: Blocks, used: str) -> BlockResults:
+        with _open_client(place) as client:
+            yield from _fly_blocks(client, place, ready, blocks, used)
+
+    return fly
+
+
+@contextlib.contextmanager
+def _open_client(place: SchedulerAddress) -> Iterator[Any]:
+    """Open a client of the scheduler, which releases its requests at the end."""
+    from dask.config import set as configured
+    from distributed import Client, Security
+
+    check_scheduler(place)
+    security = Security(require_encryption=False)
+    if place.files:
+        ca, cert, key = place.files
+        security = Security(tls_ca_file=ca, tls_client_cert=cert, tls_client_key=key, require_encryption=True)
+    timeouts = {
+        "distributed.comm.timeouts.connect": f"{CONNECT_TIMEOUT}s",
+        "distributed.comm.timeouts.tcp": f"{REPLY_TIMEOUT}s",
+    }
+    with configured(timeouts), _mute_distributed():
+        try:
+            client = Client(place.uri, security=security, timeout=CONNECT_TIMEOUT, set_as_default=False)
+        except (OSError, TimeoutError) as error:
+            problem = f"the scheduler does not answer: {error}"
+            raise InputError(argument_name("cluster", place.uri), problem, fix="dask scheduler …") from None
+        try:
+            yield client
+        finally:
+            client.close(timeout=3)
+
+
+@contextlib.contextmanager
+def _mute_distributed() -> Iterator[None]:
+    """Silence the long logs of distributed about a lost connection; the campaign reports it in one line."""
+    known = map(logging.getLogger, list(logging.root.manager.loggerDict))
+    before = [(log, log.level) for log in known if log.name.partition(".")[0] == "distributed"]
+    for log, _ in before:
+        log.setLevel(logging.CRITICAL + 1)
+    try:
+        yield
+    finally:
+        for log, level in before:
+            log.setLevel(level)
+
+
+class _ClusterWatch:
+    """Watch for scheduler and workers. threads: of all workers, at the last check."""
+
+    def __init__(self, client: Any, place: SchedulerAddress) -> None:
+        self._client, self._part = client, argument_name("cluster", place.uri)
+        self._asked, self._seen, self.threads = 0.0, time.monotonic(), 0
+
+    def check_workers(self) -> None:
+        """Check, at intervals, that scheduler and workers are there.
+
+        Raises: WorkersLost.
+        """
+        if self._client.status != "running":
+            raise WorkersLost(self._part, "the scheduler is gone", f"start it and its workers, then {RESUME_HINT}")
+        now = time.monotonic()
+        if now - self._asked < (REPLY_TIMEOUT if self.threads else 1.0):
+            return
+        try:
+            cores = self._client.sync(self._client.scheduler.ncores, callback_timeout=REPLY_TIMEOUT)
+        except Exception as error:  # any error of a broken connection
+            raise self.silent_scheduler(error) from None
+        self._asked, self.threads = time.monotonic(), sum(cores.values())
+        if self.threads:
+            self._seen = self._asked
+        elif self._asked - self._seen > WORKER_TIMEOUT:
+            problem = f"it had no worker for {WORKER_TIMEOUT:g} s"
+            raise WorkersLost(self._part, problem, f"start workers:  dask worker …, then {RESUME_HINT}")
+
+    def silent_scheduler(self, error: Exception) -> WorkersLost:
+        """Return the error for a scheduler that can't be reached."""
+        problem = f"the scheduler does not answer ({type(error).__name__})"
+        return WorkersLost(self._part, problem, f"check the scheduler, then {RESUME_HINT}")
+
+
+def _fly_blocks(
+    client: Any, place: SchedulerAddress, ready: PreparedCampaign, blocks: Blocks, used: str
+) -> BlockResults:
+    """Yield the blocks as they arrive; two for each thread are in progress at a time."""
+    asker, plain, waiting = machine_identity(ready, used), ready.plan.as_dict(), iter(blocks)
+    flying: dict[Any, tuple[int, int]] = {}
+    watch, landed = _ClusterWatch(client, place), threading.Event()
+    try:
+        while True:
+            watch.check_workers()
+            for first, last in itertools.islice(waiting, max(2, 2 * watch.threads, len(flying)) - len(flying)):
+                future = client.submit(fly_rows, plain, asker, first, last, pure=False)
+                future.add_done_callback(lambda _: landed.set())
+                flying[future] = first, last
+            if not flying:
+                return
+            landed.wait(1.0)
+            landed.clear()
+            for future in [f for f in flying if f.done()]:
+                first, last = flying[future]
+                columns = _block_columns(future, watch, (first, last))
+                if columns is not None:
+                    del flying[future]
+                    future.release()
+                    yield first, columns
+    finally:
+        flying.clear()  # the scheduler drops what no client waits for
+
+
+def _block_columns(future: Any, watch: _ClusterWatch, block: tuple[int, int]) -> Any:
+    """Return the columns of a block; None if they were lost in transit, and must be flown again."""
+    from distributed import KilledWorker
+
+    runs = f"runs {block[0]} to {block[1] - 1}"
+    try:
+        return future.result(timeout=REPLY_TIMEOUT)
+    except InputError:
+        raise
+    except TimeoutError:
+        return None
+    except OSError as error:  # the worker that holds them does not answer
+        raise watch.silent_scheduler(error) from None
+    except KilledWorker as error:
+        problem = f"{runs} ended one worker after another, the last {error.last_worker}"
+        fix = f"check that worker's log, for example for a lack of memory, then {RESUME_HINT}"
+        raise WorkersLost(argument_name("cluster"), problem, fix) from None
+    except BaseException as error:
+        if isinstance(error, KeyboardInterrupt | SystemExit | GeneratorExit):
+            raise
+        watch.check_workers()
+        problem = f"{runs} did not come back: {type(error).__name__}: {error}"
+        fix = f"check the logs of the scheduler and the workers, then {RESUME_HINT}"
+        raise WorkersLost(argument_name("cluster"), problem, fix) from None

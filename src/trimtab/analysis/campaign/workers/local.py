@@ -1,0 +1,94 @@
+"""Workers in this process: blocks fly while earlier ones are measured and written; Ctrl-C stops them."""
+
+import functools
+import threading
+from collections import deque
+from collections.abc import Callable
+from concurrent.futures import Future, ThreadPoolExecutor
+from typing import Any
+
+import jax
+import numpy as np
+
+from trimtab.analysis.campaign.workers.block import BlockResults, Blocks, Workers, fly_block
+from trimtab.analysis.campaign.workers.prepare import FEWEST, PreparedCampaign
+
+AHEAD = 2
+"""Number of blocks in progress: the metrics of one are computed while the other flies on all cores."""
+
+
+class _CampaignAborted(Exception):
+    """The campaign has ended, so that the block is not needed."""
+
+
+class RowCount:
+    """Progress in finished rows, which never falls; rows in flight count before they are stored."""
+
+    def __init__(self, progress: Callable[[int], None] | None) -> None:
+        self._progress, self._alone, self._most = progress, threading.Lock(), 0
+        self._pieces: dict[int, int] = {}
+
+    def fly(self, start: int, done: int) -> None:
+        """Report that `done` runs of the piece from `start` on have flown; start -1: runs from earlier sessions."""
+        with self._alone:
+            self._pieces[start] = max(self._pieces.get(start, 0), done)  # runs of other choices begin at 0 again
+            self._tell(sum(self._pieces.values()))
+
+    def keep(self, done: int) -> None:
+        """Report that `done` rows are stored."""
+        with self._alone:
+            self._tell(done)
+
+    def _tell(self, done: int) -> None:
+        if self._progress is not None and done >= self._most:
+            self._most = done
+            self._progress(done)
+
+
+def local_workers(threads: int | None = None, count: RowCount | None = None) -> Workers:
+    """Return workers in this process.
+
+    Args:
+        threads: number of threads; None: one for each core.
+        count: receives, a few times a second, the number of rows flown.
+    """
+    rows = count or RowCount(None)
+
+    def fly(ready: PreparedCampaign, blocks: Blocks, backend: str) -> BlockResults:
+        aborted = threading.Event()
+        rows.fly(-1, ready.plan.runs - sum(last - first for first, last in blocks))
+
+        def check(start: int, done: int) -> None:
+            if aborted.is_set():
+                raise _CampaignAborted
+            rows.fly(start, done)
+
+        def block(first: int, last: int) -> dict[str, Any]:
+            pieces = []
+            for start, end in _split_block(first, last, backend):
+                tell = functools.partial(check, start)
+                tell(0)
+                pieces.append(fly_block(ready, start, end, backend=backend, threads=threads, progress=tell))
+                tell(end - start)
+            return {name: np.concatenate([columns[name] for columns in pieces]) for name in pieces[0]}
+
+        with ThreadPoolExecutor(AHEAD) as pool:
+            flying: deque[tuple[int, Future[dict[str, Any]]]] = deque()
+            try:
+                for first, last in blocks:
+                    flying.append((first, pool.submit(block, first, last)))
+                    if len(flying) > AHEAD:
+                        start, columns = flying.popleft()
+                        yield start, columns.result()
+                for start, columns in flying:
+                    yield start, columns.result()
+            finally:
+                aborted.set()
+
+    return fly
+
+
+def _split_block(first: int, last: int, backend: str) -> Blocks:
+    """Split a block into calls: JAX can't be interrupted, and a processor gains nothing from more runs at once."""
+    size = FEWEST if backend == "jax" and jax.default_backend() == "cpu" else last - first
+    return [(start, min(start + size, last)) for start in range(first, last, size)]

@@ -1,0 +1,373 @@
+"""Plan of a campaign, checked against its scenario, and the parameters of each run.
+
+A plan is plain data and determines every row, so that a later session or another machine makes the same rows.
+"""
+
+import hashlib
+import json
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from trimtab.analysis.campaign.grammar import Condition, parse_condition
+from trimtab.analysis.campaign.sampling.distributions import Amount, Distribution, parse_distribution
+from trimtab.analysis.campaign.sampling.points import DESIGNS, Points, check_factors, points
+from trimtab.analysis.campaign.sampling.spread import (
+    Factor,
+    Spread,
+    parse_factors,
+    resolve_spread,
+    spread_arrays,
+    spread_values,
+)
+from trimtab.analysis.campaign.sampling.varying import fault_spread, pieces_spread, with_pieces
+from trimtab.analysis.campaign.statistics.metrics import Metric, default_metrics, find_metric, name_option, short_name
+from trimtab.core.errors import InputError, argument, argument_name
+from trimtab.core.record import Option, Quantity, leaves, with_leaf, with_part_of
+from trimtab.core.time import ms
+from trimtab.logs.log import provenance
+from trimtab.logs.spatial import FLIGHT, FLIGHT_DECLARED, FlightSource, find_flight, place_parameters
+from trimtab.loop.calibration import format_calibration, parse_calibration, read_calibration
+from trimtab.loop.scenario import Scenario
+from trimtab.loop.settings import with_settings
+from trimtab.loop.walk import logged_signals
+from trimtab.run.inputs import run_inputs
+from trimtab.run.program import check_seed, describe_scenario
+from trimtab.run.walk_structure import signal_structure
+from trimtab.scenarios.build import CALIBRATION, build
+
+MEMORY = 48 * 2**20
+"""Approximate memory for the logged rows of a block, in bytes."""
+FEWEST, MOST = 64, 2048
+"""Minimum and maximum number of runs in a block."""
+VARIANTS = 64
+"""Maximum number of programs for the choices of options."""
+
+
+class CampaignPlan(NamedTuple):
+    """Plan of a campaign. Settings, imperfections and faults are as in `trimtab run`.
+
+    spread: texts of varied parameters and their distributions.  correlate: pairs of these texts, with their
+    correlation.  runs: total number of runs; only a Latin hypercube's rows depend on it.  success: conditions that must
+    all hold.  calibration: content of the file named in the settings, so that other machines do not need it.  inputs:
+    inputs held constant in pieces, as after `--vary`.
+    """
+
+    scenario: str
+    settings: tuple[tuple[str, str], ...] = ()
+    without: tuple[str, ...] = ()
+    faults: tuple[str, ...] = ()
+    seed: int = 0
+    runs: int = 1000
+    sampling: str = "random"
+    spread: tuple[tuple[str, Distribution], ...] = ()
+    correlate: tuple[tuple[str, str, float], ...] = ()
+    metrics: tuple[str, ...] = ()
+    success: tuple[str, ...] = ()
+    log_period: int = ms(10)
+    calibration: str = ""
+    inputs: tuple[str, ...] = ()
+
+    def as_dict(self) -> dict[str, Any]:
+        """Return the plan as JSON-compatible data."""
+        return json.loads(json.dumps(self._asdict() | {"spread": [[p, d._asdict()] for p, d in self.spread]}))
+
+
+def plan_campaign(
+    part: str,
+    scenario: str | Scenario,
+    settings: Mapping[str, str] | None,
+    without: Iterable[str],
+    faults: Iterable[str],
+    seed: int,
+    **rest: Any,
+) -> CampaignPlan:
+    """Create the plan of a scenario given by name, or as an object without settings, without and faults.
+
+    part: name used in errors.  rest: fields of the plan.
+    """
+    check_seed(seed)
+    own = dict(settings or {})
+    file = own.pop(CALIBRATION, "")
+    changes = tuple(sorted(own.items())), tuple(without), tuple(faults)
+    if isinstance(scenario, str):
+        content = format_calibration(read_calibration(file)) if file else ""
+        return CampaignPlan(scenario, *changes, seed=seed, calibration=content, **rest)
+    if any(changes) or file:
+        raise InputError(part, "settings need a scenario given by name", fix="change the scenario itself")
+    return CampaignPlan(scenario.name, seed=seed, **rest)
+
+
+def plan_search(
+    part: str,
+    scenario: str | Scenario,
+    spread: Mapping[str, str],
+    *,
+    fault_ranges: Iterable[str] = (),
+    vary: Iterable[str] = (),
+    **rest: Any,
+) -> CampaignPlan:
+    """Create the plan of a search, over a spread, faults with ranges and inputs held in pieces.
+
+    fault_ranges, vary: texts, see `sampling.varying`.  rest: as in plan_campaign.
+    """
+    ranges, inputs = tuple(fault_ranges), tuple(vary)
+    if not ranges and not inputs:
+        return plan_campaign(part, scenario, **rest, spread=_parse_spread(spread))
+    if not isinstance(scenario, str):
+        raise InputError(part, "varied faults and inputs need a scenario given by name", fix="file.py:function")
+    bare = plan_campaign(part, scenario, **{**rest, "faults": ()})
+    built = with_pieces(build_scenario(bare), inputs)
+    rest["faults"], more = fault_spread(rest["faults"], built, ranges)
+    plan = plan_campaign(part, scenario, **rest, inputs=inputs)
+    more |= pieces_spread(build_scenario(plan), inputs)
+    for path in spread:
+        if path in more:
+            raise InputError(argument_name("spread", path), "already varies", fix="keep one of them")
+    return plan._replace(spread=_parse_spread({**spread, **more}))
+
+
+def _parse_spread(spread: Mapping[str, str]) -> tuple[tuple[str, Distribution], ...]:
+    return tuple(
+        (path, parse_distribution(text, argument_name("spread", path))) for path, text in sorted(spread.items())
+    )
+
+
+def build_scenario(plan: CampaignPlan) -> Scenario:
+    """Build the scenario that a plan names, with its settings and calibration."""
+    calibration = parse_calibration("calibration", plan.calibration) if plan.calibration else None
+    return with_pieces(build(plan.scenario, dict(plan.settings), plan.without, plan.faults, calibration), plan.inputs)
+
+
+def plan_from_dict(plain: Mapping[str, Any]) -> CampaignPlan:
+    """Create a plan from the result of `CampaignPlan.as_dict`."""
+    fields = {name: _as_tuples(value) for name, value in plain.items()}
+    fields["spread"] = tuple((path, _distribution_from_dict(d)) for path, d in plain["spread"])
+    return CampaignPlan(**fields)
+
+
+def _distribution_from_dict(plain: Mapping[str, Any]) -> Distribution:
+    distribution = Distribution(**{name: _as_tuples(value) for name, value in plain.items()})
+    return distribution._replace(amounts=tuple(Amount(*a) for a in plain["amounts"]))
+
+
+def _as_tuples(value: Any) -> Any:
+    return tuple(_as_tuples(v) for v in value) if isinstance(value, list) else value
+
+
+def identity(plan: CampaignPlan, scenario: Scenario, backend: str) -> dict[str, str]:
+    """Return what must be equal for equal rows: the campaign, the scenario and the program that computes them."""
+    of_plan = plan.as_dict()
+    if plan.sampling != "latin":
+        del of_plan["runs"]
+    for name in ("calibration", "inputs"):
+        if not of_plan[name]:
+            del of_plan[name]  # absent in older plans
+    about = describe_scenario(scenario)
+    of_scenario = {"parameters": about["parameters"], "parts": about["parts"]}
+    digests = {"campaign": of_plan, "scenario": of_scenario, "files": _file_digests(plan)}
+    return {**{name: _digest(plain) for name, plain in digests.items()}, "backend": backend, **provenance()}
+
+
+def _file_digests(plan: CampaignPlan) -> dict[str, str]:
+    """Return the digest of each Python file that the plan names, by its name."""
+    texts = (plan.scenario, *plan.metrics, *plan.success)
+    names = {text.partition(".py:")[0].strip() + ".py" for text in texts if ".py:" in text}
+    return {name: hashlib.sha256(Path(name).read_bytes()).hexdigest() for name in sorted(names)}
+
+
+def _digest(plain: Any) -> str:
+    return hashlib.sha256(json.dumps(plain, sort_keys=True).encode()).hexdigest()[:16]
+
+
+class PreparedCampaign(NamedTuple):
+    """Plan, checked against its scenario. block: number of runs that fly together and are stored together."""
+
+    plan: CampaignPlan
+    scenario: Scenario
+    spread: Spread
+    metrics: tuple[Metric, ...]
+    success: tuple[Condition, ...]
+    logged_signals: tuple[str, ...]
+    block: int
+
+
+def prepare_campaign(
+    plan: CampaignPlan, scenario: Scenario | None = None, own: Iterable[Metric] = ()
+) -> PreparedCampaign:
+    """Check everything that can be checked before any run starts.
+
+    Args:
+        plan: the campaign.
+        scenario: the scenario; None: it is built from the plan's name and settings.
+        own: metrics that are functions.
+
+    Raises: InputError with the text to type instead.
+    """
+    if scenario is None:
+        scenario = build_scenario(plan)
+    factors = parse_factors(plan.spread)
+    scenario = with_spread_parts(scenario, factors)
+    scenario.check()
+    known = find_signals(scenario)
+    targets, own = tuple(scenario.targets), tuple(own)
+    texts = plan.metrics or (() if own else default_metrics(targets))
+    length = scenario.duration
+    metrics = (
+        tuple(find_metric(text, known.shapes, targets, known.units, length) for text in dict.fromkeys(texts)) + own
+    )
+    conditions = tuple(parse_condition(text) for text in plan.success)
+    conditions = conditions or tuple(Condition(f"settling:{short_name(t.path)}", "<", np.inf) for t in targets)
+    needed = [c.metric for c in conditions if c.metric not in [m.name for m in metrics]]
+    for text, condition in {c.metric: c for c in reversed(conditions) if c.metric in needed}.items():
+        with name_option("success", f" {condition.compare} {condition.bound:g}"):
+            metrics += (find_metric(text, known.shapes, targets, known.units, length),)
+    spread = resolve_spread(scenario, factors, plan.correlate)
+    if plan.sampling in DESIGNS:
+        check_factors([f.text for f in spread.factors], [pair[:2] for pair in plan.correlate])
+    signals = known.source_signals(s for m in metrics for s in m.signals) or (next(iter(known.shapes)),)
+    ready = PreparedCampaign(plan, scenario, spread, metrics, conditions, signals, 0)
+    _check_values(ready)
+    width = sum(
+        int(np.prod(s)) for p, s in known.shapes.items() if any(p == w or p.startswith(w + ".") for w in signals)
+    )
+    rows = max(scenario.duration // plan.log_period, 1)
+    block = int(np.clip(MEMORY // (8 * rows * max(width, 1)), FEWEST, MOST)) // FEWEST * FEWEST
+    return ready._replace(block=block)
+
+
+def with_spread_parts(scenario: Scenario, factors: Iterable[Factor]) -> Scenario:
+    """Add optional parts whose parameters are spread, e.g. the hovercraft's friction."""
+    for factor in factors:
+        scenario = with_part_of(scenario, factor.path)
+    return scenario
+
+
+class KnownSignals(NamedTuple):
+    """Signals that metrics of a scenario may name: shape and unit by path, with the derived signals of a flight.
+
+    flight: source of `flight.roll` etc.; None for a vehicle that is not in space.
+    """
+
+    shapes: dict[str, tuple[int, ...]]
+    units: dict[str, str]
+    flight: FlightSource | None
+
+    def source_signals(self, paths: Iterable[str]) -> tuple[str, ...]:
+        """Return the sorted signals that must be logged for these paths."""
+        source = self.flight.paths if self.flight else ()
+        return tuple(sorted({one for p in paths for one in (source if p.startswith(FLIGHT) else (p,))}))
+
+
+def find_signals(scenario: Scenario) -> KnownSignals:
+    """Return the signals of a scenario, without flying it."""
+    signals = list(logged_signals(signal_structure(run_inputs(scenario))))
+    shapes, declared = {p: tuple(np.shape(value)) for p, value, _ in signals}, {p: d for p, _, d in signals}
+    flight = find_flight(shapes, declared)
+    if flight is not None:
+        declared |= {p: FLIGHT_DECLARED[p] for p in flight.flight_paths(shapes, scenario_place(scenario))}
+        shapes |= {p: () for p in declared if p not in shapes}
+    return KnownSignals(shapes, {p: d.unit for p, d in declared.items()}, flight)
+
+
+def scenario_place(scenario: Scenario) -> dict[str, Any]:
+    """Return the parameters, by path, that are needed to compute a flight over the rotating earth."""
+    return place_parameters({p: v for p, v, d in leaves(scenario) if isinstance(d, Quantity) and np.ndim(v) == 0})
+
+
+def draw_runs(ready: PreparedCampaign, first: int, last: int) -> tuple[Points, dict[str, Any]]:
+    """Return the points of the runs first … last - 1, and their values of the spread."""
+    names = tuple(f.text for f in ready.spread.factors)
+    drawn = points(ready.plan.sampling, ready.plan.seed, names, ready.plan.runs, first, last)
+    return drawn, spread_values(ready.spread, ready.scenario, drawn.u)
+
+
+def _check_values(ready: PreparedCampaign) -> None:
+    """Raise InputError, with the run's number, if the spread leaves a valid range; parts check their extreme values."""
+    extremes: dict[str, list[tuple[float, int]]] = {}
+    for first in range(0, ready.plan.runs, 2**16):
+        _, values = draw_runs(ready, first, min(first + 2**16, ready.plan.runs))
+        for text, column in values.items():
+            for at in (int(np.argmin(column)), int(np.argmax(column))):
+                extremes.setdefault(text, []).append((float(column[at]), first + at))
+    ends = {run for values in extremes.values() for run in (min(values)[1], max(values)[1])}
+    for run in sorted(ends):
+        try:
+            scenario_of(ready, run).check()
+        except InputError as error:
+            problem = f"run {run} of the campaign can't be flown: {error.problem}"
+            fix = f"narrow the spread, e.g. {argument('spread', 'truncated(MEAN, STD, LOW, HIGH)', 'PATH')}"
+            fix += f"; or {error.fix}" if error.fix else ""
+            raise InputError(argument_name("spread", error.part), problem, choices=error.choices, fix=fix) from None
+    options = program_options(ready).values()
+    count = int(np.prod([len(set(f.distribution.choices)) for f in options] or [1]))
+    if count > VARIANTS:
+        problem = f"the choices of {', '.join(f.path for f in options)} need {count} programs"
+        raise InputError(
+            argument_name("spread"), problem, fix=f"offer fewer choices: at most {VARIANTS} programs together"
+        )
+
+
+def parameters_at(ready: PreparedCampaign, u: Any) -> dict[str, Any]:
+    """Return the exact value of each parameter at the point u (d,) of the spread, by path; no options."""
+    dtypes = {path: d.dtype() for path, _, d in leaves(ready.scenario) if isinstance(d, Quantity)}
+    arrays = spread_arrays(ready.spread, ready.scenario, spread_values(ready.spread, ready.scenario, u[None]))
+    return {path: np.asarray(array[0]).astype(dtypes[path])[()] for path, array in arrays.items()}
+
+
+def scenario_at(ready: PreparedCampaign, u: Any) -> Scenario:
+    """Return the scenario at the point u (d,) of the spread, with its options."""
+    values = spread_values(ready.spread, ready.scenario, u[None])
+    scenario = scenario_variant(ready, {text: int(values[text][0]) for text in program_options(ready)})
+    for path, value in parameters_at(ready, u).items():
+        scenario = with_leaf(scenario, path, lambda _old, _declared, value=value: value)
+    return scenario
+
+
+def scenario_of(ready: PreparedCampaign, run: int) -> Scenario:
+    """Return the scenario of one run, with the run's own parameters."""
+    return scenario_at(ready, draw_runs(ready, run, run + 1)[0].u[0])
+
+
+def program_options(ready: PreparedCampaign) -> dict[str, Factor]:
+    """Return the varied options, by text; they change the program."""
+    declared = {path: d for path, _, d in leaves(ready.scenario)}
+    return {f.text: f for f in ready.spread.factors if isinstance(declared[f.path], Option)}
+
+
+def scenario_variant(ready: PreparedCampaign, picks: Mapping[str, int]) -> Scenario:
+    """Return the scenario with these choices. picks: text -> number of the choice."""
+    texts = {f.path: f.distribution.choices[picks[text]] for text, f in program_options(ready).items()}
+    return with_settings(ready.scenario, texts) if texts else ready.scenario
+
+
+def refuse_options(ready: PreparedCampaign) -> None:
+    """Raise InputError for a spread of an option, because a search can only move numbers."""
+    for text, factor in program_options(ready).items():
+        problem = f"{factor.path} changes the program, but a search can only move numbers"
+        fix = f"one search each, e.g. {argument('settings', factor.distribution.choices[0], factor.path)}"
+        raise InputError(argument_name("spread", text), problem, fix=fix)
+
+
+def check_bounds(ready: PreparedCampaign, ends: Any) -> None:
+    """Raise InputError for bounds beyond a part's valid range; each parameter is tested at its ends, and all together.
+
+    ends: (2, d), the smallest and the largest point.
+    """
+    middle, names = ends.mean(axis=0), [f.text for f in ready.spread.factors]
+    corners = [(ends[side], "all at one end") for side in (0, 1)]
+    for i, name in enumerate(names):
+        for side in (0, 1):
+            point = middle.copy()
+            point[i] = ends[side, i]
+            corners.insert(0, (point, name))
+    for point, name in corners:
+        try:
+            scenario_at(ready, point).check()
+        except InputError as error:
+            problem = f"can't be flown at an end of its range: {error.part}: {error.problem}"
+            raise InputError(
+                argument_name("spread", name), problem, choices=error.choices, fix="narrower bounds"
+            ) from None

@@ -1,0 +1,231 @@
+"""Data of a log for identification: commands, the vehicle input that follows from them, and measurements."""
+
+import dataclasses
+import math
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import jax
+import jax.numpy as jnp
+import numpy as np
+from jax import lax
+
+from trimtab.core.errors import InputError, argument, argument_name
+from trimtab.core.quantity import Option, Quantity, declarations, leaves, records
+from trimtab.core.record import replace
+from trimtab.core.rng import key as random_key
+from trimtab.core.signals import Sample
+from trimtab.core.time import UNITS_PER_SECOND, to_seconds
+from trimtab.logs.log import Log
+from trimtab.logs.measurements import AROUND, SPIKE
+from trimtab.loop.scenario import Scenario
+
+LONGEST_STEP = 0.02
+"""Longest integration step of the vehicle between two measurements, s."""
+FASTEST_TURN, MOST_TURNS = 1.0, 1000
+"""Limits for a heading in radians: rad from one measurement to the next, and turns in all."""
+GAP = 2.0
+"""Time without a measurement (s) after which the state counts as unknown again."""
+
+
+class FlightData(NamedTuple):
+    """Data of a log for identification. commands: record of arrays (m, …).
+
+    command_ticks: (m,), time of each command.  ticks: (n,).  y: (n, k), fields of the vehicle's state; NaN: not
+    measured.  valid: (m,) bool, False where the actuators were neutral for lack of a command.  None: always valid.
+    """
+
+    name: str
+    commands: Any
+    command_ticks: Any
+    ticks: Any
+    y: Any
+    valid: Any = None
+
+
+def read_flight(log: Log, scenario: Scenario, sensor: str | None = None, name: str = "") -> FlightData:
+    """Return commands and measured fields of a log.
+
+    Args:
+        log: log of a run, a flight, or of another system by a mapping.
+        scenario: scenario with the same vehicle and actuators.
+        sensor: block of the measurements, e.g. "sensors.mocap"; the only one that fits when None.
+        name: name of the log, for errors.
+
+    Raises: InputError if the log has no commands of these actuators, or no field of the vehicle's state.
+    """
+    where = f"log {name!r}"
+    known = ("uplink.value", "command.value", "downlink.command.value")
+    base = next((b for b in known if any(p.startswith(f"{b}.") for p in log.paths)), None)
+    example = _example_command(scenario)
+    fields = [f.name for f in dataclasses.fields(example)]
+    if base is None or any(f"{base}.{f}" not in log for f in fields):
+        has = sorted({p.rpartition(".")[2] for p in log.paths if ".value." in p})
+        problem = f"has no commands {', '.join(fields)} of {type(scenario.world.actuators).__name__}"
+        fix = "is it a log of another vehicle? A log of another system needs them in its mapping, as [sensor.command]"
+        raise InputError(where, problem, choices=has[:12], fix=fix)
+    flag = f"{base.removesuffix('.value')}.valid"
+    valid = log[flag].astype(bool) if flag in log else np.ones(len(log.ticks), bool)
+    commands = replace(example, **{f: np.asarray(log[f"{base}.{f}"], np.float64) for f in fields})
+    states = [path for path, _, _ in leaves(scenario.initial)]
+    block = _measuring_block(log, states, sensor, where)
+    ticks, y = _read_measured(log, block, states)
+    if base.startswith("downlink."):  # of another system: its inputs before the first command are unknown
+        driven = ticks >= log.ticks[int(np.argmax(valid))]
+        ticks, y = ticks[driven], y[driven]
+    _refuse_jumps(where, scenario, states, ticks, y)
+    return FlightData(name, commands, np.asarray(log.ticks, np.int64), ticks, y, valid)
+
+
+def _refuse_jumps(where: str, scenario: Scenario, states: Sequence[str], ticks: Any, y: Any) -> None:
+    """Raise InputError for an angle that changes by a radian per measurement, and for outliers."""
+    angles = {path for path, _, d in leaves(scenario.initial) if isinstance(d, Quantity) and d.kind == "angle"}
+    for i, state in enumerate(states):
+        at = np.flatnonzero(np.isfinite(y[:, i]))
+        values, t = y[at, i], to_seconds(ticks[at])
+        if len(values) < 2 * AROUND + 1:
+            continue
+        if state in angles:
+            change = np.abs((np.diff(values) + np.pi) % (2 * np.pi) - np.pi)
+            if np.median(change) > FASTEST_TURN or np.max(np.abs(values)) > MOST_TURNS * 2 * np.pi:
+                problem = f"{state!r} reaches {np.max(np.abs(values)):.3g} rad and changes by {np.median(change):.2g}"
+                problem += " rad from one measurement to the next"
+                fix = f'is it in degrees? In the mapping: {state} = {{ from = …, unit = "deg" }}'
+                raise InputError(where, problem, fix=fix)
+            values = np.unwrap(values)
+        around = np.lib.stride_tricks.sliding_window_view(np.pad(values, AROUND, mode="edge"), 2 * AROUND + 1)
+        off = np.abs(values - np.median(around, axis=1))
+        wild = off > np.maximum(SPIKE * 1.4826 * np.median(off), 0.05 * np.ptp(np.median(around, axis=1)))
+        if wild.any():
+            k = int(np.argmax(np.where(wild, off, 0.0)))
+            problem = f"{state!r} differs by {off[k]:.3g} from the measurements around it at {t[k] - t[0]:.3f} s"
+            problem += (
+                f" (measurement {at[k] + 1}); there are {int(wild.sum())} such outliers" if wild.sum() > 1 else ""
+            )
+            raise InputError(where, problem, fix="leave that row out: it is not sensor noise, and it distorts the fit")
+
+
+def _example_command(scenario: Scenario) -> Any:
+    """Return a command of these actuators: their neutral input, or their failsafe's command."""
+    actuators = scenario.world.actuators
+    neutral = getattr(actuators, "neutral_input", None)
+    if neutral is not None:
+        return neutral
+    return scenario.failsafe.safe if hasattr(scenario.failsafe, "safe") else actuators.neutral().u
+
+
+def _measuring_block(log: Log, states: Sequence[str], sensor: str | None, where: str) -> str:
+    blocks = dict.fromkeys(
+        p.partition(".value.")[0] for p in log.paths if p.startswith(("sensors.", "downlink.")) and ".value." in p
+    )
+    fitting = [b for b in blocks if any(f"{b}.value.{s}" in log for s in states)]
+    unique = {b.partition(".")[2]: b for b in reversed(fitting)}
+    if sensor is not None:
+        short = sensor.partition(".")[2] if sensor.startswith(("sensors.", "downlink.")) else sensor
+        if short not in unique:
+            raise InputError(
+                argument_name("sensor", sensor),
+                f"{where} has no such measurements",
+                choices=unique,
+                fix="name one of these",
+            )
+        return unique[short]
+    if len(unique) != 1:
+        problem = (
+            f"{where}: {'several sensors measure' if unique else 'no sensor measures'} fields of the vehicle's state"
+        )
+        choices = unique or states
+        fix = argument("sensor", next(iter(unique))) if unique else "map a sensor to fields of these names"
+        raise InputError("identify", problem, choices=choices, fix=fix)
+    return next(iter(unique.values()))
+
+
+def _read_measured(log: Log, block: str, states: Sequence[str]) -> tuple[Any, Any]:
+    """Return ticks (n,) and fields (n, all of the state) of a sensor's own samples, each once."""
+    t = np.asarray(log[f"{block}.t"], np.int64) if f"{block}.t" in log else np.asarray(log.ticks)
+    valid = log[f"{block}.valid"].astype(bool) if f"{block}.valid" in log else np.ones(len(t), bool)
+    own = valid & (np.diff(t, prepend=np.iinfo(np.int64).min // 2) > 0)
+    y = np.full((int(own.sum()), len(states)), np.nan)
+    for i, state in enumerate(states):
+        if f"{block}.value.{state}" in log:
+            y[:, i] = log[f"{block}.value.{state}"][own]
+    return t[own], y
+
+
+def find_grid(actuators: Any) -> int:
+    """Return the ticks between changes of these actuators: the common divisor of all periods but their own."""
+    own = actuators.period
+    periods = [
+        getattr(r, name)
+        for path, r in records(actuators)
+        for name, d in declarations(type(r)).items()
+        if isinstance(d, Option) and d.kind == "period" and not (path == "" and name == "period")
+    ]
+    return math.gcd(*periods) if periods and getattr(actuators, "fan", None) is None else own
+
+
+class GridCommands(NamedTuple):
+    """Commands at multiples of a grid. t: ticks (n,).  value: record of arrays (n, …).  valid: (n,) bool."""
+
+    t: Any
+    value: Any
+    valid: Any
+
+
+def lay_on_grid(grid: int, flight: FlightData) -> GridCommands:
+    """Return the command in force at each multiple of a grid (ticks), from a flight's first row to its last."""
+    first = int(flight.command_ticks[0] // grid * grid)
+    n = int((flight.command_ticks[-1] - first) // grid) + 1
+    t = first + grid * np.arange(n, dtype=np.int64)
+    at = np.maximum(np.searchsorted(flight.command_ticks, t, side="right") - 1, 0)
+    valid = np.ones(n, bool) if flight.valid is None else np.asarray(flight.valid)[at]
+    return GridCommands(t, jax.tree.map(lambda v: np.asarray(v)[at], flight.commands), valid)
+
+
+def actuate(actuators: Any, grid: int, commands: GridCommands) -> Any:
+    """Return the integrals of the vehicle's input from the first multiple of the grid to each (n + 1,)."""
+    drive = replace(actuators, period=grid)
+
+    def advance(state: Any, row: Any) -> Any:
+        sample = Sample(value=row.value, t=row.t, age=0.0, fresh=True, valid=row.valid)
+        state, output = drive.step(row.t, state, sample)
+        return state, output.u
+
+    start = jax.tree.map(jnp.asarray, drive.init(random_key(0)))
+    shape = jax.eval_shape(advance, start, jax.tree.map(lambda v: v[0], commands))[0]
+    start = jax.tree.map(lambda v, s: jnp.asarray(v, s.dtype), start, shape)
+    _, u = lax.scan(advance, start, jax.tree.map(jnp.asarray, commands))
+    step = to_seconds(grid)
+    return jax.tree.map(lambda v: jnp.concatenate([jnp.zeros((1, *v.shape[1:])), jnp.cumsum(v, axis=0) * step]), u)
+
+
+def mean_input(integral: Any, grid: int, edges: Any, delay: Any) -> Any:
+    """Return the mean input over each step (n,), with commands acting `delay` (s) later.
+
+    Args:
+        integral: result of `actuate`.  edges: ends of the steps in grid units from its start (n,), the first a start.
+    """
+    place = jnp.asarray(edges) - delay / to_seconds(grid)
+
+    def mean(total: Any) -> Any:
+        n, shape = total.shape[0] - 1, (-1, *(1,) * (total.ndim - 1))
+        inside = jnp.clip(place, 0.0, n)
+        index = jnp.minimum(jnp.floor(inside), n - 1).astype(np.int32)
+        part, beyond = (inside - index).reshape(shape), (place - inside).reshape(shape)
+        low, high = total[index], total[index + 1]
+        before, after = (total[1] - total[0]) * (beyond < 0), (total[-1] - total[-2]) * (beyond > 0)
+        value = low + (high - low) * part + beyond * (before + after)
+        length = jnp.maximum((place[1:] - place[:-1]) * to_seconds(grid), 1e-12).reshape(shape)
+        return jnp.concatenate([jnp.zeros((1, *total.shape[1:])), (value[1:] - value[:-1]) / length])
+
+    return jax.tree.map(mean, integral)
+
+
+def fill_gaps(ticks: Any) -> tuple[Any, Any]:
+    """Return ticks, with more in between where they are far apart, and the indices of the original ones."""
+    longest = LONGEST_STEP * UNITS_PER_SECOND
+    parts = np.maximum(np.ceil(np.diff(ticks) / longest).astype(int), 1)
+    parts = np.where(np.diff(ticks) > GAP * UNITS_PER_SECOND, 1, parts)
+    at = np.concatenate([[0], np.cumsum(parts)])
+    instants = np.interp(np.arange(at[-1] + 1), at, ticks)
+    return np.round(instants).astype(np.int64), at

@@ -1,0 +1,158 @@
+"""Response of a gyro to a changing rate: a difference equation with a delay, fitted to a sweep, and its inverse.
+
+    y_k = b0 u_{k-D} - a1 y_{k-1} - a2 y_{k-2} + o
+
+The fit minimises the output error: it compares the model's own output, not a prediction from the gyro's last samples.
+The parameters of the fit (reflection coefficients) keep both poles inside the unit circle. Apart from its delay the
+model has zeros only at 0, so it is minimum phase and its inverse is stable.
+
+[1] is Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006, eq. 6.2.
+
+Source: Ljung, "System identification", 1999, section 4.2 (output error) and 8.5 (its covariance).
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy.optimize import least_squares
+from scipy.signal import lfilter
+
+from trimtab.core.errors import InputError
+from trimtab.logs.measurements import MeasuredColumn, Measurements
+from trimtab.loop.calibration import Calibration, Covariance, Entry
+
+COLUMNS = (
+    MeasuredColumn("time", "s", "time, from any start, evenly spaced"),
+    MeasuredColumn("reference", "rad/s", "true rate, e.g. from an encoder", -100, 100, most=0.05),
+    MeasuredColumn("gyro", "rad/s", "rate measured by the gyro", -100, 100, most=0.05),
+)
+MOST_DELAY = 8
+"""Maximum delay that is tried, in samples."""
+SETTLE = 4
+"""Number of samples ignored at the start, which depend on earlier rates."""
+INSIDE = 0.999
+"""Largest reflection coefficient; keeps the poles inside the unit circle."""
+WILD = 12.0
+"""Deviation from the model, in usual deviations, beyond which a sample is an error."""
+NAMES = ("IdentifiedGyro.b0", "IdentifiedGyro.a1", "IdentifiedGyro.a2")
+
+
+class GyroFit(NamedTuple):
+    """Fitted gyro. b0, a1, a2: coefficients.  covariance: of these (3, 3).  delay: samples.  offset: rad/s.  period: s.
+
+    deviation: of the output error (rad/s).  fitted: the model's output (n,).  highest: largest frequency in the
+    reference (Hz).
+    """
+
+    b0: float
+    a1: float
+    a2: float
+    covariance: Any
+    delay: int
+    offset: float
+    period: float
+    deviation: float
+    freedom: int
+    fitted: Any
+    highest: float
+
+    def gain(self) -> float:
+        """Gain at a constant rate."""
+        return self.b0 / (1 + self.a1 + self.a2)
+
+    def response(self, frequency: Any) -> Any:
+        """Return the complex gain at frequencies (Hz), with the delay."""
+        z1 = np.exp(-2j * np.pi * np.asarray(frequency) * self.period)
+        return self.b0 * z1**self.delay / (1 + self.a1 * z1 + self.a2 * z1**2)
+
+    def inverse(self, y: Any) -> Any:
+        """Return the rate (n,) for samples y (n,), without the delay: u_k = (y_k + a1 y_{k-1} + a2 y_{k-2})/b0."""
+        return lfilter([1.0, self.a1, self.a2], [self.b0], np.asarray(y) - self.offset)
+
+
+def fit_gyro(data: Measurements) -> GyroFit:
+    """Fit delay, coefficients and offset of a gyro to a sweep with the columns `COLUMNS`.
+
+    Raises: InputError for uneven times, too few samples, or a gyro that does not follow the reference.
+    """
+    t, u, y = data["time"], data["reference"], data["gyro"]
+    where = f"file {data.file!r}"
+    steps = np.diff(t)
+    period = float(np.median(steps)) if len(steps) else 0.0
+    uneven = np.flatnonzero(np.abs(steps - period) > 0.02 * period)
+    if len(t) < 200 or len(uneven):
+        what = f"{len(t)} samples are too few" if len(t) < 200 else ""
+        line = "" if what else f"line {data.lines[uneven[0] + 1]} comes {steps[uneven[0]]:.6g} s after the one before,"
+        problem = what or f"{line} but the usual step is {period:.6g} s"
+        raise InputError(where, problem, fix="log a sweep of 200 evenly spaced samples or more, without gaps")
+    fits = [_fit_delay(u, y, delay) for delay in range(MOST_DELAY + 1)]
+    delay = int(np.argmin([fit.cost for fit in fits]))
+    best = fits[delay]
+    n = len(u) - delay - SETTLE
+    freedom = n - 4
+    deviation = float(np.sqrt(2 * best.cost / freedom))
+    if deviation > 0.5 * np.std(y):
+        problem = f"the best model differs from the gyro by {deviation:.3g} rad/s of {np.std(y):.3g}"
+        fix = "check that reference and gyro have the same axis, the same sign, and the units of their headings"
+        raise InputError(where, problem, fix=fix)
+    _refuse_wild(data, best.fun, delay)
+    b0, a1, a2, offset = _coefficients(best.x)
+    toward = _coefficient_slopes(best.x)
+    P = toward @ np.linalg.pinv(best.jac.T @ best.jac) @ toward.T * deviation**2
+    spectrum = np.abs(np.fft.rfft(u - u.mean()))
+    power = np.cumsum(spectrum**2)
+    highest = float(np.fft.rfftfreq(len(u), period)[np.searchsorted(power, 0.99 * power[-1])])
+    fitted = _simulate(best.x, u, delay)
+    return GyroFit(b0, a1, a2, P[:3, :3], delay, offset, period, deviation, freedom, fitted, highest)
+
+
+def gyro_calibration(data: Measurements, fit: GyroFit) -> Calibration:
+    """Return the coefficients, and the delay that remains after the inverse."""
+    source = f"{data.file}: {len(data)} samples each {1e3 * fit.period:.6g} ms, up to {fit.highest:.3g} Hz"
+    about: dict[str, Any] = {"freedom": fit.freedom, "source": source, "procedure": "gyro"}
+    errors = np.sqrt(np.diagonal(fit.covariance))
+    values = zip(NAMES, (fit.b0, fit.a1, fit.a2), errors, strict=True)
+    entries = {n: Entry(float(v), "1", float(e), **about) for n, v, e in values}
+    entries["gyro.delay"] = Entry(fit.delay * fit.period, "s", source=source, procedure="gyro")
+    return Calibration(entries, (Covariance(NAMES, fit.covariance.tolist(), "gyro"),))
+
+
+def _refuse_wild(data: Measurements, rest: Any, delay: int) -> None:
+    """Raise InputError for a sample that deviates from the model far more than the others."""
+    off = np.abs(np.asarray(rest) - np.median(rest))
+    usual = 1.4826 * float(np.median(off))
+    if float(off.max()) > WILD * max(usual, 1e-12):
+        line = int(data.lines[int(np.argmax(off)) + delay + SETTLE])
+        problem = f"line {line}: the gyro is {off.max():.3g} rad/s off its model, usually {usual:.2g};"
+        problem += " this number, or the reference just before, is probably wrong"
+        raise InputError(f"file {data.file!r}", problem, fix="replace it by the mean of its neighbours, or cut the log")
+
+
+def _fit_delay(u: Any, y: Any, delay: int) -> Any:
+    def residuals(p: Any) -> Any:
+        return (_simulate(p, u, delay) - y)[delay + SETTLE :]
+
+    start = np.array([np.std(y) / max(np.std(u), 1e-12), -0.5, 0.2, float(np.mean(y) - np.mean(u))])
+    return least_squares(residuals, start, x_scale="jac", xtol=1e-12, ftol=1e-12)
+
+
+def _coefficients(p: Any) -> tuple[float, float, float, float]:
+    """Return b0, a1, a2, offset from gain at rest, two numbers whose tanh are reflection coefficients, and offset."""
+    k1, k2 = INSIDE * np.tanh(p[1]), INSIDE * np.tanh(p[2])
+    a1, a2 = float(k1 * (1 + k2)), float(k2)
+    return float(p[0] * (1 + a1 + a2)), a1, a2, float(p[3])
+
+
+def _coefficient_slopes(p: Any) -> Any:
+    """Return the Jacobian (4, 4) of `_coefficients`, by central differences."""
+    h = 1e-6
+    steps = (h * row for row in np.eye(4))
+    return np.stack([(np.array(_coefficients(p + e)) - np.array(_coefficients(p - e))) / (2 * h) for e in steps], 1)
+
+
+def _simulate(p: Any, u: Any, delay: int) -> Any:
+    b0, a1, a2, offset = _coefficients(p)
+    late = np.concatenate([np.full(delay, u[0]), u[: len(u) - delay]]) if delay else u
+    steady = b0 * u[0] / (1 + a1 + a2)
+    start = [-a1 * steady - a2 * steady, -a2 * steady]
+    return lfilter([b0], [1.0, a1, a2], late, zi=start)[0] + offset

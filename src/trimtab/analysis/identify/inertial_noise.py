@@ -1,0 +1,154 @@
+"""Noise of an inertial unit as a calibration: the noise of its sensors, and a filter's Q and R.
+
+A triad's model has one number for its three axes: their root mean square. A planar filter has separate numbers for the
+axes that it uses: the gyro about the vertical, the accelerometers forward and to starboard. The sensor's model does not
+include flicker; the filter's walk includes its share, see `allan.filter_noise`.
+"""
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+from scipy.special import chdtrc
+
+from trimtab.analysis.identify.allan import FLICKER, NORMAL95, AllanFit, Coefficient, filter_noise
+from trimtab.loop.calibration import Calibration, Entry
+
+UNLIKELY = 0.001
+"""Probability below which a difference between axes is reported."""
+AXES = "xyz"
+
+
+class Triad(NamedTuple):
+    """Destination of the numbers of three axes. unit: of a sample.  record: of the sensor.
+
+    white: axis -> the filter's variance of a sample.  walk: axes, and the filter's walk of their biases.
+    """
+
+    unit: str
+    record: str
+    white: Mapping[int, str]
+    walk: tuple[tuple[int, ...], str]
+
+
+TRIADS: Mapping[str, Triad] = {
+    "gyro": Triad("rad/s", "GyroErrors", {2: "InertialNoise.gyro"}, ((2,), "InertialNoise.gyro_walk")),
+    "accelerometer": Triad(
+        "m/s^2",
+        "AccelerometerErrors",
+        {0: "InertialNoise.forward", 1: "InertialNoise.starboard"},
+        ((0, 1), "InertialNoise.force_walk"),
+    ),
+}
+SQUARES = {"rad/s": ("rad^2/s^2", "rad^2/s^3"), "m/s^2": ("m^2/s^4", "m^2/s^5")}
+"""Unit of a sample -> units of its variance, and of the variance's growth in a second."""
+
+
+Number = tuple[float, str, float]
+"""Value, unit, standard error."""
+
+
+class NoiseCalibration(NamedTuple):
+    """Calibration of noise. notes: missing or additional noise in the log."""
+
+    calibration: Calibration
+    notes: tuple[str, ...]
+
+
+def noise_calibration(
+    triad: str, axes: Mapping[int, AllanFit], source: str, step: float | None = None
+) -> NoiseCalibration:
+    """Return the entries of one triad, from the fits of its still axes.
+
+    Args:
+        triad: "gyro" or "accelerometer".
+        axes: 0, 1 and 2 for x, y and z -> fit, in SI; at least one.
+        source: description of the data.
+        step: step of the filter (s); None: that of the samples.
+    """
+    about: dict[str, Any] = {"source": source, "procedure": f"{triad} noise"}
+    own, of_sensor = _sensor_numbers(TRIADS[triad], axes)
+    entries = {name: Entry(value, unit, error, **about) for name, (value, unit, error) in own.items()}
+    dt = float(next(iter(axes.values())).sampling_period) if step is None else step
+    believed, of_filter = _filter_numbers(triad, axes, dt)
+    entries |= {name: Entry(value, unit, error, **about) for name, (value, unit, error) in believed.items()}
+    if believed:
+        entries[f"{triad}.step"] = Entry(dt, "s", **about)
+    return NoiseCalibration(Calibration(entries), (*_compare_axes(triad, axes), *of_sensor, *of_filter))
+
+
+def _sensor_numbers(to: Triad, axes: Mapping[int, AllanFit]) -> tuple[dict[str, Number], list[str]]:
+    """Return the numbers of the sensor's model, and notes."""
+    name, notes = f"{to.record}.bias_walk", list[str]()
+    N2, of_N2 = _mean([_square(fit.white) for fit in axes.values()])
+    K2, of_K2 = _mean([_square(fit.walk) for fit in axes.values()])
+    found = {f"{to.record}.noise": (math.sqrt(N2), f"{to.unit}/Hz^0.5", of_N2 / (2 * math.sqrt(N2)))}
+    if _is_shown(K2, of_K2):
+        found[name] = math.sqrt(K2), f"{to.unit}/s^0.5", of_K2 / (2 * math.sqrt(K2))
+    else:
+        most = math.sqrt(K2 + NORMAL95 * of_K2)
+        notes.append(f"{name} is not written: this log shows no walk, at most {most:.3g} {to.unit}/s^0.5; log longer")
+    flickers = [AXES[i] for i, fit in axes.items() if fit.flicker.low > 0]
+    if flickers:
+        most = max(float(fit.flicker.value) for fit in axes.values())
+        notes.append(
+            f"flicker of {most:.3g} {to.unit} in {', '.join(flickers)}: the sensor models have no "
+            "flicker, the filter does"
+        )
+    return found, notes
+
+
+def _filter_numbers(triad: str, axes: Mapping[int, AllanFit], dt: float) -> tuple[dict[str, Number], list[str]]:
+    """Return the numbers of a filter that steps every dt (s), and notes."""
+    to, found, notes = TRIADS[triad], dict[str, Number](), list[str]()
+    variance, rate = SQUARES[to.unit]
+    for axis, name in to.white.items():
+        if axis in axes:
+            square, error = _square(axes[axis].white)
+            found[name] = square / dt, variance, error / dt
+        else:
+            notes.append(f"{name} is not written: the {triad}'s {AXES[axis]} axis is not in this log")
+    used = [axes[i] for i in to.walk[0] if i in axes]
+    if used:
+        value, error = _mean([_walk_of_filter(fit) for fit in used])
+        if _is_shown(value, error):
+            found[to.walk[1]] = value, rate, error
+        else:
+            most = value + NORMAL95 * error
+            notes.append(f"{to.walk[1]} is not written: this log shows no walk, at most {most:.3g} {rate}; log longer")
+    return found, notes
+
+
+def _is_shown(value: float, error: float) -> bool:
+    """Return True if 0 is outside the 95 % interval."""
+    return value > NORMAL95 * error
+
+
+def _square(c: Coefficient) -> tuple[float, float]:
+    """Return the square of a coefficient and its standard error; its interval is the root of the square's interval."""
+    return float(c.value) ** 2, (float(c.high) ** 2 - float(c.value) ** 2) / NORMAL95
+
+
+def _mean(squares: Sequence[tuple[float, float]]) -> tuple[float, float]:
+    n = len(squares)
+    return sum(s for s, _ in squares) / n, math.sqrt(sum(e * e for _, e in squares)) / n
+
+
+def _walk_of_filter(fit: AllanFit) -> tuple[float, float]:
+    """Return the growth of a bias's variance in a second, with the flicker's share, and its standard error."""
+    (N2, _), (B2, of_B2), (_, of_K2) = _square(fit.white), _square(fit.flicker), _square(fit.walk)
+    dt, floor = float(fit.sampling_period), FLICKER * B2
+    value = float(filter_noise(fit).bias_variance) / dt
+    slope = 6 * FLICKER * floor / N2 if N2 > 0 and floor / N2 < 1 / dt else 3 * FLICKER / dt
+    return value, math.hypot(of_K2, slope * of_B2)
+
+
+def _compare_axes(triad: str, axes: Mapping[int, AllanFit]) -> list[str]:
+    """Return a note if the axes differ in their white noise by more than chance."""
+    squares = {AXES[i]: _square(fit.white) for i, fit in axes.items()}
+    mean = _mean(list(squares.values()))[0]
+    misfit = sum(((s - mean) / e) ** 2 for s, e in squares.values())
+    if len(squares) < 2 or float(chdtrc(len(squares) - 1, misfit)) > UNLIKELY:
+        return []
+    each = ", ".join(f"{axis} {math.sqrt(s):.4g}" for axis, (s, _) in squares.items())
+    return [(f"the {triad}'s axes differ in white noise ({each}); the sensor gets their root mean square")]

@@ -1,0 +1,154 @@
+"""Rudder: the servo's table from pulses and angles, and the direction of the force from the angle of a pulled hull.
+
+[1] is Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006.
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from trimtab.analysis.identify.regression import LinearFit, fit_linear
+from trimtab.core.errors import InputError
+from trimtab.core.rotation import DEG
+from trimtab.logs.measurements import MeasuredColumn, Measurements, name_lines
+from trimtab.loop.calibration import Calibration, Covariance, Entry
+
+WAY = MeasuredColumn("way", "1", "approach: 1 from below, -1 from above", -1, 1, needed=False)
+"""Column for the direction of approach; with it, play of the linkage does not count as scatter."""
+SERVO_COLUMNS = (
+    MeasuredColumn("pulse", "s", "pulse width of the servo", 0.5e-3, 2.5e-3, usual="us"),
+    MeasuredColumn("angle", "rad", "rudder angle on the protractor", -np.pi / 2, np.pi / 2, most=2 * DEG, usual="deg"),
+    WAY,
+)
+HULL_COLUMNS = (
+    MeasuredColumn("rudder", "rad", "rudder angle", -np.pi / 2, np.pi / 2, most=2 * DEG, usual="deg"),
+    MeasuredColumn(
+        "hull", "rad", "angle of the force, from the hull's x axis", -np.pi / 2, np.pi / 2, most=1 * DEG, usual="deg"
+    ),
+    WAY,
+)
+PULSE_START, PULSE_STEP, PULSES = 1.0e-3, 50e-6, 21
+"""Grid of the servo's table: 1.00 to 2.00 ms. [1] figure 4.2."""
+
+
+class ServoFit(NamedTuple):
+    """Fitted servo. pulses: s (21,).  angles, errors: rad (21,).  play: half of it (rad); None if unknown.  fit."""
+
+    pulses: Any
+    angles: Any
+    errors: Any
+    play: float | None
+    fit: LinearFit
+
+
+def fit_servo(data: Measurements) -> ServoFit:
+    """Fit the angles at the grid's pulses by least squares of the straight pieces between them; [1] figure 4.2.
+
+    Args:
+        data: `SERVO_COLUMNS`, readings at any pulses; every piece of the grid needs readings.
+
+    Raises: InputError if a pulse of the grid has no reading near it, or the angles do not rise with the pulse.
+    """
+    position = (data["pulse"] - PULSE_START) / PULSE_STEP
+    outside = (position < -1e-6) | (position > PULSES - 1 + 1e-6)
+    if outside.any():
+        problem = f"{data.name_lines(outside)}: the pulse must be within 1.00 to 2.00 ms"
+        raise InputError(f"file {data.file!r}", problem, fix="leave these lines out; the servo's table ends there")
+    position = position.clip(0, PULSES - 1)
+    A = np.maximum(1 - np.abs(position[:, None] - np.arange(PULSES)), 0)
+    A = np.where(A < 1e-9, 0.0, A)
+    bare = [k for k in range(PULSES) if A[:, k].max() < 0.5]
+    if bare:
+        pulses = ", ".join(f"{1e3 * (PULSE_START + k * PULSE_STEP):.2f}" for k in bare)
+        problem = f"no angle was measured near {pulses} ms"
+        raise InputError(f"file {data.file!r}", problem, fix="measure each of 1.00, 1.05, … 2.00 ms, best three times")
+    if len(data) <= PULSES:
+        problem = f"{len(data)} readings of {PULSES} pulses do not give an uncertainty"
+        fix = "measure again, up and down: two or three readings for each pulse, numbered in a column trial"
+        raise InputError(f"file {data.file!r}", problem, fix=fix)
+    A, both = _add_ways(A, data)
+    fit = fit_linear(A, data["angle"], floor=0.05 * DEG)
+    angles, errors = fit.value[:PULSES], fit.standard_errors()[:PULSES]
+    falls = np.flatnonzero(np.diff(angles) <= 0)
+    if len(falls):
+        k = int(falls[0])
+        near = (position >= k - 0.5) & (position <= k + 1.5)
+        problem = f"the angle does not rise from {1e3 * (PULSE_START + k * PULSE_STEP):.2f} ms to the next pulse"
+        problem += f"; see {name_lines([int(n) for n in data.lines[near]])}"
+        fix = "measure angles from one side, clockwise positive for growing pulses; otherwise change the sign of all"
+        raise InputError(f"file {data.file!r}", problem, fix=fix)
+    play = abs(float(fit.value[-1])) if both else None
+    return ServoFit(PULSE_START + PULSE_STEP * np.arange(PULSES), angles, errors, play, fit)
+
+
+def _add_ways(A: Any, data: Measurements) -> tuple[Any, bool]:
+    """Add a column for the direction of approach to the matrix of a fit, if both directions occur."""
+    way = np.sign(data["way"]) if "way" in data else np.zeros(len(data))
+    both = bool((way > 0).any() and (way < 0).any())
+    return (np.concatenate([A, way[:, None]], 1), True) if both else (A, False)
+
+
+class HullFit(NamedTuple):
+    """Fitted geometry theta = -ratio psi + offset: both (2,) with covariance, and the correlation of theta and psi."""
+
+    ratio: float
+    offset: float
+    covariance: Any
+    correlation: float
+    fit: LinearFit
+
+
+def fit_hull_angle(data: Measurements) -> HullFit:
+    """Fit rudder angle against force angle, the regression of [1] eq. 4.3; `HULL_COLUMNS`."""
+    refuse_few(data, 2, "a line")
+    psi, theta = data["hull"], data["rudder"]
+    if np.ptp(psi) < 1 * DEG:
+        raise InputError(f"file {data.file!r}", "the hull has only one angle", fix="measure several rudder angles")
+    A, _ = _add_ways(np.stack([-psi, np.ones_like(psi)], 1), data)
+    fit = fit_linear(A, theta, floor=0.05 * DEG)
+    ratio, offset = (float(v) for v in fit.value[:2])
+    if ratio <= 0:
+        problem = f"the force turns with the rudder (ratio {ratio:.3g}), but must turn against it"
+        fix = (
+            "measure both clockwise from the hull's x axis; change the sign of one column, or exchange swapped headings"
+        )
+        raise InputError(f"file {data.file!r}", problem, fix=fix)
+    if ratio < 1:
+        problem = f"the force turns more than the rudder (ratio {ratio:.3g}), which is impossible"
+        fix = "check if the headings 'rudder' and 'hull' are swapped, or if one of them has another unit"
+        raise InputError(f"file {data.file!r}", problem, fix=fix)
+    kept = fit.kept
+    return HullFit(ratio, offset, fit.covariance[:2, :2], float(np.corrcoef(psi[kept], theta[kept])[0, 1]), fit)
+
+
+def refuse_few(data: Measurements, numbers: int, what: str) -> None:
+    """Raise InputError for fewer readings than numbers to find plus one."""
+    if len(data) <= numbers:
+        problem = f"{len(data)} readings for {what} of {numbers} numbers do not give an uncertainty"
+        raise InputError(f"file {data.file!r}", problem, fix=f"measure at least {numbers + 1}, better {3 * numbers}")
+
+
+def source_of(data: Measurements, fit: LinearFit) -> str:
+    """Return a description of a fit's data, and of the readings left out."""
+    out = ~fit.kept
+    left = f", {data.name_lines(out)} left out" if out.any() else ""
+    return f"{data.file}: {len(data)} readings{left}"
+
+
+def servo_calibration(data: Measurements, servo: ServoFit) -> Calibration:
+    """Return the entry of the servo's table."""
+    about = {"freedom": servo.fit.freedom, "source": source_of(data, servo.fit), "procedure": "servo"}
+    return Calibration({"RudderServo.angles": Entry(servo.angles.tolist(), "rad", servo.errors.tolist(), **about)})
+
+
+def hull_calibration(data: Measurements, hull: HullFit) -> Calibration:
+    """Return the entries of the rudder's ratio and offset; full thrust is where the force points straight."""
+    error = np.sqrt(np.diagonal(hull.covariance))
+    about = {"freedom": hull.fit.freedom, "source": source_of(data, hull.fit), "procedure": "hull"}
+    names = ("RudderGeometry.ratio", "RudderGeometry.offset")
+    entries = {
+        names[0]: Entry(hull.ratio, "1", float(error[0]), **about),
+        names[1]: Entry(hull.offset, "rad", float(error[1]), **about),
+        "Thruster.offset": Entry(hull.offset, "rad", float(error[1]), **about),
+    }
+    return Calibration(entries, (Covariance(names, hull.covariance.tolist(), "hull"),))

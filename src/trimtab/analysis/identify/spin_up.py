@@ -1,0 +1,135 @@
+"""Moment of inertia with its error, from a table of trials or from the log of one trial.
+
+[1] is Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006, section 4.3.3.
+"""
+
+from collections.abc import Callable
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from trimtab.analysis.identify.inertia import LinearPortion, lateral_force, moment_of_inertia
+from trimtab.analysis.identify.regression import LinearFit, fit_linear
+from trimtab.analysis.identify.rudder import source_of
+from trimtab.core.errors import InputError, argument_name
+from trimtab.core.rotation import DEG
+from trimtab.logs.measurements import MeasuredColumn, Measurements
+from trimtab.loop.calibration import Calibration, Entry, student_reach
+
+TRIAL_COLUMNS = (
+    MeasuredColumn("rudder", "rad", "constant rudder angle", -np.pi / 2, np.pi / 2, most=2 * DEG, usual="deg"),
+    MeasuredColumn("force", "N", "constant thrust", -100, 100, most=0.02),
+    MeasuredColumn("slope", "rad/s^2", "initial slope of the yaw rate", -1000, 1000),
+)
+SPIN_UP_COLUMNS = (
+    MeasuredColumn("time", "s", "time, from any start before the release"),
+    MeasuredColumn("yaw_rate", "rad/s", "yaw rate", -50, 50, most=0.05),
+)
+
+
+class InertiaOfTrials(NamedTuple):
+    """Inertia from trials. each: J of each trial (n,), kg m².  J, standard_error: their mean.  fit: of the mean."""
+
+    each: Any
+    J: float
+    standard_error: float
+    fit: LinearFit
+
+    def reach(self) -> float:
+        """Return half the 95 % interval of the mean."""
+        return student_reach(self.fit.freedom) * self.standard_error
+
+
+class ForceGeometry(NamedTuple):
+    """Geometry of the force: psi = (offset - theta)/ratio. arm: m.  covariance: of ratio and offset (2, 2).
+
+    Its errors are the same in every trial, so repeated trials do not reduce them.
+    """
+
+    arm: float
+    ratio: float
+    offset: float
+    covariance: Any
+
+    def lateral_force(self, force: Any, rudder: Any) -> Any:
+        """Return FY (N) of a thrust with the rudder at an angle (rad)."""
+        return lateral_force(force, (self.offset - rudder) / self.ratio)
+
+    def variance(self, mean: Callable[["ForceGeometry"], float]) -> float:
+        """Return the variance of a mean computed with this geometry, from the geometry's errors."""
+        h = 1e-6
+        ratio = mean(self._replace(ratio=self.ratio + h)) - mean(self._replace(ratio=self.ratio - h))
+        offset = mean(self._replace(offset=self.offset + h)) - mean(self._replace(offset=self.offset - h))
+        slope = np.array([ratio, offset]) / (2 * h)
+        return float(slope @ np.asarray(self.covariance) @ slope)
+
+
+def inertia_of_trials(rows: Measurements, geometry: ForceGeometry) -> InertiaOfTrials:
+    """Compute J = -d FY/r' of each trial of `TRIAL_COLUMNS` and their mean, [1] table 4.2.
+
+    Args:
+        rows: measured values.
+        geometry: direction of the force for each rudder angle.
+    """
+    if len(rows) < 2:
+        problem = f"{len(rows)} trial does not give an uncertainty of J"
+        raise InputError(f"file {rows.file!r}", problem, fix="repeat the trial, best three times to either side")
+    flat = np.abs(rows["slope"]) < 1e-6
+    if flat.any():
+        problem = f"{rows.name_lines(flat)}: a slope of 0 gives no moment of inertia"
+        raise InputError(f"file {rows.file!r}", problem, fix="leave it out")
+    sides = [np.unique(np.sign(rows[name])) for name in ("rudder", "force", "slope")]
+    if [len(side) for side in sides] == [2, 2, 1]:
+        problem = "the force changes its sign with the rudder, but the slope never does"
+        fix = (
+            "check if the headings 'force' and 'slope' are swapped; the force is the constant "
+            "thrust, equal to both sides"
+        )
+        raise InputError(f"file {rows.file!r}", problem, fix=fix)
+    J = _each_inertia(rows, geometry)
+    wrong = J <= 0
+    if wrong.any():
+        problem = f"{rows.name_lines(wrong)}: the craft turned against the force"
+        fix = "angles and slopes are positive clockwise seen from above; correct the sign of one"
+        raise InputError(f"file {rows.file!r}", problem, fix=fix)
+    fit = fit_linear(np.ones((len(J), 1)), J)
+    shared = geometry.variance(lambda g: float(np.mean(_each_inertia(rows, g)[fit.kept])))
+    error = float(np.hypot(fit.standard_errors()[0], np.sqrt(shared)))
+    return InertiaOfTrials(J, float(fit.value[0]), error, fit)
+
+
+def _each_inertia(rows: Measurements, geometry: ForceGeometry) -> Any:
+    FY = geometry.lateral_force(rows["force"], rows["rudder"])
+    return moment_of_inertia(geometry.arm, FY, rows["slope"])
+
+
+def inertia_of_spin_up(
+    part: LinearPortion, force: float, rudder: float, geometry: ForceGeometry
+) -> tuple[float, float, int]:
+    """Compute J (kg m²), its standard error from the slope's, and degrees of freedom, from one release.
+
+    Args:
+        part: result of `find_linear_portion`.
+        force, rudder: constant thrust and rudder angle (N, rad).
+        geometry: direction of the force.
+    """
+    slope, error = float(part.fit.slope), float(part.fit.standard_error)
+
+    def inertia(g: ForceGeometry) -> float:
+        return float(moment_of_inertia(g.arm, g.lateral_force(force, rudder), slope))
+
+    J, FY = inertia(geometry), float(geometry.lateral_force(force, rudder))
+    if J <= 0:
+        problem = (
+            f"the yaw rate changes by {slope:.3g} rad/s², but the force of {FY:.3g} N turns the craft the other way"
+        )
+        raise InputError(
+            "calibrate inertia", problem, fix=f"correct the sign of {argument_name('rudder')} or of the yaw rate"
+        )
+    return J, float(np.hypot(J * error / slope, np.sqrt(geometry.variance(inertia)))), int(part.fit.samples) - 2
+
+
+def inertia_calibration(rows: Measurements, found: InertiaOfTrials) -> Calibration:
+    """Return the entry of the trials' mean."""
+    about: dict[str, Any] = {"source": source_of(rows, found.fit), "procedure": "inertia", "freedom": found.fit.freedom}
+    return Calibration({"Hovercraft.inertia": Entry(found.J, "kg m^2", found.standard_error, **about)})

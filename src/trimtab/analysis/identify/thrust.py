@@ -1,0 +1,190 @@
+"""Thrust of a fan with a rudder behind it: coefficient, loss with the rudder, and reverse thrust, from a gauge.
+
+[1] is Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006.
+"""
+
+from collections.abc import Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy.special import chdtrc
+
+from trimtab.analysis.identify.regression import LinearFit, fit_linear
+from trimtab.analysis.identify.rudder import refuse_few, source_of
+from trimtab.core.errors import InputError
+from trimtab.core.rotation import DEG
+from trimtab.logs.measurements import MeasuredColumn, Measurements
+from trimtab.loop.calibration import Calibration, Covariance, Entry, index_name
+
+THRUST_COLUMNS = (
+    MeasuredColumn("rudder", "rad", "rudder angle", -np.pi / 2, np.pi / 2, usual="deg"),
+    MeasuredColumn("speed", "rpm", "speed of the fan", 0, 60_000, most=1000),
+    MeasuredColumn("force", "N", "thrust on the gauge", -0.5, 100, most=0.02),
+)
+REVERSE_COLUMNS = (
+    MeasuredColumn("speed", "rpm", "speed of the fan, the same in both directions", 0, 60_000, most=1000),
+    MeasuredColumn("forward", "N", "thrust forward", 0, 100, most=0.02),
+    MeasuredColumn("reverse", "N", "thrust in reverse, positive", 0, 100, most=0.005),
+)
+SATURATED = 3
+"""Number of strongest readings, all equal to the greatest, from which the gauge may be saturated."""
+AT_END = 0.9
+"""Minimum share of these readings that are the greatest, so that a single wild reading hides nothing."""
+DIVISIONS = 1.5
+"""Difference of forces, in divisions of the gauge, below which readings may be equal."""
+UNLIKELY = 0.001
+"""Probability below which a loss with the rudder does not follow the formula."""
+CUBIC = 4
+
+
+class ThrustFit(NamedTuple):
+    """Fitted thrust F = c n² eta(theta), n in krpm.
+
+    angles: rudder angles (m,), rad.  by_angle: c eta at each (m,), N/krpm².  errors: of these (m,). coefficient,
+    standard_error: c, N/krpm².  chance: probability of a misfit of the formula's eta at least as large as this. fit: of
+    c to all readings by the formula.
+    """
+
+    angles: Any
+    by_angle: Any
+    errors: Any
+    coefficient: float
+    standard_error: float
+    chance: float
+    fit: LinearFit
+
+    def follows_formula(self) -> bool:
+        """True if the readings agree with thrust proportional to cos(theta - offset)."""
+        return self.chance >= UNLIKELY
+
+
+def fit_thrust(data: Measurements, offset: float) -> ThrustFit:
+    """Fit a quadratic in speed for each rudder angle, and one for all with eta = cos(theta - offset). [1] chapter 4.
+
+    Args:
+        data: `THRUST_COLUMNS`.
+        offset: rudder angle of full thrust (rad), from `rudder.fit_hull_angle`.
+
+    Raises: InputError for too few readings or a saturated gauge.
+    """
+    refuse_few(data, 2, "a quadratic")
+    theta, n, F = data["rudder"], data["speed"] * 1e-3, data["force"]
+    eta = np.cos(theta - offset)
+    refuse_saturation(data, "force", n * n * eta)
+    fit = fit_linear((n * n * eta)[:, None], F)
+    kept = fit.kept
+    angles = np.unique(np.round(theta / DEG, 1)) * DEG
+    by_angle, errors, misfit, freedom = [], [], 0.0, 0
+    for angle in angles:
+        of = kept & (np.abs(theta - angle) < 0.06 * DEG)
+        square = float(np.sum(n[of] ** 4))
+        if square == 0:
+            problem = f"at rudder {angle / DEG:.1f}° all readings with the fan turning disagree with the others"
+            raise InputError(f"file {data.file!r}", problem, fix="measure this angle again")
+        c = float(np.sum(n[of] ** 2 * F[of])) / square
+        error = fit.deviation / np.sqrt(square)
+        by_angle.append(c)
+        errors.append(error)
+        expected = float(fit.value[0]) * np.cos(angle - offset)
+        misfit, freedom = misfit + ((c - expected) / error) ** 2, freedom + 1
+    chance = float(chdtrc(freedom - 1, misfit)) if freedom > 1 else 1.0
+    c, error = float(fit.value[0]), float(fit.standard_errors()[0])
+    return ThrustFit(angles, np.array(by_angle), np.array(errors), c, error, chance, fit)
+
+
+class ReverseFit(NamedTuple):
+    """Fitted ratio y3 n³ + y2 n² + y1 n + y0, n in krpm: coefficients (4,), covariance, smallest speed (rpm)."""
+
+    coefficients: Any
+    covariance: Any
+    slowest: float
+    fit: LinearFit
+
+
+def fit_reverse(data: Measurements, gauge_error: float) -> ReverseFit:
+    """Fit the ratio of reverse to forward thrust as a cubic of the speed, [1] eq. 4.4; `REVERSE_COLUMNS`.
+
+    Args:
+        data: readings at the same speeds in both directions.
+        gauge_error: standard deviation of a reading (N); a ratio of small forces has less weight.
+    """
+    refuse_few(data, CUBIC, "a cubic")
+    zero = data["forward"] <= 0
+    if zero.any():
+        problem = f"{data.name_lines(zero)}: the forward thrust is zero, so there is no ratio"
+        raise InputError(f"file {data.file!r}", problem, fix="leave out speeds at which the gauge reads zero")
+    for gauge in ("forward", "reverse"):
+        refuse_saturation(data, gauge, data["speed"] ** 2)
+    n, y = data["speed"] * 1e-3, data["reverse"] / data["forward"]
+    if np.median(y) > 1:
+        problem = f"reverse thrust exceeds forward thrust in {data.name_lines(y > 1)}"
+        raise InputError(
+            f"file {data.file!r}", problem, fix="check if the headings 'forward' and 'reverse' are swapped"
+        )
+    if len(np.unique(n)) < CUBIC + 1:
+        problem = f"{len(np.unique(n))} different speeds are too few for a cubic"
+        raise InputError(f"file {data.file!r}", problem, fix="measure at 5 speeds or more")
+    weight = data["forward"] / (gauge_error * np.sqrt(1 + y * y))
+    powers = np.stack([n**3, n**2, n, np.ones_like(n)], 1)
+    fit = fit_linear(powers * weight[:, None], y * weight)
+    slowest, fastest = float(np.min(data["speed"])), float(np.max(data["speed"]))
+    grid = np.linspace(slowest, fastest, 200) * 1e-3
+    thrust = grid**2 * np.polyval(fit.value, grid)
+    bad = np.flatnonzero((thrust <= 0) | (np.gradient(thrust) <= 0))
+    if len(bad):
+        problem = f"the fitted reverse thrust does not rise at {1e3 * grid[bad[0]]:.0f} rpm, so it has no inverse"
+        fix = "measure more speeds between the others, or leave out the slowest, where the gauge hardly moves"
+        raise InputError(f"file {data.file!r}", problem, fix=fix)
+    return ReverseFit(fit.value, fit.covariance, slowest, fit)
+
+
+def refuse_saturation(data: Measurements, gauge: str, rising: Any) -> None:
+    """Raise InputError for a saturated gauge, which shows its greatest reading although the force must differ.
+
+    Args:
+        data: readings of the fan, with its `speed`.
+        gauge: column of the gauge.
+        rising: approximate size of the force at each reading (n,), to a common factor.
+    """
+    F = data[gauge]
+    greatest, down = float(np.max(F)), np.argsort(-rising, kind="stable")
+    top = np.isclose(F, greatest, rtol=0, atol=1e-9)
+    share = np.cumsum(top[down]) / np.arange(1, len(F) + 1)
+    end = down[: np.flatnonzero(share >= AT_END)[-1] + 1] if top[down[0]] else down[:0]
+    end = end[top[end]]
+    if len(end) < SATURATED or greatest <= 0:
+        return
+    steps = np.diff(np.unique(np.round(F, 6))).tolist()
+    division = min([greatest, *steps])
+    if greatest * (rising[end[0]] / rising[end[-1]] - 1) > DIVISIONS * division:
+        n = data["speed"][end]
+        lines = data.name_lines(np.isin(np.arange(len(F)), end))
+        problem = f"{lines}: column {gauge!r} reads {greatest:.4g} each time, while 'speed' goes from"
+        problem += f" {np.min(n):.6g} to {np.max(n):.6g}; the gauge is saturated"
+        raise InputError(f"file {data.file!r}", problem, fix="leave these lines out, or use a larger gauge")
+
+
+def thrust_calibration(data: Measurements, thrust: ThrustFit) -> Calibration:
+    """Return coefficient and maximum speed; if eta does not follow the formula, also thrust at each rudder angle."""
+    about: dict[str, Any] = {"source": source_of(data, thrust.fit), "procedure": "thrust"}
+    known = {"freedom": thrust.fit.freedom}
+    c = Entry(thrust.coefficient, "N/krpm^2", thrust.standard_error, **known, **about)
+    entries: dict[str, Entry] = {"Thruster.coefficient": c}
+    entries["Thruster.speed_max_rpm"] = Entry(float(np.max(data["speed"])), "rpm", **about)
+    if not thrust.follows_formula():
+        entries["thrust.angles"] = Entry(thrust.angles.tolist(), "rad", **about)
+        each = Entry(thrust.by_angle.tolist(), "N/krpm^2", thrust.errors.tolist(), **known, **about)
+        entries["thrust.by_angle"] = each
+    return Calibration(entries)
+
+
+def reverse_calibration(data: Measurements, reverse: ReverseFit) -> Calibration:
+    """Return the cubic, and the smallest speed at which it holds."""
+    about: dict[str, Any] = {"source": source_of(data, reverse.fit), "procedure": "reverse"}
+    name, errors = "Thruster.reverse_ratio", np.sqrt(np.diagonal(reverse.covariance))
+    entries: Mapping[str, Entry] = {
+        name: Entry(reverse.coefficients.tolist(), "1", errors.tolist(), freedom=reverse.fit.freedom, **about),
+        "Thruster.reverse_low_rpm": Entry(reverse.slowest, "rpm", **about),
+    }
+    names = tuple(index_name(name, (i,)) for i in range(CUBIC))
+    return Calibration(entries, (Covariance(names, reverse.covariance.tolist(), "reverse"),))

@@ -1,0 +1,245 @@
+"""Calibration files: the measured numbers of a loop with unit, uncertainty and source, as TOML.
+
+    ["Thruster.coefficient"]
+    value = 0.01112
+    unit = "N/krpm^2"
+    standard_error = 3.1e-05
+    freedom = 58
+    source = "thrust.csv: 60 readings, line 17 left out"
+    procedure = "thrust"
+
+    [[covariance]]
+    procedure = "inertia"
+    of = ["Hovercraft.inertia", "Hovercraft.arm"]
+    matrix = [[…], […]]
+
+A number is named by its record and field, as in the reference, so that it applies to every copy of that record, in the
+world and in the autopilot's model. If two parts of one kind differ, the path of the setting names the number:
+``world.uplink.latency``. The content's SHA-256 identifies the calibration in logs.
+"""
+
+import hashlib
+import json
+import math
+import tomllib
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy.special import stdtrit  # scipy.stats takes a second to import
+
+from trimtab.core.errors import InputError
+
+VERSION = 1
+HEAD = "# trimtab calibration: numbers that were measured, each with unit, uncertainty and source"
+
+
+def student_reach(freedom: float) -> float:
+    """Return the distance from the estimate to either end of its 95 % interval, in standard errors."""
+    return float(stdtrit(freedom, 0.975)) if math.isfinite(freedom) else 1.959963984540054
+
+
+class Entry(NamedTuple):
+    """A measured number, or an array of them.
+
+    value: number or nested lists.  standard_error: of the same shape; None if unknown.
+    freedom: degrees of freedom of the standard errors.  source: data, and lines left out.
+    procedure: procedure that measured it.
+    """
+
+    value: Any
+    unit: str
+    standard_error: Any = None
+    freedom: float = math.inf
+    source: str = ""
+    procedure: str = ""
+
+    def interval(self) -> tuple[Any, Any]:
+        """Return the 95 % interval, in the value's shape; the value itself if the error is unknown."""
+        value = np.asarray(self.value, np.float64)
+        error = np.zeros_like(value) if self.standard_error is None else np.asarray(self.standard_error)
+        reach = student_reach(self.freedom) * error
+        return value - reach, value + reach
+
+
+class Covariance(NamedTuple):
+    """Covariance of numbers from one procedure. of: their names, ``Thruster.reverse_ratio[2]`` for one of an array."""
+
+    of: tuple[str, ...]
+    matrix: Any
+    procedure: str = ""
+
+
+class Calibration(NamedTuple):
+    """Entries by name, and covariances of dependent entries."""
+
+    entries: Mapping[str, Entry]
+    covariances: tuple[Covariance, ...] = ()
+
+    def content_hash(self) -> str:
+        """Return the SHA-256 of names, values, units, errors and covariances: equal numbers have equal hashes."""
+        plain = {
+            "entries": {
+                n: [_plain(e.value), e.unit, _plain(e.standard_error)] for n, e in sorted(self.entries.items())
+            },
+            "covariances": [[list(c.of), _plain(c.matrix)] for c in self.covariances],
+        }
+        return hashlib.sha256(json.dumps(plain, sort_keys=True).encode()).hexdigest()
+
+    def merge(self, new: "Calibration") -> "Calibration":
+        """Add new entries; remove earlier entries and covariances of the same procedures."""
+        names = {e.procedure for e in new.entries.values()}
+        old = {n: e for n, e in self.entries.items() if e.procedure not in names and n not in new.entries}
+        kept = tuple(c for c in self.covariances if all(_base(n) in old for n in c.of))
+        return Calibration({**old, **new.entries}, (*kept, *new.covariances))
+
+
+def read_calibration(path: str | Path) -> Calibration:
+    """Read a calibration file; raise InputError with the entry and the text to write if it is not one."""
+    where = f"calibration '{path}'"
+    try:
+        text = Path(path).read_text(encoding="utf-8")
+    except FileNotFoundError:
+        fix = f"make one: trimtab calibrate thrust thrust.csv --out {path}"
+        raise InputError(where, "the file does not exist", fix=fix) from None
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(where, f"cannot be read: {error}", fix="use a file that trimtab calibrate wrote") from None
+    return parse_calibration(where, text)
+
+
+def parse_calibration(where: str, text: str) -> Calibration:
+    """Parse the calibration in a file's text; where: name used in errors."""
+    try:
+        content = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise InputError(where, f"is not valid TOML: {error}", fix="use a file that trimtab calibrate wrote") from None
+    if content.get("version") != VERSION:
+        problem = f"has version {content.get('version')!r}, but this trimtab reads version {VERSION}"
+        raise InputError(where, problem, fix="use a file that trimtab calibrate wrote")
+    tables = {n: v for n, v in content.items() if n not in ("version", "covariance")}
+    entries = {name: _read_entry(f"{where}, {name}", table) for name, table in tables.items()}
+    covariances = tuple(_read_covariance(where, entries, table) for table in content.get("covariance", []))
+    return Calibration(entries, covariances)
+
+
+def format_calibration(calibration: Calibration) -> str:
+    """Return the text of a calibration file."""
+    lines = [HEAD, f"version = {VERSION}", ""]
+    for name, entry in sorted(calibration.entries.items()):
+        lines += [f"[{json.dumps(name)}]", f"value = {_toml(entry.value)}", f"unit = {json.dumps(entry.unit)}"]
+        if entry.standard_error is not None:
+            lines.append(f"standard_error = {_toml(entry.standard_error)}")
+        if math.isfinite(entry.freedom):
+            lines.append(f"freedom = {_toml(entry.freedom)}")
+        texts = (("source", entry.source), ("procedure", entry.procedure))
+        lines += [f"{what} = {json.dumps(text, ensure_ascii=False)}" for what, text in texts if text]
+        lines.append("")
+    for c in calibration.covariances:
+        lines += ["[[covariance]]", f"procedure = {json.dumps(c.procedure)}", f"of = {json.dumps(list(c.of))}"]
+        lines += [f"matrix = {_toml(c.matrix)}", ""]
+    return "\n".join(lines)
+
+
+def flat_entries(calibration: Calibration) -> dict[str, tuple[float, float, float]]:
+    """Return each single number: name (``Thruster.reverse_ratio[2]`` in an array) -> value, standard error, freedom."""
+    flat: dict[str, tuple[float, float, float]] = {}
+    for name, entry in calibration.entries.items():
+        value = np.asarray(entry.value, np.float64)
+        error = np.zeros_like(value) if entry.standard_error is None else np.asarray(entry.standard_error, np.float64)
+        for index in np.ndindex(value.shape):
+            flat[index_name(name, index)] = float(value[index]), float(error[index]), entry.freedom
+    return flat
+
+
+def index_name(name: str, index: Sequence[int]) -> str:
+    """Return the name of one number of an array, e.g. ``Thruster.reverse_ratio[2]``, or of a single number."""
+    return name + (f"[{','.join(map(str, index))}]" if index else "")
+
+
+def joint_covariance(calibration: Calibration, names: Iterable[str]) -> Any:
+    """Return the covariance (k, k) of single numbers by name: zero between numbers of different procedures."""
+    names, flat = list(names), flat_entries(calibration)
+    P = np.diag([flat[n][1] ** 2 for n in names])
+    for c in calibration.covariances:
+        at = [(i, c.of.index(n)) for i, n in enumerate(names) if n in c.of]
+        for i, a in at:
+            for j, b in at:
+                P[i, j] = c.matrix[a][b]
+    return P
+
+
+def compare_calibrations(a: Calibration, b: Calibration) -> dict[str, tuple[float | None, float | None, float | None]]:
+    """Return single numbers that differ: name -> value in a, in b, and the difference in standard errors.
+
+    A value is None if that calibration lacks the number; the difference is None without a known error.
+    """
+    one, two = flat_entries(a), flat_entries(b)
+    changes: dict[str, tuple[float | None, float | None, float | None]] = {}
+    for name in sorted({*one, *two}):
+        if name not in one or name not in two:
+            changes[name] = (one[name][0] if name in one else None, two[name][0] if name in two else None, None)
+        elif one[name][0] != two[name][0]:
+            error = math.hypot(one[name][1], two[name][1])
+            apart = abs(two[name][0] - one[name][0]) / error if error > 0 else None
+            changes[name] = one[name][0], two[name][0], apart
+    return changes
+
+
+def _base(name: str) -> str:
+    return name.partition("[")[0]
+
+
+def _plain(value: Any) -> Any:
+    return None if value is None else np.asarray(value, np.float64).tolist()
+
+
+def _toml(value: Any) -> str:
+    """Format a number or nested lists, exactly."""
+    plain = np.asarray(value, np.float64).tolist()
+    return repr(plain) if not isinstance(plain, list) else "[" + ", ".join(_toml(v) for v in plain) + "]"
+
+
+def _read_entry(where: str, table: Any) -> Entry:
+    fix = 'write value, unit and, if known, standard_error, e.g.  value = 2.6  unit = "kg"'
+    if not isinstance(table, dict) or "value" not in table or "unit" not in table:
+        raise InputError(where, "has no value or no unit", fix=fix)
+    unknown = set(table) - set(Entry._fields)
+    if unknown:
+        raise InputError(where, f"has the unknown key {sorted(unknown)[0]!r}", choices=Entry._fields, fix=fix)
+    try:
+        value = np.asarray(table["value"], np.float64)
+        error = None if "standard_error" not in table else np.asarray(table["standard_error"], np.float64)
+        freedom = float(table.get("freedom", math.inf))
+    except (TypeError, ValueError):
+        raise InputError(where, "holds values that are not numbers", fix=fix) from None
+    if not np.isfinite(value).all():
+        raise InputError(where, "its value is not finite", fix=fix)
+    if error is not None and (error.shape != value.shape or not (np.isfinite(error) & (error >= 0)).all()):
+        problem = (
+            f"its standard_error must be one number of 0 or more for each of the {value.size} numbers of its value"
+        )
+        raise InputError(where, problem, fix="leave standard_error out if it is unknown")
+    texts = {n: str(table[n]) for n in ("unit", "source", "procedure") if n in table}
+    return Entry(value.tolist(), standard_error=None if error is None else error.tolist(), freedom=freedom, **texts)
+
+
+def _read_covariance(where: str, entries: Mapping[str, Entry], table: Any) -> Covariance:
+    try:
+        of, matrix = tuple(map(str, table["of"])), np.asarray(table["matrix"], np.float64)
+    except (KeyError, TypeError, ValueError):
+        fix = "write  of = [names]  and  matrix = [[…]]"
+        raise InputError(where, "a covariance lacks `of` or `matrix`", fix=fix) from None
+    missing = [n for n in of if _base(n) not in entries]
+    if missing:
+        raise InputError(
+            where,
+            f"a covariance names {missing[0]!r}, which has no entry",
+            choices=entries,
+            fix="use one of the entries",
+        )
+    good = matrix.shape == (len(of),) * 2 and np.isfinite(matrix).all() and np.allclose(matrix, matrix.T)
+    if not good or np.linalg.eigvalsh(matrix).min() < -1e-9 * max(np.trace(matrix), 1e-300):
+        problem = f"the covariance of {', '.join(of)} must be a symmetric, positive matrix of {len(of)} rows"
+        raise InputError(where, problem, fix="use the covariance that trimtab calibrate writes")
+    return Covariance(of, matrix.tolist(), str(table.get("procedure", "")))

@@ -1,0 +1,86 @@
+"""Distributions against scipy.stats, their texts, and what is refused."""
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from trimtab.analysis.campaign.sampling.distributions import check_nominal, parse_distribution
+from trimtab.core.errors import InputError
+
+U = np.linspace(0.001, 0.999, 999)
+
+
+@pytest.mark.parametrize(
+    ("text", "oracle"),
+    [
+        ("normal(2.6, 0.1)", stats.norm(2.6, 0.1)),
+        ("uniform(-1, 3)", stats.uniform(-1, 4)),
+        ("lognormal(2, 0.5)", stats.lognorm(0.5, scale=2)),
+        ("loguniform(0.1, 10)", stats.loguniform(0.1, 10)),
+        ("truncated(1, 2, 0, 4)", stats.truncnorm(-0.5, 1.5, 1, 2)),
+    ],
+)
+def test_quantiles_are_those_of_scipy(text, oracle):
+    np.testing.assert_allclose(parse_distribution(text).quantile(U, np.nan), oracle.ppf(U), rtol=1e-9, atol=1e-12)
+
+
+def test_shares_are_of_the_scenarios_own_value():
+    assert parse_distribution("uniform(80%, 120%)").quantile(np.array([0.25]), -2.0) == pytest.approx(-1.8)
+    mixed = parse_distribution("normal(2.6, 10%)")
+    assert mixed.quantile(np.array([stats.norm.cdf(1.0)]), 3.0) == pytest.approx(2.9)
+    assert not mixed.is_relative
+    assert parse_distribution("normal(100%, 5%)").is_relative
+
+
+def test_a_choice_takes_each_as_often():
+    picked = parse_distribution("choice(1, 2, 50%)").quantile((np.arange(3000) + 0.5) / 3000, 8.0)
+    assert dict(zip(*np.unique(picked, return_counts=True), strict=True)) == {1.0: 1000, 2.0: 1000, 4.0: 1000}
+    words = parse_distribution("choice(20 ms, 40 ms)")
+    assert words.choices == ("20 ms", "40 ms")
+    assert words.amounts == ()
+
+
+def test_a_column_of_a_file_is_drawn_from(tmp_path):
+    file = tmp_path / "measured.csv"
+    file.write_text("mass,arm\n2.7,1\n2.5,2\n2.6,3\n")
+    found = parse_distribution(f"file({file}:mass)").quantile(np.array([0.1, 0.5, 0.9]), 1.0)
+    assert found.tolist() == [2.5, 2.6, 2.7]
+
+
+@pytest.mark.parametrize(
+    ("text", "problem"),
+    [
+        ("gauss(1, 2)", "unknown distribution"),
+        ("normal(1)", "wrong number of numbers: 1"),
+        ("normal(1, 0)", "STD must be above 0, got 0"),
+        ("normal(1, x)", "'x'"),
+        ("normal(1, inf)", "not finite"),
+        ("uniform(3, 1)", "LOW 3 must be below HIGH 1"),
+        ("lognormal(-1, 1)", "MEDIAN must be above 0, got -1"),
+        ("choice()", "offers no choices"),
+        ("file(nowhere.csv:mass)", "cannot read"),
+        ("file(nowhere.csv)", "names no column"),
+        ("2.6", "unknown distribution"),
+    ],
+)
+def test_what_is_no_distribution_is_refused_with_the_way_to_write_it(text, problem):
+    with pytest.raises(InputError, match=r"Fix: ") as refused:
+        parse_distribution(text)
+    assert problem in str(refused.value)
+
+
+@pytest.mark.parametrize(
+    ("content", "problem"), [("mass\n1\nx\n", "not a number"), ("mass\nnan\n", "not finite"), ("a\n1\n", "no column")]
+)
+def test_a_bad_column_is_refused(tmp_path, content, problem):
+    file = tmp_path / "measured.csv"
+    file.write_text(content)
+    with pytest.raises(InputError, match=problem):
+        parse_distribution(f"file({file}:mass)")
+
+
+def test_a_share_of_zero_is_refused():
+    with pytest.raises(InputError, match="own value is 0"):
+        check_nominal("--spread x", parse_distribution("normal(100%, 5%)"), 0.0)
+    with pytest.raises(InputError, match="must be above 0"):
+        check_nominal("--spread x", parse_distribution("normal(2, 10%)"), -1.0)

@@ -1,0 +1,134 @@
+"""Where runs lie in the unit cube: by seed and number alone, evenly."""
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from trimtab.analysis.campaign.sampling.points import (
+    DESIGNS,
+    SAMPLINGS,
+    check_factors,
+    points,
+    rows_per_base,
+    saltelli_rows,
+)
+from trimtab.core.errors import InputError
+
+
+@pytest.mark.thorough("morris")
+@pytest.mark.parametrize("sampling", SAMPLINGS)
+def test_any_piece_of_a_campaign_is_the_piece_of_the_whole(sampling):
+    whole = points(sampling, 3, ("a", "b"), 1000, 0, 1000)
+    for first, last in ((0, 1), (1, 2), (3, 500), (501, 502), (998, 1000)):
+        piece = points(sampling, 3, ("a", "b"), 1000, first, last)
+        assert (piece.u == whole.u[first:last]).all()
+        assert (piece.words == whole.words[first:last]).all()
+
+
+@pytest.mark.parametrize("sampling", ["random", "sobol"])
+def test_more_runs_leave_the_first_as_they_were(sampling):
+    assert (points(sampling, 3, ("a",), 100, 0, 100).u == points(sampling, 3, ("a",), 900, 0, 100).u).all()
+
+
+def test_a_numbers_draws_do_not_depend_on_what_else_differs():
+    alone = points("random", 3, ("b",), 100, 0, 100).u[:, 0]
+    assert (alone == points("random", 3, ("a", "b", "c"), 100, 0, 100).u[:, 1]).all()
+
+
+@pytest.mark.parametrize("sampling", [s for s in SAMPLINGS if s not in DESIGNS])
+def test_points_are_uniform_and_independent_of_the_seed_before(sampling):
+    u = points(sampling, 5, ("a", "b"), 4096, 0, 4096).u
+    assert u.min() > 0
+    assert u.max() < 1
+    for column in u.T:
+        assert stats.kstest(column, "uniform").pvalue > 1e-3
+    assert abs(stats.spearmanr(u).statistic) < 0.05
+    assert not (u == points(sampling, 6, ("a", "b"), 4096, 0, 4096).u).any()
+
+
+def test_designs_are_more_even_than_chance():
+    def unevenness(sampling):
+        return stats.qmc.discrepancy(points(sampling, 1, ("a", "b"), 512, 0, 512).u)
+
+    assert unevenness("sobol") < unevenness("random") / 20
+    counts, _ = np.histogram(points("latin", 1, ("a",), 512, 0, 512).u, bins=512, range=(0, 1))
+    assert (counts == 1).all()
+
+
+def test_a_sampling_there_is_none_of_is_refused():
+    with pytest.raises(InputError, match=r"Choices: random, sobol, latin"):
+        points("grid", 0, ("a",), 10, 0, 10)
+
+
+def test_rows_are_a_then_one_from_b_each_then_b():
+    rows = saltelli_rows(7, 0, 64 * 6, 3)
+    assert rows_per_base(3) == 6
+    u, words = rows.u.reshape(64, 6, 3), rows.words.reshape(64, 6)
+    a, b = u[:, 0], u[:, 5]
+    assert (a != b).all()
+    for i in range(3):
+        expected = a.copy()
+        expected[:, i] = b[:, i]
+        np.testing.assert_array_equal(u[:, i + 1], expected)
+    np.testing.assert_array_equal(u[:, 4], a)  # the noise: the same point, other numbers
+    np.testing.assert_array_equal(words[:, :4], np.repeat(2 * np.arange(64)[:, None], 4, axis=1))
+    np.testing.assert_array_equal(words[:, 4:], np.repeat(2 * np.arange(64)[:, None] + 1, 2, axis=1))
+
+
+def test_without_noise_all_rows_fly_with_the_same_numbers():
+    rows = saltelli_rows(7, 0, 50, 3, noise=False)
+    assert not rows.words.any()
+    np.testing.assert_array_equal(rows.u[4], saltelli_rows(7, 0, 6, 3).u[5])
+
+
+@pytest.mark.parametrize(("first", "last"), [(0, 1), (1, 2), (0, 17), (13, 14), (5, 999), (600, 601)])
+def test_a_row_depends_on_its_number_alone(first, last):
+    whole, part = saltelli_rows(3, 0, 1000, 2), saltelli_rows(3, first, last, 2)
+    np.testing.assert_array_equal(part.u, whole.u[first:last])
+    np.testing.assert_array_equal(part.words, whole.words[first:last])
+
+
+def test_points_are_inside_and_evenly_spread():
+    """A power of two of Sobol's points, shifted: each of as many equal cells of each axis holds one of them."""
+    u = saltelli_rows(11, 0, 256 * 8, 5).u.reshape(256, 8, 5)
+    for sample in (u[:, 0], u[:, -1]):
+        cells = np.sort((sample * 256).astype(int), axis=0)
+        np.testing.assert_array_equal(cells, np.repeat(np.arange(256)[:, None], 5, axis=1))
+    assert (u > 0).all()
+    assert (u < 1).all()
+    both = np.concatenate([u[:, 0], u[:, -1]], axis=1)
+    assert np.abs(np.corrcoef(both.T) - np.eye(10)).max() < 0.05
+
+
+@pytest.mark.thorough
+def test_seeds_give_other_points_each_of_them_uniform():
+    first = np.array([saltelli_rows(seed, 0, 1, 2).u[0] for seed in range(300)])
+    for axis in first.T:
+        assert stats.kstest(axis, "uniform").pvalue > 1e-3
+
+
+def test_rows_are_these():
+    """As they were first made: a campaign goes on after years."""
+    pinned = [[0.31930820911657065, 0.39492679142858833], [0.31930820911657065, 0.9393151790136471]]
+    np.testing.assert_allclose(saltelli_rows(1, 7, 9, 2).u, pinned, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("factors", "correlated", "says"),
+    [
+        (["a", "b"], [["a", "b"]], "a, b are correlated"),
+        ([], [], "no parameter varies"),
+        (["a", "a"], [], "'a' is given twice"),
+        (["a", "noise"], [], "random numbers"),
+    ],
+)
+def test_refuses_factors_that_cannot_be_told_apart(factors, correlated, says):
+    with pytest.raises(InputError, match=says):
+        check_factors(factors, correlated)
+    check_factors(["a", "b"], [["a"]])
+
+
+@pytest.mark.parametrize("wrong", [(1, 1, 2), (-1, 1, 2), (0, 5, 0)])
+def test_refuses_what_is_no_row(wrong):
+    with pytest.raises(InputError):
+        saltelli_rows(0, *wrong)

@@ -1,0 +1,137 @@
+"""Faults with ranges and inputs in pieces: read, refused, and flown as if each had been written by itself."""
+
+import numpy as np
+import pytest
+
+from trimtab.analysis.campaign.sampling.spread import parse_factors, resolve_spread, spread_arrays, spread_values
+from trimtab.analysis.campaign.sampling.varying import parse_fault_range, parse_pieces, pieces_spread, with_pieces
+from trimtab.analysis.campaign.workers.prepare import build_scenario, plan_search, prepare_campaign
+from trimtab.core.errors import InputError
+from trimtab.core.time import ms, seconds
+from trimtab.run.simulate import simulate, simulate_batch
+from trimtab.scenarios.build import build
+
+NAME, SHORT = "hovercraft/zero-velocity", {"duration": "1 s"}
+COMMON = {"settings": SHORT, "without": (), "seed": 0, "runs": 1}
+
+
+@pytest.fixture(scope="module")
+def braking():
+    return build(NAME, SHORT)
+
+
+def test_a_range_is_read_with_its_unit_once_or_twice(braking):
+    found = parse_fault_range(braking, "downlink off @ 2..10 s for 100 ms..2 s")
+    assert found.where == "downlink"
+    assert found.text == "downlink off @ 10 s for 2 s"
+    assert found.ranges == {"start": (seconds(2), seconds(10)), "duration": (ms(100), seconds(2))}
+    found = parse_fault_range(braking, "sensor:navigation wrong by -0.5..0.5 bias 1e-2..0.2 when v_WB_B.0 above -1..2")
+    assert found.ranges == {"severity": (-0.5, 0.5), "bias": (0.01, 0.2), "level": (-1.0, 2.0)}
+    assert parse_fault_range(braking, "uplink off @ 1..2").ranges == {"start": (seconds(1), seconds(2))}
+    assert parse_fault_range(braking, "uplink off @ 500..900 ms").ranges == {"start": (ms(500), ms(900))}
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("downlink off @ 2 s", "no range"),
+        ("downlink off @ 3..2 s", "must be below the second"),
+        ("downlink off @ 2..2 s", "one value"),
+        ("downlink gone @ 1..2 s", "unknown word"),
+        ("sensor:sonar off @ 1..2 s", "unknown part"),
+        ("uplink intermittent by 0.2..1.5", "not possible"),
+        ("uplink off @ 1..2 m", "not a time"),
+    ],
+)
+def test_what_is_no_range_of_a_fault_is_refused(braking, text, message):
+    with pytest.raises(InputError, match=message):
+        parse_fault_range(braking, text)
+
+
+def values_at(plan, u):
+    """What the spread of a plan has at a point."""
+    ready = prepare_campaign(plan)
+    spread = resolve_spread(ready.scenario, parse_factors(plan.spread))
+    values = spread_values(spread, ready.scenario, np.array([u]))
+    return ready, spread_arrays(spread, ready.scenario, values)
+
+
+@pytest.mark.thorough
+def test_times_and_sizes_fly_as_if_they_had_been_written():
+    """Two faults of one part, one of another, and one that stands still; in one program."""
+    texts = ("uplink off @ 100..300 ms for 50..150 ms", "uplink delayed by 0.01..0.05 @ 500 ms")
+    texts += ("sensor:navigation wrong bias -1..1 @ 0.4..0.6",)
+    standing = ("uplink slow by 2 @ 700 ms",)
+    plan = plan_search("test", NAME, {}, fault_ranges=texts, faults=standing, **COMMON)
+    names = [path for path, _ in plan.spread]
+    assert names == [
+        "world.sensors.navigation.fault.bias",
+        "world.sensors.navigation.fault.start",
+        "world.uplink.fault.severity",
+        "world.uplink.inner.fault.duration",
+        "world.uplink.inner.fault.start",
+    ]
+    ready, arrays = values_at(plan, [0.75, 0.5, 0.25, 0.5, 0.1])
+    batch = simulate_batch(ready.scenario, seeds=[3], spread=arrays, log=True, log_period=ms(1))
+    written = ("uplink off @ 120 ms for 100 ms", "uplink delayed by 0.02 @ 500 ms")
+    written += ("sensor:navigation wrong bias 0.5 @ 500 ms",)
+    log = simulate(build(NAME, SHORT, (), (*standing, *written)), seed=3)
+    assert not np.array_equal(log["truth.yaw_rate"], simulate(build(NAME, SHORT), seed=3)["truth.yaw_rate"])
+    for path in ("truth.yaw_rate", "uplink.age", "sensors.navigation.value.yaw_rate"):
+        np.testing.assert_array_equal(batch.log[path][0], log[path], err_msg=path)
+
+
+@pytest.mark.thorough
+def test_pieces_hold_the_stick_and_keep_what_does_not_vary():
+    texts = ("stick.turn=pieces(4, -1:0.5)",)
+    plan = plan_search(
+        "test", "hovercraft/pilot", {}, vary=texts, faults=(), **{**COMMON, "settings": {"duration": "4"}}
+    )
+    assert [path for path, _ in plan.spread] == [f"world.sensors.stick.turn[{k}]" for k in range(4)]
+    ready, arrays = values_at(plan, [0.0, 0.2, 0.4, 1.0])
+    batch = simulate_batch(ready.scenario, seeds=[0], spread=arrays, log=True, log_period=ms(100))
+    turn, forward, mode = (batch.log[f"sensors.stick.value.{name}"][0] for name in ("turn", "forward", "mode"))
+    np.testing.assert_allclose(turn, np.repeat([-1.0, -0.7, -0.4, 0.5], 10), atol=1e-12)
+    np.testing.assert_array_equal(forward, np.repeat([0.0, 0.75], 20))  # as the demonstration has it from 2 s on
+    np.testing.assert_array_equal(mode, np.repeat([0, 2], 20))
+
+
+def test_pieces_of_a_stick_with_a_fault_lie_below_it():
+    faulty = build("hovercraft/pilot", {"duration": "4"}, (), ("sensor:stick off @ 3 s",))
+    texts = ("stick.turn=pieces(2, -1:1)", "stick.forward=pieces(2, 0:1)")
+    paths = list(pieces_spread(with_pieces(faulty, texts), texts))
+    assert paths == [f"world.sensors.stick.inner.{name}[{k}]" for name in ("turn", "forward") for k in range(2)]
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("stick.turn=pieces(5, 1)", "must be SENSOR.FIELD"),
+        ("stick.turn=pieces(0, -1:1)", "must be from 1 to 100"),
+        ("stick.mode=pieces(3, 0:2)", "no field 'mode'"),
+        ("stick.turn=pieces(3, -2:1)", "must rise and lie within"),
+        ("stick.turn=pieces(3, 1:-1)", "must rise and lie within"),
+        ("navigation.turn=pieces(3, -1:1)", "is not a stick"),
+    ],
+)
+def test_what_can_not_be_held_in_pieces_is_refused(text, message):
+    with pytest.raises(InputError, match=message):
+        with_pieces(build("hovercraft/pilot"), (text,))
+
+
+def test_one_stick_has_one_number_of_pieces_and_a_scenario_without_is_told_so(braking):
+    with pytest.raises(InputError, match="already has 3 pieces"):
+        with_pieces(build("hovercraft/pilot"), ("stick.turn=pieces(3, -1:1)", "stick.forward=pieces(4, 0:1)"))
+    with pytest.raises(InputError, match="which has no stick"):
+        with_pieces(braking, ("stick.turn=pieces(3, -1:1)",))
+    assert parse_pieces("stick.turn = pieces( 3 , -1 : 0.5 )").high == 0.5
+
+
+def test_a_spread_of_what_varies_already_is_refused(braking):
+    spread = {"world.uplink.fault.start": "uniform(0, 10)"}
+    with pytest.raises(InputError, match="already varies"):
+        plan_search("test", NAME, spread, fault_ranges=("uplink off @ 0.1..0.5 s",), faults=(), **COMMON)
+    with pytest.raises(InputError, match="given by name"):
+        plan_search("test", braking, {}, fault_ranges=("uplink off @ 0.1..0.5 s",), faults=(), seed=0)
+    plan = plan_search("test", NAME, {}, fault_ranges=("uplink off @ 0.1..0.5 s",), faults=(), **COMMON)
+    assert int(build_scenario(plan).world.uplink.fault.start) == seconds(0.5)

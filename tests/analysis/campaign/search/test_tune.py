@@ -1,0 +1,302 @@
+"""Slopes against those of known functions and of differences, and tunings against runs flown beside them."""
+
+import json
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from click.testing import CliRunner
+from scipy import stats
+
+from trimtab.analysis.campaign.grammar import parse_cost
+from trimtab.analysis.campaign.sampling.spread import parse_factors, resolve_spread
+from trimtab.analysis.campaign.search.cost import evaluate_cost, integral_cost
+from trimtab.analysis.campaign.search.tune import UNSEEN, Gains, campaign_gains, parse_gain, tune
+from trimtab.analysis.campaign.search.tune_methods import (
+    combine_estimates,
+    descend_gradient,
+    estimate_slope,
+    fold_points,
+    merit,
+    search_gains,
+)
+from trimtab.analysis.campaign.workers.prepare import CampaignPlan, PreparedCampaign, prepare_campaign
+from trimtab.cli import main
+from trimtab.compiler.native.compiler import find_compiler
+from trimtab.core.errors import InputError
+from trimtab.core.record import leaves, replace
+from trimtab.core.time import ms, seconds, to_seconds
+from trimtab.run.gradient import gradient, gradients
+from trimtab.run.simulate import simulate_batch
+from trimtab.scenarios.build import build
+
+needs_c = pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here")
+NAME = "hovercraft/zero-velocity"
+GAINS = {"autopilot.law.k1": "0.5:3", "autopilot.law.k2": "loguniform(0.5, 5)"}
+SHORT = {"duration": "6 s"}
+
+
+def call(gains, settings, *words):
+    options = {"--gain": gains, "--set": settings}
+    pairs = [word for name, values in options.items() for p, v in values.items() for word in (name, f"{p}={v}")]
+    return CliRunner().invoke(main, ["tune", NAME, *pairs, *map(str, words)])
+
+
+def jump(x, first):
+    """A cost that jumps by 1 where x0 passes 0.5, and slopes by 0.3 x1; its derivative sees the second only."""
+    noise = np.random.default_rng(first).standard_normal(len(x) // 2).repeat(2)
+    return (x[:, 0] > 0.5) + 0.3 * x[:, 1] + noise, np.tile([0.0, 0.3], (len(x), 1))
+
+
+@pytest.mark.parametrize("x0", [0.42, 0.5, 0.55])
+def test_smoothed_slope_sees_the_jump(x0):
+    width, eps = 0.08, np.random.default_rng(5).standard_normal((20000, 2))
+    cost, found = estimate_slope(jump, np.array([x0, 0.5]), eps, width, 7)
+    known = stats.norm.pdf(0.5, x0, width)  # derivative of P(x0 + width eps > 0.5)
+    assert found.slope[0] == pytest.approx(known, rel=0.05)
+    assert found.weight[0] < 0.05
+    assert found.first[0] == 0
+    assert found.slope[1] == pytest.approx(0.3, abs=0.1)  # the jump is scatter here
+    assert found.weight[1] > 0.1
+    assert cost == pytest.approx(stats.norm.cdf(x0, 0.5, width) + 0.15, abs=0.03)
+
+
+def test_estimates_that_agree_are_weighted_by_scatter_and_others_by_bias():
+    rng = np.random.default_rng(0)
+    quiet, loud = 1 + 0.1 * rng.standard_normal((400, 1)), 1 + rng.standard_normal((400, 1))
+    assert combine_estimates(quiet, loud).weight[0] > 0.9
+    assert combine_estimates(loud, quiet).weight[0] < 0.1
+    assert combine_estimates(quiet + 2, loud).weight[0] < 0.05
+    assert combine_estimates(quiet + 2, loud).slope[0] == pytest.approx(1, abs=0.2)
+
+
+def test_fold_is_continuous_and_keeps_to_the_range():
+    y = np.linspace(-1.4, 2.4, 4001)
+    x, sign = fold_points(y)
+    assert x.min() >= 0
+    assert x.max() <= 1
+    assert np.abs(np.diff(x)).max() < 2e-3
+    inner = np.abs(x - 0.5) < 0.499
+    assert np.allclose(np.gradient(x, y)[inner], sign[inner], atol=1e-6)
+
+
+def test_descent_and_search_find_the_minimum_of_a_noisy_bowl():
+    least = np.array([0.7, 0.2])
+
+    def bowl(x, first):
+        noise = np.random.default_rng(first).standard_normal((len(x) // 2, 2)).repeat(2, axis=0)
+        return ((x - least) ** 2).sum(axis=1) + 0.1 * noise[:, 0], 2 * (x - least) + 0.2 * noise
+
+    x, steps, _ = descend_gradient(bowl, np.array([0.1, 0.9]), 64, 80, 0.05, 3)
+    assert x == pytest.approx(least, abs=0.05)
+    assert steps[-1].cost < steps[0].cost
+    words = 0.1 * np.random.default_rng(0).standard_normal(16)
+    x, steps = search_gains(lambda x: ((x - least) ** 2).sum(axis=1)[:, None] + words, np.array([0.1, 0.9]), 16, 60, 3)
+    assert x == pytest.approx(least, abs=0.02)
+    assert steps[-1].flown_runs <= 16 * (60 * 8 + 2)
+
+
+def test_candidates_with_infinite_costs_come_last_in_order():
+    costs = np.array([[1, 1, 1, 1], [2, 2, 2, 2], [1, 1, 1, np.inf], [1, 1, np.inf, np.inf], [np.inf] * 4])
+    assert np.all(np.diff(merit(costs, 1.5)) > 0)
+
+
+def test_descent_refuses_a_start_without_slope():
+    with pytest.raises(InputError, match="infinite cost"):
+        descend_gradient(lambda x, first: (np.full(len(x), np.inf), x), np.array([0.5]), 8, 3, 0.05, 0)
+
+
+def test_a_gain_that_ends_at_an_end_of_its_range_is_told():
+    factors = [SimpleNamespace(text=name) for name in ("low", "inside", "high", "other")]
+    gains = Gains(SimpleNamespace(spread=SimpleNamespace(factors=factors)), [0, 1, 2], (1.0, 1.0, 1.0), None)
+    assert gains.at_bounds(np.array([0.00004, 0.02, 0.995])) == ("low", "high")
+
+
+@pytest.mark.thorough
+@needs_c
+def test_slopes_of_a_cost_are_those_of_differences():
+    """Ideal twin, smooth: derivative of the metric over integrals against central differences of logged runs."""
+    ideal = replace(build(NAME).ideal(), duration=seconds(3))
+    terms = parse_cost("error_rms:yaw_rate + 2*rms:truth.sway_velocity + 0.5*mean:truth.surge_velocity")
+    plan = CampaignPlan(NAME, metrics=tuple(t.metric for t in terms), log_period=ms(1))
+    ready = prepare_campaign(plan, ideal)
+    of = integral_cost(terms, ready)
+    along = [("autopilot.law.k1", ()), ("autopilot.law.k2", ())]
+    k2 = np.array([2.0, 3.0])
+    found = gradients(ideal, of.cost, along, seeds=[0, 0], runs=[0, 1], spread={along[1][0]: k2}, since=of.since)
+    costs, slopes = of.finish(found.costs, found.slopes)
+
+    def independent(k1, k2):
+        wanted = ("truth.yaw_rate", "truth.sway_velocity", "truth.surge_velocity")
+        one = {along[0][0]: np.array([k1]), along[1][0]: np.array([k2])}
+        b = simulate_batch(ideal, seeds=[0], spread=one, log=True, log_period=ms(1), signals=wanted)
+        r, v, u = (b.log[name][0] for name in wanted)
+        half = to_seconds(b.ticks) >= 1.5
+        return np.sqrt(np.mean(r[half] ** 2)) + 2 * np.sqrt(np.mean(v**2)) + 0.5 * np.mean(u)
+
+    h = 1e-4
+    for i, at in enumerate(k2):
+        assert costs[i] == pytest.approx(independent(1.0, at), rel=1e-9)
+        by_k1 = (independent(1 + h, at) - independent(1 - h, at)) / (2 * h)
+        by_k2 = (independent(1.0, at + h) - independent(1.0, at - h)) / (2 * h)
+        assert slopes[i] == pytest.approx([by_k1, by_k2], rel=1e-5, abs=1e-8)
+
+
+@pytest.mark.thorough
+@needs_c
+def test_many_gradients_are_each_that_of_one_run():
+    scenario = replace(build(NAME), duration=seconds(1))
+    of = integral_cost(
+        parse_cost("rms:truth.yaw_rate"),
+        prepare_campaign(CampaignPlan(NAME, metrics=("rms:truth.yaw_rate",)), scenario),
+    )
+    many = gradients(scenario, of.cost, [("autopilot.law.k2", ())], seeds=[4, 5], runs=[0, 0], since=of.since)
+    for i, seed in enumerate((4, 5)):
+        one = gradient(scenario, of.cost, ("autopilot.law.k2",), seed=seed)
+        assert many.costs[i, 0] == pytest.approx(one.cost, rel=1e-12)
+        assert many.slopes[i, 0, 0] == pytest.approx(float(one.slope["autopilot.law.k2"]), rel=1e-9)
+
+
+@pytest.mark.thorough
+@needs_c
+def test_cost_of_one_run_jumps_where_its_derivative_sees_nothing():
+    """What the page says of one noisy run: over k2 = 2.5 … 2.6, steps a hundred times what the derivatives tell."""
+    grid, path = np.linspace(2.5, 2.6, 401), "autopilot.law.k2"
+    scenario = build(NAME)
+    half = scenario.duration // 2
+    of = integral_cost(
+        parse_cost("error_rms:yaw_rate"), prepare_campaign(CampaignPlan(NAME, metrics=("error_rms:yaw_rate",)))
+    )
+    words = np.ones(401, int)
+    found = gradients(scenario, of.cost, [(path, ())], seeds=0 * words, runs=words, spread={path: grid}, since=(half,))
+    costs, slopes = of.finish(found.costs, found.slopes)
+    step, told = np.diff(costs), slopes[1:, 0] * np.diff(grid)
+    i = np.argmax(np.abs(step - told))
+    assert abs(step[i]) > 100 * abs(told[i])
+    usual = np.median(np.abs(step))
+    assert np.median(np.abs(step - told)) < 0.1 * usual  # between the jumps the derivative is right
+    assert (np.abs(step - told) > 10 * usual).sum() >= 3
+
+
+@pytest.mark.thorough
+@needs_c
+@pytest.mark.parametrize("method", ["search", "gradient"])
+def test_tuning_helps_in_runs_flown_beside_it(method, tmp_path):
+    """From a poor start; held-out costs recomputed from logged rows of the file's scenario and of the old one."""
+    poor = SHORT | {"autopilot.law.k2": "0.8"}
+    words = (
+        "--cost",
+        "error_rms:yaw_rate",
+        "--method",
+        method,
+        "--runs",
+        32,
+        "--judge-runs",
+        64,
+        "--iterations",
+        12,
+        "--json",
+    )
+    done = call(GAINS, poor, *words, "--out", tmp_path / "tuned.py", "--plot", tmp_path / "tune.png")
+    assert done.exit_code == 0, done.output
+    found = json.loads(done.stdout)
+    words = np.arange(UNSEEN, UNSEEN + 64, dtype=np.uint32)
+    costs = []
+    for scenario in (build(NAME, poor), build(f"{tmp_path / 'tuned.py'}:scenario")):
+        b = simulate_batch(scenario, seeds=[0] * 64, runs=words, log=True, signals=("truth.yaw_rate",))
+        late = b.ticks >= (b.ticks[-1] + b.ticks[0]) / 2
+        costs.append(np.sqrt(np.mean(b.log["truth.yaw_rate"][:, late] ** 2, axis=1)))
+    low, high = stats.ttest_rel(costs[1], costs[0]).confidence_interval(0.95)
+    held = found["held_out"]
+    assert (held["before"], held["after"]) == pytest.approx([c.mean() for c in costs], rel=1e-6)
+    assert (held["low"], held["high"]) == pytest.approx((low, high), rel=1e-4)
+    assert high < 0
+    values = {p: float(v) for p, v, _ in leaves(build(f"{tmp_path / 'tuned.py'}:scenario")) if p in GAINS}
+    assert values == found["after"]
+    assert 0.5 <= values["autopilot.law.k1"] <= 3
+    assert (tmp_path / "tune.png").stat().st_size > 5000
+
+
+@pytest.mark.thorough
+def test_a_tuning_of_few_runs_that_does_not_help_says_so(tmp_path):
+    """From gains that are good already, on four runs: better in these, worse in others."""
+    good = {"autopilot.law.k1": "0.5", "autopilot.law.k2": "2"}
+    ranges = {"autopilot.law.k1": "0.5:3", "autopilot.law.k2": "0.5:5"}
+    words = ("--cost", "error_rms:yaw_rate", "--runs", 4, "--judge-runs", 64, "--iterations", 6, "--seed", 3)
+    done = call(ranges, good, *words, "--out", tmp_path / "tuned.py")
+    assert done.exit_code == 1, done.output
+    assert "does NOT help" in done.stdout
+    assert f"not written: {tmp_path / 'tuned.py'}" in done.stdout
+    assert not (tmp_path / "tuned.py").exists()
+    done = call(ranges, good, *words, "--json")
+    assert done.exit_code == 1, done.output
+    found = json.loads(done.stdout)
+    assert found["seen"]["difference"] < 0
+    assert found["held_out"]["high"] > 0
+
+
+def test_a_lost_run_costs_infinitely_much():
+    columns = {"peak:a": np.array([1.0, 2.0, np.nan]), "lost": np.array([False, True, False])}
+    assert evaluate_cost(parse_cost("2*peak:a"), columns).tolist() == [2.0, np.inf, np.inf]
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ({"gains": {}}, "no gain given"),
+        ({"gains": {"autopilot.law.k1": "2:3"}}, "own value"),
+        ({"gains": {"autopilot.law.k1": "-1:3"}}, "can't be flown at an end of its range"),
+        ({"gains": {"autopilot.law.k9": "1:3"}}, r"(?s)unknown parameter.*gains={.autopilot\.law\.k\d.: .LOW:HIGH.}"),
+        ({"gains": {"duration": "1:3"}}, "gains duration"),
+        ({"gains": {"autopilot.law.k1": "normal(1, 2)"}}, "not a valid range"),
+        ({"cost": "error_rms:yaw_rate + -2*rms:yaw_rate"}, "weight"),
+        ({"cost": "settling:yaw_rate", "method": "gradient"}, "method=.search"),
+        ({"method": "newton"}, "search, gradient"),
+        ({"held_out": 2}, "held_out: 2 is too few"),
+        ({"width": 0.0}, "width"),
+    ],
+)
+def test_refused_before_anything_flies(change, said):
+    with pytest.raises(InputError, match=said):
+        tune(NAME, **{"gains": GAINS, "cost": "error_rms:yaw_rate", "settings": SHORT} | change)
+
+
+def test_a_range_is_written_in_numbers_or_shares():
+    assert parse_gain("a", "50%:200%").is_relative
+    assert parse_gain("a", "loguniform(0.1, 10)").kind == "loguniform"
+    with pytest.raises(InputError, match="settings need a scenario given by name"):
+        tune(build(NAME), gains=GAINS, cost="rms:yaw_rate", settings=SHORT)
+
+
+@pytest.mark.parametrize(("span", "start"), [("80%:120%", 0.5), ("-4:-0.1", None), ("loguniform(50%, 200%)", 0.5)])
+def test_a_gain_below_zero_moves_within_its_range(span, start):
+    """The range is what comes out of the product; a place in it and its slope go the way that the gain goes."""
+    path = "world.vehicle.rotors.places[2,0]"
+    found = tune_gains({path: span})
+    assert start is None or found.start == pytest.approx([start])
+    assert found.gain_values(found.start)[path] == pytest.approx(-0.315)
+    low, high = (found.gain_values(np.array([end]))[path] for end in (0.0, 1.0))
+    assert min(low, high) < -0.315 < max(low, high) < 0
+    step = np.array([[1e-6]])
+    before, after = (found.gain_values(found.start + s)[path] for s in (-step[0], step[0]))
+    assert found.slope(found.start[None]) == pytest.approx((after - before) / 2e-6)
+
+
+def test_a_range_that_lacks_the_own_value_below_zero_is_refused():
+    with pytest.raises(InputError, match=r"-0.315, must lie within -0.63 … -0.3465.*\n.*settings.*places\[2,0\]"):
+        tune_gains({"world.vehicle.rotors.places[2,0]": "110%:200%"})
+
+
+def tune_gains(gains):
+    plan = CampaignPlan(
+        "quadrotor/track", runs=4, seed=0, spread=tuple((p, parse_gain(p, t)) for p, t in gains.items())
+    )
+    scenario = build(plan.scenario)
+    spread = resolve_spread(scenario, parse_factors(plan.spread))
+    return campaign_gains(PreparedCampaign(plan, scenario, spread, (), (), (), 0), tuple(gains))
+
+
+def test_a_file_that_is_no_scenario_is_refused():
+    done = call(GAINS, SHORT, "--out", "tuned")
+    assert done.exit_code == 2
+    assert "Python file" in done.stderr

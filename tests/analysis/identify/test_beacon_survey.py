@@ -1,0 +1,85 @@
+import numpy as np
+import pytest
+from scipy.optimize import least_squares
+
+from trimtab.analysis.identify.beacon_survey import survey_beacons
+from trimtab.core.errors import InputError
+
+BEACONS = np.array([[1.5, 1.5, -2.7], [1.4, -1.6, -2.6], [-1.5, -1.5, -2.8], [-1.6, 1.4, -2.7]])
+RANGE, STEP = 0.004, 0.003
+
+
+def loop(k=60):
+    """A path that starts at the origin: a figure of eight."""
+    s = np.linspace(0, 2 * np.pi, k)
+    return np.stack([1.1 * np.sin(s), 0.8 * np.sin(2 * s)], axis=1)
+
+
+def measured(seed, k=60, noise=1.0, missing=0.1):
+    rng = np.random.default_rng(seed)
+    path = loop(k)
+    ranges = np.linalg.norm(np.concatenate([path, np.zeros((k, 1))], 1)[:, None] - BEACONS, axis=2)
+    ranges = ranges + noise * RANGE * rng.normal(size=ranges.shape)
+    ranges[rng.random(ranges.shape) < missing] = np.nan
+    odometry = np.diff(path, axis=0) + noise * STEP * rng.normal(size=(k - 1, 2))
+    return ranges, odometry
+
+
+def surveyed(seed, **settings):
+    return survey_beacons(*measured(seed, **settings), range_noise=RANGE, odometry_noise=STEP)
+
+
+def test_without_noise_it_is_exact():
+    found = surveyed(0, noise=0.0)
+    np.testing.assert_allclose(found.beacons, BEACONS, atol=1e-9)
+    np.testing.assert_allclose(found.path, loop(), atol=1e-9)
+    assert found.residual < 1e-6
+
+
+def test_against_scipy():
+    """The same sum of squares, by scipy with differences for the Jacobian."""
+    ranges, odometry = measured(1, k=25)
+    found = survey_beacons(ranges, odometry, range_noise=RANGE, odometry_noise=STEP)
+
+    def f(x):
+        beacons, path = x[:12].reshape(4, 3), np.concatenate([np.zeros((1, 2)), x[12:].reshape(-1, 2)])
+        distance = np.linalg.norm(np.concatenate([path, np.zeros((25, 1))], 1)[:, None] - beacons, axis=2)
+        off = ((distance - ranges) / RANGE)[np.isfinite(ranges)]
+        return np.concatenate([off, ((np.diff(path, axis=0) - odometry) / STEP).ravel()])
+
+    best = least_squares(f, np.concatenate([BEACONS.ravel(), loop(25)[1:].ravel()]), xtol=1e-14, ftol=1e-14)
+    np.testing.assert_allclose(found.beacons, best.x[:12].reshape(4, 3), atol=1e-6)
+    covariance = np.linalg.inv(best.jac.T @ best.jac)
+    np.testing.assert_allclose(found.covariance[2], covariance[6:9, 6:9], rtol=1e-3)
+
+
+@pytest.mark.thorough
+def test_errors_are_what_the_covariance_says():
+    """Normalised squared error of the beacons over 80 surveys: mean of chi-squared, within four of its errors."""
+    runs = 80
+    found = [surveyed(seed, k=25) for seed in range(runs)]
+    squares = [e @ np.linalg.solve(c, e) for s in found for e, c in zip(s.beacons - BEACONS, s.covariance, strict=True)]
+    assert np.mean(squares) == pytest.approx(3, abs=4 * np.sqrt(6 / runs))  # beacons of one survey hang together
+    assert np.mean([s.residual for s in found]) == pytest.approx(1, abs=0.03)
+    spread = np.std([s.beacons for s in found], axis=0)
+    np.testing.assert_allclose(spread, np.mean([s.standard_errors() for s in found], axis=0), rtol=0.3)
+
+
+def test_better_than_the_path_alone():
+    """Odometry alone ends a centimetre or more off; the ranges hold the path together."""
+    ranges, odometry = measured(3, k=150)
+    found = survey_beacons(ranges, odometry, range_noise=RANGE, odometry_noise=STEP)
+    alone = np.concatenate([np.zeros((1, 2)), np.cumsum(odometry, axis=0)])
+    drift = np.sqrt(np.mean((alone - loop(150)) ** 2))
+    assert np.sqrt(np.mean((found.path - loop(150)) ** 2)) < 0.5 * drift
+    assert abs(found.beacons - BEACONS).max() < 0.03
+
+
+def test_what_cannot_be_surveyed_is_refused():
+    ranges, odometry = measured(0)
+    with pytest.raises(InputError, match="shape"):
+        survey_beacons(ranges, odometry[:-1], range_noise=RANGE, odometry_noise=STEP)
+    with pytest.raises(InputError, match="noise"):
+        survey_beacons(ranges, odometry, range_noise=0.0, odometry_noise=STEP)
+    with pytest.raises(InputError, match="beacon 0 answered lie on one line"):
+        survey_beacons(ranges, odometry * [1, 0], range_noise=RANGE, odometry_noise=STEP)

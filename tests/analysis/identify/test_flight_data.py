@@ -1,0 +1,95 @@
+"""Flights of other systems: commands and a motion capture in files of their own, by one mapping."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+import pytest
+from analysis.identify.motion_capture import NAME, capture_flight
+from click.testing import CliRunner
+
+from trimtab.analysis.identify.flight_data import actuate, find_grid, lay_on_grid, read_flight
+from trimtab.cli import main
+from trimtab.core.time import ms, to_seconds
+from trimtab.logs.foreign.read import read_foreign
+from trimtab.logs.log import Log
+from trimtab.run.simulate import simulate
+from trimtab.scenarios.build import build
+
+MAPPING = """
+[sensor.command]
+topic = "radio.csv"
+time = { field = "t", unit = "s" }
+[sensor.command.fields]
+rudder_pulse = { from = "steering", unit = "us" }
+speed_rpm    = { from = "rpm", unit = "1" }
+
+[sensor.mocap]
+topic = "capture.csv"
+time = { field = "stamp", unit = "ms" }
+[sensor.mocap.fields]
+north   = { from = "x", unit = "mm" }
+east    = { from = "z", unit = "mm", sign = -1 }
+heading = { from = "yaw", unit = "deg", sign = -1, offset = 90 }
+"""
+
+
+@pytest.mark.thorough
+def test_the_actuators_do_what_they_did_in_flight_from_before_the_first_command_on() -> None:
+    """80 ms pass until one has come over the radio; the fan stands still, as it does in what drives the fit."""
+    scenario = build(NAME)
+    log, actuators = simulate(scenario, seed=1, duration="4 s", log_period=ms(10)), scenario.world.actuators
+    assert not log["uplink.valid"][:8].any()
+    assert log["uplink.valid"][8:].all()
+    assert np.abs(log["actuators.u.FX"][8]) > 0.1
+    grid = find_grid(actuators)
+    assert grid == ms(10)
+    name = "uplink.value.speed_rpm"  # what stands there before one came is no command
+    signals = {p: np.where(log["uplink.valid"], log[p], 9000.0) if p == name else log[p] for p in log.paths}
+    flight = read_flight(Log(log.t, log.ticks, signals, log.declarations), scenario, name="flight.mcap")
+    commands = lay_on_grid(grid, flight)
+    assert commands.t[0] == 0
+    integral = actuate(actuators, grid, commands)
+    for axis in ("FX", "FY"):
+        given = np.diff(np.asarray(getattr(integral, axis))) / to_seconds(grid)
+        np.testing.assert_allclose(given, log[f"actuators.u.{axis}"], rtol=0, atol=1e-12)
+
+
+@pytest.mark.thorough
+def test_a_flight_of_others_is_identified(tmp_path: Path) -> None:
+    log = capture_flight({"world.vehicle.inertia": "0.12"}, 1, 6.0)
+    rows = zip(log.t, 1e6 * log["uplink.value.rudder_pulse"], log["uplink.value.speed_rpm"], strict=True)
+    text = "\n".join(f"{t:.4f},{a:.6f},{b:.6f}" for t, a, b in rows)
+    (tmp_path / "radio.csv").write_text(f"t,steering,rpm\n{text}\n")
+    first = np.flatnonzero(np.diff(log["sensors.mocap.t"], prepend=-1) > 0)
+    first = first[log["sensors.mocap.valid"][first]]
+    pose = [log[f"sensors.mocap.value.{n}"][first] for n in ("north", "east", "heading")]
+    lines = [
+        f"{1e-4 * t:.4f},{1e3 * n:.5f},0,{-1e3 * e:.5f},{90 - np.degrees(h):.6f}"
+        for t, n, e, h in zip(log["sensors.mocap.t"][first], *pose, strict=True)
+    ]
+    (tmp_path / "capture.csv").write_text("\n".join(["stamp [ms],x,y,z,yaw", *lines]) + "\n")
+    (tmp_path / "flight.toml").write_text(MAPPING)
+    words = ["identify", NAME, str(tmp_path / "capture.csv"), "--fit", "world.vehicle.inertia", "--fit", "delay"]
+    shown = CliRunner().invoke(main, [*words, "--map", str(tmp_path / "flight.toml"), "--json"])
+    assert shown.exit_code == 0, shown.output
+    assert '"converged": true' in shown.output
+    found = json.loads(shown.output)["parameters"]["world.vehicle.inertia"]
+    assert abs(found["value"] - 0.12) < 5 * found["standard_error"] + 2e-5
+
+
+def test_what_was_measured_before_the_first_command_is_left_out(tmp_path: Path) -> None:
+    (tmp_path / "radio.csv").write_text("t,steering,rpm\n" + "".join(f"{0.5 + 0.1 * k:.1f},1500,0\n" for k in range(5)))
+    rows = "".join(f"{100 * k},{10 * k},0,{k}\n" for k in range(10))
+    (tmp_path / "capture.csv").write_text(f"stamp [ms],x,z,yaw\n{rows}")
+    (tmp_path / "flight.toml").write_text(MAPPING)
+    flight = read_flight(read_foreign(tmp_path / "capture.csv", tmp_path / "flight.toml"), build(NAME))
+    np.testing.assert_array_equal(flight.ticks, ms(100) * np.arange(5, 10))
+    assert len(flight.command_ticks) == len(flight.valid)
+
+
+def test_without_a_mapping_it_says_what_to_type(tmp_path: Path) -> None:
+    (tmp_path / "capture.csv").write_text("stamp [ms],x\n1,2\n2,3\n")
+    shown = CliRunner().invoke(main, ["identify", NAME, str(tmp_path / "capture.csv"), "--fit", "delay"])
+    assert shown.exit_code == 2
+    assert "Fix: --map MAP.toml" in shown.output

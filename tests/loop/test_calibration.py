@@ -1,0 +1,91 @@
+"""The calibration file: what is written comes back, and what is none is refused."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from trimtab.core.errors import InputError
+from trimtab.loop.calibration import (
+    Calibration,
+    Covariance,
+    Entry,
+    compare_calibrations,
+    format_calibration,
+    joint_covariance,
+    parse_calibration,
+    read_calibration,
+)
+
+ONE = Calibration(
+    {
+        "Hovercraft.inertia": Entry(0.0961234567890123, "kg m^2", 0.001, 9, "trials.csv: 10 readings", "inertia"),
+        "Thruster.reverse_ratio": Entry([1e-3, -0.03, 0.4, -1.1], "1", [1e-4, 1e-3, 0.01, 0.1], 35, "r.csv", "reverse"),
+    },
+    (
+        Covariance(
+            ("Thruster.reverse_ratio[0]", "Thruster.reverse_ratio[1]"), [[1e-8, -9e-8], [-9e-8, 1e-6]], "reverse"
+        ),
+    ),
+)
+
+
+def test_a_file_comes_back_to_the_bit() -> None:
+    again = parse_calibration("file", format_calibration(ONE))
+    assert again == ONE
+    assert again.content_hash() == ONE.content_hash()
+
+
+def test_a_changed_number_has_another_hash_a_changed_source_has_not() -> None:
+    entry = ONE.entries["Hovercraft.inertia"]
+    other = Calibration({**ONE.entries, "Hovercraft.inertia": entry._replace(value=0.097)}, ONE.covariances)
+    named = Calibration({**ONE.entries, "Hovercraft.inertia": entry._replace(source="again")}, ONE.covariances)
+    assert other.content_hash() != ONE.content_hash() == named.content_hash()
+
+
+def test_a_procedure_done_again_replaces_what_it_found() -> None:
+    new = Calibration({"Thruster.reverse_ratio": Entry([0.0, 0.0, 0.0, 0.5], "1", procedure="reverse")})
+    merged = ONE.merge(new)
+    assert merged.entries["Thruster.reverse_ratio"].value == [0.0, 0.0, 0.0, 0.5]
+    assert "Hovercraft.inertia" in merged.entries
+    assert not merged.covariances
+
+
+def test_joint_covariance_has_what_was_found_together() -> None:
+    P = joint_covariance(ONE, ["Thruster.reverse_ratio[1]", "Hovercraft.inertia", "Thruster.reverse_ratio[0]"])
+    np.testing.assert_allclose(P, [[1e-6, 0, -9e-8], [0, 1e-6, 0], [-9e-8, 0, 1e-8]])
+
+
+def test_comparison_counts_standard_errors() -> None:
+    entry = ONE.entries["Hovercraft.inertia"]
+    other = Calibration({"Hovercraft.inertia": entry._replace(value=entry.value + 0.003 * np.sqrt(2))})
+    changes = compare_calibrations(ONE, other)
+    apart = changes["Hovercraft.inertia"][2]
+    assert apart is not None
+    assert abs(apart - 3) < 1e-9
+    assert changes["Thruster.reverse_ratio[2]"] == (0.4, None, None)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("value = ", "not valid TOML"),
+        ("a = 1", "has version None"),
+        ('version = 1\n["A.b"]\nvalue = 1.0', "no value or no unit"),
+        ('version = 1\n["A.b"]\nvalue = "x"\nunit = "m"', "not numbers"),
+        ('version = 1\n["A.b"]\nvalue = inf\nunit = "m"', "not finite"),
+        ('version = 1\n["A.b"]\nvalue = 1.0\nunit = "m"\nstandard_error = -1.0', "standard_error"),
+        ('version = 1\n["A.b"]\nvalue = 1.0\nunit = "m"\nsigma = 1.0', "unknown key 'sigma'"),
+        ('version = 1\n[[covariance]]\nof = ["A.b"]\nmatrix = [[1.0]]', "has no entry"),
+    ],
+)
+def test_what_is_none_is_refused(text: str, words: str) -> None:
+    with pytest.raises(InputError) as refused:
+        parse_calibration("calibration 'boat.toml'", text)
+    assert words in str(refused.value)
+    assert "Fix: " in str(refused.value)
+
+
+def test_a_missing_file_says_how_to_make_one(tmp_path: Path) -> None:
+    with pytest.raises(InputError, match="trimtab calibrate thrust"):
+        read_calibration(tmp_path / "none.toml")
