@@ -10,8 +10,8 @@ import numpy as np
 
 from studies.hypersonic2022._campaign import KINDS, NAMES
 from studies.hypersonic2022._campaign_ranking import failure_thresholds, sobol_indices
+from studies.hypersonic2022._campaign_sizes import EACH, RANKED, SIZES, fly_size, success_proportion
 from studies.hypersonic2022._trade import BETTER
-from studies.hypersonic2022.further_work import EACH, RANKED, SIZES, fly_size, success_proportion
 from trimtab.plots.style import BLUE, DPI, GREEN, GREY, VERMILION
 
 SHOWN = 12

@@ -8,37 +8,32 @@ vehicle", Aerospace 2022, 9(4), 206.
 """
 
 from collections.abc import Iterator
-from functools import cache
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from studies.hypersonic2022._campaign import COEFFICIENTS, KINDS, NAMES, FlightOutcomes, draw_factors, fly_plants
+from studies.hypersonic2022._campaign_picture import draw_ranking, draw_success
 from studies.hypersonic2022._campaign_ranking import (
     failure_thresholds,
     rank_correlation,
     rank_names,
     sobol_indices,
 )
+from studies.hypersonic2022._campaign_sizes import EACH, RANKED, SEED, SIZES, fly_size, success_proportion
 from studies.hypersonic2022._linear_loop import growth_rate
 from studies.hypersonic2022._trade import BETTER
-from trimtab.analysis.campaign.statistics.intervals import Proportion, proportion
 from trimtab.estimators.flexible.discrete import EQUAL_Q
 from trimtab.study import Row, at_most, band, direction, overlaps, same, within
 
 SECTION = "further work"
 PLACE = "[1] further work: impulse, step, parameters"
-SIZES = (0.05, 0.10, 0.15, 0.20, 0.25, 0.30)
-EACH = 100
-"""Number of runs for each size and disturbance."""
 STATED = {
     False: ((64, 72), (34, 43), (19, 27), (11, 18), (6, 12), (4, 9)),
     True: ((99, 100), (99, 100), (96, 99), (87, 92), (72, 80), (60, 68)),
 }
 """Success (%) at each of SIZES, without and with integral action."""
-RANKED = {True: 0.30, False: 0.10}
-"""Integral action -> size at which coefficients are ranked: where success is least certain."""
 LEADING = {True: "w2", False: "ce"}
 """Integral action -> most important coefficient."""
 STATED_TOTALS = {
@@ -49,7 +44,6 @@ STATED_TOTALS = {
 WORST = "normal-force impulse"
 """The only disturbance that costs success of its own."""
 ABOUT: Any = {"basis": "own"}
-SEED = 1000
 
 
 def rows() -> Iterator[Row]:
@@ -66,24 +60,8 @@ def rows() -> Iterator[Row]:
 
 def figures(folder: Path) -> Iterator[Path]:
     """Plot success by size, and the ranking."""
-    from studies.hypersonic2022._campaign_picture import draw_ranking, draw_success
-
     yield draw_success(folder)
     yield draw_ranking(folder)
-
-
-@cache
-def fly_size(size: float, integral: bool, each: int = EACH, Q: tuple[float, ...] = EQUAL_Q) -> FlightOutcomes:
-    """Return runs of a size, `each` of every disturbance, with the same plants and noise for any law and filter."""
-    first = SEED + round(1000 * size)
-    factors = np.concatenate([draw_factors(size, each, first + 10_000 * k) for k in range(len(KINDS))])
-    return fly_plants(factors, np.repeat(np.arange(len(KINDS)), each), integral=integral, Q=Q)
-
-
-def success_proportion(found: FlightOutcomes) -> Proportion:
-    """Return the share of success among the plants that any law could fly."""
-    fair = ~found.lacks_trim
-    return proportion(int((found.is_success & fair).sum()), int(fair.sum()))
 
 
 def _nominal() -> Iterator[Row]:

@@ -7,8 +7,9 @@ import numpy as np
 import pytest
 
 import trimtab
-from trimtab.compiler.ir import TYPES, Builder, Value
+from trimtab.compiler.ir import TYPES, Builder
 from trimtab.compiler.ranges import certain_result, integer_bounds, never_wraps
+from trimtab.compiler.values import Value
 
 TYPE = "i32"
 OPERATIONS = {

@@ -1,6 +1,8 @@
 """A scenario over a recording of a line, from what is typed: the delays that are flown are those of the file."""
 
+import importlib
 import re
+import sys
 
 import numpy as np
 import pytest
@@ -85,3 +87,13 @@ def test_a_file_that_is_not_here_is_said_to_be_missing_from_here(tmp_path, monke
     with pytest.raises(InputError, match=r"no file 'mine\.py' in (.|\n)*trimtab new vehicle mine$") as refused:
         build("mine.py:scenario")
     assert str(tmp_path) in refused.value.problem
+
+
+@pytest.mark.parametrize("name", ["random", "json", "numpy", "colorsys"])
+def test_a_file_named_like_another_module_does_not_replace_it(tmp_path, name):
+    text = "from trimtab.scenarios.hovercraft.forward import scenario\n\n\ndef mine():\n    return scenario()\n"
+    (tmp_path / f"{name}.py").write_text(text)
+    before = importlib.import_module(name)
+    sys.modules.pop("colorsys", None)  # a module that nobody has imported yet
+    assert build(f"{tmp_path}/{name}.py:mine").name == build("hovercraft/forward").name
+    assert importlib.import_module(name).__spec__.origin == before.__spec__.origin

@@ -76,6 +76,10 @@ class DriveCommand:
     rudder_pulse: Scalar = quantity("s", "Pulse width of the rudder servo.")
     speed_rpm: Scalar = quantity("rpm", "Speed of the fan, negative in reverse.")
 
+    def failsafe(self) -> Failsafe:
+        """Return the failsafe of a vehicle that obeys such commands, where a scenario states none."""
+        return drive_failsafe()
+
 
 NEUTRAL_COMMAND = DriveCommand(rudder_pulse=RudderServo().neutral_pulse, speed_rpm=0.0)
 """Neutral command: rudder in the middle, fan at rest."""

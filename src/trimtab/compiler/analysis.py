@@ -5,8 +5,9 @@ What is the same in every run is computed once, and branches on it stay branches
 
 from typing import Any
 
-from trimtab.compiler.ir import Block, Buffer, Define, Emit, If, Local, Loop, Store, Value
+from trimtab.compiler.ir import Block, Define, Emit, If, Local, Loop, Store
 from trimtab.compiler.text import ELEMENTARY
+from trimtab.compiler.values import Buffer, Value
 
 
 class _NeededValues:

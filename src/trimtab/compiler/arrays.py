@@ -6,7 +6,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from trimtab.compiler.ir import NAMES, TYPES, Buffer, Builder, Value
+from trimtab.compiler.ir import NAMES, TYPES, Builder
+from trimtab.compiler.values import Buffer, Value
 
 UNROLL = 48
 """Number of elements above which an array is kept in a buffer and handled by loops."""

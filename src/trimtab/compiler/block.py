@@ -14,12 +14,13 @@ from trimtab.compiler.analysis import prune
 from trimtab.compiler.arrays import Array, copy_array, copy_into, is_small, scalars
 from trimtab.compiler.c_functions import helper_texts
 from trimtab.compiler.elementary import INCLUDES, LICENCE_NOTE, used_elementary_text
-from trimtab.compiler.ir import Block, Buffer, Builder, If, Local, Loop, Value
+from trimtab.compiler.ir import Block, Builder, If, Local, Loop
 from trimtab.compiler.lower import Lowering, report_fault
 from trimtab.compiler.pieces import PieceFrame, build_level, plan_pieces
 from trimtab.compiler.rules import RULES
 from trimtab.compiler.structs import Member, comment_text, members, struct_text
 from trimtab.compiler.text import C_TYPES, number_literal
+from trimtab.compiler.values import Buffer, Value
 from trimtab.compiler.workspace import plan_workspace
 from trimtab.compiler.writer import Writer
 

@@ -10,12 +10,13 @@ from trimtab.compiler import jaxprs
 from trimtab.compiler.analysis import find_varying, prune, vector_share
 from trimtab.compiler.arrays import Array, is_small, scalars
 from trimtab.compiler.elementary import preamble_text
-from trimtab.compiler.ir import Buffer, Builder, Local, Value
+from trimtab.compiler.ir import Builder, Local
 from trimtab.compiler.lower import Lowering
 from trimtab.compiler.pieces import PieceFrame, build_level, plan_pieces
 from trimtab.compiler.rules import RULES
 from trimtab.compiler.tables import filling_text, table_numbers
 from trimtab.compiler.text import C_TYPES
+from trimtab.compiler.values import Buffer, Value
 from trimtab.compiler.workspace import CALL_STACK, plan_workspace
 from trimtab.compiler.writer import Writer
 

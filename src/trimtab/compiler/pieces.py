@@ -7,7 +7,8 @@ are called one after the other; what several of them need lies in a frame, a str
 from collections.abc import Collection, Sequence
 from typing import Any, NamedTuple
 
-from trimtab.compiler.ir import TYPES, Block, Buffer, Define, Emit, If, Local, Loop, Store, Value
+from trimtab.compiler.ir import TYPES, Block, Define, Emit, If, Local, Loop, Store
+from trimtab.compiler.values import Buffer, Value
 
 WHOLE = 6000
 """Maximum number of statements of one function."""

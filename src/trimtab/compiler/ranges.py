@@ -1,11 +1,8 @@
 """Integer bounds of values, from their own operations: tests with a constant result are removed."""
 
-from typing import TYPE_CHECKING
-
 import numpy as np
 
-if TYPE_CHECKING:
-    from trimtab.compiler.ir import Value
+from trimtab.compiler.values import Value
 
 OPERATIONS = ("lt", "le", "gt", "ge", "eq", "ne", "max", "min", "and")
 DEPTH = 6
@@ -14,7 +11,7 @@ LONGEST_TABLE = 4096
 """Maximum number of values that are examined, or computed, while a program is lowered."""
 
 
-def certain_result(op: str, args: "tuple[Value, ...]") -> bool | int | None:
+def certain_result(op: str, args: tuple[Value, ...]) -> bool | int | None:
     """Result of comparing two integers, or of choosing one of two operands; None if it is open."""
     if len(args) != 2 or op not in OPERATIONS:
         return None
@@ -40,7 +37,7 @@ def certain_result(op: str, args: "tuple[Value, ...]") -> bool | int | None:
     return True if yes else False if no else None
 
 
-def integer_bounds(v: "Value", depth: int = DEPTH) -> tuple[int, int] | None:
+def integer_bounds(v: Value, depth: int = DEPTH) -> tuple[int, int] | None:
     """Return the least and the largest integer that a value can be; None if unknown or not an integer."""
     if v.dtype[0] not in "iu":
         return None
@@ -54,7 +51,7 @@ def integer_bounds(v: "Value", depth: int = DEPTH) -> tuple[int, int] | None:
     return _type_bounds(v.dtype) if found is None else found
 
 
-def never_wraps(v: "Value") -> bool:
+def never_wraps(v: Value) -> bool:
     """Return True if a sum, difference or product of integers is known to fit its type without wrapping."""
     return v.op in ("add", "sub", "mul") and _bounds_of_operation(v, DEPTH - 1) is not None
 
@@ -64,7 +61,7 @@ def _type_bounds(dtype: str) -> tuple[int, int]:
     return (0, 2**bits - 1) if dtype[0] == "u" else (-(2 ** (bits - 1)), 2 ** (bits - 1) - 1)
 
 
-def _bounds_of_operation(v: "Value", depth: int) -> tuple[int, int] | None:
+def _bounds_of_operation(v: Value, depth: int) -> tuple[int, int] | None:
     if v.op == "convert" and v.args[0].dtype == "bool":
         return 0, 1
     if v.op == "select":
@@ -106,7 +103,7 @@ def _join(x: tuple[int, int] | None, y: tuple[int, int] | None) -> tuple[int, in
     return (min(x[0], y[0]), max(x[1], y[1])) if x and y else None
 
 
-def _inside(v: "Value", low: int, high: int) -> tuple[int, int] | None:
+def _inside(v: Value, low: int, high: int) -> tuple[int, int] | None:
     """Return these bounds if no number between them is outside the type."""
     least, most = _type_bounds(v.dtype)
     return (low, high) if least <= low and high <= most else None

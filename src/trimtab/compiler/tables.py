@@ -6,8 +6,9 @@ from typing import Any
 
 import numpy as np
 
-from trimtab.compiler.ir import TYPES, Buffer
+from trimtab.compiler.ir import TYPES
 from trimtab.compiler.text import C_TYPES, number_literal
+from trimtab.compiler.values import Buffer
 
 LITERALS = 1024
 """Maximum length of a table in the text, if longer ones may be given as data."""

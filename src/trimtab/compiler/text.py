@@ -8,8 +8,9 @@ import math
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
-from trimtab.compiler.ir import TYPES, Buffer, Value, is_float
+from trimtab.compiler.ir import TYPES, is_float
 from trimtab.compiler.ranges import never_wraps
+from trimtab.compiler.values import Buffer, Value
 from trimtab.core.errors import InputError
 
 C_TYPES = {

@@ -11,13 +11,14 @@ from trimtab.compiler.analysis import defined_values, find_varying, prune
 from trimtab.compiler.arrays import Array, element_list, scalar
 from trimtab.compiler.elementary import preamble_text
 from trimtab.compiler.function import parameter_array
-from trimtab.compiler.ir import Block, Buffer, Builder, Emit, If, Loop, Value
+from trimtab.compiler.ir import Block, Builder, Emit, If, Loop
 from trimtab.compiler.lower import Lowering
 from trimtab.compiler.native.build import build_library
 from trimtab.compiler.pieces import PieceFrame, build_level, plan_pieces
 from trimtab.compiler.rules import RULES
 from trimtab.compiler.rules.control import LoopCarries
 from trimtab.compiler.text import C_TYPES
+from trimtab.compiler.values import Buffer, Value
 from trimtab.compiler.workspace import plan_workspace
 from trimtab.compiler.writer import Writer
 

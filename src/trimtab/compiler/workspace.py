@@ -9,7 +9,8 @@ from collections.abc import Collection, Iterable
 from typing import Any, NamedTuple
 
 from trimtab.compiler.analysis import VaryingValues
-from trimtab.compiler.ir import TYPES, Block, Buffer, Define, If, Local, Loop, Store
+from trimtab.compiler.ir import TYPES, Block, Define, If, Local, Loop, Store
+from trimtab.compiler.values import Buffer
 
 STACK = 1 << 17
 """Maximum bytes of arrays that an exported block or a loop keeps on the stack."""

@@ -4,7 +4,7 @@ from collections.abc import Callable
 from typing import Any
 
 from trimtab.compiler.analysis import VaryingValues, defined_values
-from trimtab.compiler.ir import Block, Buffer, Define, Emit, If, Local, Loop, Store, Value
+from trimtab.compiler.ir import Block, Define, Emit, If, Local, Loop, Store
 from trimtab.compiler.pieces import NO_PIECES, PieceFrame, Pieces
 from trimtab.compiler.tables import LITERALS, table_text
 from trimtab.compiler.text import (
@@ -16,6 +16,7 @@ from trimtab.compiler.text import (
     single_precision_lanes,
     vector_type,
 )
+from trimtab.compiler.values import Buffer, Value
 from trimtab.compiler.workspace import NO_WORKSPACE, Workspace
 
 PAIR = {"sin_of": "s", "cos_of": "c"}

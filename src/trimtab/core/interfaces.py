@@ -38,6 +38,7 @@ OPTIONAL_MEMBERS: Mapping[str, Any] = MappingProxyType(
         "in_gust": None,
         "is_stepped": None,
         "input_limits": lambda: {},
+        "failsafe": lambda: None,
     }
 )
 """Optional members of a part, with their defaults.
@@ -62,6 +63,7 @@ command; "state", the vehicle's own, which no real sensor has but an ideal twin 
 - Channel: `send_period`, time between packets; None: its period.
 - Actuators: `frame`, the period at which they latch a command; None: their period.
 - Actuators: `pulses()`, field of the command -> its ServoPulse on a board; other fields follow from their limits.
+- a command: `failsafe()`, the Failsafe of a vehicle that obeys such commands; None: one without limits.
 - Law: `stick`, name of the sample with the pilot's stick, which is added to the estimate; "": no pilot.
 - a gyro's response: `sampling`, the period of samples that it is made for; None: any.
 - Law: `equilibrium()`, the state at which its loop rests; None: unknown.

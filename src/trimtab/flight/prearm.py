@@ -214,7 +214,6 @@ class ArmingGuard:
             ),
             ArmingCheck("receiver silence", radio, LONGEST_RADIO_SILENCE, "s", "switch the pilot's transmitter on"),
             ArmingCheck("space for the log", space, LEAST_SPACE, "MB", "free disk space", at_least=True),
-            ArmingCheck("battery", math.nan, 0.0, "V", "charge it", at_least=True),
         ]
 
     def _check_after_failsafe(self) -> list[ArmingCheck]:

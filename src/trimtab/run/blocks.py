@@ -10,7 +10,6 @@ from typing import Any
 import jax
 import numpy as np
 
-from trimtab.actuators.drive import DriveCommand, drive_failsafe
 from trimtab.actuators.failsafe import Failsafe, FailsafeInput
 from trimtab.compiler.block import BlockDefinition
 from trimtab.compiler.compiled_block import CompiledBlock
@@ -260,14 +259,14 @@ def failsafe_block(failsafe: Failsafe, command: Command) -> BlockDefinition:
 
 
 def choose_failsafe(scenario: Scenario, command: Command) -> Failsafe:
-    """Return the scenario's failsafe, or a default: that of a fan drive for commands to a fan drive.
+    """Return the scenario's failsafe, or else that of the command, or else a default.
 
-    For other commands, the default stops when no commands arrive, and accepts all finite numbers.
+    The default stops when no commands arrive, and accepts all finite numbers.
     """
     if isinstance(scenario.failsafe, Failsafe):
         return scenario.failsafe
-    if isinstance(command.value, DriveCommand):
-        return drive_failsafe()
+    if (failsafe := optional_member(command.value, "failsafe")()) is not None:
+        return failsafe
 
     def fill(number: float) -> Any:
         return jax.tree.map(lambda v: np.full(np.shape(v), number), command.value)

@@ -7,9 +7,11 @@ an FMU alone, ``x.fmu``.
 
 import ast
 import functools
+import hashlib
 import importlib
 import importlib.util
 import inspect
+import os
 import sys
 import typing
 from collections.abc import Callable, Mapping
@@ -159,21 +161,34 @@ def load_function(name: str) -> Callable[..., Any]:
 
 
 def _load_file(name: str, path: Path) -> Any:
-    spec = importlib.util.spec_from_file_location(path.stem, path)
+    module_name = _choose_module_name(path)
+    spec = importlib.util.spec_from_file_location(module_name, path)
     if spec is None or spec.loader is None or not path.is_file():
         problem = f"there is no file {str(path)!r}{'' if path.is_absolute() else f' in {Path.cwd()}'}"
         fix = f"give a path that exists; to create a vehicle: trimtab new vehicle {path.stem}"
         raise InputError(f"scenario {name!r}", problem, fix=fix)
     module = importlib.util.module_from_spec(spec)
-    sys.modules[path.stem] = module
+    sys.modules[module_name] = module
     try:
         spec.loader.exec_module(module)
     except InputError:
         raise
     except Exception as error:
-        sys.modules.pop(path.stem, None)
+        sys.modules.pop(module_name, None)
         raise _own_code_error(name, error) from error
     return module
+
+
+def _choose_module_name(path: Path) -> str:
+    """Return the stem of a file, or a longer name if the stem belongs to another module, as that of random.py does."""
+    stem, file = path.stem, path.resolve()
+    loaded = sys.modules.get(stem)
+    try:
+        spec = importlib.util.find_spec(stem) if loaded is None else loaded.__spec__
+    except (ImportError, ValueError):
+        spec = None
+    is_other = spec is not None and (spec.origin is None or Path(spec.origin).resolve() != file)
+    return f"{stem}_{hashlib.sha256(os.fsencode(file)).hexdigest()[:8]}" if is_other else stem
 
 
 def _own_code_error(name: str, error: Exception) -> InputError:

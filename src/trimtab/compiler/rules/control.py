@@ -18,9 +18,10 @@ from trimtab.compiler.arrays import (
     scalars,
     store_in_memory,
 )
-from trimtab.compiler.ir import Block, Buffer, Builder, If, Value
+from trimtab.compiler.ir import Block, Builder, If
 from trimtab.compiler.lower import Rule, Site
 from trimtab.compiler.rules.reduce import accumulate
+from trimtab.compiler.values import Buffer, Value
 
 
 def _cond(site: Site) -> list[Array]:

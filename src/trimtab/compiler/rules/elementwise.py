@@ -13,8 +13,9 @@ from trimtab.compiler.arrays import (
     element_list,
     read_element,
 )
-from trimtab.compiler.ir import Builder, Value, is_float
+from trimtab.compiler.ir import Builder, is_float
 from trimtab.compiler.lower import Rule, Site, is_alone
+from trimtab.compiler.values import Value
 from trimtab.core.errors import InputError
 
 Element = Callable[[Site, list[Value]], Value]

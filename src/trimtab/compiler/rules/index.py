@@ -23,8 +23,9 @@ from trimtab.compiler.arrays import (
     scalars,
     write_updates,
 )
-from trimtab.compiler.ir import Builder, Value, is_float
+from trimtab.compiler.ir import Builder, is_float
 from trimtab.compiler.lower import Rule, Site
+from trimtab.compiler.values import Value
 
 MODE = lax.GatherScatterMode
 

@@ -14,8 +14,8 @@ from trimtab.compiler.arrays import (
     read_element,
     store_in_memory,
 )
-from trimtab.compiler.ir import Buffer, Value
 from trimtab.compiler.lower import Rule, Site
+from trimtab.compiler.values import Buffer, Value
 
 SIDES = 4
 """Number of right sides from which all are solved side by side; fewer are solved one by one."""

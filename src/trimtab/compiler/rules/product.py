@@ -21,9 +21,10 @@ from trimtab.compiler.arrays import (
     read_element,
     scalars,
 )
-from trimtab.compiler.ir import Value, is_float
+from trimtab.compiler.ir import is_float
 from trimtab.compiler.lower import Rule, Site
 from trimtab.compiler.rules.reduce import accumulate
+from trimtab.compiler.values import Value
 
 WIDTH = 8
 """Number of neighbouring elements of a result that are summed together."""

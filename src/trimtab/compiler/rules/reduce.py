@@ -15,8 +15,9 @@ from trimtab.compiler.arrays import (
     loop_over_indices,
     read_element,
 )
-from trimtab.compiler.ir import TYPES, Builder, Value, is_float
+from trimtab.compiler.ir import TYPES, Builder, is_float
 from trimtab.compiler.lower import Rule, Site
+from trimtab.compiler.values import Value
 
 OPERATIONS = {
     "reduce_sum": "add",

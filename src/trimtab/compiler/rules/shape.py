@@ -15,8 +15,8 @@ from trimtab.compiler.arrays import (
     loop_over_indices,
     read_element,
 )
-from trimtab.compiler.ir import Value
 from trimtab.compiler.lower import Rule, Site
+from trimtab.compiler.values import Value
 
 
 def _rearrange(site: Site, array: Array, shape: tuple[int, ...], from_: Callable[[Index], Index]) -> Array:

@@ -12,10 +12,10 @@ import numpy as np
 from jax import lax
 
 from trimtab.compiler.arrays import Array, Index, build_array, read_element, store_in_memory
-from trimtab.compiler.ir import Value
 from trimtab.compiler.lower import Rule, Site
 from trimtab.compiler.rules.composite import inline_program
 from trimtab.compiler.rules.reduce import accumulate, neutral_element
+from trimtab.compiler.values import Value
 
 
 def _inline_on(site: Site, program: Callable[..., Any], operands: list[Array], avals: list[Any]) -> Array:

@@ -101,7 +101,7 @@ def _place_fields(place: Place, names: Sequence[str] = ("latitude", "longitude",
 
 
 def battery_status() -> Fields:
-    """Return BATTERY_STATUS with all values unknown: no vehicle here has a model of its battery."""
+    """Return BATTERY_STATUS with all values unknown: no vehicle here measures its battery."""
     voltages = (UNKNOWN_16,) * BATTERY_CELLS
     return {"voltages": voltages, "temperature": UNKNOWN_TEMPERATURE} | dict.fromkeys(UNKNOWN_OF_BATTERY, -1)
 

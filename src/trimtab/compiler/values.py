@@ -1,0 +1,35 @@
+"""Operands of a program between JAX and C: scalar values, and arrays in memory."""
+
+from typing import Any
+
+from trimtab.core.errors import InputError
+
+LARGEST = 2**31 - 2**16
+"""Limit of the size of an array: an index and the end of a loop must fit an int32."""
+
+
+class Value:
+    """One scalar. op "const" has a number; "input", "carry", "index" and "join" are given by their surroundings."""
+
+    __slots__ = ("args", "attr", "const", "dtype", "invariant", "op")
+
+    def __init__(self, op: str, args: tuple["Value", ...], dtype: str, attr: Any = None, const: Any = None) -> None:
+        self.op, self.args, self.dtype, self.attr, self.const = op, args, dtype, attr, const
+        self.invariant = op == "const"
+
+
+class Buffer:
+    """An array in memory, row-major. kind: "const" (data known), "input" (read only), "state" or "local"."""
+
+    __slots__ = ("data", "dtype", "kind", "name", "size")
+
+    def __init__(self, dtype: str, size: int, kind: str, name: str = "", data: Any = None) -> None:
+        if size > LARGEST:
+            problem, fix = f"an array has {size} numbers", f"work on parts of at most {LARGEST}: indices have 32 bits"
+            raise InputError("compiler", problem, fix=fix)
+        self.dtype, self.size, self.kind, self.name, self.data = dtype, size, kind, name, data
+
+    @property
+    def is_read_only(self) -> bool:
+        """Return True if nothing ever writes to the buffer."""
+        return self.kind in ("const", "input")
