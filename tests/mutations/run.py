@@ -2,10 +2,11 @@
 
     python tests/mutations/run.py                  all, on one core: over an hour
     python tests/mutations/run.py -k imu -k kalman those whose name or file has one of the words
-    python tests/mutations/run.py --thorough       the thorough tests of the named files too
+    python tests/mutations/run.py --tier gate      only the tests of the gate
+    python tests/mutations/run.py --tier all       the thorough tests of the named files too
 
-A mutation is killed when a test fails or is in error; one that no test notices survived. Thorough tests count only with
---thorough. The copy has the tracked files; compiled programs are kept in a folder of the copy's, or in
+A mutation is killed when a test fails or is in error; one that no test notices survived. Without --tier the tests of
+the gate and the real-time tests count. The copy has the tracked files; compiled programs are kept in a folder of the copy's, or in
 --cache FOLDER for the next time.
 """
 
@@ -22,6 +23,10 @@ from typing import NamedTuple
 
 HERE = Path(__file__).parent
 ROOT = HERE.parents[1]
+
+
+TIERS = {"gate": "not thorough and not real_time", "timed": "not thorough or real_time", "all": ""}
+"""Tier -> pytest's expression of marks for the tests that count."""
 
 
 class Mutation(NamedTuple):
@@ -48,10 +53,9 @@ def copy_tracked_files(to: Path) -> None:
     subprocess.run(["tar", "-xf", "-"], cwd=to, input=packed, check=True)
 
 
-def run_tests(copy: Path, tests: list[str], thorough: bool, environment: dict[str, str]) -> tuple[int, str]:
+def run_tests(copy: Path, tests: list[str], tier: str, environment: dict[str, str]) -> tuple[int, str]:
     """pytest's status, and the first line that says what failed."""
-    chosen = ["-m", "" if thorough else "not thorough or real_time"]
-    command = [sys.executable, "-m", "pytest", "-x", "-q", "-n0", "-p", "no:cacheprovider", *chosen, *tests]
+    command = [sys.executable, "-m", "pytest", "-x", "-q", "-n0", "-p", "no:cacheprovider", "-m", TIERS[tier], *tests]
     run = subprocess.run(command, cwd=copy, env=environment, capture_output=True, text=True, check=False)
     told = [line for line in run.stdout.splitlines() if line.startswith(("FAILED", "ERROR"))]
     return run.returncode, told[0] if told else (run.stdout.splitlines() or [run.stderr[-200:]])[-1]
@@ -64,7 +68,7 @@ def write_newer(path: Path, text: str) -> None:
     os.utime(path, (last + 2, last + 2))
 
 
-def try_mutation(copy: Path, mutation: Mutation, thorough: bool, environment: dict[str, str]) -> dict[str, object]:
+def try_mutation(copy: Path, mutation: Mutation, tier: str, environment: dict[str, str]) -> dict[str, object]:
     """The outcome of one, and the copy as it was."""
     path, begin = copy / mutation.file, time.perf_counter()
     text = path.read_text(encoding="utf-8")
@@ -72,7 +76,7 @@ def try_mutation(copy: Path, mutation: Mutation, thorough: bool, environment: di
         raise SystemExit(f"{mutation.name}: the old text occurs {text.count(mutation.old)} times in {mutation.file}")
     write_newer(path, text.replace(mutation.old, mutation.new))
     try:
-        status, line = run_tests(copy, list(mutation.tests), thorough, environment)
+        status, line = run_tests(copy, list(mutation.tests), tier, environment)
     finally:
         write_newer(path, text)
     outcome = {0: "SURVIVED", 1: "killed", 2: "killed"}.get(status, f"NOT TESTED ({status})")
@@ -84,7 +88,7 @@ def main() -> int:
     """The command; 1 if any survived."""
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("-k", action="append", default=[], metavar="WORD", help="only those with it; may be repeated")
-    parser.add_argument("--thorough", action="store_true", help="thorough tests count too")
+    parser.add_argument("--tier", choices=TIERS, default="timed", help="which tests count")
     parser.add_argument("--cache", type=Path, help="where compiled programs are kept between calls")
     parser.add_argument("--record", type=Path, help="append each outcome to a file, a JSON object a line")
     parser.add_argument("--unmutated", action="store_true", help="only check that the named tests pass as things stand")
@@ -99,12 +103,12 @@ def main() -> int:
         environment = os.environ | {"PYTHONPATH": paths, "TRIMTAB_CACHE": str(cache), "CI": "1"}
         environment["JAX_COMPILATION_CACHE_DIR"] = str(cache / "jax")
         if given.unmutated:
-            status, line = run_tests(copy, sorted({t for m in chosen for t in m.tests}), given.thorough, environment)
+            status, line = run_tests(copy, sorted({t for m in chosen for t in m.tests}), given.tier, environment)
             print(line)
             return status
         outcomes = []
         for k, mutation in enumerate(chosen):
-            outcomes.append(one := try_mutation(copy, mutation, given.thorough, environment))
+            outcomes.append(one := try_mutation(copy, mutation, given.tier, environment))
             line = f"{k + 1:3}/{len(chosen)} {one['outcome']:9} {one['seconds']:4} s  {one['name']}"
             print(line, f"        {one['by']}", sep="\n", flush=True)
             if given.record:
