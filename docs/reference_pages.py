@@ -317,11 +317,11 @@ def explaining_page(module: str, pages: dict[str, set[str]]) -> str:
 
     pages: each page, with the modules that it names.
     """
-    folder, _, name = module.rpartition(".")
-    folder = folder.partition(".")[0]
-    own = f"{folder}/{name.replace('_', '-')}"
+    *folders, name = module.split(".")
+    own = [f"{folder}/{name.replace('_', '-')}" for folder in reversed(folders)]
     naming = [page for page, modules in pages.items() if module in modules]
-    return next((p for p in (own, *sorted(naming, key=lambda p: not p.startswith(f"{folder}/"))) if p in pages), "")
+    naming.sort(key=lambda page: page.partition("/")[0] not in folders)
+    return next((page for page in (*own, *naming) if page in pages), "")
 
 
 def verb_of(module: str) -> str:

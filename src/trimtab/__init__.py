@@ -36,10 +36,10 @@ HOMES = {
     "write_log": "logs.mcap:write_mcap",
     "replay": "run.replay",
     # many runs
-    "Campaign": "campaign.campaign",
+    "Campaign": "analysis.campaign.campaign",
     "error_budget": "run.error_budget",
-    "falsify": "campaign.search.falsify",
-    "tune": "campaign.search.tune",
+    "falsify": "analysis.campaign.search.falsify",
+    "tune": "analysis.campaign.search.tune",
     # design and code generation
     "trim": "vehicle_model",
     "linearise": "vehicle_model",

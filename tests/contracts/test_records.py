@@ -10,12 +10,12 @@ from contracts.parts import FOLDERS, blocks, every, modules, records, vehicles
 from trimtab.core.record import Scalar, quantity, record
 
 ROOT = Path(__file__).parents[2]
-FOLDERS_WITH_TESTS = ("environment", *FOLDERS, "design", "identify", "logs", "plots")
+FOLDERS_WITH_TESTS = ("environment", *FOLDERS, "design", "analysis.identify", "logs", "plots")
 FLYING = ("vehicles", "sensors", "links", "estimators", "laws", "actuators")
 
 
 @pytest.mark.parametrize(
-    ("folder", "cls"), every(records, ("environment", *FOLDERS, "core", "loop", "logs", "design", "identify"))
+    ("folder", "cls"), every(records, ("environment", *FOLDERS, "core", "loop", "logs", "design", "analysis.identify"))
 )
 def test_record_declares_source_units_and_meaning(folder, cls):
     assert_declared(cls)
@@ -30,7 +30,7 @@ def test_module_has_a_test_file(folder, module):
     """Its own, or, for what only serves its neighbours, one of theirs that imports it."""
     _, *families, name = module.__name__.split(".")
     path = ROOT.joinpath("tests", *families, f"test_{name}.py")
-    neighbours = "".join(_text(p) for p in sorted((ROOT / "tests" / folder).rglob("test_*.py")))
+    neighbours = "".join(_text(p) for p in sorted(ROOT.joinpath("tests", *folder.split(".")).rglob("test_*.py")))
     assert "def test_" in _text(path) or module.__name__ in neighbours, f"write {path.relative_to(ROOT)}"
 
 

@@ -91,5 +91,5 @@ def open_link(uri: str, *, listen: bool = False) -> Link:
         A link that reconnects by itself when its device or peer returns.
     """
     address = parse_uri(uri)
-    module = importlib.import_module(f"trimtab.links.{address.scheme}")
+    module = importlib.import_module(f"trimtab.flight.transports.{address.scheme}")
     return getattr(module, f"open_{address.scheme}")(address, listen=listen)
