@@ -49,7 +49,7 @@ LIMITS = {
         "somebody": 14,
         "anew": 23,
         "so many": 0,
-        "is no": 58,
+        "is no": 57,
         "there is none": 9,
         "fares": 1,
     },

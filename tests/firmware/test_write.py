@@ -103,7 +103,7 @@ def test_a_swarm_is_no_vehicle_and_no_key_is_made(tmp_path, monkeypatch, verb):
     monkeypatch.setenv("TRIMTAB_CONFIG", str(tmp_path / "config"))
     said = CliRunner().invoke(main, verb.split())
     assert said.exit_code == 2
-    assert "of one vehicle, and this is a swarm of 5 craft" in said.stderr
+    assert "is for one vehicle, but this is a swarm of 5 craft" in said.stderr
     assert "hovercraft/forward" in said.stderr
     assert "trimtab export FILE.py:function" in said.stderr
     assert not (tmp_path / "config").exists()

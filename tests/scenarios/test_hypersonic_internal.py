@@ -141,7 +141,6 @@ def test_other_readings_of_the_coupling_work_too():
         assert report.solution.unstable == 1
 
 
-@pytest.mark.thorough("climb6-settings6-level trim at 85000 ft, 3000 ft/s: there is no trim here")
 @pytest.mark.parametrize(
     ("climb", "settings", "text"),
     [
