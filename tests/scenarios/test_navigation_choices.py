@@ -1,6 +1,6 @@
 """Each `--navigation` of the hovercraft: built and traced, one line in `list`, named in `--help`; flown for its page.
 
-The table of docs/scenarios.md, Which navigation, is printed, and compared with the page, by
+The table of docs/scenarios.md, Navigation systems, is printed, and compared with the page, by
 `pytest -n0 -s -m thorough tests/scenarios/test_navigation_choices.py`.
 """
 
