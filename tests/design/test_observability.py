@@ -33,7 +33,7 @@ def test_what_is_not_measured_is_hidden():
 
 def along(truth):
     """The coupled filter's model on a flight, positions at each tenth of its steps of ten ticks."""
-    phi, f = np.asarray(truth.heading)[::10], np.asarray(truth.felt)[::10, 1:]
+    phi, f = np.asarray(truth.heading)[::10], np.asarray(truth.imu_reading)[::10, 1:]
     F = np.array([np.asarray(coupled_transition(10 * DT, a, b)) for a, b in zip(phi[:-1], f[:-1], strict=True)])
     H = np.zeros((len(phi), 2, 8))
     H[::10, 0, 3] = H[::10, 1, 4] = 1

@@ -53,7 +53,7 @@ class Flown(NamedTuple):
     truth: np.ndarray
     estimate: object
     state: object
-    felt: np.ndarray
+    imu_reading: np.ndarray
     x: object
     u: object
 
@@ -89,7 +89,7 @@ def fly_many(factors, one, seeds, move=rest, seconds=10, noise=0.01, qacc=0.0, d
 
 @functools.partial(jax.jit, static_argnames=("move", "n"))
 def _fly(craft, x, u, one, seeds, noise, qacc, held, size, move, n):
-    flight, felt, alpha = FlightStateSensor(), AngularAccelerometer(noise=noise), trim()[1].alpha
+    flight, imu_reading, alpha = FlightStateSensor(), AngularAccelerometer(noise=noise), trim()[1].alpha
 
     def single(craft, x, seed):
         root = replace(key(0).at("flight"), run=seed)
@@ -100,7 +100,7 @@ def _fly(craft, x, u, one, seeds, noise, qacc, held, size, move, n):
             t = k * ms(5)
             motion = craft.motion(t, x, before)
             chi = flight.step(t, root.at("flight"), motion)[1]
-            z = felt.step(t, root.at("angular-accelerometer"), motion)[1]
+            z = imu_reading.step(t, root.at("angular-accelerometer"), motion)[1]
             frame = Frame(t, {"flight": chi, "angular-accelerometer": z, "actuators": new_sample(t, before)})
             state, estimate = one.step(t, state, frame)
             truth = jnp.stack([getattr(x, name) for name in NAMES])

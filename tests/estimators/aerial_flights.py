@@ -91,9 +91,9 @@ def fly(setting: Setting, run: Any, *, length: float, every: float, rate: float 
     def step(t: Any, carry: Any) -> Any:
         s_imu, s_gnss, s_form, _ = carry
         motion = truth(path, rate, t)
-        s_imu, felt = imu.step(t, s_imu, motion)
+        s_imu, imu_reading = imu.step(t, s_imu, motion)
         s_gnss, fix = gnss.step(t, s_gnss, motion)
-        s_form, estimate = form.step(t, s_form, Frame(t, {"imu": felt, "gnss": fix}))
+        s_form, estimate = form.step(t, s_form, Frame(t, {"imu": imu_reading, "gnss": fix}))
         return s_imu, s_gnss, s_form, estimate
 
     first = imu.init(key.at("imu")), gnss.init(key.at("gnss")), form.init(key)

@@ -61,7 +61,7 @@ def fly(craft, x, u, one, seed=0, noise=0.01, inputs=steady, qacc=0.0, offset=0.
 @functools.partial(jax.jit, static_argnames="inputs")
 def _fly(craft, x, u, one, seed, noise, qacc, offset, inputs):
     n = 2000 if inputs is steady else 600
-    flight, felt = FlightStateSensor(), AngularAccelerometer(noise=noise, offset=offset)
+    flight, imu_reading = FlightStateSensor(), AngularAccelerometer(noise=noise, offset=offset)
     root = key(0).at("flight")
     root = replace(root, run=seed)
     sensor_keys = [root.at(name) for name in ("flight", "angular-accelerometer")]
@@ -72,7 +72,7 @@ def _fly(craft, x, u, one, seed, noise, qacc, offset, inputs):
         t = k * ms(5)
         motion = craft.motion(t, x, u_before)
         chi = flight.step(t, sensor_keys[0], motion)[1]
-        z = felt.step(t, sensor_keys[1], motion)[1]
+        z = imu_reading.step(t, sensor_keys[1], motion)[1]
         frame = Frame(t, {"flight": chi, "angular-accelerometer": z, "actuators": new_sample(t, u_before)})
         state, estimate = one.step(t, state, frame)
         error = jnp.stack([getattr(estimate.state, n) - getattr(x, n) for n in NAMES])

@@ -54,7 +54,7 @@ class Fix:
 class Truth(NamedTuple):
     """Along a flight, each with a leading axis of instants: felt (3,) without error, and Belief.x without biases."""
 
-    felt: Any
+    imu_reading: Any
     heading: Any
     velocity: Any
     position: Any
@@ -150,12 +150,12 @@ def own_model(form: Any, truth: Truth, z: Draws, *, every: int, reads: bool = Tr
     white = jnp.sqrt(jnp.stack([noise.gyro, noise.forward, noise.starboard]))
     walk = jnp.sqrt(DT * jnp.stack([noise.gyro_walk, noise.force_walk, noise.force_walk]))
     biases = -off[5:] + jnp.cumsum(walk * z.walks, axis=0) - walk * z.walks[0]
-    felt = truth.felt + biases + white * z.white
-    first = replace(form.first(), felt=felt[0])
+    imu_reading = truth.imu_reading + biases + white * z.white
+    first = replace(form.first(), imu_reading=imu_reading[0])
 
     def step(node, row):
-        i, felt, phi, r, zh, zr, true = row
-        node = form.propagate(node, jnp.where(i > 0, DT, 0.0), felt, jnp.zeros(2))
+        i, imu_reading, phi, r, zh, zr, true = row
+        node = form.propagate(node, jnp.where(i > 0, DT, 0.0), imu_reading, jnp.zeros(2))
         if reads:
             node = form.correct_heading(node, phi + jnp.sqrt(noise.heading) * zh)
         due = i % every == 0
@@ -167,15 +167,15 @@ def own_model(form: Any, truth: Truth, z: Draws, *, every: int, reads: bool = Tr
 
     n = truth.heading.shape[0]
     true = jnp.concatenate([truth.heading[:, None], truth.velocity, truth.position, biases], axis=1)
-    rows = (jnp.arange(n), felt, truth.heading, truth.position, z.heading, z.position, true)
+    rows = (jnp.arange(n), imu_reading, truth.heading, truth.position, z.heading, z.position, true)
     like = jax.tree.map(lambda leaf: jnp.asarray(leaf), first)
     return Flown(*jax.lax.scan(step, like, rows)[1])
 
 
-def frames(form: Any, now: Any, felt: Any, heading: Any = None, position: Any = None) -> Frame:
+def frames(form: Any, now: Any, imu_reading: Any, heading: Any = None, position: Any = None) -> Frame:
     """Frames with a leading axis of instants; each sensor's (t, values (n, k), fresh), t its time of measurement."""
     given = {
-        form.intake.imu: (reading, felt),
+        form.intake.imu: (reading, imu_reading),
         form.intake.heading: (Compass, heading),
         form.intake.position: (Fix, position),
     }
@@ -193,7 +193,7 @@ class Ride(NamedTuple):
 
     now: Any
     felt_t: Any
-    felt: Any
+    imu_reading: Any
     felt_fresh: Any
     heading_t: Any
     heading: Any
@@ -207,7 +207,7 @@ class Ride(NamedTuple):
         return frames(
             form,
             self.now,
-            (self.felt_t, self.felt, self.felt_fresh),
+            (self.felt_t, self.imu_reading, self.felt_fresh),
             (self.heading_t, self.heading, self.heading_fresh),
             (self.fix_t, self.fix, self.fix_fresh),
         )
@@ -219,12 +219,12 @@ def ride(truth: Truth, noise: Any, *, biases: Any = (0.0, 0.0, 0.0), every: int 
     g = np.random.default_rng(seed)
     now = np.arange(n) * TICK
     white = np.sqrt([noise.gyro, noise.forward, noise.starboard])
-    felt = np.asarray(truth.felt) + np.asarray(biases) + white * g.standard_normal((n, 3))
+    imu_reading = np.asarray(truth.imu_reading) + np.asarray(biases) + white * g.standard_normal((n, 3))
     heading = np.asarray(truth.heading)[:, None] + np.sqrt(noise.heading) * g.standard_normal((n, 1))
     fix = np.asarray(truth.position) + np.sqrt(noise.position) * g.standard_normal((n, 2))
     due = np.arange(n) % every == 0
     always = np.ones(n, bool)
-    return Ride(now, now.copy(), felt, always, now.copy(), heading, always.copy(), now.copy(), fix, due)
+    return Ride(now, now.copy(), imu_reading, always, now.copy(), heading, always.copy(), now.copy(), fix, due)
 
 
 @partial(jax.jit, compiler_options=QUICK)

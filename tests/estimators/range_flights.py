@@ -73,7 +73,7 @@ class Steps(NamedTuple):
     """Between pings, each with axes (pings, sub-steps): time steps (s) and what the IMU read at their ends."""
 
     dt: Any
-    felt: Any
+    imu_reading: Any
 
 
 class Flight(NamedTuple):
@@ -82,7 +82,7 @@ class Flight(NamedTuple):
     times: Any
     at: Truth
     ticks: Any
-    felt: Truth
+    imu_reading: Truth
     index: Any
     share: Any
     dt: Any
@@ -121,7 +121,7 @@ def motions(flight: Flight) -> Motion:
         jnp.concatenate([at.position, o[:, None]], axis=1),
         jnp.stack([o, o, yaw], axis=1),
         jnp.stack([surge, sway, o], axis=1),
-        jnp.stack([o, o, at.felt[:, 0]], axis=1),
+        jnp.stack([o, o, at.imu_reading[:, 0]], axis=1),
         none,
         none,
     )
@@ -143,12 +143,12 @@ def inertial(flight: Flight, run: Any, noise: InertialNoise = IMU, biases: Any =
     off = biases * normals(k.at("bias"), 0, 3)
     n = len(flight.ticks)
     white = jnp.sqrt(jnp.stack([noise.gyro, noise.forward, noise.starboard]))
-    return flight.felt.felt + off + white * normals(k, jnp.arange(n), 3).T, off
+    return flight.imu_reading.imu_reading + off + white * normals(k, jnp.arange(n), 3).T, off
 
 
-def between(flight: Flight, felt: Any) -> Any:
+def between(flight: Flight, imu_reading: Any) -> Any:
     """IMU readings at the ends of all sub-steps (pings, sub-steps, 3), straight between samples."""
-    a, b = felt[flight.index], felt[jnp.minimum(flight.index + 1, len(flight.ticks) - 1)]
+    a, b = imu_reading[flight.index], imu_reading[jnp.minimum(flight.index + 1, len(flight.ticks) - 1)]
     return a + flight.share[..., None] * (b - a)
 
 
@@ -157,13 +157,13 @@ def numbers(replies: Ranges) -> Any:
     return jnp.concatenate([jnp.where(replies.arrived, replies.range, 0.0), replies.unit[:, None]], axis=1)
 
 
-def carried(form: Any, node: Any, dt: Any, felt: Any) -> Any:
+def carried(form: Any, node: Any, dt: Any, imu_reading: Any) -> Any:
     """A node over the sub-steps of one row."""
 
     def one(node: Any, row: Any) -> Any:
         return form.propagate(node, row[0], row[1], jnp.zeros(2)), None
 
-    return jax.lax.scan(one, node, (dt, felt))[0]
+    return jax.lax.scan(one, node, (dt, imu_reading))[0]
 
 
 class Flown(NamedTuple):
@@ -173,13 +173,15 @@ class Flown(NamedTuple):
     error: Any
 
 
-def flown(form: Any, flight: Flight, felt: Any, off: Any, values: Any, correct: Any = None, first: Any = None) -> Flown:
+def flown(
+    form: Any, flight: Flight, imu_reading: Any, off: Any, values: Any, correct: Any = None, first: Any = None
+) -> Flown:
     """A form over a flight with events' values (pings, n + 1)."""
     correct = form.correct_ranges if correct is None else correct
 
     def step(node: Any, row: Any) -> Any:
-        dt, felt, value, true = row
-        node = correct(carried(form, node, dt, felt), value)
+        dt, imu_reading, value, true = row
+        node = correct(carried(form, node, dt, imu_reading), value)
         x, _ = form.belief(node)
         error = x - true
         error = error.at[0].set(jnp.arctan2(jnp.sin(error[0]), jnp.cos(error[0])))
@@ -189,8 +191,8 @@ def flown(form: Any, flight: Flight, felt: Any, off: Any, values: Any, correct: 
     n = len(flight.times)
     true = jnp.concatenate([at.heading[:, None], at.velocity, at.position, jnp.broadcast_to(off, (n, 3))], axis=1)
     first = form.first() if first is None else first
-    node = jax.tree.map(jnp.asarray, replace(first, felt=felt[0], t=np.int64(0)))
-    return jax.lax.scan(step, node, (flight.dt, between(flight, felt), values, true))[1]
+    node = jax.tree.map(jnp.asarray, replace(first, imu_reading=imu_reading[0], t=np.int64(0)))
+    return jax.lax.scan(step, node, (flight.dt, between(flight, imu_reading), values, true))[1]
 
 
 @partial(jax.jit, static_argnames=("path", "seconds", "runs"), compiler_options=SWIFT)
@@ -202,12 +204,12 @@ def monte_carlo(form: Any, sensor: Any, spoilt: Any, *, path: Any, seconds: floa
     flight = plan(path, seconds)
 
     def one(run: Any) -> Flown:
-        felt, off = inertial(flight, run)
+        imu_reading, off = inertial(flight, run)
         values = numbers(pings(sensor, flight, run)[0])
         n = spoilt.shape[1]
         there = (values[:, :n] > 0) & ~jnp.isnan(spoilt)
         ranges = jnp.where(there, values[:, :n] + jnp.where(there, spoilt, 0.0), 0.0)
-        return flown(form, flight, felt, off, jnp.concatenate([ranges, values[:, n:]], axis=1))
+        return flown(form, flight, imu_reading, off, jnp.concatenate([ranges, values[:, n:]], axis=1))
 
     return jax.vmap(one)(jnp.arange(runs))
 
@@ -223,7 +225,7 @@ class LooseNode:
     """An INS and what locates its units. Source: this test."""
 
     t: Any = quantity("100 ns", "The instant.", kind="time")
-    felt: Any = quantity("1", "What the IMU reads.", shape=(3,))
+    imu_reading: Any = quantity("1", "What the IMU reads.", shape=(3,))
     inner: Any = part("Of the INS.")
     finder: Any = part("Of the ranging.")
     now: Any = quantity("100 ns", "Number of the ping.", kind="time")
@@ -248,9 +250,9 @@ class Loose:
         node = self.form.first()
         return LooseNode(np.int64(0), np.zeros(3), node, self.finder.init(key(0)), np.int64(0))
 
-    def propagate(self, node: LooseNode, dt: Any, felt: Any, doubt: Any) -> LooseNode:
-        inner = self.form.propagate(replace(node.inner, felt=node.felt), dt, felt, doubt)
-        return replace(node, felt=felt, inner=inner)
+    def propagate(self, node: LooseNode, dt: Any, imu_reading: Any, untrusted: Any) -> LooseNode:
+        inner = self.form.propagate(replace(node.inner, imu_reading=node.imu_reading), dt, imu_reading, untrusted)
+        return replace(node, imu_reading=imu_reading, inner=inner)
 
     def correct_ranges(self, node: LooseNode, value: Any) -> LooseNode:
         n = value.shape[0] - 1
@@ -280,7 +282,7 @@ def own_model(form: Any, *, path: Any, seconds: float, runs: int) -> Flown:
 
     def one(run: Any) -> Flown:
         k = replace(key(9), run=jnp.asarray(run, np.uint32))
-        felt, off = inertial(flight, run, form.noise, jnp.stack([s.sigma_gyro_bias, *[s.sigma_force_bias] * 2]))
+        imu_reading, off = inertial(flight, run, form.noise, jnp.stack([s.sigma_gyro_bias, *[s.sigma_force_bias] * 2]))
         constant = jnp.sqrt(e.variances(n)) * normals(k.at("constant"), 0, 1 + n)
         white = e.noise * normals(k, jnp.arange(len(flight.times)), n).T
         unit = jnp.arange(len(flight.times)) % np.shape(form.units)[0]
@@ -292,7 +294,7 @@ def own_model(form: Any, *, path: Any, seconds: float, runs: int) -> Flown:
 
         ranges = jax.vmap(ideal)(flight.at.heading, flight.at.position, unit)
         values = jnp.concatenate([(1 + constant[0]) * ranges + constant[1:] + white, unit[:, None]], axis=1)
-        begun = flight.felt
+        begun = flight.imu_reading
         true = jnp.concatenate([begun.heading[0][None], begun.velocity[0], begun.position[0]])
         first = form.first()
         sigma = jnp.sqrt(form.start.variances()[:5])
@@ -302,20 +304,20 @@ def own_model(form: Any, *, path: Any, seconds: float, runs: int) -> Flown:
         def correct(node: Any, value: Any) -> Any:
             return update_running(form, node, value[:n], value[n].astype(np.int32), hears)
 
-        return flown(form, flight, felt, off, values, correct, first)
+        return flown(form, flight, imu_reading, off, values, correct, first)
 
     return jax.vmap(one)(jnp.arange(runs))
 
 
-def late_frames(form: Any, flight: Flight, felt: Any, replies: Ranges, last: Any) -> Frame:
+def late_frames(form: Any, flight: Flight, imu_reading: Any, replies: Ranges, last: Any) -> Frame:
     """Frames at the IMU's samples, each ping handed out at the first one after its last reply."""
     n = len(flight.ticks)
     ready = flight.times + np.ceil(np.asarray(last) * 1e7).astype(np.int64)
     newest = np.searchsorted(ready, flight.ticks, side="right") - 1
     shown = np.maximum(newest, 0)
     fresh = np.diff(newest, prepend=-1) > 0
-    felt, none = np.asarray(felt), np.zeros(n)
-    imu = Sample(reading(*felt.T), flight.ticks, none, none == 0, none == 0)
+    imu_reading, none = np.asarray(imu_reading), np.zeros(n)
+    imu = Sample(reading(*imu_reading.T), flight.ticks, none, none == 0, none == 0)
     value = jax.tree.map(lambda leaf: np.array(leaf)[shown], replies)
     t = flight.times[shown]
     ping = Sample(value, t, (flight.ticks - t) * 1e-7, fresh, newest >= 0)

@@ -17,16 +17,16 @@ FORMS = (AidedInertialDirect, AidedInertialFeedforward, AidedInertialFeedback, A
 forms = pytest.mark.parametrize("cls", FORMS, ids=lambda cls: cls.__name__)
 
 
-def unaided(form, felt):
+def unaided(form, imu_reading):
     """Beliefs after each sample of felt (n, 3) but the first, with which it starts; a tick apart."""
 
     def step(node, row):
         node = form.propagate(node, DT, row, jnp.zeros(2))
         return node, form.belief(node)
 
-    first = jax.tree.map(jnp.asarray, replace(form.first(), felt=felt[0]))
-    run = jax.jit(lambda first, felt: jax.lax.scan(step, first, felt)[1], compiler_options=QUICK)
-    return jax.tree.map(np.asarray, run(first, jnp.asarray(felt[1:])))
+    first = jax.tree.map(jnp.asarray, replace(form.first(), imu_reading=imu_reading[0]))
+    run = jax.jit(lambda first, imu_reading: jax.lax.scan(step, first, imu_reading)[1], compiler_options=QUICK)
+    return jax.tree.map(np.asarray, run(first, jnp.asarray(imu_reading[1:])))
 
 
 @forms
@@ -85,7 +85,7 @@ def test_perfect_sensors_close_a_lap_from_rest_to_rest(cls, shape):
     lap = course(shape)
     truth = fly(lambda t: 0.4 + 6 * jnp.pi * t / T, lambda t: lap(share(t)), np.arange(n) * DT)
     start = replace(NEAR, heading=0.4, north=float(lap(0.0)[0]), east=float(lap(0.0)[1]))
-    x = unaided(to_arrays(cls(noise=MEMS, start=start)), np.asarray(truth.felt)).x
+    x = unaided(to_arrays(cls(noise=MEMS, start=start)), np.asarray(truth.imu_reading)).x
     assert np.abs(x[:, 3:5] - x[-1, 3:5]).max() > 1.5  # it went round
     np.testing.assert_allclose(x[-1, 3:5], truth.position[0], atol=1e-8)
     np.testing.assert_allclose(x[-1, 1:3], 0.0, atol=1e-9)
@@ -104,7 +104,7 @@ def test_a_lap_at_speed_misses_by_the_trapezoids_error(shape):
     start = replace(
         NEAR, heading=0.4, velocity_north=float(v[0]), velocity_east=float(v[1]), north=float(r[0]), east=float(r[1])
     )
-    x = unaided(to_arrays(AidedInertialFeedback(noise=MEMS, start=start)), np.asarray(truth.felt)).x
+    x = unaided(to_arrays(AidedInertialFeedback(noise=MEMS, start=start)), np.asarray(truth.imu_reading)).x
     jerk = jax.jacfwd(jax.jacfwd(jax.jacfwd(lambda t: lap(t / T))))(0.0)
     missed = -(DT**2) * T / 12 * np.asarray(jerk)
     np.testing.assert_allclose(x[-1, 3:5] - r, missed, atol=0.01 * np.linalg.norm(missed))

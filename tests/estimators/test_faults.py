@@ -58,7 +58,7 @@ def _rows(new):
 
 
 def nan_imu(sent):
-    return given(sent, felt=(np.full((N, 3), np.nan), AFTER))
+    return given(sent, imu_reading=(np.full((N, 3), np.nan), AFTER))
 
 
 def nan_position(sent):
@@ -77,7 +77,7 @@ def frozen_position(sent):
 def imu_twice(sent):
     """Every fourth packet is the one before it again, so that its own sample is lost."""
     k = np.flatnonzero(AFTER & (np.arange(N) % 4 == 0))
-    sent.felt[k], sent.felt_t[k] = sent.felt[k - 1], sent.felt_t[k - 1]
+    sent.imu_reading[k], sent.felt_t[k] = sent.imu_reading[k - 1], sent.felt_t[k - 1]
     return sent
 
 
@@ -92,7 +92,7 @@ def position_again(sent):
 
 
 def frozen_imu(sent):
-    return given(sent, felt=(np.tile(sent.felt[500], (N, 1)), AFTER))
+    return given(sent, imu_reading=(np.tile(sent.imu_reading[500], (N, 1)), AFTER))
 
 
 def imu_clock_backwards(sent):
@@ -126,9 +126,9 @@ def _jolt():
     v = np.append(0.0, np.cumsum((a[1:] + a[:-1]) / 2 * DT))
     r = np.append(0.0, np.cumsum((v[:-1] + (a[1:] + 2 * a[:-1]) * DT / 6) * DT))
     c, s = np.cos(TRUTH.heading), np.sin(TRUTH.heading)
-    felt = TRUTH.felt + np.stack([0 * a, c * a, -s * a], axis=1)
+    imu_reading = TRUTH.imu_reading + np.stack([0 * a, c * a, -s * a], axis=1)
     north = np.stack([v, 0 * v], axis=1), np.stack([r, 0 * r], axis=1)
-    return Truth(felt, TRUTH.heading, TRUTH.velocity + north[0], TRUTH.position + north[1])
+    return Truth(imu_reading, TRUTH.heading, TRUTH.velocity + north[0], TRUTH.position + north[1])
 
 
 def _whirl():
@@ -136,14 +136,14 @@ def _whirl():
     extra = 7.0 * ((np.arange(N) >= 500) & (np.arange(N) < 650))
     turned = np.append(0.0, np.cumsum((extra[1:] + extra[:-1]) / 2 * DT))
     c, s = np.cos(turned), np.sin(turned)
-    fx, fy = TRUTH.felt[:, 1:].T
-    felt = np.stack([TRUTH.felt[:, 0] + extra, c * fx + s * fy, -s * fx + c * fy], axis=1)
-    return Truth(felt, TRUTH.heading + turned, TRUTH.velocity, TRUTH.position)
+    fx, fy = TRUTH.imu_reading[:, 1:].T
+    imu_reading = np.stack([TRUTH.imu_reading[:, 0] + extra, c * fx + s * fy, -s * fx + c * fy], axis=1)
+    return Truth(imu_reading, TRUTH.heading + turned, TRUTH.velocity, TRUTH.position)
 
 
 def clipped(sent):
     limits = np.array([FEEDBACK.intake.rate_range, FEEDBACK.intake.force_range, FEEDBACK.intake.force_range])
-    return sent._replace(felt=np.clip(sent.felt, -limits, limits))
+    return sent._replace(imu_reading=np.clip(sent.imu_reading, -limits, limits))
 
 
 MOVED = TRUTH._replace(position=TRUTH.position + np.array([0.5, 0.0]) * AFTER[:, None])

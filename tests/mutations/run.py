@@ -6,8 +6,8 @@
     python tests/mutations/run.py --tier all       the thorough tests of the named files too
 
 A mutation is killed when a test fails or is in error; one that no test notices survived. Without --tier the tests of
-the gate and the real-time tests count. The copy has the tracked files; compiled programs are kept in a folder of the copy's, or in
---cache FOLDER for the next time.
+the gate and the real-time tests count. The copy has the tracked files. Compiled programs are kept in a folder of the
+copy, or in --cache FOLDER for the next time.
 """
 
 import argparse

@@ -34,7 +34,7 @@ def rollout(sensor, key, k):
 def test_ranges_are_distances_of_the_antenna():
     seen = replace(IDEAL, lever_arm=(0.5, 0.0, 0.1)).measure(STILL)
     np.testing.assert_allclose(seen.range, np.linalg.norm(PLACE + np.array([0.0, 0.5, 0.1]) - np.array(HALL), axis=1))
-    assert np.asarray(seen.heard).all()
+    assert np.asarray(seen.received).all()
 
 
 @pytest.mark.thorough
@@ -44,7 +44,7 @@ def test_noise_bias_losses_and_late_paths_are_as_said():
     runs = np.array([samples(replace(IDEAL, bias=0.1), 2, seed).range[0] - true for seed in range(60)])
     assert runs.std() == pytest.approx(0.1, rel=0.15)
     lossy = samples(replace(IDEAL, losses=0.2), 3000)
-    assert 1 - np.asarray(lossy.heard).mean() == pytest.approx(0.2, abs=0.02)
+    assert 1 - np.asarray(lossy.received).mean() == pytest.approx(0.2, abs=0.02)
     late = np.asarray(samples(replace(IDEAL, late_paths=0.1), 3000).range) - true
     assert (late > -1e-12).all()
     assert (late > 1e-9).mean() == pytest.approx(0.1, abs=0.01)
@@ -53,8 +53,8 @@ def test_noise_bias_losses_and_late_paths_are_as_said():
 
 def test_what_is_out_of_reach_is_not_heard_and_keeps_its_last_range():
     short = samples(replace(IDEAL, reach=4.0), 2)
-    np.testing.assert_array_equal(short.heard[1], np.linalg.norm(PLACE - np.array(HALL), axis=1) <= 4.0)
-    np.testing.assert_array_equal(np.asarray(short.range)[1][~np.asarray(short.heard)[1]], 0.0)
+    np.testing.assert_array_equal(short.received[1], np.linalg.norm(PLACE - np.array(HALL), axis=1) <= 4.0)
+    np.testing.assert_array_equal(np.asarray(short.range)[1][~np.asarray(short.received)[1]], 0.0)
 
 
 @pytest.mark.thorough

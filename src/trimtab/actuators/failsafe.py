@@ -53,7 +53,7 @@ class FailsafeState:
     cause: Scalar = quantity("1", "Cause of the last change of mode.", kind="mode", modes=CAUSES)
     latched: Scalar = quantity("1", "True if the failsafe has tripped since the last arming.", kind="flag")
     armed_at: Scalar = quantity("100 ns", "Time of the last arming.", kind="time")
-    heard: Scalar = quantity("100 ns", "Arrival time of the last good command since arming.", kind="time")
+    command_arrival: Scalar = quantity("100 ns", "Arrival time of the last good command since arming.", kind="time")
     newest: Scalar = quantity("100 ns", "Issue time of the newest good command since arming.", kind="time")
     value: Any = part("Value of the newest good command.")
     lift_until: Scalar = quantity("100 ns", "Time at which the lift fan stops.", kind="time")
@@ -119,7 +119,7 @@ class Failsafe:
             cause=np.int32(START),
             latched=np.bool_(False),
             armed_at=never,
-            heard=never,
+            command_arrival=never,
             newest=never,
             value=jax.tree.map(lambda v: jnp.asarray(v, np.float64), self.safe),
             lift_until=never,
@@ -134,9 +134,9 @@ class Failsafe:
         pilot = input.radio & input.takeover & self._is_in_range(input.manual)
         state = self._next_mode(t, state, pilot, input)
         manual, computer = state.mode == MANUAL, state.mode == COMPUTER
-        obeyed = computer & input.command.valid & (state.heard != NEVER)
+        obeyed = computer & input.command.valid & (state.command_arrival != NEVER)
         value = tree_where(manual, input.manual, tree_where(obeyed, state.value, self.safe))
-        turns = manual | (computer & (state.heard != NEVER))
+        turns = manual | (computer & (state.command_arrival != NEVER))
         tripped = (state.mode == FAILSAFE) & (before != FAILSAFE)
         state = replace(state, lift_until=jnp.where(turns | tripped, t + self.lift_delay, state.lift_until))
         output = FailsafeOutput(
@@ -161,7 +161,7 @@ class Failsafe:
             cause=jnp.where(disarm, DISARM, cause).astype(np.int32),
             latched=s.latched & ~arm & ~disarm,
             armed_at=jnp.where(arm, t, s.armed_at),
-            heard=jnp.where(arm, NEVER, s.heard),
+            command_arrival=jnp.where(arm, NEVER, s.command_arrival),
             newest=jnp.where(arm, NEVER, s.newest),
         )
 
@@ -171,7 +171,7 @@ class Failsafe:
         good = came & self._is_in_range(command.value) & (abs(command.age) <= self.age_max) & (command.t > s.newest)
         return replace(
             s,
-            heard=jnp.where(good, t, s.heard),
+            command_arrival=jnp.where(good, t, s.command_arrival),
             newest=jnp.where(good, command.t, s.newest),
             value=tree_where(good, command.value, s.value),
             rejected=jnp.where(came & ~good & (s.rejected < 2**31 - 1), s.rejected + 1, s.rejected).astype(np.int32),
@@ -181,8 +181,8 @@ class Failsafe:
         """Return the state after pilot and clock, by the table of the docs page: the last row that holds counts."""
         mode, cause = s.mode, s.cause
         radio, takeover = jnp.asarray(input.radio), jnp.asarray(input.takeover)
-        came = s.heard != NEVER
-        silent = jnp.where(came, t - s.heard, t - s.armed_at) >= jnp.where(came, self.timeout, self.patience)
+        came = s.command_arrival != NEVER
+        silent = jnp.where(came, t - s.command_arrival, t - s.armed_at) >= jnp.where(came, self.timeout, self.patience)
         was_manual = mode == MANUAL
         released = was_manual & ~pilot
         lost = released & ~(radio & ~takeover)

@@ -174,9 +174,9 @@ class Estimator(Protocol):
 class InertialForm(Protocol):
     """A form of aided inertial navigation: the filter alone, without what reads and orders the samples.
 
-    A node is the form's state at one instant: a record with the fields t, felt (3,), doubt (2,), heading_fix and
-    position_fix, and whatever else the form keeps. z: as measured; variance: of z, of a position also its covariance
-    (2, 2); 0 where the sensor states none.
+    A node is the form's state at one instant: a record with the fields t, imu_reading (3,), untrusted (2,),
+    heading_fix and position_fix, and whatever else the form keeps. z: as measured; variance: of z, of a position also
+    its covariance (2, 2); 0 where the sensor states none.
     """
 
     AIDED_BY: ClassVar[str]
@@ -202,8 +202,8 @@ class InertialForm(Protocol):
         """Return the node before the first sample."""
         ...
 
-    def propagate(self, node: Any, dt: Any, felt: Any, doubt: Any) -> Any:
-        """Return the node dt (s) later, with IMU reading felt (3,); doubt (2,): 1: gyro, accelerometers not trusted."""
+    def propagate(self, node: Any, dt: Any, imu_reading: Any, untrusted: Any) -> Any:
+        """Return the node dt (s) later. imu_reading: (3,).  untrusted: (2,), 1: gyro, accelerometers not trusted."""
         ...
 
     def correct_heading(self, node: Any, z: Any, variance: Any) -> Any:

@@ -168,7 +168,7 @@ def _wrap_part(scenario: Scenario, where: str, fault: Fault, longest: float) -> 
     capacity = max(2, delay_slots(longest, inner.period)) if int(fault.word) in (NONE, DELAYED) else 2
     if name:
         felt = None if optional_member(inner, "FEELS") == "motion" else _visible_signals(scenario, where)
-        sensor = FaultySensor(inner=inner, fault=fault, felt=felt, capacity=capacity)
+        sensor = FaultySensor(inner=inner, fault=fault, example=felt, capacity=capacity)
         return replace(scenario, world=replace(world, sensors={**world.sensors, name: sensor}))
     make = FaultyActuators if kind == "actuators" else FaultyChannel
     return replace(scenario, world=replace(world, **{kind: make(inner=inner, fault=fault, capacity=capacity)}))

@@ -314,7 +314,7 @@ class FaultySensor(FaultyPart):
 
     inner: Any = part("Sensor.")
     fault: Fault = part("Fault of the part.", default=Fault())
-    felt: Any = part("Example of the sensor's input, if that is not a motion.", default=None)
+    example: Any = part("Example of the sensor's input, if that is not a motion.", default=None)
     capacity: int = option("How many samples a delay may lie back, and one.", default=2)
 
     @property
@@ -324,8 +324,8 @@ class FaultySensor(FaultyPart):
 
     def init(self, key: Key) -> FaultyState:
         """Return the first state: nothing measured."""
-        felt = no_motion() if self.felt is None else self.felt
-        return self.initial_state(self.inner.init(key), felt, key.at("fault"))
+        example = no_motion() if self.example is None else self.example
+        return self.initial_state(self.inner.init(key), example, key.at("fault"))
 
     def measure(self, motion: Any) -> Any:
         """Return the sensor's measurement, without noise or fault."""

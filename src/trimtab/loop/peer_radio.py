@@ -20,7 +20,7 @@ class PeerRadioState:
 
     key: Any = part("Random key of the losses.")
     on_the_way: Any = part("Messages in transit, fields (delay,), by slot.")
-    heard: Any = part("Newest message of each sender at each receiver, fields (receiver, sender).")
+    received: Any = part("Newest message of each sender at each receiver, fields (receiver, sender).")
 
 
 @record
@@ -45,8 +45,8 @@ class PeerRadio:
     def init(self, key: Key) -> PeerRadioState:
         """Return the first state: nothing received."""
         silence = strengthen_types(PeerMessage())
-        heard = jax.tree.map(lambda v: jnp.full((self.count, self.count), v, v.dtype), silence)
-        return PeerRadioState(key=key, on_the_way=empty_slots(silence, self.delay), heard=heard)
+        received = jax.tree.map(lambda v: jnp.full((self.count, self.count), v, v.dtype), silence)
+        return PeerRadioState(key=key, on_the_way=empty_slots(silence, self.delay), received=received)
 
     def step(self, t: Any, state: PeerRadioState, say: PeerMessage) -> tuple[PeerRadioState, Peers]:
         """Return the messages received by integer time t, the begin of a slot; arrays (receiver, sender)."""
@@ -67,12 +67,12 @@ class PeerRadio:
         def write(table: Any, value: Any) -> Any:
             return table.at[:, sender].set(jnp.where(hears, value, table[:, sender]))
 
-        heard = jax.tree.map(write, state.heard, arrived)
-        return PeerRadioState(key=state.key, on_the_way=ring, heard=heard), _peers(heard)
+        received = jax.tree.map(write, state.received, arrived)
+        return PeerRadioState(key=state.key, on_the_way=ring, received=received), _peers(received)
 
 
-def _peers(heard: PeerMessage) -> Peers:
-    return Peers(messages=tuple(jax.tree.leaves(heard)))
+def _peers(received: PeerMessage) -> Peers:
+    return Peers(messages=tuple(jax.tree.leaves(received)))
 
 
 @record

@@ -74,7 +74,7 @@ class SupervisorState:
     cause: Scalar = quantity("1", "Cause of the last change of mode.", kind="mode", modes=CAUSES)
     since: Scalar = quantity("100 ns", "Time at which the mode was entered.", kind="time")
     back: Scalar = quantity("1", "Mode to return to when the link or the estimate recovers.", kind="mode", modes=MODES)
-    heard: Scalar = quantity("100 ns", "Time at which a sample last came over the link.", kind="time")
+    sample_arrival: Scalar = quantity("100 ns", "Time at which a sample last came over the link.", kind="time")
     refused: Scalar = quantity("1", "Check that refused the last request.", kind="mode", modes=CHECKS)
     refusals: Scalar = quantity("1", "Number of refused requests.", kind="count")
     transitions: Scalar = quantity("1", "Number of mode changes.", kind="count")
@@ -186,13 +186,20 @@ class Supervisor:
         """Return the first state, on standby."""
         none, now = np.int32(0), np.int64(-FOREVER)
         return SupervisorState(
-            mode=none, cause=none, since=now, back=none, heard=now, refused=none, refusals=none, transitions=none
+            mode=none,
+            cause=none,
+            since=now,
+            back=none,
+            sample_arrival=now,
+            refused=none,
+            refusals=none,
+            transitions=none,
         )
 
     def step(self, t: Any, s: SupervisorState, input: SupervisorInput) -> tuple[SupervisorState, SupervisorOutput]:
         """Return the state and the output from integer time t on."""
-        heard = jnp.where(input.arrived, t, s.heard)
-        silent = t - heard >= self.link_timeout
+        sample_arrival = jnp.where(input.arrived, t, s.sample_arrival)
+        silent = t - sample_arrival >= self.link_timeout
         stale = ~(input.estimate.age <= self.stale_age)
         sick = self._is_sick(input.estimate.state)
         check = self._first_failing_check(input.estimate, silent, stale, sick)
@@ -209,7 +216,7 @@ class Supervisor:
             cause=cause,
             since=jnp.where(changed, t, s.since),
             back=back.astype(np.int32),
-            heard=heard,
+            sample_arrival=sample_arrival,
             refused=jnp.where(refused, jnp.where(sensible, check, len(CHECKS) - 1), s.refused).astype(np.int32),
             refusals=(s.refusals + refused).astype(np.int32),
             transitions=(s.transitions + changed).astype(np.int32),

@@ -22,7 +22,7 @@ class AnchorRanges:
     """Ranges, one for each anchor. Source: docs page, Sensors in space."""
 
     range: Any = quantity("m", "Range to each anchor (n,); the previous range where none was received.")
-    heard: Any = quantity("1", "True for each anchor received (n,).", kind="flag")
+    received: Any = quantity("1", "True for each anchor received (n,).", kind="flag")
 
 
 @record
@@ -82,7 +82,7 @@ class AnchorRanging:
         antenna = motion.p_WB + from_euler(*motion.attitude) @ jnp.asarray(self.lever_arm)
         away = antenna - jnp.asarray(self.anchors)
         ranges = jnp.sqrt(jnp.maximum(jnp.sum(away * away, axis=1), 1e-12))
-        return AnchorRanges(range=ranges, heard=ranges <= self.reach)
+        return AnchorRanges(range=ranges, received=ranges <= self.reach)
 
     def step(self, t: Any, state: AnchorRangingState, motion: Motion) -> tuple[AnchorRangingState, Sample]:
         """Return the sample at integer time t."""
@@ -93,6 +93,6 @@ class AnchorRanging:
         is_lost, _ = uniform2(each, k, 1)
         late = jnp.where(is_late < self.late_paths, -self.late_length * jnp.log(length), 0.0)
         measured = true.range + state.bias + self.noise * normals(state.key, k, n) + late
-        heard = true.heard & (is_lost >= self.losses)
-        ranges = jnp.where(heard, measured, state.last)
-        return AnchorRangingState(state.key, state.bias, ranges), new_sample(t, AnchorRanges(ranges, heard))
+        received = true.received & (is_lost >= self.losses)
+        ranges = jnp.where(received, measured, state.last)
+        return AnchorRangingState(state.key, state.bias, ranges), new_sample(t, AnchorRanges(ranges, received))

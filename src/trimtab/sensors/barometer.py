@@ -27,7 +27,7 @@ class BarometerState:
 
     key: Key = part("Key of the random noise.")
     offset: Scalar = quantity("Pa", "Zero error, including its drift.")
-    felt: Scalar = quantity("Pa", "Pressure behind the lag.")
+    lagged: Scalar = quantity("Pa", "Pressure behind the lag.")
     started: Scalar = quantity("1", "True once there has been a sample.", kind="flag")
 
 
@@ -77,13 +77,13 @@ class Barometer:
         through = motion.v_WB_B - air.velocity
         port = around.pressure + self.static_error * around.density * (through @ through) / 2
         share = jnp.where(state.started, 1 - jnp.exp(-dt / jnp.maximum(self.lag, 1e-9)), 1.0)
-        felt = state.felt + share * (port - state.felt)
+        lagged = state.lagged + share * (port - state.lagged)
         z = normals(state.key, t // self.period, 2)
         offset = state.offset + self.drift * math.sqrt(dt) * z[0] * state.started
         step = jnp.where(self.resolution > 0, self.resolution, 1.0)
-        raw = felt + offset + self.noise * z[1]
+        raw = lagged + offset + self.noise * z[1]
         pressure = jnp.where(self.resolution > 0, jnp.floor(raw / step + 0.5) * step, raw)
-        new = BarometerState(state.key, offset, felt, jnp.ones((), np.bool_))
+        new = BarometerState(state.key, offset, lagged, jnp.ones((), np.bool_))
         return new, new_sample(t, _reading(pressure))
 
 

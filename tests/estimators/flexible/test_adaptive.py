@@ -104,10 +104,10 @@ def test_at_rest_the_frequencies_act_on_nothing():
         np.testing.assert_allclose(jax.jacfwd(lambda y: propagate_modes(craft, y, b, DT))(still)[:4, 4:], 0, atol=1e-9)
         np.testing.assert_allclose(jax.jacfwd(lambda y: modal_accelerations(craft, y)[0])(still)[4:], 0, atol=1e-12)
 
-    def felt(w):
+    def imu_reading(w):
         return replace(craft, modes=replace(craft.modes, w1=w)).coupled_accelerations(0.0, x, u)[0]
 
-    assert abs(float(jax.grad(felt)(16.5))) * 1.65 > 0.01  # rad/s^2 by 10 % of w1, eta held: it looks observable
+    assert abs(float(jax.grad(imu_reading)(16.5))) * 1.65 > 0.01  # rad/s^2 by 10 % of w1, eta held: it looks observable
 
 
 def test_a_moment_jolts_the_modes_as_in_the_vehicle():
@@ -326,7 +326,7 @@ def test_a_single_extended_filter_settles_on_the_wrong_mode(move):
     state, craft = one.init(key(0)), trim()[0]
 
     @jax.jit
-    def ends(x, u, felt):
+    def ends(x, u, imu_reading):
         def instant(carry, now):
             X, P = carry
             x, u, z = now
@@ -336,9 +336,11 @@ def test_a_single_extended_filter_settles_on_the_wrong_mode(move):
             done = one.update(X, P, z - rigid - d, b)
             return (done[0], done[1]), done[0][4:]
 
-        return jax.lax.scan(instant, (state.x[4], state.P[4]), (x, u, felt))[0][0][4:]
+        return jax.lax.scan(instant, (state.x[4], state.P[4]), (x, u, imu_reading))[0][0][4:]
 
-    alone = np.stack([ends(*jax.tree.map(lambda a, i=i: a[i], (flown.x, flown.u, flown.felt))) for i in range(8)])
+    alone = np.stack(
+        [ends(*jax.tree.map(lambda a, i=i: a[i], (flown.x, flown.u, flown.imu_reading))) for i in range(8)]
+    )
     lost = np.abs(alone - np.log(0.9)).max(-1) > 0.05
     print(f"\none filter instead of nine: {lost.sum()} of 8 runs settle more than 5 % off, {move.__name__}")
     assert lost.any()

@@ -116,7 +116,7 @@ def test_what_is_too_late_is_counted_and_not_used():
 
 def test_nan_samples_are_flagged_and_not_used():
     sent = good()
-    sent.felt[300:303, 1], sent.heading[400], sent.fix[450, 0] = np.nan, np.nan, np.nan
+    sent.imu_reading[300:303, 1], sent.heading[400], sent.fix[450, 0] = np.nan, np.nan, np.nan
     state, _ = flown(sent)
     assert (state.imu.invalid[-1], state.heading_sensor.invalid[-1], state.position_sensor.invalid[-1]) == (3, 1, 1)
     assert all(np.isfinite(leaf).all() for leaf in jax.tree.leaves(state))
@@ -157,7 +157,7 @@ def test_the_autopilots_own_clock_running_backwards_is_counted():
 
 def test_a_frozen_imu_is_flagged_and_distrusted():
     sent = good()
-    sent.felt[600:] = sent.felt[600]
+    sent.imu_reading[600:] = sent.imu_reading[600]
     state, _ = flown(sent)
     assert state.imu.frozen[625:].all()
     assert not state.imu.frozen[:620].any()
@@ -171,8 +171,8 @@ def test_an_imu_behind_its_low_pass_is_taken_at_the_time_that_it_tells_of():
     late, sent = 3, good()
     swing = 3 * np.sin(6 * DT * np.arange(N))
     turned = np.cumsum((swing + np.append(0, swing[:-1])) / 2 * DT)
-    sent.felt[:, 0] += swing
-    sent.felt[late:] = sent.felt[:-late].copy()
+    sent.imu_reading[:, 0] += swing
+    sent.imu_reading[late:] = sent.imu_reading[:-late].copy()
     sent.heading[:, 0] += turned
     heading = np.asarray(TRUTH.heading) + turned
     state, (told, _) = flown(sent, replace(FEEDBACK, intake=replace(FEEDBACK.intake, lag=np.int64(late * TICK))))
@@ -210,14 +210,14 @@ def test_a_saturated_gyro_is_flagged_and_not_taken_for_bias():
     sent, extra = good(), np.zeros(N)
     extra[500:650] = 7.0
     limit = float(FEEDBACK.intake.rate_range)
-    sent.felt[:, 0] = np.clip(sent.felt[:, 0] + extra, -limit, limit)
+    sent.imu_reading[:, 0] = np.clip(sent.imu_reading[:, 0] + extra, -limit, limit)
     turned = np.cumsum((extra + np.append(0, extra[:-1])) / 2 * DT)
     sent.heading[:, 0] += turned
     truth = TRUTH._replace(heading=np.asarray(TRUTH.heading) + turned)
-    sent.felt[:, 1:] -= np.asarray(TRUTH.felt)[:, 1:]
+    sent.imu_reading[:, 1:] -= np.asarray(TRUTH.imu_reading)[:, 1:]
     c, s = np.cos(-turned), np.sin(-turned)
-    fx, fy = np.asarray(TRUTH.felt)[:, 1:].T
-    sent.felt[:, 1:] += np.stack([c * fx - s * fy, s * fx + c * fy], axis=1)
+    fx, fy = np.asarray(TRUTH.imu_reading)[:, 1:].T
+    sent.imu_reading[:, 1:] += np.stack([c * fx - s * fy, s * fx + c * fy], axis=1)
     state, _ = flown(sent)
     assert state.imu.saturated[505:645].mean() > 0.9
     assert not state.imu.saturated[:495].any()
@@ -275,13 +275,13 @@ def test_one_outlier_in_ten_does_not_throw_it_off():
 def test_lever_arms_are_taken_into_account():
     """IMU and aided point away from the reference: the same errors as without; ignored, far larger ones."""
     arms = {"imu": np.array([0.2, -0.1]), "aiding": np.array([-0.3, 0.25])}
-    phi, rate = np.asarray(TRUTH.heading), np.asarray(TRUTH.felt)[:, 0]
+    phi, rate = np.asarray(TRUTH.heading), np.asarray(TRUTH.imu_reading)[:, 0]
     alpha = np.gradient(rate, DT)
     c, s = np.cos(phi), np.sin(phi)
     sent = good()
     lx, ly = arms["imu"]
-    sent.felt[:, 1] += -alpha * ly - rate**2 * lx
-    sent.felt[:, 2] += alpha * lx - rate**2 * ly
+    sent.imu_reading[:, 1] += -alpha * ly - rate**2 * lx
+    sent.imu_reading[:, 2] += alpha * lx - rate**2 * ly
     ax, ay = arms["aiding"]
     sent.fix[:] += np.stack([c * ax - s * ay, s * ax + c * ay], axis=1)
     form = replace(FEEDBACK, arms=replace(FEEDBACK.arms, **arms))

@@ -32,12 +32,12 @@ def test_the_transition_is_a_matrix_exponential():
 @pytest.mark.thorough
 def test_the_transition_is_the_derivative_of_the_process():
     """To the order of what a step turns; errors of biases are true minus estimated."""
-    felt = np.array([0.4, 1.5, -0.4])
+    imu_reading = np.array([0.4, 1.5, -0.4])
     form = replace(FORM, smoothing=np.float64(0.0))
-    node = replace(form.first(), x=np.random.default_rng(0).standard_normal(8), felt=felt)
-    F = jax.jacfwd(lambda x: form.propagate(replace(node, x=x), DT, felt, jnp.zeros(2)).x)(node.x)
+    node = replace(form.first(), x=np.random.default_rng(0).standard_normal(8), imu_reading=imu_reading)
+    F = jax.jacfwd(lambda x: form.propagate(replace(node, x=x), DT, imu_reading, jnp.zeros(2)).x)(node.x)
     signs = np.diag([1.0, 1, 1, 1, 1, -1, -1, -1])
-    want = coupled_transition(DT, node.x[0], felt[1:] - node.x[6:])
+    want = coupled_transition(DT, node.x[0], imu_reading[1:] - node.x[6:])
     np.testing.assert_allclose(signs @ F @ signs, want, atol=3 * DT**2)
 
 

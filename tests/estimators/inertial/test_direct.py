@@ -20,12 +20,12 @@ def test_covariances_move_with_the_derivative_of_the_process():
     """Against automatic derivatives of propagate() itself, with the heading held for the second filter."""
     g = np.random.default_rng(0)
     x1, x2 = g.standard_normal(2), g.standard_normal(6)
-    felt = g.standard_normal(3)
+    imu_reading = g.standard_normal(3)
     A, B = g.standard_normal((2, 2)), g.standard_normal((6, 6))
-    node = replace(FORM.first(), x1=x1, x2=x2, felt=felt, P1=A @ A.T, P2=B @ B.T)
+    node = replace(FORM.first(), x1=x1, x2=x2, imu_reading=imu_reading, P1=A @ A.T, P2=B @ B.T)
 
     def moved(x1, x2, P1=node.P1, P2=node.P2):
-        return FORM.propagate(replace(node, x1=x1, x2=x2, P1=P1, P2=P2), DT, felt, jnp.zeros(2))
+        return FORM.propagate(replace(node, x1=x1, x2=x2, P1=P1, P2=P2), DT, imu_reading, jnp.zeros(2))
 
     F1 = jax.jacfwd(lambda a: moved(a, x2).x1)(x1)
     F2 = jax.jacfwd(lambda b: moved(x1, b).x2)(x2)

@@ -26,7 +26,7 @@ START = SpatialStart(angles=(0.3, -0.2, 1.0), velocity=(10.0, -3.0, 1.0), positi
 DT, SAMPLES = 1e-3, 20
 
 
-def felt(k):
+def imu_reading(k):
     """Angular velocity and force of sample k of a ride: 4 rad/s² of angular acceleration."""
     s = 0.005 * k
     return (
@@ -37,7 +37,7 @@ def felt(k):
 
 def ride(x, samples=SAMPLES):
     for k in range(samples):
-        x = propagate(x, *felt(jnp.asarray(float(k))), DT, 0.0, G)
+        x = propagate(x, *imu_reading(jnp.asarray(float(k))), DT, 0.0, G)
     return x
 
 
@@ -113,7 +113,7 @@ def test_catching_up_at_once_or_sample_by_sample_is_nearly_the_same():
     x, noise = first_nominal(START, 15), SpatialNoise()
     often = x
     for k in range(SAMPLES):
-        often = catch_up(propagate(often, *felt(jnp.asarray(float(k))), DT, 0.0, G), noise)
+        often = catch_up(propagate(often, *imu_reading(jnp.asarray(float(k))), DT, 0.0, G), noise)
     once = catch_up(ride(x), noise)
     scale = np.sqrt(np.outer(np.diag(often.P), np.diag(often.P)))
     np.testing.assert_allclose((once.P - often.P) / scale, 0, atol=1e-5)

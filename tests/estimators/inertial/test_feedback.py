@@ -16,14 +16,14 @@ from trimtab.logs.consistency import CONSISTENT, nees_verdict
 FORM = to_arrays(AidedInertialFeedback(noise=MEMS, start=NEAR))
 
 
-def alone(form, felt, n):
+def alone(form, imu_reading, n):
     """Beliefs after each of n ticks without aiding, the IMU reading felt all the time."""
 
     def step(node, _):
-        node = form.propagate(node, DT, felt, jnp.zeros(2))
+        node = form.propagate(node, DT, imu_reading, jnp.zeros(2))
         return node, form.belief(node)
 
-    first = jax.tree.map(jnp.asarray, replace(form.first(), felt=felt))
+    first = jax.tree.map(jnp.asarray, replace(form.first(), imu_reading=imu_reading))
     return jax.jit(lambda first: jax.lax.scan(step, first, None, length=n)[1], compiler_options=QUICK)(first)
 
 

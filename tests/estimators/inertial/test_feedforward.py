@@ -94,20 +94,20 @@ def test_the_ins_itself_is_never_reset():
     bias = np.array([0.01, 0.1, -0.1])
 
     def step(node, row):
-        felt, phi, r = row
-        node = form.propagate(node, DT, felt, jnp.zeros(2))
+        imu_reading, phi, r = row
+        node = form.propagate(node, DT, imu_reading, jnp.zeros(2))
         node = form.correct_position(form.correct_heading(node, phi), r)
         return node, (node.heading, node.position, form.belief(node).x)
 
     first = replace(
         form.first(),
-        felt=truth.felt[0] + bias,
+        imu_reading=truth.imu_reading[0] + bias,
         heading=truth.heading[0],
         velocity=truth.velocity[0],
         position=truth.position[0],
     )
-    rows = Truth(truth.felt + bias, truth.heading, truth.velocity, truth.position)
-    rows = tuple(jnp.asarray(a)[1:] for a in (rows.felt, rows.heading, rows.position))
+    rows = Truth(truth.imu_reading + bias, truth.heading, truth.velocity, truth.position)
+    rows = tuple(jnp.asarray(a)[1:] for a in (rows.imu_reading, rows.heading, rows.position))
     run = jax.jit(lambda first: jax.lax.scan(step, jax.tree.map(jnp.asarray, first), rows)[1], compiler_options=QUICK)
     heading, position, x = run(first)
     assert heading[-1] - truth.heading[-1] == pytest.approx(0.01 * 599 * DT, rel=1e-3)

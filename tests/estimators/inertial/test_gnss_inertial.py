@@ -121,15 +121,15 @@ def recorded_flight(form, steps, latency):
         t = i * TICK
         s_imu, s_gnss, s_form = carry
         motion = truth(path, LAP, t)
-        s_imu, felt = imu.step(t, s_imu, motion)
+        s_imu, imu_reading = imu.step(t, s_imu, motion)
         s_gnss, fix = gnss.step(t, s_gnss, motion)
-        s_form, estimate = form.step(t, s_form, Frame(t, {"imu": felt, "gnss": fix}))
-        return jax.tree.map(jnp.asarray, (s_imu, s_gnss, s_form), kinds), (t, felt.value, fix, estimate)
+        s_form, estimate = form.step(t, s_form, Frame(t, {"imu": imu_reading, "gnss": fix}))
+        return jax.tree.map(jnp.asarray, (s_imu, s_gnss, s_form), kinds), (t, imu_reading.value, fix, estimate)
 
     first = strengthen_types((imu.init(k.at("imu")), gnss.init(k.at("gnss")), form.init(k)))
     kinds = jax.tree.map(jnp.result_type, first)
-    (_, _, state), (t, felt, fix, estimate) = jax.jit(lambda: jax.lax.scan(step, first, jnp.arange(steps)))()
-    samples = [(int(a), w, f) for a, w, f in zip(t, felt.angular_rate, felt.specific_force, strict=True)]
+    (_, _, state), (t, imu_reading, fix, estimate) = jax.jit(lambda: jax.lax.scan(step, first, jnp.arange(steps)))()
+    samples = [(int(a), w, f) for a, w, f in zip(t, imu_reading.angular_rate, imu_reading.specific_force, strict=True)]
     fixes = {}
     for i in np.flatnonzero(fix.fresh):
         fixes[int(fix.t[i])] = jnp.concatenate([fix.value.position[i], fix.value.velocity[i]])
@@ -381,7 +381,7 @@ def test_a_silent_unit_makes_the_estimate_invalid_and_the_gap_is_doubted():
     assert not estimate.valid
     bench.t += ms(100)
     bench.step(1)
-    assert float(np.max(bench.state.window.doubt)) == 1.0
+    assert float(np.max(bench.state.window.untrusted)) == 1.0
     assert bench.estimate.valid
     assert (np.asarray(told.sigma_velocity) > 0).all()
 

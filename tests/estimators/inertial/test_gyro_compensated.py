@@ -29,7 +29,7 @@ N = 200
 def sampled(rates):
     """Frames of a vehicle at rest whose gyro says `rates` (n,), everything else without error."""
     given = ride(rest(ticks(len(rates))), InertialNoise(gyro=1e-30, forward=1e-30, starboard=1e-30))
-    given.felt[:, 0] = rates
+    given.imu_reading[:, 0] = rates
     return given
 
 
@@ -53,11 +53,14 @@ def rates_told(given):
 def test_it_undoes_the_identified_gyro_and_the_navigation_sees_the_truth():
     truth = turn(ticks(N))
     given = ride(truth, InertialNoise(gyro=1e-30, forward=1e-30, starboard=1e-30, heading=1e-12, position=1e-12))
-    swung = given.felt.copy()
+    swung = given.imu_reading.copy()
     swung[:, 0] += np.sin(np.arange(N) / 7.0)
     gyro = IdentifiedGyro()
     slow = jax.lax.scan(gyro.respond, gyro.start(swung[0, 0]), swung[:, 0])[1]
-    direct, behind = given._replace(felt=swung), given._replace(felt=np.column_stack([slow, swung[:, 1:]]))
+    direct, behind = (
+        given._replace(imu_reading=swung),
+        given._replace(imu_reading=np.column_stack([slow, swung[:, 1:]])),
+    )
     wanted, _ = fly_frames(PLAIN, direct.frames(PLAIN))
     got = flown(behind.frames(PLAIN))[1]
     np.testing.assert_allclose(got.state.heading, wanted.state.heading, atol=1e-10)
@@ -80,10 +83,10 @@ def test_spoilt_samples_do_not_stay_in_its_memory(spoilt):
     y = np.full(N, 0.7)
     given = sampled(y)
     if spoilt == "nan":
-        given.felt[10] = np.nan
+        given.imu_reading[10] = np.nan
     elif spoilt == "stale":
         given.felt_fresh[10] = False
-        given.felt[10, 0] = 99.0
+        given.imu_reading[10, 0] = 99.0
     else:
         later = np.arange(N) * TICK + np.where(np.arange(N) >= 10, ms(50), 0)
         given = given._replace(now=later, felt_t=later)

@@ -24,8 +24,8 @@ class Node:
     """Rate-driven angle and a drifting position, one scalar filter each. Source: this test."""
 
     t: Any = quantity("100 ns", "Time.", kind="time")
-    felt: Any = quantity("1", "IMU.", shape=(3,))
-    doubt: Any = quantity("1", "Doubt.", shape=(2,))
+    imu_reading: Any = quantity("1", "IMU.", shape=(3,))
+    untrusted: Any = quantity("1", "Doubt.", shape=(2,))
     x: Any = quantity("1", "Angle, position.", shape=(2,))
     P: Any = quantity("1", "Variances.", shape=(2,))
 
@@ -39,9 +39,9 @@ class Toy:
     def first(self):
         return Node(np.int64(NEVER), np.zeros(3), np.zeros(2), np.zeros(2), np.ones(2))
 
-    def propagate(self, node, dt, felt, doubt):
-        x = node.x + dt / 2 * (node.felt[:2] + felt[:2])
-        return replace(node, felt=felt, x=x, P=node.P + 0.3 * dt * (1 + doubt))
+    def propagate(self, node, dt, imu_reading, untrusted):
+        x = node.x + dt / 2 * (node.imu_reading[:2] + imu_reading[:2])
+        return replace(node, imu_reading=imu_reading, x=x, P=node.P + 0.3 * dt * (1 + untrusted))
 
     def correct_heading(self, node, z, variance):
         return self._correct(node, 0, z)
@@ -61,11 +61,11 @@ FORM = Toy()
 
 
 @jax.jit
-def take(h, t, kind, value, doubt):
+def take(h, t, kind, value, untrusted):
     """One event of any kind; whether it was used."""
 
     def one(k):
-        event = Event(t, k, value, doubt)
+        event = Event(t, k, value, untrusted)
         reached = ring.newest_imu_index(h)
         put, now, late, known = ring.enter_event(h, reached, event)
         new, node = ring.replay_events(FORM, put, now)
@@ -78,10 +78,10 @@ def play(events, slots=32):
     """The node after all events, in the order in which they come, and which of them were used."""
     h = jax.tree.map(jnp.asarray, ring.empty_history(FORM.first(), slots))
     node, used = FORM.first(), []
-    for t, kind, value, *doubt in events:
+    for t, kind, value, *untrusted in events:
         value = np.resize(np.append(value, np.zeros(5)), 5)
         h, node, use = take(
-            h, np.int64(t), np.int32(kind), value, np.asarray(doubt[0] if doubt else np.zeros(2), float)
+            h, np.int64(t), np.int32(kind), value, np.asarray(untrusted[0] if untrusted else np.zeros(2), float)
         )
         used.append(bool(use))
     return node, used, h
@@ -91,12 +91,12 @@ def plain(events):
     """Sorted, with the IMU interpolated by numpy; up to the newest IMU sample."""
     events = sorted(events, key=lambda e: (e[0], e[1] != IMU))
     times = np.array([e[0] for e in events if e[1] == IMU])
-    felt = np.array([e[2] for e in events if e[1] == IMU])
+    imu_reading = np.array([e[2] for e in events if e[1] == IMU])
     x, P, last = np.zeros(2), np.ones(2), times[0]
     for t, kind, value, *_ in events:
         if not times[0] <= t <= times[-1]:
             continue
-        now, before = (np.array([np.interp(s, times, felt[:, j]) for j in range(2)]) for s in (t, last))
+        now, before = (np.array([np.interp(s, times, imu_reading[:, j]) for j in range(2)]) for s in (t, last))
         dt = (t - last) * 1e-7
         x, P, last = x + dt / 2 * (before + now), P + 0.3 * dt, t
         if kind != IMU:

@@ -34,10 +34,10 @@ def _fly(frames, run):
 
 def flown(run, sensor=None, spoil=None):
     sensor = to_arrays(rf.network() if sensor is None else sensor)
-    felt, _ = rf.inertial(FLIGHT, run)
+    imu_reading, _ = rf.inertial(FLIGHT, run)
     replies, last = _pings(sensor, run)
     replies = jax.tree.map(np.array, replies)
-    frames = rf.late_frames(FORM, FLIGHT, felt, replies, np.minimum(last, 0.09))
+    frames = rf.late_frames(FORM, FLIGHT, imu_reading, replies, np.minimum(last, 0.09))
     frames = frames if spoil is None else spoil(frames)
     return jax.tree.map(np.asarray, _fly(frames, np.uint32(run)))
 
@@ -48,7 +48,7 @@ def _pings(sensor, run):
 
 
 def errors(told, since):
-    true, s = FLIGHT.felt, told.state
+    true, s = FLIGHT.imu_reading, told.state
     late = FLIGHT.ticks >= seconds(since)
     place = np.hypot(s.north - true.position[:, 0], s.east - true.position[:, 1])[late]
     return np.abs(wrap(s.heading - np.asarray(true.heading)))[late], place
@@ -110,7 +110,7 @@ def test_silence_widens_it_and_leaves_nothing_behind():
     assert wide[np.searchsorted(t, seconds(4.4))] > 3 * wide[np.searchsorted(t, seconds(2.0))]
     assert errors(told, 5)[1].max() < 0.03
     gap = (t > seconds(2.2)) & (t < seconds(4.4))
-    off = np.hypot(*(np.stack([told.state.north, told.state.east], 1) - np.asarray(FLIGHT.felt.position)).T)
+    off = np.hypot(*(np.stack([told.state.north, told.state.east], 1) - np.asarray(FLIGHT.imu_reading.position)).T)
     assert (off[gap] < 4 * np.hypot(wide, told.state.sigma_east)[gap]).all()
 
 

@@ -19,8 +19,8 @@ def turned(a, x):
 
 
 @jax.jit
-def _carried(start, dt, felt):
-    return rs.propagate_start(start, dt, felt, felt, jnp.zeros(3))
+def _carried(start, dt, imu_reading):
+    return rs.propagate_start(start, dt, imu_reading, imu_reading, jnp.zeros(3))
 
 
 def fly(heading, rate, force, v, p, pings=4, noise=0.0, steps=50):

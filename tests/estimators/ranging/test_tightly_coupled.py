@@ -87,7 +87,7 @@ def test_perfect_ranges_give_the_truth(path, place, heading):
         sensor = without(sensor, fault)
     sensor = replace(to_arrays(sensor), beacons=replace(sensor.beacons, crystal=np.float64(0)))
     values = rf.numbers(rf.pings(sensor, flight, 0)[0])
-    out = in_time(LINEAR, flight, flight.felt.felt, np.zeros(3), values)
+    out = in_time(LINEAR, flight, flight.imu_reading.imu_reading, np.zeros(3), values)
     assert list(out.node.position_fix.tracking[:5]) == [False, False, False, True, True]
     assert np.abs(out.error[3:, 3:5]).max() < place
     assert np.abs(out.error[3:, 0]).max() < heading
@@ -292,9 +292,9 @@ def test_a_filter_that_is_lost_starts_again():
 @pytest.fixture(scope="module")
 def ride():
     flight = rf.plan(rf.platform, 5.0)
-    felt, off = rf.inertial(flight, 3)
+    imu_reading, off = rf.inertial(flight, 3)
     replies, last = rf.pings(to_arrays(rf.strays()), flight, 3)
-    return flight, np.asarray(felt), off, jax.tree.map(np.array, replies), np.asarray(last)
+    return flight, np.asarray(imu_reading), off, jax.tree.map(np.array, replies), np.asarray(last)
 
 
 @partial(jax.jit, compiler_options=rf.SWIFT)
@@ -309,10 +309,10 @@ def _fly(form, frames):
 @pytest.mark.thorough
 def test_pings_that_come_late_are_fused_when_they_were_sent(ride):
     """Replies come up to 100 ms after the ping: equal to the filter that got all in time, to 1e-9."""
-    flight, felt, off, replies, last = ride
-    told, node = _fly(LINEAR, rf.late_frames(LINEAR, flight, felt, replies, np.minimum(last, 0.09)))
+    flight, imu_reading, off, replies, last = ride
+    told, node = _fly(LINEAR, rf.late_frames(LINEAR, flight, imu_reading, replies, np.minimum(last, 0.09)))
     values = rf.numbers(replies)
-    plain = in_time(LINEAR, flight, jnp.asarray(felt), off, values).node
+    plain = in_time(LINEAR, flight, jnp.asarray(imu_reading), off, values).node
     fix, want = node.position_fix, jax.tree.map(lambda leaf: leaf[-1], plain)
     k = int(np.searchsorted(np.asarray(told.state.position_fix.used), want.position_fix.used))
     assert k < len(flight.ticks) or int(fix.used) < int(want.position_fix.used)
@@ -328,8 +328,8 @@ def test_pings_that_come_late_are_fused_when_they_were_sent(ride):
 
 @pytest.mark.thorough
 def test_nan_doubled_and_backward_samples_are_flagged_and_change_nothing(ride):
-    flight, felt, _, replies, last = ride
-    frames = rf.late_frames(LINEAR, flight, felt, replies, last)
+    flight, imu_reading, _, replies, last = ride
+    frames = rf.late_frames(LINEAR, flight, imu_reading, replies, last)
     good, _ = _fly(LINEAR, frames)
     ping = frames.samples["position" if "position" in frames.samples else "ranging"]
     at = np.flatnonzero(ping.fresh)
@@ -361,14 +361,14 @@ def test_a_heading_sensor_helps_to_start_and_later():
     form = to_arrays(replace(TIGHT, units=np.zeros((1, 3)), intake=replace(TIGHT.intake, heading="compass")))
     flight = rf.plan(still, 3.0)
     sensor = to_arrays(rf.network(units=np.zeros((1, 3)), clients=1))
-    felt, off = rf.inertial(flight, 1)
+    imu_reading, off = rf.inertial(flight, 1)
     values = rf.numbers(rf.pings(sensor, flight, 1)[0])
 
     def correct(node, value):
         return form.correct_heading(form.correct_ranges(node, value), 0.4 + 2 * np.pi, 0.0)
 
-    alone = jax.jit(lambda: rf.flown(form, flight, felt, off, values))()
-    aided = jax.jit(lambda: rf.flown(form, flight, felt, off, values, correct))()
+    alone = jax.jit(lambda: rf.flown(form, flight, imu_reading, off, values))()
+    aided = jax.jit(lambda: rf.flown(form, flight, imu_reading, off, values, correct))()
     assert not np.asarray(alone.node.position_fix.tracking).any()
     assert np.asarray(aided.node.position_fix.tracking)[6:].all()
     assert abs(float(aided.error[-1, 0])) < 0.01

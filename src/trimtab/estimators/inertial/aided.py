@@ -148,8 +148,8 @@ class InertialState:
     imu: SensorWatch = part("Watch of the IMU's samples.")
     heading: Any = part("Watch of the heading sensor's samples; None without a heading sensor.")
     position: Any = part("Watch of the position sensor's samples; None without a position sensor.")
-    heard: Scalar = quantity("100 ns", "Arrival time of the last IMU sample.", kind="time")
-    told: Any = part("Motion reported last: fields of NavigationState by name.")
+    imu_arrival: Scalar = quantity("100 ns", "Arrival time of the last IMU sample.", kind="time")
+    reported: Any = part("Motion reported last: fields of NavigationState by name.")
     clock: Scalar = quantity("100 ns", "Latest time of the autopilot so far.", kind="time")
     clock_backwards: Scalar = quantity("1", "Number of times the autopilot's time ran backwards.", kind="count")
 
@@ -175,8 +175,8 @@ def initial_inertial_state(form: InertialForm, key: Key, width: int = POSITION_N
         imu=initial_watch(),
         heading=initial_watch() if intake.heading else None,
         position=initial_watch(max(width, WIDTH)) if intake.position else None,
-        heard=np.int64(NEVER),
-        told=kinematics | {"coasting": np.bool_(True)},  # so the first step computes it from scratch
+        imu_arrival=np.int64(NEVER),
+        reported=kinematics | {"coasting": np.bool_(True)},  # so the first step computes it from scratch
         clock=np.int64(NEVER),
         clock_backwards=np.int32(0),
     )
@@ -191,7 +191,7 @@ def navigate(form: InertialForm, t: Any, state: InertialState, frame: Frame) -> 
     samples = [frame.samples[name] for name in form.intake.listens()]
     arrived = jnp.stack([jnp.asarray(one.fresh & one.valid) for one in samples]).any()
     watches = {"imu": state.imu, "heading": state.heading, "position": state.position}
-    same = state.history, watches, state.heard, jnp.asarray(False)
+    same = state.history, watches, state.imu_arrival, jnp.asarray(False)
     history, watches, imu_arrival, fresh = lax.cond(
         arrived, lambda: _receive_samples(form, t, state, frame), lambda: same
     )
@@ -199,13 +199,13 @@ def navigate(form: InertialForm, t: Any, state: InertialState, frame: Frame) -> 
     begun = node.t > NEVER
     silent = begun & (t - imu_arrival > form.intake.gap)
     age = jnp.where(begun, to_seconds(t - node.t), 0.0)
-    renew = fresh | silent | state.told["coasting"]
-    kinematics = lax.cond(renew, lambda: _kinematics(form, newest_node(history), age, silent), lambda: state.told)
+    renew = fresh | silent | state.reported["coasting"]
+    kinematics = lax.cond(renew, lambda: _kinematics(form, newest_node(history), age, silent), lambda: state.reported)
     new = InertialState(
         history=history,
         **watches,
-        heard=imu_arrival,
-        told=kinematics,
+        imu_arrival=imu_arrival,
+        reported=kinematics,
         clock=jnp.maximum(state.clock, t),
         clock_backwards=increment(state.clock_backwards, jnp.asarray(t < state.clock)),
     )
@@ -232,7 +232,7 @@ def _receive_samples(form: InertialForm, t: Any, state: InertialState, frame: Fr
     fresh = jnp.stack([validation.usable for _, validation in readings.values()]).any()
     before = state.history, {name: validation.watch for name, (_, validation) in readings.items()}
     history, watches = lax.cond(fresh, lambda: _fuse_events(form, state.history, readings), lambda: before)
-    imu_arrival = jnp.where(readings["imu"][1].usable, t, state.heard)
+    imu_arrival = jnp.where(readings["imu"][1].usable, t, state.imu_arrival)
     return history, {name: watches.get(name) for name in ("imu", "heading", "position")}, imu_arrival, fresh
 
 
@@ -246,14 +246,14 @@ def read_samples(
     """
     sample = frame.samples[intake.imu]
     reading = sample.value
-    felt = reading.angular_rate[2], reading.specific_force[0], reading.specific_force[1]
-    inertial = validate_sample(state.imu, t, sample, felt, frozen_after=intake.frozen_imu, ordered=True)
+    imu_reading = reading.angular_rate[2], reading.specific_force[0], reading.specific_force[1]
+    inertial = validate_sample(state.imu, t, sample, imu_reading, frozen_after=intake.frozen_imu, ordered=True)
     gyro = (jnp.abs(inertial.value[0]) >= intake.rate_range * (1 - 1e-9)) | reading.gyro_saturated
     force = (jnp.max(jnp.abs(inertial.value[1:])) >= intake.force_range * (1 - 1e-9)) | reading.accelerometer_saturated
     lost = inertial.watch.frozen | ((inertial.t - state.imu.last > intake.gap) & (state.imu.last > NEVER))
-    doubt = jnp.stack([gyro | lost, force | lost]).astype(np.float64)
+    untrusted = jnp.stack([gyro | lost, force | lost]).astype(np.float64)
     watch = replace(inertial.watch, saturated=jnp.where(inertial.usable, gyro | force, state.imu.saturated))
-    readings = {"imu": (Event(inertial.t - intake.lag, IMU, inertial.value, doubt), inertial._replace(watch=watch))}
+    readings = {"imu": (Event(inertial.t - intake.lag, IMU, inertial.value, untrusted), inertial._replace(watch=watch))}
     if intake.heading:
         sample = frame.samples[intake.heading]
         numbers = sample.value.heading, optional_member(sample.value, "variance")
@@ -284,7 +284,7 @@ def range_numbers(value: Any) -> tuple[Any, ...]:
 def _read_aiding(
     watch: SensorWatch, t: Any, sample: Sample, kind: int, numbers: tuple[Any, ...], frozen_after: Any
 ) -> tuple[Event, SampleValidation]:
-    """Return the event of an aiding sensor. A frozen one is not used at all; a frozen IMU is used with doubt."""
+    """Return the event of an aiding sensor. A frozen one is not used at all; a frozen IMU is used as untrusted."""
     one = validate_sample(watch, t, sample, numbers, frozen_after=frozen_after, ordered=False)
     return Event(one.t, kind, one.value, np.zeros(2)), one._replace(usable=one.usable & ~one.watch.frozen)
 
@@ -306,7 +306,7 @@ def _fuse_events(form: InertialForm, history: History, readings: dict[str, tuple
 
 def _kinematics(form: InertialForm, node: Any, age: Any, silent: Any) -> dict[str, Any]:
     """Return kinematic fields of NavigationState at the newest IMU sample; if the IMU is silent, at present."""
-    sampled = node, node.felt[0], jnp.asarray(form.noise.gyro, np.float64)
+    sampled = node, node.imu_reading[0], jnp.asarray(form.noise.gyro, np.float64)
     node, rate, variance = lax.cond(silent, lambda: _coast(form, node, age), lambda: sampled)
     x, P = form.belief(node)
     i = np.array([0, 3, 4])  # the others have no constant part
@@ -317,5 +317,5 @@ def _kinematics(form: InertialForm, node: Any, age: Any, silent: Any) -> dict[st
 def _coast(form: InertialForm, node: Any, age: Any) -> tuple[Any, Any, Any]:
     """Return a node, its gyro reading and variance at an age (s): constant velocity and heading, full uncertainty."""
     still = form.belief(node).x[5:]  # reading of an IMU without motion
-    coasted = form.propagate(replace(node, felt=still), age, still, jnp.ones(2))
+    coasted = form.propagate(replace(node, imu_reading=still), age, still, jnp.ones(2))
     return coasted, still[0], form.noise.gyro + form.noise.doubtful_rate**2

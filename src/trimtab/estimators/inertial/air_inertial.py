@@ -66,7 +66,7 @@ class AirInertial:
         state, of = self.inertial.step(t, state, frame)
         x, air = of.state, frame.samples[self.air]
         place = x.position - quaternion.rotate(x.attitude, jnp.asarray(self.lever_arm, float))
-        felt = state.window.felt[3:] - x.force_bias
+        imu_reading = state.window.imu_reading[3:] - x.force_bias
         valid = of.valid & jnp.asarray(air.valid, np.bool_)
         estimate = AirInertialEstimate(
             speed=air.value.airspeed,
@@ -78,8 +78,8 @@ class AirInertial:
             roll_rate=x.angular_rate[0],
             pitch_rate=x.angular_rate[1],
             yaw_rate=x.angular_rate[2],
-            normal_load=-felt[2] / self.gravity,
-            side_load=felt[1] / self.gravity,
+            normal_load=-imu_reading[2] / self.gravity,
+            side_load=imu_reading[1] / self.gravity,
             inertial=x,
         )
         return state, Estimate(t=t, age=of.age, fresh=of.fresh, valid=valid, state=estimate)

@@ -44,8 +44,10 @@ class CoupledNode:
     """Corrected INS, biases and their common covariance at one instant. Source: [1] chapter 3."""
 
     t: Scalar = quantity("100 ns", "Time of this state.", kind="time")
-    felt: Any = quantity("1", "IMU sample: yaw rate (rad/s), specific force forward and starboard (m/s^2).", shape=(3,))
-    doubt: Any = quantity("1", "1 where the gyro, or the accelerometers, cannot be trusted.", shape=(2,))
+    imu_reading: Any = quantity(
+        "1", "IMU sample: yaw rate (rad/s), specific force forward and starboard (m/s^2).", shape=(3,)
+    )
+    untrusted: Any = quantity("1", "1 where the gyro, or the accelerometers, cannot be trusted.", shape=(2,))
     x: Any = quantity("1", "State in the order of Belief.x.", shape=(8,))
     P: Any = quantity("1", "Covariance of the errors, in the order of Belief.x.", shape=(8, 8))
     force: Any = quantity("m/s^2", "Specific force in the Jacobian, without bias.", frame="B", shape=(2,))
@@ -107,11 +109,11 @@ class AidedInertialCoupled:
             steady=np.zeros(2),
         )
 
-    def propagate(self, node: CoupledNode, dt: Any, felt: Any, doubt: Any) -> CoupledNode:
-        """Propagate by dt (s); the IMU reads `felt` (3,) at the end; biases act with the initial heading, as in Phi."""
-        m = propagate_coupled(self, node, dt, felt, doubt)
+    def propagate(self, node: CoupledNode, dt: Any, imu_reading: Any, untrusted: Any) -> CoupledNode:
+        """Propagate by dt (s) to the time of `imu_reading` (3,). Biases act with the initial heading, as in Phi."""
+        m = propagate_coupled(self, node, dt, imu_reading, untrusted)
         P = predict_covariance(node.P, m.F, m.Q)
-        return replace(node, felt=felt, x=m.x, P=P, force=m.force, steady=m.steady)
+        return replace(node, imu_reading=imu_reading, x=m.x, P=P, force=m.force, steady=m.steady)
 
     def correct_heading(self, node: CoupledNode, z: Any, variance: Any = 0.0) -> CoupledNode:
         """Correct with a heading z (rad, modulo 2 pi) of the given variance; where that is 0, of noise.heading."""
@@ -165,18 +167,18 @@ class CoupledMotion(NamedTuple):
     Q: Any
 
 
-def propagate_coupled(form: Any, node: Any, dt: Any, felt: Any, doubt: Any) -> CoupledMotion:
-    """Return the motion of a node whose x begins as Belief.x, over dt (s); the IMU reads `felt` (3,) at the end.
+def propagate_coupled(form: Any, node: Any, dt: Any, imu_reading: Any, untrusted: Any) -> CoupledMotion:
+    """Return the motion of a node whose x begins as Belief.x, over dt (s); the IMU reads `imu_reading` (3,) at the end.
 
-    form: has noise, smoothing and rest_smoothing.  doubt: as `InertialForm.propagate`.
+    form: has noise, smoothing and rest_smoothing.  untrusted: as `InertialForm.propagate`.
     """
     x = node.x
     parts = x[0], x[1:3], x[3:5], x[5], x[6:8]
-    heading, velocity, position = mechanise_corrected(dt, node.felt, felt, parts)
-    mean = (node.felt[1:] + felt[1:]) / 2 - x[6:8]
+    heading, velocity, position = mechanise_corrected(dt, node.imu_reading, imu_reading, parts)
+    mean = (node.imu_reading[1:] + imu_reading[1:]) / 2 - x[6:8]
     force = node.force + low_pass_gain(dt, form.smoothing) * (mean - node.force)
     steady = node.steady + low_pass_gain(dt, form.rest_smoothing) * (mean - node.steady)
-    growth = form.noise.growth(dt, doubt)
+    growth = form.noise.growth(dt, untrusted)
     F = coupled_transition(dt, x[0], force)
     Q = coupled_process_noise(growth, x[0], form.noise.integration_time(dt))
     return CoupledMotion(jnp.concatenate([heading[None], velocity, position, x[5:]]), force, steady, F, Q)

@@ -36,8 +36,10 @@ class DirectNode:
     """Total states and their covariances at one instant. Source: [1] chapter 3."""
 
     t: Scalar = quantity("100 ns", "Time of this state.", kind="time")
-    felt: Any = quantity("1", "IMU sample: yaw rate (rad/s), specific force forward and starboard (m/s^2).", shape=(3,))
-    doubt: Any = quantity("1", "1 where the gyro, or the accelerometers, cannot be trusted.", shape=(2,))
+    imu_reading: Any = quantity(
+        "1", "IMU sample: yaw rate (rad/s), specific force forward and starboard (m/s^2).", shape=(3,)
+    )
+    untrusted: Any = quantity("1", "1 where the gyro, or the accelerometers, cannot be trusted.", shape=(2,))
     x1: Any = quantity("1", "Heading (rad, unwrapped), gyro bias (rad/s).", shape=(2,))
     P1: Any = quantity("1", "Covariance of estimate minus truth.", shape=(2, 2))
     x2: Any = quantity("1", "Velocity (m/s), position (m), force biases (m/s^2).", shape=(6,))
@@ -81,16 +83,16 @@ class AidedInertialDirect:
             P2=jnp.diag(s.motion_variances()),
         )
 
-    def propagate(self, node: DirectNode, dt: Any, felt: Any, doubt: Any) -> DirectNode:
-        """Propagate by dt (s); the IMU reads `felt` (3,) at the end."""
-        m = dual_model(self.noise, dt, doubt, node.x1[0])
-        turned = jnp.stack([dt / 2 * (felt[0] + node.felt[0]), jnp.zeros(())])
+    def propagate(self, node: DirectNode, dt: Any, imu_reading: Any, untrusted: Any) -> DirectNode:
+        """Propagate by dt (s); the IMU reads `imu_reading` (3,) at the end."""
+        m = dual_model(self.noise, dt, untrusted, node.x1[0])
+        turned = jnp.stack([dt / 2 * (imu_reading[0] + node.imu_reading[0]), jnp.zeros(())])
         x1, P1 = predict(node.x1, node.P1, heading_transition(-dt), m.Q1)
         x1 = x1 + turned
-        f0, f1 = planar(node.x1[0]) @ node.felt[1:], planar(x1[0]) @ felt[1:]
+        f0, f1 = planar(node.x1[0]) @ node.imu_reading[1:], planar(x1[0]) @ imu_reading[1:]
         gained = jnp.concatenate([*mechanise(dt, f0, f1, jnp.zeros(2), jnp.zeros(2)), jnp.zeros(2)])
         x2, P2 = predict(node.x2, node.P2, _total_transition(m.F2), m.Q2)
-        return replace(node, felt=felt, x1=x1, P1=P1, x2=x2 + gained, P2=P2)
+        return replace(node, imu_reading=imu_reading, x1=x1, P1=P1, x2=x2 + gained, P2=P2)
 
     def correct_heading(self, node: DirectNode, z: Any, variance: Any = 0.0) -> DirectNode:
         """Correct with a heading z (rad, modulo 2 pi) of the given variance; where that is 0, of noise.heading."""

@@ -77,10 +77,10 @@ class InertialNoise:
         choices=("consistent", "literal"),
     )
 
-    def growth(self, dt: Any, doubt: Any) -> Any:
+    def growth(self, dt: Any, untrusted: Any) -> Any:
         """Return variances added in dt (s): heading, gyro bias, velocity forward and starboard, force biases (6,).
 
-        doubt: (2,), 1.0 where gyro or accelerometers can't be trusted, else 0.0.
+        untrusted: (2,), 1.0 where gyro or accelerometers can't be trusted, else 0.0.
         """
         white = stack_numbers(self.gyro, self.forward, self.starboard)
         walk = stack_numbers(self.gyro_walk, self.force_walk, self.force_walk)
@@ -89,7 +89,7 @@ class InertialNoise:
             white, walk = white * (dt / tick), walk * (dt / tick)
         else:
             white, walk = white * (tick * dt), walk * dt
-        lost = jnp.stack([self.doubtful_rate * doubt[0], self.doubtful_force * doubt[1]])
+        lost = jnp.stack([self.doubtful_rate * untrusted[0], self.doubtful_force * untrusted[1]])
         white = white + dt * jnp.stack([lost[0] ** 2, lost[1] ** 2, lost[1] ** 2])
         return jnp.stack([white[0], walk[0], white[1], white[2], walk[1], walk[2]])
 
@@ -169,9 +169,9 @@ class DualModel(NamedTuple):
     Q2: Any
 
 
-def dual_model(noise: InertialNoise, dt: Any, doubt: Any, heading: Any) -> DualModel:
-    """Return both filters over dt (s) from a heading; doubt (2,): 1 where gyro, or accelerometers, can't be trusted."""
-    growth, reach = noise.growth(dt, doubt), noise.integration_time(dt)
+def dual_model(noise: InertialNoise, dt: Any, untrusted: Any, heading: Any) -> DualModel:
+    """Return both filters over dt (s) from a heading. untrusted (2,): 1 for gyro, accelerometers not trusted."""
+    growth, reach = noise.growth(dt, untrusted), noise.integration_time(dt)
     return DualModel(
         heading_transition(dt),
         heading_process_noise(growth, reach),

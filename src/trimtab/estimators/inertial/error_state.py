@@ -121,7 +121,7 @@ class Nominal:
     acceleration: Any = quantity("m/s^2", "Acceleration of the IMU, over the last sample.", frame="W", shape=(3,))
     P: Any = quantity("1", "Covariance of the error (n, n), n = 15 or 17.")
     span: Increment = part("Motion since P was last propagated.")
-    doubt: Scalar = quantity("s", "Time within `span` during which the IMU was not trusted.")
+    untrusted: Scalar = quantity("s", "Time within `span` during which the IMU was not trusted.")
 
 
 def first_nominal(start: SpatialStart, n: int) -> Nominal:
@@ -137,7 +137,7 @@ def first_nominal(start: SpatialStart, n: int) -> Nominal:
         acceleration=jnp.zeros(3),
         P=jnp.diag(start.sigmas(n) ** 2),
         span=no_increment(),
-        doubt=jnp.zeros(()),
+        untrusted=jnp.zeros(()),
     )
 
 
@@ -146,10 +146,10 @@ def kinematics_of(x: Nominal) -> Kinematics:
     return Kinematics(x.attitude, x.velocity, x.position)
 
 
-def propagate(x: Nominal, w: Any, f: Any, dt: Any, doubt: Any, gravity: Any) -> Nominal:
+def propagate(x: Nominal, w: Any, f: Any, dt: Any, untrusted: Any, gravity: Any) -> Nominal:
     """Return the state after dt (s); P stays.
 
-    w, f: measured angular velocity (rad/s) and force (m/s²), (3,) in B.  doubt: 1 where they can't be trusted.
+    w, f: measured angular velocity (rad/s) and force (m/s²), (3,) in B.  untrusted: 1 where they can't be trusted.
     """
     rate, force = w - x.gyro_bias, f - x.force_bias
     one = increment_of(rate, force, dt)
@@ -158,7 +158,7 @@ def propagate(x: Nominal, w: Any, f: Any, dt: Any, doubt: Any, gravity: Any) -> 
     clock = jnp.stack([x.clock[0] + dt * x.clock[1], x.clock[1]])
     span = compose(x.span, one)
     moved = replace(x, **after._asdict(), clock=clock, rate=rate, acceleration=acceleration)
-    return replace(moved, span=span, doubt=x.doubt + doubt * dt)
+    return replace(moved, span=span, untrusted=x.untrusted + untrusted * dt)
 
 
 def transition(R_WB: Any, one: Increment) -> Any:
@@ -181,10 +181,10 @@ def transition(R_WB: Any, one: Increment) -> Any:
     return jnp.concatenate([jnp.concatenate(row, axis=1) for row in rows])
 
 
-def process_noise(noise: SpatialNoise, T: Any, doubt: Any, n: int) -> Any:
-    """Return the covariance (n, n) of the noise added in T (s), of which `doubt` (s) without trust."""
-    gyro = noise.gyro**2 * T + (noise.doubtful_rate * doubt) ** 2
-    force = noise.force**2 * T + (noise.doubtful_force * doubt) ** 2
+def process_noise(noise: SpatialNoise, T: Any, untrusted: Any, n: int) -> Any:
+    """Return the covariance (n, n) of the noise added in T (s), of which `untrusted` (s) without trust."""
+    gyro = noise.gyro**2 * T + (noise.doubtful_rate * untrusted) ** 2
+    force = noise.force**2 * T + (noise.doubtful_force * untrusted) ** 2
     three = jnp.ones(3)
     own = [gyro, force, force * T * T / 3, noise.gyro_walk**2 * T, noise.force_walk**2 * T]
     diagonal = [v * three for v in own]
@@ -195,7 +195,7 @@ def process_noise(noise: SpatialNoise, T: Any, doubt: Any, n: int) -> Any:
     return Q.at[i, i + 3].set(force * T / 2).at[i + 3, i].set(force * T / 2)
 
 
-def carry_covariance(P: Any, R_WB: Any, one: Increment, doubt: Any, noise: SpatialNoise) -> Any:
+def carry_covariance(P: Any, R_WB: Any, one: Increment, untrusted: Any, noise: SpatialNoise) -> Any:
     """Return P (n, n) after an increment that begins at R_WB (3, 3)."""
     n, k = P.shape[0], NAVIGATION
     F = transition(R_WB, one)
@@ -208,14 +208,14 @@ def carry_covariance(P: Any, R_WB: Any, one: Increment, doubt: Any, noise: Spati
     whole = jnp.concatenate(
         [jnp.concatenate([symmetric(nav), across], axis=1), jnp.concatenate([across.T, rest], axis=1)]
     )
-    return whole + process_noise(noise, one.time, doubt, n)
+    return whole + process_noise(noise, one.time, untrusted, n)
 
 
 def catch_up(x: Nominal, noise: SpatialNoise) -> Nominal:
     """Return the state with P propagated to its own time."""
     begin = quaternion.multiply(x.attitude, quaternion.conjugate(x.span.turn))
-    P = carry_covariance(x.P, quaternion.to_matrix(begin), x.span, x.doubt, noise)
-    return replace(x, P=P, span=no_increment(), doubt=jnp.zeros(()))
+    P = carry_covariance(x.P, quaternion.to_matrix(begin), x.span, x.untrusted, noise)
+    return replace(x, P=P, span=no_increment(), untrusted=jnp.zeros(()))
 
 
 class Fusion(NamedTuple):

@@ -35,8 +35,10 @@ class FeedbackNode:
     """Corrected INS, its biases and their covariances at one instant. Source: [1] chapter 3."""
 
     t: Scalar = quantity("100 ns", "Time of this state.", kind="time")
-    felt: Any = quantity("1", "IMU sample: yaw rate (rad/s), specific force forward and starboard (m/s^2).", shape=(3,))
-    doubt: Any = quantity("1", "1 where the gyro, or the accelerometers, cannot be trusted.", shape=(2,))
+    imu_reading: Any = quantity(
+        "1", "IMU sample: yaw rate (rad/s), specific force forward and starboard (m/s^2).", shape=(3,)
+    )
+    untrusted: Any = quantity("1", "1 where the gyro, or the accelerometers, cannot be trusted.", shape=(2,))
     heading: Scalar = quantity("rad", "Heading of the corrected INS; unwrapped.", kind="angle")
     gyro_bias: Scalar = quantity("rad/s", "Bias subtracted from the gyro.")
     velocity: Any = quantity("m/s", "Velocity.", frame="W", shape=(2,))
@@ -86,13 +88,15 @@ class AidedInertialFeedback:
             P2=jnp.diag(s.motion_variances()),
         )
 
-    def propagate(self, node: FeedbackNode, dt: Any, felt: Any, doubt: Any) -> FeedbackNode:
-        """Propagate by dt (s); the IMU reads `felt` (3,) at the end; biases act with the initial heading as in Phi2."""
-        m = dual_model(self.noise, dt, doubt, node.heading)
+    def propagate(self, node: FeedbackNode, dt: Any, imu_reading: Any, untrusted: Any) -> FeedbackNode:
+        """Propagate by dt (s) to the time of `imu_reading` (3,). Biases act with the initial heading, as in Phi2."""
+        m = dual_model(self.noise, dt, untrusted, node.heading)
         x = node.heading, node.velocity, node.position, node.gyro_bias, node.force_bias
-        heading, velocity, position = mechanise_corrected(dt, node.felt, felt, x)
+        heading, velocity, position = mechanise_corrected(dt, node.imu_reading, imu_reading, x)
         P1, P2 = predict_covariance(node.P1, m.F1, m.Q1), predict_covariance(node.P2, m.F2, m.Q2)
-        return replace(node, felt=felt, heading=heading, velocity=velocity, position=position, P1=P1, P2=P2)
+        return replace(
+            node, imu_reading=imu_reading, heading=heading, velocity=velocity, position=position, P1=P1, P2=P2
+        )
 
     def correct_heading(self, node: FeedbackNode, z: Any, variance: Any = 0.0) -> FeedbackNode:
         """Correct with a heading z (rad, modulo 2 pi) of the given variance; where that is 0, of noise.heading."""

@@ -35,8 +35,10 @@ class FeedforwardNode:
     """INS and error filters at one instant. Source: [1] chapter 3."""
 
     t: Scalar = quantity("100 ns", "Time of this state.", kind="time")
-    felt: Any = quantity("1", "IMU sample: yaw rate (rad/s), specific force forward and starboard (m/s^2).", shape=(3,))
-    doubt: Any = quantity("1", "1 where the gyro, or the accelerometers, cannot be trusted.", shape=(2,))
+    imu_reading: Any = quantity(
+        "1", "IMU sample: yaw rate (rad/s), specific force forward and starboard (m/s^2).", shape=(3,)
+    )
+    untrusted: Any = quantity("1", "1 where the gyro, or the accelerometers, cannot be trusted.", shape=(2,))
     heading: Scalar = quantity("rad", "Heading of the INS; unwrapped.", kind="angle")
     velocity: Any = quantity("m/s", "Velocity of the INS.", frame="W", shape=(2,))
     position: Any = quantity("m", "Position of the INS.", frame="W", shape=(2,))
@@ -86,17 +88,25 @@ class AidedInertialFeedforward:
             P2=jnp.diag(s.motion_variances()),
         )
 
-    def propagate(self, node: FeedforwardNode, dt: Any, felt: Any, doubt: Any) -> FeedforwardNode:
-        """Propagate by dt (s); the IMU reads `felt` (3,) at the end."""
+    def propagate(self, node: FeedforwardNode, dt: Any, imu_reading: Any, untrusted: Any) -> FeedforwardNode:
+        """Propagate by dt (s); the IMU reads `imu_reading` (3,) at the end."""
         before = node.heading - node.x1[0]
-        m = dual_model(self.noise, dt, doubt, before)
-        heading = node.heading + dt / 2 * (felt[0] + node.felt[0])
+        m = dual_model(self.noise, dt, untrusted, before)
+        heading = node.heading + dt / 2 * (imu_reading[0] + node.imu_reading[0])
         x1, P1 = predict(node.x1, node.P1, m.F1, m.Q1)
-        f0, f1 = planar(before) @ node.felt[1:], planar(heading - x1[0]) @ felt[1:]
+        f0, f1 = planar(before) @ node.imu_reading[1:], planar(heading - x1[0]) @ imu_reading[1:]
         velocity, position = mechanise(dt, f0, f1, node.velocity, node.position)
         x2, P2 = predict(node.x2, node.P2, m.F2, m.Q2)
         return replace(
-            node, felt=felt, heading=heading, velocity=velocity, position=position, x1=x1, P1=P1, x2=x2, P2=P2
+            node,
+            imu_reading=imu_reading,
+            heading=heading,
+            velocity=velocity,
+            position=position,
+            x1=x1,
+            P1=P1,
+            x2=x2,
+            P2=P2,
         )
 
     def correct_heading(self, node: FeedforwardNode, z: Any, variance: Any = 0.0) -> FeedforwardNode:

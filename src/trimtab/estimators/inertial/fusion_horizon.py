@@ -48,9 +48,9 @@ class InertialWindow:
     rate: Any = quantity("rad/s", "Measured angular velocity (slots, 3).", frame="B")
     force: Any = quantity("m/s^2", "Measured specific force (slots, 3).", frame="B")
     bias: Any = quantity("1", "Gyro and accelerometer biases estimated when each sample came (slots, 6).")
-    doubt: Any = quantity("1", "1 where the sample is not trusted (slots,).")
+    untrusted: Any = quantity("1", "1 where the sample is not trusted (slots,).")
     last: Scalar = quantity("100 ns", "Time at which the last sample was measured.", kind="time")
-    felt: Any = quantity("1", "Reading of the last sample: rad/s, m/s^2.", frame="B", shape=(6,))
+    imu_reading: Any = quantity("1", "Reading of the last sample: rad/s, m/s^2.", frame="B", shape=(6,))
     motion: Increment = part("Combined increment of all waiting samples.")
     entered: Any = quantity("1", "Biases of the waiting samples, integrated over their time: rad, m/s.", shape=(6,))
 
@@ -66,12 +66,12 @@ class WaitingFixes:
 
 
 class FeltSample(NamedTuple):
-    """Sample as it leaves the window: integer time of its end, s, rad/s and m/s² (6,), and 1 where in doubt."""
+    """Sample as it leaves the window: integer time of its end, s, rad/s and m/s² (6,), and 1 where untrusted."""
 
     t: Any
     dt: Any
-    felt: Any
-    doubt: Any
+    imu_reading: Any
+    untrusted: Any
 
 
 def empty_window(slots: int) -> InertialWindow:
@@ -85,9 +85,9 @@ def empty_window(slots: int) -> InertialWindow:
         rate=np.zeros((slots, 3)),
         force=np.zeros((slots, 3)),
         bias=np.zeros((slots, 6)),
-        doubt=np.zeros(slots),
+        untrusted=np.zeros(slots),
         last=np.int64(NEVER),
-        felt=np.zeros(6),
+        imu_reading=np.zeros(6),
         motion=no_increment(),
         entered=np.zeros(6),
     )
@@ -99,23 +99,26 @@ def no_fixes(width: int) -> WaitingFixes:
     return WaitingFixes(none, none, np.zeros(FIXES, np.int64), np.zeros((FIXES, width)))
 
 
-def add_sample(window: InertialWindow, t: Any, felt: Any, bias: Any, doubt: Any) -> InertialWindow:
-    """Return the window with one more sample; the first gives only an end time. felt: rad/s, m/s² (6,); bias: alike."""
+def add_sample(window: InertialWindow, t: Any, imu_reading: Any, bias: Any, untrusted: Any) -> InertialWindow:
+    """Return the window with one more sample; the first gives only an end time.
+
+    imu_reading, bias: rad/s and m/s² (6,).
+    """
     begun = window.last > NEVER
     dt = jnp.where(begun, to_seconds(t - window.last), 0.0)
-    old = jnp.where(begun, window.felt, felt)
-    w, f = average_samples(old[:3], old[3:], felt[:3], felt[3:], dt)
+    old = jnp.where(begun, window.imu_reading, imu_reading)
+    w, f = average_samples(old[:3], old[3:], imu_reading[:3], imu_reading[3:], dt)
     one = increment_of(w - bias[:3], f - bias[3:], dt)
     slots = window.t.shape[0]
     slot = _wrap_index(window.head + window.count, slots)
-    new = {"t": t, "dt": dt, "rate": w, "force": f, "bias": bias, "doubt": doubt}
+    new = {"t": t, "dt": dt, "rate": w, "force": f, "bias": bias, "untrusted": untrusted}
     rings = {name: _write_slot(getattr(window, name), slot, value) for name, value in new.items()}
     return replace(
         window,
         **rings,
         count=(window.count + 1).astype(np.int32),
         last=t,
-        felt=felt,
+        imu_reading=imu_reading,
         motion=compose(window.motion, one),
         entered=window.entered + bias * dt,
     )
@@ -129,9 +132,9 @@ def is_due(window: InertialWindow, delay: Any) -> Any:
 
 def take_sample(window: InertialWindow) -> tuple[InertialWindow, FeltSample]:
     """Return the window without its oldest sample, and that sample."""
-    t, dt, w, f, bias, doubt = (
+    t, dt, w, f, bias, untrusted = (
         _read_slot(ring, window.head)
-        for ring in (window.t, window.dt, window.rate, window.force, window.bias, window.doubt)
+        for ring in (window.t, window.dt, window.rate, window.force, window.bias, window.untrusted)
     )
     one = increment_of(w - bias[:3], f - bias[3:], dt)
     left = replace(
@@ -141,7 +144,7 @@ def take_sample(window: InertialWindow) -> tuple[InertialWindow, FeltSample]:
         motion=normalise_turn(remove_first(window.motion, one)),
         entered=window.entered - bias * dt,
     )
-    return left, FeltSample(t, dt, jnp.concatenate([w, f]), doubt)
+    return left, FeltSample(t, dt, jnp.concatenate([w, f]), untrusted)
 
 
 def correct_window(window: InertialWindow, gyro_bias: Any, force_bias: Any) -> Increment:

@@ -254,15 +254,17 @@ def _receive(form: GnssInertial, t: Any, state: GnssInertialState, frame: Frame)
     """Return the state with new samples queued, and whether an IMU sample was usable."""
     sample, measured = frame.samples[form.imu], frame.samples[form.gnss]
     reading = sample.value
-    felt = *_three(reading.angular_rate), *_three(reading.specific_force)
-    one = validate_sample(state.imu, t, sample, felt, frozen_after=form.frozen_imu, ordered=True)
+    imu_reading = *_three(reading.angular_rate), *_three(reading.specific_force)
+    one = validate_sample(state.imu, t, sample, imu_reading, frozen_after=form.frozen_imu, ordered=True)
     full = (jnp.max(jnp.abs(one.value[:3])) >= form.rate_range * (1 - 1e-9)) | reading.gyro_saturated
     full = full | (jnp.max(jnp.abs(one.value[3:])) >= form.force_range * (1 - 1e-9)) | reading.accelerometer_saturated
     gap = (one.t - state.window.last > form.gap) & (state.window.last > NEVER)
-    doubt = (full | gap | one.watch.frozen).astype(np.float64)
+    untrusted = (full | gap | one.watch.frozen).astype(np.float64)
     x = state.nominal
     bias = jnp.concatenate([x.gyro_bias, x.force_bias])
-    window = lax.cond(one.usable, lambda: add_sample(state.window, one.t, one.value, bias, doubt), lambda: state.window)
+    window = lax.cond(
+        one.usable, lambda: add_sample(state.window, one.t, one.value, bias, untrusted), lambda: state.window
+    )
     value, numbers = _read_gnss(form, measured.value)
     fix = validate_sample(state.gnss, t, measured, numbers, frozen_after=0, ordered=True)
     fixes, room = lax.cond(
@@ -302,7 +304,7 @@ def _follow(form: GnssInertial, state: GnssInertialState) -> GnssInertialState:
     """Return the filter one sample later, corrected by the measurements up to that time."""
     window, one = take_sample(state.window)
     gravity = jnp.asarray(form.gravity, float)
-    x = propagate(state.nominal, one.felt[:3], one.felt[3:], one.dt, one.doubt, gravity)
+    x = propagate(state.nominal, one.imu_reading[:3], one.imu_reading[3:], one.dt, one.untrusted, gravity)
     since = (state.since + 1).astype(np.int32)
     comes = (state.fixes.count > 0) & (state.fixes.t[state.fixes.head] <= one.t)
     carries = comes | (since >= form.carried)
@@ -364,7 +366,7 @@ def _tell_sigmas(form: GnssInertial, state: GnssInertialState) -> GnssInertialSt
     x = state.nominal
     begin = quaternion.multiply(x.attitude, quaternion.conjugate(x.span.turn))
     whole = compose(x.span, correct_window(state.window, x.gyro_bias, x.force_bias))
-    P = carry_covariance(x.P, quaternion.to_matrix(begin), whole, x.doubt, form.noise)
+    P = carry_covariance(x.P, quaternion.to_matrix(begin), whole, x.untrusted, form.noise)
     variances = jnp.diagonal(P)[:ERRORS].at[POSITION].add(form.receiver.constant**2)
     return replace(state, sigma=jnp.sqrt(jnp.maximum(variances, 0.0)))
 
@@ -380,7 +382,7 @@ def _navigation(form: GnssInertial, state: GnssInertialState, silent: Any) -> Sp
         velocity=now.velocity,
         attitude=now.attitude,
         angles=to_euler(quaternion.to_matrix(now.attitude)),
-        angular_rate=window.felt[:3] - x.gyro_bias,
+        angular_rate=window.imu_reading[:3] - x.gyro_bias,
         gyro_bias=x.gyro_bias,
         force_bias=x.force_bias,
         sigma_position=sigma[POSITION],

@@ -46,17 +46,17 @@ class History:
     )
     kind: Any = quantity("1", "Kind of each event.", kind="mode", modes=KINDS)
     value: Any = quantity("1", "Measured values, in the sensor's units.")
-    doubt: Any = quantity("1", "1 where the gyro, or the accelerometers, of this sample cannot be trusted; (slots, 2).")
-    nodes: Any = part("State of the filter after each event; its fields t, felt and doubt are used here.")
+    untrusted: Any = quantity("1", "1 where gyro, or accelerometers, of this sample cannot be trusted; (slots, 2).")
+    nodes: Any = part("State of the filter after each event; its fields t, imu_reading and untrusted are used here.")
 
 
 class Event(NamedTuple):
-    """One measurement: integer time, kind, value as wide as the ring's or shorter, doubt (2,)."""
+    """One measurement: integer time, kind, value as wide as the ring's or shorter, untrusted (2,)."""
 
     t: Any
     kind: int
     value: Any
-    doubt: Any
+    untrusted: Any
 
 
 def empty_history(node: Any, slots: int, width: int = POSITION_NUMBERS) -> History:
@@ -66,7 +66,7 @@ def empty_history(node: Any, slots: int, width: int = POSITION_NUMBERS) -> Histo
         t=np.full(slots, NEVER, np.int64),
         kind=np.zeros(slots, np.int32),
         value=np.zeros((slots, width)),
-        doubt=np.zeros((slots, 2)),
+        untrusted=np.zeros((slots, 2)),
         nodes=jax.tree.map(lambda leaf: jnp.broadcast_to(leaf, (slots, *np.shape(leaf))), node),
     )
 
@@ -109,7 +109,7 @@ def insert_event(h: History, reached: Any, event: Event) -> tuple[History, Any]:
         i, rings = carry
         return i - 1, _write_slot(rings, _slot_index(h, i), _read_slot(rings, _slot_index(h, i - 1)))
 
-    rings = {"t": h.t, "kind": h.kind, "value": h.value, "doubt": h.doubt}
+    rings = {"t": h.t, "kind": h.kind, "value": h.value, "untrusted": h.untrusted}
     last = np.int32(h.t.shape[0] - 1)
     _, rings = lax.while_loop(lambda carry: carry[0] > place, up, (last, rings))
     new = event._asdict()
@@ -163,7 +163,7 @@ def inertial_increment(form: InertialForm, h: History, start: Any, end: Any) -> 
     def motion(i: Any) -> tuple[Any, Any]:
         node = _read_slot(h.nodes, _slot_index(h, i))
         x = form.belief(node).x
-        return node.t, jnp.stack([x[1], x[2], node.felt[0] - x[5]])
+        return node.t, jnp.stack([x[1], x[2], node.imu_reading[0] - x[5]])
 
     def add(carry: Any) -> Any:
         i, (t, rate), total = carry
@@ -186,17 +186,17 @@ def _process_event(form: Any, h: History, node: Any, i: Any, last: Any) -> Any:
     t, kind, value = (_read_slot(x, _slot_index(h, i)) for x in (h.t, h.kind, h.value))
     # the IMU sample at or after this event; with no turn beyond the last, the loop ends under vmap too
     j = lax.while_loop(lambda j: (j < last) & (_read_slot(h.kind, _slot_index(h, j)) != IMU), lambda j: j + 1, i)
-    ahead, felt, doubt = (_read_slot(x, _slot_index(h, j)) for x in (h.t, h.value, h.doubt))
-    felt = felt[:IMU_NUMBERS]
+    ahead, imu_reading, untrusted = (_read_slot(x, _slot_index(h, j)) for x in (h.t, h.value, h.untrusted))
+    imu_reading = imu_reading[:IMU_NUMBERS]
     span = (ahead - node.t).astype(np.float64)
     share = jnp.where(ahead > node.t, (t - node.t).astype(np.float64) / jnp.where(span > 0, span, 1.0), 1.0)
     dt = jnp.where(node.t > NEVER, to_seconds(t - node.t), 0.0)
     is_imu = kind == IMU
-    now = jnp.where(is_imu, felt, node.felt + share * (felt - node.felt))
-    doubts = jnp.maximum(node.doubt, doubt)
+    now = jnp.where(is_imu, imu_reading, node.imu_reading + share * (imu_reading - node.imu_reading))
+    doubts = jnp.maximum(node.untrusted, untrusted)
     # no time passes between events of one instant: most headings and fixes come with a sample
     propagated = lax.cond(t > node.t, lambda: form.propagate(node, dt, now, doubts), lambda: node)
-    new = replace(propagated, t=t, doubt=jnp.where(is_imu, doubt, node.doubt))
+    new = replace(propagated, t=t, untrusted=jnp.where(is_imu, untrusted, node.untrusted))
     if form.intake.heading:
         new = lax.cond(kind == HEADING, lambda: form.correct_heading(new, value[0], value[1]), lambda: new)
     if form.intake.position and form.AIDED_BY == "ranges":

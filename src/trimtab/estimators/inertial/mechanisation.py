@@ -123,18 +123,18 @@ def mechanise(dt: Any, f0: Any, f1: Any, v: Any, r: Any) -> tuple[Any, Any]:
     return v + dt / 2 * (f1 + f0), r + v * dt + dt * dt / 6 * (f1 + 2 * f0)
 
 
-def mechanise_corrected(dt: Any, before: Any, felt: Any, x: Any) -> tuple[Any, Any, Any]:
+def mechanise_corrected(dt: Any, before: Any, imu_reading: Any, x: Any) -> tuple[Any, Any, Any]:
     """Return heading, velocity and position after dt (s), of an INS that subtracts its biases from the IMU readings.
 
-    before, felt: what the IMU read at the step's start (3,), and reads at its end.
+    before, imu_reading: what the IMU read at the step's start (3,), and reads at its end.
     x: heading, velocity (2,), position (2,), gyro bias, accelerometer biases (2,) at its start; these act with that
     heading, as in Phi.
     """
     phi, v, r, gyro_bias, force_bias = x
     B = planar(phi)
-    heading = phi + dt / 2 * (felt[0] + before[0]) - dt * gyro_bias
+    heading = phi + dt / 2 * (imu_reading[0] + before[0]) - dt * gyro_bias
     bias = B @ force_bias
-    f0, f1 = B @ before[1:] - bias, planar(heading) @ felt[1:] - bias
+    f0, f1 = B @ before[1:] - bias, planar(heading) @ imu_reading[1:] - bias
     velocity, position = mechanise(dt, f0, f1, v, r)
     return heading, velocity, position
 
@@ -156,14 +156,14 @@ class ImuHistory:
     """Last samples of an IMU, the newest at the end. Source: docs page, Particle filter."""
 
     t: Any = quantity("100 ns", "Time of each sample; never: none yet.", kind="time")
-    felt: Any = quantity("1", "Yaw rate (rad/s), force per mass forward and starboard (m/s^2); (slots, 3).")
-    doubt: Any = quantity("1", "1 where the gyro, or the accelerometers, cannot be trusted; (slots, 2).")
+    imu_reading: Any = quantity("1", "Yaw rate (rad/s), force per mass forward and starboard (m/s^2); (slots, 3).")
+    untrusted: Any = quantity("1", "1 where the gyro, or the accelerometers, cannot be trusted; (slots, 2).")
 
 
 class PreintegratedMotion(NamedTuple):
     """IMU readings between two instants, integrated once for filters that start from different states.
 
-    time: T (s).  turn: (rad).  velocity: dv (2,).  position: dr (2,).  D1, D2: (2, 2).  doubt: (2,).
+    time: T (s).  turn: (rad).  velocity: dv (2,).  position: dr (2,).  D1, D2: (2, 2).  untrusted: (2,).
     With the turn a since the first instant, everything in the body's axes of that instant:
 
         turn,  dv = int R(a) f dt,  dr = int dv dt,  D1 = int R(a) dt,  D2 = int D1 dt
@@ -184,7 +184,7 @@ class PreintegratedMotion(NamedTuple):
     position: Any
     D1: Any
     D2: Any
-    doubt: Any
+    untrusted: Any
 
 
 def empty_imu_history(slots: int) -> ImuHistory:
@@ -192,13 +192,13 @@ def empty_imu_history(slots: int) -> ImuHistory:
     return ImuHistory(np.full(slots, NEVER, np.int64), np.zeros((slots, 3)), np.zeros((slots, 2)))
 
 
-def append_sample(h: ImuHistory, t: Any, felt: Any, doubt: Any) -> ImuHistory:
+def append_sample(h: ImuHistory, t: Any, imu_reading: Any, untrusted: Any) -> ImuHistory:
     """Return the history with one more sample and without the oldest."""
-    t, felt, doubt = (jnp.asarray(v) for v in (t, felt, doubt))
+    t, imu_reading, untrusted = (jnp.asarray(v) for v in (t, imu_reading, untrusted))
     return ImuHistory(
         jnp.concatenate([h.t[1:], t[None]]),
-        jnp.concatenate([h.felt[1:], felt[None]]),
-        jnp.concatenate([h.doubt[1:], doubt[None]]),
+        jnp.concatenate([h.imu_reading[1:], imu_reading[None]]),
+        jnp.concatenate([h.untrusted[1:], untrusted[None]]),
     )
 
 
@@ -213,13 +213,15 @@ def preintegrate(h: ImuHistory, begin: Any, end: Any) -> PreintegratedMotion:
         there = (t0 > NEVER) & (b > a)
         span = jnp.where(there, t1 - t0, 1).astype(np.float64)
         share = [jnp.where(there, (t - t0).astype(np.float64) / span, 0.0) for t in (a, b)]
-        f0, f1 = (h.felt[i] + s * (h.felt[i + 1] - h.felt[i]) for s in share)
+        f0, f1 = (h.imu_reading[i] + s * (h.imu_reading[i + 1] - h.imu_reading[i]) for s in share)
         dt = jnp.where(there, to_seconds(b - a), 0.0)
         turn = m.turn + dt * (f0[0] + f1[0]) / 2
         R0, R1 = planar(m.turn), planar(turn)
         velocity, position = mechanise(dt, R0 @ f0[1:], R1 @ f1[1:], m.velocity, m.position)
         D1, D2 = mechanise(dt, R0, R1, m.D1, m.D2)
-        doubt = jnp.where(there, jnp.maximum(m.doubt, jnp.maximum(h.doubt[i], h.doubt[i + 1])), m.doubt)
-        return PreintegratedMotion(m.time + dt, turn, velocity, position, D1, D2, doubt), None
+        untrusted = jnp.where(
+            there, jnp.maximum(m.untrusted, jnp.maximum(h.untrusted[i], h.untrusted[i + 1])), m.untrusted
+        )
+        return PreintegratedMotion(m.time + dt, turn, velocity, position, D1, D2, untrusted), None
 
     return lax.scan(one, start, jnp.arange(h.t.shape[0] - 1))[0]

@@ -104,8 +104,8 @@ def first_of_node(position_fix: Any = None) -> dict[str, Any]:
     """Return the initial fields of every form's node, before any measurement; position_fix: PositionFix by default."""
     return {
         "t": np.int64(NEVER),
-        "felt": np.zeros(3),
-        "doubt": np.zeros(2),
+        "imu_reading": np.zeros(3),
+        "untrusted": np.zeros(2),
         "heading_fix": no_heading_fix(),
         "position_fix": no_position_fix() if position_fix is None else position_fix,
     }

@@ -48,8 +48,8 @@ class OdometryParticleState:
     key: Key = part("Key of the random draws.")
     cloud: Cloud = part("Particles at the newest odometry.")
     drive: OdometryState = part("Odometry, statistics of the ranges, and the cloud's mean and covariance.")
-    heard: Any = quantity("m", "Newest range of each beacon (n,).")
-    heard_at: Any = quantity("100 ns", "Arrival time of the newest range of each beacon (n,).", kind="time")
+    newest_ranges: Any = quantity("m", "Newest range of each beacon (n,).")
+    newest_at: Any = quantity("100 ns", "Arrival time of the newest range of each beacon (n,).", kind="time")
     effective: Scalar = quantity("1", "Effective sample size, from 1 to N; 0 before there are particles.")
     redrawn: Scalar = quantity("1", "Number of resamplings.", kind="count")
 
@@ -113,8 +113,8 @@ class OdometryParticle:
             key=key,
             cloud=Cloud(np.zeros((self.N, k)), np.zeros((self.N, k, k)), np.full(self.N, 1.0 / self.N)),
             drive=first_state(self, (x, P)),
-            heard=np.zeros(n),
-            heard_at=np.full(n, NEVER, np.int64),
+            newest_ranges=np.zeros(n),
+            newest_at=np.full(n, NEVER, np.int64),
             effective=np.float64(0),
             redrawn=np.int32(0),
         )
@@ -142,8 +142,8 @@ class OdometryParticle:
 
         s, _ = lax.scan(each, s, (jnp.arange(ranges.shape[0]), ranges))
         new = ranges > 0
-        heard, at = jnp.where(new, ranges, s.heard), jnp.where(new, sample.t, s.heard_at)
-        s = replace(s, heard=heard, heard_at=at)
+        newest_ranges, at = jnp.where(new, ranges, s.newest_ranges), jnp.where(new, sample.t, s.newest_at)
+        s = replace(s, newest_ranges=newest_ranges, newest_at=at)
         recent = (at > NEVER) & (to_seconds(sample.t - jnp.maximum(at, 0)) <= self.pair_time)
         starts = ~running & jnp.any(new) & (jnp.sum(recent) >= 2)
         s = lax.cond(starts, lambda: throw_particles(self, s, recent), lambda: s)
@@ -159,7 +159,7 @@ def throw_particles(form: OdometryParticle, s: OdometryParticleState, recent: An
     spin, side = uniform2(s.key, jnp.arange(N), THROW)
     heading = wrap(2 * np.pi * (jnp.arange(N) + spin) / N)
     plan, height = jnp.asarray(form.beacons)[:, :2], form.down - jnp.asarray(form.beacons)[:, 2]
-    exact = s.heard / (1 + form.errors.scale)
+    exact = s.newest_ranges / (1 + form.errors.scale)
     i = jnp.argmax(recent)
     j = jnp.argmax(recent & (jnp.arange(n) != i))
     line = plan[j] - plan[i]

@@ -215,9 +215,11 @@ def _advance_without_ping(form: Particle, s: ParticleState) -> ParticleState:
 @jax.jit
 def _step_filter(form: Particle, t: Any, state: ParticleState, frame: Frame) -> tuple[ParticleState, Estimate]:
     readings = read_samples(form.intake, "ranges", t, state, frame)
-    (felt, inertial), (ping, ranging) = readings["imu"], readings["position"]
+    (imu_reading, inertial), (ping, ranging) = readings["imu"], readings["position"]
     h = state.history
-    history = lax.cond(inertial.usable, lambda: append_sample(h, felt.t, felt.value, felt.doubt), lambda: h)
+    history = lax.cond(
+        inertial.usable, lambda: append_sample(h, imu_reading.t, imu_reading.value, imu_reading.untrusted), lambda: h
+    )
     s = replace(state, history=history, imu=inertial.watch, position=ranging.watch)
     s = _advance_without_ping(form, s)
     begun = history.t[-1] > NEVER
@@ -244,7 +246,7 @@ def _cloud_estimate(form: Particle, t: Any, s: ParticleState, fresh: Any) -> Est
     still = PreintegratedMotion(dt, dt * mean[5], two, two, none, none, jnp.ones(2))  # the bias takes its own turn away
     mean, P = predict_particle(mean, P, still, motion_covariance(form.noise, mean[0], still))
     belief = Belief(mean[:DIMENSION], P[:DIMENSION, :DIMENSION])
-    rate = jnp.where(silent, mean[5], s.history.felt[-1, 0])
+    rate = jnp.where(silent, mean[5], s.history.imu_reading[-1, 0])
     variance = form.noise.gyro + jnp.where(silent, form.noise.doubtful_rate**2, 0.0)
     kinematics = reference_kinematics(belief, rate, variance, form.arms)
     sure = (jnp.sqrt(P[3, 3] + P[4, 4]) <= form.sure) & (jnp.sqrt(P[0, 0]) <= form.sure_heading)

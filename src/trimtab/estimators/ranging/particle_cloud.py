@@ -104,7 +104,7 @@ def predict_particle(x: Any, P: Any, m: PreintegratedMotion, Q: Any) -> tuple[An
 
 def motion_covariance(noise: InertialNoise, heading: Any, m: PreintegratedMotion) -> Any:
     """Return Q (8, 8) of Belief.x over a motion."""
-    Q = coupled_process_noise(noise.growth(m.time, m.doubt), heading, noise.integration_time(m.time))
+    Q = coupled_process_noise(noise.growth(m.time, m.untrusted), heading, noise.integration_time(m.time))
     return Q * SIGNS[:, None] * SIGNS[None, :]
 
 

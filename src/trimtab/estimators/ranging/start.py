@@ -57,10 +57,10 @@ def empty_start() -> RangingStart:
     return RangingStart(np.zeros((UNKNOWNS, UNKNOWNS)), np.zeros(UNKNOWNS), o, two, np.int32(0), o, o, two, two)
 
 
-def propagate_start(start: RangingStart, dt: Any, before: Any, felt: Any, bias: Any) -> RangingStart:
+def propagate_start(start: RangingStart, dt: Any, before: Any, imu_reading: Any, bias: Any) -> RangingStart:
     """Propagate by dt (s). before, felt: IMU readings at both ends (3,); bias: of these (3,)."""
-    turn = start.turn + dt * ((before[0] + felt[0]) / 2 - bias[0])
-    f0, f1 = planar(start.turn) @ (before[1:] - bias[1:]), planar(turn) @ (felt[1:] - bias[1:])
+    turn = start.turn + dt * ((before[0] + imu_reading[0]) / 2 - bias[0])
+    f0, f1 = planar(start.turn) @ (before[1:] - bias[1:]), planar(turn) @ (imu_reading[1:] - bias[1:])
     velocity, position = mechanise(dt, f0, f1, start.velocity, start.position)
     carried = replace(start, elapsed=start.elapsed + dt, turn=turn, velocity=velocity, position=position)
     return tree_where(start.pings > 0, carried, start)

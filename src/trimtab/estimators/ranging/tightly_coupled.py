@@ -45,8 +45,10 @@ class TightNode:
     """State, its covariance and the pending start at one instant. Source: docs page."""
 
     t: Scalar = quantity("100 ns", "Time of this state.", kind="time")
-    felt: Any = quantity("1", "IMU sample: yaw rate (rad/s), specific force forward and starboard (m/s^2).", shape=(3,))
-    doubt: Any = quantity("1", "1 where the gyro, or the accelerometers, cannot be trusted.", shape=(2,))
+    imu_reading: Any = quantity(
+        "1", "IMU sample: yaw rate (rad/s), specific force forward and starboard (m/s^2).", shape=(3,)
+    )
+    untrusted: Any = quantity("1", "1 where the gyro, or the accelerometers, cannot be trusted.", shape=(2,))
     x: Any = quantity("1", "State in the order of Belief.x, then the scale and each beacon's error; (9 + n,).")
     P: Any = quantity("1", "Covariance of estimate minus truth (9 + n, 9 + n).")
     force: Any = quantity("m/s^2", "Specific force in the Jacobian, without bias.", frame="B", shape=(2,))
@@ -135,9 +137,9 @@ class TightlyCoupled:
             start=empty_start(),
         )
 
-    def propagate(self, node: TightNode, dt: Any, felt: Any, doubt: Any) -> TightNode:
-        """Propagate by dt (s); the IMU reads `felt` (3,) at the end."""
-        m = propagate_coupled(self, node, dt, felt, doubt)
+    def propagate(self, node: TightNode, dt: Any, imu_reading: Any, untrusted: Any) -> TightNode:
+        """Propagate by dt (s); the IMU reads `imu_reading` (3,) at the end."""
+        m = propagate_coupled(self, node, dt, imu_reading, untrusted)
         signs = SIGNS[:, None] * SIGNS[None, :]
         F, Q = m.F * signs, m.Q * signs
         own, cross = node.P[:DIMENSION, :DIMENSION], F @ node.P[:DIMENSION, DIMENSION:]
@@ -146,9 +148,9 @@ class TightlyCoupled:
         rest = rest + jnp.where(np.eye(rest.shape[0], dtype=bool), wanders[:, None], 0.0)
         top = jnp.concatenate([symmetric(F @ own @ F.T + Q), cross], axis=1)
         P = jnp.concatenate([top, jnp.concatenate([cross.T, rest], axis=1)])
-        start = propagate_start(node.start, dt, node.felt, felt, node.x[5:8])
-        start = tree_where(jnp.max(doubt) > 0, empty_start(), start)
-        return replace(node, felt=felt, x=m.x, P=P, force=m.force, steady=m.steady, start=start)
+        start = propagate_start(node.start, dt, node.imu_reading, imu_reading, node.x[5:8])
+        start = tree_where(jnp.max(untrusted) > 0, empty_start(), start)
+        return replace(node, imu_reading=imu_reading, x=m.x, P=P, force=m.force, steady=m.steady, start=start)
 
     def correct_heading(self, node: TightNode, z: Any, variance: Any) -> TightNode:
         """Correct with a heading z (rad, modulo 2 pi) and its variance (0: that of noise); or add it to the start."""

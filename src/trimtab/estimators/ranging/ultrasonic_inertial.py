@@ -161,7 +161,7 @@ class UltrasonicInertial:
         """Return the INS's estimate at integer time t: from the event before, with constant velocity."""
         node = node_before(inertial.history, t)
         belief = self.inertial.belief(node)
-        x, rate = belief.x, node.felt[0] - belief.x[5]
+        x, rate = belief.x, node.imu_reading[0] - belief.x[5]
         dt = jnp.clip(to_seconds(t - node.t), 0.0, LONGEST)
         heading = x[0] + dt * rate
         place = x[3:5] + dt * x[1:3] - planar(heading) @ self.inertial.arms.imu
