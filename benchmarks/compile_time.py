@@ -91,9 +91,9 @@ def compare(text: str, whole: str, lanes: int, flags: tuple[str, ...], rounds: i
 
 def whole_text(flight: Prepared, lanes: int) -> str:
     """The program as one function."""
-    limit, pieces.WHOLE = pieces.WHOLE, sys.maxsize
+    limit, pieces.FUNCTION_STATEMENTS_MAX = pieces.FUNCTION_STATEMENTS_MAX, sys.maxsize
     text = flight.program.text(lanes, flight.own if lanes else frozenset())
-    pieces.WHOLE = limit
+    pieces.FUNCTION_STATEMENTS_MAX = limit
     return text
 
 

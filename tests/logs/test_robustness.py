@@ -12,7 +12,7 @@ from trimtab.core.formula_units import fit_formula
 from trimtab.core.quantity import Quantity
 from trimtab.core.time import UNITS_PER_SECOND, to_seconds
 from trimtab.logs.log import Log
-from trimtab.logs.robustness import LEAST, assess_formula, robustness, slide
+from trimtab.logs.robustness import EQUALITY_ROBUSTNESS, assess_formula, robustness, slide
 
 SHAPES, UNITS = {"x": (), "y": ()}, {"x": "m", "y": "m"}
 
@@ -23,7 +23,7 @@ def evaluate(text, signals, t=None):
     t = np.arange(x["x"].shape[1]) if t is None else t
     formula = fit_formula(text, SHAPES, UNITS)
     rows = robustness(formula, np.round(np.asarray(t) * UNITS_PER_SECOND).astype(np.int64), x.__getitem__)
-    rows = np.where(np.abs(rows) <= LEAST, 0.0, rows)
+    rows = np.where(np.abs(rows) <= EQUALITY_ROBUSTNESS, 0.0, rows)
     return rows[0] if np.ndim(signals["x"]) == 1 else rows
 
 

@@ -14,7 +14,7 @@ from trimtab.core.formula import parse_formula
 from trimtab.core.formula_units import fit_formula, look_ahead
 from trimtab.core.record import Scalar, quantity, record
 from trimtab.core.time import ms, seconds
-from trimtab.logs.robustness import HOLDS, LEAST, PENDING, VERDICTS, VIOLATED, fit_to_log, robustness
+from trimtab.logs.robustness import EQUALITY_ROBUSTNESS, HOLDS, PENDING, VERDICTS, VIOLATED, fit_to_log, robustness
 from trimtab.loop.monitor import Monitor, MonitorInput
 from trimtab.loop.structure import strengthen_types
 from trimtab.run.replay import replay
@@ -90,7 +90,7 @@ def test_at_every_row_it_says_what_the_log_will_say_of_the_row_that_it_is_of(com
         assert (verdict[:delay] == PENDING).all()
         for i in range(0, 90 - delay, 29):
             wanted = robustness_at(trees[int(name[1:])], {"x": x.tolist(), "y": y.tolist()}, i)
-            assert value[i + delay] == wanted or (abs(value[i + delay]) == LEAST and wanted == 0), text
+            assert value[i + delay] == wanted or (abs(value[i + delay]) == EQUALITY_ROBUSTNESS and wanted == 0), text
 
 
 @pytest.mark.parametrize("width", [1, 2, 3, 7, 8, 9, 31, 64, 100])
@@ -114,7 +114,7 @@ def test_always_outermost_is_the_least_so_far_and_eventually_waits():
     found = watch(Monitor(text, period=seconds(1)), x, x)
     assert found["a"][0].tolist() == [3, 2, 2, -1, -1, -1]
     assert found["b"][0].tolist() == [0, 0, 4, -1, -1, -1]
-    assert found["e"][0].tolist() == [-1, -1, -LEAST, -LEAST, 1, 2]
+    assert found["e"][0].tolist() == [-1, -1, -EQUALITY_ROBUSTNESS, -EQUALITY_ROBUSTNESS, 1, 2]
     assert found["n"][0].tolist() == [0, -0.5, -0.5, -0.5, -0.5, -0.5]
     names = {name: "".join(VERDICTS[v][0] for v in verdict) for name, (_, verdict) in found.items()}
     assert names == {"a": "hhhvvv", "b": "pphvvv", "e": "pppphh", "n": "pvvvvv"}
@@ -132,7 +132,18 @@ def test_what_is_no_number_breaks_a_formula_as_long_as_it_is_in_the_window():
 def test_it_looks_each_period_and_holds_between():
     x = np.arange(12.0)
     found = watch(Monitor("estimate.x > 0", period=ms(4)), x, x, np.arange(12) * ms(1))
-    assert found["requirement"][0].tolist() == [-LEAST, *[-LEAST] * 3, 4, 4, 4, 4, 8, 8, 8, 8]
+    assert found["requirement"][0].tolist() == [
+        -EQUALITY_ROBUSTNESS,
+        *[-EQUALITY_ROBUSTNESS] * 3,
+        4,
+        4,
+        4,
+        4,
+        8,
+        8,
+        8,
+        8,
+    ]
 
 
 @pytest.mark.parametrize(

@@ -17,7 +17,7 @@ from trimtab.links.latency_trace import Trace, read_trace
 from trimtab.loop.calibration import Calibration, Covariance, Entry
 from trimtab.plots.calibration import FitCurve, FitPanel
 
-FEWEST = 50
+PACKETS_MIN = 50
 """Minimum number of received packets."""
 LONGEST = 5.0
 """Maximum plausible median latency (s)."""
@@ -53,9 +53,9 @@ def calibrate_link(data: Path, way: str, out: Path | None, plot: Path | None, as
 def _check_trace(where: str, trace: Trace) -> tuple[str, ...]:
     """Return notes on outliers; raise InputError for an implausible recording."""
     received = trace.latency_s[~trace.lost]
-    if len(received) < FEWEST:
+    if len(received) < PACKETS_MIN:
         problem = f"{len(received)} packets arrived, too few for a distribution"
-        raise InputError(where, problem, fix=f"record at least {FEWEST}, preferably 300")
+        raise InputError(where, problem, fix=f"record at least {PACKETS_MIN}, preferably 300")
     if np.median(received) > LONGEST:
         problem = f"half of the packets took more than {np.median(received):.3g} s"
         raise InputError(where, problem, fix="check the unit: sent_s and latency_s are both in seconds")

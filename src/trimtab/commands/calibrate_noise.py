@@ -32,7 +32,7 @@ from trimtab.plots.allan import plot_allan
 
 AT_REST = 1e-6
 """Speed (m/s) or rate (rad/s) in a simulated log's truth above which the vehicle counts as moving."""
-FEWEST = 1024
+SAMPLES_MIN = 1024
 """Minimum number of samples."""
 
 
@@ -174,11 +174,13 @@ def _iterate_axes(log: Log, names: tuple[str, ...]) -> Iterator[tuple[str, str, 
     paths = [p for n in names for p in _matching_signals(log, n)] if names else _candidate_signals(log)
     for path in paths:
         measured = samples(log, path)
-        if len(measured.ticks) < FEWEST:
+        if len(measured.ticks) < SAMPLES_MIN:
             problem = (
                 f"{len(measured.ticks)} samples, {len(measured.ticks) * measured.period:.3g} s, are too short a log"
             )
-            fix = f"log at least {FEWEST} samples, for the walk K minutes: trimtab run navigation/still --out still"
+            fix = (
+                f"log at least {SAMPLES_MIN} samples, for the walk K minutes: trimtab run navigation/still --out still"
+            )
             raise InputError(f"signal {path!r}", problem, fix=fix)
         values = measured.values if measured.values.ndim > 1 else measured.values[:, None]
         for i, y in enumerate(values.T):

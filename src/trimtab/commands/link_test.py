@@ -44,7 +44,7 @@ from trimtab.plots.link_delays import plot_link_delays
 LOADS = ("2.9/41.0", "2.9/22.0", "2.9/16.2")
 """Loads up/down in kb/s, from table 5.1 of the thesis."""
 MOST_KBPS = 1000.0
-FEWEST = 10
+REQUESTS_MIN = 10
 
 
 @click.command()
@@ -148,10 +148,10 @@ def _address_from_elsewhere(uri: str) -> str:
 
 def _plan_loads(loads: tuple[str, ...], requests: int, rate: float, seed: int) -> list[LinkTestPlan]:
     """Return the measurements to make; raise InputError for an invalid load, or too few or too frequent requests."""
-    if requests < FEWEST:
+    if requests < REQUESTS_MIN:
         problem = f"must be at least 10, got {requests}"
         raise InputError(
-            "--requests", problem, fix=f"--requests {FEWEST} or more; 300 take half a minute for each load"
+            "--requests", problem, fix=f"--requests {REQUESTS_MIN} or more; 300 take half a minute for each load"
         )
     if not 0 < rate <= 200:
         raise InputError("--rate", f"must be above 0 and at most 200, got {rate:g}", fix="--rate 10")

@@ -10,15 +10,15 @@ from typing import Any, NamedTuple
 from trimtab.compiler.ir import TYPES, Block, Define, Emit, If, Local, Loop, Store
 from trimtab.compiler.values import Buffer, Value
 
-WHOLE = 6000
+FUNCTION_STATEMENTS_MAX = 6000
 """Maximum number of statements of one function."""
-WHOLE_BLOCK = 20_000
+EXPORTED_STATEMENTS_MAX = 20_000
 """Maximum number of statements of one function of an exported block. It is compiled once and runs on small processors,
 where a frame costs more: the aided INS in pieces takes a Cortex-M7 1.8 times the instructions and five times the stack.
 """
 PIECE = 400
 """Number of statements of each piece of a larger program."""
-LEAST = 40
+CALL_STATEMENTS_MIN = 40
 """Minimum number of statements worth a call."""
 STACK = 1 << 14
 """Maximum bytes of values between pieces that a function keeps on the stack."""
@@ -142,7 +142,9 @@ def plan_pieces(
 
 def is_large(blocks: list[Block], exported: bool = False) -> bool:
     """Return True if a program has more statements than one function (of an exported block, if so) may have."""
-    return sum(_count_statements(block.items) for block in blocks) > (WHOLE_BLOCK if exported else WHOLE)
+    return sum(_count_statements(block.items) for block in blocks) > (
+        EXPORTED_STATEMENTS_MAX if exported else FUNCTION_STATEMENTS_MAX
+    )
 
 
 def build_level(blocks: list[Block], lanes: int = 0) -> tuple[str, ...]:
@@ -192,8 +194,8 @@ class _Division:
             size = 0 if item is None else _count_statements([item])
             apart = item is None or size > PIECE or _must_stay(item)
             if taken and (apart or weight + size > PIECE):
-                self.count += weight >= LEAST
-                runs.append((self.count if weight >= LEAST else 0, taken))
+                self.count += weight >= CALL_STATEMENTS_MIN
+                runs.append((self.count if weight >= CALL_STATEMENTS_MIN else 0, taken))
                 self.note_items(*runs[-1])
                 taken, weight = [], 0
             if item is None:

@@ -16,7 +16,7 @@ from trimtab.design.poles import balance_matrix, participation, sorted_poles
 
 ROUNDING = 1e-10
 """Size of real and imaginary parts, relative to the largest entry of the scaled A, that counts as zero."""
-TOGETHER = 1e-6
+POLE_DISTANCE_MIN = 1e-6
 """Distance of poles, relative to the largest entry of the scaled A, below which they share their states."""
 
 
@@ -67,7 +67,7 @@ class LinearModel(NamedTuple):
             pole = complex(_drop_rounding(exact.real, size), _drop_rounding(exact.imag, size))
             if pole.imag < 0:
                 continue
-            share = participation(scaled, exact, TOGETHER * size)
+            share = participation(scaled, exact, POLE_DISTANCE_MIN * size)
             pairs = sorted(zip(self.states, share.tolist(), strict=True), key=lambda pair: -pair[1])
             states = tuple((n, s) for n, s in pairs if s >= least)
             frequency = abs(pole)

@@ -29,7 +29,7 @@ from trimtab.design.proof import ProofCondition
 
 SHARE = 0.9
 """Share of the slowest motion's decay that is proved for a sampled loop."""
-ENOUGH = 0.97
+LOOP_SIZE_MAX = 0.97
 """Size of the loop around the parameters that is small enough for the Riccati equation."""
 FREQUENCIES = np.concatenate([np.linspace(0.0, 40.0, 320), np.geomspace(40.0, 4000.0, 40)])
 """Frequencies (rad/s) at which that loop is evaluated; only used to find multipliers."""
@@ -159,7 +159,7 @@ def _common_lyapunov(vertices: Any, rate: float, multipliers: Any) -> tuple[Any,
 
 
 def _search_multipliers(A: Any, H: Any, E: Any, start: Any) -> Any:
-    """Find multipliers of the parameters' feedback, so that the loop around all of them is below ENOUGH if possible.
+    """Find multipliers of the parameters' feedback, so that the loop around them is below LOOP_SIZE_MAX if possible.
 
     The largest singular value over FREQUENCIES is convex in the multipliers' logarithms.
     """
@@ -173,7 +173,7 @@ def _search_multipliers(A: Any, H: Any, E: Any, start: Any) -> Any:
         return float(np.linalg.norm(G * t[:, None] / t, 2, axis=(1, 2)).max())
 
     first = np.zeros(k - 1) if start is None or len(start) != k else np.log(start[:-1] / start[-1])
-    if largest(first) >= ENOUGH:
+    if largest(first) >= LOOP_SIZE_MAX:
         options = {"maxiter": 300, "fatol": 1e-3}
         first = minimize(largest, first, method="Nelder-Mead", options=options, callback=_stop_early).x
     return np.exp(np.append(first, 0.0))
@@ -181,7 +181,7 @@ def _search_multipliers(A: Any, H: Any, E: Any, start: Any) -> Any:
 
 def _stop_early(intermediate_result: Any) -> None:
     """Stop the search as soon as the loop is small enough."""
-    if intermediate_result.fun < 0.9 * ENOUGH:
+    if intermediate_result.fun < 0.9 * LOOP_SIZE_MAX:
         raise StopIteration
 
 

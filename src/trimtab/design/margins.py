@@ -33,7 +33,7 @@ from trimtab.design.loop_transfer import FeedbackLoop
 
 PEAKS, CLOSE = 12, 0.7
 """Number of the grid's highest peaks that are refined, and their least height relative to the highest."""
-NEARER = np.geomspace(1e-6, 0.3, 60)
+CROSSOVER_DISTANCES = np.geomspace(1e-6, 0.3, 60)
 """Relative distances of frequencies from a crossover, where T peaks when the constant delay is near its margin."""
 
 
@@ -151,7 +151,9 @@ def jitter_margin(loop: FeedbackLoop, *, delay: float = 0.0) -> float:
         return w * _largest_singular_value(loop.frequency_response(w) * np.exp(-1j * w * delay)[:, None, None])
 
     near = np.array([c.frequency for c in limit.crossovers])
-    w = np.unique(np.concatenate([loop.grid(), near, *(near * (1 + s * d) for s in (-1, 1) for d in NEARER)]))
+    w = np.unique(
+        np.concatenate([loop.grid(), near, *(near * (1 + s * d) for s in (-1, 1) for d in CROSSOVER_DISTANCES)])
+    )
     far = float(np.linalg.norm(loop.C @ loop.B, 2))  # limit of w T for large w
     return 1 / max(_refine_peak(gain, w), far, np.finfo(float).tiny)
 

@@ -13,7 +13,7 @@ from scipy.linalg import eigh
 from trimtab.core.errors import InputError
 from trimtab.design import exact
 
-CLOSE = 1e-9
+IDENTITY_ERROR_MAX = 1e-9
 """Largest error of identities (Riccati equations, K = -R_e^-1 B'P, L = P_eta C'R^-1), in parts of a scaled term."""
 
 
@@ -98,8 +98,10 @@ def identity_condition(apart: Any, term: Any, names: tuple[Sequence[str], Sequen
     """
     off = float(np.abs(apart).max() / np.abs(term).max())
     i, j = (int(k) for k in np.unravel_index(int(np.abs(apart).argmax()), apart.shape))
-    why = "" if off <= CLOSE else f"worst at {names[0][i]}, {names[1][j]}"
-    return ProofCondition("", off <= CLOSE, off, "relative deviation, scaled", "exact, compared in floats", why)
+    why = "" if off <= IDENTITY_ERROR_MAX else f"worst at {names[0][i]}, {names[1][j]}"
+    return ProofCondition(
+        "", off <= IDENTITY_ERROR_MAX, off, "relative deviation, scaled", "exact, compared in floats", why
+    )
 
 
 def _smallest_eigenvalue(M: Any, unit: Any) -> float:

@@ -40,7 +40,7 @@ GROWN = 1e3
 """Growth of an iteration's change, relative to the first one, at which the iteration is abandoned."""
 PLACE = 1e-12
 """Size of entries of A, relative to the largest, that counts as zero."""
-APART = 1e-9
+POLE_DISTANCE_MIN = 1e-9
 """Distance of poles of A and S, relative to the largest magnitude, below which they are equal."""
 
 
@@ -229,7 +229,7 @@ def solve_steady_response(A: Any, S: Any, G: Any) -> Any:
     inside, outside = np.linalg.eigvals(A), np.linalg.eigvals(S)
     gaps = np.abs(inside[:, None] - outside)
     i, j = np.unravel_index(np.argmin(gaps), gaps.shape)
-    if gaps[i, j] <= APART * max(np.abs(inside).max(), np.abs(outside).max()):
+    if gaps[i, j] <= POLE_DISTANCE_MIN * max(np.abs(inside).max(), np.abs(outside).max()):
         problem = (
             f"the system's pole {inside[i]:.6g} is also a pole of the exosystem, so the response grows without end"
         )

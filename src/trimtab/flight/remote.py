@@ -43,7 +43,7 @@ HEARTBEAT_PERIOD, ASK_PERIOD, DISARM_PERIOD = seconds(1), ms(500), ms(100)
 SYNC_QUICK, SYNC_SLOW = ms(50), seconds(1)
 QUICK_ANSWERS = 8
 """Number of answers after which the vehicle's clock counts as known, and is asked for less often."""
-TOGETHER = seconds(1)
+COMMON_END = seconds(1)
 """Longest time between the vehicle's own end and the flight's end at which both count as one end. Where both were given
 the same duration, the vehicle counts it from its release, and this end from the message that reports the release."""
 QUICK_ROUND_TRIP = ms(300)
@@ -322,7 +322,7 @@ class RemoteVehicle:
 
         is_stopped: a pilot has disarmed the vehicle.
         """
-        ends_with_it = self._end_time is not None and now - self._end_time <= TOGETHER
+        ends_with_it = self._end_time is not None and now - self._end_time <= COMMON_END
         is_disarmed = not (self.armed or ends_with_it or self.is_taken)
         problems = {
             "the vehicle was never armed": not was_armed,

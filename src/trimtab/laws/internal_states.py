@@ -22,7 +22,7 @@ INTERNALS = 6
 """Number of internal states: alpha, Q, eta1, eta1', eta2, eta2'."""
 STATES = 7
 """Number of states of both filters: h - h_f, h', h'', h''', V - V_f, V', V''."""
-FARTHEST = 0.05
+NEWTON_STEP_MAX = 0.05
 """Largest Newton step in the angle of attack (rad)."""
 WIDEST = 0.1
 """Largest angle of attack searched (rad): beyond it the model's curves no longer hold, and searches diverge."""
@@ -150,11 +150,13 @@ def solve_quasi_static(craft: Hypersonic, p: Any, alpha: Any, steps: int) -> tup
 
     def nearer(_: Any, before: tuple[Any, Any]) -> tuple[Any, Any]:
         M, slope, _ = jax.jvp(moment, (before[0],), (jnp.ones_like(before[0]),), has_aux=True)
-        step = jnp.where(jnp.isfinite(M / slope), jnp.clip(-M / slope, -FARTHEST, FARTHEST), FARTHEST)
+        step = jnp.where(
+            jnp.isfinite(M / slope), jnp.clip(-M / slope, -NEWTON_STEP_MAX, NEWTON_STEP_MAX), NEWTON_STEP_MAX
+        )
         alpha = jnp.where(jnp.isfinite(M / slope), jnp.clip(before[0] + step, -WIDEST, WIDEST), before[0])
         return alpha, step
 
-    alpha, last = lax.fori_loop(0, steps, nearer, (alpha, FARTHEST + jnp.zeros_like(alpha)))
+    alpha, last = lax.fori_loop(0, steps, nearer, (alpha, NEWTON_STEP_MAX + jnp.zeros_like(alpha)))
     _, inversion = moment(alpha)
     eta1, eta2 = craft.modes.static_displacements(alpha, inversion.u.delta_e)
     turn = path_turn_rate(p.h_rate, p.V, p.h_acceleration, p.V_rate)

@@ -26,7 +26,7 @@ TRIAL = "trial"
 """Column that distinguishes equal readings."""
 
 
-AROUND = 2
+NEIGHBOURS = 2
 """Number of readings on either side that are compared with a spike."""
 SPIKE = 12.0
 """Deviation from the surrounding readings, in usual deviations, beyond which a reading is a spike."""
@@ -129,10 +129,10 @@ def read_measurements(path: str | Path, columns: Iterable[MeasuredColumn], *, se
 def refuse_spikes(data: Measurements, name: str) -> None:
     """Raise InputError for a series of speeds with single readings far from their neighbours."""
     values = np.asarray(data[name], np.float64)
-    if len(values) < 2 * AROUND + 1:
+    if len(values) < 2 * NEIGHBOURS + 1:
         return
-    padded = np.pad(values, AROUND, mode="edge")
-    usual = np.median(np.lib.stride_tricks.sliding_window_view(padded, 2 * AROUND + 1), axis=1)
+    padded = np.pad(values, NEIGHBOURS, mode="edge")
+    usual = np.median(np.lib.stride_tricks.sliding_window_view(padded, 2 * NEIGHBOURS + 1), axis=1)
     off = np.abs(values - usual)
     wild = off > np.maximum(SPIKE * 1.4826 * np.median(off), 0.05 * np.ptp(usual))
     if wild.any():

@@ -7,10 +7,10 @@ ends included. With p the numbers compared, and min and max of no rows +inf and 
     x >= c, x > c    x - c         x != c   |x - c|        F until[a, b] G      max over t' in it of
     not F  -F        F and G  min(F, G)                                            min(G(t'), min of F over [t, t'))
 
-The sign decides: above 0 the formula holds, below 0 it doesn't. A comparison of equal numbers is +LEAST if it holds and
--LEAST otherwise, so that the sign always decides. A comparison with NaN is -inf, and so is its opposite. Minimum and
-maximum over a sliding window take time in proportion to the rows, for any length: rows are divided so that each window
-contains one boundary, from which it is looked up to either side.
+The sign decides: above 0 the formula holds, below 0 it doesn't. A comparison of equal numbers is
++EQUALITY_ROBUSTNESS if it holds and -EQUALITY_ROBUSTNESS otherwise, so that the sign always decides. A comparison with
+NaN is -inf, and so is its opposite. Minimum and maximum over a sliding window take time in proportion to the rows, for
+any length: rows are divided so that each window contains one boundary, from which it is looked up to either side.
 
 Source: Donze, Maler, "Robust satisfaction of temporal logic over real-valued signals", FORMATS 2010; bounded until from
 an unbounded one: Donze, Ferrere, Maler, "Efficient robust monitoring for STL", CAV 2013, section 4; the windows: van
@@ -30,7 +30,7 @@ from trimtab.core.time import format_time
 from trimtab.logs.log import Log
 from trimtab.logs.metrics import full_path
 
-LEAST = 1e-30
+EQUALITY_ROBUSTNESS = 1e-30
 """Robustness of a comparison of equal numbers, so that the sign shows if it holds."""
 EXTREMES = {"always": np.minimum, "historically": np.minimum, "eventually": np.maximum, "once": np.maximum}
 PENDING, HOLDS, VIOLATED = range(3)
@@ -59,7 +59,7 @@ class Assessment(NamedTuple):
 
 def format_robustness(assessment: Assessment) -> str:
     """Format the robustness with its unit; that of equal numbers is 0."""
-    value = 0.0 if abs(assessment.robustness) <= LEAST else assessment.robustness
+    value = 0.0 if abs(assessment.robustness) <= EQUALITY_ROBUSTNESS else assessment.robustness
     return f"{value:.4g}" + (f" {assessment.unit}" if assessment.unit != "1" else "")
 
 
@@ -152,7 +152,7 @@ def compare(xp: Any, left: Any, relation: str, right: Any, sign: int) -> Any:
     room = right - left if relation in ("<", "<=") else left - right
     if relation in ("==", "!="):
         room = -abs(room) if relation == "==" else abs(room)
-    equal = LEAST if relation in ("<=", ">=", "==") else -LEAST
+    equal = EQUALITY_ROBUSTNESS if relation in ("<=", ">=", "==") else -EQUALITY_ROBUSTNESS
     room = xp.where(room == 0, equal, room)
     return xp.where(xp.isnan(room), -sign * np.inf, room)
 

@@ -25,7 +25,7 @@ from trimtab.laws.state_space import StateSpaceLaw
 
 STATE, INPUT = "x0 ", "u0 "
 """Prefixes of those settings of a certificate that are numbers of the trim."""
-MOST = 5.0
+INTEGRAL_FACTOR = 5.0
 """Bound on an integral, as a multiple of its limit."""
 
 
@@ -68,7 +68,7 @@ def feedback_law(certificate: Certificate, x: Any, u: Any, believed: Any = None)
         u0=u0,
         integrated=rows,
         L=certificate.K[:, len(states) :],
-        most=MOST * np.asarray(certificate.scale)[len(states) :],
+        most=INTEGRAL_FACTOR * np.asarray(certificate.scale)[len(states) :],
         attitude=next(iter(attitude_fields(x).values()), "") if turned or places else "",
         turned=turned,
         places=places,

@@ -11,7 +11,7 @@ from trimtab.plots.style import GREY, SEVERAL, PicturePath, new_figure, save_fig
 if TYPE_CHECKING:  # matplotlib is imported when something is drawn
     from matplotlib.figure import Figure
 
-LEAST = 0.01
+DRAWN_MOTION_MIN = 0.01
 """Smallest motion of a drawn state, relative to the largest motion in its unit; outputs are always drawn."""
 ROUNDING = 1e-6
 """Motion of a state, relative to its size, below which it is constant."""
@@ -42,7 +42,7 @@ def plot_inversion(
     moves = dict(zip(states, np.ptp(found.x, axis=0).tolist(), strict=True))
     most = {n: max(moves[m] for m in states if units.get(m) == units.get(n)) for n in states}
     sizes = dict(zip(states, np.abs(found.x).max(axis=0).tolist(), strict=True))
-    moving = [n for n in states if moves[n] > max(LEAST * most[n], ROUNDING * sizes[n]) and n not in outputs]
+    moving = [n for n in states if moves[n] > max(DRAWN_MOTION_MIN * most[n], ROUNDING * sizes[n]) and n not in outputs]
     moving = [*(n for n in outputs if n in states), *moving]
     columns = dict(zip((*states, *inputs), np.column_stack([found.x, found.u]).T, strict=True))
     names = [*moving, *inputs]

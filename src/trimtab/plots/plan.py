@@ -34,7 +34,7 @@ MARKS = 14
 """Number of heading marks along the path."""
 MARK_LENGTH = 0.05
 """Length of a heading mark, as a share of the plot."""
-LEAST = 0.5
+EXTENT_MIN = 0.5
 """Smallest extent of the plot (m)."""
 FENCE_FARTHEST = 0.7
 """Largest distance of a drawn fence, in spans of the flight; a farther one would make the flight small."""
@@ -117,7 +117,7 @@ def draw_plan(axes: Any, log: Log, ideal: Log | None = None) -> None:
     axes.set_xlabel("east (m)", fontsize=9)
     axes.set_aspect("equal", adjustable="datalim")
     ends = np.array([_ends(east), _ends(north)])
-    room = np.maximum(LEAST - np.diff(ends)[:, 0], 0.16 * size) / 2
+    room = np.maximum(EXTENT_MIN - np.diff(ends)[:, 0], 0.16 * size) / 2
     axes.update_datalim([ends[:, 0] - room, ends[:, 1] + room])
     axes.autoscale_view()
 
@@ -192,4 +192,4 @@ def _ends(x: Any) -> tuple[float, float]:
 
 
 def _span(north: Any, east: Any) -> float:
-    return max(LEAST, *(high - low for low, high in (_ends(north), _ends(east))))
+    return max(EXTENT_MIN, *(high - low for low, high in (_ends(north), _ends(east))))

@@ -27,7 +27,7 @@ if TYPE_CHECKING:  # matplotlib is imported when something is drawn
     from matplotlib.figure import Figure
 
 COLOURS = (BLUE, VERMILION, GREEN, ORANGE)
-MOST = 24
+PANELS_MAX = 24
 """Maximum number of panels in a plot."""
 
 
@@ -52,8 +52,8 @@ def select_paths(log: Log, wanted: Sequence[str]) -> list[str]:
                 raise InputError(f"signal {path!r}", "is not in this log", choices=below[:6] or near, fix=fix)
             matching = [path]
         chosen += [number for one in matching for number in ([one] if log[one].ndim == 1 else log.numbers(one))]
-    if len(chosen) > MOST:
-        raise InputError("signals", f"{len(chosen)} are too many for a picture", fix=f"name {MOST} at most")
+    if len(chosen) > PANELS_MAX:
+        raise InputError("signals", f"{len(chosen)} are too many for a picture", fix=f"name {PANELS_MAX} at most")
     return list(dict.fromkeys(chosen))
 
 

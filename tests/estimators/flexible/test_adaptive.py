@@ -22,8 +22,8 @@ from trimtab.core.rng import key
 from trimtab.core.signals import Frame, new_sample
 from trimtab.core.time import ms
 from trimtab.estimators.flexible.adaptive import (
-    APART,
-    LEAST,
+    HYPOTHESIS_SPACING,
+    PROBABILITY_MIN,
     SHARE,
     AdaptiveFlexibleModeFilter,
     disturbance_direction,
@@ -140,9 +140,11 @@ def test_mixture_is_mean_and_covariance_of_its_samples():
 def test_probabilities_are_those_of_bayes_with_a_floor():
     p = np.asarray(update_probabilities(np.array([0.5, 0.3, 0.2]), np.log([0.1, 0.4, 1e-30])))
     np.testing.assert_allclose(p[:2], np.array([0.05, 0.12]) / 0.17, rtol=1e-5)
-    assert p[2] == pytest.approx(LEAST, rel=1e-5)
+    assert p[2] == pytest.approx(PROBABILITY_MIN, rel=1e-5)
     assert p.sum() == pytest.approx(1)
-    assert pytest.approx(APART**2) == 1.5 * (1 - SHARE**2)  # of three a third each: 2/3 APART^2 + SHARE^2 = 1
+    assert pytest.approx(HYPOTHESIS_SPACING**2) == 1.5 * (
+        1 - SHARE**2
+    )  # of three a third each: 2/3 APART^2 + SHARE^2 = 1
 
 
 @pytest.mark.thorough

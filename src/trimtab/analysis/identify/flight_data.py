@@ -17,7 +17,7 @@ from trimtab.core.rng import key as random_key
 from trimtab.core.signals import Sample
 from trimtab.core.time import UNITS_PER_SECOND, to_seconds
 from trimtab.logs.log import Log
-from trimtab.logs.measurements import AROUND, SPIKE
+from trimtab.logs.measurements import NEIGHBOURS, SPIKE
 from trimtab.loop.scenario import Scenario
 
 LONGEST_STEP = 0.02
@@ -83,7 +83,7 @@ def _refuse_jumps(where: str, scenario: Scenario, states: Sequence[str], ticks: 
     for i, state in enumerate(states):
         at = np.flatnonzero(np.isfinite(y[:, i]))
         values, t = y[at, i], to_seconds(ticks[at])
-        if len(values) < 2 * AROUND + 1:
+        if len(values) < 2 * NEIGHBOURS + 1:
             continue
         if state in angles:
             change = np.abs((np.diff(values) + np.pi) % (2 * np.pi) - np.pi)
@@ -93,7 +93,7 @@ def _refuse_jumps(where: str, scenario: Scenario, states: Sequence[str], ticks: 
                 fix = f'is it in degrees? In the mapping: {state} = {{ from = …, unit = "deg" }}'
                 raise InputError(where, problem, fix=fix)
             values = np.unwrap(values)
-        around = np.lib.stride_tricks.sliding_window_view(np.pad(values, AROUND, mode="edge"), 2 * AROUND + 1)
+        around = np.lib.stride_tricks.sliding_window_view(np.pad(values, NEIGHBOURS, mode="edge"), 2 * NEIGHBOURS + 1)
         off = np.abs(values - np.median(around, axis=1))
         wild = off > np.maximum(SPIKE * 1.4826 * np.median(off), 0.05 * np.ptp(np.median(around, axis=1)))
         if wild.any():

@@ -56,8 +56,8 @@ OF_MODE = np.array([[1.0, 0], [1, 0], [0, 1], [0, 1]])
 """Index of the mode to which each of s1, s1', s2, s2' belongs."""
 SHARE = 0.5
 """Share of the initial frequency deviation inside each hypothesis; the rest is the spacing between hypotheses."""
-APART = math.sqrt(1.5 * (1 - SHARE**2))
-LEAST = 1e-6
+HYPOTHESIS_SPACING = math.sqrt(1.5 * (1 - SHARE**2))
+PROBABILITY_MIN = 1e-6
 """Approximate lower limit of a hypothesis's probability, so that each hypothesis can recover."""
 CORNERS = np.array([[i, j] for i in (-1.0, 0.0, 1.0) for j in (-1.0, 0.0, 1.0)])
 M = len(CORNERS)
@@ -218,7 +218,7 @@ class AdaptiveFlexibleModeFilter:
         for field, value in {"R": self.R, "bound": self.bound, "excitation": self.excitation}.items():
             if not math.isfinite(value):
                 raise InputError(f"{name}.{field}", f"{value} must be finite", fix="a finite number")
-        outermost = math.exp(APART * float(np.max(self.deviation)))
+        outermost = math.exp(HYPOTHESIS_SPACING * float(np.max(self.deviation)))
         if outermost >= self.bound:
             problem = f"hypotheses start at a factor of {outermost:.3g}, outside the bound {float(self.bound):g}"
             raise InputError(f"{name}.bound", problem, fix="raise the bound, or make deviation smaller")
@@ -232,7 +232,7 @@ class AdaptiveFlexibleModeFilter:
         no, deviation = jnp.asarray(False), jnp.asarray(self.deviation)
         A, _ = modal_dynamics(self.craft)
         model = discretise(A, jnp.diag(jnp.asarray(self.Q)), to_seconds(self.period))
-        lam = CORNERS * APART * deviation
+        lam = CORNERS * HYPOTHESIS_SPACING * deviation
         x = jnp.concatenate([jnp.broadcast_to(jnp.asarray(self.eta0), (M, 4)), lam], axis=1)
         P = jnp.diag(jnp.concatenate([jnp.asarray(self.P0), (SHARE * deviation) ** 2]))
         P, p = jnp.broadcast_to(P, (M, 6, 6)), jnp.full(M, 1 / M)
@@ -341,7 +341,7 @@ class AdaptiveFlexibleModeFilter:
 
 
 def update_probabilities(p: Any, likely: Any) -> Any:
-    """Return the probabilities (m,) after a measurement with these log-likelihoods (m,); none is below about LEAST."""
+    """Return the probabilities (m,), at least about PROBABILITY_MIN, after log-likelihoods (m,) of a measurement."""
     p = p * jnp.exp(likely - jnp.max(likely))
-    p = jnp.maximum(p / jnp.sum(p), LEAST)
+    p = jnp.maximum(p / jnp.sum(p), PROBABILITY_MIN)
     return p / jnp.sum(p)

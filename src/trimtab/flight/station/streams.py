@@ -18,7 +18,7 @@ from trimtab.flight.station.telemetry import UNITS_PER_US
 
 PIECE = 50
 """Bytes of text in one message."""
-MOST = 20
+WAITING_TEXTS_MAX = 20
 """Maximum number of waiting text messages."""
 FASTEST = ms(20)
 """Shortest period of a message, whatever is asked for."""
@@ -49,7 +49,7 @@ class TextQueue:
     def queue_text(self, severity: Severity, text: str) -> None:
         """Append a line."""
         pieces = _split_text(text.encode())
-        if len(self._waiting) + len(pieces) > MOST:
+        if len(self._waiting) + len(pieces) > WAITING_TEXTS_MAX:
             self.dropped += 1
             return
         self._number = self._number % 0xFFFF + 1

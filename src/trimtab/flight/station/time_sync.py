@@ -28,7 +28,7 @@ FLOOR = 0.1, ms("0.01")
 """Excess that counts as none: part of the shortest round trip, and a time."""
 DRIFT = 1e-4
 """Standard deviation of the drift of clocks, a priori."""
-MOST = 600
+EXCHANGES_MAX = 600
 
 
 class TimeSyncExchange(NamedTuple):
@@ -57,7 +57,7 @@ class TimeSync:
     def __init__(self) -> None:
         """Start without exchanges."""
         self._asked: deque[int] = deque(maxlen=16)
-        self._exchanges: deque[TimeSyncExchange] = deque(maxlen=MOST)
+        self._exchanges: deque[TimeSyncExchange] = deque(maxlen=EXCHANGES_MAX)
         self._line = OffsetLine(0, 0.0, 0.0)
         self._from, self._applied, self._turn, self._after = 0, 0.0, 0.0, 0.0
         self.doubles = 0

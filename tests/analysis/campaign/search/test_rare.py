@@ -12,7 +12,7 @@ from scipy import special, stats
 from trimtab.analysis.campaign.campaign import Campaign
 from trimtab.analysis.campaign.sampling.distributions import parse_distribution
 from trimtab.analysis.campaign.search.falsify import margins, with_margin
-from trimtab.analysis.campaign.search.rare import FARTHEST, estimate_rare
+from trimtab.analysis.campaign.search.rare import SPREAD_MAX, estimate_rare
 from trimtab.analysis.campaign.workers.block import compute_log_metrics, fly_points
 from trimtab.analysis.campaign.workers.prepare import plan_campaign, prepare_campaign
 from trimtab.cli import main
@@ -190,7 +190,7 @@ def quadrature(n=161, halvings=26):
         u = special.ndtr(np.stack([rate, inertia], axis=1))
         return margins(fly_points(ready, u, np.zeros(n, np.uint32))) < 0
 
-    inertia = np.linspace(-FARTHEST, FARTHEST, n)
+    inertia = np.linspace(-SPREAD_MAX, SPREAD_MAX, n)
     low, high = np.full(n, -1.0), np.full(n, 8.0)
     assert not fails(low, inertia).any()
     assert fails(high, inertia).all()

@@ -22,7 +22,7 @@ SETTINGS = {
     "tolfunhist": 1e-4,
     "tolx": 1e-4,
 }
-FLAT = 8
+FLAT_GENERATIONS_MAX = 8
 """Generations with equal values after which the search restarts."""
 
 
@@ -63,7 +63,7 @@ def evolve(
         if spent + size > budget:
             return
         randn = np.random.RandomState(int(rng.integers(1, 2**31))).randn
-        options = SETTINGS | {"popsize": size, "tolflatfitness": FLAT, "seed": math.nan, "randn": randn}
+        options = SETTINGS | {"popsize": size, "tolflatfitness": FLAT_GENERATIONS_MAX, "seed": math.nan, "randn": randn}
         with warnings.catch_warnings(action="ignore"):
             es = cma.CMAEvolutionStrategy(np.append(x0, 0.5) if d == 1 else x0, step, options)
         while spent + size <= budget and not es.stop():

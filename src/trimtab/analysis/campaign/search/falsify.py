@@ -59,19 +59,19 @@ from trimtab.loop.scenario import Scenario
 from trimtab.run.simulate import simulate
 
 NAME = "margin"
-LEAST = 1e-12
+SMALLEST_VIOLATION = 1e-12
 """Smallest size of the margin of a violated condition."""
 OVER: Mapping[str, Callable[[Any], Any]] = {"worst": lambda m: m.min(axis=1), "mean": lambda m: m.mean(axis=1)}
 """Functions that combine the margins (n, words) of a point's runs into the value to minimise."""
 TAIL = float(special.ndtr(-3.0))
 """Probability cut off at each end of a distribution without bounds."""
-TOGETHER = 64
+BATCH_RUNS_MIN = 64
 """Minimum number of runs in a batch; fewer would not fill the processor's lanes."""
 FIRST, LAST = 0.15, 0.1
 """Shares of the runs for the points over the whole box, and for new random numbers at the worst point."""
 STEP = 0.2
 """Initial standard deviation of the search, as a fraction of the box."""
-APART = 0.3
+START_DISTANCE_MIN = 0.3
 """Minimum distance between two starts, in the largest coordinate."""
 
 
@@ -111,7 +111,7 @@ def _condition_margin(rows: Rows, condition: Condition, metric: Metric) -> Any:
         squashed = np.where(np.isinf(room), np.sign(room), room / (1 + np.abs(room)))
     holds = condition.holds(value)
     squashed = np.where(np.isnan(squashed), np.where(holds, 1.0, -1.0), squashed)
-    return np.where(holds, np.maximum(squashed, 0.0), np.minimum(squashed, -LEAST))
+    return np.where(holds, np.maximum(squashed, 0.0), np.minimum(squashed, -SMALLEST_VIOLATION))
 
 
 def _distance_to_bound(rows: Rows, condition: Condition, value: Any) -> Any:
@@ -187,7 +187,7 @@ class BoxSearch:
         self.restart = restart
         x, m, *_ = self.candidates()
         for i in np.argsort(self.over(m), kind="stable"):
-            if all(np.abs(x[i] - s).max() > APART for s in self.starts):
+            if all(np.abs(x[i] - s).max() > START_DISTANCE_MIN for s in self.starts):
                 self.starts.append(x[i])
                 return x[i]
         rng = np.random.default_rng(self.ready.plan.seed + len(self.starts))
@@ -293,9 +293,9 @@ def falsify(
     options = {"backend": backend, "threads": threads, "progress": progress, "memo": _open_memo(store, ready, backend)}
     search = BoxSearch(ready, words, OVER[over], options)
     last = max(int(LAST * runs) // words, 1)
-    search.cover_box(max(int(FIRST * runs) // words, TOGETHER // words, 1), until_first)
+    search.cover_box(max(int(FIRST * runs) // words, BATCH_RUNS_MIN // words, 1), until_first)
     if not (search.has_failed and until_first):
-        at_least, budget = -(-TOGETHER // words), search.remaining_candidates(runs) - last
+        at_least, budget = -(-BATCH_RUNS_MIN // words), search.remaining_candidates(runs) - last
         for _ in evolve(search, search.start, step=STEP, population=at_least, budget=budget, seed=seed):
             if search.has_failed and until_first:
                 break
@@ -311,13 +311,13 @@ def _open_memo(store: Path | None, ready: PreparedCampaign, backend: str) -> Fli
 def _check_search(ready: PreparedCampaign, runs: int, words: int, over: str) -> None:
     if over not in OVER:
         raise InputError(argument_name("over"), f"must be one of the choices, got {over!r}", choices=OVER, fix="worst")
-    if not 1 <= words <= TOGETHER:
+    if not 1 <= words <= BATCH_RUNS_MIN:
         raise InputError(
             argument_name("words"),
-            f"got {words} words, but the number must be from 1 to {TOGETHER}",
+            f"got {words} words, but the number must be from 1 to {BATCH_RUNS_MIN}",
             fix=argument("words", 4),
         )
-    if runs < 4 * TOGETHER:
+    if runs < 4 * BATCH_RUNS_MIN:
         raise InputError(argument_name("runs"), f"{runs} runs are too few for a search", fix=argument("runs", 5000))
     refuse_options(ready)
     ends = [spread_levels(ready, np.full(len(ready.spread.factors), end)) for end in (0.0, 1.0)]

@@ -47,7 +47,7 @@ GROUPS = 32
 ROUNDS, BATCHES = 4, 10
 """Number of rounds, and number of batches in a round; the interval is computed from the batches' means."""
 LEAST_RUNS = 5000
-FARTHEST = 6.0
+SPREAD_MAX = 6.0
 """Largest distance, in standard deviations, at which parts must be valid."""
 STATE = "rare.json"
 PILOT_STREAM, ROUND_STREAM = 0, 1
@@ -193,7 +193,7 @@ def _check_differences(ready: PreparedCampaign) -> None:
     """Raise InputError for a spread that a search can't move, or that leaves the valid range."""
     refuse_options(ready)
     if ready.spread.factors:
-        ends = np.array([[-FARTHEST], [FARTHEST]]) * np.ones(len(ready.spread.factors))
+        ends = np.array([[-SPREAD_MAX], [SPREAD_MAX]]) * np.ones(len(ready.spread.factors))
         check_bounds(ready, inside_cube(special.ndtr(ends)))
 
 

@@ -53,7 +53,7 @@ from trimtab.core.errors import InputError
 
 HALVINGS = 60
 """Steps of the bisection; bounds are exact to 2^-60."""
-MOST = 1 << 62
+RUNS_MAX = 1 << 62
 """Upper limit of the search for a number of runs."""
 LEAST_FOR_MEAN = 30
 """Minimum number of runs for an interval of the mean; fewer do not determine the skewness."""
@@ -189,7 +189,7 @@ def least_trials(p: float, level: float, *, anytime: bool = False) -> int:
 def least_trials_anytime(p: float, tail: float) -> int:
     """Return the minimum number of successful runs for which the lower bound of the probability reaches p."""
     enough = -np.log(tail)
-    return bisect_left(range(MOST), True, lo=1, key=lambda n: bool(log_evidence(n, n, p) >= enough))
+    return bisect_left(range(RUNS_MAX), True, lo=1, key=lambda n: bool(log_evidence(n, n, p) >= enough))
 
 
 def log_evidence(k: Any, n: Any, p: Any) -> Any:

@@ -34,7 +34,7 @@ from trimtab.analysis.campaign.statistics.sensitivity import explain_no_variance
 from trimtab.core.errors import InputError
 
 NOISE_STEP = 1 / 3
-LEAST = 4
+TRAJECTORIES_MIN = 4
 """Minimum number of trajectories for an estimate of sigma."""
 
 
@@ -91,8 +91,8 @@ def morris(
     size = rows_per_trajectory(len(parameters), noise=noise)
     x = as_column(values, "morris")
     count = len(x) // size
-    if count < LEAST:
-        fix = f"fly at least {LEAST * size} runs; 20 trajectories are {20 * size} runs"
+    if count < TRAJECTORIES_MIN:
+        fix = f"fly at least {TRAJECTORIES_MIN * size} runs; 20 trajectories are {20 * size} runs"
         raise InputError("morris", f"got {len(x)} rows, i.e. {count} trajectories of {size} rows", fix=fix)
     x = x[: count * size]
     names = (*parameters, NOISE) if noise else tuple(parameters)

@@ -23,9 +23,9 @@ from trimtab.analysis.campaign.statistics.intervals import as_column, check_leve
 from trimtab.core.errors import InputError
 
 RESAMPLES = 1000
-TOGETHER = 50
+RESAMPLE_BATCH = 50
 """Number of resamples computed at a time, to limit memory."""
-LEAST = 8
+BASE_SAMPLES_MIN = 8
 """Minimum number of base samples for a useful interval."""
 
 
@@ -74,8 +74,8 @@ def sensitivity(
     check_level("sensitivity", level)
     size = rows_per_base(len(parameters), noise=noise)
     x = as_column(values, "sensitivity")
-    if len(x) < LEAST * size:
-        fix = f"fly at least {LEAST * size} runs; 1024 base samples are {1024 * size} runs"
+    if len(x) < BASE_SAMPLES_MIN * size:
+        fix = f"fly at least {BASE_SAMPLES_MIN * size} runs; 1024 base samples are {1024 * size} runs"
         raise InputError(
             "sensitivity", f"got {len(x)} rows, i.e. {len(x) // size} base samples of {size} rows", fix=fix
         )
@@ -117,8 +117,8 @@ def _bootstrap(a: Any, b: Any, ab: Any, level: float) -> tuple[Any, Any]:
     n, d = len(a), len(ab)
     products = np.concatenate([b * (ab - a), 0.5 * (a - ab) ** 2, [(a + b) / 2, (a * a + b * b) / 2]]).T
     rng, drawn = np.random.default_rng(n), []
-    for start in range(0, RESAMPLES, TOGETHER):
-        count = min(TOGETHER, RESAMPLES - start)
+    for start in range(0, RESAMPLES, RESAMPLE_BATCH):
+        count = min(RESAMPLE_BATCH, RESAMPLES - start)
         moments = rng.multinomial(n, np.full(n, 1 / n), size=count) @ products / n
         drawn.append(moments[:, : 2 * d] / (moments[:, [2 * d + 1]] - moments[:, [2 * d]] ** 2))
     tail = 50 * (1 - level)

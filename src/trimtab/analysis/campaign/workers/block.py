@@ -33,7 +33,7 @@ from trimtab.run.runner import choose_c, prepare_run
 from trimtab.run.simulate import Batch, simulate_batch
 from trimtab.run.walk_structure import lower_structure, walk_structure
 
-TOGETHER = 48_000
+JUDGED_ROWS = 48_000
 """Number of rows judged at a time; they fit into the processor's cache."""
 Blocks = list[tuple[int, int]]
 BlockResults = Generator[tuple[int, dict[str, Any]], None, None]
@@ -70,7 +70,7 @@ def compute_metrics(ready: PreparedCampaign, rows: Rows) -> dict[str, Any]:
     """Compute metrics, success and lost of some runs, each (n,); rows.final has the last values of the whole truth."""
     n = len(next(iter(rows.final.values())))
     metrics: dict[str, Any] = {m.name: np.empty(n) for m in ready.metrics}
-    together = max(TOGETHER // max(len(rows.t), 1), 1)
+    together = max(JUDGED_ROWS // max(len(rows.t), 1), 1)
     for first in range(0, n, together):
         part = slice(first, min(first + together, n))
         three = (rows.signals, rows.final, rows.parameters)

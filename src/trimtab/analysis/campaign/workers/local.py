@@ -11,7 +11,7 @@ import jax
 import numpy as np
 
 from trimtab.analysis.campaign.workers.block import BlockResults, Blocks, Workers, fly_block
-from trimtab.analysis.campaign.workers.prepare import FEWEST, PreparedCampaign
+from trimtab.analysis.campaign.workers.prepare import BLOCK_RUNS_MIN, PreparedCampaign
 
 AHEAD = 2
 """Number of blocks in progress: the metrics of one are computed while the other flies on all cores."""
@@ -90,5 +90,5 @@ def local_workers(threads: int | None = None, count: RowCount | None = None) -> 
 
 def _split_block(first: int, last: int, backend: str) -> Blocks:
     """Split a block into calls: JAX can't be interrupted, and a processor gains nothing from more runs at once."""
-    size = FEWEST if backend == "jax" and jax.default_backend() == "cpu" else last - first
+    size = BLOCK_RUNS_MIN if backend == "jax" and jax.default_backend() == "cpu" else last - first
     return [(start, min(start + size, last)) for start in range(first, last, size)]

@@ -40,7 +40,7 @@ from trimtab.scenarios.build import CALIBRATION, build
 
 MEMORY = 48 * 2**20
 """Approximate memory for the logged rows of a block, in bytes."""
-FEWEST, MOST = 64, 2048
+BLOCK_RUNS_MIN, BLOCK_RUNS_MAX = 64, 2048
 """Minimum and maximum number of runs in a block."""
 VARIANTS = 64
 """Maximum number of programs for the choices of options."""
@@ -234,7 +234,11 @@ def prepare_campaign(
         int(np.prod(s)) for p, s in known.shapes.items() if any(p == w or p.startswith(w + ".") for w in signals)
     )
     rows = max(scenario.duration // plan.log_period, 1)
-    block = int(np.clip(MEMORY // (8 * rows * max(width, 1)), FEWEST, MOST)) // FEWEST * FEWEST
+    block = (
+        int(np.clip(MEMORY // (8 * rows * max(width, 1)), BLOCK_RUNS_MIN, BLOCK_RUNS_MAX))
+        // BLOCK_RUNS_MIN
+        * BLOCK_RUNS_MIN
+    )
     return ready._replace(block=block)
 
 
