@@ -67,8 +67,10 @@ EQUAL = Setting("100 on both modes", EQUAL_Q)
 BETTER = Setting("500 on mode 1, 6 on mode 2", TUNED_Q)
 ACCURATE = Setting("for an exact model", PRINTED_Q, 1e-4, (1.0,) * 4)
 PRINTED = Setting("printed", PRINTED_Q, 10.0, (1.0,) * 4)
-TOGETHER = tuple(Setting(f"{q:g} on both modes", (1e-5, q, 1e-5, q)) for q in (1.0, 3.0, 10.0, 30.0, 300.0, 1000.0))
-APART = tuple(
+EQUAL_SETTINGS = tuple(
+    Setting(f"{q:g} on both modes", (1e-5, q, 1e-5, q)) for q in (1.0, 3.0, 10.0, 30.0, 300.0, 1000.0)
+)
+SEPARATE_SETTINGS = tuple(
     Setting(f"{a:g} on mode 1, {b:g} on mode 2", (1e-5, a, 1e-5, b))
     for a, b in ((10.0, 2.0), (30.0, 3.0), (100.0, 4.0), (200.0, 5.0), (300.0, 5.0), (800.0, 8.0))
 )
@@ -127,7 +129,7 @@ def fly_offsets(settings: Sequence[Setting]) -> list[tuple[float, float]]:
 @cache
 def trade_curve(seeds: int = SEEDS) -> list[tuple[Setting, Activity]]:
     """Return all settings of the filter, flown once: those on both modes, then those apart."""
-    settings = (*TOGETHER, EQUAL, *APART, BETTER)
+    settings = (*EQUAL_SETTINGS, EQUAL, *SEPARATE_SETTINGS, BETTER)
     return list(zip(settings, fly_noise(settings, seeds), strict=True))
 
 

@@ -9,7 +9,15 @@ from typing import Any
 import numpy as np
 
 from studies.hypersonic2022._linear_loop import loop_quality
-from studies.hypersonic2022._trade import APART, BETTER, EQUAL, TOGETHER, Activity, Setting, trade_curve
+from studies.hypersonic2022._trade import (
+    BETTER,
+    EQUAL,
+    EQUAL_SETTINGS,
+    SEPARATE_SETTINGS,
+    Activity,
+    Setting,
+    trade_curve,
+)
 from trimtab.plots.style import BLUE, DPI, GREEN, GREY, VERMILION
 
 HIGHEST = 0.3
@@ -36,8 +44,8 @@ def _draw_tracking(axes: Any, found: dict[str, tuple[Setting, Activity]]) -> Non
     axes.axhspan(*TRACKING, color="#EEEEEE", zorder=0)
     axes.text(0.53, 0.0084, "required", fontsize=8, color=GREY, ha="right", va="bottom")
     for settings, colour, words in (
-        ((*TOGETHER[:4], EQUAL, *TOGETHER[4:]), BLUE, "the same on both modes"),
-        ((*APART[:5], BETTER, APART[5]), VERMILION, "each mode its own"),
+        ((*EQUAL_SETTINGS[:4], EQUAL, *EQUAL_SETTINGS[4:]), BLUE, "the same on both modes"),
+        ((*SEPARATE_SETTINGS[:5], BETTER, SEPARATE_SETTINGS[5]), VERMILION, "each mode its own"),
     ):
         flown = [found[s.name][1] for s in settings]
         x = np.array([np.rad2deg(np.sqrt(np.mean(a.elevator**2))) for a in flown])
@@ -55,7 +63,10 @@ def _draw_tracking(axes: Any, found: dict[str, tuple[Setting, Activity]]) -> Non
 
 def _draw_growth(axes: Any) -> None:
     both = [loop_quality((1e-5, q, 1e-5, q)) for q in np.geomspace(0.5, 1000, 24)]
-    first, second = np.array([s.Q[1] for s in (*APART, BETTER)]), np.array([s.Q[3] for s in (*APART, BETTER)])
+    first, second = (
+        np.array([s.Q[1] for s in (*SEPARATE_SETTINGS, BETTER)]),
+        np.array([s.Q[3] for s in (*SEPARATE_SETTINGS, BETTER)]),
+    )
     order = np.argsort(first)
     grid = np.geomspace(first.min(), first.max(), 24)
     twos = np.exp(np.interp(np.log(grid), np.log(first[order]), np.log(second[order])))

@@ -19,9 +19,9 @@ from studies.hypersonic2022._trade import (
     ACCURATE,
     BETTER,
     EQUAL,
+    EQUAL_SETTINGS,
     PRINTED,
     SEEDS,
-    TOGETHER,
     Activity,
     DetunedErrors,
     Setting,
@@ -74,7 +74,7 @@ def _activity_by_name() -> dict[str, Activity]:
 
 @cache
 def _detuned_by_name() -> dict[str, DetunedErrors]:
-    settings = (EQUAL, BETTER, TOGETHER[0], ACCURATE, PRINTED)
+    settings = (EQUAL, BETTER, EQUAL_SETTINGS[0], ACCURATE, PRINTED)
     return dict(zip((s.name for s in settings), fly_detuned(settings), strict=True))
 
 
@@ -110,7 +110,7 @@ def _errors_of_the_modes() -> Iterator[Row]:
         lost = float(each[setting.name].lost.sum())
         yield direction(f"modes/{name}", words, "most are lost", lost, PLACE, above=runs / 2, note=note, **FLOWN)
     words = "modes 10 % off, 1 on both modes: h error rms, worst run"
-    worst = each[TOGETHER[0].name].h.max()
+    worst = each[EQUAL_SETTINGS[0].name].h.max()
     note = "Least elevator of all, and unstable at 0.90: the oscillation is still growing when the climb ends."
     yield direction("modes/slow", words, "much", worst, PLACE, above=1.0, unit="ft", note=note, **FLOWN)
 
@@ -124,7 +124,7 @@ def _curve() -> Iterator[Row]:
         values = np.rad2deg(theory.elevator), np.rad2deg(_rms(found.elevator))
         id, what = f"curve/{setting.name.split(':')[-1].strip()}", f"Qacc {setting.name}, elevator rms from noise"
         yield within(id, what, *values, PLACE, relative=0.05, **about)
-    fast = TOGETHER[-1]
+    fast = EQUAL_SETTINGS[-1]
     note = "Lasting, of second order: a quarter at half the noise. So a faster filter does not track better."
     means = [float(np.mean(a.offset)) for a in fly_noise((fast,), 4)]
     half = [float(np.mean(a.offset)) for a in fly_noise((fast,), 4, 0.005)]

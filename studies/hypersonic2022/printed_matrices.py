@@ -33,7 +33,7 @@ FITTED = {
 """Indices in A, from 0, that fixed a constant of the model which [1] does not print."""
 TRIVIAL = "A", 3, 4
 """Entries that are 1 in any model."""
-CLOSE = {(6, 3), (8, 3)}
+CLOSE_ENTRIES = {(6, 3), (8, 3)}
 """Entries met to 1e-5."""
 MAGNITUDE, CLOSELY = 0.011, 1e-5
 SIGN = "The model's sign is the other one: the printed one contradicts eqs. 1-3."
@@ -63,7 +63,7 @@ def _entry(letter: str, at: tuple[int, int], name: str, printed: float, got: flo
     fitted = letter == "A" and at in FITTED
     basis = f" [basis] It fixed {FITTED[at]}." if fitted else ""
     note = f"Exact model: {right:.4g}.{basis}"
-    relative = CLOSELY if letter == "A" and at in CLOSE else MAGNITUDE
+    relative = CLOSELY if letter == "A" and at in CLOSE_ENTRIES else MAGNITUDE
     about: dict[str, Any] = {"relative": relative, "note": note, "basis": "input" if fitted else "printed"}
     if letter == "B" and i == 8:
         about |= {"must_hold": False, "note": f"{UNEXPLAINED} {note}"}

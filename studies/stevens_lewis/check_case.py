@@ -53,7 +53,7 @@ C1, C2, C3, C4, C5, C6, C7, C8, C9 = -0.770, 0.02755, 1.055e-4, 1.642e-6, 0.9604
 """Inertia constants of the program, slugs and feet."""
 MOMENTUM = 160.0
 """Angular momentum of its engine."""
-CLOSE = 1e-5
+RELATIVE_ERROR_MAX = 1e-5
 """Relative tolerance: the program uses 57.3 degrees per radian in one place."""
 LESS = 1.3825e-4
 """Change of the rolling moment's coefficient with which both rows that fail would hold."""
@@ -88,7 +88,7 @@ def rows() -> Iterator[Row]:
             printed,
             computed,
             "[1] table 3.5-2",
-            relative=CLOSE,
+            relative=RELATIVE_ERROR_MAX,
             unit=unit,
             must_hold=not of_roll,
             note=WHY if of_roll else "",

@@ -28,7 +28,7 @@ R = 0.1 * np.eye(2)
 SURFACES = ("aileron", "rudder")
 MEASURED = ("washed_yaw_rate", "roll_rate", "beta", "roll")
 PRINTED = np.array([[-0.56, -0.44, 0.11, -0.35], [-1.19, -0.21, -0.44, 0.26]])
-FLAT = 1e-4
+COST_EXCESS_MAX = 1e-4
 """Relative excess of the cost at which a search may stop early: that of the printed gains, to its first figure."""
 
 
@@ -64,7 +64,7 @@ def lateral_loop() -> LateralLoop:
 
 
 def find_gains(loop: LateralLoop) -> tuple[Any, Any]:
-    """Return the gains (2, 4) of least cost, starting from the printed ones, and their tolerances for a FLAT cost."""
+    """Return the gains (2, 4) of least cost, starting from the printed ones, and their tolerances for an excess of COST_EXCESS_MAX."""
 
     def flat_cost(k: Any) -> tuple[float, Any]:
         value, slope = loop.cost(k.reshape(PRINTED.shape))
@@ -73,7 +73,7 @@ def find_gains(loop: LateralLoop) -> tuple[Any, Any]:
     least = minimize(flat_cost, PRINTED.ravel(), jac=True, method="BFGS", options={"gtol": 1e-5})
     step = 1e-5
     bends = [(flat_cost(least.x + e)[1] - flat_cost(least.x - e)[1]) / (2 * step) for e in step * np.eye(PRINTED.size)]
-    open_by = np.sqrt(2 * FLAT * least.fun * np.diag(np.linalg.inv(np.array(bends))))
+    open_by = np.sqrt(2 * COST_EXCESS_MAX * least.fun * np.diag(np.linalg.inv(np.array(bends))))
     return least.x.reshape(PRINTED.shape), open_by.reshape(PRINTED.shape)
 
 
@@ -95,4 +95,4 @@ def rows() -> Iterator[Row]:
         )
     more = loop.cost(PRINTED)[0] / loop.cost(gains)[0] - 1
     what = "what the printed gains cost more than ours, part of the cost"
-    yield at_most("cost", what, 0.0, more, "[1] example 5.3-1", high=FLAT, unit="1", basis="reference")
+    yield at_most("cost", what, 0.0, more, "[1] example 5.3-1", high=COST_EXCESS_MAX, unit="1", basis="reference")

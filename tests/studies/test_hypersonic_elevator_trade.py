@@ -85,7 +85,7 @@ def test_two_seeds_with_modes_ten_per_cent_off():
 @pytest.mark.thorough
 def test_growth_is_that_of_a_flight():
     """Qacc = 1 on both modes, both frequencies 0.90: the oscillation of eta1's error, logarithm of its size by time."""
-    setting = trade.TOGETHER[0]
+    setting = trade.EQUAL_SETTINGS[0]
     flown = trade.noise.scenario(integral="off")
     x, modes = flown.initial, flown.world.vehicle.modes
     more = {"world.vehicle.modes.w1": [0.9 * modes.w1], "world.vehicle.modes.w2": [0.9 * modes.w2]}

@@ -31,7 +31,7 @@ import numpy as np
 from trimtab.core.errors import InputError
 from trimtab.design.loop_transfer import FeedbackLoop
 
-PEAKS, CLOSE = 12, 0.7
+PEAKS, PEAK_SHARE_MIN = 12, 0.7
 """Number of the grid's highest peaks that are refined, and their least height relative to the highest."""
 CROSSOVER_DISTANCES = np.geomspace(1e-6, 0.3, 60)
 """Relative distances of frequencies from a crossover, where T peaks when the constant delay is near its margin."""
@@ -193,7 +193,7 @@ def _refine_peak(gain: Callable[[Any], Any], w: Any) -> float:
     values = gain(w)
     inner = np.flatnonzero((values[1:-1] >= values[:-2]) & (values[1:-1] >= values[2:])) + 1
     best = float(values.max())
-    inner = inner[values[inner] > CLOSE * best]
+    inner = inner[values[inner] > PEAK_SHARE_MIN * best]
     for i in inner[np.argsort(-values[inner])][:PEAKS]:
         peak: Any = minimize_scalar(
             lambda v: -float(gain(np.array([v]))[0]),

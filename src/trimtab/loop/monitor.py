@@ -39,8 +39,8 @@ MOST_MEMORY = 100_000
 """Maximum number of values that a monitor may store."""
 _NAMED = re.compile(r"\s*(?:(?P<name>[a-z][a-z0-9_]*)\s*:)?\s*(?P<formula>[^;]*?)\s*", re.DOTALL)
 EXAMPLE = "always(abs(estimate.state.yaw_rate) < 4 rad/s)"
-LEAST, LARGEST = (jnp.minimum, math.inf), (jnp.maximum, -math.inf)
-EXTREMES = {"always": LEAST, "historically": LEAST, "eventually": LARGEST, "once": LARGEST}
+SMALLEST, LARGEST = (jnp.minimum, math.inf), (jnp.maximum, -math.inf)
+EXTREMES = {"always": SMALLEST, "historically": SMALLEST, "eventually": LARGEST, "once": LARGEST}
 
 
 @record
