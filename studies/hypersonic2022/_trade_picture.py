@@ -63,10 +63,8 @@ def _draw_tracking(axes: Any, found: dict[str, tuple[Setting, Activity]]) -> Non
 
 def _draw_growth(axes: Any) -> None:
     both = [loop_quality((1e-5, q, 1e-5, q)) for q in np.geomspace(0.5, 1000, 24)]
-    first, second = (
-        np.array([s.Q[1] for s in (*SEPARATE_SETTINGS, BETTER)]),
-        np.array([s.Q[3] for s in (*SEPARATE_SETTINGS, BETTER)]),
-    )
+    separate = np.array([s.Q for s in (*SEPARATE_SETTINGS, BETTER)])
+    first, second = separate[:, 1], separate[:, 3]
     order = np.argsort(first)
     grid = np.geomspace(first.min(), first.max(), 24)
     twos = np.exp(np.interp(np.log(grid), np.log(first[order]), np.log(second[order])))
