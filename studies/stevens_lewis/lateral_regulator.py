@@ -64,7 +64,7 @@ def lateral_loop() -> LateralLoop:
 
 
 def find_gains(loop: LateralLoop) -> tuple[Any, Any]:
-    """Return the gains (2, 4) of least cost, starting from the printed ones, and their tolerances at COST_EXCESS_MAX."""
+    """Return the gains (2, 4) of least cost, from the printed ones on, and their tolerances at COST_EXCESS_MAX."""
 
     def flat_cost(k: Any) -> tuple[float, Any]:
         value, slope = loop.cost(k.reshape(PRINTED.shape))

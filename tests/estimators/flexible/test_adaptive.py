@@ -142,7 +142,8 @@ def test_probabilities_are_those_of_bayes_with_a_floor():
     np.testing.assert_allclose(p[:2], np.array([0.05, 0.12]) / 0.17, rtol=1e-5)
     assert p[2] == pytest.approx(PROBABILITY_MIN, rel=1e-5)
     assert p.sum() == pytest.approx(1)
-    assert pytest.approx(HYPOTHESIS_SPACING**2) == 1.5 * (1 - SHARE**2)  # of three a third each: 2/3 d^2 + SHARE^2 = 1
+    # three hypotheses of a third each: 2/3 d^2 + SHARE^2 = 1
+    assert pytest.approx(HYPOTHESIS_SPACING**2) == 1.5 * (1 - SHARE**2)
 
 
 @pytest.mark.thorough
