@@ -20,7 +20,7 @@ import time
 from pathlib import Path
 from time import monotonic_ns
 
-from trimtab.flight.outputs import DRIVEN, OutputPort
+from trimtab.flight.output_port import DRIVEN, OutputReader
 from trimtab.flight.real_time import Histogram
 
 BUCKETS_MS = (1, 2, 5, 10, 20, 50, 60, 70, 80, 100, 200, 500, 1000)
@@ -57,7 +57,7 @@ def measure_once(what: str, timeout: int) -> int:
         try:
             while not file.exists() or file.stat().st_size == 0:
                 time.sleep(0.005)
-            port = OutputPort(file, 2)
+            port = OutputReader(file)
             while port.read()[1].state != DRIVEN:
                 time.sleep(0.005)
             time.sleep(0.05)

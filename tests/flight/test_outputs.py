@@ -1,5 +1,6 @@
 """The outputs' process: a vehicle's process killed or stopped, and what acts then."""
 
+import contextlib
 import os
 import resource
 import signal
@@ -13,8 +14,9 @@ import pytest
 from flight.pair import Program, make_key
 from flight.transports.ends import free_port
 
-from trimtab.flight.outputs import Outputs
-from trimtab.flight.watchdog import DRIVEN, LATCHED, SAFE, OutputPort, OutputRow, Watchdog
+from trimtab.flight.output_port import DRIVEN, LATCHED, SAFE, STALE, OutputReader, OutputRow
+from trimtab.flight.outputs import FROZEN, Outputs
+from trimtab.flight.watchdog import Watchdog
 
 MS = 1_000_000
 BUSY_BOUND = 2_000 * MS
@@ -22,7 +24,7 @@ BUSY_BOUND = 2_000 * MS
 FEEDER = """
 import sys, time
 from pathlib import Path
-from trimtab.flight.outputs import Outputs
+from trimtab.flight.outputs import FROZEN, Outputs
 outputs = Outputs([0.0, 1.5], timeout=50_000_000, lift_delay=300_000_000, latch=250_000_000, folder=Path(sys.argv[1]))
 print("fed", flush=True)
 while outputs.is_alive:
@@ -35,7 +37,7 @@ while outputs.is_alive:
 def feeder(tmp_path):
     process = subprocess.Popen([sys.executable, "-c", FEEDER, str(tmp_path)], stdout=subprocess.PIPE)
     assert process.stdout.readline() == b"fed\n"
-    port = OutputPort(tmp_path / "outputs.bin", 2)
+    port = OutputReader(tmp_path / "outputs.bin")
     await_row(port, lambda row: row.state == DRIVEN)
     yield process, port, tmp_path / "outputs.txt"
     process.kill()
@@ -132,6 +134,61 @@ def test_the_vehicle_hears_of_a_latched_silence_and_of_the_death_of_its_outputs(
 
 
 @pytest.mark.real_time
+def test_a_frozen_process_of_outputs_is_noticed_and_the_driver_goes_safe(tmp_path):
+    outputs = Outputs([0.0], timeout=50 * MS, lift_delay=100 * MS, latch=250 * MS, folder=tmp_path)
+    try:
+        port = OutputReader(tmp_path / "outputs.bin")
+        while port.read()[1].state != DRIVEN:
+            outputs.hand_over(True, True, [0.7])
+            time.sleep(0.005)
+        os.kill(outputs.process.pid, signal.SIGSTOP)
+        began = monotonic_ns()
+        while outputs.is_alive:
+            outputs.hand_over(True, True, [0.7])
+            assert monotonic_ns() - began < BUSY_BOUND
+            time.sleep(0.005)
+        assert outputs.problem == FROZEN
+        assert port.row_to_apply(monotonic_ns()) == OutputRow(STALE, True, (0.0,))
+        time.sleep(0.2)
+        assert port.row_to_apply(monotonic_ns()) == OutputRow(STALE, False, (0.0,))
+        assert port.read()[1] == OutputRow(DRIVEN, True, (0.7,))
+    finally:
+        os.kill(outputs.process.pid, signal.SIGCONT)
+        outputs.close()
+    assert not (tmp_path / "outputs.bin").exists()
+
+
+@pytest.mark.real_time
+def test_a_paused_terminal_does_not_hold_up_the_outputs(tmp_path):
+    """Standard error is a full pipe that nobody reads. The outputs go safe, stop the lift and end all the same."""
+    reader, writer = os.pipe()
+    os.set_blocking(writer, False)
+    with contextlib.suppress(BlockingIOError):
+        while os.write(writer, b"x" * 65536):
+            pass
+    os.set_blocking(writer, True)
+    process = subprocess.Popen([sys.executable, "-c", FEEDER, str(tmp_path)], stdout=subprocess.PIPE, stderr=writer)
+    try:
+        assert process.stdout.readline() == b"fed\n"
+        port = OutputReader(tmp_path / "outputs.bin")
+        await_row(port, lambda row: row.state == DRIVEN and row.lift)
+        process.kill()
+        await_row(port, lambda row: row.state != DRIVEN)
+        await_row(port, lambda row: not row.lift)
+        end = monotonic_ns() + 20_000 * MS
+        while (tmp_path / "outputs.bin").is_symlink():
+            assert monotonic_ns() < end, "the outputs' process did not end"
+            time.sleep(0.01)
+        assert "at rest" in (tmp_path / "outputs.txt").read_text()
+    finally:
+        process.kill()
+        process.wait()
+        process.stdout.close()
+        os.close(reader)
+        os.close(writer)
+
+
+@pytest.mark.real_time
 def test_a_vehicle_killed_in_flight_leaves_its_outputs_safe_and_says_why(tmp_path):
     make_key(tmp_path)
     scenario, out = "hovercraft/zero-velocity", tmp_path / "there"
@@ -142,7 +199,7 @@ def test_a_vehicle_killed_in_flight_leaves_its_outputs_safe_and_says_why(tmp_pat
         there.wait_for("listens on")
         here = Program("fly", scenario, "--link", "udp://127.0.0.1:14671", *rest, folder=tmp_path)
         there.wait_for("computer: arm request", "ended")
-        port = OutputPort(out / "outputs.bin", 2)
+        port = OutputReader(out / "outputs.bin")
         await_row(port, lambda row: row.state == DRIVEN and row.lift)
         there.process.kill()
         await_row(port, lambda row: row.state != DRIVEN and not row.lift)
@@ -157,18 +214,6 @@ def test_a_vehicle_killed_in_flight_leaves_its_outputs_safe_and_says_why(tmp_pat
                 program.process.communicate()
 
 
-def test_nobody_else_writes_what_acts_whatever_the_mask(tmp_path):
-    """Who writes the port moves the craft."""
-    before = os.umask(0)
-    try:
-        OutputPort(tmp_path / "outputs.bin", 2, create=True)
-    finally:
-        os.umask(before)
-    assert (tmp_path / "outputs.bin").stat().st_mode & 0o022 == 0
-    with pytest.raises(FileExistsError):
-        OutputPort(tmp_path / "outputs.bin", 2, create=True)
-
-
 @pytest.mark.real_time
 def test_a_vehicle_that_ends_in_order_is_not_taken_for_one_that_hangs(tmp_path):
     make_key(tmp_path)
@@ -181,7 +226,7 @@ def test_a_vehicle_that_ends_in_order_is_not_taken_for_one_that_hangs(tmp_path):
         while not (out / "outputs.bin").exists():
             assert time.monotonic() < end
             time.sleep(0.05)
-        await_row(OutputPort(out / "outputs.bin", 2), lambda row: row.state == DRIVEN)
+        await_row(OutputReader(out / "outputs.bin"), lambda row: row.state == DRIVEN)
         there.process.send_signal(signal.SIGTERM)
         assert there.finished().status == 0
     finally:

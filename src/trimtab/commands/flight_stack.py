@@ -163,8 +163,9 @@ def serve_stack(
         vehicle = _compile_vehicle(scenario, seed, channels, release, option, stack.channels, tell)
         physics = stack.physics(scenario, vehicle, link, seed=seed)
         tell(f"{scenario.name} waits on {line} for  {stack.begin}   Ctrl-C ends it.")
-        with current_machine().catch_interrupts() as stop:
-            summary = physics.serve(duration=duration, log=log, stop=stop, tell=tell)
+        machine = current_machine()
+        with machine.write_lines(tell) as lines, machine.catch_interrupts() as stop:
+            summary = physics.serve(duration=duration, log=log, stop=stop, tell=lines.put)
     finally:
         link.close()
     _end(scenario, seed, summary, stack.maker, out, as_json)

@@ -204,12 +204,13 @@ def _fly_real_time(
 ) -> tuple[dict[str, Any], str]:
     """Fly, and return the result and the granted scheduling. address: of the console; None: no console."""
 
-    def tell(text: str) -> None:
+    def echo(text: str) -> None:
         click.echo(text, err=quiet)
 
     machine = current_machine()
-    with machine.catch_interrupts() as stop, machine.store_stamps_ahead(autopilot.endpoint):
-        autopilot.remote.tell = tell
+    lines, stamps = machine.write_lines(echo), machine.store_stamps_ahead(autopilot.endpoint)
+    with lines as sink, machine.catch_interrupts() as stop, stamps:
+        autopilot.remote.tell = sink.put
         autopilot.connect(stop=stop, follows_clock=follows_clock)
         fly = partial(
             autopilot.fly,
@@ -218,19 +219,20 @@ def _fly_real_time(
             wanted_real_time=real_time,
             overrun=overrun,
             stop=stop,
-            tell=tell,
+            tell=sink.put,
+            lost_lines=lambda: sink.lost,
         )
         if address is None:
             flight = fly()
         else:
             with open_console(address, lambda line: describe_flight(autopilot, line)) as console:
-                tell(f"console: {console.url}\nfor observers: {console.observer}")
+                sink.put(f"console: {console.url}\nfor observers: {console.observer}")
                 if address.opens:
                     webbrowser.open(console.url)
                 flight = fly(console=console.line)
     stored = autopilot.parameters.store()
     if stored:
-        tell(stored)
+        echo(stored)
     result = {
         "scenario": autopilot.scenario.name,
         "duration_s": to_seconds(flight.t),

@@ -159,7 +159,8 @@ def command(
                 options = StationOptions(out, transfer_rate(line_uri), place, store)
                 live = _build_vehicle(built, line, endpoint, seed, options)
             tell(f"{built.name} listens on {line_uri}; held until it is armed. Ctrl-C ends it.")
-            with machine.catch_interrupts() as stop, machine.store_stamps_ahead(live.endpoint):
+            lines, stamps = machine.write_lines(tell), machine.store_stamps_ahead(live.endpoint)
+            with lines as sink, machine.catch_interrupts() as stop, stamps:
                 service = live.serve(
                     duration=limit,
                     log=log,
@@ -168,7 +169,8 @@ def command(
                     outputs_folder=out,
                     wanted_real_time=real_time,
                     stop=stop,
-                    tell=tell,
+                    tell=sink.put,
+                    lost_lines=lambda: sink.lost,
                 )
             release_time, end = service.release_time, service.disarm_time or service.t
             service_facts = _describe_service(service, live, line)

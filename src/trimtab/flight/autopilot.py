@@ -18,7 +18,13 @@ from trimtab.flight.autopilot_end import LONGEST_SAMPLE_AGE, MOST_SAMPLE_LEAD, A
 from trimtab.flight.autopilot_parameters import AutopilotParameters
 from trimtab.flight.connection_problem import owner_problem
 from trimtab.flight.console_line import ConsoleLine
-from trimtab.flight.flight_log import FlightRecorder, count_frames, list_log_problems, open_flight_log
+from trimtab.flight.flight_log import (
+    FlightRecorder,
+    count_frames,
+    describe_lost_lines,
+    list_log_problems,
+    open_flight_log,
+)
 from trimtab.flight.flight_signals import FLIGHT_SIGNALS, LiveFlightSummary
 from trimtab.flight.machine import SYSTEM_MACHINE, Machine
 from trimtab.flight.mavlink.dialect import Dialect
@@ -156,6 +162,7 @@ class LiveAutopilot:
         console: ConsoleLine | None = None,
         stop: Callable[[], bool] = lambda: False,
         tell: Callable[[str], None] = lambda _: None,
+        lost_lines: Callable[[], int] = lambda: 0,
     ) -> LiveFlightSummary:
         """Arm as soon as there is an estimate, fly for `duration` (100 ns) from arming, then disarm.
 
@@ -167,7 +174,8 @@ class LiveAutopilot:
             overrun: "count" continues after an overrun; "halt" ends an armed flight at the first one.
             console: console of the pilot, who then decides when to arm; its rows have been set.
             stop: called every period; True ends the flight.
-            tell: receives the messages for the user.
+            tell: receives the messages for the user. It must not wait.
+            lost_lines: number of these messages that were lost.
         """
         if overrun not in OVERRUN_POLICIES:
             raise InputError(
@@ -215,6 +223,8 @@ class LiveAutopilot:
                     if is_ours and not self.remote.is_taken:  # another autopilot's vehicle is left alone
                         self._disarm()
         finally:
+            if flight_log is not None and (count := lost_lines()):
+                flight_log.write_event(describe_lost_lines(count))
             self._flight_log = None
             summary = flight_log.close() if flight_log else None
         lost = [] if flight_log is None else list_log_problems(summary)

@@ -4,6 +4,7 @@ Source: docs page, Fly.
 """
 
 import shutil
+import threading
 from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple, Protocol
@@ -171,6 +172,11 @@ class FlightLog:
         self._ring.close()
 
 
+def describe_lost_lines(count: int) -> str:
+    """Return the line of the log about lines for the user that nobody could read."""
+    return f"{count} lines for the user were lost: the terminal, or the reader of the output, did not take them"
+
+
 def list_log_problems(summary: LogFileSummary | None) -> list[str]:
     """Return the problems of a log that has ended. summary: None if its writer had died."""
     if summary is None:
@@ -193,18 +199,44 @@ class Disk(Protocol):
         ...
 
 
+LOOK_S = 1.0
+"""Time (s) between two looks at the free space."""
+
+
 class SystemDisk:
     """The disk of this machine. A process of its own writes each log."""
 
+    def __init__(self) -> None:
+        self._free: dict[Path, int] = {}
+
     def free_bytes(self, folder: Path) -> int:
-        """Return the free space (bytes) on the disk of a folder."""
-        return shutil.disk_usage(folder).free
+        """Return the free space (bytes) on the disk of a folder, as a thread last saw it; 0 where the folder is gone.
+
+        The first call for a folder looks by itself. A disk that hangs does not hold up later calls.
+        """
+        if folder not in self._free:
+            self._free[folder] = _look_at_space(folder)
+            threading.Thread(target=self._watch, args=(folder,), name="free space", daemon=True).start()
+        return self._free[folder]
+
+    def _watch(self, folder: Path) -> None:
+        while True:
+            SYSTEM_CLOCK.wait(None, LOOK_S)
+            self._free[folder] = _look_at_space(folder)
 
     def open_log(
         self, path: Path, rows: FlightRows, metadata: Mapping[str, Any], frame: str, limit: LogLimit | None
     ) -> FlightLog:
         """Open a log. Arguments as of `FlightLog`."""
+        self.free_bytes(path.parent)
         return FlightLog(path, rows, metadata, frame, limit)
+
+
+def _look_at_space(folder: Path) -> int:
+    try:
+        return shutil.disk_usage(folder).free
+    except OSError:
+        return 0
 
 
 SYSTEM_DISK = SystemDisk()

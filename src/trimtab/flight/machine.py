@@ -13,8 +13,9 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import AbstractContextManager
 from typing import NamedTuple, Protocol
 
-from trimtab.core.clock import SYSTEM_CLOCK, Clock
+from trimtab.core.clock import NS_PER_SECOND, SYSTEM_CLOCK, Clock
 from trimtab.core.interfaces import Link
+from trimtab.core.line_writer import LineWriter
 from trimtab.flight.flight_log import SYSTEM_DISK, Disk
 from trimtab.flight.mavlink.authority import draw_session
 from trimtab.flight.mavlink.endpoint import Endpoint
@@ -26,17 +27,29 @@ STORE_PERIOD_S = 1.0
 """Period of storing time stamps ahead (s)."""
 
 
+SAME_KEYPRESS_S = 0.3
+"""Time (s) within which a second signal counts as the same request: some terminals and wrappers send two."""
+
+
 @contextlib.contextmanager
-def catch_interrupts() -> Iterator[Callable[[], bool]]:
-    """Turn Ctrl-C and SIGTERM into a flag, so that logs are closed. The second one ends the program at once."""
+def catch_interrupts(clock: Clock = SYSTEM_CLOCK) -> Iterator[Callable[[], bool]]:
+    """Turn Ctrl-C, SIGTERM and SIGHUP into a flag, so that the craft is disarmed and logs are closed.
+
+    A second signal after `SAME_KEYPRESS_S` ends the program at once. SIGHUP comes when a terminal or an ssh session is
+    lost. It stays ignored where it was ignored before, as under nohup.
+    """
     asked: list[int] = []
 
-    def note(number: int, _: object) -> None:
-        if asked:
+    def note(_number: int, _: object) -> None:
+        now = clock.monotonic_ns()
+        if asked and now - asked[0] > SAME_KEYPRESS_S * NS_PER_SECOND:
             raise KeyboardInterrupt
-        asked.append(number)
+        asked.append(now)
 
-    before = {number: signal.signal(number, note) for number in (signal.SIGINT, signal.SIGTERM)}
+    numbers = [signal.SIGINT, signal.SIGTERM]
+    if hasattr(signal, "SIGHUP") and signal.getsignal(signal.SIGHUP) is not signal.SIG_IGN:
+        numbers.append(signal.SIGHUP)
+    before = {number: signal.signal(number, note) for number in numbers}
     try:
         yield lambda: bool(asked)
     finally:
@@ -63,6 +76,29 @@ def store_stamps_ahead(endpoint: Endpoint) -> Iterator[None]:
         endpoint.close()
 
 
+class LineSink(Protocol):
+    """Receiver of lines for the user. It never waits."""
+
+    @property
+    def lost(self) -> int:
+        """Number of lines that could not be written."""
+        ...
+
+    def put(self, text: str) -> None:
+        """Take a line."""
+        ...
+
+
+@contextlib.contextmanager
+def write_lines(write: Callable[[str], object]) -> Iterator[LineSink]:
+    """Write lines by a thread, and those that still wait at the end, for a second at most."""
+    writer = LineWriter(write)
+    try:
+        yield writer
+    finally:
+        writer.close()
+
+
 class OpenLink(Protocol):
     """Opens a link, see `links.open_link.open_link`."""
 
@@ -85,6 +121,8 @@ class Machine(NamedTuple):
     """Turns a request to end into a flag."""
     store_stamps_ahead: Callable[[Endpoint], AbstractContextManager[None]] = store_stamps_ahead
     """Stores the time stamps of an endpoint ahead, and closes the endpoint at the end."""
+    write_lines: Callable[[Callable[[str], object]], AbstractContextManager[LineSink]] = write_lines
+    """Writes lines for the user, so that nobody waits for the terminal."""
     typed_words: Callable[[], Sequence[str]] = lambda: sys.argv[1:]
     """Returns the words of the command line after the program's name."""
     draw_session: Callable[[], int] = draw_session

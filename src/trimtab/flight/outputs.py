@@ -19,13 +19,15 @@ from typing import NamedTuple, Protocol
 
 from trimtab.core.clock import SYSTEM_CLOCK, Clock
 from trimtab.core.errors import InputError, argument_name
+from trimtab.flight.output_port import LIFE_TIMEOUT, port_path
 
 HEARTBEAT = 5_000_000
 """Longest time (ns) between two rows, changed or not."""
 START_S, END_S = 10.0, 5.0
 HEAD = struct.Struct("<q??")
 """Head of a row: time of the hand-over (ns, monotonic clock), True if a command is in force, True if the lift turns."""
-READY, TRIPPED, END = b"ready", b"tripped ", b"end"
+READY, TRIPPED, END, ECHO = b"ready", b"tripped ", b"end", b"echo"
+DIED, FROZEN = "the outputs' process died", "the outputs' process is frozen"
 PORT_FILE, LOG_FILE = "outputs.bin", "outputs.txt"
 
 
@@ -115,6 +117,8 @@ def start_outputs_process(orders: OutputsOrders) -> OutputsProcess:
         except subprocess.TimeoutExpired:
             process.kill()
             process.wait()
+        with contextlib.suppress(OSError):  # a process that was killed left it
+            port_path(process.pid).unlink(missing_ok=True)
 
     return OutputsProcess(line, process.pid, end)
 
@@ -155,7 +159,14 @@ class Outputs:
         self._line = self.process.line
         self._numbers = struct.Struct(f"<{len(safe)}d")
         self._content, self._stamp = b"", 0
-        self.is_alive = True
+        self._echo = self._clock.monotonic_ns()
+        self.problem = ""
+        """Problem of the process; empty while it works."""
+
+    @property
+    def is_alive(self) -> bool:
+        """Return True while the process works."""
+        return not self.problem
 
     def hand_over(self, is_commanded: bool, lift: bool, values: Sequence[float]) -> int:
         """Hand a row over. Return the silence (ns) that had made the outputs safe, mostly 0."""
@@ -164,15 +175,25 @@ class Outputs:
         if content == self._content and now - self._stamp < HEARTBEAT:
             return 0
         self._content, self._stamp = content, now
+        silence = 0
         try:
-            self._line.send(now.to_bytes(8, "little") + content)
-            said = self._line.recv(64)
+            with contextlib.suppress(BlockingIOError):  # a frozen process leaves no room
+                self._line.send(now.to_bytes(8, "little") + content)
+            while True:
+                silence = max(silence, self._take_answer(self._line.recv(64), now))
         except BlockingIOError:
-            return 0
+            if now - self._echo >= LIFE_TIMEOUT:
+                self.problem = FROZEN
         except OSError:
-            said = b""
-        self.is_alive = self.is_alive and bool(said)
-        return int(said.removeprefix(TRIPPED)) if said.startswith(TRIPPED) else 0
+            self.problem = DIED
+        return silence
+
+    def _take_answer(self, answer: bytes, now: int) -> int:
+        """Take a packet of the process. Return the silence (ns) that it reports, else 0."""
+        if not answer:
+            raise BrokenPipeError
+        self._echo = now
+        return int(answer.removeprefix(TRIPPED)) if answer.startswith(TRIPPED) else 0
 
     def close(self) -> None:
         """End the outputs, safe."""

@@ -5,21 +5,33 @@ Source: docs page, Vehicle (Watchdog).
 """
 
 import contextlib
+import functools
 import gc
 import json
-import math
 import os
 import signal
 import socket
 import struct
 import sys
-from collections.abc import Callable
+import threading
+from collections.abc import Callable, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 
 from trimtab.core.clock import NS_PER_SECOND, SYSTEM_CLOCK, Clock
-from trimtab.flight.outputs import END, HEAD, LOG_FILE, PORT_FILE, READY, TRIPPED, OutputsOrders, RowSocket
-from trimtab.flight.watchdog import DRIVEN, LATCHED, SAFE, WAITING, OutputPort, OutputRow, Watchdog
+from trimtab.core.line_writer import LineWriter
+from trimtab.flight.output_port import (
+    DRIVEN,
+    LATCHED,
+    LIFE_PERIOD,
+    SAFE,
+    WAITING,
+    OutputPort,
+    OutputRow,
+    port_path,
+)
+from trimtab.flight.outputs import ECHO, END, HEAD, LOG_FILE, PORT_FILE, READY, TRIPPED, OutputsOrders, RowSocket
+from trimtab.flight.watchdog import Watchdog
 
 PRIORITY = 41
 """Real-time priority, above that of the vehicle's loop."""
@@ -36,24 +48,24 @@ def write_error_line(text: str) -> None:
         os.write(sys.stderr.fileno(), f"{text}\n".encode())
 
 
-class _OutputsLog:
-    """Log of the outputs: lines in a file that outlives the vehicle's process, and to the user."""
+def open_log(folder: Path) -> Callable[[str], object]:
+    """Create the outputs' own log, which outlives the vehicle's process. Return the function that writes a line."""
+    file = (folder / LOG_FILE).open("xb", buffering=0)
+    return lambda line: file.write(f"{line}\n".encode())
 
-    def __init__(self, folder: Path | None, clock: Clock, tell: Callable[[str], None]) -> None:
-        self._clock, self._tell = clock, tell
-        self._file = None if folder is None else (folder / LOG_FILE).open("xb", buffering=0)
 
-    def write(self, text: str) -> None:
-        now = datetime.fromtimestamp(self._clock.unix(), UTC).isoformat(timespec="milliseconds")
-        line = f"{now}  {self._clock.monotonic_ns() / NS_PER_SECOND:.4f} s  outputs: {text}"
-        if self._file is not None:
-            with contextlib.suppress(OSError):  # a full disk
-                self._file.write(f"{line}\n".encode())
-        self._tell(line)
+def open_port(folder: Path, orders: OutputsOrders) -> OutputPort:
+    """Make the port in shared memory, and link it to the folder of the log.
 
-    def close(self) -> None:
-        if self._file is not None:
-            self._file.close()
+    Raises OSError where the folder already has a port, or there is no memory.
+    """
+    port = OutputPort(port_path(os.getpid()), orders.safe, orders.lift_delay)
+    try:
+        (folder / PORT_FILE).symlink_to(port.path)
+    except OSError:
+        port.close()
+        raise
+    return port
 
 
 class OutputsLoop:
@@ -66,7 +78,8 @@ class OutputsLoop:
         clock: Clock = SYSTEM_CLOCK,
         *,
         find_cause: Callable[[], str] = lambda: GONE,
-        tell: Callable[[str], None] = write_error_line,
+        port: OutputPort | None = None,
+        tells: Sequence[Callable[[str], object]] = (),
     ) -> None:
         """Report that the outputs are ready.
 
@@ -75,13 +88,13 @@ class OutputsLoop:
             orders: orders of the vehicle.
             clock: clock of this process.
             find_cause: returns why no row arrives although the connection is open.
-            tell: receives the messages for the user.
+            port: port for the driver; None: no driver.
+            tells: receivers of each message: the log, the user. None of them may wait.
         """
         self._line, self._clock, self._find_cause, self._timeout = line, clock, find_cause, orders.timeout
         self.watchdog = Watchdog(orders.safe, orders.timeout, orders.lift_delay, orders.latch)
-        place = None if orders.folder is None else Path(orders.folder)
-        self._log = _OutputsLog(place, clock, tell)
-        self._port = None if place is None else OutputPort(place / PORT_FILE, len(orders.safe), create=True)
+        self._port, self._tells = port, tells
+        self._next_life = 0
         self._numbers = struct.Struct(f"<{len(orders.safe)}d")
         self._acting: OutputRow | None = None
         self._is_gone = self._has_ended = False
@@ -94,14 +107,21 @@ class OutputsLoop:
                 due = self.step()
                 if self._is_gone and not self.watchdog.row.lift:
                     break
-                left = math.inf if due is None else max(due - self._clock.monotonic_ns(), 0) / NS_PER_SECOND
+                left = max(due - self._clock.monotonic_ns(), 0) / NS_PER_SECOND
                 self._clock.wait(None if self._is_gone else self._line, left)
-            self._log.write("at rest; " + ("the vehicle has ended" if self._has_ended else GONE))
+            self._tell("at rest; " + ("the vehicle has ended" if self._has_ended else GONE))
         finally:
-            self._log.close()
+            if self._port is not None:
+                self._port.close()
 
-    def step(self) -> int | None:
-        """Take the received rows and advance time to now. Return when to look again (ns), None: at the next row."""
+    def _tell(self, text: str) -> None:
+        now = datetime.fromtimestamp(self._clock.unix(), UTC).isoformat(timespec="milliseconds")
+        line = f"{now}  {self._clock.monotonic_ns() / NS_PER_SECOND:.4f} s  outputs: {text}"
+        for tell in self._tells:
+            tell(line)
+
+    def step(self) -> int:
+        """Take the received rows and advance time to now. Return when to look again (ns) if no row comes before."""
         if not self._is_gone:
             self._take_rows()
         watchdog, now = self.watchdog, self._clock.monotonic_ns()
@@ -109,14 +129,27 @@ class OutputsLoop:
         if self._port is not None and watchdog.row != self._acting:
             self._acting = watchdog.row
             self._port.write(self._acting, now)
+        self._show_life(now)
         if tripped:
             why = "the vehicle has ended" if self._has_ended else GONE if self._is_gone else self._find_cause()
-            self._log.write(f"safe, {watchdog.silence(now) * 1e-6:.1f} ms after the last row: {why}")
+            self._tell(f"safe, {watchdog.silence(now) * 1e-6:.1f} ms after the last row: {why}")
         elif state in (SAFE, LATCHED) and watchdog.row.state == DRIVEN:
-            self._log.write("rows arrive again")
+            self._tell("rows arrive again")
         if state == SAFE and watchdog.row.state == LATCHED and not self._is_gone:
-            self._log.write("latched until the vehicle is disarmed")
-        return watchdog.next_check()
+            self._tell("latched until the vehicle is disarmed")
+        check = watchdog.next_check()
+        return self._next_life if check is None else min(check, self._next_life)
+
+    def _show_life(self, now: int) -> None:
+        """Show the driver and the vehicle, once a period, that this process works."""
+        if now < self._next_life:
+            return
+        self._next_life = now + LIFE_PERIOD
+        if self._port is not None:
+            self._port.renew(now)
+        if not self._is_gone:
+            with contextlib.suppress(OSError):  # a frozen vehicle leaves no room
+                self._line.send(ECHO)
 
     def _take_rows(self) -> None:
         """Take all waiting rows. Note whether the vehicle's end is closed, and whether the vehicle announced it."""
@@ -160,12 +193,29 @@ def main() -> None:
         signal.signal(number, signal.SIG_IGN)
     gc.disable()
     orders = OutputsOrders(**json.loads(sys.argv[2]))
+    folder, port, writers = None if orders.folder is None else Path(orders.folder), None, [LineWriter(write_error_line)]
+    if folder is not None:
+        try:
+            port = open_port(folder, orders)
+            writers.append(LineWriter(open_log(folder)))
+        except OSError as error:
+            write_error_line(f"outputs: {error}")
+            sys.exit(1)
     if orders.real_time:
         with contextlib.suppress(OSError):
             os.sched_setscheduler(0, os.SCHED_FIFO, os.sched_param(PRIORITY))
     with socket.socket(fileno=int(sys.argv[1])) as line:
         line.setblocking(False)
-        OutputsLoop(line, orders, find_cause=lambda: find_process_cause(orders.vehicle)).serve()
+        tells = [writer.put for writer in writers]
+        find_cause = functools.partial(find_process_cause, orders.vehicle)
+        OutputsLoop(line, orders, find_cause=find_cause, port=port, tells=tells).serve()
+    for writer in writers:
+        writer.close()
+    if folder is not None:
+        remover = threading.Thread(target=(folder / PORT_FILE).unlink, kwargs={"missing_ok": True}, daemon=True)
+        remover.start()
+        remover.join(1.0)
+    os._exit(0)  # a thread that still waits for a terminal or a disk must not hold up the end
 
 
 if __name__ == "__main__":

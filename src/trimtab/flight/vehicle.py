@@ -24,6 +24,7 @@ from trimtab.flight.flight_log import (
     FlightRecorder,
     LogSource,
     count_frames,
+    describe_lost_lines,
     frame_signals,
     list_log_problems,
     open_flight_log,
@@ -61,7 +62,6 @@ OWN_SIGNALS: Mapping[str, tuple[str, Quantity]] = {
     **AUTHORITY_SIGNALS,
 }
 """Signals of the vehicle's log besides those of the world and the failsafe."""
-OUTPUTS_DIED = "the outputs' process died"
 DISARM_DELAY = ms(50)
 """Time for which the vehicle keeps running after it was disarmed at its end: two servo frames and a little."""
 
@@ -223,6 +223,7 @@ class LiveVehicle:
         wanted_real_time: bool = False,
         stop: Callable[[], bool] = lambda: False,
         tell: Callable[[str], None] = lambda _: None,
+        lost_lines: Callable[[], int] = lambda: 0,
     ) -> VehicleSummary:
         """Run until `duration` (100 ns) after the release, or until stop() returns True. Disarm before the end.
 
@@ -235,7 +236,8 @@ class LiveVehicle:
             outputs_folder: folder for the port and the log of the outputs' process.
             wanted_real_time: ask the system for real-time scheduling and locked memory.
             stop: called at every instant; True ends the run.
-            tell: receives the messages for the user.
+            tell: receives the messages for the user. It must not wait.
+            lost_lines: number of these messages that were lost.
         """
         self._tell = tell
         failsafe = self.duties.step
@@ -268,6 +270,8 @@ class LiveVehicle:
                     if self._outputs is not None:
                         self._outputs.close()
         finally:
+            if flight_log is not None and (count := lost_lines()):
+                flight_log.write_event(describe_lost_lines(count))
             self._flight_log = self._outputs = None
             summary = flight_log.close(self.body.final_truth()) if flight_log else None
         lost = [] if flight_log is None else list_log_problems(summary)
@@ -304,8 +308,8 @@ class LiveVehicle:
             if silence >= int(self._failsafe.timeout) * NS:
                 self.duties.handle_event(ArmRequest(False), t)
         if not outputs.is_alive:
-            self._problems.append(OUTPUTS_DIED)
-            self._announce(Severity.CRITICAL, OUTPUTS_DIED)
+            self._problems.append(outputs.problem)
+            self._announce(Severity.CRITICAL, outputs.problem)
 
     def _run_loop(self, duration: int | None, log_period: int, stop: Callable[[], bool]) -> None:
         self.clock, last = WallClock(self._machine.clock), None
@@ -332,7 +336,7 @@ class LiveVehicle:
         if stop():
             return "ended by request"
         if self._outputs is not None and not self._outputs.is_alive:
-            return f"ended: {OUTPUTS_DIED}"
+            return f"ended: {self._outputs.problem}"
         over = duration is not None and self.release_time is not None and t - self.release_time >= duration
         return "ended: duration reached" if over else ""
 

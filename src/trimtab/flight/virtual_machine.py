@@ -5,13 +5,14 @@ Source: docs page, Testing.
 
 import contextlib
 from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
 from typing import Any
 
 from trimtab.flight.machine import Machine
 from trimtab.flight.mavlink.authority import MOST_SESSIONS
 from trimtab.flight.mavlink.endpoint import Endpoint
 from trimtab.flight.outputs import START_S, OutputsOrders, OutputsProcess
-from trimtab.flight.outputs_process import GONE, HANGS, STOPPED, OutputsLoop
+from trimtab.flight.outputs_process import GONE, HANGS, STOPPED, OutputsLoop, open_log
 from trimtab.flight.real_time import RealTimeGrant
 from trimtab.flight.transports.open_link import parse_uri
 from trimtab.flight.transports.udp import UdpLink
@@ -87,6 +88,10 @@ class VirtualMachine:
             return UdpLink(self.network.open_socket(program, self.name, peer=peer), peer, clock)
 
         @contextlib.contextmanager
+        def write_lines(write: Callable[[str], object]) -> Iterator[_DirectLines]:
+            yield _DirectLines(write)
+
+        @contextlib.contextmanager
         def catch_interrupts() -> Iterator[Callable[[], bool]]:
             yield lambda: self.interrupts > 0
 
@@ -97,6 +102,7 @@ class VirtualMachine:
             start_outputs=lambda orders: self._start_outputs(clock, orders),
             real_time=_schedule,
             catch_interrupts=catch_interrupts,
+            write_lines=write_lines,
             store_stamps_ahead=lambda endpoint: _keep_stamps(program, endpoint),
             typed_words=lambda: words,
             draw_session=lambda: self._sessions.randrange(1, MOST_SESSIONS),
@@ -113,7 +119,9 @@ class VirtualMachine:
 
         def run(own: VirtualClock) -> None:
             far.give_to(own.program)
-            OutputsLoop(far, orders, own, find_cause=find_cause, tell=self.tell).serve()
+            folder = None if orders.folder is None else Path(orders.folder)
+            logs = () if folder is None else (open_log(folder),)
+            OutputsLoop(far, orders, own, find_cause=find_cause, tells=(*logs, lambda line: self.tell(line))).serve()
 
         program = self.time.start(f"{self.name}'s outputs", run, clock=clock)
         self.outputs.append(program)
@@ -125,6 +133,18 @@ class VirtualMachine:
                 clock.wait(None, LOOK_S)
 
         return OutputsProcess(near, program.number, end)
+
+
+class _DirectLines:
+    """Lines of a program in virtual time. They are written at once: no terminal holds it up."""
+
+    lost = 0
+
+    def __init__(self, write: Callable[[str], object]) -> None:
+        self._write = write
+
+    def put(self, text: str) -> None:
+        self._write(text)
 
 
 @contextlib.contextmanager

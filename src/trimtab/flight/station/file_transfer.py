@@ -158,7 +158,7 @@ class FileTransferService:
         if operation == Operation.NONE:
             return b""
         if operation == Operation.LIST:
-            return self._list(request)
+            return self._list(request, is_armed)
         if operation == Operation.OPEN_READ:
             return self._open(request, owner, now, is_armed)
         if operation in (Operation.TERMINATE, Operation.RESET):
@@ -173,8 +173,8 @@ class FileTransferService:
             raise _RefusedError(FileError.UNKNOWN)
         return self._read(request, owner, now, is_armed)
 
-    def _list(self, request: _Request) -> bytes:
-        contents = self._files.list_folder(_path(request))
+    def _list(self, request: _Request, is_armed: bool) -> bytes:
+        contents = self._files.list_folder(_path(request), is_armed=is_armed)
         if contents is None:
             raise _RefusedError(FileError.NOT_FOUND)
         folders, files = contents
@@ -196,12 +196,11 @@ class FileTransferService:
             if now - self._sessions[free].time < IDLE_TIME:
                 raise _RefusedError(FileError.NO_SESSION)
             self._close(free)
+        if is_armed and not self._files.has_document(_path(request)):
+            raise _RefusedError(FileError.FAIL)
         file = self._files.open(_path(request))
         if file is None:
             raise _RefusedError(FileError.NOT_FOUND)
-        if is_armed and file.is_log:
-            file.close()
-            raise _RefusedError(FileError.FAIL)
         self._sessions[free] = _Session(owner, file, now)
         return bytes((free,)) + file.size.to_bytes(8, "little")[:4]
 

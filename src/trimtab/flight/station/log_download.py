@@ -39,7 +39,7 @@ class LogService:
     def answer(self, message: Message, now: int, *, is_armed: bool) -> list[bytes]:
         """Return the immediate answer to a message. Lists and bytes follow later."""
         if message.name == "LOG_REQUEST_LIST":
-            return self._start_list(message.get("start"), message.get("end"))
+            return self._start_list(message.get("start"), message.get("end"), is_armed)
         if message.name == "LOG_REQUEST_DATA":
             return self._start_download(message, is_armed)
         if message.name == "LOG_ERASE":
@@ -64,9 +64,13 @@ class LogService:
         self._pace.count(len(packet), now)
         return [packet]
 
-    def _start_list(self, first: int, last: int) -> list[bytes]:
-        logs = list(enumerate(self._files.list_logs()[:MOST_LOGS], 1))
+    def _list_logs(self, is_armed: bool) -> list[tuple[int, FileEntry]]:
+        logs = list(enumerate(self._files.list_logs(is_armed=is_armed)[:MOST_LOGS], 1))
         self._names, self._count = {number: entry.name for number, entry in logs}, len(logs)
+        return logs
+
+    def _start_list(self, first: int, last: int, is_armed: bool) -> list[bytes]:
+        logs = self._list_logs(is_armed)
         self._entries = deque((n, entry) for n, entry in logs if first <= n <= last)
         return [] if self._entries else [self._entry_packet(0, FileEntry("", 0))]
 
@@ -78,6 +82,8 @@ class LogService:
         log, offset, count = (message.get(name) for name in ("id", "ofs", "count"))
         if self._download is None or self._download.log != log:
             self._close()
+            if log not in self._names:  # some stations ask without a list, or after the vehicle has restarted
+                self._list_logs(is_armed)
             file = None if is_armed else self._files.open(f"{LOGS}/{self._names.get(log, '')}")
             if file is None:
                 return [self._endpoint.pack("LOG_DATA", {"id": log, "ofs": offset})]

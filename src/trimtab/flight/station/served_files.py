@@ -7,6 +7,7 @@ A path is split before anything is opened: no other folder, no hidden file and n
 """
 
 import contextlib
+import itertools
 import os
 import stat
 from collections.abc import Mapping
@@ -18,6 +19,8 @@ from trimtab.core.time import UNITS_PER_SECOND
 LOGS = "logs"
 LOG_ENDINGS = (".mcap", ".txt")
 LARGEST_NAME = 200
+MOST_ENTRIES = 2000
+"""Largest number of entries of the log folder that one listing looks at. More take longer than the loop may."""
 
 
 class FileEntry(NamedTuple):
@@ -69,23 +72,33 @@ class ServedFiles:
             folder: folder of the logs; None: no logs.
         """
         self.documents, self.folder = dict(documents or {}), folder
+        self._listed: list[FileEntry] = []
 
-    def list_logs(self) -> list[FileEntry]:
-        """Return the logs by name."""
+    def list_logs(self, *, is_armed: bool) -> list[FileEntry]:
+        """Return the logs by name; while the vehicle is armed those of the last list, since a disk may hang."""
+        if is_armed:
+            return self._listed
         entries = list[FileEntry]()
-        with contextlib.suppress(OSError):
-            for entry in os.scandir(self.folder) if self.folder is not None else ():
-                if _is_log_name(entry.name) and entry.is_file(follow_symlinks=False):
-                    about = entry.stat(follow_symlinks=False)
-                    entries.append(FileEntry(entry.name, about.st_size, int(about.st_mtime)))
-        return sorted(entries)
+        if self.folder is not None:
+            with contextlib.suppress(OSError), os.scandir(self.folder) as found:
+                for entry in itertools.islice(found, MOST_ENTRIES):
+                    if _is_log_name(entry.name) and entry.is_file(follow_symlinks=False):
+                        about = entry.stat(follow_symlinks=False)
+                        entries.append(FileEntry(entry.name, about.st_size, int(about.st_mtime)))
+        self._listed = sorted(entries)
+        return self._listed
 
-    def list_folder(self, path: str) -> tuple[list[str], list[FileEntry]] | None:
+    def has_document(self, path: str) -> bool:
+        """Return whether a document, which needs no disk, is at a path."""
+        parts = _split_path(path)
+        return parts is not None and len(parts) == 1 and parts[0] in self.documents
+
+    def list_folder(self, path: str, *, is_armed: bool) -> tuple[list[str], list[FileEntry]] | None:
         """Return folders and files at a path; None if there is no such folder."""
         parts = _split_path(path)
         if parts == []:
             return [LOGS], [FileEntry(name, len(data)) for name, data in sorted(self.documents.items())]
-        return ([], self.list_logs()) if parts == [LOGS] else None
+        return ([], self.list_logs(is_armed=is_armed)) if parts == [LOGS] else None
 
     def open(self, path: str) -> OpenFile | None:
         """Open the file at a path. Return None if it may not be read."""

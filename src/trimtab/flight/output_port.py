@@ -1,0 +1,135 @@
+"""Port of the outputs: the row that acts now, in shared memory, for the driver of servos and motors.
+
+    struct, little-endian     number of the write (u64, odd during a write), time of the write, time stamp of life,
+                              delay of the lift fan (ns each, i64), number of values n (u16), state (u8), lift (u8)
+    n float64, n float64      the values that act, the safe values
+
+The process of the outputs renews the stamp of life every 20 ms, whether or not a value changes. A driver must read the
+port at least that often, and compare the stamp with the monotonic clock. A stamp older than 100 ms means that the
+process is dead or frozen. The driver then applies the safe values, and stops the lift fan after its delay.
+`OutputReader` follows this rule. The memory is not on the disk of the log, since a disk may hang.
+
+It needs only the standard library, since it runs in the process of the outputs and in drivers.
+Source: docs page, Vehicle (Watchdog).
+"""
+
+import contextlib
+import mmap
+import os
+import stat
+import struct
+import tempfile
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+PORT_HEAD = struct.Struct("<QqqqHB?")
+LIFE_OFFSET = 16
+"""Place of the stamp of life in the head."""
+LIFE_PERIOD, LIFE_TIMEOUT = 20_000_000, 100_000_000
+"""Time (ns) between two stamps of life, and the age at which a driver takes the writer for dead."""
+STATES = ("waiting", "driven", "safe", "latched", "stale")
+WAITING, DRIVEN, SAFE, LATCHED, STALE = range(5)
+SHARED_MEMORY = Path("/dev/shm")
+
+
+class OutputRow(NamedTuple):
+    """Row of outputs that is applied. values: of the command, in the order of its record."""
+
+    state: int
+    lift: bool
+    values: tuple[float, ...]
+
+
+def memory_folder() -> Path:
+    """Return this user's folder in shared memory, else in the temporary folder. PermissionError: others can enter."""
+    user = os.getuid() if hasattr(os, "getuid") else 0
+    folder = (SHARED_MEMORY if SHARED_MEMORY.is_dir() else Path(tempfile.gettempdir())) / f"trimtab-{user}"
+    with contextlib.suppress(FileExistsError):
+        folder.mkdir(mode=0o700)
+    status = folder.lstat()
+    if not stat.S_ISDIR(status.st_mode) or status.st_uid != user or status.st_mode & 0o077:
+        raise PermissionError(f"others have access to {folder}")
+    return folder
+
+
+def port_path(process: int) -> Path:
+    """Return the file of the port of a process, by its number."""
+    return memory_folder() / f"outputs-{process}.bin"
+
+
+class OutputPort:
+    """The writing side of the port."""
+
+    def __init__(self, path: Path, safe: Sequence[float], lift_delay: int) -> None:
+        """Make the port, with the safe values acting.
+
+        Args:
+            path: file to make in shared memory. An older file of this name is replaced.
+            safe: the safe values.
+            lift_delay: time (ns) for which the lift fan keeps turning after the safe row starts.
+        """
+        self.path, self._lift_delay, self._count = path, lift_delay, 0
+        self._numbers = struct.Struct(f"<{len(safe)}d")
+        size = PORT_HEAD.size + 2 * self._numbers.size
+        path.unlink(missing_ok=True)
+        with open(path, "x+b", opener=_open_own) as file:
+            os.posix_fallocate(file.fileno(), 0, size)  # a full memory fails here, not with a signal at the first row
+            self._memory = mmap.mmap(file.fileno(), size)
+        self._numbers.pack_into(self._memory, PORT_HEAD.size + self._numbers.size, *safe)
+        self.write(OutputRow(WAITING, False, tuple(safe)), 0)
+
+    def write(self, row: OutputRow, now: int) -> None:
+        """Apply a row from now (ns) on."""
+        self._count += 2
+        numbers = self._count - 1, now, now, self._lift_delay, len(row.values), row.state, row.lift
+        PORT_HEAD.pack_into(self._memory, 0, *numbers)
+        self._numbers.pack_into(self._memory, PORT_HEAD.size, *row.values)
+        struct.pack_into("<Q", self._memory, 0, self._count)
+
+    def renew(self, now: int) -> None:
+        """Renew the stamp of life."""
+        struct.pack_into("<q", self._memory, LIFE_OFFSET, now)
+
+    def close(self) -> None:
+        """Remove the name of the port. Who has it open sees its stamp of life age."""
+        self.path.unlink(missing_ok=True)
+
+
+class OutputReader:
+    """The reading side of the port, with the rule that a driver has to follow."""
+
+    def __init__(self, path: Path) -> None:
+        """path: the file `outputs.bin` of a vehicle."""
+        with path.open("rb") as file:
+            self._memory = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
+        self._numbers = struct.Struct(f"<{PORT_HEAD.unpack_from(self._memory, 0)[4]}d")
+        self._stale_since: int | None = None
+
+    def read(self) -> tuple[int, OutputRow]:
+        """Return the time when the current row was written (ns), and the row as written, however old it is."""
+        while True:
+            count, written, _, _, _, state, lift = PORT_HEAD.unpack_from(self._memory, 0)
+            values = self._numbers.unpack_from(self._memory, PORT_HEAD.size)
+            if count % 2 == 0 and struct.unpack_from("<Q", self._memory, 0)[0] == count:
+                return written, OutputRow(state, lift, values)
+
+    def row_to_apply(self, now: int) -> OutputRow:
+        """Return the row that a driver applies now (ns, monotonic clock): the safe one while the writer is silent.
+
+        The lift fan keeps turning for its delay after the writer fell silent, if it turned before.
+        """
+        row = self.read()[1]
+        _, _, life, lift_delay, *_ = PORT_HEAD.unpack_from(self._memory, 0)
+        if now - life < LIFE_TIMEOUT:
+            self._stale_since = None
+            return row
+        if self._stale_since is None:
+            self._stale_since = now
+        safe = self._numbers.unpack_from(self._memory, PORT_HEAD.size + self._numbers.size)
+        return OutputRow(STALE, row.lift and now - self._stale_since < lift_delay, safe)
+
+
+def _open_own(path: str, flags: int) -> int:
+    """Open a file that no other user can write, whatever the umask: a writer of this file moves the vehicle."""
+    return os.open(path, flags, 0o644)

@@ -1,0 +1,46 @@
+"""Lines by a thread: whoever reports a line waits for nobody, and lost lines are counted."""
+
+import threading
+
+from trimtab.core.line_writer import ROOM, LineWriter
+
+
+def test_lines_come_in_their_order_and_all_of_them():
+    written = []
+    writer = LineWriter(written.append)
+    for k in range(500):
+        writer.put(str(k))
+    assert writer.close(60.0) == 0
+    assert written == [str(k) for k in range(500)]
+
+
+def test_a_writer_that_hangs_holds_up_nobody_and_what_found_no_room_is_counted():
+    go, written = threading.Event(), []
+
+    def write(text):
+        go.wait(60.0)
+        written.append(text)
+
+    writer = LineWriter(write)
+    for k in range(2 * ROOM):
+        writer.put(str(k))
+    assert ROOM - 1 <= writer.lost <= ROOM
+    assert writer.close(0.0) >= 2 * ROOM - 1
+    go.set()
+
+
+def test_lines_that_cannot_be_written_are_counted_and_the_next_are_tried():
+    written = []
+
+    def write(text):
+        if text == "2":
+            raise BrokenPipeError
+        if text == "3":
+            raise ValueError("closed file")
+        written.append(text)
+
+    writer = LineWriter(write)
+    for k in range(5):
+        writer.put(str(k))
+    assert writer.close(60.0) == 2
+    assert written == ["0", "1", "4"]
