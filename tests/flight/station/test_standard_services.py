@@ -23,6 +23,7 @@ from trimtab.flight.mavlink.protocol import (
 from trimtab.flight.station.arming import ArmingCheck
 from trimtab.flight.station.standard_services import Station, Status
 from trimtab.flight.station.streams import Streams, TelemetryStream
+from trimtab.vehicles.vehicle_type import VehicleType
 
 GROUND = (255, 190)
 MODES = {0: "MANUAL", 4: "HOLD", 15: "GUIDED"}
@@ -34,7 +35,7 @@ class Line:
     def __init__(self, dialect, **how) -> None:
         self.vehicle = Endpoint(dialect, 1, 1, unsigned=True)
         self.ground = Endpoint(dialect, *GROUND, unsigned=True)
-        kind = protocol.VehicleType.SURFACE_BOAT
+        kind = VehicleType.SURFACE_BOAT
         self.station = Station(self.vehicle, parameters(), MODES, **{"vehicle": kind, **how})
 
     def ask(self, name, now=0, **fields):
@@ -97,7 +98,8 @@ def test_numbers_are_those_of_the_common_dialect():
         ("Capability.COMMAND_INT", "MAV_PROTOCOL_CAPABILITY_COMMAND_INT"),
     ):
         kind, name = ours.split(".")
-        assert getattr(protocol, kind)[name] == getattr(common, theirs), ours
+        numbers = VehicleType if kind == "VehicleType" else getattr(protocol, kind)
+        assert numbers[name] == getattr(common, theirs), ours
     assert common.MAV_PARAM_TYPE_REAL32 == protocol.REAL_32
     assert common.MAVLINK_MSG_ID_SET_MODE == protocol.SET_MODE_MESSAGE
 
