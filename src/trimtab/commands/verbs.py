@@ -1,14 +1,15 @@
 """Group of the verbs: each is a file of this folder with its click command, imported when the verb is typed.
 
-Exit code 0: success; 1: completed, but failed; 2: invalid input; 130: stopped by Ctrl-C. With ``--json`` an error is
-also printed as an object on standard output. Names are checked before a verb is imported, so that a typo is reported at
-once.
+Exit code 0: success; 1: completed, but failed; 2: invalid input; 130: stopped by Ctrl-C; 143: stopped by SIGTERM. With
+``--json`` an error is also printed as an object on standard output. Names are checked before a verb is imported, so that
+a typo is reported at once.
 """
 
 import importlib
 import inspect
 import re
 import shlex
+import sys
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
@@ -17,6 +18,13 @@ import click
 
 from trimtab.commands import typed_names
 from trimtab.commands.output import print_json
+from trimtab.commands.standard_streams import (
+    TerminatedError,
+    end_on_signals,
+    flush_output,
+    replace_unprintable,
+    report_failure,
+)
 from trimtab.core.errors import InputError, Spelling, closest, spell_with
 
 WORDS = "trimtab.words"
@@ -68,6 +76,19 @@ class Verbs(click.Group):
 
     def __init__(self, names: Sequence[str], **options: Any) -> None:
         super().__init__(commands={name: click.Command(name) for name in names}, **options)
+
+    def main(self, *args: Any, **extra: Any) -> Any:
+        """Run the command line. Output that cannot be written ends it with a line and exit code 1."""
+        replace_unprintable()
+        try:
+            with end_on_signals():
+                return super().main(*args, **extra)
+        except OSError as error:
+            report_failure(error)
+            sys.exit(1)
+        finally:
+            if not flush_output():
+                sys.exit(1)
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
         """Import and return the verb of that name; None if it is unknown."""
@@ -121,6 +142,9 @@ class Verbs(click.Group):
             error.show()
             click.echo(f"Fix: {fix}", err=True)
             ctx.exit(2)
+        except TerminatedError as end:
+            click.echo(f"stopped by {end}", err=True)
+            ctx.exit(end.exit_code)
         except KeyboardInterrupt:
             click.echo("stopped by Ctrl-C", err=True)
             ctx.exit(130)
