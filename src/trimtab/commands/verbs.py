@@ -1,8 +1,8 @@
 """Group of the verbs: each is a file of this folder with its click command, imported when the verb is typed.
 
 Exit code 0: success; 1: completed, but failed; 2: invalid input; 130: stopped by Ctrl-C; 143: stopped by SIGTERM. With
-``--json`` an error is also printed as an object on standard output. Names are checked before a verb is imported, so that
-a typo is reported at once.
+``--json`` an error is also printed as an object on standard output. Names are checked before a verb is imported, so
+that a typo is reported at once.
 """
 
 import importlib
