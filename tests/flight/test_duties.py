@@ -151,6 +151,16 @@ def test_a_receiver_that_falls_silent_stops_it_also_in_the_pilots_hands(craft):
     assert (craft.acting, craft.duties.mode) == (STOPPED, ("failsafe", "pilot's radio lost"))
 
 
+def test_sticks_that_are_given_back_are_not_missed(craft):
+    """A release is no lost radio: the autopilot flies on, and the vehicle may be armed again later."""
+    craft.run(10, asks=[arm()])
+    craft.run(50, command=(1.6e-3, 4000.0), every=lambda: [receiver(1500, 1750, 1500, 1500, 1900)])
+    assert craft.duties.mode.mode == "manual"
+    craft.run(1000, command=(1.6e-3, 4000.0), asks=[ReceiverChannels((NAN,) * 18, is_release=True)])
+    assert (craft.acting, craft.duties.mode.mode) == ((1.0, 1.6e-3, 4000.0), "computer")
+    assert craft.duties.radio_silence(craft.t) is None
+
+
 def test_channels_without_sticks_are_no_pilot(craft):
     """The switch alone, and a receiver without its channels, rule nothing."""
     craft.run(10, asks=[arm()])

@@ -115,6 +115,8 @@ class Duties:
             self._arm, self._disarm = event.arm, not event.arm
         elif isinstance(event, ModeRequest):
             self._is_manual_mode = event.mode == MANUAL_MODE
+        elif isinstance(event, ReceiverChannels) and event.is_release:
+            self._radio_at, self._is_switched = None, False
         elif isinstance(event, ReceiverChannels):
             self._apply_pulses(np.array(event.pulses), now)
         elif isinstance(event, JoystickAxes):

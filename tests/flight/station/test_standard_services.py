@@ -257,6 +257,32 @@ def test_a_receivers_channels_and_a_joystick(line):
     assert event.yaw == 0.0
 
 
+@pytest.mark.parametrize("pulse", [1, 799, 2201, 3000, 65534])
+def test_a_pulse_that_no_receiver_sends_is_no_signal(line, pulse):
+    for name in ("RC_CHANNELS", "RC_CHANNELS_OVERRIDE"):
+        fields = {"chancount": 18} if name == "RC_CHANNELS" else {"target_system": 1}
+        _, (event,) = line.ask(name, chan1_raw=pulse, chan2_raw=800, chan3_raw=2200, **fields)
+        assert math.isnan(event.pulses[0])
+        assert event.pulses[1:3] == pytest.approx((0.8e-3, 2.2e-3))
+
+
+@pytest.mark.parametrize(
+    ("pulses", "is_release"),
+    [
+        ({}, True),
+        ({f"chan{k}_raw": 65535 for k in range(2, 9)}, True),
+        ({f"chan{k}_raw": 65535 for k in range(1, 9)}, False),
+        ({"chan1_raw": 1500}, False),
+        ({"chan9_raw": 1500}, False),
+    ],
+)
+def test_eight_zeros_give_the_sticks_back(line, pulses, is_release):
+    _, (event,) = line.ask("RC_CHANNELS_OVERRIDE", target_system=1, **pulses)
+    assert event.is_release is is_release
+    _, (event,) = line.ask("RC_CHANNELS", chancount=0)
+    assert not event.is_release
+
+
 def test_keys_are_not_taken_over_the_link(line):
     replies, events = line.ask("SETUP_SIGNING", target_system=1, secret_key=bytes(range(32)))
     assert [m.get("text") for m in replies] == ["Keys are not accepted over the link"]

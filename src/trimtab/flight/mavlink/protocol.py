@@ -43,9 +43,13 @@ class ParameterChange(NamedTuple):
 
 
 class ReceiverChannels(NamedTuple):
-    """Pulse widths of a safety pilot's receiver, in seconds; NaN for a missing channel."""
+    """Pulse widths of a safety pilot's receiver, in seconds; NaN for a missing channel.
+
+    is_release: a ground station gives all channels back, so there is no safety pilot any more.
+    """
 
     pulses: tuple[float, ...]
+    is_release: bool = False
 
 
 class JoystickAxes(NamedTuple):
@@ -144,6 +148,11 @@ CHANNELS = 18
 NAN = float("nan")
 ABSENT = {"RC_CHANNELS": (65535,), "RC_CHANNELS_OVERRIDE": (0, 65534, 65535)}
 """Values that mean: no such channel; unchanged; released to the receiver."""
+SHORTEST_PULSE, LONGEST_PULSE = 800, 2200
+"""Range of the pulses (µs) that a receiver sends. A pulse outside is no signal."""
+RELEASED = 0
+FIRST_CHANNELS = 8
+"""Number of channels that a station gives back by RELEASED."""
 
 
 class FlightCommand(NamedTuple):
@@ -181,9 +190,11 @@ def parse_channels(message: Message) -> ReceiverChannels:
     fields = message.fields()
     many = fields.get("chancount", CHANNELS)
     raw = [fields[f"chan{k + 1}_raw"] for k in range(CHANNELS)]
-    return ReceiverChannels(
-        tuple(NAN if v in ABSENT[message.name] or k >= many else v * 1e-6 for k, v in enumerate(raw))
-    )
+    absent = ABSENT[message.name]
+    is_pulse = [v not in absent and k < many and SHORTEST_PULSE <= v <= LONGEST_PULSE for k, v in enumerate(raw)]
+    is_override = message.name == "RC_CHANNELS_OVERRIDE"
+    is_release = is_override and RELEASED in raw[:FIRST_CHANNELS] and all(v in absent for v in raw)
+    return ReceiverChannels(tuple(v * 1e-6 if good else NAN for v, good in zip(raw, is_pulse, strict=True)), is_release)
 
 
 def parse_joystick(message: Message) -> JoystickAxes:
