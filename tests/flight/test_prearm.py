@@ -68,6 +68,11 @@ def craft(compiled):
     return compiled
 
 
+def test_before_the_checks_have_run_nothing_may_be_armed(craft):
+    craft.guard.checks = []
+    assert craft.guard.problem == "the checks have not run yet"
+
+
 @pytest.mark.thorough
 def test_a_well_vehicle_may_be_armed_and_says_what_it_looked_at(craft):
     assert (craft.guard.problem, craft.guard.confirmation_problem) == ("", "")

@@ -98,6 +98,7 @@ class Duties:
         self._manual = slot_indices(self._inputs, paths, len(self.step.inputs))
         self._has_sticks = bool(np.isfinite(self._range).all())
         self._radio_at: int | None = None
+        self._is_released = False
         self._arm = self._disarm = self._is_manual_mode = self._is_switched = False
         self.mode = CommandSource(MODES[0], CAUSES[0])
         self.breach = BREACHES[0]
@@ -116,7 +117,7 @@ class Duties:
         elif isinstance(event, ModeRequest):
             self._is_manual_mode = event.mode == MANUAL_MODE
         elif isinstance(event, ReceiverChannels) and event.is_release:
-            self._radio_at, self._is_switched = None, False
+            self._is_released, self._is_manual_mode, self._is_switched = True, False, False
         elif isinstance(event, ReceiverChannels):
             self._apply_pulses(np.array(event.pulses), now)
         elif isinstance(event, JoystickAxes):
@@ -145,12 +146,15 @@ class Duties:
         self._receive_command(t, command)
         inputs, at = self.step.inputs, self._inputs
         inputs[at["t"]] = t
-        inputs[at["radio"]] = self._radio_at is not None and t - self._radio_at <= RADIO_TIMEOUT
+        is_received = self._radio_at is not None and t - self._radio_at <= RADIO_TIMEOUT
+        inputs[at["radio"]] = is_received or self._is_released
         inputs[at["takeover"]] = self._is_manual_mode or self._is_switched
         inputs[at["arm"]], inputs[at["disarm"]] = self._arm, self._disarm
         inputs[at["breach"]] = BREACHES.index(self.breach)
         self._arm = self._disarm = False
         self.step.step()
+        if self._is_released:  # only now: the takeover has ended before the receiver is forgotten
+            self._radio_at, self._is_released = None, False
         self._world.inputs[self._in] = self.step.outputs[self._out]
         before = self.mode
         self.mode = CommandSource(MODES[int(self.step.result("mode"))], CAUSES[int(self.step.result("cause"))])

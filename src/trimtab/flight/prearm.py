@@ -112,6 +112,9 @@ class _SensorWatch:
         return int((~np.isfinite(self._outputs[self._numbers])).sum())
 
 
+UNCHECKED = "the checks have not run yet"
+
+
 class ArmingGuard:
     """Checks, fence and envelope of a vehicle, and its conditions after a failsafe. Times are the vehicle's."""
 
@@ -169,6 +172,8 @@ class ArmingGuard:
     @property
     def problem(self) -> str:
         """Reason why the vehicle cannot be armed, even with a confirmation; empty if it can."""
+        if not self.checks:
+            return UNCHECKED
         return first_problem([c for c in self.checks if c.name != CONFIRMATION_CHECK])
 
     @property

@@ -151,6 +151,7 @@ class LiveVehicle:
         self.relay = AutopilotRelay(self.endpoint, self.broadcast)
         self.gate = CommandGate(self.station, self.broadcast, lambda text: self._announce(Severity.WARNING, text))
         self.refusals = RefusalAnswers(self.endpoint, link, self._report)
+        self.station.status = self._find_status()  # a request in the first packet finds that nothing was checked
         self.clock, self.lateness = WallClock(machine.clock), Histogram()
         self.release_time: int | None = None
         self.disarm_time: int | None = None
