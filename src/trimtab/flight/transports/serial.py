@@ -1,5 +1,6 @@
 """A serial line: ``serial:///dev/ttyUSB0?baud=115200``; eight bits, no parity, one stop bit, no flow control."""
 
+import errno
 import os
 from pathlib import Path
 from typing import Any
@@ -35,11 +36,14 @@ class _SerialDialer:
         self._path, self._speed = path, speed
 
     def dial(self) -> int:
-        """Return the device, in raw mode, with empty buffers."""
-        import termios  # not on every system
+        """Return the device, in raw mode, with empty buffers, for this program alone. Raise OSError if it is in use."""
+        import fcntl  # not on every system
+        import termios
 
         fd = os.open(self._path, os.O_RDWR | os.O_NOCTTY | os.O_NONBLOCK | os.O_CLOEXEC)
         try:
+            fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            fcntl.ioctl(fd, termios.TIOCEXCL)  # for programs that take no lock
             termios.tcsetattr(fd, termios.TCSANOW, _raw_settings(termios, termios.tcgetattr(fd), self._speed))
             termios.tcflush(fd, termios.TCIFLUSH)
         except termios.error as error:
@@ -84,6 +88,9 @@ def _opening_error(address: Address, error: OSError) -> Exception:
     """Return the error, with its fix, for a device that can't be opened."""
     devices = sorted(str(p) for pattern in DEVICES for p in Path("/dev").glob(pattern))
     fix = f"serial://{devices[0]}?baud={DEFAULT_BAUD}" if devices else "plug the device in; ls /dev/tty* shows it"
+    if error.errno in (errno.EWOULDBLOCK, errno.EBUSY):
+        fix = f"end the other program, which  fuser {address.path}  shows"
+        return address.input_error("another program uses the device", fix)
     if isinstance(error, PermissionError):
         fix = "sudo usermod -a -G dialout $USER, and log in again"
     return address.input_error(f"the device can't be opened ({error.strerror})", fix, choices=devices[:12])
