@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from trimtab.core.errors import InputError
-from trimtab.flight.mavlink.endpoint import Endpoint, checksum
+from trimtab.flight.mavlink.endpoint import MOST_FALSE_STARTS, Endpoint, checksum
 from trimtab.flight.mavlink.keys import passphrase_key
 
 VALUES = [1234567890123, 1.5, -2.25, 7, 0.1, 0.2, 0.3, -5, 4000000000, 1, 1]
@@ -258,3 +258,46 @@ def test_a_frame_cut_in_its_signature_takes_no_other_with_it(pair):
     assert got.get("text") == "two"
     assert b.counts.wrong_signature == 1
     assert b.counts.garbage == len(first) - 4
+
+
+@pytest.mark.parametrize("cut", [1, 9, 10, 20, 63])
+def test_a_frame_in_two_datagrams_is_joined(dialect, clock, cut):
+    """Bridges between a serial line and a network send what they have: 64 bytes, and then the rest."""
+    there, here = Endpoint(dialect, 1, 1, KEY, clock=clock), Endpoint(dialect, 2, 1, KEY, clock=clock, datagrams=True)
+    clock.now += 1
+    frames = b"".join(there.pack("COMMAND_LONG", {"param1": float(k)}) for k in range(3))
+    got = [m for data in (frames[:cut], frames[cut:]) for m in here.feed(data)]
+    assert [m.get("param1") for m in got] == [0.0, 1.0, 2.0]
+    assert here.counts.garbage == 0
+
+
+def test_a_datagram_of_another_sender_is_not_joined_to_what_waits(dialect):
+    there, other = Endpoint(dialect, 1, 1, unsigned=True), Endpoint(dialect, 3, 1, unsigned=True)
+    here = Endpoint(dialect, 2, 1, unsigned=True, datagrams=True)
+    frame = there.pack("COMMAND_LONG", {"param1": 1.0, "param7": 7.0})
+    assert here.feed(frame[:20]) == []
+    assert [m.system for m in here.feed(other.pack("COMMAND_LONG", {"param1": 2.0}))] == [3]
+    assert [m.get("param1") for m in here.feed(frame[20:])] == [1.0]
+    assert here.counts.garbage == 0
+
+
+def test_what_never_gets_its_rest_is_counted_and_delays_nothing(dialect):
+    there, here = Endpoint(dialect, 1, 1, unsigned=True), Endpoint(dialect, 2, 1, unsigned=True, datagrams=True)
+    for k in range(5):
+        frame = there.pack("COMMAND_LONG", {"param1": float(k), "param7": 7.0})
+        assert here.feed(frame[:30]) == []
+        assert len(here.feed(there.pack("COMMAND_LONG"))) == 1
+    assert here.counts.garbage == 4 * 30
+
+
+@pytest.mark.parametrize("datagrams", [True, False])
+def test_a_packet_full_of_false_starts_costs_no_more_than_a_few(dialect, datagrams, monkeypatch):
+    there, here = Endpoint(dialect, 1, 1, unsigned=True), Endpoint(dialect, 2, 1, unsigned=True, datagrams=datagrams)
+    tried = []
+    read = here._read_frame
+    monkeypatch.setattr(here, "_read_frame", lambda *a: tried.append(1) or read(*a))
+    assert here.feed(b"\xfd" * 1400) == []
+    assert here.feed(b"\xfe" * 1400) == []
+    assert len(tried) <= MOST_FALSE_STARTS
+    assert here.counts.garbage == 2800
+    assert len(here.feed(there.pack("COMMAND_LONG"))) == 1

@@ -10,6 +10,7 @@ Source: https://mavlink.io/en/guide/serialization.html, https://mavlink.io/en/gu
 import dataclasses
 import hashlib
 import hmac
+import re
 import struct
 from collections import defaultdict
 from collections.abc import Callable, Mapping, Sequence
@@ -89,6 +90,10 @@ SIGNED_FLAG = 1
 HEADER = struct.Struct("<BBBBBBBHB")
 OVERHEAD, TAG = HEADER.size + 2, 13
 NO_FRAME, NOT_YET = -1, 0
+START = re.compile(rb"[\xfd\xfe]")
+"""First byte of a frame, of MAVLink 2 and of MAVLink 1."""
+MOST_FALSE_STARTS = 32
+"""Largest number of bytes in one packet that look like a start and are none. A flood of them would hold up the loop."""
 
 
 class Endpoint:
@@ -213,25 +218,46 @@ class Endpoint:
         self.untimely, self.is_asked_by_stranger = [], False
         if not data:
             return []
-        buffer, at, messages = self._rest + data, 0, []
-        size = len(buffer)
-        while at < size:
-            first = buffer[at]
-            if first == VERSION_2:
-                used = self._read_frame(buffer, at, messages)
-            elif first == VERSION_1:
-                used = self._skip_old_frame(buffer, at)
-            else:
-                used = NO_FRAME
-            if used == NOT_YET:
-                break
-            self.counts.garbage += used == NO_FRAME
-            at += max(used, 1)
-        self._rest = buffer[at:]
-        if self._datagrams:
-            self.counts.garbage += len(self._rest)
-            self._rest = b""
+        buffer, waiting, messages = self._rest + data, b"", []
+        if self._datagrams and self._rest and self._starts_frame(data):  # of another sender than the rest
+            buffer, waiting = data, self._rest
+        rest = self._read_frames(buffer, messages)
+        if self._datagrams and rest and waiting:
+            self.counts.garbage += len(waiting)
+        self._rest = rest or waiting
         return messages
+
+    def _read_frames(self, buffer: bytes, messages: list[Message]) -> bytes:
+        """Read all frames. Return the incomplete one at the end.
+
+        What starts like a frame and is none costs time. After MOST_FALSE_STARTS of them the remaining bytes are dropped.
+        """
+        at, size, false_starts = 0, len(buffer), 0
+        while at < size:
+            found = START.search(buffer, at)
+            if found is None or false_starts == MOST_FALSE_STARTS:
+                self.counts.garbage += size - at
+                return b""
+            self.counts.garbage += found.start() - at
+            at = found.start()
+            used = (self._read_frame if buffer[at] == VERSION_2 else self._skip_old_frame)(buffer, at, messages)
+            if used == NOT_YET:
+                return buffer[at:]
+            if used == NO_FRAME:
+                false_starts += 1
+                self.counts.garbage += 1
+            at += max(used, 1)
+        return b""
+
+    def _starts_frame(self, data: bytes) -> bool:
+        """Return whether a packet starts with a whole frame of the dialect."""
+        if len(data) < HEADER.size or data[0] != VERSION_2:
+            return False
+        _, length, flags, _, _, _, _, low, high = HEADER.unpack_from(data)
+        definition, end = self.dialect.by_id.get(low | high << 16), HEADER.size + length
+        if definition is None or flags & ~SIGNED_FLAG or len(data) < OVERHEAD + length + (TAG if flags else 0):
+            return False
+        return checksum(data[1:end], definition.crc_extra) == data[end : end + 2]
 
     def _read_frame(self, buffer: bytes, at: int, messages: list[Message]) -> int:
         """Return the number of bytes of the frame at `at`; NO_FRAME; or NOT_YET if more bytes are needed."""
@@ -301,7 +327,7 @@ class Endpoint:
         self.counts.unknown += whole
         return size if whole else NO_FRAME
 
-    def _skip_old_frame(self, buffer: bytes, at: int) -> int:
+    def _skip_old_frame(self, buffer: bytes, at: int, _: list[Message]) -> int:
         """Skip and refuse a frame of MAVLink 1, which has no signature."""
         if len(buffer) - at < 6:
             return NOT_YET
