@@ -24,7 +24,7 @@ def test_a_writer_that_hangs_holds_up_nobody_and_what_found_no_room_is_counted()
     writer = LineWriter(write)
     for k in range(2 * ROOM):
         writer.put(str(k))
-    assert ROOM - 1 <= writer.lost <= ROOM
+    assert ROOM - 1 <= writer.lost_count <= ROOM
     assert writer.close(0.0) >= 2 * ROOM - 1
     go.set()
 

@@ -222,6 +222,15 @@ def test_a_vehicle_whose_outputs_died_ends_and_says_so(scenario):
     assert "ended: the outputs' process died" in events(one.truth)
 
 
+def test_a_vehicle_whose_outputs_are_frozen_ends_within_100_ms_and_says_so(scenario):
+    one = fly_pair(scenario, act=lambda pair: pair.time.freeze(pair.there.outputs[-1], 2.0), duration=seconds(3))
+    assert "the outputs' process is frozen" in one.served.problems
+    times = {event["text"]: event["t"] for event in one.truth.metadata["events"]}
+    frozen_at = times["computer: arm request"] + 0.5
+    assert 0.08 < times["ended: the outputs' process is frozen"] - frozen_at < 0.13
+    assert "at rest; the vehicle has ended" in one.pair.outputs_said[-1]
+
+
 def test_a_wall_clock_that_is_an_hour_ahead_is_refused_with_the_difference(scenario):
     pair = VirtualPair(scenario)
     pair.start_vehicle()

@@ -220,7 +220,7 @@ def _fly_real_time(
             overrun=overrun,
             stop=stop,
             tell=sink.put,
-            lost_lines=lambda: sink.lost,
+            lost_lines=lambda: sink.lost_count,
         )
         if address is None:
             flight = fly()

@@ -147,7 +147,7 @@ def command(
         return serve_stack(stack, built, line_uri, channels, release, seed, limit, out, tell, as_json)
     signing_key = find_key(scenario, key, unsigned, line_uri, create=True)
     with open_line(line_uri, listen=True) as line:
-        machine, log = current_machine(), None if out is None else new_log(out, "vehicle.mcap")
+        log = None if out is None else new_log(out, "vehicle.mcap")
         endpoint = endpoint_factory(line_uri, VEHICLE, signing_key, clock)
         if lockstep:
             built = built if limit is None else replace(built, duration=limit)
@@ -159,19 +159,16 @@ def command(
                 options = StationOptions(out, transfer_rate(line_uri), place, store)
                 live = _build_vehicle(built, line, endpoint, seed, options)
             tell(f"{built.name} listens on {line_uri}; held until it is armed. Ctrl-C ends it.")
-            lines, stamps = machine.write_lines(tell), machine.store_stamps_ahead(live.endpoint)
-            with lines as sink, machine.catch_interrupts() as stop, stamps:
-                service = live.serve(
-                    duration=limit,
-                    log=log,
-                    log_limit=log_limit,
-                    watchdog=silence,
-                    outputs_folder=out,
-                    wanted_real_time=real_time,
-                    stop=stop,
-                    tell=sink.put,
-                    lost_lines=lambda: sink.lost,
-                )
+            service = _serve(
+                live,
+                tell,
+                duration=limit,
+                log=log,
+                log_limit=log_limit,
+                watchdog=silence,
+                outputs_folder=out,
+                wanted_real_time=real_time,
+            )
             release_time, end = service.release_time, service.disarm_time or service.t
             service_facts = _describe_service(service, live, line)
     result = {"scenario": built.name, "seed": seed, "duration_s": to_seconds(end - (release_time or 0)), "ideal": None}
@@ -189,6 +186,14 @@ def _build_vehicle(
     """Return the real-time vehicle of a scenario, with an inactive fault in every part for later injection."""
     idle, machine = add_idle_faults(scenario), current_machine()
     return LiveVehicle(idle, line, endpoint, seed=seed, station_options=options, machine=machine)
+
+
+def _serve(live: LiveVehicle, tell: Callable[[str], None], **options: Any) -> VehicleSummary:
+    """Run the vehicle until Ctrl-C. A thread writes its lines for the user."""
+    machine = current_machine()
+    lines, stamps = machine.write_lines(tell), machine.store_stamps_ahead(live.endpoint)
+    with lines as sink, machine.catch_interrupts() as stop, stamps:
+        return live.serve(stop=stop, tell=sink.put, lost_lines=lambda: sink.lost_count, **options)
 
 
 def _build_one(name: str, settings: Mapping[str, str], faults: Iterable[str]) -> Scenario:

@@ -1,7 +1,7 @@
 """Lines for people, written by a thread: whoever reports a line never waits for a terminal, a pipe or a disk.
 
 A paused terminal, a full pipe and a disk that hangs hold up a write for as long as they like. A flight must not wait
-for them. Lines that the thread cannot write, and lines for which the queue has no room, are counted.
+for them. Lines that the thread cannot write, or that do not fit into the queue, are counted.
 """
 
 import os
@@ -28,12 +28,12 @@ class LineWriter:
         self._thread.start()
 
     @property
-    def lost(self) -> int:
+    def lost_count(self) -> int:
         """Number of lines that were not written so far, and will not be."""
         return self._overflowed + self._failed
 
     def put(self, text: str) -> None:
-        """Hand a line over. Never waits. A line for which there is no room is lost."""
+        """Hand a line over. Never waits. A line that does not fit is lost."""
         if self._lines.qsize() >= ROOM:
             self._overflowed += 1
         else:
@@ -43,7 +43,7 @@ class LineWriter:
         """Write the waiting lines, for at most `patience` seconds. Return the number of lost lines."""
         self._lines.put(None)
         self._thread.join(patience)
-        return self.lost + max(self._lines.qsize() - 1, 0)
+        return self.lost_count + max(self._lines.qsize() - 1, 0)
 
     def _run(self) -> None:
         if hasattr(os, "sched_setscheduler"):

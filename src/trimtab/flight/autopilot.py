@@ -18,13 +18,7 @@ from trimtab.flight.autopilot_end import LONGEST_SAMPLE_AGE, MOST_SAMPLE_LEAD, A
 from trimtab.flight.autopilot_parameters import AutopilotParameters
 from trimtab.flight.connection_problem import owner_problem
 from trimtab.flight.console_line import ConsoleLine
-from trimtab.flight.flight_log import (
-    FlightRecorder,
-    count_frames,
-    describe_lost_lines,
-    list_log_problems,
-    open_flight_log,
-)
+from trimtab.flight.flight_log import FlightRecorder, close_flight_log, count_frames, list_log_problems, open_flight_log
 from trimtab.flight.flight_signals import FLIGHT_SIGNALS, LiveFlightSummary
 from trimtab.flight.machine import SYSTEM_MACHINE, Machine
 from trimtab.flight.mavlink.dialect import Dialect
@@ -85,8 +79,7 @@ class LiveAutopilot:
         Args:
             scenario: scenario of the autopilot.  link: link to the vehicle.
             endpoint: makes the autopilot's end for a dialect.
-            seed: seed of the random numbers.
-            step: the compiled autopilot, if there is one.
+            seed: seed of the random numbers.  step: the compiled autopilot, if there is one.
             typed: the command that the user typed, for the commands that messages suggest.
             accepts: paths at or below which the vehicle may differ from this end.
             store: where parameters are stored when a ground station asks for it; None: they are not stored.
@@ -168,8 +161,7 @@ class LiveAutopilot:
 
         Args:
             duration: duration of the flight; None: the scenario's.
-            log_limit: maximum size of the log on the disk (bytes); None: no limit.
-            log: path of the flight's log.
+            log: path of the flight's log.  log_limit: its maximum size on the disk (bytes); None: no limit.
             wanted_real_time: ask the system for real-time scheduling and locked memory.
             overrun: "count" continues after an overrun; "halt" ends an armed flight at the first one.
             console: console of the pilot, who then decides when to arm; its rows have been set.
@@ -223,10 +215,8 @@ class LiveAutopilot:
                     if is_ours and not self.remote.is_taken:  # another autopilot's vehicle is left alone
                         self._disarm()
         finally:
-            if flight_log is not None and (count := lost_lines()):
-                flight_log.write_event(describe_lost_lines(count))
             self._flight_log = None
-            summary = flight_log.close() if flight_log else None
+            summary = close_flight_log(flight_log, lost_lines())
         lost = [] if flight_log is None else list_log_problems(summary)
         for problem in lost:
             tell(problem)

@@ -172,9 +172,21 @@ class FlightLog:
         self._ring.close()
 
 
-def describe_lost_lines(count: int) -> str:
-    """Return the line of the log about lines for the user that nobody could read."""
-    return f"{count} lines for the user were lost: the terminal, or the reader of the output, did not take them"
+def close_flight_log(
+    log: FlightRecorder | None, lost_lines: int, final: Mapping[str, Any] | None = None
+) -> LogFileSummary | None:
+    """End a log, after a line about lines for the user that a terminal or a pipe did not take.
+
+    Args:
+        log: the log; None: no log.
+        lost_lines: number of lines for the user that were lost.
+        final: last values, for the log.
+    """
+    if log is None:
+        return None
+    if lost_lines:
+        log.write_event(f"{lost_lines} lines for the user were lost: the terminal or the reader did not take them")
+    return log.close(final)
 
 
 def list_log_problems(summary: LogFileSummary | None) -> list[str]:

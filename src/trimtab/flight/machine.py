@@ -80,7 +80,7 @@ class LineSink(Protocol):
     """Receiver of lines for the user. It never waits."""
 
     @property
-    def lost(self) -> int:
+    def lost_count(self) -> int:
         """Number of lines that could not be written."""
         ...
 

@@ -57,7 +57,7 @@ def open_log(folder: Path) -> Callable[[str], object]:
 def open_port(folder: Path, orders: OutputsOrders) -> OutputPort:
     """Make the port in shared memory, and link it to the folder of the log.
 
-    Raises OSError where the folder already has a port, or there is no memory.
+    Raises OSError where the folder already has a port, or memory is short.
     """
     port = OutputPort(port_path(os.getpid()), orders.safe, orders.lift_delay)
     try:

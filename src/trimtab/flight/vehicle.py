@@ -23,8 +23,8 @@ from trimtab.flight.exchange import GroupSample, command_group, slot_indices
 from trimtab.flight.flight_log import (
     FlightRecorder,
     LogSource,
+    close_flight_log,
     count_frames,
-    describe_lost_lines,
     frame_signals,
     list_log_problems,
     open_flight_log,
@@ -271,10 +271,8 @@ class LiveVehicle:
                     if self._outputs is not None:
                         self._outputs.close()
         finally:
-            if flight_log is not None and (count := lost_lines()):
-                flight_log.write_event(describe_lost_lines(count))
             self._flight_log = self._outputs = None
-            summary = flight_log.close(self.body.final_truth()) if flight_log else None
+            summary = close_flight_log(flight_log, lost_lines(), self.body.final_truth())
         lost = [] if flight_log is None else list_log_problems(summary)
         for problem in lost:
             tell(problem)

@@ -138,7 +138,7 @@ class VirtualMachine:
 class _DirectLines:
     """Lines of a program in virtual time. They are written at once: no terminal holds it up."""
 
-    lost = 0
+    lost_count = 0
 
     def __init__(self, write: Callable[[str], object]) -> None:
         self._write = write

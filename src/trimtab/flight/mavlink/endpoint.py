@@ -93,7 +93,7 @@ NO_FRAME, NOT_YET = -1, 0
 START = re.compile(rb"[\xfd\xfe]")
 """First byte of a frame, of MAVLink 2 and of MAVLink 1."""
 MOST_FALSE_STARTS = 32
-"""Largest number of bytes in one packet that look like a start and are none. A flood of them would hold up the loop."""
+"""Largest number of false starts of frames in one packet. A flood of them would hold up the loop."""
 
 
 class Endpoint:
@@ -230,7 +230,7 @@ class Endpoint:
     def _read_frames(self, buffer: bytes, messages: list[Message]) -> bytes:
         """Read all frames. Return the incomplete one at the end.
 
-        What starts like a frame and is none costs time. After MOST_FALSE_STARTS of them the remaining bytes are dropped.
+        False starts cost time. After MOST_FALSE_STARTS of them the remaining bytes are dropped.
         """
         at, size, false_starts = 0, len(buffer), 0
         while at < size:

@@ -45,7 +45,7 @@ class ParameterChange(NamedTuple):
 class ReceiverChannels(NamedTuple):
     """Pulse widths of a safety pilot's receiver, in seconds; NaN for a missing channel.
 
-    is_release: a ground station gives all channels back, so there is no safety pilot any more.
+    is_release: a ground station gives all channels back, so the vehicle expects no safety pilot.
     """
 
     pulses: tuple[float, ...]
@@ -149,7 +149,7 @@ NAN = float("nan")
 ABSENT = {"RC_CHANNELS": (65535,), "RC_CHANNELS_OVERRIDE": (0, 65534, 65535)}
 """Values that mean: no such channel; unchanged; released to the receiver."""
 SHORTEST_PULSE, LONGEST_PULSE = 800, 2200
-"""Range of the pulses (µs) that a receiver sends. A pulse outside is no signal."""
+"""Range of the pulses (µs) that a receiver sends. Other pulses carry nothing."""
 RELEASED = 0
 FIRST_CHANNELS = 8
 """Number of channels that a station gives back by RELEASED."""
