@@ -1,5 +1,6 @@
 import json
 import os
+import struct
 from pathlib import Path
 
 import jsonschema
@@ -14,8 +15,10 @@ from mcap.writer import Writer
 from trimtab.core.errors import InputError
 from trimtab.core.quantity import Quantity
 from trimtab.core.time import ms, to_seconds
+from trimtab.logs.contents import MAGIC
 from trimtab.logs.log import Log
 from trimtab.logs.mcap import estimate_size, read_mcap, replace_file, write_mcap
+from trimtab.logs.messages import NS_PER_TICK
 
 
 def made(n: int = 200, **changes) -> Log:
@@ -194,12 +197,88 @@ def test_a_cut_anywhere_gives_a_log_or_a_refusal(tmp_path):
     assert lengths == sorted(lengths)
 
 
-def test_a_damaged_file_is_refused(tmp_path):
+def chunk_places(data):
+    """Start and stop of each chunk's record."""
+    places, at = [], len(MAGIC)
+    while at + 9 <= len(data):
+        opcode, length = struct.unpack_from("<BQ", data, at)
+        if opcode == 6:
+            places.append((at, at + 9 + length))
+        at += 9 + length
+    return places
+
+
+def spoil(data, place, how):
+    start, stop = place
+    bad = bytearray(data)
+    if how == "bit":
+        bad[(start + stop) // 2] ^= 0x10
+    elif how == "zeros":
+        bad[start : min(start + 4096, stop)] = bytes(min(4096, stop - start))
+    elif how == "length":
+        bad[start + 1 : start + 9] = struct.pack("<Q", 1 << 40)
+    elif how == "noise":
+        bad[start:stop] = np.random.default_rng(1).bytes(stop - start)
+    elif how == "short":
+        bad[start + 1 : start + 9] = struct.pack("<Q", 100)
+    return bytes(bad)
+
+
+@pytest.mark.parametrize("how", ["bit", "zeros", "length", "noise", "short"])
+@pytest.mark.parametrize("which", [0, 3, -1])
+def test_damage_costs_its_chunk_and_is_named(tmp_path, how, which):
+    log = made(n=6000)
+    write_mcap(log, tmp_path / "run.mcap")
+    data = (tmp_path / "run.mcap").read_bytes()
+    places = chunk_places(data)
+    assert len(places) > 6
+    (tmp_path / "bad.mcap").write_bytes(spoil(data, places[which], how))
+    read = read_mcap(tmp_path / "bad.mcap")
+    kept = np.isin(log.ticks, read.ticks)
+    lost = np.flatnonzero(~kept)
+    assert 0 < len(lost) < 2.5 * len(log) / len(places)
+    assert (np.diff(lost) == 1).all()
+    for path in log.paths:
+        same_bits(read[path], log[path][kept])
+    texts = [gap["text"] for gap in read.metadata["gaps"]]
+    assert any("damaged" in t or "wrong" in t or "longer" in t for t in texts)
+    if which == 3:
+        assert read.metadata["gaps"][0]["after_s"] == pytest.approx(log.t[lost[0] - 1])
+
+
+def test_a_log_that_lacks_one_message_has_no_rows_of_two_instants(tmp_path):
+    """`mcap recover` and tools that filter messages write such files."""
+    log = made(n=400)
+    write_mcap(log, tmp_path / "run.mcap")
+    with open(tmp_path / "run.mcap", "rb") as source, open(tmp_path / "less.mcap", "wb") as stream:
+        reader, writer, channels = make_reader(source), Writer(stream), {}
+        writer.start()
+        for record in reader.iter_metadata():
+            writer.add_metadata(record.name, record.metadata)
+        for schema, channel, message in reader.iter_messages():
+            if channel.topic not in channels:
+                schema_id = writer.register_schema(schema.name, schema.encoding, schema.data)
+                channels[channel.topic] = writer.register_channel(channel.topic, "json", schema_id)
+            if channel.topic != "/law" or message.log_time // NS_PER_TICK != log.ticks[100]:
+                writer.add_message(channels[channel.topic], message.log_time, message.data, message.publish_time)
+        writer.finish()
+    read = read_mcap(tmp_path / "less.mcap")
+    kept = np.arange(400) != 100
+    np.testing.assert_array_equal(read.ticks, log.ticks[kept])
+    for path in log.paths:
+        same_bits(read[path], log[path][kept])
+    (gap,) = read.metadata["gaps"]
+    assert gap["after_s"] == pytest.approx(log.t[99])
+    assert gap["text"].startswith("1 instants, ")
+    assert "truncated" not in read.metadata
+
+
+def test_a_file_whose_description_is_damaged_is_refused(tmp_path):
     write_mcap(made(), tmp_path / "run.mcap")
     data = bytearray((tmp_path / "run.mcap").read_bytes())
-    data[len(data) // 2] ^= 0x10
+    data[len(MAGIC) + 60] ^= 0x10
     (tmp_path / "bad.mcap").write_bytes(data)
-    with pytest.raises(InputError, match="is damaged"):
+    with pytest.raises(InputError, match=r"is damaged|not a log of trimtab"):
         read_mcap(tmp_path / "bad.mcap")
 
 

@@ -19,13 +19,13 @@ from trimtab.analysis.identify.allan import (
 )
 from trimtab.analysis.identify.inertial_noise import AXES, TRIADS, noise_calibration
 from trimtab.commands.calibrate_files import add_to_file, check_calibration_file, entries_json, print_entries
+from trimtab.commands.foreign_logs import read_own_log
 from trimtab.commands.options import FILE, JSON, OUT, PLOT
 from trimtab.commands.output import check_picture, draw_plot, new_table, print_files, print_json, print_table
 from trimtab.core.errors import InputError, closest
 from trimtab.core.time import parse_time, to_seconds
 from trimtab.core.units import find_unit
 from trimtab.logs.log import Log
-from trimtab.logs.mcap import read_mcap
 from trimtab.logs.samples import read_csv, sample_path, samples
 from trimtab.loop.calibration import Calibration
 from trimtab.plots.allan import plot_allan
@@ -85,7 +85,7 @@ def calibrate_noise(
     check_picture(plot, None)
     check_calibration_file(out)
     least, step = _parse_times(shortest, tick)
-    still = read_csv(log, time) if log.suffix.lower() == ".csv" else read_mcap(log)
+    still = read_csv(log, time) if log.suffix.lower() == ".csv" else read_own_log(log)
     _refuse_moving(still)
     axes = {n: _fit_axis(n, still.unit(p), y, dt, least, step) for n, p, y, dt in _iterate_axes(still, signals)}
     calibration, notes = _calibrate_units(log.name, axes, step)

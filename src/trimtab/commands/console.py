@@ -15,6 +15,7 @@ from typing import IO, TYPE_CHECKING, NoReturn
 import click
 
 from trimtab.commands import fly
+from trimtab.commands.foreign_logs import read_own_log
 from trimtab.commands.kept_programs import enable_cache
 from trimtab.commands.line import live_settings
 from trimtab.commands.options import FAULT, NAVIGATION, OUT, PLACE, SEED, SET, parse_parts
@@ -24,7 +25,6 @@ from trimtab.console.address import ConsoleAddress
 from trimtab.core.errors import InputError
 from trimtab.core.record import replace
 from trimtab.core.time import parse_time
-from trimtab.logs.mcap import read_mcap
 from trimtab.run.replay import replay
 from trimtab.scenarios import catalogue
 from trimtab.scenarios.build import build
@@ -149,7 +149,7 @@ def _replay(file: Path, parts: Mapping[str, str]) -> "list[Recording]":
     """Return a recorded flight, and its replay with other parts of the autopilot."""
     from trimtab.console.recordings import load_recording, record_flight
 
-    log = read_mcap(file)
+    log = read_own_log(file)
     recorded = rebuild_scenario(log)
     enable_cache()
     with show_spinner(f"compiling the autopilot of {recorded.name}"):

@@ -4,13 +4,13 @@ from pathlib import Path
 
 import click
 
+from trimtab.commands.foreign_logs import read_own_log
 from trimtab.commands.kept_programs import enable_cache
 from trimtab.commands.options import FILE, JSON, OUT
 from trimtab.commands.output import check_folder, check_out, print_files, print_json
 from trimtab.commands.progress import show_spinner
 from trimtab.core.errors import InputError
 from trimtab.core.time import parse_time
-from trimtab.logs.mcap import read_mcap
 from trimtab.logs.messages import EPOCH
 
 ENDING = ".rrd"
@@ -53,7 +53,7 @@ def command(file: Path, kind: str, out: Path, scenario: str | None, period: str,
                 fix=f"--out {out.with_suffix(ENDING)}",
             )
         check_out("--out", out, f"flight{ENDING}")
-    log = read_mcap(file)
+    log = read_own_log(file)
     flown = rebuild_scenario(log, scenario)
     enable_cache()
     with show_spinner(f"converting {file.name}"):

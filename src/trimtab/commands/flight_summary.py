@@ -8,12 +8,12 @@ from typing import Any
 import click
 import numpy as np
 
+from trimtab.commands.foreign_logs import read_own_log
 from trimtab.commands.output import format_number, new_table, print_table
 from trimtab.core.quantity import component_paths
 from trimtab.core.time import to_seconds
 from trimtab.logs.log import Log
 from trimtab.logs.log_limit import list_files
-from trimtab.logs.mcap import read_mcap
 from trimtab.logs.metrics import Target, full_path, metrics, mode_switches, nearest_target_value
 from trimtab.logs.robustness import PENDING, VERDICTS, VIOLATED
 from trimtab.logs.spatial import FLIGHT, display_unit, flight_sources, with_flight
@@ -42,7 +42,7 @@ def summarise_truth(
     """Summarise a vehicle's log from its release to its end (100 ns), as `real`; None if the log is too large."""
     if release is None or file is None or list_files(file) != [file] or file.stat().st_size > MOST_SUMMARISED:
         return {"real": None}
-    whole = read_mcap(file)
+    whole = read_own_log(file)
     goes_on = np.zeros(len(whole), bool) if end is None else whole.ticks > end
     flown = (whole.ticks >= release) & ~goes_on
     if not flown.any():

@@ -4,6 +4,8 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+import click
+
 from trimtab.commands.output import new_table, print_table
 from trimtab.core.errors import InputError
 from trimtab.logs.foreign import detect_format, is_own_log, list_topics, read_foreign
@@ -14,6 +16,14 @@ from trimtab.scenarios.build import build
 
 FIELDS_SHOWN = 8
 """Maximum number of fields of a topic in the table."""
+
+
+def read_own_log(file: Path) -> Log:
+    """Read a log of trimtab. Print a warning for each gap in it."""
+    log = read_mcap(file)
+    for gap in log.metadata.get("gaps", ()):
+        click.echo(f"warning: {file.name}: {gap['text']}", err=True)
+    return log
 
 
 def read_any_log(file: Path, mapping: Path | None, *, quiet: bool = False) -> Log:
@@ -30,7 +40,7 @@ def read_any_log(file: Path, mapping: Path | None, *, quiet: bool = False) -> Lo
     if mapping is not None:
         return read_foreign(file, mapping)
     if is_own_log(file):
-        return read_mcap(file)
+        return read_own_log(file)
     kind, topics = detect_format(file).name, list_topics(file)
     if not quiet:
         _print_topics(f"{file.name}: {kind}", topics)

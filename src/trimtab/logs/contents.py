@@ -1,4 +1,7 @@
-"""Content of an MCAP file, up to its end or to a cut; a cut chunk is decompressed as far as possible.
+"""Content of an MCAP file, up to its end or to a cut. Damaged chunks are left out and named.
+
+A cut chunk is decompressed as far as possible. After a damaged part, reading goes on at the next chunk that is
+compressed by zstd, as all chunks of trimtab's own logs are.
 
 Source: MCAP format specification 0 (mcap.dev/spec), section "Records".
 """
@@ -8,14 +11,27 @@ import struct
 import zlib
 from collections.abc import Iterator
 from io import BytesIO
-from typing import Any
+from typing import Any, NamedTuple
 
 from trimtab.core.errors import InputError
 
 MAGIC = b"\x89MCAP0\r\n"
 """Bytes at both ends of a file."""
 FOOTER, CHANNEL, MESSAGE, CHUNK, METADATA, DATA_END = 0x02, 0x04, 0x05, 0x06, 0x0C, 0x0F
+KNOWN, PRIVATE = range(0x01, 0x10), range(0x80, 0x100)
+"""Opcodes of the format, and those that programs may use for records of their own."""
 RECORD, MESSAGE_HEAD, CHUNK_HEAD = struct.Struct("<BQ"), struct.Struct("<HIQQ"), struct.Struct("<QQQI")
+ZSTD = b"\x04\x00\x00\x00zstd"
+"""Bytes of a chunk that follow its head."""
+LARGEST_CHUNK = 1 << 28
+"""Largest accepted size of a decompressed chunk, so that a small file cannot fill the memory."""
+
+
+class Damage(NamedTuple):
+    """Damaged part of a file. after: time (ns) of the last message before it; None: it is before all messages."""
+
+    why: str
+    after: int | None
 
 
 @dataclasses.dataclass
@@ -26,7 +42,7 @@ class Contents:
     metadata: dict[str, dict[str, str]] = dataclasses.field(default_factory=dict)
     times: dict[str, list[int]] = dataclasses.field(default_factory=dict)
     texts: dict[str, list[bytes]] = dataclasses.field(default_factory=dict)
-    channels: dict[int, str] = dataclasses.field(default_factory=dict)
+    damages: list[Damage] = dataclasses.field(default_factory=list)
 
 
 class _DamagedFileError(Exception):
@@ -34,24 +50,115 @@ class _DamagedFileError(Exception):
 
 
 def parse_contents(path: Any, data: bytes) -> Contents:
-    """Parse a file that begins as MCAP; raise InputError if it is damaged, not merely cut."""
+    """Parse a file that begins as MCAP; raise InputError if it is damaged outside of its chunks, not merely cut."""
     contents = Contents(is_truncated=len(data) < 2 * len(MAGIC) or not data.endswith(MAGIC))
+    reader = _Reader(contents)
     try:
-        for opcode, start, stop in _records(data, len(MAGIC)):
-            if opcode == DATA_END:
-                _verify_check_sum(data, start)
-            if opcode == FOOTER:
-                break
-            _add_record(contents, opcode, data[start:stop], whole=stop <= len(data))
+        reader.read(data)
     except Exception as error:  # a cut file may end anywhere; decoders raise any type
         if not contents.is_truncated:
             problem = f"is damaged: {error or type(error).__name__}"
             raise InputError(f"log file '{path}'", problem, fix="make or copy the file again") from None
+    reader.sort_by_topic()
     return contents
 
 
-def _records(data: bytes, at: int) -> Iterator[tuple[int, int, int]]:
+class _Reader:
+    """Reader of one file. Messages are kept by channel: the names of channels may follow at the end of the file."""
+
+    def __init__(self, contents: Contents) -> None:
+        self._contents = contents
+        self._topics: dict[int, str] = {}
+        self._messages: dict[int, tuple[list[int], list[bytes]]] = {}
+        self._newest: int | None = None
+
+    def read(self, data: bytes) -> None:
+        """Read all records. After a damaged part, go on at the next chunk."""
+        at = len(MAGIC)
+        while at + RECORD.size <= len(data):
+            opcode, length = RECORD.unpack_from(data, at)
+            start, stop = at + RECORD.size, at + RECORD.size + length
+            is_cut = self._contents.is_truncated and stop > len(data)
+            if opcode == FOOTER and stop <= len(data):
+                return
+            if opcode not in KNOWN and opcode not in PRIVATE:
+                at = self._skip_damage(data, at, "the bytes between two records are wrong", len(data))
+            elif stop > len(data) and not is_cut:
+                at = self._skip_damage(data, at, "a record is longer than the file", len(data))
+            elif opcode == CHUNK and not is_cut:
+                try:
+                    inner = _decompress_chunk(data[start:stop])
+                except Exception as error:  # decoders raise any type
+                    at = self._skip_damage(data, at, f"a chunk is damaged: {error or type(error).__name__}", stop)
+                else:
+                    self._add_inner(inner)
+                    at = stop
+            else:
+                if opcode == DATA_END and not self._contents.damages:
+                    _verify_check_sum(data, start)
+                if opcode == CHUNK:
+                    self._add_inner(_decompress_partial_chunk(data[start:]))
+                elif stop <= len(data):
+                    self._add(opcode, data[start:stop])
+                at = stop
+
+    def sort_by_topic(self) -> None:
+        """Give the messages to the contents, by the topics of their channels."""
+        contents = self._contents
+        for topic in self._topics.values():
+            contents.times.setdefault(topic, [])
+            contents.texts.setdefault(topic, [])
+        for channel, (times, texts) in self._messages.items():
+            if channel in self._topics:
+                contents.times[self._topics[channel]] += times
+                contents.texts[self._topics[channel]] += texts
+
+    def _skip_damage(self, data: bytes, at: int, why: str, stop: int) -> int:
+        """Note a damaged part. Return the place of the next chunk, `stop` if there is none."""
+        self._contents.damages.append(Damage(why, self._newest))
+        found = data.find(ZSTD, at + RECORD.size + CHUNK_HEAD.size + 1)
+        while found >= 0:
+            place = found - CHUNK_HEAD.size - RECORD.size
+            opcode, length = RECORD.unpack_from(data, place)
+            if opcode == CHUNK and place + RECORD.size + length <= len(data):
+                return place
+            found = data.find(ZSTD, found + 1)
+        return max(stop, at + 1)
+
+    def _add_inner(self, inner: bytes) -> None:
+        """Add the records of a chunk."""
+        for opcode, start, stop in _records(inner):
+            if opcode not in KNOWN and opcode not in PRIVATE:
+                return
+            if stop <= len(inner):
+                self._add(opcode, inner[start:stop])
+
+    def _add(self, opcode: int, content: bytes) -> None:
+        if opcode == MESSAGE:
+            channel, _, time, _ = MESSAGE_HEAD.unpack_from(content)
+            times, texts = self._messages.setdefault(channel, ([], []))
+            times.append(time)
+            texts.append(content[MESSAGE_HEAD.size :])
+            self._newest = time if self._newest is None else max(self._newest, time)
+        elif opcode in (CHANNEL, METADATA):
+            self._add_description(opcode, content)
+
+    def _add_description(self, opcode: int, content: bytes) -> None:
+        from mcap.data_stream import ReadDataStream
+        from mcap.records import Channel, Metadata
+
+        stream = ReadDataStream(BytesIO(content))
+        if opcode == METADATA:
+            item = Metadata.read(stream)
+            self._contents.metadata[item.name] = item.metadata
+            return
+        channel = Channel.read(stream)
+        self._topics.setdefault(channel.id, channel.topic)
+
+
+def _records(data: bytes) -> Iterator[tuple[int, int, int]]:
     """Yield opcode, start and stop of each record's content; the last may stop beyond the end."""
+    at = 0
     while at + RECORD.size <= len(data):
         opcode, length = RECORD.unpack_from(data, at)
         at += RECORD.size
@@ -65,46 +172,15 @@ def _verify_check_sum(data: bytes, start: int) -> None:
         raise _DamagedFileError("its check sum is wrong")
 
 
-def _add_record(contents: Contents, opcode: int, content: bytes, *, whole: bool) -> None:
-    """Add a record; of a truncated record only a chunk is usable."""
-    if opcode == CHUNK:
-        inner = _decompress_chunk(content) if whole else _decompress_partial_chunk(content)
-        for kind, start, stop in _records(inner, 0):
-            if stop <= len(inner):
-                _add_record(contents, kind, inner[start:stop], whole=True)
-        return
-    if not whole:
-        return
-    if opcode == MESSAGE:
-        channel, _, time, _ = MESSAGE_HEAD.unpack_from(content)
-        topic = contents.channels[channel]
-        contents.times[topic].append(time)
-        contents.texts[topic].append(content[MESSAGE_HEAD.size :])
-    elif opcode in (CHANNEL, METADATA):
-        _add_description(contents, opcode, content)
-
-
-def _add_description(contents: Contents, opcode: int, content: bytes) -> None:
-    from mcap.data_stream import ReadDataStream
-    from mcap.records import Channel, Metadata
-
-    stream = ReadDataStream(BytesIO(content))
-    if opcode == METADATA:
-        item = Metadata.read(stream)
-        contents.metadata[item.name] = item.metadata
-        return
-    channel = Channel.read(stream)
-    if channel.id not in contents.channels:
-        contents.channels[channel.id] = channel.topic
-        contents.times[channel.topic], contents.texts[channel.topic] = [], []
-
-
 def _decompress_chunk(content: bytes) -> bytes:
     """Return the records in a chunk."""
     from mcap.data_stream import ReadDataStream
     from mcap.records import Chunk
     from mcap.stream_reader import get_chunk_data_stream
 
+    size = CHUNK_HEAD.unpack_from(content)[2]
+    if size > LARGEST_CHUNK:
+        raise _DamagedFileError(f"it states a size of {size} bytes")
     stream, length = get_chunk_data_stream(Chunk.read(ReadDataStream(BytesIO(content))), validate_crc=True)
     return stream.read(length)
 

@@ -21,6 +21,7 @@ from trimtab.core.errors import InputError
 from trimtab.core.time import SECONDS_PER_UNIT, to_seconds
 from trimtab.logs.contents import MAGIC, Contents, parse_contents
 from trimtab.logs.frames import FrameWriter, frame_topics
+from trimtab.logs.gaps import describe_gaps, join_by_time
 from trimtab.logs.log import Log
 from trimtab.logs.messages import (
     CLOCK,
@@ -119,7 +120,8 @@ def read_mcap(path: str | os.PathLike[str]) -> Log:
     True
 
     A truncated file (full disk, interrupted copy) gives the instants before the cut, with ``metadata["truncated"]``
-    True; `final` is still that of the whole run.
+    True; `final` is still that of the whole run. Rows are joined by time: an instant that lacks a message, or whose
+    chunk is damaged, is left out, and ``metadata["gaps"]`` says which instants are missing and why.
     """
     contents = parse_contents(path, _read_bytes(Path(path)))
     if LAYOUT not in contents.metadata or RUN not in contents.metadata:
@@ -192,23 +194,28 @@ def _build_log(contents: Contents) -> Log:
     by_topic = group_by_topic(tuple(signals))
     if any(contents.texts.values()):  # another tool may have removed topics
         by_topic = {topic: fields for topic, fields in by_topic.items() if topic in contents.texts}
-    rows = min(len(contents.texts.get(topic, ())) for topic in by_topic)
-    if contents.is_truncated or rows < load_json(layout["rows"]):
-        metadata["truncated"] = True
     epoch = int(contents.metadata.get(CLOCK, {}).get(EPOCH, 0))
     if epoch:
         metadata[EPOCH] = epoch
+    joined = join_by_time({topic: contents.times.get(topic, []) for topic in by_topic})
+    rows = len(joined.times)
+    if contents.is_truncated or rows + len(joined.missing) < load_json(layout["rows"]):
+        metadata["truncated"] = True
+    gaps = describe_gaps(contents.damages, joined, epoch)
+    if gaps:
+        metadata["gaps"] = gaps
     events = [json.loads(text) for text in contents.texts.get(EVENTS, [])]
     if events:
         seconds = [(time - epoch) // NS_PER_TICK * SECONDS_PER_UNIT for time in contents.times[EVENTS]]
         metadata["events"] = [{"t": t, "text": e["message"]} for t, e in zip(seconds, events, strict=True)]
     arrays: dict[str, np.ndarray] = {}
     for topic, fields in by_topic.items():
-        messages = json.loads(b"[" + b",".join(contents.texts.get(topic, [])[:rows]) + b"]")
+        texts = contents.texts.get(topic, [])
+        messages = json.loads(b"[" + b",".join(texts[k] for k in joined.places[topic]) + b"]")
         for path, keys in fields.items():
             dtype, shape = np.dtype(signals[path]["dtype"]), signals[path]["shape"]
             arrays[path] = np.array(signal_values(messages, keys), dtype).reshape(rows, *shape)
-    ticks = (np.array(contents.times.get(next(iter(by_topic)), [])[:rows], np.int64) - epoch) // NS_PER_TICK
+    ticks = (joined.times - epoch) // NS_PER_TICK
     return Log(
         t=to_seconds(ticks),
         ticks=ticks,

@@ -154,6 +154,12 @@ def find_steps(log: Log, frames: list[str], period: int) -> RecordedSteps:
     rows, reason = _find_flight_steps(log) if LOSS_COUNTERS[0] in log else _find_simulation_steps(log, period)
     if log.metadata.get("truncated") and not reason:
         reason = f"the log is cut at {log.t[-1]:g} s"
+    for gap in log.metadata.get("gaps", ()):
+        whole = rows[log.t[rows] <= (-1.0 if gap["after_s"] is None else gap["after_s"])]
+        if len(whole) < len(rows):
+            rows, reason = whole, f"the log has a gap: {gap['text']}"
+    if not len(rows):
+        raise InputError("replay", f"the log lacks its first steps: {reason}", fix="give a log from the start on")
     columns = [np.asarray(_frame_column(log, path)[rows], np.float64).reshape(len(rows), -1) for path in frames]
     return RecordedSteps(rows, log.ticks[rows], np.concatenate(columns, axis=1), reason)
 
