@@ -138,3 +138,42 @@ def test_a_scenario_that_is_built_otherwise_is_refused(tmp_path):
     assert rebuild_scenario(gone, "hovercraft/zero-velocity").name == "hovercraft/zero-velocity"
     with pytest.raises(InputError, match="does not contain its scenario"):
         rebuild_scenario(Log(gone.t, gone.ticks, gone.signals))
+
+
+CHANGED = {
+    "arguments": {"navigation": "ins"},
+    "settings": {},
+    "without": [],
+    "faults": [],
+}
+
+
+@pytest.mark.parametrize(
+    ("metadata", "field"),
+    [
+        ({"choices": [1]}, "choices must be a table"),
+        ({"choices": "x"}, "choices must be a table"),
+        ({"parts": 3}, "parts must be a table of texts"),
+        ({"parts": {"a": 3}}, "parts must be a table of texts"),
+        ({"seed": "a"}, "seed must be a whole number"),
+        ({"seed": True}, "seed must be a whole number"),
+        ({"parameters": [1]}, "parameters must be a table"),
+        ({"scenario": 7}, "scenario must be a text"),
+        ({"choices": CHANGED | {"settings": [1, 2]}}, r"choices\.settings must be a table of texts"),
+        ({"choices": CHANGED | {"settings": {"x": 1}}}, r"choices\.settings must be a table of texts"),
+        ({"choices": CHANGED | {"arguments": None}}, r"choices\.arguments is missing"),
+        ({"choices": CHANGED | {"faults": 7}}, r"choices\.faults must be a list of texts"),
+        ({"choices": CHANGED | {"faults": [7]}}, r"choices\.faults must be a list of texts"),
+        ({"choices": CHANGED | {"without": "imu-noise"}}, r"choices\.without must be a list of texts"),
+        ({"choices": CHANGED | {"calibration": []}}, r"choices\.calibration must be a table"),
+        ({"choices": CHANGED | {"gain": {"content": 3}}}, r"choices\.gain\.content must be a text"),
+        ({"choices": CHANGED | {"arguments": {"uplink": "/dev/zero"}}}, r"choices\.arguments\.uplink names a file"),
+        ({"choices": CHANGED | {"arguments": {"gain": "x"}}}, r"choices\.arguments\.gain names a file"),
+    ],
+)
+def test_metadata_of_the_wrong_kind_is_refused_by_field(tmp_path, builds, metadata, field):
+    log = recorded(tmp_path, build("hovercraft/spin", {}), **metadata)
+    builds.clear()
+    with pytest.raises(InputError, match=f"the log's field {field}"):
+        rebuild_scenario(log)
+    assert builds == []

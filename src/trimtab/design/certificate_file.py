@@ -16,6 +16,7 @@ from typing import Any, NoReturn
 import numpy as np
 
 from trimtab.core.errors import InputError
+from trimtab.core.user_file import read_user_text
 from trimtab.design.certificate import METHODS, Certificate, ObserverPart
 
 FORMAT = "trimtab certificate 2"
@@ -78,7 +79,7 @@ def _join_matrix_rows(text: str) -> str:
 def read_certificate(path: str | Path) -> tuple[Certificate, str]:
     """Read a certificate, and the digest stored with it."""
     try:
-        text = Path(path).read_text(encoding="utf-8")
+        text = read_user_text(path)
     except (OSError, UnicodeDecodeError) as error:
         reason = getattr(error, "strerror", None) or "it is not a text file"
         raise InputError(f"file '{path}'", f"cannot be read: {reason}", fix=FIX) from error

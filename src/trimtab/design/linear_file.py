@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from trimtab.core.errors import InputError
+from trimtab.core.user_file import read_user_text
 from trimtab.design.linearise import LinearModel
 
 FORMAT = "trimtab linear model"
@@ -29,7 +30,7 @@ def read_linear(file: Path) -> tuple[LinearModel, dict[str, Any]]:
     """
     fix = "trimtab linearise VEHICLE --out model.json  writes one"
     try:
-        data: Any = json.loads(file.read_text(encoding="utf-8"))
+        data: Any = json.loads(read_user_text(file))
         if data.get("format") != FORMAT:
             raise InputError(str(file), "is not a linear model", fix=fix)
         names = {n: tuple(str(word) for word in data[n]) for n in NAMES}

@@ -29,6 +29,7 @@ import numpy as np
 
 from trimtab.core.errors import InputError, closest
 from trimtab.core.units import find_size
+from trimtab.core.user_file import read_user_text
 
 SECTIONS = ("floor", "craft", "start", "goal", "circle", "polygon")
 FIX = """write e.g.
@@ -88,9 +89,11 @@ def read_task(path: str | Path) -> PlanTask:
     """
     part = str(path)
     try:
-        content = tomllib.loads(Path(path).read_text(encoding="utf-8"))
+        content = tomllib.loads(read_user_text(path))
     except FileNotFoundError:
         raise InputError(part, "the file does not exist", fix=FIX) from None
+    except OSError as error:
+        raise InputError(part, f"cannot be read: {error.strerror or error}", fix=FIX) from None
     except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:
         raise InputError(part, f"it is not valid TOML: {error}", fix=FIX) from None
     return parse_task(content, part)

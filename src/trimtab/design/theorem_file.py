@@ -18,6 +18,7 @@ import numpy as np
 
 from trimtab import __version__
 from trimtab.core.errors import InputError
+from trimtab.core.user_file import read_user_text
 from trimtab.design.certificate_file import parse_json
 from trimtab.design.certified_system import Setting
 from trimtab.design.gram_search import find_gram_proof
@@ -106,7 +107,7 @@ def parse_theorem(text: str, name: str) -> tuple[TheoremCertificate, str]:
 def read_text(path: Path) -> str:
     """Return the text of a file; raise InputError if it can't be read."""
     try:
-        return path.read_text(encoding="utf-8")
+        return read_user_text(path)
     except (OSError, UnicodeDecodeError) as error:
         reason = getattr(error, "strerror", None) or "it is not a text file"
         raise InputError(f"file '{path}'", f"cannot be read: {reason}", fix=FIX) from error

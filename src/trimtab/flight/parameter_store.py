@@ -12,6 +12,7 @@ from collections.abc import Callable
 from pathlib import Path
 
 from trimtab.core.errors import InputError
+from trimtab.core.user_file import read_user_text
 from trimtab.flight.station.parameters import NO_STORE, ChangedValues
 from trimtab.logs.mcap import replace_file
 
@@ -28,9 +29,7 @@ def read_parameters(file: Path | None, scenario: str) -> dict[str, str]:
     part = f"parameters '{file}'"
     fix = "give another file, or remove it to use the scenario's parameters"
     try:
-        if file.stat().st_size > LARGEST_FILE:
-            raise ValueError("the file is too large")
-        content = json.loads(file.read_text("utf-8"))
+        content = json.loads(read_user_text(file, largest=LARGEST_FILE))
         owner, parameters = content["scenario"], dict(content["parameters"])
         settings = {str(path): json.dumps(value) for path, value in parameters.items()}
     except (OSError, ValueError, TypeError, KeyError) as error:

@@ -22,6 +22,7 @@ from trimtab.core.record import Scalar, option, part, quantity, record
 from trimtab.core.rng import Key
 from trimtab.core.signals import Estimate
 from trimtab.core.spatial_reference import FixedPlace, SpatialPoint
+from trimtab.core.user_file import read_user_text
 from trimtab.laws.geometric_tracking import flyable_state
 from trimtab.vehicles.quadrotor import Multirotor, RotorDemand
 
@@ -49,7 +50,7 @@ def read_network(name: str) -> Network:
     """Return the weights in a file; a name without a folder and without .json is one of the package's own."""
     file = Path(name) if name.endswith(SUFFIX) else Path(__file__).with_name(f"policy_{name}{SUFFIX}")
     try:
-        told = json.loads(file.read_text(encoding="utf-8"))
+        told = json.loads(read_user_text(file))
         layers = tuple((np.array(x["weights"], float), np.array(x["bias"], float)) for x in told["layers"])
         network = Network(
             np.array(told["scale"], float), layers, *(np.array(told[n], float) for n in ("centre", "span"))

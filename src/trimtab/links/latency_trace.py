@@ -12,6 +12,7 @@ from trimtab.core.record import Scalar, option, period, quantity, record
 from trimtab.core.rng import Key
 from trimtab.core.signals import Sample
 from trimtab.core.time import ms
+from trimtab.core.user_file import read_user_text
 from trimtab.links.fifo import Fifo, check_ring, deliver, empty_fifo
 
 HEADER = "sent_s,latency_s"
@@ -120,7 +121,7 @@ def read_trace(path: str | Path) -> Trace:
     An empty latency marks a lost packet. Any other value that is not a time raises InputError with file, line and fix.
     """
     try:
-        text = Path(path).read_text(encoding="utf-8")
+        text = read_user_text(path)
     except FileNotFoundError:
         fix = f"record one: trimtab link-test URI --out DIR; or write CSV text, first line {HEADER}"
         raise InputError(f"{path}", "file not found", fix=fix) from None

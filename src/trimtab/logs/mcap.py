@@ -19,6 +19,7 @@ import numpy as np
 
 from trimtab.core.errors import InputError
 from trimtab.core.time import SECONDS_PER_UNIT, to_seconds
+from trimtab.core.user_file import read_user_bytes
 from trimtab.logs.contents import MAGIC, Contents, parse_contents
 from trimtab.logs.frames import FrameWriter, frame_topics
 from trimtab.logs.gaps import describe_gaps, join_by_time
@@ -160,7 +161,7 @@ def replace_file(path: str | os.PathLike[str]) -> Iterator[IO[bytes]]:
 
 def _read_bytes(path: Path) -> bytes:
     try:
-        data = path.read_bytes()
+        data = read_user_bytes(path)
     except OSError as error:
         problem = f"cannot be read: {error.strerror or error}"
         raise InputError(f"log file '{path}'", problem, fix=f"check the path; {WRITE}") from None

@@ -21,6 +21,7 @@ import numpy as np
 
 from trimtab.core.errors import InputError, closest
 from trimtab.core.units import UNITS, find_size
+from trimtab.core.user_file import read_user_text
 
 TRIAL = "trial"
 """Column that distinguishes equal readings."""
@@ -153,7 +154,7 @@ def _read_rows(where: str, path: Path, columns: Sequence[MeasuredColumn]) -> lis
     """Return line and cells of each row, the headings first, without comments (#) and empty lines."""
     wanted = f"first line {describe_columns(columns)}, then a line of numbers for each measurement"
     try:
-        text = path.read_text(encoding="utf-8-sig")
+        text = read_user_text(path, "utf-8-sig")
     except FileNotFoundError:
         raise InputError(where, "the file does not exist", fix=f"write one: {wanted}") from None
     except (OSError, UnicodeDecodeError) as error:

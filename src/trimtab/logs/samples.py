@@ -17,6 +17,7 @@ from trimtab.core.errors import InputError, argument
 from trimtab.core.quantity import Quantity
 from trimtab.core.time import UNITS_PER_SECOND, format_time, to_seconds
 from trimtab.core.units import UNITS, find_size
+from trimtab.core.user_file import read_user_text
 from trimtab.logs.log import Log
 
 TIMES = ("t", "time", "time_s", "timestamp", "seconds")
@@ -218,7 +219,7 @@ def _read_lines(path: str | os.PathLike[str]) -> tuple[list[str], list[str], lis
     """Return the names, their units, and the lines of numbers."""
     where = f"log file '{path}'"
     try:
-        text = Path(path).read_text(encoding="utf-8-sig")
+        text = read_user_text(path, "utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
         raise InputError(where, f"cannot be read: {error}", fix="give a CSV file of text in UTF-8") from None
     lines = [line for line in text.splitlines() if line.strip()]

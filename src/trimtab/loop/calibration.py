@@ -30,6 +30,7 @@ import numpy as np
 from scipy.special import stdtrit  # scipy.stats takes a second to import
 
 from trimtab.core.errors import InputError
+from trimtab.core.user_file import read_user_text
 
 VERSION = 1
 HEAD = "# trimtab calibration: numbers that were measured, each with unit, uncertainty and source"
@@ -99,7 +100,7 @@ def read_calibration(path: str | Path) -> Calibration:
     """Read a calibration file; raise InputError with the entry and the text to write if it is not one."""
     where = f"calibration '{path}'"
     try:
-        text = Path(path).read_text(encoding="utf-8")
+        text = read_user_text(path)
     except FileNotFoundError:
         fix = f"make one: trimtab calibrate thrust thrust.csv --out {path}"
         raise InputError(where, "the file does not exist", fix=fix) from None

@@ -18,9 +18,10 @@ from trimtab.loop.pilot_script import add_pilot_sensor
 from trimtab.loop.scenario import Scenario
 from trimtab.loop.stick_script import add_stick_sensor
 from trimtab.scenarios import catalogue
-from trimtab.scenarios.build import CALIBRATION, LINKS, build
+from trimtab.scenarios.build import CALIBRATION, build
 from trimtab.scenarios.catalogue import BARE
 from trimtab.scenarios.gain_file import GAIN
+from trimtab.scenarios.recorded_choices import FILE_ARGUMENTS, check_recorded_choices
 
 COMPARED_PATHS = ("autopilot", "world.sensors")
 """Parts that a replay needs unchanged: the autopilot and its inputs. The rest of the world is kept only if it fits."""
@@ -40,6 +41,7 @@ def rebuild_scenario(log: Log, name: str | None = None) -> Scenario:
     Raises:
         InputError: a log that does not say what flew, or names something that is not in the catalogue.
     """
+    check_recorded_choices(log)
     choices = log.metadata.get("choices") or {}
     own_name, settings = choices.get("scenario") or log.metadata.get("scenario"), log.metadata.get("parameters")
     if name is None and isinstance(own_name, str):
@@ -78,8 +80,9 @@ def _check_catalogue(name: str) -> str:
 def _build_candidates(name: str, choices: Mapping[str, Any]) -> Iterator[Scenario]:
     """Return the scenario of the recorded choices; for a log without any, of every combination of arguments in turn."""
     if choices:
-        files = (*LINKS, CALIBRATION, GAIN)  # it may be gone or changed by now
-        settings = {p: text for p, text in choices["settings"].items() if p not in files}
+        settings = {
+            p: text for p, text in choices["settings"].items() if p not in FILE_ARGUMENTS
+        }  # it may have changed
         content = choices.get(CALIBRATION)
         calibration = None if content is None else parse_calibration("the log's calibration", content["content"])
         noted = choices.get(GAIN)

@@ -28,6 +28,7 @@ from typing import Any, NamedTuple
 from trimtab.core.errors import InputError, Spelling, spell_python
 from trimtab.core.quantity import Quantity, leaves
 from trimtab.core.units import find_unit, parse_amount
+from trimtab.core.user_file import open_user_file
 from trimtab.logs.metrics import Target, full_path
 from trimtab.scenarios.catalogue import BARE, TOML
 
@@ -212,7 +213,7 @@ def _plain_key(text: str) -> str:
 
 def _read(name: str) -> dict[str, Any]:
     try:
-        with open(name, "rb") as stream:
+        with open_user_file(name) as stream:
             return tomllib.load(stream)
     except OSError as error:
         problem = f"cannot be read: {error.strerror or error}"

@@ -18,7 +18,6 @@ The docs page Foreign logs explains each key.
 import os
 import tomllib
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -26,6 +25,7 @@ import numpy as np
 from trimtab.core.errors import InputError, closest
 from trimtab.core.time import parse_time
 from trimtab.core.units import find_unit
+from trimtab.core.user_file import read_user_text
 
 TRUTH_SECTION = "truth"
 KEYS = ("sensor", TRUTH_SECTION)
@@ -106,7 +106,7 @@ def read_mapping(path: str | os.PathLike[str]) -> LogMapping:
     """
     where = f"mapping '{path}'"
     try:
-        content = tomllib.loads(Path(path).read_text(encoding="utf-8"))
+        content = tomllib.loads(read_user_text(path))
     except OSError as error:
         raise InputError(where, f"cannot be read: {error.strerror or error}", fix="check the path") from None
     except (UnicodeDecodeError, tomllib.TOMLDecodeError) as error:

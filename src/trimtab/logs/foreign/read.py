@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 from trimtab.core.errors import InputError
 from trimtab.core.time import to_seconds
 from trimtab.core.units import find_size
+from trimtab.core.user_file import open_user_file
 from trimtab.logs.contents import MAGIC, parse_contents
 from trimtab.logs.foreign.ardupilot import list_bin, read_bin
 from trimtab.logs.foreign.convert import convert_table
@@ -81,7 +82,7 @@ def detect_format(path: str | os.PathLike[str]) -> LogFormat:
         fix = "give the file in it, or the folder of a rosbag2, which holds metadata.yaml"
         raise InputError(where, "is a folder without metadata.yaml", fix=fix)
     try:
-        with open(file, "rb") as stream:
+        with open_user_file(file) as stream:
             head = stream.read(16)
     except OSError as error:
         raise InputError(where, f"cannot be read: {error.strerror or error}", fix="check the path") from None
@@ -106,7 +107,7 @@ def is_own_log(path: str | os.PathLike[str]) -> bool:
         kind = detect_format(path)
         if kind is not MCAP:
             return False
-        with open(path, "rb") as stream:
+        with open_user_file(path) as stream:
             return bool(parse_contents(path, stream.read(HEAD_BYTES)).metadata.keys() & {LAYOUT, RUN})
     except InputError:
         return True

@@ -1,0 +1,37 @@
+"""Files that a user names: a pipe, a device and a folder are refused at once."""
+
+import os
+
+import pytest
+
+from trimtab.core.user_file import open_user_file, read_user_bytes, read_user_text
+
+
+def test_a_plain_file_is_read_with_any_kind_of_line_end(tmp_path):
+    (tmp_path / "a.txt").write_bytes("1\r\n2\r3\nµ".encode())
+    assert read_user_text(tmp_path / "a.txt") == "1\n2\n3\nµ"
+    assert read_user_bytes(tmp_path / "a.txt").startswith(b"1\r\n")
+    (tmp_path / "link").symlink_to("a.txt")
+    with open_user_file(tmp_path / "link") as file:
+        assert file.read(1) == b"1"
+
+
+def test_a_pipe_without_a_writer_does_not_hang(tmp_path):
+    os.mkfifo(tmp_path / "pipe")
+    with pytest.raises(OSError, match="not a plain file"):
+        read_user_text(tmp_path / "pipe")
+
+
+@pytest.mark.skipif(not os.path.exists("/dev/zero"), reason="no /dev/zero here")
+def test_a_device_does_not_fill_the_memory():
+    with pytest.raises(OSError, match="not a plain file"):
+        read_user_bytes("/dev/zero")
+
+
+def test_a_folder_and_a_file_that_is_too_large_are_refused(tmp_path):
+    with pytest.raises(IsADirectoryError):
+        read_user_text(tmp_path)
+    with (tmp_path / "large").open("wb") as file:
+        file.truncate(3_000_001)
+    with pytest.raises(OSError, match="larger than 3 MB"):
+        read_user_text(tmp_path / "large", largest=3_000_000)
