@@ -49,8 +49,8 @@ def test_a_station_finds_unit_bounds_and_default_of_each(master, dialect):
     by_name = {p["name"]: p for p in about["parameters"]}
     assert list(by_name) == list(parameters().table())
     mass = by_name["WVI_MASS"]
-    assert (mass["units"], mass["min"], mass["default"], mass["type"]) == ("kg", 0, 2.6, "Float")
-    assert "max" not in mass
+    assert (mass["units"], mass["min"], mass["max"], mass["default"]) == ("kg", 0.26, 26.0, 2.6)
+    assert mass["type"] == "Float"
     assert (by_name["WVI_GAINS_1"]["min"], by_name["WVI_GAINS_1"]["max"]) == (-1, 1)
     assert by_name["WVI_CHOICE"]["values"] == [{"value": 0, "description": "a"}, {"value": 1, "description": "b"}]
     assert (by_name["WVI_ON"]["min"], by_name["WVI_ON"]["max"], by_name["WVI_ON"]["decimalPlaces"]) == (0, 1, 0)

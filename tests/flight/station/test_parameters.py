@@ -81,6 +81,11 @@ def test_a_name_depends_on_others_only_where_they_meet():
         ("WVI_COUNT", 1.5, "whole number"),
         ("WVI_CHOICE", 2.0, "from 0 to 1"),
         ("WVI_ON", 2.0, "0 or 1"),
+        ("WVI_MASS", 1e30, "at most 26 in flight"),
+        ("WVI_MASS", 26.1, "at most 26 in flight"),
+        ("WVI_MASS", 0.25, "at least 0.26 in flight"),
+        ("WVI_MASS", 4.2e-45, "smaller than any normal number"),
+        ("WVI_MASS", -5e-324, "smaller than any normal number"),
     ],
 )
 def test_what_was_declared_holds(name, value, why):
@@ -91,9 +96,32 @@ def test_what_was_declared_holds(name, value, why):
     assert own.values[index] == before
 
 
+@record
+class Unbounded:
+    """Numbers without bounds. Source: none, a test."""
+
+    gain: Scalar = quantity("1", "A gain.", default=-2.0)
+    offset: Scalar = quantity("m", "An offset.", default=0.0)
+    pause: Scalar = quantity("s", "A time.", low=0.0, default=0.4)
+    none: Scalar = quantity("s", "A time that is off.", low=0.0, default=0.0)
+
+
+def test_what_has_no_bound_stays_near_its_value_at_the_start():
+    own = Parameters(Unbounded(), "law")
+    assert [own.bounds(k) for k in range(4)] == [(-22.0, 18.0), (-10.0, 10.0), (0.0, 4.0), (0.0, 10.0)]
+    assert own.change_value(1, 10.0) == ""
+    assert own.bounds(1) == (-10.0, 10.0)  # of the start, so that no number walks away
+    assert "at most 10 in flight" in own.change_value(1, 1e6)
+
+
+def test_the_numbers_of_a_fault_are_not_bounded_by_its_zeros():
+    own = Parameters(Unbounded(), "world.sensors.navigation.fault")
+    assert own.change_value(1, 1e4) == ""
+
+
 def test_a_value_between_its_bounds_or_at_one_is_taken():
     own = parameters()
-    for index, value in ((1, -1.0), (1, 0.9), (2, 1.0), (3, 0.0), (4, 0.0), (0, 1e-3)):
+    for index, value in ((1, -1.0), (1, 0.9), (2, 1.0), (3, 0.0), (4, 0.0), (0, 0.3), (0, 25.9)):
         assert own.change_value(index, value) == ""
         assert own.values[index] == value
 

@@ -241,6 +241,16 @@ def test_a_parameter_is_set_or_refused_and_answered_with_what_holds(line):
     assert not events
 
 
+@pytest.mark.parametrize("kind", [1, 2, 3, 4, 5, 6, 7, 8, 10])
+def test_a_real_parameter_in_another_type_is_refused(line, kind):
+    """The bytes of the integer 3, read as a real number, are 4.2e-45."""
+    replies, events = line.ask("PARAM_SET", target_system=1, param_id="WVI_MASS", param_value=3.0, param_type=kind)
+    assert not events
+    assert f"got type {kind}" in "".join(m.get("text") for m in replies if m.name == "STATUSTEXT")
+    _, (event,) = line.ask("PARAM_SET", target_system=1, param_id="WVI_MASS", param_value=3.0, param_type=9)
+    assert event.value == 3.0
+
+
 def test_a_receivers_channels_and_a_joystick(line):
     fields = {"chancount": 3, "chan1_raw": 1500, "chan2_raw": 65535, "chan3_raw": 1000, "chan4_raw": 1700}
     _, (event,) = line.ask("RC_CHANNELS", **fields)

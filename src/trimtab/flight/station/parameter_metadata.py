@@ -7,6 +7,7 @@ Source: https://mavlink.io/en/services/component_information.html.
 
 import json
 import lzma
+import math
 import zlib
 from collections.abc import Mapping
 from typing import Any
@@ -22,7 +23,10 @@ GROUP_DEPTH = 2
 
 def metadata_documents(parameters: Parameters) -> dict[str, bytes]:
     """Return name -> content of both files."""
-    listed = [_describe(p, default) for p, default in zip(parameters.listed, parameters.defaults, strict=True)]
+    listed = [
+        _describe(p, default, parameters.bounds(k))
+        for k, (p, default) in enumerate(zip(parameters.listed, parameters.defaults, strict=True))
+    ]
     own = _compress({"version": 1, "parameters": listed})
     types = [{"type": PARAMETER_TYPE, "uri": f"mftp:///{PARAMETERS}", "fileCrc": file_checksum(own)}]
     return {GENERAL: _compress({"version": 1, "metadataTypes": types}), PARAMETERS: own}
@@ -39,7 +43,7 @@ def file_checksum(data: bytes) -> int:
     return zlib.crc32(data, 0xFFFFFFFF) ^ 0xFFFFFFFF
 
 
-def _describe(parameter: Parameter, default: float) -> dict[str, Any]:
+def _describe(parameter: Parameter, default: float, bounds: tuple[float, float]) -> dict[str, Any]:
     declared = parameter.declaration
     about: dict[str, Any] = {
         "name": parameter.name,
@@ -51,8 +55,7 @@ def _describe(parameter: Parameter, default: float) -> dict[str, Any]:
     }
     if declared.unit != "1":
         about["units"] = declared.unit
-    bounds = {"min": declared.low if declared.low is not None else declared.above, "max": declared.high}
-    about |= {name: bound for name, bound in bounds.items() if bound is not None}
+    about |= {name: bound for name, bound in zip(("min", "max"), bounds, strict=True) if math.isfinite(bound)}
     if declared.modes:
         about |= {"min": 0, "max": len(declared.modes) - 1}
         about["values"] = [{"value": k, "description": name} for k, name in enumerate(declared.modes)]

@@ -31,9 +31,15 @@ MOST_NUMBERS = 64
 FLOAT = struct.Struct("<f")
 WORD = 4
 """Number of letters to which the words of a long name are shortened."""
-HASH, UNSIGNED_32, NO_INDEX = "_HASH_CHECK", 5, 0xFFFF
+HASH, UNSTATED, UNSIGNED_32, NO_INDEX = "_HASH_CHECK", 0, 5, 0xFFFF
 PERIOD = seconds("0.02")
 """Time between two values of a list."""
+SMALLEST = 2.0**-126
+"""Smallest normal number of 32 bits. The bytes of an integer, read as such a number, are usually smaller."""
+LARGEST_FACTOR = 10.0
+"""Factor by which a number may differ from its value at the start, where its declaration has no bound."""
+FAULT = "fault"
+"""Part of the path of a fault's numbers: an inactive fault has zeros, so its start bounds nothing."""
 
 
 ChangedValues = Mapping[str, list[float]]
@@ -102,6 +108,24 @@ class Parameters:
         """Return the index of a number of a leaf; None if there is none."""
         return self._places.get((path, slot))
 
+    def bounds(self, index: int) -> tuple[float, float]:
+        """Return the least and the largest value that a ground station may write.
+
+        They are those of the declaration. Where it has none, the value at the start bounds the number. A positive
+        number is within a tenth and ten times of it, and any other number within ten times its size, at least ten.
+        """
+        own, start = self.listed[index], self.defaults[index]
+        declared = own.declaration
+        low = declared.low if declared.low is not None else declared.above
+        if FAULT in own.path.split(".") or declared.modes or declared.kind == "flag":
+            span = math.inf
+        else:
+            span = LARGEST_FACTOR * max(abs(start), 1.0)
+        if low is not None and declared.high is None and start > max(low, 0.0) == 0.0:
+            return (start / LARGEST_FACTOR if declared.above is not None else low), start * LARGEST_FACTOR
+        low = start - span if low is None else low
+        return low, start + span if declared.high is None else declared.high
+
     def change_value(self, index: int, value: float) -> str:
         """Set a value if its declaration allows it. Return why not, or an empty string.
 
@@ -109,7 +133,7 @@ class Parameters:
         """
         if round_to_float32(self.values[index]) == value:
             return ""
-        refusal = _refusal(self.listed[index].declaration, value)
+        refusal = _refusal(self.listed[index].declaration, value, self.bounds(index))
         if not refusal:
             self.values[index] = value
             self._changed.add(self.listed[index].path)
@@ -149,9 +173,11 @@ def round_to_float32(value: float) -> float:
         return math.copysign(math.inf, value)
 
 
-def _refusal(declared: Quantity, value: float) -> str:
+def _refusal(declared: Quantity, value: float, bounds: tuple[float, float]) -> str:
     if not math.isfinite(value):
         return "is not a number"
+    if 0 < abs(value) < SMALLEST:
+        return "is smaller than any normal number of 32 bits: send it as REAL32"
     if declared.kind not in ("real", "angle") and value != int(value):
         return "must be a whole number"
     if declared.kind == "flag" and value not in (0, 1):
@@ -164,6 +190,11 @@ def _refusal(declared: Quantity, value: float) -> str:
         return f"must be at least {declared.low:g}"
     if declared.high is not None and value > declared.high:
         return f"must be at most {declared.high:g}"
+    low, high = bounds
+    if value < low:
+        return f"must be at least {low:g} in flight; a restart with --set takes smaller ones"
+    if value > high:
+        return f"must be at most {high:g} in flight; a restart with --set takes larger ones"
     return ""
 
 
@@ -206,7 +237,11 @@ class ParameterService:
         if index is None:
             return [], [], f"no parameter {name!r}"
         own, before = self._parameters.listed[index], self._parameters.values[index]
-        refusal = self._parameters.change_value(index, message.get("param_value"))
+        kind = message.get("param_type")
+        if kind in (UNSTATED, REAL_32):
+            refusal = self._parameters.change_value(index, message.get("param_value"))
+        else:
+            refusal = f"must be sent as REAL32 (type {REAL_32}), got type {kind}"
         value = self._parameters.values[index]
         events = [ParameterChange(own.path, own.slot, value)] if value != before else []
         return [self.value(index)], events, f"{name} ({own.path}) {refusal}" if refusal else ""
