@@ -3,7 +3,7 @@
 static const float MOST_SESSIONS = 16777216.0f; /* what a float of 32 bits holds of whole numbers */
 
 static bool same(const sender *a, const sender *b) {
-    return a->system == b->system && a->component == b->component && a->session == b->session;
+    return a->system == b->system && a->component == b->component && a->link == b->link && a->session == b->session;
 }
 
 uint32_t authority_session(float parameter) {
@@ -32,8 +32,8 @@ void authority_hand_over(authority *a, const sender *s) {
 
 bool authority_admits(authority *a, const sender *s) {
     if (!a->armed) return true;
-    if (!a->owned) authority_hand_over(a, s);
-    bool good = same(s, &a->owner);
+    if (!a->owned && s->system == a->system) authority_hand_over(a, s);
+    bool good = a->owned && same(s, &a->owner);
     a->foreign += !good;
     return good;
 }

@@ -4,15 +4,17 @@
 #include <stdbool.h>
 #include <stdint.h>
 
-/* session: a number that a program draws when it starts; 0: it tells none, as ground stations do. */
+/* session: a number that a program draws when it starts; 0: it tells none, as ground stations do.
+ * link: number of its signature's stream: a program that reads a session on the line cannot use it on another stream. */
 typedef struct {
-    uint8_t system, component;
+    uint8_t system, component, link;
     uint32_t session;
 } sender;
 
 typedef struct {
     sender owner;
-    bool owned;       /* there is an owner; armed and not owned: it belongs to whose command comes first */
+    bool owned;       /* there is an owner; armed and not owned: it belongs to the autopilot whose command comes first */
+    uint8_t system;   /* the vehicle's: only an autopilot of this system takes a vehicle that a ground station has armed */
     bool armed;
     uint32_t foreign; /* commands refused so far, of others */
 } authority;

@@ -96,7 +96,7 @@ static void hear_command_long(vehicle *v, const mavlink_message_t *message) {
     mavlink_command_long_t c;
     mavlink_msg_command_long_decode(message, &c);
     if ((c.target_system && c.target_system != SYSTEM) || (c.target_component && c.target_component != COMPONENT)) return;
-    sender s = {message->sysid, message->compid, authority_session(c.command == CMD_ARM_DISARM ? c.param3 : c.param5)};
+    sender s = {message->sysid, message->compid, message->signature[0], authority_session(c.command == CMD_ARM_DISARM ? c.param3 : c.param5)};
     if (c.command == CMD_ARM_DISARM) {
         hear_arming(v, &s, c.param1);
     } else if (c.command == CMD_REQUEST_CONTROL && c.param2 == 1.0f && s.session != 0u) {
@@ -148,7 +148,7 @@ static void refuse_command(vehicle *v, int64_t now, const char *why) {
 static void hear_drive_command(vehicle *v, int64_t now, const mavlink_message_t *message) {
     mavlink_command_t c;
     mavlink_msg_command_decode(message, &c);
-    sender s = {message->sysid, message->compid, c.session};
+    sender s = {message->sysid, message->compid, message->signature[0], c.session};
     if (!authority_admits(&v->authority, &s)) {
         refuse_command(v, now, "commands without authority refused");
         return;

@@ -8,6 +8,7 @@ enum { AHEAD = 2 * STAMPS_PER_SECOND };
 
 void vehicle_begin(vehicle *v, const uint8_t key[KEY_SIZE], uint64_t build_stamp) {
     memset(v, 0, sizeof *v);
+    v->authority.system = SYSTEM;
     uint64_t kept = board_recall();
     link_begin(&v->link, key, kept > build_stamp ? kept : build_stamp);
     failsafe_defaults(&v->failsafe_params);

@@ -50,6 +50,22 @@ def test_the_board_is_flown_by_who_armed_it_and_the_other_is_told(host):
 
 
 @pytest.mark.thorough
+def test_the_board_obeys_neither_a_stolen_session_nor_another_system(host):
+    first, thief = host.other(system=1, component=191), host.other(system=1, component=191, link=9)
+    arm(host, first)
+    fields = {"t": host.now, "valid": 1, "rudder_pulse": 1.5e-3, "speed_rpm": 9000.0, "session": first.session}
+    host.run(10, thief.pack("COMMAND", fields))
+    assert host.counts()["foreign"] == 1
+    arm(host, first, on=False)
+    arm(host, host.other(), on=True)  # a ground station
+    command(host, host.other(system=7, component=191))
+    assert host.counts()["foreign"] == 2
+    command(host, first, 9000.0)
+    assert host.counts()["foreign"] == 2
+    assert host.pulses()[1] > NEUTRAL
+
+
+@pytest.mark.thorough
 def test_the_board_is_handed_over_where_that_is_asked_for(host):
     first, second = two(host)
     arm(host, first)

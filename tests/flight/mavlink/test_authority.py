@@ -48,6 +48,24 @@ def test_what_a_ground_station_arms_belongs_to_the_first_who_commands():
     assert [authority.accepts_command(s) for s in (SECOND, FIRST, SECOND)] == [True, False, True]
 
 
+def test_another_system_does_not_inherit_what_a_ground_station_has_armed():
+    authority = Authority(5, system=1)
+    authority.arm(STATION)
+    assert not authority.accepts_command(Sender(7, 191, 12))
+    assert authority.accepts_command(FIRST)
+    assert not authority.accepts_command(Sender(7, 191, 12))
+    assert authority.refused_commands == 2
+
+
+def test_a_session_that_was_read_on_the_line_is_of_no_use_on_another_stream():
+    authority = Authority(5)
+    authority.arm(FIRST)
+    thief = FIRST._replace(link=9)
+    assert not authority.accepts_command(thief)
+    assert authority.find_arming_problem(thief)
+    assert str(thief) == "1/191 session 00000b link 9"
+
+
 def test_it_is_handed_over_to_who_asks_for_that():
     authority = Authority(5)
     authority.arm(FIRST)

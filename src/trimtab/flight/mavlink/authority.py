@@ -1,16 +1,17 @@
 """Authority over a vehicle: it belongs to the sender that armed it, until it is disarmed or handed over on request.
 
-A sender is a system, a component and a session, a number that is drawn at each start: two programs with the same key
-and the same numbers are two senders. The session is sent where MAVLink leaves room, so that senders without one
-(session 0) are still understood: as the extension `session` of COMMAND, as parameters of commands, and in their
-acknowledgements.
+A sender is a system, a component, the stream of its signatures, and a session, a number that is drawn at each start.
+Two programs with the same key and the same numbers are two senders, also if one reads the session of the other. The
+session is sent where MAVLink leaves room, so that senders without one (session 0) are still understood: as the extension
+`session` of COMMAND, as parameters of commands, and in their acknowledgements.
 
     MAV_CMD_COMPONENT_ARM_DISARM (400)          param3 the sender's session, param4 the vehicle's, 0 for any
     MAV_CMD_REQUEST_OPERATOR_CONTROL (32100)    param2 1, param5 the sender's session, param6 the vehicle's
     COMMAND_ACK of both                         result_param2 the session of the owner
 
 Ground stations have no session. They may arm and disarm any vehicle, since a person operates them. A vehicle armed by
-one belongs to the sender of the first command. An unrequested acknowledgement of 32100 announces the owner.
+one belongs to the autopilot of its own system that sends the first command. An unrequested acknowledgement of 32100
+announces the owner.
 Source: https://mavlink.io/en/messages/common.html; docs page, Vehicle.
 """
 
@@ -31,14 +32,16 @@ def draw_session() -> int:
 
 
 class Sender(NamedTuple):
-    """Sender of a message. Session 0: it has none, like ground stations."""
+    """Sender of a message. Session 0: it has none, like ground stations. link: number of its signatures' stream."""
 
     system: int
     component: int
     session: int
+    link: int = 0
 
     def __str__(self) -> str:
-        return f"{self.system}/{self.component}" + (f" session {self.session:06x}" if self.session else "")
+        session = f" session {self.session:06x}" if self.session else ""
+        return f"{self.system}/{self.component}{session}" + (f" link {self.link}" if self.link else "")
 
 
 def parse_session(number: float) -> int:
@@ -49,15 +52,15 @@ def parse_session(number: float) -> int:
 def command_sender(message: Message) -> Sender:
     """Return the sender of a COMMAND."""
     session = message.get(SESSION) if SESSION in message.definition.where else 0
-    return Sender(message.system, message.component, session)
+    return Sender(message.system, message.component, session, message.link)
 
 
 class Authority:
     """Owner of a vehicle. The vehicle sets `is_armed`, and calls `end_flight` when it is disarmed."""
 
-    def __init__(self, session: int) -> None:
-        """session: the vehicle's own session."""
-        self.session = session
+    def __init__(self, session: int, system: int = 1) -> None:
+        """session, system: the vehicle's own."""
+        self.session, self.system = session, system
         self.owner: Sender | None = None
         self.is_armed = False
         self.refused_commands = 0
@@ -89,10 +92,13 @@ class Authority:
         return before
 
     def accepts_command(self, sender: Sender) -> bool:
-        """Return whether a sender's command is obeyed: the owner's, or the first after a ground station has armed."""
+        """Return whether a sender's command is obeyed.
+
+        The owner's is, and after a ground station has armed, the first of the vehicle's own system.
+        """
         if not self.is_armed:
             return True
-        if self.owner is None:
+        if self.owner is None and sender.system == self.system:
             self.owner = sender
         self.refused_commands += sender != self.owner
         return sender == self.owner

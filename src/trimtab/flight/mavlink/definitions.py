@@ -151,7 +151,8 @@ class Message(NamedTuple):
     """Decoded message.
 
     values: in the order of the payload, arrays number by number, text as bytes; see `places` of the dialect.
-    system, component: the sender.  is_signed: the signature was checked and valid.
+    system, component: the sender.  is_signed: the signature was checked and valid.  link: number of the signature's
+    stream; 0 without a signature.
     """
 
     name: str
@@ -160,6 +161,7 @@ class Message(NamedTuple):
     system: int
     component: int
     is_signed: bool
+    link: int = 0
 
     def get(self, field: str) -> Any:
         """Return a field by name: a number, a tuple of numbers, or a text."""

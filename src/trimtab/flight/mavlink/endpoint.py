@@ -283,7 +283,8 @@ class Endpoint:
             return NO_FRAME  # the frame may be cut, and another one may start inside the supposed signature
         values = definition.packing.unpack(frame[HEADER.size : end].ljust(definition.size, b"\0"))
         is_signed = bool(flags) and self._keyed is not None
-        message = Message(definition.name, values, definition, system, component, is_signed)
+        stream = frame[-TAG] if is_signed else 0
+        message = Message(definition.name, values, definition, system, component, is_signed, stream)
         if self._is_acceptable(frame, message):
             self._count_lost(system, component, sequence)
             messages.append(message)

@@ -92,7 +92,7 @@ class Service(Protocol):
 
 
 def _arming_sender(message: Message) -> Sender:
-    return Sender(message.system, message.component, parse_session(message.get("param3")))
+    return Sender(message.system, message.component, parse_session(message.get("param3")), message.link)
 
 
 class Station:
@@ -128,7 +128,7 @@ class Station:
         self._parameters, self._held = ParameterService(endpoint, parameters), parameters
         self._store = store
         self._vehicle = vehicle
-        self.authority = authority or Authority(endpoint.session)
+        self.authority = authority or Authority(endpoint.session, endpoint.system)
         self.status = Status(mode=next(iter(self._modes)))
         self.texts = TextQueue(endpoint)
         self.tell: Callable[[str], None] = lambda _: None
@@ -240,7 +240,8 @@ class Station:
         elif command == CommandCode.REQUEST_CONTROL and message.name == "COMMAND_LONG" and second == 1:
             if not self.authority.is_addressed(parse_session(message.get("param6"))):
                 return
-            result = self._hand_over(Sender(message.system, message.component, parse_session(message.get("param5"))))
+            asking = Sender(message.system, message.component, parse_session(message.get("param5")), message.link)
+            result = self._hand_over(asking)
         elif command == CommandCode.SET_MODE:
             result = self._change_mode(int(first) if 0 <= first < 256 else 0, second, response, message.get("param3"))
         elif (request := parse_request(FlightCommand(command, first, second))) is not None:
