@@ -57,7 +57,8 @@ def test_the_board_obeys_neither_a_stolen_session_nor_another_system(host):
     host.run(10, thief.pack("COMMAND", fields))
     assert host.counts()["foreign"] == 1
     arm(host, first, on=False)
-    arm(host, host.other(), on=True)  # a ground station
+    station = host.other()
+    host.run(2, station.pack("COMMAND_LONG", {"target_system": 1, "command": ARM, "param1": 1.0}))
     command(host, host.other(system=7, component=191))
     assert host.counts()["foreign"] == 2
     command(host, first, 9000.0)

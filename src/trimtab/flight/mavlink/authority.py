@@ -2,8 +2,8 @@
 
 A sender is a system, a component, the stream of its signatures, and a session, a number that is drawn at each start.
 Two programs with the same key and the same numbers are two senders, also if one reads the session of the other. The
-session is sent where MAVLink leaves room, so that senders without one (session 0) are still understood: as the extension
-`session` of COMMAND, as parameters of commands, and in their acknowledgements.
+session is sent where MAVLink leaves room, so that senders without one (session 0) are still understood: as the
+extension `session` of COMMAND, as parameters of commands, and in their acknowledgements.
 
     MAV_CMD_COMPONENT_ARM_DISARM (400)          param3 the sender's session, param4 the vehicle's, 0 for any
     MAV_CMD_REQUEST_OPERATOR_CONTROL (32100)    param2 1, param5 the sender's session, param6 the vehicle's
