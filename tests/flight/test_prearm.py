@@ -79,7 +79,7 @@ def test_a_well_vehicle_may_be_armed_and_says_what_it_looked_at(craft):
     names = [c.name for c in craft.guard.checks]
     assert names[:2] == ["navigation age", "sensor values not finite"]
     assert craft.check("navigation age").value < 0.01
-    assert craft.check("failsafe time-out").value == 0.25
+    assert craft.check("failsafe.timeout").value == 0.25
 
 
 @pytest.mark.thorough
@@ -140,6 +140,7 @@ def test_after_a_failsafe_it_must_rest_and_be_confirmed(craft):
 
 def test_what_lies_still_may_be_armed_again(craft):
     craft.limit(rest_speed=100.0, rest_rate=100.0)
+    craft.guard.confirmed = frozenset(("limits.rest_speed", "limits.rest_rate"))
     craft.run(ms(300), "failsafe")
     assert math.isinf(craft.check("speed after failsafe").value)  # it has not been watched for a second yet
     assert craft.guard.problem

@@ -49,6 +49,7 @@ from trimtab.flight.lockstep import LockstepVehicle, NoAnswerError
 from trimtab.flight.mavlink.dialect import Dialect
 from trimtab.flight.mavlink.endpoint import Endpoint
 from trimtab.flight.parameter_store import ParameterStore, read_parameters
+from trimtab.flight.safety_settings import check_confirmations
 from trimtab.flight.scenario_identity import setting_path
 from trimtab.flight.station_options import StationOptions
 from trimtab.flight.vehicle import LiveVehicle, VehicleSummary
@@ -90,6 +91,12 @@ SHORTEST_WATCHDOG = ms(20)
     show_default=True,
     help="Time without data from this process after which the outputs go safe.",
 )
+@click.option(
+    "--confirm",
+    multiple=True,
+    metavar="SETTING",
+    help="Confirm a setting that weakens a safety, e.g. failsafe.timeout. May be repeated.",
+)
 @REAL_TIME
 @OUT("DIR", "Write the vehicle's log, with the truth, to this folder.  [default: no log]")
 @click.option(
@@ -116,6 +123,7 @@ def command(
     unsigned: bool,
     clock: str,
     watchdog: str,
+    confirm: tuple[str, ...],
     real_time: bool,
     out: Path | None,
     origin: str | None,
@@ -141,6 +149,7 @@ def command(
     world = ({} if lockstep else live_settings(scenario, ("stick",))) | read_parameters(parameters, scenario) | settings
     built = _build_one(scenario, world, faults)
     limit, silence = None if duration is None else parse_time(duration), _parse_watchdog(watchdog)
+    confirmed = check_confirmations(confirm)
     place, tell = None if origin is None else parse_origin(origin), partial(click.echo, err=as_json)
     enable_cache()
     if stack := "ardupilot" if ardupilot is not None else "px4" if px4 is not None else None:
@@ -166,6 +175,7 @@ def command(
                 log=log,
                 log_limit=log_limit,
                 watchdog=silence,
+                confirmed=confirmed,
                 outputs_folder=out,
                 wanted_real_time=real_time,
             )

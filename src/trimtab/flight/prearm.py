@@ -18,6 +18,7 @@ from trimtab.core.interfaces import optional_member
 from trimtab.core.time import SECONDS_PER_UNIT, ms, seconds, to_seconds
 from trimtab.flight.flight_log import SYSTEM_DISK, Disk
 from trimtab.flight.mavlink.endpoint import FrameCounts
+from trimtab.flight.safety_settings import safety_checks
 from trimtab.flight.sensed_motion import QUANTITIES, Breach, SensedMotion
 from trimtab.flight.station.arming import ArmingCheck, first_problem
 from trimtab.flight.virtual_vehicle import VirtualVehicle
@@ -33,8 +34,6 @@ LONGEST_SILENCE, LONGEST_PERIODS = ms(250), 5
 Some sensors measure often but give samples seldom, such as a network of beacons: the median of this number of
 intervals counts, too.
 """
-LONGEST_FAILSAFE = 10.0
-"""Largest accepted failsafe time-out (s). With a longer one the vehicle in effect has no failsafe."""
 MOST_LOSS, LEAST_FRAMES, LOSS_WINDOW = 50.0, 20, seconds(1)
 """Largest share of frames lost in transit (%), of at least this number of frames; with fewer in the window: unknown."""
 LONGEST_LINE_SILENCE = 3.0
@@ -144,6 +143,10 @@ class ArmingGuard:
         self._sensors = _list_sensors(body)
         self._has_failed_safe = self._is_confirmed = False
         self.log_folder: Path | None = None
+        self.watchdog: int | None = None
+        """Silence after which the outputs go safe (100 ns); None: no outputs' process."""
+        self.confirmed: frozenset[str] = frozenset()
+        """Settings beyond their limits that the user has confirmed by name."""
         self.checks: list[ArmingCheck] = []
         """Results of the last run of the checks."""
         self._next = 0
@@ -209,16 +212,13 @@ class ArmingGuard:
         silence, folder = self._radio_silence(t), self.log_folder
         space = math.nan if folder is None else self._disk.free_bytes(folder) / MEGABYTE
         radio = math.nan if silence is None else to_seconds(silence)
-        time_out = to_seconds(self._failsafe.timeout)
         line_silence = (t - self._frame_time) * SECONDS_PER_UNIT
         return [
             ArmingCheck("link silence", line_silence, LONGEST_LINE_SILENCE, "s", "check the link"),
             ArmingCheck("frames lost", self._loss.share, MOST_LOSS, "%", "move the two ends closer"),
-            ArmingCheck(
-                "failsafe time-out", time_out, LONGEST_FAILSAFE, "s", "remove --set failsafe.timeout", heals=False
-            ),
             ArmingCheck("receiver silence", radio, LONGEST_RADIO_SILENCE, "s", "switch the pilot's transmitter on"),
             ArmingCheck("space for the log", space, LEAST_SPACE, "MB", "free disk space", at_least=True),
+            *safety_checks(self._failsafe, self._limits, self.watchdog, self.confirmed),
         ]
 
     def _check_after_failsafe(self) -> list[ArmingCheck]:

@@ -220,6 +220,7 @@ class LiveVehicle:
         log_limit: int | None = None,
         log_period: int = 10_000,
         watchdog: int | None = None,
+        confirmed: frozenset[str] = frozenset(),
         outputs_folder: Path | None = None,
         wanted_real_time: bool = False,
         stop: Callable[[], bool] = lambda: False,
@@ -234,6 +235,7 @@ class LiveVehicle:
             log: path of the vehicle's own log, with the truth.
             log_period: time between rows (100 ns).
             watchdog: silence (100 ns) after which the outputs, in a separate process, go safe; None: no such process.
+            confirmed: safety settings beyond their limits that the user has confirmed, see `safety_settings`.
             outputs_folder: folder for the port and the log of the outputs' process.
             wanted_real_time: ask the system for real-time scheduling and locked memory.
             stop: called at every instant; True ends the run.
@@ -259,6 +261,7 @@ class LiveVehicle:
         self._problems.clear()
         self.duties.is_ending = False
         self.guard.log_folder = None if log is None else log.parent
+        self.guard.watchdog, self.guard.confirmed = watchdog, confirmed
         try:
             if watchdog is not None:
                 self._outputs = self._start_outputs(watchdog, outputs_folder, wanted_real_time)

@@ -1,0 +1,74 @@
+"""Settings by which a user could switch a safety off: each has a limit, unless the user confirms the setting by name.
+
+Source: docs page, Arming.
+"""
+
+import math
+from collections.abc import Collection, Mapping
+from typing import NamedTuple
+
+from trimtab.actuators.failsafe import Failsafe
+from trimtab.core.errors import InputError, argument, closest
+from trimtab.core.time import to_seconds
+from trimtab.flight.station.arming import ArmingCheck
+from trimtab.loop.vehicle_limits import VehicleLimits
+
+WATCHDOG = "watchdog"
+
+
+class SafetyLimit(NamedTuple):
+    """Largest value of a setting that needs no confirmation."""
+
+    largest: float
+    unit: str
+
+
+LIMITS: Mapping[str, SafetyLimit] = {
+    WATCHDOG: SafetyLimit(0.5, "s"),
+    "failsafe.timeout": SafetyLimit(2.0, "s"),
+    "failsafe.lift_delay": SafetyLimit(10.0, "s"),
+    "failsafe.patience": SafetyLimit(60.0, "s"),
+    "limits.patience": SafetyLimit(1.0, "s"),
+    "limits.rest_speed": SafetyLimit(1.0, "m/s"),
+    "limits.rest_rate": SafetyLimit(2.0, "rad/s"),
+}
+"""Setting -> limit. A longer time-out, or a higher speed "at rest", in effect means that there is no such safety."""
+
+
+def check_confirmations(names: Collection[str]) -> frozenset[str]:
+    """Return the confirmed settings. Raise InputError for a name that is not one of LIMITS."""
+    for name in names:
+        if name not in LIMITS:
+            near = closest(name, LIMITS, 1) or [WATCHDOG]
+            problem = f"{name!r} is not a setting that needs a confirmation"
+            raise InputError("confirm", problem, choices=LIMITS, fix=argument("confirm", near[0]))
+    return frozenset(names)
+
+
+def safety_checks(
+    failsafe: Failsafe, limits: VehicleLimits, watchdog: int | None, confirmed: Collection[str] = ()
+) -> list[ArmingCheck]:
+    """Return a check for each setting. A confirmed one passes with any value.
+
+    Args:
+        failsafe: failsafe of the vehicle.
+        limits: fence, envelope and limits of rest.
+        watchdog: silence after which the outputs go safe (100 ns); None: no outputs' process.
+        confirmed: settings that the user has confirmed by name.
+    """
+    values = {
+        WATCHDOG: math.nan if watchdog is None else to_seconds(watchdog),
+        "failsafe.timeout": to_seconds(failsafe.timeout),
+        "failsafe.lift_delay": to_seconds(failsafe.lift_delay),
+        "failsafe.patience": to_seconds(failsafe.patience),
+        "limits.patience": to_seconds(limits.patience),
+        "limits.rest_speed": float(limits.rest_speed),
+        "limits.rest_rate": float(limits.rest_rate),
+    }
+    checks = []
+    for name, limit in LIMITS.items():
+        remedy = "a shorter --watchdog" if name == WATCHDOG else f"remove --set {name}"
+        largest = math.inf if name in confirmed else limit.largest
+        advice = f"{remedy}, or type --confirm {name}"
+        checks.append(ArmingCheck(name, values[name], largest, limit.unit, advice, heals=False))
+    return checks
