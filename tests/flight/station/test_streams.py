@@ -6,8 +6,8 @@ import pytest
 
 from trimtab.core.time import ms, seconds
 from trimtab.flight.mavlink.endpoint import Endpoint
-from trimtab.flight.mavlink.protocol import CommandCode, CommandResult
-from trimtab.flight.station.streams import Streams, TelemetryStream
+from trimtab.flight.mavlink.protocol import CommandCode, CommandResult, Severity
+from trimtab.flight.station.streams import Streams, TelemetryStream, TextAssembly, pack_text
 
 ATTITUDE, LANDED, IMU, INTERVAL, UNKNOWN = 30, 245, 105, 244, 31
 
@@ -123,3 +123,17 @@ def test_after_a_pause_there_is_no_burst(line):
 def test_a_vehicle_that_tells_nothing(dialect):
     streams = Streams(Endpoint(dialect, 1, 1, unsigned=True), {})
     assert streams.due(seconds(100)) == []
+
+
+@pytest.mark.parametrize("before", range(44, 52))
+def test_a_letter_of_several_bytes_is_not_divided_between_two_messages(dialect, before):
+    here, there = (Endpoint(dialect, s, 1, unsigned=True) for s in (1, 2))
+    assembly = TextAssembly()
+    text = "x" * before + "∞ s, at most 0.28 s; °µ"
+    packets = pack_text(here, Severity.WARNING, text)
+    messages = [m for p in packets for m in there.feed(p)]
+    assert all("\ufffd" not in m.get("text") for m in messages)
+    lines = [assembly.join(m) for m in messages]
+    assert lines[:-1] == [None] * (len(lines) - 1)
+    assert lines[-1].replace(" ", "") == text.replace(" ", "")
+    assert len(lines[-1]) - len(text) <= 2

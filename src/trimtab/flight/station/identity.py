@@ -141,7 +141,7 @@ class IdentityComparison:
 
 def cut_line(path: str, text: str) -> bytes:
     """Return the line of a setting as it is sent."""
-    return f"{path}={text}".encode()[: PAYLOAD - LINE.size]
+    return f"{path}={text}".encode()[: PAYLOAD - LINE.size].decode("utf-8", "ignore").encode()  # no part of a letter
 
 
 def _split_line(line: bytes) -> tuple[str, str]:

@@ -48,7 +48,7 @@ class TextQueue:
 
     def queue_text(self, severity: Severity, text: str) -> None:
         """Append a line."""
-        pieces = _split_text(text.encode())
+        pieces = _split_text(text)
         if len(self._waiting) + len(pieces) > WAITING_TEXTS_MAX:
             self.dropped += 1
             return
@@ -98,9 +98,18 @@ def _make_printable(text: str) -> str:
     return "".join(c if c.isprintable() else "?" for c in text)
 
 
-def _split_text(text: bytes) -> list[bytes]:
-    """Split a text into as many messages as it needs. If the last one is full, an empty one ends it."""
-    pieces = [text[k : k + PIECE] for k in range(0, len(text), PIECE)] or [b""]
+def _split_text(text: str) -> list[bytes]:
+    """Split a text into as many messages as it needs. If the last one is full, an empty one ends it.
+
+    A letter of several bytes is not divided: blanks fill the message before it.
+    """
+    pieces = [b""]
+    for letter in text:
+        data = letter.encode("utf-8", "replace")
+        if len(pieces[-1]) + len(data) > PIECE:
+            pieces[-1] = pieces[-1].ljust(PIECE)
+            pieces.append(b"")
+        pieces[-1] += data
     return [*pieces, b""] if len(pieces) > 1 and len(pieces[-1]) == PIECE else pieces
 
 
