@@ -187,3 +187,23 @@ def test_there_and_back_is_where_it_began():
         for later in range(0, ms(100), ms(7)):
             remote = sync.to_remote(back + later)
             assert abs(sync.to_local(remote) - back - later) <= 1
+
+
+@pytest.mark.parametrize("later", [0, 1_000, ms(5), ms(300), seconds(2)])
+def test_a_question_that_came_twice_is_answered_by_one_clock(later):
+    """A relay doubles packets: the vehicle answers both, and its clock has gone on meanwhile."""
+    sync = TimeSync()
+    asked = sync.ask(0)
+    assert sync.handle_answer(theirs(ms(2), 0.0) * 100, asked["ts1"], ms(4))
+    assert not sync.handle_answer(theirs(ms(2) + later, 0.0) * 100, asked["ts1"], ms(4) + later)
+    assert not sync.handle_answer(theirs(ms(2), 0.0) * 100, asked["ts1"], ms(5))  # the same answer twice
+    assert sync.doubles == 0
+
+
+@pytest.mark.parametrize("other", [OFFSET + seconds(1), OFFSET - seconds(3600)])
+def test_answers_of_two_clocks_are_counted(other):
+    sync = TimeSync()
+    asked = sync.ask(0)
+    assert sync.handle_answer(theirs(ms(2), 0.0) * 100, asked["ts1"], ms(4))
+    assert not sync.handle_answer(theirs(ms(2), 0.0, other) * 100, asked["ts1"], ms(5))
+    assert sync.doubles == 1

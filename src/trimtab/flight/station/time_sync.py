@@ -61,8 +61,8 @@ class TimeSync:
         self._line = OffsetLine(0, 0.0, 0.0)
         self._from, self._applied, self._turn, self._after = 0, 0.0, 0.0, 0.0
         self.doubles = 0
-        """Questions that got two answers with two times: two clocks answer."""
-        self._answered: tuple[int, int] = 0, 0
+        """Questions that got answers of two clocks. A question or an answer that came twice shows one clock."""
+        self._answered: tuple[int, int, int] = 0, 0, 0
         self._doubtful: TimeSyncExchange | None = None
         self._last: int | None = None
         self._latest: int | None = None
@@ -109,12 +109,14 @@ class TimeSync:
     def handle_answer(self, tc1: int, ts1: int, now: int) -> bool:
         """Handle a TIMESYNC that came at `now`. Return whether it answers a question of this end."""
         sent = ts1 // NS_PER_UNIT
-        self.doubles += tc1 > 0 and ts1 == self._answered[0] and tc1 != self._answered[1]
+        if tc1 > 0 and ts1 == self._answered[0]:
+            _, first, at = self._answered
+            self.doubles += abs((tc1 - first) // NS_PER_UNIT - (now - at)) > JUMP
         if tc1 <= 0 or sent not in self._asked or not 0 <= now - sent <= LONGEST_WAIT:
             self.refused += tc1 != 0
             return False
         self._asked.remove(sent)
-        self._answered = ts1, tc1
+        self._answered = ts1, tc1, now
         remote = tc1 // NS_PER_UNIT
         exchange = TimeSyncExchange(remote, remote - (sent + now) / 2, now - sent)
         if self.is_known and _is_other_clock(exchange, self._line.value(remote)):
