@@ -62,7 +62,7 @@ class TimeSync:
         self._from, self._applied, self._turn, self._after = 0, 0.0, 0.0, 0.0
         self.doubles = 0
         """Questions that got answers of two clocks. A question or an answer that came twice shows one clock."""
-        self._answered: tuple[int, int, int] = 0, 0, 0
+        self._answered: tuple[int, int, int] = -1, 0, 0
         self._doubtful: TimeSyncExchange | None = None
         self._last: int | None = None
         self._latest: int | None = None
