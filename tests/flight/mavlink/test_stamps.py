@@ -6,7 +6,16 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from trimtab.core.errors import InputError
-from trimtab.flight.mavlink.stamps import LARGEST, LONGEST_LATENESS, MARGIN, MOST_LEAD, PER_SECOND, Refusal, Stamps
+from trimtab.flight.mavlink.stamps import (
+    LARGEST,
+    LONGEST_LATENESS,
+    MARGIN,
+    MOST_LEAD,
+    MOST_STREAMS,
+    PER_SECOND,
+    Refusal,
+    Stamps,
+)
 
 STREAM = (9, 1, 0)
 
@@ -18,7 +27,7 @@ def is_new(stamps, stream, stamp, ordered=True):
 def test_stamps_follow_the_clock_and_never_repeat_when_it_stands_or_goes_back(clock):
     stamps = Stamps(clock=clock)
     clock.now += 2
-    assert stamps.next_stamp() == stamp_at(clock.now)
+    assert stamps.next_stamp() == int(stamp_at(clock.now))
     assert [stamps.next_stamp() for _ in range(3)] == [stamp_at(clock.now) + k for k in (1, 2, 3)]
     clock.now -= 1000
     assert stamps.next_stamp() == stamp_at(NOW + 2) + 4
@@ -164,7 +173,7 @@ def test_what_is_over_a_minute_old_is_refused_in_any_stream(clock):
     stamps = Stamps(clock=clock)
     stamps.accept(STREAM, stamps.last + 1)
     clock.now += 3600
-    now = stamp_at(clock.now)
+    now = int(stamp_at(clock.now))
     assert not is_new(stamps, STREAM, now - MARGIN - 1)
     assert is_new(stamps, STREAM, now - MARGIN)
     assert not is_new(stamps, (8, 1, 0), now - MARGIN - 1)
@@ -222,10 +231,10 @@ def test_what_a_wrong_clock_has_stored_is_forgotten_by_a_reset(tmp_path, clock):
     assert kept.stored_lead == pytest.approx(86_400)
     kept.close()
     stamps = Stamps(store, clock, is_reset=True)
-    assert stamps.last == stamp_at(clock.now)
+    assert stamps.last == int(stamp_at(clock.now))
     assert stamps.stored_lead == 0
     stamps.close()
-    assert int(store.read_text()) == stamp_at(clock.now)
+    assert int(store.read_text()) == int(stamp_at(clock.now))
 
 
 @pytest.mark.parametrize("difference", [-86_400, 86_400])
@@ -241,3 +250,18 @@ def test_another_ends_clock_is_followed_and_not_stored(tmp_path, clock, differen
     assert stamps.next_stamp() == pytest.approx(theirs + 10 * PER_SECOND, abs=2)
     stamps.close()
     assert store.read_text() == kept
+
+
+def test_many_senders_with_the_key_do_not_fill_the_memory_and_nothing_is_replayed():
+    clock = Clock()
+    stamps = Stamps(None, clock)
+    clock.now += 10
+    first = {}
+    for k in range(3 * MOST_STREAMS):
+        clock.now += 0.001
+        stream, stamp = (k % 250 + 1, k // 250, 7), int(stamp_at(clock.now))
+        assert stamps.find_refusal(stream, stamp) is None
+        stamps.accept(stream, stamp)
+        first[stream] = stamp
+    assert len(stamps._streams) == MOST_STREAMS
+    assert all(stamps.find_refusal(stream, stamp) is not None for stream, stamp in first.items())

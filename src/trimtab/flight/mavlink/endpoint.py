@@ -24,7 +24,7 @@ from trimtab.flight.mavlink.definitions import Message, MessageDefinition, arran
 from trimtab.flight.mavlink.dialect import Dialect
 from trimtab.flight.mavlink.keys import SigningKey
 from trimtab.flight.mavlink.losses import SequenceGaps
-from trimtab.flight.mavlink.stamps import Refusal, Stamps
+from trimtab.flight.mavlink.stamps import MOST_STREAMS, Refusal, Stamps
 
 
 @dataclasses.dataclass
@@ -344,6 +344,8 @@ class Endpoint:
         return length + 8
 
     def _count_lost(self, system: int, component: int, sequence: int) -> None:
+        if (system, component) not in self._gaps and len(self._gaps) >= MOST_STREAMS:
+            del self._gaps[next(iter(self._gaps))]
         lost, disordered = self._gaps[system, component].follow(sequence)
         self.counts.lost = max(self.counts.lost + lost, 0)
         self.counts.disordered += disordered

@@ -42,6 +42,8 @@ MOST_LEAD = MARGIN - 2 * STORE_MARGIN
 """Largest lead of a stamp over this end's clock. Even with the stored lead, the right clock is not stale then."""
 LARGEST = 2**48 - 1
 DIGITS = 20
+MOST_STREAMS = 256
+"""Largest number of streams that are remembered, so that a sender with the key cannot fill the memory."""
 
 
 class Refusal(Enum):
@@ -151,9 +153,16 @@ class Stamps:
     def accept(self, stream: tuple[int, int, int], stamp: int, ordered: bool = True) -> None:
         """Remember the stamp of a packet with a valid signature. This end's own stamp moves up to it."""
         if stream not in self._streams:
+            if len(self._streams) >= MOST_STREAMS:
+                self._forget_oldest()
             self._streams[stream] = _Stream(self._floor)
         self._streams[stream].remember(stamp, ordered)
         self._raise_to(max(self.last, stamp))
+
+    def _forget_oldest(self) -> None:
+        """Forget the stream that was silent for longest. Its packets then count as stale, and so cannot be replayed."""
+        oldest = min(self._streams, key=lambda stream: self._streams[stream].newest)
+        self._floor = max(self._floor, self._streams.pop(oldest).newest)
 
     def close(self) -> None:
         """Store the current stamps exactly, and release the file."""
