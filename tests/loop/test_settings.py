@@ -40,6 +40,22 @@ def test_a_number_may_have_its_unit(path, text, value, forward):
     assert read(with_settings(forward, {path: text}), path) == pytest.approx(value, rel=1e-14)
 
 
+@pytest.mark.parametrize(
+    ("text", "says"),
+    [
+        ("true", "must be a number, got true"),
+        ("false", "must be a number, got false"),
+        ("1" + 400 * "0", r"larger than 1\.8e\+308"),
+        ("-1" + 400 * "0", r"larger than 1\.8e\+308"),
+        ("5e-324", "smaller than any normal number"),
+        ("-1e-310", "smaller than any normal number"),
+    ],
+)
+def test_what_64_bits_do_not_hold_is_refused(text, says, forward):
+    with pytest.raises(InputError, match=f"world.vehicle.mass: .*{says}"):
+        with_settings(forward, {"world.vehicle.mass": text})
+
+
 def test_one_number_of_an_array_is_set_by_its_index():
     quadrotor, path = build("quadrotor/track"), "world.vehicle.rotors.places"
     own, changed = (read(s, path) for s in (quadrotor, with_settings(quadrotor, {f"{path}[2,0]": "-32 cm"})))

@@ -1,6 +1,7 @@
 """Settings written as text, ``path=value``, put into a scenario; the path is the same as in the log and the docs."""
 
 import json
+import sys
 from collections.abc import Mapping
 from functools import partial
 from typing import Any, TypeVar
@@ -106,6 +107,8 @@ def _convert_units(path: str, value: Any, unit: str, declared: Quantity) -> Any:
         several: list[Any] = value  # pyright: ignore[reportUnknownVariableType]
         return [_convert_units(path, v, unit, declared) for v in several]
     part = argument_name("settings", path)
+    if not isinstance(value, str):
+        _check_number(path, value, declared)
     try:
         if isinstance(value, str):
             return parse_amount(part, value, declared.unit)
@@ -117,6 +120,20 @@ def _convert_units(path: str, value: Any, unit: str, declared: Quantity) -> Any:
         if not no_number and isinstance(value, str):
             fix = argument("settings", error.fix, path)
         raise InputError(part, error.problem, choices=error.choices, fix=fix) from None
+
+
+def _check_number(path: str, value: Any, declared: Quantity) -> None:
+    """Raise InputError for a number that 64 bits do not hold, and for a truth value that is given for a number."""
+    problem = ""
+    if isinstance(value, bool) and declared.kind != "flag":
+        problem = f"must be a number, got {str(value).lower()}"
+    elif isinstance(value, int | float) and 0 < abs(value) < sys.float_info.min:
+        problem = f"{value:g} is smaller than any normal number"
+    elif isinstance(value, int) and abs(value) > sys.float_info.max:
+        problem = f"is larger than {sys.float_info.max:.3g}, the largest number"
+    if problem:
+        unit = "" if declared.unit == "1" else f", in {declared.unit}"
+        raise InputError(argument_name("settings", path), problem, fix=argument("settings", "NUMBER", path) + unit)
 
 
 def _parse_option(path: str, text: str, old: Any, declared: Option) -> Any:
