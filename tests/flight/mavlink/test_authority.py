@@ -13,6 +13,7 @@ from trimtab.flight.mavlink.authority import (
 )
 from trimtab.flight.mavlink.dialect import derive_dialect
 from trimtab.flight.mavlink.endpoint import Endpoint
+from trimtab.flight.mavlink.keys import passphrase_key
 
 FIRST, SECOND, OLD = Sender(1, 191, 11), Sender(1, 191, 12), Sender(1, 191, 0)
 STATION = Sender(255, 190, 0)
@@ -87,3 +88,12 @@ def test_the_session_is_an_extension_of_the_command(told):
     here, there = Endpoint(dialect, 1, 191, unsigned=True), Endpoint(dialect, 1, 1, unsigned=True)
     (message,) = there.feed(here.pack("COMMAND", {"t": 3} | ({"session": 77} if told else {})))
     assert command_sender(message) == Sender(1, 191, 77 if told else 0)
+
+
+def test_the_sender_of_a_signed_command_is_its_stream_too():
+    dialect = derive_dialect(Frame(t=np.int64(0), samples={}), Command(t=np.int64(0), valid=False, value=every()))
+    key = passphrase_key("correct-horse-battery-staple")
+    here, there = Endpoint(dialect, 1, 191, key, link=7), Endpoint(dialect, 1, 1, key)
+    here.feed(there.pack("HEARTBEAT"))
+    (message,) = there.feed(here.pack("COMMAND", {"session": 77}))
+    assert command_sender(message) == Sender(1, 191, 77, 7)
