@@ -43,7 +43,8 @@ def test_text_read_is_text_compiled_is_jax(cases: Any) -> None:
 
 
 def test_text_in_pieces_is_read(monkeypatch: pytest.MonkeyPatch) -> None:
-    for name, number in (("WHOLE", 60), ("WHOLE_BLOCK", 60), ("PIECE", 30), ("LEAST", 5)):
+    bounds = {"FUNCTION_STATEMENTS_MAX": 60, "EXPORTED_STATEMENTS_MAX": 60, "PIECE": 30, "CALL_STATEMENTS_MIN": 5}
+    for name, number in bounds.items():
         monkeypatch.setattr(pieces, name, number)
 
     def steps(x: Any, table: Any) -> Any:

@@ -38,7 +38,8 @@ def flights(name: str, lanes: int) -> tuple[str, RunResults]:
 
 
 def bound_pieces(monkeypatch: pytest.MonkeyPatch, whole: int = 100, piece: int = 60) -> None:
-    for bound, size in (("WHOLE", whole), ("WHOLE_BLOCK", whole), ("PIECE", piece), ("LEAST", 3)):
+    bounds = {"FUNCTION_STATEMENTS_MAX": whole, "EXPORTED_STATEMENTS_MAX": whole, "PIECE": piece}
+    for bound, size in (bounds | {"CALL_STATEMENTS_MIN": 3}).items():
         monkeypatch.setattr(pieces, bound, size)
 
 

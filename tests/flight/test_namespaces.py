@@ -15,8 +15,8 @@ import numpy as np
 import pytest
 from flight.bands import STALL_S, Links, bands, compared, kept_waiting, released
 from flight.pair import fly_pair
+from flight.transports import relays
 from flight.transports.namespaces import NEAR, Hosts, why_not
-from links import relays
 
 from trimtab.compiler.native.compiler import find_compiler
 from trimtab.core.record import replace

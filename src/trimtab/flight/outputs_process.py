@@ -17,6 +17,7 @@ import threading
 from collections.abc import Callable, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
+from typing import TextIO
 
 from trimtab.core.clock import NS_PER_SECOND, SYSTEM_CLOCK, Clock
 from trimtab.core.line_writer import LineWriter
@@ -48,10 +49,9 @@ def write_error_line(text: str) -> None:
         os.write(sys.stderr.fileno(), f"{text}\n".encode())
 
 
-def open_log(folder: Path) -> Callable[[str], object]:
-    """Create the outputs' own log, which outlives the vehicle's process. Return the function that writes a line."""
-    file = (folder / LOG_FILE).open("xb", buffering=0)
-    return lambda line: file.write(f"{line}\n".encode())
+def open_log(folder: Path) -> TextIO:
+    """Create the outputs' own log, which outlives the vehicle's process."""
+    return (folder / LOG_FILE).open("x", encoding="utf-8", buffering=1)
 
 
 def open_port(folder: Path, orders: OutputsOrders) -> OutputPort:
@@ -197,7 +197,8 @@ def main() -> None:
     if folder is not None:
         try:
             port = open_port(folder, orders)
-            writers.append(LineWriter(open_log(folder)))
+            log = open_log(folder)
+            writers.append(LineWriter(lambda line: log.write(f"{line}\n")))
         except OSError as error:
             write_error_line(f"outputs: {error}")
             sys.exit(1)

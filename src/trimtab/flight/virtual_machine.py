@@ -119,9 +119,12 @@ class VirtualMachine:
 
         def run(own: VirtualClock) -> None:
             far.give_to(own.program)
-            folder = None if orders.folder is None else Path(orders.folder)
-            logs = () if folder is None else (open_log(folder),)
-            OutputsLoop(far, orders, own, find_cause=find_cause, tells=(*logs, lambda line: self.tell(line))).serve()
+            with contextlib.ExitStack() as files:
+                tells: list[Callable[[str], object]] = [lambda line: self.tell(line)]
+                if orders.folder is not None:
+                    log = files.enter_context(open_log(Path(orders.folder)))
+                    tells.insert(0, lambda line: log.write(f"{line}\n"))
+                OutputsLoop(far, orders, own, find_cause=find_cause, tells=tells).serve()
 
         program = self.time.start(f"{self.name}'s outputs", run, clock=clock)
         self.outputs.append(program)

@@ -13,7 +13,7 @@ from trimtab.compiler.compiled_block import CompiledBlock
 from trimtab.compiler.folder import SampleVectors, write_folder
 from trimtab.compiler.workspace import STACK
 from trimtab.core.errors import InputError
-from trimtab.export import boards as microcontroller
+from trimtab.flight.boards import microcontrollers as microcontroller
 from trimtab.flight.boards.microcontrollers import EXACT, TARGETS, emulate, read_vectors
 
 SAMPLE = Path(__file__).parent / "sample"
