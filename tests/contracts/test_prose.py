@@ -46,11 +46,11 @@ LIMITS = {
         "told": 14,
         "under way": 0,
         "hang together": 0,
-        "somebody": 4,
+        "somebody": 3,
         "anew": 2,
         "so many": 0,
         "is no": 13,
-        "there is none": 3,
+        "there is none": 2,
         "fares": 0,
     },
 }

@@ -12,7 +12,8 @@ from trimtab.commands.verbs import OPTIONS, spell_option
 from trimtab.core.errors import InputError, argument, argument_name, spell_with, unknown_setting
 
 SOURCE = Path(trimtab.__file__).parent
-SAID_AT_A_TERMINAL = ("prearm.py", "connection_problem.py", "preflight.py", "remote.py", "station/parameters.py")
+SAID_AT_A_TERMINAL = ("prearm.py", "connection_problem.py", "preflight.py", "remote.py", "safety_settings.py")
+SAID_AT_A_TERMINAL += ("station/parameters.py",)
 SAID_AT_A_TERMINAL = tuple(f"flight/{name}" for name in SAID_AT_A_TERMINAL)
 """What `trimtab fly` and `trimtab vehicle` say to those who typed them; it is on the line, too."""
 OF_COMPILERS = ("native/", "flight/boards/microcontrollers.py", "compiler/")

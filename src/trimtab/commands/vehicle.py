@@ -95,6 +95,7 @@ SHORTEST_WATCHDOG = ms(20)
     "--confirm",
     multiple=True,
     metavar="SETTING",
+    callback=lambda _context, _option, names: check_confirmations(names),
     help="Confirm a setting that weakens a safety, e.g. failsafe.timeout. May be repeated.",
 )
 @REAL_TIME
@@ -123,7 +124,7 @@ def command(
     unsigned: bool,
     clock: str,
     watchdog: str,
-    confirm: tuple[str, ...],
+    confirm: frozenset[str],
     real_time: bool,
     out: Path | None,
     origin: str | None,
@@ -149,7 +150,6 @@ def command(
     world = ({} if lockstep else live_settings(scenario, ("stick",))) | read_parameters(parameters, scenario) | settings
     built = _build_one(scenario, world, faults)
     limit, silence = None if duration is None else parse_time(duration), _parse_watchdog(watchdog)
-    confirmed = check_confirmations(confirm)
     place, tell = None if origin is None else parse_origin(origin), partial(click.echo, err=as_json)
     enable_cache()
     if stack := "ardupilot" if ardupilot is not None else "px4" if px4 is not None else None:
@@ -168,17 +168,8 @@ def command(
                 options = StationOptions(out, transfer_rate(line_uri), place, store)
                 live = _build_vehicle(built, line, endpoint, seed, options)
             tell(f"{built.name} listens on {line_uri}; held until it is armed. Ctrl-C ends it.")
-            service = _serve(
-                live,
-                tell,
-                duration=limit,
-                log=log,
-                log_limit=log_limit,
-                watchdog=silence,
-                confirmed=confirmed,
-                outputs_folder=out,
-                wanted_real_time=real_time,
-            )
+            limits = {"duration": limit, "log_limit": log_limit, "watchdog": silence, "confirmed": confirm}
+            service = _serve(live, tell, log=log, outputs_folder=out, wanted_real_time=real_time, **limits)
             release_time, end = service.release_time, service.disarm_time or service.t
             service_facts = _describe_service(service, live, line)
     result = {"scenario": built.name, "seed": seed, "duration_s": to_seconds(end - (release_time or 0)), "ideal": None}

@@ -52,7 +52,7 @@ class _DamagedFileError(Exception):
 def parse_contents(path: Any, data: bytes) -> Contents:
     """Parse a file that begins as MCAP; raise InputError if it is damaged outside of its chunks, not merely cut."""
     contents = Contents(is_truncated=len(data) < 2 * len(MAGIC) or not data.endswith(MAGIC))
-    reader = _Reader(contents)
+    reader = _ContentsReader(contents)
     try:
         reader.read(data)
     except Exception as error:  # a cut file may end anywhere; decoders raise any type
@@ -63,7 +63,7 @@ def parse_contents(path: Any, data: bytes) -> Contents:
     return contents
 
 
-class _Reader:
+class _ContentsReader:
     """Reader of one file. Messages are kept by channel: the names of channels may follow at the end of the file."""
 
     def __init__(self, contents: Contents) -> None:
@@ -114,7 +114,7 @@ class _Reader:
                 contents.texts[self._topics[channel]] += texts
 
     def _skip_damage(self, data: bytes, at: int, why: str, stop: int) -> int:
-        """Note a damaged part. Return the place of the next chunk, `stop` if there is none."""
+        """Note a damaged part. Return the place of the next chunk, or `stop`."""
         self._contents.damages.append(Damage(why, self._newest))
         found = data.find(ZSTD, at + RECORD.size + CHUNK_HEAD.size + 1)
         while found >= 0:

@@ -46,7 +46,7 @@ def join_by_time(times: Mapping[str, Sequence[int]]) -> JoinedRows:
 def describe_gaps(damages: Sequence[Damage], joined: JoinedRows, epoch: int) -> list[dict[str, Any]]:
     """Return a dictionary for each damaged part of a file, and one for instants that lack a message.
 
-    Its keys: "after_s", time of the last instant before the gap, None where there is none; "text", a line for the user.
+    Its keys: "after_s", time of the last instant before the gap, or None; "text", a line for the user.
 
     Args:
         damages: damaged parts of the file.
