@@ -345,6 +345,7 @@ class RemoteVehicle:
         if self._arming_request is not None and now >= self._next["ask"]:
             self._next["ask"] = now + (ASK_PERIOD if self._arming_request else DISARM_PERIOD)
             sessions = {"param3": self._endpoint.session, "param4": self._vehicle_session}
+            sessions["param5"] = 0 if self._identity is None else self._identity.number
             if self._takes_over:
                 control = {"param2": 1, "param5": self._endpoint.session, "param6": self._vehicle_session}
                 self._send_command(CommandCode.REQUEST_CONTROL, self._endpoint.system, control)
@@ -357,10 +358,11 @@ class RemoteVehicle:
             self._version_asks += 1
             self._compared = self._version_asks > MOST_ASKS
             self._send_command(CommandCode.REQUEST_MESSAGE, VERSION_MESSAGE)
-        if self.heartbeat_time is not None and self._identity is not None and not self._is_identity_told:
+        if self.heartbeat_time is not None and self._identity is not None and not self.armed:
             for packet in self._identity.due(now, self.system, self.component):
                 self._link.send(packet)
-            self._compare_identities()
+            if not self._is_identity_told:
+                self._compare_identities()
 
     @property
     def is_asking(self) -> bool:

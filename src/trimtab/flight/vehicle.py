@@ -203,6 +203,7 @@ class LiveVehicle:
         values = step.parameters[event.path if step is self.body.world else path]
         values.flat[event.slot] = event.value
         self.identity.change(identity_path(event.path), values)
+        self.station.status = self.station.status._replace(identity=self.identity.number)
         self._report(f"{event.path} = {format_value(self._declared[event.path], event.value)}")
 
     def _report(self, text: str) -> None:
@@ -373,7 +374,9 @@ class LiveVehicle:
         """Return the vehicle's status, with the reasons why it cannot be armed."""
         guard = self.guard
         return self.duties.status._replace(
-            arming_problem=guard.problem, confirmation_problem=guard.confirmation_problem
+            arming_problem=guard.problem,
+            confirmation_problem=guard.confirmation_problem,
+            identity=self.identity.number,
         )
 
     def _announce_mode(self, t: int, breach: str) -> None:

@@ -10,6 +10,7 @@ from trimtab.flight.station.identity import (
     PAYLOAD,
     IdentityComparison,
     IdentityService,
+    digest_number,
     format_value,
     identity_digest,
 )
@@ -41,10 +42,28 @@ class Line:
         return self.comparison
 
 
+def line_number(entries):
+    """The number that stands for an identity in a request to arm."""
+    number = digest_number(identity_digest(entries))
+    assert float(np.float32(number)) == number
+    return number
+
+
 def test_the_same_identity_is_one_question():
     comparison = Line(WORLD, WORLD).run(ms(2000))
     assert comparison.is_known
     assert comparison.differences() == []
+    assert comparison.number == line_number(WORLD) != 0
+
+
+def test_a_setting_that_changes_later_is_noticed_within_a_second():
+    line = Line(WORLD, WORLD)
+    assert line.run(ms(1000)).differences() == []
+    line.service.change("world.vehicle.number_3", np.float64(9.0))
+    assert [d.path for d in line.run(ms(1500)).differences()] == ["world.vehicle.number_3"]
+    line.service.change("world.vehicle.number_3", np.float64(3 / 7))
+    assert line.run(ms(1500)).differences() == []
+    assert line.comparison.number == line.service.number == line_number(WORLD)
 
 
 @pytest.mark.parametrize("lose", [lambda n: False, lambda n: n % 3 == 1])

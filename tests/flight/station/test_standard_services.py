@@ -132,6 +132,18 @@ def test_arming_is_asked_for_or_refused_with_the_reason(line):
     assert line.command(400, math.nan)[0] == line.command(400, 0.5)[0] == 2
 
 
+def test_settings_that_changed_since_they_were_compared_refuse_the_arming(line):
+    line.station.status = Status(identity=77)
+    result, text, events = line.command(400, 1.0, 0, 5, 0, 78)
+    assert (result, events) == (1, [])
+    assert text == "Arming refused: settings have changed since they were compared"
+    for number in (77, 0, math.nan):  # a ground station compares nothing
+        result, _, events = line.command(400, 1.0, 0, 5, 0, number)
+        assert (result, len(events)) == (0, 1)
+    result, _, events = line.command(400, 0.0, 0, 5, 0, 78)
+    assert (result, len(events)) == (0, 1)  # disarming is never refused for that
+
+
 def test_after_a_failsafe_arming_has_to_be_confirmed(line):
     """By what ground stations call forcing: it confirms, and overrides nothing."""
     line.station.status = Status(confirmation_problem="confirmation: 0, at least 1; disarm, then arm")

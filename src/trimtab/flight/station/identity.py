@@ -46,6 +46,11 @@ def format_value(value: Any) -> str:
     return f"{len(texts)} numbers, hash {hashlib.sha256(' '.join(texts).encode()).hexdigest()[:12]}"
 
 
+def digest_number(digest: bytes) -> int:
+    """Return a digest as a whole number that a parameter of a command, a float of 32 bits, can hold; 0 for none."""
+    return int.from_bytes(digest[:3], "little") | 1 if digest else 0
+
+
 def identity_digest(entries: Mapping[str, str]) -> bytes:
     """Return eight bytes that differ if the identities do."""
     lines = sorted(f"{path}={text}" for path, text in entries.items())
@@ -65,6 +70,11 @@ class IdentityService:
         if path in self._entries:
             self._entries[path] = format_value(value)
             self._digest = identity_digest(self._entries)
+
+    @property
+    def number(self) -> int:
+        """Number of the identity as it is now, for requests to arm."""
+        return digest_number(self._digest)
 
     def answer(self, message: Message) -> list[bytes]:
         """Return the packets that answer a message; none if it is not a request for this end."""
@@ -106,10 +116,18 @@ class IdentityComparison:
         """True if the vehicle does not report its identity."""
         return not self._theirs and self._asks > MOST_ASKS
 
+    @property
+    def number(self) -> int:
+        """Number of the vehicle's identity as it was compared, for requests to arm; 0 if the vehicle has none."""
+        return digest_number(self._theirs)
+
     def due(self, now: int, system: int, component: int) -> list[bytes]:
-        """Return the questions to the vehicle that are due now."""
-        if self.is_known or self.is_unanswered or now < self._next:
+        """Return the questions to the vehicle that are due now. One asks now and then whether a setting has changed."""
+        if self.is_unanswered or now < self._next:
             return []
+        if self.is_known:
+            self._next = now + ASK_PERIOD
+            return [pack_tunnel(self._endpoint, system, component, REQUEST_TYPE, REQUEST.pack(0))]
         missing = [k for k in range(self._count) if k not in self._lines][:LINES_AT_ONCE] or [0]
         self._next = now + (LINES_PERIOD if self._theirs else ASK_PERIOD)
         self._asks += not self._theirs

@@ -5,6 +5,7 @@ vehicle are returned as events. The vehicle acts on them, and sets `status` to w
 Source: https://mavlink.io/en/services/ (heartbeat, command, parameter, timesync) and messages/common.html.
 """
 
+import math
 from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import Any, NamedTuple, Protocol
 
@@ -56,6 +57,7 @@ class Status(NamedTuple):
     arming_problem: why it cannot be armed, empty if it can.  confirmation_problem: why it cannot be armed without a
     confirmation of the user.  closed_modes: mode -> why it cannot be entered now.
     autopilot_problem: why its autopilot cannot be asked to hold, resume or end; empty if it can.
+    identity: number of its settings, see `identity.digest_number`.
     """
 
     mode: int = 0
@@ -65,6 +67,7 @@ class Status(NamedTuple):
     confirmation_problem: str = ""
     closed_modes: Mapping[int, str] = {}
     autopilot_problem: str = "no autopilot that takes requests"
+    identity: int = 0
 
 
 class StationResponse(NamedTuple):
@@ -232,7 +235,12 @@ class Station:
             sender, vehicle = _arming_sender(message), parse_session(message.get("param4"))
             if not self.authority.is_addressed(vehicle):
                 return
-            result = self._arm(first, sender, response, is_confirmed=second == CONFIRMATION)
+            identity = message.get("param5") if message.name == "COMMAND_LONG" else 0
+            if first == 1.0 and self._has_changed(identity):
+                self._warn("Arming refused: settings have changed since they were compared")
+                result = CommandResult.NOT_NOW
+            else:
+                result = self._arm(first, sender, response, is_confirmed=second == CONFIRMATION)
         elif command == CommandCode.RUN_CHECKS:
             result = self._run_checks(message, response)
         elif command == CommandCode.TERMINATE and first > 0.5:
@@ -299,6 +307,11 @@ class Station:
             if not check.passes:
                 self.queue_text(Severity.WARNING, f"PreArm: {check.sentence}")
         return CommandResult.ACCEPTED
+
+    def _has_changed(self, identity: float) -> bool:
+        """Return whether a request to arm was made for other settings. A request without a number asks for no check."""
+        own = self.status.identity
+        return not self.status.armed and own != 0 and math.isfinite(identity) and identity not in (0, own)
 
     def _arm(
         self, arm: float, sender: Sender, response: StationResponse, *, is_confirmed: bool = False
