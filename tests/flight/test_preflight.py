@@ -3,7 +3,7 @@
 import re
 
 import pytest
-from flight.virtual_pair import LOG, VirtualPair, events
+from flight.virtual_pair import LINK, LOG, VirtualPair, events
 from run.stand_ins import KEY
 
 from trimtab.compiler.native.compiler import find_compiler
@@ -12,7 +12,9 @@ from trimtab.flight import preflight
 from trimtab.flight.autopilot import LiveAutopilot
 from trimtab.flight.injector import add_idle_faults
 from trimtab.flight.mavlink.endpoint import Endpoint
+from trimtab.flight.mavlink.stamps import running_clock
 from trimtab.flight.station.arming import ArmingCheck, pack_checks
+from trimtab.flight.station.parameters import Parameters
 from trimtab.flight.transports.open_link import open_link
 from trimtab.loop.faults import WORDS
 from trimtab.scenarios.build import build
@@ -134,3 +136,23 @@ def test_with_the_only_sensor_off_a_whole_vehicle_is_not_armed_and_all_are_told_
     here, there = map(events, pair.logs())
     assert any(re.fullmatch(r"vehicle +navigation age +∞ s +at most 0.28 s +REFUSED", e) for e in here)
     assert f"autopilot: {sentence}" in there
+
+
+def test_a_station_that_changes_a_setting_while_the_checks_run_prevents_the_flight():
+    """The autopilot had compared the settings before, and the vehicle flew with another mass."""
+    pair = VirtualPair(build("hovercraft/zero-velocity", {}))
+    pair.start_vehicle()
+
+    def fly(flyer, machine):
+        listed = Parameters(pair.vehicle.scenario.world, "world").listed
+        name = next(p.name for p in listed if p.path == "world.vehicle.mass")
+        station = Endpoint(flyer.endpoint.dialect, 255, 190, KEY, datagrams=True, clock=running_clock(machine.clock))
+        fields = {"target_system": 1, "param_id": name, "param_value": 4.5, "param_type": 9}
+        machine.open_link(LINK).send(station.pack("PARAM_SET", fields))
+        return flyer.fly(log=LOG, tell=pair.said.append, duration=seconds(1))
+
+    pair.start_autopilot(fly)
+    pair.run()
+    assert (pair.flying.result.arming_time, pair.vehicle.release_time) == (None, None)
+    assert "world.vehicle.mass = 4.5" in " ".join(pair.told)
+    assert "settings that differ: 1, at most 0; --accept world.vehicle.mass" in pair.flying.result.problems[0]

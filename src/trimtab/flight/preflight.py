@@ -138,6 +138,7 @@ class Preflight:
 
         check = int(read("supervisor.check")) if "supervisor.check" in step.writes else 0
         space = math.nan if folder is None else self._disk.free_bytes(folder) / MEGABYTE
+        accept = f"--accept {remote.first_difference()} if intended"
         sigmas = [
             ArmingCheck(name, float(step.outputs[at]), MOST_SIGMA[unit], unit, "wait until the estimator has settled")
             for name, (at, unit) in self._sigmas.items()
@@ -159,6 +160,6 @@ class Preflight:
                 "s",
                 "check the link",
             ),
-            ArmingCheck("settings that differ", remote.count_differences(), 0, "", "--accept PATH if intended"),
+            ArmingCheck("settings that differ", remote.count_differences(), 0, "", accept),
             ArmingCheck("space for the log", space, LEAST_SPACE, "MB", "free disk space", at_least=True),
         ]

@@ -3,6 +3,7 @@
 Source: docs page, Fly; MAVLink's services heartbeat, command and timesync.
 """
 
+import math
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 
@@ -168,9 +169,20 @@ class RemoteVehicle:
             for remark in self.remarks:
                 self.tell(remark)
 
-    def count_differences(self) -> int:
-        """Return the number of settings in which the vehicle differs from this end without being accepted."""
-        return 0 if self._identity is None else len(self._identity.differences(self.accepts))
+    def count_differences(self) -> float:
+        """Return the number of settings in which the vehicle differs from this end without being accepted.
+
+        It is infinite while a setting has changed and the new ones are not all known.
+        """
+        identity = self._identity
+        if identity is None or not self._is_identity_told or identity.is_unanswered:
+            return 0
+        return len(identity.differences(self.accepts)) if identity.is_known else math.inf
+
+    def first_difference(self) -> str:
+        """Return the path of the first setting that differs; "PATH" if none is known to differ."""
+        differences = [] if self._identity is None else self._identity.differences(self.accepts)
+        return differences[0].path if differences else "PATH"
 
     def handle_untimely(self, untimely: Sequence[UntimelyMessage]) -> None:
         """Note that the clocks differ, if a frame that was rejected for its time answers a question of this end."""

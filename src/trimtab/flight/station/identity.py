@@ -107,9 +107,9 @@ class IdentityComparison:
         self._digest = identity_digest(self._entries)
         self._lines: dict[int, bytes] = {}
         self._count, self._asks, self._next = 0, 0, 0
-        self._theirs = b""
+        self._theirs = self._known = b""
         self.is_known = False
-        """True once the vehicle's identity is known completely, or known to be the same."""
+        """True while the vehicle's identity is known completely, or known to be the same."""
 
     @property
     def is_unanswered(self) -> bool:
@@ -119,7 +119,7 @@ class IdentityComparison:
     @property
     def number(self) -> int:
         """Number of the vehicle's identity as it was compared, for requests to arm; 0 if the vehicle has none."""
-        return digest_number(self._theirs)
+        return digest_number(self._known)
 
     def due(self, now: int, system: int, component: int) -> list[bytes]:
         """Return the questions to the vehicle that are due now. One asks now and then whether a setting has changed."""
@@ -143,6 +143,7 @@ class IdentityComparison:
             self._theirs, self._count, self._lines = digest, min(count, MOST_LINES), {}
         self._lines[index] = data[LINE.size :]
         self.is_known = digest == self._digest or len(self._lines) >= self._count
+        self._known = digest if self.is_known else self._known
 
     def differences(self, is_accepted: Callable[[str], bool] = lambda path: False) -> list[SettingDifference]:
         """Return the differences that are not accepted, by path; empty until the vehicle's identity is known."""
