@@ -27,6 +27,8 @@ const world_out *emulated_world(void) { return &world_o; }
 
 const uint16_t *emulated_pulses(void) { return compare; }
 
+motion hardware_motion(void) { return samples_motion(&world_o); }
+
 void hardware_begin(void) {
     world_defaults(&world_p);
     world_init(&world_p, &world_s);

@@ -8,6 +8,8 @@
 #define MOST_LEAD_SECONDS 40
 #endif
 enum { MARGIN = 60 * STAMPS_PER_SECOND, MOST_LEAD = MOST_LEAD_SECONDS * STAMPS_PER_SECOND };
+/* A board has no calendar: its first stamp may lead the build, or what it has kept, by ten years. */
+static const uint64_t MOST_FIRST_LEAD = 10ULL * 365 * 86400 * STAMPS_PER_SECOND;
 
 void link_begin(link *l, const uint8_t key[KEY_SIZE], uint64_t floor) {
     memset(l, 0, sizeof *l);
@@ -41,7 +43,8 @@ static void note_stranger(link *l) {
 }
 
 static bool is_leading(const link *l, int64_t now, uint64_t stamp) {
-    return link_heard(l) && stamp > l->anchor + (uint64_t)(now - l->anchored_at) / 100 + MOST_LEAD;
+    if (!link_heard(l)) return stamp > l->floor + MOST_FIRST_LEAD;
+    return stamp > l->anchor + (uint64_t)(now - l->anchored_at) / 100 + MOST_LEAD;
 }
 
 /* What the library does not ask: that it is not our own, which has the same key; that its stamp is from after the start, for

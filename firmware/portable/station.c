@@ -9,6 +9,7 @@
 
 enum { CMD_ARM_DISARM = 400, CMD_REQUEST_CONTROL = 32100, ACCEPTED = 0, REJECTED = 1, DENIED = 2, UNSUPPORTED = 3 };
 enum { AUTOPILOT_GENERIC = 0, CUSTOM_MODE = 1, ARMED_FLAG = 128, MANUAL_FLAG = 64 };
+enum { CONFIRMATION = 21196 }; /* param2 of an order to arm: armed again after a failsafe */
 enum { MOST_COMMAND_LEAD = 200 * MILLISECOND };
 /* Modes as ground stations number them: the pilot, and the computer. */
 enum { MODE_MANUAL = 0, MODE_COMPUTER = 15 };
@@ -75,14 +76,21 @@ static void say_two(vehicle *v, uint8_t severity, const char *first, const char 
     station_say(v, severity, l.text);
 }
 
-static void hear_arming(vehicle *v, const sender *s, float arm) {
+static const char *arming_refusal(const vehicle *v) {
+    const char *why = board_refusal();
+    return why != NULL ? why : rearm_refusal(&v->rearm);
+}
+
+/* A person's hand, which has no session, confirms by disarming; a program confirms with the order itself. */
+static void hear_arming(vehicle *v, const sender *s, float arm, float confirmation) {
     if ((arm != 1.0f && arm != 0.0f) || !authority_allows(&v->authority, s)) {
         acknowledge(v, s, CMD_ARM_DISARM, DENIED);
         return;
     }
-    if (arm == 1.0f && !v->failsafe_out.armed && board_refusal() != NULL) {
+    if ((arm == 1.0f && confirmation == (float)CONFIRMATION) || (arm == 0.0f && s->session == 0u)) rearm_confirm(&v->rearm);
+    if (arm == 1.0f && !v->failsafe_out.armed && arming_refusal(v) != NULL) {
         acknowledge(v, s, CMD_ARM_DISARM, REJECTED);
-        say_two(v, SEVERITY_CRITICAL, "not armed: ", board_refusal());
+        say_two(v, SEVERITY_CRITICAL, "not armed: ", arming_refusal(v));
         return;
     }
     if (arm == 1.0f) authority_arm(&v->authority, s);
@@ -97,8 +105,10 @@ static void hear_command_long(vehicle *v, const mavlink_message_t *message) {
     mavlink_msg_command_long_decode(message, &c);
     if ((c.target_system && c.target_system != SYSTEM) || (c.target_component && c.target_component != COMPONENT)) return;
     sender s = {message->sysid, message->compid, message->signature[0], authority_session(c.command == CMD_ARM_DISARM ? c.param3 : c.param5)};
+    float addressed = c.command == CMD_ARM_DISARM ? c.param4 : c.command == CMD_REQUEST_CONTROL ? c.param6 : 0.0f;
+    if (authority_session(addressed) != 0u) return; /* another vehicle is meant: this one draws no session */
     if (c.command == CMD_ARM_DISARM) {
-        hear_arming(v, &s, c.param1);
+        hear_arming(v, &s, c.param1, c.param2);
     } else if (c.command == CMD_REQUEST_CONTROL && c.param2 == 1.0f && s.session != 0u) {
         authority_hand_over(&v->authority, &s);
         acknowledge(v, &s, c.command, ACCEPTED);

@@ -68,6 +68,7 @@ static void guard(vehicle *v, int64_t now) {
     v->begun = true;
     if (!v->failsafe_out.armed) authority_end(&v->authority);
     v->released |= v->failsafe_out.armed;
+    rearm_follow(&v->rearm, v->failsafe_out.mode == FAILSAFE, v->failsafe_out.mode == COMPUTER);
 }
 
 /* The drive and the pulses, each frame; but where the failsafe stops what moves, it stops at once. */
@@ -94,6 +95,7 @@ static void tick(vehicle *v, int64_t now) {
     if (v->link.refusal.due) station_refuse(v, now);
     send_pulses(v, now);
     hardware_work(v, now);
+    if (due(now, &v->next_moment, MOMENT_PERIOD)) rearm_note(&v->rearm, hardware_motion());
     link_tick(&v->link, now);
     tuning_work(v);
     if (due(now, &v->next_quarter, SECOND / 4)) quarter(v, now);

@@ -7,6 +7,7 @@
 #include <stdint.h>
 
 #include "authority.h"
+#include "rearm.h"
 #include "port.h"
 #include "drive.h"
 #include "failsafe.h"
@@ -30,8 +31,9 @@ typedef struct {
     failsafe_out failsafe_out;
     drive drive;
     uint16_t pulses[CHANNELS];
-    int64_t next_tick, next_frame, next_servo, next_quarter, next_record, last_status;
+    int64_t next_tick, next_frame, next_servo, next_quarter, next_record, next_moment, last_status;
     authority authority;
+    rearm rearm;
     sender asker;
     bool asked;       /* to arm or disarm: answered after the tick */
     bool announced;   /* what the start came from was said */
@@ -51,6 +53,9 @@ void vehicle_work(vehicle *v);
 /* What stands between the portable part and the sensors: bring them to time `now`, send what they measured. */
 void hardware_begin(void);
 void hardware_work(vehicle *v, int64_t now);
+
+/* How it moves by its own sensors: for the check that it is at rest before it is armed again after a failsafe. */
+motion hardware_motion(void);
 
 /* Parts of vehicle_work, in station.c: one message that was accepted; what is said each second, in three
    parts; a line for people. */

@@ -43,6 +43,7 @@ void board_rest(void) {}
 void board_record(const uint32_t record[RECORD_WORDS]) { (void)record; }
 uint16_t board_encoder(int64_t at) { return (uint16_t)(count + at / 5000); }
 void hardware_begin(void) {}
+motion hardware_motion(void) { return (motion){0.0f, 0.0f}; }
 void hardware_work(vehicle *vehicle, int64_t at) { (void)vehicle, (void)at; }
 void board_pulse(int channel, uint16_t counts) { pulses[channel] = counts; }
 

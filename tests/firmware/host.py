@@ -16,13 +16,13 @@ MS = 10_000
 
 
 class Host:
-    """The firmware on this computer in a time of the test's own, with an end of its line that signs with the key."""
+    """The firmware on this computer, in the test's own time; the other end of its line is an autopilot with the key."""
 
     def __init__(self, library, dialect, stored=0):
         self.library, self.dialect, self.now = library, dialect, 0
         library.host_begin(KEY.secret, ctypes.c_uint64(STAMP), ctypes.c_uint64(stored))
         self.buffer = ctypes.create_string_buffer(1 << 20)
-        self.peer = self.other()
+        self.peer = self.other(system=1, component=191)
 
     def clock(self):
         """Unix time of the other end, which stands at the firmware's first stamp when the firmware starts."""

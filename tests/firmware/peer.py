@@ -15,7 +15,7 @@ class Peer:
     def __init__(self, port, dialect, key, *, clock=None):
         self.socket = socket.create_connection(("127.0.0.1", port), timeout=5)
         self.socket.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-        self.end = Endpoint(dialect, 255, 190, key, clock=clock)
+        self.end = Endpoint(dialect, 1, 191, key, clock=clock)
         self.heard = []
         """(time of arrival in ns, message)."""
 

@@ -106,7 +106,7 @@ def test_a_clock_that_is_behind_is_answered_and_one_a_day_ahead_moves_nothing(ho
     host.run(2000)
     kept = host.library.host_kept()
     for difference, count in ((-120.0, "stale"), (DAY, "leading")):
-        wrong = host.other(system=1, component=191, clock=lambda d=difference: host.clock() + d)
+        wrong = host.other(system=1, component=192, clock=lambda d=difference: host.clock() + d)
         answers = []
         for k in range(100):
             answers += host.run(10, wrong.pack("TIMESYNC", {"ts1": k + 1}))
@@ -151,6 +151,72 @@ def test_a_stored_stamp_that_is_ahead_of_all_is_told_to_who_asks(library, writte
     asker.stamps.follow(host.peer.untimely[0].stamp)
     host.work(asker.pack("HEARTBEAT", {"type": 18}))
     assert host.counts()["accepted"] == 1
+
+
+CONFIRMATION, REJECTED = 21196, 1
+
+
+def order_arming(host, end, **fields):
+    order = {"target_system": 1, "command": ARM, "param1": 1.0, "param3": float(end.session)} | fields
+    return host.run(2, end.pack("COMMAND_LONG", order))
+
+
+def results(messages):
+    texts = [m.get("text").rstrip("\0") for m in messages if m.name == "STATUSTEXT"]
+    return [m.get("result") for m in messages if m.name == "COMMAND_ACK"], [x for x in texts if "not armed" in x]
+
+
+def test_the_board_is_armed_after_a_failsafe_only_at_rest_and_with_a_confirmation(host):
+    first, _ = two(host)
+    arm(host, first)
+    for _ in range(300):
+        command(host, first, 9000.0)
+    host.run(700)  # no commands: failsafe; it glides
+    assert results(order_arming(host, first)) == ([REJECTED], ["not armed: failsafe, confirm"])
+    answers = results(order_arming(host, first, param2=float(CONFIRMATION)))
+    assert answers == ([REJECTED], ["not armed: it moves"])
+    assert host.pulses()[1] == NEUTRAL
+
+
+def test_a_program_confirms_with_the_order_to_arm(host):
+    first, _ = two(host)
+    arm(host, first)
+    command(host, first, 0.0)
+    host.run(2000)  # no more commands: failsafe at rest
+    assert results(order_arming(host, first)) == ([REJECTED], ["not armed: failsafe, confirm"])
+    assert results(arm(host, first, on=False))[0] == [ACCEPTED]  # a program's disarming at its end confirms nothing
+    assert results(order_arming(host, first))[0] == [REJECTED]
+    assert results(order_arming(host, first, param2=float(CONFIRMATION))) == ([ACCEPTED], [])
+
+
+def test_a_ground_station_confirms_by_disarming(host):
+    first, _ = two(host)
+    host.arm()
+    command(host, first, 0.0)
+    host.run(2000)  # no more commands: failsafe at rest
+    assert results(host.arm())[0] == [REJECTED]
+    assert results(host.arm(False))[0] == [ACCEPTED]
+    assert results(host.arm()) == ([ACCEPTED], [])
+
+
+def test_an_order_to_another_vehicle_is_left_alone(host):
+    first, second = two(host)
+    assert results(order_arming(host, first, param4=77.0)) == ([], [])
+    arm(host, first)
+    fields = {"target_system": 1, "command": CONTROL, "param2": 1.0, "param5": float(second.session), "param6": 77.0}
+    assert results(host.run(2, second.pack("COMMAND_LONG", fields))) == ([], [])
+    command(host, first)
+    assert host.counts()["foreign"] == 0
+
+
+def test_a_first_stamp_decades_ahead_is_not_taken_for_the_time(host):
+    far = host.other(system=1, component=191, clock=lambda: host.clock() + 11 * 365 * DAY)
+    host.run(10, far.pack("HEARTBEAT", {"type": 18}))
+    assert host.counts()["accepted"] == 0
+    assert host.counts()["leading"] == 1
+    host.run(2000, host.pack("HEARTBEAT", type=6))
+    assert host.counts()["accepted"] == 1
+    assert host.library.host_kept() < DAY * 100_000
 
 
 def test_the_board_says_what_it_was_built_for(host, written):

@@ -49,7 +49,7 @@ def test_time_synchronisation_gives_the_boards_clock(host):
 
 def test_arming_is_acknowledged_and_other_commands_are_not_supported(host):
     (ack,) = [m for m in host.arm() if m.name == "COMMAND_ACK"]
-    assert (ack.get("command"), ack.get("result"), ack.get("target_system")) == (400, 0, 255)
+    assert (ack.get("command"), ack.get("result"), ack.get("target_system")) == (400, 0, 1)
     (ack,) = [m for m in host.run(1, host.pack("COMMAND_LONG", command=22)) if m.name == "COMMAND_ACK"]
     assert (ack.get("command"), ack.get("result")) == (22, 3)
     (ack,) = [m for m in host.run(1, host.pack("COMMAND_LONG", command=400, param1=0.5)) if m.name == "COMMAND_ACK"]
@@ -100,6 +100,7 @@ def test_failsafe_to_the_millisecond(host):
     for _ in range(20):  # latched: commands alone don't help
         host.run(20, host.command())
     assert host.pulses() == [NEUTRAL, NEUTRAL, NEUTRAL - FULL]
+    host.arm(False)  # a person confirms
     flying(host)
     assert host.pulses()[1] > NEUTRAL
 

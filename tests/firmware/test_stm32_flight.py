@@ -51,7 +51,7 @@ class Craft(Host):
         self.chip, self.now, self.count, self.speed_rpm = chip(self.library), 0, 0.0, 0.0
         self.force, self.rate = np.array([0.0, 0.0, 9.80665]), np.zeros(3)
         self.library.flight_begin(KEY.secret, ctypes.c_uint64(STAMP))
-        self.peer = self.other()
+        self.peer = self.other(system=1, component=191)
 
     def run(self, ms, data=b""):
         heard = []

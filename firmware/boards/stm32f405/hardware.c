@@ -71,6 +71,8 @@ static void work_bus(vehicle *v) {
 static void work_bus(vehicle *v) { (void)v; }
 #endif
 
+motion hardware_motion(void) { return samples_motion(&samples); }
+
 void hardware_begin(void) {
 #ifdef SAMPLES_RANGING
     bus_begin();

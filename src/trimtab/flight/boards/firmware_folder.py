@@ -10,6 +10,7 @@ import os
 import shutil
 import zlib
 from collections.abc import Mapping
+from itertools import chain
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -45,8 +46,10 @@ from trimtab.flight.mavlink.generated import load_generator, write_c_headers
 from trimtab.flight.mavlink.keys import SigningKey
 from trimtab.flight.mavlink.stamps import EPOCH, PER_SECOND
 from trimtab.flight.scenario_identity import scenario_identity
+from trimtab.flight.sensed_motion import QUANTITIES
 from trimtab.flight.station.identity import cut_line, identity_digest
 from trimtab.loop.scenario import Scenario
+from trimtab.loop.vehicle_limits import VehicleLimits
 from trimtab.run.blocks import (
     StepInput,
     carried_structures,
@@ -126,6 +129,7 @@ def write_firmware(
         {name: s.period for name, s in scenario.world.sensors.items() if name in frame.samples}
     )
     texts["emulated/samples.c"] = samples_source(frame, dialect)
+    texts["exported/rest.h"] = rest_header(VehicleLimits())
     texts["emulated/instants.h"] = _instants_header(
         scenario, driven_fan(asked).motor.period if drive == "fan" else None
     )
@@ -276,6 +280,7 @@ def samples_header(sensors: Mapping[str, int]) -> str:
 #ifndef SAMPLES_H
 #define SAMPLES_H
 #include "link.h"
+#include "rearm.h"
 #include "world.h"
 
 /* The scenario's sensors, and how often each measures, in units of 100 ns. */
@@ -283,6 +288,9 @@ def samples_header(sensors: Mapping[str, int]) -> str:
 
 /* Send what the sensors measured at this instant; how many samples that were. */
 int samples_send(link *l, const world_out *out);
+
+/* The newest speed and rate of turn that the sensors have measured. */
+motion samples_motion(const world_out *out);
 
 /* Keep the newest sample of each sensor, fresh if one of them was; now is NULL: they have all been sent. */
 void samples_merge(world_out *kept, const world_out *now);
@@ -295,6 +303,7 @@ def samples_source(frame: Frame, dialect: Dialect) -> str:
     lines = [
         LICENCE_NOTE,
         '#include "samples.h"\n',
+        "#include <math.h>",
         "#include <string.h>\n",
         "int samples_send(link *l, const world_out *out)",
     ]
@@ -306,7 +315,48 @@ def samples_source(frame: Frame, dialect: Dialect) -> str:
             lines += _sending_lines(name, dialect)
         lines += ["        ++sent;", "    }"]
     lines += ["    (void)l; (void)out; (void)message;", "    return sent;", "}\n"]
-    return "\n".join([*lines, *_merging_lines(frame)])
+    return "\n".join([*lines, *_motion_lines(dialect), *_merging_lines(frame)])
+
+
+def rest_header(limits: VehicleLimits) -> str:
+    """Return the header with the limits of a vehicle at rest."""
+    return f"""{LICENCE_NOTE}
+#ifndef REST_H
+#define REST_H
+#define REST_SPEED {float(limits.rest_speed)!r}f /* m/s */
+#define REST_RATE {float(limits.rest_rate)!r}f /* rad/s */
+#endif
+"""
+
+
+def _motion_lines(dialect: Dialect) -> list[str]:
+    """Return C that computes speed and rate of turn of the sensors that `trimtab vehicle` takes for them."""
+    lines = ["motion samples_motion(const world_out *out)", "{", "    motion m = {NAN, NAN};"]
+    for name in ("speed", "rate"):
+        sensor, slots = _find_measured(name, dialect)
+        if slots:
+            squares = " + ".join(f"(float)({slot} * {slot})" for slot in slots)
+            lines.append(f"    m.{name} = out->sensors.{sensor}.valid ? sqrtf({squares}) : INFINITY;")
+    return [*lines, "    (void)out;", "    return m;", "}\n"]
+
+
+def _find_measured(name: str, dialect: Dialect) -> tuple[str, list[str]]:
+    """Return the sensor of a quantity of the motion, and the slots in C whose length is the quantity."""
+    slots: dict[str, list[int]] = {}
+    for place in chain.from_iterable(dialect.places.values()):
+        slots.setdefault(place.path, []).append(place.slot)
+    sensors = dict.fromkeys(path.split(".")[1] for path in slots if path.startswith("samples."))
+    for fields in QUANTITIES[name].fields:
+        for sensor in sensors:
+            paths = {f"samples.{sensor}.value.{field}": f"{sensor}.value.{field}" for field in fields}
+            if paths.keys() <= slots.keys():
+                return identifier(sensor), [
+                    ".".join(["out->sensors", *map(identifier, field.split("."))])
+                    + (f"[{k}]" if len(slots[path]) > 1 else "")
+                    for path, field in paths.items()
+                    for k in slots[path]
+                ]
+    return "", []
 
 
 def _merging_lines(frame: Frame) -> list[str]:
