@@ -53,6 +53,15 @@ def test_a_long_burst_is_counted_whatever_its_length(gap):
     assert count([*range(10), 11, *range(12 + gap, 12 + gap + 40)]) == (1 + gap, 0)
 
 
+@pytest.mark.parametrize("last", [20, 50, 100, 150, 200, 240])
+@pytest.mark.parametrize("first", [0, 2])
+def test_a_program_that_restarts_has_lost_nothing(last, first):
+    """Its frames are numbered from 0 again. Up to 235 of 256 frames had been counted as lost."""
+    lost, disordered = count([*range(last - 19, last + 1), *range(first, first + 100)])
+    assert lost == (15 + first if last == 240 else 0)  # the few numbers up to the end of the count look like a gap
+    assert disordered == 0
+
+
 def test_a_frame_that_comes_late_is_not_lost_and_one_that_comes_twice_neither():
     assert count([*range(10), 11, 10, *range(12, 30)]) == (0, 0)
     assert count([*range(10), 9, *range(10, 30)]) == (0, 0)

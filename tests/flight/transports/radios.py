@@ -129,5 +129,8 @@ class _Dialer:
     def wait_event(self):
         return -1, 0
 
+    def exchange(self, fd):
+        return -1
+
     def close(self):
         pass

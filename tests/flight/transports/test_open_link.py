@@ -159,6 +159,9 @@ def test_attempts_become_rarer_up_to_two_seconds():
         def wait_event(self):
             return -1, 0
 
+        def exchange(self, fd):
+            return -1
+
         def close(self):
             pass
 

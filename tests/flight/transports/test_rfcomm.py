@@ -40,6 +40,9 @@ def test_another_stack_may_make_the_connection():
         def wait_event(self):
             return -1, 0
 
+        def exchange(self, fd):
+            return -1
+
         def close(self):
             asked.append("closed")
 

@@ -3,6 +3,7 @@
 A gap counts once frames have arrived in order after it: CONFIRMING in a row, each at most SMALL_GAP numbers on. If the
 numbers of a sender jump about (at random, or two programs with one identity), there is never such a row. Its gaps are
 not losses, and its frames count as disordered. A late frame cancels the loss that was counted for it.
+A program that restarts numbers its frames from 0. So a large jump to one of the first numbers is a restart, not a loss.
 Source: https://mavlink.io/en/guide/serialization.html, packet sequence.
 """
 
@@ -12,6 +13,8 @@ SMALL_GAP = 32
 MOST_JUMPS = 3
 """Number of unconfirmed jumps after which the pending gaps are dropped."""
 NUMBERS = 256
+FIRST_NUMBERS = 4
+"""Numbers of a restarted program's first frames. A real loss of many frames ends at one of them once in 64 times."""
 
 
 class SequenceGaps:
@@ -21,7 +24,7 @@ class SequenceGaps:
         """Start without frames."""
         self._last: int | None = None
         self._gathered = self._in_order = self._jumps = self._lost = 0
-        self._late_run = self._late_last = self._late_gap = self._taken_back = 0
+        self._late_run = self._late_start = self._late_last = self._late_gap = self._taken_back = 0
 
     def follow(self, sequence: int) -> tuple[int, int]:
         """Take the number of the next frame. Return lost frames, less one if this one was late; and disordered ones."""
@@ -29,12 +32,13 @@ class SequenceGaps:
         if last is None:
             return 0, 0
         missed = (sequence - last - 1) % NUMBERS
-        if missed >= NUMBERS // 2:  # an earlier frame
+        is_restart = sequence < FIRST_NUMBERS and SMALL_GAP < missed < NUMBERS - SMALL_GAP
+        if missed >= NUMBERS // 2 and not is_restart:  # an earlier frame
             self._last = last
             return self._handle_late_frame(sequence, missed)
         self._late_run = 0
         is_small = missed <= SMALL_GAP
-        self._gathered += missed
+        self._gathered += 0 if is_restart else missed
         self._in_order = self._in_order + 1 if is_small else 0
         self._jumps += not is_small
         if self._jumps == 0 or self._in_order >= CONFIRMING:
@@ -57,9 +61,12 @@ class SequenceGaps:
         is_next = bool(self._late_run) and (sequence - self._late_last - 1) % NUMBERS <= SMALL_GAP
         self._late_run, self._late_last = (self._late_run + 1 if is_next else 1), sequence
         if self._late_run == 1:
-            self._late_gap = missed
+            self._late_start, self._late_gap = sequence, missed
         if self._late_run >= CONFIRMING:
             self._last, self._late_run = sequence, 0
+            if self._late_start < FIRST_NUMBERS:
+                self._lost += self._taken_back
+                return self._taken_back, 0
             self._lost += self._late_gap + self._taken_back
             return self._late_gap + self._taken_back, 0
         is_counted = missed != NUMBERS - 1 and self._lost > 0

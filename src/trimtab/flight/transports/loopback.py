@@ -9,8 +9,9 @@ import tempfile
 from pathlib import Path
 
 from trimtab.core.errors import InputError
+from trimtab.flight.transports.accepting_dialer import AcceptingDialer
 from trimtab.flight.transports.open_link import Address
-from trimtab.flight.transports.stream import AcceptingDialer, ConnectingDialer, StreamLink
+from trimtab.flight.transports.stream import ConnectingDialer, StreamLink
 
 
 def open_loopback(address: Address, *, listen: bool = False) -> StreamLink:

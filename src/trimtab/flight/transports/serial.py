@@ -58,6 +58,10 @@ class _SerialDialer:
         """Return no event, as the return of a device cannot be waited for."""
         return -1, 0
 
+    def exchange(self, fd: int) -> int:
+        """Return -1: a device has one peer."""
+        return -1
+
     def close(self) -> None:
         """Do nothing, as no resource is held."""
 

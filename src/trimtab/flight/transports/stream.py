@@ -23,7 +23,9 @@ SLICE = 0.2
 PIECE = 65536
 """Maximum bytes that one call reads."""
 LONGEST_MUTE = 3.0
-"""Longest time (s) without an accepted packet from a peer while another peer waits for the connection."""
+"""Longest time (s) without an accepted packet from a peer that holds the line, while another peer speaks."""
+TRIAL = 0.3
+"""Time (s) in which a new peer has to send an accepted packet, while another peer speaks."""
 UNFIT = (errno.EMSGSIZE, errno.EINVAL, errno.ENOBUFS, errno.ENOMEM)
 """Error numbers that concern one packet, not the connection."""
 
@@ -37,6 +39,10 @@ class Dialer(Protocol):
 
     def wait_event(self) -> tuple[int, int]:
         """Return descriptor and poll mask of the event after which to dial again; (-1, 0) if there is only a timer."""
+        ...
+
+    def exchange(self, fd: int) -> int:
+        """Return the connection of another peer that has sent something; -1: no such peer. The given one waits."""
         ...
 
     def close(self) -> None:
@@ -56,6 +62,7 @@ class StreamLink:
         self._clock = clock
         self._fd, self._rest, self._closed = -1, b"", False
         self._wait, self._next, self._since, self._vouched = FIRST_WAIT, 0.0, 0.0, 0.0
+        self._is_accepted = False
         self._connect()
 
     @property
@@ -67,7 +74,7 @@ class StreamLink:
         """Return the next piece of the stream, or None after `timeout` seconds without one."""
         deadline = self._seconds() + timeout
         while not self._closed:
-            self._dismiss_mute()
+            self._change_speaker()
             connection = self._connect()
             left = min(max(deadline - self._seconds(), 0.0), SLICE)
             if connection < 0:
@@ -99,7 +106,7 @@ class StreamLink:
 
     def accept_sender(self, *, is_private: bool = False) -> None:
         """Accept the connected peer after a good packet: it keeps the connection even if other peers wait."""
-        self._vouched = self._seconds()
+        self._vouched, self._is_accepted = self._seconds(), True
 
     def reply(self, packet: bytes) -> bool:
         """Send a packet to the one peer."""
@@ -134,18 +141,23 @@ class StreamLink:
                 self._wait = min(2 * self._wait, LONGEST_WAIT)
                 return -1
             if self._fd >= 0:
-                self._counts.connections += 1
-                self._since = self._vouched = now
+                self._take_line(self._fd)
             return self._fd
 
-    def _dismiss_mute(self) -> None:
-        """End a connection without an accepted packet for long, if another peer waits."""
-        if self._fd < 0 or self._seconds() - self._vouched < LONGEST_MUTE:
+    def _take_line(self, fd: int) -> None:
+        self._fd, self._is_accepted = fd, False
+        self._since = self._vouched = self._seconds()
+        self._counts.connections += 1
+
+    def _change_speaker(self) -> None:
+        """Give the line to another peer that speaks, if this one has sent no accepted packet for too long."""
+        if self._fd < 0 or self._seconds() - self._vouched < (LONGEST_MUTE if self._is_accepted else TRIAL):
             return
-        fd, mask = self._dialer.wait_event()
-        if fd >= 0 and wait_until_ready(fd, mask, 0.0):
-            with self._lock:
-                self._hang_up()
+        with self._lock:
+            other = self._dialer.exchange(self._fd)
+            if other >= 0:
+                self._leave_line()
+                self._take_line(other)
 
     def _pause(self, left: float) -> None:
         """Wait until dialling again makes sense, at most `left` seconds."""
@@ -161,14 +173,17 @@ class StreamLink:
             return
         with contextlib.suppress(OSError):
             os.close(self._fd)
-        if self._rest:
-            self._counts.count_dropped()
-        self._fd, self._rest = -1, b""
+        self._leave_line()
         now = self._seconds()
         if now - self._since >= STEADY:
             self._wait, self._next = FIRST_WAIT, now
         else:
             self._wait, self._next = min(2 * self._wait, LONGEST_WAIT), now + self._wait
+
+    def _leave_line(self) -> None:
+        if self._rest:
+            self._counts.count_dropped()
+        self._fd, self._rest = -1, b""
 
     def _read(self, connection: int) -> bytes | None:
         """Return received bytes, or None without any, or if the connection (its number) has changed."""
@@ -273,49 +288,15 @@ class ConnectingDialer:
         """Return the event that the connecting socket becomes writable."""
         return (-1, 0) if self._under_way is None else (self._under_way.fileno(), select.POLLOUT)
 
+    def exchange(self, fd: int) -> int:
+        """Return -1: there is one peer."""
+        return -1
+
     def close(self) -> None:
         """Stop dialling."""
         if self._under_way is not None:
             self._under_way.close()
             self._under_way = None
-
-
-class AcceptingDialer:
-    """Dialer that accepts one peer after the other from a listening socket; other peers wait.
-
-    Args:
-        listener: bound socket; it is made to listen here.
-        prepare: called with each connection.
-        closed: called when the dialer is closed.
-    """
-
-    def __init__(
-        self,
-        listener: socket.socket,
-        prepare: Callable[[socket.socket], object] = lambda _: None,
-        closed: Callable[[], object] = lambda: None,
-    ) -> None:
-        self._listener, self._prepare, self._closed = configure_socket(listener), prepare, closed
-        listener.listen(4)
-
-    def dial(self) -> int:
-        """Return the connection of the peer that waits longest, or -1 without a peer."""
-        try:
-            peer, _ = self._listener.accept()
-        except BlockingIOError:
-            return -1
-        with contextlib.suppress(OSError):
-            self._prepare(peer)
-        return configure_socket(peer).detach()
-
-    def wait_event(self) -> tuple[int, int]:
-        """Return the event that the listening socket becomes readable."""
-        return self._listener.fileno(), select.POLLIN
-
-    def close(self) -> None:
-        """Stop listening."""
-        self._listener.close()
-        self._closed()
 
 
 def _is_self_connection(s: socket.socket) -> bool:

@@ -4,8 +4,9 @@ import contextlib
 import socket
 from typing import Any
 
+from trimtab.flight.transports.accepting_dialer import AcceptingDialer
 from trimtab.flight.transports.open_link import Address
-from trimtab.flight.transports.stream import AcceptingDialer, ConnectingDialer, StreamLink
+from trimtab.flight.transports.stream import ConnectingDialer, StreamLink
 
 GONE_MS = 5000
 """Time without acknowledgement after which a peer counts as gone (ms)."""

@@ -1,0 +1,106 @@
+"""Dialer of a listening socket: several peers may connect, and the one that sends good packets holds the line."""
+
+import contextlib
+import os
+import select
+import socket
+from collections.abc import Callable
+
+from trimtab.flight.transports.stream import configure_socket
+
+MOST_WAITING = 16
+"""Number of connections that wait for the line. One more closes the oldest of them."""
+
+
+class AcceptingDialer:
+    """Dialer that accepts peers from a listening socket. One peer holds the line, and the others wait.
+
+    A waiting peer that has sent something comes before the peers that have sent nothing.
+
+    Args:
+        listener: bound socket; it is made to listen here.
+        prepare: called with each connection.
+        closed: called when the dialer is closed.
+    """
+
+    def __init__(
+        self,
+        listener: socket.socket,
+        prepare: Callable[[socket.socket], object] = lambda _: None,
+        closed: Callable[[], object] = lambda: None,
+    ) -> None:
+        self._listener, self._prepare, self._closed = configure_socket(listener), prepare, closed
+        self._waiting: list[int] = []
+        listener.listen(MOST_WAITING)
+
+    def dial(self) -> int:
+        """Return the connection of the peer that speaks, or that waits longest; -1 without a peer."""
+        self._accept_waiting()
+        speakers = self._find_speakers()
+        if not self._waiting:
+            return -1
+        fd = (speakers or self._waiting)[0]
+        self._waiting.remove(fd)
+        return fd
+
+    def exchange(self, fd: int) -> int:
+        """Return the connection of a waiting peer that speaks, and let this one wait; -1 without such a peer."""
+        self._accept_waiting()
+        speakers = self._find_speakers()
+        if not speakers:
+            return -1
+        self._waiting.remove(speakers[0])
+        self._waiting.append(fd)
+        return speakers[0]
+
+    def _accept_waiting(self) -> None:
+        for _ in range(MOST_WAITING):
+            try:
+                peer, _ = self._listener.accept()
+            except OSError:
+                return
+            with contextlib.suppress(OSError):
+                self._prepare(peer)
+            self._waiting.append(configure_socket(peer).detach())
+            if len(self._waiting) > MOST_WAITING:
+                os.close(self._waiting.pop(0))
+
+    def _find_speakers(self) -> list[int]:
+        """Return the waiting connections with data, in the order of their coming; close those that have ended."""
+        poll = select.poll()
+        for fd in self._waiting:
+            poll.register(fd, select.POLLIN)
+        speakers: list[int] = []
+        ready = {fd for fd, _ in poll.poll(0)} if self._waiting else set[int]()
+        for fd in [fd for fd in self._waiting if fd in ready]:
+            if _has_data(fd):
+                speakers.append(fd)
+            else:
+                self._waiting.remove(fd)
+                os.close(fd)
+        return speakers
+
+    def wait_event(self) -> tuple[int, int]:
+        """Return the event that the listening socket becomes readable."""
+        return self._listener.fileno(), select.POLLIN
+
+    def close(self) -> None:
+        """Stop listening."""
+        for fd in self._waiting:
+            os.close(fd)
+        self._waiting.clear()
+        self._listener.close()
+        self._closed()
+
+
+def _has_data(fd: int) -> bool:
+    """Return True if a connection has received bytes that nobody has read; False if it has ended."""
+    s = socket.socket(fileno=fd)
+    try:
+        return bool(s.recv(1, socket.MSG_PEEK))
+    except BlockingIOError:
+        return True
+    except OSError:
+        return False
+    finally:
+        s.detach()

@@ -1,0 +1,135 @@
+"""Several peers at one listening socket: the one that sends good packets holds the line. In the test's own time."""
+
+import socket
+
+import pytest
+
+from trimtab.flight.transports.accepting_dialer import MOST_WAITING, AcceptingDialer
+from trimtab.flight.transports.stream import LONGEST_MUTE, TRIAL, StreamLink
+
+
+class TestClock:
+    """Time passes where somebody waits."""
+
+    __test__ = False
+
+    def __init__(self):
+        self.now = 0.0
+
+    def monotonic_ns(self):
+        return round(self.now * 1e9)
+
+    def wait(self, ready, timeout):
+        self.now += timeout
+        return False
+
+
+class Line:
+    """A link that listens, and the callers of its port."""
+
+    def __init__(self):
+        listener = socket.socket(socket.AF_UNIX)
+        listener.bind("")  # the system chooses a name
+        self.place, self.clock = listener.getsockname(), TestClock()
+        self.link = StreamLink(AcceptingDialer(listener), self.clock)
+        self.callers = []
+
+    def call(self, data=b""):
+        caller = socket.socket(socket.AF_UNIX)
+        caller.settimeout(5.0)
+        caller.connect(self.place)
+        self.callers.append(caller)
+        if data:
+            caller.sendall(data)
+        return caller
+
+    def receive(self, accept=()):
+        """Receive once; a piece of the good ones is accepted. Then a tenth of a second passes."""
+        piece = self.link.receive(0.0)
+        if piece in accept:
+            self.link.accept_sender()
+        self.clock.now += 0.1
+        return piece
+
+    def close(self):
+        self.link.close()
+        for caller in self.callers:
+            caller.close()
+
+
+@pytest.fixture
+def line():
+    found = Line()
+    yield found
+    found.close()
+
+
+def test_twelve_mute_callers_do_not_keep_the_line_from_one_who_speaks(line):
+    for _ in range(12):
+        line.call()
+    assert line.receive() is None
+    line.clock.now += TRIAL
+    good = line.call(b"good")
+    assert line.receive() == b"good"
+    line.link.accept_sender()
+    assert line.link.send(b"answer")
+    assert good.recv(10) == b"answer"
+
+
+def test_who_speaks_comes_before_who_waits_longer(line):
+    line.call()
+    line.call(b"good")
+    assert line.receive() == b"good"
+
+
+def test_callers_that_send_noise_have_the_line_for_a_trial_each(line):
+    for _ in range(12):
+        line.call(b"noise")
+    line.call(b"good")
+    heard = [line.receive(accept=[b"good"]) for _ in range(60)]
+    assert heard.count(b"noise") == 12
+    assert heard.index(b"good") * 0.1 <= 12 * (TRIAL + 0.2)
+    assert heard[heard.index(b"good") + 1 :].count(b"noise") == 0
+
+
+def test_who_sends_good_packets_keeps_the_line_and_loses_it_by_silence(line):
+    good = line.call(b"good")
+    assert line.receive(accept=[b"good"]) == b"good"
+    line.call(b"noise")
+    for _ in range(50):
+        good.sendall(b"good")
+        assert line.receive(accept=[b"good"]) == b"good"
+    line.clock.now += LONGEST_MUTE
+    assert line.receive() == b"noise"
+    good.sendall(b"good")
+    line.clock.now += TRIAL
+    assert line.receive() == b"good"  # its connection had only been put back
+
+
+def test_a_mute_caller_stays_while_no_other_speaks(line):
+    line.call()
+    line.receive()
+    line.clock.now += 10 * LONGEST_MUTE
+    line.call()
+    assert line.receive() is None
+    assert line.link.statistics.reconnects == 0
+
+
+def test_callers_beyond_the_limit_close_the_oldest(line):
+    line.call(b"good")
+    assert line.receive(accept=[b"good"]) == b"good"
+    first = line.call()
+    for _ in range(MOST_WAITING):
+        line.call()
+        line.clock.now += LONGEST_MUTE
+        line.receive()
+    assert first.recv(1) == b""
+
+
+def test_callers_that_have_gone_are_forgotten(line):
+    line.call().close()
+    good = line.call(b"good")
+    line.clock.now += TRIAL
+    pieces = [line.receive() for _ in range(10)]
+    assert b"good" in pieces
+    good.close()
