@@ -18,6 +18,7 @@ from mcap.reader import make_reader
 from trimtab.core.errors import InputError
 from trimtab.core.quantity import Quantity
 from trimtab.core.time import to_seconds
+from trimtab.flight.flight_log import list_log_problems
 from trimtab.logs.log import Log, provenance
 from trimtab.logs.mcap import read_mcap, write_mcap
 from trimtab.logs.ring import Ring
@@ -276,6 +277,14 @@ def test_what_the_ring_dropped_is_in_the_log(tmp_path, ring):
     log = read_mcap(tmp_path / "flight.mcap")
     assert log["log.dropped"].tolist() == [0] * 512 + [88]
     same(log, rows[[*range(512), 600]])
+
+
+def test_a_log_that_was_deleted_says_so(tmp_path, ring):
+    stream = flown(tmp_path / "flight.mcap", ring, rows_of(6))
+    (tmp_path / "flight.mcap").unlink()
+    written = stream.close()
+    assert (written.rows, written.gone) == (6, True)
+    assert list_log_problems(written) == ["the log was deleted or moved before its end"]
 
 
 def test_times_that_do_not_rise_are_left_out_and_counted(tmp_path, ring):

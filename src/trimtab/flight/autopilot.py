@@ -218,6 +218,7 @@ class LiveAutopilot:
             self._flight_log = None
             summary = close_flight_log(flight_log, lost_lines())
         lost = [] if flight_log is None else list_log_problems(summary)
+        lost += [self.endpoint.stamp_problem] if self.endpoint.stamp_problem else []
         for problem in lost:
             tell(problem)
         return LiveFlightSummary(t, self.arming_time, grant, self.deadlines, summary, cause, (*problems, *lost))

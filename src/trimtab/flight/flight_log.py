@@ -194,7 +194,11 @@ def list_log_problems(summary: LogFileSummary | None) -> list[str]:
     if summary is None:
         return [WRITER_DIED]
     count = summary.dropped + summary.unwritten
-    return [f"the log lacks {count} rows"] if count else []
+    problems = {
+        f"the log lacks {count} rows": count > 0,
+        "the log was deleted or moved before its end": summary.gone,
+    }
+    return [text for text, holds in problems.items() if holds]
 
 
 class Disk(Protocol):

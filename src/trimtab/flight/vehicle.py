@@ -278,6 +278,7 @@ class LiveVehicle:
             self._flight_log = self._outputs = None
             summary = close_flight_log(flight_log, lost_lines(), self.body.final_truth())
         lost = [] if flight_log is None else list_log_problems(summary)
+        lost += [self.endpoint.stamp_problem] if self.endpoint.stamp_problem else []
         for problem in lost:
             tell(problem)
         self._problems += lost

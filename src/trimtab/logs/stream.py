@@ -37,7 +37,8 @@ class LogFileSummary(NamedTuple):
 
     rows: number in the file.  dropped: for lack of space in the ring.  unwritten: for lack of space on the disk, or not
     later than the row before.  size: bytes.  minute_size: bytes for a minute of flight, None for fewer than two rows.
-    cpu_s: processor time of the writer.  whole: True if the file has its end.
+    cpu_s: processor time of the writer.  whole: True if the file has its end.  gone: True if the file was deleted or
+    moved before its end.
     """
 
     rows: int
@@ -47,6 +48,7 @@ class LogFileSummary(NamedTuple):
     minute_size: float | None
     cpu_s: float
     whole: bool
+    gone: bool = False
 
 
 class LogStream:
@@ -83,7 +85,7 @@ class LogStream:
         text = dump_json({p: {"dtype": v.dtype.str, "value": v.tolist()} for p, v in values.items()})
         try:
             said, _ = self._process.communicate(json.dumps({"final": text}).encode() + b"\n", timeout=END_S)
-            return LogFileSummary(**json.loads(said.splitlines()[-1]))
+            return LogFileSummary(**json.loads(said.splitlines()[-1]), gone=not self.path.exists())
         except subprocess.TimeoutExpired:
             self._process.kill()
             self._process.communicate()

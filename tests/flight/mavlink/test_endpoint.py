@@ -1,6 +1,7 @@
 """Both ends against an implementation of the published format that is written here, and against pymavlink's."""
 
 import math
+import os
 import struct
 
 import pytest
@@ -10,7 +11,7 @@ from hypothesis import strategies as st
 
 from trimtab.core.errors import InputError
 from trimtab.flight.mavlink.endpoint import MOST_FALSE_STARTS, Endpoint, checksum
-from trimtab.flight.mavlink.keys import passphrase_key
+from trimtab.flight.mavlink.keys import create_key, passphrase_key
 
 VALUES = [1234567890123, 1.5, -2.25, 7, 0.1, 0.2, 0.3, -5, 4000000000, 1, 1]
 """t, then what is left of SAMPLE_EVERY by size: real, angle, time, vector, count, word, valid, flag."""
@@ -27,6 +28,21 @@ def test_packs_what_the_format_says(dialect, pair, clock):
 def test_the_checksum_is_the_published_one():
     """The catalogue of parametrised CRC algorithms: CRC-16/MCRF4XX of "123456789" is 0x6F91."""
     assert checksum(b"12345678", ord("9")) == (0x6F91).to_bytes(2, "little")
+
+
+def test_stamps_that_cannot_be_stored_are_a_problem_to_report(dialect, clock, tmp_path, monkeypatch):
+    def full(*_):
+        raise OSError(28, "No space left on device")
+
+    end = Endpoint(dialect, 1, 1, create_key(tmp_path / "key"), clock=clock)
+    end.pack("HEARTBEAT")
+    assert end.stamp_problem == ""
+    monkeypatch.setattr(os, "pwrite", full)
+    clock.now += 60
+    end.store_stamps()
+    end.pack("HEARTBEAT")
+    assert "could not be stored (failed attempts: 1): free space on its disk" in end.stamp_problem
+    end.close()
 
 
 @given(st.binary(max_size=300), st.integers(0, 255))
