@@ -2,35 +2,34 @@
 
 #include <stddef.h>
 
-#include "rest.h"
-
 void rearm_follow(rearm *r, bool failsafe, bool computer) {
-    if (failsafe && !r->failed) {
+    if (failsafe && !r->failsafe) {
         r->failed = true;
         r->confirmed = false;
     } else if (computer) {
         r->failed = false;
     }
+    r->failsafe = failsafe;
 }
 
 void rearm_note(rearm *r, motion now) {
-    r->moments[r->noted % MOMENTS] = now;
+    r->moments[r->noted % REST_MOMENTS] = now;
     r->noted++;
 }
 
 void rearm_confirm(rearm *r) { r->confirmed = true; }
 
 /* A motion that no sensor measures is NAN, which is not above a limit. */
-const char *rearm_refusal(const rearm *r) {
+const char *rearm_refusal(const rearm *r, bool confirms) {
     if (!r->failed) return NULL;
-    if (!r->confirmed) return "failsafe, confirm";
-    if (r->noted < MOMENTS) return "motion unknown";
+    if (!r->confirmed && !confirms) return "failsafe, confirm";
+    if (r->noted < REST_MOMENTS) return "motion unknown";
     float speed = 0.0f, rate = 0.0f;
-    for (int i = 0; i < MOMENTS; ++i) {
+    for (int i = 0; i < REST_MOMENTS; ++i) {
         speed += r->moments[i].speed;
         rate += r->moments[i].rate;
     }
-    if (speed > REST_SPEED * (float)MOMENTS) return "it moves";
-    if (rate > REST_RATE * (float)MOMENTS) return "it turns";
+    if (speed > REST_SPEED * (float)REST_MOMENTS) return "it moves";
+    if (rate > REST_RATE * (float)REST_MOMENTS) return "it turns";
     return NULL;
 }

@@ -5,7 +5,9 @@
 #include <stdbool.h>
 #include <stdint.h>
 
-enum { MOMENTS = 10, MOMENT_PERIOD = 1000000 }; /* the last second, at steps of 100 ms in units of 100 ns */
+#include "rest.h"
+
+enum { MOMENT_PERIOD = 1000000 }; /* 100 ms in units of 100 ns */
 
 /* Speed in m/s, rate of turn in rad/s. NAN: no sensor measures it. INFINITY: its sensor has no sample yet. */
 typedef struct {
@@ -13,9 +15,10 @@ typedef struct {
 } motion;
 
 typedef struct {
+    bool failsafe;  /* in the failsafe now */
     bool failed;    /* the failsafe has stopped the vehicle since it was last flown by a computer */
-    bool confirmed; /* somebody has disarmed it since, or confirms with the order to arm */
-    motion moments[MOMENTS];
+    bool confirmed; /* somebody has disarmed it since */
+    motion moments[REST_MOMENTS];
     unsigned noted;
 } rearm;
 
@@ -27,6 +30,6 @@ void rearm_note(rearm *r, motion now);
 
 void rearm_confirm(rearm *r);
 
-/* Why the vehicle may not be armed again, a word or two; NULL where it may. */
-const char *rearm_refusal(const rearm *r);
+/* Why the vehicle may not be armed again, a word or two; NULL where it may. confirms: the order itself is a confirmation. */
+const char *rearm_refusal(const rearm *r, bool confirms);
 #endif

@@ -76,9 +76,9 @@ static void say_two(vehicle *v, uint8_t severity, const char *first, const char 
     station_say(v, severity, l.text);
 }
 
-static const char *arming_refusal(const vehicle *v) {
+static const char *arming_refusal(const vehicle *v, bool confirms) {
     const char *why = board_refusal();
-    return why != NULL ? why : rearm_refusal(&v->rearm);
+    return why != NULL ? why : rearm_refusal(&v->rearm, confirms);
 }
 
 /* A person's hand, which has no session, confirms by disarming; a program confirms with the order itself. */
@@ -87,10 +87,11 @@ static void hear_arming(vehicle *v, const sender *s, float arm, float confirmati
         acknowledge(v, s, CMD_ARM_DISARM, DENIED);
         return;
     }
-    if ((arm == 1.0f && confirmation == (float)CONFIRMATION) || (arm == 0.0f && s->session == 0u)) rearm_confirm(&v->rearm);
-    if (arm == 1.0f && !v->failsafe_out.armed && arming_refusal(v) != NULL) {
+    bool confirms = confirmation == (float)CONFIRMATION;
+    if (arm == 0.0f && s->session == 0u) rearm_confirm(&v->rearm);
+    if (arm == 1.0f && !v->failsafe_out.armed && arming_refusal(v, confirms) != NULL) {
         acknowledge(v, s, CMD_ARM_DISARM, REJECTED);
-        say_two(v, SEVERITY_CRITICAL, "not armed: ", arming_refusal(v));
+        say_two(v, SEVERITY_CRITICAL, "not armed: ", arming_refusal(v, confirms));
         return;
     }
     if (arm == 1.0f) authority_arm(&v->authority, s);

@@ -161,6 +161,16 @@ def test_sticks_that_are_given_back_are_not_missed(craft):
     assert craft.duties.radio_silence(craft.t) is None
 
 
+def test_a_receiver_heard_after_a_release_is_not_forgotten(craft):
+    """Another station gives its sticks back in the same moment."""
+    craft.run(10, asks=[arm()])
+    released = ReceiverChannels((NAN,) * 18, is_release=True)
+    pilot = receiver(1500, 1750, 1500, 1500, 1900)
+    craft.run(50, command=(1.6e-3, 4000.0), every=lambda: [released, pilot])
+    assert craft.duties.mode.mode == "manual"
+    assert craft.duties.radio_silence(craft.t) is not None
+
+
 def test_channels_without_sticks_are_no_pilot(craft):
     """The switch alone, and a receiver without its channels, rule nothing."""
     craft.run(10, asks=[arm()])

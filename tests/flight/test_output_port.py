@@ -1,6 +1,7 @@
 """Port of the outputs: a driver sees what acts, and that a writer is dead or frozen."""
 
 import os
+import struct
 
 import pytest
 
@@ -39,6 +40,17 @@ def test_a_dead_writer_is_safe_after_100_ms_and_the_lift_stops_after_its_delay(p
     assert reader.row_to_apply(400 * MS) == OutputRow(STALE, False, (0.0, 1.5))
     port.renew(500 * MS)
     assert reader.row_to_apply(501 * MS) == row
+
+
+def test_a_writer_that_stops_within_a_row_does_not_hold_up_the_driver(port):
+    reader, row = OutputReader(port.path), OutputRow(DRIVEN, True, (0.9, 1.7))
+    port.write(row, 0)
+    assert reader.row_to_apply(1 * MS) == row
+    struct.pack_into("<Q", port._memory, 0, port._count + 1)  # the count is odd while a row is written
+    assert reader.row_to_apply(99 * MS) == row
+    assert reader.row_to_apply(100 * MS) == OutputRow(STALE, True, (0.0, 1.5))
+    fresh = OutputReader(port.path)
+    assert fresh.row_to_apply(50 * MS) == OutputRow(WAITING, False, (0.0, 1.5))
 
 
 def test_nobody_else_writes_what_acts_whatever_the_mask(tmp_path):

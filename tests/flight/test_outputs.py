@@ -4,6 +4,7 @@ import contextlib
 import os
 import resource
 import signal
+import struct
 import subprocess
 import sys
 import time
@@ -15,7 +16,8 @@ from flight.pair import Program, make_key
 from flight.transports.ends import free_port
 
 from trimtab.flight.output_port import DRIVEN, LATCHED, SAFE, STALE, OutputReader, OutputRow
-from trimtab.flight.outputs import FROZEN, Outputs
+from trimtab.flight.outputs import FROZEN, HEAD, TRIPPED, Outputs, OutputsOrders, OutputsProcess
+from trimtab.flight.outputs_process import OutputsLoop
 from trimtab.flight.watchdog import Watchdog
 
 MS = 1_000_000
@@ -111,6 +113,71 @@ def test_a_short_silence_is_safe_and_ends_by_itself_and_a_long_one_only_by_disar
     watchdog.take_row(1200, False, False, (0.0,))
     watchdog.take_row(1201, True, True, (8.0,))
     assert watchdog.row == OutputRow(DRIVEN, True, (8.0,))
+
+
+class FullLine:
+    """Line of the outputs' process to a vehicle that was stopped for long: it takes a packet only once it has room."""
+
+    def __init__(self, rows):
+        self.rows, self.has_room, self.sent = list(rows), True, []
+
+    def recv(self, size):
+        if not self.rows:
+            raise BlockingIOError
+        return self.rows.pop(0)
+
+    def send(self, data):
+        if not self.has_room:
+            raise BlockingIOError
+        self.sent.append(data)
+
+
+class StandingClock:
+    def __init__(self):
+        self.now = 0
+
+    def monotonic_ns(self):
+        return self.now
+
+    def unix(self):
+        return 0.0
+
+
+def row_packet(stamp, value):
+    return HEAD.pack(stamp, True, False) + struct.pack("<d", value)
+
+
+def test_a_silence_is_reported_once_the_line_has_room():
+    line, clock = FullLine([row_packet(0, 1.0)]), StandingClock()
+    orders = OutputsOrders((0.0,), 50 * MS, 0, 250 * MS, None, False, 1)
+    loop = OutputsLoop(line, orders, clock)
+    loop.step()
+    clock.now, line.has_room = 400 * MS, False
+    loop.step()
+    line.rows.append(row_packet(400 * MS, 1.0))
+    loop.step()
+    assert not [p for p in line.sent if p.startswith(TRIPPED)]
+    clock.now, line.has_room = 401 * MS, True
+    loop.step()
+    loop.step()
+    assert [p for p in line.sent if p.startswith(TRIPPED)] == [TRIPPED + b"400000000"]
+
+
+def test_a_machine_that_stood_still_is_not_a_frozen_process_of_outputs():
+    """The vehicle looks first after a pause of both processes: the other one has had no time to answer."""
+    line, clock = FullLine([]), StandingClock()
+    process = OutputsProcess(line, 1, lambda: None)
+    outputs = Outputs([0.0], timeout=50 * MS, lift_delay=0, latch=250 * MS, clock=clock, start=lambda orders: process)
+    outputs.hand_over(True, False, [1.0])
+    clock.now = 500 * MS
+    outputs.hand_over(True, False, [1.0])
+    assert outputs.is_alive
+    for clock.now in range(510 * MS, 590 * MS, 10 * MS):
+        outputs.hand_over(True, False, [1.0])
+        assert outputs.is_alive
+    clock.now = 600 * MS
+    outputs.hand_over(True, False, [1.0])
+    assert outputs.problem == "the outputs' process is frozen"
 
 
 @pytest.mark.real_time

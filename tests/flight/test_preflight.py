@@ -156,3 +156,30 @@ def test_a_station_that_changes_a_setting_while_the_checks_run_prevents_the_flig
     assert (pair.flying.result.arming_time, pair.vehicle.release_time) == (None, None)
     assert "world.vehicle.mass = 4.5" in " ".join(pair.told)
     assert "settings that differ: 1, at most 0; --accept world.vehicle.mass" in pair.flying.result.problems[0]
+
+
+def test_a_setting_that_changes_while_the_vehicle_is_asked_to_arm_prevents_the_flight():
+    """The vehicle refused once. Then the autopilot read the new settings, and asked again with their number."""
+    pair = VirtualPair(build("hovercraft/zero-velocity", {}))
+    pair.start_vehicle()
+
+    def fly(flyer, machine):
+        listed = Parameters(pair.vehicle.scenario.world, "world").listed
+        name = next(p.name for p in listed if p.path == "world.vehicle.mass")
+        station = Endpoint(flyer.endpoint.dialect, 255, 190, KEY, datagrams=True, clock=running_clock(machine.clock))
+        fields = {"target_system": 1, "param_id": name, "param_value": 4.5, "param_type": 9}
+        arm = flyer.remote.arm
+
+        def change_and_arm(**how):
+            if not flyer.remote.is_asking:
+                machine.open_link(LINK).send(station.pack("PARAM_SET", fields))
+            arm(**how)
+
+        flyer.remote.arm = change_and_arm
+        return flyer.fly(log=LOG, tell=pair.said.append, duration=seconds(1))
+
+    pair.start_autopilot(fly)
+    pair.run()
+    assert "world.vehicle.mass = 4.5" in " ".join(pair.told)
+    assert (pair.flying.result.arming_time, pair.vehicle.release_time) == (None, None)
+    assert "settings that differ: 1, at most 0; --accept world.vehicle.mass" in pair.flying.result.problems[0]

@@ -119,6 +119,7 @@ class Duties:
         elif isinstance(event, ReceiverChannels) and event.is_release:
             self._is_released, self._is_manual_mode, self._is_switched = True, False, False
         elif isinstance(event, ReceiverChannels):
+            self._is_released = False
             self._apply_pulses(np.array(event.pulses), now)
         elif isinstance(event, JoystickAxes):
             self._apply_joystick(np.array([event.yaw, event.surge, event.sway, event.heave]), now)

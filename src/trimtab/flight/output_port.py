@@ -26,6 +26,8 @@ from typing import NamedTuple
 PORT_HEAD = struct.Struct("<QqqqHB?")
 LIFE_OFFSET = 16
 """Place of the stamp of life in the head."""
+MOST_READS = 100
+"""Largest number of attempts to read a row that is just being written."""
 LIFE_PERIOD, LIFE_TIMEOUT = 20_000_000, 100_000_000
 """Time (ns) between two stamps of life, and the age at which a driver takes the writer for dead."""
 STATES = ("waiting", "driven", "safe", "latched", "stale")
@@ -105,14 +107,23 @@ class OutputReader:
             self._memory = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
         self._numbers = struct.Struct(f"<{PORT_HEAD.unpack_from(self._memory, 0)[4]}d")
         self._stale_since: int | None = None
+        self._newest = 0, OutputRow(WAITING, False, self._safe_values())
+
+    def _safe_values(self) -> tuple[float, ...]:
+        return self._numbers.unpack_from(self._memory, PORT_HEAD.size + self._numbers.size)
 
     def read(self) -> tuple[int, OutputRow]:
-        """Return the time when the current row was written (ns), and the row as written, however old it is."""
-        while True:
+        """Return the time when the newest whole row was written (ns), and the row as written, however old it is.
+
+        A writer that stops in the middle of a row does not hold up the reader, which then keeps the row before.
+        """
+        for _ in range(MOST_READS):
             count, written, _, _, _, state, lift = PORT_HEAD.unpack_from(self._memory, 0)
             values = self._numbers.unpack_from(self._memory, PORT_HEAD.size)
             if count % 2 == 0 and struct.unpack_from("<Q", self._memory, 0)[0] == count:
-                return written, OutputRow(state, lift, values)
+                self._newest = written, OutputRow(state, lift, values)
+                break
+        return self._newest
 
     def row_to_apply(self, now: int) -> OutputRow:
         """Return the row that a driver applies now (ns, monotonic clock): the safe one while the writer is silent.
@@ -126,8 +137,7 @@ class OutputReader:
             return row
         if self._stale_since is None:
             self._stale_since = now
-        safe = self._numbers.unpack_from(self._memory, PORT_HEAD.size + self._numbers.size)
-        return OutputRow(STALE, row.lift and now - self._stale_since < lift_delay, safe)
+        return OutputRow(STALE, row.lift and now - self._stale_since < lift_delay, self._safe_values())
 
 
 def _open_own(path: str, flags: int) -> int:

@@ -17,7 +17,7 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import NamedTuple, Protocol
 
-from trimtab.core.clock import SYSTEM_CLOCK, Clock
+from trimtab.core.clock import NS_PER_SECOND, SYSTEM_CLOCK, Clock
 from trimtab.core.errors import InputError, argument_name
 from trimtab.flight.output_port import LIFE_TIMEOUT, port_path
 
@@ -113,7 +113,7 @@ def start_outputs_process(orders: OutputsOrders) -> OutputsProcess:
 
     def end() -> None:
         try:
-            process.wait(END_S)
+            process.wait(END_S + orders.lift_delay / NS_PER_SECOND)
         except subprocess.TimeoutExpired:
             process.kill()
             process.wait()
@@ -159,7 +159,7 @@ class Outputs:
         self._line = self.process.line
         self._numbers = struct.Struct(f"<{len(safe)}d")
         self._content, self._stamp = b"", 0
-        self._echo = self._clock.monotonic_ns()
+        self._echo = self._looked = self._clock.monotonic_ns()
         self.problem = ""
         """Problem of the process; empty while it works."""
 
@@ -175,6 +175,9 @@ class Outputs:
         if content == self._content and now - self._stamp < HEARTBEAT:
             return 0
         self._content, self._stamp = content, now
+        if now - self._looked >= LIFE_TIMEOUT / 2:  # this process stood still itself, perhaps the whole machine
+            self._echo = now
+        self._looked = now
         silence = 0
         try:
             with contextlib.suppress(BlockingIOError):  # a frozen process leaves no room

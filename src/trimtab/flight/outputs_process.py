@@ -98,6 +98,7 @@ class OutputsLoop:
         self._numbers = struct.Struct(f"<{len(orders.safe)}d")
         self._acting: OutputRow | None = None
         self._is_gone = self._has_ended = False
+        self._unreported_silence = 0
         line.send(READY)
 
     def serve(self) -> None:
@@ -124,6 +125,7 @@ class OutputsLoop:
         """Take the received rows and advance time to now. Return when to look again (ns) if no row comes before."""
         if not self._is_gone:
             self._take_rows()
+            self._report_silence()
         watchdog, now = self.watchdog, self._clock.monotonic_ns()
         state, tripped = watchdog.row.state, watchdog.check(now, self._is_gone)
         if self._port is not None and watchdog.row != self._acting:
@@ -171,8 +173,14 @@ class OutputsLoop:
         was_waiting, silence = watchdog.row.state == WAITING, watchdog.silence(stamp)
         watchdog.take_row(stamp, is_commanded, lift, self._numbers.unpack_from(data, HEAD.size))
         if not was_waiting and silence >= self._timeout:
+            self._unreported_silence = max(self._unreported_silence, silence)
+
+    def _report_silence(self) -> None:
+        """Tell the vehicle that its outputs had gone safe; later if the line has no room, as after a long stop."""
+        if self._unreported_silence:
             with contextlib.suppress(OSError):
-                self._line.send(TRIPPED + str(silence).encode())
+                self._line.send(TRIPPED + str(self._unreported_silence).encode())
+                self._unreported_silence = 0
 
 
 def find_process_cause(vehicle: int) -> str:
@@ -200,6 +208,9 @@ def main() -> None:
             log = open_log(folder)
             writers.append(LineWriter(lambda line: log.write(f"{line}\n")))
         except OSError as error:
+            if port is not None:
+                port.close()
+                (folder / PORT_FILE).unlink(missing_ok=True)
             write_error_line(f"outputs: {error}")
             sys.exit(1)
     if orders.real_time:

@@ -141,7 +141,7 @@ class ArmingGuard:
         self._counts, self._loss, self._radio_silence = counts, FrameLoss(counts), radio_silence
         self._accepted, self._frame_time = 0, 0
         self._sensors = _list_sensors(body)
-        self._has_failed_safe = self._is_confirmed = False
+        self._is_failsafe = self._has_failed_safe = self._is_confirmed = False
         self.log_folder: Path | None = None
         self.watchdog: int | None = None
         """Silence after which the outputs go safe (100 ns); None: no outputs' process."""
@@ -153,7 +153,8 @@ class ArmingGuard:
 
     def follow(self, t: int, mode: str) -> None:
         """Update at each instant, after the failsafe's step, and run the checks when they are due."""
-        if mode == MODES[FAILSAFE] and not self._has_failed_safe:
+        is_new, self._is_failsafe = mode == MODES[FAILSAFE] and not self._is_failsafe, mode == MODES[FAILSAFE]
+        if is_new:
             self._has_failed_safe, self._is_confirmed = True, False
             self._next = t  # a request to arm in the next moment must not see old checks
         elif mode == MODES[COMPUTER] and self._has_failed_safe:

@@ -354,6 +354,8 @@ class RemoteVehicle:
             is_settled = self._is_clock_known and not self.sync.is_doubtful
             self._next["sync"] = now + (SYNC_SLOW if is_settled else SYNC_QUICK)
             self._link.send(self._endpoint.pack("TIMESYNC", self.sync.ask(now)))
+        if self._arming_request and not self.armed and self.count_differences():
+            self._arming_request = None  # the settings have changed since: the checks come first
         if self._arming_request is not None and now >= self._next["ask"]:
             self._next["ask"] = now + (ASK_PERIOD if self._arming_request else DISARM_PERIOD)
             sessions = {"param3": self._endpoint.session, "param4": self._vehicle_session}

@@ -47,7 +47,6 @@ from trimtab.flight.mavlink.stamps import EPOCH, PER_SECOND
 from trimtab.flight.scenario_identity import scenario_identity
 from trimtab.flight.station.identity import cut_line, identity_digest
 from trimtab.loop.scenario import Scenario
-from trimtab.loop.vehicle_limits import VehicleLimits
 from trimtab.run.blocks import (
     StepInput,
     carried_structures,
@@ -127,7 +126,7 @@ def write_firmware(
         {name: s.period for name, s in scenario.world.sensors.items() if name in frame.samples}
     )
     texts["emulated/samples.c"] = samples_source(frame, dialect)
-    texts["exported/rest.h"] = rest_header(VehicleLimits())
+    texts["exported/rest.h"] = rest_header(scenario.limits)
     texts["emulated/instants.h"] = _instants_header(
         scenario, driven_fan(asked).motor.period if drive == "fan" else None
     )

@@ -6,6 +6,7 @@ from itertools import chain
 from trimtab.compiler.elementary import LICENCE_NOTE
 from trimtab.compiler.identifiers import identifier
 from trimtab.core.signals import Frame
+from trimtab.core.time import ms
 from trimtab.flight.mavlink.dialect import Dialect
 from trimtab.flight.sensed_motion import QUANTITIES
 from trimtab.loop.vehicle_limits import VehicleLimits
@@ -63,6 +64,7 @@ def rest_header(limits: VehicleLimits) -> str:
 #define REST_H
 #define REST_SPEED {float(limits.rest_speed)!r}f /* m/s */
 #define REST_RATE {float(limits.rest_rate)!r}f /* rad/s */
+#define REST_MOMENTS {max(round(limits.rest_time / ms(100)), 1)} /* averaging time in steps of 100 ms */
 #endif
 """
 

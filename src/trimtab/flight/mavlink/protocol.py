@@ -193,7 +193,7 @@ def parse_channels(message: Message) -> ReceiverChannels:
     absent = ABSENT[message.name]
     is_pulse = [v not in absent and k < many and SHORTEST_PULSE <= v <= LONGEST_PULSE for k, v in enumerate(raw)]
     is_override = message.name == "RC_CHANNELS_OVERRIDE"
-    is_release = is_override and RELEASED in raw[:FIRST_CHANNELS] and all(v in absent for v in raw)
+    is_release = is_override and set(raw[:FIRST_CHANNELS]) == {RELEASED} and all(v in absent for v in raw)
     return ReceiverChannels(tuple(v * 1e-6 if good else NAN for v, good in zip(raw, is_pulse, strict=True)), is_release)
 
 
