@@ -20,7 +20,7 @@ from trimtab.flight.connection_problem import owner_problem
 from trimtab.flight.console_line import ConsoleLine
 from trimtab.flight.flight_log import FlightRecorder, close_flight_log, count_frames, list_log_problems, open_flight_log
 from trimtab.flight.flight_signals import FLIGHT_SIGNALS, LiveFlightSummary
-from trimtab.flight.machine import SYSTEM_MACHINE, Machine
+from trimtab.flight.machine import SYSTEM_MACHINE, Machine, list_stamp_problems
 from trimtab.flight.mavlink.dialect import Dialect
 from trimtab.flight.mavlink.endpoint import Endpoint
 from trimtab.flight.mavlink.protocol import Severity
@@ -217,8 +217,7 @@ class LiveAutopilot:
         finally:
             self._flight_log = None
             summary = close_flight_log(flight_log, lost_lines())
-        lost = [] if flight_log is None else list_log_problems(summary)
-        lost += [self.endpoint.stamp_problem] if self.endpoint.stamp_problem else []
+        lost = ([] if flight_log is None else list_log_problems(summary)) + list_stamp_problems(self.endpoint)
         for problem in lost:
             tell(problem)
         return LiveFlightSummary(t, self.arming_time, grant, self.deadlines, summary, cause, (*problems, *lost))

@@ -76,6 +76,13 @@ def store_stamps_ahead(endpoint: Endpoint) -> Iterator[None]:
         endpoint.close()
 
 
+def list_stamp_problems(endpoint: Endpoint) -> list[str]:
+    """Return the problem of time stamps that could not be stored beside the key, if there is one."""
+    failed = 0 if endpoint.stamps is None else endpoint.stamps.unsaved
+    fix = "free space on its disk, else old packets may be accepted after a restart"
+    return [f"the time stamps beside the key could not be stored (failed attempts: {failed}): {fix}"] if failed else []
+
+
 class LineSink(Protocol):
     """Receiver of lines for the user. It never waits."""
 

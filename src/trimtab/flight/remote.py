@@ -45,8 +45,7 @@ SYNC_QUICK, SYNC_SLOW = ms(50), seconds(1)
 QUICK_ANSWERS = 8
 """Number of answers after which the vehicle's clock counts as known, and is asked for less often."""
 COMMON_END = seconds(1)
-"""Longest time between the vehicle's own end and the flight's end at which both count as one end. Where both were given
-the same duration, the vehicle counts it from its release, and this end from the message that reports the release."""
+"""Longest time between the vehicle's own end and the flight's end at which both count as one end."""
 QUICK_ROUND_TRIP = ms(300)
 """Longest round trip of the quickest answer: an answer that waited in a queue says little about a clock."""
 

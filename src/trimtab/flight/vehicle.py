@@ -31,7 +31,7 @@ from trimtab.flight.flight_log import (
 )
 from trimtab.flight.injector import format_value
 from trimtab.flight.instruments import Instruments
-from trimtab.flight.machine import SYSTEM_MACHINE, Machine
+from trimtab.flight.machine import SYSTEM_MACHINE, Machine, list_stamp_problems
 from trimtab.flight.mavlink.dialect import Dialect, derive_dialect
 from trimtab.flight.mavlink.endpoint import Endpoint
 from trimtab.flight.mavlink.protocol import ArmRequest, ParameterChange, Severity
@@ -277,8 +277,7 @@ class LiveVehicle:
         finally:
             self._flight_log = self._outputs = None
             summary = close_flight_log(flight_log, lost_lines(), self.body.final_truth())
-        lost = [] if flight_log is None else list_log_problems(summary)
-        lost += [self.endpoint.stamp_problem] if self.endpoint.stamp_problem else []
+        lost = ([] if flight_log is None else list_log_problems(summary)) + list_stamp_problems(self.endpoint)
         for problem in lost:
             tell(problem)
         self._problems += lost

@@ -10,6 +10,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from trimtab.core.errors import InputError
+from trimtab.flight.machine import list_stamp_problems
 from trimtab.flight.mavlink.endpoint import MOST_FALSE_STARTS, Endpoint, checksum
 from trimtab.flight.mavlink.keys import create_key, passphrase_key
 
@@ -36,12 +37,13 @@ def test_stamps_that_cannot_be_stored_are_a_problem_to_report(dialect, clock, tm
 
     end = Endpoint(dialect, 1, 1, create_key(tmp_path / "key"), clock=clock)
     end.pack("HEARTBEAT")
-    assert end.stamp_problem == ""
+    assert list_stamp_problems(end) == []
     monkeypatch.setattr(os, "pwrite", full)
     clock.now += 60
     end.store_stamps()
     end.pack("HEARTBEAT")
-    assert "could not be stored (failed attempts: 1): free space on its disk" in end.stamp_problem
+    (problem,) = list_stamp_problems(end)
+    assert "could not be stored (failed attempts: 1): free space on its disk" in problem
     end.close()
 
 

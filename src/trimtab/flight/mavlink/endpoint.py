@@ -360,16 +360,6 @@ class Endpoint:
         if self.stamps is not None:
             self.stamps.store_ahead()
 
-    @property
-    def stamp_problem(self) -> str:
-        """Return the problem of time stamps that could not be stored beside the key; empty without one."""
-        if self.stamps is None or not self.stamps.unsaved:
-            return ""
-        return (
-            f"the time stamps beside the key could not be stored (failed attempts: {self.stamps.unsaved}): "
-            "free space on its disk, else old packets may be accepted after a restart"
-        )
-
     def close(self) -> None:
         """Release the files of the endpoint."""
         if self.stamps is not None:
