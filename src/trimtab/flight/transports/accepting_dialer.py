@@ -67,18 +67,12 @@ class AcceptingDialer:
 
     def _find_speakers(self) -> list[int]:
         """Return the waiting connections with data, in the order of their coming; close those that have ended."""
-        poll = select.poll()
-        for fd in self._waiting:
-            poll.register(fd, select.POLLIN)
-        speakers: list[int] = []
-        ready = {fd for fd, _ in poll.poll(0)} if self._waiting else set[int]()
-        for fd in [fd for fd in self._waiting if fd in ready]:
-            if _has_data(fd):
-                speakers.append(fd)
-            else:
+        heard = {fd: _count_waiting_bytes(fd) for fd in self._waiting}
+        for fd, count in heard.items():
+            if count == 0:
                 self._waiting.remove(fd)
                 os.close(fd)
-        return speakers
+        return [fd for fd, count in heard.items() if count]
 
     def wait_event(self) -> tuple[int, int]:
         """Return the event that the listening socket becomes readable."""
@@ -93,14 +87,14 @@ class AcceptingDialer:
         self._closed()
 
 
-def _has_data(fd: int) -> bool:
-    """Return True if a connection has received bytes that nobody has read; False if it has ended."""
+def _count_waiting_bytes(fd: int) -> int | None:
+    """Return 1 if a connection has bytes that nobody has read, 0 if it has ended, None if its peer is silent."""
     s = socket.socket(fileno=fd)
     try:
-        return bool(s.recv(1, socket.MSG_PEEK))
+        return len(s.recv(1, socket.MSG_PEEK))
     except BlockingIOError:
-        return True
+        return None
     except OSError:
-        return False
+        return 0
     finally:
         s.detach()
