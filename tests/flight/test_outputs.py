@@ -16,7 +16,7 @@ from flight.pair import Program, make_key
 from flight.transports.ends import free_port
 
 from trimtab.flight.output_port import DRIVEN, LATCHED, SAFE, STALE, OutputReader, OutputRow
-from trimtab.flight.outputs import FROZEN, HEAD, TRIPPED, Outputs, OutputsOrders, OutputsProcess
+from trimtab.flight.outputs import END, FROZEN, HEAD, TRIPPED, Outputs, OutputsOrders, OutputsProcess
 from trimtab.flight.outputs_process import OutputsLoop
 from trimtab.flight.watchdog import Watchdog
 
@@ -143,6 +143,16 @@ class StandingClock:
         return 0.0
 
 
+class ResetLine(FullLine):
+    """Line whose other end was closed with packets unread: the system reports a reset once, then the last packets."""
+
+    def recv(self, size):
+        if self.rows and self.rows[0] == "reset":
+            self.rows.pop(0)
+            raise ConnectionResetError
+        return super().recv(size) if self.rows else b""
+
+
 def row_packet(stamp, value):
     return HEAD.pack(stamp, True, False) + struct.pack("<d", value)
 
@@ -161,6 +171,14 @@ def test_a_silence_is_reported_once_the_line_has_room():
     loop.step()
     loop.step()
     assert [p for p in line.sent if p.startswith(TRIPPED)] == [TRIPPED + b"400000000"]
+
+
+@pytest.mark.parametrize(("last", "cause"), [([END], "the vehicle has ended"), ([], "the vehicle's process is gone")])
+def test_an_end_with_echoes_unread_is_still_an_end(last, cause):
+    line, clock, told = ResetLine([row_packet(0, 1.0), "reset", *last]), StandingClock(), []
+    orders = OutputsOrders((0.0,), 50 * MS, 0, 250 * MS, None, False, 1)
+    OutputsLoop(line, orders, clock, tells=[told.append]).serve()
+    assert told[-1].endswith(f"at rest; {cause}")
 
 
 def test_a_machine_that_stood_still_is_not_a_frozen_process_of_outputs():

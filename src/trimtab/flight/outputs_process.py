@@ -160,6 +160,8 @@ class OutputsLoop:
                 data = self._line.recv(HEAD.size + self._numbers.size)
             except BlockingIOError:
                 break
+            except ConnectionResetError:  # the vehicle closed before it read all echoes; its last packets still come
+                continue
             except OSError:
                 data = b""
             self._has_ended = data == END
