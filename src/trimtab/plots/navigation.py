@@ -50,7 +50,7 @@ def plot_navigation(log: Log, path: PicturePath = None, title: str = "Navigation
         every[0, 0].set_xlim(min(ends), max(ends))
     title = title if states else f"{title}, no estimate became valid"
     verdict = "" if judged is None else f", {judged.verdict}"
-    legend = "blue: error, or bias as estimated; grey: two sigmas; red: outside"
+    legend = "blue: error, or bias as estimated; grey: two sigmas; orange: outside"
     return save_figure(figure, path, f"{title}{verdict}", legend, title_size=14)
 
 
