@@ -154,6 +154,21 @@ def test_each_machine_was_booted_at_another_time():
     assert seen[0] != seen[1]
 
 
+def test_two_machines_have_slightly_different_wall_clocks_and_programs_of_one_machine_share_it():
+    time, said = VirtualTime(1), {}
+
+    def look(name):
+        return lambda clock: said.setdefault(name, (clock, clock.unix()))
+
+    for name in ("there", "here"):
+        time.start(name, look(name))
+    time.run()
+    time.start("beside", look("beside"), clock=said["there"][0])
+    time.run()
+    assert 1e-6 < abs(said["there"][1] - said["here"][1]) < virtual_time.CLOCK_ERROR
+    assert said["beside"][1] == said["there"][1]
+
+
 def test_reports_who_waits_when_nobody_can_wake():
     time = VirtualTime(1)
     network = VirtualNetwork(time)

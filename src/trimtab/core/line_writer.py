@@ -1,4 +1,4 @@
-"""Lines for people, written by a thread: whoever reports a line never waits for a terminal, a pipe or a disk.
+"""Lines for the user, written by a thread. Code that reports a line never waits for a terminal, a pipe or a disk.
 
 A paused terminal, a full pipe and a disk that hangs hold up a write for as long as they like. A flight must not wait
 for them. Lines that the thread cannot write, or that do not fit into the queue, are counted.

@@ -32,7 +32,7 @@ LIMITS: Mapping[str, SafetyLimit] = {
     "limits.rest_speed": SafetyLimit(1.0, "m/s"),
     "limits.rest_rate": SafetyLimit(2.0, "rad/s"),
 }
-"""Setting -> limit. A longer time-out, or a higher speed "at rest", in effect means that there is no such safety."""
+"""Setting -> limit. Beyond its limit, a time-out or a speed "at rest" switches the safety off in effect."""
 
 
 def check_confirmations(names: Collection[str]) -> frozenset[str]:

@@ -25,6 +25,8 @@ UNIX_START = 1_780_000_000.0
 """Wall-clock time at the start of virtual time (s since 1970)."""
 LONGEST_BOOT = 100 * NS_PER_SECOND
 """Largest monotonic time of a program at the start of virtual time (ns): each machine was booted at another time."""
+CLOCK_ERROR = 1e-3
+"""Largest lead of a machine's wall clock (s) over the virtual time: no two computers have the same time."""
 MOST_HAND_OVERS = 1_000_000
 """Hand-overs at one instant after which a program counts as hanging."""
 MOST_TIME = 3600 * NS_PER_SECOND
@@ -79,9 +81,15 @@ class VirtualProgram:
 class VirtualClock:
     """The clock of one program."""
 
-    def __init__(self, time: "VirtualTime", boot: int) -> None:
-        """boot: monotonic time (ns) at the start of virtual time."""
-        self._time, self._boot, self.unix_offset = time, boot, 0.0
+    def __init__(self, time: "VirtualTime", boot: int, unix_offset: float) -> None:
+        """Start a clock.
+
+        Args:
+            time: the virtual time.
+            boot: monotonic time (ns) at the start of virtual time.
+            unix_offset: lead of the wall clock (s).
+        """
+        self._time, self._boot, self.unix_offset = time, boot, unix_offset
         self.program: VirtualProgram
 
     def monotonic_ns(self) -> int:
@@ -152,10 +160,7 @@ class VirtualTime:
             run: its function, called with its clock in a thread of its own.
             clock: clock of a program that ran on the same machine before; None: of a machine with a clock of its own.
         """
-        own = clock or VirtualClock(self, self.random(f"boot of {name}").randrange(LONGEST_BOOT))
-        if clock is not None:
-            own = VirtualClock(self, clock._boot)
-            own.unix_offset = clock.unix_offset
+        own = self._draw_clock(name) if clock is None else VirtualClock(self, clock._boot, clock.unix_offset)
         program = VirtualProgram(name, len(self.programs), run, own)
         own.program = program
         self.programs.append(program)
@@ -163,9 +168,14 @@ class VirtualTime:
         self._wait_until(program, None, self.now)
         return program
 
+    def _draw_clock(self, name: str) -> VirtualClock:
+        """Return the clock of a machine. Its start and the error of its wall clock are drawn by its name."""
+        boot = self.random(f"boot of {name}").randrange(LONGEST_BOOT)
+        return VirtualClock(self, boot, CLOCK_ERROR * self.random(f"clock of {name}").random())
+
     def adopt(self, name: str) -> VirtualProgram:
         """Make the calling thread a program, which holds the baton until it waits. `run` is not called then."""
-        clock = VirtualClock(self, self.random(f"boot of {name}").randrange(LONGEST_BOOT))
+        clock = self._draw_clock(name)
         clock.program = program = VirtualProgram(name, len(self.programs), lambda _: None, clock)
         program.is_adopted = True
         self.programs.append(program)
