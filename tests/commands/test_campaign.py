@@ -123,6 +123,7 @@ def test_a_store_of_another_campaign_is_refused(kept):
     assert "another campaign" in other.stderr
 
 
+@pytest.mark.thorough
 def test_a_run_by_its_number_is_that_of_simulate():
     """`trimtab run --run`, with which a world that a search found is flown again."""
     asked = ["run", SCENARIO, "--seed", "3", "--run", "5", "--duration", "4 s", "--no-ideal", "--json"]

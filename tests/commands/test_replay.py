@@ -52,6 +52,7 @@ def wrong(file):
     return write_mcap(made, file.with_name("wrong.mcap"))
 
 
+@pytest.mark.thorough
 def test_a_run_that_comes_again_is_good(file):
     done = call(file)
     assert (done.exit_code, done.stdout) == (0, "400 steps repeated bit by bit on c\n")

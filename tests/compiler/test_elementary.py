@@ -180,6 +180,7 @@ def test_accuracy(call, name):
             assert error[worst] <= BOUND[name], f"{variant}: {error[worst]:.3f} ulp at {x[worst]!r}"
 
 
+@pytest.mark.thorough
 @needs_compiler
 @pytest.mark.parametrize("variant", ["scalar", "scalar, no FMA"])
 def test_accuracy_of_atan2(call, variant):

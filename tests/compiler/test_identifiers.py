@@ -98,6 +98,7 @@ def test_functions_of_any_name_compile(name: str) -> None:
     assert compiled(2.0) == 5.0
 
 
+@pytest.mark.thorough("tt_sin", "vf64")
 @pytest.mark.parametrize("name", ["template", "tt_sin", "vf64"])
 def test_functions_of_any_name_compile_over_lanes(name: str) -> None:
     def f(x: Any) -> Any:
@@ -107,6 +108,7 @@ def test_functions_of_any_name_compile_over_lanes(name: str) -> None:
     assert np.array_equal(trimtab.compile(f, 1.5, lanes=4).lanes(np.arange(9.0)), np.arange(9.0) * 2 + 1)
 
 
+@pytest.mark.thorough("line", "in", "vectors", "export", "read")
 @pytest.mark.parametrize("name", ["line", "in", "workspace", "vectors", "export", "read"])
 def test_exported_functions_of_any_name_pass_verify(name: str, tmp_path: Path) -> None:
     def f(new: Any, NAN: Any) -> Any:

@@ -28,6 +28,7 @@ def long_sum(x):
     return jnp.cumsum(jnp.sin(x)).sum() + x[::-1][0]
 
 
+@pytest.mark.thorough("1000", "100000", "1000000")
 @pytest.mark.parametrize("n", [1, 10**3, 10**5, 10**6])
 def test_large_arrays_do_not_lie_on_the_stack(n: int) -> None:
     x = np.linspace(0.0, 1.0, n)
@@ -42,6 +43,7 @@ def test_ten_million() -> None:
     assert trimtab.compile(long_sum, x)(x) == pytest.approx(float(long_sum(x)), rel=1e-10)
 
 
+@pytest.mark.thorough
 def test_large_arrays_in_lanes_and_threads() -> None:
     x = np.linspace(0.0, 1.0, 60_000)
     compiled = trimtab.compile(long_sum, x, lanes=8, threads=3)

@@ -122,6 +122,7 @@ def test_functions_in_pieces_give_the_same_bits(monkeypatch: pytest.MonkeyPatch,
             assert a.tobytes() == b[row].tobytes(), "and those of lanes"
 
 
+@pytest.mark.thorough("stack")
 @pytest.mark.parametrize("stack", [1 << 20, 64], ids=["stack", "workspace"])
 def test_blocks_in_pieces_step_the_same_bits(monkeypatch: pytest.MonkeyPatch, stack: int) -> None:
     scenario, _ = load_scenario("hovercraft/zero-velocity")

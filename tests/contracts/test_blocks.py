@@ -43,6 +43,8 @@ def is_long(folder, cls):
 
 
 QUICK = mark_thorough(BLOCKS, is_long)
+RANDOM_FOLDERS = ("links", "sensors")
+"""Folders whose blocks draw random numbers: the gate flies these blocks in batches."""
 
 
 OPTIONS = FAST_COMPILE_OPTIONS if os.environ.get("XLA_FLAGS") else {}
@@ -106,7 +108,10 @@ def test_compiled_is_the_same_as_step_by_step(folder, cls):
         checks.assert_near(out, jax.tree.map(lambda a, k=k: a[k], _alone(folder, cls)[1][1]))
 
 
-@pytest.mark.parametrize(("folder", "cls"), QUICK)
+@pytest.mark.parametrize(
+    ("folder", "cls"),
+    mark_thorough(BLOCKS, lambda folder, cls: is_long(folder, cls) or folder not in RANDOM_FOLDERS),
+)
 def test_a_batch_is_the_same_as_its_runs_alone(folder, cls):
     """Over a batch of keys and of parameters at once: every quantity has a leading axis."""
     one = made(cls)

@@ -11,6 +11,7 @@ from trimtab.core.discretisation import discretise, matrix_exponential
 PENDULUM = np.array([[0.0, 1.0, 0, 0], [-264.12, -0.64, 28.7, 0.06], [0, 0, 0, 1], [19.6, 0.05, -330.9, -0.66]])
 
 
+@pytest.mark.thorough("1e-06", "0.3", "4.0")
 @pytest.mark.parametrize("size", [1e-6, 0.3, 4.0, 30.0])
 def test_exponential_is_scipys(size):
     A = np.random.default_rng(0).normal(size=(5, 5))

@@ -56,6 +56,7 @@ def test_euler_angles_are_those_of_the_rotation_matrices():
         np.testing.assert_allclose(Q.to_matrix(Q.from_euler(*angles)), from_euler(*angles), atol=1e-14)
 
 
+@pytest.mark.thorough("0.0", "1e-09", "1e-05", "0.00019", "0.00021", "3.1")
 @pytest.mark.parametrize("size", [0.0, 1e-9, 1e-5, 1.9e-4, 2.1e-4, 1.0, 3.1])
 def test_exponential_and_logarithm_undo_each_other(size):
     for v in RANDOM.standard_normal((10, 3)):

@@ -20,6 +20,9 @@ ORDER = ("place", "velocity", "acceleration", "jerk", "snap")
 TURNS = ("heading", "heading_rate", "heading_acceleration")
 
 
+@pytest.mark.thorough(
+    "place-place", "place-helix", "place-circle", "place-eight", "heading-helix", "heading-circle", "heading-eight"
+)
 @pytest.mark.parametrize("reference", REFERENCES.values(), ids=REFERENCES)
 @pytest.mark.parametrize("names", [ORDER, TURNS], ids=["place", "heading"])
 def test_derivatives(reference, names):

@@ -29,6 +29,7 @@ def unaided(form, imu_reading):
     return jax.tree.map(np.asarray, run(first, jnp.asarray(imu_reading[1:])))
 
 
+@pytest.mark.thorough("AidedInertialDirect", "AidedInertialFeedforward", "AidedInertialCoupled")
 @forms
 def test_errors_grow_as_the_theorys_polynomials(cls):
     """Bias of a gyro: heading t, velocity t² and position t³ across a force; bias of a force: t, t²."""
@@ -71,6 +72,15 @@ def course(shape):
     return at[shape]
 
 
+@pytest.mark.thorough(
+    "circle-AidedInertialDirect",
+    "circle-AidedInertialFeedforward",
+    "circle-AidedInertialFeedback",
+    "circle-AidedInertialCoupled",
+    "eight-AidedInertialDirect",
+    "eight-AidedInertialFeedback",
+    "eight-AidedInertialCoupled",
+)
 @forms
 @pytest.mark.parametrize("shape", ["circle", "eight"])
 def test_perfect_sensors_close_a_lap_from_rest_to_rest(cls, shape):
@@ -111,6 +121,7 @@ def test_a_lap_at_speed_misses_by_the_trapezoids_error(shape):
     assert np.linalg.norm(missed) > 1e-8
 
 
+@pytest.mark.thorough("AidedInertialDirect", "AidedInertialFeedforward", "AidedInertialCoupled")
 @forms
 def test_a_lap_of_force_that_runs_straight_closes_exactly(cls):
     """There and back on slopes that bend at samples only: to rounding, however few samples there are."""

@@ -140,6 +140,7 @@ def test_the_validation_finds_what_it_is_for(fmus, tmp_path):
     assert any("ell" in problem for problem in validate_fmu(str(tmp_path)))
 
 
+@pytest.mark.thorough("3")
 @pytest.mark.parametrize("version", [2, 3])
 def test_its_sources_compile_by_its_own_description_without_a_warning(fmus, version, tmp_path):
     with zipfile.ZipFile(fmus["loop", version]) as archive:

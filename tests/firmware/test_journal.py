@@ -46,6 +46,7 @@ def check(power, written, begun):
     begun.clear()
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("garbage", [0, 1])
 def test_the_power_may_fail_at_every_single_operation(power, garbage):
     """The same life of 150 records, sectors changing under it, cut at its first operation, its second, ... its last."""

@@ -325,6 +325,7 @@ def test_samples_come_once_each(library, chip):
     assert not library.icm_work(sensor, ctypes.c_int64(90 * MS + 1), ctypes.byref(IcmSample()))
 
 
+@pytest.mark.thorough("dead", "frozen", "reset")
 @pytest.mark.parametrize("fault", ["another", "dead", "frozen", "reset"])
 def test_a_sensor_that_fails_is_found_out_and_started_anew(library, chip, fault):
     """Another chip, a line that is open, samples equal to the bit, a reset that lost its settings."""

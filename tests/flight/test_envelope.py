@@ -10,6 +10,7 @@ FASTEST = 0.5
 """m/s, of the 1.08 that the flight would reach."""
 
 
+@pytest.mark.thorough
 def test_too_fast_for_its_envelope_it_goes_to_failsafe(tmp_path):
     settings = ("--set", f"limits.speed={FASTEST}", "--duration", "8 s")
     programs, there, here = fly_pair(tmp_path, "hovercraft/forward", *settings)

@@ -34,6 +34,7 @@ def test_after_the_step_it_is_the_linear_solution_up_to_what_fades(ran):
     assert at[30] < 1e-8
 
 
+@pytest.mark.thorough
 def test_what_fades_has_no_unstable_part(ran):
     """Projected on the left eigenvector of the pole +3.289 the difference is zero from the step on."""
     A22 = internal_linear(CRAFT, level_trim(CRAFT, H0, V0)).A22 * SCALES / SCALES[:, None]

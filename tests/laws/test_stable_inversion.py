@@ -41,6 +41,7 @@ def test_at_the_trim_it_asks_for_the_trim():
     assert not (out.saturated | out.unsolvable | out.outside)
 
 
+@pytest.mark.thorough
 def test_the_vehicle_accelerates_as_the_law_asked():
     """The demand, put into the plant, gives (h'', V') = v: through the law."""
     want, gamma = LAW.command.at(20.0), 0.002

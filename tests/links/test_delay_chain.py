@@ -14,6 +14,22 @@ from trimtab.core.time import ms
 from trimtab.links.wire import DelayChain
 
 
+@pytest.mark.thorough(
+    "10000-60000-6",
+    "10000-200000-2",
+    "10000-10000-1",
+    "10000-65536-3",
+    "60000-60000-6",
+    "60000-200000-2",
+    "60000-10000-1",
+    "60000-65536-3",
+    "60000-60000-0",
+    "150000-60000-6",
+    "150000-200000-2",
+    "150000-10000-1",
+    "150000-65536-3",
+    "150000-60000-0",
+)
 @pytest.mark.parametrize(("period", "steps"), [(ms(6), 6), (ms(20), 2), (ms(1), 1), (65536, 3), (ms(6), 0)])
 @pytest.mark.parametrize("sensor_period", [ms(1), ms(6), ms(15)])
 def test_the_delay_is_exact_for_any_input(drive, sent_at, period, steps, sensor_period):

@@ -56,6 +56,7 @@ def test_in_space_a_law_stands_for_the_linear_feedback():
     assert isinstance(demand, DartInput)
 
 
+@pytest.mark.thorough
 def test_the_cart_is_held_up_and_comes_back():
     log = simulate(scenario())
     assert abs(log["truth.lean"][0]) == pytest.approx(0.1)

@@ -1,6 +1,7 @@
 """The Bode plot shows the loop's own numbers."""
 
 import numpy as np
+import pytest
 
 from examples.my_cart import scenario
 from trimtab.design.loop_map import find_crossings
@@ -8,6 +9,7 @@ from trimtab.plots.bode import plot_bode
 from trimtab.run.loop_linearisation import linearise_loop
 
 
+@pytest.mark.thorough
 def test_size_and_phase_and_the_margins(tmp_path):
     loop = linearise_loop(scenario())
     figure = plot_bode(loop, tmp_path / "bode.png", "cart")

@@ -28,6 +28,7 @@ def test_histogram_draws_every_run_or_says_how_many_not(tmp_path):
     assert imread(tmp_path / "h.png").std() > 0.05
 
 
+@pytest.mark.thorough("x0", "x1")
 @pytest.mark.parametrize("x", [np.full(20, 3.0), np.full(20, np.nan), np.array([1.0])])
 def test_histogram_of_nothing_much_is_drawn_too(x, tmp_path):
     plot_histogram(x, path=tmp_path / "h.png")
@@ -45,6 +46,7 @@ def test_convergence_ends_at_the_interval_of_all_runs(tmp_path):
     assert (at_the_end.min(), at_the_end.max()) == pytest.approx((found.low, found.high))
 
 
+@pytest.mark.thorough
 def test_convergence_of_a_quantile_starts_without_a_bound(tmp_path):
     x = RNG.normal(size=2000)
     axes = plot_convergence(x, 0.95, tmp_path / "c.png").axes[0]

@@ -1,6 +1,7 @@
 """The picture of a plan shows the floor, every obstacle, the way and the flight, and the limits that were kept."""
 
 import numpy as np
+import pytest
 from matplotlib.image import imread
 
 from trimtab.design.obstacles import ObstacleFloor, PlanTask
@@ -11,6 +12,7 @@ TRIANGLE = np.array([[-3.0, 2], [-2, 2], [-2, 3]])
 TASK = PlanTask(ObstacleFloor((-4, 4), (-4, 4), np.array([[0, -1.5, 0.5]]), (TRIANGLE,)), (-2, 0), (2, 0), 0.3)
 
 
+@pytest.mark.thorough
 def test_floor_flight_and_limits_are_drawn(tmp_path):
     plan = plan_path(TASK)
     figure = plot_planned_path(TASK, plan, tmp_path / "plan.png", title="hall")

@@ -199,6 +199,7 @@ def test_a_target_has_its_verdict_in_words(aim, said):
     assert [text.get_text() for text in axes_of(figure, "Heading").texts] == [said]
 
 
+@pytest.mark.thorough("0", "1")
 @pytest.mark.parametrize("n", [0, 1, 2])
 def test_very_short_runs_are_drawn(n, tmp_path):
     log = flown(n=5).between(0, n * 1e-3)
@@ -217,6 +218,7 @@ def test_the_png_is_a_picture_of_the_right_size(tmp_path, drawn):
     assert [p.name for p in tmp_path.iterdir()] == ["run.png"]
 
 
+@pytest.mark.thorough
 def test_other_kinds_of_file_by_suffix(tmp_path):
     plot_run(flown(), path=tmp_path / "run.svg")
     assert b"<svg" in (tmp_path / "run.svg").read_bytes()

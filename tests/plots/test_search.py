@@ -22,6 +22,7 @@ def found(least):
     )
 
 
+@pytest.mark.thorough("-0.25-failure, margin -0.25")
 @pytest.mark.parametrize(("least", "said"), [(-0.25, "failure, margin -0.25"), (0.1, "no failure, least margin 0.1")])
 def test_least_so_far_and_the_worst_point_are_drawn(tmp_path, least, said):
     made = found(least)
@@ -36,6 +37,7 @@ def test_least_so_far_and_the_worst_point_are_drawn(tmp_path, least, said):
     assert [label.get_text() for label in right.get_yticklabels()] == ["mass", "k1"]
 
 
+@pytest.mark.thorough("search")
 @pytest.mark.parametrize("method", ["search", "gradient"])
 def test_steps_and_intervals_are_drawn(tmp_path, method):
     rng = np.random.default_rng(1)

@@ -24,6 +24,7 @@ def log(shift=0.0, **more):
     return Log(t=to_seconds(T), ticks=T, signals=signals | more)
 
 
+@pytest.mark.thorough
 def test_each_craft_has_its_way_and_its_nose(tmp_path):
     figure = plot_swarm(log(), path=tmp_path / "s.png", title="Test")
     floor, spacing, _ = figure.axes

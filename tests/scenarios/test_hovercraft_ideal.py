@@ -42,6 +42,7 @@ def test_zero_velocity_extremes():
 SLOW = (("autopilot.period", "10 ms"), ("world.max_step", "10 ms"))  # 2000 s in a tenth of the instants
 
 
+@pytest.mark.thorough
 def test_zero_velocity_ends_on_the_slow_manifold():
     """Section 1.4: the rudder pivot stops slipping, then yaw decays algebraically: d(1/(2 r^2))/dt = c = 1.911."""
     log = ideal("zero-velocity", *SLOW, duration=seconds(2000))
@@ -117,6 +118,7 @@ def test_proportional_is_slower_than_bang_bang_and_slides_less():
     assert abs(literal["truth.sway_velocity"][-1]) < abs(bang["truth.sway_velocity"][-1])
 
 
+@pytest.mark.thorough
 def test_floored_proportional_ends_without_the_error():
     """Section 1.6: the floor on the reference cures the freezing."""
     log = ideal("heading-proportional")
@@ -125,6 +127,7 @@ def test_floored_proportional_ends_without_the_error():
     assert abs(log["law.heading_error"][-1]) < abs(literal["law.heading_error"][-1]) / 2
 
 
+@pytest.mark.thorough("heading-proportional")
 @pytest.mark.parametrize("name", ["heading-bang-bang", "heading-proportional"])
 def test_moving_start_turns_up_to_five_radians(name):
     """Fig. 6.11: out of the slide the heading settles at 5 rad, not a full turn away."""

@@ -68,6 +68,7 @@ def test_check_10_the_right_end_is_its_trim_once_the_climb_is_over():
     np.testing.assert_allclose(table.nodes[-1] / SCALES, end / SCALES, atol=1e-8)
 
 
+@pytest.mark.thorough
 def test_successive_changes():
     """[1] eq. 7: 5 to 7 iterations, the first of 3e-2, each at least ten times smaller than the one before."""
     changes = np.array(noncausal()[1].solution.changes)

@@ -63,6 +63,7 @@ def test_against_a_list_of_events():
         np.testing.assert_array_equal(found.received[number], got)
 
 
+@pytest.mark.thorough("4-0.85-0.015", "5-0.97-0.015", "6-0.97-0.015", "8-0.99-0.01")
 @pytest.mark.parametrize(
     ("n", "expected", "tolerance"),
     [(3, 0.92, 0.015), (4, 0.85, 0.015), (5, 0.97, 0.015), (6, 0.97, 0.015), (8, 0.99, 0.01)],

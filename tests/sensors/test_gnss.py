@@ -84,6 +84,7 @@ def test_the_correlated_error_has_its_size_and_forgets_in_its_time():
     assert (e[:, 20:] * e[:, :-20]).mean() / e.var() == pytest.approx(np.exp(-1), abs=0.1)
 
 
+@pytest.mark.thorough
 def test_nothing_is_received_in_an_outage():
     s = samples(replace(QUIET, outages=Outages(start=seconds(2), length=seconds(1), interval=seconds(5))), 1000)
     made = np.asarray(s.t)[np.asarray(s.fresh)] / seconds(1)

@@ -83,6 +83,7 @@ def test_dipole_against_biot_savart():
     assert np.isfinite(dipole_field(jnp.array([0.0, 0.0, 1.0]), jnp.zeros(3), 0.01)).all()
 
 
+@pytest.mark.thorough
 def test_a_motor_disturbs_while_it_runs():
     motor = RunningMotor(instants=(seconds(1), seconds(2)), duty=(1.0, 0.0))
     sensor = Magnetometer(disturbances=(motor,))

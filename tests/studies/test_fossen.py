@@ -62,6 +62,7 @@ def test_the_flights_are_those_of_the_oracle():
     assert about_buoyancy.max() < 0.02, "the centre of mass is 2 cm below it"
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize(
     ("field", "share"), [("Nrr", 1.2), ("Nuv", 1.2), ("Yvv", 0.1), ("Xuu", 1.1), ("Nuudr", 1.3), ("Muw", 1.3)]
 )

@@ -41,6 +41,7 @@ ALL = [(name, version) for name in MODELS for version in (3, 2)]
 BOTH = [b if b in HERE else pytest.param(*b, marks=pytest.mark.thorough) for b in ALL]
 
 
+@pytest.mark.thorough("Dahlquist-3")
 @pytest.mark.parametrize(("name", "version"), BOTH)
 def test_it_flies_as_fmpy_flies_it(name, version, tmp_path):
     file = build_reference(name, version, tmp_path)
@@ -73,6 +74,7 @@ def test_it_flies_as_its_makers_publish(name, tmp_path):
         assert log[f"truth.{signal}"] == pytest.approx(table[: len(log), k], rel=1e-12, abs=1e-12)
 
 
+@pytest.mark.thorough
 def test_its_description_makes_the_signals(tmp_path):
     file = build_reference("BouncingBall", 3, tmp_path)
     vehicle = load(file, motion_of={"p_WB[2]": "h", "v_WB_B[2]": "v"})
@@ -253,6 +255,7 @@ def test_what_would_have_to_compile_it_refuses(tmp_path):
         compile_scenario(scenario)
 
 
+@pytest.mark.thorough("trim {}", "design {} --lqr", "firmware {} --out board")
 @pytest.mark.parametrize("line", ["trim {}", "linearise {}", "design {} --lqr", "firmware {} --out board"])
 def test_verbs_that_need_its_equations_say_so_and_leave_nothing(line, tmp_path, monkeypatch):
     monkeypatch.setenv("TRIMTAB_CONFIG", str(tmp_path / "config"))

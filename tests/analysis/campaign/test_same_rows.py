@@ -34,6 +34,7 @@ def test_same_rows_of_jax_in_any_blocks():
     assert_same(small(130, block=40).run(backend="jax").columns, wanted)
 
 
+@pytest.mark.thorough
 def test_row_is_that_of_a_single_run(whole):
     of = small(RUNS)
     for run in (0, 77, RUNS - 1):

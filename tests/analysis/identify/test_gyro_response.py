@@ -44,6 +44,7 @@ def test_the_gyro_identified_from_a_sweep_compensates_as_the_source_s_table() ->
     assert (np.abs(1 / np.abs(fit.response(f)) / (compensated / uncompensated) - 1) < rounding).all()
 
 
+@pytest.mark.thorough("10.0", "15.0")
 @pytest.mark.parametrize("f", [5.0, 10.0, 15.0])
 def test_the_inverse_of_another_gyro_leaves_it_flat(f: float) -> None:
     """A low-pass of 30 Hz behind two samples, which is not of the model's form."""

@@ -64,6 +64,7 @@ def test_it_is_the_likelihood_of_the_dense_gaussian() -> None:
     np.testing.assert_allclose(float(log_likelihood(model(), data, jnp.asarray(TRUE))), dense, rtol=1e-10)
 
 
+@pytest.mark.thorough
 def test_the_gradient_is_that_of_differences() -> None:
     likelihood, data = compile_likelihood(model()), timeline(1, TRUE)
     p, h = TRUE + 0.1, 1e-5

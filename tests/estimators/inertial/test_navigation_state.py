@@ -47,6 +47,7 @@ def test_values_and_sigmas_of_the_reference_point():
     assert told["covariance"].positive
 
 
+@pytest.mark.thorough
 def test_fixes_are_counted():
     used = update(np.zeros(1), np.eye(1), np.array([0.5]), np.eye(1), np.eye(1))
     refused = update(np.zeros(1), np.eye(1), np.array([50.0]), np.eye(1), np.eye(1), gate=9.0)
@@ -90,6 +91,7 @@ def test_after_so_many_refused_in_a_row_the_filter_gives_in():
     assert not done.accepted
 
 
+@pytest.mark.thorough
 def test_sigmas_stay_finite_where_rounding_makes_a_variance_negative():
     told = reference_kinematics(Belief(np.zeros(8), -1e-18 * np.eye(8)), 0.0, 0.0, ARMS)
     assert all(np.isfinite(told[f"sigma_{n}"]) for n in NAMES)

@@ -31,6 +31,17 @@ def test_table_5_1_is_verbatim():
     np.testing.assert_allclose(difference, [5.42, -1.16, 2.41, 0.21, 4.24], atol=1e-9)
 
 
+@pytest.mark.thorough(
+    "free2move/linksys 2.9/41.0-up",
+    "free2move/linksys 2.9/41.0-down",
+    "free2move/free2move 2.9/41.0-up",
+    "free2move/free2move 2.9/41.0-down",
+    "free2move/linksys 2.9/22.0-up",
+    "free2move/linksys 2.9/22.0-down",
+    "free2move/free2move 2.9/22.0-up",
+    "free2move/free2move 2.9/22.0-down",
+    "free2move/linksys 2.9/16.2-up",
+)
 @pytest.mark.parametrize(("pair", "path"), ROWS)
 def test_drawn_latencies_have_the_measured_mean_and_spread(pair, path):
     """Mean and standard deviation within 2 %; no packet is faster than the smallest seen, less 2 ms."""

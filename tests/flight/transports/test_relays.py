@@ -37,6 +37,7 @@ def test_same_seed_same_fate_and_the_sides_differ():
     assert [weather.passes(side, 0.0, b"x") for side in (LEFT, RIGHT)].count(None) < 2
 
 
+@pytest.mark.thorough
 def test_order_rate_and_cut():
     jittery = Weather(delay=0.1, jitter=0.05, ordered=True)
     due = [jittery.passes(LEFT, 0.001 * k, b"x")[0] for k in range(200)]

@@ -12,6 +12,7 @@ def run(of, start, budget=2000, population=8):
     return found, x, x[np.argmin(f)]
 
 
+@pytest.mark.thorough("least1", "least2")
 @pytest.mark.parametrize("least", [(0.3,), (0.9, 0.1), (1.0, 0.0, 0.5)])
 def test_minimum_is_found_inside_and_on_the_bounds(least):
     found, x, best = run(lambda x: ((x - least) ** 2).sum(axis=1), lambda restart: np.full(len(least), 0.6))

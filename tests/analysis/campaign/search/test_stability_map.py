@@ -112,6 +112,7 @@ def test_two_maps_are_the_same_whatever_their_order_of_axes(linear, found):
     assert all(mine == theirs for mine, theirs in both)
 
 
+@pytest.mark.thorough
 def test_success_of_ones_own(linear):
     def slow(batch):
         return batch.most["truth.yaw_rate"] < 0.1

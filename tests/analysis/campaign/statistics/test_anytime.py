@@ -39,6 +39,7 @@ def test_bounds_solve_their_equation_and_mirror():
     assert found.share == 0.3
 
 
+@pytest.mark.thorough("0.02", "0.5", "0.9")
 @pytest.mark.parametrize("p", [0.02, 0.5, 0.9, 0.99])
 def test_it_ever_fails_less_often_than_it_says(p):
     """2000 coins thrown 1000 times, looked at after every throw: each side fails in at most 2.5 % (+ 3 sigma)."""

@@ -48,6 +48,7 @@ def test_each_trajectory_changes_each_factor_once():
         assert np.mean(u[:, 0] == level) == pytest.approx(0.25, abs=0.05)
 
 
+@pytest.mark.thorough("0-1", "0-17", "13-200")
 @pytest.mark.parametrize(("first", "last"), [(0, 1), (3, 4), (0, 17), (13, 200)])
 def test_a_row_depends_on_its_number_alone(first, last):
     whole, part = morris_rows(3, 0, 300, 4), morris_rows(3, first, last, 4)
