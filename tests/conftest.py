@@ -34,9 +34,6 @@ settings.register_profile("gate", deadline=None, derandomize=True)
 settings.register_profile("thorough", deadline=None, derandomize=False, print_blob=True)
 settings.load_profile("gate")
 
-THOROUGH_TIMEOUT_S = 900
-"""Timeout of a thorough test that states none. A busy machine takes five times as long as a quiet one."""
-
 EXAMPLE_TIMEOUT_S = 6
 """Additional timeout for each random example of a test."""
 
@@ -147,16 +144,15 @@ def pytest_pycollect_makeitem():
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Deselect real-time tests unless -m names them, and give thorough tests a longer timeout."""
+    """Deselect real-time tests unless -m names them, and give random examples a longer timeout."""
     if config.option.markexpr and "real_time" not in config.option.markexpr:
         timed = [item for item in items if item.get_closest_marker("real_time")]
         config.hook.pytest_deselected(items=timed)
         items[:] = [item for item in items if not item.get_closest_marker("real_time")]
     for item in items:
-        if item.get_closest_marker("thorough") and not item.get_closest_marker("timeout"):
-            draws = "random_examples" in getattr(item, "fixturenames", ())
-            more = config.option.random_examples * EXAMPLE_TIMEOUT_S if draws else 0
-            item.add_marker(pytest.mark.timeout(THOROUGH_TIMEOUT_S + more))
+        if "random_examples" in getattr(item, "fixturenames", ()) and not item.get_closest_marker("timeout"):
+            more = config.option.random_examples * EXAMPLE_TIMEOUT_S
+            item.add_marker(pytest.mark.timeout(float(config.getini("timeout")) + more))
 
 
 @pytest.fixture
