@@ -12,12 +12,14 @@ from trimtab.flight.mavlink.endpoint import Endpoint
 from trimtab.flight.mavlink.keys import passphrase_key
 from trimtab.flight.mavlink.protocol import CommandCode, CommandResult, State
 from trimtab.flight.remote import MOST_ASKS, QUICK_ANSWERS, RemoteVehicle
+from trimtab.flight.station.identity import TUNNEL, IdentityComparison, IdentityService
 
 NOT_ARMED = "the vehicle was not armed at the end"
 
 _, DIALECT = dialect({"compass": every()}, every())
 _, OTHER = dialect({"compass": every(), "sonar": every()}, every())
 ARMED = 128
+SETTINGS = {"world.vehicle.mass": "2.6"}
 AHEAD = 5_000_000_000
 """The vehicle's clock less the autopilot's."""
 
@@ -25,10 +27,13 @@ AHEAD = 5_000_000_000
 class Line:
     """A vehicle that answers as told, and the remote end that it is seen by."""
 
-    def __init__(self, of=DIALECT):
+    def __init__(self, of=DIALECT, settings=None):
         both = ends(DIALECT)
         self.here, self.there, self.link = both.here, both.there, Link()
-        self.remote, self.of, self.now, self.said, self.answers = RemoteVehicle(self.here, self.link), of, 0, [], True
+        identity = None if settings is None else IdentityComparison(self.here, settings)
+        self.service = IdentityService(self.there, SETTINGS)
+        self.remote = RemoteVehicle(self.here, self.link, identity=identity)
+        self.of, self.now, self.said, self.answers = of, 0, [], True
         self.remote.tell = self.said.append
         self.orders = []
 
@@ -49,6 +54,9 @@ class Line:
             for message in (m for packet in sent for m in self.there.feed(packet)):
                 if message.name == "TIMESYNC" and message.get("tc1") == 0:
                     self.hear("TIMESYNC", tc1=(self.now + ahead) * 100, ts1=message.get("ts1"))
+                elif message.name == TUNNEL:
+                    for answer in map(self.here.feed, self.service.answer(message)):
+                        self.remote.handle_message(answer[0], self.now)
                 elif message.name == "COMMAND_LONG":
                     self.orders.append((self.now // ms(1), message.get("command"), message.get("param1")))
                     if self.answers and message.get("command") == CommandCode.REQUEST_MESSAGE:
@@ -163,6 +171,15 @@ def test_a_vehicle_that_somebody_has_armed_is_asked_whose_it_is():
     problem = owner_problem(77, "trimtab fly it")
     assert "00004d" in problem.problem
     assert problem.fix.startswith("trimtab fly it --take-over")
+
+
+@pytest.mark.parametrize("mass", ["2.6", "3.0"])
+def test_settings_of_a_vehicle_in_flight_are_compared_before_it_is_taken_over(mass):
+    line = Line(settings={"world.vehicle.mass": mass})
+    line.beat(armed=True)
+    line.run(ms(900))
+    assert line.remote.is_ready == (mass == "2.6")
+    assert line.remote.misfit == ("" if mass == "2.6" else "wrong scenario")
 
 
 def test_ground_stations_and_other_vehicles_are_not_taken_for_it():

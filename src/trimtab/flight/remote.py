@@ -371,7 +371,7 @@ class RemoteVehicle:
             self._version_asks += 1
             self._compared = self._version_asks > MOST_ASKS
             self._send_command(CommandCode.REQUEST_MESSAGE, VERSION_MESSAGE)
-        if self.heartbeat_time is not None and self._identity is not None and not self.armed:
+        if self.heartbeat_time is not None and self._identity and not (self.armed and self._is_identity_told):
             for packet in self._identity.due(now, self.system, self.component):
                 self._link.send(packet)
             if not self._is_identity_told:
