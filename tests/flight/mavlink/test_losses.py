@@ -3,7 +3,9 @@
 import random
 
 import pytest
+from flight.mavlink.line import KEY
 
+from trimtab.flight.mavlink.endpoint import Endpoint
 from trimtab.flight.mavlink.losses import SequenceGaps
 
 
@@ -65,3 +67,18 @@ def test_a_program_that_restarts_has_lost_nothing(last, first):
 def test_a_frame_that_comes_late_is_not_lost_and_one_that_comes_twice_neither():
     assert count([*range(10), 11, 10, *range(12, 30)]) == (0, 0)
     assert count([*range(10), 9, *range(10, 30)]) == (0, 0)
+
+
+def test_two_programs_of_one_number_that_sign_by_streams_of_their_own_lose_nothing(dialect, clock):
+    """As while one autopilot takes a vehicle over from another: the second was refused for 90 % of lost frames."""
+    first, second = (Endpoint(dialect, 1, 191, KEY, link=link, clock=clock) for link in (3, 8))
+    vehicle = Endpoint(dialect, 1, 1, KEY, clock=clock)
+    clock.now += 1
+    for _ in range(37):
+        first.pack("HEARTBEAT")
+    for k in range(300):
+        vehicle.feed(first.pack("HEARTBEAT"))
+        if k % 7 == 0:
+            vehicle.feed(second.pack("HEARTBEAT"))
+    assert vehicle.counts.accepted == 343
+    assert (vehicle.counts.lost, vehicle.counts.disordered) == (0, 0)

@@ -134,7 +134,7 @@ class Endpoint:
         self._datagrams = datagrams
         self._rest = b""
         self._sequences: dict[Numbering, int] = {}
-        self._gaps: defaultdict[tuple[int, int], SequenceGaps] = defaultdict(SequenceGaps)
+        self._gaps: defaultdict[tuple[int, int, int], SequenceGaps] = defaultdict(SequenceGaps)
         self._keyed = None if key is None else hashlib.sha256(key.secret)
         store = None
         if key is not None and key.path is not None:
@@ -286,7 +286,7 @@ class Endpoint:
         stream = frame[-TAG] if is_signed else 0
         message = Message(definition.name, values, definition, system, component, is_signed, stream)
         if self._is_acceptable(frame, message):
-            self._count_lost(system, component, sequence)
+            self._count_lost((system, component, stream), sequence)
             messages.append(message)
             self.counts.accepted += 1
         return size
@@ -343,10 +343,10 @@ class Endpoint:
         self.counts.downgraded += 1
         return length + 8
 
-    def _count_lost(self, system: int, component: int, sequence: int) -> None:
-        if (system, component) not in self._gaps and len(self._gaps) >= MOST_STREAMS:
+    def _count_lost(self, stream: tuple[int, int, int], sequence: int) -> None:
+        if stream not in self._gaps and len(self._gaps) >= MOST_STREAMS:
             del self._gaps[next(iter(self._gaps))]
-        lost, disordered = self._gaps[system, component].follow(sequence)
+        lost, disordered = self._gaps[stream].follow(sequence)
         self.counts.lost = max(self.counts.lost + lost, 0)
         self.counts.disordered += disordered
 
