@@ -73,10 +73,10 @@ def _turn_rows() -> Iterator[Row]:
         ("surge", "surge in the turns", 1.39, u[first].mean(), 0.03, "m/s"),
         ("sway", "sway held to port", 0.07, sway[first].mean(), 0.02, "m/s"),
         ("heading", "heading at 42 s", -245.0, f.at(42, np.degrees(f.angles[:, 2])), 5.0, "deg"),
-        ("north", "most northern place", 31.0, f.place[:, 0].max(), 1.0, "m"),
-        ("south", "most southern place", -3.0, f.place[:, 0].min(), 1.0, "m"),
-        ("west", "most western place", -18.0, f.place[:, 1].min(), 1.0, "m"),
-        ("east", "most eastern place", 3.0, f.place[:, 1].max(), 1.0, "m"),
+        ("north", "northernmost position", 31.0, f.place[:, 0].max(), 1.0, "m"),
+        ("south", "southernmost position", -3.0, f.place[:, 0].min(), 1.0, "m"),
+        ("west", "westernmost position", -18.0, f.place[:, 1].min(), 1.0, "m"),
+        ("east", "easternmost position", 3.0, f.place[:, 1].max(), 1.0, "m"),
     ):
         yield band(
             f"turn/{id}", what, read, got, place, low=read - off, high=read + off, unit=unit, basis="axis",

@@ -75,11 +75,11 @@ def _lift_and_drag() -> Iterator[Row]:
         relative=STRIPS, unit="kg/m", note="Y_vv is printed there as -1310: ten times that, fitted to flights.",
     )  # fmt: skip
     yield within(
-        "drag/moment", "its moment, M_ww", 3.18, _hull.cross_drag(lambda x: x), "[1] appendix B", relative=STRIPS,
-        unit="kg", must_hold=False, note=LIMITS,
+        "drag/moment", "moment of cross-flow drag, M_ww", 3.18, _hull.cross_drag(lambda x: x), "[1] appendix B",
+        relative=STRIPS, unit="kg", must_hold=False, note=LIMITS,
     )  # fmt: skip
     yield within(
-        "drag/pitch", "drag in pitch before [1] multiplied it, M_qq", -9.40,
+        "drag/pitch", "pitch drag before correction by [1], M_qq", -9.40,
         -_hull.cross_drag(lambda x: x * x * abs(x)), "[1] table 8.2", relative=STRIPS, unit="kg m^2", must_hold=False,
         note=f"10 % less. {LIMITS}",
     )  # fmt: skip
@@ -93,7 +93,7 @@ def _lift_and_drag() -> Iterator[Row]:
         must_hold=False, note="0.90 of what its formula gives with its own numbers.",
     )  # fmt: skip
     yield within(
-        "lift/arm", "rudder's moment over its force: where the fins sit", -0.638, -6.15 / 9.64, "[1] table C.10",
+        "lift/arm", "arm of the fins: rudder moment over force", -0.638, -6.15 / 9.64, "[1] table C.10",
         tolerance=5e-4, unit="m",
     )  # fmt: skip
 
@@ -107,8 +107,22 @@ def _depth_plane() -> Iterator[Row]:
             tolerance=0.01,
         )  # fmt: skip
     root = np.roots([1, 6.87 / inertia, 5.77 / inertia])[0]
-    yield within("depth-plane/real", "its poles, real part", -0.41, root.real, "[1] eq. 9.40", tolerance=0.01)
-    yield within("depth-plane/imaginary", "its poles, imaginary", 0.72, abs(root.imag), "[1] eq. 9.40", tolerance=0.01)
+    yield within(
+        "depth-plane/real",
+        "poles of pitch by the stern planes, real part",
+        -0.41,
+        root.real,
+        "[1] eq. 9.40",
+        tolerance=0.01,
+    )
+    yield within(
+        "depth-plane/imaginary",
+        "poles of pitch by the stern planes, imaginary part",
+        0.72,
+        abs(root.imag),
+        "[1] eq. 9.40",
+        tolerance=0.01,
+    )
 
 
 def figures(folder: Path) -> Iterator[Path]:

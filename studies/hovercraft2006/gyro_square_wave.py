@@ -35,7 +35,7 @@ def rows() -> Iterator[Row]:
         )
     ratio = errors["yes"].yaw_rate / errors["no"].yaw_rate
     words = "less with compensation"
-    yield direction("rate/ratio", "rate error, compensated over not", words, ratio, PLACE, below=0.8)
+    yield direction("rate/ratio", "rate error, compensated divided by not compensated", words, ratio, PLACE, below=0.8)
     why = "With the printed covariances the heading sits on the magnetometer, whatever the gyro does (errata)."
     for c, (name, _, heading) in PRINTED.items():
         yield within(
@@ -50,7 +50,9 @@ def rows() -> Iterator[Row]:
             note=why,
         )
     ratio = errors["yes"].heading / errors["no"].heading
-    yield direction("heading/ratio", "heading error, compensated over not", words, ratio, PLACE, below=1.0)
+    yield direction(
+        "heading/ratio", "heading error, compensated divided by not compensated", words, ratio, PLACE, below=1.0
+    )
 
 
 def figures(folder: Path) -> Iterator[Path]:

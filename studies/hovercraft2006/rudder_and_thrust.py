@@ -40,8 +40,10 @@ def _rudder() -> Iterator[Row]:
     low, high = (np.degrees(GEOMETRY.force_angle(stop)) for stop in (SERVO.angle_max, SERVO.angle_min))
     about: dict[str, Any] = {"tolerance": 1.25, "unit": "deg", "basis": "input", "note": FIT}
     axis = "[1] fig. 4.3, axis"
-    yield within("rudder/range-least", "force angle at one stop, where the axis ends", -20.0, low, axis, **about)
-    yield within("rudder/range-greatest", "force angle at the other", 25.0, high, axis, **about)
+    yield within("rudder/range-least", "force angle at one stop: one end of the axis", -20.0, low, axis, **about)
+    yield within(
+        "rudder/range-greatest", "force angle at the other stop: other end of the axis", 25.0, high, axis, **about
+    )
 
 
 def _thrust() -> Iterator[Row]:

@@ -38,8 +38,17 @@ def rows() -> Iterator[Row]:
     draws = np.random.default_rng(3).uniform(-1e-2, 1e-2, (5, 3))
     on = sum(is_reachable(_turning_dynamics, [b1, b2, -ARM * b2, 0.0], INPUTS) for b1, b2, _ in draws)
     off = sum(is_reachable(_turning_dynamics, [b1, b2, -ARM * b2 + b3, 0.0], INPUTS) for b1, b2, b3 in draws)
-    yield same("brockett/on-line", "right-hand sides with b3 = -d b2 reached, of 5", 5, int(on), PLACE, **text)
-    yield same("brockett/off-line", "right-hand sides off that line reached, of 5", 0, int(off), PLACE, **text)
+    yield same(
+        "brockett/on-line", "right-hand sides on the line b3 = -d b2 that are reached, of 5", 5, int(on), PLACE, **text
+    )
+    yield same(
+        "brockett/off-line",
+        "right-hand sides off the line b3 = -d b2 that are reached, of 5",
+        0,
+        int(off),
+        PLACE,
+        **text,
+    )
 
 
 def _derivative(momenta: Any, pose: Any, force: Any) -> tuple[Any, Any]:

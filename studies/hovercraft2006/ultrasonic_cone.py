@@ -47,7 +47,7 @@ def rows() -> Iterator[Row]:
     for row in TABLE_5_2[1:]:  # straight below, both are 1 and the height by definition
         at = f"{row.angle:g}°"
         ratio = range_ratio(np.radians(row.angle))
-        what = f"true over measured range, {at}"
+        what = f"true range divided by measured range, {at}"
         yield within(f"table-5.2/{row.angle:g}/ratio", what, row.ratio, ratio, PLACE, tolerance=1.2e-4)
         back, _, _ = compensate_range(np.array([row.measured / 100]), np.array([HEIGHT / 100]))
         yield within(
@@ -87,7 +87,7 @@ def figures(folder: Path) -> Iterator[Path]:
     angle = np.linspace(0, 45, 91)
     printed = np.array(TABLE_5_2)
     curves = (angle, range_ratio(np.radians(angle)), "fit", "-"), (printed[:, 0], printed[:, 3], "table 5.2", "o")
-    panel = Panel("", "angle off the axis (deg)", "true over measured range", curves)
+    panel = Panel("", "angle off the axis (deg)", "true range divided by measured range", curves)
     yield draw_panels(folder / "table-5.2.png", "[1] table 5.2: error of ranges", [panel])
     fixes, turn = _fix_at_rest()[:500], np.linspace(0, 2 * np.pi, 100)
     circle = (0.52 * np.cos(turn), 0.52 * np.sin(turn), "0.52 cm", "-")

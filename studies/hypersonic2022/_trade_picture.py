@@ -33,7 +33,9 @@ def draw_trade(folder: Path) -> Path:
     left, right = figure.subplots(1, 2)
     _draw_tracking(left, found)
     _draw_growth(right)
-    figure.suptitle("What the elevator pays: noise of 0.01 rad/s² a sample, large climb, 20 seeds", fontsize=12)
+    figure.suptitle(
+        "Elevator activity by filter tuning: noise of 0.01 rad/s² per sample, large climb, 20 seeds", fontsize=12
+    )
     path = folder / "elevator-trade.png"
     folder.mkdir(parents=True, exist_ok=True)
     figure.savefig(path)
@@ -57,7 +59,7 @@ def _draw_tracking(axes: Any, found: dict[str, tuple[Setting, Activity]]) -> Non
             style: dict[str, Any] = {"fontsize": 7, "color": colour, "ha": "center"}
             axes.annotate(_label(s), (at, y), near, textcoords="offset points", **style)
     _mark_settings(axes, found)
-    axes.set(ylabel="h error rms (ft), with the least and the most seed", ylim=(0, 0.07), xlim=(0, 0.54))
+    axes.set(ylabel="rms error of h (ft), with the smallest and largest of the seeds", ylim=(0, 0.07), xlim=(0, 0.54))
     _style_axes(axes, "Tracking")
 
 
@@ -76,7 +78,11 @@ def _draw_growth(axes: Any) -> None:
         axes.plot(np.rad2deg(q.elevator), q.worst, marker=marker, color=colour, markersize=11 if marker == "*" else 6)
     axes.axhspan(0, 0.15, color="#F6DDD0", zorder=0)
     axes.text(0.53, 0.135, "vehicle lost", fontsize=9, color=VERMILION, ha="right", va="top")
-    axes.set(ylabel="slowest motion (1/s), modal frequencies 10 % off, worst of 8", ylim=(-0.25, 0.15), xlim=(0, 0.54))
+    axes.set(
+        ylabel="real part of the slowest pole (1/s), modal frequencies 10 % off, worst of 8",
+        ylim=(-0.25, 0.15),
+        xlim=(0, 0.54),
+    )
     axes.axvline(HIGHEST, color=GREY, lw=0.9, ls="--")
     _style_axes(axes, "Robustness")
 

@@ -66,7 +66,7 @@ def _slope() -> Iterator[Row]:
     names = ("h''", "V'"), ("Φ", "δe")
     for i, j in np.ndindex(2, 2):
         yield reference(f"slope/{i + 1},{j + 1}", f"d{names[0][i]}/d{names[1][j]} at the trim", found[i, j], PLACE)
-    yield reference("slope/determinant", "its determinant", np.linalg.det(found), PLACE)
+    yield reference("slope/determinant", "determinant of the slopes", np.linalg.det(found), PLACE)
     air = craft.forces.aerodynamics
     secant = craft.forces.dynamic_pressure(x.h, x.V) * air.S / craft.m * (air.CD_d2 * at.u[1] + air.CD_d)
     what = "slope of drag over mass that the printed g(x) has there, its elevator frozen"
@@ -89,7 +89,7 @@ def _poles() -> Iterator[Row]:
     _, at = error_model()
     poles = linearise(design_model(Hypersonic(), H, V), at.x, at.u).poles()
     off = pole_error(poles, "open-loop")
-    yield at_most("open-loop", "poles with the input held, off by", 0.0, off, PLACE, high=1e-5, **about)
+    yield at_most("open-loop", "largest error of the poles with the input held", 0.0, off, PLACE, high=1e-5, **about)
     rightmost = float(poles.real.max())
     yield reference("open-loop/unstable", "the rightmost", rightmost, PLACE, name="open-loop", unit="1/s")
 

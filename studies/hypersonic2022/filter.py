@@ -76,7 +76,9 @@ def _model() -> Iterator[Row]:
         what = f"condition of the observability Gramian, reading {kmode!r}"
         yield reference(f"model/gramian-{kmode}", what, gram, PLACE, relative=1e-5, note=note)
     off = pole_error(np.linalg.eigvals(A), "model/poles")
-    yield at_most("model/poles", "poles of A_eta off by", 0.0, off, PLACE, high=1e-7, unit="1/s", basis="reference")
+    yield at_most(
+        "model/poles", "largest error of the poles of A_eta", 0.0, off, PLACE, high=1e-7, unit="1/s", basis="reference"
+    )
     at = level_trim(Hypersonic(), QUOTED_H, QUOTED_V)
     d = float(forcing(Hypersonic(), RigidFlight(at.h, 0.0, at.V, at.zeta[0], 0.0), at.u)[1])
     yield reference("model/C-eta", "C eta at the trim", C @ at.zeta[2:], PLACE, unit="rad/s^2")

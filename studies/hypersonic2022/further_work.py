@@ -108,7 +108,14 @@ def _filters() -> Iterator[Row]:
         apart = int((other.is_success & ~shipped.is_success).sum()), int((shipped.is_success & ~other.is_success).sum())
         note = f"Shipped: {fails[1]}, same plants and noise. It saves {apart[0]} and loses {apart[1]}."
         yield direction(
-            f"filter/{size}", words, "fewer than shipped", fails[0], PLACE, below=fails[1], note=note, **ABOUT
+            f"filter/{size}",
+            words,
+            "fewer than with the default filter",
+            fails[0],
+            PLACE,
+            below=fails[1],
+            note=note,
+            **ABOUT,
         )
 
 

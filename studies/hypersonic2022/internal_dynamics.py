@@ -95,11 +95,11 @@ def _closed_loop() -> Iterator[Row]:
     name = "tracking/quasi-static"
     yield reference(f"{name}/h", f"{words} quasi-static", h["quasi-static"], place, **about)
     still = float(flown["quasi-static"].peak("law.h_error")[0])
-    yield reference(f"{name}/peak", "its largest", still, place, **about)
+    yield reference(f"{name}/peak", "largest error of h", still, place, **about)
     about |= {"note": LINEAR}
     yield reference("tracking/linear/h", f"{words} linear", h["linear"], place, **about)
     end = float(flown["linear"].final_mean("law.h_error")[0])
-    yield reference("tracking/linear/end", "its mean over the last 10 s", end, place, **about)
+    yield reference("tracking/linear/end", "mean error of h over the last 10 s", end, place, **about)
     note, what = "The causal form; after the step it is the bounded linear solution.", "linear by Sylvester's equation"
     own: Any = {"relative": 0.01, "note": note, "unit": "ft", "basis": "own"}
     yield within("tracking/causal", f"{words} {what}", h["linear"], h["sylvester"], place, **own)

@@ -32,7 +32,7 @@ def _fault_case(part: str, word: str) -> Case:
     says: tuple[EvidenceCheck, ...] = (logged_event(VEHICLE, rf"world\.{place}\.fault\.word = {word}"),)
     return Case(
         f"{part.rpartition(':')[2]}-{word}",
-        f"`{part} {word} for 1 s`, injected",
+        f"fault `{part} {word} for 1 s` injected",
         acts.inject_fault(f"{part} {word} for 1 s"),
         ends,
         (*says, FAILSAFE) if ends == STOPS else says,
@@ -50,7 +50,7 @@ def _loss_case(part: str, *more: EvidenceCheck) -> Case:
     place = part.replace("sensor:", "sensors.")
     return Case(
         f"{part.rpartition(':')[2]}-lost",
-        f"`{part} off`, injected, for good",
+        f"fault `{part} off` injected, permanent",
         acts.inject_fault(f"{part} off"),
         STOPS,
         (logged_event(VEHICLE, rf"world\.{place}\.fault\.word = off"), *more, FAILSAFE),
@@ -73,7 +73,7 @@ def _cut_case(seconds: float, serial: bool) -> Case:
     )
     return Case(
         f"cut-{seconds:g}{'-serial' if serial else ''}",
-        f"{'serial line' if serial else 'line'} cut for {seconds:g} s",
+        f"{'serial line' if serial else 'link'} cut for {seconds:g} s",
         acts.cut_line(seconds),
         STOPS if stops else FLIES,
         again if stops else lost,

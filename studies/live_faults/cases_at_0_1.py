@@ -36,7 +36,7 @@ CUSTOM = 1.0
 
 
 def _refused_case(name: str, does: str, start: RefusedStart, *evidence: EvidenceCheck) -> Case:
-    does = f"{does}; then it flies as it was told"
+    does = f"{does}; then it flies with the command that the refusal suggests"
     return Case(name, does, acts.do_nothing, FLIES, (*evidence, DISARMED), refused_start=start)
 
 
@@ -44,7 +44,7 @@ def _clock_case(name: str, seconds: int) -> Case:
     which = "ahead of" if seconds > 0 else "behind"
     return _refused_case(
         f"autopilot-clock-{name}",
-        f"autopilot's clock wrong by {seconds} s from its start",
+        f"autopilot's clock off by {seconds} s from its start",
         RefusedStart(rf"wrong clock: clocks differ by {abs(seconds)}\.\d s", environment=wrong_clock(seconds)),
         logged_event(VEHICLE, rf"refused: the clock of 1/191 is \d+\.\d s {which} this one"),
     )
@@ -146,8 +146,8 @@ def _cut_one_way_case(direction: int, seconds: float) -> Case:
         if seconds > 0.25
         else counter_rise(AUTOPILOT, "link.lost"),
     }[direction]
-    what = "to the vehicle" if direction == UP else "to the autopilot"
-    does, act = f"line cut {what} alone for {seconds:g} s", cut_one_way(direction, seconds)
+    what = "towards the vehicle" if direction == UP else "towards the autopilot"
+    does, act = f"link cut only {what}, for {seconds:g} s", cut_one_way(direction, seconds)
     return Case(f"cut-{name}-{seconds:g}", does, act, STOPS if stops else FLIES, (seen,))
 
 
@@ -157,14 +157,14 @@ def _signal_cases() -> list[Case]:
     return [
         Case(
             "autopilot-terminated",
-            "the system asks the autopilot to end (SIGTERM)",
+            "SIGTERM sent to the autopilot",
             acts.send_signal("autopilot", signal.SIGTERM),
             EITHER,
             (exit_status(AUTOPILOT, 1), DISARMED),
         ),
         Case(
             "vehicle-terminated",
-            "the system asks the vehicle to end (SIGTERM)",
+            "SIGTERM sent to the vehicle",
             acts.send_signal("vehicle", signal.SIGTERM),
             EITHER,
             (logged_event(VEHICLE, "ended by request"), exit_status(AUTOPILOT, 1)),
@@ -214,7 +214,7 @@ def _signal_cases() -> list[Case]:
         ),
         Case(
             "autopilot-frozen-told",
-            "autopilot's process stopped for 1 s: what it says of a vehicle in failsafe when it wakes",
+            "autopilot's process stopped for 1 s; it must then report that the vehicle is in failsafe",
             acts.send_signal("autopilot", signal.SIGSTOP, signal.SIGCONT),
             STOPS,
             (
@@ -232,28 +232,28 @@ def _line_cases() -> list[Case]:
     return [
         Case(
             "numbers-random-up",
-            "commands, rightly signed, with random sequence numbers, 1.5 s",
+            "correctly signed commands with random sequence numbers, for 1.5 s",
             renumber_frames(UP),
             FLIES,
             (counter_below(VEHICLE, "wire.lost", 100),),
         ),
         Case(
             "numbers-random-down",
-            "samples, rightly signed, with random sequence numbers, 1.5 s",
+            "correctly signed samples with random sequence numbers, for 1.5 s",
             renumber_frames(DOWN),
             FLIES,
             (counter_below(AUTOPILOT, "link.lost", 1000),),
         ),
         Case(
             "samples-back",
-            "50 samples, rightly signed, whose times go backwards",
+            "50 correctly signed samples with decreasing times",
             send_samples_back,
             FLIES,
             (counter_rise(AUTOPILOT, "link.overtaken", 40), absent_event(AUTOPILOT, "lost: link lost")),
         ),
         Case(
             "truncated-serial",
-            "3 of 4 pieces cut short on a serial line, 1.5 s",
+            "3 of 4 pieces truncated on a serial line, for 1.5 s",
             acts.bend_packets(UP, acts.truncate_packets),
             EITHER,
             (counter_rise(VEHICLE, "wire.garbage"),),
@@ -261,7 +261,7 @@ def _line_cases() -> list[Case]:
         ),
         Case(
             "lossy-serial",
-            "every other piece lost on a serial line, 1.5 s",
+            "every second piece lost on a serial line, for 1.5 s",
             acts.bend_packets(UP, acts.drop_half),
             FLIES,
             (counter_rise(VEHICLE, "wire.lost"),),
@@ -269,7 +269,7 @@ def _line_cases() -> list[Case]:
         ),
         Case(
             "doubled-serial",
-            "each piece comes three times on a serial line, 1.5 s",
+            "each piece received three times on a serial line, for 1.5 s",
             acts.bend_packets(UP, acts.repeat_packets),
             FLIES,
             (counter_rise(VEHICLE, "wire.refused"),),
@@ -277,7 +277,7 @@ def _line_cases() -> list[Case]:
         ),
         Case(
             "late-serial",
-            "pieces 1 s late on a serial line, 1.5 s",
+            "pieces delayed by 1 s on a serial line, for 1.5 s",
             acts.bend_packets(UP, acts.delay_packets(1.0)),
             STOPS,
             (FAILSAFE,),
@@ -287,7 +287,7 @@ def _line_cases() -> list[Case]:
 
 
 def _refusals() -> list[Case]:
-    """Return cases of autopilots that are refused, told what to type, and fly by that."""
+    """Return cases of autopilots that are refused, and then fly with the command that the refusal suggests."""
     flags = "wrong scenario: the vehicle's settings differ from this end's"
     return [
         _clock_case("120-behind", -120),
@@ -296,20 +296,24 @@ def _refusals() -> list[Case]:
         _clock_case("day-ahead", 86400),
         _refused_case(
             "wrong-key",
-            "autopilot with another key of the same name",
+            "autopilot with a different key, in a file of the same name",
             RefusedStart("wrong key: ", environment=other_key),
             logged_event(VEHICLE, "frames so far were unsigned or signed with another key"),
         ),
         _refused_case("no-key", "autopilot without a key, --unsigned", RefusedStart("wrong key: ", ("--unsigned",))),
-        _refused_case("other-scenario", "spin's autopilot", RefusedStart(flags, scenario="hovercraft/spin")),
+        _refused_case(
+            "other-scenario",
+            "autopilot of hovercraft/spin, another scenario",
+            RefusedStart(flags, scenario="hovercraft/spin"),
+        ),
         _refused_case(
             "other-mass",
-            "autopilot of a heavier vehicle",
+            "autopilot with the mass of a heavier vehicle",
             RefusedStart(r"world\.vehicle\.mass: \S+ on the vehicle, 2\.8 here", ("--set", "world.vehicle.mass=2.8")),
         ),
         _refused_case(
             "other-period",
-            "autopilot of another sensor period",
+            "autopilot with another sensor period",
             RefusedStart(r"navigation\.period: ", ("--set", "world.sensors.navigation.period=20 ms")),
         ),
     ]
@@ -321,7 +325,7 @@ def _station_cases() -> list[Case]:
     modes = [
         Case(
             f"mode-{name}",
-            f"a ground station asks for PX4's {name.upper()} by DO_SET_MODE",
+            f"a ground station requests PX4's mode {name.upper()} by DO_SET_MODE",
             set_mode(*numbers),
             FLIES,
             (held, DISARMED, exit_status(AUTOPILOT, 0)),
@@ -332,7 +336,7 @@ def _station_cases() -> list[Case]:
         *modes,
         Case(
             "armed-while-moving",
-            "autopilot killed; in failsafe, while it moves, a ground station asks to arm",
+            "autopilot killed; a ground station asks to arm while the vehicle moves in failsafe",
             arm_in_failsafe,
             STOPS,
             (FAILSAFE, logged_event(VEHICLE, "Arming .*refused"), arming_count(1)),
@@ -340,7 +344,7 @@ def _station_cases() -> list[Case]:
         ),
         Case(
             "twin",
-            "a second vehicle on the line, with the same numbers and key",
+            "a second vehicle on the link, with the same system number and key",
             start_twin,
             evidence_checks=(
                 printed_line("refused-1", "two vehicles answer on this link as 1/1"),

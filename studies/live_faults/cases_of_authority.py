@@ -106,7 +106,7 @@ AUTHORITY: list[Case] = [
     ),
     Case(
         "foreign-commands",
-        "another system with the key commands full rudder, 50 times",
+        "another system with the key sends 50 commands of full rudder",
         send_commands(50),
         FLIES,
         (
@@ -117,21 +117,21 @@ AUTHORITY: list[Case] = [
     ),
     Case(
         "foreign-command-ahead",
-        "another system with the key sends one command stamped 0.49 s ahead",
+        "another system with the key sends one command with a time stamp 0.49 s ahead",
         send_commands(1, AHEAD),
         FLIES,
         (counter_rise(VEHICLE, "firmware.foreign"), logged_event(VEHICLE, "commands without authority refused")),
     ),
     Case(
         "foreign-disarm",
-        "another autopilot with the key asks ten times to disarm",
+        "another autopilot with the key sends ten disarm requests",
         ask_to_disarm,
         FLIES,
         (logged_event(VEHICLE, "Disarming by 7/191 session .* refused: vehicle belongs to 1/191 session"),),
     ),
     Case(
         "sample-ahead",
-        "one sample, rightly signed, is stamped an hour ahead",
+        "one correctly signed sample has a time stamp one hour ahead",
         send_sample_ahead,
         FLIES,
         (

@@ -18,7 +18,7 @@ from studies.live_faults.words import (
 DEAD = logged_event(AUTOPILOT, "the flying process is gone")
 SILENT = logged_event(AUTOPILOT, "no data from the vehicle")
 PROCESSES: list[Case] = [
-    Case("none", "nothing", acts.do_nothing, FLIES, (logged_event(VEHICLE, "disarmed: disarm request"),)),
+    Case("none", "no fault", acts.do_nothing, FLIES, (logged_event(VEHICLE, "disarmed: disarm request"),)),
     Case(
         "vehicle-killed",
         "vehicle's process killed",
@@ -33,7 +33,7 @@ PROCESSES: list[Case] = [
     ),
     Case(
         "vehicle-restarted",
-        "vehicle's process killed and started again; nobody arms it",
+        "vehicle's process killed and restarted; no arming request follows",
         acts.restart_vehicle,
         evidence_checks=(
             logged_event(VEHICLE, "the flying process is gone"),
@@ -53,7 +53,7 @@ PROCESSES: list[Case] = [
     ),
     Case(
         "autopilot-restarted",
-        "autopilot's process killed; in failsafe, a person starts another, which asks to arm",
+        "autopilot's process killed; a second autopilot is started and asks the vehicle in failsafe to arm",
         acts.restart_autopilot,
         STOPS,
         (FAILSAFE, DEAD, logged_event(SECOND, CONFIRM), arming_count(1)),
@@ -94,7 +94,7 @@ PROCESSES: list[Case] = [
 CLOCKS: list[Case] = [
     Case(
         f"{who}-clock-{'on' if seconds > 0 else 'back'}",
-        f"{who}'s wall clock stepped {'on' if seconds > 0 else 'back'} by an hour",
+        f"{who}'s wall clock stepped {'forward' if seconds > 0 else 'back'} by an hour",
         acts.step_clocks,
         FLIES,
         (logged_event(VEHICLE, "disarmed: disarm request"),),
@@ -108,7 +108,7 @@ CLOCKS: list[Case] = [
 DISKS: list[Case] = [
     Case(
         f"{name.partition('-')[0]}-disk-full{'-again' if after else ''}",
-        f"disk full below the {name.partition('-')[0]}'s log" + (f", {after:g} s later free again" if after else ""),
+        f"disk of the {name.partition('-')[0]}'s log full" + (f"; space is freed after {after:g} s" if after else ""),
         acts.fill_disk(name, after),
         FLIES,
         (printed_line(name, "can't be written"), *([logged_event(name, "the log has a gap")] if after else [])),
@@ -124,7 +124,7 @@ DISKS: list[Case] = [
 WRITERS: list[Case] = [
     Case(
         f"{name.partition('-')[0]}-writer-killed",
-        f"the process that writes the {name.partition('-')[0]}'s log killed",
+        f"the process that writes the {name.partition('-')[0]}'s log is killed",
         acts.kill_writer(name.partition("-")[0]),
         FLIES,
         (printed_line(name, "log's writer died"),),

@@ -182,9 +182,9 @@ def impersonate(draw: random.Random) -> Disturbance:
         logged_event(AUTOPILOT, "vehicle: Disarming by"),
     )
     ways: list[tuple[str, acts.Act, tuple[EvidenceCheck, ...], tuple[str, ...]]] = [
-        (f"{count} commands of another with the key", send_commands(count), (foreign, told), ("without authority",)),
-        ("one command of another, 0.49 s ahead", send_commands(1, AHEAD), (foreign, told), ("without authority",)),
-        ("another with the key asks to disarm", ask_to_disarm, disarm, (r"Disarming by 7/191 session .* refused",)),
+        (f"{count} commands of another system", send_commands(count), (foreign, told), ("without authority",)),
+        ("another system's command, 0.49 s ahead", send_commands(1, AHEAD), (foreign, told), ("without authority",)),
+        ("another system asks to disarm", ask_to_disarm, disarm, (r"Disarming by 7/191 session .* refused",)),
         (
             "a stranger without a key asks to disarm",
             acts.disarm_without_key(False),
@@ -197,7 +197,7 @@ def impersonate(draw: random.Random) -> Disturbance:
             (refused,),
             ("unsigned or signed",),
         ),
-        ("all that was sent comes again", acts.replay_packets, (counter_rise(VEHICLE, "wire.refused", 5),), ()),
+        ("all frames sent before are replayed", acts.replay_packets, (counter_rise(VEHICLE, "wire.refused", 5),), ()),
     ]
     does, act, evidence, explains = draw.choice(ways)
     return Disturbance("autopilot impersonated", does, act, FLIES, 1.0, evidence, explains)
@@ -231,7 +231,7 @@ def shift_clock(draw: random.Random) -> Disturbance:
     which = "ahead of" if seconds > 0 else "behind"
     return Disturbance(
         "autopilot mis-clocked",
-        f"autopilot's clock wrong by {seconds} s from the start; then as it was told",
+        f"autopilot's clock wrong by {seconds} s from the start; then flown as the refusal suggests",
         acts.do_nothing,
         FLIES,
         evidence=(logged_event(VEHICLE, rf"refused: the clock of 1/191 is {abs(seconds)}\.?\d* s {which}"),),
@@ -244,7 +244,7 @@ def shift_clock(draw: random.Random) -> Disturbance:
 
 
 def misconfigure(draw: random.Random) -> Disturbance:
-    """Draw an autopilot with another scenario, parameter or key: it is refused, then flies as told."""
+    """Draw an autopilot with another scenario, parameter or key: it is refused, then flies as the refusal suggests."""
     mass = round(draw.uniform(1.5, 4.0), 2)
     ways = [
         ("another scenario", RefusedStart("wrong scenario: ", scenario="hovercraft/spin"), ()),
@@ -263,7 +263,7 @@ def misconfigure(draw: random.Random) -> Disturbance:
     does, start, evidence = draw.choice(ways)
     return Disturbance(
         "autopilot mis-configured",
-        f"{does}; then as it was told",
+        f"{does}; then flown as the refusal suggests",
         acts.do_nothing,
         FLIES,
         evidence=(*evidence, logged_event(VEHICLE, "disarmed: disarm request")),
@@ -404,24 +404,24 @@ def break_line(draw: random.Random) -> Disturbance:
         evidence = FAILSAFE, SILENT, HEARD
         explains = (*NO_COMMAND, *LOST, *STALE)
         return Disturbance(
-            "line", f"line cut for {seconds} s", acts.cut_line(seconds), STOPS, seconds, evidence, explains
+            "line", f"link cut for {seconds} s", acts.cut_line(seconds), STOPS, seconds, evidence, explains
         )
     if way == "blink":
         seconds = round(draw.uniform(0.05, 0.15), 2)
         evidence = (counter_rise(AUTOPILOT, "link.lost"),)
-        return Disturbance("line", f"line cut for {seconds} s", acts.cut_line(seconds), FLIES, seconds, evidence)
+        return Disturbance("line", f"link cut for {seconds} s", acts.cut_line(seconds), FLIES, seconds, evidence)
     direction = draw.choice((acts.UP, acts.DOWN))
     where, who, what = (("commands", VEHICLE, "wire"), ("samples", AUTOPILOT, "link"))[direction]
     make, counter, does = {
-        "lossy": (acts.drop_half, "lost", f"every other of the {where} lost"),
-        "flipped": (acts.flip_bits, "damaged", f"a bit of 3 of 4 {where} turned over"),
-        "doubled": (acts.repeat_packets, "refused", f"{where} come three times"),
+        "lossy": (acts.drop_half, "lost", f"every second one of the {where} lost"),
+        "flipped": (acts.flip_bits, "damaged", f"one bit inverted in 3 of 4 {where}"),
+        "doubled": (acts.repeat_packets, "refused", f"{where} received three times"),
     }[way]
     up = direction == acts.UP
     ends = EITHER if up and way == "flipped" else FLIES
     return Disturbance(
         "line",
-        f"{does}, 1 s",
+        f"{does}, for 1 s",
         acts.bend_packets(direction, make, 1.0),
         ends,
         1.0,

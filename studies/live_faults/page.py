@@ -7,7 +7,7 @@ from studies.live_faults.case import CaseOutcome
 from studies.live_faults.verdict import BOUNDS, LIFT_S, SERVO_S, SILENCE_S
 from trimtab import __version__
 
-HEADINGS = ("case", "what was done", "what the vehicle did", "what the logs say", "verdict")
+HEADINGS = ("case", "what was done", "what the vehicle did", "evidence in the logs", "verdict")
 WORDS = """# Faults over the live pair
 
 This page shows what happens to a vehicle in flight when its link, its processes or its machine fail. Read it before you
@@ -15,7 +15,7 @@ trust the live pair with a craft of your own. [Fly](../live/fly.md) and [Vehicle
 programs.
 
 The pair is a vehicle (`trimtab vehicle hovercraft/forward`) and an autopilot (`trimtab fly`). They talk over signed
-datagrams or a pair of serial devices. The study disturbs the line between them. Each case is a separate flight. One
+datagrams or a pair of serial devices. The study disturbs the link between them. Each case is a separate flight. One
 second after arming, something goes wrong. These two commands write this page:
 
     trimtab live-faults --page docs/studies/live-faults.md
@@ -51,8 +51,8 @@ The vehicle's own log is judged, row by row, every millisecond, by code that sha
 - never more than {silence:g} ms without an accepted command, else failsafe;
 - {lift:g} s after failsafe the lift fan stops; it stops at once when the vehicle is disarmed;
 - failsafe ends only after a request to arm;
-- at the end it stands in failsafe or disarmed, without force and lift;
-- flying or not, it stays within {bounds}.
+- at the end the vehicle is in failsafe or disarmed, without force and lift;
+- at all times the vehicle stays within {bounds}.
 
 In addition, no process may end early or with a traceback. All logs must be readable and must say what happened (fourth
 column). A fault that the vehicle must survive fails if the vehicle goes to failsafe. A fault that must stop the vehicle
@@ -61,10 +61,11 @@ fails if the vehicle flies on.
 ## How the faults are made
 
 - Fault words are injected in flight, for one second or for good, by the mechanism of
-  [`trimtab inject`](../loop/faults.md). Faults of the uplink act between the line and the failsafe, as on a real line.
+  [`trimtab inject`](../loop/faults.md). Faults of the uplink act between the link and the failsafe, as on a real link.
   The first rule above does not apply while the actuators themselves are at fault, because the vehicle then obeys
-  nobody.
-- The line between the two ends belongs to the study. It cuts, delays, shortens and repeats packets and flips bits.
+  no command.
+- The study controls the link between the two ends. It cuts the link, it delays, truncates and repeats packets, and it
+  inverts bits.
 - A stepped wall clock changes the time of day that one process reads, in flight. Both ends fly by the monotonic clock.
 - In `vehicle-restarted` the clock of the *vehicle* restarts. The autopilot measures another offset, and the vehicle
   stays disarmed, because an autopilot asks to arm only once, when it starts.
@@ -86,7 +87,7 @@ line or the campaign waited longer than 100 ms for the processor. A flight that 
 
 Number and seed of a flight decide what goes wrong in it. An autopilot is killed, frozen, replaced, impersonated, or
 started with a wrong clock or wrong settings. A vehicle is killed, frozen or restarted. A sensor, the uplink, the
-downlink or the actuators fail. The line is bad. Half of the flights have a second, passing disturbance.
+downlink or the actuators fail. The link is bad. Half of the flights have a second, passing disturbance.
 
 The draw also decides, before the flight, how the flight must end and which lines both logs must and may contain. Any
 other line is counted as unexplained. After a refusal (clock, scenario, key) the autopilot flies with the command that

@@ -123,7 +123,7 @@ def printed_line(who: str, pattern: str) -> EvidenceCheck:
 
     def look(evidence: Evidence) -> str:
         found = re.search(f".*(?:{pattern}).*", evidence.process_results[who].output_text)
-        return f"{who}, to people: “{found[0].strip()}”" if found else ""
+        return f"{who}, to the user: “{found[0].strip()}”" if found else ""
 
     return look
 

@@ -86,7 +86,7 @@ def draw_errors(path: Path, title: str, flight: Any) -> Path:
     nees.axhline(judged.mean, color=VERMILION, lw=1.2)
     nees.set_ylim(0, 20)
     words = f"mean {judged.mean:.2f}, its band {judged.low:.2f} to {judged.high:.2f}; shaded: 95 % of single instants"
-    style_axes(nees, "NEES of the place", words)
+    style_axes(nees, "NEES of the position", words)
     nees.set_xlabel("time (s)", fontsize=9)
     fix = "estimate.state.position_fix"
     y = flight.log[f"{fix}.normalised"][flight.log[f"{fix}.innovation"] != 0]

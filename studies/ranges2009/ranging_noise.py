@@ -95,12 +95,12 @@ def rows() -> Iterator[Row]:
             note="Odometry's way was made from the ground truth, or that from it: no wheel slips like this.",
         )  # fmt: skip
     yield at_most(
-        "Plaza1/turn", "Plaza1: odometry's angle over the truth's heading", 0.0, same_turn("Plaza1"), PLACE,
+        "Plaza1/turn", "Plaza1: odometry minus true turn", 0.0, same_turn("Plaza1"), PLACE,
         high=1e-9, unit="rad", basis="own", note="The same numbers: its heading can't be judged against this truth.",
     )  # fmt: skip
     yield direction(
-        "Plaza2/turn", "Plaza2: the same", "drifts", same_turn("Plaza2"), PLACE, above=1.0, unit="rad", basis="own",
-        note="5.4 mrad/s, a gyro's: the filter has to find it.",
+        "Plaza2/turn", "Plaza2: odometry minus true turn", "drifts", same_turn("Plaza2"), PLACE, above=1.0,
+        unit="rad", basis="own", note="5.4 mrad/s, a gyro's: the filter has to find it.",
     )  # fmt: skip
 
 

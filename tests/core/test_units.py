@@ -62,7 +62,7 @@ def test_each_quantity_is_kept_in_a_unit_of_its_own_list():
 
 
 @pytest.mark.parametrize(
-    ("text", "said"), [("furlong", "no unit(.|\n)*Choices: 1, %"), ("1e- m", "begins with no number")]
+    ("text", "said"), [("furlong", "unknown unit(.|\n)*Choices: 1, %"), ("1e- m", "does not begin with a number")]
 )
 def test_an_unknown_unit_is_refused(text, said):
     with pytest.raises(InputError, match=said):

@@ -71,8 +71,8 @@ REFUSED = {
     "a state twice": (lambda c: c["states"].__setitem__(0, "theta"), "states"),
     "numbers for names": (lambda c: c["inputs"].__setitem__(0, 1), "inputs"),
     "a size below zero": (lambda c: c["scale"].__setitem__(0, -1.0), "scale"),
-    "a number too large for floats": (lambda c: c["K"][0].__setitem__(0, 1e999), "no number"),
-    "nothing of a number": (lambda c: c["P"][0].__setitem__(0, float("nan")), "no number"),
+    "a number too large for floats": (lambda c: c["K"][0].__setitem__(0, 1e999), "not a number"),
+    "nothing of a number": (lambda c: c["P"][0].__setitem__(0, float("nan")), "not a number"),
     "an entry beyond all systems": (lambda c: c["P"][0].__setitem__(0, 1e60), "beyond 1e[+]50"),
     "an integer beyond floats": (lambda c: c["P"][0].__setitem__(0, 10**400), "is not a (valid )?certificate"),
     "a version of no form": (lambda c: c.update(version="best"), "'best' is not a version"),
@@ -101,7 +101,7 @@ def test_keys_that_are_there_twice_are_refused(certificate):
     text = certificate_json(certificate)
     for key in ("K", "system", "estimated"):
         double = text.replace(f'"{key}":', f'"{key}": [[0.0]],\n "{key}":', 1)
-        with pytest.raises(InputError, match=f"'{key}' is there twice"):
+        with pytest.raises(InputError, match=f"'{key}' appears twice"):
             parse_certificate(double, "c.json")
 
 

@@ -171,7 +171,7 @@ def test_a_direct_part_leaves_no_margin_and_misuse_is_refused():
         jitter_margin_samples(loops.forward())
     with pytest.raises(InputError, match="sampled"):
         jitter_margin(loops.forward().discretise(0.1))
-    with pytest.raises(InputError, match="delay -1"):
+    with pytest.raises(InputError, match="delay must be at least 0 s, got -1"):
         jitter_margin(loops.forward(), delay=-1.0)
 
 
@@ -218,9 +218,9 @@ def test_critical_loss():
 
 
 def test_refusals_of_the_packet_loss():
-    with pytest.raises(InputError, match="q in"):
+    with pytest.raises(InputError, match="q within"):
         mean_square_growth(1.5, 1.2)
-    with pytest.raises(InputError, match="finite pole"):
+    with pytest.raises(InputError, match="a must be finite"):
         mean_square_growth(np.nan, 0.2)
     with pytest.raises(InputError, match="whole number"):
         mean_square_growth(1.5, 0.2, retransmissions=-1)

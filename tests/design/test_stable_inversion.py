@@ -134,7 +134,7 @@ def linear(**changes):
         ({"start": np.zeros(11)}, r"start: got shape \(11,\)"),
         ({"dt": 0.0}, "11 instants, 0 s apart"),
         ({"start": np.zeros((1, 1))}, "1 instants, 0.1 s apart"),
-        ({"scales": [-1.0]}, "sizes above zero"),
+        ({"scales": [-1.0]}, "scales: must be above 0"),
     ],
 )
 def test_wrong_input_is_refused(changes, text):

@@ -132,7 +132,7 @@ def swap_states(c):
 
 
 CASES = {
-    f"{path}, {name}": (change_matrix(path, change), FIELDS[path] if "number" not in name else "no number")
+    f"{path}, {name}": (change_matrix(path, change), FIELDS[path] if "number" not in name else "not a number")
     for (path, (name, change)) in itertools.product(FIELDS, matrix_changes().items())
     if not (name == "turned round" and path in ("Re",))
 }
@@ -220,9 +220,9 @@ TEXTS = {
     "truncated by one": (lambda text: text.rstrip()[:-1], "is not valid JSON"),
     "empty": (lambda text: "", "is not valid JSON"),
     "a key twice": (lambda text: text.replace('"method":', '"method": "lmi",\n "method":', 1), "twice"),
-    "the gain twice": (lambda text: text.replace(' "K":', ' "K": [],\n "K":', 1), "'K' is there twice"),
-    "no number, in words": (lambda text: text.replace("[0.0,", "[NaN,", 1), "is no number"),
-    "an endless number": (lambda text: text.replace("[0.0,", "[Infinity,", 1), "is no number"),
+    "the gain twice": (lambda text: text.replace(' "K":', ' "K": [],\n "K":', 1), "'K' appears twice"),
+    "no number, in words": (lambda text: text.replace("[0.0,", "[NaN,", 1), "is not a number"),
+    "an endless number": (lambda text: text.replace("[0.0,", "[Infinity,", 1), "is not a number"),
     "a number in quotes": (lambda text: text.replace("[0.0,", '["0.0",', 1), "wanted numbers of shape"),
     "a number as truth": (lambda text: text.replace("[0.0,", "[false,", 1), "wanted numbers of shape"),
     "a digest of another": (lambda text: text.replace('"digest": "', '"digest": "0', 1), "as it was written"),

@@ -130,7 +130,7 @@ def test_wrong_input_is_refused():
         trim(model, free=("FZ",))
     with pytest.raises(InputError, match="no state or input is free"):
         trim(model, free=())
-    with pytest.raises(InputError, match=r"bounds\.FX: \(1\.0, -1\.0\)"):
+    with pytest.raises(InputError, match=r"bounds\.FX: .*got \(1\.0, -1\.0\)"):
         trim(model, free=("FX",), bounds={"FX": (1.0, -1.0)})
     with pytest.raises(InputError, match=r"scales\.FX"):
         trim(model, free=("FX",), scales={"FX": 0.0})
@@ -138,5 +138,5 @@ def test_wrong_input_is_refused():
         trim(model, free=("FX",), derivatives={"north": 1.0}, loose=("north",))
     with pytest.raises(InputError, match="not finite at the start"):
         trim(model_of_functions(lambda x, u: jnp.log(x), ("x",), ("u",)), free=("x",))
-    with pytest.raises(InputError, match="wanted values"):
+    with pytest.raises(InputError, match="at least one derivative or output"):
         trim(model, free=("FX",), outputs={"north": np.inf})

@@ -1,9 +1,9 @@
-"""MISRA C:2012 by cppcheck's addon on what flies on an STM32F405, and the page with each deviation's reason.
+"""Check the firmware of an STM32F405 with cppcheck's MISRA C:2012 addon, and write the page of deviations.
 
-    python tests/firmware/misra.py         write docs/export/misra.md anew
-    python tests/firmware/misra.py check   say what is not argued, or argued and gone
+    python tests/firmware/misra.py         write docs/export/misra.md
+    python tests/firmware/misra.py check   list rules without a reason, and reasons without a violation
 
-The addon knows the rules by number only; the words here are this project's own.
+The addon reports rules by number only. The titles and reasons are this project's own words.
 """
 
 import re
@@ -27,148 +27,151 @@ PARTS = {
     ],
     "generated": [["exported/failsafe.c", "exported/speed_regulator.c", "exported/command.c", "emulated/samples.c"]],
 }
-"""Of each part the programs, for a name may be another's in another program."""
+"""Files of each program, by part. Programs are checked one by one, as two programs may use the same name."""
 DEFINES = ["HSE_HZ=8000000", "BAUD=921600", "BOX_SIZE=0x20000", "APB1_TIMER_HZ=84000000", "KEY_ADDRESS=0x08004000"]
 
 DEVIATIONS = {
     "2.3": (
         "type names that nothing uses",
-        "A block's header declares its structures alike for all users; some need one of them only.",
+        "The header of a block declares all its structures. Some users need only one of them.",
     ),
     "2.4": (
-        "enumerations of which nothing is used",
-        "Two programs share a header, and each uses some of it.",
+        "enumerations that nothing uses",
+        "Two programs share a header, and each uses a part of it.",
     ),
     "2.5": (
         "macros that nothing uses",
-        "The generated prologue serves all blocks, and a sensor's period is for who measures it.",
+        "The generated prologue is the same for all blocks. The period of a sensor is for its readers.",
     ),
     "5.7": (
-        "a tag that is used twice",
-        "Structures without tags within structures, which the addon takes for tags of one name.",
+        "a tag used twice",
+        "The addon takes nested structures without tags for tags of the same name.",
     ),
     "5.8": (
         "an external name used again",
-        "`run`, `fault`, `started`: functions of the start, and members of generated structures.",
+        "`run`, `fault` and `started` are functions of the start-up code, and also members of generated structures.",
     ),
     "5.9": (
         "an internal name used again",
-        "Short static names repeat between files and never meet: no file includes another's C.",
+        "Short static names repeat between files. No C file includes another one, so they cannot conflict.",
     ),
     "8.4": (
         "a definition without a declaration before it",
-        "What only assembly calls has no caller in C that could disagree.",
+        "The function is called only from assembly, so no caller in C could have a different declaration.",
     ),
     "8.7": (
-        "an external function with one user",
-        "The board's functions are one interface, declared together, whoever calls them.",
+        "an external function used in one file only",
+        "The functions of the board are one interface and are declared together, regardless of their callers.",
     ),
     "8.9": (
-        "an object that one function uses stands outside it",
-        "Tables and a driver's state stand together at the head of their file.",
+        "an object outside the only function that uses it",
+        "Tables and the state of a driver are at the top of their file.",
     ),
     "8.11": (
         "an external array without its size",
-        "The linker's symbols, of which only the address counts.",
+        "They are symbols of the linker. Only their address is used.",
     ),
     "9.3": (
-        "an array begun, not filled, by its initialiser",
-        "The rest is zero by the language: the bytes that an SPI exchange sends while it reads.",
+        "an array with a partial initialiser",
+        "C sets the remaining elements to zero. An SPI exchange sends these zeros while it reads.",
     ),
     "10.1": (
-        "an operand of an unwanted kind",
-        "Enumerators and constants, of type int, in shifts and masks: none is negative.",
+        "an operand of an inappropriate type",
+        "Enumerators and constants of type int are used in shifts and masks. None of them is negative.",
     ),
     "10.3": (
-        "a value assigned to another kind",
-        "A duty is clipped to 1 and -1, written as integers: exact as doubles.",
+        "a value assigned to another type",
+        "A duty is limited to 1 and -1, written as integers. Both are exact as doubles.",
     ),
     "10.4": (
-        "operands of two kinds",
-        "Enumerators, of type int, beside unsigned numbers: none is negative, so no value changes.",
+        "operands of two types",
+        "Enumerators of type int are combined with unsigned numbers. None is negative, so no value changes.",
     ),
     "10.8": (
-        "a composite expression cast to another kind",
-        "Differences, counts and masks, cast once where they are used.",
+        "a composite expression cast to another type",
+        "Differences, counts and masks are cast once, where they are used.",
     ),
     "11.4": (
         "integers and pointers converted",
-        "Registers and flash have addresses; there is no other way to write them down.",
+        "Registers and flash have fixed addresses, which C can only write as integers.",
     ),
     "12.1": (
-        "precedence left to the language",
-        "Arithmetic, comparison, logic; gcc's -Wparentheses, an error here, covers what is treacherous.",
+        "operator precedence without brackets",
+        "The order arithmetic, comparison, logic is well known. The risky cases are errors by gcc's -Wparentheses.",
     ),
     "12.2": (
-        "a shift by more than the type has",
-        "The addon takes a constant for eight bits; shifts are below 32, of 32 bits.",
+        "a shift by more bits than the type has",
+        "The addon assumes that a constant has 8 bits. All shifts are by less than 32 of 32 bits.",
     ),
     "12.3": (
-        "comma",
-        "Several variables in one declaration, and lists of enumerators, which the addon takes for the operator.",
+        "the comma operator",
+        "The addon takes commas in declarations and in lists of enumerators for the operator.",
     ),
     "13.3": (
         "an increment within an expression",
-        "`a[n++] = x`: one side effect on one object.",
+        "`a[n++] = x` has one side effect on one object.",
     ),
     "13.4": (
-        "the value of an assignment",
-        "A value handed on along a chain of one kind, and `while ((n = f()) > 0)`.",
+        "use of the value of an assignment",
+        "Chains such as `a = b = c` of one type, and `while ((n = f()) > 0)`.",
     ),
     "14.2": (
         "an unusual for loop",
-        "Its step or its start is a call or another variable; each ends by a bound on one variable.",
+        "The start or the step is a call or another variable. Each loop ends at a bound of one variable.",
     ),
     "14.4": (
         "a condition that is not Boolean",
-        "Bits tested by `&`, and counts: what is not zero is true.",
+        "Bits tested by `&`, and counts, where every value except zero is true.",
     ),
     "15.5": (
         "more than one return",
-        "Refusals return at once: fewer levels than flags would need, and nothing to release at an end.",
+        "Invalid input returns at once. Flags would need more nesting, and no resource has to be released at the end.",
     ),
     "15.6": (
         "a body without braces",
-        "One statement on one line; gcc's -Wmisleading-indentation is an error here.",
+        "The body is one statement on the same line. gcc's -Wmisleading-indentation is an error here.",
     ),
     "15.7": (
         "else if without else",
-        "Nothing is to be done otherwise.",
+        "The remaining cases need no action.",
     ),
     "17.7": (
         "a result not used",
-        "memcpy, memmove and memset give back their first argument.",
+        "memcpy, memmove and memset return their first argument.",
     ),
     "17.8": (
-        "a parameter changed",
-        "A count that runs down, a word that is shifted out: the caller's is a copy.",
+        "a parameter that is changed",
+        "A parameter counts down or is shifted out. The value of the caller does not change.",
     ),
     "18.4": (
         "pointer arithmetic",
-        "A place in a buffer whose bound is checked in the same function.",
+        "The pointer points into a buffer whose bound is checked in the same function.",
     ),
     "20.10": (
         "# or ## in a macro",
-        "One macro, SEND, makes the names of MAVLink's generated functions.",
+        "One macro, SEND, builds the names of MAVLink's generated functions.",
     ),
 }
-"""Rule: what it is about, and why breaking it is let be."""
+"""Rule -> its title, and the reason for accepting the deviation."""
 
 
 HEAD = """# MISRA C:2012
 
-What cppcheck's MISRA addon says of the C that flies on an [STM32F405](stm32f405.md), and why each deviation is let be.
-Written by `python tests/firmware/misra.py`; a test fails where a rule is broken that is not argued here.
+Violations that cppcheck's MISRA addon reports in the firmware of an [STM32F405](stm32f405.md), with the reason for
+accepting each deviation. The page is written by `python tests/firmware/misra.py`. A test fails if a rule is violated
+that has no reason here.
 
-The addon checks the rules that can be decided by looking at the text; MAVLink's generated headers it does not see. It
-is no certificate: MISRA compliance asks for more than a tool's report.
+The addon checks the rules that can be decided from the text of the program. MAVLink's generated headers are not
+checked. This page is not a certificate: MISRA compliance requires more than the report of a tool.
 
-| rule | is about | hand-written | generated | why it is let be |
+The columns "hand-written" and "generated" give the number of violations.
+
+| rule | title | hand-written | generated | reason for accepting it |
 |---|---|---|---|---|"""
 
 
 def run_cppcheck(folder, names):
-    """(rule, file, line) of what the addon says of files of a folder."""
+    """Return (rule, file, line) of each violation that the addon reports in files of a folder."""
     files = [str(p.relative_to(folder)) for name in names for p in sorted(folder.glob(name))]
     include = [
         f"-I{part}" for part in ("portable", "drive", "drivers", "slave", "boards/stm32f405", "exported", "emulated")
@@ -181,7 +184,7 @@ def run_cppcheck(folder, names):
 
 
 def find_violations():
-    """Of each part, what the addon says."""
+    """Return the violations of each part."""
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         write_firmware(build("hovercraft/forward", {"navigation": "ins"}), folder, KEY, board="stm32f405")
@@ -196,7 +199,7 @@ def by_number(rule):
 
 
 def page_text(violations):
-    """The page: how often each rule is broken, where most, and why that is let be."""
+    """Return the page: number of violations of each rule, and the reason for accepting them."""
     counts = {part: Counter(rule for rule, _, _ in rows) for part, rows in violations.items()}
     rules = sorted(set().union(*counts.values()), key=by_number)
     lines = [HEAD]
@@ -207,28 +210,28 @@ def page_text(violations):
     totals = [sum(counts[part].values()) for part in PARTS]
     lines += [
         "",
-        f"In all {totals[0]} places of hand-written C, and {totals[1]} of generated C and the headers it draws in.",
+        f"Total: {totals[0]} violations in hand-written C, {totals[1]} in generated C with its headers.",
         "",
-        "Source: MISRA C:2012, by number; headings and reasons are this project's words.",
+        "Source: MISRA C:2012, by rule number. Titles and reasons are this project's own words.",
         "",
     ]
     return "\n".join(lines)
 
 
-def unargued(violations):
-    """Rules that are broken and not argued."""
+def find_unreasoned(violations):
+    """Return the violated rules without a reason."""
     return sorted({rule for rows in violations.values() for rule, _, _ in rows} - set(DEVIATIONS), key=by_number)
 
 
 def main():
     violations = find_violations()
-    for rule in unargued(violations):
+    for rule in find_unreasoned(violations):
         where = [f"{file}:{line}" for rows in violations.values() for r, file, line in rows if r == rule]
-        print(f"rule {rule} is not argued: {', '.join(where)}")
+        print(f"rule {rule} is violated and has no reason: {', '.join(where)}")
     if sys.argv[1:] == ["check"]:
         unused = set(DEVIATIONS) - {rule for rows in violations.values() for rule, _, _ in rows}
-        print("argued and gone:", *sorted(unused, key=by_number))
-    elif not unargued(violations):
+        print("reasons without a violation:", *sorted(unused, key=by_number))
+    elif not find_unreasoned(violations):
         PAGE.write_text(page_text(violations), "utf-8")
 
 

@@ -59,14 +59,14 @@ def test_what_is_no_schedule_is_a_setting():
     ("path", "text", "problem"),
     [
         (PATH, "steps(0 s)", "'0 s' is not TIME: VALUE"),
-        (PATH, "steps(0 s: x)", "'x' is no number"),
+        (PATH, "steps(0 s: x)", "'x' is not a number"),
         (PATH, "steps(now: 1)", "'now' is not a time"),
-        (PATH, "steps(0: 1 rad/s)", "no unit of it"),
+        (PATH, "steps(0: 1 rad/s)", "not a unit"),
         (PATH, "steps(2: 1, 1: 2)", "rising order"),
         (PATH, "ramps(0: 1, 5: -2)", "reference"),
         ("autopilot.law.k1", "ramps(0: 1, 5: -2)", "out of range: it must be above 0"),
-        ("autopilot.law.k9", "steps(0: 1)", "only a number of the law"),
-        ("world.vehicle.mass", "steps(0: 1)", "only a number of the law"),
+        ("autopilot.law.k9", "steps(0: 1)", "a numeric parameter of the law"),
+        ("world.vehicle.mass", "steps(0: 1)", "a numeric parameter of the law"),
     ],
 )
 def test_what_can_not_be_scheduled_is_refused(path, text, problem):

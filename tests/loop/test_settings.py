@@ -76,7 +76,7 @@ def test_one_number_of_an_array_is_set_by_its_index():
     [
         ("world.vehicle.mass", "3 m", "is in kg"),
         ("world.vehicle.mass", "3 stone", "is in kg"),
-        ("world.vehicle.mass", "kg", "is no number"),
+        ("world.vehicle.mass", "kg", "is not a number"),
         ("initial.heading", "1 rad/s", "is in rad"),
     ],
 )

@@ -170,7 +170,10 @@ def test_files_that_it_names_are_looked_for_beside_it(tmp_path, monkeypatch):
 @pytest.mark.parametrize(
     ("text", "said"),
     [
-        ('base = "hovercraft/spin"\n[world.vehicle]\nmass = "3 m"', r"my.toml:3:1: world.vehicle.mass: 'm' is no unit"),
+        (
+            'base = "hovercraft/spin"\n[world.vehicle]\nmass = "3 m"',
+            r"my.toml:3:1: world.vehicle.mass: 'm' is not a unit",
+        ),
         ('base = "hovercraft/spin"\n[world.vehicle]\n  mas = 3', r"my.toml:3:3: world.vehicle.mas: there is no such"),
         ('base = "hovercraft/spin"\n[world.vehicle]\nmass = -1', r"my.toml:3:1: world.vehicle.mass: -1 kg is out of"),
         ("[world.vehicle\nmass = 3", r"my.toml:1:15: Expected ']'"),
@@ -186,7 +189,7 @@ def test_files_that_it_names_are_looked_for_beside_it(tmp_path, monkeypatch):
         ('base = "hovercraft/spin"\n[[targets]]\nsignal = "yaw_rate"', r"my.toml:2:1: targets: 'value' is missing"),
         (
             'base = "hovercraft/spin"\n[[targets]]\nsignal = "yaw_rate"\nvalue = "3 m"\nband = 1',
-            r"my.toml:2:1: targets.value: 'm' is no unit",
+            r"my.toml:2:1: targets.value: 'm' is not a unit",
         ),
         ('base = "hovercraft/spin"\n[autopilot.law]\npart = "Spni"', r"my.toml:3:1: autopilot.law: unknown part"),
         ('base = "hovercraft/spin"\n[world.actuators]\npart = "none"', r"my.toml:3:1: world.actuators: .*be left out"),

@@ -45,7 +45,7 @@ class ThrustVectorAllocation:
         off={"lookup-table": None},
     )
     dead_zone: Scalar = imperfection(
-        "N", "Size up to which demands give no thrust.", "dead-zone", default=0.05, source="[1] 6.1"
+        "N", "Largest size of a demand that gives no thrust.", "dead-zone", default=0.05, source="[1] 6.1"
     )
     saturation: bool = switch("True: rudder and fan have limits.", "saturation")
 

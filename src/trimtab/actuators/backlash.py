@@ -25,7 +25,9 @@ class Backlash:
     Source:  [1], the friction-controlled backlash.
     """
 
-    width: Scalar = quantity("1", "Whole gap, in the field's unit.", default=0.02, low=0, off={"backlash": 0.0})
+    width: Scalar = quantity(
+        "1", "Whole gap, in the unit of the actuated value.", default=0.02, low=0, off={"backlash": 0.0}
+    )
 
     def init(self, rest: Any) -> Any:
         """Return the first state: the load at the rest value."""
@@ -49,7 +51,7 @@ class DeadBand:
 
     half_width: Scalar = quantity(
         "1",
-        "Size up to which a command has no effect, in the field's unit.",
+        "Largest size of a command without effect, in the unit of the actuated value.",
         default=0.01,
         low=0,
         off={"dead-band": 0.0},

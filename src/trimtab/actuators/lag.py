@@ -38,10 +38,18 @@ class FirstOrderLag:
         "s", "Time constant of the lag; 0: no lag.", default=0.05, low=0, off={"actuator-lag": 0.0}
     )
     rate_limit: Scalar = quantity(
-        "1", "Maximum rate, in the field's unit per second.", default=NO_LIMIT, above=0, off={"rate-limit": NO_LIMIT}
+        "1",
+        "Maximum rate, in the unit of the actuated value per second.",
+        default=NO_LIMIT,
+        above=0,
+        off={"rate-limit": NO_LIMIT},
     )
-    low: Scalar = quantity("1", "Lower stop, in the field's unit.", default=-NO_LIMIT, off={"saturation": -NO_LIMIT})
-    high: Scalar = quantity("1", "Upper stop, in the field's unit.", default=NO_LIMIT, off={"saturation": NO_LIMIT})
+    low: Scalar = quantity(
+        "1", "Lower stop, in the unit of the actuated value.", default=-NO_LIMIT, off={"saturation": -NO_LIMIT}
+    )
+    high: Scalar = quantity(
+        "1", "Upper stop, in the unit of the actuated value.", default=NO_LIMIT, off={"saturation": NO_LIMIT}
+    )
 
     def check(self) -> None:
         """Raise InputError unless low is below high."""
@@ -68,8 +76,8 @@ class FirstOrderLag:
 class SecondOrderLagState:
     """State of a second-order lag: position and rate. Frames: the field's. Source: this module."""
 
-    x: Any = quantity("1", "Position, in the field's unit.")
-    rate: Any = quantity("1", "Rate of the position.")
+    x: Any = quantity("1", "Position of the actuator, in the unit of the actuated value.")
+    rate: Any = quantity("1", "Rate of the actuator's position.")
 
 
 @record
@@ -90,10 +98,18 @@ class SecondOrderLag:
     )
     damping: Scalar = quantity("1", "Damping ratio.", default=0.7, above=0)
     rate_limit: Scalar = quantity(
-        "1", "Maximum rate, in the field's unit per second.", default=NO_LIMIT, above=0, off={"rate-limit": NO_LIMIT}
+        "1",
+        "Maximum rate, in the unit of the actuated value per second.",
+        default=NO_LIMIT,
+        above=0,
+        off={"rate-limit": NO_LIMIT},
     )
-    low: Scalar = quantity("1", "Lower stop, in the field's unit.", default=-NO_LIMIT, off={"saturation": -NO_LIMIT})
-    high: Scalar = quantity("1", "Upper stop, in the field's unit.", default=NO_LIMIT, off={"saturation": NO_LIMIT})
+    low: Scalar = quantity(
+        "1", "Lower stop, in the unit of the actuated value.", default=-NO_LIMIT, off={"saturation": -NO_LIMIT}
+    )
+    high: Scalar = quantity(
+        "1", "Upper stop, in the unit of the actuated value.", default=NO_LIMIT, off={"saturation": NO_LIMIT}
+    )
 
     def check(self) -> None:
         """Raise InputError unless low is below high."""

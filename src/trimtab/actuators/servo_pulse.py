@@ -26,7 +26,9 @@ class ServoPulse:
     Source:  the pulses of radio control: 1.5 ms in the middle, half a millisecond to either end.
     """
 
-    values: Any = quantity("1", "Values, rising, in the field's unit (n,).", default=np.array([-1.0, 1.0]))
+    values: Any = quantity(
+        "1", "Values, rising, in the unit of the actuated value (n,).", default=np.array([-1.0, 1.0])
+    )
     widths: Any = quantity(
         "s", "Width of the pulse at each (n,), rising or falling.", default=np.array([1e-3, 2e-3]), low=0
     )

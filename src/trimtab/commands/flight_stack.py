@@ -86,7 +86,7 @@ ARDUPILOT = click.option(
     is_flag=False,
     flag_value=PLACE,
     metavar="[HOST:PORT]",
-    help=f"Serve as physics of ArduPilot's SITL (--model JSON) at a local address; as the last word, at {PLACE}.",
+    help=f"Simulate the vehicle for ArduPilot's SITL (--model JSON), at this address; without one, at {PLACE}.",
 )
 CHANNELS = click.option(
     "--channels",
@@ -107,7 +107,7 @@ PX4 = click.option(
     is_flag=False,
     flag_value=PX4_PLACE,
     metavar="[HOST:PORT]",
-    help=f"Serve as simulator of PX4's SITL at a local address; as the last word, at {PX4_PLACE}.",
+    help=f"Simulate the vehicle for PX4's SITL, at this address; without one, at {PX4_PLACE}.",
 )
 
 

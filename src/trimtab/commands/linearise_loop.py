@@ -99,7 +99,7 @@ def _print_loop(name: str, loop: LoopMap, margins: LoopMargins | None) -> None:
     print_table(table)
     fast = sum(abs(p) <= loop.deadbeat for p in loop.poles())
     if fast:
-        click.echo(f"and {fast} at zero: packets in transit and held values, gone within a period")
+        click.echo(f"and {fast} poles at zero, of packets in transit and held values")
     if margins is None:
         click.echo(f"NOT stable: it grows by {loop.growth():.6g} in {loop.period:g} s")
         return

@@ -53,7 +53,12 @@ class RunReport(NamedTuple):
 @WITHOUT
 @click.option("--seed", type=int, default=0, show_default=True, help="Seed of the random numbers.")
 @click.option("--run", "number", type=int, default=0, show_default=True, help="Number of a run within a campaign.")
-@click.option("--ideal/--no-ideal", default=True, show_default=True, help="Simulate the ideal twin too.")
+@click.option(
+    "--ideal/--no-ideal",
+    default=True,
+    show_default=True,
+    help="Also simulate the ideal case: true state, no delay, no limits.",
+)
 @BACKEND
 @PLOT("Picture of all signals.")
 @OUT("DIR", "Write log (MCAP) and picture to this folder.")

@@ -71,9 +71,11 @@ class CompiledFunction:
     def __init__(self, function: Callable[..., Any], example: tuple[Any, ...], lanes: int | None, threads: int) -> None:
         """Trace, lower, build and load; see `compile`."""
         if lanes is not None and (isinstance(lanes, bool) or lanes not in LANES):
-            raise InputError(PART, f"lanes = {lanes}", choices=map(str, LANES), fix="lanes=8, or none")
+            raise InputError(
+                PART, f"lanes must be one of the choices, got {lanes}", choices=map(str, LANES), fix="lanes=8, or none"
+            )
         if not isinstance(threads, int) or isinstance(threads, bool) or threads < 1:  # pyright: ignore[reportUnnecessaryIsInstance]
-            raise InputError(PART, f"threads = {threads!r}", fix="threads=1 or more")
+            raise InputError(PART, f"threads must be at least 1, got {threads!r}", fix="threads=1")
         self.name = _function_name(function)
         self._symbol = f"trimtab_{identifier(self.name)}"  # no library and no language has this name
         self._function, self._example, self._threads, self._lanes = function, example, threads, lanes

@@ -24,7 +24,7 @@ class InputError(ValueError):
     ...     build("hovercraft/spin", {"world.vehicle.mass": "3 m"})
     ... except InputError as error:
     ...     print(error.problem, error.choices)
-    'm' is no unit of it: it is in kg ('kg', 'g', 'lb')
+    'm' is not a unit of this quantity, which is in kg ('kg', 'g', 'lb')
 
     Args:
         part: what refuses, e.g. ``world.vehicle.mass`` or ``scenario 'hovercraft/spin'``.

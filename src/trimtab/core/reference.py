@@ -91,11 +91,11 @@ class Circle:
     """
 
     radius: Scalar = quantity("m", "Radius.", default=1.5, above=0)
-    period: Scalar = quantity("s", "Time of a round.", default=20.0, above=0)
+    period: Scalar = quantity("s", "Period of one round.", default=20.0, above=0)
     north: Scalar = quantity("m", "Centre.", frame="W", default=0.0)
     east: Scalar = quantity("m", "Centre.", frame="W", default=0.0)
     start: Scalar = quantity("rad", "Angle on the circle at the start.", kind="angle", default=0.0)
-    ease: Scalar = quantity("s", "Time in which it comes to full speed.", default=8.0, low=0)
+    ease: Scalar = quantity("s", "Time to reach full speed.", default=8.0, low=0)
     clockwise: bool = option("True: clockwise; false: counter-clockwise.", default=True, choices=(True, False))
 
     def at(self, t: Any) -> ReferencePoint:
@@ -121,13 +121,13 @@ class FigureEight:
     Frames:  W; `axis` clockwise from north; across is 90 degrees clockwise of it.    Source:  derived here.
     """
 
-    length: Scalar = quantity("m", "Length from tip to tip.", default=5.0, above=0)
-    width: Scalar = quantity("m", "Width of the loops.", default=1.5, above=0)
-    period: Scalar = quantity("s", "Time of a whole eight.", default=30.0, above=0)
+    length: Scalar = quantity("m", "Length of the figure eight from tip to tip.", default=5.0, above=0)
+    width: Scalar = quantity("m", "Width of the loops of the figure eight.", default=1.5, above=0)
+    period: Scalar = quantity("s", "Period of one figure eight.", default=30.0, above=0)
     north: Scalar = quantity("m", "Centre.", frame="W", default=0.0)
     east: Scalar = quantity("m", "Centre.", frame="W", default=0.0)
-    axis: Scalar = quantity("rad", "Direction of the tip at which it begins.", kind="angle", default=0.0)
-    ease: Scalar = quantity("s", "Time in which it comes to full speed.", default=8.0, low=0)
+    axis: Scalar = quantity("rad", "Direction of the tip at which the figure eight begins.", kind="angle", default=0.0)
+    ease: Scalar = quantity("s", "Time to reach full speed.", default=8.0, low=0)
 
     def at(self, t: Any) -> ReferencePoint:
         """Return the wanted point at t (s)."""

@@ -33,7 +33,7 @@ class Key:
 
     seed: Scalar = quantity("1", "First key word: the seed of a study.", kind="word")
     run: Any = quantity("1", "Second key word: the number of a run; or one word for each group of draws.", kind="word")
-    stream: int = option("Where the block's streams start; follows from its path.", default=0)
+    stream: int = option("First stream number of the block, derived from its path.", default=0)
 
     def at(self, name: str) -> "Key":
         """The key of a named sub-block: its streams depend on its path alone, not on what else is in the loop."""

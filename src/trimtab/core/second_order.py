@@ -16,11 +16,11 @@ from trimtab.core.record import Scalar, quantity, record
 class Section:
     """Coefficients of one section. Source: Oppenheim, Schafer, "Discrete-time signal processing", section 6.3."""
 
-    b0: Scalar = quantity("1", "Of the newest input.")
-    b1: Scalar = quantity("1", "Of the input before.", default=0.0)
-    b2: Scalar = quantity("1", "Of the input two before.", default=0.0)
-    a1: Scalar = quantity("1", "Of the output before.", default=0.0)
-    a2: Scalar = quantity("1", "Of the output two before.", default=0.0)
+    b0: Scalar = quantity("1", "Coefficient of the newest input.")
+    b1: Scalar = quantity("1", "Coefficient of the previous input.", default=0.0)
+    b2: Scalar = quantity("1", "Coefficient of the input two samples ago.", default=0.0)
+    a1: Scalar = quantity("1", "Coefficient of the previous output.", default=0.0)
+    a2: Scalar = quantity("1", "Coefficient of the output two samples ago.", default=0.0)
 
     def gain(self) -> Any:
         """Output over a constant input."""

@@ -39,8 +39,8 @@ NO_GUST = Gust(np.zeros(3), np.zeros(3))
 class Bending:
     """Bending of a vehicle: its modes, by their numbers in the state. Source: docs page, Hypersonic."""
 
-    rate: Any = quantity("1/s", "Of each mode (n,), in its own unit.")
-    acceleration: Any = quantity("1/s^2", "Of each mode (n,), in its own unit.")
+    rate: Any = quantity("1/s", "Rate of each bending mode (n,), in its own unit per second.")
+    acceleration: Any = quantity("1/s^2", "Acceleration of each bending mode (n,), in its own unit.")
 
 
 @record
@@ -51,15 +51,15 @@ class Motion:
     Source:  docs page, Conventions.
     """
 
-    t: Scalar = quantity("100 ns", "The instant.", kind="time")
+    t: Scalar = quantity("100 ns", "Time of the motion.", kind="time")
     p_WB: Any = quantity("m", "Position: north, east, down.", frame="W", shape=(3,))
     attitude: Any = quantity("rad", "Roll, pitch, yaw; yaw counts full turns.", frame="WB", shape=(3,))
     v_WB_B: Any = quantity("m/s", "Velocity: surge, sway, heave.", frame="B", shape=(3,))
     w_WB_B: Any = quantity("rad/s", "Angular velocity: roll, pitch, yaw rate.", frame="B", shape=(3,))
     a_WB_B: Any = quantity("m/s^2", "Acceleration of the centre of mass in W, resolved in B.", frame="B", shape=(3,))
     alpha_WB_B: Any = quantity("rad/s^2", "Angular acceleration.", frame="B", shape=(3,))
-    air: Any = part("The air about it, a SurroundingAir; nothing of a vehicle that knows none.", default=())
-    bending: Any = part("Its modes, a Bending; nothing of a rigid vehicle.", default=())
+    air: Any = part("Air about the vehicle, a SurroundingAir; empty for a vehicle without air.", default=())
+    bending: Any = part("Bending modes of the vehicle, a Bending; empty for a rigid vehicle.", default=())
 
 
 def surrounding_air(motion: Motion) -> SurroundingAir:
@@ -80,11 +80,11 @@ def no_motion() -> Motion:
 class Sample:
     """A value with the time at which it was measured; what sensors give and channels carry. Source: docs page, Time."""
 
-    value: Any = part("What was measured.")
-    t: Scalar = quantity("100 ns", "When it was measured.", kind="time")
-    age: Scalar = quantity("s", "How long ago that was, for who holds it.")
+    value: Any = part("Measured value.")
+    t: Scalar = quantity("100 ns", "Time of measurement.", kind="time")
+    age: Scalar = quantity("s", "Age of the sample: time since its measurement, by the clock of its holder.")
     fresh: Scalar = quantity("1", "True if the sample is seen for the first time.", kind="flag")
-    valid: Scalar = quantity("1", "True once there has been a measurement.", kind="flag")
+    valid: Scalar = quantity("1", "True once the sensor has measured.", kind="flag")
 
 
 def new_sample(t: Any, value: Any, *, fresh: Any = True) -> Sample:
@@ -109,7 +109,7 @@ def is_new(sample: Sample, seen: Any) -> Any:
 class Frame:
     """Input of the autopilot: the newest sample of every sensor, by the sensor's name. Source: docs page, Time."""
 
-    t: Scalar = quantity("100 ns", "Now, at the autopilot.", kind="time")
+    t: Scalar = quantity("100 ns", "Time of the autopilot.", kind="time")
     samples: Mapping[str, Sample] = part("Newest sample of each sensor.")
 
 
@@ -117,10 +117,10 @@ class Frame:
 class Estimate:
     """Input of a law. Source: docs page, Time."""
 
-    t: Scalar = quantity("100 ns", "Now, at the autopilot.", kind="time")
+    t: Scalar = quantity("100 ns", "Time of the autopilot.", kind="time")
     age: Scalar = quantity("s", "Time since the newest measurement in the estimate.")
     fresh: Scalar = quantity("1", "True if a measurement arrived at this instant.", kind="flag")
-    valid: Scalar = quantity("1", "True once the state is meaningful.", kind="flag")
+    valid: Scalar = quantity("1", "True once the estimated state can be used.", kind="flag")
     state: Any = part("Estimated state, a record.")
     stick: Any = part("Newest sample of the pilot's stick, for a law that reads it; else None.", default=None)
     dt: Any = part("Time between two steps of the law (s), for the law alone; else None.", default=None)

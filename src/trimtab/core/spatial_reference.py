@@ -17,14 +17,14 @@ from trimtab.core.reference import Circle
 class SpatialPoint:
     """Reference at one instant. Frames: W, (north, east, down). Source: docs page, References."""
 
-    place: Any = quantity("m", "Place.", frame="W", shape=(3,))
-    velocity: Any = quantity("m/s", "Its derivative.", frame="W", shape=(3,))
-    acceleration: Any = quantity("m/s^2", "Its second derivative.", frame="W", shape=(3,))
-    jerk: Any = quantity("m/s^3", "Its third derivative.", frame="W", shape=(3,))
-    snap: Any = quantity("m/s^4", "Its fourth derivative.", frame="W", shape=(3,))
-    heading: Scalar = quantity("rad", "Where the nose is to point.", kind="angle", frame="W")
-    heading_rate: Scalar = quantity("rad/s", "Its derivative.", frame="W")
-    heading_acceleration: Scalar = quantity("rad/s^2", "Its second derivative.", frame="W")
+    place: Any = quantity("m", "Wanted position.", frame="W", shape=(3,))
+    velocity: Any = quantity("m/s", "Derivative of the wanted position.", frame="W", shape=(3,))
+    acceleration: Any = quantity("m/s^2", "Second derivative of the wanted position.", frame="W", shape=(3,))
+    jerk: Any = quantity("m/s^3", "Third derivative of the wanted position.", frame="W", shape=(3,))
+    snap: Any = quantity("m/s^4", "Fourth derivative of the wanted position.", frame="W", shape=(3,))
+    heading: Scalar = quantity("rad", "Wanted heading of the nose.", kind="angle", frame="W")
+    heading_rate: Scalar = quantity("rad/s", "Rate of the wanted heading.", frame="W")
+    heading_acceleration: Scalar = quantity("rad/s^2", "Second derivative of the wanted heading.", frame="W")
 
 
 class SpatialReference(Protocol):
@@ -39,8 +39,8 @@ class SpatialReference(Protocol):
 class FixedPlace:
     """One place for ever, the nose one way. Frames: W. Source: elementary."""
 
-    place: Any = quantity("m", "Where.", frame="W", shape=(3,), default=(0.0, 0.0, 0.0))
-    heading: Scalar = quantity("rad", "Where the nose points.", kind="angle", frame="W", default=0.0)
+    place: Any = quantity("m", "Wanted position.", frame="W", shape=(3,), default=(0.0, 0.0, 0.0))
+    heading: Scalar = quantity("rad", "Wanted heading of the nose.", kind="angle", frame="W", default=0.0)
 
     def at(self, t: Any) -> SpatialPoint:
         """Return the wanted point at t (s)."""
@@ -60,12 +60,12 @@ class Helix:
              section V: its helix has lift = -0.6.
     """
 
-    speed: Scalar = quantity("m/s", "Along its axis.", default=0.4)
-    across: Scalar = quantity("m", "Half its width.", default=0.4)
-    lift: Scalar = quantity("m", "Half its height.", default=-0.6)
-    w: Scalar = quantity("rad/s", "Angular frequency of a turn.", default=np.pi)
+    speed: Scalar = quantity("m/s", "Speed along the axis of the helix.", default=0.4)
+    across: Scalar = quantity("m", "Half the width of the helix.", default=0.4)
+    lift: Scalar = quantity("m", "Half the height of the helix.", default=-0.6)
+    w: Scalar = quantity("rad/s", "Angular frequency of the turns of the helix.", default=np.pi)
     turn: Scalar = quantity("rad/s", "Rate of the heading.", default=np.pi)
-    origin: Any = quantity("m", "Where its axis begins.", frame="W", shape=(3,), default=(0.0, 0.0, 0.0))
+    origin: Any = quantity("m", "Start of the axis of the helix.", frame="W", shape=(3,), default=(0.0, 0.0, 0.0))
 
     def at(self, t: Any) -> SpatialPoint:
         """Return the wanted point at t (s)."""
@@ -92,9 +92,9 @@ class LevelPath:
     Frames:  W.    Source:  elementary.
     """
 
-    path: Any = part("In the plane: anything that fits core.interfaces.Reference.", default=Circle())
-    height: Scalar = quantity("m", "Above the origin of W.", frame="W", default=1.5)
-    heading: Scalar = quantity("rad", "Of the nose.", kind="angle", frame="W", default=0.0)
+    path: Any = part("Reference in the horizontal plane, as core.interfaces.Reference.", default=Circle())
+    height: Scalar = quantity("m", "Height above the origin of W.", frame="W", default=1.5)
+    heading: Scalar = quantity("rad", "Heading of the nose.", kind="angle", frame="W", default=0.0)
 
     def at(self, t: Any) -> SpatialPoint:
         """Return the wanted point at t (s)."""

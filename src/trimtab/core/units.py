@@ -140,7 +140,7 @@ def find_unit(where: str, text: str) -> Unit:
         known = list(dict.fromkeys(unit for sizes in UNITS.values() for unit in sizes))
         near = closest(name, known, 1)
         fix = f'unit = "{near[0]}"' if near else 'write one of them, or a factor and one of them, e.g. "1e-3 m"'
-        raise InputError(where, f"{text!r} is no unit that is known here", choices=known, fix=fix)
+        raise InputError(where, f"unknown unit {text!r}", choices=known, fix=fix)
     return Unit(factor * UNITS[kept][name], kept, kept if kept in (FLAG, COUNT) else "real")
 
 
@@ -181,7 +181,12 @@ def parse_unit(part: str, text: str, kept: str) -> float:
     common = next((unit for unit in (kept, *own) if unit in sizes and unit in own), None)
     if common is None:
         choices = [kept, *(u for unit in own for u in UNITS[unit] if u != kept)]
-        raise InputError(part, f"{text!r} is no unit of it: it is in {kept}", choices=choices, fix=f"give it in {kept}")
+        raise InputError(
+            part,
+            f"{text!r} is not a unit of this quantity, which is in {kept}",
+            choices=choices,
+            fix=f"give it in {kept}",
+        )
     return sizes[common] / own[common]
 
 
@@ -193,7 +198,7 @@ def parse_amount(part: str, text: str, kept: str) -> float:
     """
     match = NUMBER.fullmatch(text)
     if match is None:
-        raise InputError(part, f"{text!r} is no number", fix=f"a number{f', in {kept}' if kept != '1' else ''}")
+        raise InputError(part, f"{text!r} is not a number", fix=f"a number{f', in {kept}' if kept != '1' else ''}")
     try:
         return float(match[1]) * parse_unit(part, match[2], kept)
     except InputError as error:
@@ -210,4 +215,4 @@ def _parse_factor(where: str, text: str, factor: str) -> float:
     try:
         return float(factor)
     except ValueError:
-        raise InputError(where, f"{text!r} begins with no number", fix='write e.g. "1e-7 deg"') from None
+        raise InputError(where, f"{text!r} does not begin with a number", fix='write e.g. "1e-7 deg"') from None

@@ -80,4 +80,8 @@ def fed_back_states(linear: LinearModel, idle: Iterable[str], named: Iterable[st
 def _check_limits(limits: Mapping[str, Any]) -> None:
     for name, value in limits.items():
         if not 0 < value < np.inf:
-            raise InputError(argument_name("limits", name), f"{value}", fix="give a finite size above 0")
+            raise InputError(
+                argument_name("limits", name),
+                f"must be finite and above 0, got {value}",
+                fix="give the largest acceptable value",
+            )

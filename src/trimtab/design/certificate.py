@@ -90,7 +90,7 @@ def design_certificate(system: CertifiedSystem) -> Certificate:
     """Design a gain by the system's method and the steady filter of its estimated states, with data for the proof."""
     s = system
     if s.method not in METHODS:
-        raise InputError("method", f"{s.method!r}", choices=METHODS, fix=argument("method", "lqr"))
+        raise InputError("method", f"unknown method {s.method!r}", choices=METHODS, fix=argument("method", "lqr"))
     if s.method == "lqr":
         gain = lqr(s.A, s.B, s.Q, s.Re, scale=s.scale)
     else:

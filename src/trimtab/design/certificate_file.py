@@ -21,9 +21,9 @@ from trimtab.design.certificate import METHODS, Certificate, ObserverPart
 
 FORMAT = "trimtab certificate 2"
 SCOPE = (
-    "local: the linear model of the named system, at its point",
-    "continuous time, but for lines that say sampled",
-    "void while an input saturates",
+    "local: the proof is about the linear model of the named system at its trim point",
+    "continuous time, except where a condition says sampled",
+    "not valid while an input saturates",
 )
 LARGEST = 1e50
 """Largest accepted absolute value of an entry."""
@@ -211,12 +211,12 @@ def _parse_poles(value: Any, n: int, key: str, name: str) -> Any:
 
 
 def _refuse_constant(word: str) -> NoReturn:
-    raise ValueError(f"{word} is no number")
+    raise ValueError(f"{word} is not a number")
 
 
 def _refuse_doubles(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     content = dict(pairs)
     if len(content) < len(pairs):
         keys = [key for key, _ in pairs]
-        raise ValueError(f"{next(k for k in keys if keys.count(k) > 1)!r} is there twice")
+        raise ValueError(f"{next(k for k in keys if keys.count(k) > 1)!r} appears twice")
     return content

@@ -47,7 +47,7 @@ class Gramians(NamedTuple):
 def find_gramians(linear: LinearModel, horizon: float) -> Gramians:
     """Compute both Gramians over a time (s)."""
     if not (np.isfinite(horizon) and horizon > 0):
-        raise InputError("gramians.horizon", f"got {horizon} s", fix="give a time above 0 s")
+        raise InputError("gramians.horizon", f"must be above 0 s, got {horizon} s", fix="horizon=10.0")
     A, B, C, _, (sizes, _) = scale_system(linear)
     moved, seen = integrate_gramian(A, B, horizon), integrate_gramian(A.T, C.T, horizon)
     return Gramians(moved, seen, _find_weakest(moved, linear.states), _find_weakest(seen, linear.states), sizes)

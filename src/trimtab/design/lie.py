@@ -90,7 +90,7 @@ def extend_inputs(model: StateSpaceModel, names: Sequence[str], order: int = 1) 
     Source: [1] section 5.4.
     """
     if order < 1:
-        raise InputError("extend.order", f"{order}", fix="give 1 or more")
+        raise InputError("extend.order", f"must be at least 1, got {order}", fix="order=1")
     picked = np.array(find_indices("extend.inputs", names, model.inputs), int)
     n, k = len(model.states), len(picked)
 
@@ -128,7 +128,7 @@ def sample_neighbourhood(model: StateSpaceModel, x: Any, u: Any, radius: Any, sa
     elif radius is not None:
         size = size * 10 * float(radius)
     if not (np.isfinite(size) & (size > 0)).all():
-        raise InputError("radius", f"{size}", fix="give finite radii above 0")
+        raise InputError("radius", f"must be finite and above 0, got {size}", fix="give finite radii above 0")
     draws = np.random.default_rng(0).uniform(-1, 1, (samples + 1, len(size))) * size
     draws[0] = 0.0
     points = point + draws

@@ -135,7 +135,8 @@ class LinearModel(NamedTuple):
         for what, value, known in zip(("states", "inputs", "outputs"), (states, inputs, outputs), names, strict=True):
             s = np.ones(len(known)) if value is None else np.asarray(value, float)
             if s.shape != (len(known),) or not (np.isfinite(s) & (s > 0)).all():
-                raise InputError(f"linear.scaled.{what}", f"{s}", fix=f"give {len(known)} finite sizes above 0")
+                problem = f"must be {len(known)} finite sizes above 0, got {s}"
+                raise InputError(f"linear.scaled.{what}", problem, fix="give one size for each name")
             sizes.append(s)
         a, b, c = sizes
         A, B = self.A * a / a[:, None], self.B * b / a[:, None]

@@ -89,7 +89,7 @@ def lmi_gain(A: Any, B: Any, Qe: Any, Re: Any, *, scale: Any = None, decay: floa
     A, B, Qe, Re = check_matrices("lmi_gain", A, B, Qe, Re)
     d = state_sizes("lmi_gain.scale", scale, Qe)
     if not (np.isfinite(decay) and decay >= 0):
-        raise InputError("lmi_gain.decay", f"{decay}", fix="give 0 or more (1/s)")
+        raise InputError("lmi_gain.decay", f"must be at least 0 1/s, got {decay}", fix="decay=0.0")
     Qs = Qe * np.outer(d, d)
     lowest = float(np.linalg.eigvalsh(Qs)[0])
     if lowest <= 0:

@@ -138,7 +138,7 @@ def state_sizes(part: str, scale: Any, Q: Any) -> Any:
         return 1 / np.sqrt(np.where(weight > 0, weight, 1.0))
     d = np.asarray(scale, float)
     if d.shape != (len(Q),) or not (np.isfinite(d) & (d > 0)).all():
-        raise InputError(part, f"{d}", fix=f"give {len(Q)} finite sizes above 0")
+        raise InputError(part, f"must be {len(Q)} finite sizes above 0, got {d}", fix="give one size for each state")
     return d
 
 

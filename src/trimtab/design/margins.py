@@ -142,7 +142,7 @@ def jitter_margin(loop: FeedbackLoop, *, delay: float = 0.0) -> float:
     Raises: InputError if the loop is sampled, or not stable without delay.
     """
     if not (math.isfinite(delay) and delay >= 0):
-        raise InputError("jitter_margin", f"delay {delay} s", fix="the constant delay must be 0 s or more")
+        raise InputError("jitter_margin", f"the constant delay must be at least 0 s, got {delay} s", fix="delay=0.0")
     limit = delay_margin(loop)
     if delay >= limit.delay or loop.D.any():
         return 0.0
@@ -215,7 +215,9 @@ def mean_square_growth(a: Any, q: Any, *, retransmissions: int = 1) -> Any:
     """
     a, q = np.asarray(a, float), np.asarray(q, float)
     if not (np.isfinite(a).all() and ((q >= 0) & (q <= 1)).all()):
-        raise InputError("packet_loss", f"got a = {a}, q = {q}", fix="give a finite pole, and q in [0, 1]")
+        raise InputError(
+            "packet_loss", f"a must be finite and q within 0 to 1, got a = {a}, q = {q}", fix="give a pole and a share"
+        )
     if retransmissions < 0 or retransmissions != int(retransmissions):
         raise InputError(
             "packet_loss", f"got {retransmissions!r} retransmissions", fix="give a whole number, 0 or more"

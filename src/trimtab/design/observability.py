@@ -68,7 +68,9 @@ def constant_rank(A: Any, C: Any, *, scale: Any = None, tolerance: float = 1e-9)
         balance: Any = matrix_balance(A, permute=False, separate=True)
     d = np.asarray(balance[1][0] if scale is None else scale, float)
     if d.shape != (n,) or not (np.isfinite(d) & (d > 0)).all():
-        raise InputError("constant_rank.scale", f"{d}", fix=f"give {n} finite sizes above 0")
+        raise InputError(
+            "constant_rank.scale", f"must be {n} finite sizes above 0, got {d}", fix="give one for each state"
+        )
     As, rows = A * d / d[:, None], C * d
     fastest = np.linalg.norm(As, 2)
     time = 1 / fastest if fastest > 0 else 1.0
@@ -121,7 +123,9 @@ def observability(transitions: Any, rows: Any, noises: Any, sigmas: Any, *, tole
     """
     scale = np.asarray(sigmas, float)
     if (scale <= 0).any() or not np.isfinite(scale).all():
-        raise InputError("observability", f"got prior sigmas {scale}", fix="give finite values above 0")
+        raise InputError(
+            "observability", f"prior sigmas must be finite and above 0, got {scale}", fix="give one for each state"
+        )
     G = observability_gramian(transitions, rows, noises) * scale[:, None] * scale[None, :]
     values, vectors = np.linalg.eigh(G)
     values, vectors = np.maximum(values[::-1], 0.0), vectors[:, ::-1].T

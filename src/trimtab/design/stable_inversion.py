@@ -163,7 +163,9 @@ def _check_arguments(A: Any, guess: Any, dt: float, scales: Any, left: Any, righ
         problem = f"got {len(guess)} instants, {dt:g} s apart"
         raise InputError("bounded_solution.dt", problem, fix="give at least two instants and a step above 0")
     if not (scales > 0).all():
-        raise InputError("bounded_solution.scales", f"{scales}", fix="give sizes above zero")
+        raise InputError(
+            "bounded_solution.scales", f"must be above 0, got {scales}", fix="give one size for each state"
+        )
 
 
 def _split_subspaces(A: Any) -> _Split:

@@ -291,7 +291,7 @@ def _refute(e: Counterexample) -> ProofCondition:
 
 def _number(p: Polynomial) -> Fraction:
     if p.names:
-        raise ArithmeticError(f"{p} is no number at that point")
+        raise ArithmeticError(f"{p} is not a number at that point")
     return p.terms.get((), Fraction(0))
 
 

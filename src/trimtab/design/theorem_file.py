@@ -28,9 +28,9 @@ from trimtab.design.theorem import LawTheorem, TheoremCertificate, claims_of
 
 FORMAT = "trimtab theorem 1"
 SCOPE = (
-    "the vehicle's and the law's own code, on an ideal loop: no delay, no noise, no saturation",
+    "the code of the vehicle and of the law, in an ideal loop: no delay, no noise, no saturation",
     "continuous time",
-    "numbers count as the decimals that they are written as",
+    "each number has exactly the decimals in which it is written",
 )
 FIX = "trimtab design hovercraft/forward --out certificate.json  writes one"
 KEYS = ("format", "scope", "theorem", "about", "says", "lyapunov", "level", "proofs", "version", "digest")
@@ -160,7 +160,7 @@ def _parse_term(value: Any, part: str) -> Term:
 def _parse_list(value: Any, part: str, length: int | None = None) -> list[Any]:
     if not isinstance(value, list) or not value or (length is not None and len(value) != length):
         wanted = "something" if length is None else f"{length} entries"
-        raise InputError(part, f"{str(value)[:60]} is no list of {wanted}", fix=FIX)
+        raise InputError(part, f"{str(value)[:60]} is not a list of {wanted}", fix=FIX)
     return value
 
 

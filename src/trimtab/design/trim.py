@@ -156,7 +156,8 @@ def _build_problem(
     wanted = np.array([*(derivatives.get(model.states[i], 0.0) for i in rows), *outputs.values()], float)
     equations = (*(model.states[i] + "'" for i in rows), *outputs)
     if not len(wanted) or not np.isfinite(wanted).all():
-        raise InputError("trim", f"wanted values {wanted}", fix="want at least one finite derivative or output")
+        problem = f"at least one derivative or output must be given, all finite; got {wanted}"
+        raise InputError("trim", problem, fix="outputs={NAME: VALUE}")
     fixed, n = np.concatenate([x0, u0]), len(x0)
 
     def point_at(z: Any) -> tuple[Any, Any]:
@@ -189,13 +190,13 @@ def _unknown_ranges(free: list[str], z0: Any, bounds: Any, scales: Any) -> tuple
     for name, a, b in zip(free, low, high, strict=True):
         if not a < b:
             fix = "give the lower one first, and fix what is known"
-            raise InputError(f"trim.bounds.{name}", f"({a}, {b})", fix=fix)
+            raise InputError(f"trim.bounds.{name}", f"the lower bound must be below the upper, got ({a}, {b})", fix=fix)
     width = high - low
     usual = np.where(np.isfinite(width), width, np.maximum(1.0, np.abs(z0)))
     scale = np.array([scales.get(n, s) for n, s in zip(free, usual, strict=True)], float)
     for name, s in zip(free, scale, strict=True):
         if not 0 < s < np.inf:
-            raise InputError(f"trim.scales.{name}", f"{s}", fix="give a finite size above 0")
+            raise InputError(f"trim.scales.{name}", f"must be finite and above 0, got {s}", fix="give e.g. 1.0")
     return low, high, scale
 
 

@@ -121,7 +121,7 @@ def _solve(equations: tuple[Polynomial, ...], branch: ZeroBranch, positive: froz
         alternatives = _split(e, branch.free, positive)
         if alternatives is not None:
             return [b for extra in alternatives for b in _solve((*others, *extra), branch, positive)]
-    raise ArithmeticError(f"elimination does not decide where {rest[0]} vanishes")
+    raise ArithmeticError(f"elimination cannot find the zeros of {rest[0]}")
 
 
 def _put(branch: ZeroBranch, name: str, value: Polynomial) -> ZeroBranch:

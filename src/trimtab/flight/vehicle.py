@@ -16,7 +16,7 @@ from trimtab.core.record import Quantity, leaves, replace
 from trimtab.core.time import ms
 from trimtab.flight.autopilot_parameters import AutopilotRelay
 from trimtab.flight.broadcast import Broadcast
-from trimtab.flight.clocks import RefusalAnswers
+from trimtab.flight.clock_refusals import RefusalAnswers
 from trimtab.flight.command_gate import AUTHORITY_SIGNALS, CommandGate
 from trimtab.flight.duties import STATION_MODES, Duties, FlightRequests
 from trimtab.flight.exchange import GroupSample, command_group, slot_indices

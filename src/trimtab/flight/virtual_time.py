@@ -334,10 +334,12 @@ class VirtualTime:
             while not all(one.has_ended for one in self._awaited) and self._error is None:
                 if not self._events:
                     waiting = ", ".join(p.name for p in self.programs if not p.has_ended)
-                    raise VirtualTimeError(f"no program can wake at {self.seconds:.6f} s: {waiting}")
+                    raise VirtualTimeError(
+                        f"deadlock at {self.seconds:.6f} s: all running programs wait for each other: {waiting}"
+                    )
                 self.now, _, _, _, action = heapq.heappop(self._events)
                 if self.now > MOST_TIME:
-                    raise VirtualTimeError(f"the run goes on after {self.seconds:.0f} s")
+                    raise VirtualTimeError(f"the simulation did not end within {self.seconds:.0f} s")
                 program = action()
                 if program is not None:
                     return program

@@ -51,8 +51,8 @@ class HeadingOutput:
     switches: Scalar = quantity("1", "Number of changes of the active law.", kind="count")
     spin_reference: Scalar = quantity("rad/s", "Yaw rate reference of the turn; 0 before the first.", frame="B")
     heading_error: Scalar = quantity("rad", "Heading minus target, wrapped as configured.")
-    lyapunov: Scalar = quantity("J", "V while damping, W about the present reference while turning.")
-    provision: Scalar = quantity("rad/s", "Bound that a new reference must exceed, for the present one.")
+    lyapunov: Scalar = quantity("J", "Lyapunov function: V while damping, W about the present reference while turning.")
+    provision: Scalar = quantity("rad/s", "Lower bound of the next reference, computed from the present one.")
 
 
 def heading_error(wrapping: str, heading: Any, target: Any) -> Any:

@@ -41,7 +41,7 @@ class PilotedState:
     """State of the law. Source: derived here."""
 
     t: Scalar = quantity("100 ns", "Time of the last step.", kind="time")
-    mode: Scalar = quantity("1", "Mode of the last step.", kind="mode", modes=STICK_MODES)
+    mode: Scalar = quantity("1", "Mode of the stick at the last step.", kind="mode", modes=STICK_MODES)
     began: Scalar = quantity("1", "True after the first step.", kind="flag")
     speed: Scalar = quantity("m/s", "Reference of surge, or of the speed along the course.")
     rate: Scalar = quantity("rad/s", "Reference of the yaw rate, or of the course's rate.")

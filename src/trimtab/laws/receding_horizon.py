@@ -38,7 +38,7 @@ class RecedingHorizonOutput:
     """Demand, and signals of the solution of the program. Source: docs page."""
 
     demand: PlanarForce = part("Demanded force at the rudder pivot.")
-    thrust: Scalar = quantity("N", "Signed force of the fan in the demand.")
+    thrust: Scalar = quantity("N", "Demanded force of the fan; negative in reverse.")
     force_angle: Scalar = quantity("rad", "Angle of the demanded force from the body's axis.", kind="angle")
     north_reference: Scalar = quantity("m", "Reference position of P, north.", frame="W")
     east_reference: Scalar = quantity("m", "Reference position of P, east.", frame="W")
@@ -48,7 +48,7 @@ class RecedingHorizonOutput:
     dual: Scalar = quantity("1", "Residual gradient: the plan's distance from the optimum.")
     solved: Scalar = quantity("1", "True if both residuals are within the tolerance.", kind="flag")
     infeasible: Scalar = quantity("1", "True if no plan keeps the limits.", kind="flag")
-    rho: Scalar = quantity("1", "Weight of the limits in the program.")
+    rho: Scalar = quantity("1", "Weight of the limits in the quadratic program.")
     cost: Scalar = quantity("1", "Cost of the plan before its improvement.")
 
 
@@ -60,8 +60,8 @@ class RecedingHorizonState:
     start: Scalar = quantity("100 ns", "Time of the first step, at which the reference begins.", kind="time")
     thrust: Any = quantity("N", "Planned signed force of the fan in each stage.", shape=(STAGES,))
     angle: Any = quantity("rad", "Planned force angle in each stage.", kind="angle", shape=(STAGES,))
-    multipliers: Any = quantity("1", "Multipliers of the limits in the last program.", shape=(4 * STAGES,))
-    rho: Scalar = quantity("1", "Weight of the limits in the last program.")
+    multipliers: Any = quantity("1", "Multipliers of the limits in the last quadratic program.", shape=(4 * STAGES,))
+    rho: Scalar = quantity("1", "Weight of the limits in the last quadratic program.")
     sent_thrust: Any = quantity("N", "Signed force demanded at the last instants, newest first.", shape=(SLOTS,))
     sent_angle: Any = quantity(
         "rad", "Force angle demanded at the last instants, newest first.", kind="angle", shape=(SLOTS,)

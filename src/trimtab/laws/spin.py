@@ -116,7 +116,7 @@ class SupervisedSpinOutput:
     demand: PlanarForce = part("Demanded force at the rudder pivot.")
     mode: Scalar = quantity("1", "Active law.", kind="mode", modes=("brake", "spin"))
     switches: Scalar = quantity("1", "Number of changes of the active law.", kind="count")
-    lyapunov: Scalar = quantity("J", "V while braking, W while spinning.")
+    lyapunov: Scalar = quantity("J", "Lyapunov function: V while braking, W while spinning.")
 
 
 @record

@@ -68,7 +68,7 @@ class StableInversionOutput:
     eta2_wanted: Scalar = quantity("(slug ft)^1/2", "Displacement of mode 2 required by the command.")
     eta2_rate_wanted: Scalar = quantity("(slug ft)^1/2/s", "Rate of mode 2 required by the command.")
     v: Any = quantity("ft/s^2", "Accelerations of altitude and speed demanded of the inversion.", shape=(2,))
-    s: Any = quantity("1", "B'P e.", shape=(2,))
+    s: Any = quantity("1", "Product B'P e of the adaptive robust terms.", shape=(2,))
     u_h: Any = quantity("ft/s^2", "Damping term.", shape=(2,))
     u_s: Any = quantity("ft/s^2", "Switching term.", shape=(2,))
     rho0: Scalar = quantity("ft/s^2", "Adapted bound.")

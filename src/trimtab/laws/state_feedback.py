@@ -64,7 +64,8 @@ class StateFeedback:
             problem = f"K {K}, L {L}, most {np.shape(self.most)} and {k} integrals don't fit each other"
             raise InputError("StateFeedback.K", problem, fix="give K (m, n), L (m, k) and most (k,)")
         if any(not 0 <= row < K[1] for row in self.integrated):
-            raise InputError("StateFeedback.integrated", f"{self.integrated}", fix=f"name rows from 0 to {K[1] - 1}")
+            problem = f"rows must be within 0 to {K[1] - 1}, got {self.integrated}"
+            raise InputError("StateFeedback.integrated", problem, fix="name rows of the error e")
 
     def init(self, key: Any) -> StateFeedbackState:
         """Return the initial integrals, zero."""

@@ -101,7 +101,7 @@ def chi_square_bounds(dof: int, n: int, probability: float = 0.95) -> tuple[floa
     Source: [4] section 5.4.2: n times the average is chi-square with n dof degrees of freedom.
     """
     if dof < 1 or n < 1 or not 0 < probability < 1:
-        problem = f"dof {dof}, n {n}, probability {probability}"
+        problem = f"dof and n must be at least 1, and probability within 0 to 1; got {dof}, {n}, {probability}"
         raise InputError("chi_square_bounds", problem, fix="give dof and n of 1 or more, and a probability in (0, 1)")
     tail = (1 - probability) / 2
     low, high = chi_square_quantile(np.array([tail, 1 - tail]), dof * n) / n

@@ -72,4 +72,4 @@ def _import_rerun() -> Any:
         return importlib.import_module("rerun")
     except ImportError:
         fix = f"{install_command('rerun')}; or {argument('as', 'ros2')}, or the log itself in Foxglove"
-        raise InputError("Rerun", "it needs the package 'rerun-sdk', which is not here", fix=fix) from None
+        raise InputError("Rerun", "needs the package 'rerun-sdk', which is not installed", fix=fix) from None

@@ -315,7 +315,7 @@ class FaultySensor(FaultyPart):
     inner: Any = part("Sensor.")
     fault: Fault = part("Fault of the part.", default=Fault())
     example: Any = part("Example of the sensor's input, if that is not a motion.", default=None)
-    capacity: int = option("How many samples a delay may lie back, and one.", default=2)
+    capacity: int = option("Number of samples kept: those of the longest delay, and one.", default=2)
 
     @property
     def FEELS(self) -> str:
@@ -350,7 +350,7 @@ class FaultyChannel(FaultyPart):
 
     inner: Any = part("Channel.")
     fault: Fault = part("Fault of the part.", default=Fault())
-    capacity: int = option("How many steps a delay may lie back, and one.", default=2)
+    capacity: int = option("Number of steps kept: those of the longest delay, and one.", default=2)
 
     def init(self, key: Key, like: Sample) -> FaultyState:
         """Return the first state: nothing received."""
@@ -376,7 +376,7 @@ class FaultyActuators(FaultyPart):
 
     inner: Any = part("Actuators.")
     fault: Fault = part("Fault of the part.", default=Fault())
-    capacity: int = option("How many steps a delay may lie back, and one.", default=2)
+    capacity: int = option("Number of steps kept: those of the longest delay, and one.", default=2)
 
     def neutral(self) -> Any:
         """Return the actuators' neutral output."""

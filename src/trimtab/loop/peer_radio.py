@@ -39,7 +39,7 @@ class PeerRadio:
 
     count: int = option("Number of craft.", default=3)
     slot: int = period("Length of a slot.", default=ms(5))
-    delay: int = option("Slots from sending to reception; 0: at once.", default=4, off={"peer-delay": 0})
+    delay: int = option("Number of slots from sending to reception; 0: at once.", default=4, off={"peer-delay": 0})
     loss: Scalar = imperfection("1", "Probability that a receiver misses a message.", "peer-loss", high=1)
 
     def init(self, key: Key) -> PeerRadioState:

@@ -39,10 +39,10 @@ class SetpointSchedule:
     Source: docs page, References from the command line.
     """
 
-    path: str = option("Path of the number, below the law.", default="k1")
+    path: str = option("Path of the scheduled parameter, relative to the law.", default="k1")
     kind: str = option("Kind of change: steps or ramps.", default="steps", choices=KINDS)
     times: Any = quantity("s", "Times of the values; rising.", default=np.zeros(1))
-    values: Any = quantity("as declared", "Values, in the number's own unit.", default=np.zeros(1))
+    values: Any = quantity("as declared", "Values, in the unit of the scheduled parameter.", default=np.zeros(1))
 
     def check(self) -> None:
         """Raise InputError for times that don't rise, or that lack a value."""
@@ -97,7 +97,7 @@ def _parse_schedule(law: Any, path: str, text: str) -> SetpointSchedule:
     own = path.removeprefix(LAW)
     if not path.startswith(LAW) or own not in numbers:
         near = closest(path, [LAW + n for n in numbers], 6) or [LAW + n for n in numbers]
-        problem = "only a number of the law can follow a schedule"
+        problem = "a schedule can only set a numeric parameter of the law"
         raise InputError(part, problem, choices=near, fix=argument("settings", text, near[0]))
     entries = [_parse_entry(part, entry, numbers[own]) for entry in match["entries"].split(",")]
     times, values = (np.array(column) for column in zip(*entries, strict=True))

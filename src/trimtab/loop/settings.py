@@ -115,7 +115,7 @@ def _convert_units(path: str, value: Any, unit: str, declared: Quantity) -> Any:
         return value * parse_unit(part, unit, declared.unit) if unit else value
     except InputError as error:
         own = "" if declared.unit == "1" else f" {declared.unit}"
-        no_number = "is no number" in error.problem
+        no_number = "is not a number" in error.problem
         fix = argument("settings", "NUMBER" if no_number else value, path) + (f", in{own}" if no_number and own else "")
         if not no_number and isinstance(value, str):
             fix = argument("settings", error.fix, path)

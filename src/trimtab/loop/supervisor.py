@@ -106,8 +106,8 @@ class Limit:
     """
 
     fields: tuple[str, ...] = option("Fields of the estimated state, e.g. ('north',) or ('north', 'east').")
-    low: Scalar = quantity("1", "Least value, in the field's unit.", default=-1e9)
-    high: Scalar = quantity("1", "Greatest value, in the field's unit.", default=1e9)
+    low: Scalar = quantity("1", "Least accepted value of the fields, in their unit.", default=-1e9)
+    high: Scalar = quantity("1", "Greatest accepted value of the fields, in their unit.", default=1e9)
     kind: str = option("Kind of limit.", default="geofence", choices=("geofence", "envelope"))
 
     def check(self) -> None:

@@ -106,7 +106,7 @@ class Swarm:
     """
 
     craft: Any = part("Model of one craft.")
-    count: int = option("How many craft.", default=3)
+    count: int = option("Number of craft.", default=3)
 
     def dynamics(self, t: Any, x: Any, u: SwarmInput) -> Any:
         """Return the derivative of x; t: seconds."""

@@ -180,9 +180,9 @@ def plot_convergence(
     runs = np.unique(np.geomspace(min(10, len(x)), len(x), LOOKS).round().astype(int))
     fixed, anytime = (np.array([_quantile_interval(x[:n], p, level, every) for n in runs]) for every in (False, True))
     fixed, anytime = np.clip(fixed, -HUGE, HUGE), np.clip(anytime, -HUGE, HUGE)
-    everywhere = f"{100 * level:g} %, at all numbers of runs at once"
+    everywhere = f"{100 * level:g} %, valid at every number of runs"
     axes.fill_between(runs, anytime[:, 1], anytime[:, 2], color="#E4E4E4", linewidth=0, label=everywhere)
-    once = f"{100 * level:g} %, at one number of runs"
+    once = f"{100 * level:g} %, valid at one number of runs"
     axes.fill_between(runs, fixed[:, 1], fixed[:, 2], color=LIGHT, linewidth=0, label=once)
     axes.plot(runs, fixed[:, 0], color=BLUE, linewidth=1.4, label="estimate")
     if limit is not None:

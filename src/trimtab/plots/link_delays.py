@@ -26,7 +26,7 @@ def plot_link_delays(measured: Sequence[Delays], path: PicturePath = None, title
     for line, delays in zip(every, measured, strict=True):
         recorded, table = link_traces(delays), latency_rows(delays)
         trip = delays.up + delays.down
-        line[0].set_ylabel("share per ms", fontsize=9)
+        line[0].set_ylabel("fraction of packets per ms", fontsize=9)
         for axes, name, seconds in zip(line, table, (delays.up, delays.down, trip), strict=True):
             fitted = fit_delay_model(recorded[name]) if name in recorded else None
             _draw_histogram(axes, 1e3 * seconds[np.isfinite(seconds)], fitted)

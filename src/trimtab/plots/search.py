@@ -68,7 +68,9 @@ def _draw_candidates(axes: Any, search: FalsificationResult, names: list[str]) -
     axes.set_yticks(rows, names, fontsize=8)
     axes.set_xlim(-0.03, 1.03)
     axes.set_ylim(len(names) - 0.5, -0.5)
-    axes.set_xlabel(f"place between the bounds: the worst, and {len(worst)} other bad candidates", fontsize=9)
+    axes.set_xlabel(
+        f"position between the bounds: worst candidate (red) and {len(worst)} other bad candidates", fontsize=9
+    )
 
 
 def plot_tune(tuning: TuningResult, path: PicturePath = None, title: str = "Tuning") -> "Figure":
@@ -84,7 +86,9 @@ def plot_tune(tuning: TuningResult, path: PicturePath = None, title: str = "Tuni
     flown = np.array([s.flown_runs for s in tuning.steps])
     axes[0].plot(flown, [s.cost for s in tuning.steps], ".-", color=BLUE, lw=1.2)
     axes[0].set_ylabel(
-        "mean cost of a generation's best" if tuning.method == "search" else "mean cost near by, each of new runs"
+        "mean cost of the best of each generation"
+        if tuning.method == "search"
+        else "mean cost of each step, in new runs"
     )
     axes[0].set_title(tuning.method, loc="left", fontsize=10, weight="bold")
     places = np.array([s.x for s in tuning.steps])
@@ -92,7 +96,7 @@ def plot_tune(tuning: TuningResult, path: PicturePath = None, title: str = "Tuni
         label = f"{name.rsplit('.', 1)[-1]}: {tuning.before[name]:.4g} → {tuning.after[name]:.4g}"
         axes[1].plot(flown, places[:, i], ".-", color=SEVERAL[i % len(SEVERAL)], lw=1.2, label=label)
     axes[1].set_ylim(-0.03, 1.03)
-    axes[1].set_ylabel("gain, as place in its range")
+    axes[1].set_ylabel("gain, as a fraction of its range")
     axes[1].legend(fontsize=8, frameon=False)
     for one in axes[:2]:
         one.set_xlabel("runs flown", fontsize=9)

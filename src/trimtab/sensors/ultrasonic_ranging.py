@@ -66,7 +66,9 @@ class UnitClock:
     drift: Scalar = imperfection(
         "1", "Standard deviation of the crystal's relative error.", "clock-error", default=20e-6
     )
-    tick: Scalar = imperfection("s", "Slots begin on a tick of the crystal.", "clock-error", default=1 / 32768)
+    tick: Scalar = imperfection(
+        "s", "Period of the crystal; slots begin on its ticks.", "clock-error", default=1 / 32768
+    )
     sync: int = period("Time between settings.", default=seconds(1))
 
     def error(self, key: Key, t: Any, unit: Any) -> Any:

@@ -77,13 +77,15 @@ class F16FlatEarth:
     mass: Scalar = quantity("kg", "Mass.", default=SLUG / 1.57e-3, above=0, source="[1] fig. 3.5-1, RM")
     inertia: Any = quantity(
         "kg m^2",
-        "Moments Jx, Jy, Jz.",
+        "Moments of inertia Jx, Jy, Jz.",
         frame="B",
         shape=(3,),
         default=np.array([9496.0, 55814.0, 63100.0]) * INERTIA,
         source="[1] table 3.5-1",
     )
-    product: Scalar = quantity("kg m^2", "Product Jzx.", frame="B", default=982.0 * INERTIA, source="[1] table 3.5-1")
+    product: Scalar = quantity(
+        "kg m^2", "Product of inertia Jzx.", frame="B", default=982.0 * INERTIA, source="[1] table 3.5-1"
+    )
     engine_momentum: Scalar = quantity(
         "kg m^2/s", "Angular momentum of the engine, along x.", frame="B", default=160.0 * INERTIA, source="[1] 3.5"
     )

@@ -70,7 +70,7 @@ class FmuVehicle:
         "True: the program in the FMU may run, with your rights.", default=False, choices=(True, False)
     )
     motion_of: tuple[tuple[str, str], ...] = option(
-        'What a sensor can feel -> output, e.g. (("v_WB_B[0]", "speed"),); all else is zero.', default=()
+        'Number of the motion -> output of the FMU, e.g. (("v_WB_B[0]", "speed"),); other numbers are zero.', default=()
     )
     settings: tuple[tuple[str, float], ...] = option(
         "Parameter of the FMU -> number, set before it starts.", default=()

@@ -187,7 +187,9 @@ class FlexibleModes:
     N2_a: Scalar = quantity("(slug ft)^1/2/s^2", "Force on mode 2 by alpha (rad).", default=2.8633e3, source=FITTED)
     N2_d: Scalar = quantity("(slug ft)^1/2/s^2", "Force on mode 2 by elevator (rad).", default=1.2465e3, source=FITTED)
     N2_0: Scalar = quantity("(slug ft)^1/2/s^2", "Constant force on mode 2.", default=-4.4201e1, source=UNCERTAIN)
-    kmode: str = option("Reading of the coupling.", default="parker", choices=KMODES)
+    kmode: str = option(
+        "Interpretation of the coupling between the modes and the forces.", default="parker", choices=KMODES
+    )
 
     def forcing(self, alpha: Any, delta_e: Any) -> tuple[Any, Any]:
         """Return N1, N2: generalised forces of angle of attack and elevator (rad)."""

@@ -74,9 +74,27 @@ class Mariner:
     added_yaw: Any = quantity(
         "1", "Added mass in yaw: -Nv', -Nr'.", default=(-4.646e-5, 43.8e-5), shape=(2,), source="[1]"
     )
-    surge: Any = quantity("1", "Derivatives of X, as SURGE.", default=1e-5 * np.array(SURGE), shape=(10,), source="[1]")
-    sway: Any = quantity("1", "Derivatives of Y, as SWAY.", default=1e-5 * np.array(SWAY), shape=(15,), source="[1]")
-    yaw: Any = quantity("1", "Derivatives of N, as YAW.", default=1e-5 * np.array(YAW), shape=(15,), source="[1]")
+    surge: Any = quantity(
+        "1",
+        "Derivatives of the surge force X, in the order of SURGE.",
+        default=1e-5 * np.array(SURGE),
+        shape=(10,),
+        source="[1]",
+    )
+    sway: Any = quantity(
+        "1",
+        "Derivatives of the sway force Y, in the order of SWAY.",
+        default=1e-5 * np.array(SWAY),
+        shape=(15,),
+        source="[1]",
+    )
+    yaw: Any = quantity(
+        "1",
+        "Derivatives of the yaw moment N, in the order of YAW.",
+        default=1e-5 * np.array(YAW),
+        shape=(15,),
+        source="[1]",
+    )
     rudder_limit: Scalar = quantity("rad", "Stop of the rudder.", default=40 * DEG, above=0, source="[1]")
     rudder_rate: Scalar = quantity("rad/s", "Maximum rate of the rudder.", default=5 * DEG, above=0, source="[1]")
     rudder_lag: Scalar = quantity("s", "Time constant of the gear.", default=1.0, above=0)

@@ -27,14 +27,14 @@ class MultirotorState:
     velocity: Any = quantity("m/s", "Velocity of the centre of mass.", frame="W", shape=(3,), default=(0.0, 0.0, 0.0))
     attitude: Any = quantity("1", "Quaternion q_WB, scalar first.", frame="WB", shape=(4,), default=(1.0, 0, 0, 0))
     rate: Any = quantity("rad/s", "Angular velocity.", frame="B", shape=(3,), default=(0.0, 0.0, 0.0))
-    rotor_speed: Any = quantity("rad/s", "Of each rotor (n,); negative in reverse.", default=(0.0, 0.0, 0.0, 0.0))
+    rotor_speed: Any = quantity("rad/s", "Speed of each rotor (n,); negative in reverse.", default=(0.0, 0.0, 0.0, 0.0))
 
 
 @record
 class RotorSpeeds:
     """Desired rotor speeds; command and input of a multirotor. Source: this module."""
 
-    speed: Any = quantity("rad/s", "Of each rotor (n,); negative in reverse.", default=(0.0, 0.0, 0.0, 0.0))
+    speed: Any = quantity("rad/s", "Speed of each rotor (n,); negative in reverse.", default=(0.0, 0.0, 0.0, 0.0))
 
 
 @record

@@ -99,9 +99,9 @@ class BluntBody:
     drag: Scalar = quantity("1", "Drag coefficient CD.", default=0.1, low=0)
     span: Scalar = quantity("m", "Reference length b of roll and yaw.", default=0.1, above=0)
     chord: Scalar = quantity("m", "Reference length c of pitch.", default=0.1, above=0)
-    roll_damping: Scalar = quantity("1", "Clp, negative where it damps.", default=0.0)
-    pitch_damping: Scalar = quantity("1", "Cmq.", default=0.0)
-    yaw_damping: Scalar = quantity("1", "Cnr.", default=0.0)
+    roll_damping: Scalar = quantity("1", "Roll damping coefficient Clp; negative if it damps.", default=0.0)
+    pitch_damping: Scalar = quantity("1", "Pitch damping coefficient Cmq; negative if it damps.", default=0.0)
+    yaw_damping: Scalar = quantity("1", "Yaw damping coefficient Cnr; negative if it damps.", default=0.0)
 
     def wrench(self, flow: Airflow) -> Wrench:
         """Return force and moment of the air; neither where there is no wind."""
@@ -131,9 +131,15 @@ class RigidBody:
     """
 
     mass: Scalar = quantity("kg", "Mass.", default=1.0, above=0)
-    inertia: Any = quantity("kg m^2", "Moments Jx, Jy, Jz.", frame="B", shape=(3,), default=np.array([0.1, 0.1, 0.1]))
+    inertia: Any = quantity(
+        "kg m^2", "Moments of inertia Jx, Jy, Jz.", frame="B", shape=(3,), default=np.array([0.1, 0.1, 0.1])
+    )
     products: Any = quantity(
-        "kg m^2", "Products Jxy, Jyz, Jzx: the integrals of x y, …", frame="B", shape=(3,), default=np.zeros(3)
+        "kg m^2",
+        "Products of inertia Jxy, Jyz, Jzx: the integrals of x y, …",
+        frame="B",
+        shape=(3,),
+        default=np.zeros(3),
     )
     earth: Earth = part("Earth: gravitation and rotation.", default=Earth())
     wind: Wind = part("Wind over the ground.", default=Wind())

@@ -55,21 +55,21 @@ class HullDamping:
     Source:  [1] tables 2 and 4, in the letters of SNAME.
     """
 
-    Xu: Scalar = quantity("kg/s", "Surge.", default=-0.72253, source=TABLE_2)
-    Xuu: Scalar = quantity("kg/m", "Surge.", default=-1.32742, source=TABLE_2)
-    Xuuu: Scalar = quantity("kg s/m^2", "Surge.", default=-5.86643, source=TABLE_2)
-    Yv: Scalar = quantity("kg/s", "Sway.", default=-0.88965, source=TABLE_2)
-    Yvv: Scalar = quantity("kg/m", "Sway.", default=-36.47287, source=TABLE_2)
-    Yrv: Scalar = quantity("kg", "Sway.", default=-0.805, source=TABLE_4)
-    Yr: Scalar = quantity("kg m/s", "Sway.", default=-7.250, source=TABLE_4)
-    Yvr: Scalar = quantity("kg", "Sway.", default=-0.845, source=TABLE_4)
-    Yrr: Scalar = quantity("kg m", "Sway.", default=-3.450, source=TABLE_4)
-    Nv: Scalar = quantity("kg m/s", "Yaw.", default=0.03130, source=TABLE_2)
-    Nvv: Scalar = quantity("kg", "Yaw.", default=3.95645, source=TABLE_2)
-    Nrv: Scalar = quantity("kg m", "Yaw.", default=0.130, source=TABLE_4)
-    Nr: Scalar = quantity("kg m^2/s", "Yaw.", default=-1.900, source=TABLE_4)
-    Nvr: Scalar = quantity("kg m", "Yaw.", default=0.080, source=TABLE_4)
-    Nrr: Scalar = quantity("kg m^2", "Yaw.", default=-0.750, source=TABLE_4)
+    Xu: Scalar = quantity("kg/s", "Damping coefficient of the hull in surge.", default=-0.72253, source=TABLE_2)
+    Xuu: Scalar = quantity("kg/m", "Damping coefficient of the hull in surge.", default=-1.32742, source=TABLE_2)
+    Xuuu: Scalar = quantity("kg s/m^2", "Damping coefficient of the hull in surge.", default=-5.86643, source=TABLE_2)
+    Yv: Scalar = quantity("kg/s", "Damping coefficient of the hull in sway.", default=-0.88965, source=TABLE_2)
+    Yvv: Scalar = quantity("kg/m", "Damping coefficient of the hull in sway.", default=-36.47287, source=TABLE_2)
+    Yrv: Scalar = quantity("kg", "Damping coefficient of the hull in sway.", default=-0.805, source=TABLE_4)
+    Yr: Scalar = quantity("kg m/s", "Damping coefficient of the hull in sway.", default=-7.250, source=TABLE_4)
+    Yvr: Scalar = quantity("kg", "Damping coefficient of the hull in sway.", default=-0.845, source=TABLE_4)
+    Yrr: Scalar = quantity("kg m", "Damping coefficient of the hull in sway.", default=-3.450, source=TABLE_4)
+    Nv: Scalar = quantity("kg m/s", "Damping coefficient of the hull in yaw.", default=0.03130, source=TABLE_2)
+    Nvv: Scalar = quantity("kg", "Damping coefficient of the hull in yaw.", default=3.95645, source=TABLE_2)
+    Nrv: Scalar = quantity("kg m", "Damping coefficient of the hull in yaw.", default=0.130, source=TABLE_4)
+    Nr: Scalar = quantity("kg m^2/s", "Damping coefficient of the hull in yaw.", default=-1.900, source=TABLE_4)
+    Nvr: Scalar = quantity("kg m", "Damping coefficient of the hull in yaw.", default=0.080, source=TABLE_4)
+    Nrr: Scalar = quantity("kg m^2", "Damping coefficient of the hull in yaw.", default=-0.750, source=TABLE_4)
 
     def wrench(self, u: Any, v: Any, r: Any) -> tuple[Any, Any, Any]:
         """Return X, Y (N) and N (N m) at velocities through the water (m/s, rad/s)."""
@@ -93,20 +93,36 @@ class TwinScrew:
     """
 
     ahead_thrust: Scalar = quantity(
-        "N s^2", "Tnn of one propeller, ahead.", default=3.65034e-3, above=0, source=TABLE_2
+        "N s^2", "Coefficient Tnn of one propeller, ahead.", default=3.65034e-3, above=0, source=TABLE_2
     )
-    ahead_inflow: Scalar = quantity("N s^2/m", "Tnu, ahead.", default=1.52468e-4, low=0, source=TABLE_2)
-    astern_thrust: Scalar = quantity("N s^2", "Tnn, astern.", default=5.10256e-3, above=0, source=TABLE_2)
-    astern_inflow: Scalar = quantity("N s^2/m", "Tnu, astern.", default=4.55822e-2, low=0, source=TABLE_2)
-    ahead_lift: Scalar = quantity("kg/m", "Ld of one rudder, flow from ahead.", default=6.43306, source="[1]")
-    ahead_stall: Scalar = quantity("kg/m", "Ldd, flow from ahead.", default=5.83594, source="[1]")
-    astern_lift: Scalar = quantity("kg/m", "Ld, flow from astern.", default=3.19573, source="[1]")
-    astern_stall: Scalar = quantity("kg/m", "Ldd, flow from astern.", default=2.34356, source="[1]")
+    ahead_inflow: Scalar = quantity(
+        "N s^2/m", "Coefficient Tnu of one propeller, ahead.", default=1.52468e-4, low=0, source=TABLE_2
+    )
+    astern_thrust: Scalar = quantity(
+        "N s^2", "Coefficient Tnn of one propeller, astern.", default=5.10256e-3, above=0, source=TABLE_2
+    )
+    astern_inflow: Scalar = quantity(
+        "N s^2/m", "Coefficient Tnu of one propeller, astern.", default=4.55822e-2, low=0, source=TABLE_2
+    )
+    ahead_lift: Scalar = quantity(
+        "kg/m", "Coefficient Ld of one rudder, flow from ahead.", default=6.43306, source="[1]"
+    )
+    ahead_stall: Scalar = quantity(
+        "kg/m", "Coefficient Ldd of one rudder, flow from ahead.", default=5.83594, source="[1]"
+    )
+    astern_lift: Scalar = quantity(
+        "kg/m", "Coefficient Ld of one rudder, flow from astern.", default=3.19573, source="[1]"
+    )
+    astern_stall: Scalar = quantity(
+        "kg/m", "Coefficient Ldd of one rudder, flow from astern.", default=2.34356, source="[1]"
+    )
     rudder_arm: Scalar = quantity(
         "m", "Distance from the origin to the rudders, aft.", default=0.549, above=0, source=TABLE_1
     )
     diameter: Scalar = quantity("m", "Diameter of a propeller.", default=0.06, above=0)
-    induced: Scalar = quantity("1", "k: share of the stream's gain that a rudder feels.", default=0.5, low=0, high=1)
+    induced: Scalar = quantity(
+        "1", "Factor k: share of the propeller stream's extra speed that acts on a rudder.", default=0.5, low=0, high=1
+    )
     density: Scalar = quantity("kg/m^3", "Density of the water.", default=1014.0, above=0)
 
     def thrust(self, shaft_speed: Any, u: Any) -> Any:
@@ -144,12 +160,12 @@ class WindLoad:
     """
 
     wind: Wind = part("Wind over the ground, at the height of the water.", default=Wind())
-    frontal_area: Scalar = quantity("m^2", "A, seen from ahead.", default=0.04, low=0)
-    lateral_area: Scalar = quantity("m^2", "B, seen from the side.", default=0.16, low=0)
-    length: Scalar = quantity("m", "L over all.", default=1.255, above=0, source=TABLE_1)
-    cx: Scalar = quantity("1", "Along.", default=0.7, low=0)
-    cy: Scalar = quantity("1", "Across.", default=0.85, low=0)
-    cn: Scalar = quantity("1", "Turning.", default=0.1)
+    frontal_area: Scalar = quantity("m^2", "Area A exposed to wind from ahead.", default=0.04, low=0)
+    lateral_area: Scalar = quantity("m^2", "Area B exposed to wind from the side.", default=0.16, low=0)
+    length: Scalar = quantity("m", "Length L over all.", default=1.255, above=0, source=TABLE_1)
+    cx: Scalar = quantity("1", "Wind coefficient of the force along the hull.", default=0.7, low=0)
+    cy: Scalar = quantity("1", "Wind coefficient of the force across the hull.", default=0.85, low=0)
+    cn: Scalar = quantity("1", "Wind coefficient of the yaw moment.", default=0.1)
 
     def wrench(self, x: VesselState) -> tuple[Any, Any, Any]:
         """Return X, Y (N) and N (N m) on a vessel."""
@@ -187,21 +203,27 @@ class SurfaceVessel:
     """
 
     mass: Scalar = quantity("kg", "Total mass.", default=23.8, above=0, source=TABLE_1)
-    inertia: Scalar = quantity("kg m^2", "About z, at the origin of [1].", default=1.76, above=0, source=TABLE_1)
-    centre: Scalar = quantity("m", "x_g: the centre of mass ahead of that origin.", default=0.046, source=TABLE_1)
-    added_surge: Scalar = quantity("kg", "Added mass, -X_u'.", default=2.0, low=0, source=TABLE_1)
-    added_sway: Scalar = quantity("kg", "Added mass, -Y_v'.", default=10.0, low=0, source=TABLE_1)
-    added_coupling: Scalar = quantity("kg m", "Added mass, -Y_r' = -N_v'.", default=0.0, source=TABLE_1)
-    added_yaw: Scalar = quantity("kg m^2", "Added inertia, -N_r'.", default=1.0, low=0, source=TABLE_1)
-    damping: HullDamping = part("Of the hull.", default=HullDamping())
+    inertia: Scalar = quantity(
+        "kg m^2", "Moment of inertia about z, at the origin of [1].", default=1.76, above=0, source=TABLE_1
+    )
+    centre: Scalar = quantity(
+        "m", "Distance x_g of the centre of mass ahead of the origin of [1].", default=0.046, source=TABLE_1
+    )
+    added_surge: Scalar = quantity("kg", "Added mass in surge, -X_u'.", default=2.0, low=0, source=TABLE_1)
+    added_sway: Scalar = quantity("kg", "Added mass in sway, -Y_v'.", default=10.0, low=0, source=TABLE_1)
+    added_coupling: Scalar = quantity(
+        "kg m", "Added mass coupling sway and yaw, -Y_r' = -N_v'.", default=0.0, source=TABLE_1
+    )
+    added_yaw: Scalar = quantity("kg m^2", "Added inertia in yaw, -N_r'.", default=1.0, low=0, source=TABLE_1)
+    damping: HullDamping = part("Damping of the hull.", default=HullDamping())
     propulsion: TwinScrew = part("Propellers and rudders.", default=TwinScrew())
-    current: Current = part("Of the water.", default=Current())
+    current: Current = part("Current of the water.", default=Current())
     wind: Any = part("Load of the wind, or None.", default=None, optional=WindLoad())
-    rudder_limit: Scalar = quantity("rad", "Stop of the rudders.", default=35 * DEG, above=0)
-    rudder_rate: Scalar = quantity("rad/s", "Fastest they move.", default=30 * DEG, above=0)
-    rudder_lag: Scalar = quantity("s", "Time constant of their servo.", default=0.1, above=0)
-    shaft_limit: Scalar = quantity("rad/s", "Fastest the shafts turn.", default=2000 / 60 * TURN, above=0)
-    shaft_lag: Scalar = quantity("s", "Time constant of their drive.", default=0.3, above=0)
+    rudder_limit: Scalar = quantity("rad", "Maximum angle of the rudders.", default=35 * DEG, above=0)
+    rudder_rate: Scalar = quantity("rad/s", "Maximum rate of the rudders.", default=30 * DEG, above=0)
+    rudder_lag: Scalar = quantity("s", "Time constant of the rudders' servo.", default=0.1, above=0)
+    shaft_limit: Scalar = quantity("rad/s", "Maximum speed of the shafts.", default=2000 / 60 * TURN, above=0)
+    shaft_lag: Scalar = quantity("s", "Time constant of the shafts' drive.", default=0.3, above=0)
 
     MAV_TYPE: ClassVar[str] = "SURFACE_BOAT"
     """Vehicle type that ground stations are given, see `wire.telemetry`."""

@@ -28,22 +28,28 @@ DOWN = np.array([0.0, 0.0, 1.0])
 class TorpedoControls:
     """Commands of the servos and the motor. Source: [1] section 4.5."""
 
-    rudder: Scalar = quantity("rad", "Both rudder fins; positive pushes the tail to starboard.", kind="angle")
-    stern: Scalar = quantity("rad", "Both stern planes; positive pushes the tail up.", kind="angle")
-    shaft_speed: Scalar = quantity("rad/s", "Propeller; positive drives ahead.")
+    rudder: Scalar = quantity(
+        "rad", "Commanded angle of both rudder fins; positive pushes the tail to starboard.", kind="angle"
+    )
+    stern: Scalar = quantity("rad", "Commanded angle of both stern planes; positive pushes the tail up.", kind="angle")
+    shaft_speed: Scalar = quantity("rad/s", "Commanded speed of the propeller; positive drives ahead.")
 
 
 @record
 class TorpedoState:
     """Place, attitude, velocity over the ground at the centre of mass, fins and shaft. Source: [1] section 3.2."""
 
-    position: Any = quantity("m", "North, east, depth.", frame="W", shape=(3,), default=np.zeros(3))
-    attitude: Any = quantity("1", "Quaternion q_WB.", frame="WB", shape=(4,), default=np.array([1.0, 0.0, 0.0, 0.0]))
-    velocity: Any = quantity("m/s", "Surge, sway, heave.", frame="B", shape=(3,), default=np.zeros(3))
-    rate: Any = quantity("rad/s", "Roll, pitch, yaw rate.", frame="B", shape=(3,), default=np.zeros(3))
+    position: Any = quantity("m", "Position: north, east, depth.", frame="W", shape=(3,), default=np.zeros(3))
+    attitude: Any = quantity(
+        "1", "Attitude: quaternion q_WB, scalar first.", frame="WB", shape=(4,), default=np.array([1.0, 0.0, 0.0, 0.0])
+    )
+    velocity: Any = quantity("m/s", "Velocity: surge, sway, heave.", frame="B", shape=(3,), default=np.zeros(3))
+    rate: Any = quantity(
+        "rad/s", "Angular velocity: roll, pitch, yaw rate.", frame="B", shape=(3,), default=np.zeros(3)
+    )
     rudder: Scalar = quantity("rad", "Angle of the rudder fins.", kind="angle", default=0.0)
     stern: Scalar = quantity("rad", "Angle of the stern planes.", kind="angle", default=0.0)
-    shaft_speed: Scalar = quantity("rad/s", "Of the propeller.", default=0.0)
+    shaft_speed: Scalar = quantity("rad/s", "Speed of the propeller.", default=0.0)
 
 
 @record
@@ -62,40 +68,56 @@ class TorpedoHull:
     Yrdot: Scalar = quantity("kg m", "Added mass, also Nvdot, -Zqdot and -Mwdot.", default=1.93, source=TABLES)
     Kpdot: Scalar = quantity("kg m^2", "Added inertia, roll.", default=-0.0704, source=TABLES)
     Mqdot: Scalar = quantity("kg m^2", "Added inertia, pitch, also Nrdot.", default=-4.88, source=TABLES)
-    Xuu: Scalar = quantity("kg/m", "Axial drag.", default=-1.62, source=TABLES)
-    Xwq: Scalar = quantity("kg", "Added mass.", default=-35.5, source=TABLES)
-    Xqq: Scalar = quantity("kg m", "Added mass.", default=-1.93, source=TABLES)
-    Xvr: Scalar = quantity("kg", "Added mass.", default=35.5, source=TABLES)
-    Xrr: Scalar = quantity("kg m", "Added mass.", default=-1.93, source=TABLES)
-    Yvv: Scalar = quantity("kg/m", "Cross-flow drag.", default=-1310.0, source=TABLES)
-    Yrr: Scalar = quantity("kg m", "Cross-flow drag.", default=0.632, source=TABLES)
-    Yuv: Scalar = quantity("kg/m", "Body and fin lift.", default=-28.6, source=TABLES)
-    Ywp: Scalar = quantity("kg", "Added mass.", default=35.5, source=TABLES)
-    Yur: Scalar = quantity("kg", "Added mass and fin lift.", default=5.22, source=TABLES)
-    Ypq: Scalar = quantity("kg m", "Added mass.", default=1.93, source=TABLES)
-    Yuudr: Scalar = quantity("kg/(m rad)", "Rudder.", default=9.64, source=TABLES)
-    Zww: Scalar = quantity("kg/m", "Cross-flow drag.", default=-131.0, source=TABLES)
-    Zqq: Scalar = quantity("kg m", "Cross-flow drag.", default=-0.632, source=TABLES)
-    Zuw: Scalar = quantity("kg/m", "Body and fin lift.", default=-28.6, source=TABLES)
-    Zuq: Scalar = quantity("kg", "Added mass and fin lift.", default=-5.22, source=TABLES)
-    Zvp: Scalar = quantity("kg", "Added mass.", default=-35.5, source=TABLES)
-    Zrp: Scalar = quantity("kg m", "Added mass.", default=1.93, source=TABLES)
-    Zuuds: Scalar = quantity("kg/(m rad)", "Stern planes.", default=-9.64, source=TABLES)
-    Kpp: Scalar = quantity("kg m^2", "Rolling drag.", default=-0.130, source=TABLES)
-    Mww: Scalar = quantity("kg", "Cross-flow drag.", default=3.18, source=TABLES)
-    Mqq: Scalar = quantity("kg m^2", "Cross-flow drag.", default=-188.0, source=TABLES)
-    Muw: Scalar = quantity("kg", "Body and fin lift, and Munk's moment.", default=24.0, source=TABLES)
-    Muq: Scalar = quantity("kg m", "Added mass and fin lift.", default=-2.0, source=TABLES)
-    Mvp: Scalar = quantity("kg m", "Added mass.", default=-1.93, source=TABLES)
-    Mrp: Scalar = quantity("kg m^2", "Added mass.", default=4.86, source=TABLES)
-    Muuds: Scalar = quantity("kg/rad", "Stern planes.", default=-6.15, source=TABLES)
-    Nvv: Scalar = quantity("kg", "Cross-flow drag.", default=-3.18, source=TABLES)
-    Nrr: Scalar = quantity("kg m^2", "Cross-flow drag.", default=-94.0, source=TABLES)
-    Nuv: Scalar = quantity("kg", "Body and fin lift, and Munk's moment.", default=-24.0, source=TABLES)
-    Nur: Scalar = quantity("kg m", "Added mass and fin lift.", default=-2.0, source=TABLES)
-    Nwp: Scalar = quantity("kg m", "Added mass.", default=-1.93, source=TABLES)
-    Npq: Scalar = quantity("kg m^2", "Added mass.", default=-4.86, source=TABLES)
-    Nuudr: Scalar = quantity("kg/rad", "Rudder.", default=-6.15, source=TABLES)
+    Xuu: Scalar = quantity("kg/m", "Axial drag coefficient of the surge force.", default=-1.62, source=TABLES)
+    Xwq: Scalar = quantity("kg", "Added mass coefficient of the surge force.", default=-35.5, source=TABLES)
+    Xqq: Scalar = quantity("kg m", "Added mass coefficient of the surge force.", default=-1.93, source=TABLES)
+    Xvr: Scalar = quantity("kg", "Added mass coefficient of the surge force.", default=35.5, source=TABLES)
+    Xrr: Scalar = quantity("kg m", "Added mass coefficient of the surge force.", default=-1.93, source=TABLES)
+    Yvv: Scalar = quantity("kg/m", "Cross-flow drag coefficient of the sway force.", default=-1310.0, source=TABLES)
+    Yrr: Scalar = quantity("kg m", "Cross-flow drag coefficient of the sway force.", default=0.632, source=TABLES)
+    Yuv: Scalar = quantity("kg/m", "Body and fin lift coefficient of the sway force.", default=-28.6, source=TABLES)
+    Ywp: Scalar = quantity("kg", "Added mass coefficient of the sway force.", default=35.5, source=TABLES)
+    Yur: Scalar = quantity("kg", "Added mass and fin lift coefficient of the sway force.", default=5.22, source=TABLES)
+    Ypq: Scalar = quantity("kg m", "Added mass coefficient of the sway force.", default=1.93, source=TABLES)
+    Yuudr: Scalar = quantity(
+        "kg/(m rad)", "Coefficient of the sway force due to the rudder.", default=9.64, source=TABLES
+    )
+    Zww: Scalar = quantity("kg/m", "Cross-flow drag coefficient of the heave force.", default=-131.0, source=TABLES)
+    Zqq: Scalar = quantity("kg m", "Cross-flow drag coefficient of the heave force.", default=-0.632, source=TABLES)
+    Zuw: Scalar = quantity("kg/m", "Body and fin lift coefficient of the heave force.", default=-28.6, source=TABLES)
+    Zuq: Scalar = quantity(
+        "kg", "Added mass and fin lift coefficient of the heave force.", default=-5.22, source=TABLES
+    )
+    Zvp: Scalar = quantity("kg", "Added mass coefficient of the heave force.", default=-35.5, source=TABLES)
+    Zrp: Scalar = quantity("kg m", "Added mass coefficient of the heave force.", default=1.93, source=TABLES)
+    Zuuds: Scalar = quantity(
+        "kg/(m rad)", "Coefficient of the heave force due to the stern planes.", default=-9.64, source=TABLES
+    )
+    Kpp: Scalar = quantity("kg m^2", "Rolling drag coefficient of the roll moment.", default=-0.130, source=TABLES)
+    Mww: Scalar = quantity("kg", "Cross-flow drag coefficient of the pitch moment.", default=3.18, source=TABLES)
+    Mqq: Scalar = quantity("kg m^2", "Cross-flow drag coefficient of the pitch moment.", default=-188.0, source=TABLES)
+    Muw: Scalar = quantity(
+        "kg", "Coefficient of the pitch moment: body and fin lift, and Munk's moment.", default=24.0, source=TABLES
+    )
+    Muq: Scalar = quantity(
+        "kg m", "Added mass and fin lift coefficient of the pitch moment.", default=-2.0, source=TABLES
+    )
+    Mvp: Scalar = quantity("kg m", "Added mass coefficient of the pitch moment.", default=-1.93, source=TABLES)
+    Mrp: Scalar = quantity("kg m^2", "Added mass coefficient of the pitch moment.", default=4.86, source=TABLES)
+    Muuds: Scalar = quantity(
+        "kg/rad", "Coefficient of the pitch moment due to the stern planes.", default=-6.15, source=TABLES
+    )
+    Nvv: Scalar = quantity("kg", "Cross-flow drag coefficient of the yaw moment.", default=-3.18, source=TABLES)
+    Nrr: Scalar = quantity("kg m^2", "Cross-flow drag coefficient of the yaw moment.", default=-94.0, source=TABLES)
+    Nuv: Scalar = quantity(
+        "kg", "Coefficient of the yaw moment: body and fin lift, and Munk's moment.", default=-24.0, source=TABLES
+    )
+    Nur: Scalar = quantity(
+        "kg m", "Added mass and fin lift coefficient of the yaw moment.", default=-2.0, source=TABLES
+    )
+    Nwp: Scalar = quantity("kg m", "Added mass coefficient of the yaw moment.", default=-1.93, source=TABLES)
+    Npq: Scalar = quantity("kg m^2", "Added mass coefficient of the yaw moment.", default=-4.86, source=TABLES)
+    Nuudr: Scalar = quantity("kg/rad", "Coefficient of the yaw moment due to the rudder.", default=-6.15, source=TABLES)
 
     def wrench(self, velocity: Any, rate: Any, rudder: Any, stern: Any) -> tuple[Any, Any]:
         """Return force (3,) (N) and moment (3,) (N m), without what goes with the accelerations."""
@@ -132,25 +154,29 @@ class Torpedo:
     """
 
     weight: Scalar = quantity(
-        "N", "Weight; the mass is this over 9.81 m/s^2.", default=299.0, above=0, source="[1] table 2.3"
+        "N", "Weight; the mass is the weight divided by 9.81 m/s^2.", default=299.0, above=0, source="[1] table 2.3"
     )
     buoyancy: Scalar = quantity("N", "Buoyancy.", default=306.0, above=0, source="[1] table 2.3")
     inertia: Any = quantity(
-        "kg m^2", "Ixx, Iyy, Izz about the centre of buoyancy.", frame="B", shape=(3,),
+        "kg m^2", "Moments of inertia Ixx, Iyy, Izz about the centre of buoyancy.", frame="B", shape=(3,),
         default=np.array([0.177, 3.45, 3.45]), source="[1] chapter 2",
     )  # fmt: skip
     lowered: Scalar = quantity(
-        "m", "z_g: centre of mass below that of buoyancy.", default=0.0196, source="[1] chapter 2"
+        "m", "Distance z_g of the centre of mass below the centre of buoyancy.", default=0.0196, source="[1] chapter 2"
     )
-    hull: TorpedoHull = part("What the water does to it.", default=TorpedoHull())
-    thrust: Scalar = quantity("N", "Of the propeller at 1500 rpm.", default=3.86, low=0, source="[1] table C.9")
-    torque: Scalar = quantity("N m", "On the hull, at 1500 rpm.", default=-0.543, source="[1] table C.9")
-    current: Current = part("Of the water.", default=Current())
-    fin_limit: Scalar = quantity("rad", "Stop of the fins.", default=13.6 * DEG, above=0, source="[1] table 2.2")
-    fin_rate: Scalar = quantity("rad/s", "Fastest they move.", default=60 * DEG, above=0)
-    fin_lag: Scalar = quantity("s", "Time constant of their servos.", default=0.1, above=0)
-    shaft_limit: Scalar = quantity("rad/s", "Fastest the shaft turns.", default=2000 * RPM, above=0)
-    shaft_lag: Scalar = quantity("s", "Time constant of its drive.", default=0.3, above=0)
+    hull: TorpedoHull = part("Hydrodynamic coefficients of hull and fins.", default=TorpedoHull())
+    thrust: Scalar = quantity("N", "Thrust of the propeller at 1500 rpm.", default=3.86, low=0, source="[1] table C.9")
+    torque: Scalar = quantity(
+        "N m", "Torque of the propeller on the hull at 1500 rpm.", default=-0.543, source="[1] table C.9"
+    )
+    current: Current = part("Current of the water.", default=Current())
+    fin_limit: Scalar = quantity(
+        "rad", "Maximum angle of the fins.", default=13.6 * DEG, above=0, source="[1] table 2.2"
+    )
+    fin_rate: Scalar = quantity("rad/s", "Maximum rate of the fins.", default=60 * DEG, above=0)
+    fin_lag: Scalar = quantity("s", "Time constant of the fins' servos.", default=0.1, above=0)
+    shaft_limit: Scalar = quantity("rad/s", "Maximum speed of the shaft.", default=2000 * RPM, above=0)
+    shaft_lag: Scalar = quantity("s", "Time constant of the shaft's drive.", default=0.3, above=0)
 
     MAV_TYPE: ClassVar[str] = "SUBMARINE"
     """Vehicle type that ground stations are given, see `wire.telemetry`."""

@@ -29,7 +29,7 @@ class RangingStart:
     """Normal equations so far, and the motion since the first located ping. Source: this module."""
 
     N: Any = quantity("1", "Information of (p0, v0, c, s).", shape=(UNKNOWNS, UNKNOWNS))
-    g: Any = quantity("1", "Right-hand side.", shape=(UNKNOWNS,))
+    g: Any = quantity("1", "Right-hand side of the normal equations.", shape=(UNKNOWNS,))
     square: Scalar = quantity("1", "Weighted sum of squares of the measurements, relative to `centre`.")
     centre: Any = quantity("m", "First position; the origin of the unknowns.", frame="W", shape=(2,))
     pings: Scalar = quantity("1", "Number of located pings used.", kind="count")

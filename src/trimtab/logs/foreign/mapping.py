@@ -128,7 +128,9 @@ def parse_mapping(content: Mapping[str, Any], where: str = "mapping") -> LogMapp
     made = {name: _parse_topic(f"{where}, [sensor.{name}]", _take(where, sensors, name, dict)) for name in sensors}
     for name in made:
         if not name.isidentifier():
-            raise InputError(f"{where}, [sensor.{name}]", "is no name", fix="letters, digits and _, e.g. [sensor.imu]")
+            raise InputError(
+                f"{where}, [sensor.{name}]", "is not a valid name", fix="letters, digits and _, e.g. [sensor.imu]"
+            )
     truth = content.get(TRUTH_SECTION)
     known = None if truth is None else _parse_topic(f"{where}, [truth]", _take(where, content, TRUTH_SECTION, dict))
     return LogMapping(made, known, content)

@@ -53,7 +53,9 @@ def import_package(where: str, module: str) -> Any:
     except ImportError as error:
         package = (error.name or module).partition(".")[0]
         fix = install_command("logs")
-        raise InputError(where, f"to read it the package {package!r} is needed, which is not here", fix=fix) from None
+        raise InputError(
+            where, f"reading this file needs the package {package!r}, which is not installed", fix=fix
+        ) from None
 
 
 def refuse_topic(where: str, topic: str, known: Iterable[str]) -> NoReturn:

@@ -103,7 +103,9 @@ def certified_system(
     for name, value, (low, high) in (("h_ft", h_ft, H_RANGE), ("V_ft_per_s", V_ft_per_s, V_RANGE)):
         if not low <= value <= high:
             raise InputError(
-                name, f"{value:g}", fix=f"give {low:g} to {high:g}, where the vehicle's curves were fitted"
+                name,
+                f"must be within {low:g} to {high:g}, got {value:g}",
+                fix="stay where the vehicle's curves were fitted",
             )
     if not 0 <= uncertainty < 10:  # at 10 there is no drag
         raise InputError("uncertainty", f"{uncertainty:g}", fix="give 0 (the plant is the model) to less than 10")
@@ -149,7 +151,10 @@ def _check_settings(integral: str, filter: str, kmode: str) -> None:
     for name, value in {"integral": integral, "filter": filter, "kmode": kmode}.items():
         if value not in offered[name]:
             raise InputError(
-                name, f"{value!r}", choices=offered[name], fix=argument("settings", offered[name][0], name)
+                name,
+                f"unknown choice {value!r}",
+                choices=offered[name],
+                fix=argument("settings", offered[name][0], name),
             )
 
 
@@ -185,7 +190,7 @@ def feedback_gain(
         strict: the regulator's Q in parts of Q_e.
     """
     if method not in METHODS:
-        raise InputError("method", f"{method!r}", choices=METHODS, fix=argument("method", "lqr"))
+        raise InputError("method", f"unknown method {method!r}", choices=METHODS, fix=argument("method", "lqr"))
     A, B = error_matrices(linear, integral=integral)
     Qe, Re, scale = weights(integral=integral)
     return lqr(A, B, strict * Qe, Re, scale=scale) if method == "lqr" else lmi_gain(A, B, Qe, Re, scale=scale)

@@ -258,7 +258,7 @@ def stability_map(
         InputError: before any run starts; every point of the coarse grid is checked as a scenario of its own.
     """
     if runs < 1 or not 0 < threshold <= 1:
-        problem = f"got {runs} runs and threshold {threshold}"
+        problem = f"runs must be at least 1, and threshold above 0 and at most 1; got {runs} and {threshold}"
         raise InputError("stability_map", problem, fix="give one run or more, and a threshold in (0, 1]")
     for axis in (x, y):
         axis.check()

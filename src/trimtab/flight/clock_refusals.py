@@ -1,10 +1,9 @@
 """Answers of a vehicle to a peer with a wrong clock or key, and the message for the user.
 
-A frame that was refused for its time stamp is answered to its sender alone by one TIMESYNC, five times a second at
-most: so a peer that is behind catches up. A peer of the vehicle's own system that asks for the time, as `fly` does,
-    with
-another key or without one, gets the same answer, so that it can report the problem. Peers that are not trusted get
-nothing else, and ground stations without the key get nothing.
+A frame refused for its time stamp is answered by one TIMESYNC, to its sender alone and at most five times a second. So
+a peer whose clock is behind catches up. A peer of the vehicle's own system may ask for the time with another key or
+without a key, as `fly` does. It gets the same answer, so that it can report the problem. Peers that are not trusted get
+no other message, and ground stations without the key get none.
 Source: docs page, Signing.
 """
 

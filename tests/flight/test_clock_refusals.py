@@ -5,7 +5,7 @@ from flight.mavlink.line import every
 from flight.transports.virtual_line import open_virtual_line
 from run.stand_ins import KEY, dialect
 
-from trimtab.flight.clocks import ANSWER_PERIOD, REPORT_PERIOD, RefusalAnswers
+from trimtab.flight.clock_refusals import ANSWER_PERIOD, REPORT_PERIOD, RefusalAnswers
 from trimtab.flight.mavlink.endpoint import Endpoint
 from trimtab.flight.mavlink.keys import passphrase_key
 from trimtab.flight.remote import RemoteVehicle
