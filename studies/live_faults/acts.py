@@ -11,6 +11,8 @@ from trimtab.flight.mavlink.protocol import CommandCode
 
 TICK_S = 0.01
 DATAGRAM = 1000
+RESTART_S = 0.5
+"""Time from the end of a killed vehicle to its next start (s). In virtual time a program starts at once."""
 Act = Callable[[FaultFlight], None]
 Prepare = Callable[[FaultFlight], dict[str, dict[str, str]]]
 """Prepares a flight. Returns environments by process, "vehicle" or "autopilot"."""
@@ -198,6 +200,7 @@ def restart_vehicle(flight: FaultFlight) -> None:
     """Kill the vehicle and start it again. Its clock starts at zero, and it has not been armed."""
     flight.let_fly(flight.undisturbed_s)
     flight.vehicle.kill()
+    flight.let_fly(RESTART_S)
     flight.start_vehicle(1.0)
     flight.autopilot.wait_for("from the vehicle again")
     flight.let_fly(1.0)

@@ -73,7 +73,7 @@ def send_sample_ahead(flight: FaultFlight) -> None:
     secret = SigningKey(flight.key.secret)
     with other_system(flight) as (injector, _):
         now = injector.read_vehicle_time()
-    vehicle = Endpoint(flight.knowledge.dialect, 1, 1, secret, link=9, datagrams=True)
+    vehicle = Endpoint(flight.knowledge.dialect, 1, 1, secret, link=9, datagrams=True, clock=flight.clock)
     flight.relay.send_bytes(DOWN, vehicle.pack("SAMPLE_NAVIGATION", {"t": now + HOUR, "valid": 1}))
 
 
