@@ -91,7 +91,7 @@ class ArduPilotPhysics:
             tell: receives the messages for the user.
         """
         flights = self._flights
-        flights.file, flights.period, flights.tell = log, log_period, tell
+        flights.prepare(log, tell, log_period)
         try:
             while not (stop() or flights.problems or self._is_over(duration)):
                 packet = self.link.receive(LISTEN_S)

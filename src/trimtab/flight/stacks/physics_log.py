@@ -52,6 +52,10 @@ class PhysicsFlights:
         self._log: FlightRecorder | None = None
         self.summary: LogFileSummary | None = None
 
+    def prepare(self, file: Path | None, tell: Callable[[str], None], period: int | None = None) -> None:
+        """Prepare for the first flight. file: its log.  tell: receives the messages.  period: of rows (100 ns)."""
+        self.file, self.tell, self.period = file, tell, self.period if period is None else period
+
     def begin(self, text: str) -> None:
         """Begin another flight, from the vehicle's first state. text: the message that announces it."""
         self.close()

@@ -131,7 +131,8 @@ class Px4Simulator:
             stop: called at every sample, and ten times a second.
             tell: receives the messages for the user.
         """
-        self._flights.file, self._flights.tell, connection = log, tell, -1
+        self._flights.prepare(log, tell)
+        connection = -1
         try:
             while not (stop() or self._flights.problems or self._is_over(duration)):
                 if not self.link.statistics.connected:
