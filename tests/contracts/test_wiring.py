@@ -14,7 +14,6 @@ OUTSIDE_CALLBACKS = {
     "compiler/walk_program.py: w.record",  # the writer of C is the compiler's; what a record does is the program's
     "compiler/native/call.py: made.assemble",  # fields of C structures
     "compiler/native/call.py: made.normalise",
-    "compiler/native/call.py: leaf.numbers",
     "logs/ring.py: resource_tracker.register",  # the standard library's, for as long as memory is attached
 }
 
@@ -42,17 +41,22 @@ def long_constructors(tree):
     ]
 
 
+def names_in(expression):
+    """Last names of an expression's parts."""
+    return {n.attr if isinstance(n, ast.Attribute) else getattr(n, "id", None) for n in ast.walk(expression)}
+
+
 def callable_attributes(tree):
     """Attributes that a class declares as `Callable`, in its body or on self."""
     found = set()
     for node in nodes(tree):
-        if isinstance(node, ast.AnnAssign) and "Callable[" in ast.unparse(node.annotation):
+        if isinstance(node, ast.AnnAssign) and "Callable" in names_in(node.annotation):
             target = node.target
             if isinstance(target, ast.Attribute):
                 found.add(target.attr)
         if isinstance(node, ast.ClassDef):
             fields = [n for n in node.body if isinstance(n, ast.AnnAssign) and isinstance(n.target, ast.Name)]
-            found |= {n.target.id for n in fields if "Callable[" in ast.unparse(n.annotation)}
+            found |= {n.target.id for n in fields if "Callable" in names_in(n.annotation)}
     return found
 
 
@@ -74,7 +78,8 @@ def outside_callbacks(tree, declared=frozenset()):
     properties = {
         n.name
         for n in nodes(tree)
-        if isinstance(n, ast.FunctionDef) and any("property" in ast.unparse(d) for d in n.decorator_list)
+        if isinstance(n, ast.FunctionDef)
+        and any(names_in(d) & {"property", "cached_property"} for d in n.decorator_list)
     }
 
     def is_function(value):
@@ -84,7 +89,7 @@ def outside_callbacks(tree, declared=frozenset()):
     return [
         ast.unparse(target)
         for target, value in assignments(tree)
-        if isinstance(target, ast.Attribute) and ast.unparse(target.value) not in ("self", "cls")
+        if isinstance(target, ast.Attribute) and getattr(target.value, "id", None) not in ("self", "cls")
         if is_function(value) or target.attr in declared
     ]
 

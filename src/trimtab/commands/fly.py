@@ -216,7 +216,7 @@ def _fly_real_time(
             overrun=overrun,
             stop=stop,
             tell=sink.put,
-            lost_lines=lambda: sink.lost_count,
+            lost_lines=sink.settle,
         )
         if address is None:
             flight = fly()

@@ -78,8 +78,10 @@ class VehicleReceiver:
     def _set_parameter(self, event: ParameterChange) -> None:
         parts, path = self._parts, event.path.removeprefix("world.")
         uplink, world = parts.duties.uplink, parts.body.world
-        is_of_world = uplink is None or path not in uplink.parameters
-        values = world.parameters[event.path] if is_of_world else uplink.parameters[path]
+        if uplink is not None and path in uplink.parameters:
+            values = uplink.parameters[path]
+        else:
+            values = world.parameters[event.path]
         values.flat[event.slot] = event.value
         parts.identity.change(identity_path(event.path), values)
         parts.station.status = parts.station.status._replace(identity=parts.identity.number)
