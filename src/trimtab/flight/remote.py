@@ -46,7 +46,7 @@ class RemoteVehicle:
         """
         self._endpoint, self._link, self.typed, self._tell = endpoint, link, typed, tell
         self.remarks: list[str] = []
-        """What the user accepted before the flight: differences, another clock. It is also logged."""
+        """Differences and another clock that the user accepted before the flight. They are also logged."""
         self.clock = VehicleClock(endpoint, tell, self.remarks)
         self.comparison = ScenarioComparison(endpoint, identity, accepts, tell, self.remarks)
         self.arming = RemoteArming(endpoint, self.comparison, confirms, tell)
