@@ -18,7 +18,8 @@ from pathlib import Path
 from paired import Ratio, load, machine, row
 
 from trimtab.core.time import seconds, to_seconds
-from trimtab.flight.autopilot import LiveAutopilot, LiveFlightSummary
+from trimtab.flight.autopilot import LiveAutopilot
+from trimtab.flight.flight_signals import LiveFlightSummary
 from trimtab.flight.mavlink.endpoint import Endpoint
 from trimtab.flight.transports.open_link import open_link
 from trimtab.run.blocks import compile_autopilot

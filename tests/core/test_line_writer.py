@@ -44,3 +44,21 @@ def test_lines_that_cannot_be_written_are_counted_and_the_next_are_tried():
         writer.put(str(k))
     assert writer.close(60.0) == 2
     assert written == ["0", "1", "4"]
+
+
+def test_lines_that_still_wait_count_as_lost_until_they_are_written():
+    go, written = threading.Event(), []
+
+    def write(text):
+        go.wait(60.0)
+        written.append(text)
+
+    writer = LineWriter(write)
+    for k in range(5):
+        writer.put(str(k))
+    assert writer.settle(0.0) >= 5
+    go.set()
+    assert writer.settle(60.0) == 0
+    writer.put("5")
+    assert writer.close(60.0) == 0
+    assert written == [str(k) for k in range(6)]

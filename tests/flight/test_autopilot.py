@@ -14,7 +14,7 @@ from trimtab.compiler.native.compiler import find_compiler
 from trimtab.core.errors import InputError
 from trimtab.core.record import replace
 from trimtab.core.time import ms, seconds
-from trimtab.flight.autopilot import SERVO_FRAME
+from trimtab.flight.control_loop import SERVO_FRAME
 from trimtab.flight.virtual_machine import VirtualMachine
 from trimtab.run.replay import replay
 from trimtab.scenarios import catalogue
@@ -69,9 +69,9 @@ def test_every_step_is_in_the_log(flown):
     assert written.rows == len(flown.log) == kept.step.summary().n
     period = flown.scenario.autopilot.period
     assert (np.diff(flown.log.ticks) % period == 0).all()
-    assert flown.log["loop.skipped"][-1] == flown.pair.flyer.skipped
+    assert flown.log["loop.skipped"][-1] == flown.flight.skipped
     assert flown.log["vehicle.armed"][-1] == 1
-    assert flown.log["link.samples"][-1] <= flown.pair.flyer.autopilot_end.received_samples
+    assert flown.log["link.samples"][-1] <= flown.pair.flyer.autopilot_end.counts.received
 
 
 def test_samples_are_measured_when_the_vehicle_says_on_the_autopilots_clock(flown):
@@ -117,7 +117,7 @@ def test_commands_reach_the_actuators_as_they_were_sent(flown):
 
 def test_a_quiet_network_keeps_every_deadline(flown):
     kept = flown.flight.deadlines
-    assert (kept.own, kept.scheduler, flown.pair.flyer.skipped) == (0, 0, 0)
+    assert (kept.own, kept.scheduler, flown.flight.skipped) == (0, 0, 0)
     assert kept.late.longest == 0
     assert np.ptp(flown.log["link.implausible"][flown.log["vehicle.armed"].astype(bool)]) == 0
     assert flown.pair.outputs_said[0].endswith("safe, 0.0 ms after the last row: the vehicle has ended")
@@ -158,7 +158,7 @@ def test_a_process_that_got_no_processor_is_not_blamed(scenario):
 
 def test_an_autopilot_that_stood_still_goes_on_from_now(scenario):
     one = fly_pair(scenario, act=lambda pair: pair.here.freeze(1.0), duration=seconds(3))
-    assert one.pair.flyer.skipped == pytest.approx(1000, abs=2)
+    assert one.flight.skipped == pytest.approx(1000, abs=2)
     assert any(text.startswith(("this end stalled for 0.99", "this end stalled for 1.0")) for text in events(one.log))
     assert any(text.startswith("failsafe: no command") for text in events(one.truth))
     t = one.truth.t[one.truth["firmware.mode"] == 3][0]
@@ -305,7 +305,7 @@ def test_a_vehicle_with_other_sensors_is_refused_before_it_is_armed(scenario):
         beat = theirs.pack("HEARTBEAT", {"autopilot": 0})
         version = theirs.pack("AUTOPILOT_VERSION", {"flight_custom_version": theirs.dialect.fingerprint})
         for packet in (beat, version):
-            flyer._handle_data(packet)
+            flyer.parts.handle_data(packet)
         with pytest.raises(InputError, match="different sensors") as refused:
             flyer.connect(patience=30.0)
         assert "the same --set on both ends" in refused.value.fix
@@ -324,8 +324,7 @@ def test_a_vehicle_of_another_mass_is_refused_by_path_and_flown_where_that_is_me
             flyer.connect()
         assert "--accept world.vehicle.mass" in refused.value.fix
         meant = pair.make_autopilot(machine, accepts=["world.vehicle.mass"])
-        meant.remote.tell = pair.said.append
-        meant.connect()
+        meant.connect(tell=pair.said.append)
         assert meant.remote.is_ready
         assert "accepted: world.vehicle.mass: 2.8 on the vehicle, 2.6 here" in pair.said
 

@@ -32,11 +32,14 @@ class Line:
         self.there, self.here, self.unix = line.listen(), line.call(), line.clock.unix
         self.pause = line.pause
         self.vehicle = Endpoint(DIALECT, 1, 1, KEY, clock=self.unix)
-        self.pilot = Endpoint(DIALECT, 1, 191, key, clock=lambda: self.unix() + difference)
         self.said, self.heard, self.now = [], [], 0
         self.answers = RefusalAnswers(self.vehicle, self.there, self.said.append)
-        self.remote = RemoteVehicle(self.pilot, self.here, typed="trimtab fly it --link there")
-        self.remote.tell = self.heard.append
+        self.start_pilot(Endpoint(DIALECT, 1, 191, key, clock=lambda: self.unix() + difference))
+
+    def start_pilot(self, endpoint, options=""):
+        """Start the autopilot, or start it again with another end. options: more words that were typed."""
+        self.pilot, typed = endpoint, f"trimtab fly it --link there{options}"
+        self.remote = RemoteVehicle(endpoint, self.here, typed=typed, tell=self.heard.append)
 
     def run(self, ms):
         """Both ends for so many ms of the vehicle's and the autopilot's time."""
@@ -51,7 +54,7 @@ class Line:
             while (data := self.here.receive(0.0)) is not None:
                 for message in self.pilot.feed(data):
                     self.remote.handle_message(message, self.now)
-                self.remote.handle_untimely(self.pilot.untimely)
+                self.remote.clock.handle_untimely(self.pilot.untimely)
         return accepted
 
     def close(self):
@@ -79,7 +82,7 @@ def test_an_autopilot_that_is_half_a_minute_behind_catches_up_by_itself(opened):
     assert {m.name for m in accepted} == {"TIMESYNC"}
     assert line.vehicle.counts.stale > 0
     assert seconds_of(line.said[0], "refused: the clock of 1/191 is {} s behind this one") == pytest.approx(30, abs=2)
-    assert line.remote.untimely is None
+    assert line.remote.clock.untimely is None
 
 
 @pytest.mark.parametrize(("difference", "which"), [(-120.0, "ahead of"), (120.0, "behind"), (DAY, "behind")])
@@ -96,7 +99,7 @@ def test_clocks_that_differ_by_more_are_told_at_both_ends_and_one_step_flies_aga
     opposite = {"ahead of": "behind", "behind": "ahead of"}[which]
     (said,) = line.said
     assert seconds_of(said, f"refused: the clock of 1/191 is {{}} s {opposite} this one") == pytest.approx(far, abs=2)
-    line.remote.follow_clock()
+    line.remote.clock.follow()
     assert len(line.run(300)) > 3
     assert line.pilot.counts.refusals == line.pilot.counts.stale + line.pilot.counts.leading
 
@@ -113,8 +116,7 @@ def test_another_key_is_answered_so_that_it_is_known_for_what_it_is(opened):
 
 def test_an_end_without_a_key_is_told_that_it_needs_one(opened):
     line = opened()
-    line.pilot = Endpoint(DIALECT, 1, 191, unsigned=True, clock=line.unix)
-    line.remote = RemoteVehicle(line.pilot, line.here, typed="trimtab fly it --link there --unsigned")
+    line.start_pilot(Endpoint(DIALECT, 1, 191, unsigned=True, clock=line.unix), " --unsigned")
     assert line.run(500) == []
     problem = line.remote.find_problem("it")
     assert problem.problem == "wrong key: the vehicle accepts signed frames only, and this end has no key"
@@ -143,18 +145,18 @@ def test_only_an_answer_to_what_was_asked_counts_as_the_vehicles_clock(opened):
     line.remote.due(0)
     for fields in ({"tc1": 5, "ts1": 12345}, {"ts1": 0}):
         line.pilot.feed(old.pack("TIMESYNC", fields))
-        line.remote.handle_untimely(line.pilot.untimely)
+        line.remote.clock.handle_untimely(line.pilot.untimely)
     line.pilot.feed(old.pack("HEARTBEAT"))
-    line.remote.handle_untimely(line.pilot.untimely)
+    line.remote.clock.handle_untimely(line.pilot.untimely)
     assert line.pilot.counts.stale == 3
-    assert line.remote.untimely is None
+    assert line.remote.clock.untimely is None
 
 
 def test_a_clock_that_was_wrong_once_is_reset_by_what_the_message_says(opened, tmp_path):
     key = passphrase_key("correct-horse-battery-staple", tmp_path / "a.key")
     line = opened()
     Endpoint(DIALECT, 1, 191, key, clock=lambda: line.unix() + DAY).close()
-    line.pilot = line.remote._endpoint = Endpoint(DIALECT, 1, 191, key, clock=line.unix)
+    line.start_pilot(Endpoint(DIALECT, 1, 191, key, clock=line.unix))
     assert line.run(300) == []
     problem = line.remote.find_problem("it")
     assert problem.fix == "trimtab fly it --link there --clock computer"
@@ -162,7 +164,7 @@ def test_a_clock_that_was_wrong_once_is_reset_by_what_the_message_says(opened, t
         DAY, abs=2
     )
     line.pilot.close()
-    line.pilot = line.remote._endpoint = Endpoint(DIALECT, 1, 191, key, clock=line.unix, is_reset=True)
+    line.start_pilot(Endpoint(DIALECT, 1, 191, key, clock=line.unix, is_reset=True))
     assert len(line.run(300)) > 3
     line.pilot.close()
 

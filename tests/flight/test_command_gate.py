@@ -20,8 +20,7 @@ OFFSET = 5_000_000_000
 class Autopilot:
     def __init__(self, vehicle):
         self.end, self.link, self.said = Endpoint(DIALECT, 1, 191, unsigned=True), Link(), []
-        self.remote = RemoteVehicle(self.end, self.link, typed="trimtab fly it")
-        self.remote.tell = self.said.append
+        self.remote = RemoteVehicle(self.end, self.link, typed="trimtab fly it", tell=self.said.append)
         vehicle.autopilots.append(self)
 
 
@@ -86,11 +85,11 @@ def test_of_two_autopilots_with_the_key_one_is_obeyed_and_the_other_is_told(vehi
     """Both had been: 101 commands a second, 95 jumps of the rudder."""
     first, second = join(vehicle), join(vehicle)
     for each in (first, second):
-        each.remote.arm()
+        each.remote.arming.arm()
         vehicle.run(ms(600))
-    assert (first.remote.has_authority, second.remote.has_authority) == (True, False)
-    assert second.remote.is_taken
-    assert second.remote.owner == first.end.session
+    assert (first.remote.arming.has_authority, second.remote.arming.has_authority) == (True, False)
+    assert second.remote.arming.is_taken
+    assert second.remote.arming.owner == first.end.session
     for _ in range(50):
         vehicle.now += ms(20)
         for each in (second, first):
@@ -106,24 +105,24 @@ def test_of_two_autopilots_with_the_key_one_is_obeyed_and_the_other_is_told(vehi
 
 def test_the_end_of_one_flight_disarms_nobody_elses_vehicle(vehicle):
     first, second = join(vehicle), join(vehicle)
-    first.remote.arm()
+    first.remote.arming.arm()
     vehicle.run(ms(600))
-    second.remote.disarm()
+    second.remote.arming.disarm()
     vehicle.run(ms(600))
     assert vehicle.armed
-    assert not second.remote.is_asking  # it has been answered: it is not its business
+    assert not second.remote.arming.is_asking  # it has been answered: it is not its business
     assert any("Disarming by" in s and "refused" in s for s in first.said)
-    first.remote.disarm()
+    first.remote.arming.disarm()
     vehicle.run(ms(300))
     assert not vehicle.armed
-    second.remote.arm()
+    second.remote.arming.arm()
     vehicle.run(ms(600))
-    assert second.remote.has_authority
+    assert second.remote.arming.has_authority
 
 
 def test_a_ground_station_disarms_whatever_flies(vehicle):
     first = join(vehicle)
-    first.remote.arm()
+    first.remote.arming.arm()
     vehicle.run(ms(600))
     station = Endpoint(DIALECT, 255, 190, unsigned=True)
     vehicle.hear(station.pack("COMMAND_LONG", {"command": 400, "param1": 0.0, "target_system": 1}))
@@ -132,12 +131,12 @@ def test_a_ground_station_disarms_whatever_flies(vehicle):
 
 def test_it_is_handed_over_where_that_is_asked_for_and_both_ends_know(vehicle):
     first, second = join(vehicle), join(vehicle)
-    first.remote.arm()
+    first.remote.arming.arm()
     vehicle.run(ms(600))
-    second.remote.arm(takes_over=True)
+    second.remote.arming.arm(takes_over=True)
     vehicle.run(ms(600))
-    assert (first.remote.has_authority, second.remote.has_authority) == (False, True)
-    assert first.remote.is_taken
+    assert (first.remote.arming.has_authority, second.remote.arming.has_authority) == (False, True)
+    assert first.remote.arming.is_taken
     assert any(f"belongs to another autopilot now, session {second.end.session:06x}" in s for s in first.said)
     vehicle.command(first)
     vehicle.command(second)
@@ -166,7 +165,7 @@ def test_two_vehicles_on_one_line_are_told_apart():
 def test_an_order_to_arm_names_one_vehicle():
     one, other = Vehicle(), Vehicle()
     autopilot = join(one)
-    autopilot.remote.arm()
+    autopilot.remote.arming.arm()
     autopilot.remote.due(one.now + seconds(1))
     for packet in autopilot.link.sent:
         one.hear(packet)
@@ -177,7 +176,7 @@ def test_an_order_to_arm_names_one_vehicle():
 def test_a_command_of_a_clock_that_is_ahead_costs_itself_alone(vehicle):
     """The failsafe takes none that is older than its last: 24 good ones had been refused, and it tripped."""
     first = join(vehicle)
-    first.remote.arm()
+    first.remote.arming.arm()
     vehicle.run(ms(600))
     for k in range(40):
         vehicle.now += ms(20)

@@ -12,8 +12,9 @@ from trimtab.actuators.drive import DriveCommand, drive_failsafe
 from trimtab.actuators.failsafe import Failsafe
 from trimtab.compiler.native.compiler import find_compiler
 from trimtab.core.signals import Command
-from trimtab.flight.duties import COMPUTER_MODE, MANUAL_MODE, Duties
+from trimtab.flight.duties import COMPUTER_MODE, Duties
 from trimtab.flight.exchange import GroupSample
+from trimtab.flight.manual_control import MANUAL_MODE
 from trimtab.flight.mavlink.protocol import ArmRequest, JoystickAxes, ModeRequest, ReceiverChannels, State
 from trimtab.flight.station.standard_services import Status
 from trimtab.run.blocks import UNLIMITED
@@ -44,7 +45,9 @@ class Craft:
                 self.modes.append((self.t // MS, *self.duties.mode))
 
     def taken(self, pulse, rpm, t=None):
-        slots = [self.duties.slot(f"command.{n}") for n in ("t", "valid", "value.rudder_pulse", "value.speed_rpm")]
+        slots = [
+            self.duties.commands.slot(f"command.{n}") for n in ("t", "valid", "value.rudder_pulse", "value.speed_rpm")
+        ]
         return GroupSample(self.t if t is None else t, slots, (0, 1, pulse, rpm), 0)
 
     @property
@@ -158,7 +161,7 @@ def test_sticks_that_are_given_back_are_not_missed(craft):
     assert craft.duties.mode.mode == "manual"
     craft.run(1000, command=(1.6e-3, 4000.0), asks=[ReceiverChannels((NAN,) * 18, is_release=True)])
     assert (craft.acting, craft.duties.mode.mode) == ((1.0, 1.6e-3, 4000.0), "computer")
-    assert craft.duties.radio_silence(craft.t) is None
+    assert craft.duties.pilot.radio_silence(craft.t) is None
 
 
 def test_a_receiver_heard_after_a_release_is_not_forgotten(craft):
@@ -168,7 +171,7 @@ def test_a_receiver_heard_after_a_release_is_not_forgotten(craft):
     pilot = receiver(1500, 1750, 1500, 1500, 1900)
     craft.run(50, command=(1.6e-3, 4000.0), every=lambda: [released, pilot])
     assert craft.duties.mode.mode == "manual"
-    assert craft.duties.radio_silence(craft.t) is not None
+    assert craft.duties.pilot.radio_silence(craft.t) is not None
 
 
 def test_channels_without_sticks_are_no_pilot(craft):

@@ -1,6 +1,7 @@
 """What a virtual vehicle tells of itself, against its state, its sensor and its commands."""
 
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -33,10 +34,9 @@ class Told:
             if t >= ms(20):
                 break
         endpoint = Endpoint(dialect, 1, 1, unsigned=True)
-        self.flying = False
-        self.instruments = Instruments(
-            self.body, failsafe or choose_failsafe(scenario, command), endpoint, lambda: self.flying
-        )
+        self.duties = SimpleNamespace(failsafe=failsafe or choose_failsafe(scenario, command), is_commanded=False)
+        self.guard = SimpleNamespace(may_be_armed=True)
+        self.instruments = Instruments(self.body, self.duties, self.guard, endpoint)
         self._streams, self._ground = self.instruments.telemetry_streams(), Endpoint(dialect, 255, 190, unsigned=True)
 
     def ask(self, number, now=0):
@@ -84,7 +84,7 @@ def test_receiver_is_told_while_it_is_heard(hovercraft):
 
 def test_it_is_on_the_ground_until_somebody_flies_it(hovercraft):
     assert hovercraft.ask(245)["landed_state"] == 1
-    hovercraft.flying = True
+    hovercraft.duties.is_commanded = True
     assert hovercraft.ask(245)["landed_state"] == 0
 
 
@@ -110,9 +110,9 @@ def test_an_inertial_unit_and_a_magnetometer_are_shown():
 def test_ground_stations_see_whether_it_may_be_armed(hovercraft):
     bit = 0x10000000
     assert hovercraft.ask(1)["onboard_control_sensors_health"] & bit
-    hovercraft.instruments.may_be_armed = lambda: False
+    hovercraft.guard.may_be_armed = False
     health = hovercraft.ask(1)
-    hovercraft.instruments.may_be_armed = lambda: True
+    hovercraft.guard.may_be_armed = True
     assert health["onboard_control_sensors_present"] & bit
     assert not health["onboard_control_sensors_health"] & bit
 

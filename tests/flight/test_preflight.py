@@ -29,7 +29,7 @@ class Flyer:
 
     def __init__(self, live):
         self.live, self.now = live, 0
-        live.remote.confirms, live.remote.system, live.remote.component = False, 1, 1
+        live.remote.arming.confirms, live.remote.system, live.remote.component = False, 1, 1
         live.remote.checks.__init__()
         self.vehicle = Endpoint(live.endpoint.dialect, 1, 1, KEY)
         counts = live.endpoint.counts
@@ -107,7 +107,7 @@ def test_what_a_person_has_to_confirm_is_refused_at_once_and_flown_with_the_opti
     assert not flyer.run(seconds(1), WELL, CONFIRMATION)
     assert flyer.preflight.refusal == "arming refused: confirmation: 0, at least 1; type --rearm at fly"
     flyer = Flyer(live)
-    live.remote.confirms = True
+    live.remote.arming.confirms = True
     assert flyer.run(seconds(1), WELL, CONFIRMATION)
     assert "confirmed" in flyer.preflight.table
 
@@ -120,7 +120,7 @@ def test_with_the_only_sensor_off_a_whole_vehicle_is_not_armed_and_all_are_told_
 
     def serve(machine):
         vehicle = pair.make_vehicle(machine, add_idle_faults(scenario))
-        assert vehicle.station.status.arming_problem == "the checks have not run yet"
+        assert vehicle.parts.station.status.arming_problem == "the checks have not run yet"
         vehicle.body.world.parameters["world.sensors.navigation.fault.word"].flat[0] = WORDS.index("off")
         return vehicle.serve(log=LOG, stop=pair.has_autopilot_ended, tell=pair.told.append)
 
@@ -168,14 +168,14 @@ def test_a_setting_that_changes_while_the_vehicle_is_asked_to_arm_prevents_the_f
         name = next(p.name for p in listed if p.path == "world.vehicle.mass")
         station = Endpoint(flyer.endpoint.dialect, 255, 190, KEY, datagrams=True, clock=running_clock(machine.clock))
         fields = {"target_system": 1, "param_id": name, "param_value": 4.5, "param_type": 9}
-        arm = flyer.remote.arm
+        arm = flyer.remote.arming.arm
 
         def change_and_arm(**how):
-            if not flyer.remote.is_asking:
+            if not flyer.remote.arming.is_asking:
                 machine.open_link(LINK).send(station.pack("PARAM_SET", fields))
             arm(**how)
 
-        flyer.remote.arm = change_and_arm
+        flyer.remote.arming.arm = change_and_arm
         return flyer.fly(log=LOG, tell=pair.said.append, duration=seconds(1))
 
     pair.start_autopilot(fly)

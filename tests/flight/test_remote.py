@@ -11,8 +11,10 @@ from trimtab.flight.connection_problem import owner_problem
 from trimtab.flight.mavlink.endpoint import Endpoint
 from trimtab.flight.mavlink.keys import passphrase_key
 from trimtab.flight.mavlink.protocol import CommandCode, CommandResult, State
-from trimtab.flight.remote import MOST_ASKS, QUICK_ANSWERS, RemoteVehicle
+from trimtab.flight.remote import RemoteVehicle
+from trimtab.flight.scenario_comparison import MOST_ASKS
 from trimtab.flight.station.identity import TUNNEL, IdentityComparison, IdentityService
+from trimtab.flight.vehicle_clock import QUICK_ANSWERS
 
 NOT_ARMED = "the vehicle was not armed at the end"
 
@@ -32,9 +34,8 @@ class Line:
         self.here, self.there, self.link = both.here, both.there, Link()
         identity = None if settings is None else IdentityComparison(self.here, settings)
         self.service = IdentityService(self.there, SETTINGS)
-        self.remote = RemoteVehicle(self.here, self.link, identity=identity)
         self.of, self.now, self.said, self.answers = of, 0, [], True
-        self.remote.tell = self.said.append
+        self.remote = RemoteVehicle(self.here, self.link, identity=identity, tell=self.said.append)
         self.orders = []
 
     def hear(self, name, sender=None, **fields):
@@ -85,8 +86,8 @@ def test_it_is_ready_when_it_beats_its_clock_is_known_and_its_messages_fit():
     assert not line.remote.is_ready
     line.run(ms(60))
     assert line.remote.is_ready
-    assert abs(line.remote.offset(line.now) - AHEAD) <= 1
-    assert line.remote.sync.to_local(line.now + AHEAD) == line.now
+    assert abs(line.remote.clock.offset(line.now) - AHEAD) <= 1
+    assert line.remote.clock.sync.to_local(line.now + AHEAD) == line.now
 
 
 def test_a_vehicle_with_other_sensors_is_refused_by_its_fingerprint():
@@ -127,30 +128,30 @@ def test_wrong_keys_are_named():
 
 def test_it_asks_to_arm_until_that_is_answered():
     line = ready()
-    line.remote.arm()
+    line.remote.arming.arm()
     line.run(ms(1200))
     times = [t for t, wanted in line.arms() if wanted == 1.0]
     assert len(times) == 3
     assert all(b - a == 500 for a, b in itertools.pairwise(times))
     line.hear("COMMAND_ACK", command=CommandCode.ARM, result=CommandResult.NOT_NOW)
-    assert line.remote.is_asking
+    assert line.remote.arming.is_asking
     line.hear(
         "COMMAND_ACK", command=CommandCode.ARM, result=CommandResult.ACCEPTED, target_system=1, target_component=77
     )
-    assert line.remote.is_asking  # somebody else was answered
+    assert line.remote.arming.is_asking  # somebody else was answered
     line.hear(
         "COMMAND_ACK", command=CommandCode.ARM, result=CommandResult.ACCEPTED, target_system=1, target_component=191
     )
-    assert (line.remote.armed, line.remote.is_asking) == (True, False)
+    assert (line.remote.arming.armed, line.remote.arming.is_asking) == (True, False)
     line.run(ms(1200))
     assert len(line.arms()) == 3
-    line.remote.disarm()
+    line.remote.arming.disarm()
     line.run(ms(250))
     assert [wanted for _, wanted in line.arms()][3:] == [0.0] * 3
     line.hear(
         "COMMAND_ACK", command=CommandCode.ARM, result=CommandResult.ACCEPTED, target_system=1, target_component=191
     )
-    assert (line.remote.armed, line.remote.is_asking) == (False, False)
+    assert (line.remote.arming.armed, line.remote.arming.is_asking) == (False, False)
     line.run(ms(1200))
     assert len(line.arms()) == 6
 
@@ -158,16 +159,16 @@ def test_it_asks_to_arm_until_that_is_answered():
 def test_a_vehicle_that_somebody_has_armed_is_asked_whose_it_is():
     line = ready()
     line.beat(armed=True)
-    line.remote.arm()
+    line.remote.arming.arm()
     line.run(ms(600))
     assert len(line.arms()) == 2
     ack = {"command": CommandCode.ARM, "target_system": 1, "target_component": 191}
     line.hear("COMMAND_ACK", result=CommandResult.DENIED, result_param2=77, **ack)
-    assert (line.remote.is_taken, line.remote.has_authority) == (True, False)
+    assert (line.remote.arming.is_taken, line.remote.arming.has_authority) == (True, False)
     line.hear("COMMAND_ACK", result=CommandResult.ACCEPTED, result_param2=77, **ack)  # another's was answered
-    assert (line.remote.is_asking, line.remote.has_authority) == (True, False)
+    assert (line.remote.arming.is_asking, line.remote.arming.has_authority) == (True, False)
     line.hear("COMMAND_ACK", result=CommandResult.ACCEPTED, result_param2=line.here.session, **ack)
-    assert (line.remote.is_asking, line.remote.has_authority) == (False, True)
+    assert (line.remote.arming.is_asking, line.remote.arming.has_authority) == (False, True)
     problem = owner_problem(77, "trimtab fly it")
     assert "00004d" in problem.problem
     assert problem.fix.startswith("trimtab fly it --take-over")
@@ -179,7 +180,7 @@ def test_settings_of_a_vehicle_in_flight_are_compared_before_it_is_taken_over(ma
     line.beat(armed=True)
     line.run(ms(900))
     assert line.remote.is_ready == (mass == "2.6")
-    assert line.remote.misfit == ("" if mass == "2.6" else "wrong scenario")
+    assert line.remote.comparison.misfit == ("" if mass == "2.6" else "wrong scenario")
 
 
 def test_ground_stations_and_other_vehicles_are_not_taken_for_it():
@@ -188,14 +189,14 @@ def test_ground_stations_and_other_vehicles_are_not_taken_for_it():
     station, second = Endpoint(DIALECT, 255, 190, KEY), Endpoint(DIALECT, 2, 1, KEY)
     line.beat(armed=True, sender=station, autopilot=8)
     line.beat(armed=True, sender=second)
-    assert not line.remote.armed
+    assert not line.remote.arming.armed
     for stranger in (station, second):
-        ask = line.remote.sync.ask(line.now)
+        ask = line.remote.clock.sync.ask(line.now)
         line.hear("TIMESYNC", stranger, tc1=12345, ts1=ask["ts1"])
         line.hear("STATUSTEXT", stranger, text="hello")
         line.hear("AUTOPILOT_VERSION", stranger, flight_custom_version=OTHER.fingerprint)
-    assert abs(line.remote.offset(line.now) - AHEAD) <= 1
-    assert (line.said, line.remote.misfit) == ([], "")
+    assert abs(line.remote.clock.offset(line.now) - AHEAD) <= 1
+    assert (line.said, line.remote.comparison.misfit) == ([], "")
 
 
 def test_a_vehicle_that_was_started_anew_is_told_and_its_clock_found_again():
@@ -205,19 +206,19 @@ def test_a_vehicle_that_was_started_anew_is_told_and_its_clock_found_again():
     line.beat(armed=False)
     line.run(seconds(2), ahead=-1000)
     assert line.said == ["the vehicle is no longer armed", "the vehicle's clock has changed"]
-    assert abs(line.remote.offset(line.now) + 1000) <= 1
+    assert abs(line.remote.clock.offset(line.now) + 1000) <= 1
 
 
 def test_an_offset_that_changes_a_little_turns_and_does_not_jump():
     """Samples that are 40 ms old come all the time: their times rise, and so do those of commands."""
     line = ready()
-    line.remote.sync.to_local(line.now + AHEAD - ms(40))
-    before = line.remote.offset(line.now)
+    line.remote.clock.sync.to_local(line.now + AHEAD - ms(40))
+    before = line.remote.clock.offset(line.now)
     applied, given = [], []
     for _ in range(3000):
         line.run(ms(1), ahead=AHEAD + ms(5))
-        applied.append(line.remote.offset(line.now))
-        given.append(line.remote.sync.to_local(line.now + AHEAD - ms(40)))
+        applied.append(line.remote.clock.offset(line.now))
+        given.append(line.remote.clock.sync.to_local(line.now + AHEAD - ms(40)))
     assert min(b - a for a, b in itertools.pairwise(given)) > ms(1) - 11
     steps = [abs(b - a) for a, b in zip([before, *applied], applied, strict=False)]
     assert sorted(steps)[-4] <= 11  # a thousandth of a millisecond is 10 units
@@ -246,21 +247,21 @@ def asked(line, command, first=0.0, *, to=191, sender=None):
 def test_what_the_vehicle_passes_on_is_kept_for_the_supervisor_and_answered():
     line = ready()
     assert asked(line, GOTO) == [CommandResult.UNSUPPORTED]  # no supervisor
-    line.remote.mode = 1
+    line.remote.requests.mode = 1
     assert asked(line, GOTO) == [CommandResult.ACCEPTED]
     assert asked(line, GOTO, 1.0) == [CommandResult.ACCEPTED]
     assert asked(line, LAND) == [CommandResult.ACCEPTED]
     assert asked(line, GOTO, 9.0) == [CommandResult.UNSUPPORTED]
     assert asked(line, LAND, to=1) == []
     assert asked(line, LAND, sender=Endpoint(DIALECT, 255, 190, KEY)) == []
-    assert list(line.remote.requests) == ["hold", "resume", "end"]
+    assert list(line.remote.requests.pending) == ["hold", "resume", "end"]
 
 
 def test_its_heartbeats_tell_the_supervisors_mode_at_once():
     line = ready()
     found = []
     for mode in (None, 1, 1, 2):
-        line.remote.mode = mode
+        line.remote.requests.mode = mode
         line.link.sent.clear()
         for _ in range(5):
             line.now += ms(1)
@@ -273,19 +274,19 @@ def test_its_heartbeats_tell_the_supervisors_mode_at_once():
 def test_what_is_accepted_covers_what_lies_below_and_never_the_messages():
     remote = RemoteVehicle(Endpoint(DIALECT, 1, 191, KEY), Link(), accepts=["world.vehicle", "messages"])
     paths = ("world.vehicle", "world.vehicle.mass", "world.vehicles", "world", "messages")
-    assert [remote.accepts(path) for path in paths] == [True, True, False, False, False]
+    assert [remote.comparison.accepts(path) for path in paths] == [True, True, False, False, False]
 
 
 def test_a_failsafe_of_its_own_flight_is_a_problem_also_when_it_is_over():
     line = ready()
     line.beat()
     line.hear("HEARTBEAT", base_mode=0, autopilot=0, system_status=State.CRITICAL)
-    assert line.remote.list_problems(True, False, line.now) == [NOT_ARMED]  # it was nobody's
-    line.remote.has_authority = True
+    assert line.remote.arming.list_problems(True, False, line.now) == [NOT_ARMED]  # it was nobody's
+    line.remote.arming.has_authority = True
     line.hear("HEARTBEAT", base_mode=0, autopilot=0, system_status=State.CRITICAL)
     line.beat(armed=True)
-    assert line.remote.list_problems(True, False, line.now) == ["the vehicle's failsafe acted"]
-    assert "no data from the vehicle at the end" in line.remote.list_problems(True, True, line.now)
+    assert line.remote.arming.list_problems(True, False, line.now) == ["the vehicle's failsafe acted"]
+    assert "no data from the vehicle at the end" in line.remote.arming.list_problems(True, True, line.now)
 
 
 def test_a_vehicle_that_ends_when_the_flight_does_is_no_problem_and_one_that_ends_before_or_is_disarmed_is():
@@ -295,4 +296,4 @@ def test_a_vehicle_that_ends_when_the_flight_does_is_no_problem_and_one_that_end
         line.beat(armed=True)
         line.hear("HEARTBEAT", base_mode=0, autopilot=0, system_status=state)
         line.hear("HEARTBEAT", base_mode=0, autopilot=0, system_status=state)
-        assert line.remote.list_problems(True, False, line.now + ms(after)) == wanted
+        assert line.remote.arming.list_problems(True, False, line.now + ms(after)) == wanted

@@ -7,6 +7,7 @@ from run.stand_ins import KEY
 
 from trimtab.core.time import ms
 from trimtab.flight.autopilot import LiveAutopilot
+from trimtab.flight.autopilot_parts import AutopilotOptions
 from trimtab.flight.mavlink.endpoint import Endpoint
 from trimtab.flight.mavlink.stamps import running_clock
 from trimtab.flight.vehicle import LiveVehicle
@@ -52,7 +53,7 @@ class VirtualPair:
             machine.open_link(LINK),
             lambda dialect: self.endpoint(machine, dialect, 191),
             machine=machine,
-            **options,
+            options=AutopilotOptions(**options),
         )
         return self.flyer
 

@@ -4,13 +4,13 @@ from itertools import pairwise
 from types import SimpleNamespace
 
 from trimtab.core.time import ms, seconds
-from trimtab.flight.autopilot import LiveAutopilot
+from trimtab.flight.command_sender import CommandSender
 from trimtab.flight.exchange import GroupSample
-from trimtab.flight.piloting import NoPilot
 from trimtab.flight.real_time import DISCARD_LIMIT, discard_packets
-from trimtab.flight.remote import QUICK_ANSWERS, RemoteVehicle
+from trimtab.flight.remote import RemoteVehicle
 from trimtab.flight.station.time_sync import TimeSync
-from trimtab.flight.vehicle import LiveVehicle
+from trimtab.flight.vehicle_clock import QUICK_ANSWERS
+from trimtab.flight.vehicle_receiver import VehicleReceiver
 
 OFFSET = 98_765_432
 VEHICLE = {"system": 1, "component": 1}
@@ -34,7 +34,7 @@ class Line:
 
 
 def answered(remote, now, up, down):
-    asked = remote.sync.ask(now)
+    asked = remote.clock.sync.ask(now)
     fields = {"tc1": (now + up + OFFSET) * 100, "ts1": asked["ts1"]}
     remote.handle_message(SimpleNamespace(name="TIMESYNC", **VEHICLE, get=fields.get), now + up + down)
 
@@ -60,42 +60,39 @@ def test_a_clock_known_only_from_answers_that_waited_in_a_queue_is_not_known():
     assert not remote.is_ready
     answered(remote, seconds(2), ms(1), ms(1))
     assert remote.is_ready
-    assert abs(remote.offset(seconds(2)) - OFFSET) < ms(5)
+    assert abs(remote.clock.offset(seconds(2)) - OFFSET) < ms(5)
 
 
 def test_times_of_commands_rise_where_the_clock_turns_out_to_be_earlier():
     """A vehicle takes no command older than its last; an offset that was found 0.3 s too large had stopped it."""
-    stamps = []
-    flyer = object.__new__(LiveAutopilot)
-    flyer.autopilot_end = SimpleNamespace(command_packets=lambda _, ahead: stamps.append(ahead) or [])
-    flyer.remote, flyer.endpoint, flyer.link = SimpleNamespace(sync=TimeSync()), None, Line()
-    flyer._sent = flyer._jumps = 0
-    flyer._pilot = NoPilot()
+    stamps, sync = [], TimeSync()
+    end = SimpleNamespace(command_packets=lambda _, ahead: stamps.append(ahead) or [])
+    sender = CommandSender(end, None, Line(), sync)
     times = [ms(20 * k) for k in range(40)]
     for t in times:
-        flyer._send_command(t, OFFSET + (seconds("0.3") if t < ms(100) else 0))
+        sender.send(t, OFFSET + (seconds("0.3") if t < ms(100) else 0))
     issued = [t + ahead for t, ahead in zip(times, stamps, strict=True)]
     assert all(b > a for a, b in pairwise(issued))
     assert issued[-1] == times[-1] + OFFSET
-    flyer.remote.sync.jumps += 1  # another clock: a vehicle that was started again counts from zero
-    flyer._send_command(ms(800), 0)
+    sync.jumps += 1  # another clock: a vehicle that was started again counts from zero
+    sender.send(ms(800), 0)
     assert ms(800) + stamps[-1] == ms(800)
 
 
 def test_of_two_commands_in_one_instant_a_vehicle_obeys_the_newer_whichever_comes_last():
     """The failsafe takes none that is older than its last: obeyed in the order of coming, the newer would be lost."""
     for times in ((20, 40), (40, 20)):
-        vehicle = object.__new__(LiveVehicle)
-        vehicle.clock = SimpleNamespace(now=lambda: 0)
-        vehicle.broadcast = SimpleNamespace(accept_sender=lambda messages, now: None)
-        vehicle.endpoint = SimpleNamespace(feed=lambda data: [SimpleNamespace(name="COMMAND", t=t) for t in data])
-        vehicle._command = SimpleNamespace(names=("COMMAND",), assemble=lambda m: GroupSample(m.t, [], [], 0))
-        vehicle._newest_command = None
-        vehicle.identity = SimpleNamespace(answer=lambda message: [])
-        vehicle.gate = SimpleNamespace(admits=lambda message, now: True)
-        vehicle.refusals = SimpleNamespace(handle_refusals=lambda now: None)
-        vehicle._handle_data(times)
-        assert vehicle._newest_command.t == 40
+        parts = SimpleNamespace(
+            broadcast=SimpleNamespace(accept_sender=lambda messages, now: None),
+            endpoint=SimpleNamespace(feed=lambda data: [SimpleNamespace(name="COMMAND", t=t) for t in data]),
+            command=SimpleNamespace(names=("COMMAND",), assemble=lambda m: GroupSample(m.t, [], [], 0)),
+            gate=SimpleNamespace(admits=lambda message, now: True),
+            refusals=SimpleNamespace(handle_refusals=lambda now: None),
+            parameters=SimpleNamespace(listed=[]),
+        )
+        receiver = VehicleReceiver(parts, SimpleNamespace(now=lambda: 0))
+        receiver.handle_data(times)
+        assert receiver.take_command().t == 40
 
 
 def test_what_lies_waiting_is_thrown_away_but_not_for_ever():

@@ -45,7 +45,7 @@ def driven(parts, step, word, severity=1.0):
         for name, value in fault.items():
             step.parameters[f"uplink.fault.{name}"][...] = value
     duties = Duties(choose_failsafe(bare, command), command, world, step)
-    where = [duties.slot(f"command.{n}") for n in ("t", "valid", "value.rudder_pulse", "value.speed_rpm")]
+    where = [duties.commands.slot(f"command.{n}") for n in ("t", "valid", "value.rudder_pulse", "value.speed_rpm")]
     duties.handle_event(ArmRequest(True), 0)
     speeds, modes = [], []
     for k in range(1500):

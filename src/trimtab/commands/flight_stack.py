@@ -165,7 +165,7 @@ def serve_stack(
         tell(f"{scenario.name} waits on {line} for  {stack.begin}   Ctrl-C ends it.")
         machine = current_machine()
         with machine.write_lines(tell) as lines, machine.catch_interrupts() as stop:
-            summary = physics.serve(duration=duration, log=log, stop=stop, tell=lines.put)
+            summary = physics.serve(duration=duration, log=log, stop=stop, tell=lines.put, lost_lines=lines.settle)
     finally:
         link.close()
     _end(scenario, seed, summary, stack.maker, out, as_json)

@@ -46,6 +46,7 @@ from trimtab.core.interfaces import Link
 from trimtab.core.record import replace
 from trimtab.core.time import parse_time, to_seconds
 from trimtab.flight.autopilot import COUNT, OVERRUN_POLICIES, LiveAutopilot
+from trimtab.flight.autopilot_parts import AutopilotOptions
 from trimtab.flight.connection_problem import COMPUTER_CLOCK, STORED_CLOCK, VEHICLE_CLOCK
 from trimtab.flight.lockstep import LockstepAutopilot, NoAnswerError
 from trimtab.flight.mavlink.dialect import Dialect
@@ -157,11 +158,7 @@ def command(
                     line,
                     endpoint,
                     seed=seed,
-                    typed=typed,
-                    takes_over=take_over,
-                    confirms=rearm,
-                    accepts=accepts,
-                    store=ParameterStore(parameters, scenario),
+                    options=AutopilotOptions(typed, take_over, rearm, accepts, ParameterStore(parameters, scenario)),
                     machine=current_machine(),
                 )
             follows = clock == VEHICLE_CLOCK
@@ -210,8 +207,7 @@ def _fly_real_time(
     machine = current_machine()
     lines, stamps = machine.write_lines(echo), machine.store_stamps_ahead(autopilot.endpoint)
     with lines as sink, machine.catch_interrupts() as stop, stamps:
-        autopilot.remote.tell = sink.put
-        autopilot.connect(stop=stop, follows_clock=follows_clock)
+        autopilot.connect(stop=stop, follows_clock=follows_clock, tell=sink.put)
         fly = partial(
             autopilot.fly,
             log=log,
@@ -220,7 +216,7 @@ def _fly_real_time(
             overrun=overrun,
             stop=stop,
             tell=sink.put,
-            lost_lines=lambda: sink.lost_count,
+            lost_lines=sink.settle,
         )
         if address is None:
             flight = fly()
@@ -242,11 +238,11 @@ def _fly_real_time(
         "armed": flight.arming_time is not None,
         "armed_s": None if flight.arming_time is None else to_seconds(flight.arming_time),
         "real_time": flight.grant._asdict(),
-        "deadlines": flight.deadlines.summary() | {"skipped": autopilot.skipped},
-        "samples": autopilot.autopilot_end.received_samples,
-        "overflowed": autopilot.autopilot_end.dropped_samples,
-        "backwards": autopilot.autopilot_end.backward_samples,
-        "overtaken": autopilot.autopilot_end.overtaken_samples,
+        "deadlines": flight.deadlines.summary() | {"skipped": flight.skipped},
+        "samples": autopilot.autopilot_end.counts.received,
+        "overflowed": autopilot.autopilot_end.counts.dropped,
+        "backwards": autopilot.autopilot_end.counts.backward,
+        "overtaken": autopilot.autopilot_end.counts.overtaken,
         "wire": dataclasses.asdict(autopilot.endpoint.counts),
         "line": autopilot.link.statistics._asdict(),
         "log": None if flight.log is None else flight.log._asdict(),

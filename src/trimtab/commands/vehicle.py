@@ -194,7 +194,7 @@ def _serve(live: LiveVehicle, tell: Callable[[str], None], **options: Any) -> Ve
     machine = current_machine()
     lines, stamps = machine.write_lines(tell), machine.store_stamps_ahead(live.endpoint)
     with lines as sink, machine.catch_interrupts() as stop, stamps:
-        return live.serve(stop=stop, tell=sink.put, lost_lines=lambda: sink.lost_count, **options)
+        return live.serve(stop=stop, tell=sink.put, lost_lines=sink.settle, **options)
 
 
 def _build_one(name: str, settings: Mapping[str, str], faults: Iterable[str]) -> Scenario:

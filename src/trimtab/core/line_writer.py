@@ -22,7 +22,7 @@ class LineWriter:
     def __init__(self, write: Callable[[str], object]) -> None:
         """write: writes a line; it may wait, and it may raise OSError or ValueError if it cannot write."""
         self._write = write
-        self._lines = SimpleQueue[str | None]()
+        self._lines = SimpleQueue[str | threading.Event | None]()
         self._overflowed = self._failed = 0
         self._thread = threading.Thread(target=self._run, name="lines", daemon=True)
         self._thread.start()
@@ -39,6 +39,17 @@ class LineWriter:
         else:
             self._lines.put(text)
 
+    def settle(self, patience: float = CLOSE_S) -> int:
+        """Wait until the waiting lines are written, for at most `patience` seconds. Return the number of lost lines.
+
+        Lines that still wait then count as lost. Further lines may follow.
+        """
+        written = threading.Event()
+        self._lines.put(written)
+        if written.wait(patience):
+            return self.lost_count
+        return self.lost_count + self._lines.qsize()  # the event waits, too; it stands for the line being written
+
     def close(self, patience: float = CLOSE_S) -> int:
         """Write the waiting lines, for at most `patience` seconds. Return the number of lost lines."""
         self._lines.put(None)
@@ -50,6 +61,9 @@ class LineWriter:
             with suppress(OSError):  # a thread inherits real-time scheduling, which writing must not have
                 os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
         while (text := self._lines.get()) is not None:
+            if isinstance(text, threading.Event):
+                text.set()
+                continue
             try:
                 self._write(text)
             except (OSError, ValueError):

@@ -9,14 +9,12 @@ Source: docs pages, Vehicle and Station.
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
-import numpy as np
-
 from trimtab.actuators.failsafe import BREACHES, CAUSES, MODES, Failsafe
 from trimtab.compiler.compiled_block import CompiledBlock
-from trimtab.core.record import leaves
 from trimtab.core.signals import Command
 from trimtab.core.time import SECONDS_PER_UNIT, ms, seconds
 from trimtab.flight.exchange import GroupSample, slot_indices
+from trimtab.flight.manual_control import MANUAL_MODE, ManualControl
 from trimtab.flight.mavlink.definitions import Message
 from trimtab.flight.mavlink.endpoint import Endpoint
 from trimtab.flight.mavlink.protocol import (
@@ -26,10 +24,8 @@ from trimtab.flight.mavlink.protocol import (
     ArmRequest,
     CommandResult,
     FlightRequest,
-    JoystickAxes,
     ModeFlag,
     ModeRequest,
-    ReceiverChannels,
     State,
     VehicleEvent,
 )
@@ -41,18 +37,12 @@ from trimtab.run.blocks import failsafe_block
 from trimtab.run.kept_blocks import compile_kept
 from trimtab.vehicles.vehicle_type import VehicleType
 
-COMPUTER_MODE, MANUAL_MODE, HOLD_MODE = 15, 0, 4
+COMPUTER_MODE, HOLD_MODE = 15, 4
 STATION_MODES = {COMPUTER_MODE: "computer", MANUAL_MODE: "manual", HOLD_MODE: "hold"}
 """Modes for ground stations. computer: obey the autopilot; manual: obey the pilot's sticks; hold: the autopilot holds.
 
 The numbers are those of ArduPilot's GUIDED, MANUAL and HOLD of rovers and boats, by which ground stations name them.
 """
-SWITCH = 4
-"""Index of the mode switch, the pilot's fifth channel: above 1.5 ms the sticks are obeyed."""
-RADIO_TIMEOUT = ms(500)
-WIDEST_RANGE = 1e30
-"""Widest range of a command that counts as known. With a wider range no stick position can be assigned."""
-LOW_PULSE, HIGH_PULSE = 1e-3, 2e-3
 RESEND_PERIOD, REQUEST_TIMEOUT, AUTOPILOT_TIMEOUT = ms(100), seconds(2), seconds(5)
 """Time until a request is repeated; until it is given up; and without heartbeats until the autopilot counts as gone."""
 NO_AUTOPILOT_PROBLEM = "no supervised autopilot on the link"
@@ -63,6 +53,37 @@ class CommandSource(NamedTuple):
 
     mode: str
     cause: str
+
+
+class CommandPath:
+    """Path of a command into the failsafe's step, through the uplink if there is one."""
+
+    def __init__(self, step: CompiledBlock, uplink: CompiledBlock | None) -> None:
+        """uplink: block that commands pass before the failsafe's step, e.g. one with a fault."""
+        self._step, self._uplink = step, uplink
+        self._first = step if uplink is None else uplink
+        self._slots = _input_slots(self._first)
+        if uplink is not None:
+            own = _input_slots(step)
+            paths = [p for p in uplink.writes if p in own]
+            self._outputs = slot_indices(uplink.writes, paths, len(uplink.outputs))
+            self._inputs = slot_indices(own, paths, len(step.inputs))
+
+    def slot(self, path: str) -> Any:
+        """Return the slot of a number of the newest command in the inputs of the first block that takes it."""
+        return self._slots[path]
+
+    def set_inputs(self, t: int, command: GroupSample | None) -> None:
+        """Set the inputs of the failsafe's step that hold the newest command."""
+        inputs, at = self._first.inputs, self._slots
+        if command is not None:
+            command.write(inputs)
+        inputs[at["t"]] = t
+        inputs[at["command.fresh"]] = command is not None
+        inputs[at["command.age"]] = (t - inputs[at["command.t"]]) * SECONDS_PER_UNIT
+        if self._uplink is not None:
+            self._uplink.step()
+            self._step.inputs[self._inputs] = self._uplink.outputs[self._outputs]
 
 
 class Duties:
@@ -79,99 +100,42 @@ class Duties:
             world: world whose inputs get the failsafe's output.
             uplink: block that commands pass before the failsafe, e.g. one with a fault.
         """
-        self.failsafe = failsafe
+        self.failsafe, self._world, self.uplink = failsafe, world, uplink
         self.step = compile_kept(failsafe_block, failsafe, command)
-        writes = self.step.writes
-        self._inputs = _input_slots(self.step)
+        self._inputs, writes = _input_slots(self.step), self.step.writes
         shared = [p for p in writes if p.startswith("command.") and p in world.reads]
         self._out = slot_indices(writes, shared, len(self.step.outputs))
         self._in = slot_indices(world.reads, shared, len(world.inputs))
-        self._world, self.uplink = world, uplink
-        self._first = self.step if uplink is None else uplink
-        self._first_slots = _input_slots(self._first)
-        if uplink is not None:
-            paths = [p for p in uplink.writes if p in self._inputs]
-            self._uplink_slots = slot_indices(uplink.writes, paths, len(uplink.outputs))
-            self._failsafe_slots = slot_indices(self._inputs, paths, len(self.step.inputs))
-        self._low, self._range = command_ranges(failsafe)
-        paths = [f"manual.{p}" for p, _, _ in leaves(failsafe.safe)]
-        self._manual = slot_indices(self._inputs, paths, len(self.step.inputs))
-        self._has_sticks = bool(np.isfinite(self._range).all())
-        self._radio_at: int | None = None
-        self._is_released = False
-        self._arm = self._disarm = self._is_manual_mode = self._is_switched = False
+        self.commands = CommandPath(self.step, uplink)
+        self.pilot = ManualControl(failsafe, self.step.inputs, self._inputs)
+        self._arm = self._disarm = False
         self.mode = CommandSource(MODES[0], CAUSES[0])
         self.breach = BREACHES[0]
         """Kind of the limit that is violated, for the next step."""
         self.is_ending = False
         """True at the vehicle's own end, for which it is disarmed."""
 
-    def slot(self, path: str) -> Any:
-        """Return the slot of a number of the newest command in the inputs of the first block that takes it."""
-        return self._first_slots[path]
-
     def handle_event(self, event: VehicleEvent, now: int) -> None:
         """Keep a request for the next step."""
         if isinstance(event, ArmRequest):
             self._arm, self._disarm = event.arm, not event.arm
-        elif isinstance(event, ModeRequest):
-            self._is_manual_mode = event.mode == MANUAL_MODE
-        elif isinstance(event, ReceiverChannels) and event.is_release:
-            self._is_released, self._is_manual_mode, self._is_switched = True, False, False
-        elif isinstance(event, ReceiverChannels):
-            self._is_released = False
-            self._apply_pulses(np.array(event.pulses), now)
-        elif isinstance(event, JoystickAxes):
-            self._apply_joystick(np.array([event.yaw, event.surge, event.sway, event.heave]), now)
-
-    def _apply_pulses(self, pulses: Any, now: int) -> None:
-        share = (pulses[: len(self._manual)] - LOW_PULSE) / (HIGH_PULSE - LOW_PULSE)
-        self._apply_manual_command(share, now)
-        if len(pulses) > SWITCH and np.isfinite(pulses[SWITCH]):
-            self._is_switched = bool(pulses[SWITCH] > (LOW_PULSE + HIGH_PULSE) / 2)
-
-    def _apply_joystick(self, sticks: Any, now: int) -> None:
-        self._apply_manual_command((sticks[: len(self._manual)] + 1) / 2, now)
-
-    def _apply_manual_command(self, share: Any, now: int) -> None:
-        if self._has_sticks and len(share) == len(self._manual) and np.isfinite(share).all():
-            self.step.inputs[self._manual] = self._low + np.clip(share, 0, 1) * self._range
-            self._radio_at = now
-
-    def radio_silence(self, now: int) -> int | None:
-        """Return the time since data from the safety pilot's sticks; None: never received."""
-        return None if self._radio_at is None else now - self._radio_at
+        self.pilot.handle_event(event, now)
 
     def act(self, t: int, command: GroupSample | None) -> bool:
         """Decide at integer time t, with the newest command if it is new. Return whether the mode has changed."""
-        self._receive_command(t, command)
+        self.commands.set_inputs(t, command)
         inputs, at = self.step.inputs, self._inputs
         inputs[at["t"]] = t
-        is_received = self._radio_at is not None and t - self._radio_at <= RADIO_TIMEOUT
-        inputs[at["radio"]] = is_received or self._is_released
-        inputs[at["takeover"]] = self._is_manual_mode or self._is_switched
+        self.pilot.set_inputs(t)
         inputs[at["arm"]], inputs[at["disarm"]] = self._arm, self._disarm
         inputs[at["breach"]] = BREACHES.index(self.breach)
         self._arm = self._disarm = False
         self.step.step()
-        if self._is_released:  # only now: the takeover has ended before the receiver is forgotten
-            self._radio_at, self._is_released = None, False
+        self.pilot.end_step()
         self._world.inputs[self._in] = self.step.outputs[self._out]
         before = self.mode
         self.mode = CommandSource(MODES[int(self.step.result("mode"))], CAUSES[int(self.step.result("cause"))])
         return self.mode != before
-
-    def _receive_command(self, t: int, command: GroupSample | None) -> None:
-        """Write the newest command into the failsafe's inputs, through the uplink if there is one."""
-        inputs, at = self._first.inputs, self._first_slots
-        if command is not None:
-            command.write(inputs)
-        inputs[at["t"]] = t
-        inputs[at["command.fresh"]] = command is not None
-        inputs[at["command.age"]] = (t - inputs[at["command.t"]]) * SECONDS_PER_UNIT
-        if self.uplink is not None:
-            self.uplink.step()
-            self.step.inputs[self._failsafe_slots] = self.uplink.outputs[self._uplink_slots]
 
     @property
     def is_commanded(self) -> bool:
@@ -183,22 +147,13 @@ class Duties:
         """Status that the vehicle reports."""
         state = {"failsafe": State.CRITICAL, "disarmed": State.STANDBY}.get(self.mode.mode, State.ACTIVE)
         state = State.POWEROFF if self.is_ending and state != State.CRITICAL else state
-        mode = MANUAL_MODE if self._is_manual_mode or self._is_switched else COMPUTER_MODE
+        mode = MANUAL_MODE if self.pilot.wants_control else COMPUTER_MODE
         return Status(mode=mode, armed=self.is_commanded, state=state)
 
 
 def _input_slots(step: CompiledBlock) -> dict[str, Any]:
     """Return the slots of time and input of a block, the input's by its own paths."""
     return {path.removeprefix("input."): at for path, at in step.reads.items()}
-
-
-def command_ranges(failsafe: Failsafe) -> tuple[Any, Any]:
-    """Return lowest value and range of each number of a command; the range is NaN where there is none."""
-    low, high = (
-        np.concatenate([np.zeros(0), *(np.ravel(np.asarray(v, float)) for _, v, _ in leaves(r))])
-        for r in (failsafe.low, failsafe.high)
-    )
-    return low, np.where(high - low < WIDEST_RANGE, high - low, np.nan)
 
 
 class _PendingRequest(NamedTuple):

@@ -37,6 +37,8 @@ class LiveFlightSummary(NamedTuple):
     arming_time: int | None
     grant: RealTimeGrant
     deadlines: Deadlines
+    skipped: int
+    """Number of control periods that were skipped."""
     log: LogFileSummary | None
     cause: str
     """Reason for an early end; empty if there was none."""

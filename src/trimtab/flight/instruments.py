@@ -5,20 +5,21 @@ Source: docs page, Telemetry.
 """
 
 import math
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from trimtab.actuators.failsafe import Failsafe
 from trimtab.core.clock import SYSTEM_CLOCK, Clock
 from trimtab.core.record import leaves
 from trimtab.core.time import ms, seconds
-from trimtab.flight.duties import RADIO_TIMEOUT, command_ranges
+from trimtab.flight.duties import Duties
 from trimtab.flight.exchange import slot_indices
 from trimtab.flight.globe import Globe
+from trimtab.flight.manual_control import RADIO_TIMEOUT, command_ranges
 from trimtab.flight.mavlink.endpoint import Endpoint
 from trimtab.flight.mavlink.protocol import ArmRequest, ReceiverChannels, VehicleEvent
+from trimtab.flight.prearm import ArmingGuard
 from trimtab.flight.station import telemetry
 from trimtab.flight.station.streams import Streams, TelemetryStream
 from trimtab.flight.station.telemetry import Health, Place, VehicleMotion
@@ -36,9 +37,9 @@ class Instruments:
     def __init__(
         self,
         body: VirtualVehicle,
-        failsafe: Failsafe,
+        duties: Duties,
+        guard: ArmingGuard,
         endpoint: Endpoint,
-        flying: Callable[[], bool],
         origin: Place | None = None,
         clock: Clock = SYSTEM_CLOCK,
     ) -> None:
@@ -46,25 +47,23 @@ class Instruments:
 
         Args:
             body: vehicle with the motion.
-            failsafe: failsafe whose safe command names the outputs.
+            duties: duties, whose failsafe names the outputs.
+            guard: checks before arming.
             endpoint: endpoint of the vehicle.
-            flying: returns True while the vehicle is commanded.
             origin: place of W on the globe.
             clock: clock whose wall-clock time is sent as SYSTEM_TIME.
         """
-        self._body, self._endpoint, self._flying, self._clock = body, endpoint, flying, clock
+        self._body, self._endpoint, self._clock = body, endpoint, clock
+        self._duties, self._guard = duties, guard
         self._motion = compile_kept(motion_block, body.scenario)
         self._pairs = pair_slots(self._motion.reads, body.world.writes)
         self.globe = Globe(endpoint, self.vehicle_motion, origin)
-        paths = [f"command.value.{p}" for p, _, _ in leaves(failsafe.safe)]
+        paths = [f"command.value.{p}" for p, _, _ in leaves(duties.failsafe.safe)]
         self._command_slots = slot_indices(body.world.reads, paths, len(body.world.inputs))
-        self._low, span = command_ranges(failsafe)
+        self._low, span = command_ranges(duties.failsafe)
         self._range = np.where(span > 0, span, np.nan)
         self._imu, self._magnetometer = (find_sensor(body.world.writes, name) for name in (FORCE, FIELD))
-        self.may_be_armed: Callable[[], bool] = lambda: True
-        """Returns True if all checks before arming pass."""
-        self._pulses: tuple[float, ...] = ()
-        self._pulse_time = -2 * RADIO_TIMEOUT
+        self._pulses, self._pulse_time = tuple[float, ...](), -2 * RADIO_TIMEOUT
 
     def telemetry_streams(self) -> Streams:
         """Return all telemetry, at rates for a slow link."""
@@ -77,7 +76,9 @@ class Instruments:
             "SERVO_OUTPUT_RAW": TelemetryStream(self._servo_fields, MEDIUM),
             "RC_CHANNELS": TelemetryStream(self._receiver_fields, MEDIUM),
             "SYS_STATUS": TelemetryStream(self._health_fields, SLOW),
-            "EXTENDED_SYS_STATE": TelemetryStream(lambda now: telemetry.landed_state(not self._flying()), SLOW),
+            "EXTENDED_SYS_STATE": TelemetryStream(
+                lambda now: telemetry.landed_state(not self._duties.is_commanded), SLOW
+            ),
             "GLOBAL_POSITION_INT": TelemetryStream(self.globe.position_fields, QUICK),
             "GPS_GLOBAL_ORIGIN": TelemetryStream(self.globe.origin_fields, VERY_SLOW),
             "HOME_POSITION": TelemetryStream(self.globe.home_fields, VERY_SLOW),
@@ -90,7 +91,7 @@ class Instruments:
 
     def handle_event(self, event: VehicleEvent, now: int) -> None:
         """Note the data of the safety pilot's receiver, and the place of arming."""
-        if isinstance(event, ArmRequest) and event.arm and not self._flying():
+        if isinstance(event, ArmRequest) and event.arm and not self._duties.is_commanded:
             self.globe.mark_home()
         if isinstance(event, ReceiverChannels):
             self._pulses, self._pulse_time = event.pulses, now
@@ -130,7 +131,7 @@ class Instruments:
         outputs, counts = self._body.world.outputs, self._endpoint.counts
         has = well = Health.MOTORS
         has |= Health.ARMING_CHECK
-        well |= Health.ARMING_CHECK if self.may_be_armed() else Health(0)
+        well |= Health.ARMING_CHECK if self._guard.may_be_armed else Health(0)
         for sensor, kind in (
             (self._imu, Health.GYRO | Health.ACCELEROMETER),
             (self._magnetometer, Health.MAGNETOMETER),

@@ -16,11 +16,11 @@ from trimtab.core.time import ms
 from trimtab.flight.autopilot_end import AutopilotEnd, scenario_dialect
 from trimtab.flight.exchange import GroupSample, receive_messages, request_answer
 from trimtab.flight.flight_log import open_flight_log
+from trimtab.flight.forwarded_requests import HEARTBEAT
 from trimtab.flight.mavlink.definitions import Message
 from trimtab.flight.mavlink.dialect import INSTANT, Dialect, derive_dialect
 from trimtab.flight.mavlink.endpoint import Endpoint
 from trimtab.flight.mavlink.protocol import CommandCode
-from trimtab.flight.remote import HEARTBEAT
 from trimtab.flight.virtual_vehicle import VirtualVehicle
 from trimtab.logs.stream import LogFileSummary
 from trimtab.loop.scenario import Scenario

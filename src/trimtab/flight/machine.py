@@ -84,11 +84,10 @@ def list_stamp_problems(endpoint: Endpoint) -> list[str]:
 
 
 class LineSink(Protocol):
-    """Receiver of lines for the user. It never waits."""
+    """Receiver of lines for the user. Only `settle` waits."""
 
-    @property
-    def lost_count(self) -> int:
-        """Number of lines that could not be written."""
+    def settle(self) -> int:
+        """Wait a little for the lines that are not written yet. Return the number of lost lines, those included."""
         ...
 
     def put(self, text: str) -> None:

@@ -124,7 +124,18 @@ def start_outputs_process(orders: OutputsOrders) -> OutputsProcess:
 
 
 class Outputs:
-    """Outputs as the vehicle sees them. They take rows and never wait."""
+    """Outputs as the vehicle sees them. They take rows and never wait.
+
+    Args:
+        safe: the row that makes the craft safe.
+        timeout: silence (ns) after which the safe row acts.
+        lift_delay: time (ns) that the lift fan turns on after the safe row began to act.
+        latch: silence (ns) after which the safe row acts until the vehicle is disarmed.
+        folder: where the port and the log of the outputs are kept.
+        wanted_real_time: ask the system for real-time scheduling.
+        clock: clock of the vehicle's process.
+        start: starts the process.
+    """
 
     def __init__(
         self,
@@ -138,21 +149,7 @@ class Outputs:
         clock: Clock = SYSTEM_CLOCK,
         start: StartOutputs = start_outputs_process,
     ) -> None:
-        """Start the process of the outputs.
-
-        Args:
-            safe: the row that makes the craft safe.
-            timeout: silence (ns) after which the safe row acts.
-            lift_delay: time (ns) that the lift fan turns on after the safe row began to act.
-            latch: silence (ns) after which the safe row acts until the vehicle is disarmed.
-            folder: where the port and the log of the outputs are kept.
-            wanted_real_time: ask the system for real-time scheduling.
-            clock: clock of the vehicle's process.
-            start: starts the process.
-
-        Raises:
-            InputError: it did not start.
-        """
+        """Start the process of the outputs. Raise InputError if it does not start."""
         where = None if folder is None else str(folder)
         orders = OutputsOrders(tuple(safe), timeout, lift_delay, latch, where, wanted_real_time, os.getpid())
         self.process, self._clock = start(orders), clock

@@ -101,7 +101,7 @@ class Piloting:
             self._preflight.restart()
             if self.wants_arming:
                 self.wants_arming = False
-                self._remote.disarm()
+                self._remote.arming.disarm()
                 self._report(refusal)
         return may_arm and self.wants_arming and not refusal
 
@@ -117,7 +117,7 @@ class Piloting:
             return
         self._next["row"] = max(self._next["row"] + ROW_PERIOD, t)
         self._line.send_row(to_seconds(t), own)
-        if t >= self._next["checks"] and not self._remote.has_authority:
+        if t >= self._next["checks"] and not self._remote.arming.has_authority:
             self._next["checks"] = t + CHECK_PERIOD
             self._line.send("checks", checks=[_describe_check(c) for c in self._preflight.describe_checks()])
         elif t >= self._next["timing"]:
@@ -162,9 +162,9 @@ class Piloting:
 
     def _ask(self, request: str) -> str:
         """Pass a pilot's request to the supervisor, or a request to arm to the vehicle. Return which one is asked."""
-        asks_vehicle = request == "arm" and not self._remote.has_authority
+        asks_vehicle = request == "arm" and not self._remote.arming.has_authority
         if asks_vehicle:
-            self._remote.confirms |= self.has_stopped
+            self._remote.arming.confirms |= self.has_stopped
             self.wants_arming = True
             self._preflight.restart()
         if request == "clear":
@@ -180,8 +180,8 @@ class Piloting:
         if not self.has_stopped:
             self._report(why)
         self.has_stopped, self.wants_arming = True, False
-        if self._remote.has_authority or self._remote.is_asking:
-            self._remote.disarm()
+        if self._remote.arming.has_authority or self._remote.arming.is_asking:
+            self._remote.arming.disarm()
         if self._supervised.mode is None:
             self.end_reason = why
 
@@ -198,9 +198,9 @@ class Piloting:
             return
         if silence >= END_SILENCE:
             self._pilot = None
-            if self._remote.has_authority:
+            if self._remote.arming.has_authority:
                 self._stop(f"no data from the stick for {to_seconds(END_SILENCE):g} s: flight ended")
-        elif not self._is_held and self._remote.has_authority:
+        elif not self._is_held and self._remote.arming.has_authority:
             self._is_held = self._supervised.mode in (None, HOLD)
             if not self._is_held:
                 self._supervised.request("hold")
@@ -209,7 +209,7 @@ class Piloting:
         edges, late = deadlines.late.count_doublings()
         _, work = deadlines.work.count_doublings()
         taken, self._latencies = sorted(self._latencies), []
-        trip = to_seconds(self._remote.sync.shortest)
+        trip = to_seconds(self._remote.clock.sync.shortest)
         self._line.send(
             "timing",
             deadlines={"period": to_seconds(deadlines.period), "edges": edges, "late": late, "work": work},

@@ -128,13 +128,10 @@ class ArmingGuard:
     ) -> None:
         """Start without any check.
 
-        Args:
-            body: vehicle with the sensors.
-            limits: fence, envelope, and the limits that define rest.
-            failsafe: failsafe whose time-out is checked.
-            counts: frame counters of the vehicle's end.
-            radio_silence: time since data from the safety pilot's receiver; None: never received.
-            disk: disk of the log.
+        body: vehicle with the sensors.  limits: fence, envelope, and the limits that define rest.
+        failsafe: failsafe whose time-out is checked.  counts: frame counters of the vehicle's end.
+        radio_silence: time since data from the safety pilot's receiver; None: never received.
+        disk: disk of the log.
         """
         self._body, self._failsafe, self._disk = body, failsafe, disk
         self.motion, self._limits = SensedMotion(body, limits), limits
@@ -179,6 +176,11 @@ class ArmingGuard:
         if not self.checks:
             return UNCHECKED
         return first_problem([c for c in self.checks if c.name != CONFIRMATION_CHECK])
+
+    @property
+    def may_be_armed(self) -> bool:
+        """True if all checks pass."""
+        return not (self.problem or self.confirmation_problem)
 
     @property
     def confirmation_problem(self) -> str:

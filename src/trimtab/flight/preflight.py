@@ -6,17 +6,19 @@ Source: docs page, Arming.
 """
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
+from trimtab.compiler.compiled_block import CompiledBlock
 from trimtab.core.time import ms, seconds, to_seconds
 from trimtab.flight.autopilot_end import AutopilotEnd
 from trimtab.flight.flight_log import SYSTEM_DISK, Disk
 from trimtab.flight.mavlink.endpoint import FrameCounts
 from trimtab.flight.prearm import CONFIRMATION_CHECK, LEAST_SPACE, LOSS_WINDOW, MEGABYTE, MOST_LOSS, FrameLoss
-from trimtab.flight.remote import QUICK_ROUND_TRIP, RemoteVehicle
+from trimtab.flight.remote import RemoteVehicle
 from trimtab.flight.station.arming import ArmingCheck, first_problem
+from trimtab.flight.vehicle_clock import QUICK_ROUND_TRIP
 from trimtab.loop.scenario import Scenario
 from trimtab.loop.supervisor import CHECKS
 
@@ -45,14 +47,7 @@ class Preflight:
         self._end, self._remote, self._loss, self._disk = end, remote, FrameLoss(counts), disk
         supervisor = scenario.autopilot.supervisor
         self._stale_age = STALE_AGE if supervisor is None else float(supervisor.stale_age)
-        step = end.step
-        wanted = {f"{STATE}sigma_{name}" for name in scenario.autopilot.law.reads}
-        sigmas = [m for m in step.text.outputs if m.path in wanted and not m.shape]
-        self._sigmas = {
-            m.path.removeprefix(STATE): (step.writes[m.path], m.declaration.unit)
-            for m in sigmas
-            if m.declaration is not None and m.declaration.unit in MOST_SIGMA
-        }
+        self._sigmas = _find_sigmas(end.step, scenario.autopilot.law.reads)
         self._next = 0
         self._began: int | None = None
         self._is_shown, self._obstacles = False, set[str]()
@@ -71,10 +66,10 @@ class Preflight:
         if self._began is None:
             self._began = now
         self._loss.follow(now)
-        self._remote.wants_checks = not self._remote.is_asking  # otherwise one request would overtake the other
-        if self._remote.is_asking and now - self._began >= PATIENCE:
+        self._remote.wants_checks = not self._remote.arming.is_asking  # otherwise one request would overtake the other
+        if self._remote.arming.is_asking and now - self._began >= PATIENCE:
             self.refusal = "arming refused by the vehicle, or no answer; see its messages"
-        if self._remote.is_asking or now < self._next:
+        if self._remote.arming.is_asking or now < self._next:
             return False
         self._next = now + CHECK_PERIOD
         theirs = self._remote.checks.current(now)
@@ -111,7 +106,7 @@ class Preflight:
                 tell(line)
 
     def _is_confirmed(self, check: ArmingCheck) -> bool:
-        return check.name == CONFIRMATION_CHECK and self._remote.confirms
+        return check.name == CONFIRMATION_CHECK and self._remote.arming.confirms
 
     @property
     def table(self) -> str:
@@ -138,7 +133,7 @@ class Preflight:
 
         check = int(read("supervisor.check")) if "supervisor.check" in step.writes else 0
         space = math.nan if folder is None else self._disk.free_bytes(folder) / MEGABYTE
-        accept = f"--accept {remote.first_difference()} if intended"
+        accept = f"--accept {remote.comparison.first_difference()} if intended"
         sigmas = [
             ArmingCheck(name, float(step.outputs[at]), MOST_SIGMA[unit], unit, "wait until the estimator has settled")
             for name, (at, unit) in self._sigmas.items()
@@ -155,11 +150,21 @@ class Preflight:
             ArmingCheck("frames lost", self._loss.share, MOST_LOSS, "%", "move the two ends closer"),
             ArmingCheck(
                 "clock round trip",
-                to_seconds(remote.sync.shortest),
+                to_seconds(remote.clock.sync.shortest),
                 to_seconds(QUICK_ROUND_TRIP),
                 "s",
                 "check the link",
             ),
-            ArmingCheck("settings that differ", remote.count_differences(), 0, "", accept),
+            ArmingCheck("settings that differ", remote.comparison.count_differences(), 0, "", accept),
             ArmingCheck("space for the log", space, LEAST_SPACE, "MB", "free disk space", at_least=True),
         ]
+
+
+def _find_sigmas(step: CompiledBlock, reads: Iterable[str]) -> dict[str, tuple[Any, str]]:
+    """Return slot and unit of the standard deviation of each estimated quantity that a law reads."""
+    wanted = {f"{STATE}sigma_{name}" for name in reads}
+    return {
+        m.path.removeprefix(STATE): (step.writes[m.path], m.declaration.unit)
+        for m in step.text.outputs
+        if m.path in wanted and not m.shape and m.declaration is not None and m.declaration.unit in MOST_SIGMA
+    }

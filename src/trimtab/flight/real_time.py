@@ -38,10 +38,14 @@ MCL_CURRENT_AND_FUTURE = 3
 
 
 class WallClock:
-    """Integer time (100 ns) since the clock was made."""
+    """Integer time (100 ns) since the clock was made, or restarted."""
 
     def __init__(self, clock: Clock = SYSTEM_CLOCK) -> None:
         self._clock, self.start = clock, clock.monotonic_ns()
+
+    def restart(self) -> None:
+        """Count from now on."""
+        self.start = self._clock.monotonic_ns()
 
     def now(self) -> int:
         """Return the time now."""

@@ -82,6 +82,7 @@ def explain_change(
         names = ", ".join(backward_sensors)
         why = f"time stamps of {names} run backwards" if names else "no sensor gives a sample"
         return f", but the vehicle sends data: {why}"
-    if supervised.mode == FLYING and was_armed and not remote.armed:
-        return f", but the vehicle is {'in failsafe' if remote.is_in_failsafe else 'not armed'}: commands are ignored"
+    if supervised.mode == FLYING and was_armed and not remote.arming.armed:
+        state = "in failsafe" if remote.arming.is_in_failsafe else "not armed"
+        return f", but the vehicle is {state}: commands are ignored"
     return ""

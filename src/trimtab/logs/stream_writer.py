@@ -56,6 +56,10 @@ class Recorder:
         ring: the reading side.
         file: descriptor of a new file.
         run, layout: the metadata records, as text.
+        frame: name of the vehicle's frame, whose pose ends each row, if the time of day is set before the first row;
+            empty: no frame and no time of day.
+        path: path of that file.
+        limit: limit of the size of all files; None: no limit.
     """
 
     def __init__(
@@ -69,17 +73,11 @@ class Recorder:
         path: Path | None = None,
         limit: LogLimit | None = None,
     ) -> None:
-        """Write the head of the file; raise OSError if that fails.
-
-        frame: name of the vehicle's frame, whose pose ends each row, if the time of day is set before the first; empty:
-        no frame and no time of day.
-        path: path of that file.  limit: of all files; None: no limit.
-        """
+        """Write the head of the file; raise OSError if that fails."""
         self._ring, self._run, self._layout = ring, run, layout
         self._signals: dict[str, Any] = load_json(layout["signals"])
         self._declared = {path: parse_quantity(d) for path, d in load_json(layout["declared"]).items()}
-        empty = self._rows_as_log(np.empty((0, ring.columns)), np.empty(0), np.empty(0))
-        self._topics = log_topics(empty)
+        self._topics = log_topics(self._rows_as_log(np.empty((0, ring.columns)), np.empty(0), np.empty(0)))
         events = Topic(EVENTS, {}, EVENT_SCHEMA["title"], json.dumps(EVENT_SCHEMA).encode())
         self._frames = FrameWriter(frame) if frame else None
         self._topics_of_file = [*self._topics, events, *frame_topics()]

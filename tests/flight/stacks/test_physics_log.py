@@ -66,6 +66,8 @@ def test_a_line_is_told_once_a_flood_of_them_ends_and_a_problem_is_kept(flights)
         flights.report_once(f"line {k}")
     assert len(flights.said) == 1 + MOST_TOLD
     flights.add_problem("its motion is lost")
-    flights.close()
+    flights.close(lost_lines=3)
     assert flights.said[-1] == "its motion is lost"
     assert flights.summarise(None).problems == ("its motion is lost",)
+    events = [event["text"] for event in read_mcap(flights.file).metadata["events"]]
+    assert events[-1].startswith("3 lines for the user were lost")

@@ -153,11 +153,12 @@ def test_after_a_failsafe_arming_has_to_be_confirmed(line):
     assert line.command(400, 1.0, 21196.0) == (1, "Arming refused: imu age", [])
 
 
-def test_checks_are_told_who_asks_and_not_while_it_flies(line):
-    line.station.arming_checks = lambda: [
+def test_checks_are_told_who_asks_and_not_while_it_flies(dialect):
+    checks = [
         ArmingCheck("imu age", 3.0, 0.28, "s", "switch imu on"),
         ArmingCheck("battery", 7.4, 7.0, "V", "charge it", at_least=True),
     ]
+    line = Line(dialect, arming_checks=lambda: checks)
     assert line.command(401, 0.0) == (0, "PreArm: imu age: 3 s, at most 0.28 s; switch imu on", [])
     replies, _ = line.ask("COMMAND_LONG", command=401, target_system=1)
     assert [m.name for m in replies].count("TUNNEL") == 2

@@ -100,9 +100,11 @@ class Endpoint:
     """End of a link for one system and component. Use one thread at a time.
 
     key: signs all sent packets; packets not signed by it are refused. Without a key, `unsigned` must be requested,
-        since
-    anyone with access to the link can then command the vehicle.
+        since anyone with access to the link can then command the vehicle.
     datagrams: each `feed` is a whole packet, so that a frame cut off in one is not looked for in the next.
+    is_reset: start the time stamps with this computer's clock, whatever is stored.
+    session: number that distinguishes this end from others of its system and component, and from itself before a
+        restart; None: drawn by the system's generator.
     """
 
     def __init__(
@@ -119,39 +121,21 @@ class Endpoint:
         is_reset: bool = False,
         session: int | None = None,
     ) -> None:
-        """Open one end. With a key from a file, its time stamps are kept next to the file until close().
-
-        is_reset: start the time stamps with this computer's clock, whatever is stored.
-        session: number of this end's session; None: drawn by the system's generator.
-        """
+        """Open one end. With a key from a file, its time stamps are kept next to the file until close()."""
         _check_arguments(system, component, link, key, unsigned)
         self.dialect, self.system, self.component, self.link = dialect, system, component, link
         self.session = draw_session() if session is None else session
-        """Session that distinguishes this end from others of its system and component, and from itself before a
-        restart.
-        """
-        self.counts = FrameCounts()
-        self._datagrams = datagrams
-        self._rest = b""
+        self.counts, self._datagrams, self._rest = FrameCounts(), datagrams, b""
         self._sequences: dict[Numbering, int] = {}
         self._gaps: defaultdict[tuple[int, int, int], SequenceGaps] = defaultdict(SequenceGaps)
         self._keyed = None if key is None else hashlib.sha256(key.secret)
-        store = None
-        if key is not None and key.path is not None:
-            store = key.path.with_name(f"{key.path.name}.{system}-{component}-{link}.time")
-        self.stamps = Stamps(store, clock, is_reset=is_reset) if key else None
+        self.stamps = None if key is None else _open_stamps(key, f"{system}-{component}-{link}", clock, is_reset)
         self.untimely: list[UntimelyMessage] = []
         """Messages refused for their time stamp alone in the last `feed`."""
         self.is_asked_by_stranger = False
-        """True if a sender of this end's system asked for the time without the key, as `fly` does, in the last
-        `feed`.
-        """
-        self._any_order = {
-            "TIMESYNC",
-            "TUNNEL",
-            "COMMAND_ACK",
-            *(name for names in dialect.groups.values() for name in names),
-        }
+        """True if, in the last `feed`, a sender of this system asked for the time without the key, as `fly` does."""
+        own = (name for names in dialect.groups.values() for name in names)
+        self._any_order = {"TIMESYNC", "TUNNEL", "COMMAND_ACK", *own}
 
     def pack(self, name: str, values: Mapping[str, Any] | Sequence[Any] | bytes = ()) -> bytes:
         """Return the bytes of a message.
@@ -377,6 +361,12 @@ def checksum(data: bytes, extra: int) -> bytes:
     extra: CRC_EXTRA of the message, 0 to 255, so that a sender with another definition is refused.
     """
     return mcrf4xx(data + bytes((extra,))).to_bytes(2, "little")
+
+
+def _open_stamps(key: SigningKey, name: str, clock: Callable[[], float] | None, is_reset: bool) -> Stamps:
+    """Return the time stamps of an end. name: tells its file beside the key from those of other ends."""
+    store = None if key.path is None else key.path.with_name(f"{key.path.name}.{name}.time")
+    return Stamps(store, clock, is_reset=is_reset)
 
 
 def _check_arguments(system: int, component: int, link: int, key: SigningKey | None, unsigned: bool) -> None:

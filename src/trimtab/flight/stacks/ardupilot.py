@@ -80,6 +80,7 @@ class ArduPilotPhysics:
         log_period: int = ms(1),
         stop: Callable[[], bool] = lambda: False,
         tell: Callable[[str], None] = lambda _: None,
+        lost_lines: Callable[[], int] = lambda: 0,
     ) -> PhysicsSummary:
         """Answer until `duration` (100 ns) after the release, or until stop() returns True.
 
@@ -89,16 +90,17 @@ class ArduPilotPhysics:
             log_period: time between rows (100 ns).
             stop: called at every packet, and ten times a second.
             tell: receives the messages for the user.
+            lost_lines: number of these messages that were lost, asked at the end.
         """
         flights = self._flights
-        flights.file, flights.period, flights.tell = log, log_period, tell
+        flights.prepare(log, tell, log_period)
         try:
             while not (stop() or flights.problems or self._is_over(duration)):
                 packet = self.link.receive(LISTEN_S)
                 if packet is not None:
                     self._handle_packet(packet)
         finally:
-            flights.close()
+            flights.close(lost_lines())
         return flights.summarise(self.tally)
 
     def _is_over(self, duration: int | None) -> bool:

@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 
 from trimtab.core.record import Quantity
 from trimtab.core.time import ms
-from trimtab.flight.flight_log import FlightRecorder, list_log_problems, open_flight_log
+from trimtab.flight.flight_log import FlightRecorder, close_flight_log, list_log_problems, open_flight_log
 from trimtab.flight.stacks.pulsed_vehicle import PulsedVehicle
 from trimtab.logs.stream import LogFileSummary
 from trimtab.loop.scenario import Scenario
@@ -52,6 +52,10 @@ class PhysicsFlights:
         self._log: FlightRecorder | None = None
         self.summary: LogFileSummary | None = None
 
+    def prepare(self, file: Path | None, tell: Callable[[str], None], period: int | None = None) -> None:
+        """Prepare for the first flight. file: its log.  tell: receives the messages.  period: of rows (100 ns)."""
+        self.file, self.tell, self.period = file, tell, self.period if period is None else period
+
     def begin(self, text: str) -> None:
         """Begin another flight, from the vehicle's first state. text: the message that announces it."""
         self.close()
@@ -77,11 +81,11 @@ class PhysicsFlights:
         self._log.await_room()
         self._log.write_row(body.row_t, tuple(values))
 
-    def close(self) -> None:
-        """End the flight's log."""
+    def close(self, lost_lines: int = 0) -> None:
+        """End the flight's log. lost_lines: number of lines for the user that were lost."""
         log, self._log = self._log, None
         if log is not None:
-            self.summary = log.close(self.vehicle.body.final_truth())
+            self.summary = close_flight_log(log, lost_lines, self.vehicle.body.final_truth())
             self.problems += list_log_problems(self.summary)
 
     def report(self, text: str) -> None:

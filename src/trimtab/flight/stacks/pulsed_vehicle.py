@@ -35,7 +35,16 @@ FORCE, RATE = "specific_force", "angular_rate"
 
 
 class PulsedVehicle:
-    """Compiled world, moved by pulses. The first `advance` is to time 0."""
+    """Compiled world, moved by pulses. The first `advance` is to time 0.
+
+    Args:
+        scenario: scenario of the vehicle.
+        seed: seed of the random numbers.
+        channels: channel of the autopilot, from 1, for each number of a command; empty: in order.
+        release: pulse width (s) that releases the vehicle; None: any pulse that is not at rest.
+        door: argument to name in error messages.
+        most_channels: number of channels of the autopilot.
+    """
 
     def __init__(
         self,
@@ -47,16 +56,7 @@ class PulsedVehicle:
         door: str = "ardupilot",
         most_channels: int = MOST_CHANNELS,
     ) -> None:
-        """Compile the world.
-
-        Args:
-            scenario: scenario of the vehicle.
-            seed: seed of the random numbers.
-            channels: channel of the autopilot, from 1, for each number of a command; empty: in order.
-            release: pulse width (s) that releases the vehicle; None: any pulse that is not at rest.
-            door: argument to name in error messages.
-            most_channels: number of channels of the autopilot.
-        """
+        """Compile the world."""
         bare = replace(scenario, world=replace(scenario.world, uplink=Wire()))
         self._world, frame, command = prepare_world(bare, seed=seed)
         self._scenario, self._dialect, self._release = bare, derive_dialect(frame, command), release

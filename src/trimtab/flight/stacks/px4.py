@@ -122,6 +122,7 @@ class Px4Simulator:
         log: Path | None = None,
         stop: Callable[[], bool] = lambda: False,
         tell: Callable[[str], None] = lambda _: None,
+        lost_lines: Callable[[], int] = lambda: 0,
     ) -> PhysicsSummary:
         """Fly until `duration` (100 ns) after the release, or until stop() returns True.
 
@@ -130,8 +131,10 @@ class Px4Simulator:
             log: path of the log. The log of a second flight is called NAME-2, and so on.
             stop: called at every sample, and ten times a second.
             tell: receives the messages for the user.
+            lost_lines: number of these messages that were lost, asked at the end.
         """
-        self._flights.file, self._flights.tell, connection = log, tell, -1
+        self._flights.prepare(log, tell)
+        connection = -1
         try:
             while not (stop() or self._flights.problems or self._is_over(duration)):
                 if not self.link.statistics.connected:
@@ -143,7 +146,7 @@ class Px4Simulator:
                 self._send_sample()
                 self._move(self._await_answer(stop))
         finally:
-            self._flights.close()
+            self._flights.close(lost_lines())
         return self._flights.summarise(self.tally)
 
     def _is_over(self, duration: int | None) -> bool:

@@ -99,7 +99,20 @@ def _arming_sender(message: Message) -> Sender:
 
 
 class Station:
-    """Vehicle's end. Set `status` whenever it changes. All times `now` are the vehicle's, in 100 ns."""
+    """Vehicle's end. Set `status` whenever it changes. All times `now` are the vehicle's, in 100 ns.
+
+    Args:
+        endpoint: endpoint that packs the replies; pass the messages it accepts to `handle_message`.
+        parameters: parameters that ground stations can read and change.
+        modes: number of a mode -> its name for the user.
+        vehicle: type that the vehicle reports.
+        streams: telemetry, sent while another system (a ground station) is listening.
+        authority: owner of the vehicle; None: no owner yet.
+        services: services for further messages.
+        store: stores changed parameters for the next start, or None to clear them; returns why not.
+        tell: receives the messages on arming and control, for the vehicle's own log.
+        arming_checks: returns the checks before arming.
+    """
 
     def __init__(
         self,
@@ -112,36 +125,27 @@ class Station:
         authority: Authority | None = None,
         services: Sequence[Service] = (),
         store: Callable[[ChangedValues | None], str] = lambda _: NO_STORE,
+        tell: Callable[[str], None] = lambda _: None,
+        arming_checks: Callable[[], Sequence[ArmingCheck]] = lambda: (),
     ) -> None:
-        """Start with a vehicle at rest.
-
-        Args:
-            endpoint: endpoint that packs the replies; pass the messages it accepts to `handle_message`.
-            parameters: parameters that ground stations can read and change.
-            modes: number of a mode -> its name for the user.
-            vehicle: type that the vehicle reports.
-            streams: telemetry, sent while another system (a ground station) is listening.
-            authority: owner of the vehicle; None: no owner yet.
-            services: services for further messages.
-            store: stores changed parameters for the next start, or None to clear them; returns why not.
-        """
+        """Start with a vehicle at rest."""
         if not modes:
             raise InputError("station", "needs at least one mode", fix='give modes={0: "MANUAL", …}')
-        self._endpoint, self._modes = endpoint, dict(modes)
+        self._endpoint, self._modes, self._vehicle = endpoint, dict(modes), vehicle
         self._parameters, self._held = ParameterService(endpoint, parameters), parameters
-        self._store = store
-        self._vehicle = vehicle
+        self._store, self._tell, self._arming_checks = store, tell, arming_checks
         self.authority = authority or Authority(endpoint.session, endpoint.system)
         self.status = Status(mode=next(iter(self._modes)))
         self.texts = TextQueue(endpoint)
-        self.tell: Callable[[str], None] = lambda _: None
-        """Receives the messages on arming and control, for the vehicle's own log."""
-        self.arming_checks: Callable[[], Sequence[ArmingCheck]] = lambda: ()
-        """Returns the checks before arming."""
         self._heartbeat_at: int | None = None
         self._last_state = self.status.armed, self.status.state
         self._streams, self._listens_until = streams or Streams(endpoint, {}), 0
-        self._answers = {
+        self._answers = self._list_answers()
+        self._services = {name: service for service in services for name in service.names}
+
+    def _list_answers(self) -> Mapping[str, Callable[[Message, int, StationResponse], None]]:
+        """Return the methods that answer messages, by name."""
+        return {
             "HEARTBEAT": self._note_heartbeat,
             "TIMESYNC": self._answer_time_sync,
             "PING": self._answer_ping,
@@ -157,7 +161,6 @@ class Station:
             "MANUAL_CONTROL": lambda m, now, response: response.events.append(parse_joystick(m)),
             "SETUP_SIGNING": self._refuse_key,
         }
-        self._services = {name: service for service in services for name in service.names}
 
     def handle_message(self, message: Message, now: int) -> StationResponse:
         """Handle a message. Messages for other systems, and unknown ones, have no effect."""
@@ -192,7 +195,7 @@ class Station:
 
     def _warn(self, text: str) -> None:
         self.queue_text(Severity.WARNING, text)
-        self.tell(text)
+        self._tell(text)
 
     def _pack_fields(self, name: str, **fields: Any) -> bytes:
         return self._endpoint.pack(name, fields)
@@ -301,7 +304,7 @@ class Station:
         """Report each check to the sender, and failing checks to ground stations."""
         if self.status.armed:
             return CommandResult.NOT_NOW
-        checks = self.arming_checks()
+        checks = self._arming_checks()
         response.replies.extend(pack_checks(self._endpoint, message, checks))
         for check in checks if message.system != self._endpoint.system else ():
             if not check.passes:

@@ -1,0 +1,29 @@
+"""Sender of an autopilot's commands, with the vehicle's time.
+
+Source: docs page, Fly.
+"""
+
+from trimtab.core.interfaces import Link
+from trimtab.flight.autopilot_end import AutopilotEnd
+from trimtab.flight.mavlink.endpoint import Endpoint
+from trimtab.flight.station.time_sync import TimeSync
+
+
+class CommandSender:
+    """Sender of the commands of one flight. Their times increase: a vehicle takes none that is older than its last."""
+
+    def __init__(self, end: AutopilotEnd, endpoint: Endpoint, link: Link, sync: TimeSync) -> None:
+        """Start without a command. sync: offset of the vehicle's clock."""
+        self._end, self._endpoint, self._link, self._sync = end, endpoint, link, sync
+        self._last_time = self._jumps = 0
+
+    def send(self, t: int, ahead: int) -> None:
+        """Send the current command. t: time of the loop.  ahead: from the loop's time to the vehicle's.
+
+        Times increase even if the vehicle's clock turns out earlier, unless it is another clock.
+        """
+        if t + ahead <= self._last_time and self._sync.jumps == self._jumps:
+            ahead = self._last_time + 1 - t
+        self._last_time, self._jumps = t + ahead, self._sync.jumps
+        for packet in self._end.command_packets(self._endpoint, ahead):
+            self._link.send(packet)

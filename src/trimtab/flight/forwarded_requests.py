@@ -1,0 +1,54 @@
+"""Requests of ground stations to the supervisor, which the vehicle forwards, and the supervisor's mode for stations.
+
+Source: docs page, Fly; MAVLink's services heartbeat and command.
+"""
+
+from collections import deque
+
+from trimtab.core.time import seconds
+from trimtab.flight.mavlink.definitions import Message
+from trimtab.flight.mavlink.endpoint import Endpoint
+from trimtab.flight.mavlink.protocol import CommandResult, FlightCommand, ModeFlag, parse_request
+from trimtab.vehicles.vehicle_type import VehicleType
+
+NO_AUTOPILOT = 8
+HEARTBEAT = {"type": VehicleType.ONBOARD_COMPUTER, "autopilot": NO_AUTOPILOT, "system_status": 4}
+"""Heartbeat of a running onboard computer that is not a flight controller."""
+HEARTBEAT_PERIOD = seconds(1)
+MOST_REQUESTS = 8
+
+
+class ForwardedRequests:
+    """Requests at the autopilot's end, and its heartbeats. Times `now` are this end's, in 100 ns."""
+
+    def __init__(self, endpoint: Endpoint) -> None:
+        """endpoint: this end of the link."""
+        self._endpoint = endpoint
+        self.pending: deque[str] = deque(maxlen=MOST_REQUESTS)
+        """Requests that the supervisor has not been given yet."""
+        self.mode: int | None = None
+        """Mode of this end's supervisor, sent in heartbeats; None: no supervisor that takes requests."""
+        self._last_mode: int | None = None
+        self._next = 0
+
+    def due(self, now: int) -> list[bytes]:
+        """Return the heartbeat that is due now: at once when the mode changes."""
+        if now < self._next and self.mode == self._last_mode:
+            return []
+        self._next, self._last_mode = now + HEARTBEAT_PERIOD, self.mode
+        mode = {} if self.mode is None else {"base_mode": ModeFlag.CUSTOM, "custom_mode": self.mode}
+        return [self._endpoint.pack("HEARTBEAT", HEARTBEAT | mode)]
+
+    def answer(self, message: Message) -> list[bytes]:
+        """Keep the request of a COMMAND_LONG and return the answer. Commands to other components are ignored."""
+        own = self._endpoint.system, self._endpoint.component
+        if (message.get("target_system"), message.get("target_component")) != own:
+            return []
+        request = parse_request(FlightCommand(*(message.get(n) for n in ("command", "param1", "param2"))))
+        is_accepted = bool(request) and self.mode is not None
+        if request and is_accepted:
+            self.pending.append(request)
+        result = CommandResult.ACCEPTED if is_accepted else CommandResult.UNSUPPORTED
+        answer = {"command": message.get("command"), "result": result}
+        to = {"target_system": message.system, "target_component": message.component}
+        return [self._endpoint.pack("COMMAND_ACK", answer | to)]

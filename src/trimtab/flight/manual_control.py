@@ -1,0 +1,99 @@
+"""Safety pilot of a vehicle: sticks of a receiver or a joystick, and when they are obeyed.
+
+Source: docs page, Vehicle.
+"""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from trimtab.actuators.failsafe import Failsafe
+from trimtab.core.record import leaves
+from trimtab.core.time import ms
+from trimtab.flight.exchange import slot_indices
+from trimtab.flight.mavlink.protocol import JoystickAxes, ModeRequest, ReceiverChannels, VehicleEvent
+
+MANUAL_MODE = 0
+"""Number of the mode in which the pilot's sticks are obeyed: ArduPilot's MANUAL of rovers and boats."""
+SWITCH = 4
+"""Index of the mode switch, the pilot's fifth channel: above 1.5 ms the sticks are obeyed."""
+RADIO_TIMEOUT = ms(500)
+WIDEST_RANGE = 1e30
+"""Widest range of a command that counts as known. With a wider range no stick position can be assigned."""
+LOW_PULSE, HIGH_PULSE = 1e-3, 2e-3
+
+
+class ManualControl:
+    """Pilot's data on their way into the failsafe's step. Times are the vehicle's, in 100 ns."""
+
+    def __init__(self, failsafe: Failsafe, inputs: Any, slots: Mapping[str, Any]) -> None:
+        """Start without data.
+
+        Args:
+            failsafe: failsafe whose limits are the ends of the sticks.
+            inputs: inputs of the failsafe's step.
+            slots: name -> slot of each.
+        """
+        self._inputs, self._slots = inputs, slots
+        self._low, self._range = command_ranges(failsafe)
+        paths = [f"manual.{p}" for p, _, _ in leaves(failsafe.safe)]
+        self._manual = slot_indices(slots, paths, len(inputs))
+        self._has_sticks = bool(np.isfinite(self._range).all())
+        self._radio_at: int | None = None
+        self._is_released = self._is_mode = self._is_switched = False
+
+    @property
+    def wants_control(self) -> bool:
+        """True while the pilot's sticks are to be obeyed, by the mode or by the switch."""
+        return self._is_mode or self._is_switched
+
+    def radio_silence(self, now: int) -> int | None:
+        """Return the time since data from the safety pilot's sticks; None: never received."""
+        return None if self._radio_at is None else now - self._radio_at
+
+    def handle_event(self, event: VehicleEvent, now: int) -> None:
+        """Keep the pilot's data for the next step. Other events have no effect."""
+        if isinstance(event, ModeRequest):
+            self._is_mode = event.mode == MANUAL_MODE
+        elif isinstance(event, ReceiverChannels) and event.is_release:
+            self._is_released, self._is_mode, self._is_switched = True, False, False
+        elif isinstance(event, ReceiverChannels):
+            self._is_released = False
+            self._apply_pulses(np.array(event.pulses), now)
+        elif isinstance(event, JoystickAxes):
+            self._apply_joystick(np.array([event.yaw, event.surge, event.sway, event.heave]), now)
+
+    def _apply_pulses(self, pulses: Any, now: int) -> None:
+        share = (pulses[: len(self._manual)] - LOW_PULSE) / (HIGH_PULSE - LOW_PULSE)
+        self._apply_command(share, now)
+        if len(pulses) > SWITCH and np.isfinite(pulses[SWITCH]):
+            self._is_switched = bool(pulses[SWITCH] > (LOW_PULSE + HIGH_PULSE) / 2)
+
+    def _apply_joystick(self, sticks: Any, now: int) -> None:
+        self._apply_command((sticks[: len(self._manual)] + 1) / 2, now)
+
+    def _apply_command(self, share: Any, now: int) -> None:
+        if self._has_sticks and len(share) == len(self._manual) and np.isfinite(share).all():
+            self._inputs[self._manual] = self._low + np.clip(share, 0, 1) * self._range
+            self._radio_at = now
+
+    def set_inputs(self, t: int) -> None:
+        """Set the inputs of the step at integer time t that depend on the pilot."""
+        is_received = self._radio_at is not None and t - self._radio_at <= RADIO_TIMEOUT
+        self._inputs[self._slots["radio"]] = is_received or self._is_released
+        self._inputs[self._slots["takeover"]] = self.wants_control
+
+    def end_step(self) -> None:
+        """Forget a receiver that was released. Call it after the step, which has ended the takeover."""
+        if self._is_released:
+            self._radio_at, self._is_released = None, False
+
+
+def command_ranges(failsafe: Failsafe) -> tuple[Any, Any]:
+    """Return lowest value and range of each number of a command; the range is NaN where there is none."""
+    low, high = (
+        np.concatenate([np.zeros(0), *(np.ravel(np.asarray(v, float)) for _, v, _ in leaves(r))])
+        for r in (failsafe.low, failsafe.high)
+    )
+    return low, np.where(high - low < WIDEST_RANGE, high - low, np.nan)

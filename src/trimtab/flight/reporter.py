@@ -1,0 +1,41 @@
+"""Reporter of a live end: each message goes to the user and into the log of the flight.
+
+Source: docs pages, Fly and Vehicle.
+"""
+
+from collections.abc import Callable
+
+from trimtab.flight.flight_log import FlightRecorder
+
+
+class Reporter:
+    """Receivers of the messages of one end. The parts of that end report through it."""
+
+    def __init__(self) -> None:
+        """Start without a receiver: messages are lost."""
+        self._tells: tuple[Callable[[str], None], ...] = ()
+        self._log: FlightRecorder | None = None
+
+    def begin(self, log: FlightRecorder | None, *tells: Callable[[str], None]) -> None:
+        """Report to these receivers from now on. log: log of the flight.  tells: they must not wait."""
+        self._tells, self._log = tells, log
+
+    def end_log(self) -> None:
+        """Report no longer to the log, which is about to be closed."""
+        self._log = None
+
+    @property
+    def has_log(self) -> bool:
+        """True while messages are logged."""
+        return self._log is not None
+
+    def log(self, text: str) -> None:
+        """Write a message into the log alone."""
+        if self._log is not None:
+            self._log.write_event(text)
+
+    def report(self, text: str) -> None:
+        """Report a message to all receivers."""
+        for tell in self._tells:
+            tell(text)
+        self.log(text)

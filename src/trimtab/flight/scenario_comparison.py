@@ -1,0 +1,141 @@
+"""Comparison of the vehicle's scenario with this end's: messages, settings, and whether it is one vehicle.
+
+Source: docs pages, Fly and Trust.
+"""
+
+import math
+from collections.abc import Callable, Sequence
+
+from trimtab.core.time import ms
+from trimtab.flight.mavlink.definitions import Message
+from trimtab.flight.mavlink.endpoint import Endpoint
+from trimtab.flight.station.identity import IdentityComparison, SettingDifference
+
+MOST_ASKS = 4
+"""Number of unanswered questions after which the vehicle counts as one that cannot answer them."""
+ASK_PERIOD = ms(500)
+
+
+class ScenarioComparison:
+    """The vehicle's scenario, as far as it is known. Times `now` are this end's, in 100 ns."""
+
+    def __init__(
+        self,
+        endpoint: Endpoint,
+        identity: IdentityComparison | None,
+        accepts: Sequence[str],
+        tell: Callable[[str], None],
+        remarks: list[str],
+    ) -> None:
+        """Start without an answer.
+
+        Args:
+            endpoint: this end of the link.
+            identity: comparison of the settings; None: only messages are compared.
+            accepts: settings in which the two may differ, by path; a path includes everything below it.
+            tell: receives the messages for the user and for the log.
+            remarks: remarks so far; accepted differences are appended, and then all are reported.
+        """
+        self._endpoint, self._identity, self._accepts = endpoint, identity, tuple(accepts)
+        self._tell, self._remarks = tell, remarks
+        self.misfit = self.dialect_problem = ""
+        """misfit: reason why the vehicle cannot be flown; empty if there is none.  dialect_problem: its messages."""
+        self.is_told = self._is_dialect_known = False
+        """is_told: the settings have been compared, and the accepted differences reported."""
+        self._asks = self._next = self.vehicle_session = 0
+
+    @property
+    def is_complete(self) -> bool:
+        """True if messages and settings have been compared, and fit."""
+        return self._is_dialect_known and (self._identity is None or self.is_told) and not self.misfit
+
+    def accepts(self, path: str) -> bool:
+        """Return whether the two ends may differ in a setting."""
+        return path != "messages" and any(path == own or path.startswith(f"{own}.") for own in self._accepts)
+
+    def differences(self) -> list[SettingDifference]:
+        """Return the settings in which the vehicle is known to differ without being accepted."""
+        return [] if self._identity is None else self._identity.differences(self.accepts)
+
+    def count_differences(self) -> float:
+        """Return the number of settings in which the vehicle differs from this end without being accepted.
+
+        It is infinite while a setting has changed and the new ones are not all known.
+        """
+        identity = self._identity
+        if identity is None or not self.is_told or identity.is_unanswered:
+            return 0
+        return len(identity.differences(self.accepts)) if identity.is_known else math.inf
+
+    def first_difference(self) -> str:
+        """Return the path of the first setting that differs; "PATH" if none is known to differ."""
+        differences = self.differences()
+        return differences[0].path if differences else "PATH"
+
+    @property
+    def identity_number(self) -> int:
+        """Number of the vehicle's settings as they were compared, for requests to arm; 0: not compared."""
+        return 0 if self._identity is None else self._identity.number
+
+    def asks_version(self, now: int) -> bool:
+        """Return whether to ask the vehicle for its version now."""
+        if self._is_dialect_known or now < self._next:
+            return False
+        self._next, self._asks = now + ASK_PERIOD, self._asks + 1
+        self._is_dialect_known = self._asks > MOST_ASKS
+        return True
+
+    def handle_refusal(self) -> None:
+        """Note that the vehicle cannot report its version."""
+        self._is_dialect_known = True
+
+    def handle_version(self, message: Message) -> None:
+        """Compare the dialects, and the vehicle's session: it keeps one session while it runs.
+
+        A vehicle without a fingerprint of its dialect is accepted, since checksums differ too.
+        """
+        ours, theirs = self._endpoint.dialect.fingerprint, bytes(message.get("flight_custom_version"))
+        self._is_dialect_known = True
+        if any(theirs) and theirs != ours:
+            both = f"its dialect is {theirs.hex()}, this scenario's {ours.hex()}"
+            self.dialect_problem = f"wrong scenario: the vehicle has different sensors or commands: {both}"
+            if self._identity is None:
+                self.misfit = self.dialect_problem
+        session = message.get("uid") >> 8
+        if self.vehicle_session not in (0, session):
+            self.note_second_vehicle(message, f"sessions {self.vehicle_session:06x} and {session:06x}")
+        self.vehicle_session = session
+
+    def note_second_vehicle(self, message: Message, by: str) -> None:
+        """Note that two vehicles answer. message: of one of them.  by: how that was found."""
+        self.misfit = f"two vehicles answer on this link as {message.system}/{message.component}: {by}"
+
+    def handle_identity(self, message: Message) -> None:
+        """Handle a TUNNEL of the vehicle, which may hold some of its settings."""
+        if self._identity is not None:
+            self._identity.handle_message(message)
+
+    def due(self, now: int, system: int, component: int) -> list[bytes]:
+        """Return the questions for the vehicle's settings that are due now, and compare what is known."""
+        if self._identity is None:
+            return []
+        packets = self._identity.due(now, system, component)
+        if not self.is_told:
+            self._compare(self._identity)
+        return packets
+
+    def _compare(self, identity: IdentityComparison) -> None:
+        """Compare the vehicle's settings once they are complete, and report accepted differences."""
+        if self.misfit or not (identity.is_known or identity.is_unanswered):
+            return
+        if identity.differences(self.accepts):
+            self.misfit = "wrong scenario"
+        elif self.dialect_problem:
+            self.misfit = self.dialect_problem
+        else:
+            self.is_told = True
+            self._remarks += [f"accepted: {difference}" for difference in identity.differences()]
+            if identity.is_unanswered:
+                self._remarks.append("the vehicle does not report its scenario: only its messages were compared")
+            for remark in self._remarks:
+                self._tell(remark)
