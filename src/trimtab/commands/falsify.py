@@ -12,7 +12,6 @@ from trimtab.analysis.campaign.search import falsify as search
 from trimtab.analysis.campaign.search.falsify import FalsificationResult
 from trimtab.analysis.campaign.search.scenario_file import check_file, write_scenario
 from trimtab.commands.kept_flights import keep_flights
-from trimtab.commands.kept_programs import enable_cache
 from trimtab.commands.options import (
     FAULT_RANGE,
     FLIGHT,
@@ -31,6 +30,7 @@ from trimtab.commands.options import (
 )
 from trimtab.commands.output import check_out, check_picture, print_files, print_json
 from trimtab.commands.progress import show_progress
+from trimtab.core.cache_folder import enable_cache
 
 
 @click.command()

@@ -4,10 +4,10 @@ from pathlib import Path
 
 import click
 
-from trimtab.commands.kept_programs import enable_cache
 from trimtab.commands.options import FILE, JSON, OUT, PLOT
 from trimtab.commands.output import check_out, check_picture, print_files, print_json
 from trimtab.commands.progress import show_spinner
+from trimtab.core.cache_folder import enable_cache
 
 
 @click.command()
