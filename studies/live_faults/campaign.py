@@ -13,9 +13,9 @@ from pathlib import Path
 
 from studies.live_faults.case import Case, CaseOutcome, fly_case
 from studies.live_faults.cases import all_cases
+from studies.live_faults.cases_without_flight import NOT_FLOWN, try_process_case
 from studies.live_faults.draw import DRAWN, flight_case, read_name
 from studies.live_faults.flight import NAME, VehicleKnowledge, collect_knowledge
-from studies.live_faults.processes_at_0_1 import NOT_FLOWN, try_process_case
 from trimtab.core.errors import InputError, closest
 from trimtab.scenarios import catalogue
 

@@ -2,10 +2,10 @@
 
 from studies.live_faults import acts
 from studies.live_faults.case import AUTOPILOT, EITHER, FAILSAFE, FLIES, STOPS, VEHICLE, Case
-from studies.live_faults.cases_at_0_1 import AT_0_1
 from studies.live_faults.cases_of_authority import AUTHORITY
-from studies.live_faults.cases_of_ends import CLOCKS, DISKS, PROCESSES, WRITERS
-from studies.live_faults.cases_of_lines import FRAMES, POURED
+from studies.live_faults.cases_of_ends import CLOCKS, DISKS, PROCESSES, SIGNALS, WRITERS
+from studies.live_faults.cases_of_lines import FRAMES, ONE_WAY, ORDER, POURED
+from studies.live_faults.cases_of_requests import REQUESTS
 from studies.live_faults.words import EvidenceCheck, counter_rise, flag_gap, logged_event
 
 WORDS = ("off", "stuck", "garbage", "wrong", "slow", "delayed", "intermittent")
@@ -85,4 +85,5 @@ def _cut_case(seconds: float, serial: bool) -> Case:
 def all_cases() -> list[Case]:
     """Return all cases, in the order of the table."""
     ends, lines = [*PROCESSES, *CLOCKS, *DISKS, *WRITERS], [*FRAMES, *POURED]
-    return [*fault_cases(), *loss_cases(), *cut_cases(), *ends, *lines, *AUTHORITY, *AT_0_1]
+    others = [*AUTHORITY, *REQUESTS, *SIGNALS, *ORDER, *ONE_WAY]
+    return [*fault_cases(), *loss_cases(), *cut_cases(), *ends, *lines, *others]

@@ -1,4 +1,4 @@
-"""Cases of the campaign: processes that die or stop, clocks, disks, and writers of logs."""
+"""Cases of the campaign: processes that die, stop or get signals, clocks, disks, and writers of logs."""
 
 import signal
 
@@ -9,12 +9,14 @@ from studies.live_faults.words import (
     arming_count,
     counter_rise,
     exit_status,
+    flag_gap,
     logged_event,
     outputs_safe,
     peak_level,
     printed_line,
 )
 
+DISARMED = logged_event(VEHICLE, "disarmed: disarm request")
 DEAD = logged_event(AUTOPILOT, "the flying process is gone")
 SILENT = logged_event(AUTOPILOT, "no data from the vehicle")
 PROCESSES: list[Case] = [
@@ -134,3 +136,82 @@ WRITERS: list[Case] = [
     for name in (VEHICLE, AUTOPILOT)
 ]
 """Logs whose writer has died."""
+
+
+def _signal_cases() -> list[Case]:
+    """Return cases of processes that are asked to end, or crash."""
+    crash, gone = -signal.SIGSEGV, "the flying process is gone"
+    return [
+        Case(
+            "autopilot-terminated",
+            "SIGTERM sent to the autopilot",
+            acts.send_signal("autopilot", signal.SIGTERM),
+            EITHER,
+            (exit_status(AUTOPILOT, 1), DISARMED),
+        ),
+        Case(
+            "vehicle-terminated",
+            "SIGTERM sent to the vehicle",
+            acts.send_signal("vehicle", signal.SIGTERM),
+            EITHER,
+            (logged_event(VEHICLE, "ended by request"), exit_status(AUTOPILOT, 1)),
+        ),
+        Case(
+            "autopilot-crashed",
+            "autopilot's process crashes (SIGSEGV)",
+            acts.send_signal("autopilot", signal.SIGSEGV),
+            STOPS,
+            (FAILSAFE, logged_event(AUTOPILOT, gone), exit_status(VEHICLE, 1)),
+            statuses={AUTOPILOT: (crash,)},
+        ),
+        Case(
+            "vehicle-crashed",
+            "vehicle's process crashes (SIGSEGV)",
+            acts.send_signal("vehicle", signal.SIGSEGV),
+            EITHER,
+            (logged_event(VEHICLE, gone), outputs_safe("is gone"), exit_status(AUTOPILOT, 1)),
+            statuses={VEHICLE: (crash, KILLED)},
+        ),
+        Case(
+            "vehicle-frozen-2",
+            "vehicle's process stopped for 2 s",
+            acts.send_signal("vehicle", signal.SIGSTOP, signal.SIGCONT, 2.0),
+            EITHER,
+            (
+                logged_event(AUTOPILOT, "no data from the vehicle"),
+                outputs_safe("is stopped"),
+                logged_event(VEHICLE, "outputs went safe: no data for"),
+            ),
+            stopped_s={VEHICLE: 2.0},
+        ),
+        Case(
+            "outputs-killed",
+            "the process that applies the vehicle's outputs is killed",
+            acts.kill_child("vehicle", "trimtab.flight.outputs"),
+            EITHER,
+            (logged_event(VEHICLE, "the outputs' process died"), exit_status(VEHICLE, 1), exit_status(AUTOPILOT, 1)),
+        ),
+        Case(
+            "autopilot-frozen-0.15",
+            "autopilot's process stopped for 0.15 s",
+            acts.send_signal("autopilot", signal.SIGSTOP, signal.SIGCONT, 0.15),
+            FLIES,
+            (flag_gap(VEHICLE, "firmware.command.fresh", 0.14),),
+            stopped_s={AUTOPILOT: 0.15},
+        ),
+        Case(
+            "autopilot-frozen-told",
+            "autopilot's process stopped for 1 s; it must then report that the vehicle is in failsafe",
+            acts.send_signal("autopilot", signal.SIGSTOP, signal.SIGCONT),
+            STOPS,
+            (
+                FAILSAFE,
+                logged_event(AUTOPILOT, "found again, but the vehicle is in failsafe"),
+                exit_status(AUTOPILOT, 1),
+            ),
+            stopped_s={AUTOPILOT: 1.0},
+        ),
+    ]
+
+
+SIGNALS = _signal_cases()

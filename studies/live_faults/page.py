@@ -1,7 +1,9 @@
 """Docs page of the campaign, written from its outcomes."""
 
+import os
 import re
 from collections.abc import Sequence
+from pathlib import Path
 
 from studies.live_faults.case import CaseOutcome
 from studies.live_faults.verdict import BOUNDS, LIFT_S, SERVO_S, SILENCE_S
@@ -93,18 +95,29 @@ The draw also decides, before the flight, how the flight must end and which line
 other line is counted as unexplained. After a refusal (clock, scenario, key) the autopilot flies with the command that
 the refusal suggests. `--only drawn-1-17` repeats one flight.
 
-## Faults found in version 0.1
-
-    trimtab live-faults --real-time --findings
-
-repeats each fault that was found in an early version and prints today's result beside the old one. Some of these faults
-are not flights: logs that name code, exported C at the first instant, the key in the firmware, a silent client, and a
-ground station. A result is "mended", "as before" or "kept waiting".
-
 ## Outcomes
 
 {table}
 """
+
+
+def write_page(
+    file: Path, outcomes: Sequence[CaseOutcome], names: Sequence[str], wall: float, *, apart: bool, is_real: bool
+) -> None:
+    """Write a new page of all cases, or update the rows of some cases in the existing page.
+
+    Args:
+        file: the page.
+        outcomes: outcomes of the flown cases.
+        names: names of all cases, in the order of the rows.
+        wall: duration of the campaign (s).
+        apart: only these cases were flown, not all.
+        is_real: flown in real time.
+    """
+    before = file.read_text("utf-8") if apart and file.exists() else ""
+    flown = [one.name for one in outcomes if not one.skipped]
+    run = describe_flights(flown, wall, os.cpu_count() or 1, apart=apart, is_real=is_real)
+    file.write_text(format_page(outcomes, run, before, names), "utf-8")
 
 
 def format_page(outcomes: Sequence[CaseOutcome], run: str, before: str = "", order: Sequence[str] = ()) -> str:

@@ -8,9 +8,9 @@ from typing import Any
 import numpy as np
 
 from studies.ranges2009._data import OTHER, Plaza, read_plaza
+from studies.ranges2009._odometry_lag import LaggedOdometry
+from studies.ranges2009._odometry_particle import OdometryParticle
 from trimtab.estimators.ranging.odometry import OdometryNoise, OdometryRanging, PlanarStart, RadioErrors
-from trimtab.estimators.ranging.odometry_lag import LaggedOdometry
-from trimtab.estimators.ranging.odometry_particle import OdometryParticle
 
 TUNED = Path(__file__).parent / "tuned.json"
 BEFORE = {"slip": 0.05, "noise": 0.5}

@@ -31,7 +31,7 @@ def mark_thorough(found, which):
 
 LONG_PROGRAMS = {
     *("RecedingHorizon", "RotorLossTracking", "PathTracking", "StableInversion", "Formation", "GeometricTracking"),
-    *("UltrasonicRanging", "UltrasonicListening", "GnssRanges", "AnchorRanging", "StarTracker"),
+    *("UltrasonicRanging", "GnssRanges", "AnchorRanging", "StarTracker"),
     *("MeasuredLatency", "SlaveBus", "RangingPosition", "Particle"),
 }
 """Blocks that take several seconds to compile."""

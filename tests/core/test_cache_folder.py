@@ -3,9 +3,10 @@
 import os
 from pathlib import Path
 
+import jax
 import pytest
 
-from trimtab.core.cache_folder import cache_folder, is_owned_by_user
+from trimtab.core.cache_folder import cache_folder, enable_cache, is_owned_by_user
 
 
 @pytest.fixture
@@ -62,3 +63,15 @@ def test_unknown_home_is_an_os_error(home: Path, monkeypatch: pytest.MonkeyPatch
     monkeypatch.setattr(os.path, "expanduser", lambda path: path)  # as where there is neither HOME nor an entry of it
     with pytest.raises(FileNotFoundError, match="home"):
         cache_folder("a")
+
+
+def test_jax_cache_is_a_folder_of_the_cache(home: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    settings = {}
+    monkeypatch.setattr(jax.config, "update", settings.__setitem__)
+    enable_cache()
+    assert settings["jax_compilation_cache_dir"] == str(home / ".cache" / "trimtab" / "jax")
+    settings.clear()
+    (home / "file").write_text("")
+    monkeypatch.setenv("TRIMTAB_CACHE", str(home / "file"))
+    enable_cache()
+    assert settings == {}

@@ -15,7 +15,7 @@ from trimtab.loop.pilot_script import add_pilot_sensor
 from trimtab.run.program import describe_scenario
 from trimtab.scenarios import catalogue
 from trimtab.scenarios.build import build
-from trimtab.scenarios.recorded import RENAMED_CLASSES, rebuild_scenario
+from trimtab.scenarios.recorded import rebuild_scenario
 
 
 def recorded(folder, scenario, /, **changes) -> Log:
@@ -85,21 +85,13 @@ def test_a_recording_of_a_link_need_not_be_there_any_more(tmp_path):
 
 
 def test_a_log_without_choices_is_recognised_by_its_parts(tmp_path):
-    """As logs were before choices were recorded, and as those of scenarios that were built in Python are."""
+    """Logs of scenarios that were built in Python have no choices."""
     scenario, _ = catalogue.load_scenario("hovercraft/spin", {"navigation": "ins-magnetometer", "links": "measured"})
     vehicle = replace(scenario.world.vehicle, mass=np.nextafter(2.7, 3))
     scenario = replace(scenario, world=replace(scenario.world, vehicle=vehicle), duration=ms(10))
     log = recorded(tmp_path, scenario)
     assert "choices" not in log.metadata
     check_alike(rebuild_scenario(log), scenario)
-
-
-def test_classes_that_had_another_name_are_known(tmp_path):
-    scenario, _ = catalogue.load_scenario("hovercraft/spin", {"navigation": "ins"})
-    old_names = {now: old for old, now in RENAMED_CLASSES.items()}
-    parts = {path: old_names.get(name, name) for path, name in part_classes(scenario).items()}
-    assert "Clock" in parts.values()
-    check_alike(rebuild_scenario(recorded(tmp_path, scenario, parts=parts)), scenario)
 
 
 def test_nothing_is_imported_because_a_log_names_it(tmp_path):

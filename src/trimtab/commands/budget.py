@@ -6,10 +6,10 @@ from typing import Any
 
 import click
 
-from trimtab.commands.kept_programs import enable_cache
 from trimtab.commands.options import FLIGHT, JSON, PLOT, RUNS, SCENARIO, SEED
 from trimtab.commands.output import check_picture, draw_plot, new_table, print_files, print_json, print_table
 from trimtab.commands.progress import show_progress
+from trimtab.core.cache_folder import enable_cache
 from trimtab.core.errors import InputError
 from trimtab.loop.scenario import Scenario
 from trimtab.plots.error_budget import plot_error_budget

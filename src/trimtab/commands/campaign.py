@@ -18,7 +18,6 @@ from trimtab.analysis.campaign.statistics.requirement import RequirementVerdict,
 from trimtab.analysis.campaign.statistics.stopping import evaluate_stopping
 from trimtab.analysis.campaign.store.store import count_missing_rows, estimate_store_size
 from trimtab.commands.campaign_tables import print_campaign, summarise_metrics, write_pictures
-from trimtab.commands.kept_programs import enable_cache
 from trimtab.commands.options import (
     FILE,
     FLIGHT,
@@ -37,6 +36,7 @@ from trimtab.commands.options import (
 from trimtab.commands.output import check_folder, new_table, print_files, print_json, print_table
 from trimtab.commands.progress import announce_size, show_count, warn_of_room
 from trimtab.commands.written_files import check_new_in
+from trimtab.core.cache_folder import enable_cache
 from trimtab.core.errors import InputError, install_command
 from trimtab.logs.mcap import write_mcap
 from trimtab.loop.calibrated_spread import calibrated_spread

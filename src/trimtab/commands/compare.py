@@ -8,7 +8,6 @@ import click
 
 from trimtab.commands.flight_summary import summarise_run
 from trimtab.commands.foreign_logs import read_any_log
-from trimtab.commands.kept_programs import enable_cache
 from trimtab.commands.options import FILE, JSON, PLOT
 from trimtab.commands.output import (
     check_picture,
@@ -20,6 +19,7 @@ from trimtab.commands.output import (
     print_table,
 )
 from trimtab.commands.progress import show_spinner
+from trimtab.core.cache_folder import enable_cache
 from trimtab.logs.difference import LogDifference, find_difference
 from trimtab.logs.log import Log
 

@@ -16,12 +16,12 @@ import click
 
 from trimtab.commands import fly
 from trimtab.commands.foreign_logs import read_own_log
-from trimtab.commands.kept_programs import enable_cache
 from trimtab.commands.line import live_settings
 from trimtab.commands.options import FAULT, NAVIGATION, OUT, PLACE, SEED, SET, parse_parts
 from trimtab.commands.progress import show_spinner
 from trimtab.commands.replay import replace_parts
 from trimtab.console.address import ConsoleAddress
+from trimtab.core.cache_folder import enable_cache
 from trimtab.core.errors import InputError
 from trimtab.core.record import replace
 from trimtab.core.time import parse_time

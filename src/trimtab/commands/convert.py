@@ -5,10 +5,10 @@ from pathlib import Path
 import click
 
 from trimtab.commands.foreign_logs import read_own_log
-from trimtab.commands.kept_programs import enable_cache
 from trimtab.commands.options import FILE, JSON, OUT
 from trimtab.commands.output import check_folder, check_out, print_files, print_json
 from trimtab.commands.progress import show_spinner
+from trimtab.core.cache_folder import enable_cache
 from trimtab.core.errors import InputError
 from trimtab.core.time import parse_time
 from trimtab.logs.messages import EPOCH

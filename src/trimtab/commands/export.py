@@ -13,10 +13,10 @@ import numpy as np
 from click.core import ParameterSource
 
 from trimtab.commands.export_web import write_web_flight
-from trimtab.commands.kept_programs import enable_cache
 from trimtab.commands.options import FILE, JSON, NAVIGATION, OUT, SET, WITHOUT
 from trimtab.commands.output import check_folder, print_json
 from trimtab.commands.written_files import place_files
+from trimtab.core.cache_folder import enable_cache
 from trimtab.core.errors import InputError
 from trimtab.export.verify import compare_samples, verify_folder
 from trimtab.flight.boards.microcontrollers import TARGETS, emulate, require_tools

@@ -8,8 +8,8 @@ import click
 import numpy as np
 from click.core import ParameterSource
 
-from trimtab.commands.kept_programs import enable_cache
 from trimtab.commands.output import print_json
+from trimtab.core.cache_folder import enable_cache
 from trimtab.core.errors import InputError
 
 if TYPE_CHECKING:

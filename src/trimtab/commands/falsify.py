@@ -12,7 +12,6 @@ from trimtab.analysis.campaign.search import falsify as search
 from trimtab.analysis.campaign.search.falsify import FalsificationResult
 from trimtab.analysis.campaign.search.scenario_file import check_file, write_scenario
 from trimtab.commands.kept_flights import keep_flights
-from trimtab.commands.kept_programs import enable_cache
 from trimtab.commands.options import (
     FAULT_RANGE,
     FLIGHT,
@@ -29,8 +28,9 @@ from trimtab.commands.options import (
     VARY,
     WITHOUT,
 )
-from trimtab.commands.output import check_out, check_picture, print_files, print_json
+from trimtab.commands.output import check_out, check_picture, draw_plot, print_files, print_json
 from trimtab.commands.progress import show_progress
+from trimtab.core.cache_folder import enable_cache
 
 
 @click.command()
@@ -90,8 +90,7 @@ def command(
     if plot is not None:
         from trimtab.plots.search import plot_falsify
 
-        plot.parent.mkdir(parents=True, exist_ok=True)
-        plot_falsify(worst, plot, title=scenario)
+        draw_plot(plot, plot_falsify, worst, title=scenario)
     if as_json:
         settings = {name: options[name] for name in ("seed", "over", "words")}
         print_json(_worst_json(scenario, settings, worst) | ({"replay": again} if again else {}), files)

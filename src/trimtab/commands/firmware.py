@@ -8,11 +8,11 @@ from pathlib import Path
 
 import click
 
-from trimtab.commands.kept_programs import enable_cache
 from trimtab.commands.line import find_key
 from trimtab.commands.options import JSON, KEY, LOCKSTEP, NAVIGATION, OUT, SCENARIO, SEED, SET
 from trimtab.commands.output import check_folder, print_json
 from trimtab.commands.written_files import place_files
+from trimtab.core.cache_folder import enable_cache
 from trimtab.core.errors import InputError
 from trimtab.flight.boards.firmware_folder import firmware_outputs, write_firmware
 from trimtab.flight.boards.microcontrollers import require_tools

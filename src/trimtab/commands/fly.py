@@ -11,7 +11,6 @@ from typing import Any
 
 import click
 
-from trimtab.commands.kept_programs import enable_cache
 from trimtab.commands.line import (
     AUTOPILOT,
     current_machine,
@@ -41,6 +40,7 @@ from trimtab.commands.progress import show_spinner
 from trimtab.console.address import ConsoleAddress
 from trimtab.console.hello import describe_flight
 from trimtab.console.process import open_console
+from trimtab.core.cache_folder import enable_cache
 from trimtab.core.errors import InputError
 from trimtab.core.interfaces import Link
 from trimtab.core.record import replace

@@ -1,6 +1,5 @@
 """`trimtab live-faults`: flights of a vehicle and an autopilot under faults of link, processes and machine."""
 
-import os
 import sys
 from collections.abc import Sequence
 from pathlib import Path
@@ -29,7 +28,6 @@ if TYPE_CHECKING:
     show_default=True,
     help="Seed of the random flights and of virtual time.",
 )
-@click.option("--findings", is_flag=True, help="Repeat each fault found in version 0.1, and print both results.")
 @click.option("--real-time", "is_real", is_flag=True, help="Ask for flights of real processes, in real time.")
 @click.option("--jobs", type=click.IntRange(1, 16), default=2, show_default=True, help="Number of flights at a time.")
 @OUT("DIR", "Write logs and printed text to this folder, one folder per case.")
@@ -39,7 +37,6 @@ def command(
     only: tuple[str, ...],
     draw: int | None,
     seed: int,
-    findings: bool,
     is_real: bool,
     jobs: int,
     out: Path | None,
@@ -61,10 +58,9 @@ def command(
     trimtab live-faults --draw 1000 --seed 1
     trimtab live-faults --only drawn-1-17
     trimtab live-faults --real-time --out campaign --json
-    trimtab live-faults --real-time --findings
     """
     campaign = _import_module("campaign")
-    cases = campaign.select_cases(_choose_names(only, draw, seed, findings, page))
+    cases = campaign.select_cases(_choose_names(only, draw, seed, page))
     if out is not None:
         check_folder("--out", out)
         for name in cases:
@@ -91,14 +87,14 @@ def command(
     outcomes = campaign.fly_cases(cases, out=out, jobs=jobs, is_real=is_real, seed=seed, tell=tell)
     wall = monotonic() - began
     if page is not None:
-        _write_page(page, outcomes, wall, apart=bool(only), is_real=is_real)
+        names = [case.name for case in _import_module("cases").all_cases()]
+        _import_module("page").write_page(page, outcomes, names, wall, apart=bool(only), is_real=is_real)
+        note_written([page])
     if as_json:
         kinds = {} if draw is None else _count_kinds(outcomes)
         verdicts = [one._asdict() | {"verdict": one.verdict} for one in outcomes]
         print_json({"wall_s": round(wall, 1), "cases": verdicts} | ({"kinds": kinds} if kinds else {}))
     else:
-        if findings:
-            _print_findings(outcomes)
         if draw is not None:
             _print_kinds(_count_kinds(outcomes))
         flights = sum(not one.skipped for one in outcomes)
@@ -113,28 +109,13 @@ def command(
     sys.exit(0 if all(one.verdict in ("holds", "skipped") for one in outcomes) else 1)
 
 
-def _choose_names(
-    only: tuple[str, ...], draw: int | None, seed: int, findings: bool, page: Path | None
-) -> tuple[str, ...]:
+def _choose_names(only: tuple[str, ...], draw: int | None, seed: int, page: Path | None) -> tuple[str, ...]:
     """Return the names of the cases that the options ask for; empty: all cases."""
     if draw is not None:
         if only or page is not None:
             raise InputError("--draw", "cannot be combined with --only or --page", fix=f"--draw {draw} alone")
         only = tuple(f"{_import_module('draw').DRAWN}{seed}-{k}" for k in range(draw))
-    if findings:
-        if only or draw is not None or page is not None:
-            raise InputError("--findings", "cannot be combined with --only, --draw or --page", fix="--findings alone")
-        only = tuple(_import_module("found_at_0_1").list_case_names())
     return only
-
-
-def _print_findings(outcomes: "Sequence[CaseOutcome]") -> None:
-    """Print the findings of version 0.1, row by row, with the result of today."""
-    study = _import_module("found_at_0_1")
-    table = new_table("tried", "at 0.1", "now", "verdict", unwrapped=("verdict",))
-    for row in study.compare_findings(outcomes):
-        table.add_row(*row)
-    print_table(table)
 
 
 def _count_kinds(outcomes: "Sequence[CaseOutcome]") -> dict[str, dict[str, int]]:
@@ -151,16 +132,6 @@ def _print_kinds(kinds: dict[str, dict[str, int]]) -> None:
     for kind, counts in kinds.items():
         table.add_row(kind, *(str(n) for n in counts.values()))
     print_table(table)
-
-
-def _write_page(file: Path, outcomes: "Sequence[CaseOutcome]", wall: float, *, apart: bool, is_real: bool) -> None:
-    """Write a new page of all cases, or update the rows of some cases in the existing page."""
-    page, names = _import_module("page"), [case.name for case in _import_module("cases").all_cases()]
-    before = file.read_text("utf-8") if apart and file.exists() else ""
-    flown = [one.name for one in outcomes if not one.skipped]
-    run = page.describe_flights(flown, wall, os.cpu_count() or 1, apart=apart, is_real=is_real)
-    file.write_text(page.format_page(outcomes, run, before, names), "utf-8")
-    note_written([file])
 
 
 def _import_module(name: str) -> Any:

@@ -11,10 +11,10 @@ from trimtab.analysis.campaign.search.map_theory import StabilityCriterion, stab
 from trimtab.analysis.campaign.search.stability_map import SWING, StabilityMap, parse_success, stability_map
 from trimtab.analysis.campaign.store.memo import FlightMemo
 from trimtab.commands.kept_flights import keep_flights
-from trimtab.commands.kept_programs import enable_cache
 from trimtab.commands.options import FLIGHT, JSON, PLOT, RUNS, SCENARIO, SEED, STORE, SUCCESS, THREADS, WITHOUT
-from trimtab.commands.output import check_picture, print_files, print_json
+from trimtab.commands.output import check_picture, draw_plot, print_files, print_json
 from trimtab.commands.progress import show_progress
+from trimtab.core.cache_folder import enable_cache
 from trimtab.core.errors import InputError
 from trimtab.run.program import check_seed, describe_scenario
 from trimtab.scenarios.build import build
@@ -106,12 +106,11 @@ def command(
             built, horizontal, vertical, seed=seed, memo=memo, progress=lambda n: tell("points", n), **grid
         )
         criteria, why = _find_criteria(diagram) if theory else ((), "")
-    files = [] if plot is None else [plot]
+    files = []
     if plot is not None:
         from trimtab.plots.stability_map import plot_stability_map
 
-        plot.parent.mkdir(parents=True, exist_ok=True)
-        plot_stability_map(diagram, plot, title=diagram.scenario.name, theory=criteria)
+        files = draw_plot(plot, plot_stability_map, diagram, title=diagram.scenario.name, theory=criteria)
     if as_json:
         print_json({"scenario": scenario, "seed": seed} | _map_json(diagram, criteria), files)
         return

@@ -4,10 +4,10 @@ from pathlib import Path
 
 import click
 
-from trimtab.commands.kept_programs import enable_cache
 from trimtab.commands.options import FILE, JSON, OUT, PLOT
-from trimtab.commands.output import check_out, check_picture, print_files, print_json
+from trimtab.commands.output import check_out, check_picture, draw_plot, print_files, print_json
 from trimtab.commands.progress import show_spinner
+from trimtab.core.cache_folder import enable_cache
 
 
 @click.command()
@@ -46,9 +46,7 @@ def command(floor: Path, out: Path | None, plot: Path | None, speed: float, as_j
     if plot is not None:
         from trimtab.plots.planned_path import plot_planned_path
 
-        plot.parent.mkdir(parents=True, exist_ok=True)
-        plot_planned_path(task, plan, plot, title=floor.stem)
-        files.append(plot)
+        files += draw_plot(plot, plot_planned_path, task, plan, title=floor.stem)
     flown = plan.flown
     result = {
         "duration_s": float(plan.times[-1]),

@@ -10,7 +10,6 @@ import numpy as np
 from trimtab.analysis.campaign.search import rare
 from trimtab.analysis.campaign.search.rare import Failure, PilotReport, RareResult
 from trimtab.analysis.campaign.search.scenario_file import write_scenario
-from trimtab.commands.kept_programs import enable_cache
 from trimtab.commands.options import (
     FAULT_RANGE,
     FLIGHT,
@@ -28,6 +27,7 @@ from trimtab.commands.options import (
 from trimtab.commands.output import check_folder, new_table, print_files, print_json, print_table
 from trimtab.commands.progress import show_progress
 from trimtab.commands.written_files import check_new_in
+from trimtab.core.cache_folder import enable_cache
 
 FEW = 20
 """Minimum number of failing roots for a trustworthy confidence interval."""

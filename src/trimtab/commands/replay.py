@@ -10,10 +10,10 @@ import click
 import numpy as np
 
 from trimtab.commands.foreign_logs import check_choice, read_any_log, scenario_estimator
-from trimtab.commands.kept_programs import enable_cache
 from trimtab.commands.options import BACKEND, FILE, JSON, OUT, PLOT, parse_settings
 from trimtab.commands.output import check_out, check_picture, draw_plot, print_files, print_json
 from trimtab.commands.progress import show_spinner
+from trimtab.core.cache_folder import enable_cache
 from trimtab.core.errors import InputError
 from trimtab.core.record import is_record, replace
 from trimtab.logs.log import Log

@@ -10,11 +10,11 @@ from typing import Any
 
 import click
 
-from trimtab.commands.kept_programs import enable_cache
 from trimtab.commands.options import FILE, JSON, OUT
 from trimtab.commands.output import check_folder, console, new_table, print_files, print_json, print_table, write_text
 from trimtab.commands.progress import show_progress
 from trimtab.commands.written_files import check_new_in
+from trimtab.core.cache_folder import enable_cache
 from trimtab.study import (
     BASES,
     PUBLISHED,

@@ -1,7 +1,6 @@
 """`trimtab run`: simulate a scenario, ideal and real, and show the results.
 
-A repeated run starts from its cached programs, without importing JAX (see `kept_programs`). Therefore nothing that
-needs JAX is imported at the top of this file.
+Nothing that needs JAX is imported at the top of this file, so a refused option is reported at once.
 """
 
 import sys
@@ -14,11 +13,11 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import click
 
 from trimtab.commands.flight_summary import closest_approach, metric_units, print_result, summarise_run
-from trimtab.commands.kept_programs import RunPrograms, enable_cache, load_programs, program_key, store_programs
 from trimtab.commands.options import BACKEND, FLIGHT, JSON, OUT, PLOT, SCENARIO, WITHOUT
 from trimtab.commands.output import check_picture, draw_plot, new_table, print_files, print_json, print_table
 from trimtab.commands.progress import announce_size, show_spinner, warn_of_room
 from trimtab.commands.written_files import check_new_in
+from trimtab.core.cache_folder import enable_cache
 from trimtab.core.errors import InputError
 from trimtab.core.formula import is_temporal, parse_formula
 from trimtab.core.time import parse_time
@@ -31,6 +30,7 @@ from trimtab.run.program import check_seed
 if TYPE_CHECKING:
     from trimtab.logs.navigation import Navigation
     from trimtab.loop.scenario import Scenario
+    from trimtab.run.program import Program
 
 
 PICTURES = ("tracking", "swarm", "navigation")
@@ -108,20 +108,14 @@ def command(
             raise InputError("--require", problem, fix=f"--require 'always({formula})'")
     if plot is None and out is not None:
         plot = out / "run.png"
-    key = None if backend == "jax" else program_key(scenario, settings, without, faults, ideal)
     check_new_in("--out", out, "run.mcap", "ideal.mcap")
     if plot is not None:
         check_new_in("--plot", plot.parent, *(f"{plot.stem}-{more}{plot.suffix}" for more in PICTURES))
-    programs = None if key is None else load_programs(key)
-    if programs is not None:
-        check_picture(plot, out)
-        report = _fly_programs(programs, flight)
-    else:
-        from trimtab.scenarios.build import build
+    from trimtab.scenarios.build import build
 
-        built = _estimate_steps(build(scenario, settings, without, faults))
-        check_picture(plot, out)
-        report = _compile_and_fly(built, ideal, backend, flight, key)
+    built = _estimate_steps(build(scenario, settings, without, faults))
+    check_picture(plot, out)
+    report = _compile_and_fly(built, ideal, backend, flight)
     seen = with_flight(report.real)
     result, assessed = _summarise_report(scenario, report), [assess_formula(seen, text) for text in require]
     if assessed:
@@ -157,44 +151,34 @@ def _estimate_steps(scenario: "Scenario") -> "Scenario":
     return replace(scenario, world=replace(scenario.world, integration=PLAIN_STEP))
 
 
-def _fly_programs(programs: RunPrograms, flight: dict[str, Any], started: float | None = None) -> RunReport:
-    started = time.perf_counter() if started is None else started
-    real = programs.real.fly(**flight)
-    ideal = None if programs.ideal is None else programs.ideal.fly(**flight)
-    return RunReport(programs.name, real, ideal, programs.targets, time.perf_counter() - started)
-
-
-def _compile_and_fly(
-    scenario: "Scenario", ideal: bool, backend: str, flight: dict[str, Any], key: str | None
-) -> RunReport:
-    """Compile and fly the scenario; store its programs for the next run if there is a key."""
+def _compile_and_fly(scenario: "Scenario", ideal: bool, backend: str, flight: dict[str, Any]) -> RunReport:
     from trimtab.run.blocks import has_stepped_vehicle, hold_vehicle
     from trimtab.run.runner import choose_c
     from trimtab.run.simulate import compile_scenario, simulate
 
     enable_cache()
-    targets = tuple(scenario.targets)
+    name, targets = scenario.name, tuple(scenario.targets)
     started = time.perf_counter()
     if has_stepped_vehicle(scenario):
         real = simulate(scenario, **flight)
         twin = simulate(hold_vehicle(scenario).ideal(), **flight) if ideal else None
-        return RunReport(scenario.name, real, twin, targets, time.perf_counter() - started)
+        return RunReport(name, real, twin, targets, time.perf_counter() - started)
 
-    def compile_both() -> RunPrograms:
+    def compile_both() -> "tuple[Program, Program | None]":
         with ThreadPoolExecutor(1) as other:  # trace one while the compiler works on the other
             real = other.submit(compile_scenario, scenario)
             twin = compile_scenario(scenario.ideal()) if ideal else None
-            return RunPrograms(scenario.name, real.result(), twin, targets)
+            return real.result(), twin
 
-    with show_spinner(f"compiling {scenario.name}; the next run starts at once"):
+    with show_spinner(f"compiling {name}"):
         programs = choose_c(backend, compile_both)
     if programs is not None:
-        if key is not None:
-            store_programs(key, programs)
-        return _fly_programs(programs, flight, started)
-    real = simulate(scenario, **flight, backend="jax")
-    twin = simulate(scenario.ideal(), **flight, backend="jax") if ideal else None
-    return RunReport(scenario.name, real, twin, targets, time.perf_counter() - started)
+        real = programs[0].fly(**flight)
+        twin = None if programs[1] is None else programs[1].fly(**flight)
+    else:
+        real = simulate(scenario, **flight, backend="jax")
+        twin = simulate(scenario.ideal(), **flight, backend="jax") if ideal else None
+    return RunReport(name, real, twin, targets, time.perf_counter() - started)
 
 
 def _summarise_report(scenario: str, report: RunReport) -> dict[str, Any]:

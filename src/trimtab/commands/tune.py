@@ -13,10 +13,10 @@ from trimtab.analysis.campaign.search.comparison import Comparison
 from trimtab.analysis.campaign.search.scenario_file import check_file, write_scenario
 from trimtab.analysis.campaign.search.tune import TuningResult
 from trimtab.commands.kept_flights import keep_flights
-from trimtab.commands.kept_programs import enable_cache
 from trimtab.commands.options import FLIGHT, JSON, OUT, PLOT, RUNS, SCENARIO, SEED, SPREAD, STORE, THREADS, WITHOUT
-from trimtab.commands.output import check_out, check_picture, print_files, print_json
+from trimtab.commands.output import check_out, check_picture, draw_plot, print_files, print_json
 from trimtab.commands.progress import show_progress
+from trimtab.core.cache_folder import enable_cache
 from trimtab.core.errors import InputError
 from trimtab.scenarios.build import build
 
@@ -114,9 +114,7 @@ def command(
     if plot is not None:
         from trimtab.plots.search import plot_tune
 
-        plot.parent.mkdir(parents=True, exist_ok=True)
-        plot_tune(tuning, plot, title=f"{scenario}, {cost}")
-        files.append(plot)
+        files += draw_plot(plot, plot_tune, tuning, title=f"{scenario}, {cost}")
     if as_json:
         print_json({"scenario": scenario, "method": method, "cost": cost} | _tuning_json(tuning), files)
     else:

@@ -11,7 +11,6 @@ import click
 
 from trimtab.commands.flight_stack import ARDUPILOT, CHANNELS, PX4, RELEASE, choose_line, serve_stack
 from trimtab.commands.flight_summary import print_truth, summarise_truth
-from trimtab.commands.kept_programs import enable_cache
 from trimtab.commands.line import (
     VEHICLE,
     current_machine,
@@ -38,6 +37,7 @@ from trimtab.commands.options import (
 )
 from trimtab.commands.output import new_log, print_json, print_log_size
 from trimtab.commands.progress import show_spinner
+from trimtab.core.cache_folder import enable_cache
 from trimtab.core.errors import InputError
 from trimtab.core.interfaces import Link
 from trimtab.core.record import replace

@@ -14,7 +14,6 @@ from trimtab.core.errors import InputError, argument_name
 from trimtab.flight.console_line import ConsoleLine
 
 END_S = 5.0
-NICE = 5
 
 
 class Console(NamedTuple):

@@ -16,7 +16,7 @@ def cache_folder(name: str) -> Path:
     """
     cache = os.environ.get("TRIMTAB_CACHE")
     if not cache:
-        import platformdirs  # takes as long as all else that a kept program needs
+        import platformdirs  # slow to import
 
         try:
             cache = platformdirs.user_cache_dir("trimtab", appauthor=False)
@@ -27,6 +27,21 @@ def cache_folder(name: str) -> Path:
     if not is_owned_by_user(folder.stat()):
         raise PermissionError(f"{folder} belongs to another user, or others can write to it")
     return folder
+
+
+def enable_cache() -> None:
+    """Enable JAX's compilation cache in the cache's folder `jax`; do nothing if the folder is not writable."""
+    import jax
+
+    try:
+        folder = cache_folder("jax")
+    except OSError:
+        return
+    if not os.access(folder, os.W_OK):
+        return
+    jax.config.update("jax_compilation_cache_dir", str(folder))
+    jax.config.update("jax_persistent_cache_min_compile_time_secs", 0.2)
+    jax.config.update("jax_persistent_cache_min_entry_size_bytes", -1)
 
 
 def package_stamp() -> str:

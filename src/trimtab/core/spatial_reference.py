@@ -4,7 +4,7 @@ A reference in space gives `at(t)` a SpatialPoint: the place and four derivative
 compiles to C, so that a law can hold it in flight.
 """
 
-from typing import Any, Protocol
+from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
@@ -25,14 +25,6 @@ class SpatialPoint:
     heading: Scalar = quantity("rad", "Wanted heading of the nose.", kind="angle", frame="W")
     heading_rate: Scalar = quantity("rad/s", "Rate of the wanted heading.", frame="W")
     heading_acceleration: Scalar = quantity("rad/s^2", "Second derivative of the wanted heading.", frame="W")
-
-
-class SpatialReference(Protocol):
-    """Where a vehicle in space is wanted: a record that a law holds, usually as its field `reference`."""
-
-    def at(self, t: Any) -> SpatialPoint:
-        """Return the reference t (s) after the start of the law."""
-        ...
 
 
 @record

@@ -15,7 +15,7 @@ import math
 import random
 import threading
 from collections.abc import Callable
-from typing import Any, Protocol
+from typing import Any
 
 from trimtab.core.clock import NS_PER_SECOND, Waitable
 
@@ -39,14 +39,6 @@ class KilledError(BaseException):
 
 class VirtualTimeError(Exception):
     """Error: no program can wake, or a program hangs."""
-
-
-class Readable(Protocol):
-    """An object of virtual time that a program can wait for."""
-
-    def has_data(self) -> bool:
-        """Return whether a read would give something, be it the end."""
-        ...
 
 
 class VirtualProgram:

@@ -101,9 +101,9 @@ def plan_path(task: PlanTask, tempo: Tempo | None = None, part: str = "plan") ->
         tried = Tempo(tempo.speed * speed, tempo.along * acceleration, tempo.across * acceleration)
         route = find_route(task, tried, part)
         flown = _fly(task, route)
-        problem = problem or _find_problem(task, route, flown)
-        if not _find_problem(task, route, flown):
-            return _sample(task, route, flown, tried)
+        problem = problem or _find_problem(task, flown)
+        if not _find_problem(task, flown):
+            return _sample(route, flown, tried)
     problem += f"; {len(TEMPOS) - 1} other tempos are no better"
     raise InputError(part, problem, fix="move the obstacles apart there, or plan for a craft of smaller radius")
 
@@ -140,7 +140,7 @@ def _fly(task: PlanTask, route: Route) -> dict[str, Any]:
     return flown
 
 
-def _find_problem(task: PlanTask, route: Route, flown: dict[str, Any]) -> str:
+def _find_problem(task: PlanTask, flown: dict[str, Any]) -> str:
     """Return the problem of a flight, or ""."""
     places = np.column_stack([flown["north"], flown["east"]])
     between = np.hypot(*np.diff(places, axis=0).T).max() / 2
@@ -163,7 +163,7 @@ def _percussion_points(flown: dict[str, Any]) -> Any:
     return np.column_stack([flown["north"] + arm * np.cos(heading), flown["east"] + arm * np.sin(heading)])
 
 
-def _sample(task: PlanTask, route: Route, flown: dict[str, Any], tempo: Tempo) -> FlownPlan:
+def _sample(route: Route, flown: dict[str, Any], tempo: Tempo) -> FlownPlan:
     each = round(SAMPLE / 0.02)
     rows = slice(0, None, each)
     least = float(flown["clearance"].min())

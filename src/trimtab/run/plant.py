@@ -102,7 +102,7 @@ def plant_of_vehicle(name: str, vehicle: Any, x: Any, u: Any) -> Plant:
     units = _units_by_name(x, model.states) | _units_by_name(u, model.inputs)
     units |= {n: "rad" if d.shape == (4,) else d.unit for path, _, d in real_leaves(x) for n in error_names(x, path)}
     units |= {"speed": "m/s", "angle_of_attack": "rad", "sideslip": "rad", "climb": "rad"}
-    places = {n for p, _, d in real_leaves(x) for n in model.states if _is_place(p, d, n, model)}
+    places = {n for p, _, d in real_leaves(x) for n in model.states if _is_place(p, d, n)}
     places |= _local_places(x)
 
     def error(xs: Any, us: Any) -> StateSpaceModel:
@@ -122,7 +122,7 @@ def _units_by_name(record: Any, names: tuple[str, ...]) -> dict[str, str]:
     return units
 
 
-def _is_place(path: str, d: Any, name: str, model: StateSpaceModel) -> bool:
+def _is_place(path: str, d: Any, name: str) -> bool:
     """Return True if a state belongs to a position vector in space."""
     return d.unit == "m" and d.shape == (3,) and name.startswith(f"{path}[")
 

@@ -26,16 +26,14 @@ from trimtab.scenarios.recorded_choices import FILE_ARGUMENTS, check_recorded_ch
 COMPARED_PATHS = ("autopilot", "world.sensors")
 """Parts that a replay needs unchanged: the autopilot and its inputs. The rest of the world is kept only if it fits."""
 SETTING = "a setting"
-RENAMED_CLASSES = {"Clock": "UnitClock", "Unmeasured": "ModelPrediction"}
-"""Present names of parts, by their class in an old log."""
 
 
 def rebuild_scenario(log: Log, name: str | None = None) -> Scenario:
     """Build a log's scenario again as it was built, then set each setting to its recorded value.
 
     Args:
-        log: with the metadata that simulate and fly write. One without choices is older than their record, or of a
-            scenario that was built in Python: for it the arguments of the scenario's function are tried.
+        log: with the metadata that simulate and fly write. A log without choices is of a scenario built in Python. For
+            such a log, every combination of the scenario's arguments is tried.
         name: of the scenario, where it is not the recorded one: ``file.py:function``, or one that was renamed.
 
     Raises:
@@ -114,9 +112,8 @@ def _add_live_variants(candidates: Iterator[Scenario], side: Any) -> Iterator[Sc
 
 
 def _recorded_classes(settings: Mapping[str, Any], parts: Any) -> dict[str, str]:
-    """Return the paths of settings, and the present class name of each part that the log names."""
-    classes: dict[str, str] = dict(parts or {})
-    return dict.fromkeys(settings, SETTING) | {path: RENAMED_CLASSES.get(c, c) for path, c in classes.items()}
+    """Return the paths of settings, and the class name of each part that the log names."""
+    return dict.fromkeys(settings, SETTING) | dict(parts or {})
 
 
 def _setting_classes(scenario: Scenario, parts: Any) -> dict[str, str]:

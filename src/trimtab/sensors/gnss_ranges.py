@@ -16,8 +16,6 @@ from trimtab.environment.geodetic import TangentPlane, ned_axes, to_ecef
 from trimtab.sensors.gnss import ARM, FIVE_HERTZ, Outages, antenna, wander_error
 from trimtab.sensors.late_fix import LateFix, LateState
 
-LIGHT = 299_792_458.0
-"""Speed of light (m/s)."""
 ORBIT = 20_200e3
 """Height of the GPS satellites above ground (m)."""
 ORBITAL_SPEED = 3_870.0

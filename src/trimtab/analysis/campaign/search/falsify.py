@@ -41,13 +41,11 @@ from trimtab.analysis.campaign.grammar import Condition, parse_metric
 from trimtab.analysis.campaign.sampling.points import inside_cube
 from trimtab.analysis.campaign.search.evolution import evolve
 from trimtab.analysis.campaign.statistics.metrics import Metric, Rows
-from trimtab.analysis.campaign.store.memo import FlightMemo
-from trimtab.analysis.campaign.workers.block import compute_log_metrics, fly_points
+from trimtab.analysis.campaign.workers.block import fly_points, open_memo, repeat_run
 from trimtab.analysis.campaign.workers.prepare import (
     CampaignPlan,
     PreparedCampaign,
     check_bounds,
-    identity,
     parameters_at,
     plan_search,
     prepare_campaign,
@@ -56,7 +54,6 @@ from trimtab.analysis.campaign.workers.prepare import (
 )
 from trimtab.core.errors import InputError, argument, argument_name
 from trimtab.loop.scenario import Scenario
-from trimtab.run.simulate import simulate
 
 NAME = "margin"
 SMALLEST_VIOLATION = 1e-12
@@ -73,6 +70,12 @@ STEP = 0.2
 """Initial standard deviation of the search, as a fraction of the box."""
 START_DISTANCE_MIN = 0.3
 """Minimum distance between two starts, in the largest coordinate."""
+
+
+def prepare_search(part: str, scenario: str | Scenario, spread: Mapping[str, str], **plan: Any) -> PreparedCampaign:
+    """Prepare a search by margins. The arguments are those of `plan_search`."""
+    planned = plan_search(part, scenario, spread, **plan)
+    return with_margin(prepare_campaign(planned, None if isinstance(scenario, str) else scenario))
 
 
 def with_margin(ready: PreparedCampaign) -> PreparedCampaign:
@@ -275,7 +278,7 @@ def falsify(
     if not (spread or fault_ranges or vary):
         fix = argument("spread", "uniform(80%, 120%)", "world.vehicle.mass")
         raise InputError(argument_name("spread"), "no parameter varies", fix=fix)
-    plan = plan_search(
+    ready = prepare_search(
         "falsify",
         scenario,
         spread or {},
@@ -288,9 +291,8 @@ def falsify(
         runs=max(min(runs, 256), 1),
         success=tuple(success),
     )
-    ready = with_margin(prepare_campaign(plan, None if isinstance(scenario, str) else scenario))
     _check_search(ready, runs, words, over)
-    options = {"backend": backend, "threads": threads, "progress": progress, "memo": _open_memo(store, ready, backend)}
+    options = {"backend": backend, "threads": threads, "progress": progress, "memo": open_memo(store, ready, backend)}
     search = BoxSearch(ready, words, OVER[over], options)
     last = max(int(LAST * runs) // words, 1)
     search.cover_box(max(int(FIRST * runs) // words, BATCH_RUNS_MIN // words, 1), until_first)
@@ -302,10 +304,6 @@ def falsify(
     if not (search.has_failed and until_first):
         search.refly_worst(last)
     return _summarise_search(ready, search, backend, began)
-
-
-def _open_memo(store: Path | None, ready: PreparedCampaign, backend: str) -> FlightMemo:
-    return FlightMemo(store, identity(ready.plan, ready.scenario, backend), ready.plan.scenario)
 
 
 def _check_search(ready: PreparedCampaign, runs: int, words: int, over: str) -> None:
@@ -329,24 +327,16 @@ def _summarise_search(ready: PreparedCampaign, search: BoxSearch, backend: str, 
     x, m, first, stages = search.candidates()
     i, at = np.unravel_index(int(np.argmin(m)), m.shape)
     word = int(first[i] + at)
-    u, plan = spread_levels(ready, x[i]), ready.plan
-    log = simulate(
-        scenario_at(ready, u),
-        seed=plan.seed,
-        run=word,
-        log_period=plan.log_period,
-        signals=ready.logged_signals,
-        backend=backend,
-    )
-    columns = compute_log_metrics(ready, log)
+    u = spread_levels(ready, x[i])
+    columns = repeat_run(ready, scenario_at(ready, u), backend, word)
     fails = np.flatnonzero((m < 0).ravel())
     return FalsificationResult(
-        plan=plan,
-        margin=float(margins(columns)[0]),
+        plan=ready.plan,
+        margin=float(margins(columns)),
         values=parameters_at(ready, u),
         point=x[i],
         word=word,
-        columns={name: column[0] for name, column in columns.items()},
+        columns=columns,
         flown_runs=m.size,
         first=int(fails[0]) + 1 if len(fails) else None,
         candidate_margins=m,

@@ -20,19 +20,17 @@ import numpy as np
 from scipy import special
 
 from trimtab.analysis.campaign.sampling.points import inside_cube
-from trimtab.analysis.campaign.search.falsify import margins, with_margin
+from trimtab.analysis.campaign.search.falsify import margins, prepare_search
 from trimtab.analysis.campaign.statistics import splitting
 from trimtab.analysis.campaign.statistics.intervals import Mean
 from trimtab.analysis.campaign.statistics.splitting import Descent, Ladder
-from trimtab.analysis.campaign.workers.block import compute_log_metrics, fly_points, uses_c
+from trimtab.analysis.campaign.workers.block import fly_points, repeat_run, uses_c
 from trimtab.analysis.campaign.workers.prepare import (
     CampaignPlan,
     PreparedCampaign,
     check_bounds,
     identity,
     parameters_at,
-    plan_search,
-    prepare_campaign,
     refuse_options,
     scenario_at,
 )
@@ -40,7 +38,6 @@ from trimtab.core.errors import InputError, argument, argument_name
 from trimtab.core.record import replace
 from trimtab.logs.mcap import replace_file
 from trimtab.loop.scenario import Scenario
-from trimtab.run.simulate import simulate
 
 GROUPS = 32
 """Number of words of the noise."""
@@ -159,7 +156,7 @@ def estimate_rare(
         raise InputError(
             argument_name("runs"), f"{runs} runs are too few to reach a rare failure", fix=argument("runs", 100000)
         )
-    plan = plan_search(
+    ready = prepare_search(
         "rare",
         scenario,
         spread or {},
@@ -172,7 +169,6 @@ def estimate_rare(
         runs=256,
         success=tuple(success),
     )
-    ready = with_margin(prepare_campaign(plan, None if isinstance(scenario, str) else scenario))
     ready = ready._replace(scenario=replace(ready.scenario, words=(0,) * GROUPS))
     _check_differences(ready)
     options = {"backend": backend, "threads": threads, "progress": progress}
@@ -287,18 +283,9 @@ class _Study:
 
     def _fly_again(self, kept: list[Any]) -> Failure:
         z, words, margin = np.array(kept[0], np.float64), tuple(kept[1]) or (0,) * GROUPS, kept[2]
-        u, plan = inside_cube(special.ndtr(z)), self.ready.plan
-        scenario = replace(scenario_at(self.ready, u), words=words)
-        log = simulate(
-            scenario,
-            seed=plan.seed,
-            log_period=plan.log_period,
-            signals=self.ready.logged_signals,
-            backend=self.options["backend"],
-        )
-        columns = compute_log_metrics(self.ready, log)
-        values = parameters_at(self.ready, u) if self.d else {}
-        return Failure(z, words, margin, values, {name: column[0] for name, column in columns.items()})
+        u = inside_cube(special.ndtr(z))
+        columns = repeat_run(self.ready, replace(scenario_at(self.ready, u), words=words), self.options["backend"])
+        return Failure(z, words, margin, parameters_at(self.ready, u) if self.d else {}, columns)
 
     def _write(self) -> None:
         if self.folder is None:

@@ -37,15 +37,13 @@ from trimtab.analysis.campaign.search.comparison import Comparison, compare
 from trimtab.analysis.campaign.search.cost import evaluate_cost, integral_cost
 from trimtab.analysis.campaign.search.tune_methods import Slope, TuningStep, descend_gradient, search_gains
 from trimtab.analysis.campaign.statistics.metrics import name_option
-from trimtab.analysis.campaign.store.memo import FlightMemo
-from trimtab.analysis.campaign.workers.block import fly_points
+from trimtab.analysis.campaign.workers.block import fly_points, open_memo
 from trimtab.analysis.campaign.workers.prepare import (
     CampaignPlan,
     PreparedCampaign,
     build_scenario,
     check_bounds,
     draw_runs,
-    identity,
     parameters_at,
     plan_campaign,
     prepare_campaign,
@@ -254,7 +252,7 @@ def tune(
     )
     chosen = _prepare_gains(plan, scenario, tuple(gains))
     options = {"backend": backend, "threads": threads, "progress": progress}
-    fly = _GainFlights(chosen, terms, runs, options | {"memo": _open_memo(store, chosen.ready, backend)})
+    fly = _GainFlights(chosen, terms, runs, options | {"memo": open_memo(store, chosen.ready, backend)})
     if method == "search":
         (x, steps), slopes = search_gains(fly.costs, chosen.start, runs, iterations, seed), list[Slope]()
     else:
@@ -273,10 +271,6 @@ def tune(
         wall_s=time.perf_counter() - began,
         at_bounds=chosen.at_bounds(x),
     )
-
-
-def _open_memo(store: Path | None, ready: PreparedCampaign, backend: str) -> FlightMemo:
-    return FlightMemo(store, identity(ready.plan, ready.scenario, backend), ready.plan.scenario)
 
 
 def _check_tuning(

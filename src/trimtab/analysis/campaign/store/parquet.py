@@ -1,4 +1,4 @@
-"""Export of a campaign's rows to a Parquet file or an xarray Dataset, with the plan that produced them.
+"""Export of a campaign's rows to a Parquet file, with the plan that produced them.
 
 Source: Apache Parquet, file format, key-value metadata; Apache Arrow, format, schemas.
 """
@@ -44,32 +44,6 @@ def write_columns(columns: Mapping[str, Any], about: Mapping[str, Any], file: st
         problem = f"cannot be written: {error.strerror or error}"
         raise InputError(f"parquet {str(file)!r}", problem, fix="make room, or name another file") from None
     return file
-
-
-def read_parquet(file: str | Path) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Return the description of a file's campaign, and its columns (n,)."""
-    pa, parquet = import_arrow()
-    part = f"parquet {str(file)!r}"
-    try:
-        table = parquet.read_table(file)
-    except (OSError, pa.ArrowInvalid) as error:
-        raise InputError(part, f"cannot be read: {error}", fix="name a file that a campaign exported") from None
-    metadata = table.schema.metadata or {}
-    if ABOUT not in metadata:
-        raise InputError(part, "does not hold a campaign", fix="name a file that a campaign exported")
-    columns = {name: table[name].to_numpy() for name in table.column_names}
-    return json.loads(metadata[ABOUT]), columns
-
-
-def as_dataset(columns: Mapping[str, Any], about: Mapping[str, Any]) -> Any:
-    """Return the same rows as an xarray Dataset over `run`; its attribute `trimtab` is the description as JSON."""
-    try:
-        import xarray
-    except ImportError:
-        raise InputError("dataset", "needs xarray", fix=install_command("xarray")) from None
-    data = {name: ("run", np.asarray(column)) for name, column in columns.items() if name != "run"}
-    attributes = {ABOUT.decode(): json.dumps(about, sort_keys=True)}
-    return xarray.Dataset(data, coords={"run": np.asarray(columns["run"])}, attrs=attributes)
 
 
 def import_arrow() -> tuple[Any, Any]:

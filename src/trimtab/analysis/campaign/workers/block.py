@@ -7,6 +7,7 @@ import dataclasses
 import itertools
 from collections.abc import Callable, Generator, Mapping
 from functools import partial
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -17,6 +18,7 @@ from trimtab.analysis.campaign.store.memo import FlightMemo
 from trimtab.analysis.campaign.workers.prepare import (
     PreparedCampaign,
     draw_runs,
+    identity,
     program_options,
     scenario_place,
     scenario_variant,
@@ -30,7 +32,7 @@ from trimtab.logs.spatial import FLIGHT_DECLARED, find_flight, with_flight
 from trimtab.loop.scenario import Scenario
 from trimtab.run.inputs import run_inputs
 from trimtab.run.runner import choose_c, prepare_run
-from trimtab.run.simulate import Batch, simulate_batch
+from trimtab.run.simulate import Batch, simulate, simulate_batch
 from trimtab.run.walk_structure import lower_structure, walk_structure
 
 JUDGED_ROWS = 48_000
@@ -94,6 +96,18 @@ def compute_log_metrics(ready: PreparedCampaign, log: Log) -> dict[str, Any]:
     signals = {path: signal[None] for path, signal in log.signals.items()}
     final = {path: np.asarray(value)[None] for path, value in log.final.items()}
     return compute_metrics(ready, Rows(to_seconds(log.ticks), signals, tuple(ready.scenario.targets), angles, final))
+
+
+def repeat_run(ready: PreparedCampaign, scenario: Scenario, backend: str, run: int = 0) -> dict[str, Any]:
+    """Fly one run by itself and return its metrics, success and lost. run: its run word."""
+    period, signals = ready.plan.log_period, ready.logged_signals
+    log = simulate(scenario, seed=ready.plan.seed, run=run, log_period=period, signals=signals, backend=backend)
+    return {name: column[0] for name, column in compute_log_metrics(ready, log).items()}
+
+
+def open_memo(folder: Path | None, ready: PreparedCampaign, backend: str) -> FlightMemo:
+    """Return the stored flights of a search. folder: None stores nothing."""
+    return FlightMemo(folder, identity(ready.plan, ready.scenario, backend), ready.plan.scenario)
 
 
 def _metric_column(metric: Metric, rows: Rows, n: int) -> Any:

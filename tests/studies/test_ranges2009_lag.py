@@ -8,9 +8,9 @@ import pytest
 from estimators.odometry_drives import DRIVE, TICKS, drive, frames_of
 from estimators.ranging.test_odometry import FILTER
 
+from studies.ranges2009._odometry_lag import LaggedOdometry
 from trimtab.core.errors import InputError
 from trimtab.core.rng import key
-from trimtab.estimators.ranging.odometry_lag import LaggedOdometry
 
 LAGGED = LaggedOdometry(filter=FILTER, lag=4.0, kept=5)
 

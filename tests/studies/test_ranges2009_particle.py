@@ -7,12 +7,12 @@ import numpy as np
 import pytest
 from estimators.odometry_drives import BEACONS, DRIVE, drive, frames_of
 
+from studies.ranges2009._odometry_particle import OdometryParticle
 from trimtab.core.errors import InputError
 from trimtab.core.record import replace
 from trimtab.core.rng import key
 from trimtab.core.rotation import wrap
 from trimtab.estimators.ranging.odometry import OdometryNoise, RadioErrors
-from trimtab.estimators.ranging.odometry_particle import OdometryParticle
 
 FILTER = OdometryParticle(
     noise=OdometryNoise(slip=0.05, turn=3e-3, bias_walk=1e-4),

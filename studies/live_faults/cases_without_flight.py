@@ -14,13 +14,11 @@ from typing import NamedTuple
 
 from studies.live_faults.case import CaseOutcome
 from studies.live_faults.flight import NAME
+from studies.live_faults.plain_station import explain_no_station, join_as_station
 from studies.live_faults.process import NotReady, Process
-from studies.live_faults.stations_at_0_1 import explain_no_station, join_as_station
 from trimtab.core.errors import InputError
-from trimtab.core.record import leaves
 from trimtab.flight.mavlink.keys import create_key, load_key
 from trimtab.logs.mcap import read_mcap, write_mcap
-from trimtab.scenarios import catalogue
 
 LONGEST_S = 600
 HELD_S = 4.0
@@ -219,26 +217,6 @@ def list_boards(folder: Path) -> tuple[list[str], list[str]]:
     return [f"stm32f405: firmware.elf of {size} bytes, with {len(functions)} functions of the board"], []
 
 
-def list_missing_features(folder: Path) -> tuple[list[str], list[str]]:
-    """Look for features that other autopilots had and this one lacked."""
-    create_key(folder / "config" / "keys" / "hovercraft.key")
-    port = ""
-    if not (done := _run_verb("firmware", NAME, "--board", "stm32f405", "--out", "board", folder=folder)).returncode:
-        port = (folder / "board" / "portable" / "port.h").read_text("utf-8")
-    verb = _run_verb("vehicle", "--help", folder=folder).stdout
-    settings = [path for path, _, _ in leaves(catalogue.load_scenario(NAME)[0])]
-    there = {
-        "hardware watchdog": "board_kick(" in port,
-        "black box": "board_record(" in port,
-        "fence": any("limits.distance" in path for path in settings),
-        "envelope": any("limits.speed" in path for path in settings),
-        "rotation of logs": "--log-limit" in verb,
-        "watchdog of the outputs": "--watchdog" in verb,
-    }
-    problems = [f"no {what}" for what, is_there in there.items() if not is_there]
-    return [what for what, is_there in there.items() if is_there], problems + ([_last_line(done)] if not port else [])
-
-
 def _explain_no_tools(*tools: str) -> Callable[[], str]:
     return lambda: ", ".join(f"there is no {tool}" for tool in tools if not shutil.which(tool))
 
@@ -252,7 +230,6 @@ NOT_FLOWN: list[ProcessCase] = [
     ProcessCase(
         "least-times", "exported C at INT64_MIN, UBSan, no -fwrapv", step_at_least_time, _explain_no_tools("cc")
     ),
-    ProcessCase("features", "what other autopilots had, looked for", list_missing_features),
     ProcessCase("ground-station", "a station of MAVLink's own library joins", join_as_station, explain_no_station),
     ProcessCase("board", "firmware for the STM32F405 built", list_boards, ARM_TOOLS),
 ]

@@ -3,6 +3,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
+from studies.hovercraft2006._ultrasonic_listening import UltrasonicListening
 from trimtab.compiler.function import lower_function
 from trimtab.core.errors import InputError
 from trimtab.core.imperfections import imperfections, without
@@ -12,7 +13,6 @@ from trimtab.core.rng import Key, key
 from trimtab.core.signals import Motion
 from trimtab.core.time import ms, seconds
 from trimtab.sensors.time_of_flight import CEILING, CEILING_SQUARE, Beacons, RangeErrors
-from trimtab.sensors.ultrasonic_listening import UltrasonicListening
 
 RUNS = 400
 EVERYWHERE = Beacons(cone=1.5, reach=30.0, crystal=0.0)

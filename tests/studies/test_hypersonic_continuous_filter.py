@@ -9,9 +9,9 @@ from estimators.flexible_flights import DT, NAMES, fly, rms, trim
 from scipy.integrate import solve_ivp
 from scipy.linalg import solve_continuous_are
 
+from studies.hypersonic2022._continuous_filter import ContinuousModeFilter
 from trimtab.core.errors import InputError
 from trimtab.core.record import to_arrays
-from trimtab.estimators.flexible.continuous import ContinuousModeFilter
 from trimtab.estimators.flexible.discrete import PRINTED_ETA0, FlexibleModeFilter
 from trimtab.estimators.flexible.model import modal_dynamics
 
