@@ -95,7 +95,7 @@ def command(
     """
     flight: dict[str, Any] = {"seed": seed, "run": number, "log_period": parse_time(log_period)}
     check_seed(seed)
-    check_seed(number)
+    check_seed(number, "run")
     for formula in require:
         parse_formula(formula)
         if not is_temporal(formula):
@@ -126,6 +126,7 @@ def command(
         result["navigation"] = navigated.plain()
     files = [*_write_logs(report, out), *_draw_run(report, plot, navigated is not None)]
     failed = not all(a.holds for a in assessed) or result["real"]["lost_s"] is not None
+    failed |= "not_finite" in result["real"]
     if as_json:
         print_json(result, files)
         sys.exit(failed)
@@ -176,10 +177,13 @@ def _compile_and_fly(
         return RunReport(scenario.name, real, twin, targets, time.perf_counter() - started)
 
     def compile_both() -> RunPrograms:
-        with ThreadPoolExecutor(1) as other:  # trace one while the compiler works on the other
+        other = ThreadPoolExecutor(1)  # trace one while the compiler works on the other
+        try:
             real = other.submit(compile_scenario, scenario)
             twin = compile_scenario(scenario.ideal()) if ideal else None
             return RunPrograms(scenario.name, real.result(), twin, targets)
+        finally:
+            other.shutdown(wait=False)  # Ctrl-C ends the command without waiting for the trace
 
     with show_spinner(f"compiling {scenario.name}; the next run starts at once"):
         programs = choose_c(backend, compile_both)
