@@ -42,6 +42,7 @@ def parse(verb, words):
     return parse_words(find_file(verb), verb, read_help(verb), words, click.Context(main))
 
 
+@pytest.mark.thorough("campaign", "falsify", "map", "tune", "fly", "export", "budget", "rare")
 @pytest.mark.parametrize("verb", READ)
 def test_reads_the_options_of_the_imported_verb(verb):
     read = declared_options._read_command(find_file(verb), verb, "")
