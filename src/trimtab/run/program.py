@@ -14,7 +14,7 @@ import numpy as np
 from trimtab.compiler.native.build import load_library
 from trimtab.core.errors import InputError, argument, argument_name
 from trimtab.core.quantity import Quantity, leaves, part_classes, plain_setting
-from trimtab.core.time import Timetable, format_time, timetable, to_seconds
+from trimtab.core.time import Timetable, format_time, ms, timetable, to_seconds
 from trimtab.logs.log import LazyMapping, Log, provenance, to_plain
 from trimtab.loop.beliefs import belief_mismatches
 
@@ -211,8 +211,8 @@ def check_seed(seed: Any, name: str = "seed") -> None:
 
 
 def check_log_period(log_period: int, duration: int) -> None:
-    """Raise InputError for a log without rows, or with the first row alone."""
-    if not 0 < log_period <= duration:
+    """Raise InputError for a log without rows, or with the first row alone. 1 ms suits a flight of any length."""
+    if not 0 < log_period <= max(duration, ms(1)):
         problem = f"must be above 0 s and at most the flight's {format_time(duration)}, got {format_time(log_period)}"
         raise InputError(argument_name("log_period"), problem, fix=argument("log_period", "1 ms"))
 
