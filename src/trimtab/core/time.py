@@ -85,7 +85,7 @@ def as_time(part: str, value: Any) -> int:
             ) from None
     if isinstance(value, int | np.integer) and not isinstance(value, bool):
         return int(value)
-    problem = f"must be a text with its unit or an integer in units of 100 ns, got {value!r}"
+    problem = f"{value!r} is not a whole number of 100 ns"
     name, number = part.rpartition(".")[2], value if isinstance(value, float) else 20
     raise InputError(part, problem, fix=f'{name}="{number} s", or {name}=seconds({number})')
 
