@@ -177,12 +177,12 @@ def replace(r: T, /, **changes: Any) -> T:
     >>> replace(build("hovercraft/spin").world.vehicle, mass="3000 g").mass
     3.0
     """
+    known = list(declarations(r)) if is_record(r) else []
     for name in changes:
-        known = list(declarations(r)) if is_record(r) else [name]
-        if name not in known:
-            near = closest(name, known, 3)
-            fix = f"replace({type(r).__name__.lower()}, {(near or known or ['FIELD'])[0]}=…)"
-            raise InputError(f"{type(r).__name__}.{name}", "there is no such field", choices=near or known, fix=fix)
+        if known and name not in known:
+            near = closest(name, known, 3) or known
+            fix = f"replace({type(r).__name__.lower()}, {near[0]}=…)"
+            raise InputError(f"{type(r).__name__}.{name}", "there is no such field", choices=near, fix=fix)
     copy: Any = dataclasses.replace(r, **changes)  # pyright: ignore[reportArgumentType, reportUnknownVariableType, reportCallIssue]
     return copy
 
