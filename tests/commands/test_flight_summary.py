@@ -131,3 +131,18 @@ def test_vectors_of_a_state_that_has_no_attitude_are_shown_number_by_number():
     assert {"field[0]", "field[1]", "field[2]"} == set(found["metrics"])
     assert found["metrics"]["field[0]"]["settling_s"] == pytest.approx(0.87, abs=0.02)
     assert found["final"]["field[1]"] == pytest.approx(np.sin(0.99))
+
+
+@pytest.mark.parametrize("value", [np.inf, -np.inf, np.nan])
+def test_reports_a_demand_that_is_not_finite(value, capsys):
+    demand = np.where(to_seconds(T) < 0.305, 1.0, value)
+    valid = to_seconds(T) > 0.1
+    early = np.where(valid, 1.0, value)  # a law may compute anything before its estimate is valid
+    signals = {"truth.h": np.zeros(len(T)), "law.demand.F": demand, "law.demand.M": early, "estimate.valid": valid}
+    log = Log(to_seconds(T), T, signals, final={"truth.h": 0.0})
+    found = summarise_run(log, [])
+    assert found["not_finite"] == {"law.demand.F": pytest.approx(0.31)}
+    print_result({"scenario": "s", "duration_s": 1.0, "seed": 0, "real": found, "ideal": None}, {"h": "m"})
+    assert "NOT FINITE (real): law.demand.F, first at 0.31 s" in capsys.readouterr().out
+    calm = Log(to_seconds(T), T, {"truth.h": np.zeros(len(T)), "law.demand.F": np.ones(len(T))})
+    assert "not_finite" not in summarise_run(calm, [])

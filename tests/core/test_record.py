@@ -223,3 +223,24 @@ def test_records_pass_through_transformations():
     slope = jax.grad(lambda g: g.k1**2 * g.k2)(Gains(3.0, 2.0))
     assert isinstance(slope, Gains)
     assert (float(slope.k1), float(slope.k2)) == (12.0, 9.0)
+
+
+def test_replace_names_the_nearest_field():
+    with pytest.raises(InputError, match="no such field") as refused:
+        replace(Hovercraft(), mas=3.0)
+    assert "mass" in refused.value.choices
+    assert "mass=" in refused.value.fix
+
+
+@pytest.mark.parametrize("value", [0.02, 10.0])
+def test_refuses_a_period_without_a_unit(value):
+    @record
+    class Lamp:
+        """Source: this test."""
+
+        blink: int = period("Time between two blinks.", default="500 ms")
+
+    assert Lamp("20 ms").blink == Lamp(200_000).blink
+    with pytest.raises(InputError, match="not a whole number of 100 ns") as refused:
+        Lamp(value)
+    assert f'blink="{value} s"' in refused.value.fix

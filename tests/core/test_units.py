@@ -6,7 +6,7 @@ import pytest
 
 from trimtab.core.errors import InputError
 from trimtab.core.quantity import quantity
-from trimtab.core.units import NAMES, UNITS, check_symbols, find_size, find_unit
+from trimtab.core.units import NAMES, UNITS, check_kept, check_symbols, find_size, find_unit
 
 DEG = math.pi / 180
 
@@ -92,3 +92,17 @@ def test_symbols_are_not_taken_for_names():
         "N m s^2/rad",
     ]:
         check_symbols(unit)
+
+
+@pytest.mark.parametrize(
+    ("unit", "kept"), [("deg", "rad"), ("deg/s", "rad/s"), ("km/h", "m/s"), ("lb", "kg"), ("ms", "s")]
+)
+def test_refuses_a_declared_unit_that_is_not_kept(unit, kept):
+    with pytest.raises(InputError, match=f"must be {kept}, in which the value is kept, got {unit}") as refused:
+        quantity(unit, "Course.", default=90.0)
+    assert f'quantity("{kept}"' in refused.value.fix
+
+
+@pytest.mark.parametrize("unit", ["rad", "rpm", "ft/s", "N m/rad", "1"])
+def test_accepts_the_units_of_a_publication(unit):
+    check_kept(unit)

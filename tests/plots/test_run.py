@@ -351,3 +351,9 @@ def test_a_gap_in_what_chatters_stays_a_gap():
     (axes,) = plot_run(Log(log.t, log.ticks, {"truth.x": x})).axes
     inside = [path.vertices[:, 0] for path in axes.collections[0].get_paths()]
     assert not any(((t > log.t[20_300]) & (t < log.t[23_700])).any() for t in inside)
+
+
+def test_a_path_in_second_place_is_the_file(tmp_path):
+    plot_run(flown(), str(tmp_path / "run.png"))
+    plot_run(flown(), tmp_path / "run.svg")
+    assert sorted(p.name for p in tmp_path.iterdir()) == ["run.png", "run.svg"]

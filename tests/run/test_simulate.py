@@ -288,3 +288,30 @@ def test_bad_trace_files_are_refused_with_the_file(rows, tmp_path):
     file.write_text(rows)
     with pytest.raises(InputError, match=r"trace\.csv"):
         read_trace(file)
+
+
+@pytest.mark.parametrize("value", [1.5, "1", True, -1, 2**32, np.float64(2)])
+@pytest.mark.parametrize("name", ["seed", "run"])
+def test_refuses_a_seed_that_is_not_whole(short, name, value):
+    with pytest.raises(InputError, match="must be a whole number") as refused:
+        simulate(short, **{name: value})
+    assert refused.value.part == name
+
+
+@pytest.mark.parametrize("value", ["0 s", "-1 ms", 0, "2 s"])
+def test_refuses_a_log_without_rows(short, value):
+    with pytest.raises(InputError, match="must be above 0 s"):
+        simulate(short, log_period=value)
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        (lambda s: replace(s, duration=10), "less than any period"),
+        (lambda s: replace(s, autopilot=replace(s.autopilot, period=20)), "too short"),
+        (lambda s: replace(s, world=replace(s.world, uplink=Wire(period=50))), "too short"),
+    ],
+)
+def test_refuses_integers_meant_as_seconds(short, change, said):
+    with pytest.raises(InputError, match=said):
+        simulate(change(short))

@@ -8,7 +8,6 @@ from typing import Any
 import click
 import numpy as np
 
-from trimtab.commands.foreign_logs import read_own_log
 from trimtab.commands.output import format_number, new_table, print_table
 from trimtab.core.quantity import component_paths
 from trimtab.core.time import to_seconds
@@ -42,6 +41,8 @@ def summarise_truth(
     """Summarise a vehicle's log from its release to its end (100 ns), as `real`; None if the log is too large."""
     if release is None or file is None or list_files(file) != [file] or file.stat().st_size > MOST_SUMMARISED:
         return {"real": None}
+    from trimtab.commands.foreign_logs import read_own_log  # imports JAX, which `run` may not need
+
     whole = read_own_log(file)
     goes_on = np.zeros(len(whole), bool) if end is None else whole.ticks > end
     flown = (whole.ticks >= release) & ~goes_on
@@ -86,6 +87,7 @@ def summarise_run(log: Log, targets: Iterable[Target]) -> dict[str, Any]:
         "flags": flag_times(log),
         "integration": worst_step(log),
         "lost_s": divergence_time(log),
+        **({"not_finite": broken} if (broken := non_finite_times(log)) else {}),
         **({"verdict": verdict} if (verdict := assess_targets(log, targets)) else {}),
         **({"monitor": monitored} if (monitored := summarise_monitor(log)) else {}),
         **({"closest": closest} if closest else {}),
@@ -209,6 +211,18 @@ def summarise_monitor(log: Log) -> dict[str, dict[str, Any]]:
     return found
 
 
+def non_finite_times(log: Log) -> dict[str, float]:
+    """Return the demands and commands that are not finite at a valid estimate, each with its first time (s)."""
+    shown = log["estimate.valid"].astype(bool) if "estimate.valid" in log else np.ones(len(log), bool)
+    times: dict[str, float] = {}
+    for path in [p for p in log.paths if p.startswith(("law.demand", "command.value"))]:
+        value = log[path]
+        broken = shown & ~np.isfinite(value.reshape(len(value), -1).astype(float)).all(axis=1)
+        if broken.any():
+            times[path] = float(log.t[broken.argmax()])
+    return times
+
+
 def divergence_time(log: Log) -> float | None:
     """Return the time at which the truth stopped being finite (s), or None."""
     truth = [log[p] for p in log.paths if p.startswith("truth.")]
@@ -284,6 +298,8 @@ def print_result(result: Mapping[str, Any], units: Mapping[str, str]) -> None:
             number = "" if least is None else f", least robustness {format_number(least)}"
             begin = "" if first is None else f", first violated at {first:.4g} s"
             click.echo(f"monitor {name} ({side}): {said['verdict']} at the end{number}{begin}")
+        for path, first in summary.get("not_finite", {}).items():
+            click.echo(f"NOT FINITE ({side}): {path}, first at {first:.4g} s; the command is invalid then")
         if "flight" in summary:
             click.echo(f"flight ({side}): {_describe_flight(summary)}")
         if "closest" in summary:

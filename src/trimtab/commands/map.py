@@ -1,5 +1,7 @@
 """`trimtab map`: region in the plane of two parameters where a scenario succeeds."""
 
+import contextlib
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -102,9 +104,10 @@ def command(
     with show_progress(points) as tell, keep_flights(scenario, store) as folder:
         tell("compiling", 0)
         memo = FlightMemo(folder, about, scenario)
-        diagram = stability_map(
-            built, horizontal, vertical, seed=seed, memo=memo, progress=lambda n: tell("points", n), **grid
-        )
+        with _name_axis({"--x": horizontal, "--y": vertical}):
+            diagram = stability_map(
+                built, horizontal, vertical, seed=seed, memo=memo, progress=lambda n: tell("points", n), **grid
+            )
         criteria, why = _find_criteria(diagram) if theory else ((), "")
     files = []
     if plot is not None:
@@ -116,6 +119,19 @@ def command(
         return
     _print_map(diagram, criteria, why)
     print_files(files)
+
+
+@contextlib.contextmanager
+def _name_axis(axes: Mapping[str, Axis]) -> Iterator[None]:
+    """Have an error about a value of an axis name the option, which maps to the axis."""
+    try:
+        yield
+    except InputError as error:
+        for option, axis in axes.items():
+            if error.part == axis.name:
+                fix = f"{option} {axis.name}=LOW:HIGH within that range"
+                raise InputError(f"{option} {axis.name}", error.problem, choices=error.choices, fix=fix) from None
+        raise
 
 
 def _estimate_points(x: Axis, y: Axis, depth: int) -> int:
@@ -147,6 +163,9 @@ def parse_axis(option: str, text: str) -> Axis:
     values = np.linspace(low, high, count)
     link, _, kind = name.rpartition("-")
     if kind in KINDS and link in ("", *LINKS):
+        if low < 0 or (kind == "loss" and high > 1):
+            must = "between 0 and 1" if kind == "loss" else "at least 0 s"
+            raise InputError(option, f"{name} must be {must}, got {span}", fix=f"{option} {name}=0:0.6")
         if percent:
             raise InputError(option, f"{name!r} does not take a percentage", fix=f"{option} {EXAMPLE}")
         return axis_of_link(kind, values, link or "uplink")

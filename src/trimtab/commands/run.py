@@ -100,7 +100,7 @@ def command(
     """
     flight: dict[str, Any] = {"seed": seed, "run": number, "log_period": parse_time(log_period)}
     check_seed(seed)
-    check_seed(number)
+    check_seed(number, "run")
     for formula in require:
         parse_formula(formula)
         if not is_temporal(formula):
@@ -125,6 +125,7 @@ def command(
         result["navigation"] = navigated.plain()
     files = [*_write_logs(report, out), *_draw_run(report, plot, navigated is not None)]
     failed = not all(a.holds for a in assessed) or result["real"]["lost_s"] is not None
+    failed |= "not_finite" in result["real"]
     if as_json:
         print_json(result, files)
         sys.exit(failed)
@@ -165,10 +166,13 @@ def _compile_and_fly(scenario: "Scenario", ideal: bool, backend: str, flight: di
         return RunReport(name, real, twin, targets, time.perf_counter() - started)
 
     def compile_both() -> "tuple[Program, Program | None]":
-        with ThreadPoolExecutor(1) as other:  # trace one while the compiler works on the other
+        other = ThreadPoolExecutor(1)  # trace one while the compiler works on the other
+        try:
             real = other.submit(compile_scenario, scenario)
             twin = compile_scenario(scenario.ideal()) if ideal else None
             return real.result(), twin
+        finally:
+            other.shutdown(wait=False)  # Ctrl-C ends the command without waiting for the trace
 
     with show_spinner(f"compiling {name}"):
         programs = choose_c(backend, compile_both)

@@ -1,25 +1,14 @@
-"""Standard output and error of the command line, and the signals that end a command.
+"""Standard output and error of the command line.
 
 A character that the terminal cannot show is replaced. Output that cannot be written, on a full disk for example, is one
-line and exit code 1. SIGTERM and a lost terminal (SIGHUP) end a command as Ctrl-C does, so that it cleans up.
+line and exit code 1.
 """
 
 import contextlib
 import errno
 import io
 import os
-import signal
 import sys
-import threading
-from collections.abc import Iterator
-
-
-class TerminatedError(KeyboardInterrupt):
-    """A signal asked the program to end."""
-
-    def __init__(self, number: int) -> None:
-        super().__init__(signal.Signals(number).name)
-        self.exit_code = 128 + number
 
 
 def replace_unprintable() -> None:
@@ -27,25 +16,6 @@ def replace_unprintable() -> None:
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="replace")
-
-
-@contextlib.contextmanager
-def end_on_signals() -> Iterator[None]:
-    """Turn SIGTERM and SIGHUP into TerminatedError, except where they are ignored or handled already."""
-
-    def end(number: int, _: object) -> None:
-        raise TerminatedError(number)
-
-    numbers = [getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name)]
-    is_main = threading.current_thread() is threading.main_thread()
-    ours = [number for number in numbers if is_main and signal.getsignal(number) is signal.SIG_DFL]
-    for number in ours:
-        signal.signal(number, end)
-    try:
-        yield
-    finally:
-        for number in ours:
-            signal.signal(number, signal.SIG_DFL)
 
 
 def flush_output() -> bool:

@@ -22,6 +22,8 @@ TAKES_SCENARIO = frozenset(
     )
 )
 """Verbs whose first argument is a scenario."""
+TAKES_VEHICLE = frozenset(("trim", "linearise", "zeros", "export", "console"))
+"""Those of them whose first argument may also be a vehicle, a file of a function, or a log."""
 PATHS = {"--set": "settings", "--spread": "spread", "--gain": "gains"}
 """Options whose value begins with a setting's path -> the argument in Python."""
 ROOTS = (
@@ -42,16 +44,20 @@ RESHAPING = ("--navigation", "--calibration", "--reference")
 FOLDER = "setting-paths"
 
 
-def check_names(words: Sequence[str]) -> None:
+def check_names(words: Sequence[str], plain: Sequence[str] | None) -> None:
     """Check the scenario and the settings of a command line.
 
-    words: as typed, beginning with the verb.
+    Args:
+        words: as typed, beginning with the verb.
+        plain: those after the verb that are not options; None if unknown.
 
     Raises: InputError with the nearest names, for an unknown scenario or setting.
     """
     verb, *rest = words
-    scenario = rest[0] if rest else ""
-    if verb not in TAKES_SCENARIO or not re.fullmatch(r"[\w-]+/[\w-]+", scenario) or Path(scenario).exists():
+    scenario = next(iter(rest if plain is None else plain), "")
+    may_be_vehicle = verb in TAKES_VEHICLE and "/" not in scenario
+    is_name = re.fullmatch(r"(?!-)[\w-]+(/[\w-]+|\.py)?", scenario) and not may_be_vehicle
+    if verb not in TAKES_SCENARIO or not is_name or (Path(scenario).exists() and not scenario.endswith(".py")):
         return
     catalogue.check_name(scenario, verb)
     typed = list(_iter_paths(rest))

@@ -17,14 +17,10 @@ from typing import Any
 import click
 
 from trimtab.commands import typed_names
+from trimtab.commands.declared_options import parse_words
+from trimtab.commands.end_signals import TerminatedError, end_on_signals
 from trimtab.commands.output import print_json
-from trimtab.commands.standard_streams import (
-    TerminatedError,
-    end_on_signals,
-    flush_output,
-    replace_unprintable,
-    report_failure,
-)
+from trimtab.commands.standard_streams import flush_output, replace_unprintable, report_failure
 from trimtab.core.errors import InputError, Spelling, closest, spell_with
 
 WORDS = "trimtab.words"
@@ -80,8 +76,9 @@ class Verbs(click.Group):
     def main(self, *args: Any, **extra: Any) -> Any:
         """Run the command line. Output that cannot be written ends it with a line and exit code 1."""
         replace_unprintable()
+        is_program = not args and extra.get("args") is None  # its words are those of the process
         try:
-            with end_on_signals():
+            with end_on_signals(is_program):
                 return super().main(*args, **extra)
         except OSError as error:
             report_failure(error)
@@ -115,8 +112,15 @@ class Verbs(click.Group):
         """
         if args[0] not in self.commands and not args[0].startswith("-"):
             raise _unknown_verb(args[0], tuple(self.commands))
-        typed_names.check_names(args)
+        typed_names.check_names(args, self._parse_words(ctx, args))
         return super().resolve_command(ctx, args)
+
+    def _parse_words(self, ctx: click.Context, args: list[str]) -> list[str] | None:
+        """Return the words after a verb that are not options; None if that takes an import of the verb."""
+        verb, *words = args
+        if verb not in self.commands or not find_file(verb).is_file():
+            return None
+        return parse_words(find_file(verb), verb, read_help(verb), words, ctx)
 
     def _find_context(self, ctx: click.Context) -> click.Context:
         """Return the context of the verb that was typed, which click does not say where an option lacks its value."""
@@ -211,4 +215,9 @@ def read_help(name: str) -> str:
 
 def read_source(name: str) -> str:
     """Return the source of a verb's file."""
-    return Path(__file__).with_name(f"{name.replace('-', '_')}.py").read_text(encoding="utf-8")
+    return find_file(name).read_text(encoding="utf-8")
+
+
+def find_file(name: str) -> Path:
+    """Return the file of a verb."""
+    return Path(__file__).with_name(f"{name.replace('-', '_')}.py")

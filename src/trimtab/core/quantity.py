@@ -20,7 +20,7 @@ from typing import Any
 
 import numpy as np
 
-from trimtab.core.units import check_symbols
+from trimtab.core.units import check_kept, check_symbols
 
 Scalar = Any
 """A float, or an array of shape () while a run is traced."""
@@ -110,6 +110,7 @@ def quantity(
     if kind not in KINDS:
         raise TypeError(f"quantity kind {kind!r} is not one of {KINDS}")
     check_symbols(unit)
+    check_kept(unit)
     declared = Quantity(unit, doc, frame, kind, source, above, low, high, modes, shape)
     return _field(declared, default, off)
 

@@ -15,7 +15,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from trimtab.core.errors import InputError
+from trimtab.core.errors import InputError, closest
 from trimtab.core.quantity import (
     Declaration,
     Option,
@@ -107,6 +107,8 @@ def _accept_texts(cls: Any) -> None:
         for name, value in list(self.__dict__.items()):
             if type(value) is str:
                 object.__setattr__(self, name, _parse_text(type(self).__name__, name, value, declarations(self)[name]))
+            elif type(value) is float and getattr(declarations(self)[name], "kind", "") == "period":
+                as_time(f"{type(self).__name__}.{name}", value)
         if after is not None:
             after(self)
 
@@ -175,6 +177,12 @@ def replace(r: T, /, **changes: Any) -> T:
     >>> replace(build("hovercraft/spin").world.vehicle, mass="3000 g").mass
     3.0
     """
+    known = list(declarations(r)) if is_record(r) else []
+    for name in changes:
+        if known and name not in known:
+            near = closest(name, known, 3) or known
+            fix = f"replace({type(r).__name__.lower()}, {near[0]}=…)"
+            raise InputError(f"{type(r).__name__}.{name}", "there is no such field", choices=near, fix=fix)
     copy: Any = dataclasses.replace(r, **changes)  # pyright: ignore[reportArgumentType, reportUnknownVariableType, reportCallIssue]
     return copy
 

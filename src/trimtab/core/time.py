@@ -86,7 +86,8 @@ def as_time(part: str, value: Any) -> int:
     if isinstance(value, int | np.integer) and not isinstance(value, bool):
         return int(value)
     problem = f"{value!r} is not a whole number of 100 ns"
-    raise InputError(part, problem, fix=f'{part}="{value} s", or {part}=seconds({value})')
+    name, number = part.rpartition(".")[2], value if isinstance(value, float) else 20
+    raise InputError(part, problem, fix=f'{name}="{number} s", or {name}=seconds({number})')
 
 
 def format_time(units: int) -> str:

@@ -114,6 +114,9 @@ NAMES = {
 }
 """Units spelled out -> the symbol by which a declaration has them."""
 
+IMPERIAL = ("ft", "in", "lbf", "ft/s")
+"""Units in which a vehicle of a publication may be declared, as the hypersonic one."""
+
 NUMBER = re.compile(r"\s*([-+]?(?:(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?|nan|inf))\s*(.*?)\s*", re.IGNORECASE)
 
 
@@ -167,6 +170,18 @@ def check_symbols(unit: str) -> None:
         if symbol is not None:
             problem = f"the unit {unit!r} is spelled out: units are declared by their symbols"
             raise InputError("quantity", problem, fix=f'quantity("{unit.replace(word, symbol)}", …)')
+
+
+def check_kept(unit: str) -> None:
+    """Raise InputError for a declared unit that quantities are not kept in, such as deg.
+
+    Raises:
+        InputError: naming the unit to declare.
+    """
+    kept = next((kept for kept, sizes in UNITS.items() if unit in sizes), unit)
+    if unit not in (*UNITS, *IMPERIAL) and kept != unit:
+        problem = f"the unit must be {kept}, in which the value is kept, got {unit}"
+        raise InputError("quantity", problem, fix=f'quantity("{kept}", …, default="1 {unit}")')
 
 
 def parse_unit(part: str, text: str, kept: str) -> float:

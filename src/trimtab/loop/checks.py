@@ -9,6 +9,9 @@ from trimtab.core.interfaces import optional_member
 from trimtab.core.quantity import Option, Quantity, leaves, records
 from trimtab.core.time import format_time
 
+SHORTEST_PERIOD = 100
+"""Minimum of a period, 10 µs. A smaller integer is nearly always meant as seconds or milliseconds."""
+
 
 def check_values(tree: Any, path: str = "") -> None:
     """Check every declared field below tree and run every part's own check(). Raise InputError with the full path."""
@@ -52,12 +55,13 @@ def _check_quantity(where: str, value: Any, declared: Quantity) -> None:
     ):
         if bound is not None and wrong(bound).any():
             fix = f"{argument('settings', 'VALUE', where)} {text} {bound:g}{unit}"
-            raise InputError(where, f"{value}{unit} is out of range: it must be {text} {bound:g}{unit}", fix=fix)
+            first = value if array.ndim == 0 else array[wrong(bound)][0]  # one number names the fault of an array
+            raise InputError(where, f"{first}{unit} is out of range: it must be {text} {bound:g}{unit}", fix=fix)
 
 
 def _check_option(where: str, value: Any, declared: Option) -> None:
     if declared.kind == "period":
-        low = declared.low or 0
+        low = max(declared.low or 0, SHORTEST_PERIOD if where.endswith("period") else 0)
         if not isinstance(value, int) or isinstance(value, bool):
             fix = f"write e.g. ms(20) in Python or {argument('settings', '20 ms', where)}"
             raise InputError(where, f"a time must be an integer in units of 100 ns, got {value!r}", fix=fix)

@@ -7,6 +7,7 @@ them its track from above and from the side.
 
 import dataclasses
 import itertools
+import os
 import textwrap
 from collections.abc import Collection, Iterable
 from typing import TYPE_CHECKING, Any
@@ -67,7 +68,7 @@ class Panel:
 
 def plot_run(
     real: Log,
-    ideal: Log | None = None,
+    ideal: Log | PicturePath = None,
     path: PicturePath = None,
     title: str = "",
     *,
@@ -81,7 +82,7 @@ def plot_run(
 
     Args:
         real: the run.
-        ideal: the run to compare with, or None; drawn for the truth and the law.
+        ideal: the run to compare with, or None; drawn for the truth and the law. A path here is that of the file.
         path: path of the saved file.
         title: title of the plot; default: the scenario and the seed.
         targets: drawn as a line with its band, in the panel of their signal.
@@ -91,6 +92,8 @@ def plot_run(
     from matplotlib.patches import Patch
     from matplotlib.ticker import MaxNLocator
 
+    if isinstance(ideal, str | os.PathLike):
+        ideal, path = None, ideal if path is None else path
     real, ideal = with_flight(real), None if ideal is None else with_flight(ideal)
     by_signal: dict[str, list[Target]] = {}
     for target in targets:

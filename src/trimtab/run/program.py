@@ -14,7 +14,7 @@ import numpy as np
 from trimtab.compiler.native.build import load_library
 from trimtab.core.errors import InputError, argument, argument_name
 from trimtab.core.quantity import Quantity, leaves, part_classes, plain_setting
-from trimtab.core.time import Timetable, timetable, to_seconds
+from trimtab.core.time import Timetable, format_time, ms, timetable, to_seconds
 from trimtab.logs.log import LazyMapping, Log, provenance, to_plain
 from trimtab.loop.beliefs import belief_mismatches
 
@@ -174,6 +174,7 @@ class Program(NamedTuple):
 
     def fly(self, seed: int, run: int, log_period: int) -> Log:
         """Fly one run; the log is as that of `simulate`."""
+        check_log_period(log_period, self.duration)
         table, row, instants = _log_rows(self.periods, self.duration, self.max_step, log_period)
         shared = self.shared_inputs.copy()
         shared[list(self.words)] = seed, run
@@ -201,10 +202,19 @@ def logged_instants(table: Timetable, written: Any) -> tuple[Any, Any]:
     return ticks, t
 
 
-def check_seed(seed: int) -> None:
-    """Raise InputError for a number that is not a seed or a run number."""
-    if not 0 <= seed < 2**32:
-        raise InputError(argument_name("seed"), f"{seed} must be in 0 … {2**32 - 1}", fix=argument("seed", 0))
+def check_seed(seed: Any, name: str = "seed") -> None:
+    """Raise InputError for a value that is not a seed or a run number. name: name of the argument."""
+    is_whole = isinstance(seed, int | np.integer) and not isinstance(seed, bool)
+    if not (is_whole and 0 <= seed < 2**32):
+        problem = f"must be a whole number in 0 … {2**32 - 1}, got {seed!r}"
+        raise InputError(argument_name(name), problem, fix=argument(name, 0))
+
+
+def check_log_period(log_period: int, duration: int) -> None:
+    """Raise InputError for a log without rows, or with the first row alone. 1 ms suits a flight of any length."""
+    if not 0 < log_period <= max(duration, ms(1)):
+        problem = f"must be above 0 s and at most the flight's {format_time(duration)}, got {format_time(log_period)}"
+        raise InputError(argument_name("log_period"), problem, fix=argument("log_period", "1 ms"))
 
 
 def row_width(columns: list[Column]) -> int:

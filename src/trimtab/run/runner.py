@@ -11,7 +11,7 @@ import numpy as np
 
 from trimtab.compiler.native.build import BuildError
 from trimtab.compiler.native.compiler import NoCompilerError, find_compiler, lane_count
-from trimtab.core.errors import InputError, closest
+from trimtab.core.errors import InputError, argument, argument_name, closest
 from trimtab.core.record import replace
 from trimtab.core.time import Timetable, format_time, timetable
 from trimtab.loop.scenario import Scenario
@@ -36,13 +36,15 @@ def prepare_run(
     if duration is not None:
         scenario = replace(scenario, duration=duration)
     scenario.check()
-    if duration is not None and 0 < duration < min(scenario.world.periods()) and duration < scenario.autopilot.period:
-        problem = f"{duration} units of 100 ns are {format_time(duration)}, which is less than any period of the loop"
-        raise InputError("duration", problem, fix=f'duration="{duration} s", or duration=seconds({duration})')
+    length = scenario.duration
+    if 0 < length < min(scenario.world.periods()) and length < scenario.autopilot.period:
+        problem = f"{length} units of 100 ns are {format_time(length)}, which is less than any period of the loop"
+        raise InputError("duration", problem, fix=f'duration="{length} s", or duration=seconds({length})')
     for seed in seeds:
         check_seed(seed)
     if log_period < 1:
-        raise InputError("log_period", f"{format_time(log_period)} is too short", fix="log_period=ms(1)")
+        problem = f"must be above 0 s, got {format_time(log_period)}"
+        raise InputError(argument_name("log_period"), problem, fix=argument("log_period", "1 ms"))
     periods = [*scenario.world.periods(), scenario.autopilot.period]
     count = sum(scenario.duration // p for p in set(periods))
     if count > MAX_INSTANTS:

@@ -19,6 +19,7 @@ from trimtab.run.inputs import flat_inputs, input_position, own_inputs, run_inpu
 from trimtab.run.program import (
     Column,
     Program,
+    check_seed,
     describe_scenario,
     logged_instants,
     make_log,
@@ -62,6 +63,8 @@ def simulate(
     Raises:
         InputError: an invalid value, period, name or pair of parts, with the fix.
     """
+    check_seed(seed)
+    check_seed(run, "run")
     own, length, each = _resolve(scenario, duration, log_period)
     if has_stepped_vehicle(own):
         return cosimulate(own, seed=seed, run=run, duration=length, log_period=each)

@@ -1,0 +1,60 @@
+"""Arguments and options of a verb, read from its file without importing it, so that a typo is reported at once."""
+
+import ast
+import builtins
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
+import click
+
+from trimtab.commands import options
+
+
+class _Names(dict[str, Any]):
+    """Names of a verb's file; those that only an import would define are empty texts."""
+
+    def __missing__(self, name: str) -> Any:
+        return getattr(builtins, name, "")
+
+
+def parse_words(file: Path, verb: str, help: str, words: list[str], parent: click.Context) -> list[str] | None:
+    """Return the words that are not options; None if an option can only be known from an import.
+
+    Args:
+        file: source of the verb, with its function `command`.
+        verb: name of the verb.
+        help: its help, whose examples an error shows.
+        words: words typed after the verb.
+        parent: context of the program.
+
+    Raises: click.UsageError for an unknown option, or for an option without its value.
+    """
+    read = _read_command(file, verb, help)
+    if read is None:
+        return None
+    context = click.Context(read, parent=parent, info_name=verb)
+    switches = click.Command(verb, params=[p for p in read.params if isinstance(p, click.Option)])
+    try:
+        return switches.make_parser(context).parse_args(list(words))[1]
+    except click.UsageError as error:
+        error.ctx = context
+        raise
+
+
+def _read_command(file: Path, verb: str, help: str) -> click.Command | None:
+    """Return a command with the declared parameters, which cannot run; None for a group or an unknown decorator."""
+    tree = ast.parse(file.read_text(encoding="utf-8"))
+    own = next((n for n in tree.body if isinstance(n, ast.FunctionDef) and n.name == "command"), None)
+    if own is None or ast.unparse(own.decorator_list[0]) != "click.command()":
+        return None
+    declare: Callable[..., Any] = lambda: None  # noqa: E731
+    names = _Names({**vars(options), "click": click})
+    try:
+        for decorator in reversed(own.decorator_list[1:]):
+            code = compile(ast.Expression(decorator), str(file), "eval")
+            declare = eval(code, {}, names)(declare)
+    except (TypeError, ValueError, AttributeError):  # it needs a name that is empty here
+        return None
+    parameters: list[click.Parameter] = getattr(declare, "__click_params__", [])
+    return click.Command(verb, params=parameters[::-1], help=help)

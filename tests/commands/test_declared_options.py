@@ -1,0 +1,80 @@
+"""Options read from a verb's file: those of the imported verb, and a typo without an import of JAX."""
+
+import subprocess
+import sys
+
+import click
+import pytest
+
+from trimtab.cli import VERBS, main
+from trimtab.commands import declared_options
+from trimtab.commands.declared_options import parse_words
+from trimtab.commands.verbs import find_file, read_help
+
+READ = ("list", "run", "campaign", "falsify", "map", "tune", "fly", "export", "budget", "rare")
+TYPOS = (
+    "run hovercraft/spinn",
+    "run --seed 3 hovercraft/spinn",
+    "run hovercraft/spin --plto a.png",
+    "run hovercraft/spin --duration",
+    "run hoverkraft",
+    "run mine.py",
+    "list typo",
+    "fly hovercraft/forwrd --link udp://127.0.0.1:9",
+    "fly hovercraft/forward --lnk udp://127.0.0.1:9",
+    "campaign hovercraft/spinn",
+    "campaign hovercraft/spin --rnus 5",
+    "campaign hovercraft/spin --set wrld.vehicle.mass=3",
+)
+ANSWERS = """
+import sys
+from click.testing import CliRunner
+from trimtab.cli import main
+for line in sys.argv[1:]:
+    done = CliRunner().invoke(main, line.split())
+    assert done.exit_code == 2, (line, done.output, done.exception)
+    assert "Fix:" in done.output, (line, done.output)
+    assert "jax" not in sys.modules, line
+"""
+
+
+def parse(verb, words):
+    return parse_words(find_file(verb), verb, read_help(verb), words, click.Context(main))
+
+
+@pytest.mark.thorough("campaign", "falsify", "map", "tune", "fly", "export", "budget", "rare")
+@pytest.mark.parametrize("verb", READ)
+def test_reads_the_options_of_the_imported_verb(verb):
+    read = declared_options._read_command(find_file(verb), verb, "")
+    own = main.get_command(click.Context(main), verb)
+    assert [(p.name, p.opts, p.secondary_opts) for p in read.params] == [
+        (p.name, p.opts, p.secondary_opts) for p in own.params
+    ]
+    assert [p.nargs for p in read.params] == [p.nargs for p in own.params]
+    assert [getattr(p, "is_flag", None) for p in read.params] == [getattr(p, "is_flag", None) for p in own.params]
+
+
+@pytest.mark.parametrize("verb", VERBS)
+def test_every_verb_accepts_help(verb):
+    assert parse(verb, ["--help"]) in ([], None)
+
+
+def test_finds_the_words_that_are_not_options():
+    words = ["--seed", "3", "hovercraft/spin", "--no-ideal", "--set", "a=b"]
+    assert parse("run", words) == ["hovercraft/spin"]
+
+
+def test_a_group_is_left_to_its_import():
+    assert parse("calibrate", ["--nothing"]) is None
+
+
+@pytest.mark.parametrize("words", [["hovercraft/spin", "--plto", "a.png"], ["hovercraft/spin", "--plot"]])
+def test_refuses_unknown_options_and_lacking_values(words):
+    with pytest.raises(click.UsageError):
+        parse("run", words)
+
+
+def test_a_typo_is_reported_without_jax(tmp_path):
+    (tmp_path / "mine.py").write_text("")
+    done = subprocess.run([sys.executable, "-c", ANSWERS, *TYPOS], capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
