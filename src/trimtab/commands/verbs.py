@@ -17,6 +17,7 @@ from typing import Any
 import click
 
 from trimtab.commands import typed_names
+from trimtab.commands.jax_platform import choose_platform
 from trimtab.commands.output import print_json
 from trimtab.commands.standard_streams import (
     TerminatedError,
@@ -109,13 +110,14 @@ class Verbs(click.Group):
     def resolve_command(
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
-        """Return the verb, after checking its name, the scenario and the settings.
+        """Return the verb, after checking its name, the scenario, the settings and the platform of JAX.
 
-        Raises: InputError with the nearest names.
+        Raises: InputError with the nearest names, or about the platform.
         """
         if args[0] not in self.commands and not args[0].startswith("-"):
             raise _unknown_verb(args[0], tuple(self.commands))
         typed_names.check_names(args)
+        choose_platform(args)
         return super().resolve_command(ctx, args)
 
     def _find_context(self, ctx: click.Context) -> click.Context:
