@@ -35,7 +35,7 @@ def test_every_verb_rejects_missing_platform(verb, monkeypatch):
     monkeypatch.setenv("JAX_PLATFORMS", "cuda")
     done = CliRunner().invoke(main, [verb])
     assert done.exit_code == 2, done.output
-    refusal = "error: JAX_PLATFORMS=cuda: JAX cannot compute on this platform.\nFix: JAX_PLATFORMS=cpu to compute on the"
+    refusal = "error: JAX_PLATFORMS=cuda: JAX cannot compute on this platform.\nFix: JAX_PLATFORMS=cpu to compute "
     assert done.stderr.startswith(refusal)
     assert "jax[cuda12]" in done.stderr
 
