@@ -23,6 +23,8 @@ HERE = Path(__file__).parent
 sys.path.insert(0, str(HERE / "reference"))
 from references import CC, sh
 
+jax.config.update("jax_enable_x64", True)
+
 COMMAND = "python benchmarks/arrays.py"
 ROUNDS, LEAST = 15, 5e-3
 STATES, MEASURED, RUNS = (24, 64), 8, 64

@@ -31,6 +31,8 @@ from trimtab.compiler.function import lower_function
 from trimtab.compiler.native.build import FLAGS, build_library, load_library
 from trimtab.compiler.native.compiler import find_compiler, lane_count
 
+jax.config.update("jax_enable_x64", True)
+
 SIZES = (100, 200, 400, 800, 1600, 3000)
 TARGET = 15.0
 """Seconds at most for the largest."""

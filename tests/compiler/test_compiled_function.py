@@ -125,6 +125,32 @@ def test_an_array_without_the_axis_of_runs_is_the_same_for_all() -> None:
     assert compiled.lanes(np.zeros((0, 3)), 1.0).shape == (0, 3)
 
 
+def test_float64_needs_no_setting_of_jax(tmp_path: Any) -> None:
+    def noisy(x: Any, words: Any) -> Any:
+        draws = jax.random.normal(jax.random.wrap_key_data(words), (3,))
+        return {"line": jnp.linspace(0.0, x, 3) + draws, "large": jnp.sort(jnp.arange(60)[::-1]) * 2**40}
+
+    words = np.zeros(2, np.uint32)
+    wanted, first = jax.jit(noisy)(0.1, words), jax.jit(noisy)(0.0, words)
+    with jax.enable_x64(False):
+        function = trimtab.compile(noisy, 0.0, words)
+        got, in_lanes = function(0.1, words), function.lanes(np.full(5, 0.1), words)
+        function.export(tmp_path)
+        assert jnp.zeros(1).dtype == np.float32
+    same(got, wanted)
+    assert [got[k].dtype for k in ("line", "large")] == [np.float64, np.int64]
+    assert all(np.array_equal(in_lanes[k][4], got[k]) for k in got)
+    vectors = np.loadtxt(tmp_path / "vectors.csv", delimiter=",", skiprows=1)
+    same(vectors[0, -3:], first["line"])
+
+
+def test_arrays_made_in_float32_stay_so() -> None:
+    with jax.enable_x64(False):
+        weights = jnp.arange(3.0)
+        function = trimtab.compile(lambda x: weights * x, weights)
+        assert function(weights).dtype == np.float32
+
+
 def test_gradients_and_hessians_compile_as_any_function() -> None:
     def rosenbrock(x):
         return jnp.sum(100 * (x[1:] - x[:-1] ** 2) ** 2 + (1 - x[:-1]) ** 2)

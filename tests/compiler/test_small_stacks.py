@@ -7,7 +7,8 @@ import pytest
 from compiler.test_odd_arguments import run_script
 
 PROLOGUE = """
-import threading, jax.numpy as jnp, numpy as np, trimtab
+import threading, jax, jax.numpy as jnp, numpy as np, trimtab
+jax.config.update("jax_enable_x64", True)
 
 def products(x, count):
     sums = [jnp.cumsum(x * k) for k in range(count)]

@@ -7,7 +7,7 @@ import jax
 import numpy as np
 from jax import lax
 from jax import numpy as jnp
-from jax._src.lax.lax import empty2
+from jax.extend.core.primitives import empty2_p
 
 from contracts.compiled import LANES, Case
 
@@ -94,7 +94,7 @@ def reductions() -> list[Case]:
 
     def memory(x: Any) -> Any:
         """Memory that JAX's scans begin with: zeros on CPUs. Programs of JAX 0.10.2 have it, those of 0.10.1 do not."""
-        return x + empty2(x.dtype, memory_space=jax.typeof(x).memory_space)
+        return x + empty2_p.bind(dtype=x.dtype, memory_space=jax.typeof(x).memory_space)
 
     square = sets(lambda r: (quarters(r, 2, 2),))
     return [*found, Case("empty", empty, square), Case("memory", memory, square)]

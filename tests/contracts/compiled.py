@@ -14,6 +14,8 @@ from trimtab.compiler.function import lower_function
 from trimtab.compiler.jaxprs import primitive_name
 from trimtab.compiler.native.build import build_library, load_library
 
+jax.config.update("jax_enable_x64", True)
+
 CPU = Path("/proc/cpuinfo")
 LANES = 8 if CPU.exists() and "avx512dq" in CPU.read_text() else 4
 """Runs side by side: what this CPU carries."""

@@ -7,7 +7,9 @@ import jax
 import numpy as np
 from jax import lax
 from jax import numpy as jnp
-from jax._src import core, linear_util
+from jax.extend.core import jaxpr_as_fun
+from jax.extend.core.primitives import closed_call_p
+from jax.extend.linear_util import wrap_init
 
 from contracts.array_cases import quarters, sets
 from contracts.compiled import Case
@@ -30,10 +32,8 @@ def _cases(*functions: Callable[..., Any], **how: Any) -> list[Case]:
 
 def closed_call(program: Any, x: Any) -> Any:
     """A call as JAX makes it of derivatives with rules of their own."""
-    wrapped = linear_util.wrap_init(
-        lambda *a: core.eval_jaxpr(program.jaxpr, program.consts, *a), debug_info=program.jaxpr.debug_info
-    )
-    return core.closed_call_p.bind(x, subfuns=(wrapped,), call_jaxpr=program)
+    wrapped = wrap_init(jaxpr_as_fun(program), debug_info=program.jaxpr.debug_info)
+    return closed_call_p.bind(x, subfuns=(wrapped,), call_jaxpr=program)
 
 
 def calls() -> list[Case]:

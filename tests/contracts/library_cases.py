@@ -1,19 +1,14 @@
 """Cases of primitives that are programs of others: factors, orders, windows, random numbers, special functions."""
 
-from importlib import import_module
-
 import jax
 import jax.numpy as jnp
 import numpy as np
 from jax import lax
-from jax._src import random
-from jax.extend.random import threefry_2x32
+from jax.extend.random import threefry_2x32, threefry_prng_impl
 from jax.scipy import linalg, special
 
 from contracts.compiled import Case
 
-PRNG = import_module("jax._src.random.prng" if hasattr(random, "__path__") else "jax._src.prng")
-"""JAX's counters of random numbers: the module moved after JAX 0.10.1."""
 rng = np.random.default_rng(14)
 
 
@@ -145,8 +140,8 @@ def randoms():
         return bits, jax.random.permutation(key, 7), jax.random.exponential(key, (2,))
 
     def hashed(seed):
-        count = jnp.stack(PRNG.iota_2x32_shape((5,)))
-        return threefry_2x32(jnp.stack([seed, seed + 1]).astype(jnp.uint32), count.reshape(-1))
+        words = jnp.stack([seed, seed + 1]).astype(jnp.uint32)
+        return threefry_2x32(words, jnp.arange(10, dtype=jnp.uint32)), threefry_prng_impl.random_bits(words, 32, (5,))
 
     return _even(
         Case("hashed", hashed, seeds),

@@ -1,4 +1,4 @@
-"""Whatever of trimtab is imported, and in whatever order with JAX: what uses JAX has it compute in float64."""
+"""Parts of trimtab that use JAX switch it to float64, in every order of imports. The compiler leaves JAX's setting."""
 
 import ast
 import subprocess
@@ -12,8 +12,8 @@ import trimtab
 
 PACKAGE = Path(trimtab.__file__).parent
 SWITCH = 'jax.config.update("jax_enable_x64", True)'
-COMPUTES_NOTHING = {"trimtab.commands.output"}
-"""Imports JAX only to tell it where to keep what it compiles."""
+COMPUTES_NOTHING = {"trimtab.commands.output", "trimtab.run.kept_blocks"}
+"""Use JAX's settings or its trees, and compute no arrays."""
 
 
 def _module_name(file):
@@ -50,6 +50,8 @@ def _reach(module):
 
 
 USERS = sorted(m for m in MODULES if "jax" in _imports_at_once(m))
+COMPILER = sorted(m for m in MODULES if m.startswith("trimtab.compiler."))
+"""Trace inside `jax.enable_x64`, so that the user's own setting stays."""
 
 
 def test_there_are_modules_that_use_jax():
@@ -57,10 +59,19 @@ def test_there_are_modules_that_use_jax():
     assert "trimtab.core.record" in USERS
 
 
-@pytest.mark.parametrize("module", sorted(set(USERS) - COMPUTES_NOTHING))
+def _switches(module):
+    """The modules that a module imports, itself included, and that switch float64 on."""
+    return [m for m in _reach(module) & set(MODULES) if f"\n{SWITCH}\n" in MODULES[m].read_text(encoding="utf-8")]
+
+
+@pytest.mark.parametrize("module", sorted(set(USERS) - COMPUTES_NOTHING - set(COMPILER)))
 def test_who_imports_jax_switches_float64_on(module):
-    switches = [m for m in _reach(module) & set(MODULES) if f"\n{SWITCH}\n" in MODULES[m].read_text(encoding="utf-8")]
-    assert switches, f"{module}: import trimtab.core.record, or write {SWITCH}"
+    assert _switches(module), f"{module}: import trimtab.core.record, or write {SWITCH}"
+
+
+@pytest.mark.parametrize("module", COMPILER)
+def test_compiler_leaves_float64_switch(module):
+    assert _switches(module) == []
 
 
 RECORD = """
@@ -78,11 +89,13 @@ assert type(slope) is Gains and slope.k.dtype == "float64" and slope.k == 6.0, s
 """
 JAX = "import jax, jax.numpy as jnp\n"
 FLOAT64 = "assert jnp.linspace(0.0, 1.0, 3).dtype == 'float64'\n"
+FLOAT32 = FLOAT64.replace("float64", "float32")
+COMPILE = "import trimtab\nassert trimtab.compile(jnp.sin, 0.5)(0.5).dtype == 'float64'\n"
 ORDERS = {
     "jax, then records": JAX + RECORD + FLOAT64,
     "declarations, jax, records": "import trimtab.core.quantity, trimtab.logs.log\n" + JAX + RECORD + FLOAT64,
     "a part of the loop, then jax": "import trimtab.core.rotation\n" + JAX + FLOAT64 + RECORD,
-    "the compiler, then jax": "import trimtab.compiler.function\n" + JAX + FLOAT64 + RECORD,
+    "a compiled function, then a record": JAX + COMPILE + FLOAT32 + RECORD + FLOAT64 + COMPILE,
 }
 
 

@@ -7,6 +7,8 @@ import pytest
 
 from trimtab.compiler.compiled_function import compile
 
+jax.config.update("jax_enable_x64", True)
+
 ROWS = {"float64": 16_385, "float32": 32_769}
 """Fewest rows for which JAX 0.10.2 is wrong."""
 

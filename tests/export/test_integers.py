@@ -16,6 +16,8 @@ from trimtab.compiler.compiled_function import export_callable
 from trimtab.compiler.native.compiler import find_compiler
 from trimtab.export.verify import verify_folder
 
+jax.config.update("jax_enable_x64", True)
+
 pytestmark = pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here")
 TYPES = ("int8", "int16", "int32", "int64", "uint8", "uint16", "uint32", "uint64")
 CHECKS = ("-fno-wrapv", "-fsanitize=undefined", "-fno-sanitize-recover=all", "-ffp-contract=off", "-O1")

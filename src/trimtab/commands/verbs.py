@@ -19,6 +19,7 @@ import click
 from trimtab.commands import typed_names
 from trimtab.commands.declared_options import parse_words
 from trimtab.commands.end_signals import TerminatedError, end_on_signals
+from trimtab.commands.jax_platform import choose_platform
 from trimtab.commands.output import print_json
 from trimtab.commands.standard_streams import flush_output, replace_unprintable, report_failure
 from trimtab.core.errors import InputError, Spelling, closest, spell_with
@@ -106,13 +107,14 @@ class Verbs(click.Group):
     def resolve_command(
         self, ctx: click.Context, args: list[str]
     ) -> tuple[str | None, click.Command | None, list[str]]:
-        """Return the verb, after checking its name, the scenario and the settings.
+        """Return the verb, after checking its name, the scenario, the settings and the platform of JAX.
 
-        Raises: InputError with the nearest names.
+        Raises: InputError with the nearest names, or about the platform.
         """
         if args[0] not in self.commands and not args[0].startswith("-"):
             raise _unknown_verb(args[0], tuple(self.commands))
         typed_names.check_names(args, self._parse_words(ctx, args))
+        choose_platform(args)
         return super().resolve_command(ctx, args)
 
     def _parse_words(self, ctx: click.Context, args: list[str]) -> list[str] | None:

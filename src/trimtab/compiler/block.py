@@ -85,10 +85,11 @@ def function_block(
 
 def block_text(block: BlockDefinition, real: str = "f64") -> BlockText:
     """Return the C of a block. real: "f64" computes in double, "f32" in float."""
-    begin, state = jax.make_jaxpr(block.init, return_shape=True)(block.parameters)
-    each, shapes = jax.make_jaxpr(block.step, return_shape=True)(block.parameters, state, block.input)
-    with report_fault(f"block {block.name!r}"):
-        return _traced_block_text(block, real, (begin, state), (each, shapes))
+    with jax.enable_x64(True):
+        begin, state = jax.make_jaxpr(block.init, return_shape=True)(block.parameters)
+        each, shapes = jax.make_jaxpr(block.step, return_shape=True)(block.parameters, state, block.input)
+        with report_fault(f"block {block.name!r}"):
+            return _traced_block_text(block, real, (begin, state), (each, shapes))
 
 
 def _traced_block_text(block: BlockDefinition, real: str, init: tuple[Any, Any], step: tuple[Any, Any]) -> BlockText:

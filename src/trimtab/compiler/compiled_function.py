@@ -36,13 +36,17 @@ def compile(
 
     >>> import jax.numpy as jnp
     >>> from trimtab import compile
-    >>> float(compile(jnp.sin, 0.0)(0.5)) == float(jnp.sin(0.5))
-    True
+    >>> f"{compile(jnp.sin, 0.0)(0.5):.12f}"
+    '0.479425538604'
 
     Args:
         function: pure; arrays, numbers, and trees of them (tuples, lists, dicts, records) in and out. Gradients too:
             ``compile(jax.grad(f), x)``.
         example: its arguments. Shapes and types are those that the compiled function takes; the numbers play no part.
+            Numbers of Python are float64 and int64. The function is traced with ``jax.enable_x64``; the user's own
+            setting ``jax_enable_x64`` stays as it is.
+            Numbers of Python are float64 and int64. The function is traced with ``jax.enable_x64``; the user's own
+            setting ``jax_enable_x64`` stays as it is.
         lanes: how many runs `CompiledFunction.lanes` computes side by side: 1, 4 or 8; None for what the CPU carries,
             or 1 where a type of numbers is not carried in lanes, or a single run is vectors already, such as a product
             of large matrices. When it is given, that text is built at once.

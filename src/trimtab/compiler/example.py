@@ -60,10 +60,11 @@ def _native(value: Any) -> Any:
 
 
 def trace_example(function: Callable[..., Any], example: tuple[Any, ...], name: str) -> Any:
-    """Return the jaxpr, and the shapes of its results."""
+    """Return the jaxpr in float64, and the shapes of its results; JAX's own settings stay as they are."""
     if not callable(function):
         raise InputError(PART, f"{type(function).__name__} is not a function", fix="compile(f, *example)")
-    check_example(example, name)
+    with jax.enable_x64(True):
+        check_example(example, name)
     try:
         inspect.signature(function).bind(*example)
     except TypeError as reason:
@@ -72,7 +73,8 @@ def trace_example(function: Callable[..., Any], example: tuple[Any, ...], name: 
         pass  # it has no signature, as functions written in C
     try:
         plain = functools.partial(function)  # a network may have no hash
-        return jax.make_jaxpr(plain, return_shape=True)(*jax.tree.map(_native, example))
+        with jax.enable_x64(True):
+            return jax.make_jaxpr(plain, return_shape=True)(*jax.tree.map(_native, example))
     except jax.errors.TracerArrayConversionError as reason:
         problem = f"{name!r} converts a value known only at run time to a numpy array: {str(reason).splitlines()[0]}"
         raise InputError(PART, problem, fix="use jax.numpy in place of numpy") from None

@@ -323,7 +323,8 @@ def export_function(
     for k in range(SAMPLES):
         arguments = example if k == 0 else jax.tree.map(near, example)
         inputs.append(_row(dict(zip(names, arguments, strict=True))))
-        outputs.append(_row(compiled(*arguments)))
+        with jax.enable_x64(True):
+            outputs.append(_row(compiled(*arguments)))
     files = write_folder(
         folder, text, SampleVectors(np.array(inputs), np.array(outputs)), {"version": __version__}, "f64"
     )

@@ -33,7 +33,8 @@ class Function:
             parameter_array(v.aval.shape, lowering.type_name(v.aval.dtype), i in indexed)
             for i, v in enumerate(jaxpr.jaxpr.invars)
         ]
-        self.outputs = lowering.lower_program(jaxpr, self.inputs, [False] * len(self.inputs))
+        with jax.enable_x64(True):
+            self.outputs = lowering.lower_program(jaxpr, self.inputs, [False] * len(self.inputs))
         kept = [v for a in self.outputs if a.items is not None for v in a.items.ravel()]
         self.blocks = [self.b.prologue, self.b.top]
         self.live = prune(self.blocks, kept, [a.buffer for a in self.outputs if a.buffer is not None])
@@ -177,4 +178,5 @@ def _lane_number(text: str, dtype: str) -> str:
 
 def lower_function(function: Callable[..., Any], arguments: Sequence[Any], real: str = "f64") -> Function:
     """Lower a JAX function for arguments of these shapes and types."""
-    return Function(jax.make_jaxpr(function)(*arguments), real)
+    with jax.enable_x64(True):
+        return Function(jax.make_jaxpr(function)(*arguments), real)

@@ -1,20 +1,50 @@
-"""Reader of jaxprs: the only module that depends on names and parameters of primitives in this version of JAX."""
+"""Reader of jaxprs: the only module that depends on what differs between versions of JAX.
 
+A version or a form of a program that this module does not know is an InputError with the version.
+"""
+
+import functools
 import os
+from collections.abc import Callable
 from importlib import import_module
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import jax
 import numpy as np
 from jax import lax
-from jax._src import core, random, source_info_util
-from jax._src.lax import special
 from jax.extend.core import ClosedJaxpr, Literal
 
-jax.config.update("jax_enable_x64", True)
+from trimtab.core.errors import InputError, install_command
 
-RANDOM = import_module("jax._src.random.core" if hasattr(random, "__path__") else "jax._src.random")
-"""JAX's random numbers: one module up to JAX 0.10.1, a package in later versions."""
+T = TypeVar("T")
+
+SUPPORTED = "jax>=0.10,!=0.10.2,<0.13"
+"""Versions of JAX that this module can read, as in pyproject.toml."""
+
+
+def unsupported(problem: str) -> InputError:
+    """Return the error about a version of JAX, with the command that installs a supported one."""
+    command = install_command(package=f'"{SUPPORTED}"')
+    return InputError(f"JAX {jax.__version__}", problem, fix=f"install a supported version: {command}")
+
+
+def check_version(version: tuple[int, ...]) -> None:
+    """Raise InputError for a version of JAX that is not supported."""
+    if version == (0, 10, 2):
+        raise unsupported("this version computes wrong numbers on CPUs (jax-ml/jax#39103)")
+    if not (0, 10) <= version < (0, 13):
+        raise unsupported(f"trimtab does not support this version; it must satisfy {SUPPORTED}")
+
+
+check_version(jax.__version_info__)
+
+# After the check: these have other names in other versions.
+PRIMITIVES: Any = import_module("jax.extend.core.primitives")
+SPECIAL: Any = import_module("jax._src.lax.special")
+SOURCES: Any = import_module("jax._src.source_info_util")
+RANDOM: Any = import_module("jax._src.random")
+if hasattr(RANDOM, "__path__"):  # a module up to JAX 0.10.1, then a package
+    RANDOM = import_module("jax._src.random.core")
 
 OWN_FOLDER = os.path.dirname(__file__)
 CALLS = {
@@ -45,9 +75,24 @@ class While(NamedTuple):
     body_constants: int
 
 
+def _reader(read: Callable[[Any], T]) -> Callable[[Any], T]:
+    """Make a function that reads the parameters of an equation raise InputError for a form that it does not know."""
+
+    @functools.wraps(read)
+    def checked(equation: Any) -> T:
+        try:
+            return read(equation)
+        except (AttributeError, IndexError, KeyError, TypeError, ValueError) as reason:
+            names = ", ".join(sorted(equation.params))
+            form = f"the parameters {names} of {equation.primitive.name!r} have an unknown form"
+            raise unsupported(f"{form} ({type(reason).__name__}: {reason})") from reason
+
+    return checked
+
+
 def primitive_name(primitive: Any) -> str:
     """Return a primitive's name; closed_call, which JAX from 0.11 on names eval_jaxpr, keeps its old name."""
-    return "closed_call" if primitive is core.closed_call_p else primitive.name
+    return "closed_call" if primitive is PRIMITIVES.closed_call_p else primitive.name
 
 
 def close_jaxpr(jaxpr: Any, consts: Any = ()) -> ClosedJaxpr:
@@ -55,12 +100,14 @@ def close_jaxpr(jaxpr: Any, consts: Any = ()) -> ClosedJaxpr:
     return jaxpr if hasattr(jaxpr, "consts") else ClosedJaxpr(jaxpr, consts)
 
 
+@_reader
 def program_of_call(equation: Any) -> ClosedJaxpr | None:
     """Return the program that an equation merely calls, or None."""
     key = CALLS.get(primitive_name(equation.primitive))
     return None if key is None else close_jaxpr(equation.params[key])
 
 
+@_reader
 def linear_solution(equation: Any) -> tuple[ClosedJaxpr, int, int]:
     """Return the solving program of a custom_linear_solve, and the range of operands that are its constants."""
     lengths, programs = equation.params["const_lengths"], equation.params["jaxprs"]
@@ -68,11 +115,13 @@ def linear_solution(equation: Any) -> tuple[ClosedJaxpr, int, int]:
     return close_jaxpr(programs.solve), first, first + lengths.solve
 
 
+@_reader
 def right_side_count(equation: Any) -> int:
     """Return the number of arrays on the right side of a custom_linear_solve."""
     return len(equation.invars) - sum(equation.params["const_lengths"])
 
 
+@_reader
 def platform_position(equation: Any) -> int:
     """Return the branch of lax.platform_dependent for a CPU."""
     platforms = equation.params["platforms"]
@@ -86,7 +135,7 @@ SPECIAL_FUNCTIONS = ("igamma", "igammac", "igamma_grad_a", "regularized_incomple
 
 def special_function(name: str) -> Any:
     """Return the program of JAX for a special function, on arrays of one shape."""
-    program = getattr(special, f"{name}_impl")
+    program = getattr(SPECIAL, f"{name}_impl")
     return program if name == "bessel_i0e" else lambda *x: program(*x, dtype=x[0].dtype)
 
 
@@ -95,6 +144,7 @@ def draw_gamma(key: Any, shape: Any, *, log_space: bool) -> Any:
     return RANDOM._gamma_impl(key, shape, log_space=log_space)
 
 
+@_reader
 def raises_of_equinox(equation: Any) -> bool:
     """Return True if a pure_callback comes from equinox.error_if, which only raises an error."""
     called = getattr(equation.params["callback"], "callback_func", None)
@@ -116,6 +166,7 @@ def physical_type(aval: Any) -> Any:
     return np.dtype(np.uint32) if is_key(aval) else aval.dtype
 
 
+@_reader
 def key_implementation(equation: Any) -> Any:
     """Return the generator of random numbers that an equation names, or of its keys."""
     return equation.params["impl"] if "impl" in equation.params else equation.invars[0].aval.dtype._impl
@@ -143,6 +194,7 @@ def implementation(equation: Any) -> Any:
     return None if getattr(own, "__module__", "jax").split(".")[0] in ("jax", "jaxlib") else impl
 
 
+@_reader
 def scan_parameters(equation: Any) -> Scan:
     """Return the parameters of a scan. JAX from 0.11 on has constants, carries, slices as a tree, before as counts."""
     p = equation.params
@@ -153,12 +205,14 @@ def scan_parameters(equation: Any) -> Scan:
     return Scan(close_jaxpr(p["jaxpr"]), constants, carries, int(p["length"]), bool(p["reverse"]))
 
 
+@_reader
 def while_parameters(equation: Any) -> While:
     """Return the parameters of a while loop."""
     p = equation.params
     return While(close_jaxpr(p["cond_jaxpr"]), p["cond_nconsts"], close_jaxpr(p["body_jaxpr"]), p["body_nconsts"])
 
 
+@_reader
 def cond_branches(equation: Any) -> list[ClosedJaxpr]:
     """Return the branches of a cond; its first operand is the index of the one that is taken."""
     return [close_jaxpr(j) for j in equation.params["branches"]]
@@ -171,7 +225,7 @@ def literal_value(atom: Any) -> Any:
 
 def source_line(equation: Any) -> str | None:
     """Return file:line of the Python that made an equation, or None if it is all JAX's own, or the compiler's."""
-    frame: Any = source_info_util.user_frame(equation.source_info.traceback)
+    frame: Any = SOURCES.user_frame(equation.source_info.traceback)
     if frame is None or frame.file_name.startswith(OWN_FOLDER):
         return None
     return f"{os.path.abspath(frame.file_name)}:{frame.start_line}, in {frame.function_name}"

@@ -11,7 +11,7 @@ from trimtab.compiler.arrays import type_name
 from trimtab.compiler.identifiers import distinct, identifier
 from trimtab.compiler.ir import TYPES
 from trimtab.compiler.text import C_TYPES
-from trimtab.core.record import Quantity, leaves
+from trimtab.core.quantity import Quantity, leaves
 
 
 class Member(NamedTuple):

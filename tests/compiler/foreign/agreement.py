@@ -9,6 +9,8 @@ from emitters import choose_emitters
 import trimtab
 from compiler.foreign.case import Case
 
+jax.config.update("jax_enable_x64", True)
+
 CLOSE = 1e-13
 """Relative to scale: what counts as agreeing."""
 RUNS = 9
