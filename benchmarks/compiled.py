@@ -19,8 +19,7 @@ from trimtab.run.walk_structure import WalkStructure, build_walk_library, final_
 NOTHING = ("truth.heading",)
 """Logged at no instant: only the end is wanted."""
 ENDS = [f"truth.{n}" for n in ("surge_velocity", "sway_velocity", "yaw_rate", "north", "east", "heading")]
-ENDS += ["sensors.navigation.hx", "sensors.navigation.nx"]
-SCALE = np.array([spec.M, spec.M, spec.J] + [1.0] * 11)
+SCALE = np.array([spec.M, spec.M, spec.J, 1.0, 1.0, 1.0])
 """Velocities to momenta; the rest as it is."""
 
 
