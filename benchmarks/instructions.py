@@ -27,7 +27,7 @@ from references import CC, CXX, HAND_C, HAND_SLP, KNOWN, SOURCES, sh, truth
 
 from trimtab.compiler.native.build import compiler_flags
 from trimtab.compiler.native.compiler import find_compiler
-from trimtab.run.walk_structure import JOB_TEXT
+from trimtab.compiler.walk_program import JOB_TEXT
 
 MARCH, LANES = "-march=x86-64-v3", 4
 
