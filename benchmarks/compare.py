@@ -30,26 +30,26 @@ import spec
 import workload
 from figures import CAMPAIGN, NUMPY, SCAN, TITLES, TRIMTAB, VMAP, WALK, figures, markdown, report
 from paired import Program, Timed, difference, load, machine, ratio, rounds, several, show
-from references import HAND_C, HAND_SLP, KNOWN
+from references import HAND_C, HAND_SLP, KNOWN, truth
 
 
 def singles(libraries: dict[str, Any], lanes: int) -> dict[str, Program]:
     """The fast ones, five runs each: a round of them takes milliseconds, so neighbours see the same machine."""
-    made = {name: several(references.single(lib), 5) for name, lib in libraries.items() if "SIMD" not in name}
+    made = {name: several(references.single(lib), 5, truth) for name, lib in libraries.items() if "SIMD" not in name}
     simd = references.hand_simd(lanes)
     if simd in libraries:
-        made[simd] = several(references.block(libraries[simd], lanes), 5)._replace(runs=5 * lanes)
+        made[simd] = several(references.block(libraries[simd], lanes), 5, truth)._replace(runs=5 * lanes)
     return {**made, TRIMTAB: several(compiled.single, 5)}
 
 
 def slower(libraries: dict[str, Any]) -> dict[str, Program]:
     """Those that take tens to hundreds of milliseconds, beside ten runs of two fast ones."""
     return {
-        HAND_C: several(references.single(libraries[HAND_C]), 10),
+        HAND_C: several(references.single(libraries[HAND_C]), 10, truth),
         TRIMTAB: several(compiled.single, 10),
-        SCAN: Program(hover_jax.single),
-        WALK: Program(workload.single),
-        NUMPY: Program(hover_np.single),
+        SCAN: Program(hover_jax.single, result=truth),
+        WALK: Program(workload.single, result=truth),
+        NUMPY: Program(hover_np.single, result=truth),
     }
 
 
@@ -83,8 +83,8 @@ def scan_with_log() -> Callable[..., Any]:
 
 def campaigns(libraries: dict[str, Any], lanes: int, runs: int) -> dict[str, Program]:
     """Many runs, on as many threads as are asked for; JAX chooses its own number."""
-    made = {n: Program(references.campaign(lib), runs) for n, lib in libraries.items() if n != HAND_SLP}
-    return {**made, CAMPAIGN: Program(compiled.campaign, runs), VMAP: Program(hover_jax.campaign, runs)}
+    made = {n: Program(references.campaign(lib), runs, truth) for n, lib in libraries.items() if n != HAND_SLP}
+    return {**made, CAMPAIGN: Program(compiled.campaign, runs), VMAP: Program(hover_jax.campaign, runs, truth)}
 
 
 def measured(a: argparse.Namespace, libraries: dict[str, Any], lanes: int) -> dict[str, Timed]:
@@ -151,7 +151,7 @@ def main() -> int:
         libraries = references.hand(folder, "native") | references.simd(folder, "native", lanes)
         tables = measured(a, libraries, lanes)
         bad = wrong(tables, libraries, a.tol)
-    found = {f: ratio(tables[f.table], f.over, f.under) for f in figures(references.hand_simd(lanes))}
+    found = {f: ratio(tables[f.table], f.over, f.under, f.cpu) for f in figures(references.hand_simd(lanes))}
     met = report(found)
     if a.markdown:
         markdown(found, tables)

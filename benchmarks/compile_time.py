@@ -23,7 +23,8 @@ from paired import machine, row
 from references import CC, CXX, sh
 
 from trimtab.compiler import pieces
-from trimtab.compiler.native.build import FLAGS
+from trimtab.compiler.native.build import compiler_flags
+from trimtab.compiler.native.compiler import find_compiler
 from trimtab.compiler.pieces import build_level
 from trimtab.compiler.walk_program import WalkProgram
 from trimtab.core.errors import InputError
@@ -77,7 +78,9 @@ def seconds(text: str, lanes: int, extra: tuple[str, ...]) -> float:
         file = Path(folder) / ("text.cpp" if lanes else "text.c")
         file.write_text(text)
         before = os.times()
-        command = [*FLAGS[language], *extra, "-shared", "-fPIC", "-o", f"{folder}/text.so", str(file), "-lm"]
+        compiler = find_compiler(language)
+        usual = compiler_flags(language, compiler.kind if compiler else "gcc")
+        command = [*usual, *extra, "-shared", "-fPIC", "-o", f"{folder}/text.so", str(file), "-lm"]
         sh(CXX if lanes else CC, *command)
         after = os.times()
     return after.children_user + after.children_system - before.children_user - before.children_system

@@ -19,15 +19,14 @@ from trimtab.run.walk_structure import WalkStructure, build_walk_library, final_
 NOTHING = ("truth.heading",)
 """Logged at no instant: only the end is wanted."""
 ENDS = [f"truth.{n}" for n in ("surge_velocity", "sway_velocity", "yaw_rate", "north", "east", "heading")]
-ENDS += ["sensors.navigation.hx", "sensors.navigation.nx"]
-SCALE = np.array([spec.M, spec.M, spec.J] + [1.0] * 11)
+SCALE = np.array([spec.M, spec.M, spec.J, 1.0, 1.0, 1.0])
 """Velocities to momenta; the rest as it is."""
 
 
 class Loop(NamedTuple):
     """A traced loop.
 
-    whole: its inputs.  table: instants.  of: structure.  at: where the 14 numbers stand among the last values.
+    whole: its inputs.  table: instants.  of: structure.  at: where the truth stands among the last values.
     widths: numbers in a row of the log, and last values.  row: the row that each instant writes.
     """
 
@@ -76,7 +75,7 @@ def _flown(loop: Loop, path: Path, gains: Any, key: Any, log: bool) -> Any:
 
 
 def single(gains: Any, key: Any) -> Any:
-    """The 14 numbers of one run."""
+    """The truth at the end of one run."""
     loop = parts()
     return _flown(loop, library(), gains, key, log=False).final[0, loop.at] * SCALE
 
@@ -112,7 +111,7 @@ def campaign_inputs() -> Any:
 
 
 def campaign(runs: int, threads: int) -> Any:
-    """The 14 numbers of each of many runs, over lanes and threads."""
+    """The truth at the end of each of many runs, over lanes and threads."""
     loop, n = parts(), width()
     path = build_walk_library(loop.of, n if n > 1 else 0, _own(loop))
     numbers = np.arange(runs, dtype=np.float64)[:, None]

@@ -28,12 +28,14 @@ class Timed(NamedTuple):
     """What the rounds gave, per program.
 
     first: time of the first call (s), which traces and compiles.  times: per run (s), one for each later round.
-    worst: largest difference to the reference, over all rounds, the first included.
+    worst: largest difference to the reference, over all rounds, the first included.  cpu: as times, of all threads of
+    this process on the processor: other programs count little.
     """
 
     first: dict[str, float]
     times: dict[str, list[float]]
     worst: dict[str, float]
+    cpu: dict[str, list[float]] = {}
 
 
 class Ratio(NamedTuple):
@@ -51,17 +53,18 @@ class Ratio(NamedTuple):
 def rounds(programs: dict[str, Program], inputs: Sequence[tuple[Any, ...]], reference: str, seed: int = 0) -> Timed:
     """Call all programs once on each input, in an order that is drawn anew; the first input is the warm-up."""
     order, rng = list(programs), random.Random(seed)
-    timed = Timed({}, {name: [] for name in order}, dict.fromkeys(order, 0.0))
+    timed = Timed({}, {name: [] for name in order}, dict.fromkeys(order, 0.0), {name: [] for name in order})
     for i, given in enumerate(inputs):
         found = {}
         for name in rng.sample(order, len(order)):
             mine = [np.copy(a) if isinstance(a, np.ndarray) else a for a in given]
-            start = time.perf_counter()
+            start, cpu = time.perf_counter(), time.process_time()
             given_back = programs[name].call(*mine)
-            took = time.perf_counter() - start
+            took, cpu = time.perf_counter() - start, time.process_time() - cpu
             found[name] = programs[name].result(given_back)
             if i:
                 timed.times[name].append(took / programs[name].runs)
+                timed.cpu[name].append(cpu / programs[name].runs)
             else:
                 timed.first[name] = took
         for name in order:
@@ -89,17 +92,20 @@ def difference(found: Any, truth: Any) -> float:
     return float(apart.max()) if np.isfinite(apart).all() else float("inf")
 
 
-def ratio(timed: Timed, over: str, under: str) -> Ratio | None:
-    """Time of one program over time of another; None where one was not measured."""
-    if not timed.times.get(over) or not timed.times.get(under):
+def ratio(timed: Timed, over: str, under: str, cpu: bool = False) -> Ratio | None:
+    """Time, or CPU time, of one program over that of another; None where one was not measured."""
+    times = timed.cpu if cpu else timed.times
+    if not times.get(over) or not times.get(under):
         return None
-    found = np.divide(timed.times[over], timed.times[under])
+    found = np.divide(times[over], times[under])
     return Ratio(float(np.median(found)), float(found.min()), float(found.max()))
 
 
 def show(title: str, timed: Timed, base: str, steps: int) -> None:
-    """Print a table: times per run, and the ratio to the base with its least and largest."""
-    heads = f"{'median ms':>11}{'min':>9}{'max':>9}{'us/step':>9}{'x ' + base:>17}{'min..max':>16}"
+    """Print a table: times per run, the ratio to the base with its least and largest, and the same in CPU time."""
+    heads = (
+        f"{'median ms':>11}{'min':>9}{'max':>9}{'us/step':>9}{'x ' + base:>17}{'min..max':>16}{'CPU ms':>9}{'x CPU':>7}"
+    )
     print(f"\n{title}\n{'':30}{heads}{'first s':>9}{'max diff':>10}")
     for name, t in timed.times.items():
         ms = 1e3 * np.array([np.median(t), min(t), max(t)])
@@ -108,6 +114,8 @@ def show(title: str, timed: Timed, base: str, steps: int) -> None:
         cells = (
             f"{ms[0]:11.3f}{ms[1]:9.3f}{ms[2]:9.3f}{1e3 * ms[0] / steps:9.3f}{x.median if x else 0:17.2f}{spread:>16}"
         )
+        of_cpu = ratio(timed, name, base, cpu=True)
+        cells += f"{1e3 * min(timed.cpu[name]):9.3f}{of_cpu.median if of_cpu else 0:7.2f}"
         print(f"{name:30}{cells}{timed.first[name]:9.2f}{timed.worst[name]:10.0e}")
 
 

@@ -25,6 +25,13 @@ KNOWN = np.array(
     ]
 )
 """The 14 numbers of gains (1, 2.5) and key (7, 0), printed in README.md."""
+TRUTH = 6
+"""How many of them, from the first, are the truth: the last values of a compiled run."""
+
+
+def truth(numbers: Any) -> Any:
+    """The truth of some numbers, or of each row of them."""
+    return np.asarray(numbers)[..., :TRUTH]
 
 
 def sh(*command: str) -> str:

@@ -148,10 +148,10 @@ def beside(worker: Worker, peer: Peer, count: int) -> Timed:
     with tempfile.TemporaryDirectory() as folder:
         libraries = references.hand(folder, "native")
         programs = {
-            references.HAND_C: several(references.single(libraries[references.HAND_C]), 50),
+            references.HAND_C: several(references.single(libraries[references.HAND_C]), 50, references.truth),
             TRIMTAB: several(compiled.single, 50),
-            NUMPY: Program(lambda gains, key: worker.ask("numpy", gains, key)),
-            peer.title: Program(lambda gains, key: worker.ask("peer", gains, key)),
+            NUMPY: Program(lambda gains, key: worker.ask("numpy", gains, key), result=references.truth),
+            peer.title: Program(lambda gains, key: worker.ask("peer", gains, key), result=references.truth),
         }
         return rounds(programs, inputs, references.HAND_C)
 
@@ -164,7 +164,7 @@ def campaigns(worker: Worker, peer: Peer, count: int) -> Timed:
         worker.ask("prepare", *given, runs)
     programs = {
         CAMPAIGN: Program(lambda gains, key: compiled.campaign(many, 2), many, lambda numbers: numbers[:runs]),
-        peer.title: Program(lambda gains, key: worker.ask("campaign", gains, key, runs), runs),
+        peer.title: Program(lambda gains, key: worker.ask("campaign", gains, key, runs), runs, references.truth),
     }
     return rounds(programs, [given] * (count + 1), CAMPAIGN)
 

@@ -76,7 +76,8 @@ def _saturation(to: str, source: str) -> str:
 
 
 _SATURATION_OVER_LANES = """\
-x = x == x ? x : (vf64){}; vf64 low = tv_splat_f64(-2147483648.0), high = tv_splat_f64(2147483647.0);
+if (ttv_within(ttv_abs(x), 2147483647.0)) return __builtin_convertvector(x, vi32); /* false for NaN */
+    x = x == x ? x : (vf64){}; vf64 low = tv_splat_f64(-2147483648.0), high = tv_splat_f64(2147483647.0);
     x = x < low ? low : x; x = x > high ? high : x; return __builtin_convertvector(x, vi32);"""
 
 
@@ -103,6 +104,8 @@ def _lane_helper(name: str) -> str:
     if match := re.fullmatch(r"tv_([iu]\d+)_of_(f\d+)", name):
         v, source = vector_type(match[1]), match[2]
         body = f"{v} r; EACH_LANE r[l] = tt_{match[1]}_of_{source}(x[l]); return r;"
+        if name == "tv_i32_of_f32":
+            body = "return tv_i32_of_f64(__builtin_convertvector(x, vf64));"
         return _function_text(v, name, f"v{source} x", _SATURATION_OVER_LANES if name == "tv_i32_of_f64" else body)
     match = re.fullmatch(r"tv_([a-z0-9_]+)_([iuf]\d+)", name)
     if not match:
@@ -130,8 +133,8 @@ def helper_dependencies(name: str) -> list[str]:
     """Helpers that a helper over lanes calls itself."""
     if not name.startswith("tv_") or re.match(r"tv_(splat|any|take|pick|put|gather|scatter)", name):
         return []
-    if name == "tv_i32_of_f64":
-        return ["tv_splat_f64"]
+    if name in ("tv_i32_of_f64", "tv_i32_of_f32"):
+        return ["tv_splat_f64", *(["tv_i32_of_f64"] if name == "tv_i32_of_f32" else [])]
     scalar = "tt_" + name.removeprefix("tv_")
     try:
         text = helper_text(name)

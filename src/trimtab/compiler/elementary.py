@@ -60,7 +60,7 @@ def elementary_text(lanes: int = 0, names: Iterable[str] | None = None, called: 
         *(_single_precision(n[:-1]) for n in wanted if n in single),
     ]
     if lanes:
-        double += [n for n in ("splat", "abs", "copysign", "is_finite", "all", "any") if n not in double]
+        double += [n for n in ("splat", "abs", "copysign", "is_finite", "all", "any", "within") if n not in double]
         text += [f"#define TT_LANES {lanes}", _blocks("vector")[0], *_with_dependencies(double, "ttv")]
     return _forbid_inlining("\n\n".join(text) + "\n", called)
 

@@ -16,6 +16,7 @@ from trimtab.compiler.pieces import PieceFrame, build_level, plan_pieces
 from trimtab.compiler.rules import RULES
 from trimtab.compiler.tables import filling_text, table_numbers
 from trimtab.compiler.text import C_TYPES
+from trimtab.compiler.uniform import branch_uniform_selects
 from trimtab.compiler.values import Buffer, Value
 from trimtab.compiler.workspace import CALL_STACK, plan_workspace
 from trimtab.compiler.writer import Writer
@@ -47,6 +48,8 @@ class Function:
         """Return the text, the bytes of workspace that the caller provides, aligned to 64, and large tables."""
         blocks = self.blocks
         varying = find_varying(blocks, _array_contents(self.inputs), []) if lanes else None
+        if varying is not None:
+            blocks = branch_uniform_selects(blocks, varying, _array_contents(self.outputs))
         names = {} if lanes else self._result_names()
         operands = [a.buffer for a in self.inputs if a.buffer is not None] if lanes else []
         results = [a.buffer for a in self.outputs if a.buffer is not None]

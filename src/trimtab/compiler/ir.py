@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from trimtab.compiler.narrow import narrow_integer
 from trimtab.compiler.ranges import certain_result
 from trimtab.compiler.values import Buffer, Value
 
@@ -280,8 +281,8 @@ def _fold(b: Builder, op: str, args: tuple[Value, ...], dtype: str) -> Value | N
         return _fold_constants(b, op, [a.const for a in args], dtype)
     if op in ("eq", "ne", "le", "ge") and args[0].dtype == "bool" and args[1].op == "const":
         return _fold_comparison(b, op, args[0], bool(args[1].const))
-    if op == "convert" and args[0].dtype == dtype:
-        return args[0]
+    if op == "convert":
+        return args[0] if args[0].dtype == dtype else narrow_integer(b, args[0], dtype)
     if op == "not" and args[0].op == "not":
         return args[0].args[0]
     certain = certain_result(op, args)

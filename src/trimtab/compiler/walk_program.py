@@ -18,6 +18,7 @@ from trimtab.compiler.pieces import PieceFrame, build_level, plan_pieces
 from trimtab.compiler.rules import RULES
 from trimtab.compiler.rules.control import LoopCarries
 from trimtab.compiler.text import C_TYPES
+from trimtab.compiler.uniform import branch_uniform_selects
 from trimtab.compiler.values import Buffer, Value
 from trimtab.compiler.workspace import plan_workspace
 from trimtab.compiler.writer import Writer
@@ -41,23 +42,25 @@ class WalkProgram(NamedTuple):
     def text(self, lanes: int = 0, own: frozenset[int] = frozenset()) -> str:
         """Return C, or C++ over lanes, in which the inputs at the positions `own` differ from run to run."""
         inputs = [t for i in own for t in _array_leaves(self.inputs[i])]
-        varying = find_varying(self.blocks, inputs, []) if lanes else None
+        varying, blocks = find_varying(self.blocks, inputs, []) if lanes else None, self.blocks
+        if varying is not None:
+            blocks = branch_uniform_selects(blocks, varying, self.final)
         tables = [self.inputs[i].buffer for i in own]
         whole = [b for b in tables if b is not None and id(b) in self.live]
-        workspace = plan_workspace(self.blocks, whole, lanes=lanes, varying=varying)
+        workspace = plan_workspace(blocks, whole, lanes=lanes, varying=varying)
         w = Writer({}, self.live, varying, workspace)
-        w.note_sincos(self.blocks)
+        w.note_sincos(blocks)
         w.record = lambda values: _write_row(w, values)
         _write_parameters(w, self, lanes, own)
-        for block in self.blocks:
+        for block in blocks:
             for name, buffer in _timetable_buffers(block):
                 w.names[id(buffer)] = name
         arguments = [("void *", "workspace")] if workspace.size else []
-        w.divide(plan_pieces(self.blocks, self.final), PieceFrame("fly", lanes, arguments))
+        w.divide(plan_pieces(blocks, self.final), PieceFrame("fly", lanes, arguments))
         w.write_line("double least[WIDTH][RUNS], most[WIDTH][RUNS], sum[WIDTH][RUNS], squares[WIDTH][RUNS];")
         w.write_line("for (int i = 0; i < WIDTH; i++) EACH_RUN least[i][l] = INFINITY, most[i][l] = -INFINITY;")
         w.write_line("for (int i = 0; i < WIDTH; i++) EACH_RUN sum[i][l] = squares[i][l] = 0;")
-        for block in self.blocks:
+        for block in blocks:
             w.write_block(block)
         _write_final_values(w, self)
         return _assemble_source(w, self, lanes)

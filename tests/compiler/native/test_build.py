@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 
 from trimtab.compiler.native import build as module
-from trimtab.compiler.native.build import FLAGS, BuildError, build_library, load_library
+from trimtab.compiler.native.build import FLAGS, BuildError, build_library, compiler_flags, load_library
 from trimtab.compiler.native.cache import cache_problem
 
 pytestmark = [
@@ -40,6 +40,10 @@ def manifest(library: Path) -> dict[str, str]:
     return dict(line.split(" ", 1) for line in library.with_suffix(".txt").read_text().splitlines())
 
 
+def kind_of(library: Path) -> str:
+    return "clang" if "clang" in manifest(library)["compiler"] else "gcc"
+
+
 @pytest.mark.parametrize("language", ["c", "c++"])
 def test_builds_once_and_keeps_it(fake, cache: Path, language: str) -> None:
     script = fake(language=language)
@@ -48,9 +52,26 @@ def test_builds_once_and_keeps_it(fake, cache: Path, language: str) -> None:
     assert twice(library) == 42.0
     assert build_library(TEXT[language], language) == library
     assert len(compiled(script)) == 1
-    assert set(FLAGS[language]) <= set(compiled(script)[0].split())
+    assert set(compiler_flags(language, kind_of(library))) <= set(compiled(script)[0].split())
     assert cache_problem() == ""
     assert {path.suffix for path in cache.iterdir()} == {".so", ".txt", ".note"}, "left-overs"
+
+
+def test_gcc_orders_instructions_of_lanes_before_it_chooses_registers() -> None:
+    assert {"-fschedule-insns", "-fsched-pressure"} <= set(compiler_flags("c++", "gcc"))
+    assert compiler_flags("c", "gcc") == compiler_flags("c", "clang")
+    assert not {flag for flag in compiler_flags("c++", "clang") if "sched" in flag}
+
+
+@pytest.mark.parametrize("language", ["c", "c++"])
+def test_key_has_the_flags_of_the_compiler(fake, monkeypatch: pytest.MonkeyPatch, language: str) -> None:
+    fake(language=language)
+    library = build_library(TEXT[language], language)
+    which = "GCC_FLAGS" if kind_of(library) == "gcc" else "FLAGS"
+    monkeypatch.setitem(getattr(module, which), language, (*getattr(module, which)[language], "-DX=1"))
+    other = build_library(TEXT[language], language)
+    assert other != library
+    assert "-DX=1" in manifest(other)["flags"].split()
 
 
 def test_key_has_text_flags_language_compiler_and_cpu(fake, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -5,6 +5,30 @@
 #error "lanes compute functions of float by those of double"
 #endif
 #define TTV_COLD static __attribute__((noinline, cold, unused))
+#ifdef __clang__ /* it computes the loops over lanes one number after the other, without its vectoriser of straight lines */
+#if __has_builtin(__builtin_elementwise_fma) && (defined(__FMA__) || defined(__aarch64__))
+#define TTV_FUSED(x, y, z) __builtin_elementwise_fma(x, y, z)
+#elif defined(__AVX512F__) && TT_LANES == 8
+#define TTV_FUSED(x, y, z) __builtin_ia32_vfmaddpd512_mask(x, y, z, -1, 4)
+#elif defined(__FMA__) && TT_LANES == 4
+#define TTV_FUSED(x, y, z) __builtin_ia32_vfmaddpd256(x, y, z)
+#endif
+#if __has_builtin(__builtin_elementwise_sqrt)
+#define TTV_SQRT(x) __builtin_elementwise_sqrt(x)
+#elif defined(__AVX512F__) && TT_LANES == 8
+#define TTV_SQRT(x) __builtin_ia32_sqrtpd512(x, 4)
+#elif defined(__AVX__) && TT_LANES == 4
+#define TTV_SQRT(x) __builtin_ia32_sqrtpd256(x)
+#endif
+#elif defined(__AVX512F__) && TT_LANES == 8 /* the loop over lanes, compiled much sooner */
+#define TTV_FUSED(x, y, z) __builtin_ia32_vfmaddpd512_mask(x, y, z, -1, 4)
+#define TTV_SQRT(x) __builtin_ia32_sqrtpd512_mask(x, (vf64){}, -1, 4)
+#elif defined(__AVX__) && TT_LANES == 4
+#ifdef __FMA__
+#define TTV_FUSED(x, y, z) __builtin_ia32_vfmaddpd256(x, y, z)
+#endif
+#define TTV_SQRT(x) __builtin_ia32_sqrtpd256(x)
+#endif
 typedef double vf64 __attribute__((vector_size(8 * TT_LANES)));
 typedef int64_t vi64 __attribute__((vector_size(8 * TT_LANES)));
 typedef uint64_t vu64 __attribute__((vector_size(8 * TT_LANES)));
@@ -56,10 +80,8 @@ TTV_INLINE int ttv_within(vf64 a, double limit)
 template <class A, class B, class C> TTV_INLINE vf64 ttv_ma(A a, B b, C c)
 {
     vf64 x = ttv_splat(a), y = ttv_splat(b), z = ttv_splat(c), r;
-#if TT_FMA && defined(__AVX512F__) && TT_LANES == 8 && !defined(__clang__) /* the loop below, compiled much sooner */
-    r = __builtin_ia32_vfmaddpd512_mask(x, y, z, -1, 4);
-#elif TT_FMA && defined(__FMA__) && TT_LANES == 4 && !defined(__clang__)
-    r = __builtin_ia32_vfmaddpd256(x, y, z);
+#if TT_FMA && defined(TTV_FUSED)
+    r = TTV_FUSED(x, y, z);
 #elif TT_FMA
     for (int i = 0; i < TT_LANES; i++) r[i] = TT_FUSED(x[i], y[i], z[i]);
 #else
@@ -85,10 +107,8 @@ TTV_INLINE void ttv_swap(vu64 bit, vf64 *u, vf64 *v)
 TTV_INLINE vf64 ttv_sqrt(vf64 x)
 {
     vf64 r = {};
-#if defined(__AVX512F__) && TT_LANES == 8 && !defined(__clang__)
-    r = __builtin_ia32_sqrtpd512_mask(x, r, -1, 4);
-#elif defined(__AVX__) && TT_LANES == 4 && !defined(__clang__)
-    r = __builtin_ia32_sqrtpd256(x);
+#ifdef TTV_SQRT
+    r = TTV_SQRT(x);
 #else
     for (int i = 0; i < TT_LANES; i++) r[i] = __builtin_sqrt(x[i]);
 #endif
