@@ -26,7 +26,7 @@ from paired import difference, machine, row
 from references import CC, CXX, HAND_C, HAND_SLP, KNOWN, SOURCES, sh
 
 from trimtab.compiler.native.build import FLAGS
-from trimtab.run.walk_structure import JOB_TEXT
+from trimtab.compiler.walk_program import JOB_TEXT
 
 MARCH, LANES = "-march=x86-64-v3", 4
 
