@@ -308,6 +308,6 @@ def test_named_tuples_registered_otherwise_keep_their_order() -> None:
 
 def test_masked_and_other_shapes_are_refused_in_lanes() -> None:
     with pytest.raises(InputError, match="masked"):
-        compiled_scaled().lanes(np.ma.masked_array(np.ones((4, 3)), mask=np.eye(4, 3)), 1.0)
+        compiled_scaled().lanes(np.ma.masked_array(np.ones((4, 3)), mask=np.eye(4, 3, dtype=bool)), 1.0)
     with pytest.raises(InputError, match="x has 4 runs, k has 5 runs"):
         compiled_scaled().lanes(jnp.ones((4, 3)), jnp.ones(5))
