@@ -311,3 +311,10 @@ def test_masked_and_other_shapes_are_refused_in_lanes() -> None:
         compiled_scaled().lanes(np.ma.masked_array(np.ones((4, 3)), mask=np.eye(4, 3, dtype=bool)), 1.0)
     with pytest.raises(InputError, match="x has 4 runs, k has 5 runs"):
         compiled_scaled().lanes(jnp.ones((4, 3)), jnp.ones(5))
+
+
+@pytest.mark.parametrize("shape", [(2, 3, 4), (5, 6, 7)])
+def test_reshapes_read_the_given_axes_in_order(shape: tuple[int, ...]) -> None:
+    x = np.arange(np.prod(shape, dtype=float)).reshape(shape)
+    turned = trimtab.compile(lambda x: jax.lax.reshape(x, (x.size,), (2, 0, 1)), x)
+    assert np.array_equal(turned(x), x.transpose(2, 0, 1).ravel())
