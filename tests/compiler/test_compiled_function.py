@@ -363,5 +363,5 @@ def test_exported_weights_are_text(tmp_path):
 
 def test_lanes_are_one_where_a_run_is_vectors_already():
     a = np.ones((60, 60))
-    assert trimtab.compile(lambda a, b: jnp.outer(a, b), a[0], a[0])._lanes_program()[0] == 1
-    assert trimtab.compile(lambda a: jnp.sin(a) @ a, a)._lanes_program()[0] > 1
+    assert trimtab.compile(lambda a, b: jnp.outer(a, b), a[0], a[0])._build_lanes()[0] == 1
+    assert trimtab.compile(lambda a: jnp.sin(a) @ a, a)._build_lanes()[0] > 1

@@ -9,7 +9,7 @@ import sys
 import textwrap
 import threading
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import jax
 import jax.numpy as jnp
@@ -17,6 +17,7 @@ import numpy as np
 import pytest
 
 import trimtab
+from trimtab.compiler.compiled_function import CompiledFunction
 from trimtab.core.errors import InputError
 
 KEY = jax.random.key(3)
@@ -246,3 +247,74 @@ def test_libraries_that_were_cut_are_built_again(tmp_path: Path) -> None:
 def test_a_cache_that_cannot_be_written() -> None:
     script = "import trimtab; print(trimtab.compile(lambda x: x * 3 + 0.25, 1.0)(2.0))"
     assert "6.25" in run_script(script, TRIMTAB_CACHE="/proc/nowhere")
+
+
+class Pair(NamedTuple):
+    """A named tuple."""
+
+    x: Any
+    k: Any
+
+
+@jax.tree_util.register_pytree_node_class
+class Backwards(NamedTuple):
+    """A named tuple that JAX takes apart in another order."""
+
+    x: Any
+    k: Any
+
+    def tree_flatten(self) -> Any:
+        return (self.k, self.x), None
+
+    @classmethod
+    def tree_unflatten(cls, _: None, parts: Any) -> "Backwards":
+        return cls(*reversed(parts))
+
+
+def refuse(*_: Any) -> Any:
+    raise AssertionError("taken apart in Python")
+
+
+def test_usual_arguments_are_taken_apart_without_python(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name in ("_normalise", "_normalise_runs"):
+        monkeypatch.setattr(CompiledFunction, name, refuse)
+    x = jnp.arange(3.0)
+    swap = trimtab.compile(lambda p, d: (Pair(p.k, p.x), d["a"] * 2), Pair(x, 1.0), {"a": x})
+    pair, doubled = swap(Pair(x, 2.0), {"a": x + 1})
+    assert type(pair) is Pair
+    assert pair.x == 2.0
+    assert np.array_equal(pair.k, x)
+    assert np.array_equal(doubled, [2, 4, 6])
+    many = jnp.arange(15.0).reshape(5, 3)
+    pairs, doubled = swap.lanes(Pair(many, 2.0), {"a": np.ones(3)})
+    assert np.array_equal(pairs.x, np.full(5, 2.0))
+    assert np.array_equal(pairs.k, many)
+    assert np.array_equal(doubled, np.full((5, 3), 2.0))
+
+
+@pytest.mark.parametrize("dtype", ["float32", "int8", "int16", "int32", "int64", "uint8", "uint32", "uint64", "bool"])
+def test_arrays_of_jax_of_each_type_are_read_as_their_own(dtype: str) -> None:
+    for x in (jnp.asarray([0, 1, 3, 120], dtype), jnp.asarray(1, dtype)):
+        same, wide = trimtab.compile(lambda x: x, x), trimtab.compile(lambda x: x * 1.0, np.zeros(x.shape))
+        assert np.array_equal(same(x), x)
+        if dtype not in ("uint64", "int64"):  # which float64 does not hold
+            assert np.array_equal(wide(x), np.asarray(x, np.float64))
+
+
+def test_named_tuples_registered_otherwise_keep_their_order() -> None:
+    halved = trimtab.compile(lambda p: p.x / p.k, Backwards(np.ones(3), 1.0))
+    assert np.array_equal(halved(Backwards(np.ones(3), 2.0)), np.full(3, 0.5))
+
+
+def test_masked_and_other_shapes_are_refused_in_lanes() -> None:
+    with pytest.raises(InputError, match="masked"):
+        compiled_scaled().lanes(np.ma.masked_array(np.ones((4, 3)), mask=np.eye(4, 3, dtype=bool)), 1.0)
+    with pytest.raises(InputError, match="x has 4 runs, k has 5 runs"):
+        compiled_scaled().lanes(jnp.ones((4, 3)), jnp.ones(5))
+
+
+@pytest.mark.parametrize("shape", [(2, 3, 4), (5, 6, 7)])
+def test_reshapes_read_the_given_axes_in_order(shape: tuple[int, ...]) -> None:
+    x = np.arange(np.prod(shape, dtype=float)).reshape(shape)
+    turned = trimtab.compile(lambda x: jax.lax.reshape(x, (x.size,), (2, 0, 1)), x)
+    assert np.array_equal(turned(x), x.transpose(2, 0, 1).ravel())

@@ -7,7 +7,9 @@ import argparse
 import os
 import subprocess
 import sys
+import threading
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +27,8 @@ BATCH = 10
 SETS = 3
 """Arguments with which JAX is asked; lanes are given RUNS."""
 RUNS = 11
+STACK = 256 * 1024
+"""Size of the stack (bytes) on which compiled functions are called."""
 PRECISION = {"float64": 1e-13, "float32": 5e-6}
 
 
@@ -46,7 +50,7 @@ def differences(calls: list[RandomCall], options: dict[str, int]) -> list[str]:
     sets = [tuple(c.arguments(k, tiny=k >= SETS) for c in calls) for k in range(RUNS)]
     found = []
     compiled = trimtab.compile(together, sets[0], **options)  # pyright: ignore[reportArgumentType]
-    alone = [compiled(s) for s in sets]
+    alone = on_a_small_stack(lambda: [compiled(s) for s in sets])
     jitted = jax.jit(together)
     for k in range(SETS):
         for call, arguments, got, want in zip(calls, sets[k], alone[k], jitted(sets[k]), strict=True):
@@ -56,13 +60,26 @@ def differences(calls: list[RandomCall], options: dict[str, int]) -> list[str]:
                 problems = problems_of(call, got, call.function()(jax.tree.map(jax.numpy.asarray, arguments)))
             found += [f"seed {call.seed}, set {k}, {problem}" for problem in problems]
     if options:
-        many = compiled.lanes(jax.tree.map(lambda *v: np.stack(v), *sets))
+        stacked = jax.tree.map(lambda *v: np.stack(v), *sets)
+        many = on_a_small_stack(lambda: compiled.lanes(stacked))
         for k, one in enumerate(alone):
             for call, got, want in zip(calls, many, one, strict=True):
                 for v, g, w in zip(call.outputs, jax.tree.leaves(got), jax.tree.leaves(want), strict=True):
                     if g[k].dtype != w.dtype or not np.array_equal(g[k], w, equal_nan=w.dtype.kind == "f"):
                         found.append(f"seed {call.seed}, run {k}, {v.name}, lanes {options}: {g[k]!r} not {w!r}")
     return found
+
+
+def on_a_small_stack(call: Callable[[], Any]) -> Any:
+    """Return the result of a call in a thread with a small stack."""
+    before, found = threading.stack_size(STACK), list[Any]()
+    thread = threading.Thread(target=lambda: found.append(call()))
+    try:
+        thread.start()
+    finally:
+        threading.stack_size(before)
+    thread.join()
+    return found[0]
 
 
 def problems_of(call: RandomCall, got: Any, wanted: Any) -> list[str]:
@@ -106,6 +123,11 @@ def check(first: int) -> list[str]:
             except Exception as reason:
                 found.append(f"seed {call.seed}: {type(reason).__name__}: {str(reason)[:300]}")
         return found
+
+
+@pytest.mark.parametrize("seed", [4, 25])
+def test_a_function_agrees_in_lanes_and_on_a_small_stack(seed: int) -> None:
+    assert not differences([random_call(seed)], {"lanes": 4, "threads": 3})
 
 
 @pytest.mark.thorough

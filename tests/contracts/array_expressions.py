@@ -198,4 +198,33 @@ ROUGH = [
 ]
 """With a rounding of their own."""
 
-FAMILIES = [ELEMENTWISE, MOVES, REDUCTIONS, FLOWS, ROUGH]
+SHAPES = [
+    "{X0}.reshape({X0}.shape[::-1])",
+    "{X0}.reshape(-1, 2)",
+    "{X0}.reshape({X0}.shape[0] // 2, -1)",
+    "lax.reshape({X0}, {X0}.shape[::-1], tuple(range({X0}.ndim))[::-1])",
+    "{i0}.reshape({i0}.shape[::-1]) @ {i0}",
+    "{i0} @ ({i0}.reshape({i0}.shape[::-1]) @ {i0}[:, 0])",
+    "jnp.einsum('ij,jk', {i0}, {i0}.reshape({i0}.shape[::-1]))",
+    "{i0}.reshape(2, -1) @ {i0}.reshape(-1, 2)",
+]
+"""One array at several shapes, in products too."""
+
+TABLES = [
+    "{n0} + K({n0})",
+    "jnp.maximum({n0}, K({n0}))",
+    "jnp.where({b0}, K({b0}, 'int32'), 1)",
+    "jnp.sort(K({i0}).ravel())",
+    "jnp.argsort(K({X0}, 'int64').ravel())",
+    "jnp.cumsum(K({i0}), 0)",
+    "jnp.split(K({i0}), 1)[0] ^ {i0}",
+    "lax.optimization_barrier(K({i0})) + {i0}",
+    "lax.top_k(K({i0}).ravel(), 1)[1] + {i0}.ravel()[:1].astype('int32')",
+    "K({i0})[{i0} % 3]",
+    "K({i0}).reshape({i0}.shape[::-1]) @ (K({i0}) @ {i0}[0])",
+    "{i0}.reshape({i0}.shape[::-1]) @ K({i0})",
+    "lax.fori_loop(0, 3, lambda k, c: c + K({i0}).reshape({i0}.shape[::-1]) @ (K({i0}) @ c), {i0}[0])",
+]
+"""Tables that are known at compile time."""
+
+FAMILIES = [ELEMENTWISE, MOVES, REDUCTIONS, FLOWS, SHAPES, TABLES, ROUGH]

@@ -4,6 +4,7 @@ Axes have 0 to 130 elements, some thousands, so that arrays are single variables
 are sums of what is given, or rough (see `contracts.array_expressions`).
 """
 
+import functools
 import re
 import warnings
 from collections.abc import Callable
@@ -21,6 +22,8 @@ jax.config.update("jax_enable_x64", True)  # before the first function is made
 WIDE = ["float64", "float64", "float64", "float32", "float32", "int32", "int32", "int64", "int64", "uint32", "bool"]
 NARROW = [*WIDE, "int8", "int16", "uint8", "uint16", "uint64", "uint64"]
 KINDS = {"f": "f", "F": "f", "i": "iu", "n": "fiu", "b": "b", "x": "fiub", "X": "fiub"}
+LEAVES = 40
+"""Leaves that a function does not read, in some trees: more than a call has room for on its stack."""
 MOST = 4000
 """Elements of an array, but for one."""
 
@@ -56,8 +59,27 @@ def unsigned(x: Any) -> Any:
     return jnp.where(x != x, jnp.abs(x), x) if x.dtype.kind == "f" else x
 
 
+def table(x: Any, dtype: str = "") -> Any:
+    """A table of small numbers in the shape of x: one object for each shape and type, as a function's own table is."""
+    return _table(x.shape, dtype or str(x.dtype))
+
+
+@functools.cache
+def _table(shape: tuple[int, ...], dtype: str) -> Any:
+    numbers = np.arange(np.prod(shape, dtype=int)) * 5 % 7
+    with jax.ensure_compile_time_eval():  # it outlives the tracing that asks for it first
+        return jnp.asarray(numbers.reshape(shape) - (0 if dtype[0] in "ub" else 3), dtype)
+
+
+class Named(NamedTuple):
+    """A named tuple of arrays."""
+
+    first: Any
+    others: Any
+
+
 SPACE = {"jnp": jnp, "lax": lax, "jax": jax, "T": tamed, "C": finite, "S": positive, "L": lowest, "Z": zero}
-SPACE |= {"U": unsigned}
+SPACE |= {"U": unsigned, "K": table}
 
 
 class Variable(NamedTuple):
@@ -80,7 +102,7 @@ class RandomCall(NamedTuple):
     def text(self) -> str:
         """The function in Python."""
         names = ", ".join(v.name for v in self.inputs)
-        lines = [f"def call(tree):\n    {names}, = jax.tree.leaves(tree)"]
+        lines = [f"def call(tree):\n    {names}, *_ = jax.tree.leaves(tree)"]
         lines += [f"    {name} = {text}" for name, text in self.statements]
         a, *rest = [v.name for v in self.outputs]
         return "\n".join([*lines, f"    return {{'first': {a}, 'rest': [({', '.join(rest)},), None]}}"])
@@ -96,7 +118,9 @@ class RandomCall(NamedTuple):
         rng = np.random.default_rng([self.seed, k])
         arrays = [random_array(rng, v.shape, v.dtype, tiny) for v in self.inputs]
         half = len(arrays) // 2
+        many = [float(n) for n in range(LEAVES)]
         kinds = [tuple(arrays), {"a": arrays[:half], "b": tuple(arrays[half:])}, [arrays[0], None, tuple(arrays[1:])]]
+        kinds += [Named(arrays[0], arrays[1:]), [*arrays, *many]]
         return kinds[self.seed % len(kinds)]
 
 

@@ -102,3 +102,8 @@ def test_clang_accepts_elementary_functions(tmp_path: Path, monkeypatch: pytest.
     export_callable(lambda x: [f(x, x) if f in two else f(x) for f in functions], (0.5,), tmp_path, name="many")
     monkeypatch.setenv("CC", "clang")
     assert verify_folder(tmp_path).good
+
+
+def test_verifies_a_function_whose_name_begins_with_a_capital(tmp_path: Path) -> None:
+    export_callable(lambda x: x * 2, (1.0,), tmp_path, name="NAN")
+    assert verify_folder(tmp_path).good

@@ -47,9 +47,7 @@ def _scalar_helper(name: str) -> str:
     op, t = match.groups()
     T = C_TYPES[t]
     if op in ("max", "min"):
-        sign = ">" if op == "max" else "<"
-        test = f"a {sign} b || a != a" if is_float(t) else f"a {sign} b"
-        return _function_text(T, name, f"{T} a, {T} b", f"return {test} ? a : b;")
+        return _function_text(T, name, f"{T} a, {T} b", _extreme_body(op, t))
     bits = str(int(t[1:]))
     words = {
         "T": T,
@@ -73,6 +71,22 @@ def _saturation(to: str, source: str) -> str:
     power, suffix = int(to[1:]) - (to[0] == "i"), float_suffix(source)
     below = f"x <= -0x1p{power}{suffix}" if to[0] == "i" else f"x <= 0.0{suffix}"
     return f"return x != x ? 0 : {below} ? {low} : x >= 0x1p{power}{suffix} ? {high} : ({C_TYPES[to]})x;"
+
+
+def _extreme_body(op: str, t: str) -> str:
+    """Return the larger or smaller of a and b. NaN wins, and -0 is smaller than +0 (IEEE 754-2019).
+
+    The choice x prefers b of equal numbers, and y prefers a. So x and y differ only for zeros and NaN. Their bits
+    joined by OR are -0 or NaN. For the larger one, the difference of the bits is subtracted: -0 - -0 is +0.
+    """
+    sign = ">" if op == "max" else "<"
+    if not is_float(t):
+        return f"return a {sign} b ? a : b;"
+    T, U = C_TYPES[t], C_TYPES[f"u{t[1:]}"]
+    lines = [f"{T} x = a {sign} b ? a : b, y = b {sign} a ? b : a;", f"{U} p, q, r;"]
+    lines += ["memcpy(&p, &x, sizeof p); memcpy(&q, &y, sizeof q);", "r = p | q; memcpy(&x, &r, sizeof x);"]
+    lines += ["r = p ^ q; memcpy(&y, &r, sizeof y);"] if op == "max" else []
+    return "\n    ".join([*lines, "return x - y;" if op == "max" else "return x;"])
 
 
 _SATURATION_OVER_LANES = """\
@@ -113,8 +127,10 @@ def _lane_helper(name: str) -> str:
     op, t = match.groups()
     v = vector_type(t)
     if op in ("max", "min") and is_float(t):
-        test = f"(a {'>' if op == 'max' else '<'} b) | (a != a)"
-        return _function_text(v, name, f"{v} a, {v} b", f"return ({test}) ? a : b;")
+        sign, u = ">" if op == "max" else "<", vector_type(f"u{t[1:]}")
+        either, other = f"({v})(({u})x | ({u})y)", f" - ({v})(({u})x ^ ({u})y)" if op == "max" else ""
+        body = f"{v} x = a {sign} b ? a : b, y = b {sign} a ? b : a; return {either}{other};"
+        return _function_text(v, name, f"{v} a, {v} b", body)
     two = op in (*_TWO_OPERANDS, "pow", "atan2", "fmod")
     body = f"{v} r; EACH_LANE r[l] = tt_{op}_{t}({'a[l], b[l]' if two else 'a[l]'}); return r;"
     if t == "f32" and op in (*ELEMENTARY, "fmod"):  # that for double, rounded, as for one number

@@ -18,7 +18,7 @@ from trimtab.compiler.identifiers import distinct, function_identifier, identifi
 from trimtab.compiler.ir import TYPES
 from trimtab.compiler.lower import CompilerFaultError, report_fault
 from trimtab.compiler.native.build import build_library, load_library
-from trimtab.compiler.native.call import ArrayType, LoadedFunction, TreeNode, array_addresses, make_callable, run_batch
+from trimtab.compiler.native.call import ArrayType, LoadedFunction, TreeNode, array_addresses, make_callable
 from trimtab.compiler.native.compiler import find_compiler, lane_count
 from trimtab.core.errors import InputError
 from trimtab.core.quantity import Option, declarations, is_record
@@ -93,13 +93,13 @@ class CompiledFunction:
             self._inputs = [ArrayType(a.shape, np.dtype(TYPES[a.dtype])) for a in self._lowered.inputs]
             self._outputs = [ArrayType(a.shape, np.dtype(a.dtype)) for a in leaves]
             self._lock = threading.Lock()
-            self._batch: tuple[int, LoadedFunction] | None = None
+            self._many: Callable[..., Any] | None = None
             text = self._lowered.program_text(self._symbol, large_as_data=True)
             self.c_source, self.workspace = text.text, text.workspace
             self._program = self._load(text, 0)
             self._call = make_callable(self._program)
         if lanes is not None:
-            self._lanes_program()
+            self._lanes_call()
 
     def _load(self, text: FunctionText, lanes: int) -> LoadedFunction:
         library = load_library(build_library(text.text, "c++" if lanes else "c", extra=text.flags))
@@ -135,13 +135,11 @@ class CompiledFunction:
         Raises:
             InputError: other shapes or types, or no array with an axis of runs.
         """
-        leaves, runs = self._flatten(arguments, batch=True)
-        lanes, program = self._lanes_program()
-        together = [
-            np.ascontiguousarray(np.broadcast_to(v, (runs, *a.shape)))
-            for v, a in zip(leaves, self._inputs, strict=True)
-        ]
-        return self._gives.unflatten(run_batch(program, together, runs, lanes, self._threads))
+        try:
+            return (self._many or self._lanes_call())(*arguments)
+        except MemoryError:
+            each = f"{self.workspace} bytes of workspace for each of {self._threads} threads"
+            raise self._refusal(f"not enough memory for {each}", fix="threads=1, or smaller arrays") from None
 
     def export(self, folder: str | Path, *, name: str | None = None) -> list[Path]:
         """Write the function as C99 for embedded use, with the example's numbers as its test; gives the files.
@@ -157,11 +155,13 @@ class CompiledFunction:
         """
         return export_callable(self._function, self._example, Path(folder), name=name).files
 
-    def _lanes_program(self) -> tuple[int, LoadedFunction]:
+    def _lanes_call(self) -> Callable[..., Any]:
         with self._lock:
-            if self._batch is None:
-                self._batch = self._build_lanes()
-        return self._batch
+            if self._many is None:
+                lanes, program = self._build_lanes()
+                more = {"lanes": lanes, "threads": self._threads, "normalise": self._normalise_runs}
+                self._many = make_callable(program._replace(**more))
+        return self._many
 
     def _build_lanes(self) -> tuple[int, LoadedFunction]:
         lanes = self._lanes
@@ -194,6 +194,13 @@ class CompiledFunction:
 
     def _normalise(self, *arguments: Any) -> tuple[Any, ...]:
         return tuple(self._flatten(arguments)[0])
+
+    def _normalise_runs(self, *arguments: Any) -> tuple[Any, ...]:
+        leaves, runs = self._flatten(arguments, batch=True)
+        return tuple(
+            np.ascontiguousarray(np.broadcast_to(v, (runs, *a.shape)))
+            for v, a in zip(leaves, self._inputs, strict=True)
+        )
 
     def _flatten(self, arguments: tuple[Any, ...], batch: bool = False) -> tuple[list[Any], int]:
         """Return contiguous arrays of the types that the text takes, and their number of runs."""
@@ -317,6 +324,9 @@ def _walk(tree: Any, results: bool) -> Any:
     if type(tree) in (tuple, list):
         yield TreeNode(type(tree).__name__, type(tree), len(tree))
         parts = tree
+    elif isinstance(tree, tuple) and hasattr(tree, "_fields") and _is_own_parts(tree):
+        yield TreeNode("named", type(tree), len(tree))
+        parts = tree
     elif type(tree) is dict:
         keys = sorted(tree)
         yield TreeNode("dict", dict, len(tree), tuple(keys))
@@ -335,6 +345,12 @@ def _walk(tree: Any, results: bool) -> Any:
         raise TypeError("another kind of tree")
     for part in parts:
         yield from _walk(part, results)
+
+
+def _is_own_parts(tree: tuple[Any, ...]) -> bool:
+    """Return True if JAX takes a named tuple apart into its elements: a class may be registered otherwise."""
+    parts, _ = jax.tree.flatten(tree, is_leaf=lambda x: x is not tree)
+    return len(parts) == len(tree) and all(a is b for a, b in zip(parts, tree, strict=True))
 
 
 __all__ = ["CompiledFunction", "compile"]

@@ -251,14 +251,21 @@ _COMPARISONS: dict[str, Callable[[Any, Any], Any]] = {
     "gt": np.greater,
     "ge": np.greater_equal,
 }
+
+
+def _are_zeros(x: Any, y: Any) -> bool:
+    """Return True for two zeros of floats. -0 is smaller than +0, which numpy does not promise."""
+    return x == 0 and y == 0 and isinstance(x, np.floating)
+
+
 _ARITHMETIC: dict[str, Callable[..., Any]] = {
     "add": np.add,
     "sub": np.subtract,
     "mul": np.multiply,
     "neg": np.negative,
     "abs": np.abs,
-    "max": np.maximum,
-    "min": np.minimum,
+    "max": lambda x, y: x + y if _are_zeros(x, y) else np.maximum(x, y),
+    "min": lambda x, y: -(-x - y) if _are_zeros(x, y) else np.minimum(x, y),
     "and": np.bitwise_and,
     "or": np.bitwise_or,
     "xor": np.bitwise_xor,

@@ -8,6 +8,8 @@ import math
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from trimtab.compiler.ir import TYPES, is_float
 from trimtab.compiler.ranges import never_wraps
 from trimtab.compiler.values import Buffer, Value
@@ -227,7 +229,8 @@ def _extreme(o: _Operation) -> str:
         return f"{a} {'>' if op == 'max' else '<'} {b} ? {a} : {b}"
     for x, y, other in ((a, b, o.value.args[1]), (b, a, o.value.args[0])):
         if other.op == "const" and other.const == other.const:  # known and not NaN: one comparison is enough
-            return f"{x} {'<' if op == 'max' else '>'} {y} ? {y} : {x}"
+            replaced = other.const == 0 and np.signbit(other.const) == (op == "min")  # the other zero is replaced too
+            return f"{x} {'<' if op == 'max' else '>'}{'=' if replaced else ''} {y} ? {y} : {x}"
     return o.call(f"{op}_{o.t}")
 
 

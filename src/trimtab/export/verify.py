@@ -98,7 +98,7 @@ def _read_rows(lines: list[str]) -> Any:
 def _read_manifest(folder: Path) -> dict[str, Any]:
     try:
         about = json.loads((folder / "export.json").read_text())
-        if not re.fullmatch(r"[a-z_]\w*", about["name"]):
+        if not re.fullmatch(r"[A-Za-z_]\w*", about["name"]):
             raise ValueError("name")
         for key in ("inputs", "outputs", "tolerance"):
             about[key]

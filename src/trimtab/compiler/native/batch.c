@@ -1,50 +1,87 @@
-/* Many runs, which several threads share. This text stands behind that of call.c. Widths: bytes of one run in each array. */
+/* Many runs, which several threads share. This text stands behind that of arguments.c. */
 typedef struct {
-    Function function;
-    int64_t workspace, n_in, n_out, lanes, runs;
-    char **in, **out;
-    int64_t *width_in, *width_out;
-    int64_t next;
+    const Program *p;
+    const void *const *in;
+    void *const *out;
+    int64_t runs, next;
     int failed;
 } Batch;
 
-static void *run_batch(void *pointer)
+static void *new_workspace(int64_t bytes)
+{
+    void *memory = NULL;
+    return bytes && !posix_memalign(&memory, 64, (size_t)bytes) ? memory : NULL;
+}
+
+static void *run_some(void *pointer)
 {
     Batch *b = pointer;
-    void **in = malloc((size_t)(b->n_in + b->n_out + 1) * sizeof *in), *memory = new_workspace(b->workspace);
-    if (!in || (b->workspace && !memory)) {
+    const Program *p = b->p;
+    void **in = malloc((size_t)(p->n_in + p->n_out + 1) * sizeof *in), *memory = new_workspace(p->workspace);
+    if (!in || (p->workspace && !memory)) {
         __atomic_store_n(&b->failed, 1, __ATOMIC_RELEASE);
         free(in);
         free(memory);
         return NULL;
     }
-    void **out = in + b->n_in;
+    void **out = in + p->n_in;
     for (;;) {
-        int64_t first = __atomic_fetch_add(&b->next, b->lanes, __ATOMIC_RELAXED);
-        if (first >= b->runs)
+        int64_t first = __atomic_fetch_add(&b->next, p->lanes, __ATOMIC_RELAXED), left = b->runs - first;
+        if (left <= 0)
             break;
-        for (int64_t i = 0; i < b->n_in; i++)
-            in[i] = b->in[i] + first * b->width_in[i];
-        for (int64_t i = 0; i < b->n_out; i++)
-            out[i] = b->out[i] + first * b->width_out[i];
-        b->function((const void *const *)in, out, memory, (int32_t)(b->runs - first < b->lanes ? b->runs - first : b->lanes));
+        for (int64_t i = 0; i < p->n_in; i++)
+            in[i] = (char *)b->in[i] + first * p->in[i].width;
+        for (int64_t i = 0; i < p->n_out; i++)
+            out[i] = (char *)b->out[i] + first * p->out[i].width;
+        p->function((const void *const *)in, out, memory, (int32_t)(left < p->lanes ? left : p->lanes));
     }
     free(in);
     free(memory);
     return NULL;
 }
 
-/* 0, or 1 where there was not enough memory. */
-int trimtab_batch(Batch *b, int64_t threads)
+/* Run all, in as many threads as there is work for; false where there was not enough memory. */
+static bool run_batch(Batch *b)
 {
+    int64_t threads = (b->runs + b->p->lanes - 1) / b->p->lanes;
+    if (threads > b->p->threads)
+        threads = b->p->threads;
     pthread_t *others = threads > 1 ? malloc((size_t)(threads - 1) * sizeof *others) : NULL;
     int64_t started = 0;
     for (; others && started < threads - 1; started++)
-        if (pthread_create(&others[started], NULL, run_batch, b))
+        if (pthread_create(&others[started], NULL, run_some, b))
             break;
-    run_batch(b);
+    run_some(b);
     while (started)
         pthread_join(others[--started], NULL);
     free(others);
-    return b->failed;
+    return !b->failed;
+}
+
+/* Bytes of one array's copies. */
+#define MOST_COPIED ((int64_t)1 << 46)
+
+/* Run all, with a copy for each run of what they share: `shared` arrays, marked in `once`. */
+static bool run_many(const Program *p, const void **in, const char *once, int64_t shared, void *const *out, int64_t runs)
+{
+    int64_t bytes = 0, at = 0;
+    for (int64_t i = 0; shared && i < p->n_in; i++) {
+        if (once[i] && p->in[i].width && runs > MOST_COPIED / p->in[i].width)
+            return false;
+        bytes += once[i] ? (p->in[i].width * runs + 63) / 64 * 64 : 0;
+    }
+    char *copies = new_workspace(bytes);
+    if (bytes && !copies)
+        return false;
+    for (int64_t i = 0; bytes && i < p->n_in; i++)
+        if (once[i]) {
+            for (int64_t k = 0; k < runs; k++)
+                memcpy(copies + at + k * p->in[i].width, in[i], (size_t)p->in[i].width);
+            in[i] = copies + at;
+            at += (p->in[i].width * runs + 63) / 64 * 64;
+        }
+    Batch b = {p, in, out, runs, 0, 0};
+    bool good = run_batch(&b);
+    free(copies);
+    return good;
 }

@@ -1,4 +1,4 @@
-"""Compiled functions as Python callables that cost well under a microsecond: the description of a program for `call.c`.
+"""Compiled functions as Python callables that cost well under a microsecond: the description of a program for C.
 
 The generated text stays plain C over pointers; arguments are checked and taken apart, and results put together, by one
 small library that knows Python and is built once per machine.
@@ -16,9 +16,14 @@ import numpy as np
 from trimtab.compiler.native.build import build_library
 from trimtab.core.errors import InputError
 
-KINDS = {"leaf": 0, "tuple": 1, "list": 2, "dict": 3, "none": 4, "record": 5}
+KINDS = {"leaf": 0, "tuple": 1, "list": 2, "dict": 3, "none": 4, "record": 5, "named": 6}
 NUMBERS = {"float64": "d", "float32": "f", "int64": "l", "int32": "i", "bool": "?"}
 """Types of scalars for which Python's own numbers can be given."""
+
+FORMATS = {"float64": "d", "float32": "f", "bool": "?", "int8": "b", "int16": "h", "int32": "i", "int64": "q"}
+FORMATS |= {"uint8": "B", "uint16": "H", "uint32": "I", "uint64": "Q"}
+"""Types of arrays in the buffer protocol, as `jax.Array` names them."""
+TEXTS = ("arguments.c", "batch.c", "call.c")
 
 
 class TreeNode(NamedTuple):
@@ -52,6 +57,8 @@ class LoadedFunction(NamedTuple):
     workspace: bytes that each call needs.  takes: the tuple of arguments as a tree; a first node of -1 parts leaves all
     to `normalise`.  gives: the tree of results, or None where `assemble` makes it of a flat tuple.
     normalise: all arguments -> a flat tuple of arrays, contiguous and of the types of `inputs`; raises InputError.
+    lanes: 0 for one run.  For many runs, the number that is computed side by side: then arrays have an axis of runs.
+    threads: how many share many runs.
     """
 
     function: Any
@@ -62,6 +69,8 @@ class LoadedFunction(NamedTuple):
     gives: Sequence[TreeNode] | None
     normalise: Callable[..., Any]
     assemble: Callable[..., Any]
+    lanes: int = 0
+    threads: int = 1
 
 
 class _Node(ctypes.Structure):
@@ -77,8 +86,7 @@ class _Leaf(ctypes.Structure):
     _fields_ = [
         ("type", ctypes.c_void_p),
         ("scalar", ctypes.c_void_p),
-        ("axes", ctypes.c_int64),
-        ("numbers", ctypes.c_int64),
+        *((name, ctypes.c_int64) for name in ("axes", "numbers", "format", "width")),
         ("shape", ctypes.c_void_p),
         ("empty", ctypes.c_void_p),
     ]
@@ -87,53 +95,39 @@ class _Leaf(ctypes.Structure):
 class _Program(ctypes.Structure):
     _fields_ = [
         ("function", ctypes.c_void_p),
-        *((name, ctypes.c_int64) for name in ("workspace", "n_in", "n_out")),
+        *((name, ctypes.c_int64) for name in ("workspace", "n_in", "n_out", "lanes", "threads")),
         *((name, ctypes.c_void_p) for name in ("in", "out", "takes", "gives")),
         *((name, ctypes.c_void_p) for name in ("array", "python_float", "python_int", "python_bool", "empty", "none")),
         *((name, ctypes.c_void_p) for name in ("normalise", "assemble", "spare")),
     ]
 
 
-class _Batch(ctypes.Structure):
-    _fields_ = [
-        ("function", ctypes.c_void_p),
-        *((name, ctypes.c_int64) for name in ("workspace", "n_in", "n_out", "lanes", "runs")),
-        *((name, ctypes.c_void_p) for name in ("in", "out", "width_in", "width_out")),
-        ("next", ctypes.c_int64),
-        ("failed", ctypes.c_int),
-    ]
-
-
 @functools.cache
-def _libraries() -> tuple[Any, Any]:
-    """Return the library of calls: one that holds Python's lock during a call, and one that does not."""
-    text = "\n".join(
-        files("trimtab.compiler.native").joinpath(name).read_text("utf-8") for name in ("call.c", "batch.c")
-    )
+def _library() -> Any:
+    """Return the library of calls, which holds Python's lock while it is called."""
+    text = "\n".join(files("trimtab.compiler.native").joinpath(name).read_text("utf-8") for name in TEXTS)
     extra = ("-pthread", *(("-undefined", "dynamic_lookup") if sys.platform == "darwin" else ()))
-    path = str(build_library(f"#define HEAD {object.__basicsize__}\n{text}", extra=extra))
-    locked, free = ctypes.PyDLL(path), ctypes.CDLL(path)
+    locked = ctypes.PyDLL(str(build_library(f"#define HEAD {object.__basicsize__}\n{text}", extra=extra)))
     locked.trimtab_callable.restype = ctypes.py_object
     locked.trimtab_callable.argtypes = [ctypes.c_void_p, ctypes.py_object]
     argument_types = [ctypes.py_object] * 3 + [ctypes.c_void_p, ctypes.c_int64, ctypes.c_int64, ctypes.py_object]
     locked.trimtab_knows_arrays.argtypes = argument_types
-    free.trimtab_batch.argtypes = [ctypes.c_void_p, ctypes.c_int64]
     probe = np.zeros((3, 5))
     if sys.implementation.name != "cpython" or not locked.trimtab_knows_arrays(
         probe, np.ndarray, probe.dtype, probe.ctypes.data, *probe.shape, np.float64(np.pi)
     ):
         problem = f"arrays of {sys.version.split()[0]} with numpy {np.__version__} are not laid out as numpy's ABI says"
         raise InputError("compile", problem, fix="use CPython with numpy 1.24 or newer")
-    return locked, free
+    return locked
 
 
 def make_callable(program: LoadedFunction) -> Callable[..., Any]:
     """Return a Python callable that runs a program; safe from several threads at once."""
-    locked, _ = _libraries()
     kept: list[Any] = [program]
     made = _Program()
     made.function = ctypes.cast(program.function, ctypes.c_void_p).value
     made.workspace, made.n_in, made.n_out = program.workspace, len(program.inputs), len(program.outputs)
+    made.lanes, made.threads = program.lanes, program.threads
     setattr(made, "in", _pointer(_leaf_array(program.inputs, kept), kept))
     made.out = _pointer(_leaf_array(program.outputs, kept), kept)
     made.takes = _pointer(_node_array(program.takes, kept), kept)
@@ -142,26 +136,7 @@ def make_callable(program: LoadedFunction) -> Callable[..., Any]:
     made.python_float, made.python_int, made.python_bool = (_object(t, kept) for t in (float, int, bool))
     made.none, made.normalise = _object(None, kept), _object(program.normalise, kept)
     made.assemble = None if program.gives is not None else _object(program.assemble, kept)
-    return locked.trimtab_callable(_pointer(made, kept), kept)
-
-
-def run_batch(program: LoadedFunction, inputs: Sequence[Any], runs: int, lanes: int, threads: int) -> list[Any]:
-    """Return the results of many runs, (runs, ...) each. inputs: contiguous arrays (runs, ...) in the right types."""
-    _, free = _libraries()
-    outputs = [np.empty((runs, *a.shape), a.dtype) for a in program.outputs]
-    kept: list[Any] = []
-    b = _Batch()
-    b.function = ctypes.cast(program.function, ctypes.c_void_p).value
-    b.workspace, b.n_in, b.n_out = program.workspace, len(inputs), len(outputs)
-    b.lanes, b.runs = lanes, runs
-    setattr(b, "in", _pointer(array_addresses(inputs), kept))
-    b.out = _pointer(array_addresses(outputs), kept)
-    b.width_in = _pointer(_numbers([a.width for a in program.inputs]), kept)
-    b.width_out = _pointer(_numbers([a.width for a in program.outputs]), kept)
-    if free.trimtab_batch(ctypes.addressof(b), min(threads, -(-runs // lanes))):
-        each = f"{program.workspace} bytes of workspace for each of {threads} threads"
-        raise InputError("compiled function", f"not enough memory for {each}", fix="threads=1, or smaller arrays")
-    return outputs
+    return _library().trimtab_callable(_pointer(made, kept), kept)
 
 
 def _object(thing: Any, kept: list[Any]) -> int:
@@ -189,6 +164,7 @@ def _leaf_array(arrays: Sequence[ArrayType], kept: list[Any]) -> Any:
         leaf.type, leaf.axes = _object(a.dtype, kept), len(a.shape)
         leaf.scalar = None if a.shape else _object(a.dtype.type, kept)
         leaf.numbers = 0 if a.shape else ord(NUMBERS.get(a.dtype.name, "\0"))
+        leaf.format, leaf.width = ord(FORMATS.get(a.dtype.name, "\0")), a.width
         leaf.shape = _pointer(_numbers(a.shape), kept)
         leaf.empty = _object((a.shape, a.dtype), kept)
     return made

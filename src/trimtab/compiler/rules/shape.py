@@ -37,8 +37,18 @@ def reshape_array(array: Array, shape: tuple[int, ...]) -> Array:
     return Array(shape, array.dtype, buffer=array.buffer, offset=array.offset)
 
 
-def _reshape(site: Site) -> list[Array]:
+def _squeeze(site: Site) -> list[Array]:
     return [reshape_array(site.operands[0], site.shape)]
+
+
+def _reshape(site: Site) -> list[Array]:
+    """Return the elements in another shape, read in the order of the given axes."""
+    array, axes = site.operands[0], site.params["dimensions"]
+    if axes is not None:
+        order = [int(a) for a in np.argsort(axes)]
+        shape = tuple(array.shape[a] for a in axes)
+        array = _rearrange(site, array, shape, lambda index: [index[a] for a in order])
+    return [reshape_array(array, site.shape)]
 
 
 def _broadcast(site: Site) -> list[Array]:
@@ -165,7 +175,7 @@ def _pad(site: Site) -> list[Array]:
 
 RULES: dict[str, Rule] = {
     "reshape": _reshape,
-    "squeeze": _reshape,
+    "squeeze": _squeeze,
     "broadcast_in_dim": _broadcast,
     "transpose": _transpose,
     "slice": _slice,

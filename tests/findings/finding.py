@@ -1,0 +1,43 @@
+"""One finding: its smallest case, what happened at first, and a function that runs the case."""
+
+import os
+import subprocess
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from typing import NamedTuple
+
+
+class Outcome(NamedTuple):
+    """Result of a case: one line about what happened, and True if the behaviour is right."""
+
+    text: str
+    holds: bool
+
+
+class Finding(NamedTuple):
+    """Finding of a review.
+
+    id: of the row.  case: the smallest input.  at_first: what happened.  run: runs the case on the present code.
+    """
+
+    id: str
+    case: str
+    at_first: str
+    run: Callable[[], Outcome]
+
+
+def run_python(script: str, **environment: str) -> tuple[int, str]:
+    """Run a script in a new interpreter, which may die. Return the exit status and the last line that it printed."""
+    paths = os.pathsep.join([str(Path(__file__).parents[2] / "src"), os.environ.get("PYTHONPATH", "")])
+    surroundings = {name: value for name, value in os.environ.items() if name != "JAX_ENABLE_X64"}
+    done = subprocess.run(
+        [sys.executable, "-c", script],
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=600,
+        env=surroundings | {"PYTHONPATH": paths} | environment,
+    )
+    lines = (done.stdout + done.stderr).strip().splitlines()
+    return done.returncode, lines[-1] if lines else ""
