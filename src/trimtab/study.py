@@ -179,7 +179,7 @@ def direction(
 ) -> Row:
     """Return a row for a statement of the text: computed lies on the stated side.
 
-    printed: words or number of the source; "stated" if the statement is told in other words.
+    printed: words or number of the source; "stated" if the study words the statement differently.
     """
     return Row(id, what, printed, float(computed), citation, "direction", (above, below), **{"basis": "text", **about})
 
