@@ -177,7 +177,10 @@ def direction(
     below: float = INFINITY,
     **about: Any,
 ) -> Row:
-    """Return a row for a statement of the text, such as "slower": computed lies on the stated side."""
+    """Return a row for a statement of the text: computed lies on the stated side.
+
+    printed: words or number of the source; "stated" if the study words the statement differently.
+    """
     return Row(id, what, printed, float(computed), citation, "direction", (above, below), **{"basis": "text", **about})
 
 

@@ -67,6 +67,7 @@ def rows() -> Iterator[Row]:
             G,
             PLACE,
             tolerance=0.055,
+            basis="input",
             note="Its one bandwidth, 30 Hz, was fitted to these seven; its phase is right to 20 Hz only.",
         )
 

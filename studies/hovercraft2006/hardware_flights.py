@@ -86,17 +86,17 @@ def _rest() -> Iterator[Row]:
         for f in (fly_real("zero-velocity", settings=FRICTION), fly_real("zero-velocity"))
     ]
     what = "time to stop turning, with less without friction"
-    yield direction("friction/stop", what, "sooner", stops[0] - stops[1], PLACE, below=0.0, unit="s")
+    yield direction("friction/stop", what, "stated", stops[0] - stops[1], PLACE, below=0.0, unit="s")
 
 
 def _straight() -> Iterator[Row]:
     forward = [_late_mean(f, "surge_velocity") for f in (fly_real("forward", settings=FRICTION), fly_real("forward"))]
     what = "forward speed, with over without friction"
-    note = "Near-identical, taken as within 3 %."
+    note = "The same speed with and without, taken as within 3 %."
     yield band(
         "friction/forward",
         what,
-        "near-identical",
+        "stated",
         forward[0] / forward[1],
         PLACE,
         low=0.97,

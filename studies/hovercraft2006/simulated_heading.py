@@ -108,7 +108,7 @@ def _comparison_rows() -> Iterator[Row]:
     yield reference_row("fig-6.12/bang-time", "ideal bang-bang, first within 1°", times[0], FIG, **about)
     yield reference_row("fig-6.12/prop-time", "ideal proportional, first within 1°", times[1], FIG, **about)
     yield direction(
-        "fig-6.12/slower", "proportional over bang-bang time to 1°", "slower", times[1] / times[0], FIG, above=1
+        "fig-6.12/slower", "proportional over bang-bang time to 1°", "stated", times[1] / times[0], FIG, above=1
     )
     sway = [abs(log["truth.sway_velocity"][-1]) for log in (prop, bang)]
     yield direction(

@@ -39,7 +39,7 @@ def rows() -> Iterator[Row]:
 
 def _identities() -> Iterator[Row]:
     printed = float(max(np.abs(A_PRINTED[3] - np.eye(9)[4]).max(), np.abs(B_PRINTED[3] - [-1 / V, 0]).max()))
-    what, place = "printed row 4 of A and B against e_Q and [-1/V, 0], largest difference", "[1] eq. 10, printed A, B"
+    what, place = "printed row 4 of A and B against e_Q and [-1/V, 0], largest difference", "[1] eq. 12, printed A, B"
     note = {"must_hold": False, "note": FOURTH}
     yield at_most("identities/printed", what, 0.0, printed, place, high=1e-9, basis="reference", **note)
 

@@ -16,7 +16,7 @@ from trimtab.scenarios.hypersonic._design import error_model
 from trimtab.study import Row, direction, same, within
 from trimtab.vehicles.hypersonic_printed import A_PRINTED, B_PRINTED, emulate_linearisation
 
-SECTION = "eq. 10, printed A and B"
+SECTION = "eq. 12, printed A and B"
 COLUMNS = ("h", "h'", "V", "α", "Q", "η1", "η1'", "η2", "η2'")
 INPUTS = ("h''", "V'")
 PRINTED_ROWS = (3, 4, 6, 8)
@@ -96,4 +96,4 @@ def _damping() -> Iterator[Row]:
 
 
 def _matrix_citation(letter: str = "A, B") -> str:
-    return f"[1] eq. 10, printed {letter}"
+    return f"[1] eq. 12, printed {letter}"

@@ -36,7 +36,7 @@ def file(tmp_path_factory):
 def test_a_gain_is_proved_and_proved_again(file):
     done = call(CART, "--lqr", "--check", file)
     assert done.exit_code == 0, done.output
-    assert "22 of 22 conditions proved exactly" in done.output
+    assert "23 of 23 conditions proved exactly" in done.output
 
 
 def test_a_gain_that_was_changed_is_not(file, tmp_path):

@@ -268,3 +268,19 @@ def test_extreme_numbers_fail_and_do_not_raise(certificate):
         assert failing(certificate._replace(K=with_entry(certificate.K, (0, 0), big)))
         assert failing(certificate._replace(Qe=big * np.eye(4)))
         assert failing(inside(certificate, R=np.array([[big]])))
+
+
+def test_each_pole_is_compared_in_its_own_size():
+    """A slow pole beside a fast one counts as much as the fast one."""
+    poles = np.array([-0.03, -0.05 + 1j, -0.05 - 1j, -5e5])
+    assert _poles_condition(poles, poles).holds
+    for i, wrong in ((0, 0.3), (0, -0.0300001), (1, -0.05001 + 1j), (3, -5.00001e5)):
+        recorded = poles.copy()
+        recorded[i] = wrong
+        assert not _poles_condition(poles, recorded).holds
+
+
+@pytest.mark.parametrize("version", ["99.0", "0.0", "0.1.0rc1"])
+def test_a_file_of_another_version_is_not_proved(certificate, version):
+    other = certificate._replace(version=version)
+    assert list(failing(other, written=certificate_digest(other))) == ["version is that of this package"]

@@ -70,3 +70,23 @@ def test_a_slow_input_is_no_missing_one():
     """In bad units the input is 1e-12 of the rest: scaling decides, not the numbers."""
     found = lqr([[1.0]], [[1e-12]], 1.0, 1e-24)
     np.testing.assert_allclose(found.poles, [-np.sqrt(2)], rtol=1e-9)
+
+
+@pytest.mark.parametrize("e", [1e-3, 1e-5, 1e-7, 1e-9])
+@pytest.mark.parametrize("scale", [None, [1.0, 1.0], [1e3, 1e-3]])
+def test_nearly_singular_weight_has_the_exact_gain(e, scale):
+    """A and Q commute, so that P = A + sqrt(A^2 + Q). Its entries are computed from the eigenvalues e and 2 + e."""
+    slow, fast = e * (1 + np.sqrt(2)), 2 + e + np.sqrt((2 + e) ** 2 + e * e)
+    P = np.array([[fast + slow, fast - slow], [fast - slow, fast + slow]]) / 2
+    found = lqr([[1 + e, 1], [1, 1 + e]], np.eye(2), e * e * np.eye(2), np.eye(2), scale=scale)
+    np.testing.assert_allclose(-found.K, P, rtol=1e-8)
+    assert found.residual < 1e-11
+
+
+def test_pole_conditions_do_not_depend_on_units():
+    """Every positive definite weight sees every pole; a column of the input matrix counts in any unit."""
+    for size in (1e-30, 1e-14, 1.0, 1e14):
+        found = lqr([[1, 0], [0, 2]], np.eye(2), size * np.eye(2), size * np.eye(2), scale=[1, 1])
+        np.testing.assert_allclose(-np.diag(found.K), [1 + np.sqrt(2), 2 + np.sqrt(5)], rtol=1e-9)
+    with pytest.raises(InputError, match=r"does not see the pole \+2"):
+        lqr([[1, 0], [0, 2]], np.eye(2), [[1e-14, 0], [0, 0]], np.eye(2), scale=[1, 1])

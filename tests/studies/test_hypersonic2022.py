@@ -56,7 +56,7 @@ def test_groups_are_in_the_order_of_the_equations():
 
 @pytest.mark.thorough
 def test_every_printed_number_of_the_matrices_has_its_row():
-    """[1] eq. 10: 34 numbers in rows 4, 5, 7 and 9; eight fixed a constant and one is 1 in any model: 25 are left."""
+    """[1] eq. 12: 34 numbers in rows 4, 5, 7 and 9; eight fixed a constant and one is 1 in any model: 25 are left."""
     rows = {r.id: r for r in rows_of("printed-matrices")}
     for letter, matrix in (("A", A_PRINTED), ("B", B_PRINTED)):
         for i, j in np.argwhere(matrix):

@@ -21,7 +21,7 @@ EMULATED_A = {
     (9, 1): 0.0211964, (9, 2): -1.5549e-3, (9, 3): -0.117556, (9, 4): -5100.68,
     (9, 6): 4.9053e-5, (9, 7): 1.1892e-7, (9, 8): -400, (9, 9): -0.8,
 }  # fmt: skip
-"""What follows from [1] eq. 10 with its errors repeated, by row and column counted from 1."""
+"""What follows from [1] eq. 12 with its errors repeated, by row and column counted from 1."""
 EMULATED_B = {(4, 1): -1.7018e-6, (4, 2): -3.3895e-6, (5, 1): -0.0160848, (5, 2): 0.0054432}
 EMULATED_B |= {(7, 1): -3.3538e-5, (7, 2): 1.8338e-4, (9, 1): 14.347, (9, 2): -0.37953}
 SIGN_LOST = {(4, 2), (4, 3), (4, 4), (5, 6), (5, 8), (7, 7), (9, 3), (9, 9)}

@@ -21,6 +21,7 @@ from trimtab.commands.output import (
     write_text,
 )
 from trimtab.commands.progress import show_spinner
+from trimtab.core.control_characters import show_controls
 from trimtab.core.errors import InputError
 from trimtab.loop.calibration import (
     Calibration,
@@ -70,9 +71,9 @@ def finish_calibration(
         return
     print_entries(f"{procedure} of {report.file}, {report.readings} readings", calibration)
     for line in report.left_out:
-        click.echo(f"left out: {line}")
+        click.echo(show_controls(f"left out: {line}"))
     for note in report.notes:
-        click.echo(f"note: {note}")
+        click.echo(show_controls(f"note: {note}"))
     print_files(files)
     if out is not None:
         click.echo(f"calibration {whole.content_hash()[:12]}; use it: trimtab run SCENARIO --calibration {out}")

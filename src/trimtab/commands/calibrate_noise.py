@@ -22,6 +22,7 @@ from trimtab.commands.calibrate_files import add_to_file, check_calibration_file
 from trimtab.commands.foreign_logs import read_own_log
 from trimtab.commands.options import FILE, JSON, OUT, PLOT
 from trimtab.commands.output import check_picture, draw_plot, new_table, print_files, print_json, print_table
+from trimtab.core.control_characters import show_controls
 from trimtab.core.errors import InputError, closest
 from trimtab.core.time import parse_time, to_seconds
 from trimtab.core.units import find_unit
@@ -105,7 +106,7 @@ def calibrate_noise(
     if calibration.entries:
         print_entries(f"noise of {log.name}, for a calibration", calibration)
     for note in notes:
-        click.echo(f"note: {note}")
+        click.echo(show_controls(f"note: {note}"))
     print_files(files)
     if out is not None:
         click.echo(f"calibration {whole.content_hash()[:12]}; use it: trimtab run SCENARIO --calibration {out}")

@@ -20,6 +20,7 @@ from trimtab.commands.output import (
 )
 from trimtab.commands.progress import show_spinner
 from trimtab.core.cache_folder import enable_cache
+from trimtab.core.control_characters import show_controls
 from trimtab.logs.difference import LogDifference, find_difference
 from trimtab.logs.log import Log
 
@@ -102,7 +103,8 @@ def _print_difference(names: tuple[str, str], difference: LogDifference, summari
         click.echo(f"identical, bit for bit: {of}")
     else:
         first = difference.signals[0]
-        click.echo(f"DIFFERENT from {first.first_s:.4f} s on: {first.path} is {first.one!r} and {first.other!r}")
+        path = show_controls(first.path)
+        click.echo(f"DIFFERENT from {first.first_s:.4f} s on: {path} is {first.one!r} and {first.other!r}")
         click.echo(f"{len(difference.signals)} numbers differ, out of {of}")
         table = new_table("signal", ">first (s)", ">largest difference", unwrapped=("signal",))
         for signal in difference.signals[:SHOWN]:
@@ -111,7 +113,8 @@ def _print_difference(names: tuple[str, str], difference: LogDifference, summari
         _print_metrics(names, summaries)
     for name, paths in zip(names, (difference.only_one, difference.only_other), strict=True):
         if paths:
-            click.echo(f"only in {name}: {', '.join(paths[:SHOWN])}{', …' if len(paths) > SHOWN else ''}")
+            shown = show_controls(", ".join(paths[:SHOWN]))
+            click.echo(f"only in {name}: {shown}{', …' if len(paths) > SHOWN else ''}")
 
 
 def _print_metrics(names: tuple[str, str], summaries: list[dict[str, Any]]) -> None:

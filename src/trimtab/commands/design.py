@@ -21,6 +21,7 @@ from trimtab.commands.design_theorem import (
 )
 from trimtab.commands.options import FILE, JSON, OUT, parse_settings
 from trimtab.commands.output import check_out, print_files, print_json, write_text
+from trimtab.core.control_characters import show_controls
 from trimtab.core.errors import InputError, closest
 from trimtab.design.certificate import Certificate, design_certificate
 from trimtab.design.certificate_check import prove_certificate
@@ -223,13 +224,13 @@ def _proof_json(certificate: Certificate, proof: CertificateProof) -> dict[str, 
 
 def _print_design(certificate: Certificate, proof: CertificateProof, file: Path | None) -> None:
     settings = ", ".join(f"{n} {v:.7g}" if isinstance(v, float) else f"{n} {v}" for n, v in certificate.about.items())
-    click.echo(f"{certificate.system}: {settings}")
+    click.echo(show_controls(f"{certificate.system}: {settings}"))
     if file is None:
         click.echo("gain, v = +K e:")
         width = max(len(n) for n in (*certificate.states, *certificate.inputs))
-        click.echo(" " * (width + 2) + " ".join(f"{n:>13}" for n in certificate.states))
+        click.echo(" " * (width + 2) + " ".join(f"{n:>13}" for n in map(show_controls, certificate.states)))
         for name, row in zip(certificate.inputs, certificate.K, strict=True):
-            click.echo(f"  {name:<{width}}" + " ".join(f"{v:13.7g}" for v in row))
+            click.echo(f"  {show_controls(name):<{width}}" + " ".join(f"{v:13.7g}" for v in row))
     click.echo("poles of A + B K: " + ", ".join(format_pole(p) for p in certificate.poles if p.imag >= 0))
     if certificate.observer is not None:
         o = certificate.observer

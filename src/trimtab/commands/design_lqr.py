@@ -10,6 +10,7 @@ import numpy as np
 
 from trimtab.commands.options import AT
 from trimtab.commands.output import new_table, print_files, print_json, print_table, write_text
+from trimtab.core.control_characters import show_controls
 from trimtab.core.errors import InputError
 from trimtab.design.bryson import fed_back_states, weigh_by_limits
 from trimtab.design.certificate import Certificate, design_certificate
@@ -243,7 +244,7 @@ def _gain_json(certificate: Certificate, proof: CertificateProof) -> dict[str, A
 
 def _print_gain(certificate: Certificate, proof: CertificateProof) -> None:
     table = new_table("gain, u = u0 + K e", *(f">{n}" for n in certificate.inputs))
-    click.echo(certificate.system)
+    click.echo(show_controls(certificate.system))
     for name, column in zip(certificate.states, certificate.K.T, strict=True):
         table.add_row(name, *(f"{v:.6g}" for v in column))
     print_table(table)
@@ -253,4 +254,4 @@ def _print_gain(certificate: Certificate, proof: CertificateProof) -> None:
     failed = [c for c in proof.conditions if not c.holds]
     click.echo(f"{len(proof.conditions) - len(failed)} of {len(proof.conditions)} conditions proved exactly")
     for c in failed:
-        click.echo(f"  NOT: {c.name}: {c.number:.6g} {c.meaning}; {c.why}")
+        click.echo(show_controls(f"  NOT: {c.name}: {c.number:.6g} {c.meaning}; {c.why}"))

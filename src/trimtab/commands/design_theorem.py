@@ -9,6 +9,7 @@ import click
 
 from trimtab import scenarios
 from trimtab.commands.output import new_table, print_files, print_json, print_table, write_text
+from trimtab.core.control_characters import show_controls
 from trimtab.core.errors import InputError
 from trimtab.design.attraction import find_region
 from trimtab.design.certified_system import system_settings
@@ -96,7 +97,7 @@ def print_conditions(title: str, proof: CertificateProof) -> None:
     print_table(table)
     for c in proof.conditions:
         if c.why:
-            click.echo(f"{'' if c.holds else 'FAILS  '}{c.name}: {c.why}")
+            click.echo(show_controls(f"{'' if c.holds else 'FAILS  '}{c.name}: {c.why}"))
 
 
 def _build_theorem(name: str, settings: Mapping[str, Any]) -> LawTheorem:
@@ -127,12 +128,12 @@ def _print_theorem(theorem: LawTheorem, certificate: TheoremCertificate) -> None
     for name, rate in theorem.field.items():
         click.echo(f"  {name}' = {rate}")
     if certificate.lyapunov is not None:
-        click.echo(f"  V = {certificate.lyapunov}")
+        click.echo(show_controls(f"  V = {certificate.lyapunov}"))
     if certificate.level is not None:
         click.echo(f"  c = {certificate.level}")
     proof = certificate.proofs.get(FALLS)
     if proof is not None:
-        click.echo(f"  -dV/dt = {_sum_in_words(proof)}")
+        click.echo(show_controls(f"  -dV/dt = {_sum_in_words(proof)}"))
 
 
 def _sum_in_words(proof: SquaresProof) -> str:

@@ -41,6 +41,7 @@ from trimtab.console.address import ConsoleAddress
 from trimtab.console.hello import describe_flight
 from trimtab.console.process import open_console
 from trimtab.core.cache_folder import enable_cache
+from trimtab.core.control_characters import KEPT, show_controls
 from trimtab.core.errors import InputError
 from trimtab.core.interfaces import Link
 from trimtab.core.record import replace
@@ -202,7 +203,7 @@ def _fly_real_time(
     """Fly, and return the result and the granted scheduling. address: of the console; None: no console."""
 
     def echo(text: str) -> None:
-        click.echo(text, err=quiet)
+        click.echo(show_controls(text, KEPT), err=quiet)
 
     machine = current_machine()
     lines, stamps = machine.write_lines(echo), machine.store_stamps_ahead(autopilot.endpoint)
@@ -257,7 +258,7 @@ def _print_flight(result: Mapping[str, Any], granted: str) -> None:
     if counts["disordered"]:
         click.echo(f"{counts['disordered']} frames were numbered out of order: their losses are unknown")
     for problem in result["problems"]:
-        click.echo(f"problem: {problem}")
+        click.echo(show_controls(f"problem: {problem}", KEPT))
     if log is not None and (log["dropped"] or log["unwritten"]):
         click.echo(f"log: {log['dropped']} rows lost for lack of memory, {log['unwritten']} for lack of disk space")
 

@@ -7,6 +7,7 @@ from typing import Any
 import click
 
 from trimtab.commands.output import new_table, print_table
+from trimtab.core.control_characters import show_controls
 from trimtab.core.errors import InputError
 from trimtab.logs.foreign import detect_format, is_own_log, list_topics, read_foreign
 from trimtab.logs.foreign.tables import TopicSummary
@@ -22,7 +23,7 @@ def read_own_log(file: Path) -> Log:
     """Read a log of trimtab. Print a warning for each gap in it."""
     log = read_mcap(file)
     for gap in log.metadata.get("gaps", ()):
-        click.echo(f"warning: {file.name}: {gap['text']}", err=True)
+        click.echo(show_controls(f"warning: {file.name}: {gap['text']}"), err=True)
     return log
 
 

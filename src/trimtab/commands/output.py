@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from trimtab.commands.written_files import check_new, note_written
+from trimtab.core.control_characters import show_controls
 from trimtab.core.errors import InputError
 from trimtab.logs.log_limit import list_files, round_size
 
@@ -103,11 +104,13 @@ def new_table(*headings: str, title: str | None = None, unwrapped: Sequence[str]
 def print_table(table: "Table") -> None:
     """Print a table; if it is too wide, wrap headings and words, but never numbers.
 
-    A table that still does not fit is printed row by row.
+    A table that still does not fit is printed row by row. Control characters in cells are shown as escapes.
     """
     from rich.text import Text
 
     screen = console()
+    for column in table.columns:
+        vars(column)["_cells"] = [show_controls(cell) if isinstance(cell, str) else cell for cell in column.cells]
     rows = list(zip(*(column.cells for column in table.columns), strict=True))
     if not rows or _fit_columns(table, screen):
         screen.print(table)

@@ -38,6 +38,7 @@ from trimtab.commands.options import (
 from trimtab.commands.output import new_log, print_json, print_log_size
 from trimtab.commands.progress import show_spinner
 from trimtab.core.cache_folder import enable_cache
+from trimtab.core.control_characters import KEPT, show_controls
 from trimtab.core.errors import InputError
 from trimtab.core.interfaces import Link
 from trimtab.core.record import replace
@@ -250,7 +251,7 @@ def _print_service(result: dict[str, Any], out: Path | None) -> None:
     if "mode" in result:
         refused = _format_refused_frames(result["wire"])
         for problem in result["problems"]:
-            click.echo(f"problem: {problem}")
+            click.echo(show_controls(f"problem: {problem}", KEPT))
         click.echo(f"at the end: {result['mode']}, {result['cause']}; rejected frames: {refused}")
     if out is not None:
         print_log_size(result.get("log"))

@@ -15,6 +15,8 @@ from functools import partial
 from pathlib import Path
 from typing import Any
 
+from trimtab.core.control_characters import KEPT, show_controls
+
 
 class InputError(ValueError):
     """Input refused before anything ran.
@@ -35,11 +37,11 @@ class InputError(ValueError):
 
     def __init__(self, part: str, problem: str, *, choices: Iterable[str] = (), fix: str = "") -> None:
         self.part, self.problem, self.choices, self.fix = part, problem, tuple(choices), fix
-        text = f"{part}: {problem.rstrip('.')}."
+        text = f"{show_controls(part)}: {show_controls(problem, KEPT).rstrip('.')}."
         if self.choices:
-            text += f"\nChoices: {', '.join(self.choices)}."
+            text += f"\nChoices: {show_controls(', '.join(self.choices))}."
         if fix:
-            text += f"\nFix: {fix}"
+            text += f"\nFix: {show_controls(fix, KEPT)}"
         super().__init__(text)
 
     def __reduce__(self) -> tuple[Any, ...]:

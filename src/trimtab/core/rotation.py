@@ -16,6 +16,9 @@ from trimtab.core.record import Scalar
 DEG = np.pi / 180
 """One degree (rad)."""
 
+STEEP = 0.99
+"""Sine of the pitch above which a rotation counts as near the vertical."""
+
 
 def wrap(angle: Scalar) -> Scalar:
     """Return an angle (rad) as its equal in [-pi, pi)."""
@@ -47,11 +50,18 @@ def from_euler(roll: Scalar, pitch: Scalar, yaw: Scalar) -> Any:
 
 
 def to_euler(R_WB: Any) -> Any:
-    """Roll, pitch, yaw (3,) of a rotation (3, 3). At pitch ±90° roll and yaw are not unique: roll is given as 0."""
-    pitch = -jnp.arcsin(jnp.clip(R_WB[2, 0], -1, 1))
-    singular = jnp.abs(R_WB[2, 0]) > 1 - 1e-12
-    roll = jnp.where(singular, 0.0, jnp.arctan2(R_WB[2, 1], R_WB[2, 2]))
-    yaw = jnp.where(singular, jnp.arctan2(-R_WB[0, 1], R_WB[1, 1]), jnp.arctan2(R_WB[1, 0], R_WB[0, 0]))
+    """Roll, pitch, yaw (3,) of a rotation (3, 3).
+
+    Near the vertical, pitch and yaw are those of the rotation without its roll: in any precision, the angles give the
+    rotation back. At pitch ±90° roll and yaw are not unique: only their sum or difference is.
+    """
+    steep = jnp.abs(R_WB[2, 0]) > STEEP
+    roll = jnp.arctan2(R_WB[2, 1], R_WB[2, 2])
+    c, s = jnp.cos(roll), jnp.sin(roll)
+    near = jnp.arctan2(-R_WB[2, 0], c * R_WB[2, 2] + s * R_WB[2, 1])
+    pitch = jnp.where(steep, near, -jnp.arcsin(jnp.clip(R_WB[2, 0], -1, 1)))
+    turned = jnp.arctan2(s * R_WB[0, 2] - c * R_WB[0, 1], c * R_WB[1, 1] - s * R_WB[1, 2])
+    yaw = jnp.where(steep, turned, jnp.arctan2(R_WB[1, 0], R_WB[0, 0]))
     return jnp.stack([roll, pitch, yaw])
 
 

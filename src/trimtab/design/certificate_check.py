@@ -30,10 +30,14 @@ from trimtab.design.proof import (
     definite_condition,
     evaluate_lines,
     identity_condition,
+    version_line,
 )
 
 SAME = 1e-6
 """Largest relative deviation of a recomputed number from the recorded one."""
+SLOW = 1e-7
+"""Size of a pole, relative to the fastest, below which its rounding is no longer small; it is compared with this size
+instead."""
 ROBUST = {"K": 0.0, "K + R_e^-1 B'P/2": 0.5, "K - R_e^-1 B'P/2": -0.5}
 FLOATS = "floats"
 
@@ -54,6 +58,7 @@ def prove_certificate(
         lines += system.loop_lines(certificate)
     lines += number_lines(certificate, system)
     if written is not None:
+        lines.append(version_line(certificate.version))
         lines.append(("the file is as it was written", lambda: _digest_condition(certificate, written)))
     return evaluate_lines(lines)
 
@@ -189,12 +194,17 @@ def rational_observer(c: Certificate, o: ObserverPart) -> composite.Observer:
 
 
 def _poles_condition(now: Any, then: Any) -> ProofCondition:
-    """Compare each pole with its own recorded one, in pairs, so that none is counted twice or left out."""
+    """Compare each pole with its own recorded one, in pairs, so that none is counted twice or left out.
+
+    Each deviation is relative to the pole's own size, so that a slow pole beside fast ones counts.
+    """
     if now.shape != then.shape:
         raise ValueError(f"{then.shape} poles recorded, there are {now.shape}")
     apart = np.abs(now[:, None] - then[None, :])
     rows, columns = linear_sum_assignment(apart)
     paired = apart[rows, columns]
-    worst, off = int(paired.argmax()), float(paired.max() / np.abs(now).max())
+    own = np.abs(now[rows]) + SLOW * np.abs(now).max()
+    ratio = paired / np.where(own > 0, own, 1.0)
+    worst, off = int(ratio.argmax()), float(ratio.max())
     why = f"now {format_pole(now[rows[worst]])}, recorded {format_pole(then[columns[worst]])}"
     return ProofCondition("", off <= SAME, off, "relative deviation", FLOATS, "" if off <= SAME else why)

@@ -4,19 +4,28 @@ Offline code: LAPACK and scipy.
 
 Source: [1] B. D. O. Anderson, J. B. Moore, "Optimal control: linear quadratic methods", Prentice Hall 1990, chapters 2,
 3; [2] W. F. Arnold, A. J. Laub, "Generalized eigenproblem algorithms and software for algebraic Riccati equations",
-Proc. IEEE 72 (1984), for the solver and the need to scale.
+Proc. IEEE 72 (1984), for the solver and the need to scale; [3] D. L. Kleinman, "On an iterative technique for Riccati
+equation computations", IEEE Trans. AC-13 (1968).
 """
 
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy.linalg import cholesky, solve_continuous_are, solve_triangular
+from scipy.linalg import cholesky, solve_continuous_are, solve_continuous_lyapunov, solve_triangular
 
 from trimtab.core.errors import InputError, argument
 from trimtab.design.poles import format_pole, sorted_poles, uncontrollable_poles
 
 AXIS = 1e-9
 """Size of a real part, relative to the scaled A, that counts as zero."""
+EXACT = 1e-11
+"""Residual of the Riccati equation at which no further step is taken."""
+RESIDUAL_MAX = 1e-9
+"""Largest residual of the Riccati equation of an accepted gain."""
+STEPS_MAX = 8
+"""Largest number of steps of Newton's method [3]."""
+SEEN = 1e-12
+"""Smallest eigenvalue of Q, for states of equal weight, that counts as above zero."""
 
 
 class Lqr(NamedTuple):
@@ -71,17 +80,60 @@ def lqr(A: Any, B: Any, Q: Any, R: Any, *, scale: Any = None) -> Lqr:
             f"acts: {argument('at', 'NAME=VALUE')}"
         ),
     )
-    _refuse_pair("lqr", "the weight Q does not see", As.T, Qs, "give the states of this pole a weight")
-    try:
-        X = solve_continuous_are(As, Bs, Qs, np.eye(len(R)))
-    except np.linalg.LinAlgError as error:
-        raise InputError("lqr", f"no stabilising solution: {error}", fix="scale the states, or change Q") from error
-    X = (X + X.T) / 2
+    unseen = "give the states of this pole a weight"
+    _refuse_pair("lqr", "the weight Q does not see", As.T, _weight_columns(Qs), unseen)
+    X, residual = _solve_riccati(As, Bs, Qs, (np.ones(len(d)), 1 / d))
     P = X / np.outer(d, d)
     K = -np.linalg.solve(R, B.T @ P)
-    terms = (As.T @ X, X @ As, -(X @ Bs) @ (Bs.T @ X), Qs)
-    residual = np.abs(sum(terms)).max() / max(np.abs(t).max() for t in terms)
-    return Lqr(K, P, sorted_poles(As + (B / d[:, None]) @ (K * d)), float(residual))
+    poles = sorted_poles(As + (B / d[:, None]) @ (K * d))
+    if not residual <= RESIDUAL_MAX or poles[0].real >= 0:
+        problem = f"no stabilising solution: residual {residual:.3g}, rightmost pole {format_pole(poles[0])}"
+        raise InputError("lqr", problem, fix="choose other sizes of the states, or change Q or R")
+    return Lqr(K, P, poles, residual)
+
+
+def _solve_riccati(A: Any, B: Any, Q: Any, sizes: tuple[Any, ...]) -> tuple[Any, float]:
+    """Return P of the scaled equation with R = I, and its relative residual; infinite without a stabilising solution.
+
+    The equation is solved in units of each of the sizes (n,), until the residual is small. Newton's method [3] improves
+    each solution.
+    """
+    best, least = np.zeros_like(Q), float("inf")
+    for d in sizes:
+        a, b, q = A * d / d[:, None], B / d[:, None], Q * np.outer(d, d)
+        try:
+            with np.errstate(invalid="ignore"):  # SciPy's balancing asks for more than 2^63
+                X = solve_continuous_are(a, b, q, np.eye(b.shape[1]))
+        except (np.linalg.LinAlgError, ValueError):
+            continue
+        for _ in range(STEPS_MAX):
+            P = (X + X.T) / 2 / np.outer(d, d)
+            closed = a - b @ (b.T @ X)
+            if not (np.isfinite(X).all() and np.linalg.eigvals(closed).real.max() < 0):
+                break
+            residual = _riccati_residual(A, B, Q, P)
+            if residual >= least:
+                break
+            best, least = P, residual
+            if least <= EXACT:
+                return best, least
+            gain = b.T @ X
+            X = solve_continuous_lyapunov(closed.T, -(q + gain.T @ gain))
+            X = (X + X.T) / 2
+    return best, least
+
+
+def _riccati_residual(A: Any, B: Any, Q: Any, P: Any) -> float:
+    terms = (A.T @ P, P @ A, -(P @ B) @ (B.T @ P), Q)
+    return float(np.abs(sum(terms)).max() / max(np.abs(t).max() for t in terms))
+
+
+def _weight_columns(Q: Any) -> Any:
+    """Return H (n, k) with H H' = Q, without the directions that have no weight."""
+    d = np.sqrt(np.where(np.diag(Q) > 0, np.diag(Q), 1.0))
+    values, vectors = np.linalg.eigh(Q / np.outer(d, d))
+    seen = values > SEEN * max(values[-1], 0.0)
+    return d[:, None] * vectors[:, seen] * np.sqrt(values[seen])
 
 
 def kalman_bucy(A: Any, C: Any, Q: Any, R: Any, *, scale: Any = None) -> KalmanBucy:

@@ -13,6 +13,9 @@ from scipy.linalg import get_lapack_funcs, schur, solve_sylvester
 UNCONTROLLABLE = 1e-9
 """Ratio of singular values of [s I - A, B], scaled, below which it loses rank."""
 
+COLUMN = 1e-12
+"""Length of a column of B, relative to the longest, below which it may be rounding."""
+
 
 def sorted_poles(A: Any) -> Any:
     """Return the eigenvalues of A (n, n), by falling real part; always complex numbers."""
@@ -45,8 +48,15 @@ def participation(A: Any, pole: complex, distance: float) -> Any:
 
 
 def uncontrollable_poles(A: Any, B: Any) -> tuple[complex, ...]:
-    """Return the eigenvalues of A (n, n), scaled, that B (n, m) does not move. Source: Popov, Belevitch, Hautus."""
+    """Return the eigenvalues of A (n, n), scaled, that B (n, m) does not move. Source: Popov, Belevitch, Hautus.
+
+    The result does not depend on the units of the inputs: each column of B counts as long as A is large. A column that
+    is COLUMN times shorter than the longest may be rounding and keeps its share.
+    """
     n = len(A)
+    columns = np.linalg.norm(B, axis=0)
+    least = COLUMN * columns.max(initial=0.0)
+    B = B / np.where(columns > 0, np.maximum(columns, least), 1.0) * max(np.abs(A).max(initial=0.0), 1e-300)
     poles = []
     for s in np.linalg.eigvals(A):
         # rows of unit length, so that a slow state does not count as uncontrollable

@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy.linalg import eigh
 
+from trimtab import __version__
 from trimtab.core.errors import InputError
 from trimtab.design import exact
 
@@ -56,6 +57,18 @@ def evaluate_lines(lines: Iterable[Line]) -> CertificateProof:
             condition = ProofCondition(name, False, float("nan"), "not computable", "", str(error))
         conditions.append(condition._replace(name=name))
     return CertificateProof(tuple(conditions), all(c.holds for c in conditions))
+
+
+def version_line(written: str) -> Line:
+    """Return the condition that this version wrote the certificate.
+
+    No other version's word can be proved, because the conditions are those of this version.
+    """
+    same = written == __version__
+    why = "" if same else f"the file says {written!r}, this is {__version__}; design again with --out to renew it"
+    return "version is that of this package", lambda: ProofCondition(
+        "", same, float(not same), "differences", "text", why
+    )
 
 
 def definite_condition(M: Any, names: Sequence[str], unit: Any = None, label: str = "its diagonal") -> ProofCondition:

@@ -19,7 +19,7 @@ from trimtab.core.signals import Estimate
 from trimtab.design.certified_system import Setting
 from trimtab.design.gram_search import GramSearch
 from trimtab.design.polynomial import Polynomial, as_polynomial, constant, lie_derivative_of, symbol
-from trimtab.design.proof import CertificateProof, Line, ProofCondition, evaluate_lines
+from trimtab.design.proof import CertificateProof, Line, ProofCondition, evaluate_lines, version_line
 from trimtab.design.squares import (
     DEFINITE,
     NONNEGATIVE,
@@ -168,6 +168,7 @@ def prove_theorem(
     lines += theorem.lines
     if digests is not None:
         why = "the file was changed after it was written; the other lines say what that did"
+        lines.append(version_line(certificate.version))
         lines.append(("the file is as it was written", lambda: _verdict(digests[0] == digests[1], why, how="SHA-256")))
     return evaluate_lines(lines)
 

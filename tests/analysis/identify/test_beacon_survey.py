@@ -81,5 +81,38 @@ def test_what_cannot_be_surveyed_is_refused():
         survey_beacons(ranges, odometry[:-1], range_noise=RANGE, odometry_noise=STEP)
     with pytest.raises(InputError, match="noise"):
         survey_beacons(ranges, odometry, range_noise=0.0, odometry_noise=STEP)
-    with pytest.raises(InputError, match="beacon 0 answered lie on one line"):
-        survey_beacons(ranges, odometry * [1, 0], range_noise=RANGE, odometry_noise=STEP)
+    few = np.where(np.arange(60)[:, None] < [60, 3, 60, 60], 3.0, np.nan)
+    with pytest.raises(InputError, match="beacon 1 answered 3 pings"):
+        survey_beacons(few, odometry, range_noise=RANGE, odometry_noise=STEP)
+    with pytest.raises(InputError, match="at one place"):
+        survey_beacons(ranges, 0 * odometry, range_noise=RANGE, odometry_noise=STEP)
+
+
+@pytest.mark.parametrize(("range_noise", "step_noise"), [(1e-3, 5e-3), (4e-3, 4e-3), (1e-3, 1e-3), (1e-4, 1e-2)])
+@pytest.mark.parametrize("turn", [0.0, 0.7])
+def test_a_straight_path_is_refused(range_noise, step_noise, turn):
+    """The side and the height of a beacon look the same from a line, whatever millimetres the odometry adds."""
+    path = np.stack([np.arange(6.0), np.array([0, 5, -3, 4, -2, 1]) * 1e-3], axis=1)
+    ranges = np.hypot(np.arange(6.0) - 2.0, np.hypot(3.0, 2.5))[:, None]
+    R = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]])
+    with pytest.raises(InputError, match="do not determine beacon 0"):
+        survey_beacons(ranges, np.diff(path @ R.T, axis=0), range_noise=range_noise, odometry_noise=step_noise)
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_far_beacons_from_small_loops_are_right_or_refused(seed):
+    draws, beacon = np.random.default_rng(seed), np.array([10.0, 8.0, -3.0])
+    s = np.linspace(0, 2 * np.pi, 12, endpoint=False)
+    path = np.stack([np.cos(s) - 1, 0.5 * np.sin(s)], axis=1)
+    exact = np.linalg.norm(np.concatenate([path, np.zeros((12, 1))], axis=1) - beacon, axis=1)[:, None]
+    for noise in (0.1, 0.01):
+        try:
+            found = survey_beacons(
+                exact + noise * draws.standard_normal((12, 1)),
+                np.diff(path, axis=0) + 0.002 * draws.standard_normal((11, 2)),
+                range_noise=noise,
+                odometry_noise=0.002,
+            )
+        except InputError:
+            continue
+        assert (np.abs(found.beacons[0] - beacon) < 5 * found.standard_errors()[0]).all()

@@ -3,12 +3,26 @@
 [1] is Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of Maryland, 2006.
 """
 
-from typing import Any
+from collections.abc import Callable
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from trimtab.core.errors import InputError
 from trimtab.core.record import Scalar, quantity, record
+
+ANGLES = np.radians([15.0, 60.0, 90.0, 120.0, 165.0])
+"""Angles of the starts about the path's main line (rad), at which a beacon has the same distance from the line."""
+DAMPING, DAMPING_MAX = 1e-3, 1e12
+"""First and largest damping of a step, relative to the diagonal of J'J."""
+CONVERGED = 1e-8
+"""Largest step, in standard errors of its unknowns, at which the search ends."""
+EQUAL = 12.0
+"""Difference of two sums of squares, in units of their mean residual, below which both solutions are possible."""
+APART = 5.0
+"""Distance of two solutions, in standard errors, above which they differ."""
+DETERMINED = 0.1
+"""Largest standard error of a coordinate, relative to the beacon's distance, of an accepted survey."""
 
 
 @record
@@ -23,7 +37,7 @@ class BeaconSurvey:
     covariance: Any = quantity("m^2", "Covariance of each beacon's position (n, 3, 3).")
     path: Any = quantity("m", "North, east of the unit at each ping (k, 2).", frame="W")
     residual: Scalar = quantity("1", "Root of the sum of squared weighted residuals over their degrees of freedom.")
-    iterations: Scalar = quantity("1", "Steps of Gauss and Newton.", kind="count")
+    iterations: Scalar = quantity("1", "Steps of Levenberg and Marquardt.", kind="count")
 
     def standard_errors(self) -> Any:
         """Return standard errors of the beacons' coordinates (m), (n, 3), from the given noise of ranges, odometry."""
@@ -31,7 +45,7 @@ class BeaconSurvey:
 
 
 def survey_beacons(
-    ranges: Any, odometry: Any, *, range_noise: float, odometry_noise: float, iterations: int = 30
+    ranges: Any, odometry: Any, *, range_noise: float, odometry_noise: float, iterations: int = 100
 ) -> BeaconSurvey:
     """Estimate beacons and path by least squares over all pings, from ranges and the steps between them.
 
@@ -41,26 +55,111 @@ def survey_beacons(
             navigation. Its frame becomes W, with the place of the first ping as origin.
         range_noise: standard deviation of a range (m).
         odometry_noise: standard deviation of each coordinate of a step (m).
-        iterations: maximum number of Gauss-Newton steps.
+        iterations: maximum number of damped steps from each start.
 
     The unit stays at down = 0 and the beacons are above it. Each beacon needs four pings that are not on one line.
+
+    Raises: InputError if no search converges, if several places fit the ranges equally well, or if the standard error
+    of a coordinate exceeds DETERMINED times the distance.
     """
     ranges, odometry = _check_ranges(ranges, odometry, range_noise, odometry_noise)
     k, n = ranges.shape
     path = np.concatenate([np.zeros((1, 2)), np.cumsum(odometry, axis=0)])
-    beacons = np.stack([_guess_beacon(path, ranges[:, j], j) for j in range(n)])
-    x = np.concatenate([beacons.ravel(), path[1:].ravel()])
-    done, step = 0, np.full(1, np.inf)
-    while done < iterations and np.abs(step).max() >= 1e-10:
-        r, J = _weighted_residuals(x, ranges, odometry, range_noise, odometry_noise)
-        step = np.linalg.solve(J.T @ J, -J.T @ r)
-        x, done = x + step, done + 1
-    r, J = _weighted_residuals(x, ranges, odometry, range_noise, odometry_noise)
-    covariance = np.linalg.inv(J.T @ J)
-    blocks = np.stack([covariance[3 * j : 3 * j + 3, 3 * j : 3 * j + 3] for j in range(n)])
-    rest = float(np.sqrt(r @ r / max(len(r) - len(x), 1)))
-    path = np.concatenate([np.zeros((1, 2)), x[3 * n :].reshape(k - 1, 2)])
-    return BeaconSurvey(x[: 3 * n].reshape(n, 3), blocks, path, rest, done)
+
+    def residuals(x: Any) -> tuple[Any, Any]:
+        return _weighted_residuals(x, ranges, odometry, range_noise, odometry_noise)
+
+    found = []
+    for angle in ANGLES:
+        beacons = np.stack([_guess_beacon(path, ranges[:, j], j, angle) for j in range(n)])
+        end = _search(residuals, np.concatenate([beacons.ravel(), path[1:].ravel()]), iterations)
+        if end is not None:
+            found.append(_put_above(end, n))
+    if not found:
+        fix = "drive loops as wide as the beacons are high; leave out ranges that are wrong by much"
+        raise InputError("survey", f"no search converges in {iterations} steps", fix=fix)
+    best = min(found, key=lambda end: end.cost)
+    dof = max(int(np.isfinite(ranges).sum()) + 2 * (k - 1) - len(best.x), 1)
+    rest = float(np.sqrt(best.cost / dof))
+    _refuse_doubt(best, found, n, path, EQUAL * max(1.0, rest**2))
+    blocks = np.stack([best.covariance[3 * j : 3 * j + 3, 3 * j : 3 * j + 3] for j in range(n)])
+    path = np.concatenate([np.zeros((1, 2)), best.x[3 * n :].reshape(k - 1, 2)])
+    return BeaconSurvey(best.x[: 3 * n].reshape(n, 3), blocks, path, rest, best.steps)
+
+
+class _End(NamedTuple):
+    """End of a search. x: unknowns.  cost: sum of squares.  covariance: of x.  steps: number of steps."""
+
+    x: Any
+    cost: float
+    covariance: Any
+    steps: int
+
+
+def _put_above(end: _End, n: int) -> _End:
+    """Return the end with all beacons above the unit; a beacon below it has the same ranges."""
+    sign = np.ones(len(end.x))
+    sign[2 : 3 * n : 3] = np.where(end.x[2 : 3 * n : 3] > 0, -1.0, 1.0)
+    return end._replace(x=end.x * sign, covariance=end.covariance * np.outer(sign, sign))
+
+
+def _search(residuals: Callable[[Any], tuple[Any, Any]], x: Any, iterations: int) -> _End | None:
+    """Return the end of a damped search, or None if it does not converge or its unknowns are not determined.
+
+    Source: D. W. Marquardt, "An algorithm for least-squares estimation of nonlinear parameters", SIAM J. 11 (1963).
+    """
+    damping, done = DAMPING, 0
+    r, J = residuals(x)
+    for _ in range(iterations):
+        done += 1
+        normal, gradient = J.T @ J, J.T @ r
+        size = np.diag(normal)
+        try:
+            step = -np.linalg.solve(normal + damping * np.diag(size), gradient)
+        except np.linalg.LinAlgError:
+            return None
+        there, slope = residuals(x + step)
+        if np.isfinite(there).all() and there @ there <= r @ r:
+            x, r, J, damping = x + step, there, slope, max(damping / 10, 1e-12)
+            if np.abs(step * np.sqrt(size)).max() <= CONVERGED:
+                break
+        elif np.abs(step * np.sqrt(size)).max() <= CONVERGED:
+            break
+        else:
+            damping *= 10
+            if damping > DAMPING_MAX:
+                return None
+    else:
+        return None
+    scale = np.sqrt(np.diag(J.T @ J))
+    if np.linalg.cond(J / scale) > 1 / np.sqrt(np.finfo(float).eps):
+        return None
+    inverse = np.linalg.inv((J / scale).T @ (J / scale)) / np.outer(scale, scale)
+    return _End(x, float(r @ r), inverse, done)
+
+
+def _refuse_doubt(best: _End, found: list[_End], n: int, path: Any, near: float) -> None:
+    """Raise InputError if other places fit as well, or if the best one is not determined.
+
+    near: difference of the sums of squares below which both fit equally well.
+    """
+    fix = "drive a loop under it, as wide as the beacon is high, and measure more ranges"
+    errors = np.sqrt(np.diag(best.covariance)[: 3 * n]).reshape(n, 3)
+    places = best.x[: 3 * n].reshape(n, 3)
+    middle = np.append(path.mean(axis=0), 0.0)
+    for j in range(n):
+        distance = float(np.linalg.norm(places[j] - middle))
+        if not errors[j].max() <= DETERMINED * distance:
+            problem = (
+                f"the ranges do not determine beacon {j}: standard error {errors[j].max():.3g} m at {distance:.3g} m"
+            )
+            raise InputError("survey", problem, fix=fix)
+        for other in found:
+            there = other.x[3 * j : 3 * j + 3]
+            if other.cost - best.cost <= near and (np.abs(there - places[j]) > APART * errors[j]).any():
+                texts = (np.array2string(p, precision=3, suppress_small=True) for p in (places[j], there))
+                problem = f"two places of beacon {j} fit the ranges equally well: {' and '.join(texts)} m"
+                raise InputError("survey", problem, fix=fix)
 
 
 def _check_ranges(ranges: Any, odometry: Any, range_noise: float, odometry_noise: float) -> tuple[Any, Any]:
@@ -74,18 +173,26 @@ def _check_ranges(ranges: Any, odometry: Any, range_noise: float, odometry_noise
     return ranges, odometry
 
 
-def _guess_beacon(path: Any, ranges: Any, number: int) -> Any:
-    """Estimate a beacon (3,) from rho^2 = |p|^2 - 2 p.b + c, linear in b and c = |b|^2 + h^2, for the path as given."""
+def _guess_beacon(path: Any, ranges: Any, number: int, angle: float) -> Any:
+    """Estimate a beacon (3,), from its position along the path's main line and its distance from the line.
+
+    rho^2 = s^2 - 2 a s + c is linear in a and c, with s along the line and c - a^2 the square of the distance.
+    angle: of the beacon about the line (rad), from starboard upwards.
+    """
     there = np.isfinite(ranges)
-    A = np.concatenate([-2 * path[there], np.ones((there.sum(), 1))], axis=1)
-    if len(A) < 4 or np.linalg.matrix_rank(A - A.mean(0), tol=1e-3) < 2:
-        raise InputError(
-            "survey",
-            f"the {len(A)} pings that beacon {number} answered lie on one line, or are fewer than 4",
-            fix="drive a loop under it",
-        )
-    b = np.linalg.lstsq(A, ranges[there] ** 2 - (path[there] ** 2).sum(1), rcond=None)[0]
-    return np.array([b[0], b[1], -np.sqrt(max(b[2] - b[0] ** 2 - b[1] ** 2, 0.01))])
+    if there.sum() < 4:
+        problem = f"beacon {number} answered {there.sum()} pings; at least 4 are needed"
+        raise InputError("survey", problem, fix="drive a loop under it")
+    points, rho = path[there], ranges[there]
+    centre = points.mean(axis=0)
+    _, extent, axes = np.linalg.svd(points - centre)
+    s = (points - centre) @ axes[0]
+    if extent[0] == 0:
+        raise InputError("survey", f"the pings that beacon {number} answered are at one place", fix="drive a loop")
+    a, c = np.linalg.lstsq(np.stack([-2 * s, np.ones(len(s))], axis=1), rho**2 - s**2, rcond=None)[0]
+    away = np.sqrt(max(c - a * a, 0.01))
+    place = centre + a * axes[0] + away * np.cos(angle) * axes[1]
+    return np.array([*place, -away * np.sin(angle)])
 
 
 def _weighted_residuals(

@@ -32,6 +32,39 @@ def test_shares_are_of_the_scenarios_own_value():
     assert parse_distribution("normal(100%, 5%)").is_relative
 
 
+@pytest.mark.parametrize(
+    ("text", "median"),
+    [
+        ("truncated(0, 1, 10, 11)", 10.068409369547576),
+        ("truncated(0, 1, -11, -10)", -10.068409369547576),
+        ("truncated(0, 1, 40, 41)", 40.01731412676458),
+        ("truncated(0, 1, 12, 1e6)", 12.057234557007263),
+        ("truncated(0, 1, 990, 999)", 990.0007001477053),
+        ("truncated(0, 1, 1001, 1001.000001)", 1001.00000049987490),
+        ("truncated(0, 1, 15000, 16000)", 15000.000046209812),
+        ("truncated(110%, 1%, 120%, 130%)", 1.2006841183608144),
+    ],
+)
+def test_truncated_far_from_the_mean(text, median):
+    """The medians are roots of sf(z) = (sf(low) + sf(high))/2, computed with 60 digits."""
+    found = parse_distribution(text).quantile(U, 1.0)
+    bounds = parse_distribution(text).numbers(1.0)[2:]
+    near = min(bounds, key=abs)
+    assert abs(found[499] - near) == pytest.approx(abs(median - near), rel=2e-5)
+    assert len(np.unique(found)) == len(U)
+    assert (bounds[0] < found).all()
+    assert (found < bounds[1]).all()
+
+
+def test_std_of_log_is_a_pure_number():
+    one_sigma = np.array([stats.norm.cdf(1.0)])
+    assert parse_distribution("lognormal(2.6, 5%)").quantile(one_sigma, 100.0) == pytest.approx(2.6 * np.exp(0.05))
+    for text in ("lognormal(100%, 5%)", "lognormal(100%, 0.05)"):
+        assert parse_distribution(text).is_relative
+        assert parse_distribution(text).quantile(one_sigma, 100.0) == pytest.approx(100 * np.exp(0.05))
+    check_nominal("--spread x", parse_distribution("lognormal(2.6, 5%)"), 0.0)
+
+
 def test_a_choice_takes_each_as_often():
     picked = parse_distribution("choice(1, 2, 50%)").quantile((np.arange(3000) + 0.5) / 3000, 8.0)
     assert dict(zip(*np.unique(picked, return_counts=True), strict=True)) == {1.0: 1000, 2.0: 1000, 4.0: 1000}

@@ -3,7 +3,7 @@
     value = Q(u),   u uniform in (0, 1)
 
 so that points u of any design (random, Latin, Sobol) give values of any distribution. A number in the text may end in
-%: a percentage of the scenario's own value, as in normal(100%, 5%).
+%: a percentage of the scenario's own value, as in normal(100%, 5%). STD_OF_LOG is a pure number: 5% is 0.05.
 
 Source: inverse transform sampling, e.g. Devroye, "Non-uniform random variate generation", Springer 1986, chapter II.
 """
@@ -21,6 +21,10 @@ from trimtab.core.errors import InputError, argument_name, closest
 
 ALONG = "along"
 """Kind of a distribution that moves an array along a direction, by a standard normal multiple of that direction."""
+
+
+FAR = 1e3
+"""Standard deviations from the mean beyond which a normal tail is computed from its asymptotic series."""
 
 
 class Amount(NamedTuple):
@@ -46,7 +50,23 @@ class Distribution(NamedTuple):
     @property
     def is_relative(self) -> bool:
         """True if all numbers are shares, so that the distribution can scale a whole array."""
-        return bool(self.amounts) and all(a.share for a in self.amounts)
+        return bool(self.amounts) and all(a.share for a in self._sizes)
+
+    @property
+    def _sizes(self) -> tuple[Amount, ...]:
+        """Numbers in the parameter's own unit; the others are pure numbers, for which 5% is 0.05."""
+        pure = KINDS[self.kind].pure if self.kind in KINDS else ()
+        return tuple(a for i, a in enumerate(self.amounts) if i not in pure)
+
+    @property
+    def has_shares(self) -> bool:
+        """True if a number is a share of the scenario's own value."""
+        return any(a.share for a in self._sizes)
+
+    def numbers(self, nominal: float) -> list[float]:
+        """Return the numbers, with shares of the nominal value filled in."""
+        pure = KINDS[self.kind].pure
+        return [a.number if i in pure else a.of(nominal) for i, a in enumerate(self.amounts)]
 
     def quantile(self, u: Any, nominal: float) -> Any:
         """Return values at u (n,), uniform in (0, 1), of a parameter with the given nominal value."""
@@ -56,8 +76,8 @@ class Distribution(NamedTuple):
             return np.array([a.of(nominal) for a in self.amounts])[_index(u, len(self.amounts))]
         of = KINDS[self.kind].quantile
         if self.is_relative:
-            return nominal * of(u, *(a.number for a in self.amounts))
-        return of(u, *(a.of(nominal) for a in self.amounts))
+            return nominal * of(u, *self.numbers(1.0))
+        return of(u, *self.numbers(nominal))
 
     def pick(self, u: Any) -> Any:
         """Return the index (n,), from 0, of the choice at each u."""
@@ -65,11 +85,16 @@ class Distribution(NamedTuple):
 
 
 class Kind(NamedTuple):
-    """Kind of distribution. check: function that returns what is wrong with the numbers, or an empty text."""
+    """Kind of distribution.
+
+    check: function that returns what is wrong with the numbers, or an empty text.  pure: indices of the numbers without
+    the parameter's unit.
+    """
 
     usage: str
     quantile: Callable[..., Any]
     check: Callable[..., str]
+    pure: tuple[int, ...] = ()
 
 
 def _index(u: Any, n: int) -> Any:
@@ -77,8 +102,34 @@ def _index(u: Any, n: int) -> Any:
 
 
 def _truncated_normal(u: Any, mean: Any, std: Any, low: Any, high: Any) -> Any:
-    a, b = special.ndtr((low - mean) / std), special.ndtr((high - mean) / std)
-    return np.clip(mean + std * special.ndtri(a + u * (b - a)), low, high)
+    """Return quantiles of a normal distribution between bounds.
+
+    Probabilities near 1 have no digits left, so bounds above the mean are reflected to the lower tail. Bounds below the
+    mean are treated in logarithms.
+    """
+    u = np.asarray(u, np.float64)
+    a, b = (low - mean) / std, (high - mean) / std
+    if a > 0:
+        return -_truncated_normal(1 - u, -mean, std, -high, -low)
+    if b < -FAR:
+        return np.clip(high - std * _depth_in_tail(1 - u, -b, b - a), low, high)
+    if b < 0:
+        tails = special.log_ndtr(a), special.log_ndtr(b)
+        z = special.ndtri_exp(tails[1] + np.log(u + (1 - u) * np.exp(tails[0] - tails[1])))
+    else:
+        tails = special.ndtr(a), special.ndtr(b)
+        z = special.ndtri(tails[0] + u * (tails[1] - tails[0]))
+    return np.clip(mean + std * z, low, high)
+
+
+def _depth_in_tail(u: Any, a: Any, width: Any) -> Any:
+    """Return quantiles of z - a for a standard normal z between a and a + width, a above FAR.
+
+    They satisfy a t + t^2/2 + log(1 + t/a) = E, because sf(a + t)/sf(a) is exp(-E) to 1/a^4. E is exponential.
+    """
+    E = -np.log1p(u * np.expm1(-(a * width + width * width / 2 + np.log1p(width / a))))
+    t = 2 * E / (a + np.sqrt(a * a + 2 * E))
+    return t - np.log1p(t / a) / (a + t + 1 / (a + t))
 
 
 def _check_positive(*names: str) -> Callable[..., str]:
@@ -104,6 +155,7 @@ KINDS: Mapping[str, Kind] = {
         "lognormal(MEDIAN, STD_OF_LOG)",
         lambda u, median, spread: median * np.exp(spread * special.ndtri(u)),
         _check_positive("MEDIAN", "STD_OF_LOG"),
+        pure=(1,),
     ),
     "uniform": Kind(
         "uniform(LOW, HIGH)",
@@ -112,7 +164,7 @@ KINDS: Mapping[str, Kind] = {
     ),
     "loguniform": Kind(
         "loguniform(LOW, HIGH)",
-        lambda u, low, high: low * (high / low) ** u,
+        lambda u, low, high: low * np.exp(u * (np.log(high) - np.log(low))),
         lambda low, high: (
             _check_positive("LOW")(low) or ("" if low < high else f"LOW {low:g} must be below HIGH {high:g}")
         ),
@@ -141,7 +193,7 @@ def parse_distribution(text: str, part: str = "") -> Distribution:
     if name != ALONG and len(amounts) != kind.usage.count(",") + 1:
         raise InputError(part, f"{text!r} has the wrong number of numbers: {len(amounts)}", fix=f"write {kind.usage}")
     distribution = Distribution(text, name, amounts)
-    if not any(a.share for a in amounts) or distribution.is_relative:
+    if not distribution.has_shares or distribution.is_relative:
         _check_numbers(part, distribution, [a.number for a in amounts])
     return distribution
 
@@ -150,11 +202,11 @@ def check_nominal(part: str, distribution: Distribution, nominal: float) -> None
     """Raise InputError if the numbers, with shares of the nominal value filled in, are not valid."""
     if distribution.kind not in KINDS:
         return
-    if any(a.share for a in distribution.amounts) and nominal == 0:
+    if distribution.has_shares and nominal == 0:
         problem = f"{distribution.text}: the scenario's own value is 0, so a share of it is always 0"
         raise InputError(part, problem, fix="give numbers without %")
     if not distribution.is_relative:
-        _check_numbers(part, distribution, [a.of(nominal) for a in distribution.amounts])
+        _check_numbers(part, distribution, distribution.numbers(nominal))
 
 
 def _check_numbers(part: str, distribution: Distribution, numbers: list[float]) -> None:

@@ -194,7 +194,8 @@ def spread_arrays(spread: Spread, scenario: Scenario, values: Mapping[str, Any])
             array[(slice(None), *factor.at)] = drawn
         elif factor.distribution.kind == ALONG:
             array = arrays.setdefault(factor.path, np.repeat(nominal[None], len(drawn), axis=0))
-            direction = np.array([a.number for a in factor.distribution.amounts]).reshape(nominal.shape)
+            each = zip(factor.distribution.amounts, nominal.ravel().tolist(), strict=True)
+            direction = np.array([a.of(own) for a, own in each]).reshape(nominal.shape)
             array += drawn.reshape(-1, *[1] * nominal.ndim) * direction
         elif nominal.ndim:
             arrays[factor.path] = drawn.reshape(-1, *[1] * nominal.ndim) * nominal

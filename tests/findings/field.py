@@ -1,0 +1,99 @@
+"""Findings of field tests: the smallest case of each, what happened at first, and what happens.
+
+Each function returns what happens and whether it is right.
+"""
+
+from collections.abc import Callable
+
+import numpy as np
+
+Outcome = tuple[str, bool]
+
+
+def median_far_out() -> Outcome:
+    """Median of a normal number between 10 and 11 standard deviations."""
+    from trimtab.analysis.campaign.sampling.distributions import parse_distribution
+
+    found = float(parse_distribution("truncated(0, 1, 10, 11)").quantile(np.array([0.5]), 1.0)[0])
+    return f"{found:.9g}", abs(found - 10.068409369547576) < 1e-9
+
+
+def percentage_of_a_logarithm() -> Outcome:
+    """Standard deviation of the logarithm, given in percent."""
+    from trimtab.analysis.campaign.sampling.distributions import parse_distribution
+
+    u = np.array([0.5, 0.8413447460685429])
+    low, high = np.log(parse_distribution("lognormal(2.6, 5%)").quantile(u, 100.0))
+    return f"standard deviation of the logarithm {high - low:.6g}", abs(high - low - 0.05) < 1e-9
+
+
+def nearly_singular_riccati(scale: float | None) -> Outcome:
+    """Gain of A = [1 + e, 1; 1, 1 + e] with Q = e^2 I."""
+    from trimtab.core.errors import InputError
+    from trimtab.design.lqr import lqr
+
+    e = 1e-7
+    slow, fast = e * (1 + np.sqrt(2)), 2 + e + np.sqrt((2 + e) ** 2 + e * e)
+    exact = np.array([[fast + slow, fast - slow], [fast - slow, fast + slow]]) / 2
+    A, Q = [[1 + e, 1], [1, 1 + e]], e * e * np.eye(2)
+    try:
+        found = lqr(A, np.eye(2), Q, np.eye(2), scale=None if scale is None else scale * np.ones(2))
+    except InputError as error:
+        return error.problem, False
+    off = float(np.abs(-found.K - exact).max())
+    return f"largest deviation of the gain {off:.2g}", off < 1e-7
+
+
+def slow_pole_recorded_wrong() -> Outcome:
+    """Slow pole of a stiff loop, recorded ten times as large and with the other sign."""
+    from trimtab.design.certificate_check import _poles_condition
+
+    poles = np.array([-0.03, -0.05 + 1j, -0.05 - 1j, -5e5])
+    condition = _poles_condition(poles, np.array([0.3, *poles[1:]]))
+    return condition.why or "accepted", not condition.holds
+
+
+def control_characters_of_a_file() -> Outcome:
+    """Name with an escape sequence and a line break, in an error."""
+    from trimtab.core.errors import InputError
+
+    text = str(InputError("file 'gain.json'", "has the unknown key", choices=("a\x1b[2J\nproved",)))
+    return repr(text), "\x1b" not in text and "\nproved" not in text
+
+
+def euler_angles_in_single_precision() -> Outcome:
+    """Angles of a rotation at pitch pi/2, in float32."""
+    import jax.numpy as jnp
+
+    from trimtab.core.rotation import from_euler, to_euler
+
+    R = np.asarray(from_euler(-0.7, np.pi / 2, 0.3)).astype(np.float32)
+    off = float(np.abs(np.asarray(from_euler(*np.asarray(to_euler(jnp.asarray(R)), float))) - R).max())
+    return f"the rebuilt rotation is off by {off:.2g}", off < 1e-5
+
+
+def survey_from_a_line() -> Outcome:
+    """Survey of one beacon from a straight path."""
+    from trimtab.analysis.identify.beacon_survey import survey_beacons
+    from trimtab.core.errors import InputError
+
+    path = np.stack([np.arange(6.0), np.array([0, 5, -3, 4, -2, 1]) * 1e-3], axis=1)
+    ranges = np.hypot(np.arange(6.0) - 2.0, np.hypot(3.0, 2.5))[:, None]
+    try:
+        found = survey_beacons(ranges, np.diff(path, axis=0), range_noise=1e-3, odometry_noise=5e-3)
+    except InputError as error:
+        return error.problem, True
+    return f"beacon at {found.beacons[0]}", False
+
+
+ROWS: list[tuple[str, str, str, Callable[[], Outcome]]] = [
+    ("A1", "truncated(0, 1, 10, 11), median", "11.0", median_far_out),
+    ("A2", "lognormal(2.6, 5%) with nominal value 100", "5", percentage_of_a_logarithm),
+    ("B1", "six pings on a straight line", "(2.0, 0.001, -3.905) m without an error", survey_from_a_line),
+    ("B5", "to_euler in float32 at pitch pi/2", "rotation off by 0.17 rad", euler_angles_in_single_precision),
+    ("D2", "lqr with Q = 1e-14 I", "gain off by 0.65 %", lambda: nearly_singular_riccati(None)),
+    ("D3", "the same with scale 1", "the weight Q does not see the pole +2", lambda: nearly_singular_riccati(1.0)),
+    ("D4", "slow pole of a stiff loop recorded as +0.3", "accepted", slow_pole_recorded_wrong),
+    ("D7", "escape sequence in a name", "sent to the terminal as it is", control_characters_of_a_file),
+]
+"""Number, smallest case, first outcome, and function of each finding."""
