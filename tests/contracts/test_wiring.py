@@ -11,6 +11,7 @@ MOST_LINES = 30
 LONG_CONSTRUCTORS = {"analysis/campaign/campaign.py: Campaign"}
 """Campaign is the interface for users: its fourteen arguments are the options of one command."""
 OUTSIDE_CALLBACKS = {
+    "commands/end_signals.py: sys.unraisablehook",  # the interpreter's, while a command runs
     "compiler/walk_program.py: w.record",  # the writer of C is the compiler's; what a record does is the program's
     "compiler/native/call.py: made.assemble",  # fields of C structures
     "compiler/native/call.py: made.normalise",

@@ -3,14 +3,12 @@
 Each function returns what happens and whether it is right.
 """
 
-from collections.abc import Callable
-
 import numpy as np
 
-Outcome = tuple[str, bool]
+from findings.finding import Finding
 
 
-def median_far_out() -> Outcome:
+def median_far_out() -> tuple[str, bool]:
     """Median of a normal number between 10 and 11 standard deviations."""
     from trimtab.analysis.campaign.sampling.distributions import parse_distribution
 
@@ -18,7 +16,7 @@ def median_far_out() -> Outcome:
     return f"{found:.9g}", abs(found - 10.068409369547576) < 1e-9
 
 
-def percentage_of_a_logarithm() -> Outcome:
+def percentage_of_a_logarithm() -> tuple[str, bool]:
     """Standard deviation of the logarithm, given in percent."""
     from trimtab.analysis.campaign.sampling.distributions import parse_distribution
 
@@ -27,7 +25,7 @@ def percentage_of_a_logarithm() -> Outcome:
     return f"standard deviation of the logarithm {high - low:.6g}", abs(high - low - 0.05) < 1e-9
 
 
-def nearly_singular_riccati(scale: float | None) -> Outcome:
+def nearly_singular_riccati(scale: float | None) -> tuple[str, bool]:
     """Gain of A = [1 + e, 1; 1, 1 + e] with Q = e^2 I."""
     from trimtab.core.errors import InputError
     from trimtab.design.lqr import lqr
@@ -44,7 +42,7 @@ def nearly_singular_riccati(scale: float | None) -> Outcome:
     return f"largest deviation of the gain {off:.2g}", off < 1e-7
 
 
-def slow_pole_recorded_wrong() -> Outcome:
+def slow_pole_recorded_wrong() -> tuple[str, bool]:
     """Slow pole of a stiff loop, recorded ten times as large and with the other sign."""
     from trimtab.design.certificate_check import _poles_condition
 
@@ -53,7 +51,7 @@ def slow_pole_recorded_wrong() -> Outcome:
     return condition.why or "accepted", not condition.holds
 
 
-def control_characters_of_a_file() -> Outcome:
+def control_characters_of_a_file() -> tuple[str, bool]:
     """Name with an escape sequence and a line break, in an error."""
     from trimtab.core.errors import InputError
 
@@ -61,7 +59,7 @@ def control_characters_of_a_file() -> Outcome:
     return repr(text), "\x1b" not in text and "\nproved" not in text
 
 
-def euler_angles_in_single_precision() -> Outcome:
+def euler_angles_in_single_precision() -> tuple[str, bool]:
     """Angles of a rotation at pitch pi/2, in float32."""
     import jax.numpy as jnp
 
@@ -72,7 +70,7 @@ def euler_angles_in_single_precision() -> Outcome:
     return f"the rebuilt rotation is off by {off:.2g}", off < 1e-5
 
 
-def survey_from_a_line() -> Outcome:
+def survey_from_a_line() -> tuple[str, bool]:
     """Survey of one beacon from a straight path."""
     from trimtab.analysis.identify.beacon_survey import survey_beacons
     from trimtab.core.errors import InputError
@@ -86,14 +84,15 @@ def survey_from_a_line() -> Outcome:
     return f"beacon at {found.beacons[0]}", False
 
 
-ROWS: list[tuple[str, str, str, Callable[[], Outcome]]] = [
-    ("A1", "truncated(0, 1, 10, 11), median", "11.0", median_far_out),
-    ("A2", "lognormal(2.6, 5%) with nominal value 100", "5", percentage_of_a_logarithm),
-    ("B1", "six pings on a straight line", "(2.0, 0.001, -3.905) m without an error", survey_from_a_line),
-    ("B5", "to_euler in float32 at pitch pi/2", "rotation off by 0.17 rad", euler_angles_in_single_precision),
-    ("D2", "lqr with Q = 1e-14 I", "gain off by 0.65 %", lambda: nearly_singular_riccati(None)),
-    ("D3", "the same with scale 1", "the weight Q does not see the pole +2", lambda: nearly_singular_riccati(1.0)),
-    ("D4", "slow pole of a stiff loop recorded as +0.3", "accepted", slow_pole_recorded_wrong),
-    ("D7", "escape sequence in a name", "sent to the terminal as it is", control_characters_of_a_file),
+FINDINGS = [
+    Finding("A1", "truncated(0, 1, 10, 11), median", "11.0", median_far_out),
+    Finding("A2", "lognormal(2.6, 5%) with nominal value 100", "5", percentage_of_a_logarithm),
+    Finding("B1", "six pings on a straight line", "(2.0, 0.001, -3.905) m without an error", survey_from_a_line),
+    Finding("B5", "to_euler in float32 at pitch pi/2", "rotation off by 0.17 rad", euler_angles_in_single_precision),
+    Finding("D2", "lqr with Q = 1e-14 I", "gain off by 0.65 %", lambda: nearly_singular_riccati(None)),
+    Finding(
+        "D3", "the same with scale 1", "the weight Q does not see the pole +2", lambda: nearly_singular_riccati(1.0)
+    ),
+    Finding("D4", "slow pole of a stiff loop recorded as +0.3", "accepted", slow_pole_recorded_wrong),
+    Finding("D7", "escape sequence in a name", "sent to the terminal as it is", control_characters_of_a_file),
 ]
-"""Number, smallest case, first outcome, and function of each finding."""

@@ -1,6 +1,6 @@
 """A new user's first day: what was typed, what happened at first, and what happens here.
 
-Each row is (name, smallest case, first outcome, function), and the function returns what happens and if it holds.
+Each function returns what happens and whether it is right.
 """
 
 import contextlib
@@ -11,6 +11,7 @@ import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
+from findings.finding import Finding
 from trimtab import InputError, build, plot_run, quantity, replace, simulate
 from trimtab.core.record import record
 
@@ -143,14 +144,14 @@ MASS = ("--spread", "world.vehicle.mass=uniform(80%, 120%)")
 ZERO = "hovercraft/zero-velocity"
 BOARD = {"d/autopilot.c": OWN, "d/README.md": OWN, "d/main.c": OWN}
 
-ROWS = [
-    (
+FINDINGS = [
+    Finding(
         "falsify overwrites its scenario",
         "falsify mine.py:scenario … --out mine.py",
         "the user's source is overwritten",
         lambda: keeps("falsify", "mine.py:scenario", *MASS, "--out", "mine.py", files={"mine.py": SCENARIO}),
     ),
-    (
+    Finding(
         "tune overwrites its scenario",
         "tune mine.py:scenario … --out mine.py",
         "the user's source is overwritten",
@@ -159,19 +160,19 @@ ROWS = [
             files={"mine.py": SCENARIO},
         ),
     ),
-    (
+    Finding(
         "export overwrites",
         "export hovercraft/spin --out d, with an own autopilot.c, README.md, main.c",
         "replaced silently",
         lambda: keeps("export", "hovercraft/spin", "--out", "d", files=BOARD),
     ),
-    (
+    Finding(
         "firmware overwrites",
         "firmware hovercraft/forward --out d, with an own autopilot.c, README.md, main.c",
         "replaced silently, also when it then refuses",
         lambda: keeps("firmware", "hovercraft/forward", "--out", "d", files=BOARD),
     ),
-    (
+    Finding(
         "Ctrl-C in a garbage-collection callback",
         "run mine.py:scenario, Ctrl-C while compiling",
         "swallowed, and the work goes on",
@@ -179,14 +180,14 @@ ROWS = [
             *("run", "mine.py:scenario"), code=130, says="stopped by Ctrl-C", script=INTERRUPTED, mine__py=SCENARIO
         ),
     ),
-    ("integer duration", "simulate(s, duration=30)", "flies 3 µs", lambda: refuses(_flies_integer, '"30 s"')),
-    (
+    Finding("integer duration", "simulate(s, duration=30)", "flies 3 µs", lambda: refuses(_flies_integer, '"30 s"')),
+    Finding(
         "float duration",
         "simulate(s, duration=30.0)",
         "flies 3 µs",
         lambda: refuses(lambda: simulate("hovercraft/spin", duration=30.0), '"30.0 s"'),  # pyright: ignore
     ),
-    (
+    Finding(
         "integer period",
         "replace(autopilot, period=10)",
         "flies at 1 µs",
@@ -197,82 +198,81 @@ ROWS = [
             "too short",
         ),
     ),
-    (
+    Finding(
         "fractional seed",
         "simulate(s, seed=1.5)",
         "accepted",
         lambda: refuses(lambda: simulate("hovercraft/spin", seed=1.5), "must be a whole number"),  # pyright: ignore
     ),
-    ("mass as text", 'replace(vehicle, mass="3")', "the text is kept", _reads_mass),
-    (
+    Finding("mass as text", 'replace(vehicle, mass="3")', "the text is kept", _reads_mass),
+    Finding(
         "unit spelled out",
         'quantity("kilograms")',
         "accepted",
         lambda: refuses(lambda: quantity("kilograms", "Mass."), 'quantity("kg"'),
     ),
-    ("unit deg", 'quantity("deg", default=90.0)', "flies 90 rad", lambda: refuses(_declares_degrees, 'quantity("rad"')),
-    ("plot_run with a file", 'plot_run(log, "x.png")', "writes nothing", _draws),
-    (
+    Finding(
+        "unit deg",
+        'quantity("deg", default=90.0)',
+        "flies 90 rad",
+        lambda: refuses(_declares_degrees, 'quantity("rad"'),
+    ),
+    Finding("plot_run with a file", 'plot_run(log, "x.png")', "writes nothing", _draws),
+    Finding(
         "law with infinite output",
         "run law.py:scenario",
         "the vehicle stands still, exit 0",
         lambda: answers("run", "law.py:scenario", code=1, says="NOT FINITE (real): law.demand", law__py=LAW),
     ),
-    (
+    Finding(
         "diverged state",
         "run hovercraft/spin --set initial.yaw_rate=1e200",
         "LOST, exit 0",
         lambda: answers("run", "hovercraft/spin", "--set", "initial.yaw_rate=1e200", code=1, says="LOST"),
     ),
-    (
+    Finding(
         "fault after the flight",
         "run hovercraft/spin --fault 'uplink off @ 500 s'",
         "silent",
         lambda: answers("run", "hovercraft/spin", "--fault", "uplink off @ 500 s"),
     ),
-    (
+    Finding(
         "log period of zero",
         "run hovercraft/spin --log-period 0",
         "a warning and exit 0",
         lambda: answers("run", "hovercraft/spin", "--log-period", "0", says="must be above 0 s"),
     ),
-    (
+    Finding(
         "negative delay",
         "map … --x delay=-1:0.6",
         "-1 is printed 65 times",
         lambda: answers("map", ZERO, "--x", "delay=-1:0.6", "--y", "loss=0:0.9", says="delay must be at least 0 s"),
     ),
-    (
+    Finding(
         "file without a function",
         "run mine.py",
         "misleading advice",
         lambda: answers("run", "mine.py", says="Fix: trimtab run mine.py:scenario", mine__py=SCENARIO),
     ),
-    ("typo in list", "list typo", "misleading advice", lambda: answers("list", "typo", says="no such scenario")),
-    (
+    Finding("typo in list", "list typo", "misleading advice", lambda: answers("list", "typo", says="no such scenario")),
+    Finding(
         "negative duration",
         "run hovercraft/spin --duration -5",
         "another option is named",
         lambda: answers("run", "hovercraft/spin", "--duration", "-5", says="Fix: --duration"),
     ),
-    (
+    Finding(
         "setting without its path",
         "run hovercraft/spin --set mass='3 kg'",
         "misleading advice",
         lambda: answers("run", "hovercraft/spin", "--set", "mass=3 kg", says="--set world.vehicle.mass="),
     ),
-    (
+    Finding(
         "error as JSON",
         "run --json hovercraft/spinn",
         "plain text",
         lambda: answers("run", "--json", "hovercraft/spinn", says='"error": {"part"'),
     ),
-    ("short reprs", "repr(scenario), repr(log)", "4 692 to 33 483 characters", _short_reprs),
-    ("scenario by name", 'simulate("hovercraft/forward")', "TypeError", _by_name),
+    Finding("short reprs", "repr(scenario), repr(log)", "4 692 to 33 483 characters", _short_reprs),
+    Finding("scenario by name", 'simulate("hovercraft/forward")', "TypeError", _by_name),
 ]
-
-
-if __name__ == "__main__":
-    for name, case, first, check in ROWS:
-        happened, holds = check()
-        print("holds" if holds else "FAILS", name, "|", case, "|", first, "|", happened[:200].replace("\n", " "))

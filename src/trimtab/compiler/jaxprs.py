@@ -22,7 +22,7 @@ SUPPORTED = "jax>=0.10,!=0.10.2,<0.13"
 """Versions of JAX that this module can read, as in pyproject.toml."""
 
 
-def unsupported(problem: str) -> InputError:
+def version_error(problem: str) -> InputError:
     """Return the error about a version of JAX, with the command that installs a supported one."""
     command = install_command(package=f'"{SUPPORTED}"')
     return InputError(f"JAX {jax.__version__}", problem, fix=f"install a supported version: {command}")
@@ -31,9 +31,9 @@ def unsupported(problem: str) -> InputError:
 def check_version(version: tuple[int, ...]) -> None:
     """Raise InputError for a version of JAX that is not supported."""
     if version == (0, 10, 2):
-        raise unsupported("this version computes wrong numbers on CPUs (jax-ml/jax#39103)")
+        raise version_error("this version computes wrong numbers on CPUs (jax-ml/jax#39103)")
     if not (0, 10) <= version < (0, 13):
-        raise unsupported(f"trimtab does not support this version; it must satisfy {SUPPORTED}")
+        raise version_error(f"trimtab does not support this version; it must satisfy {SUPPORTED}")
 
 
 check_version(jax.__version_info__)
@@ -79,15 +79,15 @@ def _reader(read: Callable[[Any], T]) -> Callable[[Any], T]:
     """Make a function that reads the parameters of an equation raise InputError for a form that it does not know."""
 
     @functools.wraps(read)
-    def checked(equation: Any) -> T:
+    def read_form(equation: Any) -> T:
         try:
             return read(equation)
         except (AttributeError, IndexError, KeyError, TypeError, ValueError) as reason:
             names = ", ".join(sorted(equation.params))
             form = f"the parameters {names} of {equation.primitive.name!r} have an unknown form"
-            raise unsupported(f"{form} ({type(reason).__name__}: {reason})") from reason
+            raise version_error(f"{form} ({type(reason).__name__}: {reason})") from reason
 
-    return checked
+    return read_form
 
 
 def primitive_name(primitive: Any) -> str:
