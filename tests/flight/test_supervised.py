@@ -100,7 +100,7 @@ def test_without_a_supervisor_it_can_not_be_asked():
 
 
 def vehicle(*, armed=True, is_in_failsafe=False):
-    return SimpleNamespace(armed=armed, is_in_failsafe=is_in_failsafe)
+    return SimpleNamespace(arming=SimpleNamespace(armed=armed, is_in_failsafe=is_in_failsafe))
 
 
 def test_a_link_is_lost_only_where_nothing_is_heard(flight):

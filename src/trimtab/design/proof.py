@@ -65,7 +65,7 @@ def version_line(written: str) -> Line:
     No other version's word can be proved, because the conditions are those of this version.
     """
     same = written == __version__
-    why = "" if same else f"the file says {written!r}, this is {__version__}; design again with --out to renew it"
+    why = "" if same else f"the file says {written!r}, this is {__version__}; design the gain again to renew the file"
     return "version is that of this package", lambda: ProofCondition(
         "", same, float(not same), "differences", "text", why
     )

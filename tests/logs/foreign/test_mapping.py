@@ -13,7 +13,10 @@ WRONG_MAPPINGS = {
     "section": ({"sensor": {"imu": 3}}, r"it must be a table"),
     "field": ({"sensor": {"imu": {"fields": {"w": {"column": "x"}}}}}, r"unknown key 'column'(.|\n)*from, unit"),
     "source": ({"sensor": {"imu": {"fields": {"w": {"unit": "m"}}}}}, r"does not have a source"),
-    "unit": ({"sensor": {"imu": {"fields": {"w": gyro("x", "degs/s")}}}}, r"\[sensor.imu\], w, unit: 'degs/s' is no"),
+    "unit": (
+        {"sensor": {"imu": {"fields": {"w": gyro("x", "degs/s")}}}},
+        r"\[sensor.imu\], w, unit: unknown unit 'degs/s'",
+    ),
     "near unit": ({"sensor": {"imu": {"fields": {"w": gyro("x", "degs/s")}}}}, r"Fix: unit = \"deg/s\""),
     "sign": ({"sensor": {"imu": {"fields": {"w": gyro(["x", "y"], sign=[1, 1, 1])}}}}, r"sign has 3 numbers"),
     "sign of text": ({"sensor": {"imu": {"fields": {"w": gyro("x", sign="-")}}}}, r"is not a list of numbers"),

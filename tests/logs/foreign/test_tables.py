@@ -12,7 +12,7 @@ from trimtab.logs.foreign.tables import LOG_TIME, flatten_message, stack_message
 
 def test_a_missing_package_is_named(ulog, monkeypatch):
     monkeypatch.setitem(sys.modules, "pyulog", None)
-    with pytest.raises(InputError, match=r"'pyulog' is needed(.|\n)*-m pip install \"trimtab\[logs\]\""):
+    with pytest.raises(InputError, match=r"needs the package 'pyulog'(.|\n)*-m pip install \"trimtab\[logs\]\""):
         list_topics(ulog)
 
 

@@ -87,7 +87,7 @@ def survey_beacons(
     return BeaconSurvey(best.x[: 3 * n].reshape(n, 3), blocks, path, rest, best.steps)
 
 
-class _End(NamedTuple):
+class _SearchEnd(NamedTuple):
     """End of a search. x: unknowns.  cost: sum of squares.  covariance: of x.  steps: number of steps."""
 
     x: Any
@@ -96,14 +96,14 @@ class _End(NamedTuple):
     steps: int
 
 
-def _put_above(end: _End, n: int) -> _End:
+def _put_above(end: _SearchEnd, n: int) -> _SearchEnd:
     """Return the end with all beacons above the unit; a beacon below it has the same ranges."""
     sign = np.ones(len(end.x))
     sign[2 : 3 * n : 3] = np.where(end.x[2 : 3 * n : 3] > 0, -1.0, 1.0)
     return end._replace(x=end.x * sign, covariance=end.covariance * np.outer(sign, sign))
 
 
-def _search(residuals: Callable[[Any], tuple[Any, Any]], x: Any, iterations: int) -> _End | None:
+def _search(residuals: Callable[[Any], tuple[Any, Any]], x: Any, iterations: int) -> _SearchEnd | None:
     """Return the end of a damped search, or None if it does not converge or its unknowns are not determined.
 
     Source: D. W. Marquardt, "An algorithm for least-squares estimation of nonlinear parameters", SIAM J. 11 (1963).
@@ -135,10 +135,10 @@ def _search(residuals: Callable[[Any], tuple[Any, Any]], x: Any, iterations: int
     if np.linalg.cond(J / scale) > 1 / np.sqrt(np.finfo(float).eps):
         return None
     inverse = np.linalg.inv((J / scale).T @ (J / scale)) / np.outer(scale, scale)
-    return _End(x, float(r @ r), inverse, done)
+    return _SearchEnd(x, float(r @ r), inverse, done)
 
 
-def _refuse_doubt(best: _End, found: list[_End], n: int, path: Any, near: float) -> None:
+def _refuse_doubt(best: _SearchEnd, found: list[_SearchEnd], n: int, path: Any, near: float) -> None:
     """Raise InputError if other places fit as well, or if the best one is not determined.
 
     near: difference of the sums of squares below which both fit equally well.
