@@ -12,6 +12,7 @@ from trimtab.flight.injector import Injector
 from trimtab.flight.mavlink.endpoint import Endpoint
 from trimtab.flight.mavlink.keys import SigningKey
 from trimtab.flight.mavlink.protocol import CommandCode
+from trimtab.flight.mavlink.stamps import running_clock
 
 SECOND = "autopilot-2"
 CONFIRM = "ended: arming refused: .*; type --rearm at fly"
@@ -73,7 +74,9 @@ def send_sample_ahead(flight: FaultFlight) -> None:
     secret = SigningKey(flight.key.secret)
     with other_system(flight) as (injector, _):
         now = injector.read_vehicle_time()
-    vehicle = Endpoint(flight.knowledge.dialect, 1, 1, secret, link=9, datagrams=True, clock=flight.clock)
+    vehicle = Endpoint(
+        flight.knowledge.dialect, 1, 1, secret, link=9, datagrams=True, clock=running_clock(flight.clock)
+    )
     flight.relay.send_bytes(DOWN, vehicle.pack("SAMPLE_NAVIGATION", {"t": now + HOUR, "valid": 1}))
 
 

@@ -21,6 +21,7 @@ from studies.live_faults.words import (
 from trimtab.flight.mavlink.definitions import MessageDefinition
 from trimtab.flight.mavlink.endpoint import Endpoint, checksum
 from trimtab.flight.mavlink.keys import SigningKey
+from trimtab.flight.mavlink.stamps import running_clock
 
 LOST, DAMAGED, GARBAGE, REFUSED = "wire.lost", "wire.damaged", "wire.garbage", "wire.refused"
 HEARD_LOST, HEARD_DAMAGED, HEARD_GARBAGE, HEARD_REFUSED = "link.lost", "link.damaged", "link.garbage", "link.refused"
@@ -209,7 +210,9 @@ def send_samples_back(flight: FaultFlight) -> None:
     with other_system(flight) as (injector, _):
         now = injector.read_vehicle_time()
     secret = SigningKey(flight.key.secret)
-    vehicle = Endpoint(flight.knowledge.dialect, 1, 1, secret, link=9, datagrams=True, clock=flight.clock)
+    vehicle = Endpoint(
+        flight.knowledge.dialect, 1, 1, secret, link=9, datagrams=True, clock=running_clock(flight.clock)
+    )
     for k in range(50):
         times = {"t": now - 5_000_000 - 10_000 * k, "valid": 1}
         flight.relay.send_bytes(DOWN, vehicle.pack("SAMPLE_NAVIGATION", times))

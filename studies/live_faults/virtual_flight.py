@@ -312,7 +312,7 @@ class VirtualFaultFlight:
         file = self.log_folder(process.name) / log
         if self._keeps_logs:
             (self.folder / f"{process.name}.said").write_text(process.output_text, "utf-8")
-            if process.machine.disk.logs:
+            if process.disk.logs:
                 write_mcap(process.read_log(), file)
         return ProcessResult(process.name, process.status, process.output_text, process.result, file, process.read_log)
 

@@ -73,6 +73,8 @@ class VirtualProcess:
         self._signal = 0
         machine.tell = lambda line: self._say(f"{line}\n")
         self._program = machine.start(lambda own: self._run([*words, "--json"], own), [*words, "--json"])
+        self.disk = machine.disk
+        """The disk as this program sees it; a program that is started later on the machine has another."""
 
     def _say(self, text: str) -> None:
         self._said.write(text)
@@ -138,7 +140,7 @@ class VirtualProcess:
         if OUTPUTS in word:
             self.machine.time.kill(self.machine.outputs[-1])
         elif WRITER in word:
-            self.machine.disk.is_writer_dead = True
+            self.disk.is_writer_dead = True
 
     def finish(self, patience: float = END_S) -> None:
         """Wait for the end. Raise NotReady and kill the program if it does not end."""
@@ -156,6 +158,6 @@ class VirtualProcess:
 
     def read_log(self) -> Log:
         """Return its log. Raises FileNotFoundError if it has none."""
-        if not self.machine.disk.logs:
+        if not self.disk.logs:
             raise FileNotFoundError(f"{self.name} has no log")
-        return self.machine.disk.logs[-1].read()
+        return self.disk.logs[-1].read()
