@@ -216,6 +216,27 @@ def test_nothing_in_the_still_scenario_moves():
     assert all(not log[p].any() for p in log.paths)
 
 
+def test_gaps_and_columns_of_text_in_the_csv_of_another_logger(tmp_path):
+    """One sample of 3000 is lost, one column is text: both are reported."""
+    g = np.random.default_rng(1).standard_normal((3000, 3)) * 1e-3
+    rows = [f"{10**9 + 5000 * i},{v[0]:.9f},{v[1]:.9f},{v[2]:.9f},AUTO" for i, v in enumerate(g) if i != 1000]
+    file = tmp_path / "px4.csv"
+    head = "timestamp_us," + ",".join(f"gyro_rad[{i}] [rad/s]" for i in range(3)) + ",mode"
+    file.write_text("\n".join([head, *rows]) + "\n")
+    done = call("calibrate", "noise", file, "--json")
+    assert done.exit_code == 0, done.output
+    found = json.loads(done.stdout)
+    assert list(found["signals"]) == [f"csv.gyro_rad[{i}]" for i in range(3)]
+    axis = found["signals"]["csv.gyro_rad[0]"]
+    assert (axis["samples"], axis["period_s"]) == (1999, pytest.approx(0.005))
+    assert axis["white"]["value"] == pytest.approx(1e-3 * math.sqrt(0.005), rel=0.1)
+    assert any("1 gap, the first at 4.9950 s" in note for note in found["notes"])
+    assert "left out: line 2, column 'mode': 'AUTO' is not a number" in found["notes"]
+    asked = call("calibrate", "noise", file, "--signal", "mode")
+    assert asked.exit_code == 2
+    assert "line 2, column 'mode'" in asked.output
+
+
 def test_columns_without_an_axis_have_no_place_and_two_of_one_axis_are_refused(tmp_path):
     g = np.random.default_rng(0).standard_normal((2048, 2))
     rows = "\n".join(f"{i * 0.01:.2f},{a:.6f},{b:.6f}" for i, (a, b) in enumerate(g))

@@ -13,6 +13,11 @@ BALL_AND_BEAM = (
 """Position, its rate, beam angle, its rate; angular acceleration commanded. Unstable chain of four integrators."""
 
 
+def integrators(n: int):
+    """A and B of a chain of n integrators."""
+    return np.diag(np.ones(n - 1), 1), np.eye(n)[:, -1:]
+
+
 def left_side(A, B, K, P, Qe, Re):
     """Of (14), written out."""
     closed = A + B @ K

@@ -44,6 +44,9 @@ def test_outside_the_cones_and_in_a_row_there_is_no_fix():
     np.testing.assert_array_equal(found.visible, [[4, 2], [2, 1], [0, 0]])
     assert np.isfinite(found.dilution[0, 0])
     assert np.isinf(found.dilution[1:, 1]).all()
+    shorter = dilution_map(SQUARE, [0.0, 0.5], [0.0], reach=3.4)  # 3.44 m to each from the middle
+    np.testing.assert_array_equal(shorter.visible, [[0], [2]])
+    assert np.isinf(shorter.dilution[0, 0])
     row = np.array([[0.0, y, -H] for y in (-1, 0, 1)])
     assert np.isinf(dilution_map(row, [0.0], [0.2]).dilution[0, 0])
     assert found.coverage(limit=9.0) == pytest.approx(np.mean(found.dilution <= 9.0))

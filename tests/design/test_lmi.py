@@ -4,11 +4,11 @@ import sys
 
 import numpy as np
 import pytest
-from design.systems import BALL_AND_BEAM, DOUBLE_INTEGRATOR, left_side
+from design.systems import BALL_AND_BEAM, DOUBLE_INTEGRATOR, integrators, left_side
 from scipy.linalg import sqrtm
 
 from trimtab.core.errors import InputError
-from trimtab.design.lmi import STRICT, least_violation, lmi_gain, minimise, symmetric_matrix
+from trimtab.design.lmi import STATES_SOLVED, STRICT, least_violation, lmi_gain, minimise, symmetric_matrix
 from trimtab.design.lqr import lqr
 
 CASES = {
@@ -60,6 +60,12 @@ def test_infeasible_is_refused_with_the_pole_and_the_violation():
     assert lmi_gain([[1, 0], [0, -2]], [[1], [0]], np.eye(2), 1.0, decay=1.5).poles[0].real < -1.5
     with pytest.raises(InputError, match="give a positive weight to every state"):
         lmi_gain(*DOUBLE_INTEGRATOR, np.diag([1.0, 0.0]), 1.0)
+
+
+def test_undecided_problem_names_its_size_and_the_limit():
+    assert lmi_gain(*integrators(STATES_SOLVED), np.eye(STATES_SOLVED), 1.0).poles[0].real < 0
+    with pytest.raises(InputError, match=r"12 states and 1 inputs(.|\n)*does not decide(.|\n)*up to 10 integrators"):
+        lmi_gain(*integrators(12), np.eye(12), 1.0)
 
 
 def test_without_the_solver_it_says_what_to_install(monkeypatch):

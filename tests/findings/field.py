@@ -3,6 +3,9 @@
 Each function returns what happens and whether it is right.
 """
 
+from pathlib import Path
+from tempfile import TemporaryDirectory
+
 import numpy as np
 
 from findings.finding import Finding
@@ -84,11 +87,67 @@ def survey_from_a_line() -> tuple[str, bool]:
     return f"beacon at {found.beacons[0]}", False
 
 
+def read_text_as_csv(text: str, time: str | None = None):
+    """Return the log of a CSV file with this text."""
+    from trimtab.logs.samples import read_csv
+
+    with TemporaryDirectory() as folder:
+        file = Path(folder) / "log.csv"
+        file.write_text(text, encoding="utf-8")
+        return read_csv(file, time)
+
+
+def units_of_times() -> tuple[str, bool]:
+    """Times in microseconds without a unit, then in the unit of their name."""
+    from trimtab.core.errors import InputError
+
+    try:
+        read_text_as_csv("timestamp,g\n1000000000,1\n1000005000,2\n")
+    except InputError as error:
+        refused = error.problem
+    else:
+        return "read as seconds", False
+    files = {"time_ms": "0,1\n5,2\n", "TimeUS": "7000000,1\n7005000,2\n", "%time": "10,1\n5000010,2\n"}
+    periods = {name: float(read_text_as_csv(f"{name},g\n{rows}").t[1]) for name, rows in files.items()}
+    return f"{refused}; with a unit in the name: {periods} s", set(periods.values()) == {0.005}
+
+
+def numbered_columns() -> tuple[str, bool]:
+    """Names of PX4's columns with an index."""
+    log = read_text_as_csv("t,gyro_rad[0],gyro_rad[1],gyro_rad[2]\n0,1,2,3\n1,4,5,6\n")
+    found = {path: log.unit(path) for path in log.paths}
+    return str(found), found == {f"csv.gyro_rad[{i}]": "1" for i in range(3)}
+
+
+def unclean_cells() -> tuple[str, bool]:
+    """Comment, quoted number, text and empty cell in a file with one clean column."""
+    log = read_text_as_csv('# logger 2\nt,mode,gyro,battery\n0,AUTO,"0.5",\n1,HOLD,0.25,12\n')
+    reasons = log.metadata.get("left_out")
+    text = f"signals {log.paths}, left out {reasons}"
+    return text, log.paths == ("csv.gyro",) and "line 3, column 'mode'" in str(reasons)
+
+
+def lost_sample() -> tuple[str, bool]:
+    """An hour at 10 Hz without sample 12 000."""
+    from trimtab.core.time import ms, to_seconds
+    from trimtab.logs.log import Log
+    from trimtab.logs.samples import samples
+
+    ticks = np.delete(np.arange(36_000) * ms(100), 12_000)
+    log = Log(t=to_seconds(ticks), ticks=ticks, signals={"csv.gyro": np.zeros(len(ticks))})
+    found = samples(log, "csv.gyro", longest=True)
+    return f"{len(found.ticks)} samples; {found.left_out}", len(found.ticks) == 23_999 and bool(found.left_out)
+
+
 FINDINGS = [
     Finding("A1", "truncated(0, 1, 10, 11), median", "11.0", median_far_out),
     Finding("A2", "lognormal(2.6, 5%) with nominal value 100", "5", percentage_of_a_logarithm),
     Finding("B1", "six pings on a straight line", "(2.0, 0.001, -3.905) m without an error", survey_from_a_line),
     Finding("B5", "to_euler in float32 at pitch pi/2", "rotation off by 0.17 rad", euler_angles_in_single_precision),
+    Finding("C1", "timestamps in microseconds", "read as seconds without a word", units_of_times),
+    Finding("C2", "columns gyro_rad[0], gyro_rad[1], gyro_rad[2]", "refused as one signal", numbered_columns),
+    Finding("C3", "text and empty cells in other columns", "the whole file is refused", unclean_cells),
+    Finding("C4", "one lost sample in an hour", "refused", lost_sample),
     Finding("D2", "lqr with Q = 1e-14 I", "gain off by 0.65 %", lambda: nearly_singular_riccati(None)),
     Finding(
         "D3", "the same with scale 1", "the weight Q does not see the pole +2", lambda: nearly_singular_riccati(1.0)

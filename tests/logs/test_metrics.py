@@ -41,6 +41,11 @@ def test_a_target_passed_between_two_samples_is_reached_on_the_straight_line():
     assert merits([4.0, 0.0, 1.0])["first_reach_s"] == pytest.approx(0.75, abs=1e-9)
 
 
+def test_a_row_in_the_band_counts_although_the_target_was_crossed_just_before():
+    assert merits([0.0, 1.05, 1.0])["first_reach_s"] == 1.0
+    assert merits([3.0, 0.95, 1.0])["first_reach_s"] == 1.0
+
+
 def test_from_above_the_far_side_is_below():
     found = merits([3.0, 1.2, 0.6, 0.9, 1.0])
     assert found["overshoot"] == pytest.approx(0.4, abs=1e-15)

@@ -76,6 +76,21 @@ def test_other_signals_are_sampled_by_the_rows_and_may_jitter():
         samples(log.between(0, 0.015), "csv.gyro")
 
 
+def test_longest_stretch_between_few_gaps_is_used_if_wanted():
+    taken = np.delete(np.arange(2000) * ms(5), [700, 1500])
+    log = Log(t=to_seconds(taken), ticks=taken, signals={"csv.gyro": np.arange(2000.0)[np.arange(1998)]})
+    with pytest.raises(InputError, match="not evenly spaced"):
+        samples(log, "csv.gyro")
+    found = samples(log, "csv.gyro", longest=True)
+    assert (len(found.values), found.values[0], found.period) == (799, 700.0, pytest.approx(0.005, rel=1e-12))
+    assert found.left_out.startswith("2 gaps, the first at 3.4950 s: only its longest stretch")
+    assert found.left_out.endswith("is used, 3.5050 to 7.4950 s")
+    holes = np.delete(np.arange(2000) * ms(5), np.arange(10, 2000, 20))
+    uneven = Log(t=to_seconds(holes), ticks=holes, signals={"csv.gyro": np.zeros(len(holes))})
+    with pytest.raises(InputError, match="not evenly spaced"):
+        samples(uneven, "csv.gyro", longest=True)
+
+
 GOOD = """time, gyro_z [rad/s], "force" (m/s^2)
 10.00, 0.1, -9.8
 
@@ -117,18 +132,54 @@ def test_times_are_in_the_unit_that_their_column_says(write, unit):
     np.testing.assert_array_equal(log.ticks, [0, 100_000, 200_000])
 
 
+@pytest.mark.parametrize("name", ["time_ms", "TimeUS", "%time", "timestamp_us", "time_s"])
+def test_times_are_in_the_unit_that_their_name_says(write, name):
+    scale = {"time_ms": 1e-3, "TimeUS": 1e-6, "%time": 1e-9, "timestamp_us": 1e-6, "time_s": 1.0}[name]
+    rows = [f"{1000 + 0.01 * i:.2f}" if scale == 1 else str(round((1000 + 0.01 * i) / scale)) for i in range(3)]
+    log = read_csv(write(f"{name},x\n" + "".join(f"{t},1\n" for t in rows)))
+    np.testing.assert_array_equal(log.ticks, [0, 100_000, 200_000])
+
+
+def test_unit_of_times_can_be_given_with_their_name(write):
+    text = "timestamp,x\n1000000000,1\n1000005000,2\n"
+    np.testing.assert_array_equal(read_csv(write(text), "timestamp [us]").ticks, [0, 50_000])
+    slow = read_csv(write("t [s],x\n0,1\n60,2\n"))
+    assert slow.t[1] == 60
+
+
+def test_numbered_columns_are_separate_signals(write):
+    log = read_csv(write("t,gyro_rad[0],gyro_rad[1] [rad/s],gyro_rad[2]\n0,1,2,3\n1,4,5,6\n"))
+    assert log.paths == ("csv.gyro_rad[0]", "csv.gyro_rad[1]", "csv.gyro_rad[2]")
+    assert [log.unit(path) for path in log.paths] == ["1", "rad/s", "1"]
+    np.testing.assert_array_equal(log["csv.gyro_rad[2]"], [3, 6])
+
+
+def test_columns_with_text_or_empty_cells_are_left_out_with_the_reason(write):
+    log = read_csv(write('# logger 2\nt,mode,x,battery\n0,"AUTO, 1",1,\n1,HOLD,2,12\n'))
+    assert log.paths == ("csv.x",)
+    assert log.metadata["left_out"] == {
+        "mode": "line 3, column 'mode': 'AUTO, 1' is not a number",
+        "battery": "line 3, column 'battery': the cell is empty",
+    }
+
+
 REFUSED = {
     "no time": ("a,b\n1,2\n", "no column of times"),
     "too few columns": ("t,x\n1,2\n3\n", "line 3 has 1 columns"),
-    "text": ("t,x\n1,left\n", "not a number"),
-    "nan": ("t,x\n1,2\n2,nan\n", "line 3 has a value that is not finite"),
+    "text": ("t,x\n1,left\n", "line 2, column 'x': 'left' is not a number"),
+    "nan": ("t,x\n1,2\n2,nan\n", "line 3, column 'x': 'nan' is not finite"),
+    "a time without a number": ("t,x\n1,2\n,3\n", "line 3, column 't': the cell is empty"),
+    "microseconds": ("timestamp,x\n1000000000,1\n1000005000,2\n", r"every 5000 s(.|\n)*timestamp \[us\]"),
+    "milliseconds": ("t,x\n0,1\n10,2\n", r"every 10 s(.|\n)*t \[ms\]"),
+    "nanoseconds": ("t,x\n0,1\n10000000,2\n", r"no unit is given(.|\n)*t \[ns\]"),
+    "seconds as milliseconds": ("time_ms,x\n0,1\n0.005,2\n", "every 0.005 ms, as written; no sensor has"),
     "no rows": ("t,x\n", "no rows"),
-    "backwards": ("t,x\n1,2\n3,4\n2,5\n", r"after line 3: 3\.0, then 2\.0"),
+    "backwards": ("t,x\n1,2\n3,4\n2,5\n", r"after line 3: 3, then 2"),
     "hours": ("time [h],x\n0,1\n1,2\n", r"'time' is in 'h'(.|\n)*Choices: s, ms, us, ns, min(.|\n)*Fix: convert"),
     "one name twice": ("t,a,a\n0,1,2\n1,3,4\n", r"'a' and 'a' have the same signal, csv\.a"),
     "times twice": ("t,t,a\n0,0,2\n1,1,4\n", r"'t' and 't' have the same signal"),
     "names alike": ("t,gyro x,gyro-x\n0,1,2\n1,3,4\n", r"'gyro x' and 'gyro-x' have the same signal, csv\.gyro_x"),
-    "nothing": ("", "no column of times"),
+    "nothing": ("", "has no rows"),
 }
 
 

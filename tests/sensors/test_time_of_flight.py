@@ -114,3 +114,10 @@ def test_wrong_shapes_are_refused(changes, problem):
     NETWORK.check()
     with pytest.raises(InputError, match=f"Beacons.{problem}"):
         replace(NETWORK, **changes).check()
+
+
+def test_crystal_error_of_a_beacon_stays_over_the_run():
+    ranges, ping = jnp.array([3.0, 5.0]), jax.jit(lambda n: corrupt_ranges(ranges, key(0), n, QUIET, Medium(), 1e-3))
+    first, later = np.asarray(ping(0)) / ranges - 1, np.asarray(ping(7)) / ranges - 1
+    np.testing.assert_allclose(later, first, rtol=1e-12)
+    assert abs(first[0] - first[1]) > 1e-5

@@ -27,7 +27,7 @@ from trimtab.core.errors import InputError, closest
 from trimtab.core.time import parse_time, to_seconds
 from trimtab.core.units import find_unit
 from trimtab.logs.log import Log
-from trimtab.logs.samples import read_csv, sample_path, samples
+from trimtab.logs.samples import BLOCK, Samples, read_csv, sample_path, samples
 from trimtab.loop.calibration import Calibration
 from trimtab.plots.allan import plot_allan
 
@@ -58,7 +58,7 @@ class SensorAxis(NamedTuple):
     "--shortest", metavar="TIME", help="Shortest averaging time to use, e.g. if the sensor filters its output."
 )
 @click.option("--tick", metavar="TIME", help="Step of the filter.  [default: period of the sensor]")
-@click.option("--time", metavar="NAME", help="Time column (s) of a CSV file.  [default: t, time, …]")
+@click.option("--time", metavar="NAME", help="Time column of a CSV file, e.g. 'stamp [us]'.  [default: t, time, …]")
 @PLOT("Picture of the Allan deviations.")
 @OUT("FILE.toml", "Write the numbers to this calibration file; other numbers in it are kept.")
 @JSON
@@ -88,8 +88,12 @@ def calibrate_noise(
     least, step = _parse_times(shortest, tick)
     still = read_csv(log, time) if log.suffix.lower() == ".csv" else read_own_log(log)
     _refuse_moving(still)
-    axes = {n: _fit_axis(n, still.unit(p), y, dt, least, step) for n, p, y, dt in _iterate_axes(still, signals)}
+    measured = {path: _read_samples(still, path) for path in _chosen_signals(still, signals)}
+    axes = {n: _fit_axis(n, still.unit(p), y, dt, least, step) for n, p, y, dt in _iterate_axes(measured)}
     calibration, notes = _calibrate_units(log.name, axes, step)
+    notes += tuple(f"signal {path} has {one.left_out}" for path, one in measured.items() if one.left_out)
+    if not signals:
+        notes += tuple(f"left out: {problem}" for problem in _left_out(still).values())
     if out is not None and not calibration.entries:
         problem = f"none of {', '.join(axes)} is an axis of an inertial unit, so there is nothing to write"
         fix = "name columns with their unit and axis, e.g. gyro_z [rad/s] and accel_x [m/s^2]; or leave --out out"
@@ -170,26 +174,42 @@ def _refuse_moving(log: Log) -> None:
                 raise InputError("calibrate noise", problem, fix=fix)
 
 
-def _iterate_axes(log: Log, names: tuple[str, ...]) -> Iterator[tuple[str, str, Any, float]]:
+def _chosen_signals(log: Log, names: tuple[str, ...]) -> list[str]:
+    """Return the paths of the named signals; without names, of all that change."""
+    return [p for n in names for p in _matching_signals(log, n)] if names else _candidate_signals(log)
+
+
+def _read_samples(log: Log, path: str) -> Samples:
+    """Return the samples of a signal, or of its longest stretch without gaps; raise InputError if they are too few."""
+    measured = samples(log, path, longest=True)
+    if len(measured.ticks) < SAMPLES_MIN:
+        seconds = len(measured.ticks) * measured.period
+        problem = f"{len(measured.ticks)} samples, {seconds:.3g} s, are too short a log"
+        problem += f"; it has {measured.left_out}" if measured.left_out else ""
+        fix = f"log at least {SAMPLES_MIN} samples, for the walk K minutes: trimtab run navigation/still --out still"
+        raise InputError(f"signal {path!r}", problem, fix=fix)
+    return measured
+
+
+def _iterate_axes(measured: Mapping[str, Samples]) -> Iterator[tuple[str, str, Any, float]]:
     """Yield name, path, samples (n,) and period (s) of each axis."""
-    paths = [p for n in names for p in _matching_signals(log, n)] if names else _candidate_signals(log)
-    for path in paths:
-        measured = samples(log, path)
-        if len(measured.ticks) < SAMPLES_MIN:
-            problem = (
-                f"{len(measured.ticks)} samples, {len(measured.ticks) * measured.period:.3g} s, are too short a log"
-            )
-            fix = (
-                f"log at least {SAMPLES_MIN} samples, for the walk K minutes: trimtab run navigation/still --out still"
-            )
-            raise InputError(f"signal {path!r}", problem, fix=fix)
-        values = measured.values if measured.values.ndim > 1 else measured.values[:, None]
+    for path, one in measured.items():
+        values = one.values if one.values.ndim > 1 else one.values[:, None]
         for i, y in enumerate(values.T):
-            yield (f"{path}[{i}]" if measured.values.ndim > 1 else path), path, y, measured.period
+            yield (f"{path}[{i}]" if one.values.ndim > 1 else path), path, y, one.period
+
+
+def _left_out(log: Log) -> dict[str, str]:
+    """Return the reason for each column of a CSV file that is left out."""
+    left = log.metadata.get("left_out", {})
+    return dict(left) if isinstance(left, dict) else {}
 
 
 def _matching_signals(log: Log, name: str) -> list[str]:
-    name = f"csv.{name}" if f"csv.{name}" in log else name
+    if name.removeprefix(f"{BLOCK}.") in _left_out(log):
+        problem = _left_out(log)[name.removeprefix(f"{BLOCK}.")]
+        raise InputError(f"--signal {name}", problem, fix="write a number there, or leave the line out")
+    name = f"{BLOCK}.{name}" if f"{BLOCK}.{name}" in log else name
     paths = [p for p in log.paths if p == name or p.startswith(f"{name}.")]
     if not paths:
         measured = _candidate_signals(log)

@@ -34,6 +34,8 @@ from trimtab.design.poles import format_pole, sorted_poles, uncontrollable_poles
 
 STRICT = 1e-7
 """Distance of the solution from the boundary of the inequality, in the scaled variables X, Y."""
+STATES_SOLVED = 10
+"""Number of integrators in a chain up to which the solver finds a gain; a test solves it."""
 MatrixBlock = Callable[[Any], Any]
 """Affine function from variables (k,) to a symmetric matrix that must be positive semidefinite."""
 
@@ -103,6 +105,12 @@ def lmi_gain(A: Any, B: Any, Qe: Any, Re: Any, *, scale: Any = None, decay: floa
     strict: list[MatrixBlock] = [lambda z, f=f: f(z) - STRICT * np.eye(len(f(z))) for f in (inequality, positive)]
     solution = minimise(lambda z: _objective(z, Qs, m), [*strict, cost], k)
     X, Y, _ = _unpack_variables(solution.x, n, m)
+    stuck = _stuck_poles(As, Bs, decay)
+    if not (solution.is_solved or stuck or "Infeasible" in solution.status):
+        problem = f"the solver ends with {solution.status} for {n} states and {m} inputs, i.e. {k} unknowns: that does"
+        problem += f" not decide if a gain exists. Chains of up to {STATES_SOLVED} integrators are solved"
+        fix = "use the method lqr, leave out states, or choose the scale of the states"
+        raise InputError("lmi_gain", problem, fix=fix)
     if not solution.is_solved or not min(solution.margins[:2]) > -STRICT:
         fix = "add an input, or choose the scale of the states"
         if decay:
@@ -144,12 +152,17 @@ def _objective(z: Any, Q: Any, m: int) -> float:
     return float(np.sum(Q * X) + np.trace(Z))
 
 
+def _stuck_poles(A: Any, B: Any, decay: float) -> list[Any]:
+    """Return the poles that no input moves and that are too slow."""
+    return [p for p in uncontrollable_poles(A, B) if p.real >= -decay - 1e-9 * np.abs(A).max()]
+
+
 def _explain_infeasibility(
     solution: SemidefiniteSolution, blocks: list[MatrixBlock], A: Any, B: Any, decay: float
 ) -> str:
     """Return the reasons against a solution: poles that no input moves, or the size of the contradiction."""
     reasons = [f"the solver ends with {solution.status}"]
-    stuck = [p for p in uncontrollable_poles(A, B) if p.real >= -decay - 1e-9 * np.abs(A).max()]
+    stuck = _stuck_poles(A, B, decay)
     if stuck:
         reasons.append("the inputs don't move " + ", ".join(format_pole(p) for p in stuck if p.imag >= 0))
     missing = least_violation(blocks, len(solution.x))

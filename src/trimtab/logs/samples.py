@@ -1,8 +1,7 @@
 """Samples of a sensor, from a log and into a log: each once, at the time of measurement, whatever the log's rows.
 
 A log's rows hold the last sample until there is a new one; the sample's own time shows which. CSV files of other
-loggers can be read: a line of names, optionally with units, ``gyro_z [rad/s]`` or ``gyro_z (rad/s)``, then a line of
-numbers for each instant.
+loggers become logs, with a signal for each column of numbers.
 """
 
 import os
@@ -17,13 +16,19 @@ from trimtab.core.errors import InputError, argument
 from trimtab.core.quantity import Quantity
 from trimtab.core.time import UNITS_PER_SECOND, format_time, to_seconds
 from trimtab.core.units import UNITS, find_size
-from trimtab.core.user_file import read_user_text
+from trimtab.logs.csv_table import CsvColumn, read_table, split_heading, time_unit
 from trimtab.logs.log import Log
 
-TIMES = ("t", "time", "time_s", "timestamp", "seconds")
-"""Names of the column of times, in any case."""
 BLOCK = "csv"
 """Block name before each signal's name: ``csv.gyro_z``."""
+GAPS_MAX = 0.01
+"""Largest number of gaps, relative to the number of samples, between which a stretch is used."""
+PERIOD_MIN = 2e-5
+"""Shortest period of a sensor's samples (s) that is plausible."""
+PERIOD_MAX = 2.0
+"""Longest period of a sensor's samples (s) that is accepted for times without a unit."""
+PERIOD_LIKELY = 0.5
+"""Longest period (s) with which an error suggests a unit."""
 
 RECEIVED, TRUTH = "downlink", "truth"
 """Blocks of a log: signals received by the autopilot, and the truth."""
@@ -33,11 +38,13 @@ class Samples(NamedTuple):
     """Evenly spaced samples.
 
     values: (n,) or (n, k).  ticks: int64 (n,), times of measurement.  period: s, between samples.
+    left_out: text about samples before and after gaps that are left out, or empty.
     """
 
     values: Any
     ticks: Any
     period: float
+    left_out: str = ""
 
 
 class SampleSeries(NamedTuple):
@@ -111,12 +118,13 @@ def _check_series(name: str, series: SampleSeries) -> None:
             raise InputError(f"sensor {name!r}", problem, fix="give one value for each tick")
 
 
-def samples(log: Log, path: str) -> Samples:
+def samples(log: Log, path: str, *, longest: bool = False) -> Samples:
     """Return the samples of a signal, each once; raise InputError for missing samples or uneven times.
 
     Args:
         log: log of a run or of a sensor.
         path: a signal of a sample, e.g. ``sensors.imu.value.angular_rate``; for other signals each row is a sample.
+        longest: True to return the longest stretch without gaps if few samples are missing.
     """
     values, ticks = log[path], log.ticks
     sample = sample_path(log, path)
@@ -133,9 +141,19 @@ def samples(log: Log, path: str) -> Samples:
     usual = float(period or np.median(gaps))  # from the run's settings, or the usual gap
     loose = 0.01 if sample else 0.5  # a sensor keeps its period; rows of other loggers vary
     uneven = np.flatnonzero(np.abs(gaps - usual) > loose * usual)
+    left_out = ""
     if len(uneven):
-        _refuse_gaps(log, path, ticks, uneven, usual, sampled=sample is not None)
-    return Samples(values, ticks, float(to_seconds((ticks[-1] - ticks[0]) / (len(ticks) - 1))))
+        rows_hide = sample is not None and float(np.median(np.diff(log.ticks))) > min(usual, gaps.min())
+        if rows_hide or not longest or len(uneven) > GAPS_MAX * len(ticks):
+            _refuse_gaps(log, path, ticks, uneven, usual, rows_hide=rows_hide)
+        ends = np.array([0, *(uneven + 1), len(ticks)])
+        k = int(np.argmax(np.diff(ends)))
+        kept = slice(int(ends[k]), int(ends[k + 1]))
+        many = f"{len(uneven)} gap{'s' if len(uneven) > 1 else ''}, the first at {to_seconds(ticks[uneven[0]]):.4f} s"
+        begin, end = (f"{to_seconds(tick):.4f}" for tick in (ticks[kept][0], ticks[kept][-1]))
+        left_out = f"{many}: only its longest stretch without gaps is used, {begin} to {end} s"
+        values, ticks = values[kept], ticks[kept]
+    return Samples(values, ticks, float(to_seconds((ticks[-1] - ticks[0]) / max(len(ticks) - 1, 1))), left_out)
 
 
 def sample_path(log: Log, path: str) -> str | None:
@@ -144,13 +162,13 @@ def sample_path(log: Log, path: str) -> str | None:
     return before if value and f"{before}.t" in log else None
 
 
-def _refuse_gaps(log: Log, path: str, ticks: Any, uneven: Any, usual: float, *, sampled: bool) -> None:
+def _refuse_gaps(log: Log, path: str, ticks: Any, uneven: Any, usual: float, *, rows_hide: bool) -> None:
     at, gap = ticks[uneven[0]], np.diff(ticks)[uneven[0]]
     problem = f"its samples are not evenly spaced: usually {format_time(round(usual))}, but {format_time(int(gap))} at"
     problem += f" {at / UNITS_PER_SECOND:.4f} s, and {len(uneven) - 1} more such gaps"
     fix = "cut the log to a stretch without gaps, or log again"
     rows = float(np.median(np.diff(log.ticks)))
-    if sampled and rows > min(usual, np.diff(ticks).min()):
+    if rows_hide:
         problem += f"; the log has a row every {format_time(round(rows))}, so it misses samples"
         fix = "log rows more often than samples come, e.g. simulate(…, log_period=ms(1))"
     raise InputError(f"signal {path!r}", problem, fix=fix)
@@ -159,94 +177,78 @@ def _refuse_gaps(log: Log, path: str, ticks: Any, uneven: Any, usual: float, *, 
 def read_csv(path: str | os.PathLike[str], time: str | None = None) -> Log:
     """Read a CSV file; times start at 0 in the log and are rounded to 100 ns.
 
+    Columns with a cell that is not a finite number are left out. The metadata of the log give the reason for each
+    under ``left_out``.
+
     Args:
         path: the file.
-        time: name of the column of times, in s or its own unit; None: the first of TIMES in the file.
+        time: name of the column of times, with its unit if neither the heading nor the name gives it, e.g.
+            ``stamp [us]``; None: the first column whose name is that of a time.
     """
     where = f"log file '{path}'"
-    names, units, lines = _read_lines(path)
-    chosen = [n for n in names if n == time or (time is None and n.lower() in TIMES)]
+    table = read_table(path)
+    names = [column.name for column in table.columns]
+    wanted, unit = split_heading(time or "")
+    chosen = [n for n in names if (n == wanted if time else time_unit(n) is not None)]
     if not chosen:
-        problem = f"has no column {time!r}" if time else "has no column of times"
-        raise InputError(
-            where,
-            problem,
-            choices=names,
-            fix=f"name it time (in seconds), or give its name: {argument('time', 'NAME')}",
-        )
+        problem = f"has no column {wanted!r}" if time else "has no column of times"
+        fix = f"name it time (in seconds), or give its name: {argument('time', 'NAME')}"
+        raise InputError(where, problem, choices=names, fix=fix)
     paths = _signal_paths(where, names, chosen[0])
-    rows = _parse_numbers(where, lines, len(names), gaps=False)
-    seconds = rows[:, names.index(chosen[0])]
-    time_unit = units[names.index(chosen[0])]
-    since = (seconds - seconds[0]) * _time_scale(where, chosen[0], time_unit)
+    clock = table.column(chosen[0])
+    if clock.problem:
+        raise InputError(where, clock.problem, fix="leave the line out; gaps are then reported by their time")
+    since = (clock.values - clock.values[0]) * _time_scale(where, clock, unit)
     ticks = np.round(since * UNITS_PER_SECOND).astype(np.int64)
-    signals = {path: rows[:, names.index(n)] for n, path in paths.items()}
-    declared = {paths[n]: Quantity(u or "1", f"Column {n}.") for n, u in zip(names, units, strict=True) if n in paths}
+    others = [column for column in table.columns if column.name in paths]
+    good, left = [c for c in others if not c.problem], {c.name: c.problem for c in others if c.problem}
+    if left and not good:
+        raise InputError(where, next(iter(left.values())), fix="write a number, or leave such lines out")
+    signals = {paths[c.name]: c.values for c in good}
+    declared = {paths[c.name]: Quantity(c.unit or "1", f"Column {c.name}.") for c in good}
     if (np.diff(ticks) <= 0).any():
         at = int(np.argmax(np.diff(ticks) <= 0))
-        problem = f"its times must rise, but after line {at + 2}: {seconds[at]}, then {seconds[at + 1]}"
-        raise InputError(
-            where,
-            problem,
-            fix=("sort the file, remove repeated rows, and write times with a resolution of at least 100 ns"),
-        )
-    return Log(to_seconds(ticks), ticks, signals, declared, {"file": Path(path).name})
+        problem = f"its times must rise, but after line {table.lines[at]}: {clock.values[at]}, then"
+        problem += f" {clock.values[at + 1]}"
+        fix = "sort the file, remove repeated rows, and write times with a resolution of at least 100 ns"
+        raise InputError(where, problem, fix=fix)
+    about = {"file": Path(path).name} | ({"left_out": left} if left else {})
+    return Log(to_seconds(ticks), ticks, signals, declared, about)
 
 
-class CsvColumns(NamedTuple):
-    """Columns of a file. names: without their units.  units: from the names, or empty.  rows: (n, k)."""
+def _time_scale(where: str, clock: CsvColumn, unit: str) -> float:
+    """Return the length in seconds of the unit of the column of times.
 
-    names: list[str]
-    units: list[str]
-    rows: Any
-
-
-def read_columns(path: str | os.PathLike[str], *, gaps: bool = False) -> CsvColumns:
-    """Read the numbers of a CSV file.
-
-    Args:
-        path: the file.
-        gaps: True to read empty and non-finite cells as NaN; False to reject them.
-
-    Raises:
-        InputError: a file that can't be read, has no rows, or holds text instead of numbers.
+    unit: as given by the user, or empty. Without any unit the times are seconds if a sensor can have that period.
     """
-    names, units, lines = _read_lines(path)
-    return CsvColumns(names, units, _parse_numbers(f"log file '{path}'", lines, len(names), gaps=gaps))
-
-
-def _read_lines(path: str | os.PathLike[str]) -> tuple[list[str], list[str], list[str]]:
-    """Return the names, their units, and the lines of numbers."""
-    where = f"log file '{path}'"
-    try:
-        text = read_user_text(path, "utf-8-sig")
-    except (OSError, UnicodeDecodeError) as error:
-        raise InputError(where, f"cannot be read: {error}", fix="give a CSV file of text in UTF-8") from None
-    lines = [line for line in text.splitlines() if line.strip()]
-    if lines and ";" in lines[0] and "," not in lines[0]:
-        fix = "write commas between the columns, and a decimal point in the numbers: 1.5,2.25"
-        raise InputError(where, "line 1 has semicolons between its columns", fix=fix)
-    head = [name.strip().strip('"') for name in lines[0].split(",")] if lines else []
-    names = [re.split(r"\s*[\[(]", name)[0] for name in head]
-    units = [match[1].strip() if (match := re.search(r"[\[(](.*)[\])]", name)) else "" for name in head]
-    return names, units, lines[1:]
-
-
-def _time_scale(where: str, name: str, unit: str) -> float:
-    """Return the length in seconds of the unit of the column of times; default: seconds."""
-    scale = find_size(unit or "s", "s")
+    said = unit or clock.unit or time_unit(clock.name) or ""
+    scale = find_size(said or "s", "s")
     if scale is None:
-        problem = f"its column of times {name!r} is in {unit!r}"
-        fix = f"convert it to seconds and name it {name}, or {name} [s]"
+        problem = f"its column of times {clock.name!r} is in {said!r}"
+        fix = f"convert it to seconds and name it {clock.name}, or {clock.name} [s]"
+        raise InputError(where, problem, choices=UNITS["s"], fix=fix)
+    period = usual_period(clock.values)
+    if period * scale < PERIOD_MIN or (not said and period > PERIOD_MAX):
+        taken = f"{said}, as written" if said else "s, as no unit is given"
+        problem = f"its column of times {clock.name!r} has a row every {period:.6g} {taken}; no sensor has that period"
+        likely = next((u for u in ("s", "ms", "us", "ns") if period * UNITS["s"][u] <= PERIOD_LIKELY), "ns")
+        heading = f"{clock.name} [{likely}]"
+        fix = f"write its unit in the heading, e.g. {heading}, or {argument('time', heading)}"
         raise InputError(where, problem, choices=UNITS["s"], fix=fix)
     return scale
+
+
+def usual_period(times: Any) -> float:
+    """Return the median difference of times (n,), in their unit; NaN for fewer than two."""
+    return float(np.median(np.diff(times))) if len(times) > 1 else np.nan
 
 
 def _signal_paths(where: str, names: list[str], time: str) -> dict[str, str]:
     """Return the signal of each column except the times; raise InputError if two columns have the same signal."""
     paths: dict[str, str] = {}
     for i, name in enumerate(names):
-        path = f"{BLOCK}.{re.sub(r'[^0-9A-Za-z]+', '_', name)}"
+        whole, index = re.fullmatch(r"(.*?)((?:\[\d+\])?)", name).groups()  # pyright: ignore[reportOptionalMemberAccess]
+        path = f"{BLOCK}.{re.sub(r'[^0-9A-Za-z]+', '_', whole)}{index}"
         same = next((n for n, p in paths.items() if p == path), None)
         if same is not None or name in names[:i]:
             problem = f"columns {same or name!r} and {name!r} have the same signal, {path}"
@@ -254,30 +256,3 @@ def _signal_paths(where: str, names: list[str], time: str) -> dict[str, str]:
         if name != time:
             paths[name] = path
     return paths
-
-
-def _parse_numbers(where: str, lines: list[str], columns: int, *, gaps: bool) -> np.ndarray:
-    cells = [line.split(",") for line in lines]
-    for i, row in enumerate(cells):
-        if len(row) != columns:
-            problem = f"line {i + 2} has {len(row)} columns, but there are {columns} names"
-            fix = "give one number for each name, without commas inside"
-            if len(row) == 2 * columns:
-                problem, fix = f"{problem}: it seems to have decimal commas", "write a decimal point: 1.5, not 1,5"
-            raise InputError(where, problem, fix=fix)
-    if gaps:
-        cells = [[cell if cell.strip() else "nan" for cell in row] for row in cells]
-    try:
-        rows = np.array(cells, np.float64).reshape(len(cells), columns)
-    except ValueError as error:
-        raise InputError(
-            where, f"holds text that is not a number: {error}", fix="write numbers with a decimal point"
-        ) from None
-    if not len(rows) or not (gaps or np.isfinite(rows).all()):
-        line = int(np.argmin(np.isfinite(rows).all(1))) + 2 if len(rows) else 0
-        if not line:
-            fix = "trimtab run SCENARIO --out DIR  writes a log; a table is a line of names, then lines of numbers"
-            raise InputError(where, "has no rows", fix=fix)
-        fix = "leave such lines out; gaps are then reported by their time"
-        raise InputError(where, f"line {line} has a value that is not finite", fix=fix)
-    return rows

@@ -16,10 +16,13 @@ from trimtab.estimators.ranging.odometry import (
     ERRORS,
     SCALE,
     TURN_BIAS,
+    OdometryMotion,
     OdometryNoise,
     OdometryRanging,
     PlanarStart,
     RadioErrors,
+    initial_belief,
+    predict_odometry,
 )
 from trimtab.logs.consistency import chi_square_bounds
 
@@ -207,3 +210,12 @@ def test_a_way_that_no_wheel_can_drive_is_doubted_whole():
     trusting = replace(FILTER, noise=replace(FILTER.noise, grip=np.float64(1e3)))
     blind = nees(world, run(frames, trusting)[1])[near]
     assert honest.max() < 16.0 < blind.max()
+
+
+def test_driving_backwards_adds_as_much_noise_as_forwards():
+    """Slip of 0.05 m/sqrt(m) over 4 m: 0.01 m^2 in each coordinate, either way."""
+    x, P = initial_belief(FILTER.start, FILTER.errors, len(BEACONS))
+    P = 0 * P
+    for distance in (4.0, -4.0):
+        _, after = predict_odometry(x, P, OdometryMotion(distance, 0.0, 1.0, 0.0), FILTER.noise)
+        np.testing.assert_allclose(np.diag(after)[1:3], 0.01, rtol=1e-12)

@@ -66,13 +66,19 @@ def test_csv_says_its_units_and_two_sensors_share_it(write):
     np.testing.assert_allclose(log["downlink.compass.value.field"], [[0], [0.002], [0.004]])
 
 
+def test_unwanted_text_and_times_in_the_unit_of_their_name(write):
+    log = read_foreign(write("# a\nTimeUS,mode,x\n1000000,AUTO,1\n1005000,,2\n"), mapping(x={"from": "x", "unit": "1"}))
+    np.testing.assert_array_equal(log.ticks, [0, 50_000])
+
+
 WRONG_CSV = {
+    "microseconds without a unit": ("timestamp,x\n1000000,1\n1005000,2\n", r"time has no unit(.|\n)*unit = \"us\""),
     "semicolons": ("t;x\n0,5;1,5\n", r"semicolons(.|\n)*decimal point"),
     "decimal commas": (
         "t,x\n0,5,1,5\n",
         r"line 2 has 4 columns, but there are 2 names: it seems to have decimal commas",
     ),
-    "words": ("t,x\n0,up\n", r"not a number: .*up"),
+    "words": ("t,x\n0,up\n", r"line 2, column 'x': 'up' is not a number"),
     "no rows": ("t,x\n", r"has no rows"),
     "no time": ("when,x\n0,1\n", r"does not name the column of times(.|\n)*Choices: when, x(.|\n)*time = \{field"),
     "all gaps": ("t,x\n0,\n1,\n", r"no row has only finite values: x"),

@@ -70,9 +70,8 @@ def _column(where: str, table: Table, name: str, key: str) -> Any:
     column = np.asarray(table.columns[name])
     if column.dtype.kind not in "biuf":
         choices = [n for n, c in table.columns.items() if np.asarray(c).dtype.kind in "biuf"]
-        raise InputError(
-            where, f"its column {name!r} holds no numbers", choices=choices, fix=f"in {key} use another column"
-        )
+        problem = table.problems.get(name, f"its column {name!r} holds no numbers")
+        raise InputError(where, problem, choices=choices, fix=f"in {key} use another column")
     return column
 
 

@@ -13,6 +13,7 @@ from trimtab.core.time import to_seconds
 from trimtab.core.units import find_size
 from trimtab.core.user_file import open_user_file
 from trimtab.logs.contents import MAGIC, parse_contents
+from trimtab.logs.csv_table import read_table, time_unit
 from trimtab.logs.foreign.ardupilot import list_bin, read_bin
 from trimtab.logs.foreign.convert import convert_table
 from trimtab.logs.foreign.mapping import LogMapping, TopicMap, read_mapping
@@ -21,14 +22,14 @@ from trimtab.logs.foreign.tables import Table, TopicSummary, name_file, summaris
 from trimtab.logs.foreign.ulog import list_ulog, read_ulog
 from trimtab.logs.log import Log
 from trimtab.logs.messages import LAYOUT, RUN
-from trimtab.logs.samples import TIMES, TRUTH, SampleSeries, log_samples, read_columns
+from trimtab.logs.samples import PERIOD_MAX, TRUTH, SampleSeries, log_samples, usual_period
 
 
 def list_csv(path: Path) -> list[TopicSummary]:
     """List a CSV file as one topic, under its own name."""
     table = _read_table(path)
     scale = find_size(table.time_unit, "s") or 1.0
-    seconds = table.columns[table.time] * scale if table.time else []
+    seconds = table.columns[table.time] * scale if table.time and table.time not in table.problems else []
     count = len(next(iter(table.columns.values())))
     return [summarise_rows(path.name, list(table.columns), seconds)._replace(rows=count)]
 
@@ -41,11 +42,13 @@ def read_csv_topics(path: Path, topics: Iterable[str]) -> dict[str, Table]:
 
 
 def _read_table(path: Path) -> Table:
-    names, units, rows = read_columns(path, gaps=True)
-    columns = {name: rows[:, i] for i, name in enumerate(names)}
-    said = {name: unit for name, unit in zip(names, units, strict=True) if unit}
-    time = next((name for name in names if name.lower() in TIMES), "")
-    return Table(columns, said, time, said.get(time, "s") if time else "")
+    table = read_table(path, gaps=True)
+    columns = {column.name: column.values for column in table.columns}
+    said = {c.name: unit for c in table.columns if (unit := c.unit or time_unit(c.name))}
+    time = next((name for name in columns if time_unit(name) is not None), "")
+    problems = {column.name: column.problem for column in table.columns if column.problem}
+    seconds = time and time not in problems and not usual_period(columns[time]) > PERIOD_MAX
+    return Table(columns, said, time, said.get(time, "s" if seconds else ""), problems)
 
 
 class LogFormat(NamedTuple):

@@ -21,12 +21,14 @@ class Table(NamedTuple):
 
     columns: name -> (n,), in its own type.  units: name -> unit, if the file gives it.
     time: name of the usual column of times, or empty.  time_unit: its unit.
+    problems: name -> reason why a column has no numbers, with its line, if known.
     """
 
     columns: Mapping[str, Any]
     units: Mapping[str, str] = {}
     time: str = ""
     time_unit: str = ""
+    problems: Mapping[str, str] = {}
 
 
 class TopicSummary(NamedTuple):

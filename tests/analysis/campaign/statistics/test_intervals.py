@@ -79,6 +79,11 @@ def test_low_quantiles_mirror_high_ones():
     x = np.random.default_rng(0).normal(size=500)
     up, down = quantile(x, 0.9), quantile(-x, 0.1)
     assert (up.low, up.high) == (-down.high, -down.low)
+    for anytime in (False, True):
+        assert least_trials(0.05, 0.95, anytime=anytime) == least_trials(0.95, 0.95, anytime=anytime)
+    few, enough = quantile(np.arange(71.0), 0.05), quantile(np.arange(72.0), 0.05)
+    assert (few.low, few.needed_runs) == (-math.inf, 72)
+    assert enough.low == 0.0
 
 
 def test_runs_without_a_number_count_as_the_worst():

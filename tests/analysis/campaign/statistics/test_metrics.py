@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from trimtab.analysis.campaign.statistics.metrics import Rows, find_metric
+from trimtab.analysis.campaign.statistics.metrics import Rows, find_metric, first_reach
 from trimtab.core.errors import InputError
 from trimtab.core.quantity import Quantity
 from trimtab.logs.log import Log
@@ -174,3 +174,10 @@ def test_what_no_simulated_run_has_is_refused_in_words(name, says, fix):
         find_metric(f"peak:{name}", SIGNALS, TARGETS)
     assert says in str(refused.value)
     assert fix in refused.value.fix
+
+
+def test_a_row_in_the_band_counts_although_the_target_was_crossed_just_before():
+    t, band = np.arange(4.0), 0.1
+    runs = {"truth.yaw_rate": np.array([[0.0, 1.05, 1.0, 1.0], [0.0, 4.0, 1.0, 1.0], [3.0, 2.0, 0.95, 1.0]])}
+    rows = Rows(t, runs, [Target("truth.yaw_rate", 1.0, band)], frozenset())
+    np.testing.assert_allclose(first_reach(rows, "yaw_rate"), [1.0, 0.25, 2.0], rtol=1e-12)

@@ -4,6 +4,7 @@ import itertools
 
 import numpy as np
 import pytest
+from scipy import stats
 
 from trimtab.analysis.campaign.sampling.points import MORRIS_LEVELS, MORRIS_STEP, morris_rows, rows_per_trajectory
 from trimtab.analysis.campaign.statistics.morris import morris
@@ -139,3 +140,20 @@ def test_runs_that_tell_nothing_say_so():
 def test_refuses_too_few_rows(call):
     with pytest.raises(InputError):
         call()
+
+
+def test_interval_of_sigma_is_the_jackknife():
+    """Oracle: the variance computed again without each trajectory (Miller 1968)."""
+    rows = morris_rows(3, 0, 12 * 4, 3, noise=False)
+    found = morris(ishigami(rows.u), 3, NAMES, noise=False)
+    y, u = ishigami(rows.u).reshape(12, 4), rows.u.reshape(12, 4, 3)
+    change = np.diff(u, axis=1)
+    effects = np.stack([np.sum(np.diff(y)[..., None] * (change != 0) / MORRIS_STEP * np.sign(change), axis=1)])[0]
+    for i in range(3):
+        one = effects[:, i]
+        whole = np.log(one.var(ddof=1))
+        pseudo = np.array([12 * whole - 11 * np.log(np.delete(one, k).var(ddof=1)) for k in range(12)])
+        width = stats.t.ppf(0.975, 11) * pseudo.std(ddof=1) / np.sqrt(12)
+        low, high = np.exp((pseudo.mean() - width) / 2), np.exp((pseudo.mean() + width) / 2)
+        wanted = [one.std(ddof=1), min(low, one.std(ddof=1)), max(high, one.std(ddof=1))]
+        np.testing.assert_allclose([found.sigma[i], found.sigma_low[i], found.sigma_high[i]], wanted, rtol=1e-9)

@@ -1,0 +1,170 @@
+"""Columns of the CSV files of other loggers, with the units in their headings and the units of their times.
+
+    # a comment
+    timestamp [us],gyro[0] [rad/s],gyro[1] [rad/s],mode
+    1000000,0.011,-0.003,AUTO
+
+The first line that is no comment holds the names. If that line holds numbers, the last comment before it holds the
+names. A number in brackets is an index and part of the name; other text in brackets is a unit.
+"""
+
+import csv
+import os
+import re
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from trimtab.core.errors import InputError
+from trimtab.core.user_file import read_user_text
+
+_UNITS = {
+    "s": "s",
+    "sec": "s",
+    "seconds": "s",
+    "ms": "ms",
+    "msec": "ms",
+    "millis": "ms",
+    "us": "us",
+    "usec": "us",
+    "micros": "us",
+    "ns": "ns",
+    "nsec": "ns",
+    "nanos": "ns",
+}
+"""Units of time as they end a column's name -> unit."""
+_SUFFIXES = "|".join(_UNITS)
+_TIME = re.compile(
+    rf"(?i:t|time|timestamp|stamp)(?i:_boot|_sample|_unix|_utc)?(?:_(?i:({_SUFFIXES}))|(S|MS|US|NS))?"
+    rf"|(?i:(seconds|millis|micros|nanos))"
+)
+ROS_TIME = "%time"
+"""Column of times, in ns, of `rostopic echo -p`."""
+SHOWN = 24
+"""Maximum number of characters of a cell in an error."""
+
+
+class CsvColumn(NamedTuple):
+    """Column of a file.
+
+    name: without the unit.  unit: from the heading, or empty.  values: numbers (n,); text if there is a problem.
+    problem: line and cell that is not a number, or empty.
+    """
+
+    name: str
+    unit: str
+    values: Any
+    problem: str
+
+
+class CsvTable(NamedTuple):
+    """Columns of a file in their order. lines: number of each row's line (n,)."""
+
+    columns: Sequence[CsvColumn]
+    lines: Sequence[int]
+
+    def column(self, name: str) -> CsvColumn:
+        """Return the first column of that name."""
+        return next(column for column in self.columns if column.name == name)
+
+
+def time_unit(name: str) -> str | None:
+    """Return the unit in the name of a column of times: "" if the name has none; None for another column."""
+    if name.lower() == ROS_TIME:
+        return "ns"
+    match = _TIME.fullmatch(name)
+    if match is None:
+        return None
+    return _UNITS[next((part for part in match.groups() if part), "").lower()] if any(match.groups()) else ""
+
+
+def split_heading(heading: str) -> tuple[str, str]:
+    """Return name and unit of a heading, e.g. "gyro[0]" and "rad/s" of "gyro[0] [rad/s]"."""
+    match = re.search(r"\s*[\[(](?!\s*\d+\s*[\])])(.*)[\])]", heading)
+    return (heading[: match.start()], match[1].strip()) if match else (heading, "")
+
+
+def read_table(path: str | os.PathLike[str], *, gaps: bool = False) -> CsvTable:
+    """Read the columns of a CSV file; a column with text in it has a problem instead of numbers.
+
+    Args:
+        path: the file.
+        gaps: True to read empty and non-finite cells as NaN; False to count them as a problem.
+
+    Raises:
+        InputError: a file that can't be read, without rows, or with rows of different lengths.
+    """
+    where = f"log file '{path}'"
+    head, rows, lines = _read_cells(where, path)
+    if not rows:
+        fix = "trimtab run SCENARIO --out DIR  writes a log; a table is a line of names, then lines of numbers"
+        raise InputError(where, "has no rows", fix=fix)
+    for line, row in zip(lines, rows, strict=True):
+        if len(row) != len(head):
+            problem = f"line {line} has {len(row)} columns, but there are {len(head)} names"
+            fix = "give one cell for each name, and quote text with commas inside"
+            if len(row) == 2 * len(head):
+                problem, fix = f"{problem}: it seems to have decimal commas", "write a decimal point: 1.5, not 1,5"
+            raise InputError(where, problem, fix=fix)
+    columns = [
+        _parse_column(name, cells, lines, gaps) for name, cells in zip(head, zip(*rows, strict=True), strict=True)
+    ]
+    return CsvTable(columns, lines)
+
+
+def _read_cells(where: str, path: str | os.PathLike[str]) -> tuple[list[str], list[list[str]], list[int]]:
+    """Return the names, the cells of each row, and the number of each row's line."""
+    try:
+        text = read_user_text(path, "utf-8-sig")
+    except (OSError, UnicodeDecodeError) as error:
+        raise InputError(where, f"cannot be read: {error}", fix="give a CSV file of text in UTF-8") from None
+    numbered = [(i, line) for i, line in enumerate(text.splitlines(), 1) if line.strip()]
+    comments = [pair for pair in numbered if pair[1].lstrip().startswith("#")]
+    numbered = [pair for pair in numbered if not pair[1].lstrip().startswith("#")]
+    if numbered and ";" in numbered[0][1] and "," not in numbered[0][1]:
+        fix = "write commas between the columns, and a decimal point in the numbers: 1.5,2.25"
+        raise InputError(where, f"line {numbered[0][0]} has semicolons between its columns", fix=fix)
+    rows, lines = list[list[str]](), list[int]()
+    reader, begin = csv.reader((line for _, line in numbered), skipinitialspace=True), 0
+    for row in reader:
+        rows.append([cell.strip() for cell in row])
+        lines.append(numbered[begin][0])
+        begin = reader.line_num
+    if not rows:
+        return [], [], []
+    before = [comment for i, comment in comments if i < lines[0]]
+    named = next(csv.reader([before[-1].lstrip(" #")])) if before else []
+    if len(named) == len(rows[0]) and all(_is_number(cell) for cell in rows[0]):
+        return [name.strip() for name in named], rows, lines
+    return rows[0], rows[1:], lines[1:]
+
+
+def _is_number(cell: str) -> bool:
+    try:
+        float(cell)
+    except ValueError:
+        return False
+    return True
+
+
+def _parse_column(heading: str, cells: Sequence[str], lines: Sequence[int], gaps: bool) -> CsvColumn:
+    name, unit = split_heading(heading)
+    filled = [cell or "nan" for cell in cells] if gaps else cells
+    if time_unit(name) is not None:
+        try:
+            return CsvColumn(name, unit, np.array([int(cell) for cell in filled], np.int64), "")
+        except (ValueError, OverflowError):
+            pass
+    try:
+        values = np.array(filled).astype(np.float64)
+    except ValueError:
+        bad = next(i for i, cell in enumerate(filled) if not _is_number(cell))
+        what = f"{cells[bad][:SHOWN]!r} is not a number" if cells[bad] else "the cell is empty"
+        return CsvColumn(name, unit, np.array(cells), f"line {lines[bad]}, column {name!r}: {what}")
+    if not gaps and not np.isfinite(values).all():
+        bad = int(np.argmin(np.isfinite(values)))
+        return CsvColumn(
+            name, unit, np.array(cells), f"line {lines[bad]}, column {name!r}: {cells[bad]!r} is not finite"
+        )
+    return CsvColumn(name, unit, values, "")
