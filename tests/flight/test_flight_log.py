@@ -10,7 +10,7 @@ import pytest
 from trimtab.compiler.structs import Member
 from trimtab.core.errors import InputError
 from trimtab.core.quantity import Quantity
-from trimtab.flight.flight_log import FlightLog, FlightRows, LogSource
+from trimtab.flight.flight_log import ROWS, WRITER_DIED, FlightLog, FlightRows, LogSource, list_log_problems
 from trimtab.logs.mcap import read_mcap
 
 PERIOD = 10_000
@@ -72,6 +72,8 @@ def test_a_writer_that_dies_costs_the_log_and_nothing_else(tmp_path):
         log.write_row(k * PERIOD, (0.0, True))
     log.write_event("nobody hears this")
     assert log.close() is None
+    assert log.unread_rows == ROWS
+    assert list_log_problems(log, None) == [f"{WRITER_DIED}, at least {ROWS} rows are lost"]
 
 
 @pytest.mark.real_time

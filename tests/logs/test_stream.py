@@ -8,6 +8,7 @@ import subprocess
 import sys
 import time
 from pathlib import Path
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -22,7 +23,7 @@ from trimtab.flight.flight_log import list_log_problems
 from trimtab.logs.log import Log, provenance
 from trimtab.logs.mcap import read_mcap, write_mcap
 from trimtab.logs.ring import Ring
-from trimtab.logs.stream import start_writer
+from trimtab.logs.stream import LogStream, start_writer
 
 SIGNALS = [
     ("downlink.imu.value.acceleration", (3,), np.float64, Quantity("m/s^2", "Felt.", shape=(3,))),
@@ -284,7 +285,7 @@ def test_a_log_that_was_deleted_says_so(tmp_path, ring):
     (tmp_path / "flight.mcap").unlink()
     written = stream.close()
     assert (written.rows, written.gone) == (6, True)
-    assert list_log_problems(written) == ["the log was deleted or moved before its end"]
+    assert list_log_problems(Mock(), written) == ["the log was deleted or moved before its end"]
 
 
 def test_times_that_do_not_rise_are_left_out_and_counted(tmp_path, ring):
@@ -316,3 +317,25 @@ def test_closing_after_the_writer_died_says_so(tmp_path, ring):
     until(lambda: not stream.is_alive)
     assert stream.close() is None
     assert read_mcap(tmp_path / "flight.mcap").metadata["truncated"] is True
+
+
+def test_a_stopped_writer_delays_the_end_by_its_limit(tmp_path, ring, monkeypatch):
+    monkeypatch.setattr("trimtab.logs.stream.END_S", 0.1)
+    stream = flown(tmp_path / "flight.mcap", ring, rows_of(20))
+    until(lambda: len(read_mcap(tmp_path / "flight.mcap")) == 20)
+    os.kill(stream.pid, signal.SIGSTOP)
+    ring.write_row(rows_of(21)[20])
+    assert stream.close() is None
+    assert not stream.is_alive
+    assert ring.waiting_rows == 1
+    same(read_mcap(tmp_path / "flight.mcap"), rows_of(20))
+
+
+def test_a_slow_writer_may_finish_while_it_makes_progress(tmp_path, ring, monkeypatch):
+    """Each line of the writer, as it comes after a chunk, extends its limit."""
+    monkeypatch.setattr("trimtab.logs.stream.END_S", 0.2)
+    script = "import time; [(time.sleep(0.05), print(flush=True)) for _ in range(40)]; print('{}', flush=True)"
+    process = subprocess.Popen([sys.executable, "-c", script], stdin=subprocess.PIPE, stdout=subprocess.PIPE)
+    assert process.stdout is not None
+    process.stdout.readline()
+    assert LogStream(tmp_path / "a.mcap", process)._await_end(b"").splitlines()[-1] == b"{}"

@@ -153,7 +153,7 @@ class LiveAutopilot:
         finally:
             reporter.end_log()
             summary = close_flight_log(flight_log, lost_lines())
-        lost = ([] if flight_log is None else list_log_problems(summary)) + list_stamp_problems(self.endpoint)
+        lost = list_log_problems(flight_log, summary) + list_stamp_problems(self.endpoint)
         for problem in lost:
             tell(problem)
         facts = grant, loop.deadlines, loop.skipped, summary, cause

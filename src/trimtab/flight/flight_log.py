@@ -19,7 +19,7 @@ from trimtab.flight.mavlink.endpoint import FrameCounts
 from trimtab.logs.frames import no_pose
 from trimtab.logs.log_limit import LogLimit
 from trimtab.logs.ring import Ring
-from trimtab.logs.stream import LogFileSummary, LogStream, Signal, start_writer
+from trimtab.logs.stream import END_S, LogFileSummary, LogStream, Signal, start_writer
 from trimtab.loop.scenario import Scenario
 from trimtab.run.program import describe_scenario
 
@@ -27,7 +27,7 @@ FRAMES = {"vehicle": "vehicle", "autopilot": "estimate"}
 """Side -> name of the vehicle's frame in its log."""
 ROWS = 16384
 """Number of rows in the ring: it bridges the time for which the disk delays the writer."""
-WRITER_DIED = "the log's writer died; the rows written before are kept"
+WRITER_DIED = f"the log's writer died, or wrote nothing for {END_S:g} s; the rows written before are kept"
 
 
 class LogSource(NamedTuple):
@@ -85,6 +85,8 @@ class FlightRecorder(Protocol):
 
     pose: Any
     """Pose of the vehicle, as in `logs.frames`. Each row holds the pose that was set last."""
+    unread_rows: int
+    """Number of rows that the process that wrote it had not taken at its death."""
 
     def start_clock(self, start: int, clock: Clock) -> None:
         """Set time zero to a time of the monotonic clock (ns). Call it before the first row."""
@@ -103,7 +105,7 @@ class FlightRecorder(Protocol):
         ...
 
     def close(self, final: Mapping[str, Any] | None = None) -> LogFileSummary | None:
-        """End the log. None: the process that wrote it had died."""
+        """End the log. None: the process that wrote it had died, or wrote nothing any more."""
         ...
 
 
@@ -133,6 +135,7 @@ class FlightLog:
         self._row = np.zeros(stop + len(self.pose))
         self._numbers, self._poses = self._row[1:stop], self._row[stop:]
         self._ring = Ring.create(columns=len(self._row), rows=ROWS)
+        self.unread_rows = 0
         try:
             options = {"metadata": metadata, "frame": frame, "limit": limit}
             self._stream: LogStream = start_writer(path, self._ring, signals=rows.signals, **options)
@@ -161,10 +164,11 @@ class FlightLog:
         self._ring.write_text(text)
 
     def close(self, final: Mapping[str, Any] | None = None) -> LogFileSummary | None:
-        """End the log. Return None if the writer had died."""
+        """End the log. Return None if the writer had died or does not go on writing; `unread_rows` is then set."""
         try:
             return self._stream.close(final)
         finally:
+            self.unread_rows = self._ring.waiting_rows
             self._release_ring()
 
     def _release_ring(self) -> None:
@@ -189,10 +193,12 @@ def close_flight_log(
     return log.close(final)
 
 
-def list_log_problems(summary: LogFileSummary | None) -> list[str]:
-    """Return the problems of a log that has ended. summary: None if its writer had died."""
+def list_log_problems(log: FlightRecorder | None, summary: LogFileSummary | None) -> list[str]:
+    """Return the problems of a log that has ended. log: None for no log.  summary: None if its writer had died."""
+    if log is None:
+        return []
     if summary is None:
-        return [WRITER_DIED]
+        return [f"{WRITER_DIED}, at least {log.unread_rows} rows are lost" if log.unread_rows else WRITER_DIED]
     count = summary.dropped + summary.unwritten
     problems = {
         f"the log lacks {count} rows": count > 0,

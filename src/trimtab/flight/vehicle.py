@@ -165,7 +165,7 @@ class LiveVehicle:
             self._outputs = None
             reporter.end_log()
             summary = close_flight_log(flight_log, lost_lines(), self.body.final_truth())
-        lost = ([] if flight_log is None else list_log_problems(summary)) + list_stamp_problems(self.endpoint)
+        lost = list_log_problems(flight_log, summary) + list_stamp_problems(self.endpoint)
         for problem in lost:
             tell(problem)
         self._problems += lost

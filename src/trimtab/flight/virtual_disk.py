@@ -68,6 +68,7 @@ class MemoryLog:
         self._final: Mapping[str, Any] = {}
         self._epoch = 0
         self.is_closed = False
+        self.unread_rows = 0
 
     def start_clock(self, start: int, clock: Clock) -> None:
         """Set time zero to a time of the monotonic clock (ns)."""

@@ -28,8 +28,8 @@ COUNTER_SIGNALS: dict[str, Quantity] = {
     "log.unwritten": Quantity("1", "Number of rows before this row that the disk had no room for.", kind="count"),
 }
 """Signals that the writer adds to each row."""
-START_S, END_S = 30.0, 30.0
-"""Time limits for the writer to start and to end (s)."""
+START_S, END_S, KILL_S = 30.0, 5.0, 1.0
+"""Time limits for the writer to start, to write the next chunk of the end, and to die (s)."""
 
 
 class LogFileSummary(NamedTuple):
@@ -76,7 +76,7 @@ class LogStream:
             self._process.stdin.flush()
 
     def close(self, final: Mapping[str, Any] | None = None) -> LogFileSummary | None:
-        """End the log and wait until it is on the disk; return None if the writer had died.
+        """End the log and wait until it is on the disk; return None if the writer had died or does not go on writing.
 
         Args:
             final: path -> value at the end, see `Log`.
@@ -84,15 +84,24 @@ class LogStream:
         values = {} if final is None else {p: np.asarray(v) for p, v in final.items()}
         text = dump_json({p: {"dtype": v.dtype.str, "value": v.tolist()} for p, v in values.items()})
         try:
-            said, _ = self._process.communicate(json.dumps({"final": text}).encode() + b"\n", timeout=END_S)
+            said = self._await_end(json.dumps({"final": text}).encode() + b"\n")
             return LogFileSummary(**json.loads(said.splitlines()[-1]), gone=not self.path.exists())
-        except subprocess.TimeoutExpired:
+        except (OSError, ValueError, IndexError, subprocess.TimeoutExpired):
             self._process.kill()
-            self._process.communicate()
-        except (OSError, ValueError, IndexError):
-            with contextlib.suppress(OSError):
-                self._process.communicate()
+            with contextlib.suppress(OSError, subprocess.TimeoutExpired):  # a disk that hangs delays its death
+                self._process.communicate(timeout=KILL_S)
         return None
+
+    def _await_end(self, order: bytes | None) -> bytes:
+        """Send the last order and return the writer's answer; raise TimeoutExpired after END_S without progress."""
+        heard = b""
+        while True:
+            try:
+                return self._process.communicate(order, timeout=END_S)[0]
+            except subprocess.TimeoutExpired as late:
+                if len(late.output or b"") <= len(heard):
+                    raise
+                order, heard = None, late.output
 
 
 def start_writer(

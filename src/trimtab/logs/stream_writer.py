@@ -13,6 +13,7 @@ import select
 import signal
 import sys
 import time
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
@@ -116,8 +117,11 @@ class Recorder:
             self._rows.append(rows[good])
             self._dropped.append(dropped[good])
 
-    def write(self) -> None:
-        """Write all rows taken to the disk, once the time of day is known."""
+    def write(self, report_progress: Callable[[], None] = lambda: None) -> None:
+        """Write all rows taken to the disk, once the time of day is known.
+
+        report_progress: called after each chunk.
+        """
         if self._epoch is None:
             return
         rows = np.concatenate([np.empty((0, self._ring.columns)), *self._rows])
@@ -125,6 +129,7 @@ class Recorder:
         self._rows, self._dropped = [], []
         for first in range(0, len(rows), ROWS):
             self._write_chunk(rows[first : first + ROWS], dropped[first : first + ROWS])
+            report_progress()
         if self._events:
             self._write_chunk(rows[:0], dropped[:0])
 
@@ -245,13 +250,17 @@ class Recorder:
         arrays |= {"log.dropped": dropped.astype(np.int64), "log.unwritten": unwritten.astype(np.int64)}
         return Log(t=to_seconds(ticks), ticks=ticks, signals=arrays, declarations=self._declared)
 
-    def finish(self, final: str | None) -> dict[str, Any]:
-        """Write the rest, and the end. final: last values as JSON text; None if the flying process sent none."""
+    def finish(self, final: str | None, report_progress: Callable[[], None] = lambda: None) -> dict[str, Any]:
+        """Write the rest, and the end; return the fields of `LogFileSummary`.
+
+        final: last values as JSON text; None if the flying process sent none.  report_progress: called after each
+        chunk.
+        """
         if final is None:
             self._events.append((max(self._last, 0), "the flying process is gone, without a word"))
         self.read_ring()
         self._epoch = self._epoch or 0
-        self.write()
+        self.write(report_progress)
         counts = {"rows": self._written, "dropped": self._ring.dropped_rows, "unwritten": self._unwritten}
         about = {"log": dump_json(counts), "closed": dump_json(final is not None)}
         whole = self._end_file(self._file, about, final or "{}")
@@ -290,9 +299,8 @@ def main() -> None:
         return
     print("{}", flush=True)
     said = record_until_stopped(recorder)
-    result = recorder.finish(said)
-    with contextlib.suppress(OSError):  # the flying process may be gone
-        os.write(sys.stdout.fileno(), json.dumps(result).encode() + b"\n")
+    result = recorder.finish(said, lambda: _answer(""))
+    _answer(json.dumps(result))
     ring.close()
 
 
@@ -324,6 +332,12 @@ def _isolate_process() -> None:
         with contextlib.suppress(OSError):
             os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
     os.nice(NICE)
+
+
+def _answer(text: str) -> None:
+    """Write a line to the flying process, which may be gone. An empty line reports progress."""
+    with contextlib.suppress(OSError):
+        os.write(sys.stdout.fileno(), text.encode() + b"\n")
 
 
 def _report(text: str) -> None:

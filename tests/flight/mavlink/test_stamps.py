@@ -213,6 +213,45 @@ def test_the_right_clock_is_never_stale_whatever_was_accepted(tmp_path, clock):
     again.close()
 
 
+def _largest_lead(stamps, clock):
+    """Largest lead over the right clock that is accepted (s)."""
+    now = int(stamp_at(clock.now))
+    return max(k for k in range(3000) if is_new(stamps, STREAM, now + k * PER_SECOND // 10)) / 10
+
+
+@pytest.mark.parametrize(("ends", "most"), [("close", 48), ("abandon", 118)])
+def test_restarts_do_not_add_up_to_a_large_lead(tmp_path, clock, ends, most):
+    """A peer that leads by all that it may, and eight restarts."""
+    store = tmp_path / "a.time"
+    for _ in range(8):
+        stamps = Stamps(store, clock)
+        clock.now += 5
+        lead = _largest_lead(stamps, clock)
+        stamps.accept(STREAM, int(stamp_at(clock.now) + lead * PER_SECOND))
+        getattr(stamps, ends)()
+    assert lead <= most
+    clock.now += 2 * most
+    assert _largest_lead(Stamps(store, clock), clock) == MOST_LEAD / PER_SECOND
+
+
+@pytest.mark.parametrize("ahead", [60, 3600, 86_400])
+def test_peers_that_follow_a_stored_stamp_far_ahead_are_accepted_throughout(tmp_path, clock, ahead):
+    clock.now += ahead
+    Stamps(tmp_path / "a.time", clock).close()
+    clock.now -= ahead
+    vehicle, peer = Stamps(tmp_path / "a.time", clock), Stamps(None, clock)
+    assert vehicle.stored_lead == ahead
+    peer.follow(vehicle.next_stamp())
+    for _ in range(600):
+        stamp = peer.next_stamp()
+        assert is_new(vehicle, STREAM, stamp)
+        vehicle.accept(STREAM, stamp)
+        told = vehicle.next_stamp()
+        assert is_new(peer, (1, 1, 0), told)
+        peer.accept((1, 1, 0), told)
+        clock.now += 1
+
+
 def test_one_that_is_behind_is_told_apart_from_one_that_repeats(clock):
     stamps = Stamps(clock=clock)
     start = stamps.last

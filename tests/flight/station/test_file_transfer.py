@@ -2,6 +2,8 @@
 
 import os
 import struct
+import threading
+from types import SimpleNamespace
 
 import pytest
 from flight.station.clients import Master, common
@@ -36,7 +38,7 @@ def folder(tmp_path):
 
 def connect(dialect, folder, rate=1e6, **how):
     endpoint = Endpoint(dialect, 1, 1, unsigned=True)
-    service = FileTransferService(endpoint, ServedFiles({"parameters.json": b"{}"}, folder), rate)
+    service = FileTransferService(endpoint, ServedFiles({"parameters.json": b"{}"}, folder, patience=60.0), rate)
     return Master(dialect, [service], **how)
 
 
@@ -129,6 +131,30 @@ def test_logs_are_not_read_while_it_flies_documents_are(dialect, folder, monkeyp
     again = ask(master, LIST, number=11, data=b"/logs")[0]
     assert again[1] == ACK
     assert again[5] == listed[5]
+
+
+@pytest.mark.parametrize("is_armed", [False, True])
+def test_a_listing_on_a_disk_that_hangs_is_answered_at_once(folder, monkeypatch, is_armed):
+    """The loop gets the last list, and starts no second listing, until the disk answers."""
+    hung, listings = threading.Event(), []
+
+    def scan(path):
+        listings.append(path)
+        hung.wait(60)
+        return os.scandir(path)
+
+    files = ServedFiles(folder=folder, patience=60.0)
+    listed = [entry.name for entry in files.list_logs(is_armed=False)]
+    files._lister.join()
+    (folder / "later.mcap").touch()
+    files._patience = 0.001
+    monkeypatch.setattr("trimtab.flight.station.served_files.os", SimpleNamespace(scandir=scan))
+    for _ in range(3):
+        assert [entry.name for entry in files.list_logs(is_armed=is_armed)] == listed
+    assert listings == ([] if is_armed else [folder])
+    hung.set()
+    files._lister.join()
+    assert ("later.mcap" in [entry.name for entry in files.list_logs(is_armed=True)]) is not is_armed
 
 
 def test_a_burst_ends_when_the_vehicle_is_armed(dialect, folder):

@@ -16,7 +16,7 @@ def master(dialect, tmp_path):
     (tmp_path / "vehicle.mcap").write_bytes(os.urandom(900))
     os.utime(tmp_path / "vehicle.mcap", (1_700_000_000, 1_700_000_000))
     endpoint = Endpoint(dialect, 1, 1, unsigned=True)
-    return Master(dialect, [LogService(endpoint, ServedFiles(folder=tmp_path), 1e6)])
+    return Master(dialect, [LogService(endpoint, ServedFiles(folder=tmp_path, patience=60.0), 1e6)])
 
 
 def listed(master):

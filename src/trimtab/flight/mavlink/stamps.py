@@ -7,7 +7,9 @@ Refused as replayed: a stamp that was accepted before from its stream (system, c
 more behind the newest of its stream. For ordered packets also: a stamp that is not newer than all ordered ones before.
 Refused as stale: a stamp that is not newer than this end's own stamp at its start, or over a minute behind this end.
 Refused as leading: a stamp over 40 s ahead of this end's clock. If accepted, this end's own and stored stamps would
-move up to it, and peers with the right clock would become stale. A peer whose clock lags by less than that is refused
+move up to it, and peers with the right clock would become stale. Where the stored stamp itself is ahead, the
+limit is its lead at the start and 1 s, since peers follow it. So a restart adds at most 1 s to a lead, or 11 s after a
+kill. A peer whose clock lags by less than that is refused
 until it has received a packet of this end: every MAVLink implementation moves its own stamp up to those it accepts.
 Source: https://mavlink.io/en/guide/message_signing.html, which lets a new stream start up to a minute back, so that
 packets recorded in the minute before a restart could be replayed; here they cannot. S. Kent, "IP encapsulating security
@@ -40,6 +42,8 @@ STORE_MARGIN = 10 * PER_SECOND
 """Lead of the stored stamp. After a kill, a sender is ahead of its peers by up to this time."""
 MOST_LEAD = MARGIN - 2 * STORE_MARGIN
 """Largest lead of a stamp over this end's clock. Even with the stored lead, the right clock is not stale then."""
+RESTART_LEAD = PER_SECOND
+"""Largest amount by which a restart may raise the limit on a lead."""
 LARGEST = 2**48 - 1
 DIGITS = 20
 MOST_STREAMS = 256
@@ -99,8 +103,9 @@ class Stamps:
         self._ceiling = 0
         if self._file is not None and store is not None and not is_reset:
             self._ceiling = _read_store(self._file, store)
-        self.last = max(self._ceiling, self._current_stamp())
-        self._floor = self.last
+        start = self._current_stamp()
+        self._floor = self.last = max(self._ceiling, start)
+        self._most_lead = max(MOST_LEAD, self.last - start + RESTART_LEAD)
         self._streams: dict[tuple[int, int, int], _Stream] = {}
         self.unsaved = 0
         """Number of times the stamp could not be stored, e.g. because the disk is full."""
@@ -124,7 +129,7 @@ class Stamps:
         ordered: its packet must not come after a later ordered one.
         """
         now = self._current_stamp()
-        if stamp > max(now, self._floor) + MOST_LEAD:
+        if stamp > now + self._most_lead:
             return Refusal.LEADING
         if stamp <= self._floor or stamp < max(self.last, now) - MARGIN:
             return Refusal.STALE
@@ -147,6 +152,7 @@ class Stamps:
         """
         self._shift += stamp - self._current_stamp()
         self._floor = self.last = stamp
+        self._most_lead = MOST_LEAD
         self._streams.clear()
         self._close_file()
 

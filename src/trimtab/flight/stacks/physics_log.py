@@ -86,7 +86,7 @@ class PhysicsFlights:
         log, self._log = self._log, None
         if log is not None:
             self.summary = close_flight_log(log, lost_lines, self.vehicle.body.final_truth())
-            self.problems += list_log_problems(self.summary)
+            self.problems += list_log_problems(log, self.summary)
 
     def report(self, text: str) -> None:
         """Report a line to the user and to the log."""

@@ -10,17 +10,23 @@ import contextlib
 import itertools
 import os
 import stat
+import threading
 from collections.abc import Mapping
 from pathlib import Path
 from typing import NamedTuple
 
+from trimtab.core.clock import SYSTEM_CLOCK
 from trimtab.core.time import UNITS_PER_SECOND
 
 LOGS = "logs"
 LOG_ENDINGS = (".mcap", ".txt")
 LARGEST_NAME = 200
 MOST_ENTRIES = 2000
-"""Largest number of entries of the log folder that one listing looks at. More take longer than the loop may."""
+"""Largest number of entries of the log folder that one listing looks at."""
+PATIENCE_S = 0.005
+"""Longest wait of the loop for a listing (s). After a longer listing, the answer is the last list."""
+LISTING_PERIOD_S = 0.5
+"""Shortest time between two listings (s). Requests in between get the last list, which a station reads in parts."""
 
 
 class FileEntry(NamedTuple):
@@ -64,29 +70,47 @@ class OpenFile:
 class ServedFiles:
     """Files of one vehicle."""
 
-    def __init__(self, documents: Mapping[str, bytes] | None = None, folder: Path | None = None) -> None:
+    def __init__(
+        self,
+        documents: Mapping[str, bytes] | None = None,
+        folder: Path | None = None,
+        patience: float = PATIENCE_S,
+    ) -> None:
         """Open nothing yet.
 
         Args:
             documents: name -> content.
             folder: folder of the logs; None: no logs.
+            patience: longest wait for a listing (s).
         """
         self.documents, self.folder = dict(documents or {}), folder
-        self._listed: list[FileEntry] = []
+        self._patience, self._listed = patience, list[FileEntry]()
+        self._lister: threading.Thread | None = None
 
     def list_logs(self, *, is_armed: bool) -> list[FileEntry]:
-        """Return the logs by name; while the vehicle is armed those of the last list, since a disk may hang."""
+        """Return the logs by name. A thread lists them, since a disk may hang; while armed, return the last list."""
         if is_armed:
             return self._listed
-        entries = list[FileEntry]()
-        if self.folder is not None:
-            with contextlib.suppress(OSError), os.scandir(self.folder) as found:
-                for entry in itertools.islice(found, MOST_ENTRIES):
-                    if _is_log_name(entry.name) and entry.is_file(follow_symlinks=False):
-                        about = entry.stat(follow_symlinks=False)
-                        entries.append(FileEntry(entry.name, about.st_size, int(about.st_mtime)))
-        self._listed = sorted(entries)
+        if self.folder is not None and (self._lister is None or not self._lister.is_alive()):
+            ready = threading.Event()
+            self._lister = threading.Thread(target=self._list, args=(self.folder, ready), name="logs", daemon=True)
+            self._lister.start()
+            ready.wait(self._patience)
         return self._listed
+
+    def _list(self, folder: Path, ready: threading.Event) -> None:
+        if hasattr(os, "sched_setscheduler"):
+            with contextlib.suppress(OSError):  # a thread inherits real-time scheduling, which listing must not have
+                os.sched_setscheduler(0, os.SCHED_OTHER, os.sched_param(0))
+        entries = list[FileEntry]()
+        with contextlib.suppress(OSError), os.scandir(folder) as found:
+            for entry in itertools.islice(found, MOST_ENTRIES):
+                if _is_log_name(entry.name) and entry.is_file(follow_symlinks=False):
+                    about = entry.stat(follow_symlinks=False)
+                    entries.append(FileEntry(entry.name, about.st_size, int(about.st_mtime)))
+        self._listed = sorted(entries)
+        ready.set()
+        SYSTEM_CLOCK.wait(None, LISTING_PERIOD_S)
 
     def has_document(self, path: str) -> bool:
         """Return whether a document, which needs no disk, is at a path."""
