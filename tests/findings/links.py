@@ -1,15 +1,16 @@
-"""Findings about links, which include the export to C."""
+"""Findings about links, consoles and logs, and the export to C."""
 
 import os
 import shutil
 import tempfile
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import jax.numpy as jnp
 import numpy as np
 
-from findings.finding import Finding, Outcome
+from findings.finding import Finding, Outcome, run_tests
 from trimtab.compiler.compiled_function import export_callable
 from trimtab.export.verify import verify_folder
 
@@ -56,6 +57,109 @@ def correct_exports() -> Outcome:
 
 
 FINDINGS = [
+    Finding(
+        "L1",
+        "terminal paused, pipe full or reader gone while a flight prints",
+        "the loop waits or ends",
+        partial(run_tests, "core/test_line_writer.py"),
+    ),
+    Finding(
+        "L2",
+        "paused terminal of a vehicle that is stopped",
+        "lift stays on",
+        partial(run_tests, "flight/test_outputs.py::test_a_paused_terminal_does_not_hold_up_the_outputs"),
+    ),
+    Finding(
+        "L3",
+        "SIGHUP and SIGTERM",
+        "no disarm",
+        partial(
+            run_tests,
+            "commands/test_end_signals.py::test_a_signal_ends_a_command_in_order",
+            "commands/test_end_signals.py::test_a_lost_terminal_is_ignored_under_nohup",
+        ),
+    ),
+    Finding(
+        "L4",
+        "output in Latin-1 or ASCII, and to /dev/full",
+        "traceback",
+        partial(run_tests, "commands/test_standard_streams.py"),
+    ),
+    Finding(
+        "L5",
+        "RC_CHANNELS_OVERRIDE of eight zeros",
+        "failsafe after 0.5 s",
+        partial(
+            run_tests,
+            "flight/test_duties.py::test_sticks_that_are_given_back_are_not_missed",
+            "flight/station/test_standard_services.py::test_eight_zeros_give_the_sticks_back",
+        ),
+    ),
+    Finding(
+        "L6",
+        "RC_CHANNELS of 0, 880 or 3000 us",
+        "full stick",
+        partial(
+            run_tests, "flight/station/test_standard_services.py::test_a_pulse_that_no_receiver_sends_is_no_signal"
+        ),
+    ),
+    Finding(
+        "L7",
+        "frame split over two datagrams",
+        "lost",
+        partial(run_tests, "flight/mavlink/test_endpoint.py::test_a_frame_in_two_datagrams_is_joined"),
+    ),
+    Finding(
+        "L8",
+        "TIMESYNC that arrives twice",
+        "two vehicles; the flight ends",
+        partial(
+            run_tests,
+            "flight/station/test_time_sync.py::test_a_question_that_came_twice_is_answered_by_one_clock",
+            "flight/station/test_time_sync.py::test_answers_of_two_clocks_are_counted",
+        ),
+    ),
+    Finding(
+        "L9",
+        "serial device opened twice",
+        "both read it",
+        partial(run_tests, "flight/transports/test_serial.py::test_a_device_is_opened_by_one_program_at_a_time"),
+    ),
+    Finding(
+        "L10",
+        "PARAM_SET of the integer 3 to a mass",
+        "4.2e-45 kg",
+        partial(
+            run_tests, "flight/station/test_standard_services.py::test_a_real_parameter_in_another_type_is_refused"
+        ),
+    ),
+    Finding(
+        "L11",
+        "LOG_REQUEST_DATA without a list before",
+        "the log is empty",
+        partial(run_tests, "flight/station/test_log_download.py::test_bytes_come_without_a_list_before"),
+    ),
+    Finding(
+        "L12",
+        "letter of several bytes across byte 50 of a STATUSTEXT",
+        "broken in two",
+        partial(
+            run_tests,
+            "flight/station/test_streams.py::test_a_letter_of_several_bytes_is_not_divided_between_two_messages",
+        ),
+    ),
+    Finding(
+        "L13",
+        "log that lacks one message of one topic",
+        "2 999 rows of two instants",
+        partial(run_tests, "logs/test_mcap.py::test_a_log_that_lacks_one_message_has_no_rows_of_two_instants"),
+    ),
+    Finding(
+        "L14",
+        "one wrong bit, or a page of zeros, in a log",
+        "nothing can be read",
+        partial(run_tests, "logs/test_mcap.py::test_damage_costs_its_chunk_and_is_named"),
+    ),
     Finding(
         "L15",
         'export of x["a b"] + 10 x["a_b"] and of keys such as "errno", "", "*/"',

@@ -4,7 +4,7 @@
     timestamp [us],gyro[0] [rad/s],gyro[1] [rad/s],mode
     1000000,0.011,-0.003,AUTO
 
-The first line that is no comment holds the names. If that line holds numbers, the last comment before it holds the
+The first line that is not a comment holds the names. If that line holds numbers, the last comment before it holds the
 names. A number in brackets is an index and part of the name; other text in brackets is a unit.
 """
 

@@ -57,6 +57,13 @@ def test_a_part_is_asked_for_again(master, tmp_path):
     assert bytes(piece.data) == (tmp_path / "flight.mcap").read_bytes()[180:270]
 
 
+def test_bytes_come_without_a_list_before(master, tmp_path):
+    """Some stations ask so, also after the vehicle has restarted."""
+    master.mav.log_request_data_send(1, 1, 1, 0, 90)
+    (piece,) = master.heard("LOG_DATA")
+    assert bytes(piece.data) == (tmp_path / "flight.mcap").read_bytes()[:90]
+
+
 def test_no_bytes_of_one_that_is_not_listed_nor_while_it_flies(master):
     listed(master)
     master.mav.log_request_data_send(1, 1, 3, 0, 90)
