@@ -214,7 +214,20 @@ def kill_child(who: str, word: str) -> Act:
     def act(flight: FaultFlight) -> None:
         flight.let_fly(flight.undisturbed_s)
         process = flight.vehicle if who == "vehicle" else flight.autopilot
-        process.kill_child(word)
+        process.send_child(word, signal.SIGKILL)
+
+    return act
+
+
+def freeze_child(who: str, word: str, seconds: float) -> Act:
+    """Return an act that stops a child process of an end for a while. word: in its command line."""
+
+    def act(flight: FaultFlight) -> None:
+        flight.let_fly(flight.undisturbed_s)
+        process = flight.vehicle if who == "vehicle" else flight.autopilot
+        process.send_child(word, signal.SIGSTOP)
+        flight.let_fly(seconds)
+        process.send_child(word, signal.SIGCONT)
 
     return act
 

@@ -96,6 +96,7 @@ class CaseOutcome(NamedTuple):
     where nothing was.  replays: bit by bit, of those of the autopilots' logs that hold a step.  repeated: this is the
     second flight, for in the first one something was kept waiting.
     digest: hash of all packets, log rows and events of a flight in virtual time.
+    acted_s: why outputs should have been safe -> longest time (s) for which they acted, in virtual time.
     """
 
     name: str
@@ -108,6 +109,7 @@ class CaseOutcome(NamedTuple):
     replays: tuple[bool, ...] = ()
     repeated: bool = False
     digest: str = ""
+    acted_s: dict[str, float] = {}
 
     def has_problem(self, kind: str | None) -> bool:
         """Return whether a problem is of a kind; None: of no kind, so the vehicle was not safe or a process crashed."""

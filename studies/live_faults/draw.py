@@ -1,11 +1,11 @@
-"""Random flights: one disturbance or two, at random times.
+"""Random flights: one disturbance or two, at random times; or two parts that stall.
 
 The required ending, and the required and allowed lines of the logs, follow from what was drawn.
 """
 
 import random
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from typing import NamedTuple
 
@@ -14,6 +14,7 @@ from studies.live_faults.acts import Prepare
 from studies.live_faults.case import AUTOPILOT, CAUSE, EITHER, FLIES, STOPS, UNEXPLAINED, VEHICLE, Case, CaseOutcome
 from studies.live_faults.disturbances import LAST, PASSING, STARTS, TOLD, Disturbance
 from studies.live_faults.flight import FaultFlight
+from studies.live_faults.stalls import SINGLE, STALLS, combine_stalls
 from studies.live_faults.words import EvidenceCheck, exit_status
 from trimtab.core.errors import InputError
 
@@ -21,14 +22,19 @@ DRAWN = "drawn-"
 """Prefix of the names of drawn flights."""
 FIRST_S, LAST_S = (0.3, 0.9), (1.4, 2.0)
 """Start times of passing and of last disturbances, from arming on (s)."""
+GAP_S = 0.0, 1.0
+"""Time between the starts of two stalls (s)."""
+KINDS = (*LAST, *STARTS, *PASSING, *SINGLE)
+"""What can be drawn as the main disturbance of a flight, each as often as any other."""
 
 
 class DrawnFlight(NamedTuple):
-    """Drawn flight. number, seed: identify the draw."""
+    """Drawn flight. times: of the starts, from arming on (s).  is_pair: two stalls, the first one first."""
 
     name: str
     disturbances: tuple[Disturbance, ...]
     times: tuple[float, ...]
+    is_pair: bool = False
 
     @property
     def does(self) -> str:
@@ -38,20 +44,29 @@ class DrawnFlight(NamedTuple):
     @property
     def kind(self) -> str:
         """Kind of the main disturbance."""
-        return self.disturbances[-1].kind
+        return "two stalls" if self.is_pair else self.disturbances[-1].kind
 
 
 def draw_flight(seed: int, number: int) -> DrawnFlight:
     """Return the flight of a number, the same whenever and wherever it is drawn."""
     draw = random.Random(f"{seed}/{number}")
-    makers = (*LAST, *STARTS, *PASSING)
-    main = makers[number % len(makers)]  # each as often as any other
-    if main in PASSING:
-        makers = tuple(m for m in PASSING if m is not main)
-    chosen = [draw.choice(PASSING if main not in PASSING else makers), main] if draw.random() < 0.5 else [main]
+    main, name = KINDS[number % len(KINDS)], f"{DRAWN}{seed}-{number}"
+    if main in STALLS and draw.random() < 0.5:
+        return _draw_pair(draw, name, main)
+    others = tuple(m for m in PASSING if m is not main)
+    chosen = [draw.choice(others), main] if draw.random() < 0.5 else [main]
     disturbances = tuple(make(draw) for make in chosen)
     times = tuple(round(draw.uniform(*(LAST_S if d.is_last else FIRST_S)), 2) for d in disturbances)
-    return DrawnFlight(f"{DRAWN}{seed}-{number}", disturbances, times)
+    return DrawnFlight(name, disturbances, times)
+
+
+def _draw_pair(draw: random.Random, name: str, main: Callable[[random.Random], Disturbance]) -> DrawnFlight:
+    """Draw a second stall, the order of both, and their times."""
+    pair = [main, draw.choice([m for m in STALLS if m is not main])]
+    draw.shuffle(pair)
+    start = draw.uniform(*FIRST_S)
+    times = round(start, 2), round(start + draw.uniform(*GAP_S), 2)
+    return DrawnFlight(name, tuple(make(draw) for make in pair), times, is_pair=True)
 
 
 def read_name(name: str) -> DrawnFlight:
@@ -65,6 +80,9 @@ def read_name(name: str) -> DrawnFlight:
 def flight_case(flight: DrawnFlight) -> Case:
     """Return the case of a flight: acts, required ending, and required lines of the logs."""
     several = flight.disturbances
+    if flight.is_pair:
+        case = Case(flight.name, flight.does, _act_in_order(flight), prepare=_prepare_all(several))
+        return combine_stalls(case, (several[0], several[1]), flight.times[1] - flight.times[0])
     last, first = several[-1], several[0]
     is_cut_short = last.is_last and len(several) > 1
     evidence = [*last.evidence, *(_early_evidence(first) if is_cut_short else first.evidence if first != last else ())]

@@ -87,13 +87,19 @@ line or the campaign waited longer than 100 ms for the processor. A flight that 
     trimtab live-faults --draw 1000 --seed 1
     trimtab live-faults --real-time --draw 200 --seed 1 --jobs 3
 
-Number and seed of a flight decide what goes wrong in it. An autopilot is killed, frozen, replaced, impersonated, or
-started with a wrong clock or wrong settings. A vehicle is killed, frozen or restarted. A sensor, the uplink, the
-downlink or the actuators fail. The link is bad. Half of the flights have a second, passing disturbance.
+Number and seed of a flight decide what goes wrong in it. An autopilot is killed, frozen, starved, replaced,
+impersonated, or started with a wrong clock or wrong settings. A vehicle is killed, frozen, starved or restarted. The
+process of its outputs is killed, frozen or starved. A disk is full, or a disk or a terminal hangs. A sensor, the uplink,
+the downlink or the actuators fail. The link is bad or cut. Half of the flights have a second, passing disturbance. In a
+quarter of the flights two parts stall, up to a second apart.
 
 The draw also decides, before the flight, how the flight must end and which lines both logs must and may contain. Any
 other line is counted as unexplained. After a refusal (clock, scenario, key) the autopilot flies with the command that
 the refusal suggests. `--only drawn-1-17` repeats one flight.
+
+In virtual time a driver reads the port of the outputs once a millisecond, in every flight. It must apply the safe
+values at the latest 100 ms after the vehicle or the process of its outputs stopped, and 250 ms after the last packet of
+an autopilot. The longest times that were seen are printed at the end.
 
 ## Outcomes
 

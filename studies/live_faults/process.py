@@ -81,10 +81,10 @@ class Process:
         found = Path(f"/proc/{self.pid}/task/{self.pid}/children").read_text().split()
         return [int(n) for n in found if word in Path(f"/proc/{n}/cmdline").read_text()]
 
-    def kill_child(self, word: str) -> None:
-        """Kill its child processes whose command line contains a word."""
+    def send_child(self, word: str, number: int) -> None:
+        """Send a signal to its child processes whose command line contains a word."""
         for child in self.children(word):
-            os.kill(child, signal.SIGKILL)
+            os.kill(child, number)
 
     def finish(self, patience: float = END_S) -> None:
         """Wait for the end. Raise NotReady and kill the process if it does not end."""

@@ -7,17 +7,16 @@ import re
 import shlex
 import shutil
 import signal
-from collections import deque
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 from studies.live_faults.case import Case, CaseOutcome, fly_case
+from studies.live_faults.driver import OutputsCheck, longest_times
 from studies.live_faults.flight import INJECTOR, NAME, UNDISTURBED_S, ProcessResult, VehicleKnowledge
-from studies.live_faults.relay import DOWN, MOST_RECENT, UP, Bend
-from studies.live_faults.virtual_process import VirtualProcess, own_streams
-from trimtab.core.clock import NS_PER_SECOND
+from studies.live_faults.virtual_process import OUTPUTS, VirtualProcess, own_streams
+from studies.live_faults.virtual_relay import VEHICLE_PORT, VirtualEnds, VirtualRelay
 from trimtab.core.interfaces import Link
 from trimtab.flight.injector import Injector, plan_fault
 from trimtab.flight.mavlink.authority import MOST_SESSIONS
@@ -27,77 +26,26 @@ from trimtab.flight.mavlink.stamps import running_clock
 from trimtab.flight.transports.udp import UdpLink
 from trimtab.flight.virtual_machine import VirtualMachine
 from trimtab.flight.virtual_network import Host, VirtualNetwork
-from trimtab.flight.virtual_time import ACTION, VirtualClock, VirtualProgram, VirtualTime
+from trimtab.flight.virtual_time import VirtualClock, VirtualProgram, VirtualTime
 from trimtab.logs.mcap import write_mcap
 
-VEHICLE_PORT, RELAY_PORT = 14550, 14551
-RELAY, CAMPAIGN = "relay", "campaign"
+CAMPAIGN = "campaign"
 STEP = "STEP_S"
 """Name in an environment of the seconds by which a wall clock jumps."""
-
-
-class VirtualEnds:
-    """Addresses of a link in virtual time."""
-
-    listen, link = f"udp://127.0.0.1:{VEHICLE_PORT}", f"udp://127.0.0.1:{RELAY_PORT}"
-
-
-class VirtualRelay:
-    """Relay of all packets, at once and unchanged by default. It has the attributes of `relay.Relay`."""
-
-    def __init__(self, time: VirtualTime, network: VirtualNetwork) -> None:
-        self._time, self._network = time, network
-        self.bend: dict[int, Bend] = {}
-        self.recent_packets: tuple[deque[bytes], deque[bytes]] = deque(maxlen=MOST_RECENT), deque(maxlen=MOST_RECENT)
-        self.byte_counts = [0, 0]
-        self.longest_wait_s = 0.0
-        self.vehicles = [Host("vehicle-1", VEHICLE_PORT)]
-        self._cut_until = [0.0, 0.0]
-        self._near, self._far = Host(RELAY, RELAY_PORT), Host(RELAY, RELAY_PORT + 1)
-        self._pilot: Host | None = None
-        network.names[RELAY_PORT] = RELAY
-        network.answer_at(self._near, self._take_from_pilot)
-        network.answer_at(self._far, lambda data, _: self._forward(DOWN, data))
-
-    def cut_line(self, seconds: float, directions: tuple[int, ...] = (UP, DOWN)) -> None:
-        """Block the link for this long."""
-        for direction in directions:
-            self._cut_until[direction] = self._time.seconds + seconds
-
-    def send_bytes(self, direction: int, data: bytes) -> None:
-        """Send own bytes to an end."""
-        if direction == UP:
-            for vehicle in self.vehicles:
-                self._network.send(self._far, vehicle, data)
-        elif self._pilot is not None:
-            self._network.send(self._near, self._pilot, data)
-
-    def close(self) -> None:
-        """Do nothing: there is nothing to close."""
-
-    def _take_from_pilot(self, data: bytes, sender: Host) -> None:
-        self._pilot = sender
-        self._forward(UP, data)
-
-    def _forward(self, direction: int, data: bytes) -> None:
-        self.recent_packets[direction].append(data)
-        self.byte_counts[direction] += len(data)
-        if self._time.seconds < self._cut_until[direction]:
-            return
-        bend = self.bend.get(direction)
-        for delay, bent in [(0.0, data)] if bend is None else bend(data):
-            if delay > 0:
-                at = self._time.now + round(delay * NS_PER_SECOND)
-                self._time.add_event(at, ACTION, 0, lambda bent=bent: self.send_bytes(direction, bent))
-            else:
-                self.send_bytes(direction, bent)
 
 
 class VirtualFaultFlight:
     """One vehicle, the autopilots that fly it one after the other, and the link, in virtual time."""
 
     def __init__(
-        self, folder: Path, known: VehicleKnowledge, clock: VirtualClock, time: VirtualTime, *, keeps_logs: bool
+        self,
+        folder: Path,
+        known: VehicleKnowledge,
+        clock: VirtualClock,
+        time: VirtualTime,
+        *,
+        keeps_logs: bool,
+        has_autopilot: bool = True,
     ) -> None:
         """Prepare a flight for the program of the campaign.
 
@@ -107,6 +55,7 @@ class VirtualFaultFlight:
             clock: clock of the campaign's program.
             time: virtual time of the flight.
             keeps_logs: write logs and output into the folder.
+            has_autopilot: False if the vehicle is not flown by `trimtab fly`.
         """
         self.folder, self.knowledge, self.undisturbed_s = folder, known, UNDISTURBED_S
         self.clock, self._time, self._network = clock, time, VirtualNetwork(time)
@@ -125,6 +74,10 @@ class VirtualFaultFlight:
         self.cleanups: list[Callable[[], Any]] = []
         self._machines: dict[str, VirtualMachine] = {}
         self._steps: list[tuple[VirtualMachine, float]] = []
+        self.output_checks: list[OutputsCheck] = []
+        self._bypassing: list[VirtualProcess] = []
+        """Autopilots whose packets do not pass the relay."""
+        self._has_autopilot = has_autopilot
 
     @property
     def vehicle(self) -> VirtualProcess:
@@ -204,6 +157,7 @@ class VirtualFaultFlight:
         words = ("fly", NAME, "--link", self.ends.listen, "--duration", "1 s", *options)
         config = {"TRIMTAB_CONFIG": str(self.copy_key("second"))}
         self.autopilots.append(self._start_process(name, words, config))
+        self._bypassing.append(self.autopilot)
 
     def start_refused(self, *options: str, scenario: str = NAME, **environment: str) -> str:
         """Start an autopilot that must be refused. Return the command it is told to type, or nothing."""
@@ -229,6 +183,7 @@ class VirtualFaultFlight:
         """host: name of the computer, if it is not the process's own."""
         where = host or name
         machine = self._machines.setdefault(where, VirtualMachine(self._time, self._network, where))
+        machine.port_folder, machine.start_driver = self.folder, self._start_driver
         config = Path(environment.get("TRIMTAB_CONFIG", self.folder / "config"))
         signed = () if {"--key", "--unsigned"} & set(words) else ("--key", str(config / "keys" / "hovercraft.key"))
         given = (*words, *signed, "--out", str(self.log_folder(name)))
@@ -238,6 +193,18 @@ class VirtualFaultFlight:
             if self._is_stepped:
                 machine.step_clock(float(environment[STEP]))
         return process
+
+    def _start_driver(self, port: Path, vehicle: VirtualProgram, outputs: VirtualProgram) -> None:
+        check = OutputsCheck(
+            vehicle.name, self._time, {"process": vehicle, "outputs' process": outputs}, self._last_heard
+        )
+        self.output_checks.append(check)
+        self._time.start(f"driver of {vehicle.name}", lambda clock: check.run(clock, port), clock=vehicle.clock)
+
+    def _last_heard(self) -> int:
+        """Return the time (ns) when the vehicle last got a packet of an autopilot, as far as this end knows."""
+        bypasses = any(one.status is None for one in self._bypassing)
+        return self._time.now if bypasses or not self._has_autopilot else self.relay.last_sent_up
 
     def prepare_clock(self, seconds: int) -> dict[str, str]:
         """Return the environment of a process whose wall clock jumps by some seconds at `step_clocks`."""
@@ -260,6 +227,20 @@ class VirtualFaultFlight:
     def free_disk(self, name: str) -> None:
         """Give back what `fill_disk` took."""
         self._machines[name].disk.is_full = False
+
+    def hang_disk(self, name: str, hangs: bool) -> None:
+        """Let writes to the disk below a log hang, or go on."""
+        self._machines[name].disk.hangs = hangs
+
+    def hang_terminal(self, name: str, hangs: bool) -> None:
+        """Let the terminal of a process hang, or go on."""
+        terminal = self._machines[name].terminal
+        (terminal.hang if hangs else terminal.go_on)()
+
+    def starve_process(self, who: str, seconds: float) -> None:
+        """Keep a process from its work. who: name of a process, or OUTPUTS for the outputs of the vehicle."""
+        machine = self._machines["vehicle-1" if who == OUTPUTS else who]
+        self._time.keep_busy(machine.outputs[-1] if who == OUTPUTS else machine.program, seconds)
 
     def wait_for_arming(self, times: int = 1) -> None:
         """Wait until the vehicle has been armed this number of times."""
@@ -338,10 +319,17 @@ def fly_in_virtual_time(
     time = VirtualTime(seed)
 
     def run(clock: VirtualClock) -> CaseOutcome:
-        def open_flight(folder: Path, known: VehicleKnowledge, *, serial: bool = False) -> Any:
-            return VirtualFaultFlight(folder, known, clock, time, keeps_logs=keeps_logs)
+        flights: list[VirtualFaultFlight] = []
 
-        return fly_case(case._replace(missing_requirement=lambda: ""), known, folder, open_flight)
+        def open_flight(folder: Path, known: VehicleKnowledge, *, serial: bool = False) -> Any:
+            options = {"keeps_logs": keeps_logs, "has_autopilot": case.has_autopilot}
+            flights.append(VirtualFaultFlight(folder, known, clock, time, **options))
+            return flights[-1]
+
+        outcome = fly_case(case._replace(missing_requirement=lambda: ""), known, folder, open_flight)
+        checks = [check for flight in flights for check in flight.output_checks]
+        late = [problem for check in checks for problem in check.list_violations()]
+        return outcome._replace(problems=(*outcome.problems, *late), acted_s=longest_times(checks))
 
     campaign = time.start(CAMPAIGN, run)
     with own_streams():

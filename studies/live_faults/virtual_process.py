@@ -8,13 +8,14 @@ import sys
 import threading
 import traceback
 from collections.abc import Callable, Iterator
-from typing import Any
+from typing import Any, NamedTuple
 
 from studies.live_faults.process import NotReady
 from trimtab.cli import main
 from trimtab.flight.machine import Machine
 from trimtab.flight.virtual_machine import VirtualMachine
-from trimtab.flight.virtual_time import KilledError
+from trimtab.flight.virtual_terminal import VirtualTerminal
+from trimtab.flight.virtual_time import KilledError, VirtualProgram, VirtualTime
 from trimtab.logs.log import Log
 
 LOOK_S = 0.02
@@ -45,6 +46,20 @@ class _OwnStream(io.TextIOBase):
         return self._usual.fileno()
 
 
+class _TerminalStream(NamedTuple):
+    """Standard error of a program: a text that stands still while the terminal hangs."""
+
+    text: io.StringIO
+    terminal: VirtualTerminal
+
+    def write(self, text: str) -> int:
+        self.terminal.wait_for_room()
+        return self.text.write(text)
+
+    def flush(self) -> None:
+        self.text.flush()
+
+
 @contextlib.contextmanager
 def own_streams() -> Iterator[None]:
     """Give each program of virtual time its own standard output and error, within this context."""
@@ -71,16 +86,13 @@ class VirtualProcess:
         self.name, self.machine, self._pause = name, machine, pause
         self._said, self._out = io.StringIO(), io.StringIO()
         self._signal = 0
-        machine.tell = lambda line: self._say(f"{line}\n")
+        machine.tell = machine.terminal.open_queue(lambda line: self._said.write(f"{line}\n")).put
         self._program = machine.start(lambda own: self._run([*words, "--json"], own), [*words, "--json"])
         self.disk = machine.disk
         """The disk as this program sees it; a program that is started later on the machine has another."""
 
-    def _say(self, text: str) -> None:
-        self._said.write(text)
-
     def _run(self, words: list[str], machine: Machine) -> int:
-        _STREAMS.out, _STREAMS.said = self._out, self._said
+        _STREAMS.out, _STREAMS.said = self._out, _TerminalStream(self._said, self.machine.terminal)
         try:
             main.main(words, prog_name="trimtab", obj=machine)
         except SystemExit as end:
@@ -127,20 +139,22 @@ class VirtualProcess:
             return
         if number in (signal.SIGINT, signal.SIGTERM):
             self.machine.interrupt()
-        elif number == signal.SIGSTOP:
-            self.machine.time.freeze(self._program)
-        elif number == signal.SIGCONT:
-            self.machine.time.thaw(self._program)
-        else:
+        elif number == signal.SIGKILL:
             self._signal = number
             self.machine.kill()
+        else:
+            self._signal_program(self._program, number)
 
-    def kill_child(self, word: str) -> None:
-        """Kill its child processes whose command line contains a word."""
+    def send_child(self, word: str, number: int) -> None:
+        """Send a signal to its child processes whose command line contains a word."""
         if OUTPUTS in word:
-            self.machine.time.kill(self.machine.outputs[-1])
+            self._signal_program(self.machine.outputs[-1], number)
         elif WRITER in word:
             self.disk.is_writer_dead = True
+
+    def _signal_program(self, program: VirtualProgram, number: int) -> None:
+        act = {signal.SIGSTOP: VirtualTime.freeze, signal.SIGCONT: VirtualTime.thaw, signal.SIGKILL: VirtualTime.kill}
+        act[signal.Signals(number)](self.machine.time, program)
 
     def finish(self, patience: float = END_S) -> None:
         """Wait for the end. Raise NotReady and kill the program if it does not end."""

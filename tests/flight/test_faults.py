@@ -24,7 +24,6 @@ from studies.live_faults.campaign import _fly_virtual_case, select_cases
 from studies.live_faults.case import STOPS, Case, CaseOutcome, evaluate_flight
 from studies.live_faults.cases import PARTS, WORDS, all_cases
 from studies.live_faults.cases_of_lines import renumber_frame
-from studies.live_faults.draw import count_kinds, draw_flight, flight_case, read_name
 from studies.live_faults.flight import ProcessResult
 from studies.live_faults.page import describe_flights as flown_in_words
 from studies.live_faults.page import format_page
@@ -204,31 +203,6 @@ def test_a_case_that_was_skipped_keeps_the_row_of_an_existing_page():
     assert "| holds |" in format_page([skipped], "x", page)
 
 
-def test_a_flight_is_drawn_the_same_again_and_each_kind_as_often():
-    drawn = [draw_flight(1, k) for k in range(200)]
-    assert [f.does for f in drawn] == [read_name(f.name).does for f in drawn]
-    assert len({f.does for f in drawn}) > 150
-    assert len({f.does for f in drawn} & {draw_flight(2, k).does for k in range(200)}) < 40
-    counts = {kind: sum(f.kind == kind for f in drawn) for kind in {f.kind for f in drawn}}
-    assert len(counts) == 16
-    assert max(counts.values()) - min(counts.values()) <= 1
-    assert {len(f.disturbances) for f in drawn} == {1, 2}
-
-
-def test_how_a_drawn_flight_must_end_is_known_before_it_flies():
-    for k in range(200):
-        flight = draw_flight(3, k)
-        case, endings = flight_case(flight), [d.ends for d in flight.disturbances]
-        if len(endings) == 1:
-            assert case.expected_ending == endings[0]
-        if case.expected_ending == "flies on":
-            assert set(endings) == {"flies on"}
-        if flight.kind in ("autopilot killed", "autopilot frozen"):
-            assert case.expected_ending == STOPS
-        assert case.explains is not None
-        assert case.evidence_checks
-
-
 def test_a_line_that_nothing_done_is_a_reason_for_is_found():
     texts = ["computer: arm request", "failsafe: no command", "vehicle: " + "x" * 50, "vehicle: y"]
     log = dataclasses.replace(flown(), metadata={"events": [{"t": 0.0, "text": text} for text in texts]})
@@ -247,26 +221,6 @@ def test_a_flight_that_failed_while_it_was_kept_waiting_is_no_verdict(seconds, s
     assert outcome.verdict == verdict
     frozen = evaluate_flight(Case("x", "nothing", lambda _: None, "flies on", stopped_s={"vehicle-1": 0.3}), left)
     assert frozen.verdict == "fails"  # it was stopped on purpose
-
-
-def test_drawn_flights_are_counted_by_kind():
-    names = [f"drawn-1-{k}" for k in range(32)]
-    ones = {n: CaseOutcome(n, "", "", (), (), replays=(True,)) for n in names}
-    ones["drawn-1-0"] = ones["drawn-1-0"]._replace(problems=("unexplained: x", "cause: y"), replays=(False,))
-    ones["drawn-1-16"] = ones["drawn-1-16"]._replace(problems=("1.2 N",), waited="vehicle-1 0.3 s")
-    counts = count_kinds(ones)
-    assert sum(c.flights for c in counts.values()) == 32
-    assert counts["autopilot killed"]._asdict() == {
-        "flights": 2,
-        "safe": 1,
-        "cause_right": 1,
-        "unexplained": 1,
-        "replays": 2,
-        "replays_equal": 1,
-        "waited": 1,
-        "repeated": 0,
-    }
-    assert counts["line"].safe == 2
 
 
 def test_a_frame_gets_another_number_and_is_signed_as_by_its_sender():

@@ -11,6 +11,7 @@ from trimtab.flight.flight_log import FlightRows, LogSource, open_flight_log
 from trimtab.flight.virtual_disk import NO_SPACE, VirtualDisk
 from trimtab.flight.virtual_time import VirtualTime
 from trimtab.logs.mcap import read_mcap
+from trimtab.logs.stream import END_S
 from trimtab.scenarios import catalogue
 
 OWN = {
@@ -132,3 +133,48 @@ def test_rows_and_events_go_into_the_trace(scenario):
         digests.add(disk._time.digest)
     assert len(digests) == 4
     assert FlightRows([], OWN).width == 3
+
+
+def hang_log(scenario, rows):
+    """A log whose disk hangs after its first row and event."""
+    disk, log, _ = open_memory_log(scenario)
+    disk._time.adopt("user")
+    log.start_clock(0, SYSTEM_CLOCK)
+    log.write_row(10_000, (1, 0, 0.0))
+    log.write_event("before")
+    disk.hangs = True
+    for k in range(2, 2 + rows):
+        log.write_row(10_000 * k, (k, 0, 0.0))
+        log.write_event(str(k))
+    return disk, log
+
+
+def test_rows_wait_while_the_disk_hangs(scenario):
+    disk, log = hang_log(scenario, 5)
+    assert disk.free_bytes(Path("/")) > 1e9
+    disk._time.call_at(3.0, lambda: setattr(disk, "hangs", False))
+    summary, kept = log.close(), log.read()
+    assert (summary.rows, summary.dropped, log.unread_rows) == (6, 0, 0)
+    assert 3.0 <= disk._time.seconds < 3.01
+    assert len(kept) == 6
+    assert len(kept.metadata["events"]) == 6
+
+
+def test_a_disk_that_hangs_for_good_keeps_what_it_had_taken(scenario):
+    disk, log = hang_log(scenario, 5)
+    assert log.close() is None
+    assert log.unread_rows == 5
+    assert END_S <= disk._time.seconds < END_S + 0.01
+    kept = log.read()
+    assert len(kept) == 1
+    assert [e["text"] for e in kept.metadata["events"]] == ["before", "the flying process is gone, without a word"]
+
+
+def test_rows_beyond_the_ring_are_dropped_and_counted(scenario, monkeypatch):
+    monkeypatch.setattr("trimtab.flight.virtual_disk.ROWS", 3)
+    disk, log = hang_log(scenario, 5)
+    disk.hangs = False
+    log.write_row(100_000, (10, 0, 0.0))
+    summary = log.close()
+    assert (summary.rows, summary.dropped) == (5, 2)
+    assert log.read()["own.count"].tolist() == [1, 2, 3, 4, 10]

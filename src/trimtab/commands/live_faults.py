@@ -93,7 +93,8 @@ def command(
     if as_json:
         kinds = {} if draw is None else _count_kinds(outcomes)
         verdicts = [one._asdict() | {"verdict": one.verdict} for one in outcomes]
-        print_json({"wall_s": round(wall, 1), "cases": verdicts} | ({"kinds": kinds} if kinds else {}))
+        found = {"wall_s": round(wall, 1), "acted_s": _longest_times(outcomes), "cases": verdicts}
+        print_json(found | ({"kinds": kinds} if kinds else {}))
     else:
         if draw is not None:
             _print_kinds(_count_kinds(outcomes))
@@ -104,6 +105,8 @@ def command(
             + ", ".join(f"{n} {v}" for v, n in count.items() if n)
             + f"; {60 * flights / wall:.0f} flights per minute"
         )
+        for what, seconds in _longest_times(outcomes).items():
+            click.echo(f"outputs acted for at most {seconds * 1e3:.0f} ms after {what}")
         if page is not None:
             click.echo(f"wrote {page}")
     sys.exit(0 if all(one.verdict in ("holds", "skipped") for one in outcomes) else 1)
@@ -123,6 +126,14 @@ def _count_kinds(outcomes: "Sequence[CaseOutcome]") -> dict[str, dict[str, int]]
     counts = _import_module("draw").count_kinds({one.name: one for one in outcomes})
     kinds = {kind: count._asdict() for kind, count in counts.items()}
     return kinds | {"all": {name: sum(k[name] for k in kinds.values()) for name in next(iter(kinds.values()))}}
+
+
+def _longest_times(outcomes: "Sequence[CaseOutcome]") -> dict[str, float]:
+    """Return why outputs should be safe -> longest time (s) for which they acted nevertheless, in virtual time."""
+    return {
+        what: max(one.acted_s.get(what, 0.0) for one in outcomes)
+        for what in dict.fromkeys(what for one in outcomes for what in one.acted_s)
+    }
 
 
 def _print_kinds(kinds: dict[str, dict[str, int]]) -> None:

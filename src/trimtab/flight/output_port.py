@@ -107,9 +107,11 @@ class OutputReader:
             self._memory = mmap.mmap(file.fileno(), 0, access=mmap.ACCESS_READ)
         self._numbers = struct.Struct(f"<{PORT_HEAD.unpack_from(self._memory, 0)[4]}d")
         self._stale_since: int | None = None
-        self._newest = 0, OutputRow(WAITING, False, self._safe_values())
+        self._newest = 0, OutputRow(WAITING, False, self.safe_values)
 
-    def _safe_values(self) -> tuple[float, ...]:
+    @property
+    def safe_values(self) -> tuple[float, ...]:
+        """The values that make the craft safe."""
         return self._numbers.unpack_from(self._memory, PORT_HEAD.size + self._numbers.size)
 
     def read(self) -> tuple[int, OutputRow]:
@@ -137,7 +139,7 @@ class OutputReader:
             return row
         if self._stale_since is None:
             self._stale_since = now
-        return OutputRow(STALE, row.lift and now - self._stale_since < lift_delay, self._safe_values())
+        return OutputRow(STALE, row.lift and now - self._stale_since < lift_delay, self.safe_values)
 
 
 def _open_own(path: str, flags: int) -> int:

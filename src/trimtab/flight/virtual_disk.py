@@ -15,14 +15,16 @@ import numpy as np
 
 from trimtab.core.clock import NS_PER_SECOND, Clock
 from trimtab.core.time import to_seconds
-from trimtab.flight.flight_log import FlightRows
+from trimtab.flight.flight_log import ROWS, FlightRows
 from trimtab.flight.virtual_time import VirtualTime
 from trimtab.logs.frames import no_pose
 from trimtab.logs.log import Log
 from trimtab.logs.log_limit import LogLimit
 from trimtab.logs.messages import EPOCH
-from trimtab.logs.stream import COUNTER_SIGNALS, LogFileSummary
+from trimtab.logs.stream import COUNTER_SIGNALS, END_S, LogFileSummary
 
+LOOK_S = 0.001
+"""Time between two looks at whether a disk that hung takes rows again (s)."""
 FREE_BYTES = 10_000_000_000
 NUMBER_BYTES = 8
 NO_SPACE = os.strerror(errno.ENOSPC)
@@ -39,6 +41,8 @@ class VirtualDisk:
         """True once the process that writes logs has died while the program flies on."""
         self.is_dead = False
         """True once the writing process has been killed: no more rows are written."""
+        self.hangs = False
+        """True while writes do not return, as on a stalled card. The ring of each log takes rows meanwhile."""
         self.logs: list[MemoryLog] = []
 
     def free_bytes(self, folder: Path) -> int:
@@ -69,6 +73,9 @@ class MemoryLog:
         self._epoch = 0
         self.is_closed = False
         self.unread_rows = 0
+        self._dropped = 0
+        self._written = 0, 0
+        """Number of rows and of events that the disk has taken."""
 
     def start_clock(self, start: int, clock: Clock) -> None:
         """Set time zero to a time of the monotonic clock (ns)."""
@@ -83,6 +90,9 @@ class MemoryLog:
         self._time.note("row", self._disk.owner, t, row.tobytes())
         if self._disk.is_writer_dead:
             return
+        if self._disk.hangs and len(self._ticks) - self._written[0] >= ROWS:
+            self._dropped += 1
+            return
         if self._disk.is_full or (self._ticks and t <= self._ticks[-1]):
             self._unwritten += 1
             self._note_gap()
@@ -93,6 +103,11 @@ class MemoryLog:
         self._ticks.append(t)
         self._numbers.append(row)
         self._unwritten_before.append(self._unwritten)
+        self._note_written()
+
+    def _note_written(self) -> None:
+        if not self._disk.hangs:
+            self._written = len(self._ticks), len(self._events)
 
     def await_room(self) -> None:
         """Return at once: memory always has room for a row."""
@@ -108,16 +123,32 @@ class MemoryLog:
         if not self._disk.is_dead and not self._disk.is_writer_dead:
             self._time.note("event", self._disk.owner, text)
             self._events.append((max(self._ticks[-1] if self._ticks else 0, 0), text))
+            self._note_written()
 
     def close(self, final: Mapping[str, Any] | None = None) -> LogFileSummary | None:
         """End the log."""
-        if self._disk.is_dead or self._disk.is_writer_dead:
+        if self._disk.is_dead or self._disk.is_writer_dead or not self._await_disk():
             return None
         self.is_closed, self._final = True, dict(final or {})
         size = NUMBER_BYTES * self._rows.width * len(self._ticks)
         last = self._ticks[-1] if self._ticks else 0
         minute_size = 60 * size / to_seconds(last) if last > 0 else None
-        return LogFileSummary(len(self._ticks), 0, self._unwritten, size, minute_size, 0.0, not self._disk.is_full)
+        return LogFileSummary(
+            len(self._ticks), self._dropped, self._unwritten, size, minute_size, 0.0, not self._disk.is_full
+        )
+
+    def _await_disk(self) -> bool:
+        """Wait for a disk that hangs, for at most `END_S`. Return whether it took all rows; else they are lost."""
+        clock = self._time.running.clock if self._disk.hangs else None
+        given_up = self._time.now + END_S * NS_PER_SECOND
+        while clock is not None and self._disk.hangs and self._time.now < given_up:
+            clock.wait(None, LOOK_S)
+        if not self._disk.hangs:
+            return True
+        rows, events = self._written
+        self.unread_rows = len(self._ticks) - rows
+        del self._ticks[rows:], self._numbers[rows:], self._unwritten_before[rows:], self._events[events:]
+        return False
 
     def read(self) -> Log:
         """Return the log as it would be read from its file."""

@@ -11,6 +11,7 @@ from typing import Any
 from trimtab.flight.machine import Machine
 from trimtab.flight.mavlink.authority import MOST_SESSIONS
 from trimtab.flight.mavlink.endpoint import Endpoint
+from trimtab.flight.output_port import OutputPort
 from trimtab.flight.outputs import START_S, OutputsOrders, OutputsProcess
 from trimtab.flight.outputs_process import GONE, HANGS, STOPPED, OutputsLoop, open_log
 from trimtab.flight.real_time import RealTimeGrant
@@ -18,6 +19,7 @@ from trimtab.flight.transports.open_link import parse_uri
 from trimtab.flight.transports.udp import UdpLink
 from trimtab.flight.virtual_disk import VirtualDisk
 from trimtab.flight.virtual_network import Host, VirtualNetwork
+from trimtab.flight.virtual_terminal import VirtualLines, VirtualTerminal
 from trimtab.flight.virtual_time import VirtualClock, VirtualProgram, VirtualTime
 
 LOOK_S = 0.001
@@ -38,6 +40,11 @@ class VirtualMachine:
         """Number of requests to end that the running program received."""
         self.tell: Callable[[str], None] = lambda _: None
         """Is given lines that the outputs print."""
+        self.terminal = VirtualTerminal(time)
+        self.port_folder: Path | None = None
+        """Folder for the ports of outputs; None: outputs have no port."""
+        self.start_driver: Callable[[Path, VirtualProgram, VirtualProgram], object] = lambda *_: None
+        """Is called with each new port, the program of the vehicle, and that of its outputs."""
         self._sessions = time.random(f"sessions of {name}")
 
     @property
@@ -88,8 +95,12 @@ class VirtualMachine:
             return UdpLink(self.network.open_socket(program, self.name, peer=peer), peer, clock)
 
         @contextlib.contextmanager
-        def write_lines(write: Callable[[str], object]) -> Iterator[_DirectLines]:
-            yield _DirectLines(write)
+        def write_lines(write: Callable[[str], object]) -> Iterator[VirtualLines]:
+            queue = self.terminal.open_queue(write)
+            try:
+                yield queue
+            finally:
+                queue.settle()
 
         @contextlib.contextmanager
         def catch_interrupts() -> Iterator[Callable[[], bool]]:
@@ -124,12 +135,15 @@ class VirtualMachine:
                 if orders.folder is not None:
                     log = files.enter_context(open_log(Path(orders.folder)))
                     tells.insert(0, lambda line: log.write(f"{line}\n"))
-                OutputsLoop(far, orders, own, find_cause=find_cause, tells=tells).serve()
+                OutputsLoop(far, orders, own, find_cause=find_cause, port=port, tells=tells).serve()
 
+        port = self._open_port(orders)
         program = self.time.start(f"{self.name}'s outputs", run, clock=clock)
         self.outputs.append(program)
         clock.wait(near, START_S)
         near.recv(64)
+        if port is not None:
+            self.start_driver(port.path, vehicle, program)
 
         def end() -> None:
             while not program.has_ended:
@@ -137,18 +151,12 @@ class VirtualMachine:
 
         return OutputsProcess(near, program.number, end)
 
-
-class _DirectLines:
-    """Lines of a program in virtual time. They are written at once: no terminal holds it up."""
-
-    def __init__(self, write: Callable[[str], object]) -> None:
-        self._write = write
-
-    def put(self, text: str) -> None:
-        self._write(text)
-
-    def settle(self) -> int:
-        return 0
+    def _open_port(self, orders: OutputsOrders) -> OutputPort | None:
+        if self.port_folder is None:
+            return None
+        return OutputPort(
+            self.port_folder / f"outputs-{self.name}-{len(self.outputs) + 1}.bin", orders.safe, orders.lift_delay
+        )
 
 
 @contextlib.contextmanager

@@ -56,6 +56,8 @@ class VirtualProgram:
         self.frozen_until: float = 0
         self.work = self.cpu = 0
         """Own work that is still to be done, and processor time so far (ns)."""
+        self.busy_until = 0
+        """Time (ns) until which the program does own work."""
         self.closers: list[Callable[[], None]] = []
         """Close its sockets, as the system does when a process dies."""
         self.gate = threading.Lock()
@@ -68,6 +70,10 @@ class VirtualProgram:
         if self.is_killed:
             return "killed"
         return "failed" if self.error else "ended" if self.has_ended else "running"
+
+    def can_act(self, now: int) -> bool:
+        """Return whether the program runs now (ns): it has not ended, and is neither frozen nor kept busy."""
+        return not (self.has_ended or self.is_killed) and max(self.frozen_until, self.busy_until) <= now
 
 
 class VirtualClock:
@@ -258,6 +264,7 @@ class VirtualTime:
         while program.work or program.frozen_until > self.now:
             work, program.work = program.work, 0
             program.cpu += work
+            program.busy_until = self.now + work
             self._suspend(program, None, self.now + work)
 
     def is_blocked(self, program: VirtualProgram, ready: Any) -> bool:

@@ -1,0 +1,67 @@
+"""A terminal that hangs holds up who writes to it, and nobody who hands lines to a queue."""
+
+from trimtab.core.line_writer import CLOSE_S, ROOM
+from trimtab.flight.virtual_terminal import VirtualTerminal
+from trimtab.flight.virtual_time import VirtualTime
+
+
+def start():
+    time = VirtualTime(1)
+    clock, written = time.adopt("user").clock, []
+    terminal = VirtualTerminal(time)
+    return time, clock, terminal, written, terminal.open_queue(written.append)
+
+
+def test_lines_wait_in_their_order_until_the_terminal_goes_on():
+    time, _, terminal, written, lines = start()
+    lines.put("a")
+    terminal.hang()
+    lines.put("b")
+    lines.put("c")
+    assert (written, time.now) == (["a"], 0)
+    terminal.go_on()
+    lines.put("d")
+    assert written == ["a", "b", "c", "d"]
+    assert lines.settle() == 0
+
+
+def test_lines_that_do_not_fit_are_lost_and_counted():
+    time, _, terminal, written, lines = start()
+    terminal.hang()
+    for k in range(ROOM + 3):
+        lines.put(str(k))
+    assert lines.lost_count == 3
+    assert lines.settle() == ROOM + 3
+    assert CLOSE_S <= time.seconds < CLOSE_S + 0.01
+    terminal.go_on()
+    assert written == [str(k) for k in range(ROOM)]
+    assert lines.settle() == 3
+
+
+def test_settling_takes_no_longer_than_the_terminal_hangs():
+    time, _, terminal, written, lines = start()
+    terminal.hang()
+    lines.put("a")
+    time.call_at(0.3, terminal.go_on)
+    assert lines.settle() == 0
+    assert written == ["a"]
+    assert 0.3 <= time.seconds < 0.31
+
+
+def test_a_program_that_writes_by_itself_stands_still():
+    time, clock, terminal, _, _ = start()
+    times = []
+
+    def write(own):
+        terminal.wait_for_room()
+        times.append(time.seconds)
+        own.wait(None, 0.1)
+        terminal.wait_for_room()
+        times.append(time.seconds)
+
+    time.start("writer", write)
+    time.call_at(0.05, terminal.hang)
+    time.call_at(0.75, terminal.go_on)
+    clock.wait(None, 1.0)
+    assert times[0] == 0.0
+    assert 0.75 <= times[1] < 0.76
