@@ -63,6 +63,7 @@ class Case(NamedTuple):
 
     does: description of the act on an armed flight.  act: does it.  expected_ending: FLIES, no failsafe; STOPS, one;
     EITHER.  evidence_checks: required evidence in the logs.  actuator_fault_s: time that actuators ignore commands (s).
+    command_delay_s: delay of commands within the vehicle (s), by a fault of its uplink.
     statuses: exit statuses other than ENDED, by process.  fly: see FLY_S.  missing_requirement: why it cannot be done
     here, or nothing.  partial: processes whose log may be incomplete.  stopped_s: time that a process was stopped on
     purpose (s), by its name.  refused_start: refused start of an autopilot, before the flight.  explains: patterns of
@@ -75,6 +76,7 @@ class Case(NamedTuple):
     expected_ending: str = EITHER
     evidence_checks: tuple[EvidenceCheck, ...] = ()
     actuator_fault_s: float = 0.0
+    command_delay_s: float = 0.0
     statuses: dict[str, tuple[int, ...]] = {}
     serial: bool = False
     fly: float = FLY_S

@@ -6,6 +6,7 @@ from studies.live_faults.cases_of_authority import AUTHORITY
 from studies.live_faults.cases_of_ends import CLOCKS, DISKS, PROCESSES, SIGNALS, WRITERS
 from studies.live_faults.cases_of_lines import FRAMES, ONE_WAY, ORDER, POURED
 from studies.live_faults.cases_of_requests import REQUESTS
+from studies.live_faults.stalls import STALL_CASES
 from studies.live_faults.words import EvidenceCheck, counter_rise, flag_gap, logged_event
 
 WORDS = ("off", "stuck", "garbage", "wrong", "slow", "delayed", "intermittent")
@@ -84,6 +85,6 @@ def _cut_case(seconds: float, serial: bool) -> Case:
 
 def all_cases() -> list[Case]:
     """Return all cases, in the order of the table."""
-    ends, lines = [*PROCESSES, *CLOCKS, *DISKS, *WRITERS], [*FRAMES, *POURED]
+    ends, lines = [*PROCESSES, *CLOCKS, *DISKS, *WRITERS, *STALL_CASES], [*FRAMES, *POURED]
     others = [*AUTHORITY, *REQUESTS, *SIGNALS, *ORDER, *ONE_WAY]
     return [*fault_cases(), *loss_cases(), *cut_cases(), *ends, *lines, *others]

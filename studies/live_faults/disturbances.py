@@ -42,10 +42,15 @@ from studies.live_faults.words import (
     printed_line,
 )
 from trimtab.flight.mavlink.keys import create_key
+from trimtab.loop.fault_text import SEVERITY
 
 SILENT = logged_event(AUTOPILOT, "no data from the vehicle")
 HEARD = logged_event(AUTOPILOT, "from the vehicle again")
 TOLD = logged_event(AUTOPILOT, "vehicle: failsafe: no command")
+TOLD_REFUSED = logged_event(AUTOPILOT, "vehicle: commands without authority refused")
+TOLD_DISARMING = logged_event(AUTOPILOT, "vehicle: Disarming by")
+SENT_ONCE = TOLD, TOLD_REFUSED, TOLD_DISARMING
+"""What the vehicle tells the autopilot once. Another disturbance may lose it in transit."""
 BEHIND = r"refused: the clock of 1/191 is \S+ s behind"
 """Message after a restart: a dead vehicle's stored time is ahead of its clock, so that no stamp is used twice."""
 RESTARTED = "no longer armed", "sample rejected", "clock has changed", "of another clock", "too long", BEHIND
@@ -58,7 +63,7 @@ LOST = (
 )
 STALE = r"supervisor: lost: (estimate stale|link lost)", r"supervisor: flying: found again"
 """Lines that follow from missing commands, from silence, from old samples."""
-UNCONFIRMED = "arming refused: confirmation", "confirmation .* REFUSED$"
+UNCONFIRMED = "arming refused: confirmation", "confirmation .* REFUSED$", "speed after failsafe .* REFUSED$"
 REFUSED = logged_event(SECOND, CONFIRM)
 """Refusal of an autopilot that starts after another fault has caused a failsafe: no confirmation was given."""
 GARBAGE = "supervisor: (ended|fault): ", "autopilot: fault"
@@ -78,6 +83,7 @@ class Disturbance(NamedTuple):
     logs must contain.  explains: patterns of log lines that it explains.  fly: seconds of flight it needs.
     is_last: the flight does not go on as before, so nothing may be drawn after it.  partial: whose log may be
         incomplete.
+    command_delay_s: delay of commands (s) within the vehicle.
     missing_requirement: why it cannot be done on this machine, in real time.
     """
 
@@ -95,6 +101,7 @@ class Disturbance(NamedTuple):
     fly: float = 4.0
     is_last: bool = False
     actuator_fault_s: float = 0.0
+    command_delay_s: float = 0.0
     partial: tuple[str, ...] = ()
     missing_requirement: Callable[[], str] = lambda: ""
 
@@ -175,15 +182,19 @@ def impersonate(draw: random.Random) -> Disturbance:
     """Draw an attacker: with the key, without it, or with recorded packets."""
     count = draw.randrange(5, 60)
     foreign = logged_event(VEHICLE, "commands without authority refused, from 7/191")
-    told = logged_event(AUTOPILOT, "vehicle: commands without authority refused")
     refused = logged_event(VEHICLE, "refused: .* frames so far were unsigned or signed with another key")
     disarm = (
         logged_event(VEHICLE, "Disarming by 7/191 session .* refused"),
-        logged_event(AUTOPILOT, "vehicle: Disarming by"),
+        TOLD_DISARMING,
     )
     ways: list[tuple[str, acts.Act, tuple[EvidenceCheck, ...], tuple[str, ...]]] = [
-        (f"{count} commands of another system", send_commands(count), (foreign, told), ("without authority",)),
-        ("another system's command, 0.49 s ahead", send_commands(1, AHEAD), (foreign, told), ("without authority",)),
+        (f"{count} commands of another system", send_commands(count), (foreign, TOLD_REFUSED), ("without authority",)),
+        (
+            "another system's command, 0.49 s ahead",
+            send_commands(1, AHEAD),
+            (foreign, TOLD_REFUSED),
+            ("without authority",),
+        ),
         ("another system asks to disarm", ask_to_disarm, disarm, (r"Disarming by 7/191 session .* refused",)),
         (
             "a stranger without a key asks to disarm",
@@ -329,6 +340,7 @@ def kill_outputs(_: random.Random) -> Disturbance:
         ),
         explains=("the outputs' process died", *LOST, *STALE, *NO_COMMAND),
         is_last=True,
+        partial=(VEHICLE,),
     )
 
 
@@ -382,7 +394,10 @@ def break_uplink(draw: random.Random) -> Disturbance:
     evidence = (logged_event(VEHICLE, rf"world\.uplink\.fault\.word = {word}"), *((FAILSAFE, TOLD) if stops else ()))
     does = f"uplink {word} for {seconds} s"
     ends, explains = STOPS if stops else EITHER, (r"fault\.", *NO_COMMAND)
-    return Disturbance("uplink", does, acts.inject_fault(does), ends, seconds, evidence, explains)
+    delay = SEVERITY[word] if word == "delayed" else 0.0
+    return Disturbance(
+        "uplink", does, acts.inject_fault(does), ends, seconds, evidence, explains, command_delay_s=delay
+    )
 
 
 def break_actuators(draw: random.Random) -> Disturbance:

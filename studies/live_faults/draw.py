@@ -12,7 +12,7 @@ from typing import NamedTuple
 from studies.live_faults import acts
 from studies.live_faults.acts import Prepare
 from studies.live_faults.case import AUTOPILOT, CAUSE, EITHER, FLIES, STOPS, UNEXPLAINED, VEHICLE, Case, CaseOutcome
-from studies.live_faults.disturbances import LAST, PASSING, STARTS, TOLD, Disturbance
+from studies.live_faults.disturbances import LAST, PASSING, SENT_ONCE, STARTS, Disturbance
 from studies.live_faults.flight import FaultFlight
 from studies.live_faults.stalls import SINGLE, STALLS, combine_stalls
 from studies.live_faults.words import EvidenceCheck, exit_status
@@ -87,9 +87,9 @@ def flight_case(flight: DrawnFlight) -> Case:
     is_cut_short = last.is_last and len(several) > 1
     evidence = [*last.evidence, *(_early_evidence(first) if is_cut_short else first.evidence if first != last else ())]
     if len(several) > 1:
-        evidence = [
-            check for check in evidence if check is not TOLD
-        ]  # it may be lost in transit because of the other disturbance
+        evidence = [check for check in evidence if check not in SENT_ONCE]
+    if (given_up := next((d for d in several if d.kind == "disk hangs" and d.partial), None)) is not None:
+        evidence = list(given_up.evidence)  # the log that was given up may lack the rest
     ending = _expected_ending(several)
     if ending == FLIES and not last.is_last:
         partial = {who for d in several for who in d.partial}
@@ -105,6 +105,7 @@ def flight_case(flight: DrawnFlight) -> Case:
         ending,
         tuple(evidence),
         actuator_fault_s=max(d.actuator_fault_s for d in several),
+        command_delay_s=max(d.command_delay_s for d in several),
         statuses=statuses,
         fly=max(d.fly for d in several),
         prepare=_prepare_all(several),

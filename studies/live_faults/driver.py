@@ -16,6 +16,7 @@ PROCESS_S, RADIO_S = 0.1, 0.25
 """Longest time (s) for which outputs act after the vehicle or its outputs stopped, and after the last packet."""
 TRANSIT_S = 0.01
 """Longest time (s) from a packet's departure to its effect on the outputs."""
+SILENCE = "the last packet of an autopilot"
 
 
 class OutputsCheck:
@@ -52,16 +53,16 @@ class OutputsCheck:
 
     def _note(self, now: int) -> None:
         since = {f"its {what} stopped": ran for what, ran in self._ran.items()}
-        since["the last packet of an autopilot"] = self._last_heard()
+        since[SILENCE] = self._last_heard()
         for what, start in since.items():
             self.longest_s[what] = max(self.longest_s.get(what, 0.0), (now - start) / NS_PER_SECOND)
 
-    def list_violations(self) -> list[str]:
-        """Return where the outputs acted for too long."""
+    def list_violations(self, command_delay_s: float = 0.0) -> list[str]:
+        """Return where the outputs acted for too long. command_delay_s: delay of commands within the vehicle."""
         return [
             f"{self.name}: the outputs still acted {seconds * 1e3:.0f} ms after {what}"
             for what, seconds in self.longest_s.items()
-            if seconds > (PROCESS_S if what.startswith("its ") else RADIO_S + TRANSIT_S) + PERIOD_S
+            if seconds > (PROCESS_S if what != SILENCE else RADIO_S + TRANSIT_S + command_delay_s) + PERIOD_S
         ]
 
 

@@ -89,9 +89,9 @@ line or the campaign waited longer than 100 ms for the processor. A flight that 
 
 Number and seed of a flight decide what goes wrong in it. An autopilot is killed, frozen, starved, replaced,
 impersonated, or started with a wrong clock or wrong settings. A vehicle is killed, frozen, starved or restarted. The
-process of its outputs is killed, frozen or starved. A disk is full, or a disk or a terminal hangs. A sensor, the uplink,
-the downlink or the actuators fail. The link is bad or cut. Half of the flights have a second, passing disturbance. In a
-quarter of the flights two parts stall, up to a second apart.
+process of its outputs is killed, frozen or starved. A disk is full, or a disk or a terminal hangs. A sensor, the
+uplink, the downlink or the actuators fail. The link is bad or cut. Half of the flights have a second, passing
+disturbance. In a quarter of the flights two parts stall, up to a second apart.
 
 The draw also decides, before the flight, how the flight must end and which lines both logs must and may contain. Any
 other line is counted as unexplained. After a refusal (clock, scenario, key) the autopilot flies with the command that

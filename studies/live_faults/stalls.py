@@ -8,7 +8,7 @@ import random
 from typing import Protocol, runtime_checkable
 
 from studies.live_faults import acts
-from studies.live_faults.case import AUTOPILOT, EITHER, ENDED, FAILSAFE, FLIES, STOPS, VEHICLE, Case
+from studies.live_faults.case import AUTOPILOT, EITHER, ENDED, FAILSAFE, FLIES, KILLED, STOPS, VEHICLE, Case
 from studies.live_faults.disturbances import (
     LOST,
     NO_COMMAND,
@@ -180,6 +180,7 @@ def _stalled_outputs(kind: str, does: str, act: acts.Act, seconds: float) -> Dis
         ),
         (FROZEN, *LOST, *STALE, *NO_COMMAND),
         is_last=True,
+        partial=(VEHICLE,),
     )
 
 
@@ -194,7 +195,7 @@ def hang_disk(draw: random.Random) -> Disturbance:
             hang_disk_for(who, seconds),
             FLIES,
             seconds,
-            (DISARMED, exit_status(who, 0)),
+            (DISARMED,),
             missing_requirement=explain_virtual_only,
         )
     return Disturbance(
@@ -219,7 +220,7 @@ def hang_terminal(draw: random.Random) -> Disturbance:
         hang_terminal_for(who, seconds),
         FLIES,
         seconds,
-        (DISARMED, exit_status(VEHICLE, 0), exit_status(AUTOPILOT, 0)),
+        (DISARMED,),
         missing_requirement=explain_virtual_only,
     )
 
@@ -262,6 +263,51 @@ STALLS = (
 )
 
 
+def _kill_both_on_a_disk_that_hangs(flight: FaultFlight) -> None:
+    assert isinstance(flight, VirtualStalls)
+    flight.let_fly(flight.undisturbed_s)
+    flight.hang_disk(VEHICLE, True)
+    flight.let_fly(0.3)
+    flight.autopilot.kill()
+    flight.vehicle.kill()
+    flight.let_fly(1.0)
+    flight.hang_disk(VEHICLE, False)
+
+
+STALL_CASES: list[Case] = [
+    Case(
+        "disk-hangs-both-killed",
+        "disk below the vehicle's log hangs; then the vehicle and the autopilot are killed",
+        _kill_both_on_a_disk_that_hangs,
+        EITHER,
+        (outputs_safe("is gone"),),
+        statuses={VEHICLE: (KILLED,), AUTOPILOT: (KILLED,)},
+        partial=(VEHICLE,),
+        missing_requirement=explain_virtual_only,
+    ),
+    *(
+        Case(
+            f"{name.partition('-')[0]}-terminal-hangs",
+            f"terminal of the {name.partition('-')[0]} takes no lines for 2 s",
+            hang_terminal_for(name, 2.0),
+            FLIES,
+            (DISARMED, exit_status(VEHICLE, 0), exit_status(AUTOPILOT, 0)),
+            missing_requirement=explain_virtual_only,
+        )
+        for name in (VEHICLE, AUTOPILOT)
+    ),
+    Case(
+        "outputs-frozen",
+        "the process that applies the vehicle's outputs is stopped for 1 s (SIGSTOP, SIGCONT)",
+        acts.freeze_child("vehicle", OUTPUTS_WORD, 1.0),
+        EITHER,
+        (logged_event(VEHICLE, FROZEN), exit_status(VEHICLE, 1)),
+        partial=(VEHICLE,),
+    ),
+]
+"""Hanging disks and terminals, and frozen outputs, one at a time."""
+
+
 def combine_stalls(case: Case, pair: tuple[Disturbance, Disturbance], gap_s: float) -> Case:
     """Return the case of two stalls, with what must hold whatever the one does to the other.
 
@@ -278,6 +324,7 @@ def combine_stalls(case: Case, pair: tuple[Disturbance, Disturbance], gap_s: flo
         expected_ending=FLIES if ends == {FLIES} else EITHER,
         evidence_checks=evidence,
         statuses={who: (*ENDED, *statuses) for stall in pair for who, statuses in stall.statuses.items()},
+        command_delay_s=max(stall.command_delay_s for stall in pair),
         stopped_s={who: sum(s.stopped_s.get(who, 0.0) for s in pair) for stall in pair for who in stall.stopped_s},
         fly=max(stall.fly for stall in pair),
         partial=tuple(who for stall in pair for who in stall.partial),

@@ -328,7 +328,7 @@ def fly_in_virtual_time(
 
         outcome = fly_case(case._replace(missing_requirement=lambda: ""), known, folder, open_flight)
         checks = [check for flight in flights for check in flight.output_checks]
-        late = [problem for check in checks for problem in check.list_violations()]
+        late = [problem for check in checks for problem in check.list_violations(case.command_delay_s)]
         return outcome._replace(problems=(*outcome.problems, *late), acted_s=longest_times(checks))
 
     campaign = time.start(CAMPAIGN, run)

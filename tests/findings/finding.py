@@ -31,10 +31,19 @@ class Finding(NamedTuple):
 
 def run_python(script: str, **environment: str) -> tuple[int, str]:
     """Run a script in a new interpreter, which may die. Return the exit status and the last line that it printed."""
-    paths = os.pathsep.join([str(ROOT / "src"), os.environ.get("PYTHONPATH", "")])
+    return _run([sys.executable, "-c", script], environment)
+
+
+def run_command(*words: str) -> tuple[int, str]:
+    """Run a command of trimtab. Return the exit status and the last line that it printed."""
+    return _run([sys.executable, "-m", "trimtab", *words], {})
+
+
+def _run(command: list[str], environment: dict[str, str]) -> tuple[int, str]:
+    paths = os.pathsep.join([str(ROOT / "src"), str(ROOT), os.environ.get("PYTHONPATH", "")])
     surroundings = {name: value for name, value in os.environ.items() if name != "JAX_ENABLE_X64"}
     done = subprocess.run(
-        [sys.executable, "-c", script],
+        command,
         capture_output=True,
         text=True,
         check=False,

@@ -172,4 +172,10 @@ FINDINGS = [
         "refused or condemned: -Werror of clang, double's tolerance, rows through double",
         correct_exports,
     ),
+    Finding(
+        "L17",
+        "Ctrl-C while JAX compiles",
+        "swallowed by a callback of the garbage collection, or a segmentation fault",
+        partial(run_tests, "commands/test_end_signals.py"),
+    ),
 ]

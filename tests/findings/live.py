@@ -4,7 +4,7 @@ import tempfile
 from functools import partial
 from pathlib import Path
 
-from findings.finding import Finding, Outcome, run_tests
+from findings.finding import Finding, Outcome, run_command, run_tests
 
 
 def removed_folder() -> Outcome:
@@ -15,6 +15,21 @@ def removed_folder() -> Outcome:
         gone = Path(folder) / "flight"
     free = SystemDisk().free_bytes(gone)
     return Outcome(f"free space of a folder that is gone: {free} bytes", free == 0)
+
+
+def fly_in_virtual_time(case: str) -> Outcome:
+    """Fly a case of live-faults in virtual time."""
+    from studies.live_faults.campaign import fly_cases
+
+    (outcome,) = fly_cases([case], jobs=1)
+    times = ", ".join(f"{1e3 * seconds:.0f} ms after {what}" for what, seconds in outcome.acted_s.items())
+    return Outcome(f"{outcome.verdict}: outputs acted at most {times}; {outcome.problems}", outcome.verdict == "holds")
+
+
+def run_fault_case(name: str) -> Outcome:
+    """Run a case of live-faults with real processes."""
+    status, said = run_command("live-faults", "--real-time", "--only", name)
+    return Outcome(said, status == 0 and ": 1 holds" in said)
 
 
 def held_by(*names: str) -> partial[Outcome]:
@@ -28,6 +43,12 @@ FINDINGS = [
         "outputs' process stopped by SIGSTOP in flight",
         "nobody notices, thrust and lift stay on",
         held_by("test_autopilot.py::test_a_vehicle_whose_outputs_are_frozen_ends_within_100_ms_and_says_so"),
+    ),
+    Finding(
+        "V2",
+        "disk of --out hangs, then autopilot and vehicle killed",
+        "outputs stay until the disk goes on",
+        partial(fly_in_virtual_time, "disk-hangs-both-killed"),
     ),
     Finding(
         "V3",
@@ -138,6 +159,12 @@ FINDINGS = [
         "datagrams full of 0xFD",
         "each byte starts a frame, the loop is 1.8 s late",
         held_by("mavlink/test_endpoint.py::test_a_packet_full_of_false_starts_costs_no_more_than_a_few"),
+    ),
+    Finding(
+        "V20",
+        "live-faults, case ground-station",
+        "fails: the vehicle is started without --origin",
+        partial(run_fault_case, "ground-station"),
     ),
     Finding(
         "V21",
