@@ -234,8 +234,7 @@ class VirtualFaultFlight:
 
     def hang_terminal(self, name: str, hangs: bool) -> None:
         """Let the terminal of a process hang, or go on."""
-        terminal = self._machines[name].terminal
-        (terminal.hang if hangs else terminal.go_on)()
+        self._machines[name].terminal.hangs = hangs
 
     def starve_process(self, who: str, seconds: float) -> None:
         """Keep a process from its work. who: name of a process, or OUTPUTS for the outputs of the vehicle."""

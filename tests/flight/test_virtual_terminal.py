@@ -15,11 +15,11 @@ def start():
 def test_lines_wait_in_their_order_until_the_terminal_goes_on():
     time, _, terminal, written, lines = start()
     lines.put("a")
-    terminal.hang()
+    terminal.hangs = True
     lines.put("b")
     lines.put("c")
     assert (written, time.now) == (["a"], 0)
-    terminal.go_on()
+    terminal.hangs = False
     lines.put("d")
     assert written == ["a", "b", "c", "d"]
     assert lines.settle() == 0
@@ -27,22 +27,22 @@ def test_lines_wait_in_their_order_until_the_terminal_goes_on():
 
 def test_lines_that_do_not_fit_are_lost_and_counted():
     time, _, terminal, written, lines = start()
-    terminal.hang()
+    terminal.hangs = True
     for k in range(ROOM + 3):
         lines.put(str(k))
     assert lines.lost_count == 3
     assert lines.settle() == ROOM + 3
     assert CLOSE_S <= time.seconds < CLOSE_S + 0.01
-    terminal.go_on()
-    assert written == [str(k) for k in range(ROOM)]
+    terminal.hangs = False
     assert lines.settle() == 3
+    assert written == [str(k) for k in range(ROOM)]
 
 
 def test_settling_takes_no_longer_than_the_terminal_hangs():
     time, _, terminal, written, lines = start()
-    terminal.hang()
+    terminal.hangs = True
     lines.put("a")
-    time.call_at(0.3, terminal.go_on)
+    time.call_at(0.3, lambda: setattr(terminal, "hangs", False))
     assert lines.settle() == 0
     assert written == ["a"]
     assert 0.3 <= time.seconds < 0.31
@@ -60,8 +60,8 @@ def test_a_program_that_writes_by_itself_stands_still():
         times.append(time.seconds)
 
     time.start("writer", write)
-    time.call_at(0.05, terminal.hang)
-    time.call_at(0.75, terminal.go_on)
+    time.call_at(0.05, lambda: setattr(terminal, "hangs", True))
+    time.call_at(0.75, lambda: setattr(terminal, "hangs", False))
     clock.wait(None, 1.0)
     assert times[0] == 0.0
     assert 0.75 <= times[1] < 0.76

@@ -8,6 +8,7 @@ Source: docs page, Testing.
 from collections import deque
 from collections.abc import Callable
 
+from trimtab.core.clock import NS_PER_SECOND
 from trimtab.core.line_writer import CLOSE_S, ROOM
 from trimtab.flight.virtual_time import VirtualTime
 
@@ -16,22 +17,12 @@ LOOK_S = 0.001
 
 
 class VirtualTerminal:
-    """Terminal of one computer. `hang` and `go_on` may be called while programs run."""
+    """Terminal of one computer. `hangs` may be changed while programs run."""
 
     def __init__(self, time: VirtualTime) -> None:
         self._time = time
         self.hangs = False
-        self._queues: list[VirtualLines] = []
-
-    def hang(self) -> None:
-        """Take no more lines."""
-        self.hangs = True
-
-    def go_on(self) -> None:
-        """Take lines again, first those that wait."""
-        self.hangs = False
-        for queue in self._queues:
-            queue.write_waiting()
+        """True while the terminal takes no lines."""
 
     def wait_for_room(self) -> None:
         """Hold up the running program while the terminal hangs."""
@@ -41,12 +32,14 @@ class VirtualTerminal:
 
     def open_queue(self, write: Callable[[str], object]) -> "VirtualLines":
         """Return a queue of lines, as `machine.write_lines` does. write: writes a line."""
-        self._queues.append(VirtualLines(self, self._time, write))
-        return self._queues[-1]
+        return VirtualLines(self, self._time, write)
 
 
 class VirtualLines:
-    """Lines for the user of one program. It is a `machine.LineSink`."""
+    """Lines for the user of one program. It is a `machine.LineSink`.
+
+    The program writes the lines that wait with its next line, or when it settles.
+    """
 
     def __init__(self, terminal: VirtualTerminal, time: VirtualTime, write: Callable[[str], object]) -> None:
         self._terminal, self._time, self._write = terminal, time, write
@@ -56,21 +49,23 @@ class VirtualLines:
     def put(self, text: str) -> None:
         """Take a line. Never waits. A line that does not fit is lost."""
         if not self._terminal.hangs:
+            self._write_waiting()
             self._write(text)
         elif len(self._waiting) < ROOM:
             self._waiting.append(text)
         else:
             self.lost_count += 1
 
-    def write_waiting(self) -> None:
-        """Write the lines that wait."""
+    def _write_waiting(self) -> None:
         while self._waiting:
             self._write(self._waiting.popleft())
 
     def settle(self) -> int:
         """Wait for the waiting lines, for at most `CLOSE_S`. Return the number of lost lines, those included."""
         clock = self._time.running.clock
-        given_up = clock.monotonic_ns() + CLOSE_S * 1e9
-        while self._waiting and clock.monotonic_ns() < given_up:
+        given_up = clock.monotonic_ns() + CLOSE_S * NS_PER_SECOND
+        while self._waiting and self._terminal.hangs and clock.monotonic_ns() < given_up:
             clock.wait(None, LOOK_S)
+        if not self._terminal.hangs:
+            self._write_waiting()
         return self.lost_count + len(self._waiting)
