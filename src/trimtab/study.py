@@ -16,7 +16,8 @@ from collections.abc import Iterable, Iterator
 from pathlib import Path
 from typing import Any, Literal, NamedTuple
 
-from trimtab.core.errors import InputError, argument, argument_name, closest
+from trimtab.core.errors import InputError, argument, argument_name
+from trimtab.core.suggestions import closest
 
 Relation = Literal["within", "at most", "band", "inside", "overlaps", "direction", "same", "none"]
 Basis = Literal["printed", "text", "axis", "reference", "own", "input"]

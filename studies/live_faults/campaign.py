@@ -16,7 +16,8 @@ from studies.live_faults.cases import all_cases
 from studies.live_faults.cases_without_flight import NOT_FLOWN, try_process_case
 from studies.live_faults.draw import DRAWN, flight_case, read_name
 from studies.live_faults.flight import NAME, VehicleKnowledge, collect_knowledge
-from trimtab.core.errors import InputError, closest
+from trimtab.core.errors import InputError
+from trimtab.core.suggestions import closest
 from trimtab.scenarios import catalogue
 
 SHARE_FLOWN_TWICE = 0.05

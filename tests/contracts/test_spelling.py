@@ -9,7 +9,8 @@ import pytest
 
 import trimtab
 from trimtab.commands.verbs import OPTIONS, spell_option
-from trimtab.core.errors import InputError, argument, argument_name, spell_with, unknown_setting
+from trimtab.core.errors import InputError, argument, argument_name, spell_with
+from trimtab.core.suggestions import unknown_setting
 
 SOURCE = Path(trimtab.__file__).parent
 SAID_AT_A_TERMINAL = ("prearm.py", "connection_problem.py", "preflight.py", "remote.py", "safety_settings.py")

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 import trimtab
-from trimtab.core.errors import InputError, closest, install_command
+from trimtab.core.errors import InputError, install_command
 
 
 def test_message_has_part_problem_choices_and_fix():
@@ -32,29 +32,6 @@ def test_is_a_value_error():
 
 def test_choices_may_be_any_iterable():
     assert InputError("a", "b", choices=(c for c in "xy")).choices == ("x", "y")
-
-
-CHOICES = ["world.vehicle.mass", "world.vehicle.inertia", "autopilot.law.k1"]
-
-
-def test_closest_finds_a_misspelling():
-    assert closest("world.vehicle.mas", CHOICES)[0] == "world.vehicle.mass"
-
-
-def test_closest_finds_a_bare_last_name_first():
-    assert closest("k1", CHOICES) == ["autopilot.law.k1"]
-
-
-def test_closest_is_empty_when_nothing_is_near():
-    assert closest("zzzz", CHOICES) == []
-
-
-def test_closest_gives_at_most_n_and_no_doubles():
-    names = [f"part{i}.mass" for i in range(5)]
-    found = closest("mass", names, n=3)
-    assert found == ["part0.mass", "part1.mass", "part2.mass"]
-    assert closest("part0.mass", names, n=5)[0] == "part0.mass"
-    assert len(set(closest("part0.mass", names, n=5))) == len(closest("part0.mass", names, n=5))
 
 
 def test_survives_pickling_between_processes():

@@ -6,9 +6,9 @@ from types import SimpleNamespace
 from trimtab.core.time import ms, seconds
 from trimtab.flight.command_sender import CommandSender
 from trimtab.flight.exchange import GroupSample
+from trimtab.flight.mavlink.time_sync import TimeSync
 from trimtab.flight.real_time import DISCARD_LIMIT, discard_packets
 from trimtab.flight.remote import RemoteVehicle
-from trimtab.flight.station.time_sync import TimeSync
 from trimtab.flight.vehicle_clock import QUICK_ANSWERS
 from trimtab.flight.vehicle_receiver import VehicleReceiver
 

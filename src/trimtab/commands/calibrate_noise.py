@@ -23,7 +23,8 @@ from trimtab.commands.foreign_logs import read_own_log
 from trimtab.commands.options import FILE, JSON, OUT, PLOT
 from trimtab.commands.output import check_picture, draw_plot, new_table, print_files, print_json, print_table
 from trimtab.core.control_characters import show_controls
-from trimtab.core.errors import InputError, closest
+from trimtab.core.errors import InputError
+from trimtab.core.suggestions import closest
 from trimtab.core.time import parse_time, to_seconds
 from trimtab.core.units import find_unit
 from trimtab.logs.log import Log

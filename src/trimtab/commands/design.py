@@ -22,7 +22,8 @@ from trimtab.commands.design_theorem import (
 from trimtab.commands.options import FILE, JSON, OUT, parse_settings
 from trimtab.commands.output import check_out, print_files, print_json, write_text
 from trimtab.core.control_characters import show_controls
-from trimtab.core.errors import InputError, closest
+from trimtab.core.errors import InputError
+from trimtab.core.suggestions import closest
 from trimtab.design.certificate import Certificate, design_certificate
 from trimtab.design.certificate_check import prove_certificate
 from trimtab.design.certificate_file import SCOPE, certificate_json, read_certificate

@@ -20,7 +20,8 @@ from trimtab.commands.output import (
     print_json,
     write_text,
 )
-from trimtab.core.errors import InputError, closest
+from trimtab.core.errors import InputError
+from trimtab.core.suggestions import closest
 from trimtab.design.normal_form import normal_form
 from trimtab.design.output_inversion import InternalMode, Inversion, internal_modes, invert_output, smooth_course
 from trimtab.run.design_point import find_point, format_value, parse_amount

@@ -10,7 +10,8 @@ import numpy as np
 
 from trimtab import scenarios
 from trimtab.commands.output import print_json
-from trimtab.core.errors import InputError, closest
+from trimtab.core.errors import InputError
+from trimtab.core.suggestions import closest
 from trimtab.design.accessibility import Accessibility, LieBracket, check_rest, find_accessibility
 from trimtab.design.linearise import linearise
 from trimtab.design.model import StateSpaceModel, format_combination

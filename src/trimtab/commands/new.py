@@ -20,7 +20,8 @@ from click.shell_completion import CompletionItem
 from trimtab.commands.options import JSON, OUT
 from trimtab.commands.output import check_folder, print_json, write_text
 from trimtab.commands.written_files import OVERWRITE
-from trimtab.core.errors import InputError, closest, install_command
+from trimtab.core.errors import InputError, install_command
+from trimtab.core.suggestions import closest
 
 TEMPLATES = Path(__file__).parents[1] / "templates"
 KINDS = ("vehicle", "law", "sensor", "estimator", "link", "actuator", "scenario")

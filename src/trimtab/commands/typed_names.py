@@ -12,7 +12,8 @@ from contextlib import suppress
 from pathlib import Path
 
 from trimtab.core.cache_folder import cache_folder, package_stamp
-from trimtab.core.errors import InputError, closest, unknown_setting
+from trimtab.core.errors import InputError
+from trimtab.core.suggestions import closest, unknown_setting
 from trimtab.scenarios import catalogue
 
 TAKES_SCENARIO = frozenset(

@@ -22,7 +22,8 @@ from trimtab.commands.end_signals import TerminatedError, end_on_signals
 from trimtab.commands.jax_platform import choose_platform
 from trimtab.commands.output import print_json
 from trimtab.commands.standard_streams import flush_output, replace_unprintable, report_failure
-from trimtab.core.errors import InputError, Spelling, closest, spell_with
+from trimtab.core.errors import InputError, Spelling, spell_with
+from trimtab.core.suggestions import closest
 
 WORDS = "trimtab.words"
 """Key of the context's entry for the words typed after `trimtab`."""

@@ -9,7 +9,8 @@ import numpy as np
 from trimtab.compiler.block import BlockDefinition, BlockText, block_text
 from trimtab.compiler.native.build import build_library, load_library
 from trimtab.compiler.structs import Member, row_declarations, row_functions
-from trimtab.core.errors import InputError, closest
+from trimtab.core.errors import InputError
+from trimtab.core.suggestions import closest
 
 ENTRY = """
 #include <stddef.h>

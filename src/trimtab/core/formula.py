@@ -18,7 +18,8 @@ import re
 from decimal import Decimal
 from typing import Any, NamedTuple, NoReturn
 
-from trimtab.core.errors import InputError, closest
+from trimtab.core.errors import InputError
+from trimtab.core.suggestions import closest
 from trimtab.core.time import UNITS_PER_SECOND
 from trimtab.core.units import UNITS, find_sizes
 

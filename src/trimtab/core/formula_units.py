@@ -10,7 +10,6 @@ import re
 from collections.abc import Callable, Mapping
 from typing import Any, NamedTuple
 
-from trimtab.core.errors import closest
 from trimtab.core.formula import (
     Arithmetic,
     Connective,
@@ -21,6 +20,7 @@ from trimtab.core.formula import (
     parse_formula,
     refuse_column,
 )
+from trimtab.core.suggestions import closest
 from trimtab.core.units import find_sizes
 
 MIXED = "mixed units"

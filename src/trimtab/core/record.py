@@ -15,7 +15,7 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from trimtab.core.errors import InputError, closest
+from trimtab.core.errors import InputError
 from trimtab.core.quantity import (
     Declaration,
     Option,
@@ -34,6 +34,7 @@ from trimtab.core.quantity import (
     quantity,
     switch,
 )
+from trimtab.core.suggestions import closest
 from trimtab.core.time import as_time, format_time
 from trimtab.core.units import parse_amount
 

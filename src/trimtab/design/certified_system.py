@@ -13,7 +13,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from trimtab.core.errors import InputError, argument, closest
+from trimtab.core.errors import InputError, argument
+from trimtab.core.suggestions import closest
 from trimtab.design.proof import Line, ProofCondition
 
 SAME = 1e-9

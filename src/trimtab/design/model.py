@@ -13,8 +13,9 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from trimtab.core.errors import InputError, argument_name, closest
+from trimtab.core.errors import InputError, argument_name
 from trimtab.core.record import FAST_COMPILE_OPTIONS, Quantity, is_record, leaves, with_leaf
+from trimtab.core.suggestions import closest
 
 Function = Callable[[Any, Any], Any]
 """Function from (x (n,), u (m,)) to a vector, traceable by jax."""

@@ -22,8 +22,9 @@ from trimtab.compiler.elementary import LICENCE_NOTE
 from trimtab.compiler.folder import column_names
 from trimtab.compiler.structs import Member, row_functions
 from trimtab.compiler.text import C_TYPES
-from trimtab.core.errors import InputError, argument, argument_name, closest
+from trimtab.core.errors import InputError, argument, argument_name
 from trimtab.core.record import replace
+from trimtab.core.suggestions import closest
 from trimtab.core.time import Timetable, timetable, to_seconds
 from trimtab.export.verify import EXACT
 from trimtab.links.fifo import required_slots

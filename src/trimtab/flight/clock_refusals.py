@@ -12,7 +12,7 @@ from collections.abc import Callable
 from trimtab.core.interfaces import Link
 from trimtab.core.time import ms, seconds
 from trimtab.flight.mavlink.endpoint import Endpoint, UntimelyMessage
-from trimtab.flight.station.time_sync import NS_PER_UNIT
+from trimtab.flight.mavlink.time_sync import NS_PER_UNIT
 
 ANSWER_PERIOD = ms(200)
 REPORT_PERIOD = seconds(10)

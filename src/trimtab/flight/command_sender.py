@@ -6,7 +6,7 @@ Source: docs page, Fly.
 from trimtab.core.interfaces import Link
 from trimtab.flight.autopilot_end import AutopilotEnd
 from trimtab.flight.mavlink.endpoint import Endpoint
-from trimtab.flight.station.time_sync import TimeSync
+from trimtab.flight.mavlink.time_sync import TimeSync
 
 
 class CommandSender:

@@ -8,7 +8,8 @@ from collections.abc import Collection, Mapping
 from typing import NamedTuple
 
 from trimtab.actuators.failsafe import Failsafe
-from trimtab.core.errors import InputError, argument, closest
+from trimtab.core.errors import InputError, argument
+from trimtab.core.suggestions import closest
 from trimtab.core.time import to_seconds
 from trimtab.flight.station.arming import ArmingCheck
 from trimtab.loop.vehicle_limits import VehicleLimits

@@ -5,9 +5,9 @@ Source: docs page, Fly.
 
 from trimtab.core.clock import Clock
 from trimtab.core.time import ms, seconds, to_seconds
+from trimtab.flight.mavlink.time_sync import TimeSync
 from trimtab.flight.real_time import NS
 from trimtab.flight.reporter import Reporter
-from trimtab.flight.station.time_sync import TimeSync
 
 LONGEST_SAMPLE_AGE, MOST_SAMPLE_LEAD = seconds(2), ms(200)
 """Largest age and lead of a sample. Beyond these the sample is rejected: its clock is not the known one.

@@ -8,7 +8,7 @@ from collections.abc import Callable, Sequence
 from trimtab.core.time import ms, seconds
 from trimtab.flight.mavlink.definitions import Message
 from trimtab.flight.mavlink.endpoint import Endpoint, UntimelyMessage
-from trimtab.flight.station.time_sync import TimeSync
+from trimtab.flight.mavlink.time_sync import TimeSync
 
 SYNC_QUICK, SYNC_SLOW = ms(50), seconds(1)
 QUICK_ANSWERS = 8

@@ -11,10 +11,11 @@ from typing import Any, NamedTuple
 import jax.numpy as jnp
 import numpy as np
 
-from trimtab.core.errors import InputError, closest
+from trimtab.core.errors import InputError
 from trimtab.core.record import Scalar, imperfection, option, period, quantity, record
 from trimtab.core.rng import Key, normal2, uniform2
 from trimtab.core.signals import Sample
+from trimtab.core.suggestions import closest
 from trimtab.core.time import ms
 from trimtab.links.fifo import Fifo, check_ring, deliver, empty_fifo, required_slots
 

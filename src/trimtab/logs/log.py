@@ -10,9 +10,10 @@ from typing import Any, Generic, TypeVar
 import numpy as np
 
 from trimtab import __version__
-from trimtab.core.errors import InputError, closest, install_command
+from trimtab.core.errors import InputError, install_command
 from trimtab.core.html_table import html_table
 from trimtab.core.quantity import Quantity, component_paths, split_component
+from trimtab.core.suggestions import closest
 from trimtab.core.time import UNITS_PER_SECOND, to_seconds
 
 SHOWN = 30

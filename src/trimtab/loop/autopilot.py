@@ -5,11 +5,12 @@ from typing import Any
 import jax.numpy as jnp
 import numpy as np
 
-from trimtab.core.errors import InputError, closest
+from trimtab.core.errors import InputError
 from trimtab.core.interfaces import optional_member
 from trimtab.core.record import children, is_record, part, period, record, replace, tree_where
 from trimtab.core.rng import Key
 from trimtab.core.signals import Command, Estimate, Frame, is_new
+from trimtab.core.suggestions import closest
 from trimtab.core.time import ms, to_seconds
 from trimtab.links.fifo import NEVER, measurement_time
 from trimtab.loop.monitor import Monitor, MonitorInput

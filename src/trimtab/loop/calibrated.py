@@ -11,10 +11,11 @@ import numpy as np
 from trimtab.actuators.drive import FanDrive
 from trimtab.actuators.lookup import BilinearTable
 from trimtab.actuators.rudder import RudderServo
-from trimtab.core.errors import InputError, argument_name, closest
+from trimtab.core.errors import InputError, argument_name
 from trimtab.core.quantity import Quantity, absent_parts, declarations, leaves, records
 from trimtab.core.record import replace, with_leaf, with_part_of
 from trimtab.core.rotation import DEG
+from trimtab.core.suggestions import closest
 from trimtab.core.time import format_time, to_seconds
 from trimtab.loop.calibration import Calibration
 from trimtab.loop.scenario import Scenario

@@ -13,11 +13,12 @@ from typing import Any
 import jax
 import numpy as np
 
-from trimtab.core.errors import InputError, argument, argument_name, closest
+from trimtab.core.errors import InputError, argument, argument_name
 from trimtab.core.interfaces import optional_member
 from trimtab.core.quantity import component_paths
 from trimtab.core.record import is_record, leaves, replace, to_arrays
 from trimtab.core.rng import key
+from trimtab.core.suggestions import closest
 from trimtab.core.time import FOREVER, format_time, parse_time
 from trimtab.loop.checks import check_part
 from trimtab.loop.faults import DELAYED, NONE, WORDS, Fault, FaultyActuators, FaultyChannel, FaultySensor, delay_slots

@@ -11,8 +11,9 @@ import numpy as np
 from scipy.linalg import matrix_balance
 
 from trimtab.core.discretisation import discretise
-from trimtab.core.errors import InputError, closest
+from trimtab.core.errors import InputError
 from trimtab.core.interfaces import optional_member
+from trimtab.core.suggestions import closest
 from trimtab.core.time import to_seconds
 from trimtab.design.coordinates import attitude_fields
 from trimtab.design.linearise import LinearModel, linearise

@@ -9,8 +9,9 @@ from typing import Any, NamedTuple
 import jax
 
 import trimtab
-from trimtab.core.errors import InputError, closest
+from trimtab.core.errors import InputError
 from trimtab.core.record import declarations, is_record
+from trimtab.core.suggestions import closest
 
 PACKAGE = str(Path(trimtab.__file__).parent)
 TRACED = "a traced value (a number that is only known during the run)"

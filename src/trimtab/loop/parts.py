@@ -17,9 +17,10 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Any
 
-from trimtab.core.errors import InputError, argument, argument_name, closest
+from trimtab.core.errors import InputError, argument, argument_name
 from trimtab.core.quantity import Declaration, Part, children, declarations, is_record
 from trimtab.core.record import with_child
+from trimtab.core.suggestions import closest
 
 FOLDERS = ("core", "environment", "vehicles", "sensors", "links", "estimators", "laws", "actuators", "loop")
 DEFINITION = re.compile(r"^@record\nclass ([A-Z]\w*)", re.MULTILINE)

@@ -14,11 +14,12 @@ from typing import Any
 
 import numpy as np
 
-from trimtab.core.errors import InputError, argument, argument_name, closest
+from trimtab.core.errors import InputError, argument, argument_name
 from trimtab.core.interfaces import Reference
 from trimtab.core.quantity import Part, Quantity, declarations
 from trimtab.core.record import Option, replace
 from trimtab.core.reference import Circle, FigureEight, PiecewisePath, interpolate_path, pass_waypoints
+from trimtab.core.suggestions import closest
 from trimtab.core.time import parse_time, to_seconds
 from trimtab.core.units import parse_amount
 from trimtab.logs.measurements import MeasuredColumn, read_measurements

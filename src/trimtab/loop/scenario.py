@@ -7,7 +7,7 @@ import jax
 import numpy as np
 
 from trimtab.actuators.allocation import DirectActuation, DirectAllocation
-from trimtab.core.errors import InputError, argument, closest
+from trimtab.core.errors import InputError, argument
 from trimtab.core.html_table import html_table
 from trimtab.core.imperfections import imperfections as find_imperfections
 from trimtab.core.imperfections import without
@@ -16,6 +16,7 @@ from trimtab.core.quantity import records
 from trimtab.core.record import children, declarations, option, part, period, record, replace, to_arrays
 from trimtab.core.rng import Key
 from trimtab.core.signals import PlanarState
+from trimtab.core.suggestions import closest
 from trimtab.core.time import format_time, seconds, to_seconds
 from trimtab.estimators.passthrough import Passthrough
 from trimtab.links.wire import Wire

@@ -12,9 +12,10 @@ from typing import Any, TypeVar
 import jax.numpy as jnp
 import numpy as np
 
-from trimtab.core.errors import InputError, argument, argument_name, closest
+from trimtab.core.errors import InputError, argument, argument_name
 from trimtab.core.interfaces import optional_member
 from trimtab.core.record import Quantity, leaves, option, quantity, record, replace, with_leaf
+from trimtab.core.suggestions import closest
 from trimtab.core.time import parse_time, to_seconds
 from trimtab.core.units import parse_amount
 from trimtab.loop.checks import check_part, check_values

@@ -8,9 +8,10 @@ from typing import Any, TypeVar
 
 import numpy as np
 
-from trimtab.core.errors import InputError, argument, argument_name, unknown_setting
+from trimtab.core.errors import InputError, argument, argument_name
 from trimtab.core.quantity import first_number, has_index, split_index
 from trimtab.core.record import Option, Quantity, absent_parts, leaves, with_leaf, with_part_of
+from trimtab.core.suggestions import unknown_setting
 from trimtab.core.time import nearest_time, parse_time
 from trimtab.core.units import parse_amount, parse_unit
 from trimtab.loop.parts import UNSET, is_name, is_part, with_part

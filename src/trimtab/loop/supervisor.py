@@ -10,9 +10,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from trimtab.core.errors import InputError, closest
+from trimtab.core.errors import InputError
 from trimtab.core.record import Scalar, leaves, option, part, period, quantity, record
 from trimtab.core.signals import Estimate, Frame, Sample
+from trimtab.core.suggestions import closest
 from trimtab.core.time import FOREVER, format_time, ms, seconds
 from trimtab.loop.supervisor_modes import (
     ARM,

@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from trimtab.core.errors import InputError, closest
+from trimtab.core.errors import InputError
+from trimtab.core.suggestions import closest
 from trimtab.logs.log import Log
 from trimtab.logs.spatial import display_unit, with_flight
 from trimtab.plots.style import (

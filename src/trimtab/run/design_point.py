@@ -8,7 +8,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from trimtab.core.errors import InputError, argument, argument_name, closest
+from trimtab.core.errors import InputError, argument, argument_name
+from trimtab.core.suggestions import closest
 from trimtab.core.units import find_unit
 from trimtab.design.coordinates import STANDS, unsmooth_outputs
 from trimtab.design.linearise import LinearModel, linearise

@@ -6,9 +6,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from trimtab.core.errors import InputError, argument, argument_name, closest
+from trimtab.core.errors import InputError, argument, argument_name
 from trimtab.core.quantity import Quantity, first_number, has_index, leaves, split_index
 from trimtab.core.record import with_part_of
+from trimtab.core.suggestions import closest
 from trimtab.loop.scenario import Scenario
 
 DELAY = "delay"

@@ -9,7 +9,8 @@ import numpy as np
 
 from trimtab.compiler.native.compiler import find_compiler, lane_count
 from trimtab.compiler.walk_program import WalkProgram, build_program, lower_walk
-from trimtab.core.errors import InputError, closest
+from trimtab.core.errors import InputError
+from trimtab.core.suggestions import closest
 from trimtab.core.time import Instant, Timetable, ms, to_seconds
 from trimtab.loop.scenario import Scenario
 from trimtab.loop.walk import Signals, instant

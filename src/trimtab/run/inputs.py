@@ -6,9 +6,10 @@ from typing import Any
 import jax
 import numpy as np
 
-from trimtab.core.errors import InputError, closest
+from trimtab.core.errors import InputError
 from trimtab.core.record import part, record, to_arrays
 from trimtab.core.rng import Key
+from trimtab.core.suggestions import closest
 from trimtab.loop.autopilot import AutopilotState
 from trimtab.loop.scenario import Scenario
 from trimtab.loop.walk import drop_derived_outputs, start

@@ -8,8 +8,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from trimtab.core.errors import InputError, argument_name, closest
+from trimtab.core.errors import InputError, argument_name
 from trimtab.core.quantity import records
+from trimtab.core.suggestions import closest
 from trimtab.design.coordinates import error_model, error_names, flight_names, trim_model
 from trimtab.design.local_flight import LocalFlightState, fly_locally
 from trimtab.design.model import StateSpaceModel, real_leaves

@@ -11,8 +11,9 @@ import numpy as np
 
 from trimtab.compiler.native.build import BuildError
 from trimtab.compiler.native.compiler import NoCompilerError, find_compiler, lane_count
-from trimtab.core.errors import InputError, argument, argument_name, closest
+from trimtab.core.errors import InputError, argument, argument_name
 from trimtab.core.record import replace
+from trimtab.core.suggestions import closest
 from trimtab.core.time import Timetable, format_time, timetable
 from trimtab.loop.scenario import Scenario
 from trimtab.loop.walk import WalkResult, walk

@@ -4,9 +4,10 @@ import functools
 from collections.abc import Iterable, Mapping
 from typing import Any
 
-from trimtab.core.errors import InputError, argument, argument_name, closest, spell_with
+from trimtab.core.errors import InputError, argument, argument_name, spell_with
 from trimtab.core.interfaces import optional_member
 from trimtab.core.record import declarations, leaves, replace
+from trimtab.core.suggestions import closest
 from trimtab.core.time import ms
 from trimtab.design.certificate import Certificate
 from trimtab.links.fifo import required_slots

@@ -5,9 +5,10 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from trimtab.core.errors import InputError, closest
+from trimtab.core.errors import InputError
 from trimtab.core.html_table import html_table
 from trimtab.core.quantity import Option, leaves
+from trimtab.core.suggestions import closest
 from trimtab.core.time import format_time
 from trimtab.loop.scenario import Scenario
 from trimtab.scenarios.build import find_scenario

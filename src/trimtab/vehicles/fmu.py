@@ -16,9 +16,10 @@ import jax
 import jax.numpy as jnp
 import numpy as np
 
-from trimtab.core.errors import InputError, argument, closest, install_command
+from trimtab.core.errors import InputError, argument, install_command
 from trimtab.core.record import option, quantity, record, replace
 from trimtab.core.signals import Motion, no_motion
+from trimtab.core.suggestions import closest
 
 KINDS = {"Float64": "real", "Float32": "real", "Real": "real", "Boolean": "flag", "UInt32": "word"}
 KINDS |= dict.fromkeys(("Int8", "UInt8", "Int16", "UInt16", "Int32", "Integer", "Enumeration"), "count")

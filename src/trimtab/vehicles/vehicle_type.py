@@ -6,8 +6,9 @@ Source: MAV_TYPE of https://mavlink.io/en/messages/common.html.
 from enum import IntEnum
 from typing import Any
 
-from trimtab.core.errors import InputError, closest
+from trimtab.core.errors import InputError
 from trimtab.core.interfaces import optional_member
+from trimtab.core.suggestions import closest
 
 
 class VehicleType(IntEnum):

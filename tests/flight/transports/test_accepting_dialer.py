@@ -5,7 +5,7 @@ import socket
 import pytest
 
 from trimtab.flight.transports.accepting_dialer import MOST_WAITING, AcceptingDialer
-from trimtab.flight.transports.stream import LONGEST_MUTE, TRIAL, StreamLink
+from trimtab.flight.transports.reconnecting_stream import LONGEST_MUTE, TRIAL, StreamLink
 
 
 class TestClock:

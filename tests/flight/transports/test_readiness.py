@@ -6,7 +6,7 @@ import time
 
 import pytest
 
-from trimtab.flight.transports.stream import wait_until_ready
+from trimtab.flight.transports.reconnecting_stream import wait_until_ready
 
 pytestmark = pytest.mark.real_time
 

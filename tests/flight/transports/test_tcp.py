@@ -3,7 +3,7 @@ import socket
 import pytest
 from flight.transports.ends import free_port
 
-from trimtab.flight.transports.stream import ConnectingDialer
+from trimtab.flight.transports.reconnecting_stream import ConnectingDialer
 
 pytestmark = pytest.mark.real_time
 

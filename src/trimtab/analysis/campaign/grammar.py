@@ -22,8 +22,9 @@ from typing import Any, NamedTuple, NoReturn
 
 import numpy as np
 
-from trimtab.core.errors import InputError, argument, argument_name, closest
+from trimtab.core.errors import InputError, argument, argument_name
 from trimtab.core.formula import EXAMPLE, is_temporal
+from trimtab.core.suggestions import closest
 from trimtab.core.units import NUMBER, find_sizes
 
 ROBUSTNESS = "robustness"

@@ -13,7 +13,8 @@ from xml.etree import ElementTree
 
 from fastcrc.crc16 import mcrf4xx
 
-from trimtab.core.errors import InputError, closest
+from trimtab.core.errors import InputError
+from trimtab.core.suggestions import closest
 
 CODES = {
     "double": "d",

@@ -18,7 +18,8 @@ from typing import Any, NamedTuple
 
 from fastcrc.crc16 import mcrf4xx
 
-from trimtab.core.errors import InputError, closest
+from trimtab.core.errors import InputError
+from trimtab.core.suggestions import closest
 from trimtab.flight.mavlink.authority import draw_session
 from trimtab.flight.mavlink.definitions import Message, MessageDefinition, arrange_values, fit_values
 from trimtab.flight.mavlink.dialect import Dialect

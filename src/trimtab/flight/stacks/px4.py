@@ -40,7 +40,7 @@ from trimtab.flight.stacks.px4_simulator import (
     sensor_fields,
     simulator_dialect,
 )
-from trimtab.flight.transports.stream import StreamLink
+from trimtab.flight.transports.reconnecting_stream import StreamLink
 from trimtab.loop.scenario import Scenario
 from trimtab.run.command_pulses import PulseOutput
 

@@ -32,11 +32,11 @@ from trimtab.flight.mavlink.protocol import (
     parse_joystick,
     parse_request,
 )
+from trimtab.flight.mavlink.time_sync import NS_PER_UNIT
 from trimtab.flight.station.arming import CONFIRMATION, ArmingCheck, pack_checks
 from trimtab.flight.station.parameters import NO_STORE, ChangedValues, Parameters, ParameterService
 from trimtab.flight.station.streams import Streams, TextQueue
 from trimtab.flight.station.telemetry import version_fields
-from trimtab.flight.station.time_sync import NS_PER_UNIT
 from trimtab.vehicles.vehicle_type import VehicleType
 
 HEARTBEAT_PERIOD = seconds(1)

@@ -6,7 +6,7 @@ import select
 import socket
 from collections.abc import Callable
 
-from trimtab.flight.transports.stream import configure_socket
+from trimtab.flight.transports.reconnecting_stream import configure_socket
 
 MOST_WAITING = 16
 """Number of connections that wait for the line. One more closes the oldest of them."""

@@ -11,7 +11,7 @@ from pathlib import Path
 from trimtab.core.errors import InputError
 from trimtab.flight.transports.accepting_dialer import AcceptingDialer
 from trimtab.flight.transports.open_link import Address
-from trimtab.flight.transports.stream import ConnectingDialer, StreamLink
+from trimtab.flight.transports.reconnecting_stream import ConnectingDialer, StreamLink
 
 
 def open_loopback(address: Address, *, listen: bool = False) -> StreamLink:

@@ -7,7 +7,7 @@ from typing import Any
 
 from trimtab.flight.transports.accepting_dialer import AcceptingDialer
 from trimtab.flight.transports.open_link import Address
-from trimtab.flight.transports.stream import ConnectingDialer, Dialer, StreamLink
+from trimtab.flight.transports.reconnecting_stream import ConnectingDialer, Dialer, StreamLink
 
 MOST_CHANNELS = 30
 ANY_ADAPTER = "00:00:00:00:00:00"

@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from trimtab.flight.transports.open_link import Address
-from trimtab.flight.transports.stream import StreamLink
+from trimtab.flight.transports.reconnecting_stream import StreamLink
 
 DEFAULT_BAUD = 115200
 DEVICES = ("ttyUSB*", "ttyACM*", "ttyAMA*", "ttyS*", "rfcomm*")

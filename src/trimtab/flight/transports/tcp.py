@@ -6,7 +6,7 @@ from typing import Any
 
 from trimtab.flight.transports.accepting_dialer import AcceptingDialer
 from trimtab.flight.transports.open_link import Address
-from trimtab.flight.transports.stream import ConnectingDialer, StreamLink
+from trimtab.flight.transports.reconnecting_stream import ConnectingDialer, StreamLink
 
 GONE_MS = 5000
 """Time without acknowledgement after which a peer counts as gone (ms)."""

@@ -7,7 +7,7 @@ from typing import Any, Protocol
 from trimtab.core.clock import NS_PER_SECOND, SYSTEM_CLOCK, Clock
 from trimtab.core.interfaces import Audience, LinkStatistics
 from trimtab.flight.transports.open_link import Address
-from trimtab.flight.transports.stream import LinkCounters, configure_socket
+from trimtab.flight.transports.reconnecting_stream import LinkCounters, configure_socket
 from trimtab.flight.transports.tcp import bind_socket, resolve_host
 
 HEARD_WITHIN = 10 * NS_PER_SECOND

@@ -5,8 +5,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from trimtab.core.errors import InputError, closest
+from trimtab.core.errors import InputError
 from trimtab.core.quantity import Quantity
+from trimtab.core.suggestions import closest
 from trimtab.core.time import UNITS_PER_SECOND
 from trimtab.core.units import UNITS, find_size, find_unit
 from trimtab.logs.foreign.mapping import FieldMap, GeodeticMap, TopicMap

@@ -22,7 +22,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from trimtab.core.errors import InputError, closest
+from trimtab.core.errors import InputError
+from trimtab.core.suggestions import closest
 from trimtab.core.time import parse_time
 from trimtab.core.units import find_unit
 from trimtab.core.user_file import read_user_text

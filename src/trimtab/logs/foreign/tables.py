@@ -7,7 +7,8 @@ from typing import Any, NamedTuple, NoReturn
 
 import numpy as np
 
-from trimtab.core.errors import InputError, closest, install_command
+from trimtab.core.errors import InputError, install_command
+from trimtab.core.suggestions import closest
 from trimtab.core.time import FOREVER
 
 LOG_TIME = "log_time"

@@ -17,7 +17,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy import special
 
-from trimtab.core.errors import InputError, argument_name, closest
+from trimtab.core.errors import InputError, argument_name
+from trimtab.core.suggestions import closest
 
 ALONG = "along"
 """Kind of a distribution that moves an array along a direction, by a standard normal multiple of that direction."""

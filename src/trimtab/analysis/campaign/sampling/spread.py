@@ -17,9 +17,10 @@ import numpy as np
 from scipy import special
 
 from trimtab.analysis.campaign.sampling.distributions import ALONG, Distribution, check_nominal
-from trimtab.core.errors import InputError, argument, argument_name, closest
+from trimtab.core.errors import InputError, argument, argument_name
 from trimtab.core.quantity import first_number, has_index, split_index
 from trimtab.core.record import Option, Quantity, leaves
+from trimtab.core.suggestions import closest
 from trimtab.loop.calibrated_spread import follow_tables
 from trimtab.loop.scenario import Scenario
 

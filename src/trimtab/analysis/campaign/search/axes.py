@@ -8,10 +8,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from trimtab.core.errors import InputError, argument, closest
+from trimtab.core.errors import InputError, argument
 from trimtab.core.imperfections import without
 from trimtab.core.quantity import first_number, has_index, split_index
 from trimtab.core.record import Option, Quantity, children, leaves, replace, with_leaf, with_part_of
+from trimtab.core.suggestions import closest
 from trimtab.core.time import seconds
 from trimtab.links.fifo import required_slots
 from trimtab.links.latency import NODES, MeasuredLatency, mean_latency

@@ -17,9 +17,10 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from trimtab.analysis.campaign.grammar import ROBUSTNESS, parse_metric
-from trimtab.core.errors import InputError, Spelling, argument, argument_name, closest, spell_with
+from trimtab.core.errors import InputError, Spelling, argument, argument_name, spell_with
 from trimtab.core.formula_units import fit_formula
 from trimtab.core.quantity import component_paths, split_component
+from trimtab.core.suggestions import closest
 from trimtab.core.time import UNITS_PER_SECOND
 from trimtab.logs.metrics import SHORT, Target, full_path
 from trimtab.logs.robustness import check_length, robustness

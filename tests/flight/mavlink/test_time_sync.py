@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from trimtab.core.time import UNITS_PER_SECOND, ms, seconds
-from trimtab.flight.station.time_sync import TimeSync, TimeSyncExchange, fit_offset_line
+from trimtab.flight.mavlink.time_sync import TimeSync, TimeSyncExchange, fit_offset_line
 from trimtab.links.latency import bluetooth_link, normal_scores
 
 OFFSET = 123_456_789_012

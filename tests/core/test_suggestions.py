@@ -1,0 +1,43 @@
+"""Suggestions after a misspelt name."""
+
+import pytest
+
+from trimtab.core.errors import InputError
+from trimtab.core.suggestions import closest, unknown_setting
+
+CHOICES = ["world.vehicle.mass", "world.vehicle.inertia", "autopilot.law.k1"]
+
+
+def test_closest_finds_a_misspelling():
+    assert closest("world.vehicle.mas", CHOICES)[0] == "world.vehicle.mass"
+
+
+def test_closest_finds_a_bare_last_name_first():
+    assert closest("k1", CHOICES) == ["autopilot.law.k1"]
+
+
+def test_closest_is_empty_when_nothing_is_near():
+    assert closest("zzzz", CHOICES) == []
+
+
+def test_closest_gives_at_most_n_and_no_doubles():
+    names = [f"part{i}.mass" for i in range(5)]
+    found = closest("mass", names, n=3)
+    assert found == ["part0.mass", "part1.mass", "part2.mass"]
+    assert closest("part0.mass", names, n=5)[0] == "part0.mass"
+    assert len(set(closest("part0.mass", names, n=5))) == len(closest("part0.mass", names, n=5))
+
+
+@pytest.mark.parametrize(
+    ("typed", "choices", "fix"),
+    [
+        ("world.vehicle.mas", "world.vehicle.mass", 'settings={"world.vehicle.mass": "…"}'),
+        ("world.vehicle", "world.vehicle.mass", 'settings={"world.vehicle.mass": "…"}'),
+        ("zzzz", "autopilot", "trimtab list SCENARIO"),
+    ],
+)
+def test_an_unknown_setting_gets_the_nearest_ones(typed, choices, fix):
+    error = unknown_setting("settings", typed, CHOICES)
+    assert isinstance(error, InputError)
+    assert error.choices[0] == choices
+    assert error.fix.startswith(fix), error.fix
