@@ -63,7 +63,11 @@ LOST = (
 )
 STALE = r"supervisor: lost: (estimate stale|link lost)", r"supervisor: flying: found again"
 """Lines that follow from missing commands, from silence, from old samples."""
-UNCONFIRMED = "arming refused: confirmation", "confirmation .* REFUSED$", "speed after failsafe .* REFUSED$"
+UNCONFIRMED = (
+    "arming refused: confirmation",
+    "(confirmation|speed after failsafe) .* REFUSED$",
+    "frames lost .* REFUSED$",  # those that the killed autopilot's line had lost, as far as they are counted late
+)
 REFUSED = logged_event(SECOND, CONFIRM)
 """Refusal of an autopilot that starts after another fault has caused a failsafe: no confirmation was given."""
 GARBAGE = "supervisor: (ended|fault): ", "autopilot: fault"
@@ -455,7 +459,7 @@ def spoil_network(draw: random.Random) -> Disturbance:
         acts.bend_both_ways(acts.spoil_packets(loss, late), seconds),
         FLIES,
         seconds,
-        (counter_rise(VEHICLE, "wire.lost"), counter_rise(AUTOPILOT, "link.lost")),
+        (either_of(counter_rise(VEHICLE, "wire.lost"), counter_rise(AUTOPILOT, "link.lost")),),
         STALE,
     )
 

@@ -4,6 +4,7 @@ In a pair, one part may keep the other from its usual end. The outputs must be s
 (`driver.OutputsCheck`), and one log must show the first cause.
 """
 
+import math
 import random
 from typing import Protocol, runtime_checkable
 
@@ -238,16 +239,19 @@ CAUSES: dict[str, tuple[EvidenceCheck, ...]] = {
     "autopilot killed": (logged_event(AUTOPILOT, "the flying process is gone"),),
     "autopilot frozen": (FAILSAFE, STALLED),
     "autopilot starved": (FAILSAFE, STALLED),
-    "vehicle killed": (outputs_safe("is gone"),),
-    "vehicle frozen": (outputs_safe("is stopped"),),
-    "vehicle starved": (outputs_safe("hangs or is starved"),),
+    "vehicle killed": (outputs_safe("is gone", math.inf),),
+    "vehicle frozen": (outputs_safe("is stopped", math.inf),),
+    "vehicle starved": (outputs_safe("hangs or is starved", math.inf),),
     "outputs killed": (logged_event(VEHICLE, "the outputs' process died"),),
     "outputs frozen": (logged_event(VEHICLE, FROZEN),),
     "outputs starved": (logged_event(VEHICLE, FROZEN),),
     "link cut": (FAILSAFE, SILENT, counter_rise(AUTOPILOT, "link.lost")),
     "disk full": (printed_line(VEHICLE, "can't be written"), printed_line(AUTOPILOT, "can't be written")),
 }
-"""Kind of a first stall -> evidence, one of which a log or a user is shown in any pair."""
+"""Kind of a first stall -> evidence, one of which a log or a user is shown in any pair.
+
+The second stall may delay what the outputs report. The driver shows when they were safe.
+"""
 UNSEEN = "disk hangs", "terminal hangs"
 """Kinds of stalls that leave no trace where the flight goes on in order."""
 SINGLE = starve_autopilot, starve_vehicle, freeze_outputs, starve_outputs, hang_disk, hang_terminal
