@@ -101,6 +101,21 @@ def pytest_configure(config: pytest.Config) -> None:
         config.option.random_seed = secrets.randbelow(10**8) * 10
     if _names(config, "thorough"):
         settings.load_profile("thorough")
+    if hasattr(config, "workerinput") and [Path(arg).resolve() for arg in config.args] == [TESTS]:
+        config.args = _rotate_folders(config.workerinput["workerid"], config.workerinput["workercount"])
+
+
+TESTS = Path(__file__).parent
+
+
+def _rotate_folders(worker: str, count: int) -> list[str]:
+    """Return all folders and files of tests, in another order for each worker of xdist.
+
+    Each worker then compiles another part of the files first, and reads what the others have compiled meanwhile.
+    """
+    all_of_them = sorted(str(p) for p in TESTS.iterdir() if p.is_dir() or p.name.startswith("test_"))
+    start = int(worker.removeprefix("gw")) * len(all_of_them) // count
+    return [*all_of_them[start:], *all_of_them[:start]]
 
 
 def _names(config: pytest.Config, mark: str) -> bool:
@@ -144,7 +159,12 @@ def pytest_pycollect_makeitem():
 
 @pytest.hookimpl(tryfirst=True)
 def pytest_collection_modifyitems(config: pytest.Config, items: list[pytest.Item]) -> None:
-    """Deselect real-time tests unless -m names them, and give random examples a longer timeout."""
+    """Deselect real-time tests unless -m names them, and give random examples a longer timeout.
+
+    The files are sorted, since the workers of xdist must have one order.
+    """
+    if hasattr(config, "workerinput"):
+        items.sort(key=lambda item: str(item.path))
     if config.option.markexpr and "real_time" not in config.option.markexpr:
         timed = [item for item in items if item.get_closest_marker("real_time")]
         config.hook.pytest_deselected(items=timed)
