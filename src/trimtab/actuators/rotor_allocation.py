@@ -37,7 +37,7 @@ class RotorAllocation:
     Source:  [1] eqs. 11 to 17, with its weights 1000, 1000, 1 of roll, pitch, yaw and 100 of thrust.
     """
 
-    craft: Multirotor = part("Vehicle model used by the allocation: its rotors.", default=Multirotor())
+    craft: Multirotor = part("Vehicle model whose rotors the allocation uses.", default=Multirotor())
     least: Scalar = quantity("N", "Thrust of an idling rotor.", default=0.3, low=0)
     most: Scalar = quantity("N", "Maximum thrust of a rotor.", default=30.0, above=0)
     weights: Any = quantity(

@@ -135,7 +135,9 @@ def show(file: Path, as_json: bool) -> None:
 @click.command(name="compare")
 @click.argument("a", type=FILE)
 @click.argument("b", type=FILE)
-@click.option("--scenario", metavar="SCENARIO", help="Scenario to fly with both, to show what changes.")
+@click.option(
+    "--scenario", metavar="SCENARIO", help="Scenario to fly with calibration A and with B, to compare the flights."
+)
 @SEED
 @JSON
 def compare(a: Path, b: Path, scenario: str | None, seed: int, as_json: bool) -> None:

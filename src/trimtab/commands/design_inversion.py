@@ -50,14 +50,14 @@ def INVERSION(function: Callable[..., Any]) -> Callable[..., Any]:
             "outputs",
             multiple=True,
             metavar="NAME",
-            help="Keep only these outputs, which move; with --inversion.",
+            help="With --inversion: outputs that move; the others are left out.",
         ),
         click.option(
             "--input",
             "inputs",
             multiple=True,
             metavar="NAME",
-            help="Keep only these inputs; the others are held; with --inversion.  [default: all]",
+            help="With --inversion: use only these inputs; the others keep their values at the trim.  [default: all]",
         ),
         click.option(
             "--to",

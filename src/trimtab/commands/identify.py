@@ -42,7 +42,13 @@ CHANGED = 3.0
 @click.option(
     "--sensor", metavar="NAME", help="Sensor that measured the vehicle's state.  [default: the only such sensor]"
 )
-@click.option("--map", "mapping", type=FILE, metavar="MAP.toml", help="Mapping of the columns of another system's log.")
+@click.option(
+    "--map",
+    "mapping",
+    type=FILE,
+    metavar="MAP.toml",
+    help="File that tells which column of another system's log is which signal.",
+)
 @OUT("FILE.toml", "Write the numbers to this calibration file; other numbers in it are kept.")
 @SET
 @NAVIGATION

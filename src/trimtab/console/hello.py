@@ -33,7 +33,7 @@ LENGTH = 0.6
 
 
 def describe_flight(autopilot: LiveAutopilot, line: ConsoleLine) -> dict[str, Any]:
-    """Return the hello of a live flight, and set the rows of the line."""
+    """Return the description of a live flight for the page, and choose the signals that the line sends."""
     scenario, step = autopilot.scenario, autopilot.autopilot_end.step
     rows = FlightRows(autopilot.autopilot_end.log_sources(), FLIGHT_SIGNALS)
     signals = [describe_signal(s.path, s.declared) for s in line.set_rows(rows)]

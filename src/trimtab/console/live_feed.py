@@ -44,7 +44,7 @@ class LiveFeed:
         self._values = {(p["path"], p["slot"]): p for p in hello["parameters"]}
 
     def join(self, client: Client) -> None:
-        """Add a page."""
+        """Add a client, and send it the description and the events so far."""
         client.send({"type": "hello", "role": client.role, **self.hello})
         for event in self._events:
             client.send(event)

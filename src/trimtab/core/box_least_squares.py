@@ -26,7 +26,7 @@ class BoxSolution(NamedTuple):
 
 
 def solve_box_least_squares(H: Any, g: Any, low: Any, high: Any, start: Any, *, steps: int) -> BoxSolution:
-    """Return the least x.H x/2 + g.x between bounds, where `steps` of the active set are enough: `solved` says whether.
+    """Return the x between bounds that minimises x.H x/2 + g.x. `solved` is False if `steps` steps were not enough.
 
     Each step goes to the least for those that are between their bounds. A bound in the way is held; one that is held
     and pulls inward is let go, the strongest first [1, algorithm 1]. Twice as many steps as unknowns are nearly always
@@ -37,7 +37,7 @@ def solve_box_least_squares(H: Any, g: Any, low: Any, high: Any, start: Any, *, 
         g: (n,).
         low, high: bounds (n,), low <= high.
         start: first x (n,), put between the bounds.
-        steps: how many.
+        steps: largest number of steps of the active set.
     """
     x = jnp.clip(start, low, high)
     fixed = high <= low

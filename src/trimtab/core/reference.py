@@ -118,7 +118,7 @@ class FigureEight:
     while it does (direction' and direction'' are zero), so that whoever thrusts along it needs no torque just then;
     it changes the width by 0.2 %.
 
-    Frames:  W; `axis` clockwise from north; across is 90 degrees clockwise of it.    Source:  derived here.
+    Frames:  W; `axis` clockwise from north; across is 90 degrees clockwise of it.    Source:  own derivation.
     """
 
     length: Scalar = quantity("m", "Length of the figure eight from tip to tip.", default=5.0, above=0)

@@ -75,7 +75,9 @@ def discrete_matrices(system: Any, period: float) -> tuple[Any, Any, Any, Any]:
     A, B, C, D, dt = system_matrices(system)
     if dt and not np.isclose(dt, period, rtol=1e-9):
         raise InputError(
-            "compensator", f"it is sampled every {dt} s", fix=f"give period={dt}, or a continuous compensator"
+            "compensator",
+            f"its period must be that of the loop, {period} s, got {dt} s",
+            fix=f"give period={dt}, or a continuous compensator",
         )
     if dt or not len(A):
         return A, B, C, D

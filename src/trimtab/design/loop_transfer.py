@@ -84,7 +84,10 @@ class FeedbackLoop(NamedTuple):
 
         if self.period or not (math.isfinite(period) and period > 0):
             fix = "sample a continuous loop, with a period above 0 s"
-            raise InputError("loop.sampled", f"got period {period} s for a loop of period {self.period} s", fix=fix)
+            problem = (
+                f"a continuous loop and a period above 0 s are needed, got {period} s for a loop of {self.period} s"
+            )
+            raise InputError("loop.sampled", problem, fix=fix)
         sampled: Any = cont2discrete((self.A, self.B, self.C, self.D), period, method="zoh")
         A, B, C, D, _ = sampled
         return FeedbackLoop(A, B, C, D, float(period))

@@ -88,7 +88,7 @@ def lqr(A: Any, B: Any, Q: Any, R: Any, *, scale: Any = None) -> Lqr:
     poles = sorted_poles(As + (B / d[:, None]) @ (K * d))
     if not residual <= RESIDUAL_MAX or poles[0].real >= 0:
         problem = f"no stabilising solution: residual {residual:.3g}, rightmost pole {format_pole(poles[0])}"
-        raise InputError("lqr", problem, fix="choose other sizes of the states, or change Q or R")
+        raise InputError("lqr", problem, fix="choose another `scale` of the states, or change Q or R")
     return Lqr(K, P, poles, residual)
 
 

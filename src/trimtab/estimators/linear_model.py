@@ -42,7 +42,7 @@ class FilteredEstimate:
     age: Scalar = quantity("s", "Age of the newest measurement used.")
     fresh: Scalar = quantity("1", "True if a measurement was used in this step.", kind="flag")
     valid: Scalar = quantity("1", "True if the state is usable.", kind="flag")
-    state: Any = part("Estimated state, in the vehicle's record.")
+    state: Any = part("Estimated state, as the vehicle's record of states.")
     P: Any = quantity("1", "Covariance of the state's numbers, in declared order, row by row (n n,).")
     nis: Scalar = quantity("1", "NIS summed over this step's measurements: chi-square with `used` degrees of freedom.")
     used: Scalar = quantity("1", "Number of values measured and used in this step.", kind="count")
@@ -66,7 +66,7 @@ class LinearModelFilter:
              section 5.2.
     """
 
-    x0: Any = part("State at the trim, in the vehicle's record.", default=PlanarState(0.0, 0.0, 0.0, 0.0))
+    x0: Any = part("State at the trim, as the vehicle's record of states.", default=PlanarState(0.0, 0.0, 0.0, 0.0))
     u0: Any = quantity("1", "Input at the trim (m,).", default=np.zeros(0))
     channels: tuple[str, ...] = option(
         "Measured values, each a sensor and one of its numbers.", default=("navigation.heading",)

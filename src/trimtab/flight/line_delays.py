@@ -200,7 +200,7 @@ class _DelayMeasurement:
         return self._exchange.shared is not None
 
     def ask(self) -> None:
-        """Send the requests at irregular times, in step with nothing periodic, and the load between them."""
+        """Send requests at irregular times, in step with no periodic task, and send the load between them."""
         draw, pace = random.Random(self._plan.seed), LoadPace(len(LOAD_UP))
         pace.rate = self._plan.up * 1e3 / BITS_PER_BYTE
         at = hello_at = self._seconds()

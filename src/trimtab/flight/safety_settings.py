@@ -1,4 +1,4 @@
-"""Settings by which a user could switch a safety off: each has a limit, unless the user confirms the setting by name.
+"""Settings that could switch off a safety function. Each has a limit, unless the user confirms the setting by name.
 
 Source: docs page, Arming.
 """

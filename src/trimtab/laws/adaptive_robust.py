@@ -58,7 +58,7 @@ class AdaptiveRobust:
     q1: Scalar = quantity("1", "Rate of adaptation of rho1.", default=0.01, low=0)
     eps: Scalar = quantity("1", "Width of the smoothing, in units of s.", default=0.01, above=0)
     sigma: Scalar = quantity("1/s", "Leak rate of both bounds.", default=0.0, low=0)
-    cap: Scalar = quantity("ft/s^2", "Upper limit of each bound.", default=20.0, above=0)
+    cap: Scalar = quantity("ft/s^2", "Largest value of the adapted bounds rho0 and rho1.", default=20.0, above=0)
 
     def check(self) -> None:
         """Raise InputError if kappa is 1 or more: then the sign of v's effect is unknown."""

@@ -25,7 +25,7 @@ TURN_ROUND = 0.3
 
 @record
 class FormationState:
-    """Point that the craft follows. Source: derived here."""
+    """Point that the craft follows. Source: own derivation."""
 
     t: Scalar = quantity("100 ns", "Time of the last step.", kind="time")
     north: Scalar = quantity("m", "Reference point, north.", frame="W")
@@ -36,7 +36,7 @@ class FormationState:
 
 @record
 class FormationOutput:
-    """Demand and signals of the law. Source: derived here."""
+    """Demand and signals of the law. Source: own derivation."""
 
     demand: SwarmInput = part("Demanded force at the rudder pivot, and the message to the others.")
     off_place: Scalar = quantity(
@@ -73,7 +73,7 @@ class Formation:
              pace^2/radius times age (1/k + age/2)).
     Decentralised: a command depends on the craft's own estimate, its own point, and the messages received.
     Valid:   for a fan that gives a force along the nose; starts with points further apart than the distance.
-    Source:  derived here; leader and followers: J. Desai, J. Ostrowski, V. Kumar, IEEE Trans. Robotics and Automation
+    Source:  own derivation; leader and followers: J. Desai, J. Ostrowski, V. Kumar, IEEE Trans. Robotics and Automation
              17 (2001) 905. Gains are this project's.
     """
 

@@ -136,8 +136,8 @@ class HeadingBangBang:
     tolerance: Scalar = quantity(
         "rad", "Tolerance of the heading error.", default=np.pi / 180, above=0, source="[1] 6.1.6"
     )
-    damping: ZeroVelocity = part("Law used in damp.", default=ZeroVelocity())
-    turning: ConstantSpin = part("Law used in turn; its own reference is not used.", default=ConstantSpin())
+    damping: ZeroVelocity = part("Law of the mode damp.", default=ZeroVelocity())
+    turning: ConstantSpin = part("Law of the mode turn. Its own reference is ignored.", default=ConstantSpin())
     wrapping: str = option(WRAPPING, default="shortest", choices=("shortest", "none", "modulo"))
 
     def check(self) -> None:
@@ -185,8 +185,8 @@ class HeadingProportional:
     margin: Scalar = quantity(
         "1", "Fraction of limit_point_value below which the reference may fall.", default=0.7, above=0, high=1
     )
-    damping: ZeroVelocity = part("Law used in damp.", default=ZeroVelocity())
-    turning: ConstantSpin = part("Law used in turn; its own reference is not used.", default=ConstantSpin())
+    damping: ZeroVelocity = part("Law of the mode damp.", default=ZeroVelocity())
+    turning: ConstantSpin = part("Law of the mode turn. Its own reference is ignored.", default=ConstantSpin())
     wrapping: str = option(WRAPPING, default="shortest", choices=("shortest", "none", "modulo"))
     form: str = option(
         "Variant: literal as published, or floored to avoid the bad limit point.",

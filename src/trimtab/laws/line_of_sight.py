@@ -77,7 +77,7 @@ class LineOfSight:
     far: Scalar = quantity("m", "Lookahead on the path.", default=3.0, above=0)
     near: Scalar = quantity("m", "Lookahead far off the path, for a fast approach.", default=2.0, above=0)
     width: Scalar = quantity("m", "Error at which the lookahead is reduced by 63 %.", default=2.0, above=0)
-    integral_gain: Scalar = quantity("m/s", "Integral gain s; 0: without integral.", default=0.1, low=0)
+    integral_gain: Scalar = quantity("m/s", "Integral gain s; 0 means no integral action.", default=0.1, low=0)
     along_gain: Scalar = quantity("1/s", "Gain g: rate at which the path's point returns abeam.", default=1.0, low=0)
     chord: Scalar = quantity("s", "Interval of the path's own time for its direction.", default=6.0, above=0)
     shaft_per_speed: Scalar = quantity("rad/m", "n_u.", default=180.0, low=0)

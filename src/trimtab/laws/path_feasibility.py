@@ -9,8 +9,8 @@ where r and r' are the first two derivatives of the direction of s. Where s pass
 thrust turns round. While the thrust is below the dead zone none comes out: the nose is free, and the velocity that s
 would have given is lost.
 
-Source: derived here from the model of [1] Z. Kulis, "Feedback control of a hovercraft over a wireless link", University
-of Maryland, 2006, eq. 2.11; flatness of such vehicles: P. Martin, S. Devasia, B. Paden, "A different look at output
+Source: own derivation from the model of [1] Z. Kulis, "Feedback control of a hovercraft over a wireless link",
+University of Maryland, 2006, eq. 2.11; flatness of such vehicles: P. Martin, S. Devasia, B. Paden, "A different look at output
 tracking: control of a VTOL aircraft", Automatica 32 (1996) 101.
 """
 

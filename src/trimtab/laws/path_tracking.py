@@ -21,7 +21,7 @@ from trimtab.vehicles.hovercraft import Hovercraft
 
 @record
 class PathTrackingState:
-    """State of the law: its start, and the progress along the path. Source: derived here."""
+    """State of the law: its start, and the progress along the path. Source: own derivation."""
 
     began: Scalar = quantity("1", "True after the first step.", kind="flag")
     t: Scalar = quantity("100 ns", "Time of the last step.", kind="time")
@@ -32,7 +32,7 @@ class PathTrackingState:
 
 @record
 class PathTrackingOutput:
-    """Demand and signals of the law. P is the centre of percussion. Source: derived here."""
+    """Demand and signals of the law. P is the centre of percussion. Source: own derivation."""
 
     demand: PlanarForce = part("Demanded force at the rudder pivot.")
     north_reference: Scalar = quantity("m", "Reference position of P, north.", frame="W")
@@ -99,8 +99,8 @@ class PathTracking:
     Rest:      where the path rests no thrust is wanted that could turn the nose, and the neighbourhood is a circling:
                there `Pose` takes over, with the path's heading, or that of the craft.
     Valid:     references that `laws.path_feasibility` doesn't refuse before the run.
-    Source:    derived here; backstepping: M. Krstic, I. Kanellakopoulos, P. Kokotovic, "Nonlinear and adaptive control
-               design", 1995; underactuated vehicles: A. Aguiar, J. Hespanha, IEEE Trans. Automatic Control 52 (2007)
+    Source:    own derivation; backstepping: M. Krstic, I. Kanellakopoulos, P. Kokotovic, "Nonlinear and adaptive
+               control design", 1995; underactuated vehicles: A. Aguiar, J. Hespanha, IEEE Trans. Automatic Control 52 (2007)
                1362; the choice by V: C. Mayhew, R. Sanfelice, A. Teel, same journal 56 (2011) 2517. Gains are this
                project's.
     """

@@ -4,8 +4,8 @@ The fan is at the tail, so sway has no actuator of its own. Without drag a stead
 force m V w across the path, and the only steady force without a torque is along the nose: in a steady turn the nose
 points to the centre of the circle, whoever flies. `damped` leaves that to the pilot, `assisted` does it by itself.
 
-Source: derived here, but for damping: Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of
-Maryland, 2006, section 2.2, which is [1].
+Source: own derivation, but for damping: Z. Kulis, "Feedback control of a hovercraft over a wireless link", University
+of Maryland, 2006, section 2.2, which is [1].
 """
 
 from typing import Any, ClassVar, NamedTuple
@@ -38,7 +38,7 @@ BACKING = 0.3, 0.8
 
 @record
 class PilotedState:
-    """State of the law. Source: derived here."""
+    """State of the law. Source: own derivation."""
 
     t: Scalar = quantity("100 ns", "Time of the last step.", kind="time")
     mode: Scalar = quantity("1", "Mode of the stick at the last step.", kind="mode", modes=STICK_MODES)
@@ -51,7 +51,7 @@ class PilotedState:
 
 @record
 class PilotedOutput:
-    """Demand and signals of the law. Source: derived here."""
+    """Demand and signals of the law. Source: own derivation."""
 
     demand: PlanarForce = part("Demanded force at the rudder pivot.")
     mode: Scalar = quantity("1", "Active mode of the stick.", kind="mode", modes=STICK_MODES)
@@ -110,7 +110,7 @@ class Piloted:
     Windup:    references stand still while the law isn't asked, and after a pause or a change of mode begin where the
                vehicle is; in assisted they slow down as the error of velocity nears `leash`.
     Frames:    velocities in B, course and heading clockwise from north in W.
-    Source:    derived here; damping [1] eqs. 2.16, 2.24, 2.30. Gains and ranges are this project's.
+    Source:    own derivation; damping [1] eqs. 2.16, 2.24, 2.30. Gains and ranges are this project's.
     """
 
     reads: ClassVar[tuple[str, ...]] = (*VELOCITIES, "heading")

@@ -10,7 +10,7 @@ nothing across it:
 so that the nose turns however it likes while P rests, and P goes along a line while the nose holds still. What is left
 across the nose is taken away by a small swing of it: pushed ahead on one side and back on the other, P moves across.
 
-Source: derived here from the model of [1] Z. Kulis, "Feedback control of a hovercraft over a wireless link",
+Source: own derivation from the model of [1] Z. Kulis, "Feedback control of a hovercraft over a wireless link",
 University of Maryland, 2006, eq. 2.11. The source's own algorithm: `laws/pose_steps.py`.
 """
 
@@ -35,7 +35,7 @@ STEPS = ("brake", "aim", "go", "hold")
 
 @record
 class PoseState:
-    """State of the law. Source: derived here."""
+    """State of the law. Source: own derivation."""
 
     mode: Scalar = quantity("1", "Step.", kind="mode", modes=STEPS)
     nose: Scalar = quantity("rad", "Reference heading of the nose.", kind="angle")
@@ -44,7 +44,7 @@ class PoseState:
 
 @record
 class PoseOutput:
-    """Demand and signals of the law. Source: derived here."""
+    """Demand and signals of the law. Source: own derivation."""
 
     demand: PlanarForce = part("Demanded force at the rudder pivot.")
     mode: Scalar = quantity("1", "Step.", kind="mode", modes=STEPS)
@@ -87,7 +87,7 @@ class Pose:
              moves. Simulated, not proven: the average, and steps that end early. (tests)
     Ends:    within `near` and rest_speed; a new round begins beyond `far`, or faster than leave_speed.
     Valid:   as far as the actuators give what is asked; the source's fan and rudder give no side force without thrust.
-    Source:  derived here (docs page); a swing that shrinks with the root of the error: R. M'Closkey, R. Murray, IEEE
+    Source:  own derivation (docs page); a swing that shrinks with the root of the error: R. M'Closkey, R. Murray, IEEE
              Trans. Automatic Control 42 (1997) 614. Gains are this project's.
     """
 

@@ -77,11 +77,13 @@ class PoseBySteps:
     margin: Scalar = quantity(
         "1", "Fraction of the switching energy below which stop ends.", default=0.3, above=0, high=1
     )
-    turn: HeadingBangBang = part("Law used in align and final; its target is not used.", default=HeadingBangBang())
-    forward: ForwardMomentum = part(
-        "Law used in move; its reference is not used.", default=ForwardMomentum(k1=2.0, k2=9.0)
+    turn: HeadingBangBang = part(
+        "Law of the modes align and final. Its own target is ignored.", default=HeadingBangBang()
     )
-    damping: ZeroVelocity = part("Law used in stop and hold.", default=ZeroVelocity())
+    forward: ForwardMomentum = part(
+        "Law of the mode move. Its own reference is ignored.", default=ForwardMomentum(k1=2.0, k2=9.0)
+    )
+    damping: ZeroVelocity = part("Law of the modes stop and hold.", default=ZeroVelocity())
 
     def init(self, key: Any) -> PoseStepsState:
         """Return the initial state: the error vector is computed next."""

@@ -1,7 +1,7 @@
 """Receding-horizon control of the hovercraft: the best next seconds within its limits, fifty times a second.
 
-Source: derived here from the model of Z. Kulis, "Feedback control of a hovercraft over a wireless link", University of
-Maryland, 2006, eq. 2.11. The way to solve it is [1] M. Diehl, H. Bock, J. Schlöder, "A real-time iteration scheme for
+Source: own derivation from the model of Z. Kulis, "Feedback control of a hovercraft over a wireless link", University
+of Maryland, 2006, eq. 2.11. The way to solve it is [1] M. Diehl, H. Bock, J. Schlöder, "A real-time iteration scheme for
 nonlinear optimization in optimal feedback control", SIAM Journal on Control and Optimization 43 (2005) 1714.
 """
 
@@ -87,7 +87,7 @@ class RecedingHorizon:
     Holds:   the demand between its periods, so that the autopilot may be faster.
     Never:   raises. A program that is not solved is a signal; the demand is within the limits all the same.
     Valid:   the limits hold for the demand. The allocation's table and dead zone are not in the model.
-    Source:  derived here; [1]. Weights and limits are this project's.
+    Source:  own derivation; [1]. Weights and limits are this project's.
     """
 
     reads: ClassVar[tuple[str, ...]] = READS

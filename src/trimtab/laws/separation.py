@@ -51,7 +51,7 @@ class Separation:
              -e.u_j. So h_ij(t + dt) >= (1 - a dt) h_ij(t) >= 0. (docs page, tests)
     Assumes: messages are true at their time stamps; clocks agree to within a slot's margin; no other vehicle is there.
     Not proven: that the body stays near its point, which is measured; that every craft reaches its target.
-    Source:  derived here. Half of the rate for each of two: L. Wang, A. Ames, M. Egerstedt, IEEE Trans. Robotics 33
+    Source:  own derivation. Half of the rate for each of two: L. Wang, A. Ames, M. Egerstedt, IEEE Trans. Robotics 33
              (2017) 661; barriers in discrete time: A. Agrawal, K. Sreenath, RSS 2017.
     """
 

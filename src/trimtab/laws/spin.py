@@ -82,7 +82,7 @@ def switching_energy_sharp(model: Hovercraft, reference: Any) -> Any:
     """Return the largest eps (J) with the property of switching_energy: D^2 reference^2 / (2 (sqrt J + sqrt(J + D))^2).
 
     A pure yaw rate against the reference, with this energy, has W = limit_point_value exactly.
-    Source: derived here, from the root that [1, eq. 2.47] replaces by a larger one.
+    Source: own derivation, from the root that [1, eq. 2.47] replaces by a larger one.
     """
     D = model.arm**2 * model.mass
     return D**2 * reference**2 / (2 * (jnp.sqrt(model.inertia) + jnp.sqrt(model.inertia + D)) ** 2)

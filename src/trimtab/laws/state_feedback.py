@@ -48,7 +48,7 @@ class StateFeedback:
     reads: tuple[str, ...] = option("Fields of the state, in the order of K's columns.", default=PLANAR)
     K: Any = quantity("1", "Gain (m, n), including its sign.", default=np.zeros((2, 4)))
     x0: Any = quantity("1", "State at the trim, the fields' numbers one after another.", default=np.zeros(4))
-    u0: Any = part("Input at the trim, in the vehicle's record.", default=PlanarForce(0.0, 0.0))
+    u0: Any = part("Input at the trim, as the vehicle's record of inputs.", default=PlanarForce(0.0, 0.0))
     integrated: tuple[int, ...] = option("Rows of e that are integrated.", default=())
     L: Any = quantity("1", "Gain of the integrals (m, k).", default=np.zeros((2, 0)))
     most: Any = quantity("1", "Maximum size of each integral (k,).", default=np.zeros(0), low=0)

@@ -50,7 +50,7 @@ class StateSpaceLaw:
     x0: Any = quantity(
         "1", "Trim values of the fields read, the fields' numbers one after another.", default=np.zeros(4)
     )
-    u0: Any = part("Input at the trim, in the vehicle's record.", default=PlanarForce(0.0, 0.0))
+    u0: Any = part("Input at the trim, as the vehicle's record of inputs.", default=PlanarForce(0.0, 0.0))
     period: int = period("Period for which A, B, C, D are made.", default=ms(1))
 
     def check(self) -> None:

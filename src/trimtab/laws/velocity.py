@@ -74,7 +74,7 @@ class ZeroVelocity:
 def slow_manifold_rate(law: ZeroVelocity) -> Any:
     """Return c (s) in r' = -c r^3, the final motion of ZeroVelocity: v = d r, u = d m r^2/k1 to leading order.
 
-    c = m^2 d^2 / (k1 (J + d^2 m)). Source: derived here, not in [1] (docs page).
+    c = m^2 d^2 / (k1 (J + d^2 m)). Source: own derivation, not in [1] (docs page).
     """
     m, d = law.model.mass, law.model.arm
     return m**2 * d**2 / (law.k1 * (law.model.inertia + d**2 * m))
@@ -91,7 +91,7 @@ class ForwardMomentum:
              negative definite form whose (v, r) block, k2 [[1, -d], [-d, (1 + kappa) d^2]], has determinant
              k2^2 kappa d^2 > 0. The source takes lambda = 1 - kappa, which needs k2 > PXr/d, and its own gains
              (table 6.2: kappa = 2.19) violate that; they are covered here (see docs Errata).
-    Source:  [1] eq. 2.24; lambda derived here; default gains [1] table 6.2.
+    Source:  [1] eq. 2.24; lambda: own derivation; default gains [1] table 6.2.
     """
 
     reads: ClassVar[tuple[str, ...]] = READS

@@ -113,7 +113,7 @@ class RunJob(NamedTuple):
 
 
 class FlownRuns(NamedTuple):
-    """Results of runs, with their columns. backend: "c", "c lanes" or "jax"."""
+    """Results of runs, and the columns of their numbers. backend: "c", "c lanes" (several runs at a time) or "jax"."""
 
     results: RunResults
     columns: list[Column]

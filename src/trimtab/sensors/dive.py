@@ -29,7 +29,7 @@ class DiveSensor:
 
     Frames:  W north-east-down; B at the centre of mass, where the gauge and the log are taken to sit.
     Not modelled: errors correlated in time, the log's loss of the bottom, tides in the gauge.
-    Source:  derived here: the kinematics of a rigid body, docs page, Conventions.
+    Source:  own derivation: the kinematics of a rigid body, docs page, Conventions.
     """
 
     depth_noise: Scalar = imperfection("m", "Standard deviation of each depth sample.", "navigation-error")

@@ -66,7 +66,7 @@ class RunningMotor:
         instants, duty = np.asarray(self.instants), np.asarray(self.duty)
         if instants.ndim != 1 or instants.shape != duty.shape or not instants.size:
             problem = f"got {instants.shape} instants for {duty.shape} duties"
-            raise InputError("RunningMotor.duty", problem, fix="give one duty for each instant")
+            raise InputError("RunningMotor.duty", problem, fix="give one duty cycle for each instant")
         if (np.diff(instants) <= 0).any():
             raise InputError("RunningMotor.instants", f"{instants.tolist()} must rise", fix="sort them")
 

@@ -27,7 +27,7 @@ class PlanarPose:
         z = (surge velocity, sway velocity, yaw rate, heading, north, east)
 
     Frames:  velocity and yaw rate in B; heading of B in W, unwrapped; position in W.    Not modelled: any error.
-    Source:  derived here: the kinematics of a level floor, docs page, Conventions.
+    Source:  own derivation: the kinematics of a level floor, docs page, Conventions.
     """
 
     period: int = period("Time between samples.", default=ms(1))
@@ -60,7 +60,7 @@ class NoisyPlanarPose:
 
     Frames:  velocity and yaw rate in B; heading of B in W, unwrapped; position in W.
     Not modelled: errors correlated in time, as of a system that is corrected at intervals.
-    Source:  derived here; sizes are this project's.
+    Source:  own derivation; sizes are this project's.
     """
 
     position_noise: Scalar = imperfection(

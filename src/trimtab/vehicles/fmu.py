@@ -232,7 +232,9 @@ def _signal_class(name: str, signals: tuple[FmuSignal, ...]) -> Any:
     fields = {s.field: quantity(s.unit, s.doc, kind=KINDS[s.type], shape=s.shape) for s in signals}
     if len(fields) < len(signals):
         twice = [s.name for s in signals if [o.field for o in signals].count(s.field) > 1]
-        raise InputError("FMU", f"its variables {twice} have the same name here", fix="rename one of them in the FMU")
+        raise InputError(
+            "FMU", f"the variables {twice} have the same name in trimtab", fix="rename one of them in the FMU"
+        )
     return record(type(name, (), {"__annotations__": dict.fromkeys(fields, Any), "__doc__": "Of an FMU.", **fields}))
 
 

@@ -63,18 +63,20 @@ class Aerodynamics:
 
     S: Scalar = quantity("ft^2/ft", "Reference area per width.", default=17.0, above=0, source="[1], [2]")
     c: Scalar = quantity("ft", "Mean chord.", default=17.0, above=0, source="[1], [2]")
-    CL_a: Scalar = quantity("1/rad", "Lift by angle of attack.", default=4.6773, source=LIFT)
-    CL_d: Scalar = quantity("1/rad", "Lift by elevator.", default=0.76224, source=LIFT)
+    CL_a: Scalar = quantity("1/rad", "Lift coefficient per angle of attack.", default=4.6773, source=LIFT)
+    CL_d: Scalar = quantity("1/rad", "Lift coefficient per elevator angle.", default=0.76224, source=LIFT)
     CL_0: Scalar = quantity("1", "Lift at zero angles.", default=-0.018714, source=LIFT)
-    CD_a2: Scalar = quantity("1/rad^2", "Drag by angle of attack squared.", default=5.8224, source=DRAG)
-    CD_a: Scalar = quantity("1/rad", "Drag by angle of attack.", default=-0.045315, source=DRAG)
-    CD_d2: Scalar = quantity("1/rad^2", "Drag by elevator squared.", default=0.81993, source=DRAG)
-    CD_d: Scalar = quantity("1/rad", "Drag by elevator.", default=2.7699e-4, source=DRAG)
+    CD_a2: Scalar = quantity("1/rad^2", "Drag coefficient per angle of attack squared.", default=5.8224, source=DRAG)
+    CD_a: Scalar = quantity("1/rad", "Drag coefficient per angle of attack.", default=-0.045315, source=DRAG)
+    CD_d2: Scalar = quantity("1/rad^2", "Drag coefficient per elevator angle squared.", default=0.81993, source=DRAG)
+    CD_d: Scalar = quantity("1/rad", "Drag coefficient per elevator angle.", default=2.7699e-4, source=DRAG)
     CD_0: Scalar = quantity("1", "Drag at zero angles.", default=0.010131, source=DRAG)
-    CM_a2: Scalar = quantity("1/rad^2", "Moment by angle of attack squared.", default=6.2926, source=MOMENT)
-    CM_a: Scalar = quantity("1/rad", "Moment by angle of attack.", default=2.1335, source=MOMENT)
+    CM_a2: Scalar = quantity(
+        "1/rad^2", "Moment coefficient per angle of attack squared.", default=6.2926, source=MOMENT
+    )
+    CM_a: Scalar = quantity("1/rad", "Moment coefficient per angle of attack.", default=2.1335, source=MOMENT)
     CM_0: Scalar = quantity("1", "Moment at zero angles.", default=0.18979, source=MOMENT)
-    ce: Scalar = quantity("1/rad", "Moment by elevator.", default=-1.2897, source=MOMENT)
+    ce: Scalar = quantity("1/rad", "Moment coefficient per elevator angle.", default=-1.2897, source=MOMENT)
 
     def lift(self, qbar: Any, alpha: Any, delta_e: Any) -> Any:
         """Return lift (lbf/ft) at dynamic pressure qbar (lbf/ft^2)."""

@@ -229,7 +229,7 @@ def ring_rotors(spins: str, arm: float, first: float = 0.0) -> tuple[Any, Any]:
         raise InputError(
             "spins",
             f"must consist of the letters P and N, got {spins!r}",
-            fix="write a P or an N for each rotor, e.g. PNPNPN",
+            fix="write P (positive spin) or N (negative spin) for each rotor, e.g. PNPNPN",
         )
     angle = first + 2 * np.pi * np.arange(len(spins)) / len(spins)
     places = arm * np.stack([np.cos(angle), np.sin(angle), np.zeros_like(angle)], axis=1)

@@ -268,7 +268,7 @@ RULES: dict[str, Rule] = {
 
 
 def one_or_each(one: Rule, each: Rule) -> Rule:
-    """Return the rule for one matrix, or for a batch of them."""
+    """Return a rule that uses `one` for a matrix, and `each` for a batch of matrices."""
     return lambda site: (one if all(len(a.shape) == 2 for a in site.operands) else each)(site)
 
 

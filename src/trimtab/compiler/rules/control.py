@@ -152,7 +152,7 @@ class LoopCarries:
         return found
 
     def close_iteration(self, nexts: list[Array]) -> list[Value]:
-        """End a turn: large results go to their buffers, small ones are returned flat."""
+        """End an iteration of a loop: write large results to their buffers, and return the small ones."""
         b = self.b
         flat = [v for a, held in zip(nexts, self.buffers, strict=True) if held is None for v in element_list(b, a)]
         moves = []

@@ -221,7 +221,7 @@ class AdaptiveFlexibleModeFilter:
         outermost = math.exp(HYPOTHESIS_SPACING * float(np.max(self.deviation)))
         if outermost >= self.bound:
             problem = f"hypotheses start at a factor of {outermost:.3g}, outside the bound {float(self.bound):g}"
-            raise InputError(f"{name}.bound", problem, fix="raise the bound, or make deviation smaller")
+            raise InputError(f"{name}.bound", problem, fix="raise the bound, or choose a smaller `deviation`")
         fastest = float(max(self.craft.modes.w1, self.craft.modes.w2) * self.bound)
         if fastest * to_seconds(self.period) >= 0.5:
             problem = f"the period {format_time(self.period)} is too long for a mode of {fastest:g} rad/s"

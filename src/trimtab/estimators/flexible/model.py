@@ -54,7 +54,7 @@ class ModalFrequencies:
     w1_sigma: Scalar = quantity("rad/s", "Standard deviation of the estimate of w1.")
     w2_sigma: Scalar = quantity("rad/s", "Standard deviation of the estimate of w2.")
     learned: Scalar = quantity("1", "True if this measurement carried information about the frequencies.", kind="flag")
-    bounded: Scalar = quantity("1", "True if a frequency was held at its bound.", kind="flag")
+    bounded: Scalar = quantity("1", "True if a frequency was limited to its bound.", kind="flag")
 
 
 @record

@@ -52,7 +52,7 @@ class FeedforwardNode:
 
 @record
 class AidedInertialFeedforward:
-    """The thesis's INS: open-loop mechanisation, heading filter, velocity and position filter; output INS minus error.
+    """INS of [1]: open-loop mechanisation and filters of its errors; the output is the INS minus the estimated error.
 
         heading = phi_ins - x1[0]        yaw rate = w - x1[1]        v = v_ins - x2[:2]        r = r_ins - x2[2:4]
 

@@ -51,7 +51,7 @@ class History:
 
 
 class Event(NamedTuple):
-    """One measurement: integer time, kind, value as wide as the ring's or shorter, untrusted (2,)."""
+    """One measurement: integer time, kind, value (no longer than that of the history), and flags of distrust (2,)."""
 
     t: Any
     kind: int

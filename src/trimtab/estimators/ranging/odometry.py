@@ -148,7 +148,7 @@ class PredictedRange(NamedTuple):
 
 @record
 class OdometryRanging:
-    """Extended filter driven by odometry that fuses every single range on arrival.
+    """Extended Kalman filter driven by odometry. It fuses each range when it arrives.
 
     Odometry gives the total distance and angle since it was switched on, so a lost message loses nothing. A range
     measured between two readings is compared with the position extrapolated with the last speed and rate.

@@ -77,7 +77,7 @@ class RangeFix:
     refused_in_a_row: Any = quantity("1", "Ranges of each beacon rejected since one was used.", kind="count")
     moved: Any = quantity("1", "True for each beacon found away from its surveyed position.", kind="flag")
     error: Any = quantity("m", "Estimated error of each beacon's ranges.")
-    sigma_error: Any = quantity("m", "Standard deviation of each beacon's error.")
+    sigma_error: Any = quantity("m", "Standard deviation of the range error of each beacon.")
     scale: Scalar = quantity("1", "Scale error common to all ranges; positive when they are too long.")
     sigma_scale: Scalar = quantity("1", "Standard deviation of the scale error.")
     unit: Scalar = quantity("1", "Index of the unit that pinged.", kind="count")

@@ -26,7 +26,7 @@ Start = Annotated[
 
 
 def scenario(start: Start = "hanging") -> Scenario:
-    """Values of this project: masses of Barto's, ±10 N through a motor with a lag of 20 ms."""
+    """Values chosen for trimtab: masses of Barto's, ±10 N through a motor with a lag of 20 ms."""
     motor = FirstOrderLag(time_constant=0.02, low=-10.0, high=10.0)
     world = World(
         vehicle=CartPole(),

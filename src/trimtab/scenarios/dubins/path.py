@@ -39,7 +39,7 @@ Word = Annotated[
 
 
 def scenario(word: Word = "LSR") -> Scenario:
-    """Values of this project. The car begins 30 cm to the right of the path, and drives straight on beyond the goal."""
+    """Values chosen for trimtab. The car begins 30 cm to the right of the path. It drives on beyond the goal."""
     car = DubinsCar()
     north, east, heading = GOALS[word]
     path = shortest_path((0.0, 0.0, 0.0), (north, east, np.deg2rad(heading)), RADIUS, float(car.speed))

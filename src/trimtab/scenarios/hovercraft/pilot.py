@@ -46,7 +46,7 @@ def scenario(
     craft: Craft = "thesis",
     fan: Fan = "reversible",
 ) -> Scenario:
-    """Values of this project; vehicle, radio and navigation are the thesis's."""
+    """Values chosen for trimtab; vehicle, radio and navigation are the thesis's."""
     equipment = Equipment(links, navigation, supervisor, bus, craft, fan)
     name, law, initial, floor = "hovercraft/pilot", Piloted(), HovercraftState(), (-10, 20, -10, 20)
     if stick == "console":

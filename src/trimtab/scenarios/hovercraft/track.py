@@ -51,7 +51,7 @@ def scenario(
     craft: Craft = "thesis",
     fan: Fan = "reversible",
 ) -> Scenario:
-    """Values of this project; the craft begins at rest at the start of the path, its nose along the path."""
+    """Values chosen for trimtab; the craft begins at rest at the start of the path, its nose along the path."""
     path = (
         pass_waypoints(PLACES, 0.4)
         if reference == "waypoints"

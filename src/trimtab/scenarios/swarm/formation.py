@@ -40,7 +40,7 @@ TICK, PERIOD = ms(5), ms(20)
 
 
 def scenario(craft: Craft = "5", route: Route = "circle", start: Start = "rows") -> Scenario:
-    """Values of this project: 5 ms slots, 20 ms from sending to receiving, a tenth of all messages lost."""
+    """Values chosen for trimtab: 5 ms slots, 20 ms from sending to receiving, a tenth of all messages lost."""
     n = int(craft)
     places = hexagonal_places(n)
     own = {"number": np.arange(n, dtype=np.int32), "north": places[:, 0], "east": places[:, 1]}
