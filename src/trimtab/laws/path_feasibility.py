@@ -10,8 +10,8 @@ thrust turns round. While the thrust is below the dead zone none comes out: the 
 would have given is lost.
 
 Source: own derivation from the model of [1] Z. Kulis, "Feedback control of a hovercraft over a wireless link",
-University of Maryland, 2006, eq. 2.11; flatness of such vehicles: P. Martin, S. Devasia, B. Paden, "A different look at output
-tracking: control of a VTOL aircraft", Automatica 32 (1996) 101.
+University of Maryland, 2006, eq. 2.11; flatness of such vehicles: P. Martin, S. Devasia, B. Paden, "A different look at
+output tracking: control of a VTOL aircraft", Automatica 32 (1996) 101.
 """
 
 from typing import Any, NamedTuple

@@ -1,8 +1,8 @@
 """Receding-horizon control of the hovercraft: the best next seconds within its limits, fifty times a second.
 
 Source: own derivation from the model of Z. Kulis, "Feedback control of a hovercraft over a wireless link", University
-of Maryland, 2006, eq. 2.11. The way to solve it is [1] M. Diehl, H. Bock, J. Schlöder, "A real-time iteration scheme for
-nonlinear optimization in optimal feedback control", SIAM Journal on Control and Optimization 43 (2005) 1714.
+of Maryland, 2006, eq. 2.11. The way to solve it is [1] M. Diehl, H. Bock, J. Schlöder, "A real-time iteration scheme
+for nonlinear optimization in optimal feedback control", SIAM Journal on Control and Optimization 43 (2005) 1714.
 """
 
 from typing import Any, ClassVar
