@@ -101,8 +101,8 @@ class PathTracking:
     Valid:     references that `laws.path_feasibility` doesn't refuse before the run.
     Source:    own derivation; backstepping: M. Krstic, I. Kanellakopoulos, P. Kokotovic, "Nonlinear and adaptive
                control design", 1995; underactuated vehicles: A. Aguiar, J. Hespanha, IEEE Trans. Automatic Control 52
-               (2007) 1362; the choice by V: C. Mayhew, R. Sanfelice, A. Teel, same journal 56 (2011) 2517. Gains are this
-               project's.
+               (2007) 1362; the choice by V: C. Mayhew, R. Sanfelice, A. Teel, same journal 56 (2011) 2517. Gains are
+               this project's.
     """
 
     reads: ClassVar[tuple[str, ...]] = READS
