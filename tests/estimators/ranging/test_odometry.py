@@ -214,6 +214,23 @@ def test_an_offset_of_all_beacons_is_survived():
     assert position_error(world, estimates)[-1] < 1.0
 
 
+def test_two_beacons_do_not_restart_the_filter():
+    """Two fall silent after a rejected range each; those of the other two fit a place 10 m beside the vehicle."""
+    world, k = drive(3), np.arange(DRIVE)
+    place = np.stack([world.north, world.east], axis=1)[:, None]
+    beside = 10.0 / np.sqrt(2)
+
+    def distance(p):
+        return np.sqrt(np.sum((p - BEACONS[:, :2]) ** 2, axis=2) + BEACONS[:, 2] ** 2)
+
+    silent = world.arrived & (k[:, None] >= DRIVE // 2 + 16) & (np.arange(4) >= 2)
+    wrong = np.where(np.arange(4) < 2, 1.05 * (distance(place + beside) - distance(place)), -7.0)
+    moved = with_ranges(world, wrong * LATE)
+    state, _ = run(frames_of(moved._replace(arrived=world.arrived & ~silent)))
+    assert (np.asarray(state.fix.refused_in_a_row)[2:] > 0).all()
+    assert int(state.fix.given_in) == 0
+
+
 @pytest.mark.parametrize("patience", [1, 5, 17])
 def test_too_few_and_too_many_ranges_for_a_restart_are_refused(patience):
     with pytest.raises(InputError, match=f"must be 0, or 6 to 16, got {patience}"):

@@ -33,6 +33,8 @@ HEADING, NORTH, EAST, TURN_BIAS, COURSE, SCALE, ERRORS = range(7)
 """Indices of the states; from ERRORS on, one error of each beacon."""
 DOUBTED_MIN = 3
 """Smallest number of beacons whose newest range is rejected before a restart; two circles intersect twice."""
+OTHERS_MIN = 3
+"""Smallest number of ranges beside those of the two beacons with the most, which leave two places."""
 AGREEMENT = 2.0
 """Largest chi-square of ranges that agree, relative to its degrees of freedom."""
 RESTART_VARIANCE = 4.0
@@ -338,10 +340,14 @@ def fuse_range(form: Any, s: OdometryState, i: Any, z: Any, ahead: Any) -> Odome
     )
     s = replace(s, x=new.x, P=new.P, fix=fix, recent=remember_range(s.recent, i, z, -at.along, ~used))
     number = jnp.clip(e.patience, FEWEST, KEPT)
-    refusals = jnp.sum(s.recent.refused & (jnp.arange(KEPT) < number))
-    doubted = jnp.sum(fix.refused_in_a_row > 0) >= DOUBTED_MIN
-    doubted = doubted & (e.patience > 0) & (2 * refusals > number)
-    return lax.cond(doubted, lambda: restart_pose(form, s, number), lambda: s)
+    newest = (jnp.arange(KEPT) < number) & (s.recent.range > 0)
+    counts = jnp.sum((s.recent.beacon == jnp.arange(me.shape[0])[:, None]) & newest, axis=1)
+    first = jnp.argmax(counts)
+    second = jnp.max(jnp.where(jnp.arange(me.shape[0]) == first, 0, counts))
+    others = jnp.sum(counts) - counts[first] - second
+    doubted = jnp.sum((counts > 0) & (fix.refused_in_a_row > 0)) >= DOUBTED_MIN
+    doubted = doubted & (e.patience > 0) & (2 * jnp.sum(s.recent.refused & newest) > number)
+    return lax.cond(doubted & (others >= OTHERS_MIN), lambda: restart_pose(form, s, number), lambda: s)
 
 
 def restart_pose(form: Any, s: OdometryState, number: Any) -> OdometryState:
