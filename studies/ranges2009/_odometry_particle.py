@@ -37,6 +37,10 @@ from trimtab.estimators.ranging.odometry import (
 from trimtab.estimators.ranging.particle_cloud import Cloud, cloud_moments, effective_sample_size, resample
 from trimtab.estimators.ranging.position import SQUARE
 
+EVIDENCE = 20
+"""Number of ranges over which the share of accepted ones is averaged."""
+ACCEPTED_MIN = 0.5
+"""Smallest share of accepted ranges of a valid estimate."""
 THROW, COMB = 1, 3
 """Streams of the random draws."""
 
@@ -52,6 +56,7 @@ class OdometryParticleState:
     newest_at: Any = quantity("100 ns", "Arrival time of the newest range of each beacon (n,).", kind="time")
     effective: Scalar = quantity("1", "Effective sample size, from 1 to N; 0 before there are particles.")
     redrawn: Scalar = quantity("1", "Number of resamplings.", kind="count")
+    accepted_share: Scalar = quantity("1", "Share of the recent ranges that most particles accept, smoothed.")
 
 
 @record
@@ -59,7 +64,8 @@ class OdometryParticle:
     """Particles that are Gaussians in the state of `OdometryRanging`, each with its own initial heading.
 
     The particles are drawn when two beacons have been received within `pair_time`: around the two places where their
-    circles intersect, with all headings. A range that contradicts most particles changes their weights little.
+    circles intersect, with all headings. A range that contradicts most particles changes their weights little. The
+    estimate is valid only while most ranges are accepted.
 
     Frames:  beacons in W; level vehicle on a flat floor.
     Not modelled: as `OdometryRanging`; a vehicle carried elsewhere while the filter runs.
@@ -85,7 +91,7 @@ class OdometryParticle:
         low=0,
         high=0.99,
     )
-    sure: Scalar = quantity("m", "Position sigma below which the estimate is valid.", default=1.0, above=0)
+    sure: Scalar = quantity("m", "Position sigma below which the estimate may be valid.", default=1.0, above=0)
     N: int = option("Number of particles.", default=200)
     odometry: str = option("Name of the odometry sensor; its samples have `distance` and `turn`.", default="odometry")
     ranging: str = option("Name of the ranging sensor; its samples have `range` and `arrived`.", default="ranging")
@@ -117,6 +123,7 @@ class OdometryParticle:
             newest_at=np.full(n, NEVER, np.int64),
             effective=np.float64(0),
             redrawn=np.int32(0),
+            accepted_share=np.float64(1),
         )
 
     def step(self, t: Any, state: OdometryParticleState, frame: Frame) -> tuple[OdometryParticleState, Estimate]:
@@ -149,7 +156,8 @@ class OdometryParticle:
         s = lax.cond(starts, lambda: throw_particles(self, s, recent), lambda: s)
         mean, P = cloud_moments(s.cloud)
         s = replace(s, drive=replace(s.drive, x=mean, P=P))
-        sure = (s.effective > 0) & (jnp.sqrt(P[NORTH, NORTH] + P[EAST, EAST]) <= self.sure)
+        sure = (s.effective > 0) & (s.accepted_share >= ACCEPTED_MIN)
+        sure = sure & (jnp.sqrt(P[NORTH, NORTH] + P[EAST, EAST]) <= self.sure)
         return s, planar_estimate(t, s.drive, mean, P, came | jnp.any(new), sure)
 
 
@@ -228,4 +236,5 @@ def weigh_range(form: OdometryParticle, s: OdometryParticleState, i: Any, z: Any
         drive=replace(s.drive, fix=fix),
         effective=effective,
         redrawn=increment(s.redrawn, few),
+        accepted_share=s.accepted_share + (believed - s.accepted_share) / EVIDENCE,
     )

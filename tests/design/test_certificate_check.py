@@ -2,12 +2,13 @@
 
 import numpy as np
 import pytest
-from design.systems import ball_system
+from design.systems import ball_system, integrators
 
 from trimtab.design import composite
 from trimtab.design.certificate import design_certificate
 from trimtab.design.certificate_check import ROBUST, _poles_condition, prove_certificate
 from trimtab.design.certificate_file import certificate_digest
+from trimtab.design.certified_system import CertifiedSystem
 
 SYSTEM = ball_system()
 
@@ -40,6 +41,21 @@ def test_a_good_one_is_proved(method, observer):
     assert lines["(14)"].how.startswith("exact")
     if method == "lqr":
         assert lines["(14)"].number == pytest.approx(0.0099, rel=1e-6)  # 0.99 of Q - Q_e
+
+
+def chain_system(n: int, m: int) -> CertifiedSystem:
+    """Chain of n integrators with the last m derivatives as inputs, all weights 1."""
+    A, _ = integrators(n)
+    B, Q = np.eye(n)[:, -m:], np.eye(n)
+    states, inputs = (tuple(f"{name}{i}" for i in range(k)) for name, k in (("x", n), ("u", m)))
+    return CertifiedSystem("chain", {}, "lqr", states, inputs, A, B, Q / 1.01, np.eye(m), Q, np.ones(n))
+
+
+@pytest.mark.parametrize(("n", "m"), [(12, 1), (13, 4), (13, 5)])
+def test_a_long_chain_of_integrators_is_proved(n, m):
+    """Terms of the Riccati equation are 1e5 times the weight; the equation is compared with the weight."""
+    system = chain_system(n, m)
+    assert not failing(design_certificate(system), system)
 
 
 def test_margins_are_below_the_true_ones(certificate):

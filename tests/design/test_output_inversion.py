@@ -144,3 +144,15 @@ def test_what_neither_fades_nor_grows_and_feeds_back_is_refused_by_name():
     with pytest.raises(InputError, match=r"neither decay nor grow.*swing") as refused:
         invert_output(model, smooth_course(np.linspace(0, 4, 101), {"y": (0.0, 1.0)}, 1.0, 2.0, order=1))
     assert "another output" in refused.value.fix
+
+
+@pytest.mark.parametrize("output", [0, 1])
+def test_a_chain_without_internal_modes_is_inverted(output):
+    """Three integrators: their first state has no internal coordinate, their second leaves a place."""
+    model = model_of_functions(
+        lambda x, u: jnp.stack([x[1], x[2], u[0]]), ("x0", "x1", "x2"), ("u",), h=lambda x, u: x[output : output + 1]
+    )
+    course = smooth_course(TIMES, {"y0": (0.0, 0.5)}, 2.0, 4.0, order=3)
+    found = invert_output(model, course)
+    np.testing.assert_allclose(found.u[:, 0], course.derivatives["y0"][3 - output], atol=1e-9)
+    assert found.x[-1, output] == pytest.approx(0.5, abs=1e-9)

@@ -5,10 +5,11 @@ Each function returns what happens and whether it is right.
 
 from pathlib import Path
 from tempfile import TemporaryDirectory
+from typing import Any
 
 import numpy as np
 
-from findings.finding import Finding
+from findings.finding import ROOT, Finding, run_tests
 
 
 def median_far_out() -> tuple[str, bool]:
@@ -139,11 +140,119 @@ def lost_sample() -> tuple[str, bool]:
     return f"{len(found.ticks)} samples; {found.left_out}", len(found.ticks) == 23_999 and bool(found.left_out)
 
 
+def ranges_through_walls() -> tuple[str, bool]:
+    """Half of the ranges 2 to 8 m too long; then a vehicle that stands 14 m beside the given start."""
+    import jax
+    from estimators.odometry_drives import BEACONS, drive, frames_of
+
+    from trimtab.core.rng import key
+    from trimtab.estimators.ranging.odometry import OdometryNoise, OdometryRanging, PlanarStart, RadioErrors
+
+    def fly(frames: Any, north: Any) -> Any:
+        form = OdometryRanging(
+            noise=OdometryNoise(slip=0.05, turn=3e-3, bias_walk=1e-4),
+            errors=RadioErrors(noise=0.2, scale=0.05, sigma_scale=0.02, sigma_error=0.1),
+            start=PlanarStart(heading=0.3, north=north, east=-2.0),
+            beacons=BEACONS,
+        )
+        return jax.lax.scan(lambda s, f: form.step(f.t, s, f), form.init(key(0)), frames)
+
+    def run(world: Any, north: float) -> tuple[int, Any]:
+        state, estimates = program(frames_of(world), north)
+        place = np.asarray(estimates.state.north), np.asarray(estimates.state.east)
+        return int(state.fix.given_in), np.hypot(place[0] - world.north, place[1] - world.east)
+
+    program, world, rng = jax.jit(fly), drive(3), np.random.default_rng(3)
+    wall = world.arrived & (rng.random(world.range.shape) < 0.5)
+    longer = world._replace(range=world.range + np.where(wall, rng.uniform(2, 8, wall.shape), 0))
+    restarts, off = run(longer, 1.0)
+    again, lost = run(drive(4), 15.0)
+    rms = float(np.sqrt(np.mean(off**2)))
+    text = f"through walls: {restarts} restarts, {rms:.2f} m rms; beside the start: {lost[-1]:.2f} m off at the end"
+    return text, restarts == 0 and rms < 0.5 and again == 1 and lost[-1] < 1.0
+
+
+def heading_sigma() -> tuple[str, bool]:
+    """NEES of the heading in 6 runs each of two flights, beside what the page says."""
+    from trimtab.logs.navigation import state_series
+    from trimtab.run.simulate import simulate_many
+    from trimtab.scenarios import catalogue
+
+    found = {}
+    for name in ("zero-velocity", "forward"):
+        scenario, _ = catalogue.load_scenario(f"hovercraft/{name}", {"navigation": "ins"})
+        states = [state_series(log)["heading"] for log in simulate_many(scenario, seeds=range(6))]
+        found[name] = float(np.mean([np.mean((s.error / s.sigma)[s.t > 4] ** 2) for s in states]))
+    page = (ROOT / "docs/estimators/ultrasonic-inertial.md").read_text(encoding="utf-8")
+    text = "a worst case, and the page says so; NEES " + ", ".join(f"{v:.2f} in {k}" for k, v in found.items())
+    return text, "deliberate worst case" in page and all(0.1 < nees < 1.3 for nees in found.values())
+
+
+def long_chains() -> tuple[str, bool]:
+    """Certificates of chains of 12 integrators, and of 13 with 4 inputs; and the matrix inequality of 12."""
+    from trimtab.core.errors import InputError
+    from trimtab.design.certificate import design_certificate
+    from trimtab.design.certificate_check import prove_certificate
+    from trimtab.design.certified_system import CertifiedSystem
+    from trimtab.design.lmi import lmi_gain
+
+    failed = []
+    for n, m in ((12, 1), (13, 4)):
+        A, I = np.diag(np.ones(n - 1), 1), np.eye(n)
+        names = tuple(f"x{i}" for i in range(n)), tuple(f"u{i}" for i in range(m))
+        system = CertifiedSystem("chain", {}, "lqr", *names, A, I[:, -m:], I / 1.01, np.eye(m), I, np.ones(n))
+        proof = prove_certificate(design_certificate(system), system)
+        failed += [f"{n} states, {m} inputs: {c.name}" for c in proof.conditions if not c.holds]
+    try:
+        text = f"solved: {lmi_gain(np.diag(np.ones(11), 1), np.eye(12)[:, -1:], np.eye(12), 1.0).status}"
+    except InputError as error:
+        text = f"{error.problem}. {error.fix}"
+    right = not failed and "12 states" in text and "lqr" in text
+    return f"conditions that fail: {failed or 'none'}; inequality: {text}", right
+
+
+def slopes_at_corners() -> tuple[str, bool]:
+    """Linear models at corners, and beside one."""
+    import jax.numpy as jnp
+
+    from trimtab.core.errors import InputError
+    from trimtab.design.linearise import linearise
+    from trimtab.design.model import model_of_functions
+
+    def slope(h: Any) -> str:
+        model = model_of_functions(
+            lambda x, u: jnp.stack([x[1], u[0]]), ("x", "v"), ("u",), h=h, outputs=("y",), x0=[0.0, 0.0]
+        )
+        try:
+            return f"C = {linearise(model).C[0].tolist()}"
+        except InputError as error:
+            return error.problem
+
+    corners = {
+        "hypot": slope(lambda x, u: jnp.hypot(x[0], x[1])[None]),
+        "abs": slope(lambda x, u: jnp.abs(x[:1])),
+        "saturation": slope(lambda x, u: jnp.clip(x[:1] + 1, -1, 1)),
+    }
+    smooth = slope(lambda x, u: x[:1] * jnp.abs(x[:1]) + x[1:])
+    text = "; ".join(f"{name}: {found}" for name, found in (*corners.items(), ("drag", smooth)))
+    return text, all("has no slope" in c for c in corners.values()) and smooth == "C = [0.0, 1.0]"
+
+
 FINDINGS = [
     Finding("A1", "truncated(0, 1, 10, 11), median", "11.0", median_far_out),
     Finding("A2", "lognormal(2.6, 5%) with nominal value 100", "5", percentage_of_a_logarithm),
     Finding("B1", "six pings on a straight line", "(2.0, 0.001, -3.905) m without an error", survey_from_a_line),
+    Finding("B3", "half of the ranges through walls", "7.8 m off instead of 0.24 m", ranges_through_walls),
+    Finding(
+        "B4",
+        "particle filter with rejected ranges",
+        "valid at 76 m off",
+        lambda: run_tests(
+            "studies/test_ranges2009_particle.py::test_rejected_ranges_make_the_estimate_invalid_until_ranges_fit_again"
+        ),
+    ),
     Finding("B5", "to_euler in float32 at pitch pi/2", "rotation off by 0.17 rad", euler_angles_in_single_precision),
+    Finding("B6", "heading sigma of --navigation ins", "1.8 times too large without a word", heading_sigma),
     Finding("C1", "timestamps in microseconds", "read as seconds without a word", units_of_times),
     Finding("C2", "columns gyro_rad[0], gyro_rad[1], gyro_rad[2]", "refused as one signal", numbered_columns),
     Finding("C3", "text and empty cells in other columns", "the whole file is refused", unclean_cells),
@@ -153,5 +262,7 @@ FINDINGS = [
         "D3", "the same with scale 1", "the weight Q does not see the pole +2", lambda: nearly_singular_riccati(1.0)
     ),
     Finding("D4", "slow pole of a stiff loop recorded as +0.3", "accepted", slow_pole_recorded_wrong),
+    Finding("D6", "systems with 12 states, or 4 inputs", "traceback, or refused", long_chains),
     Finding("D7", "escape sequence in a name", "sent to the terminal as it is", control_characters_of_a_file),
+    Finding("D8", "hypot at rest, abs at 0, saturation at its corner", "C = [0.5, 0.5], 1, 0.5", slopes_at_corners),
 ]

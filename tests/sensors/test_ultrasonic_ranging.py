@@ -11,7 +11,8 @@ from trimtab.core.record import replace, to_arrays
 from trimtab.core.rng import Key
 from trimtab.core.signals import Motion
 from trimtab.core.time import ms, seconds
-from trimtab.sensors.time_of_flight import CEILING_SQUARE, Beacons, RangeErrors
+from trimtab.environment.acoustics import Air
+from trimtab.sensors.time_of_flight import CEILING_SQUARE, Beacons, Medium, RangeErrors
 from trimtab.sensors.ultrasonic_ranging import UltrasonicRanging, UnitClock
 
 ONE = UltrasonicRanging(units=np.array([[0.1, 0.0, 0.0]]))
@@ -193,3 +194,15 @@ def test_runs_as_generated_code():
         return jax.tree.leaves(sensor.step(t, state, motion))
 
     assert lower_function(flat, leaves).outputs
+
+
+def test_replies_arrive_at_the_actual_speed_of_sound():
+    """Air of 0 degrees taken for 40: the last reply takes the longest distance over 331.5 m/s and its own bytes."""
+    cold, warm = Air(temperature=273.15, humidity=0.0), Air(temperature=313.15, humidity=0.0)
+    sensor = replace(PERFECT, collisions=False, cone_error=False, medium=Medium(actual=cold, assumed=warm))
+    replies, last = sensor.ping(np.int64(0), Key(np.uint32(2), np.uint32(0)), motion(np.int64(0)))
+    assert replies.arrived.all()
+    distance = np.linalg.norm(CEILING_SQUARE - [0.1, 0, 0], axis=1).max()
+    channel = sensor.channel
+    sound = float(last) - channel.message_bytes * channel.byte_time
+    assert distance / sound == pytest.approx(331.5, abs=0.3)

@@ -87,3 +87,26 @@ def test_with_the_same_seed_it_is_the_same_and_with_another_nearly():
 def test_what_is_no_cloud_and_no_beacons_is_refused(change):
     with pytest.raises(InputError, match="OdometryParticle"):
         replace(FILTER, **change).check()
+
+
+@pytest.mark.thorough
+def test_rejected_ranges_make_the_estimate_invalid_until_ranges_fit_again():
+    """All ranges 30 m too long for 30 s: all are rejected."""
+    world, k = drive(0), np.arange(DRIVE)
+    wrong = ((k >= DRIVE // 2) & (k < DRIVE * 3 // 4))[:, None]
+    state, estimates = run(world._replace(range=np.where(world.arrived & wrong, world.range + 30.0, world.range)))
+    valid = np.asarray(estimates.valid)
+    assert int(state.drive.fix.rejected) >= 70
+    assert valid[DRIVE // 2 - 100 : DRIVE // 2].all()
+    assert not valid[DRIVE * 3 // 4 - 200 : DRIVE * 3 // 4].any()
+    assert valid[-100:].all()
+    assert errors(world, estimates)[0][-1] < 1.0
+
+
+@pytest.mark.thorough
+def test_a_filter_whose_ranges_never_fit_stays_invalid():
+    """All ranges 30 m too long from the middle on, to the end."""
+    world = drive(0)
+    later = (np.arange(DRIVE) >= DRIVE // 2)[:, None]
+    _, estimates = run(world._replace(range=np.where(world.arrived & later, world.range + 30.0, world.range)))
+    assert not np.asarray(estimates.valid)[DRIVE // 2 + 100 :].any()

@@ -11,6 +11,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from trimtab.core.errors import InputError, argument_name
+from trimtab.design.corners import find_corner
 from trimtab.design.model import StateSpaceModel, find_indices
 from trimtab.design.poles import balance_matrix, participation, sorted_poles
 
@@ -147,7 +148,8 @@ class LinearModel(NamedTuple):
 def linearise(model: StateSpaceModel, x: Any = None, u: Any = None) -> LinearModel:
     """Compute A, B, C, D at a point, by automatic differentiation.
 
-    If the point is not a trim (`drift` not zero), the deviations follow dx' = A dx + B du + drift.
+    If the point is not a trim (`drift` not zero), the deviations follow dx' = A dx + B du + drift. A point at a corner
+    or a jump of the model is refused (`design.corners`).
 
     Args:
         model: the system.
@@ -169,6 +171,12 @@ def linearise(model: StateSpaceModel, x: Any = None, u: Any = None) -> LinearMod
             keep, choose = argument_name("output"), argument_name("at")
             fix = f"keep only the others with {keep}, or choose with {choose} a point where the model is smooth"
             raise InputError("linearise", problem, fix=fix)
+    corner = find_corner(model, x0, u0)
+    if corner is not None:
+        fix = f"choose with {argument_name('at')} a point beside it"
+        if corner.row in model.outputs:
+            fix += f", or keep only other outputs with {argument_name('output')}"
+        raise InputError("linearise", f"{corner.row} has no slope at this point: {corner.reason}", fix=fix)
     return LinearModel(A, B, C, D, x0, u0, y0, drift, model.states, model.inputs, model.outputs)
 
 

@@ -34,7 +34,7 @@ from trimtab.design.poles import format_pole, sorted_poles, uncontrollable_poles
 
 STRICT = 1e-7
 """Distance of the solution from the boundary of the inequality, in the scaled variables X, Y."""
-STATES_SOLVED = 10
+STATES_SOLVED = 8
 """Number of integrators in a chain up to which the solver finds a gain; a test solves it."""
 MatrixBlock = Callable[[Any], Any]
 """Affine function from variables (k,) to a symmetric matrix that must be positive semidefinite."""
@@ -106,12 +106,13 @@ def lmi_gain(A: Any, B: Any, Qe: Any, Re: Any, *, scale: Any = None, decay: floa
     solution = minimise(lambda z: _objective(z, Qs, m), [*strict, cost], k)
     X, Y, _ = _unpack_variables(solution.x, n, m)
     stuck = _stuck_poles(As, Bs, decay)
-    if not (solution.is_solved or stuck or "Infeasible" in solution.status):
+    is_strict = solution.is_solved and min(solution.margins[:2]) > -STRICT
+    if not (is_strict or stuck or "Infeasible" in solution.status):
         problem = f"the solver ends with {solution.status} for {n} states and {m} inputs, i.e. {k} unknowns: that does"
         problem += f" not decide if a gain exists. Chains of up to {STATES_SOLVED} integrators are solved"
         fix = "use the method lqr, leave out states, or choose the scale of the states"
         raise InputError("lmi_gain", problem, fix=fix)
-    if not solution.is_solved or not min(solution.margins[:2]) > -STRICT:
+    if not is_strict:
         fix = "add an input, or choose the scale of the states"
         if decay:
             fix = "ask for a smaller decay, or add an input"

@@ -14,6 +14,7 @@ import numpy as np
 from scipy.linalg import cholesky, solve_continuous_are, solve_continuous_lyapunov, solve_triangular
 
 from trimtab.core.errors import InputError, argument
+from trimtab.design import exact
 from trimtab.design.poles import format_pole, sorted_poles, uncontrollable_poles
 
 AXIS = 1e-9
@@ -22,6 +23,9 @@ EXACT = 1e-11
 """Residual of the Riccati equation at which no further step is taken."""
 RESIDUAL_MAX = 1e-9
 """Largest residual of the Riccati equation of an accepted gain."""
+BESIDE_WEIGHT = 3e-10
+"""Residual of the Riccati equation, relative to Q, above which it is computed without rounding for a last step. In long
+chains of integrators the other terms are millions of times Q, and a certificate compares with Q."""
 STEPS_MAX = 8
 """Largest number of steps of Newton's method [3]."""
 SEEN = 1e-12
@@ -116,11 +120,29 @@ def _solve_riccati(A: Any, B: Any, Q: Any, sizes: tuple[Any, ...]) -> tuple[Any,
                 break
             best, least = P, residual
             if least <= EXACT:
-                return best, least
+                return _refine_beside_weight(A, B, Q, best, least)
             gain = b.T @ X
             X = solve_continuous_lyapunov(closed.T, -(q + gain.T @ gain))
             X = (X + X.T) / 2
     return best, least
+
+
+def _refine_beside_weight(A: Any, B: Any, Q: Any, P: Any, residual: float) -> tuple[Any, float]:
+    """Return P after a step of Newton's method with an exact residual, and the relative residual.
+
+    P is returned unchanged if its residual is small beside Q already.
+    """
+    limit = BESIDE_WEIGHT * np.abs(Q).max()
+    if np.abs(_riccati_sum(A, B, Q, P)).max() <= limit:
+        return P, residual
+    off = np.array(_riccati_sum(*(exact.as_fractions(M) for M in (A, B, Q, P))), float)
+    step = solve_continuous_lyapunov((A - B @ (B.T @ P)).T, -off)
+    better = P + (step + step.T) / 2
+    return better, _riccati_residual(A, B, Q, better)
+
+
+def _riccati_sum(A: Any, B: Any, Q: Any, P: Any) -> Any:
+    return A.T @ P + P @ A - (P @ B) @ (B.T @ P) + Q
 
 
 def _riccati_residual(A: Any, B: Any, Q: Any, P: Any) -> float:

@@ -30,6 +30,8 @@ def format_pole(pole: complex) -> str:
 
 def balance_matrix(A: Any) -> Any:
     """Return a matrix similar to A by a diagonal of powers of two, with rows and columns of similar size."""
+    if not np.size(A):
+        return np.asarray(A, float)
     balance: Any = get_lapack_funcs("gebal", (np.asarray(A, float),))
     return balance(A, scale=1, permute=0)[0]  # matrix_balance warns if rounding asks for more than 2^63
 

@@ -81,7 +81,7 @@ def bounded_solution(
     tolerance: float = 1e-10,
     most: int = 30,
 ) -> BoundedSolution:
-    """Compute the bounded solution on a uniform grid of n instants.
+    """Compute the bounded solution on a uniform grid of n instants; without coordinates (k = 0) it is empty.
 
     Args:
         psi: function from zeta (n, k) on the whole grid to its rates (n, k) there; it includes all time dependence.
@@ -98,6 +98,8 @@ def bounded_solution(
     Source: [1] section III; the exponential integration is exact for w piecewise linear.
     """
     A, guess, scales = np.asarray(A, float), np.asarray(start, float), np.asarray(scales, float)
+    if not A.size:
+        return BoundedSolution(guess, guess, 0, (), np.zeros(0), 0)
     _check_arguments(A, guess, dt, scales, left, right)
     scaled = A * scales / scales[:, None]
     places = find_places(scaled)

@@ -378,3 +378,10 @@ def test_refusals():
         with pytest.raises(InputError):
             replace(FlexibleModeFilter(), **wrong).check()
     FlexibleModeFilter(craft=Hypersonic(modes=FlexibleModes().detune(1.1))).check()
+
+
+def test_offset_walks_by_its_density_times_the_period():
+    one = FlexibleModeFilter(offset_walk=0.3)
+    _, x, u = trim()
+    _, P = one.predict(one.model(), jnp.zeros(5), jnp.eye(5), _chi(x), u)
+    assert float(P[4, 4]) == pytest.approx(1 + 0.3 * 0.005, rel=1e-12)

@@ -56,6 +56,15 @@ def test_bancroft_is_exact_with_three():
     assert abs(np.asarray(found.bias)).max() < 1e-9
 
 
+def test_of_three_ranges_the_smaller_common_error_counts():
+    """Both roots fit three ranges without residual. Beacons 0.5 m above the unit, places up to 4 m away."""
+    plan = np.array([[0.0, 0.0], [3.0, 0.0], [1.0, 2.5]])
+    true, height = plan.mean(0) + places(500, size=3.0), np.full(3, 0.5)
+    found = CLOSED(plan, height, exact(plan, height, true), np.ones((500, 3), bool))
+    assert abs(np.asarray(found.place) - true).max() < 1e-6
+    assert abs(np.asarray(found.bias)).max() < 1e-6
+
+
 @pytest.mark.thorough
 @pytest.mark.parametrize("solve", [CLOSED, FITTED], ids=["closed form", "least squares"])
 def test_circular_error(solve):

@@ -144,16 +144,97 @@ def test_wild_ranges_are_refused():
     assert np.max(error) < 1.5
 
 
-@pytest.mark.thorough
-def test_it_gives_in_to_ranges_that_insist():
-    """Put down elsewhere, it refuses eight ranges, then believes them, and is honest about where it is."""
-    lost = replace(FILTER, start=replace(FILTER.start, north=15.0))
-    world = drive(4)
-    state, estimates = run(frames_of(world), lost)
-    assert int(state.fix.given_in) >= 1
-    assert np.hypot(estimates.state.north[-1] - world.north[-1], estimates.state.east[-1] - world.east[-1]) < 1.0
-    never, _ = run(frames_of(world), replace(lost, errors=replace(lost.errors, patience=np.int32(0))))
-    assert int(never.fix.given_in) == 0
+def position_error(world, estimates):
+    return np.hypot(np.asarray(estimates.state.north) - world.north, np.asarray(estimates.state.east) - world.east)
+
+
+def with_ranges(world, change):
+    """The drive with changed ranges (DRIVE, 4) where one came."""
+    return world._replace(range=np.where(world.arrived, world.range + change, 0.0))
+
+
+LATE = (np.arange(DRIVE) >= DRIVE // 2)[:, None]
+
+
+@pytest.mark.parametrize(
+    ("away", "turn"),
+    [(14.0, 0.0), (10.0, 1.0), (10.0, 3.0)],
+    ids=["14 m and 0 rad", "10 m and 1 rad", "10 m and 3 rad"],
+)
+def test_ranges_that_agree_restart_the_filter(away, turn):
+    """The vehicle stands elsewhere, with another heading."""
+    start = replace(FILTER.start, north=FILTER.start.north + away, heading=FILTER.start.heading + turn)
+    for seed in (4, 5):
+        world = drive(seed)
+        state, estimates = run(frames_of(world), replace(FILTER, start=start))
+        assert int(state.fix.given_in) == 1
+        assert position_error(world, estimates)[-1] < 1.0
+        assert np.median(nees(world, estimates)[DRIVE // 2 :]) < 4.0
+    never = replace(FILTER, start=start, errors=replace(FILTER.errors, patience=0))
+    assert int(run(frames_of(world), never)[0].fix.given_in) == 0
+
+
+@pytest.mark.parametrize("seed", range(8))
+def test_ranges_through_walls_do_not_restart_the_filter(seed):
+    """Half of the ranges are 2 to 8 m too long."""
+    world, rng = drive(seed), np.random.default_rng(1000 + seed)
+    wall = rng.random(world.range.shape) < 0.5
+    spoilt = with_ranges(world, np.where(wall, rng.uniform(2, 8, wall.shape), 0.0))
+    state, estimates = run(frames_of(spoilt))
+    assert int(state.fix.rejected) > 100
+    assert int(state.fix.given_in) == 0
+    assert np.sqrt(np.mean(position_error(world, estimates) ** 2)) < 0.6
+
+
+def test_outliers_of_all_beacons_in_a_row_do_not_restart_the_filter():
+    world, rng = drive(3), np.random.default_rng(0)
+    rows = np.flatnonzero(world.arrived.any(axis=1))[30:54]
+    change = np.zeros(world.range.shape)
+    change[rows] = 7.0 * rng.uniform(0.3, 1, (len(rows), 4))
+    state, estimates = run(frames_of(with_ranges(world, change)))
+    assert int(state.fix.given_in) == 0
+    assert int(state.fix.rejected) >= 24
+    assert position_error(world, estimates).max() < 1.5
+
+
+def test_one_moved_beacon_does_not_restart_the_filter():
+    world = drive(3)
+    state, estimates = run(frames_of(with_ranges(world, 6.0 * LATE * (np.arange(4) == 1))))
+    assert int(state.fix.given_in) == 0
+    assert int(state.fix.refused_in_a_row[1]) > 30
+    assert position_error(world, estimates).max() < 1.5
+
+
+def test_an_offset_of_all_beacons_is_survived():
+    """5 m for 20 s: most ranges are rejected, and the position is right again after the offset."""
+    world = drive(3)
+    while_it_lasts = LATE & (np.arange(DRIVE) < DRIVE // 2 + 200)[:, None]
+    state, estimates = run(frames_of(with_ranges(world, 5.0 * while_it_lasts)))
+    assert int(state.fix.rejected) >= 20
+    assert position_error(world, estimates)[-1] < 1.0
+
+
+def test_two_beacons_do_not_restart_the_filter():
+    """Two fall silent after a rejected range each; those of the other two fit a place 10 m beside the vehicle."""
+    world, k = drive(3), np.arange(DRIVE)
+    place = np.stack([world.north, world.east], axis=1)[:, None]
+    beside = 10.0 / np.sqrt(2)
+
+    def distance(p):
+        return np.sqrt(np.sum((p - BEACONS[:, :2]) ** 2, axis=2) + BEACONS[:, 2] ** 2)
+
+    silent = world.arrived & (k[:, None] >= DRIVE // 2 + 16) & (np.arange(4) >= 2)
+    wrong = np.where(np.arange(4) < 2, 1.05 * (distance(place + beside) - distance(place)), -7.0)
+    moved = with_ranges(world, wrong * LATE)
+    state, _ = run(frames_of(moved._replace(arrived=world.arrived & ~silent)))
+    assert (np.asarray(state.fix.refused_in_a_row)[2:] > 0).all()
+    assert int(state.fix.given_in) == 0
+
+
+@pytest.mark.parametrize("patience", [1, 5, 17])
+def test_too_few_and_too_many_ranges_for_a_restart_are_refused(patience):
+    with pytest.raises(InputError, match=f"must be 0, or 6 to 16, got {patience}"):
+        replace(FILTER, errors=replace(FILTER.errors, patience=patience)).check()
 
 
 def test_what_is_no_number_or_from_another_time_is_not_used():

@@ -6,7 +6,10 @@ import numpy as np
 import pytest
 
 from trimtab.compiler.function import lower_function
+from trimtab.core.record import replace
 from trimtab.estimators.ranging import start as rs
+from trimtab.estimators.ranging.range_errors import RangeErrorModel
+from trimtab.estimators.ranging.tightly_coupled import TightlyCoupled, update_running
 
 LEVERS = np.array([[0.2, 0.0], [-0.2, 0.0]])
 LIMITS = {"enough": 4, "longest": 3.0, "heading_limit": 0.25}
@@ -116,3 +119,16 @@ def test_nothing_is_carried_before_the_first_ping():
 
 def test_it_exports():
     assert lower_function(lambda s: rs.solve_start(s, np.zeros(2), **LIMITS), (rs.empty_start(),)).text("f")
+
+
+def test_a_lost_filter_begins_with_an_empty_start():
+    """All four ranges 3 m too long; the patience is one ping."""
+    form = TightlyCoupled(errors=RangeErrorModel(patience=1), begins="given")
+    node = replace(form.first(), start=replace(rs.empty_start(), pings=np.int32(3), elapsed=np.float64(2)))
+    yes, ranges = np.ones(4, bool), np.linalg.norm(form.beacons, axis=1)
+    lost = update_running(form, node, jnp.asarray(ranges + 3.0), np.int32(0), yes)
+    assert not lost.position_fix.tracking
+    assert (int(lost.start.pings), float(lost.start.elapsed)) == (0, 0.0)
+    fine = update_running(form, node, jnp.asarray(ranges), np.int32(0), yes)
+    assert fine.position_fix.tracking
+    assert int(fine.start.pings) == 3

@@ -18,10 +18,27 @@ from trimtab.core.signals import Estimate, Frame
 from trimtab.core.time import to_seconds
 from trimtab.estimators.inertial.sensor_watch import NEVER, increment
 from trimtab.estimators.kalman import update
+from trimtab.estimators.ranging.pose_search import (
+    FEWEST,
+    KEPT,
+    RecentRanges,
+    fit_pose,
+    move_ranges,
+    no_recent_ranges,
+    remember_range,
+)
 from trimtab.estimators.ranging.position import SQUARE
 
 HEADING, NORTH, EAST, TURN_BIAS, COURSE, SCALE, ERRORS = range(7)
 """Indices of the states; from ERRORS on, one error of each beacon."""
+DOUBTED_MIN = 3
+"""Smallest number of beacons whose newest range is rejected before a restart; two circles intersect twice."""
+OTHERS_MIN = 3
+"""Smallest number of ranges beside those of the two beacons with the most, which leave two places."""
+AGREEMENT = 2.0
+"""Largest chi-square of ranges that agree, relative to its degrees of freedom."""
+RESTART_VARIANCE = 4.0
+"""Variances after a restart, relative to those of independent ranges; a beacon's ranges share its error."""
 NEAREST = 0.01
 """Smallest distance of a beacon (m); at the beacon itself a range has no direction."""
 
@@ -61,7 +78,10 @@ class RadioErrors:
     sigma_error: Scalar = quantity("m", "Standard deviation of a beacon's error.", default=0.1, low=0)
     gate: Scalar = quantity("1", "NIS gate for ranges.", default=15.137, above=0)
     patience: Scalar = quantity(
-        "1", "Consecutive rejections after which the next range is accepted anyway; 0: never.", default=8, kind="count"
+        "1",
+        "Number of newest ranges, 6 to 16, that must agree with each other to restart the filter; 0: never.",
+        default=12,
+        kind="count",
     )
 
 
@@ -98,7 +118,7 @@ class RadioFix:
     rejected_in_a_row: Scalar = quantity("1", "Ranges rejected since any was used.", kind="count")
     given_in: Scalar = quantity(
         "1",
-        "Number of times the filter accepted a measurement outside the gate after too many rejections in a row.",
+        "Number of restarts of the pose from ranges that agree with each other.",
         kind="count",
     )
     late: Scalar = quantity("1", "Number of ranges too far in time from the newest odometry: not used.", kind="count")
@@ -137,13 +157,15 @@ class OdometryState:
     x: Any = quantity("1", "Heading, north, east, turn bias, course, scale, beacons' errors (6 + n,).")
     P: Any = quantity("1", "Covariance of estimate minus truth (6 + n, 6 + n).")
     fix: RadioFix = part("Statistics of the range updates.")
+    recent: RecentRanges = part("Newest ranges.")
 
 
 class PredictedRange(NamedTuple):
-    """Return a predicted range (m), and its derivative by the states (6 + n,)."""
+    """Predicted range (m), its derivative by the states (6 + n,), and the path from the odometry to it (2,) (m)."""
 
     range: Any
     H: Any
+    along: Any
 
 
 @record
@@ -174,8 +196,11 @@ class OdometryRanging:
         return (self.odometry, self.ranging)
 
     def check(self) -> None:
-        """Raise InputError if the beacons are not a list of positions."""
-        shape = np.shape(self.beacons)
+        """Raise InputError if the beacons are not a list of positions, or the patience is out of range."""
+        patience, shape = int(self.errors.patience), np.shape(self.beacons)
+        if patience and not FEWEST <= patience <= KEPT:
+            problem = f"must be 0, or {FEWEST} to {KEPT}, got {patience}"
+            raise InputError("OdometryRanging.errors.patience", problem, fix="0 never restarts; 12 is the default")
         if len(shape) != 2 or shape[1] != 3 or not shape[0]:
             fix = "give north, east and down of each beacon"
             raise InputError("OdometryRanging.beacons", f"the shape must be (n, 3), got {shape}", fix=fix)
@@ -195,7 +220,8 @@ def drive_on(form: OdometryRanging, state: OdometryState, t: Any, frame: Frame) 
     """Return the state at the newest odometry, and whether it moved there now; later entries of x and P are kept."""
     s, came, motion = read_odometry(state, frame.samples[form.odometry], t, form.noise.grip)
     x, P = predict_odometry(state.x, state.P, motion, form.noise)
-    return replace(s, x=jnp.where(came, x, s.x), P=jnp.where(came, P, s.P)), came
+    recent = move_ranges(s.recent, jnp.where(came, (x - s.x)[NORTH : EAST + 1], 0.0))
+    return replace(s, x=jnp.where(came, x, s.x), P=jnp.where(came, P, s.P), recent=recent), came
 
 
 def fuse_ranges(form: OdometryRanging, s: OdometryState, t: Any, frame: Frame) -> tuple[OdometryState, Any]:
@@ -204,12 +230,10 @@ def fuse_ranges(form: OdometryRanging, s: OdometryState, t: Any, frame: Frame) -
 
     def each(carry: Any, row: Any) -> tuple[Any, Any]:
         i, z = row
-        x, P, fix = carry
-        new = fuse_range(form, s, x, P, fix, i, z, ahead)
-        return tree_where(z > 0, new, carry), ()
+        return lax.cond(z > 0, lambda: fuse_range(form, carry, i, z, ahead), lambda: carry), ()
 
-    (x, P, fix), _ = lax.scan(each, (s.x, s.P, fix), (jnp.arange(ranges.shape[0]), ranges))
-    return replace(s, x=x, P=P, fix=fix), jnp.any(ranges > 0)
+    s, _ = lax.scan(each, replace(s, fix=fix), (jnp.arange(ranges.shape[0]), ranges))
+    return s, jnp.any(ranges > 0)
 
 
 def initial_belief(start: PlanarStart, errors: RadioErrors, n: int) -> tuple[Any, Any]:
@@ -227,7 +251,7 @@ def first_state(form: Any, belief: tuple[Any, Any]) -> OdometryState:
     n, o = np.shape(form.beacons)[0], np.float64(0)
     zero, none, count = np.zeros(n), np.zeros(n, np.int32), np.int32(0)
     fix = RadioFix(zero, zero, zero, np.zeros(n, bool), none, count, count, count, count, count)
-    return OdometryState(np.int64(NEVER), o, o, o, o, np.bool_(False), *belief, fix)
+    return OdometryState(np.int64(NEVER), o, o, o, o, np.bool_(False), *belief, fix, no_recent_ranges())
 
 
 class OdometryMotion(NamedTuple):
@@ -292,38 +316,65 @@ def predict_range(x: Any, i: Any, beacons: Any, down: Any, s: OdometryState, ahe
     swing = long * (u[1] * along[0] - u[0] * along[1])
     pose = jnp.stack([swing, long * u[0], long * u[1], -swing * ahead / 2, swing, distance])
     errors = (jnp.arange(x.shape[0] - ERRORS) == i).astype(np.float64)
-    return PredictedRange(long * distance + x[ERRORS:] @ errors, jnp.concatenate([pose, errors]))
+    return PredictedRange(long * distance + x[ERRORS:] @ errors, jnp.concatenate([pose, errors]), along)
 
 
-def fuse_range(form: Any, s: OdometryState, x: Any, P: Any, fix: RadioFix, i: Any, z: Any, ahead: Any) -> Any:
-    """Return state, covariance and fix after a range z (m) to beacon i."""
-    e = form.errors
-    at = predict_range(x, i, form.beacons, form.down, s, ahead)
+def fuse_range(form: Any, s: OdometryState, i: Any, z: Any, ahead: Any) -> OdometryState:
+    """Return the state after a range z (m) to beacon i."""
+    e, fix = form.errors, s.fix
+    at = predict_range(s.x, i, form.beacons, form.down, s, ahead)
     y, H, R = (z - at.range)[None], at.H[None], jnp.reshape(e.noise**2, (1, 1))
-    in_a_row = fix.rejected_in_a_row + 1
-    gives_in = (e.patience > 0) & (in_a_row >= e.patience)
-    first = update(x, P, y, H, R, gate=e.gate)
-    gives_in = gives_in & ~first.accepted
-    doubt = (np.arange(x.shape[0]) == NORTH) | (np.arange(x.shape[0]) == EAST)  # the place alone: it was moved
-    forced = update(x, P + jnp.diag(jnp.where(doubt, y[0] ** 2, 0.0)), y, H, R)
-    result = tree_where(gives_in, forced, first)
-    used, me = result.accepted, jnp.arange(fix.nis.shape[0]) == i
-    sigma = jnp.sqrt(first.S[0, 0])
+    new = update(s.x, s.P, y, H, R, gate=e.gate)
+    used, me = new.accepted, jnp.arange(fix.nis.shape[0]) == i
+    refused = jnp.where(used, 0, fix.refused_in_a_row + 1)
     fix = replace(
         fix,
-        innovation=jnp.where(me, first.innovation[0], fix.innovation),
-        normalised=jnp.where(me, first.innovation[0] / sigma, fix.normalised),
-        nis=jnp.where(me, first.nis, fix.nis),
+        innovation=jnp.where(me, new.innovation[0], fix.innovation),
+        normalised=jnp.where(me, new.innovation[0] / jnp.sqrt(new.S[0, 0]), fix.normalised),
+        nis=jnp.where(me, new.nis, fix.nis),
         accepted=jnp.where(me, used, fix.accepted),
-        refused_in_a_row=jnp.where(me, jnp.where(used, 0, fix.refused_in_a_row + 1), fix.refused_in_a_row).astype(
-            np.int32
-        ),
+        refused_in_a_row=jnp.where(me, refused, fix.refused_in_a_row).astype(np.int32),
         used=increment(fix.used, used),
         rejected=increment(fix.rejected, ~used),
-        rejected_in_a_row=jnp.where(used, 0, in_a_row).astype(np.int32),
-        given_in=increment(fix.given_in, gives_in),
+        rejected_in_a_row=jnp.where(used, 0, fix.rejected_in_a_row + 1).astype(np.int32),
     )
-    return result.x, result.P, fix
+    s = replace(s, x=new.x, P=new.P, fix=fix, recent=remember_range(s.recent, i, z, -at.along, ~used))
+    number = jnp.clip(e.patience, FEWEST, KEPT)
+    newest = (jnp.arange(KEPT) < number) & (s.recent.range > 0)
+    counts = jnp.sum((s.recent.beacon == jnp.arange(me.shape[0])[:, None]) & newest, axis=1)
+    first = jnp.argmax(counts)
+    second = jnp.max(jnp.where(jnp.arange(me.shape[0]) == first, 0, counts))
+    others = jnp.sum(counts) - counts[first] - second
+    doubted = jnp.sum((counts > 0) & (fix.refused_in_a_row > 0)) >= DOUBTED_MIN
+    doubted = doubted & (e.patience > 0) & (2 * jnp.sum(s.recent.refused & newest) > number)
+    return lax.cond(doubted & (others >= OTHERS_MIN), lambda: restart_pose(form, s, number), lambda: s)
+
+
+def restart_pose(form: Any, s: OdometryState, number: Any) -> OdometryState:
+    """Return the state, restarted from the newest ranges if these agree with each other."""
+    e, n, fix = form.errors, s.fix.nis.shape[0], s.fix
+    sigma = jnp.sqrt(e.noise**2 + e.sigma_error**2)
+    fit = fit_pose(s.recent, number, form.beacons, form.down, (e.scale, e.sigma_scale), sigma)
+    agrees = fit.chi_square <= AGREEMENT * fit.freedom
+    x0, P0 = initial_belief(form.start, e, n)
+    pose = np.array([HEADING, NORTH, EAST, SCALE])
+    x0 = x0.at[pose].set(fit.q).at[HEADING].set(s.x[HEADING] + s.x[COURSE] + fit.q[0])
+    P0 = P0.at[pose[:, None], pose[None, :]].set(RESTART_VARIANCE * fit.P)
+    own = slice(0, ERRORS + n)
+    P0 = s.P.at[own, :].set(0.0).at[:, own].set(0.0).at[own, own].set(P0)
+    again = replace(
+        s,
+        x=s.x.at[own].set(x0),
+        P=P0,
+        fix=replace(
+            fix,
+            given_in=increment(fix.given_in, True),
+            refused_in_a_row=jnp.zeros_like(fix.refused_in_a_row),
+            rejected_in_a_row=jnp.zeros_like(fix.rejected_in_a_row),
+        ),
+        recent=replace(s.recent, range=jnp.zeros(KEPT), refused=jnp.zeros(KEPT, bool)),
+    )
+    return tree_where(agrees, again, s)
 
 
 def planar_estimate(t: Any, s: Any, x: Any, P: Any, fresh: Any, valid: Any) -> Estimate:

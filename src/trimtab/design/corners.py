@@ -1,0 +1,128 @@
+"""Corners and jumps of a model at a point, where automatic derivatives choose a side or a mean of both.
+
+Derivatives just beside the point show both. Beside a corner they do not approach the derivative at the point, however
+small the distance. Values beside a jump do not approach the value at the point. Offline code.
+
+Source: this module; one-sided derivatives as in A. Griewank, A. Walther, "Evaluating Derivatives", SIAM 2008, chapter
+14.
+"""
+
+from collections.abc import Iterator
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from trimtab.design.model import StateSpaceModel
+
+FAR, NEAR = 1e-5, 1e-7
+"""Distances from the point, relative to each number's size or 1, at which slopes and values are compared."""
+SMOOTH_RATIO = 0.3
+"""Largest ratio of the changes at both distances where the slope exists. It is 0.01 for smooth functions."""
+SLOPE_CHANGE_MIN = 1e-6
+"""Smallest change of a slope, relative to the largest slope of its row, that shows a corner."""
+ROUNDING = 1e-10
+"""Change of a slope, relative to the largest of all slopes, that counts as rounding."""
+JUMP_MIN = 1e-10
+"""Smallest change of a value, relative to the value and the largest slope of its row, that shows a jump."""
+VALUE_ROUNDING = 1e-14
+"""Change of a value, relative to the largest of all values and slopes, that counts as rounding."""
+MIXED = 8
+"""Number of directions that move all states and inputs together."""
+
+
+class Corner(NamedTuple):
+    """Corner or jump. row: name of the derivative or output.  reason: one-sided slopes, or values, in words."""
+
+    row: str
+    reason: str
+
+
+class _Side(NamedTuple):
+    """Changes of slopes (rows, columns) and values (rows,) between the point and two places on one side of it."""
+
+    far: Any
+    near: Any
+    far_value: Any
+    near_value: Any
+
+
+def find_corner(model: StateSpaceModel, x: Any, u: Any) -> Corner | None:
+    """Return the first corner or jump at a point, or None if the model is smooth there.
+
+    Places along each state and input are tried, and along some directions that move all together.
+
+    Args:
+        model: the system.
+        x: state (n,).
+        u: input (m,).
+    """
+    z0, n = np.concatenate([np.asarray(x, float), np.asarray(u, float)]), len(x)
+    size = np.maximum(np.abs(z0), 1.0)
+    names, rows = (*model.states, *model.inputs), (*(f"{name}'" for name in model.states), *model.outputs)
+    J0, y0 = _slopes_and_values(model, z0, n, size)
+
+    def change(step: Any) -> tuple[Any, Any]:
+        J, y = _slopes_and_values(model, z0 + step, n, size)
+        return J - J0, y - y0
+
+    for way, name in _directions(names):
+        sides = []
+        for sign in (1.0, -1.0):
+            (far, far_value), (near, near_value) = (change(sign * h * size * way) for h in (FAR, NEAR))
+            sides.append(_Side(far, near, far_value, near_value))
+        bad = _jump(sides, y0, J0)
+        if bad is not None:
+            below, above = (float(y0[bad] + side.near_value[bad]) for side in sides[::-1])
+            reason = f"it is {below:.6g} before, {y0[bad]:.6g} at and {above:.6g} after the point along {name}"
+            return Corner(rows[bad], reason)
+        entry = _corner(sides, J0)
+        if entry is not None:
+            i, j = entry
+            below, at, above = (float(J[i, j] / size[j]) for J in (J0 + sides[1].near, J0, J0 + sides[0].near))
+            reason = f"its slope by {names[j]} is {below:.6g} before and {above:.6g} after the point along {name}"
+            return Corner(rows[i], f"{reason}; the automatic derivative at the point is {at:.6g}")
+    return None
+
+
+def _directions(names: tuple[str, ...]) -> Iterator[tuple[Any, str]]:
+    """Yield directions (n,) with their names: each state and input, then mixtures with drawn signs and lengths."""
+    for k, name in enumerate(names):
+        yield np.eye(len(names))[k], name
+    if len(names) > 1:
+        draws = np.random.default_rng(0)
+        for _ in range(MIXED):
+            way = draws.uniform(0.5, 1.0, len(names)) * draws.choice([-1.0, 1.0], len(names))
+            parts = ", ".join(f"{v:+.2f} {name}" for v, name in zip(way, names, strict=True))
+            yield way, f"the direction {parts}" if len(names) <= 4 else "a direction that moves all together"
+
+
+def _slopes_and_values(model: StateSpaceModel, z: Any, n: int, size: Any) -> tuple[Any, Any]:
+    """Return slopes of derivatives and outputs, times the sizes of states and inputs, and values."""
+    A, B, C, D = model.slopes(z[:n], z[n:])
+    return np.block([[A, B], [C, D]]) * size, np.concatenate(model.evaluate(z[:n], z[n:]))
+
+
+def _jump(sides: list[_Side], y0: Any, J0: Any) -> int | None:
+    """Return the row of a jump. Places without a finite value show none."""
+    row = np.maximum(np.abs(y0), np.abs(J0).max(axis=1, initial=0.0))
+    least = np.maximum(JUMP_MIN * row, VALUE_ROUNDING * row.max(initial=0.0))
+    for side in sides:
+        near, far = np.abs(side.near_value), np.abs(side.far_value)
+        bad = np.flatnonzero((near > least) & (near > SMOOTH_RATIO * far))
+        if len(bad):
+            return int(bad[0])
+    return None
+
+
+def _corner(sides: list[_Side], J0: Any) -> tuple[int, int] | None:
+    """Return row and column of a slope that changes at the point. Places without a finite slope show none."""
+    around = [np.abs(J0), *(np.abs(J0 + side.near) for side in sides)]
+    row = np.nanmax([np.nanmax(J, axis=1, initial=0.0) for J in around], axis=0)
+    least = np.maximum(SLOPE_CHANGE_MIN * row, ROUNDING * row.max(initial=0.0))[:, None]
+    for side in sides:
+        near, far = np.abs(side.near), np.abs(side.far)
+        bad = np.argwhere((near > least) & (near > SMOOTH_RATIO * far))
+        if len(bad):
+            i, j = bad[0].tolist()
+            return i, j
+    return None
