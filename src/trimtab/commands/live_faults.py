@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     show_default=True,
     help="Seed of the random flights and of virtual time.",
 )
-@click.option("--real-time", "is_real", is_flag=True, help="Fly real processes over real sockets, in real time.")
+@click.option("--real-time", "is_real", is_flag=True, help="Ask for flights of real processes, in real time.")
 @click.option("--jobs", type=click.IntRange(1, 16), default=2, show_default=True, help="Number of flights at a time.")
 @OUT("DIR", "Write logs and printed text to this folder, one folder per case.")
 @click.option("--page", type=FILE, metavar="FILE", help="Write the docs page with the results; with --only, add to it.")
