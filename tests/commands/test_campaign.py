@@ -7,6 +7,7 @@ import pytest
 from click.testing import CliRunner
 
 from trimtab.cli import main
+from trimtab.commands.campaign import drop_option
 from trimtab.run.simulate import simulate
 from trimtab.scenarios.build import build
 
@@ -46,7 +47,8 @@ def test_json_says_what_came_of_it(kept):
     assert set(found["metrics"]["error_rms:yaw_rate"]) >= {"median", "median_low", "p95", "largest"}
     names = {f.name for f in (folder / "pictures").iterdir()}
     assert "campaign.parquet" in names
-    assert sum(n.endswith(".png") for n in names) >= 3
+    assert {"convergence.png", "histogram-error_rms-yaw_rate.png"} <= names
+    assert "parallel-coordinates.png" not in names, "one varied parameter has no second axis"
     assert {str(folder / "pictures" / n) for n in names} == set(found["files"])
 
 
@@ -93,6 +95,13 @@ def test_the_table_names_what_failed_and_how_to_see_it(kept):
     assert "error_rms:yaw_rate" in shown
     assert f"failed: {failed[0]}" in shown
     assert f"--rerun {failed[0]}" in shown
+
+
+@pytest.mark.parametrize("typed_out", ["--out camp", "--out=camp"])
+def test_drops_the_folder_from_the_rerun_command(typed_out):
+    command = f"trimtab campaign a/b --runs 5 {typed_out} --spread 'm=uniform(80%, 120%)'"
+    assert drop_option(command, "--out") == "trimtab campaign a/b --runs 5 --spread 'm=uniform(80%, 120%)'"
+    assert drop_option("trimtab campaign a/b", "--out") == "trimtab campaign a/b"
 
 
 @pytest.mark.parametrize(

@@ -41,7 +41,7 @@ def test_numbers_as_json_and_a_picture(tmp_path):
 @pytest.mark.thorough
 def test_words_for_people():
     done = call("--no-theory", x="delay=0.1:0.6:3", y="autopilot.law.k2=80%:120%:2", set="duration=20 s")
-    for text in ("points flown of 15", "autopilot.law.k2 0.8 × own: succeeds at 0.1, turns at uplink delay 0."):
+    for text in ("points flown of 15", "autopilot.law.k2 0.8 × own: succeeds at 0.1, boundary at uplink delay 0."):
         assert text in done.stdout
 
 

@@ -165,7 +165,7 @@ def test_a_files_flight_is_replayed_by_naming_the_file(flight):
     assert "hovercraft/forward" not in str(refused.exception)
     again = call("replay", folder / "run.mcap", "--scenario", f"{FILE}:hover")
     assert again.exit_code == 0, again.output
-    assert "repeated bit by bit" in again.output
+    assert "identical bit for bit" in again.output
 
 
 def test_a_type_of_vehicle_that_there_is_none_of_is_refused_before_a_run():

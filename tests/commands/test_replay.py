@@ -55,7 +55,7 @@ def wrong(file):
 @pytest.mark.thorough
 def test_a_run_that_comes_again_is_good(file):
     done = call(file)
-    assert (done.exit_code, done.stdout) == (0, "400 steps repeated bit by bit on c\n")
+    assert (done.exit_code, done.stdout) == (0, "400 steps repeated, identical bit for bit, by backend c\n")
     found = json.loads(call(file, "--json").stdout)
     assert (found["exact"], found["equal"], found["first"], found["steps"]) == (True, True, None, 400)
     assert found["errors"]["yaw_rate"]["recorded"] == found["errors"]["yaw_rate"]["replayed"] > 0

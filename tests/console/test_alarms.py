@@ -57,6 +57,16 @@ def test_the_supervisors_mode(mode, cause, level):
     assert CAUSES[cause] in text
 
 
+@pytest.mark.parametrize(("held_for", "text"), [(0.05, None), (0.4, "stick 0.40 s old, limit 0.3 s")])
+def test_stick_age_counts_from_taking_the_stick(held_for, text):
+    stick = {"path": "downlink.stick.age", "label": "stick", "limit": 0.3}
+    found = Flight(HELLO | {"signals": [*HELLO["signals"], stick], "ages": [*HELLO["ages"], stick]})
+    found.take_row(1.0, 100.0, [*SIGNALS.values(), 66.0])
+    assert alarms(found) == {}, "nobody has the stick"
+    found.piloted_since = 100.0 - held_for
+    assert alarms(found) == ({} if text is None else {"age-stick": (ALARM, text)})
+
+
 def test_a_vehicle_that_was_armed_and_is_not():
     found = flight()
     found.take_row(2.0, 100.0, list((SIGNALS | {"vehicle.armed": 0.0}).values()))
@@ -75,7 +85,7 @@ def test_many_overruns_at_a_time_are_shown_and_a_few_are_not():
 def test_requests_say_why_not():
     requests = flight().explain_requests()
     assert requests["hold"] == {"allowed": True, "why": ""}
-    assert requests["resume"] == {"allowed": False, "why": "it is flying, not on hold"}
+    assert requests["resume"] == {"allowed": False, "why": "the mode is flying, not hold"}
     assert flight(supervisor__mode=STANDBY, supervisor__check=1.0).explain_requests()["arm"] == {
         "allowed": False,
         "why": "estimate not valid",

@@ -305,7 +305,7 @@ def test_alarms_are_shown_acknowledged_and_noted_for_the_log(site):
                 site.flight.send_row()
                 found = await _collect(page, ["status"])
             site.flight.values["supervisor.mode"] = 1.0
-            await site.wait(lambda: any("over: fault" in note for note in site.flight.notes()))
+            await site.wait(lambda: any("cleared: fault" in note for note in site.flight.notes()))
 
     asyncio.run(alarm())
 

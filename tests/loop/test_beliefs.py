@@ -55,7 +55,7 @@ def test_a_difference_that_is_named_flies_and_is_told_with_its_path():
     path = "autopilot.law.internal.craft"
     scenario = build(CLIMB, {**PREVIEW, f"{path}.m": "301", "mismatch": path})
     assert describe_mismatches([m._asdict() for m in mismatches(scenario)]) == (
-        f"believed ≠ world: {path}.m 301 vs 300 (intended)"
+        f"model ≠ world: {path}.m 301 vs 300 (intended)"
     )
     for other in ("autopilot.law.craft", "autopilot.law.internal.craft.modes"):
         with pytest.raises(InputError, match="two parts have different models"):
@@ -114,7 +114,7 @@ def test_many_differences_are_counted():
 @pytest.mark.thorough
 def test_the_command_line_tells_it():
     words = ["run", SPIN, "--set", "world.vehicle.mass=3", "--set", "duration=1", "--no-ideal"]
-    assert "believed ≠ world: mass 2.6 vs 3 (intended)" in CliRunner().invoke(main, words).output
+    assert "model ≠ world: mass 2.6 vs 3 (intended)" in CliRunner().invoke(main, words).output
     printed = json.loads(CliRunner().invoke(main, [*words, "--json"]).output)
     assert printed["mismatch"] == [{"path": "mass", "believed": "2.6", "actual": "3"}]
     listed = CliRunner().invoke(main, ["list", "hypersonic/mismatch", "--json"]).output

@@ -28,6 +28,13 @@ def test_histogram_draws_every_run_or_says_how_many_not(tmp_path):
     assert imread(tmp_path / "h.png").std() > 0.05
 
 
+@pytest.mark.parametrize(("limit", "side"), [(500.0, "right"), (-500.0, "left")])
+def test_far_limit_does_not_squeeze_the_bars(limit, side):
+    axes = plot_histogram(np.linspace(0.0, 1.0, 200), limit=limit).axes[0]
+    assert np.ptp(axes.get_xlim()) < 2
+    assert f"limit {limit:g}, beyond the {side} edge" in words_of(axes)
+
+
 @pytest.mark.thorough("x0", "x1")
 @pytest.mark.parametrize("x", [np.full(20, 3.0), np.full(20, np.nan), np.array([1.0])])
 def test_histogram_of_nothing_much_is_drawn_too(x, tmp_path):

@@ -16,6 +16,7 @@ def test_what_moves_and_the_span(tmp_path):
     assert [ax.get_title(loc="left") for ax in figure.axes] == ["a", "c", "F"]
     np.testing.assert_allclose(figure.axes[1].lines[0].get_ydata(), np.degrees(0.1 * times))
     assert figure.axes[1].get_ylabel() == "deg"
+    assert figure.axes[-1].get_xlabel() == "time (s)"
 
 
 def test_outputs_come_first_and_what_hardly_moves_in_its_unit_is_left_out(tmp_path):

@@ -21,6 +21,8 @@ def test_floor_flight_and_limits_are_drawn(tmp_path):
     assert kinds.count("Polygon") == 1
     assert kinds.count("Circle") == 1 + len(range(0, len(plan.flown["time"]), 50))
     labels = {line.get_label(): line for line in floor.lines}
+    named = [text.get_text() for text in floor.get_legend().get_texts()]
+    assert named == ["searched path", "flight, centre of mass", "nose", "start", "goal"]
     np.testing.assert_array_equal(labels["flight, centre of mass"].get_xdata(), plan.flown["east"])
     assert (labels["goal"].get_xdata()[0], labels["goal"].get_ydata()[0]) == (0, 2)
     for axes, most in ((thrust, LAW.push), (angle, LAW.deflection)):

@@ -11,7 +11,7 @@ from trimtab.core.quantity import Quantity
 from trimtab.core.time import ms, to_seconds
 from trimtab.logs.log import Log
 from trimtab.logs.metrics import Target
-from trimtab.plots.run import plot_run, select_panels
+from trimtab.plots.run import Panel, plot_run, select_panels, signal_note
 from trimtab.plots.style import BLUE, CHATTER, GREY, VERMILION, decimate
 from trimtab.run.simulate import simulate
 
@@ -75,6 +75,13 @@ def test_panels_follow_from_the_paths(drawn):
     assert titles == [*truth, *actuators, "Mode", "Lyapunov", "Age of the newest sample", "Flags"]
     assert figure.axes[0].get_title(loc="right") == "truth.surge_velocity"
     assert axes_of(figure, "FX").get_title(loc="right") == "law.demand.FX, actuators.u.FX"
+
+
+def test_note_gives_way_to_a_long_title():
+    name, demand = "actuators.u.shaft_speed", "law.demand.shaft_speed"
+    assert signal_note(Panel("Shaft speed, actuators.u", (name,), demand_path=demand)) == name
+    assert signal_note(Panel("Shaft speed", (name,), demand_path=demand)) == f"{demand}, {name}"
+    assert signal_note(Panel("A title as long as the whole width of the panel is", (name,))) == ""
 
 
 def test_labels_have_the_declared_units(drawn):

@@ -37,6 +37,11 @@ def test_points_boundary_and_theory(tmp_path):
         "boundary",
         "delay margin (linear, no loss)",
     ]
+    criteria = [StabilityCriterion(name, *at, 0.5 - np.outer(*at)) for name in ("delay margin", "jitter margin")]
+    whole = plot_stability_map(found, theory=criteria)
+    whole.canvas.draw()
+    legend = whole.legends[0].get_window_extent()
+    assert whole.bbox.x0 <= legend.x0 < legend.x1 <= whole.bbox.x1, "the legend is cut"
     colours = axes.collections[0].get_array().reshape(32, 32)  # rows are y
     assert (colours[0, 0], colours[-1, -1]) == (1.0, 0.0)
 

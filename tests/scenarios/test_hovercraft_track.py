@@ -43,6 +43,12 @@ def test_it_follows(reference):
     assert errors.max() < BANDS[reference][1]
 
 
+@pytest.mark.parametrize("law", ["lyapunov", "horizon"])
+def test_target_is_the_distance_from_the_path(law):
+    (target,) = build("hovercraft/track", {"law": law}).targets
+    assert (target.path, target.value, target.band) == ("law.position_error", 0.0, 0.2)
+
+
 @pytest.mark.thorough
 def test_what_the_law_logs_is_the_true_error_where_it_knows_the_truth():
     log = simulate(build("hovercraft/track").ideal(), duration=ms(3000), log_period=ms(100))

@@ -172,7 +172,7 @@ def command(
     if as_json:
         print_json(_result_json(scenario, result, verdicts, store) | {"notes": notes, "files": files})
     else:
-        print_campaign(campaign, result, verdicts, _typed_command())
+        print_campaign(campaign, result, verdicts, drop_option(_typed_command(), "--out"))
         for note in notes:
             click.echo(f"note: {note}")
         print_files(files)
@@ -196,6 +196,15 @@ def _expand_calibrations(scenario: str, plan: dict[str, Any]) -> list[str]:
 def _typed_command() -> str:
     """Return the command as it was typed."""
     return shlex.join(["trimtab", *sys.argv[1:]])
+
+
+def drop_option(command: str, option: str) -> str:
+    """Return a command without an option and its value."""
+    words = shlex.split(command)
+    kept = [
+        w for k, w in enumerate(words) if not w.startswith(f"{option}=") and option not in words[max(k - 1, 0) : k + 1]
+    ]
+    return shlex.join(kept)
 
 
 def _check_device(device: str) -> None:

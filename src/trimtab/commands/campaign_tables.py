@@ -137,7 +137,7 @@ def write_pictures(campaign: Campaign, result: CampaignResult, folder: Path) -> 
     files.append(folder / "convergence.png")
     plot_convergence(result.columns["success"], path=files[-1], title=title)
     spread = {path: result.columns[path] for path, _ in result.plan.spread}
-    if spread:
+    if len(spread) > 1:  # one axis alone shows nothing
         files.append(folder / "parallel-coordinates.png")
         declared = {path: d.unit for path, _, d in leaves(campaign.ready.scenario) if isinstance(d, Quantity)}
         units = {path: declared.get(path.partition("[")[0], "") for path in spread}

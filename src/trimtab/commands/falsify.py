@@ -40,7 +40,13 @@ from trimtab.core.cache_folder import enable_cache
 @VARY
 @SUCCESS
 @RUNS(5000, "Number of runs, at most.")
-@click.option("--words", type=click.IntRange(1), default=4, show_default=True, help="Seeds per candidate.")
+@click.option(
+    "--words",
+    type=click.IntRange(1),
+    default=4,
+    show_default=True,
+    help="Number of runs per candidate, each with its own random numbers.",
+)
 @click.option(
     "--over",
     type=click.Choice(("worst", "mean")),

@@ -285,7 +285,7 @@ def print_result(result: Mapping[str, Any], units: Mapping[str, str]) -> None:
     click.echo(f"mode switches of the law: {switches}      columns: see docs, Metrics")
     for side, summary in sides.items():
         for path, flag in summary["flags"].items():
-            click.echo(f"{path} ({side}): up for {flag['for_s']:.4g} s, first at {flag['first_s']:.4g} s")
+            click.echo(f"{path} ({side}): true for {flag['for_s']:.4g} s, first at {flag['first_s']:.4g} s")
         step = summary.get("integration")
         if step is not None and step["first_s"] is not None:
             size, first = f"up to {step['worst']:.3g} times the tolerance", f"first at {step['first_s']:.4g} s"

@@ -224,6 +224,7 @@ def _fly_real_time(
         else:
             with open_console(address, lambda line: describe_flight(autopilot, line)) as console:
                 sink.put(f"console: {console.url}\nfor observers: {console.observer}")
+                sink.put("open one of them in a browser; Ctrl-C ends the flight")
                 if address.opens:
                     webbrowser.open(console.url)
                 flight = fly(console=console.line)

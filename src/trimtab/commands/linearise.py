@@ -51,7 +51,11 @@ ON_AXIS = 1e-7
     help="With --closed-loop: time to fly before linearising, to reach a steady state.",
 )
 @click.option(
-    "--round", "round_time", type=float, metavar="SECONDS", help="With --closed-loop: period of a closed path."
+    "--round",
+    "round_time",
+    type=float,
+    metavar="SECONDS",
+    help="With --closed-loop: time of one round, for a reference on a closed path.",
 )
 @PLOT("Picture of the open-loop response (Bode); with --closed-loop.", "picture")
 @WITHOUT

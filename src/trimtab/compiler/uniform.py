@@ -2,7 +2,7 @@
 
 JAX computes both cases of `jnp.where`. Over lanes, a test on time alone holds in all runs or in none, and a branch on
 it skips, for example, the draws and the reading of a link at the instants at which nobody listens. Nothing is computed
-that was not computed before, and no operation sees other operands: the numbers stay the same, bit by bit.
+that was not computed before, and no operation sees other operands: the numbers stay the same, bit for bit.
 """
 
 from bisect import bisect_right

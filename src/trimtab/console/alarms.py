@@ -41,8 +41,8 @@ class Flight:
         self._has_supervisor, self._has_stick = hello["supervisor"] is not None, hello["pilot"] is not None
         self._row: Any = ()
         self.t, self.clock = math.nan, -math.inf
-        self.is_piloted = False
-        """True while a pilot has the stick, or left without giving it back."""
+        self.piloted_since: float | None = None
+        """Server's clock (s) when the pilot took the stick; kept if the pilot leaves without giving the stick back."""
         self._was_armed = False
         self._overruns: list[tuple[float, float]] = []
         self._counts: list[tuple[float, float, float]] = []
@@ -70,7 +70,7 @@ class Flight:
         if now - self.clock > MUTE:
             return [Alarm("mute", ALARM, f"no data from the autopilot for {now - self.clock:.1f} s")]
         flight = (*self._vehicle_alarms(), *self._supervisor_alarms(), *self._monitor_alarms())
-        return [*flight, *self._age_alarms(), *self._loop_alarms()]
+        return [*flight, *self._age_alarms(now), *self._loop_alarms()]
 
     def _vehicle_alarms(self) -> list[Alarm]:
         found = []
@@ -92,12 +92,14 @@ class Flight:
         numbers = {name: self.read(f"monitor.{name}.robustness") for name in broken}
         return [Alarm(f"monitor-{n}", ALARM, f"{n} is violated, robustness {x:.3g}") for n, x in numbers.items()]
 
-    def _age_alarms(self) -> list[Alarm]:
+    def _age_alarms(self, now: float) -> list[Alarm]:
         found = []
         for age in self._ages:
             value, limit, label = self.read(age["path"]), age["limit"], age["label"]
-            if label == "stick" and not (self.is_piloted and self.read("vehicle.armed")):
-                continue
+            if label == "stick":
+                if self.piloted_since is None or not self.read("vehicle.armed"):
+                    continue
+                value = min(value, now - self.piloted_since)  # samples of an earlier pilot do not count
             if value > WARN_SHARE * limit:
                 level = ALARM if value > limit else WARNING
                 found.append(Alarm(f"age-{label}", level, f"{label} {value:.2f} s old, limit {limit:g} s"))

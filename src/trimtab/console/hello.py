@@ -170,7 +170,7 @@ def _list_ages(scenario: Scenario, paths: Sequence[str]) -> list[dict[str, Any]]
     """Return the ages to show, with their limits."""
     supervisor = scenario.autopilot.supervisor
     stale = STALE_AGE if supervisor is None else float(supervisor.stale_age)
-    ages = [("estimate.age", "estimate", stale), ("link.silence", "line", to_seconds(SILENCE))]
+    ages = [("estimate.age", "estimate", stale), ("link.silence", "link", to_seconds(SILENCE))]
     ages += [(f"downlink.{name}.age", name, stale) for name in scenario.autopilot.estimator.listens]
     law = scenario.autopilot.law
     stick = optional_member(law, "stick")

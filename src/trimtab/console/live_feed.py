@@ -82,7 +82,7 @@ class LiveFeed:
             self._take(client, message["id"])
         elif kind == "release":
             if self._pilot == number:
-                self._pilot, self._flight.is_piloted = None, False
+                self._pilot, self._flight.piloted_since = None, None
                 self._tell({"type": "release", "pilot": number})
             client.send({"type": "answer", "id": message["id"], "ok": True, "text": "you gave the stick back"})
         elif kind in MUTABLE:
@@ -96,7 +96,7 @@ class LiveFeed:
             text = f"page {holder} has the stick"
         else:
             self._pilot, self._stick_clock, text = client.number, time.monotonic(), ""
-            self._flight.is_piloted = True
+            self._flight.piloted_since = time.monotonic()
             self._tell({"type": "take", "pilot": client.number})
         client.send({"type": "answer", "id": id, "ok": not text, "text": text or "you have the stick"})
 
@@ -183,7 +183,7 @@ class LiveFeed:
         """Update the alarms; each start and end is an event, and a line of the flight's log."""
         now = {a.id: a for a in self._flight.list_alarms(time.monotonic())}
         for id in [id for id in self._alarms if id not in now]:
-            self.note(f"console: over: {self._alarms.pop(id)['text']}")
+            self.note(f"console: cleared: {self._alarms.pop(id)['text']}")
         for id, alarm in now.items():
             held = self._alarms.get(id)
             if held is None or (held["level"] != alarm.level and alarm.level == ALARM):

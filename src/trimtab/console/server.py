@@ -172,7 +172,7 @@ async def serve_here(address: ConsoleAddress, feed: Any, routes: list[BaseRoute]
     with open_listener(address) as listener:
         access = Access(address.host, listener.getsockname()[1], address.certificate is not None, tell)
         app = make_app(access, feed, tell, routes)
-        tell(f"console: {access.url(PILOT)}")
+        tell(f"console: {access.url(PILOT)}\nopen it in a browser; Ctrl-C ends the server")
         if address.opens:
             webbrowser.open(access.url(PILOT))
         await serve(app, listener, address.files, over.wait, over)

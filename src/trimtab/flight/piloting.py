@@ -173,7 +173,7 @@ class Piloting:
             self._supervised.request(request)
         elif request == "end":
             self._stop("ended from the console")
-        return f"the {'vehicle' if asks_vehicle else 'supervisor'} has the request"
+        return f"sent to the {'vehicle' if asks_vehicle else 'supervisor'}"
 
     def _stop(self, why: str) -> None:
         """End the flight at once: the vehicle is disarmed, and no command is valid from the next step on."""

@@ -80,10 +80,10 @@ def belief_mismatches(autopilot: Any, vehicle: Any) -> list[Mismatch]:
 
 
 def describe_mismatches(mismatches: Iterable[Mapping[str, str]]) -> str:
-    """Return one line, e.g. "believed ≠ world: mass 2.6 vs 3 (intended)", or "" without differences."""
+    """Return one line, e.g. "model ≠ world: mass 2.6 vs 3 (intended)", or "" without differences."""
     parts = [f"{m['path']} {m['believed']} vs {m['actual']}" for m in mismatches]
     more = f" and {len(parts) - SHOWN} more" if len(parts) > SHOWN else ""
-    return f"believed ≠ world: {', '.join(parts[:SHOWN])}{more} (intended)" if parts else ""
+    return f"model ≠ world: {', '.join(parts[:SHOWN])}{more} (intended)" if parts else ""
 
 
 def _differences(one: Any, other: Any) -> list[tuple[str, str, str]]:

@@ -42,11 +42,11 @@ def explain_requests(mode: int, check: int) -> dict[str, str]:
     """
     objection = CHECKS[check] if check else ""
     name, under_way = MODES[mode], mode in (FLYING, HOLD, LOST)
-    last = "clear it first" if mode in (FAULT, ENDED) else f"it is {name}"
+    last = "clear it first" if mode in (FAULT, ENDED) else f"the mode is already {name}"
     return {
         "arm": objection if mode == STANDBY else last,
-        "hold": "" if mode in (FLYING, LOST) else f"it is {name}, not flying",
-        "resume": objection if mode == HOLD else f"it is {name}, not on hold",
-        "end": "" if under_way else f"it is {name}, which is not in flight",
-        "clear": "" if mode in (FAULT, ENDED) else f"it is {name}: there is nothing to clear",
+        "hold": "" if mode in (FLYING, LOST) else f"the mode is {name}, not flying",
+        "resume": objection if mode == HOLD else f"the mode is {name}, not hold",
+        "end": "" if under_way else f"the mode is {name}, not in flight",
+        "clear": "" if mode in (FAULT, ENDED) else f"nothing to clear in mode {name}",
     }

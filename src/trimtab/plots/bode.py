@@ -11,8 +11,12 @@ if TYPE_CHECKING:  # matplotlib is imported when something is drawn
     from matplotlib.figure import Figure
 
 
+DASHES = ("-", (0, (6, 6)), (0, (2, 6)))
+"""Line styles; with gaps, so that of two equal loops both are visible."""
+
+
 def plot_bode(loop: LoopMap, path: PicturePath = None, title: str = "") -> "Figure":
-    """Draw size and phase of each broken loop, with a dot and the phase margin where its size is 1.
+    """Draw magnitude and phase of each broken loop, with a dot and the phase margin where its magnitude is 1.
 
     Args:
         loop: map of the loop.
@@ -23,9 +27,10 @@ def plot_bode(loop: LoopMap, path: PicturePath = None, title: str = "") -> "Figu
     axes: Any = figure.subplots(2, 1, sharex=True)
     w = loop.grid()
     values, crossings = loop.broken_loops(w), find_crossings(loop)
-    style_axes(axes[0], "size", f"{title}: commands broken one at a time", "dB")
+    style_axes(axes[0], "magnitude", f"{title}: commands broken one at a time", "dB")
     style_axes(axes[1], "phase", "", "degrees")
-    for column, name, colour in zip(values.T, loop.commands, SEVERAL, strict=False):
+    for k, (column, name, colour) in enumerate(zip(values.T, loop.commands, SEVERAL, strict=False)):
+        dashes = DASHES[k % len(DASHES)]
         size = 20 * np.log10(np.maximum(np.abs(column), 1e-12))
         phase = np.degrees(np.unwrap(np.angle(column)))
         if crossings[name]:  # where the size is 1, the phase margin is what lies above -180 degrees
@@ -35,8 +40,8 @@ def plot_bode(loop: LoopMap, path: PicturePath = None, title: str = "") -> "Figu
         drawn = size > -80
         if not drawn.any():
             continue
-        axes[0].semilogx(w[drawn], size[drawn], color=colour, label=name)
-        axes[1].semilogx(w[drawn], phase[drawn], color=colour)
+        axes[0].semilogx(w[drawn], size[drawn], color=colour, ls=dashes, label=name)
+        axes[1].semilogx(w[drawn], phase[drawn], color=colour, ls=dashes)
         for frequency, margin in crossings[name]:
             at = np.interp(np.log(frequency), np.log(w), phase)
             axes[0].plot(frequency, 0, "o", ms=5, color=colour)
@@ -46,6 +51,6 @@ def plot_bode(loop: LoopMap, path: PicturePath = None, title: str = "") -> "Figu
     axes[0].axhline(0, color=GREY, lw=0.8)
     axes[1].axhline(-180, color=GREY, lw=0.8, ls="--")
     axes[1].set_ylim(max(axes[1].get_ylim()[0], -900), None)
-    axes[1].set_xlabel("rad/s")
+    axes[1].set_xlabel("frequency (rad/s)")
     axes[0].legend(frameon=False, fontsize=9)
     return save_figure(figure, path)

@@ -55,7 +55,8 @@ def plot_parallel(
     for chosen, colour, word, order in ((good, BLUE, "succeeded", 1), (~good, VERMILION, "failed", 2)):
         rows = thin_rows(np.flatnonzero(chosen), MOST_LINES)
         _draw_lines(axes, place[:, rows].T, colour, order)
-        axes.plot([], [], color=colour, label=f"{chosen.sum()} {word}, {len(rows)} of them drawn")
+        drawn = "" if len(rows) == chosen.sum() else f", {len(rows)} of them drawn"
+        axes.plot([], [], color=colour, label=f"{chosen.sum()} {word}{drawn}")
     for i in k:
         axes.plot([i, i], [0, 1], color="#404040", linewidth=0.8, zorder=3)
         for y, value, side in ((-0.02, low[i], "top"), (1.02, high[i], "bottom")):
@@ -128,12 +129,11 @@ def plot_histogram(
 
     Args:
         shares: levels of the quantiles.
-        shares: which quantiles.
         path: where to save, see `PicturePath`.
         title: title of the plot.
         label: name and unit of the metric.
         level: confidence of each band.
-        limit: a required value, drawn as a line.
+        limit: a required value, drawn as a line if it is near the values; the legend names it in any case.
     """
     figure, axes = _new_axes(7.0, 4.4, title)
     x = as_column(values, "plot_histogram")
@@ -146,7 +146,7 @@ def plot_histogram(
     for band, colour in zip(bands, (GREEN, BLUE, PURPLE, ORANGE) * len(bands), strict=False):
         _draw_band(axes, band, colour, left, right)
     if limit is not None:
-        axes.axvline(limit, color=VERMILION, linewidth=1.2, linestyle="--", label=f"limit {limit:g}")
+        _draw_limit(axes, limit, left, right)
     axes.set(xlabel=label, ylabel="runs")
     notes = [f"{len(x)} runs"] + [f"{len(finite) - len(drawn)} beyond the edges"] * (len(drawn) < len(finite))
     notes += [f"{len(x) - len(finite)} without a finite value, counted as +inf"] * (len(finite) < len(x))
@@ -189,8 +189,9 @@ def plot_convergence(
         axes.axhline(limit, color=VERMILION, linewidth=1.2, linestyle="--", label=f"limit {limit:g}")
     if p is not None:
         axes.set_ylim(*_estimate_limits(np.where(np.abs(fixed) < HUGE, fixed, np.nan), limit))
-    axes.set(xscale="log", xlabel="runs", xlim=(runs[0], max(runs[-1], runs[0] + 1)))
-    axes.set_ylabel(label or ("success" if p is None else f"p{100 * p:g}"))
+    axes.set(xscale="log", xlabel="number of runs", xlim=(runs[0], max(runs[-1], runs[0] + 1)))
+    axes.xaxis.set_major_formatter("{x:g}")
+    axes.set_ylabel(label or ("success rate" if p is None else f"p{100 * p:g}"))
     axes.legend(fontsize=8)
     axes.grid(color="#DDDDDD", linewidth=0.5)
     return save_figure(figure, path)
@@ -235,6 +236,15 @@ def _histogram_edges(finite: Any) -> tuple[float, float]:
     reach = BEYOND * (high - low) or max(1e-3, abs(middle)) / 2
     left, right = max(finite[0], middle - reach), min(finite[-1], middle + reach)
     return (float(left), float(right)) if right > left else (left - reach, right + reach)
+
+
+def _draw_limit(axes: Any, limit: float, left: float, right: float) -> None:
+    """Draw a limit as a line; a limit far from the edges would squeeze the bars, so only the legend names it."""
+    name, style = f"limit {limit:g}", {"color": VERMILION, "linewidth": 1.2, "linestyle": "--"}
+    if left - (right - left) <= limit <= right + (right - left):
+        axes.axvline(limit, label=name, **style)
+    else:
+        axes.plot([], [], label=f"{name}, beyond the {'left' if limit < left else 'right'} edge", **style)
 
 
 def _draw_band(axes: Any, band: Quantile, colour: str, left: float, right: float) -> None:

@@ -55,5 +55,5 @@ def plot_inversion(
         style_axes(ax, name, title if ax is axes[0] else "", shown)
         ax.axvspan(*span, color=GREY, alpha=0.15, lw=0)
         ax.plot(found.times, scale * columns[name], color=SEVERAL[1 if name in inputs else 0])
-    axes[-1].set_xlabel("s")
+    axes[-1].set_xlabel("time (s)")
     return save_figure(figure, path)

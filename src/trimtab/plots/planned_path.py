@@ -39,7 +39,9 @@ def plot_planned_path(task: PlanTask, plan: FlownPlan, path: PicturePath = None,
     )
     for k, (name, unit, values, limits) in enumerate(rows):
         axes: Any = figure.add_subplot(grid[k, 1])
-        style_axes(axes, name, "dashed: limits" if len(limits) > 1 else "green: from obstacles", unit)
+        style_axes(
+            axes, name, "dashed: limits" if len(limits) > 1 else "blue: speed, green: distance from obstacles", unit
+        )
         axes.plot(t, values, color=BLUE, lw=1.2)
         for limit in limits:
             axes.axhline(limit, color=VERMILION, lw=0.9, ls="--")
@@ -67,13 +69,14 @@ def _draw_flight(axes: Any, task: PlanTask, plan: FlownPlan) -> None:
     from matplotlib.patches import Circle
 
     flown = plan.flown
-    axes.plot(plan.route.places[:, 1], plan.route.places[:, 0], color=GREY, lw=1.0, ls="--", label="way")
+    axes.plot(plan.route.places[:, 1], plan.route.places[:, 0], color=GREY, lw=1.0, ls="--", label="searched path")
     axes.plot(flown["east"], flown["north"], color=BLUE, lw=1.4, label="flight, centre of mass")
     for k in range(0, len(flown["time"]), EACH):
         north, east, heading = flown["north"][k], flown["east"][k], flown["heading"][k]
         axes.add_patch(Circle((east, north), task.radius, fill=False, color=BLUE, lw=0.4, alpha=0.7))
         tip = task.radius * np.array([np.sin(heading), np.cos(heading)])
-        axes.plot([east, east + tip[0]], [north, north + tip[1]], color=VERMILION, lw=0.9)
+        nose = "nose" if k == 0 else None
+        axes.plot([east, east + tip[0]], [north, north + tip[1]], color=VERMILION, lw=0.9, label=nose)
     axes.plot(task.start[1], task.start[0], "o", color=GREEN, ms=6, label="start")
     axes.plot(task.goal[1], task.goal[0], "*", color=GREEN, ms=11, label="goal")
     axes.legend(loc="upper left", fontsize=8, framealpha=0.9)

@@ -53,6 +53,8 @@ IN_SPACE = {
 """Panels of a vehicle in space, and their signals."""
 LIMIT_FARTHEST = 0.5
 """Largest distance of a drawn limit of an input, in spans of the input; a farther one would make the input small."""
+TITLE_POINTS, NOTE_POINTS, PANEL_POINTS = 6.2, 3.8, 300.0
+"""Width (points) of a character of a panel's title and of its note, and room for both."""
 
 
 @dataclasses.dataclass(frozen=True)
@@ -285,14 +287,20 @@ def _draw_flags(axes: Any, panel: Panel, log: Log) -> None:
     axes.set_ylim(-0.6, len(panel.paths) - 0.4)
 
 
+def signal_note(panel: Panel) -> str:
+    """Return the paths of a panel's signals, as many as fit beside its title."""
+    path, room = panel.paths[0], PANEL_POINTS - TITLE_POINTS * len(panel.title)
+    notes = (f"{panel.demand_path}, {path}", path) if panel.demand_path else (path,)
+    return next((note for note in notes if NOTE_POINTS * len(note) <= room), "")
+
+
 def _style_panel(axes: Any, panel: Panel, log: Log, *, bottom: bool) -> None:
     from matplotlib.ticker import FuncFormatter, MaxNLocator, NullLocator
 
     path = panel.paths[0]
     axes.set_title(panel.title, loc="left", fontsize=10, weight="bold", y=1.02, pad=0)
-    where = f"{panel.demand_path}, {path}" if panel.demand_path else path
     if len(panel.paths) == 1:
-        axes.set_title(where, loc="right", fontsize=7, color=GREY, y=1.02, pad=0)
+        axes.set_title(signal_note(panel), loc="right", fontsize=7, color=GREY, y=1.02, pad=0)
     unit = display_unit(path, log.unit(path))[0] if panel.kind in ("line", "log", "age") else ""
     axes.set_ylabel(unit if unit != "1" else "", fontsize=9)
     axes.yaxis.set_label_coords(-0.13, 0.5)

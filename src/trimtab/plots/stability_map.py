@@ -55,7 +55,7 @@ def plot_stability_map(
     figure.colorbar(image, label=f"share of {region.runs} runs that succeed" if region.runs > 1 else "success")
     points = f"{region.traced_boundary.evaluated_points} points flown of {region.traced_boundary.of}"
     axes.set_title(f"{title or region.scenario.name}: {points}", fontsize="medium")
-    figure.legend(handles=handles, loc="outside lower center", ncols=len(handles), frameon=False)
+    figure.legend(handles=handles, loc="outside lower center", ncols=2, frameon=False)
     return save_figure(figure, path)
 
 

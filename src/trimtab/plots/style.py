@@ -29,7 +29,7 @@ COLUMNS, TURNS, SWINGS, STRETCH = 100, 4, (0.2, 0.5), 15
 """Criterion of chatter. A line is cut into COLUMNS columns. It chatters if it turns round TURNS times in each of
 STRETCH adjacent columns, over the lesser share of its span, and over the greater share in half of them. A period is
 then at most some pixels wide."""
-CHATTER = "where it chatters: range, mean"
+CHATTER = "chatter: range and mean"
 """Legend entry of a range that is drawn instead of a line."""
 
 

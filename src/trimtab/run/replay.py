@@ -118,9 +118,9 @@ def describe_replay(result: Replay) -> str:
     if result.changed:
         return f"{steps} flown with another autopilot"
     if result.exact:
-        return f"{steps} repeated bit by bit on {result.backend}"
+        return f"{steps} repeated, identical bit for bit, by backend {result.backend}"
     if result.first is None:
-        return f"{steps} repeated within {TOLERANCE:g} on {result.backend}"
+        return f"{steps} repeated, equal within {TOLERANCE:g}, by backend {result.backend}"
     f = result.first
     return f"differs from {f.t:.7f} s on: {f.path} was {f.recorded!r}, is {f.replayed!r}, on {result.backend}"
 

@@ -14,7 +14,7 @@ FILTER = FLOWN.autopilot.estimator
 
 
 def feed(yaw_rates: list[float], fresh: bool = True) -> list[Any]:
-    """The estimates after each of some measured rates of turn (rad/s), 50 ms apart."""
+    """Return the estimate after each measured rate of turn (rad/s); the samples are 50 ms apart."""
     state, estimates = FILTER.init(None), []
     for k, rate in enumerate(yaw_rates):
         sample = new_sample(k * 500_000, PlanarPoseState(0.5, 0.0, rate, 1.0, 2.0, 3.0), fresh=fresh or k == 0)
@@ -23,28 +23,28 @@ def feed(yaw_rates: list[float], fresh: bool = True) -> list[Any]:
     return estimates
 
 
-def test_the_first_measurement_is_believed_whole():
-    """Before there was one, the estimate is not valid."""
+def test_first_measurement_sets_the_estimate():
+    """Before the first measurement the estimate is not valid."""
     (estimate,) = feed([0.3])
     assert float(estimate.state.yaw_rate) == 0.3
     assert bool(estimate.valid)
     assert not bool(FILTER.init(None).begun)
 
 
-def test_a_step_is_followed_as_the_filter_of_first_order_follows_it():
-    """1 - (1 - share)^k after k measurements; place and heading are as measured."""
+def test_step_response_is_of_first_order():
+    """The response is 1 - (1 - share)^k after k measurements; position and heading are as measured."""
     last = feed([0.0] + [1.0] * 5)[-1].state
     np.testing.assert_allclose(float(last.yaw_rate), 1 - (1 - FILTER.share) ** 5, rtol=1e-12)
     assert (float(last.heading), float(last.north), float(last.east)) == (1.0, 2.0, 3.0)
 
 
-def test_what_is_not_fresh_changes_nothing():
-    """A sample that is held is not counted twice."""
+def test_old_sample_changes_nothing():
+    """A sample that was already used is not used again."""
     assert float(feed([0.0, 1.0, 1.0], fresh=False)[-1].state.yaw_rate) == 0.0
 
 
-def test_a_ship_is_flown_by_it_and_noise_is_less():
-    """The yaw rate of the estimator against that of the sensor: two flights, compiled to C."""
+def test_reduces_noise_in_flight():
+    """Compare the noise of the yaw rate with and without the filter, in two flights compiled to C."""
 
     def noise(share: Any) -> Any:
         flown = replace(FLOWN.autopilot, estimator=replace(FILTER, share=share))

@@ -18,25 +18,25 @@ def step(heading: float, yaw_rate: float = 0.0) -> Any:
     return LAW.step(0, LAW.init(None), Estimate(t=0, age=0.0, fresh=True, valid=True, state=x))[1]
 
 
-def test_on_course_it_keeps_the_rudder_amidships():
-    """An equilibrium."""
+def test_rudder_is_zero_on_course():
+    """The wanted heading is an equilibrium."""
     assert float(step(LAW.heading).demand.rudder) == 0.0
 
 
-def test_it_turns_the_shorter_way():
-    """Off to starboard, a positive rudder pushes the stern to starboard and the bow back; a full turn is no error."""
+def test_turns_the_shorter_way():
+    """An error to starboard gives a positive rudder, which turns the bow to port. A full turn is not an error."""
     assert float(step(LAW.heading + 0.1).demand.rudder) > 0
     np.testing.assert_allclose(float(step(LAW.heading + 0.1 + 2 * np.pi).off_course), 0.1, atol=1e-9)
     np.testing.assert_allclose(float(step(LAW.heading + np.pi + 0.1).off_course), 0.1 - np.pi, atol=1e-9)
 
 
-def test_it_asks_for_no_more_than_the_rudder_has():
-    """Held within ± most."""
+def test_limits_the_rudder_angle():
+    """The demand stays within ± most."""
     assert float(step(LAW.heading + 3.0, yaw_rate=5.0).demand.rudder) == LAW.most
 
 
-def test_the_ship_comes_to_its_heading():
-    """A flight, compiled to C, to 0.1 rad; without the law's push it does not."""
+def test_reaches_the_heading():
+    """A flight, compiled to C, ends within 0.1 rad of the wanted heading; with zero gains it does not."""
     log = simulate(FLOWN)
     assert abs(log.final["truth.heading"] - LAW.heading) < 0.1
     idle = replace(FLOWN, autopilot=replace(FLOWN.autopilot, law=replace(LAW, k_heading=0.0, k_rate=0.0)))

@@ -15,7 +15,7 @@ LINK = FLOWN.world.uplink
 
 
 def carry(link: Any, n: int) -> Any:
-    """Samples at the far end, fields (n,), where the number of the packet is sent each period."""
+    """Return the samples at the far end, fields (n,); the value of each packet is its number."""
 
     def step(state: Any, k: Any) -> Any:
         return link.step(k * link.period, state, new_sample(k * link.period, 1.0 * k))
@@ -23,27 +23,27 @@ def carry(link: Any, n: int) -> Any:
     return jax.lax.scan(step, link.init(key(0), new_sample(np.int64(0), np.float64(0.0))), np.arange(n))[1]
 
 
-def test_without_loss_each_packet_comes_after_its_delay():
-    """The output was sent `steps` periods ago. Before the first packet there is no output."""
+def test_packets_arrive_after_the_delay():
+    """Without loss the output was sent `steps` periods ago. Before the first packet it is not valid."""
     out = carry(replace(LINK, loss=0.0), 20)
     assert not out.valid[: LINK.steps].any()
     np.testing.assert_array_equal(out.value[LINK.steps :], np.arange(20 - LINK.steps))
     np.testing.assert_allclose(out.age[LINK.steps :], LINK.steps * LINK.period * 1e-7)
 
 
-def test_as_many_are_lost_as_it_says():
-    """Within four standard errors of a share of 4000."""
+def test_loss_rate_is_as_declared():
+    """The share of 4000 packets that is lost is within four standard errors."""
     share = 1 - np.mean(carry(LINK, 4000).fresh)
     assert abs(share - LINK.loss) < 4 * np.sqrt(LINK.loss * (1 - LINK.loss) / 4000) + LINK.steps / 4000
 
 
-def test_when_all_are_lost_nothing_comes():
-    """The far end then knows that it has nothing."""
+def test_total_loss_gives_no_output():
+    """The output is never valid."""
     assert not carry(replace(LINK, loss=1.0), 20).valid.any()
 
 
-def test_the_hovercraft_flies_over_it():
-    """A flight, compiled to C, to within 0.1 m/s of 2.8 kg m/s; commands are at least as old as the delay."""
+def test_hovercraft_reaches_its_speed():
+    """A flight, compiled to C, ends within 0.1 m/s of the target; commands are at least as old as the delay."""
     log = simulate(FLOWN)
     assert abs(log.final["truth.surge_velocity"] - 2.8 / 2.6) < 0.1
     old = log["uplink.age"][log["uplink.valid"]]

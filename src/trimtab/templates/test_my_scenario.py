@@ -9,16 +9,16 @@ FILE = Path(__file__).with_name("my_scenario.toml")
 FLOWN = build(str(FILE))
 
 
-def test_it_is_the_file():
-    """The values in the file are those that fly, in SI units."""
-    said = tomllib.loads(FILE.read_text(encoding="utf-8"))
-    assert FLOWN.name == said["name"]
-    assert f"{FLOWN.world.vehicle.mass:g} kg" == said["world"]["vehicle"]["mass"]
-    assert FLOWN.world.uplink.loss == said["world"]["uplink"]["loss"]
+def test_uses_the_values_of_the_file():
+    """The scenario has the values of the file, in SI units."""
+    written = tomllib.loads(FILE.read_text(encoding="utf-8"))
+    assert FLOWN.name == written["name"]
+    assert f"{FLOWN.world.vehicle.mass:g} kg" == written["world"]["vehicle"]["mass"]
+    assert FLOWN.world.uplink.loss == written["world"]["uplink"]["loss"]
 
 
-def test_it_reaches_its_target():
-    """A flight, compiled to C; the radio is silent for half a second meanwhile."""
+def test_reaches_its_target():
+    """A flight, compiled to C, reaches its target although the radio sends no data for half a second."""
     log = simulate(FLOWN)
     (target,) = FLOWN.targets
     assert abs(log.final[target.path] - target.value) < target.band

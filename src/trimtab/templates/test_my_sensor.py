@@ -16,13 +16,13 @@ MOTION = replace(no_motion(), v_WB_B=np.array([1.0, 0.2, 0.0]), w_WB_B=np.array(
 
 
 def samples(run: Any, n: int = 4000) -> Any:
-    """n samples of one flight, each field (n,), while the motion stays the same."""
+    """Return n samples of one flight at a constant motion, each field (n,)."""
     times = np.arange(n) * SENSOR.period
     return jax.vmap(lambda t: SENSOR.step(t, SENSOR.init(replace(key(0), run=run)), MOTION)[1].value)(times)
 
 
-def test_noise_is_as_large_as_declared():
-    """Standard deviations, within 6 %: four of their own errors for 4000 samples are 4.5 %."""
+def test_noise_has_the_declared_size():
+    """Standard deviations agree within 6 %; four standard errors of 4000 samples are 4.5 %."""
     z = samples(np.uint32(0))
     np.testing.assert_allclose(np.std(z.surge_velocity), SENSOR.velocity_noise, rtol=0.06)
     np.testing.assert_allclose(np.std(z.yaw_rate), SENSOR.rate_noise, rtol=0.06)
@@ -30,23 +30,23 @@ def test_noise_is_as_large_as_declared():
     np.testing.assert_allclose(np.mean(z.surge_velocity), 1.0, atol=5 * SENSOR.velocity_noise / 63)
 
 
-def test_the_bias_stays_for_a_flight_and_differs_from_flight_to_flight():
-    """Means of 64 flights, each of 300 samples."""
+def test_bias_differs_between_flights():
+    """The means of 64 flights of 300 samples each have the declared spread."""
     runs = np.arange(64, dtype=np.uint32)
     means = np.mean(jax.vmap(lambda run: samples(run, 300).yaw_rate)(runs), axis=1) - 0.3
     assert 0.7 * SENSOR.rate_bias < np.std(means) < 1.3 * SENSOR.rate_bias
 
 
-def test_without_its_imperfections_it_says_what_is():
-    """The fields declare what --without switches off."""
+def test_measures_exactly_without_imperfections():
+    """Each field declares which --without switches it off."""
     ideal = FLOWN.without("sensor-noise").without("gyro-bias").world.sensors["navigation"]
     exact, (_, sample) = ideal.measure(MOTION), ideal.step(0, ideal.init(key(0)), MOTION)
     assert float(sample.value.yaw_rate) == float(exact.yaw_rate) == 0.3
     assert float(sample.value.sway_velocity) == float(exact.sway_velocity) == 0.2
 
 
-def test_the_hovercraft_flies_on_it():
-    """A flight, compiled to C, to within 0.1 m/s of the wanted 2.8 kg m/s, and no sample is as the truth is."""
+def test_hovercraft_reaches_its_speed():
+    """A flight, compiled to C, ends within 0.1 m/s of the target, although the samples have errors."""
     log = simulate(FLOWN)
     assert abs(log.final["truth.surge_velocity"] - 2.8 / 2.6) < 0.1
     assert np.abs(log["sensors.navigation.value.yaw_rate"] - log["truth.yaw_rate"]).max() > SENSOR.rate_noise

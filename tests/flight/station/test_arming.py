@@ -37,6 +37,8 @@ def test_a_check_says_what_it_found_and_what_to_do():
     assert CHECKS[1].record == "check space for the log: 50 MB, at least 100 MB: refused"
     assert CHECKS[2].record == "check battery: not measured, at least 0 V: passed"
     assert ArmingCheck("compass age", math.inf, 0.28, "s").value_text == "∞ s"
+    assert ArmingCheck("space for the log", 58043.9, 100.0, "MB").value_text == "58044 MB"
+    assert ArmingCheck("space for the log", 2.5e6, 100.0, "MB").value_text == "2500000 MB"
 
 
 def test_what_nobody_can_wait_for_is_said_first():

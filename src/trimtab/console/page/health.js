@@ -91,8 +91,8 @@ export class HealthPanel {
     }
     const { clock } = this.connection;
     writePairs(this.list, [
-      ["state to pixels, median", `${formatMs(timing.median, 1)} ms`],
-      ["state to pixels, 99 %", `${formatMs(timing.p99, 1)} ms`],
+      ["display delay, median", `${formatMs(timing.median, 1)} ms`],
+      ["display delay, 99 % below", `${formatMs(timing.p99, 1)} ms`],
       ["rows", `${formatFixed(timing.rows_per_second, 1)} /s`],
       ["frames", `${formatFixed(timing.frames_per_second, 1)} /s`],
       ["plots drawn", `${formatFixed(draws.rate, 1)} /s`],

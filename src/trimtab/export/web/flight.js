@@ -34,7 +34,7 @@
 
   const reference = new Float64Array(decode(about.reference.rows).buffer);
 
-  /** How many of the numbers that the package computed are others here, bit by bit; a NaN is a NaN. */
+  /** Counts the numbers that differ in any bit from those of the package; two NaNs are equal. */
   function countDifferences(rows) {
     const columns = about.signals.map((signal) => about.names.indexOf(signal.path));
     let others = 0;

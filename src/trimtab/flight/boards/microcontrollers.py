@@ -1,7 +1,7 @@
 """Exported autopilot on an emulated microcontroller: compare its results, and measure its cost.
 
 ``emulate`` cross-compiles the C of an exported folder with Debian's arm-none-eabi gcc, flies the inputs of its
-``vectors.csv`` on a board that QEMU emulates, and reads back the outputs bit by bit, the instructions of every step,
+``vectors.csv`` on a board that QEMU emulates, and reads back the outputs bit for bit, the instructions of every step,
 flash, RAM and stack. The firmware around the autopilot is in ``firmware/``. docs/export/boards.md explains each
 number.
 """

@@ -29,6 +29,8 @@ LONGEST_AGE = seconds(1)
 ASK_PERIOD = ms(200)
 MOST_ASKS = 10
 """Number of unanswered questions after which the vehicle counts as one without checks."""
+UNBOUNDED = 1e9
+"""Smallest number shown as infinite: the age of data that never arrived, or a limit that was not set."""
 CONFIRMATION = 21196
 """Second parameter of the command to arm with which MAVLink's ground stations force it. Here it only confirms."""
 
@@ -75,7 +77,9 @@ class ArmingCheck(NamedTuple):
 
 
 def _with_unit(number: float, unit: str) -> str:
-    return f"{number:.3g} {unit}".rstrip() if abs(number) < 1e6 else f"{'-' * (number < 0)}∞ {unit}".rstrip()
+    if abs(number) >= UNBOUNDED:
+        return f"{'-' * (number < 0)}∞ {unit}".rstrip()
+    return f"{number:.3g} {unit}".rstrip() if abs(number) < 999.5 else f"{number:.0f} {unit}".rstrip()
 
 
 def first_problem(checks: Sequence[ArmingCheck]) -> str:

@@ -6,6 +6,7 @@ from trimtab.core.record import replace
 from trimtab.core.reference import Circle, FigureEight, pass_waypoints
 from trimtab.laws.path_tracking import PathTracking
 from trimtab.laws.receding_horizon import RecedingHorizon
+from trimtab.logs.metrics import Target
 from trimtab.loop.reference_text import start_pose
 from trimtab.loop.scenario import Scenario
 from trimtab.scenarios.hovercraft._navigation import Bus, Positioning
@@ -36,6 +37,8 @@ TrackingLaw = Annotated[
         "horizon": "the best plan for 2.6 s within the limits of fan and rudder, planned again each 20 ms",
     },
 ]
+NEAR = 0.2
+"""Distance from the path (m) within which the craft counts as on the path."""
 PLACES = ((0, 0), (3, 0), (3, 3), (0, 4))
 """North and east (m) of the way-points."""
 
@@ -62,5 +65,6 @@ def scenario(
     north, east, heading = start_pose(path, float(Hovercraft().percussion_arm))
     initial, floor = HovercraftState(north=north, east=east, heading=heading), (-6, 8, -6, 8)
     equipment = Equipment(links, navigation, supervisor, bus, craft, fan)
-    flown = hovercraft_scenario("hovercraft/track", chosen, initial, 90, (), equipment, floor=floor)
+    near = Target("law.position_error", 0.0, NEAR)
+    flown = hovercraft_scenario("hovercraft/track", chosen, initial, 90, (near,), equipment, floor=floor)
     return replace(flown, truth_sensor=PlanarPose())
