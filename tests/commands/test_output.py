@@ -4,6 +4,7 @@ import os
 import re
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 from click.testing import CliRunner
@@ -63,6 +64,13 @@ def test_words_break_where_a_table_is_too_wide_and_are_never_cut(columns, monkey
     assert said == set(" ".join([*(c.header for c in table.columns), *(cell for row in rows for cell in row)]).split())
     for row in rows:  # what stays on one line does
         assert any(all(cell in line for cell in row[:3]) for line in lines)
+
+
+def test_every_table_is_printed_without_cutting_numbers():
+    """Rich cuts cells that are too wide; `print_table` does not."""
+    printing = re.compile(r"\.print\((?!f?\")")
+    files = {f.name for f in Path(output.__file__).parent.glob("*.py") if printing.search(f.read_text("utf-8"))}
+    assert files == {"output.py", "progress.py"}  # a table, and a line above the bar
 
 
 @pytest.mark.thorough

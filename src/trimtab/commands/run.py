@@ -25,7 +25,7 @@ from trimtab.logs.log import Log
 from trimtab.logs.metrics import Target
 from trimtab.logs.robustness import assess_formula
 from trimtab.logs.spatial import with_flight
-from trimtab.run.program import check_seed
+from trimtab.run.program import check_log_period, check_seed
 
 if TYPE_CHECKING:
     from trimtab.logs.navigation import Navigation
@@ -114,6 +114,7 @@ def command(
     from trimtab.scenarios.build import build
 
     built = _estimate_steps(build(scenario, settings, without, faults))
+    check_log_period(flight["log_period"], built.duration)
     check_picture(plot, out)
     report = _compile_and_fly(built, ideal, backend, flight)
     seen = with_flight(report.real)

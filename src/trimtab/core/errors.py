@@ -72,6 +72,11 @@ def argument_name(name: str, of: str | None = None) -> str:
     return _SPELLING.get()(name, None, of)
 
 
+def command(shell: str, python: str) -> str:
+    """Return what the reader types: a command of the shell, or a call in Python."""
+    return python if argument_name("name") == "name" else shell
+
+
 @contextmanager
 def spell_with(spelling: Callable[[Spelling, str, Any, str | None], str]) -> Iterator[None]:
     """Within it, in this thread, arguments are written so. It is given how they are written without it, too, first."""
@@ -115,6 +120,15 @@ def install_command(extra: str = "", package: str = "trimtab") -> str:
     return f"{word} -m pip install {wanted}"
 
 
+def missing_member(owner: Any, name: str, write: str) -> AttributeError:
+    """Return the error for a member that an object does not have. write: what to write instead; "" if unknown."""
+    if name.startswith("_"):
+        return AttributeError(f"{type(owner).__name__!r} object has no attribute {name!r}", name=name, obj=owner)
+    near = closest(name, [n for n in dir(owner) if not n.startswith("_")], 1)
+    instead = f"; write  {write or near[0]}" if write or near else ""
+    return AttributeError(f"a {type(owner).__name__} has no {name!r}{instead}", name=name, obj=owner)
+
+
 def unknown_setting(name: str, path: str, known: Iterable[str]) -> InputError:
     """Problem reported for a path without a setting.
 
@@ -126,7 +140,7 @@ def unknown_setting(name: str, path: str, known: Iterable[str]) -> InputError:
     fix = (
         argument(name, "…", near[0])
         if below or (near and near[0] in known)
-        else "trimtab list SCENARIO  shows every path with its value and unit"
+        else command("trimtab list SCENARIO", "settings(SCENARIO)") + "  shows every path with its value and unit"
     )
     return InputError(argument_name(name, path), "there is no such setting", choices=near, fix=fix)
 
