@@ -146,12 +146,11 @@ MOST_RUNS = 10_000_000
 """Maximum number of runs of one search or campaign, so that the results fit in memory."""
 
 
-class Count(click.ParamType):
+class Count(click.IntRange):
     """Whole number of runs; 1e4 is 10000."""
 
-    name = "integer"
-
     def __init__(self, least: int, most: int) -> None:
+        super().__init__(least, most)
         self.least, self.most = least, most
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> int:
