@@ -11,6 +11,9 @@ from click.testing import CliRunner
 
 from trimtab.cli import main
 from trimtab.commands import output
+from trimtab.commands.typed_names import read_paths
+from trimtab.loop.settings import setting_paths
+from trimtab.scenarios.build import build
 
 REST = "hovercraft/zero-velocity"
 HEADINGS = ("signal", ">final", ">settled (s)", "meaning")
@@ -119,6 +122,15 @@ assert done.exit_code == 2, done.output
 assert "world.vehicle.mass" in done.stderr
 print("jax" in sys.modules)
 """
-    env = os.environ | {"TRIMTAB_CACHE": str(tmp_path)}
+    env = os.environ | {"TRIMTAB_CACHE": str(tmp_path / "mistyped")}
     run = [subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=env) for _ in range(2)]
     assert [done.stdout for done in run] == ["True\n", "False\n"], run[0].stderr + run[1].stderr
+
+
+@pytest.mark.thorough
+def test_a_path_is_known_after_a_run(tmp_path, monkeypatch):
+    monkeypatch.setenv("TRIMTAB_CACHE", str(tmp_path))
+    assert CliRunner().invoke(main, ["run", REST, "--no-ideal"]).exit_code == 0
+    known = read_paths(REST)
+    assert "world.vehicle.mass" in known
+    assert known == setting_paths(build(REST))

@@ -304,10 +304,13 @@ FINDINGS = [
         lambda: run_tests("commands/test_output.py::test_a_typo_is_answered_before_anything_heavy_is_imported"),
     ),
     Finding(
-        "typo in a path, the second time",
+        "typo in a path, after a run or a first typo",
         "run hovercraft/spin --set world.vehicle.mas=3",
         "3.4 s before the message",
-        lambda: run_tests("commands/test_output.py::test_a_path_that_was_wrong_once_is_answered_at_once"),
+        lambda: run_tests(
+            "commands/test_output.py::test_a_path_that_was_wrong_once_is_answered_at_once",
+            "commands/test_output.py::test_a_path_is_known_after_a_run",
+        ),
     ),
     Finding(
         "full disk",
