@@ -2,7 +2,7 @@
 
 import pytest
 
-from trimtab import Campaign, metrics, simulate, write_log
+from trimtab import Campaign, build, metrics, simulate, write_log
 from trimtab.core.errors import InputError
 from trimtab.core.explain_call import explain_call
 
@@ -24,6 +24,11 @@ WRONG = {
         lambda: simulate("hovercraft/spin", settings={"world.vehicle.mass": 3}),
         "unknown argument 'settings'",
         'simulate(build("SCENARIO", settings=…))',
+    ),
+    "a parameter of a scenario": (
+        lambda: build("hovercraft/spin", mass=3),
+        "unknown argument 'mass'",
+        'build("SCENARIO", settings={"PATH": VALUE})',
     ),
     "an alias of a module's name": (lambda: write_log(), "missing a required argument: 'log'", "write_log(log=…"),
     "a class": (lambda: Campaign("hovercraft/spin", run=10), "unknown argument 'run'", "write runs=…"),

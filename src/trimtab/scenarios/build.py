@@ -50,7 +50,7 @@ NEEDED = {
 """Parts that every scenario has, each with an example."""
 
 
-@explain_call()
+@explain_call({"settings": 'build("SCENARIO", settings={"PATH": VALUE})'})
 def build(
     name: str,
     settings: Mapping[str, Any] | None = None,
