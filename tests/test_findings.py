@@ -6,7 +6,7 @@ from types import ModuleType
 from typing import Any
 
 import pytest
-from findings import compiler, links
+from findings import compiler, first_day, first_day_slips, links
 from findings.finding import Finding, Outcome, run_python
 
 
@@ -32,7 +32,7 @@ CASES = [
 
 def test_each_finding_has_one_row() -> None:
     assert {"compiler", "links"} <= set(command().sets())
-    for module in (compiler, links):
+    for module in (compiler, links, first_day, first_day_slips):
         ids = [finding.id for finding in module.FINDINGS]
         assert len(set(ids)) == len(ids)
     assert [finding.id for finding in compiler.FINDINGS] == [f"K{k}" for k in range(1, 13)]

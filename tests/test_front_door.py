@@ -39,6 +39,19 @@ def test_a_name_there_is_not_says_which_there_are():
         trimtab.campain  # noqa: B018
 
 
+@pytest.mark.parametrize("name", trimtab.OTHER_NAMES)
+def test_another_common_name_is_answered_with_ours(name):
+    assert trimtab.OTHER_NAMES[name] in trimtab.HOMES
+    with pytest.raises(AttributeError, match=f"write  trimtab.{trimtab.OTHER_NAMES[name]};"):
+        trimtab.__getattr__(name)
+
+
+def test_a_star_import_gives_the_public_names():
+    names = {}
+    exec("from trimtab import *", names)
+    assert set(trimtab.HOMES) <= set(names)
+
+
 FLIES = [
     "simulate_batch",
     "plot_run",

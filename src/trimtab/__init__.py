@@ -49,9 +49,40 @@ HOMES = {
 """Module of each public name; ``module:name`` where the name in the module differs."""
 
 
+__all__ = [*HOMES]  # pyright: ignore[reportUnsupportedDunderAll]
+
+OTHER_NAMES = {
+    "fly": "simulate",
+    "linearize": "linearise",
+    "list": "scenario_names",
+    "load": "read_log",
+    "monte_carlo": "Campaign",
+    "open": "read_log",
+    "optimise": "tune",
+    "optimize": "tune",
+    "plot": "plot_run",
+    "read": "read_log",
+    "run": "simulate",
+    "save": "write_log",
+    "scenarios": "scenario_names",
+    "sim": "simulate",
+    "write": "write_log",
+    "export": "export_c",
+    "codegen": "export_c",
+    "budget": "error_budget",
+}
+"""Other common names, and verbs of the command line -> the public name."""
+
+
 def __getattr__(name: str) -> object:
     if name not in HOMES:
-        raise AttributeError(f"module 'trimtab' has no attribute {name!r}; it has {', '.join(HOMES)}")
+        if name.startswith("__"):
+            raise AttributeError(f"module 'trimtab' has no attribute {name!r}")
+        from trimtab.core.errors import closest  # only after a mistake
+
+        near = OTHER_NAMES.get(name) or next(iter(closest(name, HOMES, 1)), "")
+        write = f"; write  trimtab.{near}" if near else ""
+        raise AttributeError(f"module 'trimtab' has no attribute {name!r}{write}; it has {', '.join(HOMES)}")
     module, _, own = HOMES[name].partition(":")
     return getattr(importlib.import_module(f"trimtab.{module}"), own or name)
 

@@ -3,6 +3,8 @@
 from collections.abc import Iterable, Mapping
 from typing import Any
 
+from trimtab.core.errors import InputError
+from trimtab.core.explain_call import explain_call
 from trimtab.design.linearise import LinearModel
 from trimtab.design.trim import Trim
 from trimtab.loop.scenario import Scenario
@@ -12,6 +14,7 @@ from trimtab.run.plant import Plant, load_plant, plant_of_vehicle
 At = Mapping[str, float | str]
 
 
+@explain_call()
 def trim(vehicle: str | Scenario, at: At | None = None, *, settings: Mapping[str, str] | None = None) -> Trim:
     """Return the states and inputs at which a vehicle stays as it is.
 
@@ -31,6 +34,7 @@ def trim(vehicle: str | Scenario, at: At | None = None, *, settings: Mapping[str
     return find_point(_find_plant(vehicle, settings), _words(at))
 
 
+@explain_call()
 def linearise(
     vehicle: str | Scenario,
     at: At | None = None,
@@ -62,6 +66,9 @@ def _find_plant(vehicle: Any, settings: Mapping[str, str] | None) -> Plant:
     if isinstance(vehicle, Scenario):
         neutral = vehicle.world.actuators.neutral().u
         return plant_of_vehicle(vehicle.name, vehicle.world.vehicle, vehicle.initial, neutral)
+    if not isinstance(vehicle, str):
+        problem = f"a {type(vehicle).__name__} is neither a scenario nor a name"
+        raise InputError("vehicle", problem, fix='give a Scenario, or a name as "hovercraft/forward"')
     return load_plant(vehicle, settings)
 
 

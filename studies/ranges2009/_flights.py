@@ -92,11 +92,12 @@ class CausalComparison(NamedTuple):
 
 
 def compare_causal(name: str, flight: Flight) -> CausalComparison:
-    """Evaluate at the ends of the batch solutions."""
+    """Evaluate at the ends of the batch solutions. Errors are NaN if the filter was not valid at one of them."""
     p, table = read_plaza(name), np.asarray(read_batch()[name]["causal"])
     rows, batch = table[:, 0].astype(int), table[:, 1:]
     truth = np.stack([p.north, p.east], axis=1)[rows]
-    own = flight.place[np.searchsorted(flight.rows, rows)]
+    at = np.clip(np.searchsorted(flight.rows, rows), 0, len(flight.rows) - 1)
+    own = np.where((flight.rows[at] == rows)[:, None], flight.place[at], np.nan)
 
     def rms(away: Any) -> float:
         return float(np.sqrt(np.mean(np.sum(away**2, axis=1))))

@@ -7,9 +7,10 @@ import click
 import pytest
 
 from trimtab.cli import VERBS, main
-from trimtab.commands import declared_options
+from trimtab.commands import declared_options, options
 from trimtab.commands.declared_options import parse_words
 from trimtab.commands.verbs import find_file, read_help
+from trimtab.core.errors import InputError
 
 READ = ("list", "run", "campaign", "falsify", "map", "tune", "fly", "export", "budget", "rare")
 TYPOS = (
@@ -24,6 +25,9 @@ TYPOS = (
     "fly hovercraft/forward --lnk udp://127.0.0.1:9",
     "campaign hovercraft/spinn",
     "campaign hovercraft/spin --rnus 5",
+    "campaign hovercraft/spin --runs 5e9",
+    "run hovercraft/spin --seed one",
+    "map hovercraft/spin --depth 90",
     "campaign hovercraft/spin --set wrld.vehicle.mass=3",
 )
 ANSWERS = """
@@ -78,3 +82,14 @@ def test_a_typo_is_reported_without_jax(tmp_path):
     (tmp_path / "mine.py").write_text("")
     done = subprocess.run([sys.executable, "-c", ANSWERS, *TYPOS], capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.parametrize(("typed", "number"), [("1e4", 10_000), ("20", 20), ("5.0", 5)])
+def test_a_count_may_be_typed_as_a_power_of_ten(typed, number):
+    assert options.Count(1, options.MOST_RUNS).convert(typed, None, None) == number
+
+
+@pytest.mark.parametrize("typed", ["5e9", "many", "2.5", "0", "nan", "inf"])
+def test_a_count_out_of_range_is_refused_in_words(typed):
+    with pytest.raises(InputError, match=f"must be a whole number from 1 to 10000000, got {typed}"):
+        options.Count(1, options.MOST_RUNS).convert(typed, None, None)

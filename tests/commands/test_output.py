@@ -4,12 +4,16 @@ import os
 import re
 import subprocess
 import sys
+from pathlib import Path
 
 import pytest
 from click.testing import CliRunner
 
 from trimtab.cli import main
 from trimtab.commands import output
+from trimtab.commands.typed_names import read_paths
+from trimtab.loop.settings import setting_paths
+from trimtab.scenarios.build import build
 
 REST = "hovercraft/zero-velocity"
 HEADINGS = ("signal", ">final", ">settled (s)", "meaning")
@@ -65,6 +69,13 @@ def test_words_break_where_a_table_is_too_wide_and_are_never_cut(columns, monkey
         assert any(all(cell in line for cell in row[:3]) for line in lines)
 
 
+def test_every_table_is_printed_without_cutting_numbers():
+    """Rich cuts cells that are too wide; `print_table` does not."""
+    printing = re.compile(r"\.print\((?!f?\")")
+    files = {f.name for f in Path(output.__file__).parent.glob("*.py") if printing.search(f.read_text("utf-8"))}
+    assert files == {"output.py", "progress.py"}  # a table, and a line above the bar
+
+
 @pytest.mark.thorough
 def test_a_flight_that_is_lost_ends_with_1_and_says_so_first():
     words = ["run", REST, "--duration", "1", "--no-ideal", "--set", "initial.yaw_rate=1e200"]
@@ -111,6 +122,15 @@ assert done.exit_code == 2, done.output
 assert "world.vehicle.mass" in done.stderr
 print("jax" in sys.modules)
 """
-    env = os.environ | {"TRIMTAB_CACHE": str(tmp_path)}
+    env = os.environ | {"TRIMTAB_CACHE": str(tmp_path / "mistyped")}
     run = [subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, env=env) for _ in range(2)]
     assert [done.stdout for done in run] == ["True\n", "False\n"], run[0].stderr + run[1].stderr
+
+
+@pytest.mark.thorough
+def test_a_path_is_known_after_a_run(tmp_path, monkeypatch):
+    monkeypatch.setenv("TRIMTAB_CACHE", str(tmp_path))
+    assert CliRunner().invoke(main, ["run", REST, "--no-ideal"]).exit_code == 0
+    known = read_paths(REST)
+    assert "world.vehicle.mass" in known
+    assert known == setting_paths(build(REST))

@@ -61,17 +61,62 @@ def test_a_page_of_recorded_flights_says_which_logs_are_read(monkeypatch, tmp_pa
 
 
 def test_what_takes_long_says_how_long(monkeypatch, capsys):
-    clock = iter([10.0, 20.0, 30.0, 200.0, 201.0])
+    clock = iter([0.0, 10.0, 20.0, 25.0, 30.0, 31.0, 32.0])
     monkeypatch.setattr(progress.time, "monotonic", lambda: next(clock))
     with progress.show_progress(1000) as tell:
         for _ in range(4):
             tell("flying", 10)
     said = capsys.readouterr().err.splitlines()
     assert re.fullmatch(r"flying: 20 of 1000, about 16 min left on \d+ cores?", said[0])
-    assert len(said) == 2  # not at 30 s, but at 200 s once more
+    assert len(said) == 2  # not at 25 s, but at 30 s once more
     with progress.show_progress(10) as tell:
         tell("flying", 10)
     assert capsys.readouterr().err == ""
+
+
+class MadeUpEvent:
+    """An event on a clock of its own: three waits of ten seconds, then the work has ended."""
+
+    def __init__(self):
+        self.waits = []
+
+    def wait(self, timeout):
+        self.waits.append(timeout)
+        return len(self.waits) > 3
+
+    def set(self): ...
+
+
+@pytest.fixture
+def made_up_clock(monkeypatch):
+    """Time that passes by ten seconds at each wait of the reminders."""
+    event = MadeUpEvent()
+    monkeypatch.setattr(progress.threading, "Event", lambda: event)
+    monkeypatch.setattr(progress.threading, "Thread", StartedThread)
+    monkeypatch.setattr(progress.time, "monotonic", lambda: 10.0 * len(event.waits))
+    return event
+
+
+class StartedThread:
+    """A thread that runs to its end when it is started."""
+
+    def __init__(self, target, daemon):
+        self.start = target
+
+    def join(self): ...
+
+
+def test_a_wait_without_a_terminal_is_a_line_every_ten_seconds(made_up_clock, capsys):
+    with progress.show_spinner("compiling own"):
+        pass
+    assert capsys.readouterr().err == "".join(f"compiling own: {s} s so far\n" for s in (10, 20, 30))
+    assert set(made_up_clock.waits) == {10.0}
+
+
+def test_runs_that_take_long_are_a_line_every_ten_seconds(made_up_clock, capsys):
+    with progress.show_progress(50) as tell:
+        tell("flying", 0)
+    assert capsys.readouterr().err == "".join(f"0 of 50, {s} s so far\n" for s in (10, 20, 30))
 
 
 def test_how_long_it_takes_is_said_by_what_is_done_and_comes_true(capsys):

@@ -244,3 +244,28 @@ def test_refuses_a_period_without_a_unit(value):
     with pytest.raises(InputError, match="not a whole number of 100 ns") as refused:
         Lamp(value)
     assert f'blink="{value} s"' in refused.value.fix
+
+
+def test_an_assignment_names_what_to_write():
+    @record
+    class Wheel:
+        """A wheel. Source: this test."""
+
+        radius: float = quantity("m", "Radius.", default=0.3)
+
+    wheel = Wheel()
+    with pytest.raises(dataclasses.FrozenInstanceError, match=r"write wheel = replace\(wheel, radius=…\)"):
+        wheel.radius = 0.4  # pyright: ignore[reportAttributeAccessIssue]
+    assert wheel.radius == 0.3
+
+
+def test_refuses_a_field_without_annotation():
+    with pytest.raises(InputError, match="record Spoke: 'length' is a field but has no type annotation") as refused:
+
+        @record
+        class Spoke:
+            """A spoke. Source: this test."""
+
+            length = quantity("m", "Length.", default=0.3)
+
+    assert "name: float = quantity" in refused.value.fix

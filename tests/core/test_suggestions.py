@@ -33,7 +33,7 @@ def test_closest_gives_at_most_n_and_no_doubles():
     [
         ("world.vehicle.mas", "world.vehicle.mass", 'settings={"world.vehicle.mass": "…"}'),
         ("world.vehicle", "world.vehicle.mass", 'settings={"world.vehicle.mass": "…"}'),
-        ("zzzz", "autopilot", "trimtab list SCENARIO"),
+        ("zzzz", "autopilot", "settings(SCENARIO)"),
     ],
 )
 def test_an_unknown_setting_gets_the_nearest_ones(typed, choices, fix):

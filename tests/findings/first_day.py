@@ -11,7 +11,8 @@ import tempfile
 from collections.abc import Iterator
 from pathlib import Path
 
-from findings.finding import Finding
+from findings import first_day_slips
+from findings.finding import Finding, Outcome, run_tests
 from trimtab import InputError, build, plot_run, quantity, replace, simulate
 from trimtab.core.record import record
 
@@ -138,6 +139,11 @@ def _declares_degrees() -> object:
 
 def _flies_integer() -> object:
     return simulate("hovercraft/spin", duration=30)
+
+
+def _own_slips() -> Outcome:
+    wrong = [finding.id for finding in first_day_slips.FINDINGS if not finding.run().holds]
+    return Outcome(f"wrong answers: {', '.join(wrong) or 'none'}", not wrong)
 
 
 MASS = ("--spread", "world.vehicle.mass=uniform(80%, 120%)")
@@ -273,6 +279,93 @@ FINDINGS = [
         "plain text",
         lambda: answers("run", "--json", "hovercraft/spinn", says='"error": {"part"'),
     ),
+    Finding(
+        "metric without its kind",
+        "campaign hovercraft/spin --success 'yaw_rate < 0.1'",
+        "misleading advice",
+        lambda: answers("campaign", "hovercraft/spin", "--success", "yaw_rate < 0.1", says="settling:yaw_rate < 0.1"),
+    ),
+    Finding(
+        "picture as folder",
+        "demo --out d.png",
+        "a folder d.png",
+        lambda: answers("demo", "--out", "d.png", says="must name a folder"),
+    ),
+    Finding(
+        "too many runs",
+        "campaign hovercraft/spin --runs 5e9",
+        "a minute, then a traceback",
+        lambda: answers("campaign", "hovercraft/spin", "--runs", "5e9", says="must be a whole number from 1 to"),
+    ),
+    Finding(
+        "typo of a scenario or a first word",
+        "run hovercraft/spinn, campaign hovercraft/spin --set wrld.mass=3",
+        "2.5 to 4.6 s before the message",
+        lambda: run_tests("commands/test_output.py::test_a_typo_is_answered_before_anything_heavy_is_imported"),
+    ),
+    Finding(
+        "typo in a path, after a run or a first typo",
+        "run hovercraft/spin --set world.vehicle.mas=3",
+        "3.4 s before the message",
+        lambda: run_tests(
+            "commands/test_output.py::test_a_path_that_was_wrong_once_is_answered_at_once",
+            "commands/test_output.py::test_a_path_is_known_after_a_run",
+        ),
+    ),
+    Finding(
+        "full disk",
+        "list > /dev/full",
+        "a traceback of 40 lines",
+        lambda: run_tests("commands/test_standard_streams.py::test_a_full_disk_is_one_line_and_exit_code_1"),
+    ),
+    Finding(
+        "narrow terminal",
+        "run hovercraft/zero-velocity, with COLUMNS=60 and 80",
+        "digits are cut",
+        lambda: run_tests("commands/test_output.py"),
+    ),
+    Finding(
+        "long work without a terminal",
+        "campaign … 2> file",
+        "six minutes without a word",
+        lambda: run_tests("commands/test_progress.py"),
+    ),
+    Finding(
+        "own names of Python calls",
+        "trimtab.list(), simulate(name, dt=0.01), log.time, log[0], scenario.vehicle",
+        "19 bare AttributeErrors or TypeErrors",
+        lambda: run_tests(
+            "test_front_door.py::test_another_common_name_is_answered_with_ours",
+            "core/test_explain_call.py",
+            "logs/test_log.py::test_a_missing_member_names_what_to_write",
+            "loop/test_summary.py::test_a_missing_member_of_a_scenario_names_what_to_write",
+        ),
+    ),
+    Finding(
+        "demo",
+        "demo",
+        "the yaw rate rises to the end, and no verdict",
+        lambda: run_tests("test_cli.py::test_the_demos_verdict_is_that_of_its_flight"),
+    ),
+    Finding(
+        "commands of the front page",
+        "each command of README.md as printed",
+        "command not found",
+        lambda: run_tests("docs/test_front_pages.py::test_every_command_of_the_front_page_is_one_as_it_stands"),
+    ),
+    Finding(
+        "picture of a run",
+        "run … --plot x.png",
+        "17 to 22 equal panels, no plan view, no limits, no verdict",
+        lambda: run_tests("plots/test_run.py"),
+    ),
+    Finding(
+        "firmware of any vehicle",
+        "firmware vessel/path",
+        "every vehicle but the fan hovercraft is refused",
+        lambda: run_tests("firmware/test_any_vehicle.py::test_a_pulse_for_each_number_of_the_command_by_its_table"),
+    ),
+    Finding("slips in an own law or vehicle", "44 files", "tracebacks, wrong advice", _own_slips),
     Finding("short reprs", "repr(scenario), repr(log)", "4 692 to 33 483 characters", _short_reprs),
     Finding("scenario by name", 'simulate("hovercraft/forward")', "TypeError", _by_name),
 ]

@@ -12,7 +12,7 @@ import pytest
 from trimtab.core.errors import InputError
 from trimtab.core.quantity import Quantity
 from trimtab.core.time import to_seconds
-from trimtab.logs.log import LazyMapping, Log, to_plain
+from trimtab.logs.log import LazyMapping, Log, check_log, to_plain
 
 
 def small(n: int = 5, **changes) -> Log:
@@ -214,3 +214,58 @@ def test_without_xarray_it_says_what_to_install(monkeypatch):
     with pytest.raises(InputError) as refused:
         small().to_xarray()
     assert 'pip install "trimtab[xarray]"' in str(refused.value)
+
+
+MEMBERS = {
+    "plot": "plot_run(log)",
+    "save": "write_log(log",
+    "to_csv": "log.to_dataframe().to_csv",
+    "time": "log.t",
+    "keys": "log.paths",
+    "truth": 'log["truth.heading"]',
+    "heading": 'log["truth.heading"]',
+    "scenario": 'log.metadata["scenario"]',
+    "betwen": "between",
+    "anything": "print(log.paths)",
+}
+
+
+@pytest.mark.parametrize("name", MEMBERS)
+def test_a_missing_member_names_what_to_write(name):
+    log = small(metadata={"scenario": "own", "duration_s": 1.0})
+    with pytest.raises(AttributeError, match="a Log has no") as refused:
+        getattr(log, name)
+    assert MEMBERS[name] in str(refused.value)
+    assert not hasattr(log, name)
+    assert not hasattr(log, "__array__")
+
+
+def test_iterates_over_paths_and_completes_them():
+    log = small()
+    assert list(log) == list(log.paths) == log._ipython_key_completions_()
+
+
+@pytest.mark.parametrize("index", [0, slice(0, 3), ["truth.heading"]])
+def test_refuses_an_index_that_is_not_a_path(index):
+    with pytest.raises(InputError, match="is read by its path") as refused:
+        small()[index]
+    assert "log.between(t0, t1)" in refused.value.fix
+
+
+@pytest.mark.parametrize("name", ["t", "time"])
+def test_time_is_an_attribute(name):
+    with pytest.raises(InputError, match="not in this log") as refused:
+        small()[name]
+    assert "log.t" in refused.value.fix
+
+
+def test_refuses_what_is_not_a_log():
+    check_log(small(), "plot_run({})")
+    for value, fix in (
+        ("hovercraft/spin", "simulate('hovercraft/spin')"),
+        ("a.mcap", "read_log('a.mcap')"),
+        (3, "read"),
+    ):
+        with pytest.raises(InputError, match="is not a log") as refused:
+            check_log(value, "plot_run({})")
+        assert fix in refused.value.fix

@@ -1,16 +1,18 @@
 """Slips in somebody's own law or vehicle are said with file and line, and with what to write instead."""
 
 import math
+from math import sin
 
 import jax
 import jax.numpy as jnp
+import numpy
 import numpy as np
 import pytest
 
 from trimtab.core.errors import InputError
-from trimtab.core.record import quantity, record
+from trimtab.core.record import part, quantity, record
 from trimtab.loop.own_code import describe_fault
-from trimtab.loop.structure import check_members, zeros_of, zeros_of_step
+from trimtab.loop.structure import check_members, check_record, check_state, first_state, zeros_of, zeros_of_step
 
 
 @record
@@ -34,8 +36,8 @@ SLIPS = {
     "float": (lambda x: float(x.north), "`float()` of a traced value", "leave float() out"),
     "range": (lambda x: [0 for _ in range(jnp.asarray(x.north, int))], "`range()` of a traced value", "fixed number"),
     "misspelt": (lambda x: x.nort, "'Point' object has no attribute 'nort'", "write 'north' instead"),
-    "shape": (lambda x: jnp.stack([x.north, jnp.zeros(2)]), "", "give law an input"),
-    "another name": (lambda x: nothing, "NameError: name 'nothing' is not defined", ""),  # noqa: F821
+    "shape": (lambda x: jnp.stack([x.north, jnp.zeros(2)]), "Cannot stack arrays", "correct that line"),
+    "another name": (lambda x: nothing, "NameError: name 'nothing' is not defined", "define or import"),  # noqa: F821
 }
 
 
@@ -51,7 +53,7 @@ def test_a_slip_is_said_with_its_line_and_what_to_write(slip):
 
 def test_what_gives_no_pair_is_refused():
     with pytest.raises(
-        InputError, match="its step\\(\\) must return \\(state, output\\), got a Point as declared"
+        InputError, match=r"test_own_code.py:\d+: its step\(\) must return \(state, output\), got a Point as declared"
     ) as refused:
         zeros_of_step("law", "the state", lambda x: x, Point(1.0))
     assert "(state, output)" in refused.value.fix
@@ -90,6 +92,88 @@ def test_a_file_that_does_not_run_is_refused_with_its_line(tmp_path, text, said)
         build(f"{tmp_path / 'own.py'}:scenario")
     assert said in refused.value.problem
     assert refused.value.fix
+
+
+OTHERS = {
+    "numpy by its name": (lambda x: numpy.sin(x.north), "`numpy.sin` of a traced value", "use jnp.sin"),
+    "a function by its name": (lambda x: sin(x.north), "`sin` of Python on a traced value", "use jnp.sin"),
+    "item": (lambda x: x.north.item(), "`.item()` of a traced value", "leave .item() out"),
+    "unknown argument": (lambda x: Point(nort=x.north), "unexpected keyword argument", "write north=… instead"),
+    "change": (lambda x: setattr(x, "north", 1.0), "a record does not change", "return what changes as the state"),
+    "format": (lambda x: f"{x.north:.2f}", "unsupported format string", "jax.debug.print"),
+    "import": (lambda x: replace(x, north=1.0), "name 'replace' is not defined", "from trimtab import replace"),  # noqa: F821
+    "below": (lambda x: x.north, "'Pair' object has no attribute 'north'", "write 'first.north' instead"),
+}
+
+
+@record
+class Pair:
+    """Two points. Source: none."""
+
+    first: Point = part("First point.")
+    second: float = quantity("m", "Distance.", default=0.0)
+
+
+@pytest.mark.parametrize("slip", OTHERS)
+def test_says_what_to_write_instead_of_a_wrong_call(slip):
+    function, problem, fix = OTHERS[slip]
+    given = Pair(Point(1.0)) if slip == "below" else Point(1.0)
+    with pytest.raises(InputError) as refused:
+        zeros_of("law", "the state", function, given)
+    assert f"test_own_code.py:{function.__code__.co_firstlineno}: " in refused.value.problem
+    assert problem in refused.value.problem
+    assert fix in refused.value.fix
+
+
+class Rounded:
+    """Methods with wrong arguments."""
+
+    def step(self, state): ...
+
+    def init(self): ...
+
+
+def test_refuses_methods_that_take_other_arguments():
+    with pytest.raises(
+        InputError, match=r"test_own_code.py:\d+: step\(state\) must take \(t, state, input\)"
+    ) as refused:
+        zeros_of_step("law", "the state", Rounded().step, 0, (), Point(1.0))
+    assert refused.value.fix == "def step(self, t, state, input): …"
+    with pytest.raises(InputError, match=r"init\(\) must take \(key\)"):
+        first_state("law", Rounded().init, None)
+    with pytest.raises(InputError, match="ZeroDivisionError: division by zero"):
+        first_state("law", lambda key: 1 / 0, None)
+
+
+def test_refuses_a_fraction_where_the_first_state_is_whole():
+    def step():
+        return None
+
+    check_state("law", step, 1.5, 0.0)
+    check_state("law", step, 1, 0)
+    check_state("law", step, True, False)
+    with pytest.raises(InputError, match="has a fraction where init\\(\\) has a whole number") as refused:
+        check_state("law", step, 1.5, 0)
+    assert refused.value.fix == "write 0.0 instead of 0 in init()"
+
+
+def test_refuses_classes_and_classes_without_record():
+    check_record("law", Point())
+    with pytest.raises(InputError, match="Point is a class, not a part"):
+        check_record("law", Point)
+    with pytest.raises(InputError, match=r"test_own_code.py:\d+: Rounded is not a record"):
+        check_record("law", Rounded())
+
+
+def test_names_the_line_of_an_own_file_that_gives_a_wrong_value(tmp_path):
+    from trimtab.scenarios.build import build
+
+    text = "from trimtab import build\n\ndef scenario():\n    return build('hovercraft/spn')\n"
+    (tmp_path / "spun.py").write_text(text)
+    with pytest.raises(InputError, match=r"^spun.py:4: scenario 'hovercraft/spn'") as refused:
+        build(f"{tmp_path / 'spun.py'}:scenario")
+    assert refused.value.fix.startswith('"hovercraft/spin"')
+    assert "trimtab " not in refused.value.fix
 
 
 def test_an_error_of_nobody_has_no_line():

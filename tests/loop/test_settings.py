@@ -6,7 +6,7 @@ import pytest
 from trimtab.core.errors import InputError
 from trimtab.core.record import leaves
 from trimtab.links.latency import MeasuredLatency, interpolate_latency
-from trimtab.loop.settings import setting_paths, with_settings
+from trimtab.loop.settings import setting_paths, texts_of, with_settings
 from trimtab.scenarios.build import build
 
 NAME = "hovercraft/forward"
@@ -116,3 +116,16 @@ def test_a_predictor_is_told_of_the_delay():
     )
     assert float(late.uplink_delay) == pytest.approx(0.12)
     assert float(late.uplink_delay) > float(without.uplink_delay)
+
+
+@pytest.mark.parametrize(
+    ("path", "value"), [("world.vehicle.mass", 3), ("world.vehicle.mass", np.float64(3)), ("duration", 3)]
+)
+def test_a_setting_may_be_a_number(path, value, forward):
+    assert read(with_settings(forward, {path: value}), path) == read(with_settings(forward, {path: "3"}), path)
+    assert read(build(NAME, {path: value}), path) == read(build(NAME, {path: "3"}), path)
+
+
+def test_texts_of_settings_are_as_typed():
+    given = {"a": 3, "b": [1, 2.5], "c": True, "d": "3 kg", "e": np.array([1.0, 2.0])}
+    assert texts_of(given) == {"a": "3", "b": "[1.0, 2.5]", "c": "true", "d": "3 kg", "e": "[1.0, 2.0]"}

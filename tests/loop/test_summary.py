@@ -1,5 +1,7 @@
 """What flies in a scenario, short enough to be read."""
 
+import pickle
+
 import numpy as np
 import pytest
 
@@ -34,3 +36,22 @@ def test_a_part_is_its_class_and_its_first_numbers():
 def test_what_is_zero_of_a_first_state_is_not_said():
     rows = dict(summarise_scenario(find_scenario("hovercraft/spin")))
     assert rows["initial"] == "HovercraftState: yaw_rate 0.1 rad/s"
+
+
+MEMBERS = {
+    "run": "simulate(scenario)",
+    "plot": "plot_run(simulate(scenario))",
+    "vehicle": "scenario.world.vehicle",
+    "law": "scenario.autopilot.law",
+    "mass": "scenario.world.vehicle.mass",
+    "durations": "duration",
+}
+
+
+@pytest.mark.parametrize("name", MEMBERS)
+def test_a_missing_member_of_a_scenario_names_what_to_write(name):
+    scenario = find_scenario("hovercraft/spin")
+    with pytest.raises(AttributeError, match="a Scenario has no") as refused:
+        getattr(scenario, name)
+    assert str(refused.value).endswith(f"write  {MEMBERS[name]}")
+    assert pickle.loads(pickle.dumps(scenario)).duration == scenario.duration

@@ -315,3 +315,10 @@ def test_refuses_a_log_without_rows(short, value):
 def test_refuses_integers_meant_as_seconds(short, change, said):
     with pytest.raises(InputError, match=said):
         simulate(change(short))
+
+
+def test_a_log_period_is_refused_before_anything_is_compiled(short, monkeypatch):
+    monkeypatch.setattr(simulate_module, "compile_scenario", lambda *_, **__: pytest.fail("compiled"))
+    for period in (0, "2 s"):
+        with pytest.raises(InputError, match="log_period: must be above 0 s and at most the flight's 1 s"):
+            simulate(short, log_period=period)

@@ -2,6 +2,7 @@
 
 import importlib
 import re
+import subprocess
 import sys
 
 import numpy as np
@@ -97,3 +98,16 @@ def test_a_file_named_like_another_module_does_not_replace_it(tmp_path, name):
     sys.modules.pop("colorsys", None)  # a module that nobody has imported yet
     assert build(f"{tmp_path}/{name}.py:mine").name == build("hovercraft/forward").name
     assert importlib.import_module(name).__spec__.origin == before.__spec__.origin
+
+
+def test_one_fault_may_be_given_as_a_text():
+    scenario = build(NAME, faults="uplink off @ 1 s", without="navigation-error")
+    assert scenario.choices["faults"] == ["uplink off @ 1 s"]
+    assert scenario.choices["without"] == ["navigation-error"]
+
+
+def test_a_build_does_not_import_what_only_a_gain_needs():
+    code = (
+        "import sys, trimtab.run.simulate; print([n for n in ('scipy.optimize', 'scipy.linalg') if n in sys.modules])"
+    )
+    assert subprocess.check_output([sys.executable, "-c", code], text=True) == "[]\n"

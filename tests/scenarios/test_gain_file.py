@@ -12,7 +12,7 @@ from trimtab.core.errors import InputError
 from trimtab.design.certificate_file import certificate_json, read_certificate
 from trimtab.logs.mcap import read_mcap
 from trimtab.loop.beliefs import belief_mismatches
-from trimtab.scenarios.build import GAIN
+from trimtab.scenarios.catalogue import GAIN
 from trimtab.scenarios.recorded import rebuild_scenario
 
 CART = ("cart-pole/swing-up", {"start": "leaning"})

@@ -28,7 +28,7 @@ def parse_words(file: Path, verb: str, help: str, words: list[str], parent: clic
         words: words typed after the verb.
         parent: context of the program.
 
-    Raises: click.UsageError for an unknown option, or for an option without its value.
+    Raises: click.UsageError for an unknown option, an option without its value, or a value that is not a number.
     """
     read = _read_command(file, verb, help)
     if read is None:
@@ -36,7 +36,11 @@ def parse_words(file: Path, verb: str, help: str, words: list[str], parent: clic
     context = click.Context(read, parent=parent, info_name=verb)
     switches = click.Command(verb, params=[p for p in read.params if isinstance(p, click.Option)])
     try:
-        return switches.make_parser(context).parse_args(list(words))[1]
+        values, plain, _ = switches.make_parser(context).parse_args(list(words))
+        for option in switches.params:
+            if option.name in values and not isinstance(option.type, click.Path):
+                option.type_cast_value(context, values[option.name])
+        return plain
     except click.UsageError as error:
         error.ctx = context
         raise

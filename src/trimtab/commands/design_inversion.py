@@ -13,11 +13,11 @@ from trimtab.commands.options import PLOT
 from trimtab.commands.output import (
     check_out,
     check_picture,
-    console,
     draw_plot,
     new_table,
     print_files,
     print_json,
+    print_table,
     write_text,
 )
 from trimtab.core.errors import InputError
@@ -183,4 +183,4 @@ def _print_inversion(plant: Any, found: Inversion, states: Any, inputs: Any, spa
     for name, column in zip((*states, *inputs), np.column_stack([found.x, found.u]).T, strict=True):
         picks = (column[0], column.min(), column.max(), column[-1], column[begin])
         table.add_row(name, *(format_value(plant, name, float(v)) for v in picks))
-    console().print(table)
+    print_table(table)

@@ -8,7 +8,7 @@ import click
 from click.shell_completion import CompletionItem
 
 from trimtab.commands.typed_names import keep_paths, read_paths
-from trimtab.commands.written_files import with_overwrite
+from trimtab.commands.written_files import PICTURES, with_overwrite
 from trimtab.core.errors import InputError
 from trimtab.logs.log_limit import DEFAULT_LIMIT, format_size, parse_size
 from trimtab.scenarios import catalogue
@@ -118,10 +118,18 @@ def OUT(metavar: str, help: str, required: bool = False, name: str = "out") -> C
     """Return the option ``--out``, the file or folder that the verb writes, together with ``--overwrite``."""
 
     def add_options(function: Callable[..., Any]) -> Callable[..., Any]:
-        written = click.option("--out", name, type=FILE, metavar=metavar, required=required, help=help)
+        check = _refuse_picture if metavar == "DIR" else None
+        written = click.option("--out", name, type=FILE, metavar=metavar, required=required, help=help, callback=check)
         return written(with_overwrite(function))
 
     return add_options
+
+
+def _refuse_picture(context: click.Context, parameter: click.Parameter, folder: Path | None) -> Path | None:
+    """Return the folder. Raise InputError for the name of a picture."""
+    if folder is not None and folder.suffix.lower() in PICTURES:
+        raise InputError("--out", f"must name a folder, got {str(folder)!r}", fix=f"--out {folder.with_suffix('')}")
+    return folder
 
 
 def PLOT(help: str, name: str = "plot") -> Callable[..., Any]:
@@ -138,9 +146,29 @@ MOST_RUNS = 10_000_000
 """Maximum number of runs of one search or campaign, so that the results fit in memory."""
 
 
+class Count(click.IntRange):
+    """Whole number of runs; 1e4 is 10000."""
+
+    def __init__(self, least: int, most: int) -> None:
+        super().__init__(least, most)
+        self.least, self.most = least, most
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> int:
+        """Return the number. Raise InputError if it is not whole or out of range."""
+        try:
+            number = float(value)
+        except ValueError:
+            number = float("nan")
+        if number.is_integer() and self.least <= number <= self.most:
+            return int(number)
+        option = param.opts[0] if param is not None else "value"
+        limits = f"must be a whole number from {self.least} to {self.most}"
+        raise InputError(option, f"{limits}, got {value}", fix=f"{option} {max(self.least, 1000)}")
+
+
 def RUNS(default: int, help: str, least: int = 1) -> Callable[..., Any]:
     """Return the option ``--runs``, the number of runs."""
-    return click.option("--runs", type=click.IntRange(least, MOST_RUNS), default=default, show_default=True, help=help)
+    return click.option("--runs", type=Count(least, MOST_RUNS), default=default, show_default=True, help=help)
 
 
 # the loop and its settings

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from trimtab.commands.written_files import check_new, note_written
+from trimtab.commands.written_files import PICTURES, check_new, note_written
 from trimtab.core.control_characters import show_controls
 from trimtab.core.errors import InputError
 from trimtab.logs.log_limit import list_files, round_size
@@ -170,9 +170,9 @@ def check_picture(picture: Path | None, out: Path | None) -> None:
     if out is not None:
         check_folder("--out", out)
     if picture is not None:
-        if picture.suffix.lower() not in (".png", ".pdf", ".svg"):
+        if picture.suffix.lower() not in PICTURES:
             problem = f"{picture.name!r} does not end in a supported picture format"
-            raise InputError("--plot", problem, choices=(".png", ".pdf", ".svg"), fix=f"--plot {picture.stem}.png")
+            raise InputError("--plot", problem, choices=PICTURES, fix=f"--plot {picture.stem}.png")
         if out is None or picture.parent != out:
             check_folder("--plot", picture.parent)
         if picture.is_dir():

@@ -4,6 +4,7 @@ import math
 import os
 import shutil
 import sys
+import threading
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
@@ -15,6 +16,8 @@ from trimtab.logs.log_limit import round_size
 
 LARGE = 10_000_000
 """Minimum size (bytes) of a file whose size is announced."""
+EACH = 10.0
+"""Time (s) between two lines of progress without a terminal."""
 HOUR = 3600.0
 """Remaining time (s) from which it is also printed on a permanent line on a terminal."""
 
@@ -51,10 +54,12 @@ def show_progress(total: int) -> Iterator[Callable[[str, int], None]]:
     """Show a transient progress bar on standard error; yield a function of a text and the number newly done.
 
     If more than an hour remains, that is printed once on a permanent line. Without a terminal, progress is printed as
-    lines from time to time.
+    a line every ten seconds.
     """
     if not _can_redraw():
-        yield _ProgressLines(total, lambda line: click.echo(line, err=True)).add
+        without_bar = _ProgressLines(total, lambda line: click.echo(line, err=True))
+        with _reminders(without_bar.remind):
+            yield without_bar.add
         return
     from rich.console import Console
     from rich.progress import (
@@ -81,14 +86,33 @@ def show_progress(total: int) -> Iterator[Callable[[str, int], None]]:
 
 @contextmanager
 def show_spinner(text: str) -> Iterator[None]:
-    """Show a transient spinner with a text; nothing without a terminal."""
+    """Show a transient spinner with a text; without a terminal a line every ten seconds."""
     if not _can_redraw():
-        yield
+        with _reminders(lambda waited: click.echo(f"{text}: {waited:.0f} s so far", err=True)):
+            yield
         return
     from rich.console import Console
 
     with Console(stderr=True).status(text):
         yield
+
+
+@contextmanager
+def _reminders(say: Callable[[float], None]) -> Iterator[None]:
+    """Call a function with the time waited (s) every ten seconds, in a thread of its own."""
+    ended, began = threading.Event(), time.monotonic()
+
+    def remind() -> None:
+        while not ended.wait(EACH):
+            say(time.monotonic() - began)
+
+    thread = threading.Thread(target=remind, daemon=True)
+    thread.start()
+    try:
+        yield
+    finally:
+        ended.set()
+        thread.join()
 
 
 @contextmanager
@@ -133,14 +157,15 @@ class _ProgressLines:
         each: time between two lines (s).
     """
 
-    def __init__(self, total: int, say: Callable[[str], None], long: float = 5.0, each: float = 30.0) -> None:
+    def __init__(self, total: int, say: Callable[[str], None], long: float = 5.0, each: float = EACH) -> None:
         self.total, self.say, self.long, self.each = total, say, long, each
-        self.done = self.at_first = 0
+        self.text, self.done, self.at_first = "", 0, 0
         self.began, self.said = 0.0, -math.inf
 
     def add(self, text: str, more: int) -> None:
         """Report `more` items as done."""
         now = time.monotonic()
+        self.text = text
         self.done += more
         if not self.began and more:
             self.began, self.at_first = now, self.done
@@ -152,6 +177,13 @@ class _ProgressLines:
         if left > self.long:
             self.said = now
             self.say(f"{text}: {self.done} of {self.total}, about {format_wait(left)} left on {_cores()}")
+
+    def remind(self, waited: float) -> None:
+        """Report the time waited (s), unless another line was printed meanwhile."""
+        now = time.monotonic()
+        if now - self.said >= self.each:
+            self.said = now
+            self.say(f"{self.text}: {self.done} of {self.total}, {waited:.0f} s so far".removeprefix(": "))
 
 
 def _cores() -> str:

@@ -16,6 +16,7 @@ from trimtab.commands.flight_summary import closest_approach, metric_units, prin
 from trimtab.commands.options import BACKEND, FLIGHT, JSON, OUT, PLOT, SCENARIO, WITHOUT
 from trimtab.commands.output import check_picture, draw_plot, new_table, print_files, print_json, print_table
 from trimtab.commands.progress import announce_size, show_spinner, warn_of_room
+from trimtab.commands.typed_names import keep_paths, read_paths
 from trimtab.commands.written_files import check_new_in
 from trimtab.core.cache_folder import enable_cache
 from trimtab.core.errors import InputError
@@ -25,7 +26,7 @@ from trimtab.logs.log import Log
 from trimtab.logs.metrics import Target
 from trimtab.logs.robustness import assess_formula
 from trimtab.logs.spatial import with_flight
-from trimtab.run.program import check_seed
+from trimtab.run.program import check_log_period, check_seed
 
 if TYPE_CHECKING:
     from trimtab.logs.navigation import Navigation
@@ -111,9 +112,14 @@ def command(
     check_new_in("--out", out, "run.mcap", "ideal.mcap")
     if plot is not None:
         check_new_in("--plot", plot.parent, *(f"{plot.stem}-{more}{plot.suffix}" for more in PICTURES))
+    from trimtab.loop.settings import setting_paths
     from trimtab.scenarios.build import build
 
-    built = _estimate_steps(build(scenario, settings, without, faults))
+    built = build(scenario, settings, without, faults)
+    if not (settings or without or faults or read_paths(scenario)):
+        keep_paths(scenario, setting_paths(built))
+    built = _estimate_steps(built)
+    check_log_period(flight["log_period"], built.duration)
     check_picture(plot, out)
     report = _compile_and_fly(built, ideal, backend, flight)
     seen = with_flight(report.real)

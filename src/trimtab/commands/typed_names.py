@@ -1,8 +1,8 @@
 """Check of typed names, of the scenario and its settings, before a verb is imported.
 
 A verb takes a second or more to import; a typo is reported without that delay. The paths of a scenario's settings are
-cached by `trimtab list`, by completion, or after a wrong path. Until then only the first word of a path is checked.
-Uncertain names are left to the verb, which gives the same message.
+cached by `trimtab list`, by `trimtab run`, by completion, or after a wrong path. Until then only the first word of a
+path is checked. Uncertain names are left to the verb, which gives the same message.
 """
 
 import re

@@ -18,6 +18,8 @@ from trimtab.core.cache_folder import cache_folder
 from trimtab.core.errors import InputError
 
 FOLDER = "written"
+PICTURES = (".png", ".pdf", ".svg")
+"""Formats of pictures."""
 OVERWRITE = "trimtab.overwrite"
 """Key of the context's entry that is True after ``--overwrite``."""
 LIMIT = 5000

@@ -72,6 +72,11 @@ def argument_name(name: str, of: str | None = None) -> str:
     return _SPELLING.get()(name, None, of)
 
 
+def command(shell: str, python: str) -> str:
+    """Return what the reader types: a command of the shell, or a call in Python."""
+    return python if argument_name("name") == "name" else shell
+
+
 @contextmanager
 def spell_with(spelling: Callable[[Spelling, str, Any, str | None], str]) -> Iterator[None]:
     """Within it, in this thread, arguments are written so. It is given how they are written without it, too, first."""

@@ -89,7 +89,12 @@ def record(cls: type[T]) -> type[T]:
     meanings, are written below the class's docstring, where ``help`` shows them.
     """
     _accept_texts(cls)
-    frozen: Any = dataclasses.dataclass(frozen=True, eq=False)(cls)
+    try:
+        frozen: Any = dataclasses.dataclass(frozen=True, eq=False)(cls)
+    except TypeError as error:  # a field without annotation, or one without default after one with
+        fix = 'name: float = quantity("m", "What it means.", default=0.0), each with a default or none'
+        raise InputError(f"record {cls.__name__}", str(error), fix=fix) from None
+    _explain_changes(frozen)
     for f in dataclasses.fields(frozen):
         if "declared" not in f.metadata:
             problem = f"{f.name!r} is not declared: what it is, its unit and its meaning"
@@ -98,6 +103,17 @@ def record(cls: type[T]) -> type[T]:
     _register_pytree(frozen)
     frozen.__doc__ = f"{inspect.cleandoc(cls.__doc__ or cls.__name__)}\n\n{_describe_fields(frozen)}".rstrip()
     return frozen
+
+
+def _explain_changes(cls: Any) -> None:
+    """Have an assignment to a field of a record say what to write instead."""
+
+    def __setattr__(self: Any, name: str, value: Any) -> None:
+        kind = type(self).__name__.lower()
+        problem = f"cannot assign to field {name!r}: a record does not change"
+        raise dataclasses.FrozenInstanceError(f"{problem}; write {kind} = replace({kind}, {name}=…), from trimtab")
+
+    cls.__setattr__ = __setattr__
 
 
 def _accept_texts(cls: Any) -> None:

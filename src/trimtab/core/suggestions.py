@@ -1,11 +1,21 @@
-"""Suggestions after a misspelt name: the nearest scenario, setting, option or file.
+"""Suggestions after a misspelt name: the nearest scenario, setting, option, member or file.
 
 Source: docs page, Troubleshooting.
 """
 
 from collections.abc import Iterable
+from typing import Any
 
-from trimtab.core.errors import InputError, argument, argument_name
+from trimtab.core.errors import InputError, argument, argument_name, command
+
+
+def missing_member(owner: Any, name: str, write: str) -> AttributeError:
+    """Return the error for a member that an object does not have. write: what to write instead; "" if unknown."""
+    if name.startswith("_"):
+        return AttributeError(f"{type(owner).__name__!r} object has no attribute {name!r}", name=name, obj=owner)
+    near = closest(name, [n for n in dir(owner) if not n.startswith("_")], 1)
+    instead = f"; write  {write or near[0]}" if write or near else ""
+    return AttributeError(f"a {type(owner).__name__} has no {name!r}{instead}", name=name, obj=owner)
 
 
 def unknown_setting(name: str, path: str, known: Iterable[str]) -> InputError:
@@ -19,7 +29,7 @@ def unknown_setting(name: str, path: str, known: Iterable[str]) -> InputError:
     fix = (
         argument(name, "…", near[0])
         if below or (near and near[0] in known)
-        else "trimtab list SCENARIO  shows every path with its value and unit"
+        else command("trimtab list SCENARIO", "settings(SCENARIO)") + "  shows every path with its value and unit"
     )
     return InputError(argument_name(name, path), "there is no such setting", choices=near, fix=fix)
 

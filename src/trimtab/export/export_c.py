@@ -12,6 +12,7 @@ from trimtab import __version__
 from trimtab.compiler.block import BlockDefinition, block_text
 from trimtab.compiler.folder import ExportedFolder, SampleVectors, exact_numbers, write_folder
 from trimtab.core.errors import InputError, argument
+from trimtab.core.explain_call import explain_call
 from trimtab.core.time import timetable, to_seconds
 from trimtab.logs.log import Log
 from trimtab.loop.scenario import Scenario
@@ -29,6 +30,7 @@ OPTIONAL = ("supervisor", "predictor", "monitor")
 """Optional parts of an autopilot that have outputs."""
 
 
+@explain_call()
 def export_c(
     scenario: Scenario | str,
     folder: str | Path,

@@ -13,7 +13,7 @@ from trimtab import __version__
 from trimtab.core.errors import InputError, install_command
 from trimtab.core.html_table import html_table
 from trimtab.core.quantity import Quantity, component_paths, split_component
-from trimtab.core.suggestions import closest
+from trimtab.core.suggestions import closest, missing_member
 from trimtab.core.time import UNITS_PER_SECOND, to_seconds
 
 SHOWN = 30
@@ -138,6 +138,15 @@ class Log:
     def __len__(self) -> int:
         return len(self.ticks)
 
+    def __iter__(self) -> Iterator[str]:
+        return iter(self.signals)
+
+    def __getattr__(self, name: str) -> Any:
+        raise missing_member(self, name, _other_spelling(self, name))
+
+    def _ipython_key_completions_(self) -> list[str]:
+        return list(self.signals)
+
     def __contains__(self, path: object) -> bool:
         return path in self.signals or (isinstance(path, str) and self._component(path) is not None)
 
@@ -150,6 +159,9 @@ class Log:
 
     def __getitem__(self, path: str) -> np.ndarray:
         """Return the signal at a path: a read-only array (n,) or (n, k); "truth.velocity[2]" is one element, (n,)."""
+        if not isinstance(path, str):  # pyright: ignore[reportUnnecessaryIsInstance]
+            fix = f'write log["{self.paths[0]}"][:10]; a part of the time is log.between(t0, t1)'
+            raise InputError("log", f"a signal is read by its path, got {path!r}", fix=fix)
         if path not in self.signals:
             component = self._component(path)
             if component is not None:
@@ -158,6 +170,8 @@ class Log:
             problem = "is a group of signals" if below else "is not in this log"
             choices = below or closest(path, self.signals) or list(self.signals)
             fix = f"write log[{choices[0]!r}], or print(log.paths) for all {len(self.signals)}"
+            if path in ("t", "time"):
+                fix = "write log.t, the time in seconds"
             raise InputError("log", f"signal {path!r} {problem}", choices=choices[:8], fix=fix)
         return self.signals[path]
 
@@ -245,6 +259,51 @@ class Log:
             lines.append(f"  ... {count - 6} more in log.paths")
         lines.append(f'Read one: log["{self.paths[0]}"]; in seconds: log.t; a part: log.between(t0, t1)')
         return "\n".join(lines)
+
+
+OTHER_SPELLINGS = {
+    "plot": "plot_run(log)",
+    "save": 'write_log(log, "run.mcap")',
+    "write": 'write_log(log, "run.mcap")',
+    "to_csv": 'log.to_dataframe().to_csv("run.csv")',
+    "to_pandas": "log.to_dataframe()",
+    "to_numpy": "log.to_dataframe().to_numpy()",
+    "time": "log.t",
+    "keys": "log.paths",
+    "columns": "log.paths",
+    "units": 'log.unit("PATH")',
+    "metrics": 'metrics(log, build("SCENARIO").targets, log.paths)',
+    "summary": "print(log)",
+    "states": 'log["truth.NAME"]',
+    "shape": "len(log), len(log.paths)",
+}
+"""Members that users of other libraries expect of a log -> what to write."""
+
+
+def _other_spelling(log: Log, name: str) -> str:
+    """Return what to write for a member that a log does not have; "" if nothing is near."""
+    signals = log.__dict__.get("signals", {})
+    below = [path for path in signals if path.startswith(f"{name}.")]
+    if name in OTHER_SPELLINGS:
+        return OTHER_SPELLINGS[name]
+    if below:
+        return f'log["{below[0]}"]'
+    if name in log.__dict__.get("metadata", {}):
+        return f'log.metadata["{name}"]'
+    if f"{name}_s" in log.__dict__.get("metadata", {}):
+        return f'log.metadata["{name}_s"]'
+    ends = [path for path in signals if path.endswith(f".{name}")]
+    if ends:
+        return f'log["{ends[0]}"]'
+    return "" if closest(name, vars(Log), 1) else "print(log.paths)"
+
+
+def check_log(log: Any, call: str) -> None:
+    """Raise InputError for what is not a log. call: what to write, with {} for the log."""
+    if not isinstance(log, Log):
+        source = "read_log({!r})" if str(log).endswith(".mcap") else "simulate({!r})"
+        own = source.format(log) if isinstance(log, str) else 'read_log("run.mcap")'
+        raise InputError("log", f"a {type(log).__name__} is not a log", fix=call.format(own))
 
 
 def provenance() -> dict[str, str]:

@@ -17,7 +17,8 @@ from typing import IO, TYPE_CHECKING
 
 import numpy as np
 
-from trimtab.core.errors import InputError
+from trimtab.core.errors import InputError, command
+from trimtab.core.explain_call import explain_call
 from trimtab.core.time import SECONDS_PER_UNIT, to_seconds
 from trimtab.core.user_file import read_user_bytes
 from trimtab.logs.contents import MAGIC, Contents, parse_contents
@@ -56,9 +57,8 @@ BLOCK_ROWS = 4096
 SAMPLE_ROWS, SAMPLES = 250, 4
 """Consecutive rows, and number of such samples, for an estimate of a log's size."""
 
-WRITE = "trimtab run SCENARIO --out DIR  writes a log, DIR/run.mcap"
 
-
+@explain_call()
 def write_mcap(log: Log, path: str | os.PathLike[str]) -> Path:
     """Write a log atomically, and return its path.
 
@@ -111,6 +111,7 @@ def _write_blocks(log: Log, stream: IO[bytes], blocks: Iterable[slice]) -> None:
     writer.finish()
 
 
+@explain_call()
 def read_mcap(path: str | os.PathLike[str]) -> Log:
     """Read a log exactly as it was written.
 
@@ -164,10 +165,15 @@ def _read_bytes(path: Path) -> bytes:
         data = read_user_bytes(path)
     except OSError as error:
         problem = f"cannot be read: {error.strerror or error}"
-        raise InputError(f"log file '{path}'", problem, fix=f"check the path; {WRITE}") from None
+        raise InputError(f"log file '{path}'", problem, fix=f"check the path; {_how_to_write()}") from None
     if not data.startswith(MAGIC):
-        raise InputError(f"log file '{path}'", "is not an MCAP file", fix=WRITE)
+        raise InputError(f"log file '{path}'", "is not an MCAP file", fix=_how_to_write())
     return data
+
+
+def _how_to_write() -> str:
+    shell = "trimtab run SCENARIO --out DIR  writes a log, DIR/run.mcap"
+    return command(shell, 'write_log(simulate("SCENARIO"), "run.mcap")  writes a log')
 
 
 def _write_rows(writer: "Writer", log: Log, channels: list[tuple[int, Fields]], rows: slice) -> None:

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from trimtab.core.errors import InputError
+from trimtab.core.explain_call import explain_call
 from trimtab.logs.log import Log
 
 SHORT = {name: f"truth.{name}" for name in ("surge_velocity", "sway_velocity", "yaw_rate", "heading")}
@@ -50,6 +51,7 @@ def target_path(log: Log, target: Target) -> str:
     return path
 
 
+@explain_call()
 def metrics(log: Log, targets: Iterable[Target], signals: Iterable[str]) -> dict[str, dict[str, float | None]]:
     """Compute settling_s, first_reach_s, overshoot, tail_mean and tail_rms by signal; None if undefined.
 

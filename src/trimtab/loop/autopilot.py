@@ -14,9 +14,10 @@ from trimtab.core.suggestions import closest
 from trimtab.core.time import ms, to_seconds
 from trimtab.links.fifo import NEVER, measurement_time
 from trimtab.loop.monitor import Monitor, MonitorInput
+from trimtab.loop.own_code import place_of
 from trimtab.loop.predictor import Predictor
 from trimtab.loop.setpoint_schedule import schedule_law
-from trimtab.loop.structure import check_alike, is_finite, zeros_of_step
+from trimtab.loop.structure import check_state, first_state, is_finite, zeros_of_step
 from trimtab.loop.supervisor import Supervisor, SupervisorInput
 
 
@@ -80,20 +81,19 @@ class Autopilot:
         """Return the first state, for frames of this structure. Raise InputError if parts don't fit each other."""
         self._check_listens(frame)
         self._check_stick(frame)
-        states = [getattr(self, n).init(key.at(n)) for n in ("estimator", "law", "allocation")]
-        _, estimate = zeros_of_step("autopilot.estimator", "world.sensors", self.estimator.step, 0, states[0], frame)
+        states = [
+            first_state(f"autopilot.{n}", getattr(self, n).init, key.at(n)) for n in ("estimator", "law", "allocation")
+        ]
+        after, estimate = zeros_of_step(
+            "autopilot.estimator", "world.sensors", self.estimator.step, 0, states[0], frame
+        )
+        check_state("autopilot.estimator", self.estimator.step, after, states[0])
         self._check_reads(estimate)
         read = self._complete(estimate, frame)
         after, output = zeros_of_step("autopilot.law", "autopilot.estimator", self.law.step, 0, states[1], read)
-        check_alike(
-            "autopilot.law",
-            "the state that step() returns",
-            after,
-            states[1],
-            "return (state, output), the state as init() made it",
-        )
+        check_state("autopilot.law", self.law.step, after, states[1])
         if not hasattr(output, "demand"):
-            problem = f"the output of {type(self.law).__name__} has no field 'demand'"
+            problem = f"{place_of(self.law.step)}the output of {type(self.law).__name__} has no field 'demand'"
             raise InputError("autopilot.law", problem, fix="return a record with demand=… from step()")
         allocate = self.allocation.step
         _, value = zeros_of_step("autopilot.allocation", "autopilot.law", allocate, 0, states[2], output.demand)
@@ -202,6 +202,9 @@ class Autopilot:
         return replace(state, estimate=replace(state.estimate, t=t, fresh=False))
 
     def _check_reads(self, estimate: Estimate) -> None:
+        if isinstance(self.law.reads, str):
+            problem = f"{place_of(type(self.law))}reads is a text, but must be a tuple of names"
+            raise InputError("autopilot.law", problem, fix=f'reads = ("{self.law.reads}",)')
         provided = tuple(n for n, _, _ in children(estimate.state)) if is_record(estimate.state) else ()
         for name in self.law.reads:
             if name not in provided:

@@ -22,6 +22,7 @@ from trimtab.design.output_inversion import Inversion
 from trimtab.laws.course_tracking import CourseTracking
 from trimtab.laws.state_feedback import StateFeedback
 from trimtab.laws.state_space import StateSpaceLaw
+from trimtab.loop.structure import check_record, check_vehicle
 
 STATE, INPUT = "x0 ", "u0 "
 """Prefixes of those settings of a certificate that are numbers of the trim."""
@@ -90,6 +91,8 @@ def design_feedback(
 
     Source: `design.bryson`.
     """
+    check_record("vehicle", vehicle)
+    check_vehicle(vehicle, x, u)
     linear = linearise(error_model(vehicle, x, u))
     linear = linear.part(states=[n for n in linear.states if n in limits])
     name = type(vehicle).__name__

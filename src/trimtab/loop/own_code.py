@@ -1,19 +1,28 @@
 """Errors in a user's own vehicle, law or scenario file: one sentence, with file and line."""
 
+import dataclasses
+import difflib
+import inspect
 import linecache
 import re
+import sysconfig
 import traceback
+from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
+from types import FrameType
 from typing import Any, NamedTuple
 
 import jax
+import numpy as np
 
 import trimtab
 from trimtab.core.errors import InputError
-from trimtab.core.record import declarations, is_record
+from trimtab.core.record import declarations, is_record, leaves
 from trimtab.core.suggestions import closest
 
 PACKAGE = str(Path(trimtab.__file__).parent)
+STANDARD = sysconfig.get_path("stdlib")
 TRACED = "a traced value (a number that is only known during the run)"
 CONVERSIONS = (
     jax.errors.ConcretizationTypeError,
@@ -24,14 +33,23 @@ CONVERSIONS = (
 REPLACEMENTS = (
     (r"\b(if|elif)\b", "`{0}` on " + TRACED, "use jnp.where(condition, a, b)  for  a if condition else b"),
     (r"\bwhile\b", "`while` on " + TRACED, "use  for _ in range(N)  with jnp.where inside, or jax.lax.fori_loop"),
-    (r"\bmath\.(\w+)", "`math.{0}` of " + TRACED, "use jnp.{0}, after  import jax.numpy as jnp"),
-    (r"\bnp\.(\w+)", "`np.{0}` of " + TRACED, "use jnp.{0}, after  import jax.numpy as jnp"),
+    (r"\b(math|np|numpy)\.(\w+)", "`{0}.{1}` of " + TRACED, "use jnp.{1}, after  import jax.numpy as jnp"),
+    (r"\.(item|tolist)\(", "`.{0}()` of " + TRACED, "leave .{0}() out: use the array itself"),
     (r"\b(float|int|bool)\(", "`{0}()` of " + TRACED, "leave {0}() out, or x.astype(…)"),
     (r"\b(range)\(", "`{0}()` of " + TRACED, "use a fixed number of steps, or jax.lax.fori_loop"),
     (r"\b(and|or|not)\b", "`{0}` on " + TRACED, "use &, | and ~, with brackets around each comparison"),
     (r"\b(min|max)\(", "`{0}()` of " + TRACED, "use jnp.{0}imum(a, b)"),
 )
 """Pattern of the faulty line, description of the problem, and replacement to write."""
+IMPORTS = {"jnp": "import jax.numpy as jnp", "np": "import numpy as np", "jax": "import jax", "math": "import math"}
+"""Names that an own file often lacks, with the line that imports each."""
+
+
+REMEDIES = {
+    "__format__": "use jax.debug.print to print a number of a run",
+    "item assignment": "write x = x.at[i].set(value)",
+}
+"""Part of a TypeError's text -> what to write."""
 
 
 class CodeFault(NamedTuple):
@@ -48,22 +66,56 @@ def describe_fault(error: BaseException) -> CodeFault:
     if isinstance(error, SyntaxError):
         line = f"{Path(error.filename or '').name}:{error.lineno}:{error.offset}: "
         return CodeFault(line, f"{error.msg}: {(error.text or '').strip()!r}", "correct that line")
-    frame = _frame_at_fault(error)
-    place = f"{Path(frame.filename).name}:{frame.lineno}: " if frame else ""
+    frame, number = _frame_at_fault(error)
+    place = f"{Path(frame.f_code.co_filename).name}:{number}: " if frame else ""
     if isinstance(error, CONVERSIONS):
-        problem, fix = _describe_conversion(linecache.getline(frame.filename, frame.lineno or 0) if frame else "")
-        return CodeFault(place, problem, fix)
+        return CodeFault(place, *_describe_conversion(frame, number))
+    text = str(error).partition("\n")[0]
+    if isinstance(error, dataclasses.FrozenInstanceError):
+        return CodeFault(place, text, "return what changes as the state, from step()")
     if isinstance(error, AttributeError) and error.name and is_record(error.obj):
-        fields = tuple(declarations(error.obj))
-        near = closest(error.name, fields, 1)
-        fix = f"write {near[0]!r} instead" if near else ""
-        return CodeFault(place, f"{type(error.obj).__name__!r} object has no attribute {error.name!r}", fix, fields)
+        return _describe_attribute(place, error)
     if isinstance(error, ImportError):
-        return CodeFault(place, str(error), "correct the name, or install its package")
-    kind = (
-        "" if isinstance(error, AttributeError | TypeError | ValueError | IndexError) else f"{type(error).__name__}: "
-    )
-    return CodeFault(place, f"{kind}{str(error).partition(chr(10))[0]}")
+        return CodeFault(place, text, "correct the name, or install its package")
+    if isinstance(error, NameError) and error.name:
+        return CodeFault(place, f"NameError: {text}", _find_name(error.name, frame))
+    if isinstance(error, TypeError):
+        return CodeFault(place, text, _describe_arguments(text, frame))
+    is_plain = isinstance(error, AttributeError | ValueError | IndexError)
+    return CodeFault(place, text if is_plain else f"{type(error).__name__}: {text}")
+
+
+def place_of(code: Any) -> str:
+    """Return "boat.py:31: " for a function or class in a user's file, else ""."""
+    with suppress(TypeError, OSError):
+        file = inspect.getsourcefile(code) or ""
+        if not file.startswith(PACKAGE) and "site-packages" not in file:
+            return f"{Path(file).name}:{max(inspect.getsourcelines(code)[1], 1)}: "
+    return ""
+
+
+def check_arguments(part: str, function: Callable[..., Any], wanted: str, *inputs: Any) -> None:
+    """Raise InputError for a method that cannot be called with these inputs. wanted: "t, state, input"."""
+    try:
+        signature = inspect.signature(function)
+    except ValueError:  # a function without a signature
+        return
+    try:
+        signature.bind(*inputs)
+    except TypeError:
+        own = f"{function.__name__}({', '.join(signature.parameters)})"
+        problem = f"{place_of(function)}{own} must take ({wanted})"
+        raise InputError(part, problem, fix=f"def {function.__name__}(self, {wanted}): …") from None
+
+
+def refuse_within(error: InputError) -> InputError:
+    """Return an InputError raised while a user's file ran, with the file and line that caused it."""
+    frame, number = _frame_at_fault(error)
+    is_placed = re.match(r"[\w.-]+\.py:\d+: ", error.problem) is not None
+    if frame is None or is_placed or _is_own_package(frame.f_code.co_filename):
+        return error
+    part = f"{Path(frame.f_code.co_filename).name}:{number}: {error.part}"
+    return InputError(part, error.problem, choices=error.choices, fix=error.fix)
 
 
 def refuse_own_code(part: str, error: Exception) -> InputError:
@@ -73,21 +125,64 @@ def refuse_own_code(part: str, error: Exception) -> InputError:
     return InputError(part, f"{fault.place}{fault.problem}", choices=fault.choices, fix=fix)
 
 
-def _frame_at_fault(error: BaseException) -> Any:
-    """Return the newest stack frame in a user's file, or in the package if there is none."""
-    frames = [f for f in traceback.extract_tb(error.__traceback__) if not f.filename.startswith("<")]
-    frames = [f for f in frames if "site-packages" not in f.filename and "importlib" not in f.filename]
-    outside = [f for f in frames if not f.filename.startswith(PACKAGE) or "/scenarios/" in f.filename]
-    own = [f for f in (outside or frames) if f.filename != __file__ and not f.filename.endswith("loop/structure.py")]
-    return own[-1] if own else None
+def _describe_attribute(place: str, error: AttributeError) -> CodeFault:
+    """Describe a field that a record lacks; a field of that name below the record is the likeliest one."""
+    fields = tuple(declarations(error.obj))
+    below = [path for path, _, _ in leaves(error.obj) if path.endswith(f".{error.name}")]
+    near = closest(error.name or "", fields, 1)
+    fix = f"write {(below or near)[0]!r} instead" if below or near else ""
+    return CodeFault(place, f"{type(error.obj).__name__!r} object has no attribute {error.name!r}", fix, fields)
 
 
-def _describe_conversion(line: str) -> tuple[str, str]:
-    code = re.sub(r"#.*", "", line)
+def _find_name(name: str, frame: FrameType | None) -> str:
+    """Return what to write for an unknown name: its import, or the nearest known name."""
+    if name in trimtab.HOMES:
+        return f"write  from trimtab import {name}  at the top of the file"
+    if name in IMPORTS:
+        return f"write  {IMPORTS[name]}  at the top of the file"
+    near = difflib.get_close_matches(name, [*frame.f_locals, *frame.f_globals], 1, cutoff=0.75) if frame else []
+    return f"write {near[0]!r} instead, or define {name!r}" if near else f"define or import {name!r}"
+
+
+def _describe_arguments(text: str, frame: FrameType | None) -> str:
+    """Return what to write after a call with wrong arguments of a record; "" for another error."""
+    match = re.match(r"(\w+)\.__init__\(\) (?:got an unexpected keyword argument|missing .* arguments?:) (.*)", text)
+    if match is None:
+        known = (words for part, words in REMEDIES.items() if part in text)
+        return next(known, "")
+    owner = {**frame.f_globals, **frame.f_locals}.get(match[1]) if frame else None
+    names = re.findall(r"'(\w+)'", match[2])
+    if "missing" in text or not dataclasses.is_dataclass(owner):
+        return f"give {match[1]} " + ", ".join(f"{name}=…" for name in names)
+    near = closest(names[0], declarations(owner), 1)
+    return f"write {near[0]}=… instead" if near else f"leave {names[0]} out, or declare it in {match[1]}"
+
+
+def _frame_at_fault(error: BaseException) -> tuple[FrameType | None, int]:
+    """Return the newest stack frame in a user's file, or in the package if there is none, and its line."""
+    frames = [(f, line) for f, line in traceback.walk_tb(error.__traceback__) if f.f_code.co_filename[0] != "<"]
+    frames = [(f, n) for f, n in frames if not {"site-packages", "importlib"} & set(Path(f.f_code.co_filename).parts)]
+    frames = [(f, n) for f, n in frames if not f.f_code.co_filename.startswith(STANDARD)]
+    outside = [(f, n) for f, n in frames if not _is_own_package(f.f_code.co_filename)]
+    names = (__file__, str(Path(__file__).with_name("structure.py")))
+    own = [(f, n) for f, n in outside or frames if f.f_code.co_filename not in names]
+    return own[-1] if own else (None, 0)
+
+
+def _is_own_package(file: str) -> bool:
+    return file.startswith(PACKAGE) and Path(file).parents[1].name != "scenarios"
+
+
+def _describe_conversion(frame: FrameType | None, number: int) -> tuple[str, str]:
+    code = re.sub(r"#.*", "", linecache.getline(frame.f_code.co_filename, number)) if frame else ""
     for pattern, problem, fix in REPLACEMENTS:
         match = re.search(pattern, code)
         if match:
-            word = match[1] if match.groups() else ""
-            return problem.format(word), fix.format(word)
+            words = match.groups() or ("",)
+            return problem.format(*words), fix.format(*words)
+    for name in re.findall(r"\b(\w+)\(", code):
+        called = {**frame.f_globals, **frame.f_locals}.get(name) if frame else None
+        if isinstance(called, np.ufunc) or getattr(called, "__module__", "") in ("math", "numpy"):
+            return f"`{name}` of Python on {TRACED}", f"use jnp.{name}, after  import jax.numpy as jnp"
     fix = "write jnp.where(condition, a, b) for a if b is one, jnp.sin for math.sin, x.astype(…) for float(x)"
     return f"a Python branch or function on {TRACED}", fix

@@ -13,17 +13,17 @@ from trimtab.core.imperfections import imperfections as find_imperfections
 from trimtab.core.imperfections import without
 from trimtab.core.interfaces import Actuators, Allocation, Channel, Estimator, Law, Sensor, optional_member
 from trimtab.core.quantity import records
-from trimtab.core.record import children, declarations, option, part, period, record, replace, to_arrays
+from trimtab.core.record import children, declarations, leaves, option, part, period, record, replace, to_arrays
 from trimtab.core.rng import Key
 from trimtab.core.signals import PlanarState
-from trimtab.core.suggestions import closest
+from trimtab.core.suggestions import closest, missing_member
 from trimtab.core.time import format_time, seconds, to_seconds
 from trimtab.estimators.passthrough import Passthrough
 from trimtab.links.wire import Wire
 from trimtab.loop.autopilot import Autopilot
 from trimtab.loop.beliefs import check_beliefs
 from trimtab.loop.checks import check_part, check_values
-from trimtab.loop.structure import check_members
+from trimtab.loop.structure import check_members, check_record
 from trimtab.loop.summary import NOTE, summarise_scenario
 from trimtab.loop.vehicle_limits import VehicleLimits
 from trimtab.loop.walk import start
@@ -73,6 +73,9 @@ class Scenario(Generic[V]):
         wide = max(len(what) for what, _ in rows)
         lines = [f"Scenario {self.name}, {format_time(self.duration)}"]
         return "\n".join([*lines, *(f"  {what:<{wide}}  {text}" for what, text in rows), NOTE])
+
+    def __getattr__(self, name: str) -> Any:
+        raise missing_member(self, name, "" if name in declarations(self) else _other_spelling(self, name))
 
     def _repr_html_(self) -> str:
         return html_table(f"{self.name}, {format_time(self.duration)}", (), summarise_scenario(self), NOTE)
@@ -176,6 +179,7 @@ class Scenario(Generic[V]):
     def _check_interfaces(self) -> None:
         """Raise InputError for parts that lack a method or field which the loop uses."""
         world, autopilot = self.world, self.autopilot
+        check_record("world.vehicle", world.vehicle)
         for name, sensor in world.sensors.items():
             check_members(f"world.sensors.{name}", sensor, Sensor, ("measure",))
         for name in LINKS:
@@ -183,6 +187,21 @@ class Scenario(Generic[V]):
         check_members("world.actuators", world.actuators, Actuators)
         for name, interface in (("estimator", Estimator), ("law", Law), ("allocation", Allocation)):
             check_members(f"autopilot.{name}", getattr(autopilot, name), interface)
+
+
+def _other_spelling(scenario: Scenario, name: str) -> str:
+    """Return what to write for a member that a scenario does not have; "" if nothing is near."""
+    calls = {
+        "plot": "plot_run(simulate(scenario))",
+        "replace": "replace(scenario, …)",
+        "settings": "settings(scenario)",
+    }
+    calls |= dict.fromkeys(("run", "simulate", "fly"), "simulate(scenario)")
+    if name in calls or name.startswith("_"):
+        return calls.get(name, "")
+    paths = [f"{part}.{own}" for part in ("world", "autopilot") for own in declarations(getattr(scenario, part))]
+    paths += [path for path, _, _ in leaves(scenario)]
+    return next((f"scenario.{path}" for path in paths if path.endswith(f".{name}")), "")
 
 
 def _have_one_structure(a: Any, b: Any) -> bool:

@@ -19,7 +19,7 @@ from trimtab.loop.parts import UNSET, is_name, is_part, with_part
 T = TypeVar("T")
 
 
-def with_settings(tree: T, settings: Mapping[str, str]) -> T:
+def with_settings(tree: T, settings: Mapping[str, Any]) -> T:
     """Return a copy with every path set. Raise InputError with near names for unknown paths and wrong values.
 
     >>> from trimtab import build, with_settings
@@ -30,7 +30,7 @@ def with_settings(tree: T, settings: Mapping[str, str]) -> T:
     settings below this path then apply to the new part (`loop.parts`). A path into an optional part, e.g. the
     hovercraft's friction, adds this part.
     """
-    tree, rest = with_parts(tree, settings)
+    tree, rest = with_parts(tree, texts_of(settings))
     for path, text in rest.items():
         whole, at = split_index(path)
         change = partial(parse_value, path, text) if at is None else partial(_parse_one_number, path, at, text)
@@ -39,6 +39,14 @@ def with_settings(tree: T, settings: Mapping[str, str]) -> T:
         except KeyError:
             raise unknown_setting("settings", path, setting_paths(tree)) from None
     return tree
+
+
+def texts_of(settings: Mapping[str, Any]) -> dict[str, str]:
+    """Return settings as text: numbers and lists of numbers as after ``--set``."""
+    return {
+        path: value if isinstance(value, str) else json.dumps(np.asarray(value).tolist(), default=str)
+        for path, value in settings.items()
+    }
 
 
 def setting_paths(tree: Any) -> list[str]:

@@ -2,6 +2,7 @@
 
 import inspect
 from collections.abc import Callable, Iterable, Mapping
+from dataclasses import FrozenInstanceError
 from typing import Any
 
 import jax
@@ -10,7 +11,10 @@ import numpy as np
 
 from trimtab.core.errors import InputError
 from trimtab.core.record import Scalar, is_record
-from trimtab.loop.own_code import CONVERSIONS, describe_fault
+from trimtab.loop.own_code import check_arguments, describe_fault, place_of, refuse_own_code
+
+ARGUMENTS = {"step": "t, state, input", "dynamics": "t, x, u", "motion": "t, x, u"}
+"""Arguments of the methods of an own part."""
 
 
 def zeros_of(part: str, reads: str, function: Callable[..., Any], *inputs: Any) -> Any:
@@ -18,17 +22,22 @@ def zeros_of(part: str, reads: str, function: Callable[..., Any], *inputs: Any) 
 
     Raises: InputError naming the part, its input and the faulty line if they don't fit.
     """
+    own = getattr(function, "__name__", "")
+    if own in ARGUMENTS:
+        check_arguments(part, function, ARGUMENTS[own], *inputs)
     try:
         shape = jax.eval_shape(function, *inputs)
     except InputError:
         raise
     except Exception as error:
+        is_of_input = isinstance(error, AttributeError) and not isinstance(error, FrozenInstanceError)
+        if place_of(function) and not is_of_input:
+            raise refuse_own_code(part, error) from error
         fault = describe_fault(error)
         name = type(inputs[-1]).__name__ if inputs else "nothing"
-        problem = f"{fault.place}{fault.problem}"
-        if not isinstance(error, CONVERSIONS):
-            problem = f"does not fit {reads}, which gives {name}: {problem}"
-        fix = fault.fix or f"give {part} an input that has what its step() reads, or use another part that reads {name}"
+        problem = f"does not fit {reads}, which gives {name}: {fault.place}{fault.problem}"
+        other = f"give {part} an input that has what its step() reads, or use another part that reads {name}"
+        fix = fault.fix or (f"read one of these, or give {name} what is missing" if place_of(function) else other)
         raise InputError(part, problem, choices=fault.choices, fix=fix) from error
     return jax.tree.map(lambda s: jnp.zeros(s.shape, s.dtype), shape)
 
@@ -37,27 +46,77 @@ def zeros_of_step(part: str, reads: str, step: Callable[..., Any], *inputs: Any)
     """Return state and output of a step, every number zero. Raise InputError if the step gives no such pair."""
     pair = zeros_of(part, reads, step, *inputs)
     if not isinstance(pair, tuple) or len(pair) != 2:  # pyright: ignore[reportUnknownArgumentType]
-        raise InputError(
-            part,
-            f"its step() must return (state, output), got {describe_tree(pair)}",
-            fix="return (state, output) from step()",
-        )
+        problem = f"{place_of(step)}its step() must return (state, output), got {describe_tree(pair)}"
+        raise InputError(part, problem, fix="return (state, output) from step()")
     state, output = pair  # pyright: ignore[reportUnknownVariableType]
     return state, output
 
 
+def first_state(part: str, init: Callable[..., Any], key: Any) -> Any:
+    """Return the first state of a part. Raise InputError with the faulty line if its init() does not run."""
+    check_arguments(part, init, "key", key)
+    try:
+        return init(key)
+    except InputError:
+        raise
+    except Exception as error:
+        raise refuse_own_code(part, error) from error
+
+
+def check_state(part: str, step: Callable[..., Any], after: Any, first: Any) -> None:
+    """Raise InputError for a state after a step that is not as init() made it, or a fraction where init() is whole."""
+    what = f"{place_of(step)}the state that step() returns"
+    check_alike(part, what, after, first, "return (state, output), the state as init() made it")
+    for own, wanted in zip(jax.tree.leaves(after), jax.tree.leaves(first), strict=True):
+        kinds = [jnp.issubdtype(jnp.result_type(v), jnp.inexact) for v in (own, wanted)]
+        if kinds == [True, False]:
+            problem = f"{what} has a fraction where init() has a whole number"
+            raise InputError(part, problem, fix="write 0.0 instead of 0 in init()")
+
+
 def check_members(part: str, value: Any, interface: Any, optional: Iterable[str] = ()) -> None:
     """Raise InputError for a part that lacks a method or a field of its interface, with the code to write."""
+    check_record(part, value)
     for name in (*vars(interface), *interface.__annotations__):
         if name.startswith("_") or name in optional or hasattr(value, name):
             continue
         member, kind = vars(interface).get(name), type(value).__name__
+        place = place_of(type(value))
         if inspect.isfunction(member):
             arguments = ", ".join(inspect.signature(member).parameters)
-            raise InputError(part, f"{kind} has no {name}()", fix=f"def {name}({arguments}): …  in {kind}")
+            raise InputError(part, f"{place}{kind} has no {name}()", fix=f"def {name}({arguments}): …  in {kind}")
+        example = '("NAME", …)' if "tuple" in str(interface.__annotations__.get(name)) else "…"
+        fix = f"{name} = {example}  in {kind}: {_first_line(member)}".strip(": ")
+        raise InputError(part, f"{place}{kind} has no {name!r}", fix=fix)
+
+
+def check_record(part: str, value: Any) -> None:
+    """Raise InputError for a class instead of a part, and for an own class without ``@record``."""
+    kind = value if isinstance(value, type) else type(value)
+    if isinstance(value, type):
+        raise InputError(part, f"{kind.__name__} is a class, not a part", fix=f"{kind.__name__}(), with brackets")
+    if jax.tree_util.all_leaves([value]):
+        problem = f"{place_of(kind)}{kind.__name__} is not a record"
         raise InputError(
-            part, f"{kind} has no {name!r}", fix=f"{name} = …  in {kind}: {_first_line(member)}".strip(": ")
+            part, problem, fix=f"write  @record  above  class {kind.__name__}  (from trimtab import record)"
         )
+
+
+def check_vehicle(vehicle: Any, x: Any, u: Any) -> Any:
+    """Return a motion, every number zero. Raise InputError for an invalid vehicle or derivative."""
+    for name in ("dynamics", "motion"):
+        if not callable(getattr(vehicle, name, None)):
+            problem = f"{place_of(type(vehicle))}{type(vehicle).__name__} has no {name}(t, x, u)"
+            raise InputError("world.vehicle", problem, fix=f"def {name}(self, t, x, u): …  in it (docs, Add a vehicle)")
+    motion = zeros_of("world.vehicle.motion", "the vehicle's state", vehicle.motion, 0, x, u)
+    if motion is None:
+        problem = f"{place_of(vehicle.motion)}motion() returns nothing"
+        raise InputError("world.vehicle.motion", problem, fix="return replace(no_motion(), t=t, …)")
+    part = "world.vehicle.dynamics"
+    rate = zeros_of(part, "world.actuators", vehicle.dynamics, 0.0, x, u)
+    fix = f"return {type(x).__name__}(…) with the derivative of each field"
+    check_alike(part, f"{place_of(vehicle.dynamics)}its return value", rate, x, fix)
+    return motion
 
 
 def _first_line(member: Any) -> str:

@@ -6,13 +6,22 @@ from typing import TYPE_CHECKING, Any, Generic
 from trimtab.core.errors import InputError, argument
 from trimtab.core.integrate import rk4
 from trimtab.core.interfaces import optional_member
-from trimtab.core.record import part, period, record, replace
+from trimtab.core.record import is_record, part, period, record, replace
 from trimtab.core.rng import Key
 from trimtab.core.signals import NO_GUST, Command, Frame, Sample, hold_sample
 from trimtab.core.time import Instant, ms, to_seconds
 from trimtab.environment.turbulence import Turbulence
 from trimtab.loop.integration import Integration, integrate_truth
-from trimtab.loop.structure import cast_like, check_alike, step_if, zeros_of, zeros_of_step
+from trimtab.loop.structure import (
+    cast_like,
+    check_alike,
+    check_state,
+    check_vehicle,
+    describe_tree,
+    first_state,
+    step_if,
+    zeros_of_step,
+)
 
 if TYPE_CHECKING:  # a default of a type's parameter: Python 3.13
     from typing_extensions import TypeVar
@@ -86,13 +95,14 @@ class World(Generic[V]):
     def init(self, key: Key, x: Any) -> WorldState:
         """Return the world at rest: no sample taken, nothing received. `connect` adds the uplink for a command."""
         neutral = self.actuators.neutral()
-        motion = _check_vehicle(self.vehicle, x, neutral.u)
+        motion = check_vehicle(self.vehicle, x, neutral.u)
         states, samples, links, received = {}, {}, {}, {}
         for name, sensor in self.sensors.items():
-            states[name] = sensor.init(key.at(f"sensors.{name}"))
             where = f"world.sensors.{name}"
+            states[name] = first_state(where, sensor.init, key.at(f"sensors.{name}"))
             felt = _sensor_input(where, sensor, lambda: motion, x, neutral.u)
-            _, samples[name] = zeros_of_step(where, "world.vehicle", sensor.step, 0, states[name], felt)
+            after, samples[name] = zeros_of_step(where, "world.vehicle", sensor.step, 0, states[name], felt)
+            check_state(where, sensor.step, after, states[name])
             links[name] = self.downlink.init(key.at(f"downlink.{name}"), samples[name])
             _, received[name] = zeros_of_step(
                 "world.downlink", where, self.downlink.step, 0, links[name], samples[name]
@@ -151,7 +161,14 @@ class World(Generic[V]):
         link = self.uplink.init(key.at("uplink"), sample)
         _, commanded = zeros_of_step("world.uplink", "the autopilot", self.uplink.step, 0, link, sample)
         act = self.actuators.step
-        _, actuated = zeros_of_step("world.actuators", "world.uplink", act, 0, s.actuators, commanded)
+        wanted, got = type(s.u).__name__, describe_tree(command.value)
+        try:
+            _, actuated = zeros_of_step("world.actuators", "world.uplink", act, 0, s.actuators, commanded)
+        except InputError as error:
+            if is_record(command.value) or not is_record(s.u):
+                raise
+            problem = f"the actuators take a record such as {wanted}, but the demand is {got}"
+            raise InputError("autopilot.law", problem, fix=f"return demand={wanted}(…) from step()") from error
         fix = "give the demand, or the allocation's command, the shape of the vehicle's input"
         check_alike("world.actuators", "their output u for the vehicle", actuated.u, s.u, fix)
         actuated = cast_like(s.actuated, actuated)
@@ -223,19 +240,6 @@ class World(Generic[V]):
         if (settle := optional_member(self.vehicle, "after_step")) is not None:
             x = settle(to_seconds(t + h), x)
         return replace(s, x=x, integrated=report)
-
-
-def _check_vehicle(vehicle: Any, x: Any, u: Any) -> Any:
-    """Return a motion, every number zero. Raise InputError for an invalid vehicle or derivative."""
-    for name in ("dynamics", "motion"):
-        if not callable(getattr(vehicle, name, None)):
-            problem = f"{type(vehicle).__name__} has no {name}(t, x, u)"
-            raise InputError("world.vehicle", problem, fix=f"def {name}(self, t, x, u): …  in it (docs, Add a vehicle)")
-    motion = zeros_of("world.vehicle.motion", "the vehicle's state", vehicle.motion, 0, x, u)
-    part = "world.vehicle.dynamics"
-    rate = zeros_of(part, "world.actuators", vehicle.dynamics, 0.0, x, u)
-    check_alike(part, "its return value", rate, x, f"return {type(x).__name__}(…) with the derivative of each field")
-    return motion
 
 
 def _sensor_input(where: str, sensor: Any, motion: Callable[[], Any], x: Any, u: Any) -> Any:

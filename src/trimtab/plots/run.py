@@ -14,8 +14,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from trimtab.core.explain_call import explain_call
 from trimtab.core.quantity import split_component
-from trimtab.logs.log import Log
+from trimtab.logs.log import Log, check_log
 from trimtab.logs.metrics import Target, metrics, nearest_target_value, target_path
 from trimtab.logs.spatial import ANGLES, FLIGHT, RATES, display_unit, flight_sources, with_flight
 from trimtab.plots.plan import draw_plan, draw_profile, has_plan, has_profile
@@ -68,6 +69,7 @@ class Panel:
     compares_ideal: bool = False
 
 
+@explain_call()
 def plot_run(
     real: Log,
     ideal: Log | PicturePath = None,
@@ -89,6 +91,7 @@ def plot_run(
         title: title of the plot; default: the scenario and the seed.
         targets: drawn as a line with its band, in the panel of their signal.
     """
+    check_log(real, "plot_run({})")
     from matplotlib.figure import Figure
     from matplotlib.gridspec import GridSpec
     from matplotlib.patches import Patch

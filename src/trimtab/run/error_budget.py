@@ -10,6 +10,7 @@ import jax
 import numpy as np
 
 from trimtab.core.errors import InputError
+from trimtab.core.explain_call import explain_call
 from trimtab.core.quantity import leaves, split_component
 from trimtab.core.time import to_seconds
 from trimtab.logs.log import Log
@@ -58,6 +59,7 @@ class ErrorBudget(NamedTuple):
     costs: tuple[Cost, ...]
 
 
+@explain_call()
 def error_budget(
     scenario: Scenario | str,
     *,

@@ -14,10 +14,11 @@ from trimtab.compiler.block import BlockDefinition
 from trimtab.compiler.compiled_block import CompiledBlock
 from trimtab.compiler.folder import ROUNDINGS
 from trimtab.core.errors import InputError, argument
+from trimtab.core.explain_call import explain_call
 from trimtab.core.record import replace
 from trimtab.core.signals import Frame
 from trimtab.core.time import format_time, to_seconds
-from trimtab.logs.log import Log, provenance
+from trimtab.logs.log import Log, check_log, provenance
 from trimtab.loop.scenario import Scenario
 from trimtab.loop.structure import cast_like, strengthen_types
 from trimtab.run.blocks import autopilot_block, message_structures
@@ -64,6 +65,7 @@ class Replay(NamedTuple):
     changed: bool
 
 
+@explain_call()
 def replay(log: Log, scenario: Scenario | str | None = None, *, autopilot: Any = None, backend: str = "auto") -> Replay:
     """Fly a scenario's autopilot with the frames of a log.
 
@@ -83,6 +85,7 @@ def replay(log: Log, scenario: Scenario | str | None = None, *, autopilot: Any =
     Raises:
         InputError: a log that does not hold every frame, or an autopilot that doesn't fit them.
     """
+    check_log(log, "replay({})")
     if not isinstance(scenario, Scenario):
         scenario = rebuild_scenario(log, scenario)
     scenario.check()

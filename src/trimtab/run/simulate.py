@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 import jax
 import numpy as np
 
+from trimtab.core.explain_call import explain_call
 from trimtab.core.time import as_time, ms, to_seconds
 from trimtab.logs.log import Log
 from trimtab.loop.scenario import Scenario
@@ -19,6 +20,7 @@ from trimtab.run.inputs import flat_inputs, input_position, own_inputs, run_inpu
 from trimtab.run.program import (
     Column,
     Program,
+    check_log_period,
     check_seed,
     describe_scenario,
     logged_instants,
@@ -30,7 +32,11 @@ from trimtab.run.runner import FlownRuns, RunJob, check_signals, choose_c, fly, 
 from trimtab.run.walk_structure import build_walk_library, final_columns, row_columns, walk_structure
 from trimtab.scenarios.build import find_scenario
 
+BUILT = {name: f'simulate(build("SCENARIO", {name}=…))' for name in ("settings", "without", "faults", "calibration")}
+"""Arguments that `build` takes -> the call with them."""
 
+
+@explain_call(BUILT)
 def simulate(
     scenario: Scenario | str,
     *,
@@ -83,7 +89,9 @@ def _resolve(
 ) -> tuple[Scenario, int | None, int]:
     """Return the scenario of a name, and the times of texts."""
     length = None if duration is None else as_time("duration", duration)
-    return find_scenario(scenario), length, as_time("log_period", log_period)
+    own, each = find_scenario(scenario), as_time("log_period", log_period)
+    check_log_period(each, own.duration if length is None else length)
+    return own, length, each
 
 
 def compile_scenario(scenario: Scenario, *, duration: int | None = None, signals: tuple[str, ...] = ()) -> Program:
@@ -184,6 +192,7 @@ class Batch(NamedTuple):
     spread: Mapping[str, Any] = {}
 
 
+@explain_call()
 def simulate_batch(
     scenario: Scenario | str,
     *,

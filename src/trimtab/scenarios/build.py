@@ -2,14 +2,14 @@
 
 import functools
 from collections.abc import Iterable, Mapping
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-from trimtab.core.errors import InputError, argument, argument_name, spell_with
+from trimtab.core.errors import InputError, argument, argument_name, command, spell_with
+from trimtab.core.explain_call import explain_call
 from trimtab.core.interfaces import optional_member
 from trimtab.core.record import declarations, leaves, replace
 from trimtab.core.suggestions import closest
 from trimtab.core.time import ms
-from trimtab.design.certificate import Certificate
 from trimtab.links.fifo import required_slots
 from trimtab.links.latency_trace import LatencyTrace, read_trace
 from trimtab.loop import link_latency
@@ -21,11 +21,13 @@ from trimtab.loop.predictor import predictor_for
 from trimtab.loop.reference_text import plain_text, with_reference
 from trimtab.loop.scenario import Scenario
 from trimtab.loop.setpoint_schedule import split_schedules, with_schedules
-from trimtab.loop.settings import with_parts, with_settings
+from trimtab.loop.settings import texts_of, with_parts, with_settings
 from trimtab.scenarios import catalogue
-from trimtab.scenarios.catalogue import TOML
-from trimtab.scenarios.gain_file import GAIN, note_gain, read_gain, refuse_slow_sampling, with_gain
+from trimtab.scenarios.catalogue import GAIN, TOML
 from trimtab.scenarios.toml_file import merge_settings, named_path, read_scenario_file, signal_units, spell_toml
+
+if TYPE_CHECKING:  # a gain's modules import scipy, which takes a second
+    from trimtab.design.certificate import Certificate
 
 MISMATCH = "mismatch"
 CALIBRATION = "calibration"
@@ -49,14 +51,15 @@ NEEDED = {
 """Parts that every scenario has, each with an example."""
 
 
+@explain_call({"settings": 'build("SCENARIO", settings={"PATH": VALUE})'})
 def build(
     name: str,
-    settings: Mapping[str, str] | None = None,
+    settings: Mapping[str, Any] | None = None,
     without: Iterable[str] = (),
     faults: Iterable[str] = (),
     calibration: Calibration | None = None,
     in_virtual_time: bool = True,
-    gain: Certificate | None = None,
+    gain: "Certificate | None" = None,
 ) -> Scenario:
     """Return the named scenario with its settings, checked; its `choices` record the arguments.
 
@@ -67,13 +70,13 @@ def build(
     Args:
         name: in the catalogue, or ``file.py:function``, or a scenario file, ``file.toml`` (`scenarios.toml_file`),
             whose own settings go first.
-        settings: text by path, as after ``--set``; a file for "uplink" or "downlink" makes the link repeat a recording,
-            "uplink.delay", ".jitter", ".loss" and those of the downlink are its numbers (`loop.link_latency`),
-            "mismatch" names copies of the vehicle that are meant to differ (`loop.beliefs`), "calibration" a file of
-            `trimtab calibrate`, "predictor" is "on" or "off" (`loop.predictor`), "reference" is what the law is to
-            follow (`loop.reference_text`), "gain" a file of a gain instead of the law (`scenarios.gain_file`). A value
-            such as ``steps(0 s: 1, 5 s: 2)`` changes in flight (`loop.setpoint_schedule`). Settings go before a
-            calibration.
+        settings: text or number by path, as after ``--set``; a file for "uplink" or "downlink" makes the link repeat a
+            recording, "uplink.delay", ".jitter", ".loss" and those of the downlink are its numbers
+            (`loop.link_latency`), "mismatch" names copies of the vehicle that are meant to differ (`loop.beliefs`),
+            "calibration" a file of `trimtab calibrate`, "predictor" is "on" or "off" (`loop.predictor`), "reference" is
+            what the law is to follow (`loop.reference_text`), "gain" a file of a gain instead of the law
+            (`scenarios.gain_file`). A value such as ``steps(0 s: 1, 5 s: 2)`` changes in flight
+            (`loop.setpoint_schedule`). Settings go before a calibration.
         without: imperfections to switch off.
         faults: to inject, as after ``--fault``.
         calibration: a calibration that is not in a file.
@@ -82,7 +85,8 @@ def build(
 
     Raises: InputError with what to type instead.
     """
-    settings, without, faults = settings or {}, list(without), list(faults)
+    settings = texts_of(settings or {})
+    without, faults = ([one] if isinstance(one, str) else list(one) for one in (without, faults))
     if name.endswith(TOML):
         return _build_file(name, settings, without, faults, (calibration, in_virtual_time, gain))
     path = _typed_reference(name, settings)
@@ -114,13 +118,12 @@ def build(
         scenario, choices[CALIBRATION] = _calibrate(scenario, calibration)
     gain = _find_gain(rest, path) or gain
     if gain is not None:
-        scenario, choices[GAIN] = with_gain(name, scenario, gain), note_gain(gain)
+        scenario, choices[GAIN] = _add_gain(name, scenario, gain)
     scenario = _add_predictor(scenario, rest)  # of links and actuators as they are by now
     own, schedules = split_schedules(own)
     _refuse_choices(name, scenario, own)
     scenario = with_schedules(with_settings(scenario, own), schedules)
-    if gain is not None:
-        refuse_slow_sampling(gain, scenario.autopilot.period)
+    _check_gain(gain, scenario)
     for imperfection in without:
         scenario = scenario.without(imperfection)
     if in_virtual_time:
@@ -154,7 +157,7 @@ def _build_file(
     settings: Mapping[str, str],
     without: list[str],
     faults: list[str],
-    others: tuple[Calibration | None, bool, Certificate | None],
+    others: "tuple[Calibration | None, bool, Certificate | None]",
 ) -> Scenario:
     """Return the scenario of a file: its base with the file's settings, recorded as such in logs.
 
@@ -245,7 +248,7 @@ def _add_predictor(scenario: Scenario, settings: Mapping[str, str]) -> Scenario:
     return replace(scenario, autopilot=replace(scenario.autopilot, predictor=made))
 
 
-def _find_gain(settings: Mapping[str, str], reference: str) -> Certificate | None:
+def _find_gain(settings: Mapping[str, str], reference: str) -> "Certificate | None":
     """Return the gain among the settings, if any; raise InputError if a reference is given as well."""
     if GAIN not in settings:
         return None
@@ -254,7 +257,24 @@ def _find_gain(settings: Mapping[str, str], reference: str) -> Certificate | Non
         raise InputError(
             argument_name("settings", REFERENCE), "a gain holds one state and cannot follow a reference", fix=fix
         )
+    from trimtab.scenarios.gain_file import read_gain
+
     return read_gain(settings[GAIN])
+
+
+def _add_gain(name: str, scenario: Scenario, gain: "Certificate") -> tuple[Scenario, dict[str, str]]:
+    """Return the scenario with a gain as its law, and the gain's entry for logs."""
+    from trimtab.scenarios.gain_file import note_gain, with_gain
+
+    return with_gain(name, scenario, gain), note_gain(gain)
+
+
+def _check_gain(gain: "Certificate | None", scenario: Scenario) -> None:
+    """Raise InputError for a gain that needs a shorter control period."""
+    if gain is not None:
+        from trimtab.scenarios.gain_file import refuse_slow_sampling
+
+        refuse_slow_sampling(gain, scenario.autopilot.period)
 
 
 def _calibrate(scenario: Scenario, calibration: Calibration) -> tuple[Scenario, dict[str, Any]]:
@@ -270,7 +290,7 @@ def _refuse_choices(name: str, scenario: Scenario, rest: Mapping[str, str]) -> N
     known = [*catalogue.scenario_choices(name), *SPECIAL, *(p for p in paths if "." not in p)]
     for wrong in [n for n in rest if "." not in n and n not in known]:
         near = closest(wrong, [*known, *paths], 6)
-        show = f"trimtab list {name}  shows every setting by its path"
+        show = command(f"trimtab list {name}", f'settings("{name}")') + "  shows every setting by its path"
         fix = f"{argument('settings', '…', near[0])}      {show}" if near else show
         problem = f"scenario {name!r} has no choice and no setting of this name"
         raise InputError(argument_name("settings", wrong), problem, choices=near or known, fix=fix)
@@ -280,5 +300,5 @@ def _refuse_navigation(name: str) -> None:
     chosen = {n: catalogue.scenario_choices(n).get("navigation", ()) for n in catalogue.scenario_names()}
     offer = [n for n, choices in chosen.items() if choices]
     problem = f"scenario {name!r} has only one navigation; there is a choice in {', '.join(offer)}"
-    fix = f"leave it out; to see the choices here:  trimtab list {name}"
+    fix = "leave it out; to see the choices here:  " + command(f"trimtab list {name}", f'settings("{name}")')
     raise InputError(argument_name("navigation"), problem, fix=fix)

@@ -18,12 +18,14 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
-from trimtab.core.errors import InputError, argument, argument_name
+from trimtab.core.errors import InputError, Spelling, argument, argument_name, command, spell_python, spell_with
 from trimtab.core.suggestions import closest
 
 TOML = ".toml"
 BARE = "bare"
 """Base of a scenario file that names none."""
+GAIN = "gain"
+"""Setting that names the file of a gain."""
 FOLDER = Path(__file__).parent
 
 
@@ -53,8 +55,12 @@ def check_name(name: str, verb: str = "run") -> None:
         _refuse_bare_file(name, verb)
     family = [n for n in known if n.partition("/")[0] == name.partition("/")[0]]
     near = closest(name, family or known, 1) or family[:1]
-    every = "trimtab list  shows all scenarios; your own:  file.py:function"
-    fix = f"trimtab {verb} {near[0]}      {every}" if near else every
+    every = command(
+        "trimtab list  shows all scenarios; your own:  file.py:function",
+        'scenario_names()  gives all scenarios; your own:  "file.py:function"',
+    )
+    typed = command(f"trimtab {verb} {near[0]}", f'"{near[0]}"') if near else ""
+    fix = f"{typed}      {every}".strip()
     raise InputError(f"scenario {name!r}", "there is no such scenario", choices=family or known, fix=fix)
 
 
@@ -97,9 +103,8 @@ def load_scenario(name: str, settings: Mapping[str, str] | None = None) -> tuple
     if ":" not in name:
         return build(**arguments), rest
     try:
-        return build(**arguments), rest
-    except InputError:
-        raise
+        with spell_with(_spell_python):
+            return build(**arguments), rest
     except Exception as error:  # of the named file
         raise _own_code_error(name, error) from error
 
@@ -171,9 +176,8 @@ def _load_file(name: str, path: Path) -> Any:
     module = importlib.util.module_from_spec(spec)
     sys.modules[module_name] = module
     try:
-        spec.loader.exec_module(module)
-    except InputError:
-        raise
+        with spell_with(_spell_python):
+            spec.loader.exec_module(module)
     except Exception as error:
         sys.modules.pop(module_name, None)
         raise _own_code_error(name, error) from error
@@ -194,9 +198,13 @@ def _choose_module_name(path: Path) -> str:
 
 def _own_code_error(name: str, error: Exception) -> InputError:
     """Return a sentence with the line at which a user's own file failed."""
-    from trimtab.loop.own_code import refuse_own_code  # JAX is not needed for a name
+    from trimtab.loop.own_code import refuse_own_code, refuse_within  # JAX is not needed for a name
 
-    return refuse_own_code(f"scenario {name!r}", error)
+    return refuse_within(error) if isinstance(error, InputError) else refuse_own_code(f"scenario {name!r}", error)
+
+
+def _spell_python(_: Spelling, name: str, value: Any, path: str | None) -> str:
+    return spell_python(name, value, path)
 
 
 def _load_module(name: str, where: str) -> Any:

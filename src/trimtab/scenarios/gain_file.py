@@ -28,8 +28,8 @@ from trimtab.loop.scenario import Scenario
 from trimtab.loop.settings import with_parts, with_settings
 from trimtab.loop.walk import start
 from trimtab.scenarios import catalogue
+from trimtab.scenarios.catalogue import GAIN
 
-GAIN = "gain"
 VEHICLE = "world.vehicle."
 BAND = 0.2
 """Tolerance of a target, as a fraction of the limit used in the design of the gain."""

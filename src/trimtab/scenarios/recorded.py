@@ -19,8 +19,7 @@ from trimtab.loop.scenario import Scenario
 from trimtab.loop.stick_script import add_stick_sensor
 from trimtab.scenarios import catalogue
 from trimtab.scenarios.build import CALIBRATION, build
-from trimtab.scenarios.catalogue import BARE
-from trimtab.scenarios.gain_file import GAIN
+from trimtab.scenarios.catalogue import BARE, GAIN
 from trimtab.scenarios.recorded_choices import FILE_ARGUMENTS, check_recorded_choices
 
 COMPARED_PATHS = ("autopilot", "world.sensors")

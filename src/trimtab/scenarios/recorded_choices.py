@@ -6,7 +6,7 @@ from typing import Any, NamedTuple
 from trimtab.core.errors import InputError
 from trimtab.logs.log import Log
 from trimtab.scenarios.build import CALIBRATION, LINKS
-from trimtab.scenarios.gain_file import GAIN
+from trimtab.scenarios.catalogue import GAIN
 
 FILE_ARGUMENTS = (*LINKS, CALIBRATION, GAIN)
 """Arguments that name a file. A log never causes one to be opened."""

@@ -32,6 +32,7 @@ from trimtab.analysis.campaign.workers.prepare import (
     scenario_of,
 )
 from trimtab.core.errors import InputError, argument, argument_name, install_command
+from trimtab.core.explain_call import explain_call
 from trimtab.core.html_table import html_table
 from trimtab.core.time import ms
 from trimtab.logs.log import Log
@@ -112,6 +113,7 @@ class Campaign:
     Raises: InputError for a campaign that can't be flown, before any run starts.
     """
 
+    @explain_call()
     def __init__(
         self,
         scenario: str | Scenario,
@@ -128,9 +130,14 @@ class Campaign:
         faults: Iterable[str] = (),
         log_period: int = ms(10),
     ) -> None:
-        if runs < 1:
-            raise InputError(argument_name("runs"), f"must be at least 1, got {runs}", fix=argument("runs", 1000))
-        metrics = list(metrics)
+        if not isinstance(runs, int) or runs < 1:  # pyright: ignore[reportUnnecessaryIsInstance]
+            problem = f"must be a whole number of at least 1, got {runs!r}"
+            raise InputError(argument_name("runs"), problem, fix=argument("runs", 1000))
+        metrics = [metrics] if isinstance(metrics, str) else list(metrics)
+        success = [success] if isinstance(success, str) else list(success)
+        if isinstance(spread, str):  # pyright: ignore[reportUnnecessaryIsInstance]
+            fix = 'spread={"world.vehicle.mass": "normal(100%, 5%)"}'
+            raise InputError("spread", f"must be a dictionary of distributions, got {spread!r}", fix=fix)
         self.plan = plan_campaign(
             "Campaign",
             scenario,
@@ -274,9 +281,10 @@ def _gapless_rows(rows: "MemoryStore | CampaignStore", done: Any) -> dict[str, A
     return {name: column[:n] for name, column in rows.read().items()}
 
 
-def _as_distribution(path: str, drawn_from: str | Distribution) -> Distribution:
-    return (
-        drawn_from
-        if isinstance(drawn_from, Distribution)
-        else parse_distribution(drawn_from, argument_name("spread", path))
-    )
+def _as_distribution(path: str, drawn_from: Any) -> Distribution:
+    if isinstance(drawn_from, Distribution):
+        return drawn_from
+    if not isinstance(drawn_from, str):
+        part = argument_name("spread", path)
+        raise InputError(part, f"must be the text of a distribution, got {drawn_from!r}", fix='"uniform(80%, 120%)"')
+    return parse_distribution(drawn_from, argument_name("spread", path))

@@ -53,6 +53,7 @@ from trimtab.analysis.campaign.workers.prepare import (
     scenario_at,
 )
 from trimtab.core.errors import InputError, argument, argument_name
+from trimtab.core.explain_call import explain_call
 from trimtab.loop.scenario import Scenario
 
 NAME = "margin"
@@ -228,6 +229,7 @@ class FalsificationResult(NamedTuple):
         return self.margin < 0
 
 
+@explain_call()
 def falsify(
     scenario: str | Scenario,
     *,

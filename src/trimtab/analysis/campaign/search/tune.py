@@ -51,6 +51,7 @@ from trimtab.analysis.campaign.workers.prepare import (
     with_spread_parts,
 )
 from trimtab.core.errors import InputError, argument, argument_name
+from trimtab.core.explain_call import explain_call
 from trimtab.core.quantity import first_number
 from trimtab.core.record import leaves
 from trimtab.loop.scenario import Scenario
@@ -192,6 +193,7 @@ class TuningResult(NamedTuple):
         return self.held_out_comparison.improves
 
 
+@explain_call()
 def tune(
     scenario: str | Scenario,
     *,

@@ -1,0 +1,13 @@
+"""Slips in a user's own law or vehicle, each answered with the file, the line and what to write."""
+
+import pytest
+from findings.first_day_slips import SLIPS, answer
+
+QUICK = ("init without key", "demand is a number", "dynamics returns nothing", "misspelt base")
+
+
+@pytest.mark.thorough(*(name for name in SLIPS if name not in QUICK))
+@pytest.mark.parametrize("name", SLIPS)
+def test_a_slip_is_answered_with_file_line_and_what_to_write(name):
+    outcome = answer(name)
+    assert outcome.holds, outcome.text
