@@ -93,3 +93,19 @@ def test_a_count_may_be_typed_as_a_power_of_ten(typed, number):
 def test_a_count_out_of_range_is_refused_in_words(typed):
     with pytest.raises(InputError, match=f"must be a whole number from 1 to 10000000, got {typed}"):
         options.Count(1, options.MOST_RUNS).convert(typed, None, None)
+
+
+@pytest.mark.parametrize(
+    ("verb", "words"),
+    [
+        ("export", ["hovercraft/spin", "--target", "cortex-m7"]),
+        ("export", ["hovercraft/spin", "--float", "single"]),
+        ("run", ["hovercraft/spin", "--log-period", "1 ms"]),
+        ("campaign", ["hovercraft/spin", "--runs", "1e4"]),
+        ("falsify", ["hovercraft/spin", "--runs", "100"]),
+        ("map", ["hovercraft/spin", "--depth", "3"]),
+    ],
+)
+def test_valid_values_are_left_to_the_verb(verb, words):
+    """Choices that a verb imports are unknown here."""
+    assert parse(verb, words) == words[:1]

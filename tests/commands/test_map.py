@@ -77,7 +77,7 @@ def test_axes_from_text():
         ({"x": "autopilot.law.k9=1:2"}, "autopilot.law.k2"),
         ({"y": "delay=0:0.3"}, "must differ from --x"),
         ({"plot": "map.txt"}, "supported picture format"),
-        ({"runs": 0}, "'--runs': 0 is not in the range"),
+        ({"runs": 0}, "--runs: must be a whole number from 1 to 10000000, got 0"),
         ({"seed": -1}, "seed"),
     ],
 )

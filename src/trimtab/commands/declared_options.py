@@ -38,12 +38,19 @@ def parse_words(file: Path, verb: str, help: str, words: list[str], parent: clic
     try:
         values, plain, _ = switches.make_parser(context).parse_args(list(words))
         for option in switches.params:
-            if option.name in values and not isinstance(option.type, click.Path):
+            if option.name in values and _is_number(option.type):
                 option.type_cast_value(context, values[option.name])
         return plain
     except click.UsageError as error:
         error.ctx = context
         raise
+
+
+def _is_number(kind: Any) -> bool:
+    """Return True for the type of a number whose limits are known without an import."""
+    limits = getattr(kind, "min", None), getattr(kind, "max", None)
+    is_known = all(limit is None or isinstance(limit, int | float) for limit in limits)
+    return is_known and isinstance(kind, (type(click.INT), type(click.FLOAT)))
 
 
 def _read_command(file: Path, verb: str, help: str) -> click.Command | None:

@@ -50,14 +50,14 @@ def INVERSION(function: Callable[..., Any]) -> Callable[..., Any]:
             "outputs",
             multiple=True,
             metavar="NAME",
-            help="With --inversion: outputs that move; the others are left out.",
+            help="Keep only these outputs, with --inversion. They follow the wanted motion.",
         ),
         click.option(
             "--input",
             "inputs",
             multiple=True,
             metavar="NAME",
-            help="With --inversion: use only these inputs; the others keep their values at the trim.  [default: all]",
+            help="Keep only these inputs, with --inversion. The others stay at their trim values.  [default: all]",
         ),
         click.option(
             "--to",

@@ -34,7 +34,13 @@ PARTS = ("estimator", "law", "allocation")
 
 @click.command()
 @click.argument("file", type=FILE)
-@click.option("--map", "mapping", type=FILE, metavar="MAP.toml", help="Mapping of the columns of another system's log.")
+@click.option(
+    "--map",
+    "mapping",
+    type=FILE,
+    metavar="MAP.toml",
+    help="File that tells which column of another system's log is which signal.",
+)
 @click.option(
     "--scenario",
     metavar="SCENARIO",
