@@ -6,6 +6,7 @@ What XLA compiles is kept beside pytest's own cache, so that after an edit only 
 XLA's flags of `emitters.py` save half of the time to compile. XLA_FLAGS= (empty) leaves XLA as users have it.
 """
 
+import contextlib
 import os
 import re
 import secrets
@@ -77,6 +78,16 @@ def _answers_are_as_published():
 
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(output, "compose_answer", answers.compose_checked)
+        yield
+
+
+@pytest.fixture(autouse=True, scope="session")
+def _no_reminders():
+    """A command in a test's own process prints no line for every ten seconds that it takes: machines differ."""
+    from trimtab.commands import progress
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(progress, "_reminders", contextlib.nullcontext)
         yield
 
 

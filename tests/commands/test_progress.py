@@ -74,6 +74,10 @@ def test_what_takes_long_says_how_long(monkeypatch, capsys):
     assert capsys.readouterr().err == ""
 
 
+REMINDERS = progress._reminders
+"""As it is outside tests, where no command prints lines by the clock (tests/conftest.py)."""
+
+
 class MadeUpEvent:
     """An event on a clock of its own: three waits of ten seconds, then the work has ended."""
 
@@ -91,6 +95,7 @@ class MadeUpEvent:
 def made_up_clock(monkeypatch):
     """Time that passes by ten seconds at each wait of the reminders."""
     event = MadeUpEvent()
+    monkeypatch.setattr(progress, "_reminders", REMINDERS)
     monkeypatch.setattr(progress.threading, "Event", lambda: event)
     monkeypatch.setattr(progress.threading, "Thread", StartedThread)
     monkeypatch.setattr(progress.time, "monotonic", lambda: 10.0 * len(event.waits))
