@@ -10,7 +10,7 @@ FOLDERS = ("flight", "links")
 READERS = {"time", "sched", "asyncio"}
 """Modules by which code could wait or read the time without a clock."""
 POLLERS = {"select"}
-WAITS_FOR_SOCKETS = {"flight/transports/stream.py", "flight/transports/accepting_dialer.py"}
+WAITS_FOR_SOCKETS = {"flight/transports/reconnecting_stream.py", "flight/transports/accepting_dialer.py"}
 """Links over kernel descriptors. They wait by `core.clock.wait_until_ready`, and need select's constants."""
 
 

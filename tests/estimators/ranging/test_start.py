@@ -125,6 +125,9 @@ def test_a_lost_filter_begins_with_an_empty_start():
     """All four ranges 3 m too long; the patience is one ping."""
     form = TightlyCoupled(errors=RangeErrorModel(patience=1), begins="given")
     node = replace(form.first(), start=replace(rs.empty_start(), pings=np.int32(3), elapsed=np.float64(2)))
+    size = np.ones(len(node.x))
+    size[[0, 3, 4]] = 0.03  # the filter knows its heading to 0.05 rad and its place to 30 cm
+    node = replace(node, P=node.P * np.outer(size, size))
     yes, ranges = np.ones(4, bool), np.linalg.norm(form.beacons, axis=1)
     lost = update_running(form, node, jnp.asarray(ranges + 3.0), np.int32(0), yes)
     assert not lost.position_fix.tracking

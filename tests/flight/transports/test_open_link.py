@@ -147,7 +147,7 @@ def test_a_client_that_restarts_is_taken_again(scheme):
 
 def test_attempts_become_rarer_up_to_two_seconds():
     """Counted by a clock of the test's own."""
-    from trimtab.flight.transports import stream
+    from trimtab.flight.transports import reconnecting_stream
 
     class Nobody:
         times = []
@@ -174,7 +174,7 @@ def test_attempts_become_rarer_up_to_two_seconds():
             return False
 
     now = [100.0]
-    link = stream.StreamLink(Nobody(), Clock())
+    link = reconnecting_stream.StreamLink(Nobody(), Clock())
     assert link.receive(20.0) is None
     gaps = [b - a for a, b in zip(Nobody.times, Nobody.times[1:], strict=False)]
     assert gaps[:6] == pytest.approx([0.05, 0.1, 0.2, 0.4, 0.8, 1.6], abs=2e-3)
