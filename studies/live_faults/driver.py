@@ -14,7 +14,7 @@ from trimtab.flight.virtual_time import VirtualClock, VirtualProgram, VirtualTim
 PERIOD_S = 0.001
 PROCESS_S, RADIO_S = 0.1, 0.25
 """Longest time (s) for which outputs act after the vehicle or its outputs stopped, and after the last packet."""
-TRANSIT_S = 0.01
+TRANSIT_S = 0.002
 """Longest time (s) from a packet's departure to its effect on the outputs."""
 SILENCE = "the last packet of an autopilot"
 

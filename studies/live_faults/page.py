@@ -99,7 +99,8 @@ the refusal suggests. `--only drawn-1-17` repeats one flight.
 
 In virtual time a driver reads the port of the outputs once a millisecond, in every flight. It must apply the safe
 values at the latest 100 ms after the vehicle or the process of its outputs stopped, and 250 ms after the last packet of
-an autopilot. The longest times that were seen are printed at the end.
+an autopilot arrived. The check allows 1 ms for the period of the driver, 2 ms for a packet in transit, and the delay
+of an injected fault of the uplink. The longest times that were seen are printed at the end.
 
 ## Outcomes
 

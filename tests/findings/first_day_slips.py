@@ -6,7 +6,7 @@ line, the cause in words, and what to write.
 
 import re
 import tempfile
-from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
@@ -182,8 +182,8 @@ def answer(name: str) -> Outcome:
 
 def _finding(name: str) -> Finding:
     slip = SLIPS[name]
-    run: Callable[[], Outcome] = lambda: answer(name)  # noqa: E731
-    return Finding(name, f"{slip.template}: {slip.new.strip()}", "a traceback, wrong advice, or a flight", run)
+    case = f"{slip.template}: {slip.new.strip()}"
+    return Finding(name, case, "a traceback, wrong advice, or a flight", partial(answer, name))
 
 
 FINDINGS = [_finding(name) for name in SLIPS]

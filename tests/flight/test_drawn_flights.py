@@ -93,7 +93,10 @@ def watch(tmp_path, *, still=None, silent_from=9.0, obeys=True):
         port.write(OutputRow(DRIVEN, False, (0.0, 0.0)), c.monotonic_ns())
 
     programs = {"process": time.programs[1], "outputs' process": time.start("outputs", apply, clock=own)}
-    heard = lambda: min(time.now, round(silent_from * 1e9))  # noqa: E731
+
+    def heard():
+        return min(time.now, round(silent_from * 1e9))
+
     check = OutputsCheck("vehicle-1", time, programs, heard)
     time.start("driver", lambda c: check.run(c, port.path), clock=own)
     if still:

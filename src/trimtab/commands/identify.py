@@ -10,7 +10,7 @@ from trimtab.analysis.identify.flight_data import FlightData, read_flight
 from trimtab.analysis.identify.identification import HORIZON, Identified, identify
 from trimtab.commands.calibrate_files import add_to_file, check_calibration_file
 from trimtab.commands.foreign_logs import read_own_log
-from trimtab.commands.options import FILE, JSON, NAVIGATION, OUT, SCENARIO, SET
+from trimtab.commands.options import FILE, JSON, MAP, NAVIGATION, OUT, SCENARIO, SET
 from trimtab.commands.output import new_table, print_files, print_json, print_table
 from trimtab.commands.progress import show_spinner
 from trimtab.core.errors import InputError
@@ -42,13 +42,7 @@ CHANGED = 3.0
 @click.option(
     "--sensor", metavar="NAME", help="Sensor that measured the vehicle's state.  [default: the only such sensor]"
 )
-@click.option(
-    "--map",
-    "mapping",
-    type=FILE,
-    metavar="MAP.toml",
-    help="File that tells which column of another system's log is which signal.",
-)
+@MAP
 @OUT("FILE.toml", "Write the numbers to this calibration file; other numbers in it are kept.")
 @SET
 @NAVIGATION

@@ -111,6 +111,13 @@ AT = click.option(
     ' "yaw\'=0.1", "height\'=any". May be repeated.',
 )
 SCENARIO = click.argument("scenario", metavar="SCENARIO", shell_complete=complete_scenarios)
+MAP = click.option(
+    "--map",
+    "mapping",
+    type=FILE,
+    metavar="MAP.toml",
+    help="File that tells which column of another system's log is which signal.",
+)
 JSON = click.option("--json", "as_json", is_flag=True, help="Print one JSON object to standard output.")
 
 

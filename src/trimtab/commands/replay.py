@@ -10,7 +10,7 @@ import click
 import numpy as np
 
 from trimtab.commands.foreign_logs import check_choice, read_any_log, scenario_estimator
-from trimtab.commands.options import BACKEND, FILE, JSON, OUT, PLOT, parse_settings
+from trimtab.commands.options import BACKEND, FILE, JSON, MAP, OUT, PLOT, parse_settings
 from trimtab.commands.output import check_out, check_picture, draw_plot, print_files, print_json
 from trimtab.commands.progress import show_spinner
 from trimtab.core.cache_folder import enable_cache
@@ -34,13 +34,7 @@ PARTS = ("estimator", "law", "allocation")
 
 @click.command()
 @click.argument("file", type=FILE)
-@click.option(
-    "--map",
-    "mapping",
-    type=FILE,
-    metavar="MAP.toml",
-    help="File that tells which column of another system's log is which signal.",
-)
+@MAP
 @click.option(
     "--scenario",
     metavar="SCENARIO",

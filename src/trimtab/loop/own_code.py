@@ -159,7 +159,7 @@ def _describe_arguments(text: str, frame: FrameType | None) -> str:
 
 
 def _frame_at_fault(error: BaseException) -> tuple[FrameType | None, int]:
-    """Return the newest stack frame in a user's file, or in the package if there is none, and its line."""
+    """Return the newest stack frame in a user's file, else in the package, and its line; None without a frame."""
     frames = [(f, line) for f, line in traceback.walk_tb(error.__traceback__) if f.f_code.co_filename[0] != "<"]
     frames = [(f, n) for f, n in frames if not {"site-packages", "importlib"} & set(Path(f.f_code.co_filename).parts)]
     frames = [(f, n) for f, n in frames if not f.f_code.co_filename.startswith(STANDARD)]
