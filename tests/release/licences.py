@@ -14,7 +14,7 @@ from packaging.utils import canonicalize_name
 ROOT = Path(__file__).parents[2]
 PAGE = ROOT / "docs" / "licences.md"
 MARKS = "<!-- packages -->", "<!-- end of packages -->"
-DEVELOPERS = ("bench", "docs", "foreign", "peers", "test")
+DEVELOPERS = ("alltests", "bench", "docs", "foreign", "peers", "test")
 """Extras of who changes trimtab or compares it; a user has none of them."""
 CLASSIFIERS = {
     "Apache Software License": "Apache-2.0",
