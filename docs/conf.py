@@ -76,7 +76,7 @@ LONGEST = ("studies/", "design/any-vehicle", "laws/rotor-loss", "tutorial/", "pl
 def before_reading(app: sphinx.application.Sphinx, env: object, pages: list[str]) -> None:
     """Put the longest pages first, and have the kernels forked from one that is warm."""
     pages.sort(key=lambda page: (not page.startswith(LONGEST), page))
-    if pages and sys.platform == "linux":
+    if pages and nb_execution_mode != "off" and sys.platform == "linux":
         kernels.start(sockets.name)
         local_provisioner.launch_kernel = kernels.launch
 

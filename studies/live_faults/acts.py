@@ -43,9 +43,10 @@ def bend_packets(direction: int, make: Callable[[random.Random], Bend], seconds:
 
     def act(flight: FaultFlight) -> None:
         flight.let_fly(flight.undisturbed_s)
-        flight.relay.bend[direction] = make(random.Random(1))
+        bend = make(random.Random(1))
+        flight.relay.bends[direction].append(bend)
         flight.let_fly(seconds)
-        flight.relay.bend.pop(direction)
+        flight.relay.bends[direction].remove(bend)
 
     return act
 
@@ -55,11 +56,12 @@ def bend_both_ways(make: Callable[[random.Random], Bend], seconds: float) -> Act
 
     def act(flight: FaultFlight) -> None:
         flight.let_fly(flight.undisturbed_s)
-        for direction in (UP, DOWN):
-            flight.relay.bend[direction] = make(random.Random(direction))
+        bends = {direction: make(random.Random(direction)) for direction in (UP, DOWN)}
+        for direction, bend in bends.items():
+            flight.relay.bends[direction].append(bend)
         flight.let_fly(seconds)
-        for direction in (UP, DOWN):
-            flight.relay.bend.pop(direction)
+        for direction, bend in bends.items():
+            flight.relay.bends[direction].remove(bend)
 
     return act
 

@@ -7,6 +7,7 @@ verdicts are based on logged times, so cases that start and end during a flight 
 import functools
 import multiprocessing
 import tempfile
+import traceback
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor, as_completed
 from pathlib import Path
@@ -59,10 +60,11 @@ def fly_cases(
     apart = multiprocessing.get_context("spawn")
     with tempfile.TemporaryDirectory() as scratch, ProcessPoolExecutor(jobs, apart) as pool:
         where = out or Path(scratch)
-        fly = _fly_named_case if is_real else functools.partial(_fly_virtual_case, seed, keeps_logs=out is not None)
-        flown = {pool.submit(fly, name, where / name): name for name in names}
+        virtual = functools.partial(_fly_virtual_case, seed)
+        fly = _fly_named_case if is_real else functools.partial(virtual, keeps_logs=out is not None)
+        flown = {pool.submit(explain_crash, fly, name, where / name): name for name in names}
         again = [] if is_real else names[:: round(1 / SHARE_FLOWN_TWICE)]
-        twins = {name: pool.submit(_fly_virtual_case, seed, name, Path(scratch) / f"{name}-again") for name in again}
+        twins = {name: pool.submit(explain_crash, virtual, name, Path(scratch) / f"{name}-again") for name in again}
         for one in as_completed(flown):
             tell(one.result())
         found = {name: one.result() for one, name in flown.items()}
@@ -73,6 +75,17 @@ def fly_cases(
                 found[name] = found[name]._replace(problems=(*found[name].problems, problem))
                 tell(found[name])
     return [found[name] for name in names]
+
+
+def explain_crash(fly: Callable[[str, Path], CaseOutcome], name: str, folder: Path) -> CaseOutcome:
+    """Fly a case. An error of the study itself becomes the problem of this case, so that the other cases are flown."""
+    try:
+        return fly(name, folder)
+    except Exception as error:
+        place = traceback.extract_tb(error.__traceback__)[-1]
+        where = f"{Path(place.filename).name}:{place.lineno}"
+        problem = f"the study itself failed, at {where}: {type(error).__name__}: {error}"
+        return CaseOutcome(name, "", "", (), (problem,))
 
 
 def _find_case(name: str) -> Case:

@@ -225,9 +225,13 @@ def renumber_frames(direction: int) -> Act:
     def act(flight: FaultFlight) -> None:
         flight.let_fly(flight.undisturbed_s)
         definitions, secret = flight.knowledge.dialect.by_id, flight.key.secret
-        flight.relay.bend[direction] = lambda data: [(0.0, renumber_frame(definitions, secret, data, data[-1]))]
+
+        def renumber(data: bytes) -> list[tuple[float, bytes]]:
+            return [(0.0, renumber_frame(definitions, secret, data, data[-1]))]
+
+        flight.relay.bends[direction].append(renumber)
         flight.let_fly(1.5)
-        flight.relay.bend.pop(direction)
+        flight.relay.bends[direction].remove(renumber)
 
     return act
 

@@ -24,15 +24,24 @@ Bend = Callable[[bytes], list[tuple[float, bytes]]]
 """Function from a packet to delays (s) and bytes."""
 
 
+def bend_packet(bends: list[Bend], data: bytes) -> list[tuple[float, bytes]]:
+    """Return delays (s) and bytes that several changes, one after the other, make of a packet."""
+    packets = [(0.0, data)]
+    for bend in bends:
+        packets = [(delay + more, bent) for delay, whole in packets for more, bent in bend(whole)]
+    return packets
+
+
 class Relay:
     """Relay of all packets, at once and unchanged by default. Attributes may be changed at any time.
 
-    bend: direction -> change of a packet.  kept: direction -> packets that passed, the newest last.
+    bends: direction -> changes of a packet, in their order.
+    recent_packets: direction -> packets that passed, the newest last.
     """
 
     def __init__(self, ends: "Datagrams | Terminals") -> None:
         self._ends = ends
-        self.bend: dict[int, Bend] = {}
+        self.bends: tuple[list[Bend], list[Bend]] = [], []
         self.recent_packets: tuple[deque[bytes], deque[bytes]] = deque(maxlen=MOST_RECENT), deque(maxlen=MOST_RECENT)
         self.byte_counts = [0, 0]
         self._cut_until = [0.0, 0.0]
@@ -79,8 +88,7 @@ class Relay:
         self.byte_counts[direction] += len(data)
         if now < self._cut_until[direction]:
             return
-        bend = self.bend.get(direction)
-        for delay, bent in [(0.0, data)] if bend is None else bend(data):
+        for delay, bent in bend_packet(self.bends[direction], data):
             if delay > 0:
                 self._count += 1
                 heapq.heappush(self._delayed_packets, (now + delay, self._count, direction, bent))

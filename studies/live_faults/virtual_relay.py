@@ -2,7 +2,7 @@
 
 from collections import deque
 
-from studies.live_faults.relay import DOWN, MOST_RECENT, UP, Bend
+from studies.live_faults.relay import DOWN, MOST_RECENT, UP, Bend, bend_packet
 from trimtab.core.clock import NS_PER_SECOND
 from trimtab.flight.virtual_network import Host, VirtualNetwork
 from trimtab.flight.virtual_time import ACTION, VirtualTime
@@ -22,7 +22,7 @@ class VirtualRelay:
 
     def __init__(self, time: VirtualTime, network: VirtualNetwork) -> None:
         self._time, self._network = time, network
-        self.bend: dict[int, Bend] = {}
+        self.bends: tuple[list[Bend], list[Bend]] = [], []
         self.recent_packets: tuple[deque[bytes], deque[bytes]] = deque(maxlen=MOST_RECENT), deque(maxlen=MOST_RECENT)
         self.byte_counts = [0, 0]
         self.longest_wait_s = 0.0
@@ -61,8 +61,7 @@ class VirtualRelay:
         self.byte_counts[direction] += len(data)
         if self._time.seconds < self._cut_until[direction]:
             return
-        bend = self.bend.get(direction)
-        for delay, bent in [(0.0, data)] if bend is None else bend(data):
+        for delay, bent in bend_packet(self.bends[direction], data):
             if delay > 0:
                 at = self._time.now + round(delay * NS_PER_SECOND)
                 self._time.add_event(at, ACTION, 0, lambda bent=bent: self._pass_on(direction, bent))

@@ -1,12 +1,18 @@
 """Flights drawn at random, stalls in pairs, and the check of what the driver of the outputs applied."""
 
+import random
+import re
+from pathlib import Path
+
 import numpy as np
 import pytest
 
-from studies.live_faults.campaign import _fly_virtual_case
+from studies.live_faults.acts import delay_packets, repeat_packets
+from studies.live_faults.campaign import _fly_virtual_case, explain_crash
 from studies.live_faults.case import FLIES, STOPS, CaseOutcome
 from studies.live_faults.draw import KINDS, count_kinds, draw_flight, flight_case, read_name
 from studies.live_faults.driver import PROCESS_S, RADIO_S, OutputsCheck, longest_times
+from studies.live_faults.relay import bend_packet
 from studies.live_faults.stalls import CAUSES, STALLS, UNSEEN
 from trimtab.flight.output_port import DRIVEN, OutputPort, OutputRow
 from trimtab.flight.virtual_time import VirtualTime
@@ -141,3 +147,19 @@ def test_a_drawn_flight_ends_safe_with_the_right_cause(kind, tmp_path):
     assert outcome.problems == ()
     assert np.isfinite(list(outcome.acted_s.values())).all()
     assert outcome.acted_s
+
+
+def test_two_changes_of_the_packets_of_one_direction_add_up_in_either_order_of_ending(tmp_path):
+    later, thrice = delay_packets(0.5)(random.Random(1)), repeat_packets(random.Random(1))
+    assert bend_packet([], b"a") == [(0.0, b"a")]
+    assert bend_packet([later, thrice], b"a") == [(0.5, b"a")] * 3 == bend_packet([thrice, later], b"a")
+    outcome = _fly_virtual_case(1, "drawn-1-168", tmp_path / "flight")
+    assert outcome.verdict == "holds", outcome.problems
+
+
+def test_an_error_of_the_study_is_the_problem_of_its_case():
+    outcome = explain_crash(lambda name, _: {}[name], "cut-1", Path("nowhere"))
+    assert outcome.verdict == "fails"
+    assert re.fullmatch(
+        r"the study itself failed, at test_drawn_flights.py:\d+: KeyError: 'cut-1'", outcome.problems[0]
+    )

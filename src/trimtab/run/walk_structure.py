@@ -9,6 +9,7 @@ import numpy as np
 
 from trimtab.compiler.walk_program import WalkProgram, build_program, lower_walk
 from trimtab.core.time import Instant
+from trimtab.loop.autopilot import AutopilotState
 from trimtab.loop.structure import cast_like
 from trimtab.loop.walk import Signals, instant, logged_signals, signals
 from trimtab.loop.world import WorldState
@@ -35,12 +36,18 @@ def walk_structure(inputs: RunInputs, always: frozenset[int], signals: tuple[str
     return WalkStructure(tree, tuple((np.shape(v), str(np.asarray(v).dtype)) for v in leaves), always, signals)
 
 
+@jax.jit
+def _initial_states(inputs: RunInputs) -> tuple[WorldState, AutopilotState]:
+    """Return the states before the first instant; JAX traces this function once for each structure."""
+    return inputs.initial_states()
+
+
 @functools.lru_cache(maxsize=32)
 def _first_instant(of: WalkStructure) -> tuple[WorldState, Signals]:
     """Return the world's state and the signals before the first instant, for their structure; traced only once."""
 
     def begin(inputs: RunInputs) -> tuple[WorldState, Signals]:
-        states = inputs.initial_states()
+        states = _initial_states(inputs)
         return states[0], signals(*states)
 
     return jax.eval_shape(begin, of.zero_inputs())
@@ -93,7 +100,7 @@ def _trace_closed_loop(inputs: RunInputs, always: frozenset[int], names: tuple[s
         return (s.x, s.integrated), *inputs.drop_derived_outputs(s, a, always)
 
     def begin(inputs: RunInputs) -> Any:
-        return flat(inputs, *inputs.initial_states())
+        return flat(inputs, *_initial_states(inputs))
 
     def step(inputs: RunInputs, state: Any, t: Any, h: Any) -> Any:
         _, s, a = state
