@@ -148,7 +148,6 @@ def test_speed_and_angles_beside_the_states():
     assert model.outputs[-4:] == DERIVED
 
 
-@pytest.mark.thorough
 def test_a_vehicle_in_the_plane_keeps_its_states():
     x, u = HovercraftState(surge_velocity=1.0, heading=0.3), PlanarForce(0.5, 0.1)
     plain = linearise(model_of_vehicle(Hovercraft(), x, u))
