@@ -201,6 +201,14 @@ REFUSED = {
 }
 
 
+@pytest.mark.thorough(
+    "no file, what writes one",
+    "no such signal, what is",
+    "averages below zero",
+    "a step backwards",
+    "not a picture",
+    "a flag",
+)
 @pytest.mark.parametrize("name", REFUSED)
 def test_refused(folder, name):
     words, wanted = REFUSED[name]

@@ -33,18 +33,24 @@ def typed(*words):
 @pytest.fixture(scope="module")
 def kept(tmp_path_factory):
     folder = tmp_path_factory.mktemp("campaign")
-    return folder, typed("--store", str(folder / "a.zarr"), "--out", str(folder / "pictures"), "--json")
+    return folder, typed("--store", str(folder / "a.zarr"), "--json")
 
 
 @pytest.mark.thorough
 def test_json_says_what_came_of_it(kept):
-    folder, result = kept
+    _, result = kept
     assert result.exit_code == 0, result.output
     found = json.loads(result.stdout)
     assert found["runs"] == found["flown"] == 80
     assert found["success"]["low"] < found["success"]["share"] < found["success"]["high"]
     assert len(found["failed"]) == round(80 * (1 - found["success"]["share"]))
     assert set(found["metrics"]["error_rms:yaw_rate"]) >= {"median", "median_low", "p95", "largest"}
+
+
+@pytest.mark.thorough
+def test_a_folder_gets_the_table_and_its_pictures(kept):
+    folder, _ = kept
+    found = json.loads(typed("--store", str(folder / "a.zarr"), "--out", str(folder / "pictures"), "--json").stdout)
     names = {f.name for f in (folder / "pictures").iterdir()}
     assert "campaign.parquet" in names
     assert {"convergence.png", "histogram-error_rms-yaw_rate.png"} <= names

@@ -87,6 +87,7 @@ def certified_system(*, method: str = "lqr", beam_m: float = 1.0):
 """
 
 
+@pytest.mark.thorough("my_ball/_design.py")
 @pytest.mark.parametrize("place", ["my_ball.py", "my_ball/_design.py"])
 def test_a_system_of_your_own(place, tmp_path):
     own, made = tmp_path / place, tmp_path / "gain.json"

@@ -331,7 +331,8 @@ def find_cookie(address: str) -> str:
 VERBS: dict[str, Callable[[str, Walk, Path], None]] = {
     name.removeprefix("do_"): do for name, do in list(globals().items()) if name.startswith("do_")
 }
-QUICK, REAL_TIME = ("list",), ("fly", "console")
+QUICK = (("hovercraft/forward", "list"), ("examples/my_boat.py:scenario", "list"))
+REAL_TIME = ("fly", "console")
 NEEDED = {"rare": "rare", "identify": "measured", "design": "limits"}
 """Verb -> what a walk has to say to be asked it."""
 CASES = [
@@ -339,7 +340,7 @@ CASES = [
         scenario,
         verb,
         id=f"{scenario.replace('/', '-').replace(', ', '-').replace(' ', '-')}-{verb}",
-        marks=() if verb in QUICK else pytest.mark.real_time if verb in REAL_TIME else pytest.mark.thorough,
+        marks=() if (scenario, verb) in QUICK else pytest.mark.real_time if verb in REAL_TIME else pytest.mark.thorough,
     )
     for scenario in SCENARIOS
     for verb in VERBS

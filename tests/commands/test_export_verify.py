@@ -19,10 +19,31 @@ def call(*words):
 
 
 @pytest.fixture(scope="module")
-def folder(tmp_path_factory):
+def written(tmp_path_factory):
+    """A folder, and what was said when it was written."""
     out = tmp_path_factory.mktemp("export") / "c"
-    assert call(NAME, "--out", out, "--steps", 200).exit_code == 0
-    return out
+    done = call(NAME, "--out", out, "--steps", 200, "--json")
+    assert done.exit_code == 0, done.output
+    return out, json.loads(done.stdout)
+
+
+@pytest.fixture
+def folder(written):
+    return written[0]
+
+
+def test_export_writes_a_folder_and_checks_it(written, tmp_path):
+    folder, result = written
+    assert (result["part"], result["real"]) == ("autopilot", "double")
+    assert any(f.endswith("autopilot.c") for f in result["files"])
+    done = call("--verify", folder)
+    assert done.exit_code == 0, done.output
+    assert "same outputs" in done.stdout
+    source = shutil.copytree(folder, tmp_path / "changed") / "autopilot.c"
+    source.write_text(source.read_text().replace("p->law.k1 = ", "p->law.k1 = 2 * "))
+    done = call("--verify", source.parent, "--json")
+    assert done.exit_code == 1
+    assert json.loads(done.stdout)["good"] is False
 
 
 @pytest.mark.parametrize(

@@ -45,6 +45,7 @@ def test_words_for_people():
         assert text in done.stdout
 
 
+@pytest.mark.thorough("peak:yaw_rate <= 100---x or --y")
 @pytest.mark.parametrize(
     ("success", "said"),
     [("peak:yaw_rate <= 0.001", "fails everywhere.*--success 'error_rms:"), ("peak:yaw_rate <= 100", "--x or --y")],

@@ -57,6 +57,7 @@ def test_the_words_of_a_person_name_the_commands(tmp_path):
         assert line in said
 
 
+@pytest.mark.thorough("my_own_part", "a_b_c_d_e_f_g_h_i_j_k_l")
 @pytest.mark.parametrize("name", NAMES)
 def test_what_is_made_passes_ruff_by_any_name(name, tmp_path):
     for kind in KINDS:
@@ -98,14 +99,14 @@ def test_what_is_refused_says_what_to_type(kind, name, problem, fix, tmp_path, m
     monkeypatch.chdir(tmp_path)
     # An example that was flown before in this process may have put its folder, and so my_boat, on the path.
     monkeypatch.setattr(sys, "path", [place for place in sys.path if Path(place).resolve() != EXAMPLES])
-    done = call("new", kind, name)
+    done = call("new", kind, name, "--json")
     assert done.exit_code == 2
     assert problem in done.output
     assert f"Fix: {fix}\n" in done.output
+    assert json.loads(done.stdout)["error"]["fix"] == fix
     assert not list(tmp_path.iterdir())
     again = fix.split()[1:]
     assert call(*again).exit_code == 0  # what it says works
-    assert json.loads(call("new", kind, name, "--json").stdout)["error"]["fix"] == fix
 
 
 def test_without_words_it_shows_an_example():

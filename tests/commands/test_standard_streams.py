@@ -9,6 +9,7 @@ import pytest
 TRIMTAB = [sys.executable, "-m", "trimtab"]
 
 
+@pytest.mark.thorough("latin-1")
 @pytest.mark.parametrize("encoding", ["latin-1", "ascii"])
 def test_characters_that_the_terminal_lacks_are_replaced(encoding):
     environment = os.environ | {"PYTHONIOENCODING": encoding}

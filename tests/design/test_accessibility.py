@@ -66,6 +66,7 @@ def test_a_cube_can_do_both():
     assert found.basis[1].degree == 4
 
 
+@pytest.mark.thorough
 def test_a_state_that_nothing_moves():
     found = find_accessibility(model(lambda x, u: jnp.stack([u[0], -x[1]]), "x y", "u"))
     assert (found.is_accessible, found.rank, found.is_stlc) == (False, 1, False)

@@ -28,6 +28,7 @@ def own_system(c):
     return SYSTEM._replace(A=c.A, B=c.B, Qe=c.Qe, Re=c.Re, Q=c.Q, C=o.C, Q_eta=o.Q, R=o.R)
 
 
+@pytest.mark.thorough("True-lmi", "False-lqr")
 @pytest.mark.parametrize("method", ["lqr", "lmi"])
 @pytest.mark.parametrize("observer", [True, False])
 def test_a_good_one_is_proved(method, observer):
@@ -51,6 +52,7 @@ def chain_system(n: int, m: int) -> CertifiedSystem:
     return CertifiedSystem("chain", {}, "lqr", states, inputs, A, B, Q / 1.01, np.eye(m), Q, np.ones(n))
 
 
+@pytest.mark.thorough("12-1", "13-4")
 @pytest.mark.parametrize(("n", "m"), [(12, 1), (13, 4), (13, 5)])
 def test_a_long_chain_of_integrators_is_proved(n, m):
     """Terms of the Riccati equation are 1e5 times the weight; the equation is compared with the weight."""

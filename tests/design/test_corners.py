@@ -53,6 +53,9 @@ def with_output(h):
     return model_of_functions(lambda x, u: jnp.stack([x[1], u[0]]), ("x", "v"), ("u",), h=h, outputs=("y",))
 
 
+@pytest.mark.thorough(
+    "hypot", "dead zone", "least of two", "beside a large value", "in a loop", "in a condition", "table"
+)
 @pytest.mark.parametrize("name", CORNERS)
 def test_corners_are_refused(name):
     with pytest.raises(InputError, match=r"y has no slope at this point: its slope by \w is .* before and .* after"):
@@ -65,6 +68,9 @@ def test_jumps_are_refused(name):
         linearise(with_output(JUMPS[name]))
 
 
+@pytest.mark.thorough(
+    "square", "constant", "rounding", "inside a saturation", "rounded corner", "small beside a large value"
+)
 @pytest.mark.parametrize("name", SMOOTH)
 def test_slopes_of_smooth_outputs_are_accepted(name):
     h, slope = SMOOTH[name]

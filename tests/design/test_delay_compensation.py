@@ -25,6 +25,7 @@ def forward_lateral():
     return plant, np.array([[1 / M], [-ARM / J]]), np.array([[-K2, K2 * ARM]])
 
 
+@pytest.mark.thorough("0.005", "0.05", "0.06", "0.333")
 @pytest.mark.parametrize("delay", [0.0, 0.005, 0.02, 0.05, 0.06, 0.1 + 1e-12, 0.333, 1.0])
 def test_the_delay_does_not_move_the_poles(delay):
     K = gain()

@@ -60,6 +60,7 @@ def test_deviations_follow_the_nonlinear_model():
     assert 50 < errors[0] / errors[1] < 200  # what is left out is quadratic
 
 
+@pytest.mark.thorough("1.0", "100000.0")
 @pytest.mark.parametrize("unit", [1.0, 1e-6, 1e5])
 def test_modes_do_not_depend_on_units(unit):
     (mode,) = linearise(oscillator(16.5, 0.02, unit)).modes()

@@ -33,6 +33,7 @@ def test_a_loop_with_a_direct_part_is_closed():
         loop_of_polynomials([-1.0, 3.0], [1.0, 1.0]).complementary_sensitivity()
 
 
+@pytest.mark.thorough("law1-forward", "law2-reverse")
 @pytest.mark.parametrize(
     ("law", "by_hand"),
     [
@@ -48,6 +49,7 @@ def test_a_law_around_the_hovercraft_is_the_lateral_loop_by_hand(law, by_hand):
     np.testing.assert_allclose(found[:, [0, 1], [1, 0]], 0, atol=1e-12)
 
 
+@pytest.mark.thorough
 def test_of_a_law_with_modes_it_is_the_loop_of_one():
     law, trim = SupervisedSpin(), HovercraftState(yaw_rate=3.0)
     spins = SpinSupervisorState(mode=np.int32(1), switches=np.int32(1))

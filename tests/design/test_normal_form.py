@@ -164,6 +164,7 @@ def test_what_does_not_fit_is_refused():
         linear_normal_form(model, {}, ("a", "b", "c"))
 
 
+@pytest.mark.thorough
 def test_vtol_has_no_degree_where_the_inputs_enter_as_one():
     """[2, 2] is its degree; internal dynamics of the roll as known: sin(theta) g / eps."""
     craft = vtol(0.3)

@@ -54,6 +54,7 @@ def test_byrnes_isidori_excludes_a_smooth_stabiliser():
     assert v.is_excluded
 
 
+@pytest.mark.thorough("0.001")
 @pytest.mark.parametrize("scale", [1e-3, 1e-2])
 def test_brockett_is_solvable_only_on_a_line(scale):
     """Exact: (b1, b2, b3, 0) is reached if and only if b3 = -d b2. [1] section 2.3."""
@@ -83,6 +84,7 @@ def test_the_jacobian_of_f2_is_that_of_the_source():
     np.testing.assert_allclose(np.array(columns).T, [[0, 0, 1 / J], [1 / M, 0, 0], [0, 1 / M, 0]], rtol=1e-6, atol=1e-9)
 
 
+@pytest.mark.thorough
 def test_a_third_actuator_lifts_the_exclusion():
     def f1_full(x1, u):
         return f1(x1, u[:2]) + jnp.array([0.0, 0.0, 1.0]) * u[2]

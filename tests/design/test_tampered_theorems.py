@@ -155,6 +155,41 @@ def refuse(text, tmp_path):
     return CliRunner().invoke(main, ["design", "--check", str(file)])
 
 
+@pytest.mark.thorough(
+    "scope",
+    "another theorem",
+    "says more",
+    "other gains",
+    "forward instead of backward",
+    "a setting too many",
+    "V with another sign",
+    "V of zero-velocity",
+    "V of reverse doubled",
+    "twice the level",
+    "a negative level",
+    "a level of nothing",
+    "a level where there is no motion",
+    "a weight with a state",
+    "a form with another sign",
+    "a square left out",
+    "a square twice",
+    "proofs exchanged",
+    "a proof too many",
+    "scale below zero",
+    "scale of two",
+    "an entry of G",
+    "a row of G too short",
+    "G of floats",
+    "a form of G",
+    "S left out",
+    "S times what is no hypothesis",
+    "its weight negative",
+    "a bound's scale",
+    "a larger level",
+    "less gain",
+    "a term that is a list",
+    "a version that is a number",
+)
 @pytest.mark.parametrize("change", CHANGES)
 def test_a_tampered_file_is_refused(change, tmp_path):
     name, apply = CHANGES[change]

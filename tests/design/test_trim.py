@@ -76,6 +76,7 @@ def test_a_bound_that_stops_it_is_named():
         found.require_trim("hovercraft")
 
 
+@pytest.mark.thorough
 def test_one_force_cannot_push_sideways_without_turning():
     """Kulis 2006, section 2.3: sway and yaw accelerations have the fixed ratio -J/(m d)."""
     found = trim(hovercraft(), free=("FX", "FY"), derivatives={"sway_velocity": 0.1}, loose=PLACE)
@@ -92,6 +93,7 @@ def test_one_force_cannot_push_sideways_without_turning():
     np.testing.assert_allclose(ratio.u, [0.0, 0.26], atol=1e-12)
 
 
+@pytest.mark.thorough
 def test_unknowns_without_authority_and_solutions_that_are_not_alone():
     found = trim(hovercraft(), free=("FX", "FY", "north", "east"), x={"north": 3.0}, loose=())
     assert found.is_found

@@ -67,6 +67,7 @@ def test_no_relative_degree_leaves_it_undecided():
     assert "not at it" in found.why[0]
 
 
+@pytest.mark.thorough("zeros1", "zeros3", "zeros5")
 @pytest.mark.parametrize("zeros", [[], [-1.0], [2.0, -3.0], [-1 + 2j, -1 - 2j, -40.0], [1e-3, -1e3], [5.0] * 4])
 def test_zeros_of_transfer_functions(zeros):
     poles = [-1.0, -2.0, -3.0, -4.5]
@@ -75,6 +76,7 @@ def test_zeros_of_transfer_functions(zeros):
     np.testing.assert_allclose(np.poly(found.zeros), np.poly(zeros), rtol=1e-7)
 
 
+@pytest.mark.thorough("5.0-non-minimum phase")
 @pytest.mark.parametrize(("zero", "verdict"), [(-1.0, "minimum phase"), (0.0, "marginal"), (5.0, "non-minimum phase")])
 def test_verdicts(zero, verdict):
     """With feedthrough, where the input is found from the output itself, and without."""
@@ -123,6 +125,7 @@ def test_travelling_and_no_equilibrium():
         zero_dynamics(vtol(1.0), internal=("x",))
 
 
+@pytest.mark.thorough
 def test_a_tolerance_of_ones_own():
     slow = of_transfer([1.0, 1e-3], np.poly([-1.0, -2.0]))
     assert zero_dynamics(slow).verdict == "minimum phase"

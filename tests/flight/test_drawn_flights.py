@@ -140,7 +140,7 @@ FLOWN = {draw_flight(1, k).kind: f"drawn-1-{k}" for k in reversed(range(100))}
 """Kind of a flight -> the first one that is drawn."""
 
 
-@pytest.mark.thorough(*sorted(set(FLOWN) - {"outputs frozen"}))
+@pytest.mark.thorough
 @pytest.mark.parametrize("kind", sorted(FLOWN))
 def test_a_drawn_flight_ends_safe_with_the_right_cause(kind, tmp_path):
     outcome = _fly_virtual_case(1, FLOWN[kind], tmp_path / "flight")

@@ -1,5 +1,6 @@
 """Ground avoidance: its modes by a plain automaton in the test, its feedback by matrices, its gains by their design."""
 
+import jax
 import numpy as np
 import pytest
 
@@ -31,6 +32,11 @@ LEVEL = FlightInstrumentsReading(
 
 def step(law, state, **seen):
     estimate = Estimate(t=0, age=0.0, fresh=True, valid=True, state=replace(LEVEL, **seen), dt=0.01)
+    return take_step(law, state, estimate)
+
+
+@jax.jit
+def take_step(law, state, estimate):
     return law.step(0, state, estimate)
 
 

@@ -213,6 +213,7 @@ def test_default_forms_hold_the_heading(law, sampled, random_starts):
     assert np.median(arrival) < 8.2
 
 
+@pytest.mark.thorough
 def test_a_fast_bang_bang_can_swing_for_ever(sampled, random_starts):
     """What the docstring warns of: at 3 rad/s a third of the starts that settle at 1 rad/s pass 90 degrees for good."""
     _, o = sampled(HeadingBangBang(turn_rate=3.0), random_starts, 60.0, every=10)

@@ -62,6 +62,7 @@ def test_what_the_inversion_gets_has_no_jump():
     np.testing.assert_allclose([p.V_acceleration[0], p.V_acceleration[1]], [0.0, 1000 * 0.09**3 * 1e-6], atol=1e-6)
 
 
+@pytest.mark.thorough
 def test_reaches_95_percent_when_said():
     """Oracle, climb: about 130 s for an altitude step with the defaults."""
     t = np.linspace(0, 250, 25001)

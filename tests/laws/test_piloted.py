@@ -139,6 +139,7 @@ def test_the_error_of_velocity_never_grows_while_course_and_speed_are_held(speed
     assert rate.max() <= 1e-12
 
 
+@pytest.mark.thorough("0.0-True", "0.6-False")
 @pytest.mark.parametrize("backing", [False, True])
 @pytest.mark.parametrize("speed", [0.0, 0.6])
 def test_no_error_lasts_with_the_nose_where_it_is_wanted(speed, backing):
@@ -293,6 +294,7 @@ def test_a_long_damped_turn_ends_with_the_nose_to_the_centre():
     np.testing.assert_allclose(end["truth.sway_velocity"], -2.0 * 0.4 / (M * 0.6), rtol=0.02)
 
 
+@pytest.mark.thorough("-0.6")
 @pytest.mark.parametrize("turn", [-0.6, 0.6])
 def test_assisted_turns_at_speed(turn):
     """Ideal: 0.6 m/s to 2 %, the course at 0.36 rad/s to 1 %, the nose within 0.4 rad of the centre, both ways."""

@@ -1,5 +1,6 @@
 """Rest at a place and a heading: the centre of percussion, each step, and ideal runs. Derived here, docs page Pose."""
 
+import jax
 import numpy as np
 import pytest
 
@@ -24,7 +25,12 @@ def percussion_point(x):
 
 def step(law, x, mode, nose=0.0, t=0, valid=True):
     estimate = Estimate(t=t, age=0.0, fresh=True, valid=valid, state=x)
-    return law.step(t, PoseState(np.int32(mode), np.float64(nose), np.int32(1)), estimate)
+    return take_step(law, t, PoseState(np.int32(mode), np.float64(nose), np.int32(1)), estimate)
+
+
+@jax.jit
+def take_step(law, t, state, estimate):
+    return law.step(t, state, estimate)
 
 
 def at(way, v=(0.0, 0.0), heading=0.0, r=0.0, law=LAW):

@@ -1,5 +1,6 @@
 """The six steps: every transition, and ideal runs that go round and round. [1] Z. Kulis 2006, section 2.3.1."""
 
+import jax
 import numpy as np
 import pytest
 
@@ -21,7 +22,12 @@ def x(north=0.0, east=0.0, heading=0.0, u=0.0, v=0.0, r=0.0):
 def step(state, mode, bearing=0.0, valid=True, law=LAW):
     turning = HeadingLawState(np.int32(DAMP), np.int32(0), np.float64(0.0))
     before = PoseStepsState(np.int32(mode), np.float64(bearing), turning, np.int32(3))
-    return law.step(0, before, Estimate(t=0, age=0.0, fresh=True, valid=valid, state=state))
+    return take_step(law, before, Estimate(t=0, age=0.0, fresh=True, valid=valid, state=state))
+
+
+@jax.jit
+def take_step(law, before, estimate):
+    return law.step(0, before, estimate)
 
 
 CASES = {

@@ -49,6 +49,7 @@ def test_while_all_turn_it_is_the_law_for_all():
     assert out.rotor == -1
 
 
+@pytest.mark.thorough("0", "2", "3")
 @pytest.mark.parametrize("rotor", range(4))
 def test_one_that_stands_is_found_after_its_patience_and_for_ever(rotor):
     stands = np.where(np.arange(4) == rotor, 0.0, TURNS)
@@ -118,6 +119,7 @@ def test_roll_and_pitch_bring_the_axis_to_the_direction_as_its_gains_say():
         np.testing.assert_allclose(d_turn[:2], want[:2], atol=1e-8)
 
 
+@pytest.mark.thorough("1", "2", "3")
 @pytest.mark.parametrize("rotor", range(4))
 def test_upside_down_it_is_driven_away_from_the_mirror_image_of_its_axis(rotor):
     """Where d is that image, d - axis has neither x nor y; all around, d'' points away from there."""

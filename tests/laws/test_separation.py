@@ -73,6 +73,7 @@ def fly(seed, n=6, steps=300, barrier=BARRIER):
     return nearest, np.linalg.norm(q - start, axis=1).max()
 
 
+@pytest.mark.thorough("2", "3", "4", "5")
 @pytest.mark.parametrize("seed", range(6))
 def test_points_that_chase_one_another_never_come_nearer_than_the_distance(seed):
     nearest, way = fly(seed)

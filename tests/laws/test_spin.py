@@ -59,6 +59,7 @@ def test_energy_identity_of_spin():
     np.testing.assert_allclose(got, -0.7 * u**2 - 3.1 * (v - ARM * (r + 2.2)) ** 2, atol=1e-9)
 
 
+@pytest.mark.thorough
 def test_eigenvalues_at_the_good_point():
     """PI(0.5, 3.5; 3 rad/s), 1e-3."""
     A = jax.jacfwd(rate(ConstantSpin(0.5, 3.5, 3.0)))(jnp.array([0.0, 0.0, 3.0]))
@@ -171,6 +172,7 @@ def test_provision_is_below_the_reference_exactly_when_safe():
     np.testing.assert_array_equal(np.asarray(safe_reference_bound(CRAFT, W, reference)) < np.abs(reference), safe)
 
 
+@pytest.mark.thorough
 def test_provision_has_a_finite_slope_everywhere():
     slope = jax.grad(lambda W, r: safe_reference_bound(CRAFT, W, r), argnums=(0, 1))
     assert np.isfinite(slope(0.0, 1.0)).all()

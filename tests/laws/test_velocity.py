@@ -156,6 +156,7 @@ def test_slow_manifold_slope(continuous, starts):
     assert slopes[0] == pytest.approx(slopes[1], rel=1e-6)
 
 
+@pytest.mark.thorough("ForwardMomentum", "ForwardMomentumMatched")
 @pytest.mark.parametrize("law", PROVED, ids=named)
 def test_lyapunov_never_grows_along_ideal_runs(law, sampled, starts):
     u, v, r = STATES[:50].T
@@ -165,6 +166,7 @@ def test_lyapunov_never_grows_along_ideal_runs(law, sampled, starts):
     assert (W[:, -1] < 0.1 * W[:, 0]).all()
 
 
+@pytest.mark.thorough("ForwardMomentum", "ForwardMomentumMatched")
 @pytest.mark.parametrize("law", LAWS[1:], ids=named)
 def test_momentum_laws_reach_their_equilibrium(law, continuous, starts):
     """Random starts in |PX|, |PY| <= 5 kg m/s, |Pi| <= 0.8 kg m^2/s; for ReverseMomentum evidence, not proof."""

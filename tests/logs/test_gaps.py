@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from trimtab.logs.contents import Damage
@@ -18,6 +18,7 @@ def test_topics_with_the_same_times_are_rows_as_they_are():
     assert not len(joined.missing)
 
 
+@settings(max_examples=50)
 @given(st.lists(st.sets(st.integers(0, 30), max_size=25), min_size=1, max_size=4), st.randoms())
 def test_rows_are_the_common_times_and_each_message_is_of_its_row(sets, random):
     columns = {}

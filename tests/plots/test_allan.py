@@ -7,8 +7,8 @@ from trimtab.plots.allan import plot_allan
 
 def test_picture_shows_deviations_bars_and_the_fitted_model(tmp_path):
     g, dt = np.random.default_rng(0), 0.01
-    white = g.standard_normal(20_000)
-    fits = {"x": fit_allan(white, dt), "y": fit_allan(white + 0.05 * np.cumsum(g.standard_normal(20_000)), dt)}
+    white = g.standard_normal(6_000)
+    fits = {"x": fit_allan(white, dt), "y": fit_allan(white + 0.05 * np.cumsum(g.standard_normal(6_000)), dt)}
     figure = plot_allan(fits, {"x": "rad/s", "y": "rad/s"}, tmp_path / "a.png", title="Test")
     assert [axes.get_title("left") for axes in figure.axes] == ["x", "y"]
     for axes, fit in zip(figure.axes, fits.values(), strict=True):

@@ -42,14 +42,14 @@ def test_histogram_of_nothing_much_is_drawn_too(x, tmp_path):
 
 
 def test_convergence_ends_at_the_interval_of_all_runs(tmp_path):
-    success = RNG.random(3000) < 0.9
+    success = RNG.random(400) < 0.9
     axes = plot_convergence(success, path=tmp_path / "c.png", limit=0.85).axes[0]
     line = axes.lines[0].get_xydata()
-    assert tuple(line[-1]) == (3000, success.mean())
+    assert tuple(line[-1]) == (400, success.mean())
     assert line[0][0] == 10
-    found = proportion(int(success.sum()), 3000)
+    found = proportion(int(success.sum()), 400)
     ends = axes.collections[1].get_paths()[0].vertices
-    at_the_end = ends[ends[:, 0] == 3000][:, 1]
+    at_the_end = ends[ends[:, 0] == 400][:, 1]
     assert (at_the_end.min(), at_the_end.max()) == pytest.approx((found.low, found.high))
 
 

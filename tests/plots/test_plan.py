@@ -101,6 +101,7 @@ def test_the_picture_of_a_run_has_one_where_the_vehicle_is_in_the_plane():
         plot_plan(log)
 
 
+@pytest.mark.thorough("2")
 @pytest.mark.parametrize("n", [1, 2])
 def test_very_short_runs_and_such_that_stand_still_are_drawn(n, tmp_path):
     log = flown(n, estimate=False)

@@ -19,6 +19,7 @@ def at_goal(log, scenario, word):
     return away, abs((turn + np.pi) % (2 * np.pi) - np.pi)
 
 
+@pytest.mark.thorough("LSL", "RSR", "RSL", "LRL")
 @pytest.mark.parametrize("word", WORDS)
 def test_the_car_gets_there_by_the_shortest_word(word):
     scenario = build("dubins/path", {"word": word})

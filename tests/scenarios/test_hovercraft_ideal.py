@@ -53,6 +53,7 @@ def test_zero_velocity_ends_on_the_slow_manifold():
     assert slope == pytest.approx(1.911, rel=0.01)
 
 
+@pytest.mark.thorough
 def test_zero_velocity_never_holds_a_heading():
     """Section 1.4: with 1/(2 r^2) = c (t + t0), the heading drifts like sqrt(2 (t + t0)/c), without bound."""
     log = ideal("zero-velocity", *SLOW, duration=seconds(2000))
@@ -82,6 +83,7 @@ def test_spin_brakes_first_when_it_must():
     assert log["truth.yaw_rate"][-1] == pytest.approx(3.0, abs=0.01)
 
 
+@pytest.mark.thorough
 def test_bang_bang_chatters_at_the_edge():
     """Fig. 6.12: it stays at the tolerance's edge, switches over 400 times, and its sway does not vanish."""
     log = ideal("heading-bang-bang")
@@ -97,6 +99,7 @@ def test_bang_bang_chatters_at_the_edge():
 LITERAL = (("autopilot.law.form", "literal"),)
 
 
+@pytest.mark.thorough
 def test_literal_proportional_freezes_at_the_wrong_equilibrium():
     """Fig. 6.12 and section 1.6: a steady error whose real cause is the bad equilibrium: v = -d Om_ref, no turn."""
     log = ideal("heading-proportional", *LITERAL)

@@ -69,6 +69,7 @@ def test_the_demonstration_on_the_error_model():
     assert spin < 0.15
 
 
+@pytest.mark.thorough
 def test_a_stick_that_nobody_holds_is_lost_and_the_craft_holds_still():
     scenario, _ = catalogue.load_scenario("hovercraft/pilot", {"stick": "console"})
     assert scenario.duration >= seconds(600)

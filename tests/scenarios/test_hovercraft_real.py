@@ -77,6 +77,7 @@ def test_zero_velocity_real_is_oscillatory_and_stops_later():
     assert 2.5 <= np.median(first(t, np.abs(rate) < 0.32)) - stop_ideal <= 6
 
 
+@pytest.mark.thorough
 def test_forward_real_rises_in_five_seconds_and_wanders():
     """Fig. 6.8 and the text: first in about 5 s, then within ±0.1 m/s; the late part is t > 8 s."""
     t, surge = stacked("forward", "surge_velocity")

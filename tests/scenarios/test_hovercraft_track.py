@@ -43,6 +43,7 @@ def test_it_follows(reference):
     assert errors.max() < BANDS[reference][1]
 
 
+@pytest.mark.thorough("lyapunov")
 @pytest.mark.parametrize("law", ["lyapunov", "horizon"])
 def test_target_is_the_distance_from_the_path(law):
     (target,) = build("hovercraft/track", {"law": law}).targets

@@ -45,6 +45,7 @@ def test_the_lighter_craft_keeps_its_speed(name):
     assert float(final) == pytest.approx(own.targets[0].value, abs=0.01)
 
 
+@pytest.mark.thorough
 def test_of_a_variable_pitch_the_thrust_turns_over_at_once_and_whole():
     scenario = build("hovercraft/forward", {"fan": "variable-pitch"})
     drive, allocation = scenario.world.actuators, scenario.autopilot.allocation

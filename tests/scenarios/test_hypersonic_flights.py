@@ -150,6 +150,7 @@ def test_a_table_of_another_climb_or_vehicle_is_refused():
     law.check()
 
 
+@pytest.mark.thorough
 def test_a_climb_that_the_engine_cannot_fly_is_refused_before_it_flies():
     """The issue: commands that saturate the engine are refused with the number that broke it."""
     climb = FilteredClimb(dh=1000.0, dV=200.0, wh=0.5, wV=0.5)

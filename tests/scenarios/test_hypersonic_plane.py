@@ -21,6 +21,7 @@ def test_the_paper_has_none_of_it():
     assert not set(NAMES) & set(build("hypersonic/noise").imperfections())
 
 
+@pytest.mark.thorough
 def test_it_is_a_choice_and_each_of_it_can_be_switched_off():
     plane = build("hypersonic/noise", {"truth": "plane"})
     assert isinstance(plane.world.turbulence, Turbulence)

@@ -120,6 +120,7 @@ def test_table_6_6_compensation_helps():
     assert (with_it[:, 0] < without[:, 0]).all()
 
 
+@pytest.mark.thorough("feedforward-encoder", "feedforward-cricket")
 @pytest.mark.parametrize("name", ["magnetometer", "encoder", "cricket", "square-wave"])
 @pytest.mark.parametrize(
     "form", ["feedforward", *(pytest.param(f, marks=pytest.mark.thorough) for f in ("feedback", "direct", "coupled"))]

@@ -84,6 +84,7 @@ def test_a_recording_of_a_link_need_not_be_there_any_more(tmp_path):
     check_alike(rebuild_scenario(log).autopilot, scenario.autopilot)
 
 
+@pytest.mark.thorough
 def test_a_log_without_choices_is_recognised_by_its_parts(tmp_path):
     """Logs of scenarios that were built in Python have no choices."""
     scenario, _ = catalogue.load_scenario("hovercraft/spin", {"navigation": "ins-magnetometer", "links": "measured"})

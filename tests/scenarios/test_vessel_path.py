@@ -52,6 +52,7 @@ def test_choices_fly(settings, since, most):
     assert np.sqrt(np.mean(cross_track(log, since) ** 2)) < most
 
 
+@pytest.mark.thorough
 def test_it_needs_a_rudder_that_is_quick_enough():
     """Unstable in yaw: with a rudder of 2 degrees a second it weaves; the default does not."""
     slow = simulate(build("vessel/path", {"world.vehicle.rudder_rate": "0.035"}), seed=0)

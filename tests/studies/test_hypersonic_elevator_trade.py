@@ -54,6 +54,7 @@ def test_without_feedback_of_the_modes_all_is_lost():
     assert loop.growth_rate(EQUAL_Q, 1e-4, K) == pytest.approx(2.05, abs=0.05)
 
 
+@pytest.mark.thorough
 def test_noise_in_the_long_run_is_that_of_stepping_the_loop():
     F, N = loop.loop_matrices(EQUAL_Q, 1e-4, K_FLOWN)
     g = np.random.default_rng(0)

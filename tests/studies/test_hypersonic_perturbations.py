@@ -339,6 +339,7 @@ def test_each_row_that_holds_fails_under_a_perturbation(name):
     assert sorted(surviving_rows(name)) == []
 
 
+@pytest.mark.thorough
 def test_a_perturbation_is_undone():
     (group,) = list_groups(NAME, ["trim-and-model"])
     before = verdicts(group)

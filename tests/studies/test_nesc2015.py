@@ -36,6 +36,7 @@ def test_pictures_are_written(name, tmp_path):
     assert all(f.read_bytes().startswith(b"\x89PNG") for f in files)
 
 
+@pytest.mark.thorough
 def test_all_cases_and_their_terms_are_there():
     assert sorted(p.stem for p in DATA.glob("*.csv")) == sorted([*_flights.cases(), *jet_cases()])
     assert "NASA OPEN SOURCE AGREEMENT" in (DATA / "LICENSE").read_text(encoding="utf-8")

@@ -46,6 +46,7 @@ def test_pictures_are_written(name, tmp_path):
     assert all(f.read_bytes().startswith(b"\x89PNG") for f in files)
 
 
+@pytest.mark.thorough
 def test_the_log_is_what_the_file_holds(tmp_path):
     """By way of MCAP; 4091 readings of odometry and 1816 ranges, each with a row of its own."""
     p, log = _data.read_plaza("Plaza2"), _data.written_log("Plaza2", tmp_path)

@@ -40,6 +40,7 @@ def broken(module, monkeypatch, **changes):
     return failed
 
 
+@pytest.mark.thorough("changes1-pitch_rate", "changes2-speed")
 @pytest.mark.parametrize(
     ("changes", "fails"),
     [

@@ -146,6 +146,7 @@ def test_it_is_a_sensor_and_refuses_what_cannot_be():
     assert SENSOR.init(key(0)).held.range.shape == (4,)
 
 
+@pytest.mark.thorough
 def test_runs_as_generated_code():
     """Sensors fly in the compiled loop: one step lowers to C."""
     one = to_arrays(UltrasonicListening())

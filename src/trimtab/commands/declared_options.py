@@ -3,6 +3,7 @@
 import ast
 import builtins
 from collections.abc import Callable
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -53,6 +54,7 @@ def _is_number(kind: Any) -> bool:
     return is_known and isinstance(kind, (type(click.INT), type(click.FLOAT)))
 
 
+@cache
 def _read_command(file: Path, verb: str, help: str) -> click.Command | None:
     """Return a command with the declared parameters, which cannot run; None for a group or an unknown decorator."""
     tree = ast.parse(file.read_text(encoding="utf-8"))

@@ -44,6 +44,7 @@ def test_rows_hold_what_differs_and_what_came_of_it(flown):
     assert found.flown_runs == 150
 
 
+@pytest.mark.thorough("0", "77")
 @pytest.mark.parametrize("run", [0, 77, 149])
 def test_a_rerun_is_equal_to_its_row(flown, run):
     made, found = flown
@@ -83,6 +84,7 @@ def test_another_seed_is_another_campaign_and_more_runs_the_same(flown):
     assert not (other.columns[MASS] == found.columns[MASS][:20]).any()
 
 
+@pytest.mark.thorough
 def test_a_scenario_itself_and_a_function_of_rows(flown):
     _, found = flown
 
@@ -108,6 +110,7 @@ def test_choices_of_an_option_fly_their_own_programs():
         assert made.row(run, made.rerun(run))["peak:truth.sway_velocity"] == rows["peak:truth.sway_velocity"][run]
 
 
+@pytest.mark.thorough
 def test_without_targets_a_success_is_a_state_that_stays_finite():
     scenario = replace(build(NAME, {"duration": "1"}), targets=())
     found = Campaign(scenario, runs=3, metrics=["peak:truth.yaw_rate"]).run()

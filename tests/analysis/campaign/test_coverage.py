@@ -39,6 +39,7 @@ def test_biased_coin(p):
     assert np.mean((low[heads] <= p) & (p <= high[heads])) == pytest.approx(0.95, abs=0.015)
 
 
+@pytest.mark.thorough
 def test_linear_system():
     """Success: the last state stays within 1.7 of its standard deviations."""
     p = 2 * stats.norm.cdf(1.7) - 1

@@ -188,7 +188,8 @@ np.savez(sys.argv[4], **found.columns)
 """
 
 
-@pytest.mark.parametrize("size", [pytest.param("8k", marks=pytest.mark.thorough), "200k"])
+@pytest.mark.thorough
+@pytest.mark.parametrize("size", ["8k", "200k"])
 def test_disk_that_is_full(tmp_path, whole, size):
     (tmp_path / "disk").mkdir()
     own = ["unshare", "--mount"] if os.getuid() == 0 else ["unshare", "-rm"]

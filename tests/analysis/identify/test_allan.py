@@ -57,6 +57,7 @@ def test_variance_against_averages_written_out():
         assert overlapping_variance(y, (m,))[0] == pytest.approx(wanted, rel=1e-10)
 
 
+@pytest.mark.thorough("theta0", "theta1")
 @pytest.mark.parametrize("theta", [(1.0, 0.0, 0.0), (0.0, 0.0, 1.0), (1.0, 0.0, 1e-3)])
 def test_covariance_of_the_variances_against_many_logs(theta):
     """4000 logs of 256 samples: each covariance within 5 standard errors of what the second differences say."""
@@ -71,6 +72,7 @@ def test_covariance_of_the_variances_against_many_logs(theta):
     assert (np.abs(products.mean(0) - C) <= 5 * error).all()
 
 
+@pytest.mark.thorough("0.001-0.0-0.001", "0.001-0.001-0.0")
 @pytest.mark.parametrize(("N", "B", "K"), [(1e-3, 0.0, 1e-3), (1e-3, 1e-3, 0.0), (1e-3, 1e-3, 5e-4)])
 def test_what_is_put_in_comes_out_within_the_interval(N, B, K):
     """95 % intervals of 80 logs: each coefficient is inside as often as 95 % allows, or oftener where it is zero."""
@@ -169,7 +171,7 @@ def long_noise(seed, walk=1e-4):
 
 
 def test_noise_passes_also_quantised_and_with_a_walk_that_leads_far():
-    for seed in range(30):
+    for seed in range(8):
         for y in (long_noise(seed), long_noise(seed, 0.05), np.round(long_noise(seed) / 0.02) * 0.02):
             refuse_motion("gyro", y, fit_allan(y, DT))
 

@@ -81,6 +81,7 @@ def test_more_numbers_than_a_board_has_outputs_are_refused_with_their_names():
         assert len(firmware_outputs(scenario, board)) == 4
 
 
+@pytest.mark.thorough("cart-pole/swing-up-10", "vessel/path-20", "hovercraft/spin-20")
 @pytest.mark.parametrize(
     ("name", "frame"),
     [("quadrotor/track", 5), ("cart-pole/swing-up", 10), ("vessel/path", 20), ("hovercraft/spin", 20)],

@@ -2,7 +2,7 @@ import os
 
 import pytest
 from flight.mavlink.line import NOW, Clock, stamp_at
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from trimtab.core.errors import InputError
@@ -33,6 +33,7 @@ def test_stamps_follow_the_clock_and_never_repeat_when_it_stands_or_goes_back(cl
     assert stamps.next_stamp() == stamp_at(NOW + 2) + 4
 
 
+@settings(max_examples=40)
 @given(st.lists(st.tuples(st.floats(-1e4, 1e4), st.integers(0, 4), st.booleans()), max_size=30))
 def test_no_stamp_repeats_whatever_the_clock_does_over_restarts(tmp_path_factory, story):
     """Each chapter: the clock jumps, some packets leave, then the process is killed or closed."""

@@ -34,6 +34,7 @@ def draw(path, n, seed):
     return np.rint(np.interp(z, normal_scores(), table) * UNITS_PER_SECOND).astype(int)
 
 
+@pytest.mark.thorough("0.0", "4e-05")
 @pytest.mark.parametrize("drift", [0.0, 4e-5, -1e-4])
 def test_over_a_radio_the_error_stays_below_what_single_exchanges_have(drift):
     """Bluetooth modules, ten exchanges a second for a minute: up 22..90 ms, down 19..67 ms, [1] table 5.1."""

@@ -16,7 +16,7 @@ SIGNALS = {"other.count": ("i8", Quantity("1", "Rows so far.", kind="count"))}
 
 @pytest.fixture(scope="module")
 def boat():
-    scenario = build("vessel/path", in_virtual_time=False)
+    scenario = build("examples/my_boat.py:scenario", in_virtual_time=False)
     return scenario, PulsedVehicle(scenario, seed=0, channels=(), release=None)
 
 

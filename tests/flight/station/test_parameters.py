@@ -3,7 +3,7 @@ import struct
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from trimtab.core.record import Scalar, part, quantity, record
@@ -53,6 +53,7 @@ def test_every_number_has_a_name_a_path_and_a_value():
 PATHS = st.lists(st.text("abc_é0-", min_size=1, max_size=20), min_size=1, max_size=5).map(".".join)
 
 
+@settings(max_examples=40)
 @given(st.lists(PATHS, unique=True, max_size=40))
 def test_names_are_legal_and_differ(paths):
     names = parameter_names(paths)

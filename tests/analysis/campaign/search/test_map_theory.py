@@ -74,6 +74,7 @@ def test_a_gain_axis_has_a_loop_for_each_value(forward):
         np.testing.assert_allclose(one.margin[0, j] + loop_delay(found.scenario).mean, delay_margin(law_loop(k2)).delay)
 
 
+@pytest.mark.thorough
 def test_packet_loss_is_for_scalar_loops(forward):
     pole, gains = 4.0, axis_of_path("autopilot.law.k2", [0.5, 1.5])
     found = unflown(forward, axis_of_link("loss", [0.0, 1.0]), gains)

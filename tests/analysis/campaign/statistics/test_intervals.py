@@ -149,6 +149,7 @@ DRAWS = {
 }
 
 
+@pytest.mark.thorough("gaussian", "uniform")
 @pytest.mark.parametrize("name", DRAWS)
 def test_each_bound_holds_the_mean_in_95_per_cent(name):
     """2000 campaigns of 200 runs, 3 sigma of 2000 repetitions. Student's upper bound of exponential runs doesn't."""

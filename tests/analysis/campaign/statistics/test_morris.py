@@ -114,6 +114,7 @@ def test_interval_of_sigma_holds_where_effects_are_graded():
     assert held.min() > 0.875
 
 
+@pytest.mark.thorough
 def test_noise_reads_as_a_factor_of_the_same_spread():
     """Uniform noise of width 2 beside a factor of slope 2: mu* 2 both."""
     rows = morris_rows(4, 0, 3000 * 3, 1)

@@ -45,7 +45,9 @@ RULES = [(0.2, 1, 0.5), (0.1, 5, 0.5), (0.1, 25, 0.5), (0.05, 10, 0.25), (0.02, 
 
 
 @pytest.mark.parametrize(("width", "block", "top"), RULES)
-@pytest.mark.parametrize("level", [0.9, 0.95, 0.99])
+@pytest.mark.parametrize(
+    "level", [pytest.param(0.9, marks=pytest.mark.thorough), 0.95, pytest.param(0.99, marks=pytest.mark.thorough)]
+)
 def test_stopped_interval_holds_every_probability_as_often_as_it_says(width, block, top, level):
     """Exact calculation, not sampled."""
     p = np.linspace(width / 20, top, 50)
