@@ -39,7 +39,6 @@ def test_a_gain_is_proved_and_proved_again(file):
     assert "23 of 23 conditions proved exactly" in done.output
 
 
-@pytest.mark.thorough
 def test_a_gain_that_was_changed_is_not(file, tmp_path):
     certificate, _ = read_certificate(file)
     wrong = tmp_path / "wrong.json"
