@@ -14,6 +14,8 @@ from typing import NamedTuple
 PACKAGE = Path(__file__).parents[1] / "src" / "trimtab"
 HOLE = "…"
 WORD = re.compile(r"[^\W\d_]{2,}")
+REFUSAL = re.compile(r"problem|Error\b")
+"""Words of which a file that refuses, or defines what others refuse with, has at least one."""
 MOST = 8
 """Texts that one place may give: more are the same words in another order."""
 DEEPEST = 6
@@ -36,9 +38,10 @@ class Message(NamedTuple):
 class Module:
     """A source file with what its names may stand for."""
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, text: str) -> None:
         self.name = ".".join(path.relative_to(PACKAGE).with_suffix("").parts).removesuffix(".__init__")
-        self.tree = ast.parse(path.read_text(encoding="utf-8"))
+        self.lines = text.splitlines()
+        self.tree = ast.parse(text)
         self.functions = {n.name: n for n in ast.walk(self.tree) if isinstance(n, Function)}
         self._values = {id(self.tree): _assigned(self.tree.body)}
 
