@@ -6,6 +6,7 @@ a choice, functions of the module that return a text. What is known only when it
 
 import ast
 import re
+from bisect import bisect_left, bisect_right
 from collections.abc import Iterable, Iterator
 from itertools import chain, islice, product
 from pathlib import Path
@@ -14,11 +15,15 @@ from typing import NamedTuple
 PACKAGE = Path(__file__).parents[1] / "src" / "trimtab"
 HOLE = "…"
 WORD = re.compile(r"[^\W\d_]{2,}")
+DEFINITION = re.compile(r"\bproblem\b|class .*\bInputError\b")
+"""Text of every file that defines what others refuse with."""
 MOST = 8
 """Texts that one place may give: more are the same words in another order."""
 DEEPEST = 6
 """Names and functions that are followed one out of the other."""
 Function = ast.FunctionDef | ast.AsyncFunctionDef
+BLOCKS = ("body", "handlers", "orelse", "finalbody", "cases")
+"""Fields of a statement that hold other statements."""
 Places = tuple[ast.AST, ...]
 """The module, and the functions one in the other, in which an expression stands."""
 Followed = tuple[str, ...]
@@ -36,11 +41,13 @@ class Message(NamedTuple):
 class Module:
     """A source file with what its names may stand for."""
 
-    def __init__(self, path: Path) -> None:
+    def __init__(self, path: Path, text: str) -> None:
         self.name = ".".join(path.relative_to(PACKAGE).with_suffix("").parts).removesuffix(".__init__")
-        self.tree = ast.parse(path.read_text(encoding="utf-8"))
-        self.functions = {n.name: n for n in ast.walk(self.tree) if isinstance(n, Function)}
-        self._values = {id(self.tree): _assigned(self.tree.body)}
+        self.tree = ast.parse(text)
+        self.statements = _statements(self.tree)
+        self.functions = {n.name: n for n in self.statements if isinstance(n, Function)}
+        self._lines = text.splitlines()
+        self._values: dict[int, dict[str, list[ast.expr]]] = {}
 
     def values(self, place: ast.AST) -> dict[str, list[ast.expr]]:
         """What each name of a function, or of the module, is given."""
@@ -78,7 +85,7 @@ class Module:
         if called not in self.functions or called in followed:
             return [HOLE]
         function = self.functions[called]
-        returned = sorted((n for n in ast.walk(function) if isinstance(n, ast.Return)), key=lambda n: n.lineno)
+        returned = sorted((n for n in _statements(function) if isinstance(n, ast.Return)), key=lambda n: n.lineno)
         return self._choose(
             [n.value for n in returned if n.value is not None], (self.tree, function), (*followed, called)
         ) or [HOLE]
@@ -91,15 +98,29 @@ class Module:
         every = chain.from_iterable(self.texts(node, places, followed) for node in nodes)
         return list(dict.fromkeys(islice(every, MOST)))
 
-    def calls(self) -> Iterator[tuple[ast.Call, Places]]:
-        """Every call, with the functions that it stands in, from the module inwards."""
+    def calls(self, pattern: re.Pattern[str]) -> Iterator[tuple[ast.Call, Places]]:
+        """Calls in statements whose text has the pattern, with the functions around them, from the module inwards."""
+        found = [number for number, line in enumerate(self._lines, 1) if pattern.search(line)]
         waiting: list[tuple[ast.AST, Places]] = [(self.tree, (self.tree,))]
         while waiting:
             node, places = waiting.pop()
+            if isinstance(node, ast.stmt):
+                first = min((d.lineno for d in getattr(node, "decorator_list", ())), default=node.lineno)
+                if bisect_left(found, first) == bisect_right(found, node.end_lineno or first):
+                    continue
             if isinstance(node, ast.Call):
                 yield node, places
             inside = (*places, node) if isinstance(node, Function) else places
             waiting.extend((child, inside) for child in reversed(list(ast.iter_child_nodes(node))))
+
+
+def _statements(tree: ast.AST) -> list[ast.AST]:
+    """The tree and all statements in it, nested ones too, outer ones first."""
+    found = [tree]
+    for node in found:
+        for name in BLOCKS:
+            found += getattr(node, name, ())
+    return found
 
 
 def _assigned(nodes: Iterable[ast.AST]) -> dict[str, list[ast.expr]]:
@@ -116,22 +137,23 @@ def _assigned(nodes: Iterable[ast.AST]) -> dict[str, list[ast.expr]]:
             give(target, value.body)
             give(target, value.orelse)
 
-    waiting = list(nodes)
+    waiting = list(nodes)[::-1]
     while waiting:
-        node = waiting.pop(0)
+        node = waiting.pop()
         if isinstance(node, ast.Assign):
             for target in node.targets:
                 give(target, node.value)
         elif isinstance(node, ast.AnnAssign | ast.NamedExpr) and node.value is not None:
             give(node.target, node.value)
         if not isinstance(node, Function | ast.ClassDef | ast.Lambda):
-            waiting = [*ast.iter_child_nodes(node), *waiting]
+            waiting.extend(reversed(list(ast.iter_child_nodes(node))))
     return found
 
 
 def _refusers(modules: list[Module]) -> dict[str, list[str]]:
     """What takes a problem to refuse with, by its name: the names of its arguments, without self."""
-    found, classes = {}, [n for m in modules for n in ast.walk(m.tree) if isinstance(n, ast.ClassDef)]
+    found: dict[str, list[str]] = {}
+    classes = [n for m in modules for n in m.statements if isinstance(n, ast.ClassDef)]
     functions = [(f.name, f) for m in modules for f in m.functions.values()]
     made = [(c.name, f) for c in classes for f in c.body if isinstance(f, Function) and f.name == "__init__"]
     for name, function in functions + made:
@@ -143,8 +165,8 @@ def _refusers(modules: list[Module]) -> dict[str, list[str]]:
     return found | dict.fromkeys(heirs, found["InputError"])
 
 
-def _messages_of(module: Module, refusers: dict[str, list[str]]) -> Iterator[Message]:
-    for call, places in module.calls():
+def _messages_of(module: Module, refusers: dict[str, list[str]], pattern: re.Pattern[str]) -> Iterator[Message]:
+    for call, places in module.calls(pattern):
         name = call.func.id if isinstance(call.func, ast.Name) else getattr(call.func, "attr", "")
         bare = name.endswith("Error") and not name.startswith("_") and len(call.args) == 1
         if name not in refusers and not bare:
@@ -168,7 +190,10 @@ def _shorten(text: str) -> str:
 
 def read_messages() -> list[Message]:
     """Every message that the package can refuse with, in the order of the files, each text of a module once."""
-    modules = [Module(path) for path in sorted(PACKAGE.rglob("*.py")) if "templates" not in path.parts]
-    refusers = _refusers(modules)
-    every = chain.from_iterable(_messages_of(module, refusers) for module in modules)
+    texts = {p: p.read_text("utf-8") for p in sorted(PACKAGE.rglob("*.py")) if "templates" not in p.parts}
+    definers = {path: Module(path, text) for path, text in texts.items() if DEFINITION.search(text)}
+    refusers = _refusers([*definers.values()])
+    pattern = re.compile(rf"\b(?:{'|'.join(map(re.escape, refusers))}|[A-Za-z]\w*Error)\(")
+    modules = [definers.get(path) or Module(path, text) for path, text in texts.items() if pattern.search(text)]
+    every = chain.from_iterable(_messages_of(module, refusers, pattern) for module in modules)
     return list({(m.module, m.text): m for m in every}.values())

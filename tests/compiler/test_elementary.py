@@ -36,6 +36,8 @@ VARIANTS = {
 }
 """Lanes, compiler and flags; all give the same bits, and apart from them those that round products and sums twice."""
 SCALAR = {name: "scalar, no FMA" if PORTABLE[0] in flags else "scalar" for name, (_, _, flags) in VARIANTS.items()}
+RARE = ("8 lanes", "scalar, plainest processor", "4 lanes, plainest processor")
+"""Variants of the thorough tests: the others have both numbers of lanes, both languages and both kinds of FMA."""
 LONG = np.longdouble
 
 
@@ -57,26 +59,24 @@ def driver(lanes: int) -> str:
 
 @pytest.fixture(scope="module")
 def call(tmp_path_factory):
-    """call(variant, name, x, z) -> values; the libraries are built side by side, once."""
+    """call(variant, name, x, z) -> values; a library is built at its first call."""
     folder = tmp_path_factory.mktemp("elementary")
-    started = []
-    for k, (lanes, compiler, flags) in enumerate(VARIANTS.values()):
-        source = folder / f"v{k}.{'cpp' if lanes else 'c'}"
+
+    @cache
+    def build(variant):
+        (lanes, compiler, flags), k = VARIANTS[variant], list(VARIANTS).index(variant)
+        source, library = folder / f"v{k}.{'cpp' if lanes else 'c'}", folder / f"v{k}.so"
         source.write_text(driver(lanes))
-        command = [compiler, *FLAGS, *flags, "-shared", "-fPIC", str(source), "-o", str(folder / f"v{k}.so"), "-lm"]
-        started.append(subprocess.Popen(command, stderr=subprocess.PIPE, text=True))
-    for process in started:
-        _, errors = process.communicate()
-        assert process.returncode == 0, errors
-    libraries = {name: ctypes.CDLL(str(folder / f"v{k}.so")) for k, name in enumerate(VARIANTS)}
+        command = [compiler, *FLAGS, *flags, "-shared", "-fPIC", str(source), "-o", str(library), "-lm"]
+        done = subprocess.run(command, stderr=subprocess.PIPE, text=True, check=False)
+        assert done.returncode == 0, done.stderr
+        return ctypes.CDLL(str(library))
 
     def run(variant, name, x, z=None):
         n = -(-x.size // 8) * 8
         x, z = (np.resize(np.asarray(v, float), n) for v in (x, x if z is None else z))
         y, w = np.empty(n), np.empty(n)
-        getattr(libraries[variant], f"do_{name}")(
-            ctypes.c_long(n), *(ctypes.c_void_p(a.ctypes.data) for a in (x, z, y, w))
-        )
+        getattr(build(variant), f"do_{name}")(ctypes.c_long(n), *(ctypes.c_void_p(a.ctypes.data) for a in (x, z, y, w)))
         return np.stack([y, w]) if name == "sincos" else y
 
     return run
@@ -241,6 +241,7 @@ POW = (
 
 
 @needs_compiler
+@pytest.mark.thorough(*RARE)
 @pytest.mark.parametrize("variant", VARIANTS)
 def test_special_values_of_pow(call, variant):
     x, y, wanted = np.array(POW).T
@@ -277,6 +278,7 @@ def test_fused_multiply_add_without_the_instruction_is_exact(tmp_path):
 
 
 @needs_compiler
+@pytest.mark.thorough(*RARE)
 @pytest.mark.parametrize("variant", VARIANTS)
 def test_sincos_is_sin_and_cos(call, variant):
     x = values()
@@ -292,6 +294,7 @@ EXACT = {
 
 
 @needs_compiler
+@pytest.mark.thorough(*RARE)
 @pytest.mark.parametrize("variant", VARIANTS)
 def test_rounding_and_remainder_are_exact(call, variant):
     x = np.concatenate([values(), np.arange(-8, 8) / 2])
@@ -368,6 +371,7 @@ SPECIAL_TWO = (
 
 
 @needs_compiler
+@pytest.mark.thorough(*RARE)
 @pytest.mark.parametrize("variant", VARIANTS)
 def test_special_values(call, variant):
     """Values that C99, annex F, prescribes, signs of zero included."""
@@ -384,6 +388,7 @@ def bits(y):
 
 
 @needs_compiler
+@pytest.mark.thorough(*(name for name in RARE if "lanes" in name))
 @pytest.mark.parametrize("variant", [name for name in VARIANTS if "lanes" in name])
 def test_vectors_give_the_same_bits(call, variant):
     x = values()

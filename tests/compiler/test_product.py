@@ -143,14 +143,17 @@ SHAPES = {
 }
 
 
-@pytest.mark.thorough("float32-scan", "float32-three shapes", "float32-heads", "float64-heads")
+@pytest.mark.thorough(
+    *("float32-scan", "float32-three shapes", "float32-heads", "float32-tied weights"),
+    *("float64-heads", "float64-three shapes"),
+)
 @pytest.mark.parametrize("name", SHAPES)
 @pytest.mark.parametrize("dtype", [np.float64, np.float32])
 def test_products_of_one_array_at_several_shapes(name, dtype):
     shape, other, function = SHAPES[name]
+    """A given array and a known one, in one program: one call of each compiler."""
     W, x = numbers(*shape).astype(dtype), numbers(*other, seed=1).astype(dtype)
-    agree(function, W, x)
-    agree(lambda x: function(jnp.asarray(W), x), x)
+    agree(lambda given, x: [function(given, x), function(jnp.asarray(W), x)], W, x)
 
 
 def test_neighbours_are_in_the_innermost_loop(monkeypatch):
@@ -175,9 +178,10 @@ def test_factors_and_solutions_are_those_of_jax(n):
     agree(factors, numbers(n, n), numbers(n, 3, seed=1))
 
 
-@pytest.mark.parametrize("shape", [(9, 6), (6, 9), (60, 8)])
-def test_lu_of_tall_and_wide_matrices(shape):
-    agree(jax.lax.linalg.lu, numbers(*shape))
+def test_lu_of_tall_and_wide_matrices():
+    """All shapes in one program: one call of each compiler."""
+    matrices = [numbers(*shape) for shape in ((9, 6), (6, 9), (60, 8))]
+    agree(lambda *matrices: [jax.lax.linalg.lu(a) for a in matrices], *matrices)
 
 
 def test_lu_of_a_matrix_without_an_inverse():

@@ -125,6 +125,7 @@ def check(first: int) -> list[str]:
         return found
 
 
+@pytest.mark.thorough("25")
 @pytest.mark.parametrize("seed", [4, 25])
 def test_a_function_agrees_in_lanes_and_on_a_small_stack(seed: int) -> None:
     assert not differences([random_call(seed)], {"lanes": 4, "threads": 3})

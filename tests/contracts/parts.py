@@ -87,6 +87,7 @@ def every(find: Any, folders: tuple[str, ...] = FOLDERS) -> list[Any]:
     return [pytest.param(folder, found, id=f"{folder}.{name(found)}") for folder in folders for found in find(folder)]
 
 
+@functools.cache
 def made(cls: type) -> Any:
     """One of a class, out of defaults and, where there are none, of declared ranges; numeric as in a run."""
     hints = typing.get_type_hints(cls)
@@ -337,12 +338,17 @@ def period(one: Any) -> int:
     return getattr(one, "period", ms(1))
 
 
-def rollout(folder: str, one: Any, given: Any, run: Any, n: int) -> tuple[Any, Any]:
-    """Last state and all outputs of n steps, as the loop makes them: scanned, inputs numeric."""
+def rollout(folder: str, one: Any, given: Any, run: Any, n: int, note: Any = None) -> tuple[Any, Any]:
+    """Last state and all outputs of n steps, as the loop makes them: scanned, inputs numeric.
+
+    Where note is given, tracing calls note(state, next state) for a step.
+    """
 
     def body(state: Any, t: Any) -> Any:
         state_type = jax.tree.map(jnp.result_type, state)
         new, out = one.step(t, state, strengthen_types(given(t)))
+        if note:
+            note(state, new)
         return jax.tree.map(jnp.asarray, new, state_type), out
 
     instants = jnp.arange(n, dtype=np.int64) * period(one)

@@ -43,8 +43,8 @@ def is_long(folder, cls):
 
 
 QUICK = mark_thorough(BLOCKS, is_long)
-RANDOM_FOLDERS = ("links", "sensors")
-"""Folders whose blocks draw random numbers: the gate flies these blocks in batches."""
+BATCHED = ("Wire", "LatencyTrace", "DelayChain", "Imu", "Gnss", "Encoder", "NoisyPlanarPose")
+"""Blocks that the gate flies in batches: they draw random numbers, each in another way."""
 
 
 OPTIONS = FAST_COMPILE_OPTIONS if os.environ.get("XLA_FLAGS") else {}
@@ -58,36 +58,27 @@ def _example(folder, cls):
 
 
 @functools.cache
+def _traced(folder, cls):
+    """The rollout of a block, traced once for all contracts."""
+    return checks.trace(folder, made(cls), _example(folder, cls), STEPS)
+
+
+@functools.cache
 def _alone(folder, cls):
     """State and outputs of each run by itself, compiled once."""
-    one = made(cls)
-    given = _example(folder, cls)
-    compiled = jax.jit(lambda one, run: rollout(folder, one, given, run, STEPS), compiler_options=OPTIONS)
-    return [compiled(one, np.uint32(run)) for run in range(RUNS)]
+    compiled = _traced(folder, cls).program.lower().compile(compiler_options=OPTIONS)
+    return [compiled(made(cls), np.uint32(run)) for run in range(RUNS)]
 
 
-@pytest.mark.thorough(
-    "estimators.AdaptiveFlexibleModeFilter",
-    "estimators.AirInertial",
-    "estimators.AidedInertialCoupled",
-    "estimators.AidedInertialDirect",
-    "estimators.AidedInertialFeedback",
-    "estimators.AidedInertialFeedforward",
-    "estimators.GnssInertial",
-    "estimators.Particle",
-    "estimators.TightlyCoupled",
-    "estimators.UltrasonicInertial",
-    "laws.RecedingHorizon",
-    "laws.StableInversion",
-)
-@pytest.mark.parametrize(("folder", "cls"), BLOCKS)
+@pytest.mark.parametrize(("folder", "cls"), QUICK)
 def test_state_keeps_its_structure(folder, cls):
-    checks.assert_stable(folder, made(cls), _example(folder, cls))
+    checks.assert_stable(_traced(folder, cls))
 
 
 @pytest.mark.parametrize(("folder", "cls"), QUICK)
 def test_step_is_pure(folder, cls):
-    checks.assert_pure(folder, made(cls), _example(folder, cls))
+    again = checks.trace(folder, made(cls), _example(folder, cls), STEPS)
+    checks.assert_pure(_traced(folder, cls), again)
 
 
 @pytest.mark.parametrize(("folder", "cls"), QUICK)
@@ -110,7 +101,7 @@ def test_compiled_is_the_same_as_step_by_step(folder, cls):
 
 @pytest.mark.parametrize(
     ("folder", "cls"),
-    mark_thorough(BLOCKS, lambda folder, cls: is_long(folder, cls) or folder not in RANDOM_FOLDERS),
+    mark_thorough(BLOCKS, lambda _, cls: cls.__name__ not in BATCHED),
 )
 def test_a_batch_is_the_same_as_its_runs_alone(folder, cls):
     """Over a batch of keys and of parameters at once: every quantity has a leading axis."""
@@ -140,7 +131,7 @@ def sensors(late):
     return [p for p in every(blocks, ("sensors",)) if getattr(p.values[1], "LATE", False) == late]
 
 
-@pytest.mark.parametrize(("folder", "cls"), sensors(late=False))
+@pytest.mark.parametrize(("folder", "cls"), mark_thorough(sensors(late=False), is_long))
 def test_sensor_says_now_and_gives_what_measure_gives(folder, cls):
     one = made(cls)
     _, samples = _alone(folder, cls)[0]
@@ -169,14 +160,27 @@ def test_late_sensor_says_when_it_measured_and_gives_what_measure_gives(folder, 
     assert jax.tree.structure(samples.value) == jax.tree.structure(measured_there)
 
 
+@functools.cache
+def _channel(cls):
+    """Number of steps in two seconds, and the outputs of a channel in them: of valid samples, and of invalid ones."""
+    one = made(cls)
+    n = int(2 / to_seconds(one.period))
+
+    def run(one, valid):
+        def given(t):
+            return replace(new_sample(t, parts.planar_state(t)), valid=valid, fresh=valid)
+
+        return rollout("links", one, given, 1, n)[1]
+
+    compiled = jax.jit(run, compiler_options=OPTIONS)
+    return n, compiled(one, True), compiled(one, False)
+
+
 @pytest.mark.parametrize(("folder", "cls"), mark_thorough(every(blocks, ("links",)), is_long))
 def test_channel_gives_what_was_sent_at_the_time_it_says(folder, cls):
     """Nothing from the future, nothing altered; the age is the time since the measurement."""
-    one = made(cls)
-    n = int(2 / to_seconds(one.period))
-    given = _example(folder, cls)
-    _, out = jax.jit(lambda one: rollout(folder, one, given, 1, n))(one)
-    now = np.arange(n) * one.period
+    n, out, _ = _channel(cls)
+    now = np.arange(n) * made(cls).period
     valid = np.asarray(out.valid)
     assert valid[-1], "two seconds of fresh samples and none came out"
     assert (np.diff(valid.astype(int)) >= 0).all(), "valid was taken back"
@@ -190,15 +194,9 @@ def test_channel_gives_what_was_sent_at_the_time_it_says(folder, cls):
     np.testing.assert_array_equal(fresh, changed, err_msg="fresh is not 'newly arrived'")
 
 
-@pytest.mark.parametrize(("folder", "cls"), every(blocks, ("links",)))
+@pytest.mark.parametrize(("folder", "cls"), mark_thorough(every(blocks, ("links",)), is_long))
 def test_channel_is_not_valid_before_a_valid_sample(folder, cls):
-    one = made(cls)
-
-    def nothing(t):
-        sample = new_sample(t, parts.planar_state(t))
-        return replace(sample, valid=False, fresh=False)
-
-    _, out = jax.jit(lambda one: rollout(folder, one, nothing, 0, STEPS))(one)
+    _, _, out = _channel(cls)
     assert not np.asarray(out.valid).any()
     checks.assert_finite(out)
 
@@ -274,12 +272,18 @@ class _Counter:
         return state + 1.0, new_sample(t, parts.planar_state(t))
 
 
+@record
 class _Forgetful(_Counter):
+    """A sensor whose state changes its type. Source: this test."""
+
     def init(self, key):
         return 0
 
 
+@record
 class _Impure(_Counter):
+    """A sensor that counts its calls. Source: this test."""
+
     calls = 0
 
     def step(self, t, state, motion):
@@ -289,11 +293,11 @@ class _Impure(_Counter):
 
 def test_the_contracts_find_what_they_are_for():
     """A good block passes; a state that changes type, an impure step and a NaN do not."""
-    checks.assert_stable("sensors", _Counter())
-    checks.assert_pure("sensors", _Counter())
+    checks.assert_stable(checks.trace("sensors", _Counter()))
+    checks.assert_pure(*(checks.trace("sensors", _Counter()) for _ in range(2)))
     with pytest.raises(AssertionError, match="became"):
-        checks.assert_stable("sensors", _Forgetful())
+        checks.assert_stable(checks.trace("sensors", _Forgetful()))
     with pytest.raises(AssertionError, match="two calls differ"):
-        checks.assert_pure("sensors", _Impure())
+        checks.assert_pure(*(checks.trace("sensors", _Impure()) for _ in range(2)))
     with pytest.raises(AssertionError):
         checks.assert_finite({"x": jnp.asarray(np.nan)})

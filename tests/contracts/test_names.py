@@ -3,9 +3,9 @@
 import ast
 from collections import defaultdict
 from functools import cache
-from pathlib import Path
 
-SOURCE = Path(__file__).parents[2] / "src" / "trimtab"
+from contracts.sources import read_sources, read_statements
+
 IRREGULAR = """
 begun bent broken brought built bought caught chosen done drawn driven fallen fed felt found flown forgotten given gone
 grown heard held hidden kept known laid lent lost made meant paid rung said seen sent shaken shown spent spoken spoilt
@@ -28,8 +28,8 @@ def is_participle(name):
 def definitions():
     """Module, and definition of each class and function in it, nested ones too."""
     kinds = ast.ClassDef | ast.FunctionDef | ast.AsyncFunctionDef
-    trees = {str(path.relative_to(SOURCE)): ast.parse(path.read_text("utf-8")) for path in sorted(SOURCE.rglob("*.py"))}
-    return [(name, node) for name, tree in trees.items() for node in ast.walk(tree) if isinstance(node, kinds)]
+    trees = {name: source.tree for name, source in read_sources().items()}
+    return [(name, node) for name, tree in trees.items() for node in read_statements(tree) if isinstance(node, kinds)]
 
 
 def test_a_class_name_exists_once():

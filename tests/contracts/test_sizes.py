@@ -1,24 +1,16 @@
 """Files hold one concept each and stay small enough to read; what is public says what it is."""
 
 import ast
-from functools import cache
-from pathlib import Path
+from pathlib import PurePath
 
-SOURCE = Path(__file__).parents[2] / "src" / "trimtab"
-FILES = sorted(SOURCE.rglob("*.py"))
+from contracts.sources import read_sources, read_statements
+
 FILE_LINES, FUNCTION_LINES = 400, 80
-
-
-@cache
-def parse_files():
-    """Path below the package -> its lines and its tree."""
-    texts = {str(path.relative_to(SOURCE)): path.read_text(encoding="utf-8") for path in FILES}
-    return {name: (text.splitlines(), ast.parse(text)) for name, text in texts.items()}
 
 
 def long_functions(tree):
     """Functions of FUNCTION_LINES lines or more, with their length."""
-    functions = [n for n in ast.walk(tree) if isinstance(n, ast.FunctionDef | ast.AsyncFunctionDef)]
+    functions = [n for n in read_statements(tree) if isinstance(n, ast.FunctionDef | ast.AsyncFunctionDef)]
     lengths = {f.name: (f.end_lineno or 0) - f.lineno + 1 for f in functions}
     return {name: n for name, n in lengths.items() if n >= FUNCTION_LINES}
 
@@ -43,19 +35,19 @@ def undocumented(tree):
 
 
 def test_no_file_holds_two_concepts():
-    assert {name: len(lines) for name, (lines, _) in parse_files().items() if len(lines) > FILE_LINES} == {}
+    assert {name: n for name, (text, _) in read_sources().items() if (n := len(text.splitlines())) > FILE_LINES} == {}
 
 
 def test_no_function_is_too_long_to_read():
-    assert {name: long for name, (_, tree) in parse_files().items() if (long := long_functions(tree))} == {}
+    assert {name: long for name, (_, tree) in read_sources().items() if (long := long_functions(tree))} == {}
 
 
 def test_what_is_public_is_documented():
-    assert {name: bare for name, (_, tree) in parse_files().items() if (bare := undocumented(tree))} == {}
+    assert {name: bare for name, (_, tree) in read_sources().items() if (bare := undocumented(tree))} == {}
 
 
 def test_there_is_no_drawer_for_odds_and_ends():
-    assert not [p for p in FILES if p.stem in ("utils", "helpers", "misc", "common")]
+    assert not [p for p in read_sources() if PurePath(p).stem in ("utils", "helpers", "misc", "common")]
 
 
 def test_the_checks_find_what_they_are_for():

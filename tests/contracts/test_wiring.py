@@ -2,10 +2,9 @@
 
 import ast
 from collections import defaultdict
-from functools import cache
-from pathlib import Path
 
-SOURCE = Path(__file__).parents[2] / "src" / "trimtab"
+from contracts.sources import read_sources, read_statements
+
 CONSTRUCTORS = ("__init__", "__new__", "__post_init__")
 MOST_LINES = 30
 LONG_CONSTRUCTORS = {"analysis/campaign/campaign.py: Campaign"}
@@ -19,23 +18,16 @@ OUTSIDE_CALLBACKS = {
 }
 
 
-@cache
 def trees():
     """Path below the package -> tree."""
-    return {str(p.relative_to(SOURCE)): ast.parse(p.read_text("utf-8")) for p in sorted(SOURCE.rglob("*.py"))}
-
-
-@cache
-def nodes(tree):
-    """All nodes of a tree."""
-    return list(ast.walk(tree))
+    return {name: source.tree for name, source in read_sources().items()}
 
 
 def long_constructors(tree):
     """Classes whose constructor, with its arguments and its docstring, has more than MOST_LINES lines."""
     return [
         c.name
-        for c in nodes(tree)
+        for c in read_statements(tree)
         if isinstance(c, ast.ClassDef)
         for f in c.body
         if isinstance(f, ast.FunctionDef) and f.name in CONSTRUCTORS and f.end_lineno - f.lineno + 1 > MOST_LINES
@@ -50,7 +42,7 @@ def names_in(expression):
 def callable_attributes(tree):
     """Attributes that a class declares as `Callable`, in its body or on self."""
     found = set()
-    for node in nodes(tree):
+    for node in read_statements(tree):
         if isinstance(node, ast.AnnAssign) and "Callable" in names_in(node.annotation):
             target = node.target
             if isinstance(target, ast.Attribute):
@@ -63,7 +55,7 @@ def callable_attributes(tree):
 
 def assignments(tree):
     """Pairs of target and value, those of tuples one by one."""
-    for node in nodes(tree):
+    for node in read_statements(tree):
         targets = node.targets if isinstance(node, ast.Assign) else [getattr(node, "target", None)]
         for target in targets if isinstance(node, ast.Assign | ast.AnnAssign) else ():
             if isinstance(target, ast.Tuple) and isinstance(node.value, ast.Tuple):
@@ -75,10 +67,10 @@ def assignments(tree):
 
 def outside_callbacks(tree, declared=frozenset()):
     """Assignments of a function to an attribute of another object. declared: attributes known to be callable."""
-    functions = {n.name for n in nodes(tree) if isinstance(n, ast.FunctionDef | ast.AsyncFunctionDef)}
+    functions = {n.name for n in read_statements(tree) if isinstance(n, ast.FunctionDef | ast.AsyncFunctionDef)}
     properties = {
         n.name
-        for n in nodes(tree)
+        for n in read_statements(tree)
         if isinstance(n, ast.FunctionDef)
         and any(names_in(d) & {"property", "cached_property"} for d in n.decorator_list)
     }

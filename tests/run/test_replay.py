@@ -29,8 +29,6 @@ RUNS = [
     ("navigation/platform-cricket", {"stamped": "arrival"}),
     ("navigation/still", {}),
 ]
-QUICK = [RUNS[0], RUNS[11]]
-"""Those that compile in a second."""
 
 
 def recorded(folder, name, settings, seed=3, run=0, duration=10_000_000, backend="c") -> Log:
@@ -60,8 +58,7 @@ def flight(tmp_path_factory):
     return log, rebuild_scenario(log)
 
 
-def check_exact(folder, name, settings, seed):
-    log = recorded(folder, name, settings, seed=seed, run=seed % 3)
+def check_exact(log):
     again = replay(log, rebuild_scenario(log), backend="c")
     assert again.strict
     assert again.exact, again.first
@@ -74,9 +71,8 @@ def check_exact(folder, name, settings, seed):
 
 
 @compiled
-@pytest.mark.parametrize(("name", "settings"), QUICK, ids=lambda v: str(v))
-def test_a_run_comes_again_bit_by_bit(tmp_path, name, settings):
-    check_exact(tmp_path, name, settings, 5)
+def test_a_run_comes_again_bit_by_bit(flight):
+    check_exact(flight[0])
 
 
 @compiled
@@ -84,7 +80,7 @@ def test_a_run_comes_again_bit_by_bit(tmp_path, name, settings):
 @pytest.mark.parametrize("k", range(len(RUNS)))
 def test_twenty_runs_come_again_bit_by_bit(tmp_path, k):
     assert len(RUNS) == 20
-    check_exact(tmp_path, *RUNS[k], seed=k)
+    check_exact(recorded(tmp_path, *RUNS[k], seed=k, run=k % 3))
 
 
 @pytest.mark.thorough
