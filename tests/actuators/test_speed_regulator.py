@@ -16,7 +16,8 @@ from trimtab.core.time import ms
 
 RPM = 30 / np.pi
 motor, regulator = to_arrays(Motor()), to_arrays(SpeedRegulator())
-TICK = 10
+TICK, TICKS = 10, 800
+"""Length (ms) and number of the ticks of a flight. All flights have one length, and so one program."""
 
 
 @jax.jit
@@ -45,8 +46,9 @@ def closed(wanted, voltage=None, wire=None, block=regulator, speed_rpm=0.0):
     voltage = np.full(n, 7.2) if voltage is None else voltage
     wire = np.ones(n, np.int32) if wire is None else np.asarray(wire, np.int32)
     start = MotorState(speed=np.float64(speed_rpm / RPM), turned=np.float64(0.0))
-    speeds, out = _closed(block, motor, start, np.asarray(wanted, float), voltage, wire)
-    return np.asarray(speeds).ravel(), out
+    given = [np.pad(v, (0, TICKS - n), "edge") for v in (np.asarray(wanted, float), voltage, wire)]
+    speeds, out = jax.tree.map(lambda v: np.asarray(v)[:n], _closed(block, motor, start, *given))
+    return speeds.ravel(), out
 
 
 @pytest.mark.thorough
