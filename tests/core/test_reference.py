@@ -126,7 +126,7 @@ def test_what_is_no_path_is_refused(make, problem):
         make()
 
 
-@pytest.mark.thorough("circle")
+@pytest.mark.thorough("circle", "eight")
 @pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here")
 @pytest.mark.parametrize("name", ["circle", "eight", "waypoints"])
 def test_its_c_gives_the_same(name):

@@ -41,6 +41,7 @@ def test_predict_is_the_textbook_one():
     assert (np.asarray(new_P) == np.asarray(new_P).T).all()
 
 
+@pytest.mark.thorough("2")
 @pytest.mark.parametrize("m", [1, 2, 3])
 def test_update_is_the_information_form(m):
     x, P, y, H, R = case(m, m)
@@ -55,6 +56,7 @@ def test_update_is_the_information_form(m):
     assert done.finite
 
 
+@pytest.mark.thorough("2")
 @pytest.mark.parametrize("m", [1, 2, 3])
 def test_inflated_an_innovation_is_a_usual_one(m):
     """Without noise of the measurement NIS falls to its mean m; an innovation within it inflates nothing."""

@@ -190,6 +190,10 @@ def ranging_of(o):
     return UltrasonicRanging(beacons=beacons, errors=quiet, medium=medium, clock=clock, collisions=False, **own)
 
 
+ratio_of = jax.jit(range_ratio)
+speed_in = jax.jit(lambda temperature: speed_of_sound(Air(temperature=temperature)))
+
+
 def ranges_by_hand(o):
     happened = MOTION.t >= o.get("fault_time", 0)
     beacons = CEILING_SQUARE + (o.get("moved", 0.0) if happened else 0.0)
@@ -199,8 +203,8 @@ def ranges_by_hand(o):
     beta = np.arccos(line[:, 2] / distance)
     hears = (distance <= o.get("reach", Beacons().reach)) & (beta <= o.get("cone", Beacons().cone))
     hears &= ~(o.get("dead", np.zeros(4, bool)) & happened)
-    told = distance / np.asarray(range_ratio(beta)) if o.get("cone_error", True) else distance
-    assumed, actual = (float(speed_of_sound(Air(temperature=o.get(w, 293.15)))) for w in ("assumed", "actual"))
+    told = distance / np.asarray(ratio_of(beta)) if o.get("cone_error", True) else distance
+    assumed, actual = (float(speed_in(o.get(w, 293.15))) for w in ("assumed", "actual"))
     return np.where(hears, told * assumed / actual, 0.0), hears
 
 

@@ -17,6 +17,7 @@ H = 2.7048
 SQUARE = np.array([[1.5, 1.5], [1.5, -1.5], [-1.5, -1.5], [-1.5, 1.5]])
 UNEVEN = np.array([[0.0, 0.0], [3.1, 0.4], [2.6, 3.3], [-0.5, 2.2], [1.2, 4.4]])
 CLOSED = jax.jit(jax.vmap(solve_bancroft, in_axes=(None, None, 0, 0)))
+intersect = jax.jit(intersect_circles)
 FITTED = jax.jit(
     jax.vmap(lambda p, h, r, u: solve_least_squares(p, h, r, u, solve_bancroft(p, h, r, u).place), (None, None, 0, 0))
 )
@@ -145,7 +146,6 @@ def test_two_ranges_take_the_side_of_the_fix_before():
     true = np.array([[0.4, 0.9], [0.4, -0.9], [-1.0, 0.3]])
     used = np.array([True, False, True, False])
     ranges = exact(SQUARE, H, true)
-    intersect = jax.jit(intersect_circles)
     for place, r in zip(true, ranges, strict=True):
         near = place + np.array([0.1, -0.05])
         found = intersect(SQUARE, np.full(4, H), np.where(used, r, 7.0), used, near)
@@ -158,10 +158,10 @@ def test_two_ranges_take_the_side_of_the_fix_before():
 def test_circles_that_miss_give_the_point_between():
     used = np.array([True, True, False, False])
     ranges = np.sqrt(np.array([1.4, 1.5, 1, 1]) ** 2 + H**2)
-    found = intersect_circles(SQUARE, np.full(4, H), ranges, used, np.zeros(2))
+    found = intersect(SQUARE, np.full(4, H), ranges, used, np.zeros(2))
     np.testing.assert_allclose(found.place, [1.5, 0.05], atol=0.01)
     assert 0.01 < float(found.residual) < 0.1
-    below = intersect_circles(SQUARE, np.full(4, H), np.full(4, 2.0), used, np.zeros(2))  # shorter than the height
+    below = intersect(SQUARE, np.full(4, H), np.full(4, 2.0), used, np.zeros(2))  # shorter than the height
     assert np.isfinite(below.place).all()
 
 
