@@ -59,6 +59,7 @@ def test_it_is_continuous_where_lines_meet():
         np.testing.assert_allclose(below, above, rtol=1e-7)
 
 
+@pytest.mark.thorough
 def test_it_compiles_to_the_same():
     fast = trimtab.compile(standard_atmosphere, 0.0)
     for height in (0.0, 11_500.0, 30_000.0, 71_234.5):

@@ -71,6 +71,7 @@ def test_it_delivers_as_a_list_of_packets_would(
     assert len(packets) > 30
 
 
+@pytest.mark.thorough
 def test_runs_of_a_batch_have_their_own_packets():
     latency = np.array([[0.003, 0.001, 0.0], [0.0, 0.005, 0.002]])
     lost = np.array([[False, False, True], [False, False, False]])

@@ -84,6 +84,7 @@ def test_ranges_move_with_the_vehicle_and_the_oldest_is_forgotten():
     np.testing.assert_array_equal(recent.beacon, np.arange(KEPT + 1, 1, -1) % 4)
 
 
+@pytest.mark.thorough
 def test_runs_as_generated_code():
     assert lower_function(lambda recent: fit_pose(recent, 12, BEACONS, 0.0, SCALE, SIGMA), (no_recent_ranges(),)).text(
         "f"
