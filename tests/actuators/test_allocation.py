@@ -21,6 +21,8 @@ from trimtab.core.record import replace, to_arrays
 from trimtab.core.signals import PlanarForce, new_sample
 
 ALLOCATION, DRIVE = ThrustVectorAllocation(), FanDrive()
+MOST = 5000
+"""Number of demands of each call: calls with the same parts share a program."""
 FAULTS = ("saturation", "dead-zone", "braking", "lookup-table")
 
 
@@ -41,7 +43,10 @@ def _through(FX, FY, *names):
     for name in names:
         allocation = without(allocation, name) if name in imperfections(allocation) else allocation
         drive = without(drive, name) if name in imperfections(drive) else drive
-    return _chain(to_arrays(allocation), to_arrays(drive), np.atleast_1d(FX) * 1.0, np.atleast_1d(FY) * 1.0)
+    FX, FY = np.atleast_1d(FX) * 1.0, np.atleast_1d(FY) * 1.0
+    all_of_them = (np.pad(f, (0, MOST - len(FX))) for f in (FX, FY))
+    out = _chain(to_arrays(allocation), to_arrays(drive), *all_of_them)
+    return jax.tree.map(lambda v: np.asarray(v)[: len(FX)], out)
 
 
 def _demands(n, size, seed=0):

@@ -113,6 +113,7 @@ void fly(int n, const double *wanted, const double *volts, const double *passed,
 """
 
 
+@pytest.mark.thorough("forward")
 @no_compiler
 @pytest.mark.parametrize("wanted", [WANTED, BOTH], ids=["forward", "both"])
 def test_the_firmwares_blocks_give_the_same_bits(wanted, tmp_path):

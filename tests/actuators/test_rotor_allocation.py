@@ -115,6 +115,7 @@ def test_more_rotors_than_axes_share_as_evenly_as_they_can():
     np.testing.assert_allclose(found, WEIGHT / 6, rtol=1e-4)
 
 
+@pytest.mark.thorough
 def test_in_c_it_is_the_same():
     demand = RotorDemand(np.float64(90.0), np.array([3.0, -2.0, 1.0]), np.array([True, True, False, True]))
     step = trimtab.compile(lambda a, d: a.thrusts(d), QUAD, demand)

@@ -16,7 +16,11 @@ from trimtab.core.time import ms
 
 RPM = 30 / np.pi
 motor, regulator = to_arrays(Motor()), to_arrays(SpeedRegulator())
-TICK = 10
+TICK, TICKS = 10, 800
+"""Length (ms) and number of the ticks of a flight. All flights have one length, and so one program."""
+
+
+step = jax.jit(SpeedRegulator.step)
 
 
 @jax.jit
@@ -45,8 +49,9 @@ def closed(wanted, voltage=None, wire=None, block=regulator, speed_rpm=0.0):
     voltage = np.full(n, 7.2) if voltage is None else voltage
     wire = np.ones(n, np.int32) if wire is None else np.asarray(wire, np.int32)
     start = MotorState(speed=np.float64(speed_rpm / RPM), turned=np.float64(0.0))
-    speeds, out = _closed(block, motor, start, np.asarray(wanted, float), voltage, wire)
-    return np.asarray(speeds).ravel(), out
+    given = [np.pad(v, (0, TICKS - n), "edge") for v in (np.asarray(wanted, float), voltage, wire)]
+    speeds, out = jax.tree.map(lambda v: np.asarray(v)[:n], _closed(block, motor, start, *given))
+    return speeds.ravel(), out
 
 
 @pytest.mark.thorough
@@ -73,12 +78,12 @@ def test_a_sag_of_1_v_costs_1_rpm():
 def test_measures_15_rpm_per_count():
     state = replace(regulator.init(), started=np.bool_(True), count=np.int32(100))
     for count, rpm in ((500, 6000.0), (101, 15.0), (90, -150.0), (65530, -1590.0)):
-        _, out = regulator.step(0, state, SpeedRegulatorInput(np.float64(6000.0), np.int32(count)))
+        _, out = step(regulator, np.int64(0), state, SpeedRegulatorInput(np.float64(6000.0), np.int32(count)))
         assert float(out.speed_rpm) == rpm
 
 
 def test_the_first_count_is_no_speed():
-    _, out = regulator.step(0, regulator.init(), SpeedRegulatorInput(np.float64(6000.0), np.int32(30000)))
+    _, out = step(regulator, np.int64(0), regulator.init(), SpeedRegulatorInput(np.float64(6000.0), np.int32(30000)))
     assert float(out.speed_rpm) == 0.0
 
 
@@ -129,11 +134,11 @@ def test_a_wish_that_is_no_number_stops_the_fan():
     assert (np.asarray(out.duty)[50:] == 0).all()
 
 
+@pytest.mark.thorough
 @pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here")
 def test_its_c_computes_the_same():
     given = SpeedRegulatorInput(np.float64(0.0), np.int32(0))
     compiled = compile(lambda r, t, s, i: r.step(t, s, i), regulator, np.int64(0), regulator.init(), given)
-    step = jax.jit(SpeedRegulator.step)
     rng = np.random.default_rng(5)
     a = b = regulator.init()
     count = 0

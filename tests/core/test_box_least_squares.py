@@ -51,6 +51,7 @@ def test_an_unknown_without_room_is_held():
     assert found.solved
 
 
+@pytest.mark.thorough
 def test_too_few_steps_are_told():
     rng = np.random.default_rng(0)
     A, b, low, high = draw(rng, 8)

@@ -68,6 +68,7 @@ def forced(t, x):
 START = {"p": jnp.asarray(1.0), "v": jnp.asarray(0.0)}
 
 
+@pytest.mark.thorough("rk4_with_error-4-4")
 @pytest.mark.parametrize(
     ("step", "order", "estimate"),
     [(rk4_with_error, 4, 4), (rk4_with_doubling, 4, 5), (dormand_prince, 5, 5), (rodas, 4, 4)],

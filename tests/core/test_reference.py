@@ -33,6 +33,7 @@ PATHS = {
 ORDERS = ("place", "velocity", "acceleration", "jerk", "snap")
 
 
+@pytest.mark.thorough("circle at once", "one leg", "headed")
 @pytest.mark.parametrize("name", PATHS)
 def test_each_derivative_is_that_of_the_one_before(name):
     path = PATHS[name]
@@ -48,10 +49,11 @@ def test_each_derivative_is_that_of_the_one_before(name):
 
 def test_circle_is_one_and_sets_out_from_rest():
     path = PATHS["circle"]
+    at = jax.jit(path.at)
     for t in (0.0, 5.0, 20.0, 47.0):
-        point = path.at(t)
+        point = at(t)
         assert np.hypot(*(point.place - np.array([0.4, -0.3]))) == pytest.approx(1.7)
-    first, late, round_later = path.at(0.0), path.at(40.0), path.at(58.0)
+    first, late, round_later = at(0.0), at(40.0), at(58.0)
     np.testing.assert_allclose([first.velocity, first.acceleration, first.jerk], 0, atol=1e-12)
     assert np.hypot(*late.velocity) == pytest.approx(2 * np.pi * 1.7 / 18)
     np.testing.assert_allclose(late.place, round_later.place, atol=1e-9)
@@ -88,8 +90,9 @@ def test_waypoints_are_passed_from_rest_to_rest():
 def test_a_sampled_path_is_scipys_spline():
     t, x = np.linspace(0, 9, 12) ** 1.1, np.random.default_rng(4).normal(size=(12, 2))
     spline, path = make_interp_spline(t, x, k=5), interpolate_path(t, x)
+    point_at = jax.jit(path.at)
     for at in np.random.default_rng(5).uniform(t[0], t[-1], 30):
-        point = path.at(at)
+        point = point_at(at)
         for order, name in enumerate(ORDERS):
             wanted = spline(at, order)
             np.testing.assert_allclose(getattr(point, name), wanted, rtol=1e-6, atol=1e-8 * 10**order)
@@ -102,7 +105,7 @@ def test_another_time_goes_by_the_chain_rule():
         s, c = 0.3 * jnp.sin(t), 0.3 * jnp.cos(t)
         return retime(path.at(t + s), (1 + c, -s, -c, s))
 
-    point, rate = jax.jvp(later, (7.0,), (1.0,))
+    point, rate = jax.jit(lambda t: jax.jvp(later, (t,), (1.0,)))(7.0)
     for order, after in pairwise(ORDERS):
         np.testing.assert_allclose(getattr(rate, order), getattr(point, after), atol=1e-9)
 
@@ -123,12 +126,14 @@ def test_what_is_no_path_is_refused(make, problem):
         make()
 
 
+@pytest.mark.thorough("circle", "eight")
 @pytest.mark.skipif(find_compiler("c") is None, reason="no C compiler here")
 @pytest.mark.parametrize("name", ["circle", "eight", "waypoints"])
 def test_its_c_gives_the_same(name):
     path = PATHS[name]
     run = compile(lambda path, t: path.at(t), path, np.float64(0.0))
+    at = jax.jit(path.at)
     for t in (0.0, 3.3, 11.0, 100.0):
-        wanted, given = path.at(t), run(path, np.float64(t))
+        wanted, given = at(t), run(path, np.float64(t))
         for order in ORDERS:
             np.testing.assert_allclose(getattr(given, order), getattr(wanted, order), rtol=1e-12, atol=1e-12)

@@ -16,11 +16,16 @@ def potential(earth, p):
     return earth.gm / r * (1 - earth.j2 * (earth.semi_major / r) ** 2 * (3 * s * s - 1) / 2)
 
 
+@jax.jit
+def gravitation_and_slope(p):
+    return Earth().gravitation(p), jax.grad(lambda p: potential(Earth(), p))(p)
+
+
 @pytest.mark.parametrize("latitude", [-90.0, -40.0, 0.0, 12.0, 45.0, 90.0])
 def test_it_is_the_slope_of_the_potential(latitude):
-    earth = Earth()
     p = jnp.asarray(to_ecef(np.radians(latitude), 0.4, 120e3))
-    np.testing.assert_allclose(earth.gravitation(p), jax.grad(lambda p: potential(earth, p))(p), rtol=1e-13, atol=1e-12)
+    found, slope = gravitation_and_slope(p)
+    np.testing.assert_allclose(found, slope, rtol=1e-13, atol=1e-12)
 
 
 @pytest.mark.parametrize("latitude", [0.0, 20.0, 45.0, 70.0, 90.0])

@@ -72,15 +72,7 @@ def course(shape):
     return at[shape]
 
 
-@pytest.mark.thorough(
-    "circle-AidedInertialDirect",
-    "circle-AidedInertialFeedforward",
-    "circle-AidedInertialFeedback",
-    "circle-AidedInertialCoupled",
-    "eight-AidedInertialDirect",
-    "eight-AidedInertialFeedback",
-    "eight-AidedInertialCoupled",
-)
+@pytest.mark.thorough
 @forms
 @pytest.mark.parametrize("shape", ["circle", "eight"])
 def test_perfect_sensors_close_a_lap_from_rest_to_rest(cls, shape):

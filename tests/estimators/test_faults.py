@@ -32,7 +32,6 @@ FORMS = {
     for cls in (AidedInertialFeedback, AidedInertialDirect, AidedInertialFeedforward, AidedInertialCoupled)
 }
 FEEDBACK = FORMS["AidedInertialFeedback"]
-OTHERS = list(FORMS)[1:]
 
 
 class Fault(NamedTuple):
@@ -191,10 +190,9 @@ def sigmas_off(state, fault):
     return {name: float(np.abs(e / getattr(state, f"sigma_{name}"))[asked].max()) for name, e in errors.items()}
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", FAULTS)
-@pytest.mark.parametrize(
-    "form", ["AidedInertialFeedback", *(pytest.param(f, marks=pytest.mark.thorough) for f in OTHERS)]
-)
+@pytest.mark.parametrize("form", FORMS)
 def test_it_is_flagged_and_the_sigmas_stay_honest(form, name):
     fault = FAULTS[name]
     state = flown(FORMS[form], fault)
@@ -221,6 +219,7 @@ TRUSTING = {
 }
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("name", TRUSTING)
 def test_a_filter_that_takes_it_for_true_is_wrong(name):
     """That these are faults at all: the same flights, the same filter without the test for it."""

@@ -10,7 +10,8 @@ from trimtab.estimators import kalman
 from trimtab.estimators.kalman import nees, predict, update_sequentially
 
 N, M = 5, 3
-update, health = jax.jit(kalman.update), jax.jit(kalman.covariance_health)
+update, health, inflate = map(jax.jit, (kalman.update, kalman.covariance_health, kalman.inflate_covariance))
+in_turn = jax.jit(update_sequentially)
 
 
 def case(seed, m=M):
@@ -40,6 +41,7 @@ def test_predict_is_the_textbook_one():
     assert (np.asarray(new_P) == np.asarray(new_P).T).all()
 
 
+@pytest.mark.thorough("2")
 @pytest.mark.parametrize("m", [1, 2, 3])
 def test_update_is_the_information_form(m):
     x, P, y, H, R = case(m, m)
@@ -54,6 +56,7 @@ def test_update_is_the_information_form(m):
     assert done.finite
 
 
+@pytest.mark.thorough("2")
 @pytest.mark.parametrize("m", [1, 2, 3])
 def test_inflated_an_innovation_is_a_usual_one(m):
     """Without noise of the measurement NIS falls to its mean m; an innovation within it inflates nothing."""
@@ -61,10 +64,10 @@ def test_inflated_an_innovation_is_a_usual_one(m):
     none = 1e-12 * np.eye(m)
     y = 100 * y
     assert update(np.zeros(N), P, y, H, none).nis > m
-    wider = kalman.inflate_covariance(P, y, H, none)
+    wider = inflate(P, y, H, none)
     assert float(update(np.zeros(N), wider, y, H, none).nis) == pytest.approx(m, rel=1e-6)
     for small in (1e-4 * y, np.full(m, np.nan)):
-        np.testing.assert_array_equal(kalman.inflate_covariance(P, small, H, none), P)
+        np.testing.assert_array_equal(inflate(P, small, H, none), P)
 
 
 @pytest.mark.thorough
@@ -81,10 +84,10 @@ def test_in_turn_an_outlier_costs_only_itself():
     x, P, y, H, _ = case(5)
     variances, bad = np.ones(M), y + np.array([0.0, 1e3, 0.0])
     kept = update(x, P, y[[0, 2]], H[[0, 2]], np.eye(2))
-    turn = update_sequentially(x, P, bad, H, variances, gate=50.0)
+    turn = in_turn(x, P, bad, H, variances, gate=50.0)
     np.testing.assert_array_equal(turn.accepted, [True, False, True])
     np.testing.assert_allclose(turn.x, kept.x, rtol=1e-11)
-    missing = update_sequentially(x, P, np.array([y[0], np.nan, y[2]]), H, variances)
+    missing = in_turn(x, P, np.array([y[0], np.nan, y[2]]), H, variances, gate=np.inf)
     np.testing.assert_allclose(missing.x, kept.x, rtol=1e-11)
     np.testing.assert_array_equal(missing.finite, [True, False, True])
     np.testing.assert_allclose(missing.nis, kept.nis, rtol=1e-11)
@@ -185,6 +188,7 @@ def test_nees_is_the_quadratic_form():
     assert np.isnan(nees(x, -P))
 
 
+@pytest.mark.thorough
 def test_the_steps_export():
     x, P, y, H, R = case(14)
     assert lower_function(predict, (x, P, P, P)).text("f")

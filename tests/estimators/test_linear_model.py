@@ -9,6 +9,7 @@ from trimtab.core.record import replace
 from trimtab.core.signals import Frame, new_sample
 from trimtab.core.time import ms
 from trimtab.loop.linear_filter import design_filter
+from trimtab.loop.structure import strengthen_types
 from trimtab.sensors.planar_pose import NoisyPlanarPose, PlanarPoseState
 
 T = ms(10)
@@ -25,10 +26,15 @@ def frame(t, north, measured=None, force=0.0):
     return Frame(t=t, samples={"pose": pose, "actuators": new_sample(t, Push(np.float64(force)))})
 
 
+@jax.jit
+def step(estimator, state, frame):
+    return estimator.step(frame.t, state, frame)
+
+
 def fly(estimator, *frames):
-    state, step = estimator.init(None), jax.jit(estimator.step)
+    state = strengthen_types(estimator.init(None))
     for one in frames:
-        state, estimate = step(one.t, state, one)
+        state, estimate = step(estimator, state, strengthen_types(one))
     return state, estimate
 
 
@@ -57,7 +63,7 @@ def test_what_is_not_finite_is_not_used(estimator):
 
 def test_between_its_periods_the_estimate_is_held(estimator):
     state, before = fly(estimator, frame(0, 0.1))
-    _, held = estimator.step(T // 2, state, frame(T // 2, 0.3))
+    _, held = step(estimator, state, strengthen_types(frame(T // 2, 0.3)))
     assert (int(held.used), float(held.state.position)) == (0, float(before.state.position))
     np.testing.assert_array_equal(held.P, before.P)
 

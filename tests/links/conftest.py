@@ -16,7 +16,7 @@ from trimtab.core.time import ms
 LIKE = new_sample(0, PlanarState(0.0, 0.0, 0.0, 0.0), fresh=False)
 
 
-def sent_at(t: Any, sensor_period: int, first: int = 0) -> Sample:
+def sent_at(t: Any, sensor_period: Any, first: Any = 0) -> Sample:
     """What a sensor of this period, silent before `first`, shows at t; its value is a function of when it measured."""
     at = t // sensor_period * sensor_period
     s = at * 1e-7
@@ -24,8 +24,8 @@ def sent_at(t: Any, sensor_period: int, first: int = 0) -> Sample:
     return Sample(value=value, t=at, age=(t - at) * 1e-7, fresh=t == at, valid=t >= first)
 
 
-@functools.partial(jax.jit, static_argnums=(2, 3, 4))
-def _run(channel: Any, key: Key, n: int, sensor_period: int, first: int) -> Any:
+@functools.partial(jax.jit, static_argnums=2)
+def _run(channel: Any, key: Key, n: int, sensor_period: Any, first: Any) -> Any:
     def body(state: Any, t: Any) -> Any:
         state, out = channel.step(t, state, sent_at(t, sensor_period, first))
         return state, (t, out, state)

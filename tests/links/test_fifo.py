@@ -11,10 +11,10 @@ from trimtab.links.latency_trace import LatencyTrace
 
 SETTINGS = [  # period, send period, sensor period, first valid sample, longest latency in periods
     (ms(1), ms(20), ms(1), 0, 100),
-    (ms(1), ms(6), ms(6), 0, 80),
+    pytest.param(ms(1), ms(6), ms(6), 0, 80, marks=pytest.mark.thorough),
     (ms(1), ms(6), ms(10), ms(33), 50),
     (ms(1), 65536, 65536, 0, 60),  # the tick of an IMU is no multiple of the link's period
-    (ms(2), ms(2), ms(3), 0, 0),
+    pytest.param(ms(2), ms(2), ms(3), 0, 0, marks=pytest.mark.thorough),
     (ms(3), ms(10), ms(1), ms(5), 7),
 ]
 
@@ -71,6 +71,7 @@ def test_it_delivers_as_a_list_of_packets_would(
     assert len(packets) > 30
 
 
+@pytest.mark.thorough
 def test_runs_of_a_batch_have_their_own_packets():
     latency = np.array([[0.003, 0.001, 0.0], [0.0, 0.005, 0.002]])
     lost = np.array([[False, False, True], [False, False, False]])

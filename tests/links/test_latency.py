@@ -126,6 +126,7 @@ def test_all_lost_is_never_valid(drive):
     assert state.sent[-1] == state.lost[-1] == 100
 
 
+@pytest.mark.thorough
 def test_a_run_of_a_batch_is_the_run_alone():
     keys = Key(np.full(3, 7, np.uint32), np.arange(3, dtype=np.uint32))
     batch = jax.vmap(_draws, (None, 0, None))(to_arrays(LINK), keys, jnp.arange(50))

@@ -1,5 +1,7 @@
 """Slave bus: its longest delay, and every arrival against a list of slots written here."""
 
+import functools
+
 import jax
 import jax.numpy as jnp
 import numpy as np
@@ -30,19 +32,21 @@ BYTES = 5 + 2 * 4 + 1 + 1
 
 def flown(bus, made, n, grid=10_000):
     """Samples at the receiving end at n instants, where samples are measured at the times `made` (ms)."""
-    bus, times = to_arrays(bus), np.array(made) * ms(1)
+    times = np.full(100, np.iinfo(np.int64).max)
+    times[: len(made)] = np.array(made) * ms(1)
+    return jax.tree.map(np.asarray, _flown(to_arrays(bus), times, np.int64(grid), n))
 
+
+@functools.partial(jax.jit, static_argnames="n")
+def _flown(bus, times, grid, n):
     def given(t):
         newest = jnp.sum(times <= t) - 1
-        at = jnp.asarray(times)[jnp.maximum(newest, 0)]
+        at = times[jnp.maximum(newest, 0)]
         value = Ranges(jnp.ones(4) * at * 1e-4, jnp.ones(4, bool), at.astype(np.int32))
         return Sample(value, at, (t - at) * 1e-7, at == t, newest >= 0)
 
-    def run(bus):
-        state = strengthen_types(bus.init(key(0), given(np.int64(0))))
-        return jax.lax.scan(lambda s, t: bus.step(t, s, given(t)), state, jnp.arange(n, dtype=np.int64) * grid)
-
-    return jax.tree.map(np.asarray, jax.jit(run)(bus))
+    state = strengthen_types(bus.init(key(0), given(np.int64(0))))
+    return jax.lax.scan(lambda s, t: bus.step(t, s, given(t)), state, jnp.arange(n, dtype=np.int64) * grid)
 
 
 def slots(made, size=BYTES, queue=200.0):

@@ -35,6 +35,7 @@ def test_every_copy_of_the_vehicle_is_found():
         assert mismatches(scenario) == []
 
 
+@pytest.mark.thorough
 @pytest.mark.parametrize("copy", ["estimator.craft", "law.craft", "law.internal.craft"])
 def test_a_craft_that_differs_inside_the_autopilot_is_refused_with_both_values_and_what_to_type(copy):
     path = f"autopilot.{copy}.m"

@@ -67,6 +67,7 @@ def test_an_error_in_the_last_step_is_said_too():
     assert summarise_run(log, [])["integration"]["first_s"] == pytest.approx(0.46)
 
 
+@pytest.mark.thorough
 def test_the_estimated_step_is_the_plain_one_to_the_bit():
     scenario, _ = catalogue.load_scenario("hovercraft/zero-velocity")
     plain = simulate(scenario, duration=ms(500))
@@ -93,6 +94,7 @@ def bounces(kept, end):
     return w * since - G / 2 * since**2, w - G * since, n
 
 
+@pytest.mark.thorough("rk45")
 @pytest.mark.parametrize("method", ["rk4", "rk45", "rosenbrock"])
 def test_bounces_are_located_to_rounding(method):
     log = simulate(fall(Ball(), START, Integration(method=method), s=2))
@@ -161,6 +163,7 @@ def test_a_group_without_a_quaternion_is_refused_before_a_run():
     fall(NamedTop(), TopState(), Integration(attitude="group")).check()
 
 
+@pytest.mark.thorough
 def test_a_fixed_step_says_its_error_by_doubling():
     """In free fall there is none; in the contact it is far off, and the step is the plain one to the bit."""
     doubled = simulate(fall(FLOOR, START, replace(PLAIN_STEP, method="rk4-doubling")), duration=ms(500))

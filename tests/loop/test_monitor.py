@@ -93,6 +93,7 @@ def test_at_every_row_it_says_what_the_log_will_say_of_the_row_that_it_is_of(com
             assert value[i + delay] == wanted or (abs(value[i + delay]) == EQUALITY_ROBUSTNESS and wanted == 0), text
 
 
+@pytest.mark.thorough("2", "7", "8", "9", "31", "64")
 @pytest.mark.parametrize("width", [1, 2, 3, 7, 8, 9, 31, 64, 100])
 def test_windows_of_any_length(width):
     rng = np.random.default_rng(width)

@@ -26,6 +26,7 @@ def listen(radio, slots, speaks=lambda k: True):
     return np.array(heard)
 
 
+@pytest.mark.thorough("1")
 @pytest.mark.parametrize("delay", [0, 1, 3])
 def test_each_speaks_in_its_slot_and_is_heard_after_the_delay(delay):
     n = 4

@@ -86,6 +86,7 @@ def given(event, request=None):
 
 TABLE = jax.tree.map(lambda *v: np.stack(v), *(given(e) for e in EVENTS))
 block = to_arrays(SUPERVISOR)
+step = jax.jit(SUPERVISOR.step)
 
 
 def _scan(block, sequence):
@@ -219,7 +220,6 @@ def run(*events, block=block):
     ],
 )
 def test_it_does_not_arm_where_a_check_fails(event, check):
-    step = jax.jit(SUPERVISOR.step)
     s, out = step(np.int64(0), strengthen_types(block.init()), given(event, "arm"))
     assert (MODES[int(out.mode)], CHECKS[int(out.refused)], int(out.refusals)) == ("standby", check, 1)
     assert CHECKS[int(out.check)] == check
@@ -230,7 +230,6 @@ def test_it_does_not_arm_where_a_check_fails(event, check):
 def test_silence_does_not_arm():
     out = run("silent", "arm")
     assert [MODES[m] for m in out.mode] == ["standby", "flying"]
-    step = jax.jit(SUPERVISOR.step)
     _, out = step(np.int64(0), strengthen_types(block.init()), given("silent", "arm"))
     assert CHECKS[int(out.refused)] == "link silent"
 
@@ -244,10 +243,10 @@ def test_a_request_that_makes_no_sense_is_refused(before, request_):
 
 def test_an_old_request_is_none():
     again = replace(given("arm"), pilot=replace(given("arm").pilot, fresh=np.bool_(False)))
-    _, out = SUPERVISOR.step(np.int64(0), strengthen_types(block.init()), again)
+    _, out = step(np.int64(0), strengthen_types(block.init()), again)
     assert MODES[int(out.mode)] == "standby"
     wild = replace(given("arm"), pilot=replace(given("arm").pilot, value=PilotRequest(np.int32(77))))
-    _, out = SUPERVISOR.step(np.int64(0), strengthen_types(block.init()), wild)
+    _, out = step(np.int64(0), strengthen_types(block.init()), wild)
     assert MODES[int(out.mode)] == "standby"
 
 

@@ -1,5 +1,6 @@
 """The order of the loop at one instant, and what sampling, holding and delays do to a run: docs page, Time."""
 
+import jax
 import numpy as np
 import pytest
 from loop.cart import SECOND, Place, Ruler, cart_autopilot, cart_world
@@ -16,9 +17,13 @@ def fly(world, autopilot, n=5, paths=(), every=1):
     count = len(table.t)
     rows = -(-count // every)
     number = np.where(np.arange(count) % every == 0, np.arange(count) // every, rows)
-    result = walk(world, autopilot, Place(0.0), key(0), (table.t, table.h, number), rows, table.always, paths)
+    instants = table.t, table.h, number
+    result = jax.jit(lambda x, key: walk(world, autopilot, x, key, instants, rows, table.always, paths))(
+        Place(0.0), key(0)
+    )
     out, k = {}, 0
-    for path, value, _ in logged_signals(signals(*start(world, autopilot, Place(0.0), key(0))), paths):
+    first = jax.eval_shape(lambda x, key: signals(*start(world, autopilot, x, key)), Place(0.0), key(0))
+    for path, value, _ in logged_signals(first, paths):
         out[path] = np.asarray(result.rows[:, k : k + np.size(value)]).squeeze(1)
         k += np.size(value)
     assert k == result.rows.shape[1]

@@ -166,6 +166,7 @@ def test_a_gust_turns_a_body_that_stands_in_it_only_where_air_damps():
     np.testing.assert_allclose(turning.motion(0, x, NO_WRENCH).air.rate, [0.5, 0.0, 0.0], atol=1e-12)
 
 
+@pytest.mark.thorough
 def test_the_hypersonic_vehicle_in_moving_air_is_the_one_in_still_air_seen_from_there():
     """Galilei: forces depend on the way through the air alone, lift and drag along its axes."""
     craft, u = Hypersonic(g=0.0), HypersonicInput(0.3, 0.2)

@@ -26,7 +26,7 @@ SENSORS = {
 }
 
 
-@pytest.mark.thorough("imu", "delayed-gyro")
+@pytest.mark.thorough("imu", "delayed-gyro", "magnetometer")
 @pytest.mark.skipif(not shutil.which("gcc"), reason="no gcc here")
 @pytest.mark.parametrize("name", SENSORS)
 def test_step_as_c(name):

@@ -8,6 +8,8 @@ from trimtab.core.rng import key, uniform2
 from trimtab.sensors.contention import AGAIN, ATTEMPTS, FIRST, CarrierSense, simulate_exchange
 
 SENSE = CarrierSense()
+LEAST = 8000
+"""Number of exchanges that are simulated at least: calls with as many stations share a program."""
 WINDOW = 0.1
 MESSAGE = 24 / 2400
 
@@ -21,7 +23,9 @@ def exchanges(n, runs, sense=SENSE, speaks=None, seed=0):
     """Exchanges of n stations that get ready a few milliseconds apart, as at a random place under beacons."""
     ready = 0.0088 + 0.0035 * np.random.default_rng(seed).random((runs, n))
     speaks = np.ones((runs, n), bool) if speaks is None else speaks
-    return ready, jax.tree.map(np.asarray, _exchanges(sense, np.arange(runs), ready, speaks))
+    given = (np.pad(a, [(0, max(0, LEAST - runs)), (0, 0)], "edge") for a in (ready, speaks))
+    found = _exchanges(sense, np.arange(max(runs, LEAST)), *given)
+    return ready, jax.tree.map(lambda a: np.asarray(a)[:runs], found)
 
 
 def draws(number, n):

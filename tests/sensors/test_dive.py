@@ -26,8 +26,9 @@ def test_it_gives_the_vehicles_state():
     x = TorpedoState(np.array([1, 2, 7.0]), attitude, np.array([1.5, 0.1, 0.2]), np.array([0.3, 0.4, 0.5]))
     sensor = DiveSensor()
     assert isinstance(sensor, Sensor)
-    motion = Torpedo().motion(0, to_arrays(x), TorpedoControls(0.0, 0.0, 0.0))
-    seen = sensor.step(0, sensor.init(key(0)), motion)[1].value
+    vehicle, still = Torpedo(), TorpedoControls(0.0, 0.0, 0.0)
+    state = sensor.init(key(0))
+    seen = jax.jit(lambda x: sensor.step(0, state, vehicle.motion(0, x, still))[1].value)(to_arrays(x))
     np.testing.assert_allclose(values(seen), [7.0, 0.1, -0.2, 0.9, 1.5, 0.4, 0.5], rtol=1e-12)
 
 

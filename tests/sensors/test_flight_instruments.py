@@ -5,7 +5,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 
-from trimtab.core.record import replace
+from trimtab.core.record import replace, to_arrays
 from trimtab.core.rng import Key, key
 from trimtab.core.rotation import DEG, from_euler
 from trimtab.core.signals import Motion
@@ -63,18 +63,22 @@ GROUPS = {
 }
 
 
-@pytest.mark.parametrize("group", GROUPS)
-@pytest.mark.parametrize("kind", ["noise", "bias"])
-def test_errors_are_as_large_as_declared_and_nowhere_else(group, kind):
-    sensor = FlightInstruments(**{f"{group}_{kind}": 0.5})
+@jax.jit
+def samples(sensor):
+    """Return two samples of each of 400 runs of a vehicle that does not move, and the true values."""
     still = motion()
 
     def sample(run):
         state = sensor.init(Key(np.uint32(0), run))
         return [sensor.step(k * sensor.period, state, still)[1].value for k in (3, 4)]
 
-    first, second = jax.vmap(sample)(np.arange(400, dtype=np.uint32))
-    true = sensor.measure(still)
+    return *jax.vmap(sample)(jnp.arange(400, dtype=np.uint32)), sensor.measure(still)
+
+
+@pytest.mark.parametrize("group", GROUPS)
+@pytest.mark.parametrize("kind", ["noise", "bias"])
+def test_errors_are_as_large_as_declared_and_nowhere_else(group, kind):
+    first, second, true = samples(to_arrays(FlightInstruments(**{f"{group}_{kind}": 0.5})))
     for name in (n for names in GROUPS.values() for n in names):
         off = np.asarray(getattr(first, name)) - float(getattr(true, name))
         if name not in GROUPS[group]:

@@ -21,7 +21,8 @@ def test_it_gives_the_vehicles_state():
     x, u = HypersonicState(85000.0, 7702.0, 0.03, 0.05, 0.01, 0.9, 0.0, 0.7, 0.0), HypersonicInput(0.3, 0.2)
     sensor = FlightStateSensor()
     assert isinstance(sensor, Sensor)
-    seen = sensor.step(0, sensor.init(key(0)), Hypersonic().motion(0, x, u))[1].value
+    state = sensor.init(key(0))
+    seen = jax.jit(lambda x, u: sensor.step(0, state, Hypersonic().motion(0, x, u))[1].value)(x, u)
     want = [85000 * 0.3048, 7702 * 0.3048 * np.sin(0.02), 7702 * 0.3048, 0.03, 0.01]
     np.testing.assert_allclose([float(getattr(seen, n)) for n in NAMES], want, rtol=1e-12)
 

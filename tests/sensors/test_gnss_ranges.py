@@ -42,8 +42,8 @@ def test_satellites_stand_where_they_are_seen():
 
 
 def test_ranges_are_distances_and_rates_their_derivatives():
-    reading = QUIET.measure(MOTION)
-    place, velocity = (np.asarray(v) for v in antenna(MOTION, QUIET.lever_arm))
+    reading, found = jax.jit(lambda m: (QUIET.measure(m), antenna(m, QUIET.lever_arm)))(MOTION)
+    place, velocity = (np.asarray(v) for v in found)
     t, h = to_seconds(MOTION.t), 1e-3
     there = PLACES + t * VELOCITIES
     np.testing.assert_allclose(reading.pseudorange, np.linalg.norm(there - place, axis=1), rtol=1e-14)
@@ -106,7 +106,7 @@ def test_in_an_outage_so_many_remain_and_without_any_nothing_comes():
 
 def test_satellites_below_five_degrees_are_not_received():
     places, velocities = sky([0.0, 0.0], [4 * DEG, 6 * DEG], [0.0, 0.0])
-    received = replace(QUIET, satellites=places, velocities=velocities).measure(no_motion()).received
+    received = jax.jit(replace(QUIET, satellites=places, velocities=velocities).measure)(no_motion()).received
     np.testing.assert_array_equal(received, [False, True])
 
 

@@ -20,6 +20,7 @@ def run(fix, n=500):
     )
 
 
+@pytest.mark.thorough("0-1", "0-87", "30-0", "30-100")
 @pytest.mark.parametrize("latency", [0, 1, 87, 100])
 @pytest.mark.parametrize("offset", [0, 30])
 def test_each_comes_out_once_after_its_latency(latency, offset):

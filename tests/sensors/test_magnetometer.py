@@ -6,7 +6,7 @@ import pytest
 from trimtab.core.errors import InputError
 from trimtab.core.imperfections import imperfections, without
 from trimtab.core.interfaces import Sensor
-from trimtab.core.record import replace
+from trimtab.core.record import replace, to_arrays
 from trimtab.core.rng import key
 from trimtab.core.rotation import from_euler, wrap
 from trimtab.core.signals import Motion
@@ -18,20 +18,34 @@ FIELD = np.array(COLLEGE_PARK)
 
 
 def motion(t=0, heading=0.0, place=(0.0, 0.0, 0.0), roll=0.0, pitch=0.0):
-    o = jnp.zeros(3)
-    return Motion(t, jnp.asarray(place), jnp.array([roll, pitch, heading]), o, o, o, o)
+    o = np.zeros(3)
+    return Motion(np.int64(t), np.asarray(place), jnp.array([roll, pitch, heading]), o, o, o, o)
+
+
+@jax.jit
+def _seen(sensor, m, k):
+    return sensor.step(m.t, sensor.init(k), m)[1].value
 
 
 def seen(sensor, m, seed=0):
-    return jax.jit(lambda s, m, k: s.step(m.t, s.init(k), m)[1].value)(sensor, m, key(seed))
+    return _seen(to_arrays(sensor), m, key(seed))
+
+
+@jax.jit
+def _measured(sensor, m):
+    return sensor.measure(m)
+
+
+def measured(sensor, m):
+    return _measured(to_arrays(sensor), m)
 
 
 def test_it_measures_the_field_in_the_body():
     m = motion(heading=0.7, roll=0.1, pitch=-0.2)
     wanted = from_euler(0.1, -0.2, 0.7).T @ FIELD
-    np.testing.assert_allclose(Magnetometer().measure(m).field, wanted, atol=1e-19)
+    np.testing.assert_allclose(measured(Magnetometer(), m).field, wanted, atol=1e-19)
     np.testing.assert_allclose(seen(Magnetometer(), m).field, wanted, atol=1e-19)
-    mounted = Magnetometer(mounting=(0.0, 0.0, 0.3)).measure(m).field
+    mounted = measured(Magnetometer(mounting=(0.0, 0.0, 0.3)), m).field
     np.testing.assert_allclose(from_euler(0.0, 0.0, 0.3) @ mounted, wanted, atol=1e-19)
     assert isinstance(Magnetometer(), Sensor)
 
@@ -54,12 +68,16 @@ def test_hard_iron_errs_once_a_turn_and_soft_iron_twice():
     headings = jnp.linspace(0, 2 * np.pi, 64, endpoint=False)
     level = np.hypot(*FIELD[:2])
 
-    def deviation(sensor):
+    @jax.jit
+    def errors(sensor):
         def one(psi):
             value = sensor.step(0, key(0), motion(heading=psi))[1].value
             return wrap(magnetic_heading(value.field, FIELD) - psi)
 
-        return np.abs(np.fft.rfft(np.asarray(jax.jit(jax.vmap(one))(headings)))) / 32
+        return jax.vmap(one)(headings)
+
+    def deviation(sensor):
+        return np.abs(np.fft.rfft(np.asarray(errors(to_arrays(sensor))))) / 32
 
     hard = deviation(Magnetometer(hard_iron=(0.02 * level, 0.0, 0.0)))
     assert hard[1] == pytest.approx(0.02, rel=0.01)
@@ -101,8 +119,9 @@ def test_a_motors_field_follows_its_duty():
     sensor = Magnetometer()
     course = RunningMotor(instants=(seconds(1), seconds(2), seconds(4)), duty=(0.3, -0.7, 0.1))
     full = RunningMotor().field(motion(), sensor.position)
+    at = jax.jit(lambda m: course.field(m, sensor.position))
     for t, duty in ((0.0, 0.0), (0.9, 0.0), (1.0, 0.3), (1.9, 0.3), (2.0, -0.7), (3.9, -0.7), (4.0, 0.1), (99.0, 0.1)):
-        field = course.field(motion(t=seconds(t)), sensor.position)
+        field = at(motion(t=seconds(t)))
         np.testing.assert_allclose(field, duty * full, rtol=1e-12, atol=1e-20)
 
 
@@ -139,9 +158,9 @@ def test_every_fault_can_be_switched_off():
         mounting=(0.1, 0, 0),
     )
     m = motion(heading=0.5)
-    assert np.abs(seen(sensor, m).field - sensor.measure(m).field).max() > 1e-7
+    assert np.abs(seen(sensor, m).field - measured(sensor, m).field).max() > 1e-7
     for name in imperfections(Magnetometer()):
         sensor = without(sensor, name)
-    np.testing.assert_allclose(seen(sensor, m).field, Magnetometer().measure(m).field, atol=1e-19)
+    np.testing.assert_allclose(seen(sensor, m).field, measured(Magnetometer(), m).field, atol=1e-19)
     with pytest.raises(InputError, match="no imperfection"):
         without(sensor, "rust")

@@ -183,6 +183,7 @@ def test_it_is_a_sensor_and_refuses_what_cannot_be():
             replace(TWO, **changes).check()
 
 
+@pytest.mark.thorough
 def test_runs_as_generated_code():
     """Sensors fly in the compiled loop: one step lowers to C."""
     one = to_arrays(UltrasonicRanging())

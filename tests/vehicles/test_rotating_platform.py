@@ -28,22 +28,32 @@ def motion(t, rig=RIG):
     return rig.motion(0, state(t, rig), COMMAND)
 
 
+@jax.jit
+def derivatives(t):
+    """Return the motion, its rotation matrix, and derivatives: position's first and second, rotation's, turn rate's."""
+
+    def pose(t):
+        m = motion(t)
+        return m.p_WB, from_euler(*m.attitude), m.w_WB_B
+
+    velocity, turning, alpha = jax.jacfwd(pose)(t)
+    return motion(t), pose(t)[1], velocity, jax.jacfwd(jax.jacfwd(lambda t: pose(t)[0]))(t), turning, alpha
+
+
 @pytest.mark.parametrize("t", [0.05, 3.0, *(pytest.param(t, marks=pytest.mark.thorough) for t in (0.0, 0.4))])
 def test_velocities_and_accelerations_are_derivatives_of_the_pose(t):
-    m = motion(t)
-    R = from_euler(*m.attitude)
-    velocity = jax.jacfwd(lambda t: motion(t).p_WB)
-    np.testing.assert_allclose(R @ m.v_WB_B, velocity(t), atol=1e-12)
-    np.testing.assert_allclose(R @ m.a_WB_B, jax.jacfwd(velocity)(t), atol=1e-11)
-    turning = R.T @ jax.jacfwd(lambda t: from_euler(*motion(t).attitude))(t)
+    m, R, velocity, acceleration, turned, alpha = jax.tree.map(np.asarray, derivatives(t))
+    np.testing.assert_allclose(R @ m.v_WB_B, velocity, atol=1e-12)
+    np.testing.assert_allclose(R @ m.a_WB_B, acceleration, atol=1e-11)
+    turning = R.T @ turned
     np.testing.assert_allclose([turning[2, 1], turning[0, 2], turning[1, 0]], m.w_WB_B, atol=1e-12)
-    np.testing.assert_allclose(jax.jacfwd(lambda t: motion(t).w_WB_B)(t), m.alpha_WB_B, atol=1e-11)
+    np.testing.assert_allclose(alpha, m.alpha_WB_B, atol=1e-11)
 
 
 def test_upright_it_is_the_sources():
     """[1] section 6.2.1: phi = al + pi/2, F = (R W', R W²), X tangential, Y inward."""
     rig = RotatingPlatform()
-    m, x = motion(0.1, rig), state(0.1, rig)
+    m, x = jax.jit(lambda t: (motion(t, rig), state(t, rig)))(0.1)
     R, W = rig.arm, x.yaw_rate
     angle = x.heading - np.pi / 2
     np.testing.assert_allclose(m.p_WB, [R * np.cos(angle), R * np.sin(angle), 0], atol=1e-15)

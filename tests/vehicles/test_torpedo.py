@@ -1,7 +1,6 @@
 """The torpedo against the sums of forces of its publication, and what must hold whatever the numbers are."""
 
 import jax
-import jax.numpy as jnp
 import numpy as np
 import pytest
 from oracles import marine
@@ -18,11 +17,14 @@ ZG = 0.0196
 NOTHING = TorpedoControls(0.0, 0.0, 0.0)
 
 
+quaternion_of = jax.jit(quaternion.from_euler)
+
+
 def state_of(nu, euler, rudder=0.0, stern=0.0, shaft=CRUISE):
     """The state of the centre of mass, from velocities nu (6,) of the centre of buoyancy."""
     u, v, w, p, q, r = nu
     velocity = np.array([u + q * ZG, v - p * ZG, w])
-    attitude = np.array(quaternion.from_euler(*map(jnp.asarray, euler)))
+    attitude = np.array(quaternion_of(*map(float, euler)))
     return to_arrays(TorpedoState(np.zeros(3), attitude, velocity, np.array([p, q, r]), rudder, stern, shaft))
 
 
@@ -137,12 +139,13 @@ def test_fins_are_limited_in_angle_and_rate():
 
 def test_motion_is_the_derivative_of_the_place():
     torpedo, x = Torpedo(current=Current(east=0.2)), state_of([1.5, 0.2, -0.1, 0.3, -0.2, 0.4], (0.3, -0.5, 1.2))
-    m, d = torpedo.motion(seconds(1), x, NOTHING), torpedo.dynamics(0.0, x, NOTHING)
+    dynamics = jax.jit(lambda x: torpedo.dynamics(0.0, x, NOTHING))
+    m, d = jax.jit(lambda x: torpedo.motion(seconds(1), x, NOTHING))(x), dynamics(x)
     R = np.array(quaternion.to_matrix(x.attitude))
     np.testing.assert_allclose(R @ np.array(m.v_WB_B), np.array(d.position), rtol=1e-12)
     h = 1e-6
     later = jax.tree.map(lambda a, b: a + h * b, x, d)
-    after = torpedo.dynamics(0.0, later, NOTHING)
+    after = dynamics(later)
     np.testing.assert_allclose(R @ np.array(m.a_WB_B), (np.array(after.position) - np.array(d.position)) / h, atol=2e-5)
     np.testing.assert_allclose(np.array(m.attitude), [0.3, -0.5, 1.2], rtol=1e-12)
 

@@ -80,11 +80,15 @@ def emulate_linearisation(vehicle: Hypersonic | None = None) -> EmulatedLinearis
     craft = Hypersonic() if vehicle is None else vehicle
     N1, N2 = craft.modes.static_displacements(QUOTED_ALPHA, 0.0)
     e = jnp.array([QUOTED_H, 0.0, QUOTED_V, QUOTED_ALPHA, 0.0, float(N1), 0.0, float(N2), 0.0])
-    A, B = (np.asarray(d) for d in jax.jacfwd(lambda e, v: _rows(craft, e, v), (0, 1))(e, jnp.zeros(2)))
-    flexible = np.asarray(jax.jacfwd(lambda e: _bending(craft, e)[4])(e))
-    A, B = A.copy(), B.copy()
+
+    @jax.jit
+    def derivatives(e: Any, v: Any) -> Any:
+        rows = jax.jacfwd(lambda e, v: _rows(craft, e, v), (0, 1))(e, v)
+        return rows, jax.jacfwd(lambda e: _bending(craft, e)[4])(e), _bending(craft, e)[2]
+
+    (A, B), flexible, inputs = jax.tree.map(np.array, derivatives(e, jnp.zeros(2)))
     A[4] = np.where(np.arange(9) < 5, A[4], flexible)
-    B[6] = np.asarray(_bending(craft, e)[2])
+    B[6] = inputs
     return EmulatedLinearisation(A, B)
 
 

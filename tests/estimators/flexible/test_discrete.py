@@ -48,6 +48,9 @@ def _errors(name, noise, seeds=1):
     return np.stack([np.asarray(fly(*trim(), one[name](), seed, noise)[0]) for seed in range(seeds)])
 
 
+model_of = jax.jit(FlexibleModeFilter.model)
+
+
 def _slowest(poles):
     return 1 / -np.asarray(poles).real.max()
 
@@ -95,7 +98,7 @@ def test_check_07_rank_and_time_constant():
     C = C_PARKER[None]
     P = solve_continuous_are(A_PARKER.T, C.T, 1e-5 * np.eye(4), np.array([[10.0]]))
     assert _slowest(np.linalg.eigvals(A_PARKER - P @ C.T @ C / 10)) == pytest.approx(OPEN_LOOP, rel=1e-3)
-    model, R = to_arrays(FlexibleModeFilter.from_publication()).model(), 10.0
+    model, R = model_of(to_arrays(FlexibleModeFilter.from_publication())), 10.0
     Ad, Qd, C = np.asarray(model.Ad), np.asarray(model.Qd), np.asarray(model.C)[None]
     P = solve_discrete_are(Ad.T, C.T, Qd, np.array([[R]]))
     L = P @ C.T / (C @ P @ C.T + R)
@@ -181,7 +184,7 @@ def test_innovation_needs_the_affine_part():
     """Errata, item 10: without d truth minus estimate of the rates is (-0.174, -0.491) at R = 1e-4."""
     craft, x, u = trim()
     d = float(forcing(craft, _chi(x), u)[1])
-    model = to_arrays(FlexibleModeFilter.for_exact_model()).model()
+    model = model_of(to_arrays(FlexibleModeFilter.for_exact_model()))
     Ad, Qd, C = np.asarray(model.Ad), np.asarray(model.Qd), np.asarray(model.C)[None]
     P = solve_discrete_are(Ad.T, C.T, Qd, np.array([[1e-4]]))
     L = P @ C.T / (C @ P @ C.T + 1e-4)
@@ -383,5 +386,5 @@ def test_refusals():
 def test_offset_walks_by_its_density_times_the_period():
     one = FlexibleModeFilter(offset_walk=0.3)
     _, x, u = trim()
-    _, P = one.predict(one.model(), jnp.zeros(5), jnp.eye(5), _chi(x), u)
+    _, P = jax.jit(lambda: one.predict(one.model(), jnp.zeros(5), jnp.eye(5), _chi(x), u))()
     assert float(P[4, 4]) == pytest.approx(1 + 0.3 * 0.005, rel=1e-12)

@@ -26,7 +26,7 @@ def test_the_transition_is_a_matrix_exponential():
     A[0, 5] = 1
     A[1:3, 0] = [-(B @ f)[1], (B @ f)[0]]
     A[1:3, 6:], A[3:5, 1:3] = B, np.eye(2)
-    np.testing.assert_allclose(coupled_transition(0.3, 0.7, f), expm(0.3 * A), atol=1e-14)
+    np.testing.assert_allclose(jax.jit(coupled_transition)(0.3, 0.7, f), expm(0.3 * A), atol=1e-14)
 
 
 @pytest.mark.thorough
@@ -42,7 +42,7 @@ def test_the_transition_is_the_derivative_of_the_process():
 
 
 def test_its_noise_is_that_of_the_dual_filters():
-    Q = np.asarray(coupled_process_noise(np.array([9.0, 8, 1, 1, 3, 4]), 0.3, 0.0))
+    Q = np.asarray(jax.jit(coupled_process_noise)(np.array([9.0, 8, 1, 1, 3, 4]), 0.3, 0.0))
     np.testing.assert_allclose(Q, np.diag([9.0, 1, 1, 0, 0, 8, 3, 4]), atol=1e-14)
 
 

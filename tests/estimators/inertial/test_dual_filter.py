@@ -39,7 +39,9 @@ def test_noise_enters_along_the_body():
     G = np.zeros((6, 4))
     G[:2, :2], G[4:, 2:] = rotation(0.7), np.eye(2)
     growth = np.array([9.0, 9.0, 1.0, 2.0, 3.0, 4.0])
-    np.testing.assert_allclose(motion_process_noise(growth, 0.7, 0.0), G @ np.diag(growth[2:]) @ G.T, atol=1e-14)
+    np.testing.assert_allclose(
+        jax.jit(motion_process_noise)(growth, 0.7, 0.0), G @ np.diag(growth[2:]) @ G.T, atol=1e-14
+    )
     np.testing.assert_allclose(heading_process_noise(growth, 0.0), np.diag([9.0, 9.0]))
 
 
@@ -105,7 +107,7 @@ def test_belief_covariance_puts_blocks_and_signs_where_they_belong():
     g = np.random.default_rng(0)
     A, B = g.standard_normal((2, 2)), g.standard_normal((6, 6))
     P1, P2 = A @ A.T, B @ B.T
-    P = np.asarray(belief_covariance(P1, P2, -1.0))
+    P = np.asarray(jax.jit(belief_covariance)(P1, P2, -1.0))
     T1, T2 = np.diag([1, -1.0]), np.diag([1.0, 1, 1, 1, -1, -1])
     np.testing.assert_allclose(P[np.ix_([0, 5], [0, 5])], T1 @ P1 @ T1, rtol=1e-14)
     rest = [1, 2, 3, 4, 6, 7]

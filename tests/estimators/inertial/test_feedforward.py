@@ -116,6 +116,7 @@ def test_the_ins_itself_is_never_reset():
     np.testing.assert_allclose(x[-1, 0], truth.heading[-1], atol=1e-3)
 
 
+@pytest.mark.thorough
 def test_its_functions_export():
     form = to_arrays(AidedInertialFeedforward())
     node = form.first()

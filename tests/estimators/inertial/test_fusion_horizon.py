@@ -46,13 +46,18 @@ def run(change):
     return jax.lax.fori_loop(0, 500, step, jax.tree.map(jnp.asarray, empty_window(SLOTS)))
 
 
+@jax.jit
 def by_hand(window, bias):
     """The samples that wait, composed one by one with one bias."""
-    total, slots = no_increment(), window.t.shape[0]
-    for i in range(int(window.count)):
-        k = (int(window.head) + i) % slots
-        total = compose(total, increment_of(window.rate[k] - bias[:3], window.force[k] - bias[3:], window.dt[k]))
-    return total
+
+    def one(i, total):
+        k = (window.head + i) % window.t.shape[0]
+        return compose(total, increment_of(window.rate[k] - bias[:3], window.force[k] - bias[3:], window.dt[k]))
+
+    return jax.lax.fori_loop(0, window.count, one, jax.tree.map(jnp.asarray, no_increment()))
+
+
+correct = jax.jit(lambda window, bias: correct_window(window, bias[:3], bias[3:]))
 
 
 @pytest.mark.thorough
@@ -67,7 +72,7 @@ def test_what_went_in_and_out_leaves_only_what_waits():
 
 def left(window, bias, name):
     """What correct_window leaves of what is missing, and that itself."""
-    right, one = by_hand(window, bias), correct_window(window, bias[:3], bias[3:])
+    right, one = by_hand(window, bias), correct(window, bias)
     if name == "turn":
         both = quaternion.local(one.turn, right.turn), quaternion.local(window.motion.turn, right.turn)
     else:
@@ -97,7 +102,7 @@ def test_biases_learnt_half_a_window_ago_are_put_right_but_for_when(name, part):
 def test_a_window_without_a_change_is_told_as_it_is():
     window = run(jnp.zeros(6))
     bias = bias_at(0, 0.0)
-    one = correct_window(window, bias[:3], bias[3:])
+    one = correct(window, bias)
     jax.tree.map(lambda a, b: np.testing.assert_allclose(a, b, atol=1e-11), one, window.motion)
 
 
@@ -114,17 +119,18 @@ def test_the_first_sample_is_no_motion_and_a_full_ring_gives_way():
 
 def test_fixes_wait_in_order_and_there_is_room_for_four():
     fixes = jax.tree.map(jnp.asarray, no_fixes(2))
+    add, take = jax.jit(add_fix), jax.jit(next_fix)
     for k in range(FIXES):
-        fixes, room = add_fix(fixes, ms(k + 1), jnp.full(2, float(k)))
+        fixes, room = add(fixes, ms(k + 1), jnp.full(2, float(k)))
         assert room
-    same, room = add_fix(fixes, ms(9), jnp.ones(2))
+    same, room = add(fixes, ms(9), jnp.ones(2))
     assert not room
     assert int(same.count) == FIXES
-    t, value, fixes = next_fix(fixes)
+    t, value, fixes = take(fixes)
     assert int(t) == ms(1)
-    fixes, room = add_fix(fixes, ms(9), jnp.full(2, 9.0))
+    fixes, room = add(fixes, ms(9), jnp.full(2, 9.0))
     assert room
     for expected in (1.0, 2.0, 3.0, 9.0):
-        t, value, fixes = next_fix(fixes)
+        t, value, fixes = take(fixes)
         assert float(value[0]) == pytest.approx(expected)
     assert int(fixes.count) == 0

@@ -7,6 +7,7 @@ import jax.numpy as jnp
 import numpy as np
 import pytest
 from estimators.aerial_flights import BLOCKS, TICK, Setting, fly, pose_error, start_of, truth
+from estimators.flights import QUICK
 from scipy import stats
 
 import trimtab
@@ -272,7 +273,7 @@ STILL = GnssInertial(start=SpatialStart(sigma_heading=0.05), delay=ms(20), slots
 AT_REST = InertialReading(np.array([0.0, 0.0, -9.80665]), np.zeros(3), np.bool_(False), np.bool_(False))
 
 
-@jax.jit
+@partial(jax.jit, compiler_options=QUICK)
 def _one(form, t, state, frame):
     return form.step(t, state, frame)
 

@@ -149,6 +149,7 @@ def test_it_raises_noise_sevenfold_at_half_the_sampling_rate():
     )
 
 
+@pytest.mark.thorough
 def test_the_compensator_exports():
     compensator = GyroCompensator()
     lower_function(lambda c, s, y: c.compensate(s, y), (compensator, compensator.start(jnp.zeros(3)), jnp.zeros(3)))

@@ -98,6 +98,7 @@ def test_sigmas_stay_finite_where_rounding_makes_a_variance_negative():
     assert not told["covariance"].positive
 
 
+@pytest.mark.thorough
 def test_it_exports():
     assert lower_function(
         lambda x, P: reference_kinematics(Belief(x, P), 0.1, 1e-4, ARMS), (np.zeros(8), np.eye(8))

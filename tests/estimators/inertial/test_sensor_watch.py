@@ -92,6 +92,7 @@ def test_nothing_fresh_is_nothing_new():
     assert jax.tree.all(jax.tree.map(lambda a, b: bool(np.array_equal(a, b)), found.watch, watch))
 
 
+@pytest.mark.thorough
 def test_it_exports():
     args = (initial_watch(), np.int64(20), np.int64(10), np.ones(2), np.bool_(True))
     assert lower_function(lambda w, now, t, v, f: look(w, now, t, v, f, True, 3), args).text("f")

@@ -30,7 +30,9 @@ def integrate(w, f, T, start=None):
     def rate(t, x):
         q = x[:4] / np.linalg.norm(x[:4])
         R = Rotation.from_quat(np.roll(q, -1)).as_matrix()
-        return np.concatenate([np.asarray(quaternion.rate(x[:4], w(t))), R @ f(t) + G * (start is not None), x[4:7]])
+        a, b = x[0], x[1:4]
+        turning = np.append(-b @ w(t), a * w(t) + np.cross(b, w(t))) / 2  # q' = q (0, w) / 2
+        return np.concatenate([turning, R @ f(t) + G * (start is not None), x[4:7]])
 
     x = solve_ivp(rate, (0, T), np.concatenate([q0, v0, p0]), rtol=1e-12, atol=1e-13, method="DOP853").y[:, -1]
     return x[:4] / np.linalg.norm(x[:4]), x[4:7], x[7:10]

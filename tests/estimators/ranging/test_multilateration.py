@@ -17,6 +17,7 @@ H = 2.7048
 SQUARE = np.array([[1.5, 1.5], [1.5, -1.5], [-1.5, -1.5], [-1.5, 1.5]])
 UNEVEN = np.array([[0.0, 0.0], [3.1, 0.4], [2.6, 3.3], [-0.5, 2.2], [1.2, 4.4]])
 CLOSED = jax.jit(jax.vmap(solve_bancroft, in_axes=(None, None, 0, 0)))
+intersect = jax.jit(intersect_circles)
 FITTED = jax.jit(
     jax.vmap(lambda p, h, r, u: solve_least_squares(p, h, r, u, solve_bancroft(p, h, r, u).place), (None, None, 0, 0))
 )
@@ -30,6 +31,7 @@ def places(n, seed=0, size=1.4):
     return np.random.default_rng(seed).uniform(-size, size, (n, 2))
 
 
+@pytest.mark.thorough("0.0-square", "0.05-square", "-0.2-square")
 @pytest.mark.parametrize("plan", [SQUARE, UNEVEN], ids=["square", "uneven"])
 @pytest.mark.parametrize("bias", [0.0, 0.05, -0.2])
 def test_bancroft_is_exact(plan, bias):
@@ -146,23 +148,24 @@ def test_two_ranges_take_the_side_of_the_fix_before():
     ranges = exact(SQUARE, H, true)
     for place, r in zip(true, ranges, strict=True):
         near = place + np.array([0.1, -0.05])
-        found = intersect_circles(SQUARE, np.full(4, H), np.where(used, r, 7.0), used, near)
+        found = intersect(SQUARE, np.full(4, H), np.where(used, r, 7.0), used, near)
         np.testing.assert_allclose(found.place, place, atol=1e-12)
         assert float(found.residual) < 1e-12
-        mirrored = intersect_circles(SQUARE, np.full(4, H), r, used, place[::-1])  # the line runs along the diagonal
+        mirrored = intersect(SQUARE, np.full(4, H), r, used, place[::-1])  # the line runs along the diagonal
         np.testing.assert_allclose(mirrored.place, place[::-1], atol=1e-12)
 
 
 def test_circles_that_miss_give_the_point_between():
     used = np.array([True, True, False, False])
     ranges = np.sqrt(np.array([1.4, 1.5, 1, 1]) ** 2 + H**2)
-    found = intersect_circles(SQUARE, np.full(4, H), ranges, used, np.zeros(2))
+    found = intersect(SQUARE, np.full(4, H), ranges, used, np.zeros(2))
     np.testing.assert_allclose(found.place, [1.5, 0.05], atol=0.01)
     assert 0.01 < float(found.residual) < 0.1
-    below = intersect_circles(SQUARE, np.full(4, H), np.full(4, 2.0), used, np.zeros(2))  # shorter than the height
+    below = intersect(SQUARE, np.full(4, H), np.full(4, 2.0), used, np.zeros(2))  # shorter than the height
     assert np.isfinite(below.place).all()
 
 
+@pytest.mark.thorough
 def test_exportable():
     height, ranges, used = np.full(4, H), np.full(4, 3.0), np.ones(4, bool)
 
@@ -218,5 +221,6 @@ def test_another_point_leaves_out_what_the_turn_moves_the_unit():
     assert error == pytest.approx(-rate * 0.1 / 2, rel=0.02)
 
 
+@pytest.mark.thorough
 def test_the_heading_exports():
     assert lower_function(assisted_heading, [np.zeros(2)] * 5).outputs

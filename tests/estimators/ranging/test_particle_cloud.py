@@ -62,7 +62,7 @@ def test_redrawing_keeps_mean_and_covariance():
 
 def test_a_summary_is_the_mixtures():
     c = cloud()
-    mean, P = pc.cloud_moments(c)
+    mean, P = jax.jit(pc.cloud_moments)(c)
     away = c.x - np.asarray(mean)
     np.testing.assert_allclose(mean[1:], c.weight @ c.x[:, 1:], atol=1e-14)
     want = np.einsum("n,nij->ij", c.weight, c.P) + np.einsum("n,ni,nj->ij", c.weight, away, away)
@@ -102,6 +102,7 @@ def test_weights_are_likelihoods():
     assert float(believed[2]) == 0.0
 
 
+@pytest.mark.thorough
 def test_it_exports():
     c = cloud(10)
     assert lower_function(lambda c, z: pc.resample(c, 0.5, z, 0.5), (c, np.zeros(10))).text("f")

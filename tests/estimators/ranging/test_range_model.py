@@ -1,5 +1,7 @@
 """A range against the simulated network and automatic derivatives, its cone error undone, a ping's ranges in turn."""
 
+import functools
+
 import jax
 import numpy as np
 import pytest
@@ -21,6 +23,14 @@ from trimtab.estimators.ranging.range_model import (
 from trimtab.sensors.ultrasonic_ranging import UltrasonicRanging
 
 BEACON = np.array([1.5, -1.5, -2.7])
+predict = jax.jit(predict_range, static_argnames="cone")
+compensate = jax.jit(compensate_range)
+
+
+@functools.partial(jax.jit, static_argnames="cone")
+def slope_at(place, cone):
+    """Return the derivative of the range by the place."""
+    return jax.grad(lambda p: predict_range(BEACON, p, 0.0, cone=cone).range)(place)
 
 
 @pytest.mark.parametrize("cone", [True, False])
@@ -29,8 +39,8 @@ def test_it_is_what_the_sensor_measures(cone):
     o = np.zeros(3)
     sensor = UltrasonicRanging(cone_error=cone)
     place = np.array([0.3, -0.2])
-    want = sensor.measure(Motion(np.int64(0), np.append(place, 0.1), o, o, o, o, o)).range
-    got = [predict_range(b, place, 0.1, cone=cone).range for b in np.asarray(sensor.beacons.map)]
+    want = jax.jit(sensor.measure)(Motion(np.int64(0), np.append(place, 0.1), o, o, o, o, o)).range
+    got = [predict(b, place, 0.1, cone=cone).range for b in np.asarray(sensor.beacons.map)]
     np.testing.assert_allclose(got, want, rtol=1e-13)
 
 
@@ -38,8 +48,8 @@ def test_it_is_what_the_sensor_measures(cone):
 @pytest.mark.parametrize("place", [(0.3, -0.2), (1.5, -1.4), (1.2, -1.5)])
 def test_its_slope_is_its_derivative(place, cone):
     place = np.array(place)
-    at = predict_range(BEACON, place, 0.0, cone=cone)
-    want = jax.grad(lambda p: predict_range(BEACON, p, 0.0, cone=cone).range)(place)
+    at = predict(BEACON, place, 0.0, cone=cone)
+    want = slope_at(place, cone)
     np.testing.assert_allclose(at.slope, want, atol=1e-12)
 
 
@@ -53,12 +63,13 @@ def test_its_curvature_is_that_of_the_distance():
 
 
 def test_under_a_beacon_all_is_finite():
-    at = predict_range(BEACON, BEACON[:2], 0.0, cone=True)
+    at = predict(BEACON, BEACON[:2], 0.0, cone=True)
     assert float(at.range) == pytest.approx(2.7)
     np.testing.assert_allclose(at.slope, 0.0, atol=1e-15)
     assert np.isfinite(at.curvature).all()
 
 
+@pytest.mark.thorough
 def test_it_exports():
     assert lower_function(lambda b, p: predict_range(b, p, 0.0, cone=True), (BEACON, np.zeros(2))).text("f")
 
@@ -68,24 +79,35 @@ X = np.array([0.7, 0.1, 0.2, 0.3, -0.2, 0.01, 0.1, -0.1, 0.003, 0.01, -0.02, 0.0
 P = np.diag([0.04, 1, 1, 0.01, 0.02, 1, 1, 1, 1e-6, 1e-4, 1e-4, 1e-4, 1e-4])
 
 
+@jax.jit
 def range_at(x, i):
     c, s = jax.numpy.cos(x[0]), jax.numpy.sin(x[0])
     place = x[3:5] + jax.numpy.stack([c * 0.2 - s * 0.1, s * 0.2 + c * 0.1])
-    return (1 + x[8]) * predict_range(SQUARE[i], place, 0.05, cone=True).range + x[9 + i]
+    return (1 + x[8]) * predict_range(jax.numpy.asarray(SQUARE)[i], place, 0.05, cone=True).range + x[9 + i]
+
+
+@jax.jit
+def _linearised(x, P, beacons, i):
+    return linearise_range(x, P, i, G._replace(beacons=beacons)), *jax.value_and_grad(range_at)(x, i)
+
+
+def linearised(i):
+    """Return the linearised range, the range itself, and its automatic derivative."""
+    return _linearised(X, P, SQUARE, i)
 
 
 @pytest.mark.parametrize("i", range(4))
 def test_it_is_the_derivative_of_the_range(i):
-    at = linearise_range(X, P, i, G)
-    assert float(at.range) == pytest.approx(float(range_at(X, i)), rel=1e-14)
-    np.testing.assert_allclose(at.H, jax.grad(range_at)(X, i), atol=1e-12)
+    at, value, slope = linearised(i)
+    assert float(at.range) == pytest.approx(float(value), rel=1e-14)
+    np.testing.assert_allclose(at.H, slope, atol=1e-12)
 
 
 def test_curvature_adds_what_drawn_states_show():
     """Mean and variance beyond first order of 400000 states (Bar-Shalom 10.3.3)."""
     g = np.random.default_rng(0)
     x = X + np.sqrt(np.diag(P)) * g.standard_normal((400_000, 13))
-    at = linearise_range(X, P, 0, G)
+    at = linearised(0)[0]
     z = np.asarray(jax.jit(jax.vmap(lambda x: range_at(x, 0)))(x))
     rest = z - float(at.range) - (x - X) @ np.asarray(at.H)
     assert rest.mean() == pytest.approx(float(at.mean), rel=0.05)
@@ -98,9 +120,9 @@ def test_a_ping_is_used_range_by_range():
     truth[[3, 4]] += [0.05, -0.1]
     z = np.array([float(range_at(truth, i)) for i in range(4)])
     z[1] += 2.0
-    done = update_with_ranges(
-        X, P, z, np.array([True, True, True, False]), G, RangeErrorModel(), np.r_[np.ones(9), np.zeros(4)]
-    )
+    learns = np.r_[np.ones(9), np.zeros(4)]
+    update = jax.jit(lambda z, usable: update_with_ranges(X, P, z, usable, G, RangeErrorModel(), learns))
+    done = update(z, np.array([True, True, True, False]))
     assert list(np.asarray(done.accepted)) == [True, False, True, False]
     np.testing.assert_array_equal(done.x[9:], X[9:])
     assert done.nis[3] == 0.0
@@ -112,10 +134,12 @@ def test_a_ping_is_used_range_by_range():
 def test_information_of_a_place_is_that_of_its_slopes():
     place = np.array([0.3, -0.2])
     used = np.array([True, True, False, True])
-    slopes = np.array([predict_range(b, place, 0.05, cone=True).slope for b in SQUARE])[used]
-    np.testing.assert_allclose(place_information(place, used, G, 0.02), slopes.T @ slopes / 4e-4, rtol=1e-12)
+    slopes = np.array([predict(b, place, 0.05, cone=True).slope for b in SQUARE])[used]
+    information = jax.jit(lambda place, used: place_information(place, used, G, 0.02))(place, used)
+    np.testing.assert_allclose(information, slopes.T @ slopes / 4e-4, rtol=1e-12)
 
 
+@pytest.mark.thorough
 def test_the_ranges_of_a_ping_export():
     learns = np.ones(13)
 
@@ -137,7 +161,7 @@ def measured(degrees):
 def test_newton_iterations():
     """At most 5 iterations from 2 to 45° to 1e-6, and the true range comes back."""
     beta, true_range, rho = measured(np.linspace(2, 45, 2000))
-    r, found, iterations = compensate_range(rho, np.full_like(rho, HEIGHT))
+    r, found, iterations = compensate(rho, np.full_like(rho, HEIGHT))
     assert np.asarray(iterations).max() <= 5
     assert np.asarray(iterations).max() <= 3  # what was found when the method was chosen
     excess = np.asarray(range_ratio(found)) * np.cos(found) - HEIGHT / rho
@@ -148,7 +172,7 @@ def test_newton_iterations():
 
 def test_range_not_above_the_height_is_returned():
     rho = np.array([HEIGHT, HEIGHT - 1e-9, HEIGHT - 0.01, 0.5, 0.0])
-    r, beta, iterations = compensate_range(rho, np.full_like(rho, HEIGHT))
+    r, beta, iterations = compensate(rho, np.full_like(rho, HEIGHT))
     np.testing.assert_array_equal(r, rho)
     assert (np.asarray(beta) == 0).all()
     assert (np.asarray(iterations) == 0).all()
@@ -157,7 +181,7 @@ def test_range_not_above_the_height_is_returned():
 def test_calibration_table_backwards():
     """[1] table 5.2: true ranges out of the measured ones, within 1.2e-4."""
     rho = np.array([274.83, 288.83, 315.07, 334.25]) / 100
-    r, beta, _ = compensate_range(rho, np.full(4, HEIGHT))
+    r, beta, _ = compensate(rho, np.full(4, HEIGHT))
     np.testing.assert_allclose(r, np.array([274.65, 287.84, 312.32, 330.20]) / 100, rtol=1.6e-4)
     np.testing.assert_allclose(np.degrees(beta), [10, 20, 30, 35], atol=0.1)
 
@@ -166,7 +190,7 @@ def test_below_two_degrees_where_the_slope_vanishes():
     """Two angles may fit there; either gives the range to a tenth of a millimetre, and no step runs away."""
     _, true_range, rho = measured(np.linspace(0.0, 2, 4001))
     assert np.radians(0.17) == pytest.approx(TOP, rel=0.01)
-    r, beta, iterations = compensate_range(rho, np.full_like(rho, HEIGHT))
+    r, beta, iterations = compensate(rho, np.full_like(rho, HEIGHT))
     assert abs(np.asarray(r) - true_range).max() < 1e-4
     assert np.asarray(beta).max() < np.radians(2.1)
     assert np.asarray(iterations).max() < 8
@@ -177,9 +201,9 @@ def test_noise_and_other_heights_stay_finite():
     rng = np.random.default_rng(0)
     height = rng.uniform(-1, 9, 5000)
     rho = rng.uniform(0, 12, 5000)
-    for out in compensate_range(rho, height):
+    for out in compensate(rho, height):
         assert np.isfinite(out).all()
-    r, beta, _ = compensate_range(rho, height)
+    r, beta, _ = compensate(rho, height)
     within = (rho > height) & (height > 0)
     solved = within & (np.asarray(beta) < np.pi / 4) & (np.asarray(beta) > 0.04)
     np.testing.assert_allclose((np.asarray(r) * np.cos(beta))[solved], height[solved], rtol=2e-6)

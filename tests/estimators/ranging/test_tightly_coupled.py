@@ -256,6 +256,7 @@ def test_five_seconds_without_ranges_leave_nothing_behind(probability):
     assert after[2] < 0.05
 
 
+@pytest.mark.thorough
 def test_a_moved_beacon_is_found_and_the_rest_carries_on():
     moved = np.array([[0, 0, 0], [0.5, 0, 0], [0, 0, 0], [0, 0, 0]])
     out = flown(sensor=rf.network(beacons=Beacons(survey_error=0.005, moved=moved, fault_time=ms(4000))))

@@ -110,5 +110,6 @@ def test_either_chooses_whole_trees():
     assert tree_where(np.bool_(True), {"a": 1.0}, {"a": 2.0})["a"] == 1.0
 
 
+@pytest.mark.thorough
 def test_it_exports():
     assert lower_function(lambda n, z: update_running(FORM, n, z, 0, YES), (node(), ranges())).text("f")
