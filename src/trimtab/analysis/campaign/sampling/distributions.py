@@ -29,7 +29,10 @@ FAR = 1e3
 
 
 class Amount(NamedTuple):
-    """A number as written; `share` is True for a share of the scenario's own value."""
+    """A number in the text of a distribution.
+
+    share: True for a number with %, a fraction of the scenario's own value.
+    """
 
     number: float
     share: bool
@@ -55,7 +58,7 @@ class Distribution(NamedTuple):
 
     @property
     def _sizes(self) -> tuple[Amount, ...]:
-        """Numbers in the parameter's own unit; the others are pure numbers, for which 5% is 0.05."""
+        """Numbers of the distribution that have the parameter's unit. In a number without unit, 5% is 0.05."""
         pure = KINDS[self.kind].pure if self.kind in KINDS else ()
         return tuple(a for i, a in enumerate(self.amounts) if i not in pure)
 
@@ -65,7 +68,7 @@ class Distribution(NamedTuple):
         return any(a.share for a in self._sizes)
 
     def numbers(self, nominal: float) -> list[float]:
-        """Return the numbers, with shares of the nominal value filled in."""
+        """Return the numbers of the distribution; a percentage becomes a part of the nominal value."""
         pure = KINDS[self.kind].pure
         return [a.number if i in pure else a.of(nominal) for i, a in enumerate(self.amounts)]
 
@@ -103,7 +106,7 @@ def _index(u: Any, n: int) -> Any:
 
 
 def _truncated_normal(u: Any, mean: Any, std: Any, low: Any, high: Any) -> Any:
-    """Return quantiles of a normal distribution between bounds.
+    """Return quantiles of a truncated normal distribution.
 
     Probabilities near 1 have no digits left, so bounds above the mean are reflected to the lower tail. Bounds below the
     mean are treated in logarithms.
@@ -204,7 +207,7 @@ def check_nominal(part: str, distribution: Distribution, nominal: float) -> None
     if distribution.kind not in KINDS:
         return
     if distribution.has_shares and nominal == 0:
-        problem = f"{distribution.text}: the scenario's own value is 0, so a share of it is always 0"
+        problem = f"{distribution.text}: the scenario's own value is 0, and a percentage of 0 is always 0"
         raise InputError(part, problem, fix="give numbers without %")
     if not distribution.is_relative:
         _check_numbers(part, distribution, distribution.numbers(nominal))

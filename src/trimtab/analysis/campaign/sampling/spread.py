@@ -30,7 +30,10 @@ SCALED = "normal(100%, 5%)"
 
 
 class Factor(NamedTuple):
-    """One parameter that varies, as written; at: index of one number of an array."""
+    """One parameter that varies.
+
+    text: path and index as typed.  at: index of the varied number of an array, or None.
+    """
 
     text: str
     path: str
@@ -39,7 +42,7 @@ class Factor(NamedTuple):
 
 
 class Spread(NamedTuple):
-    """All parameters that vary. mixing: (d, d), z -> z' with the wanted correlations, or None."""
+    """All parameters that vary. mixing: (d, d), matrix that correlates independent normal numbers, or None."""
 
     factors: tuple[Factor, ...]
     mixing: Any = None
@@ -112,7 +115,7 @@ def _check_number(part: str, factor: Factor, value: Any, declared: Quantity) -> 
     if factor.distribution.kind == ALONG:
         if value.ndim == 0 or len(factor.distribution.amounts) != value.size:
             problem = (
-                f"must have one number for each element; it has {len(factor.distribution.amounts)}, "
+                f"must have one number for each element of the parameter, got {len(factor.distribution.amounts)}; "
                 f"the parameter has shape {value.shape}"
             )
             raise InputError(part, problem, fix=f"give {value.size} numbers" if value.ndim else SCALED)
@@ -160,7 +163,7 @@ def _correlation_factor(names: list[str], correlate: list[tuple[str, str, float]
 
 
 def spread_values(spread: Spread, scenario: Scenario, u: Any) -> dict[str, Any]:
-    """Return text -> values of the runs (n,); the factor for an array scaled whole, the choice's number for an option.
+    """Return text of the parameter -> values of the runs (n,). An array scaled whole has a factor, an option an index.
 
     Args:
         spread: spread that was matched with the scenario.

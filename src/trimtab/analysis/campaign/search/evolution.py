@@ -27,7 +27,10 @@ FLAT_GENERATIONS_MAX = 8
 
 
 class Generation(NamedTuple):
-    """One generation. x: (n, d), candidates.  f: (n,), values to minimise.  mean: (d,), centre.  restart: from 0."""
+    """One generation.
+
+    x: (n, d), candidates.  f: (n,), values to minimise.  mean: (d,), centre.  restart: number, from 0.
+    """
 
     x: Any
     f: Any

@@ -26,9 +26,9 @@ from trimtab.loop.scenario import Scenario
 DRAWS = 4096
 """Number of quantiles for the average of rounded latencies."""
 FINE = 30
-"""Approximate number of points of the theory's own grid along an axis."""
+"""Approximate number of points along an axis at which the theory is evaluated."""
 FEW = 8
-"""Approximate number of points along an axis on which the linear loop changes."""
+"""Approximate number of points along an axis that changes the linear loop; each costs a linearisation."""
 FAR = 10.0
 """Margin (s) that stands for "no limit"."""
 
@@ -167,7 +167,7 @@ def stability_criteria(
 
 
 class _Margins(NamedTuple):
-    """A loop, its delay margin (0 if unstable without delay), and its jitter margins by constant delay."""
+    """A linear loop, its delay margin (0 if unstable without delay), and its jitter margin for each constant delay."""
 
     loop: FeedbackLoop
     delay: float

@@ -84,7 +84,7 @@ def parse_gain(path: str, text: str) -> Distribution:
             return parse_distribution(f"uniform({low}, {high})", part)
         except InputError:
             fix = argument("gains", f"{high}:{low}", path) if _falls(low, high) else fix
-            problem = f"{text!r} falls" if _falls(low, high) else f"{text!r} does not rise"
+            problem = f"LOW must be below HIGH, got {text!r}"
             raise InputError(part, problem, fix=fix) from None
     span = parse_distribution(text, part) if "(" in text else None
     if span is None or span.kind not in RANGES:
@@ -93,7 +93,10 @@ def parse_gain(path: str, text: str) -> Distribution:
 
 
 class Gains(NamedTuple):
-    """Gains among a campaign's factors. at: their columns.  own: the scenario's values.  start: (d,), their places."""
+    """Gains of a campaign.
+
+    at: their columns.  own: values in the scenario.  start: (d,), places of `own` in the ranges.
+    """
 
     ready: PreparedCampaign
     at: Any
@@ -112,7 +115,7 @@ class Gains(NamedTuple):
         return u
 
     def slope(self, x: Any) -> Any:
-        """Return the derivative of each gain by its place x (n, d), of the same shape."""
+        """Return the derivative (n, d) of each gain with respect to its place x (n, d) in the range."""
         columns = []
         for factor, place, own in zip(self.factors, np.asarray(x).T, self.own, strict=True):
             low, high = (a.of(own) for a in factor.distribution.amounts)
@@ -156,7 +159,7 @@ def campaign_gains(ready: PreparedCampaign, names: tuple[str, ...]) -> Gains:
             raise InputError(
                 part,
                 problem,
-                fix=f"a range around it, or another start: {argument('settings', f'{low:g}', factor.text)}",
+                fix=f"a wider range, or another start: {argument('settings', f'{low:g}', factor.text)}",
             )
         log = factor.distribution.kind == "loguniform"
         values.append(own)
@@ -227,7 +230,7 @@ def tune(
         cost: metrics with weights, e.g. "error_rms:yaw_rate + 2*error_rms:sway_velocity".
         method: "search" (CMA-ES, any metric) or "gradient" (costs that are integrals; needs a C compiler).
         runs: runs of each candidate, or of each gradient step.  held_out: number of validation runs.
-        iterations: generations, or gradient steps.  width: of the gradient's smoothing, as a fraction of each range.
+        iterations: generations, or gradient steps.  width: width of the gradient's smoothing, as a part of each range.
         spread: other parameters that vary from run to run, as in a campaign.
         seed: seed of the runs' random numbers and of the method.
         settings, without, faults: as in `trimtab run`; only for a scenario given by name.
@@ -286,7 +289,9 @@ def _check_tuning(
         )
     for name, number, least in (("runs", runs, 4), ("held_out", held_out, 16), ("iterations", iterations, 1)):
         if number < least:
-            raise InputError(argument_name(name), f"{number} is too few", fix=argument(name, max(least, 64)))
+            raise InputError(
+                argument_name(name), f"must be at least {least}, got {number}", fix=argument(name, max(least, 64))
+            )
     if not 0 < width <= 0.5:
         problem = f"must be above 0 and at most 0.5, got {width}"
         raise InputError(argument_name("width"), problem, fix=argument("width", 0.05))
@@ -321,7 +326,7 @@ def _prepare_gains(plan: CampaignPlan, scenario: str | Scenario, gains: tuple[st
 
 
 class _GainFlights:
-    """Flights with gains at given places."""
+    """Flights with gains at given places in their ranges."""
 
     def __init__(self, gains: Gains, terms: tuple[CostTerm, ...], runs: int, options: Mapping[str, Any]) -> None:
         self.gains, self.terms, self.runs, self.options = gains, terms, runs, options

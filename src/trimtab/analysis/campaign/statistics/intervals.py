@@ -52,9 +52,9 @@ from scipy import special, stats
 from trimtab.core.errors import InputError
 
 HALVINGS = 60
-"""Steps of the bisection; bounds are exact to 2^-60."""
+"""Number of bisection steps for a bound; the bound is exact to 2^-60."""
 RUNS_MAX = 1 << 62
-"""Upper limit of the search for a number of runs."""
+"""Largest number of runs that is tried in a search for the minimum number."""
 LEAST_FOR_MEAN = 30
 """Minimum number of runs for an interval of the mean; fewer do not determine the skewness."""
 
@@ -66,7 +66,10 @@ def check_level(part: str, level: float) -> None:
 
 
 class Proportion(NamedTuple):
-    """Share of successes. low, high: exact interval; contains the true probability in at least `level` of cases."""
+    """Share of successful runs.
+
+    low, high: exact interval; contains the true probability in at least `level` of cases.
+    """
 
     successes: int
     trials: int

@@ -106,7 +106,10 @@ class Rows:
 
 
 class Metric(NamedTuple):
-    """Metric of a run. name: its column.  signals: paths that it reads.  of: function from rows to (n,)."""
+    """Metric of a run.
+
+    name: of its column.  signals: paths of its signals.  of: function from `Rows` to values (n,).
+    """
 
     name: str
     signals: tuple[str, ...]
@@ -181,7 +184,7 @@ def _tail_errors(rows: Rows, path: str) -> Any:
 
 
 def _start_index(rows: Rows, share: float) -> int:
-    """Return the index of the first row after a share of the run; a slice keeps the order of sums of a single run."""
+    """Return the index of the first row after this share of the run's time."""
     return int(np.searchsorted(rows.t, rows.t[0] + (rows.t[-1] - rows.t[0]) * share))
 
 
@@ -223,7 +226,10 @@ KINDS = (*OF_TARGETS, *OF_SIGNALS, ROBUSTNESS)
 
 @contextmanager
 def name_option(name: str, more: str = "") -> Iterator[None]:
-    """Name, in errors, the argument that contains the metric. more: text that follows the metric in that argument."""
+    """Let errors name the argument `name` in place of "metrics".
+
+    more: text that follows the metric in that argument.
+    """
 
     def spell(outer: Spelling, named: str, value: Any, of: str | None) -> str:
         if named != "metrics":

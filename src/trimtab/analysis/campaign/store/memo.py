@@ -49,7 +49,7 @@ class FlightMemo:
                 ) from None
 
     def recall(self, asked: Iterable[Any], fly: Callable[[], Columns]) -> Columns:
-        """Return the columns for a request (arrays): the stored ones, or those flown now."""
+        """Return the columns for a request (arrays): stored columns if there are any, otherwise newly flown columns."""
         if self.folder is None:
             return fly()
         file = self.folder / f"{self._digest(asked)}.npz"

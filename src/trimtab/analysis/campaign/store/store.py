@@ -74,7 +74,7 @@ def has_store(folder: Path) -> bool:
 
 
 def create_group(zarr: Any, folder: Path, columns: Mapping[str, Any], runs: int, block: int) -> Any:
-    """Create the group of a new store, over the remains of a killed process."""
+    """Create the Zarr group of a new store; replace the remains of a killed process."""
     group = zarr.open_group(folder, mode="a")
     options: dict[str, Any] = {"shape": (runs,), "chunks": (block,), "overwrite": True}
     options["compressors"] = [zarr.codecs.ZstdCodec(level=0, checksum=True)]
@@ -335,9 +335,8 @@ def _check_identity(part: str, there: Mapping[str, Any], here: Mapping[str, Any]
         raise InputError(part, "does not hold a campaign", fix=f"name another store: {argument('store', 'NAME.zarr')}")
     apart = [name for name in now if was.get(name) != now[name]]
     differences = ", ".join(f"{name} (stored {was.get(name)}, now {now[name]})" for name in apart)
-    fix = (
-        f"its attribute `command` has the command that made it; or use another store: {argument('store', 'OTHER.zarr')}"
-    )
+    fix = "the store's attribute `command` has the command that made it; or use another store: "
+    fix += argument("store", "OTHER.zarr")
     raise InputError(part, f"holds rows of another campaign; different: {differences}", fix=fix)
 
 

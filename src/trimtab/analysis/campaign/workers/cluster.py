@@ -42,7 +42,7 @@ _one_prepares = threading.Lock()
 
 
 def machine_identity(ready: PreparedCampaign, backend: str) -> dict[str, str]:
-    """Return what must be equal on two machines for equal rows."""
+    """Return the properties that must be equal on two machines, so that both compute equal rows."""
     packages = ", ".join(f"{name} {version(name)}" for name in ("jax", "numpy", "scipy"))
     return {**identity(ready.plan, ready.scenario, backend), "packages": packages, "code": _source_digest()}
 
@@ -58,7 +58,7 @@ def _source_digest() -> str:
 
 @functools.lru_cache(maxsize=1)
 def _prepare_cached(text: str, backend: str) -> tuple[PreparedCampaign, dict[str, str]]:
-    """Prepare a plan, cached for the last one, and return it with this machine's identity."""
+    """Prepare a plan, and return it with this machine's identity. Only the last plan is cached."""
     ready = prepare_campaign(plan_from_dict(json.loads(text)))
     can = "c" if backend == "c" and uses_c(ready, "auto") else "jax"
     return ready, machine_identity(ready, can)
@@ -255,7 +255,7 @@ def _mute_distributed() -> Iterator[None]:
 
 
 class _ClusterWatch:
-    """Watch for scheduler and workers. threads: of all workers, at the last check."""
+    """Monitor of scheduler and workers. threads: number of threads of all workers at the last check."""
 
     def __init__(self, client: Any, place: SchedulerAddress) -> None:
         self._client, self._part = client, argument_name("cluster", place.uri)
@@ -267,7 +267,9 @@ class _ClusterWatch:
         Raises: WorkersLost.
         """
         if self._client.status != "running":
-            raise WorkersLost(self._part, "the scheduler is gone", f"start it and its workers, then {RESUME_HINT}")
+            raise WorkersLost(
+                self._part, "the scheduler is gone", f"start the scheduler and its workers, then {RESUME_HINT}"
+            )
         now = time.monotonic()
         if now - self._asked < (REPLY_TIMEOUT if self.threads else 1.0):
             return
@@ -279,7 +281,7 @@ class _ClusterWatch:
         if self.threads:
             self._seen = self._asked
         elif self._asked - self._seen > WORKER_TIMEOUT:
-            problem = f"it had no worker for {WORKER_TIMEOUT:g} s"
+            problem = f"the scheduler had no worker for {WORKER_TIMEOUT:g} s"
             raise WorkersLost(self._part, problem, f"start workers:  dask worker …, then {RESUME_HINT}")
 
     def silent_scheduler(self, error: Exception) -> WorkersLost:
@@ -331,7 +333,7 @@ def _block_columns(future: Any, watch: _ClusterWatch, block: tuple[int, int]) ->
     except OSError as error:  # the worker that holds them does not answer
         raise watch.silent_scheduler(error) from None
     except KilledWorker as error:
-        problem = f"{runs} ended one worker after another, the last {error.last_worker}"
+        problem = f"{runs} crashed one worker after another, the last {error.last_worker}"
         fix = f"check that worker's log, for example for a lack of memory, then {RESUME_HINT}"
         raise WorkersLost(argument_name("cluster"), problem, fix) from None
     except BaseException as error:

@@ -43,7 +43,7 @@ MEMORY = 48 * 2**20
 BLOCK_RUNS_MIN, BLOCK_RUNS_MAX = 64, 2048
 """Minimum and maximum number of runs in a block."""
 VARIANTS = 64
-"""Maximum number of programs for the choices of options."""
+"""Maximum number of programs to compile for all combinations of varied options."""
 
 
 class CampaignPlan(NamedTuple):
@@ -84,7 +84,7 @@ def plan_campaign(
     seed: int,
     **rest: Any,
 ) -> CampaignPlan:
-    """Create the plan of a scenario given by name, or as an object without settings, without and faults.
+    """Create a plan. Settings, `without` and faults need a scenario given by name, not as an object.
 
     part: name used in errors.  rest: fields of the plan.
     """
@@ -158,7 +158,7 @@ def _as_tuples(value: Any) -> Any:
 
 
 def identity(plan: CampaignPlan, scenario: Scenario, backend: str) -> dict[str, str]:
-    """Return what must be equal for equal rows: the campaign, the scenario and the program that computes them."""
+    """Return the data that determine the rows: of the campaign, the scenario and the program that computes the rows."""
     of_plan = plan.as_dict()
     if plan.sampling != "latin":
         del of_plan["runs"]
@@ -361,7 +361,7 @@ def check_bounds(ready: PreparedCampaign, ends: Any) -> None:
     ends: (2, d), the smallest and the largest point.
     """
     middle, names = ends.mean(axis=0), [f.text for f in ready.spread.factors]
-    corners = [(ends[side], "all at one end") for side in (0, 1)]
+    corners = [(ends[side], "all parameters at one end") for side in (0, 1)]
     for i, name in enumerate(names):
         for side in (0, 1):
             point = middle.copy()
