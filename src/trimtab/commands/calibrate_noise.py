@@ -35,7 +35,7 @@ from trimtab.plots.allan import plot_allan
 AT_REST = 1e-6
 """Speed (m/s) or rate (rad/s) in a simulated log's truth above which the vehicle counts as moving."""
 SAMPLES_MIN = 1024
-"""Minimum number of samples."""
+"""Minimum number of samples of an axis for its Allan deviation."""
 
 
 class SensorAxis(NamedTuple):
@@ -54,11 +54,13 @@ class SensorAxis(NamedTuple):
 
 @click.command(name="noise")
 @click.argument("log", metavar="DATA", type=FILE)
-@click.option("--signal", "signals", multiple=True, metavar="PATH", help="Only this signal. May be repeated.")
+@click.option(
+    "--signal", "signals", multiple=True, metavar="PATH", help="Use only this signal of the log. May be repeated."
+)
 @click.option(
     "--shortest", metavar="TIME", help="Shortest averaging time to use, e.g. if the sensor filters its output."
 )
-@click.option("--tick", metavar="TIME", help="Step of the filter.  [default: period of the sensor]")
+@click.option("--tick", metavar="TIME", help="Time step of the filter.  [default: period of the sensor]")
 @click.option("--time", metavar="NAME", help="Time column of a CSV file, e.g. 'stamp [us]'.  [default: t, time, …]")
 @PLOT("Picture of the Allan deviations.")
 @OUT("FILE.toml", "Write the numbers to this calibration file; other numbers in it are kept.")

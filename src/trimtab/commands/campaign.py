@@ -180,7 +180,7 @@ def command(
 
 
 def _expand_calibrations(scenario: str, plan: dict[str, Any]) -> list[str]:
-    """Replace a calibration file by the spreads of its errors; return what is not sampled of it, and why."""
+    """Replace a calibration file by distributions of its parameters; return notes on parameters that stay constant."""
     notes: list[str] = []
     for file in [text for text in plan["spread"] if is_calibration(text)]:
         calibration = read_calibration(file)

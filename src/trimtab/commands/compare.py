@@ -33,7 +33,7 @@ AGAIN = "flown again"
 @click.command()
 @click.argument("one", type=FILE, metavar="LOG")
 @click.argument("other", type=FILE, metavar="[LOG]", required=False)
-@PLOT("Picture of the signals that differ first.")
+@PLOT("Draw the signals that differ first to this picture.")
 @JSON
 def command(one: Path, other: Path | None, plot: Path | None, as_json: bool) -> None:
     """Find where two logs first differ, and print their values; with one log, compare it with its rerun.

@@ -43,8 +43,10 @@ FUNCTION = "certified_system"
     type=click.Choice(("lqr", "lmi")),
     help="Method: Riccati equation (lqr), or a solver (lmi).  [default: lqr]",
 )
-@click.option("--filter", "filter_", metavar="KIND", help="Filter of the unmeasured states.  [default: tuned]")
-@click.option("--integral", is_flag=True, help="Add integral action.")
+@click.option(
+    "--filter", "filter_", metavar="KIND", help="Filter that estimates the unmeasured states.  [default: tuned]"
+)
+@click.option("--integral", is_flag=True, help="Add integral action to the feedback.")
 @click.option(
     "--set",
     "settings",
@@ -54,7 +56,7 @@ FUNCTION = "certified_system"
     help="Change a setting of the system, e.g. h_ft=90000. May be repeated.",
 )
 @OUT("FILE", "Write the certificate (JSON).")
-@click.option("--check", type=FILE, metavar="FILE", help="Prove a certificate again.")
+@click.option("--check", type=FILE, metavar="FILE", help="Prove the certificate in this file again.")
 @click.option(
     "--stabilisability",
     is_flag=True,

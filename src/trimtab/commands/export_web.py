@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 EXAMPLE = "--slider delay=0:0.3"
 OTHERS = ("target", "real", "part", "steps", "fly")
-"""Options of an export that do not apply to a page."""
+"""Options of `trimtab export` that do not apply to a page."""
 
 
 def write_web_flight(

@@ -43,7 +43,11 @@ Criteria = tuple[StabilityCriterion, ...]
 @STORE
 @RUNS(8, "Number of runs at each point.")
 @click.option(
-    "--depth", type=click.IntRange(0, 8), default=4, show_default=True, help="Number of times that cells are halved."
+    "--depth",
+    type=click.IntRange(0, 8),
+    default=4,
+    show_default=True,
+    help="Number of times that a cell on the boundary is halved.",
 )
 @click.option(
     "--threshold", type=click.FloatRange(0, 1), default=0.5, show_default=True, help="Success rate at the boundary."
@@ -57,7 +61,7 @@ Criteria = tuple[StabilityCriterion, ...]
 )
 @SEED
 @click.option("--theory/--no-theory", default=True, show_default=True, help="Draw the linear theory if it applies.")
-@PLOT("Picture of the map.")
+@PLOT("Draw the map to this picture.")
 @JSON
 def command(
     scenario: str,
@@ -123,7 +127,7 @@ def command(
 
 @contextlib.contextmanager
 def _name_axis(axes: Mapping[str, Axis]) -> Iterator[None]:
-    """Have an error about a value of an axis name the option, which maps to the axis."""
+    """Let an error about a value of an axis name the option that gives the axis."""
     try:
         yield
     except InputError as error:
@@ -135,7 +139,7 @@ def _name_axis(axes: Mapping[str, Axis]) -> Iterator[None]:
 
 
 def _estimate_points(x: Axis, y: Axis, depth: int) -> int:
-    """Estimate the number of points: the coarse grid, and a boundary from one side to the other."""
+    """Estimate the number of points to fly: the coarse grid, and cells along a boundary across the map."""
     return len(x.values) * len(y.values) + 4 * max(len(x.values), len(y.values)) * (2**depth - 1)
 
 

@@ -116,7 +116,7 @@ MAP = click.option(
     "mapping",
     type=FILE,
     metavar="MAP.toml",
-    help="File that tells which column of another system's log is which signal.",
+    help="Mapping of another system's log: TOML file that names the column of each signal.",
 )
 JSON = click.option("--json", "as_json", is_flag=True, help="Print one JSON object to standard output.")
 
@@ -308,7 +308,10 @@ UNSIGNED = click.option(
     "--unsigned", is_flag=True, help="Disable signatures; allowed only on links within this computer."
 )
 REAL_TIME = click.option(
-    "--real-time/--no-real-time", default=True, show_default=True, help="Ask for real-time scheduling."
+    "--real-time/--no-real-time",
+    default=True,
+    show_default=True,
+    help="Ask the operating system for real-time scheduling.",
 )
 PARAMETERS = click.option(
     "--parameters",

@@ -27,7 +27,7 @@ NARROWEST = 20
 ANSWERS = Path(__file__).with_name("answers.json")
 """JSON Schema of the output of ``--json``."""
 ANSWER_VERSION = 1
-"""Version of all answers; raised when one loses or changes a field, not when it gains one."""
+"""Version of the JSON output; increased when an answer loses or changes a field, not when it gains a field."""
 
 
 def print_json(result: Mapping[str, Any], files: Iterable[str | Path] = (), verb: str = "") -> None:

@@ -24,7 +24,7 @@ TAKES_SCENARIO = frozenset(
 )
 """Verbs whose first argument is a scenario."""
 TAKES_VEHICLE = frozenset(("trim", "linearise", "zeros", "export", "console"))
-"""Those of them whose first argument may also be a vehicle, a file of a function, or a log."""
+"""Verbs whose first argument is a scenario, or a vehicle, a function in a file, or a log."""
 PATHS = {"--set": "settings", "--spread": "spread", "--gain": "gains"}
 """Options whose value begins with a setting's path -> the argument in Python."""
 ROOTS = (

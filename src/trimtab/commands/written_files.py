@@ -44,7 +44,7 @@ def with_overwrite(function: Callable[..., Any]) -> Callable[..., Any]:
 def check_new(option: str, *files: Path | None) -> None:
     """Raise InputError if a file exists that trimtab did not write, or that was edited since.
 
-    option: that names the files, e.g. --out.
+    option: option that names the files, e.g. --out.
     """
     context = click.get_current_context(silent=True)
     if context is not None and context.meta.get(OVERWRITE):
