@@ -247,7 +247,7 @@ def _fit_axis(name: str, unit: str, y: Any, dt: float, shortest: float, tick: fl
     averages = tuple(m for m in octave_averages(len(y)) if m * dt >= shortest)
     if len(averages) < 4:
         problem = f"{shortest:g} s leaves only {len(averages)} averaging times of a log of {len(y) * dt:.3g} s"
-        raise InputError("--shortest", problem, fix="take a shorter time, or a longer log")
+        raise InputError("--shortest", problem, fix="use a shorter averaging time, or a longer log")
     unit, scale = _si_unit(unit)
     y = y * scale
     fit = fit_allan(y, dt, averages)
@@ -288,7 +288,7 @@ def _print_noise(name: str, axes: Mapping[str, SensorAxis]) -> None:
         table.add_row(axis.replace("[", r"\["), a.unit, *cells, f"{a.fit.misfit:.2f}")
     print_table(table)
     headings = ("axis", ">R of a sample (U²)", ">Q of the integral (U² s²)", ">Q of the bias (U²)")
-    table = new_table(*headings, title="For a filter with the sensor's period, or with --tick")
+    table = new_table(*headings, title="Noise for a filter that steps with the sensor's period, or with --tick")
     for axis, a in axes.items():
         n = a.noise
         cells = (f"{v:.4g}" for v in (n.sample_variance, n.integral_variance, n.bias_variance))

@@ -249,7 +249,7 @@ def _fly_campaign(campaign: Campaign, store: Path | None, **flight: Any) -> Camp
 
 
 def _announcing(store: Path, runs: int, tell: Callable[[int], None]) -> Callable[[int], None]:
-    """Return `tell` that also prints the expected size of a large store once, after its first block."""
+    """Return a progress function that calls `tell`, and once prints the expected size of a large store."""
     is_known = False
 
     def tell_size(done: int) -> None:

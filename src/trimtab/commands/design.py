@@ -106,9 +106,9 @@ def command(
     trimtab design my_law.py:theorem                         for your own law
     trimtab design hovercraft --stabilisability              can smooth feedback stabilise it; where can it be steered
     trimtab design my_boat.py:system --stabilisability       for your own model
-    trimtab design my_cart.py:scenario --lqr --limit force=20 --limit angle='5 deg' --out gain.json     any vehicle
+    trimtab design my_cart.py:scenario --lqr --limit force=20 --limit angle='5 deg' --out gain.json     a gain
     trimtab design vessel/path --lqr --fast rudder …         then:  trimtab run vessel/path --set gain=gain.json
-    trimtab design my_cart.py --inversion --output position --to 0.5 --in 2 --plot course.png     followed exactly
+    trimtab design my_cart.py --inversion --output position --to 0.5 --in 2 --plot course.png     exact inputs
     """
     given = {"--method": method, "--filter": filter_, "--integral": integral or None, "--export-coq": coq}
     if gain["inversion"]:

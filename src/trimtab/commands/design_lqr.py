@@ -87,7 +87,7 @@ def design_gain(
 ) -> bool:
     """Design a gain and prove it, or check an existing one; return True if every condition holds.
 
-    words: values of LISTS, as typed.  settings: of the scenario.
+    words: values of the options in LISTS, as typed.  settings: of the scenario.
     """
     if vehicle is None:
         raise InputError("design --lqr", "no vehicle is named", fix="trimtab design hovercraft/forward --lqr …")

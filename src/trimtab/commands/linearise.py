@@ -175,7 +175,7 @@ def zeros_json(zeros: Zeros) -> list[dict[str, Any]]:
 
 
 def zero_limit(zeros: Zeros) -> float:
-    """Return the real part (1/s) up to which a zero counts as on the axis."""
+    """Return the real part (1/s) up to which a zero counts as on the imaginary axis."""
     return ON_AXIS * max(zeros.size, np.finfo(float).tiny)
 
 

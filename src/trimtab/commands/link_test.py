@@ -136,7 +136,10 @@ def _choose_port(uri: str) -> str:
 
 
 def _address_from_elsewhere(uri: str) -> str:
-    """Return the address that reaches a listener at uri: without a host only this machine; 0.0.0.0 is every address."""
+    """Return the address at which another program reaches a listener at `uri`.
+
+    Without a host, this machine is meant.
+    """
     scheme, separator, rest = uri.partition("://")
     host, colon, port = rest.rpartition(":")
     if host == "" and colon:

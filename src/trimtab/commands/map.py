@@ -24,7 +24,7 @@ from trimtab.scenarios.build import build
 COARSE = 5
 """Default number of values on an axis of the coarse grid."""
 EXAMPLE = "delay=0:0.6"
-KNOWS_NO = "it holds for the linear loop without packet loss"
+KNOWS_NO = "the theory holds for the linear loop without packet loss"
 """Limitation of the theory shown beside a map."""
 
 Criteria = tuple[StabilityCriterion, ...]

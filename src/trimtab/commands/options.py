@@ -15,11 +15,11 @@ from trimtab.scenarios import catalogue
 
 FILE = click.Path(path_type=Path)
 CALIBRATION = "trimtab.calibration"
-"""Key of the context's entry for the file of ``--calibration``."""
+"""Key of the click context's entry that stores the file of ``--calibration``."""
 REFERENCE = "trimtab.reference"
-"""Key of the context's entry for the settings of ``--reference``."""
+"""Key of the click context's entry that stores the settings of ``--reference``."""
 CHOICES = "trimtab.choices"
-"""Key of the context's entry for options that set one setting each, such as ``--navigation`` and ``--duration``."""
+"""Key of the click context's entry that stores options with one setting each, e.g. ``--duration``."""
 
 
 def parse_settings(context: click.Context, parameter: click.Parameter, values: tuple[str, ...]) -> dict[str, str]:
@@ -29,7 +29,7 @@ def parse_settings(context: click.Context, parameter: click.Parameter, values: t
     for path, value in _split_pairs("--set", "path=value", fix, values):
         if path in settings:
             problem = f"set twice, to {settings[path]} and to {value.strip()}"
-            raise InputError(f"--set {path}", problem, fix=f"keep one of them, e.g. --set {path}={value.strip()}")
+            raise InputError(f"--set {path}", problem, fix=f"keep one of the two, e.g. --set {path}={value.strip()}")
         settings[path] = value.strip()
     file = context.meta.get(CALIBRATION)
     settings = {**context.meta.get(REFERENCE, {}), **settings, **context.meta.get(CHOICES, {})}
@@ -49,7 +49,7 @@ def keep_references(context: click.Context, parameter: click.Parameter, values: 
         path, equals, schedule = (word.strip() for word in text.partition("="))
         own = path if equals and "(" not in path else "reference"
         if own in references:
-            raise InputError("--reference", f"{own} is given twice", fix="keep one of them")
+            raise InputError("--reference", f"{own} is given twice", fix=f"give only one reference for {own}")
         references[own] = schedule if own == path else text.strip()
     context.meta[REFERENCE] = references
 
@@ -61,7 +61,7 @@ def parse_spreads(context: click.Context, parameter: click.Parameter, values: tu
     paths = tuple(text for text in values if not is_calibration(text))
     for path, distribution in _split_pairs("--spread", "PATH=DISTRIBUTION", fix, paths):
         if path in spread:
-            raise InputError(f"--spread {path}", "is named twice", fix="keep one of them")
+            raise InputError(f"--spread {path}", "is named twice", fix="give only one distribution for each path")
         spread[path] = distribution
     return spread
 

@@ -21,7 +21,7 @@ FOLDER = "written"
 PICTURES = (".png", ".pdf", ".svg")
 """Formats of pictures."""
 OVERWRITE = "trimtab.overwrite"
-"""Key of the context's entry that is True after ``--overwrite``."""
+"""Key of the click context's entry that is True after ``--overwrite``."""
 LIMIT = 5000
 """Maximum number of recorded files; beyond it, the oldest are forgotten."""
 

@@ -178,7 +178,7 @@ class Campaign:
         progress: Callable[[int], None] | None = None,
         about: Mapping[str, Any] | None = None,
     ) -> CampaignResult:
-        """Fly the runs that are missing.
+        """Fly the runs that are not yet finished.
 
         Args:
             store: folder of a Zarr store. Finished rows are saved there, and reused.
@@ -263,7 +263,10 @@ class Campaign:
         return scenario_of(self.ready, run)
 
     def rerun(self, run: int, *, log_period: int | None = None, signals: tuple[str, ...] = ()) -> Log:
-        """Repeat one run and return its whole log; its metrics equal those of the stored row."""
+        """Repeat one run and return its whole log.
+
+        The metrics of the repetition equal the stored metrics of the run.
+        """
         drawn, _ = draw_runs(self.ready, run, run + 1)
         period = self.plan.log_period if log_period is None else log_period
         word = int(drawn.words[0])

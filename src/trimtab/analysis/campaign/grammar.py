@@ -103,8 +103,8 @@ class Requirement(NamedTuple):
         part = f"requirement '{self.text}'"
         _check_metric(part, self.metric, metrics, "ask for")
         if anytime and self.statistic == "mean":
-            problem = "the bound of a mean does not hold if the campaign stops early, depending on it"
-            raise InputError(part, problem, fix="fly a fixed number of runs, or require p50")
+            problem = "the bound of a mean is not valid in a campaign that stops early because of its results"
+            raise InputError(part, problem, fix="leave the stopping rule out, or require p50 in place of the mean")
 
 
 class StoppingRule(NamedTuple):
@@ -194,8 +194,8 @@ def parse_stopping(text: str) -> StoppingRule:
         raise InputError(part, "must limit the width of an interval", choices=STOPS, fix=f"write e.g. `{STOPS[0]}`")
     kind, metric, p = _parse_statistic(inside["statistic"].strip(), part, STOPS)
     if kind not in ("success", "quantile"):
-        problem = f"the interval of the {kind} does not hold if the campaign stops early, depending on it"
-        raise InputError(part, problem, choices=STOPS, fix="stop on the success or on a quantile, e.g. p50")
+        problem = f"the interval of the {kind} is not valid in a campaign that stops because of this interval"
+        raise InputError(part, problem, choices=STOPS, fix="limit the width of the success or of a quantile, e.g. p50")
     width = _parse_number(match["bound"])
     if width is None or not 0 < width < (1 if kind == "success" else math.inf):
         fix = "write a number above 0, in the metric's unit; for the success also below 1"

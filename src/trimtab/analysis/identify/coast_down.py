@@ -77,7 +77,7 @@ def split_trials(data: Measurements, speed: str) -> list[tuple[Any, Any]]:
 def fit_coast_down(
     trials: Sequence[tuple[Any, Any]], inertia: float, kind: str, slip: float, inertia_error: float = 0.0
 ) -> FrictionFit:
-    """Fit Coulomb, viscous and quadratic friction to trials of times (s) and speeds.
+    """Fit Coulomb, viscous and quadratic friction to trials of a coast-down.
 
     Args:
         trials: times (n,) from 0 and speeds (n,) of each, in rad/s or m/s.

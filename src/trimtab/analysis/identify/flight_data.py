@@ -23,7 +23,7 @@ from trimtab.loop.scenario import Scenario
 LONGEST_STEP = 0.02
 """Longest integration step of the vehicle between two measurements, s."""
 FASTEST_TURN, MOST_TURNS = 1.0, 1000
-"""Limits for a heading in radians: rad from one measurement to the next, and turns in all."""
+"""Limits of a plausible heading: median change between two measurements (rad), and number of turns in total."""
 GAP = 2.0
 """Time without a measurement (s) after which the vehicle's state counts as unknown."""
 
@@ -49,7 +49,7 @@ def read_flight(log: Log, scenario: Scenario, sensor: str | None = None, name: s
     Args:
         log: log of a run, a flight, or of another system by a mapping.
         scenario: scenario with the same vehicle and actuators.
-        sensor: block of the measurements, e.g. "sensors.mocap"; the only one that fits when None.
+        sensor: block of the measurements, e.g. "sensors.mocap"; None: the only block that measures the vehicle's state.
         name: name of the log, for errors.
 
     Raises: InputError if the log has no commands of these actuators, or no field of the vehicle's state.
@@ -224,7 +224,7 @@ def mean_input(integral: Any, grid: int, edges: Any, delay: Any) -> Any:
 
 
 def fill_gaps(ticks: Any) -> tuple[Any, Any]:
-    """Return ticks, with more in between where they are far apart, and the indices of the original ones."""
+    """Return ticks with additional ticks in large gaps, and the indices of the original ticks."""
     longest = LONGEST_STEP * UNITS_PER_SECOND
     parts = np.maximum(np.ceil(np.diff(ticks) / longest).astype(int), 1)
     parts = np.where(np.diff(ticks) > GAP * UNITS_PER_SECOND, 1, parts)

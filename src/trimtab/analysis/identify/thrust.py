@@ -93,7 +93,10 @@ def fit_thrust(data: Measurements, offset: float) -> ThrustFit:
 
 
 class ReverseFit(NamedTuple):
-    """Fitted ratio y3 n³ + y2 n² + y1 n + y0, n in krpm: coefficients (4,), covariance, smallest speed (rpm)."""
+    """Fitted ratio of reverse to forward thrust: y3 n³ + y2 n² + y1 n + y0, n in krpm.
+
+    coefficients, covariance: (4,), (4, 4).  slowest: smallest speed (rpm) at which the cubic holds.
+    """
 
     coefficients: Any
     covariance: Any

@@ -74,7 +74,7 @@ class BenchCraft(NamedTuple):
 
 
 def draw_craft(seed: int) -> BenchCraft:
-    """Return a craft that differs from the thesis's as crafts of the same design do."""
+    """Return a craft with random parameters near the thesis's, as scattered as crafts of one design."""
     g = np.random.default_rng([seed, 1])
 
     def near(value: float, share: float) -> float:

@@ -53,7 +53,7 @@ class Distribution(NamedTuple):
 
     @property
     def is_relative(self) -> bool:
-        """True if all numbers are shares, so that the distribution can scale a whole array."""
+        """True if all numbers are percentages. The distribution can then scale a whole array."""
         return bool(self.amounts) and all(a.share for a in self._sizes)
 
     @property
@@ -64,7 +64,7 @@ class Distribution(NamedTuple):
 
     @property
     def has_shares(self) -> bool:
-        """True if a number is a share of the scenario's own value."""
+        """True if at least one number is a percentage of the scenario's own value."""
         return any(a.share for a in self._sizes)
 
     def numbers(self, nominal: float) -> list[float]:
@@ -203,7 +203,7 @@ def parse_distribution(text: str, part: str = "") -> Distribution:
 
 
 def check_nominal(part: str, distribution: Distribution, nominal: float) -> None:
-    """Raise InputError if the numbers, with shares of the nominal value filled in, are not valid."""
+    """Raise InputError if the distribution's numbers are not valid for this nominal value."""
     if distribution.kind not in KINDS:
         return
     if distribution.has_shares and nominal == 0:

@@ -142,7 +142,7 @@ def check_factors(factors: Sequence[str], correlated: Iterable[Sequence[str]] = 
 
 
 def rows_per_base(parameters: int, *, noise: bool = True) -> int:
-    """Return the number of rows of one base sample: one for each factor, and A and B."""
+    """Return the number of rows of one base sample: A, B, and one row for each factor."""
     return parameters + int(noise) + 2
 
 
@@ -200,7 +200,7 @@ def morris_rows(seed: int, first: int, last: int, parameters: int, *, noise: boo
 
 
 def morris_trajectories(seed: int, trajectory: Any, factors: int) -> tuple[Any, Any, Any]:
-    """Return the lower level (0 or 1), the order of the step (0 first) and its sign, for each trajectory and factor."""
+    """Return for each trajectory and factor: lower level of the step (0 or 1), place of the step (from 0), sign."""
     word = np.uint32(seed % 2**32)
     drawn = threefry2x32(word, np.uint32(MORRIS_STREAM), trajectory[:, None], np.arange(factors)[None])
     bits, order = (np.asarray(w, np.uint32) for w in drawn)

@@ -80,7 +80,7 @@ def parse_factors(spread: Iterable[tuple[str, Distribution]]) -> tuple[Factor, .
         both = one.distribution.kind == other.distribution.kind == ALONG
         whole = one.at is None or other.at is None
         if one.text == other.text or (one.path == other.path and whole and not both):
-            raise InputError(argument_name("spread", other.text), "is named twice", fix="keep one of them")
+            raise InputError(argument_name("spread", other.text), "is named twice", fix="give each parameter once")
     return tuple(factors)
 
 

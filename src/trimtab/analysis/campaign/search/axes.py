@@ -138,7 +138,7 @@ def find_quantity(scenario: Scenario, path: str) -> tuple[Any, Quantity]:
 
 
 def _find_leaf(value: Any, path: list[str]) -> tuple[Any, Any]:
-    """Return value and declaration of the leaf at a path, or None and None."""
+    """Return value and declaration of the quantity at a path; None and None for an unknown path."""
     for name, child, declared in children(value):
         if name == path[0] and isinstance(declared, Quantity | Option):
             return (child, declared) if len(path) == 1 else (None, None)

@@ -23,7 +23,7 @@ SETTINGS = {
     "tolx": 1e-4,
 }
 FLAT_GENERATIONS_MAX = 8
-"""Generations with equal values after which the search restarts."""
+"""Number of successive generations with equal values after which the search restarts."""
 
 
 class Generation(NamedTuple):

@@ -80,7 +80,7 @@ def prepare_search(part: str, scenario: str | Scenario, spread: Mapping[str, str
 
 
 def with_margin(ready: PreparedCampaign) -> PreparedCampaign:
-    """Return the same campaign with one more column, `margin`."""
+    """Return the campaign with an additional metric, `margin`."""
     of = {m.name: m for m in ready.metrics}
     signals = tuple(sorted({s for c in ready.success for s in of[c.metric].signals}))
     more = Metric(NAME, signals, lambda rows: margin(rows, ready.success, of))

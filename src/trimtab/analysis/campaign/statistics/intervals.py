@@ -204,7 +204,10 @@ def log_evidence(k: Any, n: Any, p: Any) -> Any:
 
 
 def lower_bound(k: Any, n: Any, tail: float) -> Any:
-    """Return the anytime lower bound for k successes in n runs; it fails in at most `tail` of campaigns; any shape."""
+    """Return the lower bound of a probability for k successes in n runs, arrays of any shape.
+
+    The bound is valid at every n together in all but a share `tail` of the campaigns.
+    """
     k, n = np.broadcast_arrays(np.asarray(k, np.float64), np.asarray(n, np.float64))
     low, high = np.zeros(k.shape), k / n
     for _ in range(HALVINGS):

@@ -85,7 +85,10 @@ class Rows:
         return self.flight.work_out(self.t, {p: self.signals[p][i] for p in paths}, ends, self.end_time, parameters)
 
     def error(self, path: str) -> Any:
-        """Return a signal minus its target (n, m), read-only; an angle's target is the one nearest to the end."""
+        """Return a signal minus its target (n, m), read-only.
+
+        An angle's target is shifted by full turns to its last value.
+        """
         if path not in self._errors:
             error = self._errors[path] = self._error(path)
             error.setflags(write=False)

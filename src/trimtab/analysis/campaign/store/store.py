@@ -149,7 +149,7 @@ class CampaignStore:
             full = error.errno in (errno.ENOSPC, errno.EDQUOT)
             cause = "the disk is full" if full else error.strerror or error
             problem = f"{cause}; {int(self.finished_rows().sum())} finished runs are stored"
-            fix = ("make room, then " if full else "") + "start the same command again; it resumes there"
+            fix = ("free disk space, then " if full else "") + "start the same command again; it resumes there"
             raise InputError(f"store {str(self.folder)!r}", problem, fix=fix) from None
 
     def read(self) -> dict[str, Any]:
@@ -241,7 +241,7 @@ def open_store(
             problem = f"a description in it is damaged: {error}"
             raise InputError(part, problem, fix=f"name another store: {argument('store', 'OTHER.zarr')}") from None
         if isinstance(error, OSError):
-            fix = f"make room, or name another store: {argument('store', 'NAME.zarr')}"
+            fix = f"free disk space, or name another store: {argument('store', 'NAME.zarr')}"
             raise InputError(part, f"{error.strerror or error}", fix=fix) from None
         raise
 

@@ -84,8 +84,8 @@ def fly_rows(plain: Mapping[str, Any], asker: Mapping[str, str], first: int, las
     apart = [name for name in asker if here.get(name) != asker[name]]
     if apart:
         shown = "; ".join(f"{name}: {here.get(name)} there, {asker[name]} here" for name in apart)
-        same = "install the same trimtab, packages and files there, and restart the worker"
-        fix = "install a C compiler there" if apart == ["backend"] else same
+        same = "install the same trimtab, packages and files on the worker's machine, and restart the worker"
+        fix = "install a C compiler on the worker's machine" if apart == ["backend"] else same
         raise InputError(f"worker {address}", f"would give different rows: {shown}", fix=fix)
     return fly_block(ready, first, last, backend=asker["backend"], threads=threads)
 
@@ -174,21 +174,22 @@ def check_scheduler(place: SchedulerAddress) -> None:
                 return
             with _tls_context(place).wrap_socket(plain) as safe:
                 if not safe.recv(1):  # a scheduler speaks first, if it accepts the certificate
-                    raise ssl.SSLError("it closed the connection")
+                    raise ssl.SSLError("the connection was closed")
     except ssl.SSLCertVerificationError as error:
-        problem = f"the CA in {place.files and place.files[0]} did not sign its certificate: {error.verify_message}"
+        ca = place.files and place.files[0]
+        problem = f"the CA in {ca} did not sign the scheduler's certificate: {error.verify_message}"
         raise InputError(
             part, problem, fix=f"{argument_name('tls_ca')} with the ca.pem that the scheduler was started with"
         ) from None
     except ssl.SSLError as error:
-        problem = f"it rejects the certificate: {error.reason or error}"
+        problem = f"the scheduler rejects the certificate: {error.reason or error}"
         both = f"{argument_name('tls_cert')} and {argument_name('tls_key')}"
         fix = f"{both} signed by the CA that the scheduler was started with"
         raise InputError(part, problem, fix=fix) from None
     except OSError as error:
-        problem = f"cannot reach a scheduler there: {error.strerror or error}"
+        problem = f"cannot reach a scheduler at this address: {error.strerror or error}"
         scheme = "tls" if place.files else "tcp"
-        fix = f"on that machine:  dask scheduler --protocol {scheme} --port {place.port} …, and open the port"
+        fix = f"start on that machine:  dask scheduler --protocol {scheme} --port {place.port} …, and open the port"
         raise InputError(part, problem, fix=fix) from None
 
 

@@ -125,7 +125,11 @@ def plan_search(
     more |= pieces_spread(build_scenario(plan), inputs)
     for path in spread:
         if path in more:
-            raise InputError(argument_name("spread", path), "already varies", fix="keep one of them")
+            raise InputError(
+                argument_name("spread", path),
+                "already varies",
+                fix="leave out this spread, or the fault range or input that varies the same number",
+            )
     return plan._replace(spread=_parse_spread({**spread, **more}))
 
 
