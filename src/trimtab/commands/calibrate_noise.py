@@ -203,7 +203,7 @@ def _iterate_axes(measured: Mapping[str, Samples]) -> Iterator[tuple[str, str, A
 
 
 def _left_out(log: Log) -> dict[str, str]:
-    """Return the reason for each column of a CSV file that is left out."""
+    """Return name -> reason for each column of a CSV file that the log leaves out."""
     left = log.metadata.get("left_out", {})
     return dict(left) if isinstance(left, dict) else {}
 

@@ -204,7 +204,7 @@ def _end(scenario: Scenario, seed: int, summary: PhysicsSummary, maker: str, out
 
 
 def _describe_vehicle(vehicle: PulsedVehicle) -> list[str]:
-    """Return a line for each channel, and one for the IMU."""
+    """Return a line of text for each channel, and a line for the IMU."""
     lines = [text.partition(": ")[2] for text in describe_outputs(vehicle.outputs)]
     told = [f"channel {c}: {text}" for c, text in zip(vehicle.channels, lines, strict=True)]
     return [*told, f"gyro and accelerometer: {f'its sensor {vehicle.imu}' if vehicle.imu else 'true motion'}"]

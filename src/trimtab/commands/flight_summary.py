@@ -98,7 +98,7 @@ def summarise_run(log: Log, targets: Iterable[Target]) -> dict[str, Any]:
 def assess_targets(log: Log, targets: Iterable[Target]) -> dict[str, Any] | None:
     """Return whether a flight ended on its targets (on_target), and the verdict in words (says).
 
-    None for a scenario without targets. A diverged flight is on no target.
+    None for a scenario without targets. A diverged flight is never on target.
     """
     targets, lost = tuple(targets), divergence_time(log)
     if lost is not None:

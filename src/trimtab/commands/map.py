@@ -57,10 +57,15 @@ Criteria = tuple[StabilityCriterion, ...]
     type=click.FloatRange(0),
     default=SWING,
     show_default=True,
-    help="Largest remaining oscillation, as a fraction of the target band; without --success.",
+    help="Without --success: largest accepted oscillation at the end, as a fraction of the target band.",
 )
 @SEED
-@click.option("--theory/--no-theory", default=True, show_default=True, help="Draw the linear theory if it applies.")
+@click.option(
+    "--theory/--no-theory",
+    default=True,
+    show_default=True,
+    help="Draw the stability boundary of linear theory, if the theory applies.",
+)
 @PLOT("Draw the map to this picture.")
 @JSON
 def command(

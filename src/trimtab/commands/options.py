@@ -342,7 +342,7 @@ def PLACE(function: Callable[..., Any]) -> Callable[..., Any]:
             help="Address of the console. Addresses beyond this computer need TLS.",
         ),
         click.option("--certificate", type=FILE, metavar="FILE", help="TLS certificate of the console."),
-        click.option("--private-key", type=FILE, metavar="FILE", help="Private key of the certificate."),
+        click.option("--private-key", type=FILE, metavar="FILE", help="Private key of the console's TLS certificate."),
         click.option("--open", "opens", is_flag=True, help="Open the console in a browser on this computer."),
     ]
     for option in reversed(options):

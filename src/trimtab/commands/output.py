@@ -197,7 +197,7 @@ def check_folder(part: str, folder: Path) -> None:
             pass
     except OSError as error:
         problem = f"cannot write in {str(folder)!r}: {(error.strerror or str(error)).lower()}"
-        raise InputError(part, problem, fix=f"{part} with a folder of yours, e.g. {part} flight") from None
+        raise InputError(part, problem, fix=f"{part} with a folder that you can write to, e.g. {part} flight") from None
     finally:
         for new in missing:
             with contextlib.suppress(OSError):

@@ -191,7 +191,7 @@ def _build_vehicle(
 
 
 def _serve(live: LiveVehicle, tell: Callable[[str], None], **options: Any) -> VehicleSummary:
-    """Run the vehicle until Ctrl-C. A thread writes its lines for the user."""
+    """Run the vehicle until Ctrl-C. A separate thread prints its messages."""
     machine = current_machine()
     lines, stamps = machine.write_lines(tell), machine.store_stamps_ahead(live.endpoint)
     with lines as sink, machine.catch_interrupts() as stop, stamps:

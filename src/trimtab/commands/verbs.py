@@ -110,7 +110,7 @@ class Verbs(click.Group):
     ) -> tuple[str | None, click.Command | None, list[str]]:
         """Return the verb, after checking its name, the scenario, the settings and the platform of JAX.
 
-        Raises: InputError with the nearest names, or about the platform.
+        Raises: InputError with the nearest names, or for a platform that JAX cannot use.
         """
         if args[0] not in self.commands and not args[0].startswith("-"):
             raise _unknown_verb(args[0], tuple(self.commands))

@@ -90,7 +90,7 @@ def place_files(option: str, scratch: Path, files: Iterable[Path], folder: Path)
             shutil.move(file, place)
     except OSError as error:
         problem = f"cannot write in {str(folder)!r}: {(error.strerror or str(error)).lower()}"
-        raise InputError(option, problem, fix=f"{option} with a folder of yours") from None
+        raise InputError(option, problem, fix=f"{option} with a folder that you can write to") from None
     note_written(place for _, place in moves)
     return [folder / file.relative_to(scratch) for file in files]
 

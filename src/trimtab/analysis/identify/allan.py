@@ -59,7 +59,7 @@ class AllanFit:
     tau: Any = quantity("s", "Averaging times (n,).")
     deviation: Any = quantity("U", "Overlapping Allan deviation at each averaging time (n,).")
     model: Any = quantity("U", "Allan deviation of the fitted model at each averaging time (n,).")
-    freedom: Any = quantity("1", "Equivalent degrees of freedom of each Allan deviation, under the fitted model (n,).")
+    freedom: Any = quantity("1", "Equivalent degrees of freedom of each Allan deviation (n,), from the fitted model.")
     misfit: Scalar = quantity(
         "1", "Weighted squared misfit of the model, divided by the degrees of freedom: 1 for a good model."
     )

@@ -251,7 +251,7 @@ class _IdentifiedWorld:
     def predict_held_out(
         self, flights: Sequence[FlightData], nominal: Any, fitted: Any
     ) -> dict[str, tuple[float, float]]:
-        """Return field -> rms of predictions `HORIZON` ahead with nominal and fitted numbers."""
+        """Return field -> rms errors of predictions `HORIZON` ahead, with nominal and with fitted parameters."""
         timeline = self.timeline(flights)
         when = np.concatenate([np.cumsum(np.where(b, 0.0, h)) for h, b in _stretches(timeline)])
         rows: dict[str, list[float]] = {self.fields[i]: [] for i in self.measured}

@@ -38,12 +38,12 @@ class Amount(NamedTuple):
     share: bool
 
     def of(self, nominal: float) -> float:
-        """Return the number itself, or the number times the nominal value for a share."""
+        """Return the number; a percentage is multiplied by the nominal value."""
         return self.number * nominal if self.share else self.number
 
 
 class Distribution(NamedTuple):
-    """A distribution as written, e.g. ``normal(2.6, 0.1)``; `choices` are the texts of a choice."""
+    """A distribution as typed, e.g. ``normal(2.6, 0.1)``; `choices` are the texts of a choice."""
 
     text: str
     kind: str

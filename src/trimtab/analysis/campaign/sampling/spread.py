@@ -63,7 +63,9 @@ def parse_factors(spread: Iterable[tuple[str, Distribution]]) -> tuple[Factor, .
         along = distribution.kind == ALONG
         if match and along != (":" in text):
             problem = (
-                f"{distribution.text!r} moves an array along a direction" if along else "does not name a direction"
+                f"{distribution.text!r} moves an array along a direction; the path must end in its number, e.g. :1"
+                if along
+                else "ends in the number of a direction, but only along(…) has a direction"
             )
             fix = (
                 argument("spread", "along(V1, V2, …)", f"{match[1]}:1")
@@ -87,7 +89,7 @@ def parse_factors(spread: Iterable[tuple[str, Distribution]]) -> tuple[Factor, .
 def resolve_spread(
     scenario: Scenario, factors: tuple[Factor, ...], correlate: Iterable[tuple[str, str, float]] = ()
 ) -> Spread:
-    """Match the spread with a scenario; raise InputError for paths, indices and distributions that don't fit it."""
+    """Match the spread with a scenario; raise InputError for a path, index or distribution that doesn't fit."""
     known = {path: (value, declared) for path, value, declared in leaves(scenario) if path.startswith(SPREAD_ROOTS)}
     for factor in factors:
         part = argument_name("spread", factor.text)

@@ -28,8 +28,9 @@ class Axis(NamedTuple):
     """Axis of a stability map.
 
     name: name to show.  values: values of the coarse grid (k,), rising.  unit: unit of the values.  change: (scenario,
-    value) -> {path of a quantity: new value}; the scenario includes the changes of other axes.  prepare: applied once
-    to the scenario.  link, kind: link and "delay", "jitter" or "loss" for an axis of a link, otherwise empty.
+    value) -> {path of a quantity: new value}; the given scenario includes the changes of the other axis.  prepare:
+    applied once to the scenario.  link, kind: link and "delay", "jitter" or "loss" for an axis of a link, otherwise
+    empty.
     """
 
     name: str

@@ -187,7 +187,7 @@ class BoxSearch:
                 return
 
     def start(self, restart: int) -> Any:
-        """Return the next start: the worst candidate that is not near an earlier start."""
+        """Return the point where the next search starts: the worst candidate that is not near an earlier start."""
         self.restart = restart
         x, m, *_ = self.candidates()
         for i in np.argsort(self.over(m), kind="stable"):
@@ -203,10 +203,10 @@ class FalsificationResult(NamedTuple):
     """Worst run that was found, and the course of the search.
 
     margin: margin of the worst run, repeated by itself; negative if the run failed.  values: path -> exact value of the
-    parameter.  point: (d,), the run's place in the box.  word: its run word.  columns: its metrics.  flown_runs: total
-    number of runs.  first: number of runs until the first failure, or None.  candidate_margins: (n, words), in the
-    order flown.  points: (n, d).  stages: (n,), -1 for the Sobol points, then the number of the restart; the largest
-    number marks the worst point with new words.
+    parameter.  point: (d,), the run's place in the box.  word: number that selects its random numbers. columns: its
+    metrics.  flown_runs: total number of runs.  first: number of runs until the first failure, or None.
+    candidate_margins: (n, words), in the order flown.  points: (n, d).  stages: (n,), -1 for the Sobol points, then the
+    number of the restart; the largest number marks the worst point with new words.
     """
 
     plan: CampaignPlan

@@ -161,7 +161,7 @@ def stability_criteria(
             for name, spare in _remaining_margins(known[key], scenario, kinds).items():
                 margins.setdefault(name, np.full((len(x), len(y)), np.nan))[i, j] = spare
     if not margins:
-        problem = "the packet-loss criterion needs a scalar loop, but this loop has more states"
+        problem = "the packet-loss criterion needs a loop with one state, but this loop has more states"
         raise InputError("theory", problem, fix="leave theory out, or map a delay: axis_of_link('delay', …)")
     return tuple(StabilityCriterion(name, x, y, spare) for name, spare in margins.items())
 

@@ -96,9 +96,9 @@ class RareResult(NamedTuple):
     """Probability of a failure, its interval, and two failures.
 
     ladder: the levels.  roots: total number of roots; failing_roots: number of roots with a failing descendant.
-    survivors: (K,), points below each level.  taken: (K - 1,), share of accepted steps below each level.  flown_runs:
-    total, with the pilot; new_runs: runs of this session.  worst: failure with the smallest margin; likeliest: failure
-    with the most probable parameters.
+    survivors: (K,), number of points below each level.  taken: (K - 1,), share of accepted steps below each level.
+    flown_runs: total, with the pilot; new_runs: runs of this session.  worst: failure with the smallest margin;
+    likeliest: failure with the most probable parameters.
     """
 
     plan: CampaignPlan

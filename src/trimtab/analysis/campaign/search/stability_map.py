@@ -131,7 +131,7 @@ def trace_boundary(
 
 
 def check_grid(coarse: tuple[int, int], depth: int) -> None:
-    """Raise InputError for a coarse grid without a cell, or for a depth out of range."""
+    """Raise InputError for a coarse grid with fewer than 2 points along an axis, or for a depth out of range."""
     if min(coarse) < 2 or not 0 <= depth <= DEEPEST:
         problem = f"got a coarse grid of {coarse[0]} x {coarse[1]} points and depth {depth}"
         fix = f"give 2 points or more along each axis, and a depth of 0 to {DEEPEST}"

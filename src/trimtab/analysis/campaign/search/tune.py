@@ -109,7 +109,7 @@ class Gains(NamedTuple):
         return tuple(self.ready.spread.factors[i] for i in self.at)
 
     def spread_points(self, x: Any, first: int) -> Any:
-        """Return u (n, all): gains at x (n, d), and dispersed parameters as in runs first … first + n - 1."""
+        """Return points u (n, all): gains at x (n, d), and dispersed parameters as in runs first … first + n - 1."""
         u = draw_runs(self.ready, first, first + len(x))[0].u.copy()
         u[:, self.at] = inside_cube(x)
         return u
@@ -172,9 +172,9 @@ class TuningResult(NamedTuple):
 
     values: path -> exact parameter with the tuned gains.  before, after: text of the gain -> value.  steps: course of
     the search.  slopes: slopes at the gradient's steps.  seen_comparison: comparison with the scenario's own gains, in
-    the runs used for tuning.  held_out_comparison: comparison in other runs; this decides.  flown_runs: total number of
-    runs; a run with its derivative along d gains counts d times.  at_bounds: gains within BOUND of an end of their
-    range; a wider range may be better.
+    the runs used for tuning.  held_out_comparison: comparison in other runs, which decides if the tuned gains are
+    better.  flown_runs: total number of runs; a run with its derivative along d gains counts d times.  at_bounds: gains
+    within BOUND of an end of their range; a wider range may be better.
     """
 
     plan: CampaignPlan
@@ -333,7 +333,10 @@ class _GainFlights:
         self.flown_runs = 0
 
     def costs(self, x: Any, first: int = 0, runs: int | None = None) -> Any:
-        """Return costs (n, runs) at places x (n, d), each in the same runs from the first on."""
+        """Return costs (n, runs) at places x (n, d).
+
+        Each place is flown in the same runs; `first` is their first number.
+        """
         n = runs or self.runs
         u = np.concatenate([self.gains.spread_points(np.repeat(place[None], n, axis=0), first) for place in x])
         words = np.tile(np.arange(first, first + n, dtype=np.uint32), len(x))
@@ -341,12 +344,12 @@ class _GainFlights:
         return evaluate_cost(self.terms, fly_points(self.gains.ready, u, words, **self.options)).reshape(len(x), n)
 
     def compare_gains(self, x: Any, first: int, runs: int) -> Comparison:
-        """Compare the gains at x with the scenario's own, in runs from the first on."""
+        """Compare the gains at x with the scenario's own gains, in `runs` runs from number `first` on."""
         before, after = self.costs(np.stack([self.gains.start, x]), first, runs)
         return compare(before, after)
 
     def slope_function(self) -> Callable[[Any, int], tuple[Any, Any]]:
-        """Return the function that flies pairs of runs with their derivatives."""
+        """Return a function that flies pairs of runs and returns their costs and the derivatives by the gains."""
         ready, gains = self.gains.ready, self.gains
         of = integral_cost(self.terms, ready)
         along = [(f.path, f.at or ()) for f in gains.factors]

@@ -133,7 +133,7 @@ class Quantile(NamedTuple):
         return f"p{100 * self.p:.10g}"
 
     def __str__(self) -> str:
-        """Return value and band, as in "p95 8.31 (8.02 to 8.77)"."""
+        """Return the quantile and its band as text, as in "p95 8.31 (8.02 to 8.77)"."""
         few = "" if self.trials >= self.needed_runs else f"; both bounds need {self.needed_runs} runs"
         return f"{self.name} {self.value:.4g} ({self.low:.4g} to {self.high:.4g}{few})"
 
@@ -184,7 +184,7 @@ def ranks_anytime(trials: int, p: float, level: float) -> tuple[int, int]:
 
 
 def least_trials(p: float, level: float, *, anytime: bool = False) -> int:
-    """Return the minimum number of runs for a band with both bounds: p^n and (1 - p)^n at most (1 - level)/2."""
+    """Return the minimum number of runs n for a band with both bounds: p^n and (1 - p)^n at most (1 - level)/2."""
     tail, rare = (1 - level) / 2, max(p, 1 - p)
     return least_trials_anytime(rare, tail) if anytime else math.ceil(math.log(tail) / math.log(rare))
 
@@ -241,7 +241,7 @@ class Mean(NamedTuple):
     not_finite: int
 
     def __str__(self) -> str:
-        """Return value and interval, as in "4.21 (4.05 to 4.4)"."""
+        """Return the mean and its interval as text, as in "4.21 (4.05 to 4.4)"."""
         return f"{self.value:.4g} ({self.low:.4g} to {self.high:.4g})"
 
 

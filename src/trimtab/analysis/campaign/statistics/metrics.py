@@ -121,12 +121,12 @@ class Metric(NamedTuple):
 
     @property
     def label(self) -> str:
-        """Name and unit, as in "settling:yaw_rate (s)"."""
+        """Name of the metric with its unit, as in "settling:yaw_rate (s)"."""
         return f"{self.name} ({self.unit})" if self.unit not in ("", "1") else self.name
 
 
 def settling(rows: Rows, path: str) -> Any:
-    """Return the time (s) from the first row until the signal stays in its target's band; inf if it never does."""
+    """Return the settling time (s), after which the signal stays in its target's band; inf if it never does."""
     error = rows.error(path)
     backwards = np.empty(error.shape)
     np.abs(error[:, ::-1], out=backwards)  # in the order of the search, so that it ends early
@@ -154,7 +154,7 @@ def first_reach(rows: Rows, path: str) -> Any:
 
 
 def overshoot(rows: Rows, path: str) -> Any:
-    """Return how far the signal goes beyond its target, as seen from its start; inf for a diverged run."""
+    """Return the overshoot: how far the signal goes beyond its target, seen from its start; inf for a diverged run."""
     error = rows.error(path)
     start = error[:, 0]
     beyond = np.where(start < 0, error.max(axis=1), -error.min(axis=1))

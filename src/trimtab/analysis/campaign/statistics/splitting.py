@@ -181,7 +181,7 @@ def set_ladder(margins: Margins, rng: np.random.Generator, size: int, d: int, m:
 
 
 class Descent(NamedTuple):
-    """Result of some roots. counts: (n,), failing descendants of each.  survivors: (K,), points below each level.
+    """Result of n roots. counts: (n,), failing descendants of each root.  survivors: (K,), points below each level.
 
     taken: (K - 1,), share of accepted steps below each level.  failures: points that fail.  flown: runs.
     """

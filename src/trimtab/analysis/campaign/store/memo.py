@@ -45,7 +45,7 @@ class FlightMemo:
             except OSError as error:
                 problem = f"cannot write in {str(folder)!r}: {(error.strerror or str(error)).lower()}"
                 raise InputError(
-                    argument_name("store"), problem, fix=f"{argument_name('store')} with a folder of yours"
+                    argument_name("store"), problem, fix=f"{argument_name('store')} with a folder that you can write to"
                 ) from None
 
     def recall(self, asked: Iterable[Any], fly: Callable[[], Columns]) -> Columns:

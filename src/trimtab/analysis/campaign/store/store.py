@@ -29,7 +29,7 @@ LONGEST_KEY = 160
 
 
 class MemoryStore:
-    """Rows in memory, lost with the process; otherwise like `CampaignStore`."""
+    """Store of a campaign's rows in memory, lost with the process; otherwise like `CampaignStore`."""
 
     def __init__(self, runs: int) -> None:
         self._runs, self._finished_rows = runs, np.zeros(runs, bool)
@@ -121,7 +121,7 @@ class CampaignStore:
         self.close()
 
     def close(self) -> None:
-        """Release the lock."""
+        """Release the lock of the store."""
         os.close(self._lock)
 
     @property

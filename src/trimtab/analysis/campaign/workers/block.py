@@ -52,7 +52,7 @@ class WorkersLost(Exception):
 
 
 def batch_rows(scenario: Scenario, batch: Batch) -> Rows:
-    """Return the rows of a batch, as metrics read them."""
+    """Return the logged rows of a batch in the form that metrics read."""
     declared = {c.path: c.declaration for c in batch.columns if c.declaration is not None}
     flight = find_flight({c.path: c.shape for c in batch.columns}, declared)
     own, n = scenario_place(scenario) if flight else {}, len(batch.seeds)
@@ -162,7 +162,7 @@ def _fly_levels(ready: PreparedCampaign, u: Any, words: Any, options: Mapping[st
 def _fly_values(
     ready: PreparedCampaign, values: Mapping[str, Any], words: Any, options: Mapping[str, Any]
 ) -> dict[str, Any]:
-    """Return the metrics of runs with these values of the spread's texts, each (n,)."""
+    """Return the metrics of runs with given values of the varied parameters, each (n,)."""
     arrays = spread_arrays(ready.spread, ready.scenario, values)
     columns: dict[str, Any] = {m.name: np.empty(len(words)) for m in ready.metrics}
     columns |= {"success": np.empty(len(words), bool), "lost": np.empty(len(words), bool)}
