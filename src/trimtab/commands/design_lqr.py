@@ -28,7 +28,7 @@ from trimtab.scenarios import catalogue
 from trimtab.scenarios.gain_file import vehicle_settings
 
 LISTS = ("at", "limit", "integrate", "believed", "fast")
-"""Settings of a certificate that are lists."""
+"""Options that may be repeated; a certificate stores them as lists."""
 
 
 def GAIN(function: Callable[..., Any]) -> Callable[..., Any]:

@@ -32,7 +32,7 @@ def write_web_flight(
     without: tuple[str, ...],
     **_: Any,
 ) -> None:
-    """Write the page, its program and its description, and print the sizes."""
+    """Write the page, its WebAssembly program and its description, and print their sizes."""
     from trimtab.export.web_assembly import export_web, write_web_page  # these import JAX
     from trimtab.scenarios.build import build
 

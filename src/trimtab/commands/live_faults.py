@@ -30,7 +30,9 @@ if TYPE_CHECKING:
     show_default=True,
     help="Seed of the random flights and of virtual time.",
 )
-@click.option("--real-time", "is_real", is_flag=True, help="Fly with real processes in real time.")
+@click.option(
+    "--real-time", "is_real", is_flag=True, help="Fly with real processes in real time instead of virtual time."
+)
 @click.option(
     "--jobs",
     type=click.IntRange(1, 16),

@@ -72,7 +72,7 @@ def is_calibration(text: str) -> bool:
 
 
 def _split_pairs(option: str, form: str, fix: str, values: tuple[str, ...]) -> Iterator[tuple[str, str]]:
-    """Yield the path and the text of each PATH=TEXT."""
+    """Yield path and text of each value PATH=TEXT of an option."""
     for text in values:
         path, equals, value = text.partition("=")
         if not equals or not path.strip():

@@ -21,7 +21,7 @@ if TYPE_CHECKING:  # rich is imported when a table is printed, not for --json
     from rich.table import Column, Table
 
 NARROWEST = 20
-"""Smallest value of COLUMNS that is accepted as a terminal width."""
+"""Smallest value of the environment variable COLUMNS that is accepted as a terminal width."""
 
 
 ANSWERS = Path(__file__).with_name("answers.json")

@@ -131,7 +131,7 @@ def verdict_counts(rows: Iterable[Row]) -> dict[str, int]:
 
 
 def basis_counts(rows: Iterable[Row]) -> dict[str, tuple[int, int]]:
-    """Return basis -> number of rows that hold, and of all rows; unused bases are left out."""
+    """Return basis -> number of rows that hold, and number of all rows. Bases without rows are left out."""
     holds, all_rows = Counter[str](), Counter[str]()
     for row in rows:
         all_rows[row.basis] += 1

@@ -87,7 +87,7 @@ def _near_roots(path: str) -> list[str]:
 
 
 def _iter_paths(words: Sequence[str]) -> Iterator[tuple[str, str, str]]:
-    """Yield option, path and value of each typed setting."""
+    """Yield option, path and value of each setting on the command line."""
     for i, word in enumerate(words):
         option, equals, text = word.partition("=")
         if word in PATHS and i + 1 < len(words):

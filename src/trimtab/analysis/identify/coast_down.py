@@ -46,7 +46,7 @@ class FrictionFit(NamedTuple):
     inertia: float
 
     def standard_errors(self) -> Any:
-        """Return the standard errors of the coefficients (3,)."""
+        """Return the standard errors of the friction coefficients (3,)."""
         return np.sqrt(np.diagonal(self.covariance))
 
 

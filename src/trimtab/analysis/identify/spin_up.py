@@ -36,7 +36,7 @@ class InertiaOfTrials(NamedTuple):
     fit: LinearFit
 
     def reach(self) -> float:
-        """Return half the 95 % interval of the mean."""
+        """Return half the width of the 95 % interval of the mean inertia (kg m²)."""
         return student_reach(self.fit.freedom) * self.standard_error
 
 

@@ -164,7 +164,7 @@ class CampaignStore:
         return {"run": np.flatnonzero(done), **columns}
 
     def repair(self) -> None:
-        """Mark blocks with a damaged or missing chunk as not done."""
+        """Mark blocks with a damaged or missing chunk as not finished, so that they fly again."""
         for k in self._damaged_chunks(DONE, set()):
             self._chunk_path(DONE, k).unlink()
         done, bounds = self.finished_rows(), self._chunk_bounds()

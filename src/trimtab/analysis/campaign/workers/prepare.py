@@ -264,7 +264,7 @@ class KnownSignals(NamedTuple):
     flight: FlightSource | None
 
     def source_signals(self, paths: Iterable[str]) -> tuple[str, ...]:
-        """Return the sorted signals that must be logged for these paths."""
+        """Return the sorted names of the signals that must be logged to compute these paths."""
         source = self.flight.paths if self.flight else ()
         return tuple(sorted({one for p in paths for one in (source if p.startswith(FLIGHT) else (p,))}))
 
